@@ -1,0 +1,64 @@
+"""Compile `services/saflite/flight/native/*.c` into one shared library beside the sources.
+
+Runs as the build hook of the wheel (also for editable installs) and by hand: `python scripts/build_native.py`.
+The system's C compiler is used where there is one, the one in the `ziglang` package otherwise.
+Contraction and host-specific instructions stay off: a trace must be bit-equal on every machine of a farm.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+FLAGS = ["-std=c11", "-O3", "-ffp-contract=off", "-fno-fast-math", "-fPIC", "-shared", "-Wall", "-Wextra", "-Werror"]
+ROOT = Path(__file__).resolve().parent.parent
+NATIVE = ROOT / "services" / "saflite" / "flight" / "native"
+
+
+def compiler() -> list[str]:
+    """Return the command of a C compiler: $CC, cc, or the one the `ziglang` package carries."""
+    if os.environ.get("CC"):
+        return os.environ["CC"].split()
+    system = shutil.which("cc")
+    return [system] if system else [sys.executable, "-m", "ziglang", "cc"]
+
+
+def build() -> Path:
+    """Compile all sources into `_native.so`; raises CalledProcessError with the compiler's own words."""
+    target = NATIVE / "_native.so"
+    partial = target.with_suffix(f".{os.getpid()}.tmp")
+    sources = sorted(str(path) for path in NATIVE.glob("*.c"))
+    subprocess.run([*compiler(), *FLAGS, "-o", str(partial), *sources, "-lm"], check=True)
+    partial.replace(target)
+    return target
+
+
+try:
+    from hatchling.builders.hooks.plugin.interface import BuildHookInterface
+except ImportError:  # run by hand, outside a build
+    pass
+else:
+
+    class NativeHook(BuildHookInterface):  # type: ignore[type-arg]
+        """Put the compiled library into the wheel and mark the wheel as platform-specific."""
+
+        PLUGIN_NAME = "custom"
+
+        def dependencies(self) -> list[str]:
+            """Ask for the packaged compiler only where the system has none."""
+            return [] if os.environ.get("CC") or shutil.which("cc") else ["ziglang"]
+
+        def initialize(self, version: str, build_data: dict[str, Any]) -> None:
+            """Compile before the wheel is packed."""
+            target = build()
+            build_data["artifacts"].append(str(target.relative_to(ROOT)))
+            build_data["pure_python"] = False
+            build_data["infer_tag"] = True
+
+
+if __name__ == "__main__":
+    print(build())

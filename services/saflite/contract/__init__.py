@@ -1,0 +1,1 @@
+"""What every service agrees on: messages, topics, identities, randomness, errors. No input or output here."""

@@ -1,0 +1,131 @@
+"""A campaign file: what flies, which policies, how the search is run. Unknown keys are refused.
+
+The only place that reads the environment (`environment`).
+"""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+
+from saflite.contract.errors import Refused
+from saflite.contract.test_case import StartState, Target, Wind
+from saflite.contract.work import Setting
+
+
+class StrategyConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Which strategy proposes test cases, and its settings (listed by `saflite list strategies`)."""
+
+    name: str = "random_boxes"
+    settings: dict[str, Setting] = {}
+
+
+class ScorerConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Which model scores. `shadow` models score the same batches without deciding."""
+
+    model: str = "blend"
+    shadow: tuple[str, ...] = ()
+    batch: int = 10
+    deadline_s: float = 60.0
+    load_deadline_s: float = 300.0
+
+
+class SearchConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The rhythm of the search.
+
+    Round r draws on the outcomes of rounds up to r - lag only, so `lag` rounds can be scored, flown and judged at
+    once and the campaign still is reproducible at any number of workers.
+    """
+
+    candidates_per_round: int = 40
+    flights_per_round: int = 8
+    lag: int = 3
+    random_share: float = 0.125
+    novelty_weight: float = 0.5
+    confirm_flights: int = 1
+    confirm_needed: int = 1
+    shrink: bool = False
+    shrink_flights_max: int = 60
+
+
+class LeaseConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """How long work is lent out and how often it may be lost before the test case is set aside."""
+
+    lease_s: float = 10.0
+    heartbeat_s: float = 2.0
+    attempts_max: int = 3
+    wall_limit_s: float = 120.0
+
+
+class Campaign(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One campaign. `mission` names a built-in mission or a `.plan` file; without it flights begin in `start`."""
+
+    name: str
+    description: str = ""
+    target: Target = Target()
+    mission: str = ""
+    start: StartState | None = None
+    wind: Wind = Wind()
+    time_limit_s: float = 500.0
+    policies: tuple[str, ...] = ("min-obstacle-distance",)
+    budget_flights: int = 100
+    rng_seed: int = 1
+    strategy: StrategyConfig = StrategyConfig()
+    scorer: ScorerConfig = ScorerConfig()
+    search: SearchConfig = SearchConfig()
+    lease: LeaseConfig = LeaseConfig()
+    record: Literal["violations", "all", "none"] = "violations"
+
+
+def parse_campaign(text: str, where: str) -> Campaign:
+    """Return the campaign in TOML `text`; raises Refused naming `where`, the key and what was expected."""
+    try:
+        campaign = msgspec.convert(tomllib.loads(text), Campaign, strict=False)
+    except tomllib.TOMLDecodeError as fault:
+        raise Refused("campaign file", where=where, expected="TOML", got=str(fault)) from fault
+    except msgspec.ValidationError as fault:
+        raise Refused("campaign file", where=where, expected="a valid campaign", got=str(fault)) from fault
+    check_campaign(campaign, where)
+    return campaign
+
+
+def check_campaign(campaign: Campaign, where: str) -> None:
+    """Raise Refused where a number makes no sense (negative budget, empty rounds, shares outside 0..1)."""
+    search = campaign.search
+    rules = (
+        ("budget_flights", campaign.budget_flights, campaign.budget_flights >= 1, "1 or more"),
+        ("time_limit_s", campaign.time_limit_s, campaign.time_limit_s > 0, "more than 0"),
+        (
+            "search.candidates_per_round",
+            search.candidates_per_round,
+            search.candidates_per_round >= 1,
+            "1 or more",
+        ),
+        ("search.flights_per_round", search.flights_per_round, search.flights_per_round >= 1, "1 or more"),
+        ("search.lag", search.lag, search.lag >= 1, "1 or more"),
+        ("search.random_share", search.random_share, 0 <= search.random_share <= 1, "0 to 1"),
+        ("search.confirm_flights", search.confirm_flights, search.confirm_flights >= 0, "0 or more"),
+        ("scorer.batch", campaign.scorer.batch, campaign.scorer.batch >= 1, "1 or more"),
+        ("lease.lease_s", campaign.lease.lease_s, campaign.lease.lease_s > 0, "more than 0"),
+        ("policies", campaign.policies, len(campaign.policies) > 0, "at least one policy"),
+    )
+    for key, value, good, expected in rules:
+        if not good:
+            raise Refused(key, where=where, expected=expected, got=value)
+
+
+def read_text(path: Path, what: str) -> str:
+    """Return a text file; raises Refused if it is missing or is no UTF-8 text."""
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as fault:
+        raise Refused(what, where=str(path), expected="a readable UTF-8 text file", got=str(fault)) from fault
+
+
+def environment(name: str, default: str = "") -> str:
+    """Return an environment variable; the only reader of the environment."""
+    return os.environ.get(name, default)

@@ -1,0 +1,66 @@
+"""What an operator may ask of a running campaign, and the answer."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import msgspec
+
+Verb = Literal["pause", "resume", "stop", "budget", "scorer", "shadow", "status", "events"]
+
+
+class Control(msgspec.Struct, frozen=True, kw_only=True):
+    """An order. `text` holds the scorer model, `number` the new budget or the sequence number to send from."""
+
+    verb: Verb
+    text: str = ""
+    number: int = 0
+
+
+class WorkerStatus(msgspec.Struct, frozen=True, kw_only=True):
+    """One worker as the books see it."""
+
+    worker: str
+    stage: str
+    state: str
+    leases: int
+    done: int
+    busy_share: float
+    silent_s: float
+    resident_mib: float = 0.0
+
+
+class Status(msgspec.Struct, frozen=True, kw_only=True):
+    """The campaign at a glance. All counts are exact; rates are over the last minute."""
+
+    campaign: str
+    state: str
+    round: int
+    budget: int
+    flights: int
+    reflown: int
+    test_cases: int
+    candidates: int
+    violations_confirmed: int
+    violations_flaky: int
+    violations_pending: int
+    quarantined: int
+    flights_per_s: float
+    real_time_factor: float
+    since_last_find_s: float | None
+    elapsed_s: float
+    scorer: str
+    scorer_pending: str
+    fallbacks: int
+    queues: dict[str, int]
+    workers: tuple[WorkerStatus, ...]
+    seq: int
+
+
+class Answer(msgspec.Struct, frozen=True, kw_only=True):
+    """The answer to a control order. `events` holds encoded `Event`s for `events`."""
+
+    accepted: bool
+    message: str = ""
+    status: Status | None = None
+    events: tuple[bytes, ...] = ()

@@ -1,0 +1,36 @@
+"""The three kinds of trouble, which never share a channel.
+
+    FarmError
+      Refused       the caller's input is wrong: say what, where, expected, got, fix          exit code 2
+      Unavailable   something we depend on is not there (bus, disk, model server): retry      exit code 3
+
+Broken invariants of our own are plain `AssertionError`: the process dies and its leases are freed.
+"""
+
+from __future__ import annotations
+
+
+class FarmError(Exception):
+    """Root of the errors a caller may handle."""
+
+
+class Refused(FarmError):
+    """Input that cannot be accepted, told in one line.
+
+    Args:
+        what: what was looked at, e.g. `obstacle 2` or `campaign file`.
+        where: file, line, key or argument where it stands; empty if there is none.
+        expected: what would have been accepted.
+        got: what was found instead.
+        fix: what the user can do; empty if `expected` says it all.
+    """
+
+    def __init__(self, what: str, *, expected: str, got: object, where: str = "", fix: str = "") -> None:
+        self.what, self.where, self.expected, self.got, self.fix = what, where, expected, got, fix
+        place = f" ({where})" if where else ""
+        remedy = f"; {fix}" if fix else ""
+        super().__init__(f"{what}{place}: expected {expected}, got {got}{remedy}")
+
+
+class Unavailable(FarmError):
+    """A dependency did not answer; trying again later may help."""

@@ -1,0 +1,104 @@
+"""What a flight leaves behind: how it ended and a trace of named signals."""
+
+from __future__ import annotations
+
+import zlib
+from typing import Literal
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from saflite.contract.errors import Refused
+from saflite.contract.ids import digest
+
+Ending = Literal["completed", "crashed", "timed_out", "autopilot_died", "wedged", "infra", "lost"]
+"""How an attempt ended; a closed list.
+
+completed       the mission or the stimulus sequence ran to its end
+crashed         the vehicle hit something hard or left the flight envelope for good
+timed_out       simulated time ran out
+autopilot_died  the autopilot process or its code failed (signal, panic): a finding
+wedged          no progress in wall-clock time; the simulator was killed
+infra           our side could not run it (bring-up, disk): retried, never a violation
+lost            the worker vanished with it: retried, never a violation
+"""
+
+FLOWN_ENDINGS: frozenset[Ending] = frozenset({"completed", "crashed", "timed_out", "autopilot_died"})
+"""Endings that say something about the vehicle; the others only about the farm."""
+
+
+class TraceMessage(msgspec.Struct, frozen=True, kw_only=True):
+    """A text the autopilot or the world gave during the flight."""
+
+    at_s: float
+    text: str
+    severity: Literal["info", "warning", "error"] = "info"
+
+
+class Trace(msgspec.Struct, frozen=True, kw_only=True):
+    """Evenly sampled signals of one flight.
+
+    `signals` maps a name with its unit last (`altitude_m`, `obstacle_distance_m`) to little-endian float32 bytes;
+    all have the same number of samples, `step_s` apart, the first at time 0.
+    """
+
+    step_s: float
+    signals: dict[str, bytes]
+    messages: tuple[TraceMessage, ...] = ()
+
+    def array(self, name: str) -> NDArray[np.float32]:
+        """Return one signal, shape (samples,), read-only; raises Refused if the trace has no such signal."""
+        if name not in self.signals:
+            raise Refused("signal", expected=f"one of {', '.join(sorted(self.signals))}", got=repr(name))
+        return np.frombuffer(self.signals[name], dtype="<f4")
+
+    @property
+    def samples(self) -> int:
+        """Number of samples of every signal."""
+        return min((len(data) // 4 for data in self.signals.values()), default=0)
+
+    @property
+    def duration_s(self) -> float:
+        """Simulated time from the first to the last sample."""
+        return max(0, self.samples - 1) * self.step_s
+
+
+class Flight(msgspec.Struct, frozen=True, kw_only=True):
+    """The record of one attempt. `trace_digest` is the SHA-256 of the packed trace: equal digest, bit-equal flight."""
+
+    test_case: str
+    flight_index: int
+    ending: Ending
+    simulated_s: float = 0.0
+    wall_s: float = 0.0
+    trace_digest: str = ""
+    worker: str = ""
+    message: str = ""
+
+
+_ENCODER = msgspec.msgpack.Encoder(order="deterministic")
+_DECODER = msgspec.msgpack.Decoder(Trace)
+TRACE_BYTES_MAX = 64 * 2**20
+
+
+def pack_trace(trace: Trace) -> bytes:
+    """Return the trace as compressed bytes, the form it travels and is stored in."""
+    return zlib.compress(_ENCODER.encode(trace), 1)
+
+
+def trace_digest(trace: Trace) -> str:
+    """Return the SHA-256 of the trace's content (before compression)."""
+    return digest(_ENCODER.encode(trace))
+
+
+def unpack_trace(data: bytes) -> Trace:
+    """Return the trace in `data`; raises Refused if it is damaged or larger than 64 MiB unpacked."""
+    inflate = zlib.decompressobj()
+    try:
+        content = inflate.decompress(data, TRACE_BYTES_MAX)
+        if inflate.unconsumed_tail or not inflate.eof:
+            raise Refused("trace", expected="a whole packed trace of at most 64 MiB", got=f"{len(data)} bytes")
+        return _DECODER.decode(content)
+    except (zlib.error, msgspec.MsgspecError) as fault:
+        raise Refused("trace", expected="a packed trace", got=str(fault)) from fault

@@ -1,0 +1,46 @@
+"""What a scorer model says of a test case before it is flown."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import msgspec
+
+SCORE_MIN, SCORE_MAX = 0.0, 10.0
+DULL_BELOW, INTERESTING_ABOVE = 4.0, 7.0  # bands of the paper (section IV-C); 4..7 is middling
+
+Band = Literal["dull", "middling", "interesting"]
+
+
+class Usage(msgspec.Struct, frozen=True, kw_only=True):
+    """What one model call took. `cost_usd` stays 0 where no price is set."""
+
+    tokens_in: int = 0
+    tokens_out: int = 0
+    latency_s: float = 0.0
+    cost_usd: float = 0.0
+
+
+class Score(msgspec.Struct, frozen=True, kw_only=True):
+    """How likely a test case is to break the policy, 0 (dull) to 10.
+
+    `model` is the label asked for, `scored_by` the one that answered: they differ when a fault made the embedded
+    scorer step in, and `fault` then names it (`deadline`, `unreachable`, `schema`, `wrong-ids`, ...).
+    """
+
+    test_case: str
+    value: float
+    model: str
+    scored_by: str
+    model_digest: str = ""
+    prompt_digest: str = ""
+    reason: str = ""
+    fault: str = ""
+    shadow: bool = False
+
+
+def band(value: float) -> Band:
+    """Return the paper's band of a score: below 4 dull, 4 to 7 middling, above 7 interesting."""
+    if value < DULL_BELOW:
+        return "dull"
+    return "interesting" if value > INTERESTING_ABOVE else "middling"

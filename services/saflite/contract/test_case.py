@@ -1,0 +1,132 @@
+"""What is flown: a target, a scenario (mission, obstacles, wind), timed stimuli and a random seed.
+
+Frame of the testing competition throughout: x north, y east, z up, metres from the take-off point; rotation in
+degrees, counter-clockwise in the (x, y) plane about the centre of the box.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import msgspec
+
+from saflite.contract.ids import short_id
+
+StimulusKind = Literal["parameter", "command", "stick", "mode", "sensor_fault"]
+
+
+class Obstacle(msgspec.Struct, frozen=True, kw_only=True):
+    """A box standing on z. `length_m` lies along x before rotation, `width_m` along y."""
+
+    length_m: float
+    width_m: float
+    height_m: float
+    x_m: float
+    y_m: float
+    z_m: float = 0.0
+    rotation_deg: float = 0.0
+
+
+class MissionItem(msgspec.Struct, frozen=True, kw_only=True):
+    """One MAVLink mission item as QGroundControl stores it (`params` 1..7, None where the file holds null)."""
+
+    command: int
+    frame: int = 3
+    params: tuple[float | None, ...] = (0.0, 0.0, 0.0, None, None, None, None)
+    auto_continue: bool = True
+    jump_id: int = 0
+    extra: dict[str, float | int | str | bool | None] = {}
+
+
+class Mission(msgspec.Struct, frozen=True, kw_only=True):
+    """A mission in geographic coordinates, as in a QGroundControl `.plan`.
+
+    `plan_extra` keeps, as canonical JSON text, what the file holds besides (fence, rally points, versions), so that
+    writing it again loses nothing.
+    """
+
+    name: str
+    home_lat_deg: float
+    home_lon_deg: float
+    home_alt_m: float
+    items: tuple[MissionItem, ...]
+    plan_extra: str = "{}"
+
+
+class Wind(msgspec.Struct, frozen=True, kw_only=True):
+    """Steady wind plus gusts. `from_deg` is the compass direction it blows from."""
+
+    mean_mps: float = 0.0
+    from_deg: float = 0.0
+    gust_mps: float = 0.0
+    gust_period_s: float = 10.0
+
+
+class StartState(msgspec.Struct, frozen=True, kw_only=True):
+    """Where a flight without a mission begins: armed and hovering in `mode` at `altitude_m`, or on the ground."""
+
+    mode: str = "GUIDED"
+    altitude_m: float = 20.0
+    armed: bool = True
+
+
+class Scenario(msgspec.Struct, frozen=True, kw_only=True):
+    """The world of a flight. With a mission it is flown from the ground; without one `start` holds."""
+
+    mission: Mission | None = None
+    start: StartState | None = None
+    obstacles: tuple[Obstacle, ...] = ()
+    wind: Wind = Wind()
+    time_limit_s: float = 500.0
+
+
+class Stimulus(msgspec.Struct, frozen=True, kw_only=True):
+    """One input given at `at_s` after the start state is reached.
+
+    `name` is a parameter name, a MAV_CMD name, `RC1`..`RC8`, a mode name, or a sensor fault name;
+    `values` holds the parameter value, the command's up to seven numbers, the stick's PWM, or the fault's size.
+    """
+
+    at_s: float
+    kind: StimulusKind
+    name: str
+    values: tuple[float, ...] = ()
+
+
+class Target(msgspec.Struct, frozen=True, kw_only=True):
+    """Vehicle and autopilot: parameters set before take-off, planted defects switched on."""
+
+    name: str = "reference"
+    parameters: dict[str, float] = {}
+    defects: tuple[str, ...] = ()
+
+
+class Origin(msgspec.Struct, frozen=True, kw_only=True):
+    """Where a test case came from. Not part of its identity."""
+
+    strategy: str = ""
+    parent: str = ""
+    round: int = 0
+    index: int = 0
+    note: str = ""
+
+
+class TestCase(msgspec.Struct, frozen=True, kw_only=True):
+    """What is flown. Two test cases with equal content are the same test case (`identity`)."""
+
+    __test__ = False  # tells pytest that this is not a test class
+
+    target: Target
+    scenario: Scenario
+    stimuli: tuple[Stimulus, ...] = ()
+    rng_seed: int = 0
+    origin: Origin = Origin()
+
+
+_ENCODER = msgspec.msgpack.Encoder(order="deterministic")
+
+
+def identity(test_case: TestCase) -> str:
+    """Return the identity of a test case: the hash of all it holds except its origin."""
+    content = (test_case.target, test_case.scenario, test_case.stimuli, test_case.rng_seed)
+    return short_id(_ENCODER.encode(content))

@@ -1,0 +1,232 @@
+"""Work is leased: what a worker asks for, is given, and reports back.
+
+A lease is leave to do one piece of work for a while. Its `epoch` says which attempt it is; a result that comes back
+under an old epoch is recognised, merged or ignored, never counted twice.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import msgspec
+
+from saflite.contract.flight import Ending, Flight
+from saflite.contract.score import Score, Usage
+from saflite.contract.test_case import TestCase
+from saflite.contract.verdict import Judgement, Violation
+
+Stage = Literal["mutate", "score", "fly", "judge", "record"]
+Purpose = Literal["search", "confirm", "shrink", "replay"]
+Setting = float | int | str | bool | list[float | int | str | bool]
+
+
+class Outcome(msgspec.Struct, frozen=True, kw_only=True):
+    """What became of one flown test case: what strategies and learning scorers are told.
+
+    `robustness` is the worst over the campaign's policies, None when the flight said nothing (wedged, quarantined).
+    """
+
+    test_case: TestCase
+    round: int
+    ending: Ending
+    robustness: float | None
+    violated: tuple[str, ...] = ()
+    features: dict[str, float] = {}
+    track: tuple[tuple[float, float, float, float], ...] = ()
+
+
+# ---- work: what is to be done -------------------------------------------------------------------------------------
+
+
+class MutateWork(msgspec.Struct, frozen=True, kw_only=True, tag="mutate"):
+    """Propose `count` test cases for `round`, given the outcomes since the cursor the worker asked with."""
+
+    round: int
+    count: int
+    strategy: str
+    settings: dict[str, Setting]
+    rng_seed: int
+    template: TestCase
+    policies: tuple[str, ...]
+    outcomes: tuple[Outcome, ...]
+    from_cursor: int
+    cursor: int
+
+
+class ScoreWork(msgspec.Struct, frozen=True, kw_only=True, tag="score"):
+    """Score the test cases with `model` (this decides) and with each of `shadow` (these only watch)."""
+
+    round: int
+    model: str
+    shadow: tuple[str, ...]
+    policies: tuple[str, ...]
+    test_cases: tuple[TestCase, ...]
+    rng_seed: int
+    recent: tuple[Outcome, ...] = ()
+    from_cursor: int = -1
+    cursor: int = -1
+
+
+class WarmWork(msgspec.Struct, frozen=True, kw_only=True, tag="warm"):
+    """Load `model` and answer one probe, so that a swap costs no batch."""
+
+    model: str
+
+
+class FlyWork(msgspec.Struct, frozen=True, kw_only=True, tag="fly"):
+    """Fly the test case once. `wall_limit_s` is the wall-clock deadline after which it counts as wedged."""
+
+    test_case: TestCase
+    flight_index: int
+    purpose: Purpose
+    wall_limit_s: float
+
+
+class JudgeWork(msgspec.Struct, frozen=True, kw_only=True, tag="judge"):
+    """Judge the flight against the policies. `trace` is a packed trace (`contract.flight`)."""
+
+    test_case: TestCase
+    flight: Flight
+    policies: tuple[str, ...]
+    trace: bytes
+
+
+class RecordWork(msgspec.Struct, frozen=True, kw_only=True, tag="record"):
+    """Write the recording of one flight."""
+
+    test_case: TestCase
+    flight: Flight
+    judgement: Judgement
+    trace: bytes
+    violation: Violation | None = None
+    scores: tuple[Score, ...] = ()
+
+
+Work = MutateWork | ScoreWork | WarmWork | FlyWork | JudgeWork | RecordWork
+
+
+# ---- results: what was done ---------------------------------------------------------------------------------------
+
+
+class MutateResult(msgspec.Struct, frozen=True, kw_only=True, tag="mutated"):
+    """The test cases proposed for `round`, in order."""
+
+    round: int
+    test_cases: tuple[TestCase, ...]
+
+
+class ScoreResult(msgspec.Struct, frozen=True, kw_only=True, tag="scored"):
+    """One deciding score per test case asked, shadow scores besides, and what the calls took per model."""
+
+    scores: tuple[Score, ...]
+    usage: dict[str, Usage] = {}
+
+
+class WarmResult(msgspec.Struct, frozen=True, kw_only=True, tag="warmed"):
+    """Whether the model answered its probe."""
+
+    model: str
+    ready: bool
+    message: str = ""
+
+
+class FlyResult(msgspec.Struct, frozen=True, kw_only=True, tag="flown"):
+    """The flight and its packed trace (empty if there was none)."""
+
+    flight: Flight
+    trace: bytes = b""
+
+
+class JudgeResult(msgspec.Struct, frozen=True, kw_only=True, tag="judged"):
+    """The verdicts on one flight."""
+
+    judgement: Judgement
+
+
+class RecordResult(msgspec.Struct, frozen=True, kw_only=True, tag="recorded"):
+    """Where the recording stands, relative to the run folder, and the SHA-256 of its bytes."""
+
+    test_case: str
+    flight_index: int
+    file: str
+    digest: str
+    size_bytes: int
+
+
+class Failure(msgspec.Struct, frozen=True, kw_only=True, tag="failed"):
+    """The worker could not do the work; it is leased again, elsewhere if possible, and counted."""
+
+    message: str
+
+
+Result = MutateResult | ScoreResult | WarmResult | FlyResult | JudgeResult | RecordResult | Failure
+
+
+# ---- the conversation ---------------------------------------------------------------------------------------------
+
+
+class Ask(msgspec.Struct, frozen=True, kw_only=True):
+    """A worker asks for work. `cursor` is the round up to which a mutator or learning scorer has been told outcomes."""
+
+    worker: str
+    stage: Stage
+    leases_max: int = 1
+    wait_s: float = 5.0
+    cursor: int = -1
+    targets: tuple[str, ...] = ()
+
+
+class Lease(msgspec.Struct, frozen=True, kw_only=True):
+    """Leave to do `work` until `lease_s` after the last heartbeat."""
+
+    lease_id: str
+    epoch: int
+    lease_s: float
+    work: Work
+
+
+class Grant(msgspec.Struct, frozen=True, kw_only=True):
+    """The answer to `Ask`: leases, or an explicit nothing with the time after which to ask again."""
+
+    leases: tuple[Lease, ...] = ()
+    retry_after_s: float = 0.5
+    stop: bool = False
+
+
+class Report(msgspec.Struct, frozen=True, kw_only=True):
+    """A result, kept by the worker until a receipt for it arrives."""
+
+    worker: str
+    lease_id: str
+    epoch: int
+    result: Result
+
+
+class Receipt(msgspec.Struct, frozen=True, kw_only=True):
+    """Sent after the books have committed. Whatever the status, the worker may now forget the result."""
+
+    lease_id: str
+    epoch: int
+    status: Literal["accepted", "duplicate", "stale", "refused"]
+    message: str = ""
+
+
+class Heartbeat(msgspec.Struct, frozen=True, kw_only=True):
+    """Extends the leases named and says how the worker is."""
+
+    worker: str
+    stage: Stage
+    leases: tuple[tuple[str, int], ...] = ()
+    state: Literal["idle", "busy", "draining"] = "idle"
+    busy_s: float = 0.0
+    idle_s: float = 0.0
+    done: int = 0
+    simulated_s: float = 0.0
+    resident_mib: float = 0.0
+
+
+class Orders(msgspec.Struct, frozen=True, kw_only=True):
+    """The answer to a heartbeat: leases to drop, and whether to stop."""
+
+    cancel: tuple[str, ...] = ()
+    stop: bool = False

@@ -1,0 +1,1 @@
+"""Autopilots, one module or package each."""

@@ -1,0 +1,1 @@
+"""Our own flight stack: modes, missions, failsafes, parameters under ArduPilot names."""

@@ -1,0 +1,1 @@
+"""Proposes test cases: strategies that ask and tell, operators that change one thing."""

@@ -1,0 +1,1 @@
+"""Judges flights: signal temporal logic over named signals, policies as data."""

@@ -1,0 +1,1 @@
+"""Writes flights and test cases in the formats people already open."""

@@ -1,0 +1,1 @@
+"""Scores test cases before flight; models are swapped live."""

@@ -1,0 +1,1 @@
+"""One scorer model per file, found by its place."""

@@ -1,0 +1,1 @@
+"""Turns a lease into a flight, inside a child process with deadlines."""

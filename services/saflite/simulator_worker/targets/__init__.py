@@ -1,0 +1,1 @@
+"""One target (vehicle and autopilot) per file, found by its place."""
