@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import msgspec
 import numpy as np
@@ -62,6 +62,14 @@ class Trace(msgspec.Struct, frozen=True, kw_only=True):
     def duration_s(self) -> float:
         """Simulated time from the first to the last sample."""
         return max(0, self.samples - 1) * self.step_s
+
+
+class FlightRecord(NamedTuple):
+    """What a target's `fly` returns: how the flight ended and its trace, None if there is none."""
+
+    ending: Ending
+    trace: Trace | None
+    message: str = ""
 
 
 class Flight(msgspec.Struct, frozen=True, kw_only=True):

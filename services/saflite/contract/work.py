@@ -159,7 +159,13 @@ class Failure(msgspec.Struct, frozen=True, kw_only=True, tag="failed"):
     message: str
 
 
-Result = MutateResult | ScoreResult | WarmResult | FlyResult | JudgeResult | RecordResult | Failure
+class HandedBack(msgspec.Struct, frozen=True, kw_only=True, tag="handed_back"):
+    """The worker gives the lease back untouched (it is stopping); leased again at once, counted as no attempt."""
+
+    message: str = ""
+
+
+Result = MutateResult | ScoreResult | WarmResult | FlyResult | JudgeResult | RecordResult | Failure | HandedBack
 
 
 # ---- the conversation ---------------------------------------------------------------------------------------------
