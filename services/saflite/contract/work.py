@@ -54,7 +54,11 @@ class MutateWork(msgspec.Struct, frozen=True, kw_only=True, tag="mutate"):
 
 
 class ScoreWork(msgspec.Struct, frozen=True, kw_only=True, tag="score"):
-    """Score the test cases with `model` (this decides) and with each of `shadow` (these only watch)."""
+    """Score the test cases with `model` (this decides) and with each of `shadow` (these only watch).
+
+    `recent` holds the outcomes of the rounds after `from_cursor` up to `cursor`. A model may take `deadline_s` of wall
+    time for an answer; then the embedded scorer answers in its place.
+    """
 
     round: int
     model: str
@@ -65,12 +69,14 @@ class ScoreWork(msgspec.Struct, frozen=True, kw_only=True, tag="score"):
     recent: tuple[Outcome, ...] = ()
     from_cursor: int = -1
     cursor: int = -1
+    deadline_s: float = 60.0
 
 
 class WarmWork(msgspec.Struct, frozen=True, kw_only=True, tag="warm"):
-    """Load `model` and answer one probe, so that a swap costs no batch."""
+    """Load `model` and answer one probe, so that a swap costs no batch; loading may take `load_deadline_s`."""
 
     model: str
+    load_deadline_s: float = 300.0
 
 
 class FlyWork(msgspec.Struct, frozen=True, kw_only=True, tag="fly"):
