@@ -13,12 +13,20 @@ Band = Literal["dull", "middling", "interesting"]
 
 
 class Usage(msgspec.Struct, frozen=True, kw_only=True):
-    """What one model call took. `cost_usd` stays 0 where no price is set."""
+    """What a model's calls for one batch took. `cost_usd` stays 0 where no price is set.
+
+    `asked_again` counts questions put a second time, `cached` answers taken from the cache, `faults` the answers that
+    could not be used, by name.
+    """
 
     tokens_in: int = 0
     tokens_out: int = 0
     latency_s: float = 0.0
     cost_usd: float = 0.0
+    calls: int = 0
+    asked_again: int = 0
+    cached: int = 0
+    faults: dict[str, int] = {}
 
 
 class Score(msgspec.Struct, frozen=True, kw_only=True):
