@@ -1,0 +1,231 @@
+"""The bus on Zenoh. The only importer of `zenoh`.
+
+A star: the process of the books holds the router, everybody else is a client of it. Multicast scouting and gossip
+are off, so two farms on one network never meet by accident. Zenoh's own threads only append to the inboxes.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import threading
+from collections.abc import Callable, Hashable
+from typing import Any, Literal
+
+import zenoh
+from zenoh import ext
+
+from saflite.bus.base import Inbox, Presence, Reply, Sample
+from saflite.bus.memory import HISTORY
+from saflite.contract.errors import Unavailable
+from saflite.contract.wire import MESSAGE_BYTES_MAX
+
+log = logging.getLogger(__name__)
+
+LINK_LEASE_MS = 2000  # a frozen peer is noticed after about 0.75 of it; Zenoh's default of 10 s is too slow for us
+CLOSE_LIMIT_S = 3.0
+OPEN_TRY_MS = 2000
+HEARTBEAT_S = 0.5  # how often an announcer says how far it is, so that followers notice a lost last fact
+
+
+def config_of(mode: Literal["router", "client"], endpoint: str) -> dict[str, Any]:
+    """Return Zenoh's configuration: a router listening on `endpoint`, or a client connected to it."""
+    return {
+        "mode": mode,
+        "listen/endpoints": [endpoint] if mode == "router" else [],
+        "connect/endpoints": [] if mode == "router" else [endpoint],
+        "connect/timeout_ms": OPEN_TRY_MS,
+        "connect/exit_on_failure": True,
+        "connect/retry": {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2},
+        "scouting/multicast/enabled": False,
+        "scouting/gossip/enabled": False,
+        "transport/link/tx/lease": LINK_LEASE_MS,
+        "transport/link/rx/max_message_size": 2 * MESSAGE_BYTES_MAX,
+        "transport/shared_memory/enabled": False,
+        "timestamping/enabled": False,
+    }
+
+
+class ZenohRequest:
+    """A question that came over Zenoh; holding it keeps the asker waiting."""
+
+    def __init__(self, query: zenoh.Query) -> None:
+        self._query: zenoh.Query | None = query
+        self.key = str(query.key_expr)
+        self.payload = query.payload.to_bytes() if query.payload is not None else b""
+        self.sender = query.attachment.to_bytes().decode(errors="replace") if query.attachment is not None else "?"
+
+    def reply(self, payload: bytes) -> None:
+        """Answer, once; an asker that is gone is no trouble of ours."""
+        query, self._query = self._query, None
+        if query is not None:
+            try:
+                query.reply(self.key, payload)
+                query.drop()
+            except zenoh.ZError as fault:
+                log.info("answer on %s not delivered: %s", self.key, fault)
+
+    def refuse(self, text: str) -> None:
+        """Answer that the question cannot be read."""
+        query, self._query = self._query, None
+        if query is not None:
+            try:
+                query.reply_err(text.encode())
+                query.drop()
+            except zenoh.ZError as fault:
+                log.info("refusal on %s not delivered: %s", self.key, fault)
+
+
+class _Question:
+    """An `ask` under way: the first reply settles it, and so does Zenoh's word that none will come."""
+
+    def __init__(self, tag: Hashable, inbox: Inbox) -> None:
+        self._tag, self._inbox = tag, inbox
+        self._settled = threading.Lock()
+
+    def on_reply(self, reply: zenoh.Reply) -> None:
+        """Take a reply (Zenoh's thread)."""
+        if reply.ok is not None:
+            self._settle(reply.ok.payload.to_bytes(), "")
+            return
+        text = reply.err.payload.to_bytes().decode(errors="replace") if reply.err is not None else ""
+        self._settle(None, "" if text == "Timeout" else text)
+
+    def on_drop(self) -> None:
+        """Take note that no more replies come (Zenoh's thread)."""
+        self._settle(None, "")
+
+    def _settle(self, payload: bytes | None, refused: str) -> None:
+        if self._settled.acquire(blocking=False):
+            self._inbox(Reply(self._tag, payload, refused))
+
+
+class ZenohBus:
+    """One participant's end of the bus: a Zenoh session and what it declared."""
+
+    def __init__(self, name: str, session: zenoh.Session) -> None:
+        self.name = name
+        self._session = session
+        self._attachment = name.encode()
+        self._announcers: dict[str, Any] = {}
+        self._declared: list[Any] = []
+
+    def serve(self, pattern: str, inbox: Inbox) -> None:
+        """See `Bus.serve`."""
+        handler = _direct(lambda query: inbox(ZenohRequest(query)))
+        self._declared.append(self._session.declare_queryable(pattern, handler, complete=True))
+
+    def ask(self, key: str, payload: bytes, tag: Hashable, inbox: Inbox, timeout_s: float) -> None:
+        """See `Bus.ask`."""
+        question = _Question(tag, inbox)
+        try:
+            self._session.get(
+                key,
+                _direct(question.on_reply, question.on_drop),
+                target=zenoh.QueryTarget.BEST_MATCHING,
+                consolidation=zenoh.ConsolidationMode.NONE,
+                timeout=timeout_s,
+                payload=payload,
+                attachment=self._attachment,
+                congestion_control=zenoh.CongestionControl.BLOCK,
+                priority=zenoh.Priority.INTERACTIVE_HIGH,
+                express=True,
+            )
+        except zenoh.ZError as fault:
+            log.warning("question on %s not sent: %s", key, fault)
+            question.on_drop()
+
+    def announce(self, key: str, payload: bytes) -> None:
+        """See `Bus.announce`."""
+        if key not in self._announcers:
+            self._announcers[key] = ext.declare_advanced_publisher(
+                self._session,
+                key,
+                congestion_control=zenoh.CongestionControl.BLOCK,
+                express=True,
+                cache=ext.CacheConfig(HISTORY),
+                sample_miss_detection=ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=HEARTBEAT_S),
+                publisher_detection=True,
+            )
+        self._announcers[key].put(payload)
+
+    def follow(self, pattern: str, inbox: Inbox) -> None:
+        """See `Bus.follow`."""
+        self._declared.append(
+            ext.declare_advanced_subscriber(
+                self._session,
+                pattern,
+                _direct(lambda sample: inbox(Sample(str(sample.key_expr), sample.payload.to_bytes()))),
+                history=ext.HistoryConfig(detect_late_publishers=True, max_samples=HISTORY),
+                recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
+            )
+        )
+
+    def appear(self, key: str) -> None:
+        """See `Bus.appear`."""
+        self._declared.append(self._session.liveliness().declare_token(key))
+
+    def watch(self, pattern: str, inbox: Inbox) -> None:
+        """See `Bus.watch`."""
+        handler = _direct(
+            lambda sample: inbox(Presence(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)),
+        )
+        self._declared.append(self._session.liveliness().declare_subscriber(pattern, handler, history=True))
+
+    def close(self) -> None:
+        """See `Bus.close`."""
+        closer = threading.Thread(target=self._session.close, daemon=True)
+        closer.start()
+        closer.join(CLOSE_LIMIT_S)
+        if closer.is_alive():
+            log.warning("zenoh session did not close within %.0f s; left behind", CLOSE_LIMIT_S)
+
+
+def _direct(callback: Callable[[Any], None], drop: Callable[[], None] | None = None) -> Any:
+    """Return a handler run on Zenoh's own thread; the default would start a Python thread per question."""
+    return zenoh.handlers.Callback(callback, drop, indirect=False)
+
+
+def _words(fault: zenoh.ZError) -> str:
+    """Return the fault without the source line Zenoh appends."""
+    return str(fault).partition(" at /")[0]
+
+
+def _open(name: str, config: dict[str, Any]) -> ZenohBus:
+    settings = zenoh.Config()
+    for key, value in config.items():
+        settings.insert_json5(key, json.dumps(value))
+    return ZenohBus(name, zenoh.open(settings))
+
+
+def open_router(name: str, endpoint: str) -> ZenohBus:
+    """Return a bus that is also the router everybody connects to; raises Unavailable if it cannot listen."""
+    try:
+        return _open(name, config_of("router", endpoint))
+    except zenoh.ZError as fault:
+        raise Unavailable(f"cannot listen on {endpoint}: {_words(fault)}") from fault
+
+
+def open_client(name: str, endpoint: str, *, tries: int | None = None) -> ZenohBus:
+    """Return a bus connected to the router at `endpoint`; tries without end and says so, or `tries` times.
+
+    Raises:
+        Unavailable: the router was not reached in `tries` attempts of about 2 s.
+    """
+    attempt = 0
+    while True:
+        attempt += 1
+        try:
+            return _open(name, config_of("client", endpoint))
+        except zenoh.ZError as fault:
+            if tries is not None and attempt >= tries:
+                text = f"no router at {endpoint}, or wrong credentials (tried {attempt} times): {_words(fault)}"
+                raise Unavailable(text) from fault
+            log.warning("no router at %s yet (try %d), trying on", endpoint, attempt)
+
+
+def leave_process(code: int) -> None:
+    """End the process without waiting for Zenoh's threads, which may hang at exit."""
+    logging.shutdown()
+    os._exit(code)

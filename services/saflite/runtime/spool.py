@@ -1,0 +1,73 @@
+"""Results a worker has not yet been given a receipt for, kept on disk so that they survive the worker.
+
+One small file per result in a folder per worker name: `<lease>.<epoch>.report`, its SHA-256 first, written aside and
+renamed into place. Not fsynced on purpose: a machine that loses power loses the flight too, and its lease is freed.
+"""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+
+from saflite.contract import wire
+from saflite.contract.errors import Refused, Unavailable
+from saflite.contract.ids import digest
+from saflite.contract.work import Report
+
+log = logging.getLogger(__name__)
+
+_DIGEST_BYTES = 64
+
+
+class Spool:
+    """The folder of one worker. `folder` None keeps nothing (a dead worker's results are then flown again)."""
+
+    def __init__(self, folder: Path | None) -> None:
+        self._folder = folder
+        if folder is not None:
+            folder.mkdir(parents=True, exist_ok=True)
+            for leftover in folder.glob("*.part"):
+                leftover.unlink(missing_ok=True)
+
+    def keep(self, report: Report) -> None:
+        """Write the report; raises Unavailable if the disk does not take it (the report is still sent)."""
+        if self._folder is None:
+            return
+        data = wire.encode(report)
+        path = self._path(report.lease_id, report.epoch)
+        part = path.with_suffix(".part")
+        try:
+            part.write_bytes(digest(data).encode() + data)
+            part.replace(path)
+        except OSError as fault:
+            part.unlink(missing_ok=True)
+            raise Unavailable(f"spool {self._folder}: {fault}") from fault
+
+    def forget(self, lease_id: str, epoch: int) -> None:
+        """Remove a report; not having it is no fault."""
+        if self._folder is not None:
+            self._path(lease_id, epoch).unlink(missing_ok=True)
+
+    def waiting(self) -> list[Report]:
+        """Return the reports left by an earlier life of this worker; damaged ones are set aside and said."""
+        reports: list[Report] = []
+        for path in sorted(self._folder.glob("*.report")) if self._folder is not None else []:
+            try:
+                reports.append(_read(path))
+            except Refused as fault:
+                log.warning("spooled result set aside: %s", fault)
+                path.rename(path.with_suffix(".damaged"))
+        return reports
+
+    def _path(self, lease_id: str, epoch: int) -> Path:
+        assert self._folder is not None
+        safe = "".join(char if char.isalnum() or char in "-_" else "_" for char in lease_id)
+        return self._folder / f"{safe}.{epoch}.report"
+
+
+def _read(path: Path) -> Report:
+    data = path.read_bytes()
+    head, body = data[:_DIGEST_BYTES], data[_DIGEST_BYTES:]
+    if digest(body).encode() != head:
+        raise Refused("spooled result", where=str(path), expected="bytes that fit their digest", got="other bytes")
+    return wire.decode(body, Report)

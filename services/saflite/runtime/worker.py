@@ -1,0 +1,387 @@
+"""The one loop of all pools, as a pure state machine: events in, instructions out. The shell is `worker_shell.py`.
+
+    ask (long poll) -> begin -> work done -> keep on disk -> report until a receipt comes -> forget
+    beat in between: names the leases held; orders to cancel or stop come back with the answer
+
+It never waits and never reads a clock: `handle(event, now_s)` answers with what to do, `next_s` says when it wants to
+be woken at the latest.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from saflite.contract.work import (
+    Ask,
+    Failure,
+    FlyResult,
+    Grant,
+    HandedBack,
+    Heartbeat,
+    Lease,
+    Orders,
+    Receipt,
+    Report,
+    Result,
+    Stage,
+)
+
+IDLE_BEAT_S = 10.0
+BEATS_PER_LEASE = 5  # a lease outlives the loss of four heartbeats in a row
+REPORT_TIMEOUT_S = 10.0
+ASK_MARGIN_S = 5.0  # how much longer than the long poll an answer may take
+RETRY_FIRST_S, RETRY_MAX_S = 0.1, 2.0
+REFUSALS_MAX = 3
+REPORTS_WAITING_MAX = 16  # more than this undelivered and no new work is taken
+STOP_GRACE_S = 5.0
+
+
+class Key(NamedTuple):
+    """A lease and its epoch: one attempt."""
+
+    lease_id: str
+    epoch: int
+
+
+# ---- events -------------------------------------------------------------------------------------------------------
+
+
+class Tick(NamedTuple):
+    """Time has passed."""
+
+    resident_mib: float = 0.0
+
+
+class Granted(NamedTuple):
+    """The answer to an ask; None if nobody answered."""
+
+    grant: Grant | None
+
+
+class Ordered(NamedTuple):
+    """The answer to a heartbeat; None if nobody answered."""
+
+    orders: Orders | None
+
+
+class Received(NamedTuple):
+    """The answer to a report; None if nobody answered, `refused` if the books could not read it."""
+
+    key: Key
+    receipt: Receipt | None
+    refused: bool = False
+
+
+class Done(NamedTuple):
+    """A piece of work has ended."""
+
+    key: Key
+    result: Result
+
+
+class Found(NamedTuple):
+    """A result an earlier life of this worker left in the spool."""
+
+    report: Report
+
+
+class StopAsked(NamedTuple):
+    """Somebody wants this worker to end (signal)."""
+
+    why: str
+
+
+Event = Tick | Granted | Ordered | Received | Done | Found | StopAsked
+
+
+# ---- instructions -------------------------------------------------------------------------------------------------
+
+
+class SendAsk(NamedTuple):
+    """Ask for work."""
+
+    ask: Ask
+    timeout_s: float
+
+
+class SendBeat(NamedTuple):
+    """Send a heartbeat."""
+
+    beat: Heartbeat
+    timeout_s: float
+
+
+class SendReport(NamedTuple):
+    """Hand a result in."""
+
+    report: Report
+    timeout_s: float
+
+
+class Begin(NamedTuple):
+    """Start the work of a lease."""
+
+    lease: Lease
+
+
+class Cancel(NamedTuple):
+    """Tell running work to end early."""
+
+    key: Key
+
+
+class Keep(NamedTuple):
+    """Write a result to the spool, before it is sent."""
+
+    report: Report
+
+
+class Forget(NamedTuple):
+    """Remove a result from the spool."""
+
+    key: Key
+
+
+class Leave(NamedTuple):
+    """End the process."""
+
+    why: str
+
+
+Instruction = SendAsk | SendBeat | SendReport | Begin | Cancel | Keep | Forget | Leave
+
+
+class _Pending:
+    """A result under way to the books."""
+
+    def __init__(self, report: Report, now_s: float) -> None:
+        self.report, self.next_s = report, now_s
+        self.sending, self.refusals, self.wait_s = False, 0, RETRY_FIRST_S
+
+
+class Habits(NamedTuple):
+    """How this worker works. `prefetch` leases are held ready beyond the `parallel` ones being worked."""
+
+    worker: str
+    stage: Stage
+    parallel: int = 1
+    prefetch: int = 0
+    poll_s: float = 5.0
+    targets: tuple[str, ...] = ()
+
+
+class Worker:
+    """The state machine of one worker."""
+
+    def __init__(self, habits: Habits, now_s: float, cursor: int = -1) -> None:
+        self.habits = habits
+        self.cursor = cursor  # the shell keeps it at what the service has been told
+        self.stopping = ""
+        self._waiting: list[Lease] = []
+        self._running: dict[Key, Lease] = {}
+        self._cancelled: set[Key] = set()
+        self._pending: dict[Key, _Pending] = {}
+        self._asking = self._beating = self._left = False
+        self._ask_s, self._beat_s, self._leave_s = now_s, now_s, float("inf")
+        self._ask_wait_s = RETRY_FIRST_S
+        self._seen_s, self._busy_s, self._idle_s = now_s, 0.0, 0.0
+        self._done, self._simulated_s, self._resident_mib = 0, 0.0, 0.0
+
+    # -- in -------------------------------------------------------------------------------------------------------
+
+    def handle(self, event: Event, now_s: float) -> list[Instruction]:
+        """Take one event and return what to do, in order."""
+        self._account(now_s)
+        out: list[Instruction] = []
+        if isinstance(event, Granted):
+            self._on_grant(event.grant, now_s, out)
+        elif isinstance(event, Ordered):
+            self._on_orders(event.orders, now_s, out)
+        elif isinstance(event, Received):
+            self._on_receipt(event, now_s, out)
+        elif isinstance(event, Done):
+            self._on_done(event, now_s, out)
+        elif isinstance(event, Found):
+            self._pending[_key_of(event.report)] = _Pending(event.report, now_s)
+        elif isinstance(event, StopAsked):
+            self._stop(event.why, now_s, out)
+        else:
+            self._resident_mib = event.resident_mib or self._resident_mib
+        self._proceed(now_s, out)
+        return out
+
+    def next_s(self) -> float:
+        """Return when a `Tick` is wanted at the latest."""
+        times = [self._leave_s]
+        if not self._asking and self._wanted() > 0:
+            times.append(self._ask_s)
+        if not self._beating:
+            times.append(self._beat_s)
+        times += [pending.next_s for pending in self._pending.values() if not pending.sending]
+        return min(times)
+
+    def validate(self) -> None:
+        """Raise AssertionError if the state contradicts itself."""
+        assert len(self._running) <= self.habits.parallel, "more work begun than slots"
+        assert not (self._running.keys() & self._pending.keys()), "reported while running"
+        assert self._cancelled <= self._running.keys(), "cancelled what does not run"
+        assert not (self.stopping and self._waiting), "leases held back while stopping"
+
+    @property
+    def held(self) -> tuple[Key, ...]:
+        """The leases this worker holds: waiting, running, and done but not acknowledged."""
+        waiting = [Key(lease.lease_id, lease.epoch) for lease in self._waiting]
+        running = [key for key in self._running if key not in self._cancelled or self.stopping]
+        return (*waiting, *running, *self._pending)
+
+    # -- events ---------------------------------------------------------------------------------------------------
+
+    def _on_grant(self, grant: Grant | None, now_s: float, out: list[Instruction]) -> None:
+        self._asking = False
+        if grant is None:
+            self._ask_s = now_s + self._ask_wait_s
+            self._ask_wait_s = min(2 * self._ask_wait_s, RETRY_MAX_S)
+            return
+        self._ask_wait_s = RETRY_FIRST_S
+        self._ask_s = now_s if grant.leases else now_s + grant.retry_after_s
+        held = set(self.held)
+        self._waiting += [lease for lease in grant.leases if Key(lease.lease_id, lease.epoch) not in held]
+        if grant.stop:
+            self._stop("the campaign is over", now_s, out)
+        elif self.stopping:
+            self._hand_back(now_s, out)
+        if grant.leases:
+            self._beat_s = min(self._beat_s, now_s + self._beat_period_s())
+
+    def _on_orders(self, orders: Orders | None, now_s: float, out: list[Instruction]) -> None:
+        self._beating = False
+        if orders is None:
+            return
+        for lease_id in orders.cancel:
+            self._waiting = [lease for lease in self._waiting if lease.lease_id != lease_id]
+            for key in [key for key in self._running if key.lease_id == lease_id and key not in self._cancelled]:
+                self._cancelled.add(key)
+                out.append(Cancel(key))
+        if orders.stop:
+            self._stop("the books said stop", now_s, out)
+
+    def _on_receipt(self, event: Received, now_s: float, out: list[Instruction]) -> None:
+        pending = self._pending.get(event.key)
+        if pending is None:
+            return
+        pending.sending = False
+        pending.refusals += event.refused
+        if event.receipt is not None or pending.refusals >= REFUSALS_MAX:
+            del self._pending[event.key]
+            out.append(Forget(event.key))
+            return
+        pending.next_s = now_s + pending.wait_s
+        pending.wait_s = min(2 * pending.wait_s, RETRY_MAX_S)
+
+    def _on_done(self, event: Done, now_s: float, out: list[Instruction]) -> None:
+        del self._running[event.key]
+        dropped = event.key in self._cancelled
+        self._cancelled.discard(event.key)
+        result = event.result
+        if dropped and not self.stopping:
+            return
+        if dropped and isinstance(result, Failure):
+            result = HandedBack(message=self.stopping)
+        else:
+            self._done += 1
+        if isinstance(result, FlyResult):
+            self._simulated_s += result.flight.simulated_s
+        self._report(event.key, result, now_s, out)
+
+    def _stop(self, why: str, now_s: float, out: list[Instruction]) -> None:
+        if self.stopping:
+            return
+        self.stopping = why
+        self._leave_s = now_s + STOP_GRACE_S
+        self._hand_back(now_s, out)
+        for key in self._running:
+            if key not in self._cancelled:
+                self._cancelled.add(key)
+                out.append(Cancel(key))
+
+    def _hand_back(self, now_s: float, out: list[Instruction]) -> None:
+        for lease in self._waiting:
+            self._report(Key(lease.lease_id, lease.epoch), HandedBack(message=self.stopping), now_s, out)
+        self._waiting = []
+
+    def _report(self, key: Key, result: Result, now_s: float, out: list[Instruction]) -> None:
+        report = Report(worker=self.habits.worker, lease_id=key.lease_id, epoch=key.epoch, result=result)
+        self._pending[key] = _Pending(report, now_s)
+        if not isinstance(result, HandedBack):
+            out.append(Keep(report))
+
+    # -- out ------------------------------------------------------------------------------------------------------
+
+    def _proceed(self, now_s: float, out: list[Instruction]) -> None:
+        """Do whatever is due: reports, work, questions, heartbeats, leaving."""
+        for pending in self._pending.values():
+            if not pending.sending and pending.next_s <= now_s:
+                pending.sending = True
+                out.append(SendReport(pending.report, REPORT_TIMEOUT_S))
+        while self._waiting and len(self._running) < self.habits.parallel:
+            lease = self._waiting.pop(0)
+            self._running[Key(lease.lease_id, lease.epoch)] = lease
+            out.append(Begin(lease))
+        wanted = self._wanted()
+        if wanted > 0 and not self._asking and self._ask_s <= now_s:
+            self._asking = True
+            out.append(SendAsk(self._ask(wanted), self.habits.poll_s + ASK_MARGIN_S))
+        if not self._beating and self._beat_s <= now_s:
+            self._beating = True
+            period_s = self._beat_period_s()
+            self._beat_s = now_s + period_s
+            out.append(SendBeat(self._beat(), period_s))
+        done = self.stopping and not self._running and not self._pending
+        if not self._left and (done or now_s >= self._leave_s):
+            self._left = True
+            out.append(Leave(self.stopping))
+
+    def _wanted(self) -> int:
+        if self.stopping or len(self._pending) > REPORTS_WAITING_MAX:
+            return 0
+        free = self.habits.parallel - len(self._running) - len(self._waiting)
+        return free if free > 0 else self.habits.prefetch - len(self._waiting)
+
+    def _ask(self, wanted: int) -> Ask:
+        habits = self.habits
+        return Ask(
+            worker=habits.worker,
+            stage=habits.stage,
+            leases_max=wanted,
+            wait_s=habits.poll_s,
+            cursor=self.cursor,
+            targets=habits.targets,
+        )
+
+    def _beat(self) -> Heartbeat:
+        return Heartbeat(
+            worker=self.habits.worker,
+            stage=self.habits.stage,
+            leases=self.held,
+            state="draining" if self.stopping else "busy" if self._running else "idle",
+            busy_s=round(self._busy_s, 3),
+            idle_s=round(self._idle_s, 3),
+            done=self._done,
+            simulated_s=round(self._simulated_s, 3),
+            resident_mib=self._resident_mib,
+        )
+
+    def _beat_period_s(self) -> float:
+        leases = [*self._waiting, *self._running.values()]
+        return min([IDLE_BEAT_S, *(lease.lease_s / BEATS_PER_LEASE for lease in leases)])
+
+    def _account(self, now_s: float) -> None:
+        passed_s, self._seen_s = now_s - self._seen_s, now_s
+        if self._running:
+            self._busy_s += passed_s
+        else:
+            self._idle_s += passed_s
+
+
+def _key_of(report: Report) -> Key:
+    return Key(report.lease_id, report.epoch)
