@@ -1,0 +1,223 @@
+"""Signal temporal logic over evenly sampled signals: how far a formula is from being broken, at every sample.
+
+Robustness is the usual one (Donze and Maler 2010; equal to rtamt's discrete-time offline semantics): a comparison is
+worth its margin, `and` the least, `or` the greatest, `not` the negative, windows the extremes. Crisp comparisons
+(`formula.harden`) are worth plus or minus infinity.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from saflite.contract.errors import Refused
+from saflite.oracle import windows
+from saflite.oracle.formula import CRISP, TEMPORAL, Node, reach_s
+from saflite.oracle.windows import Array
+
+_BINARY: dict[str, Callable[[Any, Any], Any]] = {
+    "+": np.add,
+    "-": np.subtract,
+    "*": np.multiply,
+    "/": np.divide,
+    "pow": np.power,
+    "min": np.minimum,
+    "max": np.maximum,
+    "and": np.minimum,
+    "or": np.maximum,
+    "<=": lambda a, b: b - a,
+    "<": lambda a, b: b - a,
+    ">=": lambda a, b: a - b,
+    ">": lambda a, b: a - b,
+    "==": lambda a, b: -np.abs(a - b),
+    "!=": lambda a, b: np.abs(a - b),
+    "implies": lambda a, b: np.maximum(-a, b),
+    "iff": lambda a, b: -np.abs(a - b),
+    "xor": lambda a, b: np.abs(a - b),
+}
+_UNARY: dict[str, Callable[[Any], Any]] = {
+    "not": np.negative,
+    "neg": np.negative,
+    "abs": np.abs,
+    "sqrt": np.sqrt,
+    "exp": np.exp,
+    "turn": lambda angle: (angle + 180.0) % 360.0 - 180.0,
+}
+_CRISP: dict[str, Callable[[Any, Any], Any]] = {
+    "<=": np.less_equal,
+    "<": np.less,
+    ">=": np.greater_equal,
+    ">": np.greater,
+    "==": np.equal,
+    "!=": np.not_equal,
+}
+_WINDOWED = {
+    "always": windows.least_ahead,
+    "eventually": windows.greatest_ahead,
+    "historically": windows.least_behind,
+    "once": windows.greatest_behind,
+}
+
+
+class Evaluator:
+    """Evaluates formulas over one trace; parts that formulas share are computed once.
+
+    Args:
+        signals: name to values, each of shape (n,); any float type.
+        step_s: time between samples.
+    """
+
+    def __init__(self, signals: Mapping[str, Any], step_s: float) -> None:
+        self._signals, self.step_s = signals, step_s
+        self.samples = min((len(values) for values in signals.values()), default=0)
+        self._known: dict[Node, Any] = {}
+
+    def trace(self, node: Node) -> Array:
+        """Return the robustness (or the value of a term) at every sample, shape (n,).
+
+        Raises:
+            Refused: a signal is missing.
+        """
+        value = np.asarray(self._value(node), dtype=np.float64)
+        return np.full(self.samples, float(value)) if value.ndim == 0 else value
+
+    def _value(self, node: Node) -> Any:
+        """Value of the node: an array, or a plain number where it does not depend on time."""
+        if node.op == "number":
+            return node.value
+        known = self._known.get(node)
+        if known is None:
+            known = self._known[node] = self._computed(node)
+        return known
+
+    def _computed(self, node: Node) -> Any:
+        op = node.op
+        if op == "signal":
+            return self._signal(node.name)
+        if op.startswith(CRISP):
+            left, right = (self._value(arg) for arg in node.args)
+            return np.where(_CRISP[op[len(CRISP) :]](left, right), np.inf, -np.inf)
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            if op in _BINARY:
+                return _BINARY[op](self._value(node.args[0]), self._value(node.args[1]))
+            if op in _UNARY:
+                return _UNARY[op](self._value(node.args[0]))
+        args = [self.trace(arg) for arg in node.args]
+        return self._windowed(node, args) if op in TEMPORAL else self._over_time(node, args)
+
+    def _windowed(self, node: Node, args: list[Array]) -> Array:
+        low = self._count(node.low_s)
+        high = None if math.isinf(node.high_s) else self._count(node.high_s)
+        if node.op in _WINDOWED:
+            return _WINDOWED[node.op](args[0], low, high)
+        joined = windows.until if node.op == "until" else windows.since
+        return joined(args[0], args[1], low, high)
+
+    def _over_time(self, node: Node, args: list[Array]) -> Array:
+        values, op = args[0], node.op
+        if op in ("prev", "rise", "fall"):
+            before: Array = np.concatenate([[-np.inf if op == "rise" else np.inf], values[:-1]])
+            if op == "prev":
+                return before
+            return np.minimum(-before, values) if op == "rise" else np.minimum(before, -values)
+        if op == "next":
+            return np.concatenate([values[1:], [np.inf]])
+        if op == "latch":
+            return _latch(values, args[1])
+        if op == "mean":
+            return _mean(values, self._count(node.value))
+        past: Array = _shifted(values, 1 if op in ("before", "rate") else self._count(node.value))
+        return np.asarray((values - past) / self.step_s) if op == "rate" else past
+
+    def _signal(self, name: str) -> Array:
+        if name not in self._signals:
+            raise Refused("signal", expected=f"one of {', '.join(sorted(self._signals))}", got=repr(name))
+        return np.asarray(self._signals[name][: self.samples], dtype=np.float64)
+
+    def _count(self, seconds: float) -> int:
+        return math.floor(seconds / self.step_s + 0.5)
+
+
+def _shifted(values: Array, count: int) -> Array:
+    """Values `count` samples ago; before the first sample the first value holds."""
+    if count == 0 or len(values) == 0:
+        return values
+    count = min(count, len(values))
+    return np.concatenate([np.full(count, values[0]), values[: len(values) - count]])
+
+
+def _mean(values: Array, count: int) -> Array:
+    """Mean of the last `count` samples (fewer at the start)."""
+    count = max(1, min(count, len(values)))
+    total = np.concatenate([[0.0], np.cumsum(values)])
+    index = np.arange(1, len(values) + 1)
+    first = np.maximum(index - count, 0)
+    return np.asarray((total[index] - total[first]) / (index - first))
+
+
+def _latch(values: Array, condition: Array) -> Array:
+    """Value at the moment the condition last became true; the value itself while it never was."""
+    true = condition > 0
+    became = true & ~np.concatenate([[False], true[:-1]])
+    at = np.maximum.accumulate(np.where(became, np.arange(len(values)), -1))
+    return np.where(at >= 0, values[np.maximum(at, 0)], values)
+
+
+class Finding(NamedTuple):
+    """What a formula is worth on a trace. `robustness` is infinite where only crisp parts decided, NaN on gaps.
+
+    The witness window is the stretch of time that decided; `applied_share` the share of the samples at which the
+    rule's condition held (1 for rules without one); `judged_s` the time over which the rule could be judged.
+    """
+
+    robustness: float
+    witness_from_s: float
+    witness_to_s: float
+    applied_share: float
+    judged_s: float
+
+
+def find(evaluator: Evaluator, formula: Node) -> Finding | None:
+    """Return what `formula` is worth on the trace, None if the trace is shorter than the formula's windows.
+
+    A formula `always body` is judged only where the body's windows lie wholly inside the trace, so a promise that
+    could still be kept when the flight ended is no violation.
+    """
+    step_s = evaluator.step_s
+    body = formula.args[0] if formula.op == "always" and math.isinf(formula.high_s) else None
+    judged = body if body is not None else formula
+    ahead = reach_s(judged)
+    last = evaluator.samples - (math.ceil(ahead / step_s - 1e-9) if math.isfinite(ahead) else 0)
+    first = round(formula.low_s / step_s) if body is not None else 0
+    last = last if body is not None else min(last, 1)
+    if last <= first:
+        return None
+    values = evaluator.trace(judged)[first:last]
+    at = int(np.argmin(values))
+    start, end = _stretch(values, at)
+    window = ahead if math.isfinite(ahead) else (evaluator.samples - 1) * step_s
+    return Finding(
+        robustness=float(values[at]),
+        witness_from_s=(first + start) * step_s,
+        witness_to_s=min((first + end) * step_s + window, (evaluator.samples - 1) * step_s),
+        applied_share=_applied(evaluator, judged, first, last),
+        judged_s=(last - first) * step_s,
+    )
+
+
+def _stretch(values: Array, at: int) -> tuple[int, int]:
+    """First and last sample of the broken stretch around the worst sample; the sample alone if nothing is broken."""
+    if not values[at] < 0:
+        return at, at
+    good = np.flatnonzero(~(values < 0))
+    before, after = good[good < at], good[good > at]
+    return (int(before[-1]) + 1 if len(before) else 0), (int(after[0]) - 1 if len(after) else len(values) - 1)
+
+
+def _applied(evaluator: Evaluator, judged: Node, first: int, last: int) -> float:
+    if judged.op != "implies":
+        return 1.0
+    return float(np.mean(evaluator.trace(judged.args[0])[first:last] > 0))

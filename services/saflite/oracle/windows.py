@@ -1,0 +1,85 @@
+"""Extremes over sliding windows of samples, in numpy.
+
+A window that sticks out of the trace is cut; an empty one gives plus infinity for the least and minus infinity for the
+greatest value, which is what rtamt gives.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def least_ahead(values: Array, low: int, high: int | None) -> Array:
+    """Return at each i the least of values[i+low .. i+high] (to the end where `high` is None), shape (n,)."""
+    n = len(values)
+    if low >= n:
+        return np.full(n, np.inf)
+    if high is None or low + n - 1 <= high:
+        ahead = np.minimum.accumulate(values[::-1])[::-1]
+    else:
+        ahead = _least_of_next(values, high - low + 1)
+    return ahead if low == 0 else np.concatenate([ahead[low:], np.full(low, np.inf)])
+
+
+def _least_of_next(values: Array, width: int) -> Array:
+    """Least of the next `width` samples, itself included: windows are doubled until two of them cover the width."""
+    n = len(values)
+    out = np.concatenate([values, np.full(width - 1, np.inf)])
+    have = 1
+    while have * 2 <= width:
+        out[: len(out) - have] = np.minimum(out[: len(out) - have], out[have:])
+        have *= 2
+    rest = width - have
+    return np.minimum(out[:n], out[rest : rest + n]) if rest else out[:n]
+
+
+def greatest_ahead(values: Array, low: int, high: int | None) -> Array:
+    """Return at each i the greatest of values[i+low .. i+high], shape (n,)."""
+    return -least_ahead(-values, low, high)
+
+
+def least_behind(values: Array, low: int, high: int | None) -> Array:
+    """Return at each i the least of values[i-high .. i-low], shape (n,)."""
+    return least_ahead(values[::-1], low, high)[::-1]
+
+
+def greatest_behind(values: Array, low: int, high: int | None) -> Array:
+    """Return at each i the greatest of values[i-high .. i-low], shape (n,)."""
+    return -least_behind(-values, low, high)
+
+
+def until(left: Array, right: Array, low: int, high: int | None) -> Array:
+    """Return the robustness of `left until[low:high] right` at each sample, shape (n,).
+
+    At i: the greatest over j in i+low .. i+high of min(right[j], least of left[i .. j-1]).
+    """
+    if high is None:
+        return _until_from(left, right, low)
+    n = len(left)
+    out = np.full(n, -np.inf)
+    kept = least_ahead(left, 0, low - 1) if low else np.full(n, np.inf)
+    for shift in range(low, min(high, n - 1) + 1):
+        reached = np.minimum(kept[: n - shift], right[shift:])
+        np.maximum(out[: n - shift], reached, out=out[: n - shift])
+        np.minimum(kept[: n - shift], left[shift:], out=kept[: n - shift])
+    return out
+
+
+def _until_from(left: Array, right: Array, low: int) -> Array:
+    out = np.empty(len(left))
+    later = -np.inf
+    for i in range(len(left) - 1, -1, -1):
+        later = max(right[i], min(left[i], later))
+        out[i] = later
+    if low == 0:
+        return out
+    shifted = np.concatenate([out[low:], np.full(min(low, len(out)), -np.inf)])[: len(out)]
+    return np.asarray(np.minimum(shifted, least_ahead(left, 0, low - 1)))
+
+
+def since(left: Array, right: Array, low: int, high: int | None) -> Array:
+    """Return the robustness of `left since[low:high] right`: `until` with time turned round, shape (n,)."""
+    return until(left[::-1], right[::-1], low, high)[::-1]
