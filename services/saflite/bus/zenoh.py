@@ -62,7 +62,7 @@ class ZenohRequest:
         if query is not None:
             try:
                 query.reply(self.key, payload)
-                query.drop()
+                query.drop()  # type: ignore[no-untyped-call]
             except zenoh.ZError as fault:
                 log.info("answer on %s not delivered: %s", self.key, fault)
 
@@ -72,7 +72,7 @@ class ZenohRequest:
         if query is not None:
             try:
                 query.reply_err(text.encode())
-                query.drop()
+                query.drop()  # type: ignore[no-untyped-call]
             except zenoh.ZError as fault:
                 log.info("refusal on %s not delivered: %s", self.key, fault)
 

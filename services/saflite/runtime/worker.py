@@ -176,6 +176,7 @@ class Worker:
     def __init__(self, habits: Habits, now_s: float, cursor: int = -1) -> None:
         self.habits = habits
         self.cursor = cursor  # the shell keeps it at what the service has been told
+        self.parallel = habits.parallel  # may grow while running
         self.stopping = ""
         self._waiting: list[Lease] = []
         self._running: dict[Key, Lease] = {}
@@ -222,7 +223,7 @@ class Worker:
 
     def validate(self) -> None:
         """Raise AssertionError if the state contradicts itself."""
-        assert len(self._running) <= self.habits.parallel, "more work begun than slots"
+        assert len(self._running) <= self.parallel, "more work begun than slots"
         assert not (self._running.keys() & self._pending.keys()), "reported while running"
         assert self._cancelled <= self._running.keys(), "cancelled what does not run"
         assert not (self.stopping and self._waiting), "leases held back while stopping"
@@ -323,7 +324,7 @@ class Worker:
             if not pending.sending and pending.next_s <= now_s:
                 pending.sending = True
                 out.append(SendReport(pending.report, REPORT_TIMEOUT_S))
-        while self._waiting and len(self._running) < self.habits.parallel:
+        while self._waiting and len(self._running) < self.parallel:
             lease = self._waiting.pop(0)
             self._running[Key(lease.lease_id, lease.epoch)] = lease
             out.append(Begin(lease))
@@ -344,7 +345,7 @@ class Worker:
     def _wanted(self) -> int:
         if self.stopping or len(self._pending) > REPORTS_WAITING_MAX:
             return 0
-        free = self.habits.parallel - len(self._running) - len(self._waiting)
+        free = self.parallel - len(self._running) - len(self._waiting)
         return free if free > 0 else self.habits.prefetch - len(self._waiting)
 
     def _ask(self, wanted: int) -> Ask:

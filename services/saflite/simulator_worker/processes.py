@@ -1,0 +1,73 @@
+"""Process housekeeping on Linux: children that die with their parent, groups that are killed whole, no orphans."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import signal
+from collections.abc import Collection
+from contextlib import suppress
+from pathlib import Path
+
+_PR_SET_PDEATHSIG = 1
+_PR_SET_CHILD_SUBREAPER = 36
+
+
+def die_with_parent(parent_pid: int) -> None:
+    """Have the kernel kill this process when its parent dies; ends at once if `parent_pid` is gone already."""
+    _prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != parent_pid:
+        os._exit(0)
+
+
+def adopt_orphans() -> None:
+    """Become the parent of every descendant whose own parent dies, so that `kill_strays` finds it."""
+    _prctl(_PR_SET_CHILD_SUBREAPER, 1)
+
+
+def _prctl(option: int, value: int) -> None:
+    libc = ctypes.CDLL(None, use_errno=True)
+    if libc.prctl(option, ctypes.c_ulong(value), 0, 0, 0) != 0:
+        raise OSError(ctypes.get_errno(), "prctl")
+
+
+def children(pid: int) -> list[int]:
+    """Return the child processes of `pid`, dead but unreaped ones included."""
+    found: list[int] = []
+    with suppress(OSError):  # it is gone, or a thread of it is
+        for task in Path(f"/proc/{pid}/task").iterdir():
+            with suppress(OSError):
+                found += [int(word) for word in (task / "children").read_text().split()]
+    return found
+
+
+def resident_mib(pid: int) -> float:
+    """Return the memory of a process and its descendants held in RAM, in MiB; 0 for a process that is gone."""
+    try:
+        pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
+    except OSError:
+        return 0.0
+    own = pages * os.sysconf("SC_PAGE_SIZE") / 2**20
+    return round(own + sum(resident_mib(child) for child in children(pid)), 1)
+
+
+def signal_group(group: int, number: signal.Signals) -> None:
+    """Send a signal to every process of a group; none being left is fine."""
+    with suppress(ProcessLookupError, PermissionError):
+        os.killpg(group, number)
+
+
+def kill_strays(known: Collection[int]) -> list[int]:
+    """Kill and reap every child of this process not in `known`, with whatever it started; return their ids.
+
+    Only sees what `adopt_orphans` brought here: a child of ours keeps its id until we reap it, so none is mistaken.
+    """
+    killed: list[int] = []
+    while strays := [pid for pid in children(os.getpid()) if pid not in known]:
+        for pid in strays:
+            with suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
+            with suppress(ChildProcessError):
+                os.waitpid(pid, 0)
+            killed.append(pid)
+    return killed
