@@ -1,0 +1,17 @@
+"""Labels of scorer models: a kind, and after a colon what the kind needs to know."""
+
+from __future__ import annotations
+
+from saflite.contract.errors import Refused
+
+
+def split_label(label: str) -> tuple[str, str]:
+    """Return kind and argument of a label: `ollama:mistral:7b` is (`ollama`, `mistral:7b`)."""
+    kind, _, argument = label.partition(":")
+    return kind, argument
+
+
+def no_argument(kind: str, argument: str) -> None:
+    """Raise Refused if a model that takes no argument was given one."""
+    if argument:
+        raise Refused("scorer model", expected=f"{kind!r} alone", got=f"'{kind}:{argument}'")

@@ -1,0 +1,98 @@
+"""What every scorer model is: a function from a job to one mark per test case.
+
+A model keeps no memory of its own that could change a score: what it may learn from stands in `Job.history`, so a
+score depends on (model, test case, rng_seed, history up to the cursor) only, never on which worker made it or when.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple, Protocol
+
+from saflite.contract.clock import Clock
+from saflite.contract.score import Usage
+from saflite.contract.service import Cancelled
+from saflite.contract.test_case import TestCase
+from saflite.contract.work import Outcome
+
+MIDDLE = 5.0
+"""The mark of a model that has nothing to say: the middle of the scale, so that order alone is left to others."""
+
+
+class PolicyBrief(NamedTuple):
+    """What a scorer is told of a policy: the Definition of Interestingness in words, and what is behind it.
+
+    `signals` are the names the formula reads, `show` the state to be shown, `inputs` the inputs that may be mutated.
+    """
+
+    name: str
+    words: str = ""
+    signals: tuple[str, ...] = ()
+    show: tuple[str, ...] = ()
+    inputs: tuple[str, ...] = ()
+
+
+BriefOf = Callable[[str], PolicyBrief]
+"""Gives the brief of a policy by name; raises Refused for an unknown one. Handed in by the runtime."""
+
+
+class Job(NamedTuple):
+    """Test cases to be scored and all a model may know. `history` holds outcomes in (round, index) order."""
+
+    test_cases: tuple[TestCase, ...]
+    briefs: tuple[PolicyBrief, ...] = ()
+    rng_seed: int = 0
+    round: int = 0
+    history: tuple[Outcome, ...] = ()
+    cursor: int = -1
+    deadline_s: float = 60.0
+    cancelled: Cancelled = lambda: False
+
+
+class Mark(NamedTuple):
+    """One score, 0..10. `scored_by` names the model that answered where it is not the one asked; `fault` says why."""
+
+    value: float
+    reason: str = ""
+    fault: str = ""
+    scored_by: str = ""
+    prompt_digest: str = ""
+
+
+class Sheet(NamedTuple):
+    """One mark per test case of the job, in order, what it took, and the digest of the model that answered."""
+
+    marks: tuple[Mark, ...]
+    usage: Usage = Usage()
+    digest: str = ""
+
+
+class Tools(NamedTuple):
+    """What a model is built with: the time, other models by label, how long loading may take, and prices."""
+
+    clock: Clock
+    model: Callable[[str], Model]
+    load_deadline_s: float = 300.0
+
+
+class Model(Protocol):
+    """One scorer model. Its file stands in `scorer_pool/models/` and defines `class Model` made with (argument, tools).
+
+    `parallel` is how many jobs it takes at once, each in a thread of its own: 1 for what computes here, more for what
+    waits for a server.
+    """
+
+    label: str
+    parallel: int
+
+    def score(self, job: Job) -> Sheet:
+        """Return one mark per test case; never raises for what a model server says or does not say."""
+        ...
+
+    def warm(self, cancelled: Cancelled) -> str:
+        """Load and answer one probe; returns a line about it, raises Unavailable or Refused where it cannot."""
+        ...
+
+    def close(self) -> None:
+        """Free what the model holds."""
+        ...

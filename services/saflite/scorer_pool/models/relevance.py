@@ -1,0 +1,92 @@
+"""Knows and learns which input moves what a policy watches: for parameter, command, stick, mode and fault stimuli."""
+
+from __future__ import annotations
+
+import math
+import threading
+
+from saflite.contract.score import SCORE_MAX
+from saflite.contract.service import Cancelled
+from saflite.contract.test_case import Stimulus, TestCase
+from saflite.contract.work import Outcome
+from saflite.scorer_pool.knowledge import relation
+from saflite.scorer_pool.labels import no_argument
+from saflite.scorer_pool.learning import danger, telling
+from saflite.scorer_pool.model import MIDDLE, Job, Mark, PolicyBrief, Sheet, Tools
+
+TRUST = 4.0
+"""Flights with an input after which what was seen weighs as much as what was known."""
+
+Lessons = dict[tuple[str, str], float]
+"""By (kind, name): how much the input changed the danger, as a difference of log odds, shrunk towards 0."""
+
+
+class Model:
+    """Scores by the most relevant stimuli of a test case; the middle where there are none."""
+
+    parallel = 1
+
+    def __init__(self, argument: str, tools: Tools) -> None:
+        no_argument("relevance", argument)
+        self.label = "relevance"
+        self._lessons: tuple[tuple[int, int], Lessons] = ((-1, 0), {})
+        self._lock = threading.Lock()
+
+    def score(self, job: Job) -> Sheet:
+        """Return one mark per test case."""
+        lessons = self._learned(job)
+        return Sheet(tuple(_mark(case, job.briefs, lessons) for case in job.test_cases), digest="relevance-1")
+
+    def warm(self, cancelled: Cancelled) -> str:
+        """Nothing to load."""
+        return "ready"
+
+    def close(self) -> None:
+        """Nothing to free."""
+
+    def _learned(self, job: Job) -> Lessons:
+        key = (job.cursor, len(job.history))
+        with self._lock:
+            if self._lessons[0] != key:
+                self._lessons = (key, learn(job.history))
+            return self._lessons[1]
+
+
+def learn(history: tuple[Outcome, ...]) -> Lessons:
+    """Return what the flights say of each input, given all outcomes in order."""
+    flown = [outcome for outcome in telling(history) if outcome.test_case.stimuli]
+    if not flown:
+        return {}
+    dangers = danger(flown)
+    base = float(dangers.mean())
+    sums: dict[tuple[str, str], tuple[float, int]] = {}
+    for outcome, value in zip(flown, dangers, strict=True):
+        for key in {(stimulus.kind, stimulus.name) for stimulus in outcome.test_case.stimuli}:
+            total, count = sums.get(key, (0.0, 0))
+            sums[key] = (total + float(value), count + 1)
+    return {
+        key: _log_odds((total + TRUST * base) / (count + TRUST)) - _log_odds(base)
+        for key, (total, count) in sums.items()
+    }
+
+
+def _mark(test_case: TestCase, briefs: tuple[PolicyBrief, ...], lessons: Lessons) -> Mark:
+    if not test_case.stimuli or not briefs:
+        return Mark(MIDDLE, "no stimuli: relevance has nothing to say")
+    weights = [(_weight(stimulus, briefs, lessons), stimulus.name) for stimulus in test_case.stimuli]
+    best, name = max(weights)
+    missed = math.prod(1.0 - 0.5 * weight for weight, _ in weights)
+    value = SCORE_MAX * (0.75 * best + 0.25 * (1.0 - missed))
+    return Mark(min(SCORE_MAX, value), f"most relevant: {name} ({best:.2f})")
+
+
+def _weight(stimulus: Stimulus, briefs: tuple[PolicyBrief, ...], lessons: Lessons) -> float:
+    """Return the chance that the stimulus matters to any of the policies, 0..1."""
+    prior = max(relation(stimulus.kind, stimulus.name, brief) for brief in briefs)
+    lesson = lessons.get((stimulus.kind, stimulus.name), 0.0)
+    return 1.0 / (1.0 + math.exp(-(_log_odds(prior) + 2.0 * lesson)))
+
+
+def _log_odds(share: float) -> float:
+    kept = min(1.0 - 1e-6, max(1e-6, share))
+    return math.log(kept / (1.0 - kept))

@@ -1,0 +1,61 @@
+"""Finds scorer models by their place: one file each in `scorer_pool/models`, or an entry point `saflite.scorers`."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import pkgutil
+from functools import cache
+from importlib.metadata import entry_points
+from types import ModuleType
+from typing import cast
+
+from saflite.contract.errors import Refused
+from saflite.scorer_pool import models
+from saflite.scorer_pool.labels import split_label
+from saflite.scorer_pool.model import Model, Tools
+
+ENTRY_POINT_GROUP = "saflite.scorers"
+
+
+@cache
+def _outside() -> dict[str, str]:
+    return {point.name: point.value for point in entry_points(group=ENTRY_POINT_GROUP)}
+
+
+@cache
+def model_names() -> tuple[str, ...]:
+    """Return the kinds of models there are, sorted."""
+    inside = {info.name for info in pkgutil.iter_modules(models.__path__)}
+    return tuple(sorted(inside | set(_outside())))
+
+
+def describe(kind: str) -> str:
+    """Return the text a model kind is listed with: the docstring of its file."""
+    return inspect.getdoc(_module(kind)) or ""
+
+
+def make(label: str, tools: Tools) -> Model:
+    """Return the model a label names; raises Refused for an unknown kind or a bad argument."""
+    kind, argument = split_label(label)
+    factory = getattr(_module(kind), "Model", None)
+    if factory is None:
+        raise Refused("scorer model", expected=f"a class Model in the file of {kind!r}", got="none")
+    return cast(Model, factory(argument, tools))
+
+
+def check_label(label: str) -> None:
+    """Raise Refused unless `label` names a kind of model there is; says nothing about whether it can be reached."""
+    kind, _ = split_label(label)
+    if kind not in model_names():
+        raise Refused(
+            "scorer model",
+            expected=f"one of {', '.join(model_names())}",
+            got=repr(label),
+            fix="see `saflite list scorers`",
+        )
+
+
+def _module(kind: str) -> ModuleType:
+    check_label(kind)
+    return importlib.import_module(_outside().get(kind, f"{models.__name__}.{kind}").partition(":")[0])

@@ -1,0 +1,209 @@
+"""The scorer stage: test cases in, one deciding score each out; the embedded scorer answers where a model cannot."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections import Counter
+from concurrent.futures import Future, ThreadPoolExecutor
+
+import msgspec
+
+from saflite.contract.clock import Clock
+from saflite.contract.errors import FarmError, Refused, Unavailable
+from saflite.contract.score import SCORE_MAX, SCORE_MIN, Score
+from saflite.contract.service import Cancelled
+from saflite.contract.test_case import identity
+from saflite.contract.work import HandedBack, Result, ScoreResult, ScoreWork, Stage, WarmResult, WarmWork, Work
+from saflite.scorer_pool.history import History
+from saflite.scorer_pool.model import MIDDLE, BriefOf, Job, Mark, Model, PolicyBrief, Sheet, Tools
+from saflite.scorer_pool.registry import make
+
+EMBEDDED = "blend"
+"""The scorer that answers in the place of one that cannot; it needs no server and never fails."""
+
+PARALLEL_MAX = 8
+
+
+class ScorerPool:
+    """One replica of the pool. Any number of them may run, on any machine; the books decide which model scores."""
+
+    stage: Stage = "score"
+
+    def __init__(self, brief_of: BriefOf, clock: Clock) -> None:
+        self._brief_of = brief_of
+        self._clock = clock
+        self._history = History()
+        self._models: dict[str, Model] = {}
+        self._turns: dict[str, threading.BoundedSemaphore] = {}
+        self._lock = threading.RLock()
+        self._load_deadline_s = 300.0
+        self._parallel = 1
+
+    @property
+    def cursor(self) -> int:
+        """The round up to which outcomes were told; -1 for none."""
+        return self._history.cursor
+
+    @property
+    def parallel(self) -> int:
+        """How many leases may be worked at once: 1 while models compute here, more once one waits for a server."""
+        return self._parallel
+
+    def do(self, work: Work, cancelled: Cancelled) -> Result:
+        """Score a batch or warm a model.
+
+        Raises:
+            Unavailable: the outcomes told do not join on to those known; ask again.
+        """
+        if isinstance(work, WarmWork):
+            return self._warm(work, cancelled)
+        assert isinstance(work, ScoreWork), f"the scorer pool was given {type(work).__name__}"
+        result = self._score(work, cancelled)
+        return HandedBack(message="cancelled") if cancelled() else result
+
+    def close(self) -> None:
+        """Close every model."""
+        with self._lock:
+            for model in self._models.values():
+                model.close()
+            self._models.clear()
+
+    # ---- warming -----------------------------------------------------------------------------------------------
+
+    def _warm(self, work: WarmWork, cancelled: Cancelled) -> WarmResult:
+        self._load_deadline_s = work.load_deadline_s
+        try:
+            model = self._model(work.model)
+            message = model.warm(cancelled)
+        except FarmError as fault:
+            self._forget(work.model)
+            return WarmResult(model=work.model, ready=False, message=str(fault))
+        return WarmResult(model=work.model, ready=True, message=message)
+
+    def _model(self, label: str) -> Model:
+        with self._lock:
+            if label not in self._models:
+                self._models[label] = make(label, Tools(self._clock, self._model, self._load_deadline_s))
+                model = self._models[label]
+                self._turns[label] = threading.BoundedSemaphore(model.parallel)
+                self._parallel = min(PARALLEL_MAX, max(self._parallel, model.parallel))
+            return self._models[label]
+
+    def _forget(self, label: str) -> None:
+        with self._lock:
+            model = self._models.pop(label, None)
+        if model is not None:
+            model.close()
+
+    # ---- scoring -----------------------------------------------------------------------------------------------
+
+    def _score(self, work: ScoreWork, cancelled: Cancelled) -> ScoreResult:
+        self._history.tell(work.recent, work.from_cursor, work.cursor)
+        job = Job(
+            test_cases=work.test_cases,
+            briefs=tuple(self._brief(name) for name in work.policies),
+            rng_seed=work.rng_seed,
+            round=work.round,
+            history=self._history.view(work.cursor),
+            cursor=work.cursor,
+            deadline_s=work.deadline_s,
+            cancelled=cancelled,
+        )
+        shadows = tuple(dict.fromkeys(label for label in work.shadow if label != work.model))
+        if not shadows:
+            return self._result(job, work.model, self._answer(work.model, job), {})
+        with ThreadPoolExecutor(len(shadows), thread_name_prefix="shadow") as threads:
+            waiting = {label: threads.submit(self._watch, label, job) for label in shadows}
+            return self._result(job, work.model, self._answer(work.model, job), waiting)
+
+    def _brief(self, name: str) -> PolicyBrief:
+        try:
+            return self._brief_of(name)
+        except Refused:
+            return PolicyBrief(name)
+
+    def _result(self, job: Job, label: str, sheet: Sheet, waiting: dict[str, Future[Sheet | None]]) -> ScoreResult:
+        scores = list(_scores(job, label, sheet, shadow=False))
+        usage = {label: sheet.usage}
+        for shadow, future in waiting.items():
+            watched = future.result()
+            if watched is not None:
+                scores.extend(_scores(job, shadow, watched, shadow=True))
+                usage[shadow] = watched.usage
+        return ScoreResult(scores=tuple(scores), usage=usage)
+
+    def _answer(self, label: str, job: Job) -> Sheet:
+        """Return a sheet without gaps: what the model could not mark, the embedded scorer does."""
+        sheet = self._ask(label, job)
+        gaps = [place for place, mark in enumerate(sheet.marks) if mark.fault]
+        if not gaps:
+            return sheet
+        stand_in = self._ask(EMBEDDED, job._replace(test_cases=tuple(job.test_cases[place] for place in gaps)))
+        marks = list(sheet.marks)
+        for place, mark in zip(gaps, stand_in.marks, strict=True):
+            value = MIDDLE if mark.fault else mark.value
+            marks[place] = mark._replace(value=value, fault=marks[place].fault, scored_by=mark.scored_by or EMBEDDED)
+        return sheet._replace(marks=tuple(marks))
+
+    def _watch(self, label: str, job: Job) -> Sheet | None:
+        """Return the sheet of a model that only watches, None if it could mark nothing."""
+        sheet = self._ask(label, job)
+        return None if all(mark.fault for mark in sheet.marks) else sheet
+
+    def _ask(self, label: str, job: Job) -> Sheet:
+        started_s = self._clock.monotonic_s()
+        try:
+            model = self._model(label)
+            with self._turns[label]:
+                sheet = model.score(job)
+        except Refused as fault:
+            sheet = _all_faulty(job, "refused", str(fault))
+        except Unavailable as fault:
+            sheet = _all_faulty(job, "unreachable", str(fault))
+        sheet = _checked(sheet, len(job.test_cases))
+        faults = dict(Counter(mark.fault for mark in sheet.marks if mark.fault))
+        usage = msgspec.structs.replace(
+            sheet.usage,
+            latency_s=sheet.usage.latency_s or self._clock.monotonic_s() - started_s,
+            faults=sheet.usage.faults or faults,
+        )
+        return sheet._replace(usage=usage)
+
+
+def _all_faulty(job: Job, fault: str, message: str) -> Sheet:
+    return Sheet(tuple(Mark(math.nan, message, fault) for _ in job.test_cases))
+
+
+def _checked(sheet: Sheet, count: int) -> Sheet:
+    """Name the faults of a model that gives too few marks or marks outside 0..10 instead of passing them on."""
+    if len(sheet.marks) != count:
+        return sheet._replace(marks=tuple(Mark(math.nan, fault="wrong-count") for _ in range(count)))
+    marks = tuple(
+        mark if mark.fault or SCORE_MIN <= mark.value <= SCORE_MAX else mark._replace(fault="out-of-range")
+        for mark in sheet.marks
+    )
+    return sheet._replace(marks=marks)
+
+
+def _scores(job: Job, label: str, sheet: Sheet, *, shadow: bool) -> list[Score]:
+    return [
+        Score(
+            test_case=identity(case),
+            value=mark.value,
+            model=label,
+            scored_by=mark.scored_by or label,
+            model_digest=sheet.digest,
+            prompt_digest=mark.prompt_digest,
+            reason=mark.reason,
+            fault=mark.fault,
+            shadow=shadow,
+        )
+        for case, mark in zip(job.test_cases, sheet.marks, strict=True)
+        if not (shadow and mark.fault)
+    ]
+
+
+def open_service(brief_of: BriefOf, clock: Clock) -> ScorerPool:
+    """Return a replica of the pool. `brief_of` gives the words of a policy by name."""
+    return ScorerPool(brief_of, clock)
