@@ -1,0 +1,68 @@
+"""Examples in policy files: little made-up traces that a formula must find kept or broken."""
+
+from __future__ import annotations
+
+import math
+
+import msgspec
+import numpy as np
+
+from saflite.contract.errors import Refused
+from saflite.contract.signals import MODES, SIGNALS
+from saflite.oracle.windows import Array
+
+_SAMPLES_MAX = 10_000
+Value = float | str
+Course = Value | list[tuple[float, Value]]
+
+
+class Example(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A trace and what the formula must say of it.
+
+    `signals` gives each signal a constant or a list of [time, value]: real signals run in straight lines between the
+    points, flags and codes keep a value until the next. Modes may be given by name. `applies` is false for examples
+    that show where the rule does not apply.
+    """
+
+    holds: bool
+    why: str
+    duration_s: float
+    signals: dict[str, Course]
+    step_s: float = 0.1
+    applies: bool = True
+
+
+def example_signals(example: Example, wanted: frozenset[str], name: str, where: str) -> dict[str, Array]:
+    """Return the example's signals as arrays of shape (samples,).
+
+    Raises:
+        Refused: a wanted signal is missing, one is too many, the times do not rise, or the trace is too long.
+    """
+    given = frozenset(example.signals)
+    if given != wanted:
+        expected = f"exactly the signals {', '.join(sorted(wanted))}"
+        raise Refused(name, where=where, expected=expected, got=", ".join(sorted(given ^ wanted)) + " amiss")
+    if not (0 < example.step_s <= example.duration_s < example.step_s * _SAMPLES_MAX):
+        raise Refused(name, where=where, expected=f"1 to {_SAMPLES_MAX} samples", got=f"{example.duration_s:g} s")
+    count = math.floor(example.duration_s / example.step_s + 1e-9) + 1
+    times = np.arange(count, dtype=np.float64) * np.float64(example.step_s)
+    return {signal: _course(signal, course, times, name, where) for signal, course in example.signals.items()}
+
+
+def _course(signal: str, course: Course, times: Array, name: str, where: str) -> Array:
+    points = course if isinstance(course, list) else [(0.0, course)]
+    at = np.array([point[0] for point in points], dtype=np.float64)
+    values = np.array([_number(signal, point[1], name, where) for point in points], dtype=np.float64)
+    if len(at) == 0 or at[0] > 0 or np.any(np.diff(at) < 0):
+        raise Refused(f"{name} {signal}", where=where, expected="times that rise from 0", got=at.tolist())
+    if SIGNALS[signal].kind == "real":
+        return np.interp(times, at, values)
+    return values[np.searchsorted(at, times + 1e-9, side="right") - 1]
+
+
+def _number(signal: str, value: Value, name: str, where: str) -> float:
+    if isinstance(value, str):
+        if signal != "mode" or value not in MODES:
+            raise Refused(f"{name} {signal}", where=where, expected="a number, or a mode by name", got=repr(value))
+        return float(MODES[value])
+    return float(value)

@@ -1,0 +1,159 @@
+"""Judges a flight against policies: one verdict each, the fingerprint of the worst, the short form of the flight."""
+
+from __future__ import annotations
+
+import math
+
+from saflite.contract.errors import Refused
+from saflite.contract.flight import FLOWN_ENDINGS, Flight, Trace
+from saflite.contract.test_case import TestCase
+from saflite.contract.verdict import Judgement, Verdict
+from saflite.oracle.features import features_of, track_of
+from saflite.oracle.fingerprint import fingerprint
+from saflite.oracle.policy import Policy, load_policy
+from saflite.oracle.signals import FlightSignals
+from saflite.oracle.stl import Evaluator, Finding, find
+
+ROBUSTNESS_MAX = 1000.0  # told where a rule never applied, in place of infinity
+CRISP = 1.0  # told where only yes-or-no parts decided
+AUTOPILOT_ALIVE = "autopilot-alive"
+
+
+def judge(test_case: TestCase, flight: Flight, trace: Trace | None, policies: tuple[str, ...]) -> Judgement:
+    """Return the judgement on one flight.
+
+    Args:
+        test_case: what was flown.
+        flight: how it ended. An ending that says nothing of the vehicle (wedged, infra, lost) makes every verdict
+            inconclusive; a dead autopilot adds a violated verdict `autopilot-alive`.
+        trace: its signals; None if there is no trace.
+        policies: names, or paths of policy files.
+
+    Raises:
+        Refused: a policy is unknown or its file is wrong.
+    """
+    loaded = [load_policy(name) for name in policies]
+    if trace is None or trace.samples == 0 or flight.ending not in FLOWN_ENDINGS:
+        reason = f"nothing to judge: the flight ended as {flight.ending}" + ("" if trace else " without a trace")
+        verdicts = [_inconclusive(policy, reason) for policy in loaded]
+        return _judgement(test_case, flight, verdicts, {}, None)
+    signals = FlightSignals(test_case, flight, trace)
+    features = features_of(test_case, signals)
+    wanted = frozenset[str]().union(*(policy.signals for policy in loaded))
+    evaluator = Evaluator(signals.pick(wanted), trace.step_s)
+    verdicts = [_verdict(policy, test_case, flight, evaluator, signals, features) for policy in loaded]
+    return _judgement(test_case, flight, verdicts, features, signals)
+
+
+def _judgement(
+    test_case: TestCase,
+    flight: Flight,
+    verdicts: list[Verdict],
+    features: dict[str, float],
+    signals: FlightSignals | None,
+) -> Judgement:
+    if flight.ending == "autopilot_died":
+        verdicts.append(_died(flight))
+    broken = [verdict for verdict in verdicts if verdict.outcome == "violated"]
+    worst = min(broken, key=lambda verdict: (verdict.robustness, verdict.policy), default=None)
+    return Judgement(
+        test_case=flight.test_case,
+        flight_index=flight.flight_index,
+        verdicts=tuple(verdicts),
+        fingerprint=fingerprint(test_case, worst, features, signals) if worst else "",
+        features={name: value for name, value in features.items() if math.isfinite(value)},
+        track=track_of(signals) if signals else (),
+    )
+
+
+def _verdict(
+    policy: Policy,
+    test_case: TestCase,
+    flight: Flight,
+    evaluator: Evaluator,
+    signals: FlightSignals,
+    features: dict[str, float],
+) -> Verdict:
+    reason = policy.file.not_checked_on.get(test_case.target.name)
+    if reason:
+        return _inconclusive(policy, f"not checked on {test_case.target.name}: {reason}")
+    missing = sorted(name for name in policy.needed if name not in signals)
+    if missing:
+        return _inconclusive(policy, f"the trace holds no {', '.join(missing)}")
+    finding = find(evaluator, policy.formula)
+    if finding is None:
+        return _inconclusive(policy, f"a flight of {signals.samples * signals.step_s:g} s is too short for the rule")
+    if math.isnan(finding.robustness):
+        return _inconclusive(policy, f"gaps in {', '.join(sorted(policy.needed))}")
+    return _ruled(policy, finding, _hard(policy, finding, flight, evaluator, signals), features)
+
+
+def _ruled(policy: Policy, finding: Finding, hard: bool, features: dict[str, float]) -> Verdict:
+    violated = finding.robustness < 0
+    return Verdict(
+        policy=policy.id,
+        outcome="violated" if violated else "held",
+        robustness=_finite(finding),
+        witness_from_s=finding.witness_from_s,
+        witness_to_s=finding.witness_to_s,
+        severity=("hard" if hard else "soft") if violated else "none",
+        points=_points(policy, features) if violated else 0.0,
+        message=_message(policy, finding),
+    )
+
+
+def _finite(finding: Finding) -> float:
+    if finding.applied_share == 0:
+        return ROBUSTNESS_MAX
+    if math.isinf(finding.robustness):
+        return math.copysign(CRISP, finding.robustness)
+    return max(-ROBUSTNESS_MAX, min(ROBUSTNESS_MAX, finding.robustness))
+
+
+def _message(policy: Policy, finding: Finding) -> str:
+    if finding.applied_share == 0:
+        return "the rule never applied"
+    if finding.robustness >= 0:
+        return ""
+    margin = "" if math.isinf(finding.robustness) else f" by {-finding.robustness:.3g} {policy.unit}".rstrip()
+    return f"{policy.file.title}: broken{margin} from {finding.witness_from_s:.1f} to {finding.witness_to_s:.1f} s"
+
+
+def _hard(policy: Policy, finding: Finding, flight: Flight, evaluator: Evaluator, signals: FlightSignals) -> bool:
+    severity = policy.file.severity
+    if finding.robustness < 0 and flight.ending == "crashed":
+        return True
+    if severity.hard_at is not None and finding.robustness <= severity.hard_at:
+        return True
+    if policy.hard_when is None or not all(name in signals for name in policy.signals):
+        return False
+    return bool((evaluator.trace(policy.hard_when) > 0).any())
+
+
+def _points(policy: Policy, features: dict[str, float]) -> float:
+    """Points of the first rule that fits, most points first."""
+    rules = sorted(policy.file.points, key=lambda rule: -rule.points)
+    return next((rule.points for rule in rules if features.get(rule.feature, math.inf) < rule.below), 0.0)
+
+
+def _inconclusive(policy: Policy, message: str) -> Verdict:
+    return Verdict(policy=policy.id, outcome="inconclusive", robustness=0.0, message=message)
+
+
+def _died(flight: Flight) -> Verdict:
+    return Verdict(
+        policy=AUTOPILOT_ALIVE,
+        outcome="violated",
+        robustness=-CRISP,
+        witness_from_s=flight.simulated_s,
+        witness_to_s=flight.simulated_s,
+        severity="hard",
+        message=f"the autopilot died: {flight.message}" if flight.message else "the autopilot died",
+    )
+
+
+def check_position(trace: Trace) -> None:
+    """Raise Refused if a trace holds no position, so that nothing of obstacles can be judged from it."""
+    missing = [name for name in ("x_m", "y_m", "altitude_m") if name not in trace.signals]
+    if missing:
+        raise Refused("flight log", expected="a position (x, y, altitude)", got=f"no {', '.join(missing)}")

@@ -1,0 +1,260 @@
+"""Policies: safety rules as files. Words for scorers, a formula for the oracle, examples that prove the formula right.
+
+A rule `always (condition implies promise)` has a crisp condition: it says where the rule applies, the promise says by
+how much it is kept. Comparisons of flags and codes are crisp everywhere.
+"""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from functools import cache
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+import msgspec
+import numpy as np
+
+from saflite.contract.config import read_text
+from saflite.contract.errors import Refused
+from saflite.contract.signals import MODES, SIGNALS
+from saflite.contract.test_case import StartState
+from saflite.oracle.examples import Example, example_signals
+from saflite.oracle.formula import FUTURE, Node, harden, reach_s, signals_of, walk
+from saflite.oracle.parse import parse
+from saflite.oracle.stl import Evaluator, find
+from saflite.oracle.units import margin_unit
+
+POLICIES_DIR = Path(__file__).parent / "policies"
+DEFAULT_POLICY = "min-obstacle-distance"
+
+
+class Inputs(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What may be mutated to break the policy. `published` names the PGFuzz list it comes from, if any."""
+
+    published: str = ""
+    obstacles: bool = False
+    parameters: tuple[str, ...] = ()
+    commands: tuple[str, ...] = ()
+    sticks: tuple[str, ...] = ()
+    modes: tuple[str, ...] = ()
+    sensor_faults: tuple[str, ...] = ()
+
+
+class Severity(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """When a violation is hard: robustness at or below `hard_at`, or `hard_when` true at some moment."""
+
+    hard_at: float | None = None
+    hard_when: str = ""
+
+
+class Points(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Points of the competition: `points` for a flight whose `feature` is below `below`."""
+
+    feature: str
+    below: float
+    points: float
+
+
+class PolicyFile(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A policy as it stands in its file."""
+
+    id: str
+    title: str
+    source: str
+    words: str
+    formula: str
+    signals: dict[str, str]
+    published: str = ""
+    constants: dict[str, float] = {}
+    state: tuple[str, ...] = ()
+    inputs: Inputs = Inputs()
+    severity: Severity = Severity()
+    points: tuple[Points, ...] = ()
+    preconditions: dict[str, float] = {}
+    start: StartState | None = None
+    needs_mission: bool = False
+    not_checked_on: dict[str, str] = {}
+    mended: tuple[str, ...] = ()
+    examples: tuple[Example, ...]
+
+
+class Policy(NamedTuple):
+    """A policy ready for use: the file, its formula with crisp parts made crisp, the unit of its robustness.
+
+    A trace must hold the `needed` signals; `signals` are these and those that only tell how hard a violation is.
+    """
+
+    file: PolicyFile
+    formula: Node
+    hard_when: Node | None
+    unit: str
+    needed: frozenset[str]
+    signals: frozenset[str]
+
+    @property
+    def id(self) -> str:
+        """Name of the policy."""
+        return self.file.id
+
+
+Family = Literal["avoidance", "ArduPilot", "PX4", "general"]
+
+
+def family(policy: PolicyFile) -> Family:
+    """Return where the policy comes from: the published lists, the competition, or our own."""
+    if policy.inputs.obstacles:
+        return "avoidance"
+    return {"A": "ArduPilot", "P": "PX4"}.get(policy.published[:1], "general")  # type: ignore[return-value]
+
+
+@cache
+def policy_names() -> tuple[str, ...]:
+    """Return the names of all policies, sorted."""
+    return tuple(sorted(path.stem for path in POLICIES_DIR.glob("*.toml")))
+
+
+@cache
+def load_policy(name: str) -> Policy:
+    """Return a policy by name, or from a file if `name` ends in `.toml`; raises Refused."""
+    if name.endswith(".toml"):
+        return parse_policy(read_text(Path(name), "policy file"), name)
+    if name not in policy_names():
+        raise Refused("policy", expected="a name of `saflite list policies` or a .toml file", got=repr(name))
+    path = POLICIES_DIR / f"{name}.toml"
+    policy = parse_policy(read_text(path, "policy file"), str(path.name))
+    assert policy.id == name, f"{path} holds policy {policy.id}"
+    return policy
+
+
+def parse_policy(text: str, where: str) -> Policy:
+    """Return the policy in TOML `text`.
+
+    Raises:
+        Refused: with file, line and reason: unknown key, unknown signal, wrong unit, a window without end, or an
+            example that contradicts the formula.
+    """
+    try:
+        file = msgspec.convert(tomllib.loads(text), PolicyFile)
+    except tomllib.TOMLDecodeError as fault:
+        raise Refused("policy file", where=where, expected="TOML", got=str(fault)) from fault
+    except msgspec.ValidationError as fault:
+        raise Refused(
+            "policy file", where=_near(text, where, str(fault)), expected="a policy", got=str(fault)
+        ) from fault
+    place = f"{where} line {_line_of(text, 'formula')}"
+    policy = _compiled(file, text, where, place)
+    _check_windows(policy.formula, place)
+    _check_examples(policy, text, where)
+    return policy
+
+
+def _compiled(file: PolicyFile, text: str, where: str, place: str) -> Policy:
+    names = {**MODES, **file.constants}
+    formula = parse(file.formula, names, place)
+    hard = (
+        parse(file.severity.hard_when, names, f"{where} line {_line_of(text, 'hard_when')}")
+        if (file.severity.hard_when)
+        else None
+    )
+    needed = signals_of(formula)
+    used = needed | (signals_of(hard) if hard else frozenset())
+    _check_signals(file, used, text, where)
+    crisp = crispened(formula)
+    return Policy(file, crisp, crispened(hard) if hard else None, margin_unit(crisp, place), needed, used)
+
+
+def crispened(formula: Node) -> Node:
+    """Return the formula with crisp conditions and crisp comparisons of flags and codes."""
+
+    def flags_only(node: Node) -> bool:
+        return all(SIGNALS[name].kind != "real" for name in signals_of(node))
+
+    def visit(node: Node, condition: bool) -> Node:
+        if node.op == "latch":
+            return node._replace(args=(visit(node.args[0], condition), harden(node.args[1], lambda _: True)))
+        if node.op == "implies":
+            left, right = node.args
+            return node._replace(args=(harden(visit(left, True), lambda _: True), visit(right, condition)))
+        return node._replace(args=tuple(visit(child, condition) for child in node.args))
+
+    return harden(visit(formula, False), flags_only)
+
+
+# ---- checks -------------------------------------------------------------------------------------------------------
+
+
+def _check_signals(file: PolicyFile, used: frozenset[str], text: str, where: str) -> None:
+    for name in sorted(used):
+        line = f"{where} line {_line_of(text, name)}"
+        if name not in SIGNALS:
+            raise Refused("signal", where=line, expected="a name of contract/signals.py", got=repr(name))
+        if name not in file.signals:
+            raise Refused("signals", where=line, expected=f"'{name}' with its unit under [signals]", got="nothing")
+    for name, unit in file.signals.items():
+        line = f"{where} line {_line_of(text, name)}"
+        if name not in used:
+            raise Refused("signals", where=line, expected="only signals the formula reads", got=repr(name))
+        if unit != SIGNALS[name].unit:
+            raise Refused(f"unit of {name}", where=line, expected=repr(SIGNALS[name].unit), got=repr(unit))
+    for name in file.state:
+        if name not in SIGNALS:
+            raise Refused("state", where=f"{where} line {_line_of(text, 'state')}", expected="signals", got=repr(name))
+
+
+def _check_windows(formula: Node, place: str) -> None:
+    """Only the outermost `always` may look ahead without end: anything else could never be judged."""
+    inner = formula.args if formula.op == "always" else (formula,)
+    for part in (part for top in inner for part in walk(top)):
+        if part.op in FUTURE and math.isinf(part.high_s):
+            raise Refused(
+                "formula", where=place, expected=f"a window [from:to] after '{part.op}'", got="a window without end"
+            )
+
+
+def _check_examples(policy: Policy, text: str, where: str) -> None:
+    kinds = {example.holds for example in policy.file.examples}
+    if kinds != {True, False}:
+        line = f"{where} line {_line_of(text, 'examples')}"
+        raise Refused("examples", where=line, expected="one that holds and one that violates at least", got=len(kinds))
+    for number, example in enumerate(policy.file.examples, start=1):
+        place = f"{where} line {_line_of(text, 'examples', number)}"
+        _check_example(policy, example, f"example {number}", place)
+
+
+def _check_example(policy: Policy, example: Example, name: str, place: str) -> None:
+    signals = example_signals(example, policy.signals, name, place)
+    finding = find(Evaluator(signals, example.step_s), policy.formula)
+    if finding is None:
+        raise Refused(name, where=place, expected="a trace longer than the formula's windows", got="a shorter one")
+    said = "hold" if finding.robustness >= 0 else "violate"
+    if np.isnan(finding.robustness) or (finding.robustness >= 0) != example.holds:
+        expected = f"to {'hold' if example.holds else 'violate'} ({example.why})"
+        raise Refused(name, where=place, expected=expected, got=f"to {said}, robustness {finding.robustness:g}")
+    if example.holds and example.applies != (finding.applied_share > 0):
+        expected = "the rule to apply" if example.applies else "the rule not to apply"
+        raise Refused(name, where=place, expected=expected, got=f"a share of {finding.applied_share:.2f}")
+
+
+# ---- where things stand in the text -------------------------------------------------------------------------------
+
+
+def _line_of(text: str, key: str, occurrence: int = 1) -> int:
+    """Return the line on which `key` first stands as a key, a table or a word; 1 if nowhere."""
+    lines = text.splitlines()
+    starts = [n for n, line in enumerate(lines, 1) if line.lstrip(' ["').startswith(key)]
+    if len(starts) >= occurrence:
+        return starts[occurrence - 1]
+    return next((n for n, line in enumerate(lines, 1) if key in line), 1)
+
+
+def _near(text: str, where: str, fault: str) -> str:
+    words = [word.strip("`.$[]…") for word in fault.replace(".", " ").split() if "`" in word]
+    line = next((_line_of(text, word) for word in words if word and word in text), 1)
+    return f"{where} line {line}"
+
+
+def lookback_s(policy: Policy) -> float:
+    """Return how far ahead the rule looks: a flight must be longer than that to be judged, seconds."""
+    body = policy.formula.args[0] if policy.formula.op == "always" else policy.formula
+    return reach_s(body)

@@ -1,0 +1,80 @@
+"""From a flight's record to the signals that policies read: what the trace holds and what can be made of the rest."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saflite.contract.flight import Flight, Trace
+from saflite.contract.test_case import TestCase
+from saflite.flight.geometry import boxes_array, distance_to_boxes
+
+Array = NDArray[np.float32]
+
+
+class FlightSignals:
+    """The signals of one flight by name; those the oracle makes itself are made on demand."""
+
+    def __init__(self, test_case: TestCase, flight: Flight, trace: Trace) -> None:
+        self._test_case, self._flight, self._trace = test_case, flight, trace
+        self._made: dict[str, Array] = {}
+        self.samples, self.step_s = trace.samples, trace.step_s
+        self._makers: dict[str, tuple[tuple[str, ...], Callable[[], Any]]] = {
+            "time_s": ((), self._time),
+            "quiet_s": ((), self._quiet),
+            "crashed": ((), self._crashed),
+            "ground_speed_mps": (("vx_mps", "vy_mps"), lambda: np.hypot(self["vx_mps"], self["vy_mps"])),
+            "home_distance_m": (("x_m", "y_m"), lambda: np.hypot(self["x_m"], self["y_m"])),
+            "tilt_deg": (("roll_deg", "pitch_deg"), self._tilt),
+            "obstacle_distance_m": (("x_m", "y_m", "altitude_m"), self._obstacle_distance),
+        }
+
+    def __contains__(self, name: str) -> bool:
+        if name in self._trace.signals:
+            return True
+        maker = self._makers.get(name)
+        return maker is not None and all(source in self for source in maker[0])
+
+    def __getitem__(self, name: str) -> Array:
+        """Return one signal, shape (samples,); raises Refused if the trace cannot give it."""
+        if name in self._made:
+            return self._made[name]
+        if name in self._trace.signals or name not in self._makers:
+            made = self._trace.array(name)[: self.samples]
+        else:
+            made = np.asarray(self._makers[name][1](), dtype=np.float32)
+        self._made[name] = made
+        return made
+
+    def pick(self, names: frozenset[str]) -> dict[str, Array]:
+        """Return those of `names` that the flight can give."""
+        return {name: self[name] for name in sorted(names) if name in self}
+
+    def points(self) -> NDArray[np.float64]:
+        """Return the track, shape (samples, 3): x, y, altitude in metres."""
+        return np.stack([self["x_m"], self["y_m"], self["altitude_m"]], axis=1).astype(np.float64)
+
+    def _time(self) -> NDArray[np.float64]:
+        return np.arange(self.samples, dtype=np.float64) * self.step_s
+
+    def _quiet(self) -> NDArray[np.float64]:
+        times = self._time()
+        at = np.array([0.0, *sorted(stimulus.at_s for stimulus in self._test_case.stimuli)])
+        last = at[np.searchsorted(at, times + 1e-9, side="right") - 1]
+        return np.asarray(times - last)
+
+    def _crashed(self) -> Array:
+        flags = np.zeros(self.samples, dtype=np.float32)
+        if self._flight.ending == "crashed":
+            flags[-1:] = 1.0
+        return flags
+
+    def _tilt(self) -> NDArray[np.float64]:
+        upright = np.cos(np.radians(self["roll_deg"])) * np.cos(np.radians(self["pitch_deg"]))
+        return np.asarray(np.degrees(np.arccos(np.clip(upright, -1.0, 1.0))))
+
+    def _obstacle_distance(self) -> NDArray[np.float64]:
+        return distance_to_boxes(self.points(), boxes_array(self._test_case.scenario.obstacles))

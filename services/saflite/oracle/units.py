@@ -1,0 +1,69 @@
+"""Units of terms: what may be added and compared. A bare number fits any unit."""
+
+from __future__ import annotations
+
+from saflite.contract.errors import Refused
+from saflite.contract.signals import SIGNALS
+from saflite.oracle.formula import COMPARISONS, Node, text_of
+
+_KEEPING = ("neg", "abs", "before", "ago", "mean", "latch", "turn")
+_JOINING = ("+", "-", "min", "max", *COMPARISONS)
+ANY = "any"
+
+
+def unit_of(node: Node, where: str = "") -> str:
+    """Return the unit of a term ('' for plain numbers with a meaning of their own, 'any' for constants).
+
+    Raises:
+        Refused: two sides of a sum, a choice or a comparison differ in unit.
+    """
+    units = [unit_of(child, where) for child in node.args]
+    if node.op == "number":
+        return ANY
+    if node.op == "signal":
+        return SIGNALS[node.name].unit
+    if node.op in _KEEPING:
+        return units[0]
+    if node.op in _JOINING:
+        return _joined(node, units, where)
+    if node.op == "rate":
+        return ANY if units[0] == ANY else f"{units[0]}/s"
+    if node.op in ("*", "/"):
+        return _multiplied(node.op, units)
+    return ANY
+
+
+def _joined(node: Node, units: list[str], where: str) -> str:
+    named = [unit for unit in units if unit != ANY]
+    if len(named) == 2 and named[0] != named[1]:
+        sides = " and ".join(f"{text_of(arg)} [{unit}]" for arg, unit in zip(node.args, units, strict=True))
+        raise Refused("formula", where=where, expected=f"one unit on both sides of '{node.op}'", got=sides)
+    if node.op in COMPARISONS:
+        return ANY
+    return named[0] if named else ANY
+
+
+def _multiplied(op: str, units: list[str]) -> str:
+    left, right = units
+    if right == ANY:
+        return left
+    if left == ANY and op == "*":
+        return right
+    return "" if op == "/" and left == right else ANY
+
+
+def margin_unit(node: Node, where: str = "") -> str:
+    """Return the unit robustness is in: that of the comparisons which are not crisp, '' if they differ or are none.
+
+    Raises:
+        Refused: as `unit_of`.
+    """
+    unit_of(node, where)
+    found = {unit for unit in _margins(node) if unit != ANY}
+    return found.pop() if len(found) == 1 else ""
+
+
+def _margins(node: Node) -> set[str]:
+    if node.op in COMPARISONS:
+        return {unit_of(arg) for arg in node.args}
+    return {unit for child in node.args for unit in _margins(child)}

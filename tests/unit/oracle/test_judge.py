@@ -1,0 +1,132 @@
+from __future__ import annotations
+
+import msgspec
+import numpy as np
+import pytest
+
+from saflite.contract.errors import Refused
+from saflite.contract.flight import Ending, Flight, Trace, pack_trace
+from saflite.contract.test_case import Obstacle, Scenario, Stimulus, Target, TestCase, identity
+from saflite.contract.verdict import Judgement
+from saflite.contract.work import JudgeResult, JudgeWork
+from saflite.oracle.judge import judge
+from saflite.oracle.work import open_service
+
+POLICIES = ("min-obstacle-distance",)
+STEP_S = 0.05
+
+
+def box(x_m: float, y_m: float, size_m: float = 4.0) -> Obstacle:
+    return Obstacle(length_m=size_m, width_m=size_m, height_m=20.0, x_m=x_m, y_m=y_m)
+
+
+def case(*obstacles: Obstacle, **more: object) -> TestCase:
+    return msgspec.structs.replace(TestCase(target=Target(), scenario=Scenario(obstacles=obstacles)), **more)
+
+
+def packed(values: object) -> bytes:
+    return np.asarray(values, dtype="<f4").tobytes()
+
+
+def straight(aside_m: float, contact: float = 0.0, length_m: float = 50.0) -> Trace:
+    """A flight north-east of nothing: along y at 1 m/s, `aside_m` off the axis, 10 m up."""
+    t = np.arange(0, length_m + STEP_S / 2, STEP_S)
+    names = {"x_m": aside_m, "altitude_m": 10.0, "vx_mps": 0.0, "vy_mps": 1.0, "contact": contact}
+    signals = {name: packed(np.full_like(t, value)) for name, value in names.items()}
+    return Trace(step_s=STEP_S, signals={**signals, "y_m": packed(t)})
+
+
+def judged(test_case: TestCase, trace: Trace | None, ending: Ending = "completed") -> Judgement:
+    flight = Flight(test_case=identity(test_case), flight_index=0, ending=ending)
+    return judge(test_case, flight, trace, POLICIES)
+
+
+@pytest.mark.parametrize(
+    ("aside_m", "outcome", "points"),
+    [(6.0, "held", 0.0), (3.51, "held", 0.0), (3.2, "violated", 1.0), (2.6, "violated", 2.0), (2.1, "violated", 5.0)],
+)
+def test_distance_decides_outcome_and_points(aside_m: float, outcome: str, points: float) -> None:
+    verdict = judged(case(box(0.0, 20.0)), straight(aside_m)).verdicts[0]
+    assert (verdict.outcome, verdict.points) == (outcome, points)
+    assert verdict.robustness == pytest.approx(aside_m - 2.0 - 1.5, abs=1e-5)
+    assert verdict.severity == ("none" if outcome == "held" else "soft")
+
+
+def test_contact_makes_it_hard() -> None:
+    assert judged(case(box(0.0, 20.0)), straight(1.0, contact=1.0)).verdicts[0].severity == "hard"
+
+
+def test_witness_window_is_the_stretch_below_the_threshold() -> None:
+    verdict = judged(case(box(0.0, 20.0)), straight(2.5)).verdicts[0]
+    reach = 2.0 + np.sqrt(1.5**2 - 0.5**2)
+    assert verdict.witness_from_s == pytest.approx(20 - reach, abs=STEP_S)
+    assert verdict.witness_to_s == pytest.approx(20 + reach, abs=STEP_S)
+
+
+def test_features_and_track() -> None:
+    judgement = judged(case(box(30.0, 30.0), box(0.0, 20.0)), straight(3.0))
+    features = judgement.features
+    assert features["closest_obstacle"] == 1.0
+    assert features["min_distance_m"] == pytest.approx(1.0)
+    assert features["path_length_m"] == pytest.approx(50.0, rel=1e-4)
+    assert features["duration_s"] == pytest.approx(50.0)
+    assert features["stall_s"] == 0.0
+    assert features["closest_progress"] == pytest.approx(18 / 50, abs=0.01)
+    assert len(judgement.track) == 51
+    assert judgement.track[10] == (10.0, 3.0, 10.0, 10.0)
+
+
+def test_near_identical_finds_share_a_fingerprint_and_others_do_not() -> None:
+    first = judged(case(box(1.0, 22.0), box(13.0, 33.0)), straight(4.0))
+    near = judged(case(box(1.1, 22.1), box(13.0, 33.0)), straight(4.0))
+    other_box = judged(case(box(1.0, 33.0), box(13.0, 22.0)), straight(4.0))
+    other_side = judged(case(box(1.0, 22.0), box(13.0, 33.0)), straight(-2.0))
+    assert first.fingerprint == near.fingerprint != ""
+    assert len({first.fingerprint, other_box.fingerprint, other_side.fingerprint}) == 3
+    assert judged(case(box(30.0, 22.0)), straight(0.0)).fingerprint == ""
+
+
+@pytest.mark.parametrize("ending", ["wedged", "infra", "lost"])
+def test_trouble_of_the_farm_is_never_a_violation(ending: Ending) -> None:
+    judgement = judged(case(box(0.0, 20.0)), straight(0.0), ending)
+    assert [verdict.outcome for verdict in judgement.verdicts] == ["inconclusive"]
+    assert judgement.fingerprint == ""
+
+
+def test_a_dead_autopilot_is_a_finding() -> None:
+    judgement = judged(case(box(30.0, 20.0)), straight(0.0), "autopilot_died")
+    assert [(v.policy, v.outcome) for v in judgement.verdicts] == [
+        ("min-obstacle-distance", "held"),
+        ("autopilot-alive", "violated"),
+    ]
+    assert judgement.fingerprint
+
+
+def test_a_trace_without_position_is_inconclusive_and_says_why() -> None:
+    trace = Trace(step_s=STEP_S, signals={"roll_deg": packed(np.zeros(100))})
+    verdict = judged(case(box(0.0, 20.0)), trace).verdicts[0]
+    assert verdict.outcome == "inconclusive"
+    assert "obstacle_distance_m" in verdict.message
+
+
+def test_unknown_policy_is_refused() -> None:
+    flight = Flight(test_case="x", flight_index=0, ending="completed")
+    with pytest.raises(Refused, match="policy"):
+        judge(case(), flight, straight(0.0), ("no-such",))
+
+
+def test_stimuli_give_quiet_time_and_their_own_fingerprints() -> None:
+    test_case = case(box(0.0, 20.0), stimuli=(Stimulus(at_s=5.0, kind="mode", name="LOITER"),))
+    assert judged(test_case, straight(2.5)).fingerprint != judged(case(box(0.0, 20.0)), straight(2.5)).fingerprint
+
+
+def test_the_service_judges_work() -> None:
+    test_case = case(box(0.0, 20.0))
+    flight = Flight(test_case=identity(test_case), flight_index=2, ending="completed")
+    work = JudgeWork(test_case=test_case, flight=flight, policies=POLICIES, trace=pack_trace(straight(2.5)))
+    service = open_service()
+    result = service.do(work, lambda: False)
+    assert isinstance(result, JudgeResult)
+    assert result.judgement == judge(test_case, flight, straight(2.5), POLICIES)
+    with pytest.raises(Refused, match="trace"):
+        service.do(msgspec.structs.replace(work, trace=b"nonsense"), lambda: False)
