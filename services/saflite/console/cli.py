@@ -1,0 +1,115 @@
+"""The command line: `saflite COMMAND ...`. A command is one file under `commands/`; nothing else is imported before it.
+
+Exit codes: 0 nothing found, 1 violations found, 2 refused input, 3 infrastructure.
+"""
+
+from __future__ import annotations
+
+import argparse
+import difflib
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+from typing import NoReturn
+
+from saflite.console import out
+from saflite.contract.errors import Refused, Unavailable
+
+NOTHING_FOUND, FOUND, REFUSED, INFRASTRUCTURE = 0, 1, 2, 3
+INTERRUPTED = 130
+_ORDER = ("run", "resume", "replay", "watch", "report", "list")
+
+
+class _Parser(argparse.ArgumentParser):
+    """Says what is wrong with the arguments in one line instead of a page."""
+
+    def error(self, message: str) -> NoReturn:
+        """Raise Refused where argparse would print its usage."""
+        raise Refused(self.prog, expected="valid arguments", got=message, fix=f"see `{self.prog} --help`")
+
+
+def command_names() -> tuple[str, ...]:
+    """Return the names of all commands, the most used first."""
+    folder = Path(__file__).parent / "commands"
+    found = {path.stem.rstrip("_").replace("_", "-") for path in folder.glob("*.py") if path.stem != "__init__"}
+    first = tuple(name for name in _ORDER if name in found)
+    return first + tuple(sorted(found - set(first)))
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command and return its exit code; faults of the user or of a dependency become one line on stderr."""
+    words = list(sys.argv[1:] if argv is None else argv)
+    try:
+        return _dispatch(words)
+    except Refused as fault:
+        out.complain("refused", str(fault))
+        return REFUSED
+    except Unavailable as fault:
+        out.complain("unavailable", str(fault))
+        return INFRASTRUCTURE
+    except KeyboardInterrupt:
+        out.complain("interrupted", "stopped by the keyboard")
+        return INTERRUPTED
+    except BrokenPipeError:
+        out.mute()
+        return NOTHING_FOUND
+
+
+def _dispatch(words: list[str]) -> int:
+    if not words or words[0] in ("-h", "--help", "help"):
+        out.line(_overview())
+        return NOTHING_FOUND
+    if words[0] == "--version":
+        out.line(f"saflite {_version()}")
+        return NOTHING_FOUND
+    module = _load(words[0])
+    parser = _Parser(
+        prog=f"saflite {words[0]}", description=module.__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    module.configure(parser)
+    code: int = module.run(parser.parse_args(words[1:]))
+    sys.stdout.flush()
+    return code
+
+
+def _load(name: str) -> ModuleType:
+    names = command_names()
+    if name not in names:
+        near = difflib.get_close_matches(name, names, 1)
+        fix = f"did you mean `saflite {near[0]}`?" if near else "see `saflite --help`"
+        raise Refused("command", expected=f"one of {', '.join(names)}", got=repr(name), fix=fix)
+    package = f"{__package__}.commands"
+    place = name.replace("-", "_")
+    folder = Path(__file__).parent / "commands"
+    return import_module(f"{package}.{place if (folder / f'{place}.py').exists() else place + '_'}")
+
+
+def _overview() -> str:
+    folder = Path(__file__).parent / "commands"
+    rows = []
+    for name in command_names():
+        place = folder / f"{name.replace('-', '_')}.py"
+        rows.append(f"  {name:<10} {out.summary_of(place if place.exists() else place.with_stem(place.stem + '_'))}")
+    return "\n".join(
+        [
+            "saflite: find safety violations in autonomous vehicles, and prove them",
+            "",
+            "usage: saflite COMMAND [...]        saflite COMMAND --help",
+            "",
+            *rows,
+            "",
+            "first steps: saflite run avoidance-m2",
+            "exit codes:  0 nothing found, 1 violations found, 2 refused input, 3 infrastructure",
+        ]
+    )
+
+
+def _version() -> str:
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version("saflite-farm")
+    except PackageNotFoundError:
+        return "0 (not installed)"

@@ -1,0 +1,236 @@
+"""One flight as an MCAP file with Foxglove's well-known protobuf schemas, and back.
+
+Topics: `/scene` (boxes, safety shells, mission, path flown, closest point), `/tf`, `/pose`, `/path`, `/location`,
+`/log`, and the signals as flat JSON records in groups (`/position`, `/attitude`, `/safety`, ...). Attached are the test
+case, the flight, its verdicts and the bit-exact trace, so a recording is enough to judge or re-fly the flight.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+from typing import Any, NamedTuple
+
+import msgspec
+import numpy as np
+from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
+from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
+from foxglove_schemas_protobuf.PosesInFrame_pb2 import PosesInFrame
+from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
+from google.protobuf.timestamp_pb2 import Timestamp
+from mcap.writer import CompressionType, Writer
+from mcap_protobuf.schema import register_schema
+from numpy.typing import NDArray
+
+from saflite.contract.flight import Trace, unpack_trace
+from saflite.contract.test_case import TestCase
+from saflite.contract.verdict import Verdict, worst
+from saflite.contract.work import RecordWork
+from saflite.flight.mission import to_geographic, waypoints
+from saflite.recorder import frames, scalars, scene
+
+RATE_HZ = 20.0
+_LEVELS = {"info": Log.INFO, "warning": Log.WARNING, "error": Log.ERROR}
+_NS = 1_000_000_000
+
+
+class _Message(NamedTuple):
+    at_ns: int
+    topic: str
+    content: Any  # a protobuf message, or bytes of JSON
+
+
+def write(work: RecordWork, start_unix_s: float) -> bytes:
+    """Return the recording of one flight as the bytes of an MCAP file.
+
+    Args:
+        work: the flight, its test case, verdicts and packed trace.
+        start_unix_s: when the flight began, for the time stamps; viewers refuse stamps near zero.
+
+    Raises:
+        Refused: the trace is damaged.
+    """
+    trace = unpack_trace(work.trace)
+    start_ns = int(start_unix_s * _NS)
+    buffer = io.BytesIO()
+    writer = Writer(buffer, compression=CompressionType.ZSTD, enable_data_crcs=True)
+    writer.start(profile="", library="saflite-farm")
+    _attach(writer, work, start_ns)
+    at = _sampled(trace)
+    messages = _geometry(work, trace, at, start_ns) + _texts(work, trace, start_ns)
+    channels = _Channels(writer, {topic: scalars.schema(names) for topic, names in scalars.groups(trace).items()})
+    messages += _plots(trace, at, start_ns)
+    for number, message in enumerate(sorted(messages, key=lambda entry: entry.at_ns)):
+        channels.add(message, number)
+    writer.finish()
+    return buffer.getvalue()
+
+
+class _Channels:
+    """Registers a schema and a channel the first time a topic is written."""
+
+    def __init__(self, writer: Writer, json_schemas: dict[str, bytes]) -> None:
+        self._writer, self._json, self._known = writer, json_schemas, dict[str, int]()
+
+    def add(self, message: _Message, sequence: int) -> None:
+        """Write one message."""
+        if message.topic not in self._known:
+            self._known[message.topic] = self._register(message)
+        is_json = isinstance(message.content, bytes)
+        data = message.content if is_json else message.content.SerializeToString(deterministic=True)
+        self._writer.add_message(self._known[message.topic], message.at_ns, data, message.at_ns, sequence)
+
+    def _register(self, message: _Message) -> int:
+        if isinstance(message.content, bytes):
+            name = f"saflite{message.topic.replace('/', '.')}"
+            schema = self._writer.register_schema(name, "jsonschema", self._json.get(message.topic, b"{}"))
+            return int(self._writer.register_channel(message.topic, "json", schema))
+        schema = register_schema(self._writer, type(message.content))
+        return int(self._writer.register_channel(message.topic, "protobuf", schema))
+
+
+def _attach(writer: Writer, work: RecordWork, start_ns: int) -> None:
+    parts: dict[str, tuple[str, bytes]] = {
+        "test_case.json": ("application/json", msgspec.json.encode(work.test_case)),
+        "flight.json": ("application/json", msgspec.json.encode(work.flight)),
+        "judgement.json": ("application/json", msgspec.json.encode(work.judgement)),
+        "scores.json": ("application/json", msgspec.json.encode(work.scores)),
+        "trace.bin": ("application/octet-stream", work.trace),
+    }
+    if work.violation is not None:
+        parts["violation.json"] = ("application/json", msgspec.json.encode(work.violation))
+    for name, (media, data) in parts.items():
+        writer.add_attachment(start_ns, start_ns, name, media, data)
+    verdict = worst(work.judgement)
+    writer.add_metadata(
+        "saflite",
+        {
+            "test_case": work.flight.test_case,
+            "flight_index": str(work.flight.flight_index),
+            "ending": work.flight.ending,
+            "trace_digest": work.flight.trace_digest,
+            "policy": verdict.policy if verdict else "",
+            "robustness": f"{verdict.robustness:.6g}" if verdict else "",
+            "fingerprint": work.judgement.fingerprint,
+            "target": work.test_case.target.name,
+        },
+    )
+
+
+def _sampled(trace: Trace) -> NDArray[np.intp]:
+    """Return the indices of the samples to show, about RATE_HZ a second, the last one included."""
+    stride = max(1, round(1.0 / (RATE_HZ * trace.step_s)))
+    at = np.arange(0, trace.samples, stride, dtype=np.intp)
+    last = trace.samples - 1
+    return np.append(at, last) if trace.samples and at[-1] != last else at
+
+
+def _stamp(at_ns: int) -> Timestamp:
+    return Timestamp(seconds=at_ns // _NS, nanos=at_ns % _NS)
+
+
+def _track(trace: Trace, at: NDArray[np.intp]) -> NDArray[np.float32]:
+    """Return the places flown, shape (n, 3) north, east, up; empty if the trace has no position."""
+    names = ("x_m", "y_m", "altitude_m")
+    if any(name not in trace.signals for name in names):
+        return np.empty((0, 3), dtype=np.float32)
+    return np.stack([trace.array(name)[at] for name in names], axis=1)
+
+
+def _geometry(work: RecordWork, trace: Trace, at: NDArray[np.intp], start_ns: int) -> list[_Message]:
+    track = _track(trace, at)
+    stamp = _stamp(start_ns)
+    entities = scene.obstacles(work.test_case.scenario.obstacles) + scene.mission(_mission(work.test_case))
+    distance = trace.array("obstacle_distance_m")[at] if "obstacle_distance_m" in trace.signals else None
+    entities += scene.path(track, distance)
+    if distance is not None and len(track) and work.test_case.scenario.obstacles:
+        nearest = int(distance.argmin())
+        text = f"{distance[nearest]:.2f} m at {at[nearest] * trace.step_s:.1f} s"
+        x_m, y_m, z_m = track[nearest].tolist()
+        entities.append(scene.closest((x_m, y_m, z_m), text))
+    update = scene.scene(stamp, entities)
+    update.entities.append(scene.vehicle(stamp))
+    messages = [_Message(start_ns, "/scene", update)]
+    if len(track):
+        path = PosesInFrame(
+            timestamp=stamp, frame_id=frames.MAP, poses=[frames.pose(x, y, z) for x, y, z in track.tolist()]
+        )
+        messages.append(_Message(start_ns, "/path", path))
+        messages += _motion(work.test_case, trace, at, track, start_ns)
+    return messages
+
+
+def _mission(test_case: TestCase) -> list[scene.Place]:
+    mission = test_case.scenario.mission
+    return [(0.0, 0.0, 0.0), *((p.x_m, p.y_m, p.z_m) for p in waypoints(mission))] if mission is not None else []
+
+
+def _motion(
+    test_case: TestCase, trace: Trace, at: NDArray[np.intp], track: NDArray[np.float32], start_ns: int
+) -> list[_Message]:
+    zeros = np.zeros(len(at), dtype=np.float32)
+    names = ("roll_deg", "pitch_deg", "yaw_deg")
+    angles = np.stack([trace.array(name)[at] if name in trace.signals else zeros for name in names], axis=1)
+    mission = test_case.scenario.mission
+    messages = []
+    for index, (x_m, y_m, z_m), (roll, pitch, yaw) in zip(at.tolist(), track.tolist(), angles.tolist(), strict=True):
+        at_ns = start_ns + round(index * trace.step_s * _NS)
+        stamp, rotation = _stamp(at_ns), frames.attitude(roll, pitch, yaw)
+        pose = PoseInFrame(timestamp=stamp, frame_id=frames.MAP, pose=frames.pose(x_m, y_m, z_m, rotation))
+        shift = Vector3(x=y_m, y=x_m, z=z_m)
+        step = FrameTransform(
+            timestamp=stamp,
+            parent_frame_id=frames.MAP,
+            child_frame_id=frames.VEHICLE,
+            translation=shift,
+            rotation=rotation,
+        )
+        messages += [_Message(at_ns, "/pose", pose), _Message(at_ns, "/tf", FrameTransforms(transforms=[step]))]
+        if mission is not None:
+            lat, lon = to_geographic(x_m, y_m, mission.home_lat_deg, mission.home_lon_deg)
+            height = mission.home_alt_m + z_m
+            fix = LocationFix(timestamp=stamp, frame_id=frames.MAP, latitude=lat, longitude=lon, altitude=height)
+            messages.append(_Message(at_ns, "/location", fix))
+    return messages
+
+
+def _texts(work: RecordWork, trace: Trace, start_ns: int) -> list[_Message]:
+    end_ns = start_ns + round(trace.duration_s * _NS)
+    messages = [
+        _log(start_ns + round(message.at_s * _NS), _LEVELS[message.severity], "autopilot", message.text)
+        for message in trace.messages
+    ]
+    for stimulus in work.test_case.stimuli:
+        values = " ".join(f"{value:g}" for value in stimulus.values)
+        text = f"{stimulus.kind} {stimulus.name} {values}".rstrip()
+        messages.append(_log(start_ns + round(stimulus.at_s * _NS), Log.INFO, "stimulus", text))
+    for verdict in work.judgement.verdicts:
+        messages += _verdict(verdict, start_ns)
+    messages.append(_log(end_ns, Log.INFO, "flight", f"{work.flight.ending} {work.flight.message}".strip()))
+    return messages
+
+
+def _verdict(verdict: Verdict, start_ns: int) -> list[_Message]:
+    at_ns = start_ns + round(max(0.0, verdict.witness_from_s) * _NS)
+    level = Log.ERROR if verdict.outcome == "violated" else Log.INFO
+    text = f"{verdict.policy} {verdict.outcome}, robustness {verdict.robustness:.3g}. {verdict.message}".strip()
+    record = {"policy": verdict.policy, "outcome": verdict.outcome, "witness_to_s": verdict.witness_to_s}
+    if np.isfinite(verdict.robustness):
+        record["robustness"] = verdict.robustness
+    return [_log(at_ns, level, "oracle", text), _Message(at_ns, "/verdict", json.dumps(record).encode())]
+
+
+def _log(at_ns: int, level: Log.Level.ValueType, name: str, text: str) -> _Message:
+    return _Message(at_ns, "/log", Log(timestamp=_stamp(at_ns), level=level, name=name, message=text))
+
+
+def _plots(trace: Trace, at: NDArray[np.intp], start_ns: int) -> list[_Message]:
+    times = [start_ns + round(index * trace.step_s * _NS) for index in at.tolist()]
+    return [
+        _Message(at_ns, topic, record)
+        for topic, names in scalars.groups(trace).items()
+        for at_ns, record in zip(times, scalars.records(trace, names, at), strict=True)
+    ]

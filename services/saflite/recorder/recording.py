@@ -1,0 +1,122 @@
+"""Read a recording back: test case, flight, verdicts and the bit-exact trace it carries."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from pathlib import Path
+from typing import NamedTuple, TypeVar
+
+import msgspec
+
+from saflite.contract.errors import Refused
+from saflite.contract.flight import Flight, Trace, unpack_trace
+from saflite.contract.test_case import TestCase
+from saflite.contract.verdict import Judgement
+
+T = TypeVar("T")
+_MAGIC = b"\x89MCAP0\r\n"
+_FOOTER, _DATA_END = struct.Struct("<BQQQI"), struct.Struct("<BQI")
+_TAIL = _FOOTER.size + len(_MAGIC)
+
+
+class Recording(NamedTuple):
+    """What a recording attaches."""
+
+    test_case: TestCase
+    flight: Flight
+    judgement: Judgement
+    trace: Trace
+
+
+def read(path: Path) -> Recording:
+    """Return what the recording holds; every checksum is verified on the way.
+
+    Raises:
+        Refused: the file is missing, truncated, damaged, or no recording of a flight.
+    """
+    parts = _attachments(path)
+    return Recording(
+        test_case=_decoded(parts, "test_case.json", TestCase, path),
+        flight=_decoded(parts, "flight.json", Flight, path),
+        judgement=_decoded(parts, "judgement.json", Judgement, path),
+        trace=unpack_trace(_part(parts, "trace.bin", path)),
+    )
+
+
+def verify(path: Path) -> int:
+    """Return the number of messages after reading the whole file with its checksums; raises Refused if damaged."""
+    from mcap.reader import make_reader
+
+    try:
+        _check_sums(path)
+        with path.open("rb") as file:
+            reader = make_reader(file, validate_crcs=True)
+            summary = reader.get_summary()
+            count = sum(1 for _ in reader.iter_messages())
+    except _faults() as fault:
+        raise _damaged(path, fault) from fault
+    if summary is None or summary.statistics is None or summary.statistics.message_count != count:
+        raise _damaged(path, f"{count} messages, not as many as its summary says")
+    return count
+
+
+def _attachments(path: Path) -> dict[str, bytes]:
+    from mcap.reader import make_reader
+
+    try:
+        _check_sums(path)
+        with path.open("rb") as file:
+            reader = make_reader(file, validate_crcs=True)
+            if reader.get_summary() is None:
+                raise _damaged(path, "no summary at its end")
+            return {attachment.name: bytes(attachment.data) for attachment in reader.iter_attachments()}
+    except _faults() as fault:
+        raise _damaged(path, fault) from fault
+
+
+def _check_sums(path: Path) -> None:
+    """Raise ValueError unless the two checksums that together cover every byte are right.
+
+    The reader checks chunks and attachments only. Layout after the MCAP specification: DataEnd (13 bytes, checksum of
+    all before it), summary, footer (29 bytes, checksum of the summary and of the footer before it), magic.
+    """
+    data = path.read_bytes()
+    if len(data) < _TAIL + len(_MAGIC) or not data.startswith(_MAGIC) or not data.endswith(_MAGIC):
+        raise ValueError("it does not begin and end as MCAP files do")
+    opcode, _, summary, _, summary_sum = _FOOTER.unpack_from(data, len(data) - _TAIL)
+    end = len(data) - _TAIL
+    if opcode != 0x02 or not len(_MAGIC) + _DATA_END.size <= summary <= end:
+        raise ValueError("no footer")
+    data_end, _, data_sum = _DATA_END.unpack_from(data, summary - _DATA_END.size)
+    if data_end != 0x0F or (data_sum and zlib.crc32(data[: summary - _DATA_END.size]) != data_sum):
+        raise ValueError("checksum of the data section")
+    if summary_sum and zlib.crc32(data[summary : len(data) - len(_MAGIC) - 4]) != summary_sum:
+        raise ValueError("checksum of the summary")
+
+
+def _faults() -> tuple[type[Exception], ...]:
+    """Return what the reader raises on damaged files; which one depends on where the damage is."""
+    from mcap.exceptions import McapError
+    from zstandard import ZstdError
+
+    plain = (OSError, EOFError, struct.error, ValueError, RuntimeError, LookupError, OverflowError, MemoryError)
+    return (*plain, McapError, ZstdError)
+
+
+def _part(parts: dict[str, bytes], name: str, path: Path) -> bytes:
+    if name not in parts:
+        raise Refused("recording", where=str(path), expected=f"an attachment {name}", got=", ".join(parts) or "none")
+    return parts[name]
+
+
+def _decoded(parts: dict[str, bytes], name: str, kind: type[T], path: Path) -> T:
+    try:
+        return msgspec.json.decode(_part(parts, name, path), type=kind)
+    except msgspec.MsgspecError as fault:
+        raise Refused("recording", where=f"{path}, {name}", expected=f"a {kind.__name__}", got=str(fault)) from fault
+
+
+def _damaged(path: Path, fault: object) -> Refused:
+    got = f"a truncated or damaged file ({fault})" if str(fault) else "a truncated or damaged file"
+    return Refused("recording", where=str(path), expected="a whole MCAP file", got=got)

@@ -1,0 +1,61 @@
+"""The named signals of a trace as flat JSON records, one topic per group, ready to plot."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saflite.contract.flight import Trace
+from saflite.contract.signals import SIGNALS
+
+_GROUPS: dict[str, tuple[str, ...]] = {
+    "/position": ("x_m", "y_m", "altitude_m", "vx_mps", "vy_mps", "climb_mps", "home_distance_m"),
+    "/attitude": ("roll_deg", "pitch_deg", "yaw_deg", "roll_rate_dps", "pitch_rate_dps", "yaw_rate_dps"),
+    "/safety": ("obstacle_distance_m", "contact", "chute_released"),
+    "/autopilot": ("mode", "armed", "landed", "throttle", "mission_item", "mission_count", "taken_off", "takeoff"),
+}
+
+
+def group_of(name: str) -> str:
+    """Return the topic a signal is recorded under."""
+    for topic, names in _GROUPS.items():
+        if name in names:
+            return topic
+    if "_set_" in name or name.startswith("fs_"):
+        return "/settings"
+    if "_est_" in name or "_target_" in name:
+        return "/estimate"
+    return "/failsafe" if name.startswith("failsafe") else "/sensors"
+
+
+def groups(trace: Trace) -> dict[str, tuple[str, ...]]:
+    """Return the signals of a trace by topic, sorted."""
+    found: dict[str, list[str]] = {}
+    for name in sorted(trace.signals):
+        found.setdefault(group_of(name), []).append(name)
+    return {topic: tuple(names) for topic, names in sorted(found.items())}
+
+
+def schema(names: tuple[str, ...]) -> bytes:
+    """Return the JSON Schema of a record holding the named signals."""
+    properties = {name: {"type": "number", "description": _meaning(name)} for name in names}
+    return json.dumps({"type": "object", "properties": {"time_s": {"type": "number"}, **properties}}).encode()
+
+
+def records(trace: Trace, names: tuple[str, ...], at: NDArray[np.intp]) -> Iterator[bytes]:
+    """Yield one JSON record per sample index in `at`; values that are no number are left out (JSON has none)."""
+    columns = [np.round(trace.array(name)[at].astype(float), 5).tolist() for name in names]
+    for index, values in zip(at.tolist(), zip(*columns, strict=True), strict=True):
+        record = {"time_s": round(index * trace.step_s, 6)}
+        record.update((name, value) for name, value in zip(names, values, strict=True) if np.isfinite(value))
+        yield json.dumps(record, separators=(",", ":")).encode()
+
+
+def _meaning(name: str) -> str:
+    signal = SIGNALS.get(name)
+    if signal is None:
+        return ""
+    return f"{signal.meaning} [{signal.unit}]" if signal.unit else signal.meaning

@@ -1,0 +1,166 @@
+"""A recording holds the flight bit for bit, in schemas others read, and damage is noticed."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
+from saflite.contract.errors import Refused
+from saflite.contract.flight import Flight, Trace, TraceMessage, pack_trace, trace_digest
+from saflite.contract.test_case import Obstacle, Scenario, Stimulus, Target, TestCase, identity
+from saflite.contract.verdict import Judgement, Verdict
+from saflite.contract.work import RecordResult, RecordWork
+from saflite.flight.mission import builtin_mission, mission_names
+from saflite.recorder import frames, mcap, recording
+from saflite.recorder.work import open_service
+
+START_UNIX_S = 1_790_000_000.25
+
+
+class FixedClock:
+    def monotonic_s(self) -> float:
+        return 0.0
+
+    def unix_s(self) -> float:
+        return START_UNIX_S
+
+
+def signal(values: np.ndarray) -> bytes:
+    return values.astype("<f4").tobytes()
+
+
+def record_work(seconds: float = 10.0) -> RecordWork:
+    times = np.arange(0.0, seconds, 0.02)
+    trace = Trace(
+        step_s=0.02,
+        signals={
+            "x_m": signal(times * 0.0),
+            "y_m": signal(times * 2.0),
+            "altitude_m": signal(np.full_like(times, 10.0)),
+            "roll_deg": signal(5.0 * np.sin(times)),
+            "pitch_deg": signal(0.0 * times),
+            "yaw_deg": signal(np.full_like(times, 90.0)),
+            "obstacle_distance_m": signal(np.abs(times - 5.0) + 0.5),
+            "odd_m": signal(np.where(times < 1.0, np.nan, 1.0)),
+        },
+        messages=(TraceMessage(at_s=1.0, text="taking off"),),
+    )
+    mission = builtin_mission(mission_names()[0])
+    box = Obstacle(length_m=10.0, width_m=4.0, height_m=20.0, x_m=5.0, y_m=20.0, rotation_deg=30.0)
+    case = TestCase(
+        target=Target(),
+        scenario=Scenario(mission=mission, obstacles=(box,)),
+        stimuli=(Stimulus(at_s=2.0, kind="mode", name="RTL"),),
+    )
+    flight = Flight(
+        test_case=identity(case),
+        flight_index=0,
+        ending="completed",
+        simulated_s=seconds,
+        trace_digest=trace_digest(trace),
+    )
+    verdict = Verdict(policy="min-obstacle-distance", outcome="violated", robustness=-1.0, witness_from_s=5.0)
+    judgement = Judgement(test_case=flight.test_case, flight_index=0, verdicts=(verdict,), fingerprint="ab")
+    return RecordWork(test_case=case, flight=flight, judgement=judgement, trace=pack_trace(trace))
+
+
+@pytest.fixture(scope="module")
+def work() -> RecordWork:
+    return record_work()
+
+
+@pytest.fixture(scope="module")
+def data(work: RecordWork) -> bytes:
+    return mcap.write(work, START_UNIX_S)
+
+
+def test_what_is_recorded_is_read_back_bit_for_bit(work: RecordWork, data: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "flight.mcap"
+    path.write_bytes(data)
+    back = recording.read(path)
+    assert back.test_case == work.test_case
+    assert back.flight == work.flight
+    assert trace_digest(back.trace) == work.flight.trace_digest
+    assert recording.verify(path) > 1000
+
+
+def test_an_independent_decoder_reads_the_well_known_schemas(data: bytes) -> None:
+    reader = make_reader(io.BytesIO(data), validate_crcs=True, decoder_factories=[DecoderFactory()])
+    kinds: dict[str, str] = {}
+    stamps = []
+    for schema, channel, message in reader.iter_messages():
+        kinds[channel.topic] = schema.name
+        stamps.append(message.log_time)
+    assert kinds["/scene"] == "foxglove.SceneUpdate"
+    assert kinds["/tf"] == "foxglove.FrameTransforms"
+    assert kinds["/pose"] == "foxglove.PoseInFrame"
+    assert kinds["/path"] == "foxglove.PosesInFrame"
+    assert kinds["/log"] == "foxglove.Log"
+    assert {"/position", "/attitude", "/safety", "/verdict"} <= set(kinds)
+    assert min(stamps) == int(START_UNIX_S * 1e9)
+
+
+def test_boxes_and_vehicle_stand_where_the_test_case_says(data: bytes) -> None:
+    reader = make_reader(io.BytesIO(data), decoder_factories=[DecoderFactory()])
+    scene = next(message for *_, message in reader.iter_decoded_messages(topics=["/scene"]))
+    cube = next(entity for entity in scene.entities if entity.id == "obstacle-1").cubes[0]
+    assert (cube.pose.position.x, cube.pose.position.y, cube.pose.position.z) == (20.0, 5.0, 10.0)
+    turn = 2 * math.atan2(cube.pose.orientation.z, cube.pose.orientation.w)
+    assert math.degrees(turn) == pytest.approx(60.0)  # 30 degrees from north to east is 60 from east to north
+    *_, last = [message for *_, message in reader.iter_decoded_messages(topics=["/pose"])]
+    assert last.pose.position.x == pytest.approx(2.0 * 9.98, abs=1e-4)
+    assert last.pose.orientation.w == pytest.approx(math.cos(math.radians(last_roll()) / 2), abs=1e-4)
+
+
+def last_roll() -> float:
+    return 5.0 * math.sin(9.98)
+
+
+def test_scalars_are_flat_json_without_nan(data: bytes) -> None:
+    reader = make_reader(io.BytesIO(data))
+    rows = [json.loads(message.data) for *_, message in reader.iter_messages(topics=["/sensors"])]
+    assert "odd_m" not in rows[0]
+    assert rows[-1]["odd_m"] == 1.0
+    assert all(isinstance(value, int | float) for row in rows for value in row.values())
+
+
+def test_pitch_up_turns_the_nose_up() -> None:
+    rotation = frames.attitude(0.0, 90.0, 90.0)  # heading east, nose straight up: forward points along map z
+    x, y, z, w = rotation.x, rotation.y, rotation.z, rotation.w
+    forward = (1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y))
+    assert forward == pytest.approx((0.0, 0.0, 1.0), abs=1e-9)
+
+
+@pytest.mark.parametrize("keep", [0.0, 0.3, 0.7, 0.999])
+def test_a_truncated_recording_is_refused_by_name(data: bytes, tmp_path: Path, keep: float) -> None:
+    path = tmp_path / "short.mcap"
+    path.write_bytes(data[: int(len(data) * keep)])
+    with pytest.raises(Refused, match=r"short\.mcap.*truncated or damaged"):
+        recording.read(path)
+
+
+def test_flipped_bytes_are_noticed(data: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "flipped.mcap"
+    for place in range(100, len(data), max(1, len(data) // 25)):
+        path.write_bytes(data[:place] + bytes([data[place] ^ 0x55]) + data[place + 1 :])
+        with pytest.raises(Refused):
+            recording.verify(path)
+            recording.read(path)
+
+
+def test_a_second_recorder_reports_the_first_ones_file(work: RecordWork, tmp_path: Path) -> None:
+    class Later(FixedClock):
+        def unix_s(self) -> float:
+            return START_UNIX_S + 60.0
+
+    first = open_service(tmp_path, FixedClock()).do(work, lambda: False)
+    second = open_service(tmp_path, Later()).do(work, lambda: False)
+    assert isinstance(first, RecordResult)
+    assert first == second
+    assert [path.name for path in (tmp_path / "recordings").iterdir()] == [f"{work.flight.test_case}-0.mcap"]
