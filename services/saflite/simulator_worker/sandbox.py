@@ -21,7 +21,7 @@ from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.service import Cancelled
 from saflite.contract.test_case import TestCase
 from saflite.simulator_worker.child import Landed, Order, Ready
-from saflite.simulator_worker.processes import adopt_orphans, kill_strays, signal_group
+from saflite.simulator_worker.processes import adopt_orphans, children, kill_strays, signal_group
 
 log = logging.getLogger(__name__)
 
@@ -41,6 +41,7 @@ class Sandbox:
         self._pipe: Connection | None = None
         self._flights = 0
         adopt_orphans()
+        self._bystanders = set(children(os.getpid()))
 
     def targets(self) -> tuple[str, ...]:
         """Return the targets the child can fly, starting it; raises Unavailable if it does not come up."""
@@ -102,7 +103,7 @@ class Sandbox:
     def _tidy(self) -> None:
         """Kill what the flight left behind, and the child itself when it has flown often enough."""
         process = self._process
-        strays = kill_strays({process.pid} if process is not None else set())
+        strays = kill_strays(self._bystanders | ({process.pid} if process is not None else set()))
         if strays:
             log.warning("flight left %d processes behind; killed", len(strays))
         if self._flights >= RECYCLE_FLIGHTS:
@@ -150,7 +151,7 @@ class Sandbox:
             log.info("simulator process %d ignores SIGTERM", process.pid)
         signal_group(process.pid, signal.SIGKILL)
         process.wait()
-        kill_strays(())
+        kill_strays(self._bystanders)
         return "killed" if died is None else _words(died)
 
 

@@ -1,0 +1,201 @@
+"""The shell around the books: one thread that drains its inbox, handles all, commits once, then answers and announces.
+
+Long polls that find nothing are parked and tried again whenever the books have changed. Nothing is answered before
+the commit that covers it; while the disk does not take a commit, nothing new is handed out and results stay with the
+workers.
+"""
+
+from __future__ import annotations
+
+import logging
+import queue
+from typing import NamedTuple, TypeVar
+
+import msgspec
+
+from saflite.bus.base import Bus, Happening, Presence, Request
+from saflite.campaign.state import Books
+from saflite.campaign.store import Batch, Store
+from saflite.contract import topics, wire
+from saflite.contract.clock import Clock
+from saflite.contract.control import Answer, Control
+from saflite.contract.errors import Refused, Unavailable
+from saflite.contract.events import kind_of
+from saflite.contract.work import Ask, Grant, Heartbeat, Report
+from saflite.runtime.parking import Parking
+
+log = logging.getLogger(__name__)
+
+DRAIN_MAX = 512
+TICK_S = 0.1
+COMMIT_RETRY_S = 0.5
+LINGER_S = 3.0  # how long the books of an ended campaign still answer
+BLOCKED_RETRY_S = 1.0
+
+T = TypeVar("T", bound=msgspec.Struct)
+
+
+class _Stop(NamedTuple):
+    """A signal asked for the end."""
+
+    why: str
+
+
+class BooksService:
+    """Serves one campaign's books on a bus."""
+
+    def __init__(self, bus: Bus, campaign: str, books: Books, store: Store, clock: Clock) -> None:
+        self._bus, self._campaign, self._books, self._store, self._clock = bus, campaign, books, store, clock
+        self._prefix = topics.prefix(campaign)
+        self._inbox: queue.SimpleQueue[Happening | _Stop] = queue.SimpleQueue()
+        self._parking = Parking()
+        self._outbox: list[tuple[Request, msgspec.Struct]] = []
+        self._blocked: Batch | None = None
+        self._commit_s = 0.0
+        self._ended_s: float | None = None
+        self._stopping = ""
+
+    def stop(self, why: str) -> None:
+        """Ask for a clean end: what is committed stays, the campaign can be resumed. Signal-safe."""
+        self._inbox.put(_Stop(why))
+
+    def open(self) -> None:
+        """Start listening on the bus."""
+        for stage_topic in ("work/*", "result/*", "beat/*", "control/*"):
+            self._bus.serve(f"{self._prefix}/{stage_topic}", self._inbox.put)
+        self._bus.watch(f"{self._prefix}/alive/**", self._inbox.put)
+
+    def run(self) -> str:
+        """Serve until the campaign is over and everybody was told, or until stopped; returns why."""
+        self.open()
+        while True:
+            self.step(TICK_S)
+            if self._stopping:
+                return self._stopping
+            if self._ended_s is not None and self._clock.monotonic_s() > self._ended_s + LINGER_S:
+                return "the campaign is over"
+
+    def step(self, wait_s: float) -> int:
+        """Handle what is in the inbox, waiting up to `wait_s` for the first of it; returns how much there was."""
+        happenings = self._drained(wait_s)
+        now_s = self._clock.monotonic_s()
+        for happening in happenings:
+            self._take(happening, now_s)
+        if self._blocked is None:
+            self._books.tick(now_s)
+            self._unpark(now_s)
+        self._settle(now_s)
+        return len(happenings)
+
+    def _drained(self, wait_s: float) -> list[Happening | _Stop]:
+        happenings: list[Happening | _Stop] = []
+        try:
+            happenings.append(self._inbox.get(timeout=wait_s))
+            while len(happenings) < DRAIN_MAX:
+                happenings.append(self._inbox.get_nowait())
+        except queue.Empty:
+            return happenings
+        return happenings
+
+    # -- in -------------------------------------------------------------------------------------------------------
+
+    def _take(self, happening: Happening | _Stop, now_s: float) -> None:
+        if isinstance(happening, _Stop):
+            self._stopping = happening.why
+        elif isinstance(happening, Presence):
+            self._on_presence(happening, now_s)
+        elif not isinstance(happening, tuple):
+            self._on_request(happening, now_s)
+
+    def _on_presence(self, presence: Presence, now_s: float) -> None:
+        stage, _, worker = presence.key.removeprefix(f"{self._prefix}/alive/").partition("/")
+        if presence.present:
+            self._books.present(worker, stage, now_s)
+        else:
+            self._parking.forget(worker)
+            self._books.absent(worker, stage, now_s)
+
+    def _on_request(self, request: Request, now_s: float) -> None:
+        kind = request.key.removeprefix(f"{self._prefix}/").partition("/")[0]
+        try:
+            if kind == "work":
+                self._on_ask(request, wire.decode(request.payload, Ask), now_s)
+            elif kind == "beat":
+                self._answer(request, self._books.beat(wire.decode(request.payload, Heartbeat), now_s))
+            elif kind == "result":
+                self._on_report(request, wire.decode(request.payload, Report), now_s)
+            elif kind == "control":
+                self._on_control(request, wire.decode(request.payload, Control), now_s)
+        except Refused as fault:
+            log.warning("message from %s on %s: %s", request.sender, request.key, fault)
+            request.refuse(str(fault))
+            if self._blocked is None:
+                self._books.fault(f"{request.sender} on {kind}", str(fault), now_s)
+
+    def _on_ask(self, request: Request, ask: Ask, now_s: float) -> None:
+        if self._blocked is not None:
+            request.reply(wire.encode(Grant(retry_after_s=BLOCKED_RETRY_S)))
+        elif not self._grant(request, ask, now_s) and not self._parking.park(request, ask, now_s):
+            self._answer(request, Grant())
+
+    def _on_report(self, request: Request, report: Report, now_s: float) -> None:
+        if self._blocked is None:  # otherwise the worker keeps it and sends it again
+            self._answer(request, self._books.report(report, now_s))
+
+    def _on_control(self, request: Request, control: Control, now_s: float) -> None:
+        if self._blocked is None:
+            self._answer(request, self._books.control(control, now_s))
+        elif control.verb == "status":
+            status = self._books.status(now_s)
+            request.reply(wire.encode(Answer(accepted=True, status=status, message="the store takes no writes")))
+        else:
+            request.reply(wire.encode(Answer(accepted=False, message="the store takes no writes; try again")))
+
+    # -- long polls -----------------------------------------------------------------------------------------------
+
+    def _grant(self, request: Request, ask: Ask, now_s: float) -> bool:
+        grant = self._books.ask(ask, now_s)
+        if not grant.leases and not grant.stop:
+            return False
+        self._answer(request, grant)
+        return True
+
+    def _unpark(self, now_s: float) -> None:
+        """Try the parked polls of each stage, oldest first, until the books have nothing more for that stage."""
+        for line in self._parking.lines():
+            for parked in self._parking.to_try(line):
+                if self._grant(parked.request, parked.ask, now_s):
+                    self._parking.granted(line, parked)
+                elif not self._parking.passed_over(line, parked):
+                    break
+        for parked in self._parking.expired(now_s):
+            if not self._grant(parked.request, parked.ask, now_s):
+                self._answer(parked.request, Grant(retry_after_s=0.0))
+
+    # -- out ------------------------------------------------------------------------------------------------------
+
+    def _answer(self, request: Request, message: msgspec.Struct) -> None:
+        self._outbox.append((request, message))
+
+    def _settle(self, now_s: float) -> None:
+        """Commit what has changed, then send the answers and announce the facts."""
+        if self._blocked is not None and now_s < self._commit_s:
+            return
+        batch = self._blocked if self._blocked is not None else self._books.drain()
+        try:
+            self._store.commit(batch)
+        except Unavailable as fault:
+            if self._blocked is None:
+                log.error("nothing is handed out until the store takes writes again: %s", fault)
+            self._blocked, self._commit_s = batch, now_s + COMMIT_RETRY_S
+            return
+        if self._blocked is not None:
+            log.warning("the store takes writes again")
+            self._blocked = None
+        outbox, self._outbox = self._outbox, []
+        for request, message in outbox:
+            request.reply(wire.encode(message))
+        for event in batch.events:
+            self._bus.announce(topics.event(self._campaign, kind_of(event.fact)), wire.encode(event))
+        if self._ended_s is None and self._books.ended:
+            self._ended_s = now_s

@@ -1,0 +1,158 @@
+"""What a person's tool needs of a running farm: its status, orders to it, its events from any point on."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import queue
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TypeVar
+
+import msgspec
+
+from saflite.bus.base import Bus, Happening, Reply, Sample
+from saflite.contract import topics, wire
+from saflite.contract.clock import Clock
+from saflite.contract.control import Answer, Control, Status, Verb
+from saflite.contract.errors import Refused, Unavailable
+from saflite.contract.events import Event
+from saflite.runtime.clock import WallClock
+
+FARM_FILE = "farm.json"
+ANSWER_S = 5.0
+RETRY_S = 0.2
+QUIET_S = 1.0  # after this long without a fact the books are asked whether one was missed
+
+T = TypeVar("T")
+
+
+class FarmInfo(msgspec.Struct, frozen=True, kw_only=True):
+    """Where a farm is reached; `farm.json` in the run folder."""
+
+    campaign: str
+    endpoint: str
+    pid: int
+    processes: dict[str, int] = {}
+
+
+def write_info(run_dir: Path, info: FarmInfo) -> None:
+    """Write `farm.json`, whole or not at all."""
+    part = run_dir / f"{FARM_FILE}.part"
+    part.write_bytes(msgspec.json.format(msgspec.json.encode(info)))
+    part.replace(run_dir / FARM_FILE)
+
+
+def read_info(run_dir: Path) -> FarmInfo:
+    """Return what `farm.json` says; raises Refused if there is none or it is damaged."""
+    path = run_dir / FARM_FILE
+    try:
+        return msgspec.json.decode(path.read_bytes(), type=FarmInfo)
+    except (OSError, msgspec.MsgspecError, json.JSONDecodeError) as fault:
+        raise Refused("run folder", where=str(run_dir), expected="one of a running farm", got=str(fault)) from fault
+
+
+class FarmClient:
+    """A connection to a running farm. Not for use from several threads."""
+
+    def __init__(self, bus: Bus, campaign: str, clock: Clock | None = None) -> None:
+        self._bus, self._campaign = bus, campaign
+        self._clock: Clock = clock or WallClock()
+        self._inbox: queue.SimpleQueue[Happening] = queue.SimpleQueue()
+        self._facts: queue.SimpleQueue[Happening] = queue.SimpleQueue()
+        self._count = itertools.count()
+
+    @classmethod
+    def connect(cls, endpoint: str, campaign: str, *, tries: int | None = 3) -> FarmClient:
+        """Return a client of the farm at `endpoint`; raises Unavailable if it is not reached."""
+        from saflite.bus.zenoh import open_client  # noqa: PLC0415 (a heavy import, only where it is needed)
+
+        return cls(open_client("console", endpoint, tries=tries), campaign)
+
+    @classmethod
+    def of_run(cls, run_dir: Path) -> FarmClient:
+        """Return a client of the farm that works in `run_dir`."""
+        info = read_info(run_dir)
+        return cls.connect(info.endpoint, info.campaign)
+
+    def order(self, verb: Verb, text: str = "", number: int = 0, *, within_s: float = 30.0) -> Answer:
+        """Give an order and return the answer; asks again while nobody answers.
+
+        Raises:
+            Unavailable: no answer within `within_s`.
+        """
+        payload = wire.encode(Control(verb=verb, text=text, number=number))
+        until_s = self._clock.monotonic_s() + within_s
+        while True:
+            tag = next(self._count)
+            self._bus.ask(topics.control(self._campaign, verb), payload, tag, self._inbox.put, ANSWER_S)
+            reply = self._reply(tag)
+            if reply.payload is not None:
+                return wire.decode(reply.payload, Answer)
+            if reply.refused:
+                raise Refused("order", expected="one the books can read", got=reply.refused)
+            if self._clock.monotonic_s() >= until_s:
+                raise Unavailable(f"the books of {self._campaign} did not answer for {within_s:.0f} s")
+            self._pause(RETRY_S)
+
+    def status(self, *, within_s: float = 30.0) -> Status:
+        """Return the campaign at a glance; raises Unavailable if the books do not answer."""
+        status = self.order("status", within_s=within_s).status
+        assert status is not None, "an answer to `status` holds one"
+        return status
+
+    def watch(self, from_seq: int = 0, *, patience_s: float = 30.0) -> Iterator[Event]:
+        """Yield every event from `from_seq` on, in order, none twice, none left out; ends when the campaign has ended.
+
+        Raises:
+            Unavailable: the books did not answer for `patience_s`.
+        """
+        self._bus.follow(topics.event(self._campaign, "*"), self._facts.put)
+        early: dict[int, Event] = {}
+        wanted = from_seq
+        while True:
+            for event in self._missed(wanted, patience_s) if wanted not in early else ():
+                early[event.seq] = event
+            while wanted in early:
+                event = early.pop(wanted)
+                wanted += 1
+                yield event
+                if getattr(event.fact, "state", "") == "ended":
+                    return
+            self._collect(early, wanted)
+
+    def close(self) -> None:
+        """Leave the bus."""
+        self._bus.close()
+
+    def _missed(self, from_seq: int, patience_s: float) -> list[Event]:
+        answer = self.order("events", number=from_seq, within_s=patience_s)
+        return [wire.decode(data, Event) for data in answer.events]
+
+    def _collect(self, early: dict[int, Event], wanted: int) -> None:
+        """Take live facts until the wanted one is there, a gap shows, or all is quiet."""
+        until_s = self._clock.monotonic_s() + QUIET_S
+        while wanted not in early:
+            left_s = until_s - self._clock.monotonic_s()
+            if left_s <= 0:
+                return
+            try:
+                fact = self._facts.get(timeout=left_s)
+            except queue.Empty:
+                return
+            event = wire.decode(fact.payload, Event) if isinstance(fact, Sample) else None
+            if event is not None and event.seq >= wanted:
+                early[event.seq] = event
+                until_s = min(until_s, self._clock.monotonic_s() + RETRY_S)  # a gap is filled from the books, soon
+
+    def _reply(self, tag: int) -> Reply:
+        while True:
+            reply = self._inbox.get()
+            if isinstance(reply, Reply) and reply.tag == tag:
+                return reply
+
+    def _pause(self, duration_s: float) -> None:
+        try:
+            self._inbox.get(timeout=duration_s)
+        except queue.Empty:
+            return

@@ -1,0 +1,133 @@
+"""One role of the farm as a process: `python -m saflite.runtime.serve ROLE --campaign NAME --connect ENDPOINT ...`.
+
+Roles: books (with the router), router (alone), and the stages mutate, score, fly, judge, record. A role ends with
+code 0 when it was told to stop or the campaign is over, 2 on refused input, 3 where something it needs is missing,
+70 when our own code broke (the launcher starts it again, its leases are freed at once).
+"""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import signal
+import sys
+import traceback
+from collections.abc import Callable
+from pathlib import Path
+from typing import NoReturn, get_args
+
+from saflite.bus.zenoh import leave_process, open_client, open_router
+from saflite.contract.errors import FarmError, Refused
+from saflite.contract.work import Stage
+from saflite.runtime.clock import WallClock
+from saflite.runtime.spool import Spool
+from saflite.runtime.stages import Surroundings, habits_of, open_stage
+from saflite.runtime.worker_shell import WorkerShell
+from saflite.simulator_worker.processes import die_with_parent
+
+log = logging.getLogger(__name__)
+
+EXIT_FINE, EXIT_REFUSED, EXIT_UNAVAILABLE, EXIT_BROKEN = 0, 2, 3, 70
+
+
+def parser() -> argparse.ArgumentParser:
+    """Return the parser of the command line."""
+    text = argparse.ArgumentParser(prog="python -m saflite.runtime.serve", description=__doc__.partition("\n")[0])
+    text.add_argument("role", choices=["books", "router", *get_args(Stage)])
+    text.add_argument("--campaign", required=True, help="name of the campaign")
+    text.add_argument("--connect", default="", help="router to connect to, e.g. tcp/127.0.0.1:7447")
+    text.add_argument("--listen", default="", help="where the router listens (books, router)")
+    text.add_argument("--worker", default="", help="name of this worker, its own in the farm")
+    text.add_argument("--run-dir", type=Path, help="run folder (books, record)")
+    text.add_argument("--spool", type=Path, help="folder for results not yet acknowledged")
+    text.add_argument("--target-module", type=Path, action="append", default=[], help="target from outside (fly)")
+    text.add_argument("--parent", type=int, default=0, help="end when this process ends")
+    return text
+
+
+def main(argv: list[str]) -> NoReturn:
+    """Run one role until it ends, then end the process."""
+    options = parser().parse_args(argv)
+    logging.basicConfig(
+        level=logging.INFO, stream=sys.stderr, format="%(asctime)s %(levelname).1s %(name)s: %(message)s"
+    )
+    if options.parent:
+        die_with_parent(options.parent)
+    code = EXIT_BROKEN
+    try:
+        code = _run(options)
+    except Refused as fault:
+        log.error("%s", fault)
+        code = EXIT_REFUSED
+    except FarmError as fault:
+        log.error("%s", fault)
+        code = EXIT_UNAVAILABLE
+    finally:
+        if code == EXIT_BROKEN:
+            traceback.print_exc()
+        leave_process(code)
+
+
+def _run(options: argparse.Namespace) -> int:
+    if options.role == "books":
+        why = _books(options)
+    elif options.role == "router":
+        why = _router(options)
+    else:
+        why = _worker(options)
+    log.info("%s ends: %s", options.worker or options.role, why)
+    return EXIT_FINE
+
+
+def _books(options: argparse.Namespace) -> str:
+    from saflite.campaign.store import Store  # noqa: PLC0415
+    from saflite.runtime.books_service import BooksService  # noqa: PLC0415
+
+    if options.run_dir is None:
+        raise Refused("--run-dir", expected="the run folder", got="nothing")
+    clock = WallClock()
+    started_s = clock.monotonic_s()
+    store = Store.open(options.run_dir)
+    books = store.rebuild(clock.monotonic_s(), clock.unix_s())
+    log.info("books of %s rebuilt in %.2f s", options.campaign, clock.monotonic_s() - started_s)
+    bus = open_router("books", options.listen) if options.listen else open_client("books", options.connect)
+    service = BooksService(bus, options.campaign, books, store, clock)
+    _on_signals(service.stop)
+    why = service.run()
+    bus.close()
+    store.close()
+    return why
+
+
+def _router(options: argparse.Namespace) -> str:
+    waiting = signal.sigwait  # nothing to do but wait for a signal
+    signals = {signal.SIGTERM, signal.SIGINT}
+    signal.pthread_sigmask(signal.SIG_BLOCK, signals)
+    bus = open_router("router", options.listen)
+    number = waiting(signals)
+    bus.close()
+    return f"signal {signal.Signals(number).name}"
+
+
+def _worker(options: argparse.Namespace) -> str:
+    clock = WallClock()
+    name = options.worker or options.role
+    surroundings = Surroundings(name, clock, options.run_dir, tuple(options.target_module))
+    service = open_stage(options.role, surroundings)
+    habits = habits_of(options.role, name, service)
+    bus = open_client(name, options.connect)
+    shell = WorkerShell(bus, options.campaign, service, habits, Spool(options.spool), clock)
+    _on_signals(shell.stop)
+    why = shell.run()
+    bus.close()
+    service.close()
+    return why
+
+
+def _on_signals(stop: Callable[[str], None]) -> None:
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda got, _frame: stop(f"signal {signal.Signals(got).name}"))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
