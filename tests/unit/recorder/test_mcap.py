@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
+
 from saflite.contract.errors import Refused
 from saflite.contract.flight import Flight, Trace, TraceMessage, pack_trace, trace_digest
 from saflite.contract.test_case import Obstacle, Scenario, Stimulus, Target, TestCase, identity
@@ -151,6 +152,7 @@ def test_flipped_bytes_are_noticed(data: bytes, tmp_path: Path) -> None:
         path.write_bytes(data[:place] + bytes([data[place] ^ 0x55]) + data[place + 1 :])
         with pytest.raises(Refused):
             recording.verify(path)
+        with pytest.raises(Refused):
             recording.read(path)
 
 
