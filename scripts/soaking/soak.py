@@ -1,0 +1,68 @@
+"""A target for fault tests: the reference target, except where a test case is told or drawn to misbehave.
+
+`target.parameters`: `SOAK_FAULT` picks one fault for the test case, `SOAK_SHARE` lets that share of test cases (drawn
+from their identity, so that it is always the same ones) crash or hang the simulator.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+
+from saflite.contract.errors import Refused, Unavailable
+from saflite.contract.flight import FlightRecord, Trace
+from saflite.contract.rng import derive
+from saflite.contract.service import Cancelled
+from saflite.contract.test_case import TestCase, identity
+
+FLY, CRASH, HANG, NO_BRING_UP, REFUSE, BROKEN, STRAY, SLOW, QUIET = range(9)
+SLEEPER = [sys.executable, "-c", "import signal, time; signal.signal(15, signal.SIG_IGN); time.sleep(600)"]
+
+
+def check(test_case: TestCase) -> None:
+    """Take everything."""
+
+
+def fly(test_case: TestCase, cancelled: Cancelled) -> FlightRecord:
+    """Fly on the reference target, or misbehave."""
+    fault = int(test_case.target.parameters.get("SOAK_FAULT", FLY)) or _drawn(test_case)
+    if fault == FLY:
+        from saflite.simulator_worker.targets import reference  # noqa: PLC0415
+
+        return reference.fly(test_case, cancelled)
+    if fault == CRASH:
+        os.kill(os.getpid(), signal.SIGSEGV)
+    if fault == HANG:
+        _hang()
+    if fault == NO_BRING_UP:
+        raise Unavailable("the simulator does not come up")
+    if fault == REFUSE:
+        raise Refused("test case", expected="another", got="this one")
+    assert fault != BROKEN, "our own code broke"
+    if fault == STRAY:
+        subprocess.Popen(["/bin/sh", "-c", "setsid sleep 600 & exit 0"]).wait()
+    while fault == SLOW and not cancelled():
+        time.sleep(0.01)
+    signals = {"altitude_m": np.arange(10, dtype="<f4").tobytes()}
+    return FlightRecord("completed", Trace(step_s=0.1, signals=signals))
+
+
+def _drawn(test_case: TestCase) -> int:
+    share = test_case.target.parameters.get("SOAK_SHARE", 0.0)
+    draw = float(derive(0, "soak", identity(test_case)).random())
+    if draw < share / 2:
+        return CRASH
+    return HANG if draw < share else FLY
+
+
+def _hang() -> None:
+    """Ignore SIGTERM, and leave a grandchild in a session of its own that does too."""
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    subprocess.Popen(SLEEPER, start_new_session=True)
+    while True:
+        time.sleep(60)

@@ -1,0 +1,180 @@
+"""The worker's state machine, driven by hand and by a seeded books double that loses and doubles answers."""
+
+from __future__ import annotations
+
+import pytest
+
+from saflite.contract.rng import derive
+from saflite.contract.work import Failure, Grant, HandedBack, Lease, Orders, Receipt, Report, WarmResult, WarmWork
+from saflite.runtime import worker as w
+from saflite.runtime.worker import Habits, Key, Worker
+
+
+def _lease(name: str, epoch: int = 1) -> Lease:
+    return Lease(lease_id=name, epoch=epoch, lease_s=2.0, work=WarmWork(model=name))
+
+
+def _done(name: str) -> w.Done:
+    return w.Done(Key(name, 1), WarmResult(model=name, ready=True))
+
+
+def _of(kind: type, instructions: list[w.Instruction]) -> list[w.Instruction]:
+    return [instruction for instruction in instructions if isinstance(instruction, kind)]
+
+
+def _worker(parallel: int = 1, prefetch: int = 1) -> Worker:
+    worker = Worker(Habits("fly-1", "fly", parallel, prefetch), 0.0)
+    worker.handle(w.Tick(), 0.0)
+    return worker
+
+
+def test_first_asks_and_beats() -> None:
+    worker = Worker(Habits("fly-1", "fly"), 0.0)
+    out = worker.handle(w.Tick(), 0.0)
+    assert len(_of(w.SendAsk, out)) == len(_of(w.SendBeat, out)) == 1
+
+
+def test_an_idle_worker_asks_for_one_lease_and_for_the_next_while_busy() -> None:
+    worker = Worker(Habits("fly-1", "fly", 1, 1), 0.0)
+    (ask,) = _of(w.SendAsk, worker.handle(w.Tick(), 0.0))
+    assert isinstance(ask, w.SendAsk)
+    assert ask.ask.leases_max == 1
+    out = worker.handle(w.Granted(Grant(leases=(_lease("a"),))), 0.1)
+    assert [type(instruction) for instruction in out if not isinstance(instruction, w.SendBeat)] == [w.Begin, w.SendAsk]
+    out = worker.handle(w.Granted(Grant(leases=(_lease("b"),))), 0.2)
+    assert not _of(w.SendAsk, out)
+    assert not _of(w.Begin, out)
+
+
+def test_a_result_is_kept_before_it_is_sent_and_forgotten_after_its_receipt() -> None:
+    worker = _worker()
+    worker.handle(w.Granted(Grant(leases=(_lease("a"), _lease("b")))), 0.1)
+    out = worker.handle(_done("a"), 1.0)
+    assert [type(instruction) for instruction in out][:3] == [w.Keep, w.SendReport, w.Begin]
+    assert Key("a", 1) in worker.held
+    out = worker.handle(w.Received(Key("a", 1), Receipt(lease_id="a", epoch=1, status="accepted")), 1.1)
+    assert out[0] == w.Forget(Key("a", 1))
+    assert Key("a", 1) not in worker.held
+
+
+def test_an_unacknowledged_result_is_sent_again_until_a_receipt_comes() -> None:
+    worker = _worker()
+    worker.handle(w.Granted(Grant(leases=(_lease("a"),))), 0.1)
+    worker.handle(_done("a"), 1.0)
+    now_s, sent = 1.0, 0
+    for _ in range(20):
+        worker.handle(w.Received(Key("a", 1), None), now_s)
+        now_s += w.RETRY_MAX_S
+        sent += len(_of(w.SendReport, worker.handle(w.Tick(), now_s)))
+    assert sent == 20
+
+
+def test_a_result_the_books_cannot_read_is_dropped_in_the_end() -> None:
+    worker = _worker()
+    worker.handle(w.Granted(Grant(leases=(_lease("a"),))), 0.1)
+    worker.handle(_done("a"), 1.0)
+    out: list[w.Instruction] = []
+    for turn in range(w.REFUSALS_MAX):
+        worker.handle(w.Tick(), 10.0 + turn * 10)
+        out = worker.handle(w.Received(Key("a", 1), None, refused=True), 15.0 + turn * 10)
+    assert _of(w.Forget, out)
+
+
+def test_beats_name_every_lease_held_five_times_per_lease_time() -> None:
+    worker = _worker()
+    worker.handle(w.Ordered(Orders()), 0.05)
+    worker.handle(w.Granted(Grant(leases=(_lease("a"),))), 0.1)
+    assert worker.next_s() <= 0.1 + 2.0 / w.BEATS_PER_LEASE + 1e-9
+    (beat,) = _of(w.SendBeat, worker.handle(w.Tick(), 0.51))
+    assert isinstance(beat, w.SendBeat)
+    assert beat.beat.leases == (("a", 1),)
+
+
+def test_a_cancelled_lease_is_dropped_without_a_report() -> None:
+    worker = _worker()
+    worker.handle(w.Granted(Grant(leases=(_lease("a"), _lease("b")))), 0.1)
+    out = worker.handle(w.Ordered(Orders(cancel=("a", "b"))), 0.2)
+    assert out[0] == w.Cancel(Key("a", 1))
+    out = worker.handle(w.Done(Key("a", 1), Failure(message="cancelled")), 0.3)
+    assert not _of(w.SendReport, out)
+    assert not _of(w.Begin, out)
+    assert worker.held == ()
+
+
+def test_stopping_hands_every_lease_back_and_leaves_once_all_is_acknowledged() -> None:
+    worker = _worker()
+    worker.handle(w.Granted(Grant(leases=(_lease("a"), _lease("b")))), 0.1)
+    out = worker.handle(w.StopAsked("signal SIGTERM"), 0.2)
+    assert _of(w.Cancel, out) == [w.Cancel(Key("a", 1))]
+    (report,) = _of(w.SendReport, out)
+    assert isinstance(report, w.SendReport)
+    assert isinstance(report.report.result, HandedBack)
+    out = worker.handle(w.Done(Key("a", 1), Failure(message="cancelled")), 0.3)
+    (report,) = _of(w.SendReport, out)
+    assert isinstance(report, w.SendReport)
+    assert isinstance(report.report.result, HandedBack)
+    for name in "ab":
+        out = worker.handle(w.Received(Key(name, 1), Receipt(lease_id=name, epoch=1, status="accepted")), 0.4)
+    assert _of(w.Leave, out)
+
+
+def test_a_stopping_worker_leaves_in_the_end_though_nobody_answers() -> None:
+    worker = _worker()
+    worker.handle(w.Granted(Grant(leases=(_lease("a"),))), 0.1)
+    worker.handle(w.StopAsked("signal SIGTERM"), 0.2)
+    assert _of(w.Leave, worker.handle(w.Tick(), worker.next_s() + w.STOP_GRACE_S))
+
+
+def test_a_lease_granted_while_stopping_is_handed_back() -> None:
+    worker = _worker()
+    worker.handle(w.Granted(Grant(leases=(_lease("a"),))), 0.1)
+    worker.handle(w.StopAsked("signal SIGTERM"), 0.2)
+    out = worker.handle(w.Granted(Grant(leases=(_lease("late"),))), 0.3)
+    assert [report.report.lease_id for report in _of(w.SendReport, out) if isinstance(report, w.SendReport)] == ["late"]
+    assert not _of(w.Begin, out)
+
+
+def test_too_many_undelivered_results_stop_the_asking() -> None:
+    worker = Worker(Habits("fly-1", "fly", 1, 0), 0.0)
+    for number in range(w.REPORTS_WAITING_MAX + 1):
+        report = Report(worker="fly-1", lease_id=str(number), epoch=1, result=Failure(message=""))
+        worker.handle(w.Found(report), 0.0)
+    worker._asking = False
+    assert not _of(w.SendAsk, worker.handle(w.Tick(), 1.0))
+
+
+@pytest.mark.parametrize("rng_seed", range(200))
+def test_against_a_books_double_that_loses_answers(rng_seed: int) -> None:
+    """Every lease the worker began is reported and acknowledged in the end; the state never contradicts itself."""
+    rng = derive(rng_seed, "worker-test")
+    worker = Worker(Habits("w", "score", parallel=2, prefetch=1), 0.0)
+    now_s, made, begun, acknowledged = 0.0, 0, set[Key](), set[Key]()
+    pending: list[w.Instruction] = []
+    for turn in range(600):
+        now_s = max(now_s + float(rng.random()) * 0.2, min(worker.next_s(), now_s + 0.3))
+        event: w.Event = w.Tick()
+        if pending and rng.random() < 0.8:
+            instruction = pending.pop(int(rng.integers(len(pending))))
+            lost = bool(rng.random() < 0.3)
+            if isinstance(instruction, w.SendAsk):
+                leases = tuple(_lease(f"l{made + extra}") for extra in range(instruction.ask.leases_max))
+                made += 0 if lost or turn > 400 else len(leases)
+                event = w.Granted(None if lost else Grant(leases=() if turn > 400 else leases))
+            elif isinstance(instruction, w.SendBeat):
+                event = w.Ordered(None if lost else Orders())
+            elif isinstance(instruction, w.Begin):
+                event = _done(instruction.lease.lease_id)
+            elif isinstance(instruction, w.SendReport):
+                key = Key(instruction.report.lease_id, 1)
+                receipt = None if lost else Receipt(lease_id=key.lease_id, epoch=1, status="accepted")
+                acknowledged |= set() if lost else {key}
+                event = w.Received(key, receipt)
+        for instruction in worker.handle(event, now_s):
+            if isinstance(instruction, w.Begin):
+                begun.add(Key(instruction.lease.lease_id, 1))
+            if isinstance(instruction, w.SendAsk | w.SendBeat | w.SendReport | w.Begin):
+                pending.append(instruction)
+        worker.validate()
+    assert begun
+    assert begun == acknowledged
+    assert worker.held == ()

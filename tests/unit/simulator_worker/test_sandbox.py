@@ -1,0 +1,107 @@
+"""The sandbox over a target that crashes, hangs and leaves processes behind: every flight ends, nothing is orphaned."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from saflite.contract.errors import Refused, Unavailable
+from saflite.contract.flight import unpack_trace
+from saflite.contract.test_case import Scenario, Target, TestCase, identity
+from saflite.contract.work import FlyResult, FlyWork
+from saflite.runtime.clock import WallClock
+from saflite.simulator_worker import registry
+from saflite.simulator_worker.processes import children
+from saflite.simulator_worker.work import Flyer
+
+TARGET = Path(__file__).parents[3] / "scripts" / "soaking" / "soak.py"
+CRASH, HANG, NO_BRING_UP, REFUSE, BROKEN, STRAY, SLOW, QUIET = range(1, 9)
+
+
+@pytest.fixture(scope="module")
+def flyer() -> Iterator[Flyer]:
+    before = children(os.getpid())
+    flyer = Flyer("fly-1", WallClock(), [TARGET])
+    yield flyer
+    flyer.close()
+    assert children(os.getpid()) == before
+
+
+def _fly(flyer: Flyer, fault: int, wall_limit_s: float = 20.0, cancelled_after: int = 10**9) -> FlyResult:
+    test_case = TestCase(target=Target(name="soak", parameters={"SOAK_FAULT": fault}), scenario=Scenario())
+    work = FlyWork(test_case=test_case, flight_index=2, purpose="search", wall_limit_s=wall_limit_s)
+    polls = iter(range(10**9))
+    result = flyer.do(work, lambda: next(polls) >= cancelled_after)
+    assert isinstance(result, FlyResult)
+    assert result.flight.test_case == identity(test_case)
+    return result
+
+
+def test_a_flight_comes_back_with_its_trace(flyer: Flyer) -> None:
+    result = _fly(flyer, QUIET)
+    assert (result.flight.ending, result.flight.flight_index, result.flight.worker) == ("completed", 2, "fly-1")
+    assert unpack_trace(result.trace).samples == 10
+    assert result.flight.simulated_s == pytest.approx(0.9)
+    assert _fly(flyer, QUIET).flight.trace_digest == result.flight.trace_digest
+
+
+def test_the_same_process_flies_again(flyer: Flyer) -> None:
+    _fly(flyer, QUIET)
+    before = children(os.getpid())
+    _fly(flyer, QUIET)
+    assert children(os.getpid()) == before
+
+
+def test_a_crashed_simulator_is_lost_not_a_finding(flyer: Flyer) -> None:
+    result = _fly(flyer, CRASH)
+    assert result.flight.ending == "lost"
+    assert "SIGSEGV" in result.flight.message
+    assert _fly(flyer, QUIET).flight.ending == "completed"
+
+
+def test_a_hang_that_ignores_sigterm_is_killed_with_its_grandchildren(flyer: Flyer) -> None:
+    result = _fly(flyer, HANG, wall_limit_s=0.5)
+    assert result.flight.ending == "wedged"
+    assert 0.5 <= result.flight.wall_s < 2.5
+    assert children(os.getpid()) == []
+    assert _fly(flyer, QUIET).flight.ending == "completed"
+
+
+def test_bring_up_failure_is_infra(flyer: Flyer) -> None:
+    assert _fly(flyer, NO_BRING_UP).flight.ending == "infra"
+
+
+def test_what_a_flight_leaves_behind_is_killed(flyer: Flyer) -> None:
+    _fly(flyer, QUIET)
+    before = children(os.getpid())
+    assert _fly(flyer, STRAY).flight.ending == "completed"
+    assert children(os.getpid()) == before
+
+
+def test_broken_target_code_ends_the_simulator_not_the_worker(flyer: Flyer) -> None:
+    assert _fly(flyer, BROKEN).flight.ending == "lost"
+
+
+def test_refused_input_is_said(flyer: Flyer) -> None:
+    with pytest.raises(Refused, match="another"):
+        _fly(flyer, REFUSE)
+
+
+def test_a_cancelled_flight_ends_and_the_process_lives_on(flyer: Flyer) -> None:
+    _fly(flyer, QUIET)
+    before = children(os.getpid())
+    with pytest.raises(Unavailable, match="cancelled"):
+        _fly(flyer, SLOW, cancelled_after=2)
+    assert children(os.getpid()) == before
+    assert _fly(flyer, QUIET).flight.ending == "completed"
+
+
+def test_targets_are_found_by_place_and_by_file() -> None:
+    assert "soak" in registry.target_names([TARGET])
+    assert "soak" not in registry.target_names()
+    assert "soak" in registry.flyable([TARGET])
+    with pytest.raises(Refused, match="target"):
+        registry.load_target("no-such-target")
