@@ -116,7 +116,7 @@ def test_broken_json_names_its_line() -> None:
 
 
 def test_a_missing_plan_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(Refused, match="no[.]plan"):
+    with pytest.raises(Refused, match=r"no\.plan"):
         mission.load_plan(tmp_path / "no.plan")
 
 

@@ -1,0 +1,82 @@
+"""The mutate stage: outcomes in, test cases out. A restart asks from zero and is told everything again."""
+
+from __future__ import annotations
+
+import msgspec
+
+from saflite.contract.errors import Unavailable
+from saflite.contract.rng import derive
+from saflite.contract.service import Cancelled
+from saflite.contract.work import HandedBack, MutateResult, MutateWork, Result, Stage, Work
+from saflite.mutator.registry import load_strategy
+from saflite.mutator.strategy import Strategy
+
+NOTHING_TOLD = -1
+
+
+class Mutator:
+    """One mutator. `cursor` is the round up to which its strategy was told outcomes."""
+
+    stage: Stage = "mutate"
+    parallel = 1
+
+    def __init__(self) -> None:
+        self._strategy: Strategy | None = None
+        self._made_of: bytes = b""
+        self._cursor = NOTHING_TOLD
+
+    @property
+    def cursor(self) -> int:
+        """The round up to which outcomes were told; -1 for none."""
+        return self._cursor
+
+    def do(self, work: Work, cancelled: Cancelled) -> Result:
+        """Propose the test cases of one round.
+
+        Raises:
+            Refused: unknown strategy, bad settings, or a template the strategy cannot mutate.
+            Unavailable: the outcomes told do not join on to those known; ask again, the cursor is back at the start.
+        """
+        assert isinstance(work, MutateWork), f"the mutator was given {type(work).__name__}"
+        strategy = self._told(work)
+        proposed = strategy.ask(work.count, derive(work.rng_seed, "mutate", work.round))
+        if cancelled():
+            return HandedBack(message="cancelled")
+        numbered = tuple(
+            msgspec.structs.replace(
+                case,
+                origin=msgspec.structs.replace(case.origin, strategy=work.strategy, round=work.round, index=index),
+            )
+            for index, case in enumerate(proposed)
+        )
+        return MutateResult(round=work.round, test_cases=numbered)
+
+    def close(self) -> None:
+        """Forget everything."""
+        self._forget()
+
+    def _forget(self) -> None:
+        self._strategy, self._cursor = None, NOTHING_TOLD
+
+    def _told(self, work: MutateWork) -> Strategy:
+        """Return the strategy after it was told the outcomes up to `work.cursor`, no more and no fewer."""
+        made_of = msgspec.msgpack.encode(
+            (work.strategy, work.settings, work.rng_seed, work.template, work.policies), order="deterministic"
+        )
+        if work.from_cursor == NOTHING_TOLD or made_of != self._made_of:
+            self._forget()
+        if work.from_cursor != self._cursor or work.cursor < self._cursor:
+            known, self._made_of = self._cursor, b""
+            self._forget()
+            raise Unavailable(f"outcomes {work.from_cursor}..{work.cursor} do not join on to {known}")
+        if self._strategy is None:
+            self._strategy = load_strategy(work.strategy)(work.template, dict(work.settings), work.policies)
+            self._made_of = made_of
+        self._strategy.tell(work.outcomes)
+        self._cursor = work.cursor
+        return self._strategy
+
+
+def open_service() -> Mutator:
+    """Return the mutate stage for the worker loop."""
+    return Mutator()
