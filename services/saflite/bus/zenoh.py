@@ -11,7 +11,7 @@ import logging
 import os
 import threading
 from collections.abc import Callable, Hashable
-from typing import Any, Literal
+from typing import Any, Literal, NoReturn
 
 import zenoh
 from zenoh import ext
@@ -225,7 +225,7 @@ def open_client(name: str, endpoint: str, *, tries: int | None = None) -> ZenohB
             log.warning("no router at %s yet (try %d), trying on", endpoint, attempt)
 
 
-def leave_process(code: int) -> None:
+def leave_process(code: int) -> NoReturn:
     """End the process without waiting for Zenoh's threads, which may hang at exit."""
     logging.shutdown()
     os._exit(code)

@@ -65,7 +65,7 @@ class FarmClient:
     @classmethod
     def connect(cls, endpoint: str, campaign: str, *, tries: int | None = 3) -> FarmClient:
         """Return a client of the farm at `endpoint`; raises Unavailable if it is not reached."""
-        from saflite.bus.zenoh import open_client  # noqa: PLC0415 (a heavy import, only where it is needed)
+        from saflite.bus.zenoh import open_client
 
         return cls(open_client("console", endpoint, tries=tries), campaign)
 

@@ -1,4 +1,4 @@
-"""A whole farm on one machine: starts the roles as processes, restarts dead ones, stops them clean, leaves no orphans."""
+"""A whole farm on one machine: starts the roles as processes, restarts dead ones, stops clean, leaves no orphans."""
 
 from __future__ import annotations
 
@@ -81,7 +81,13 @@ class LocalFarm:
     """The processes of one farm. Call `poll` often; it restarts what died."""
 
     def __init__(
-        self, campaign: str, run_dir: Path, cast: Sequence[Role], *, target_files: Sequence[Path] = (), endpoint: str = ""
+        self,
+        campaign: str,
+        run_dir: Path,
+        cast: Sequence[Role],
+        *,
+        target_files: Sequence[Path] = (),
+        endpoint: str = "",
     ) -> None:
         self.campaign, self.run_dir = campaign, run_dir
         self.endpoint = endpoint or free_endpoint()
@@ -212,7 +218,7 @@ def run_campaign(
         Refused: `run_dir` exists, or the campaign cannot be run.
         Unavailable: the farm cannot start.
     """
-    from saflite.campaign.store import Store  # noqa: PLC0415
+    from saflite.campaign.store import Store
 
     Store.create(run_dir, campaign).close()
     return resume(run_dir, simulators=simulators, on_status=on_status, target_files=target_files)
@@ -231,7 +237,7 @@ def resume(
         Refused: no run folder, one in use, or a damaged store.
         Unavailable: the farm cannot start.
     """
-    from saflite.campaign.store import Store  # noqa: PLC0415
+    from saflite.campaign.store import Store
 
     store = Store.open(run_dir)
     campaign = store.campaign

@@ -80,8 +80,8 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _books(options: argparse.Namespace) -> str:
-    from saflite.campaign.store import Store  # noqa: PLC0415
-    from saflite.runtime.books_service import BooksService  # noqa: PLC0415
+    from saflite.campaign.store import Store
+    from saflite.runtime.books_service import BooksService
 
     if options.run_dir is None:
         raise Refused("--run-dir", expected="the run folder", got="nothing")

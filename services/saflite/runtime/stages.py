@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from saflite.contract.clock import Clock
 from saflite.contract.errors import Refused
 from saflite.contract.service import Service
 from saflite.contract.work import Stage
 from saflite.runtime.worker import Habits
+
+if TYPE_CHECKING:
+    from saflite.scorer_pool.model import PolicyBrief
 
 PREFETCH: dict[Stage, int] = {"fly": 1, "judge": 1, "record": 1}
 """Leases held ready beyond the one being worked. Stages with a memory of outcomes take one at a time: each of their
@@ -29,7 +32,7 @@ def habits_of(stage: Stage, worker: str, service: Service) -> Habits:
     """Return how a worker of this stage works."""
     targets: tuple[str, ...] = ()
     if stage == "fly":
-        from saflite.simulator_worker.work import Flyer  # noqa: PLC0415
+        from saflite.simulator_worker.work import Flyer
 
         assert isinstance(service, Flyer)
         targets = service.targets()
@@ -37,15 +40,41 @@ def habits_of(stage: Stage, worker: str, service: Service) -> Habits:
 
 
 def open_stage(stage: Stage, around: Surroundings) -> Service:
-    """Return the service of a stage; imports only what that stage needs."""
+    """Return the service of a stage, importing only what it needs; raises Refused if it lacks a setting."""
     if stage == "mutate":
-        return _mutator()
+        from saflite.mutator import work as mutator
+
+        return mutator.open_service()
     if stage == "score":
-        return _scorer(around)
+        from saflite.scorer_pool import work as scorer_pool
+
+        return scorer_pool.open_service(brief_of, around.clock)
     if stage == "fly":
-        from saflite.simulator_worker import work as flyer  # noqa: PLC0415
+        from saflite.simulator_worker import work as flyer
 
         return flyer.open_service(around.worker, around.clock, around.target_files)
     if stage == "judge":
-        return _oracle()
+        from saflite.oracle import work as oracle
+
+        return oracle.open_service()
     return _recorder(around)
+
+
+def _recorder(around: Surroundings) -> Service:
+    from saflite.recorder import work as recorder
+
+    if around.run_dir is None:
+        raise Refused("--run-dir", expected="the run folder, where recordings go", got="nothing")
+    return recorder.open_service(around.run_dir, around.clock)
+
+
+def brief_of(name: str) -> PolicyBrief:
+    """Return what scorers are told of a policy; raises Refused for an unknown one."""
+    from saflite.oracle.policy import load_policy
+    from saflite.scorer_pool.model import PolicyBrief
+
+    file = load_policy(name).file
+    inputs = file.inputs
+    names = (*inputs.parameters, *inputs.commands, *inputs.sticks, *inputs.modes, *inputs.sensor_faults)
+    obstacles = ("obstacles",) if inputs.obstacles else ()
+    return PolicyBrief(name, file.words, tuple(file.signals), file.state, (*obstacles, *names))
