@@ -1,0 +1,70 @@
+"""Built-in campaigns, campaign files of others, and the test case that every mutant of a campaign starts from.
+
+A campaign is one TOML file in `campaign/builtin/`, named like the campaign.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import msgspec
+
+from saflite.contract.config import Campaign, parse_campaign, read_text
+from saflite.contract.errors import Refused
+from saflite.contract.test_case import Scenario, TestCase
+from saflite.contract.topics import prefix
+from saflite.flight.mission import find_mission
+
+BUILTIN_DIR = Path(__file__).parent / "builtin"
+
+
+def builtin_campaigns() -> dict[str, str]:
+    """Return the names of the built-in campaigns and what each is for, sorted by name."""
+    names = sorted(path.stem for path in BUILTIN_DIR.glob("*.toml"))
+    return {name: load_campaign(name).description for name in names}
+
+
+def load_campaign(name_or_path: str) -> Campaign:
+    """Return a built-in campaign by name, or the one in a `.toml` file.
+
+    A `.plan` file named in a campaign file is looked for beside it. Raises Refused naming file, key and what was
+    expected for an unknown name, TOML that is none, unknown keys, or values that make no sense.
+    """
+    if name_or_path.endswith(".toml"):
+        path = Path(name_or_path)
+        campaign = parse_campaign(read_text(path, "campaign file"), str(path))
+        return _found(campaign, path)
+    path = BUILTIN_DIR / f"{name_or_path}.toml"
+    if Path(name_or_path).name != name_or_path or not path.is_file():
+        names = ", ".join(sorted(entry.stem for entry in BUILTIN_DIR.glob("*.toml")))
+        raise Refused("campaign", expected=f"one of {names}, or a .toml file", got=repr(name_or_path))
+    return parse_campaign(read_text(path, "campaign file"), path.name)
+
+
+def _found(campaign: Campaign, path: Path) -> Campaign:
+    """Return the campaign with the place of its mission file made absolute and its name fit for the bus."""
+    prefix(campaign.name)
+    if not campaign.mission.endswith(".plan"):
+        return campaign
+    return msgspec.structs.replace(campaign, mission=str((path.parent / campaign.mission).resolve()))
+
+
+def template(campaign: Campaign) -> TestCase:
+    """Return the test case all mutants of the campaign start from: no obstacles, no stimuli.
+
+    Raises Refused for an unknown or broken mission, or if not exactly one of `mission` and `start` is given.
+    """
+    if bool(campaign.mission) == (campaign.start is not None):
+        got = "both" if campaign.mission else "neither"
+        where = f"campaign {campaign.name}"
+        raise Refused("campaign file", where=where, expected="`mission` or `[start]`, one of them", got=got)
+    return TestCase(
+        target=campaign.target,
+        scenario=Scenario(
+            mission=find_mission(campaign.mission) if campaign.mission else None,
+            start=campaign.start,
+            wind=campaign.wind,
+            time_limit_s=campaign.time_limit_s,
+        ),
+        rng_seed=campaign.rng_seed,
+    )

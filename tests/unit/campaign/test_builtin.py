@@ -1,0 +1,93 @@
+"""Built-in campaigns load, name things that exist, and bad campaign files are refused in one line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from saflite.campaign.builtin import builtin_campaigns, load_campaign, template
+from saflite.contract.errors import Refused
+from saflite.contract.test_case import StartState
+from saflite.flight.mission import builtin_mission, dump_plan, waypoints
+from saflite.mutator.registry import load_strategy
+from saflite.oracle.policy import load_policy
+from saflite.scorer_pool.registry import check_label
+
+NAMES = sorted(builtin_campaigns())
+
+
+def test_missions_one_to_seven_are_there_and_stand_ins_say_so() -> None:
+    campaigns = builtin_campaigns()
+    for number in range(1, 8):
+        text = campaigns[f"avoidance-m{number}"]
+        assert ("stand-in" in text) == (number >= 6)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_built_in_campaign_can_be_run_as_it_stands(name: str) -> None:
+    campaign = load_campaign(name)
+    assert campaign.name == name
+    assert campaign.description
+    check_label(campaign.scorer.model)
+    for policy in campaign.policies:
+        load_policy(policy)
+    case = template(campaign)
+    load_strategy(campaign.strategy.name)(case, dict(campaign.strategy.settings), campaign.policies)
+    assert case.rng_seed == campaign.rng_seed
+    assert (case.scenario.mission is None) != (case.scenario.start is None)
+    if case.scenario.mission is not None:
+        assert waypoints(case.scenario.mission)
+
+
+@pytest.mark.parametrize("name", ["avoidance-m9", "", "../builtin/avoidance-m1", "nonsense.toml"])
+def test_an_unknown_campaign_is_refused(name: str) -> None:
+    with pytest.raises(Refused, match="campaign"):
+        load_campaign(name)
+
+
+@pytest.mark.parametrize(
+    ("text", "word"),
+    [
+        ("name = ", "TOML"),
+        ('description = "x"', "name"),
+        ('name = "x"\nbudget = 3', "budget"),
+        ('name = "x"\nmission = "mission1"\nbudget_flights = -5', "budget_flights"),
+        ('name = "x y"\nmission = "mission1"', "campaign name"),
+    ],
+)
+def test_a_bad_campaign_file_is_refused(tmp_path: Path, text: str, word: str) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text(text)
+    with pytest.raises(Refused, match=word):
+        load_campaign(str(file))
+
+
+def test_a_plan_is_looked_for_beside_the_campaign_file(tmp_path: Path) -> None:
+    (tmp_path / "site.plan").write_text(dump_plan(builtin_mission("mission3")))
+    file = tmp_path / "mine.toml"
+    file.write_text('name = "mine"\nmission = "site.plan"')
+    mission = template(load_campaign(str(file))).scenario.mission
+    assert mission is not None
+    assert mission.items == builtin_mission("mission3").items
+
+
+@pytest.mark.parametrize("text", ['mission = ""', 'mission = "mission1"\n[start]\nmode = "LOITER"'])
+def test_a_campaign_needs_a_mission_or_a_start(tmp_path: Path, text: str) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text(f'name = "mine"\n{text}')
+    with pytest.raises(Refused, match="one of them"):
+        template(load_campaign(str(file)))
+
+
+def test_a_campaign_can_begin_in_a_start_state(tmp_path: Path) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text('name = "mine"\n[start]\nmode = "LOITER"\naltitude_m = 30')
+    assert template(load_campaign(str(file))).scenario.start == StartState(mode="LOITER", altitude_m=30.0)
+
+
+def test_an_unknown_mission_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text('name = "mine"\nmission = "mission99"')
+    with pytest.raises(Refused, match="mission99"):
+        template(load_campaign(str(file)))
