@@ -47,9 +47,12 @@ SIGNALS: dict[str, Signal] = {
     "altitude_est_m": Signal("m", "height above home as estimated"),
     "climb_est_mps": Signal("m/s", "vertical speed as estimated, up positive"),
     "altitude_target_m": Signal("m", "height the altitude controller aims at; the estimate where it aims at none"),
-    "altitude_source": Signal("", "height source in use: 0 barometer, 1 range finder, 2 GPS", "code"),
+    "altitude_source_set": Signal(
+        "", "height source asked for (EK2_ALT_SOURCE): 0 barometer, 1 range finder, 2 GPS", "code"
+    ),
     "home_distance_m": Signal("m", "true distance in the plane to the home position in force"),
     "circle_radius_m": Signal("m", "radius the CIRCLE mode aims at; 0 outside the mode"),
+    "circle_rate_dps": Signal("deg/s", "turning rate the CIRCLE mode aims at, clockwise positive; 0 outside the mode"),
     "mission_count": Signal("", "number of mission items on board", "code"),
     "taken_off": Signal("", "1 once the vehicle has left the ground since it was armed", "flag"),
     "takeoff": Signal("", "1 while a commanded take-off climb runs", "flag"),
@@ -76,6 +79,7 @@ SIGNALS: dict[str, Signal] = {
     "rtl_altitude_final_set_m": Signal("m", "altitude RTL ends at, 0 to land (RTL_ALT_FINAL)"),
     "land_speed_set_mps": Signal("m/s", "final descent speed (LAND_SPEED)"),
     "land_speed_high_set_mps": Signal("m/s", "descent speed above 10 m (LAND_SPEED_HIGH, or WPNAV_SPEED_DN if 0)"),
+    "land_altitude_low_set_m": Signal("m", "height below which LAND takes the final speed (LAND_ALT_LOW)"),
     "pilot_speed_up_set_mps": Signal("m/s", "greatest climb rate a pilot may ask (PILOT_SPEED_UP)"),
     "takeoff_altitude_set_m": Signal("m", "height the running or last take-off was ordered to"),
     "takeoff_speed_set_mps": Signal("m/s", "climb speed of a take-off (WPNAV_SPEED_UP)"),
@@ -89,11 +93,17 @@ SIGNALS: dict[str, Signal] = {
     "fence_enabled": Signal("", "1 while the altitude fence is on (FENCE_ENABLE)", "flag"),
     "fence_altitude_max_set_m": Signal("m", "ceiling of the fence (FENCE_ALT_MAX)"),
     "battery_low_set_v": Signal("V", "voltage below which the battery counts as low, 0 off (BATT_LOW_VOLT)"),
+    "rtl_descend_altitude_set_m": Signal(
+        "m", "PX4: height above home RTL descends to before landing (RTL_DESCEND_ALT)"
+    ),
+    "hold_altitude_min_set_m": Signal("m", "PX4: least height of HOLD, -1 off (MIS_LTRMIN_ALT)"),
     # made by the oracle from the rest of the trace, the test case and the ending; flights need not write them
     "time_s": Signal("s", "time since the start of the flight"),
     "ground_speed_mps": Signal("m/s", "speed in the plane"),
     "tilt_deg": Signal("deg", "angle between the vehicle's axis and the vertical"),
     "quiet_s": Signal("s", "time since the last stimulus of the test case (since the start where there was none)"),
+    "order_quiet_s": Signal("s", "time since the last command, mode or stick of the test case"),
+    "fault_quiet_s": Signal("s", "time since the last sensor fault of the test case"),
     "crashed": Signal("", "1 at the last sample of a flight that ended as crashed", "flag"),
 }
 

@@ -12,6 +12,8 @@ from saflite.contract.signals import MODES, SIGNALS
 from saflite.oracle.windows import Array
 
 _SAMPLES_MAX = 10_000
+_QUIET: dict[str, float] = {"quiet_s": 100.0, "order_quiet_s": 100.0, "fault_quiet_s": 100.0}
+"""Examples need not say that nothing was done lately; `time_s` is always made."""
 Value = float | str
 Course = Value | list[tuple[float, Value]]
 
@@ -38,7 +40,11 @@ def example_signals(example: Example, wanted: frozenset[str], name: str, where: 
     Raises:
         Refused: a wanted signal is missing, one is too many, the times do not rise, or the trace is too long.
     """
-    given = frozenset(example.signals)
+    courses: dict[str, Course] = {
+        **{name: value for name, value in _QUIET.items() if name in wanted},
+        **example.signals,
+    }
+    given = frozenset(courses) | (wanted & {"time_s"})
     if given != wanted:
         expected = f"exactly the signals {', '.join(sorted(wanted))}"
         raise Refused(name, where=where, expected=expected, got=", ".join(sorted(given ^ wanted)) + " amiss")
@@ -46,7 +52,8 @@ def example_signals(example: Example, wanted: frozenset[str], name: str, where: 
         raise Refused(name, where=where, expected=f"1 to {_SAMPLES_MAX} samples", got=f"{example.duration_s:g} s")
     count = math.floor(example.duration_s / example.step_s + 1e-9) + 1
     times = np.arange(count, dtype=np.float64) * np.float64(example.step_s)
-    return {signal: _course(signal, course, times, name, where) for signal, course in example.signals.items()}
+    made = {signal: _course(signal, course, times, name, where) for signal, course in courses.items()}
+    return {**made, "time_s": times} if "time_s" in wanted else made
 
 
 def _course(signal: str, course: Course, times: Array, name: str, where: str) -> Array:

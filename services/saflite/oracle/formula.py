@@ -2,7 +2,8 @@
 
 Terms: number, signal, `+ - * /`, neg, abs, sqrt, exp, pow, min, max; over time: before, rate, ago, mean, latch; turn
 brings an angle to -180..180. Comparisons: `<= < >= > == !=`, each also in a crisp form (`is<=` ...). Above them: not,
-and, or, implies, iff, xor; over time: always, eventually, until, historically, once, since, rise, fall, prev, next.
+and, or, implies, iff, xor; over time: always, eventually, until, historically, once, since, rise, fall, prev, next,
+and lasting: true once something has been true for a time.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 COMPARISONS = ("<=", "<", ">=", ">", "==", "!=")
-TEMPORAL = ("always", "eventually", "until", "historically", "once", "since")
+TEMPORAL = ("always", "eventually", "until", "historically", "once", "since", "lasting")
 FUTURE = ("always", "eventually", "until")
 LOGIC = ("not", "and", "or", "implies", "iff", "xor", "rise", "fall", "prev", "next")
 CRISP = "is"
@@ -84,6 +85,8 @@ def text_of(node: Node) -> str:
     if node.op in ("not", "neg"):
         return f"({'not' if node.op == 'not' else '-'} {parts[0]})"
     window = "" if math.isinf(node.high_s) else f"[{node.low_s!r}:{node.high_s!r}]"
+    if node.op == "lasting":
+        return f"(lasting[{node.high_s!r}] {parts[0]})"
     if node.op in TEMPORAL:
         return f"({parts[0]} {node.op}{window} {parts[1]})" if len(parts) > 1 else f"({node.op}{window} {parts[0]})"
     if node.op == "before":

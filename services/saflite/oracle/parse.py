@@ -6,6 +6,7 @@ Loosest first: `iff <-> xor`, `implies ->` (to the right), `or |`, `and &`, `unt
 words (`not !`, `always G`, `eventually F`, `historically H`, `once O`, each temporal one with an optional `[from:to]`
 in seconds, `s` or `ms` may follow a number), comparisons, `+ -`, `* /`, unary minus, and calls: abs, sqrt, exp, pow,
 min, max, prev, next, rise, fall, rate(x), ago(x, seconds), mean(x, seconds), latch(x, condition), turn(degrees).
+Beyond rtamt: `lasting[8] (x)`, true where x has been true for the last 8 s, and never in the first 8 s.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ _TOKEN = re.compile(
 _WORDS = {"G": "always", "F": "eventually", "H": "historically", "O": "once", "U": "until", "S": "since"}
 _SIGNS = {"<->": "iff", "->": "implies", "&": "and", "|": "or", "!": "not"}
 _PREFIX = ("always", "eventually", "historically", "once")
-_RESERVED = (*_PREFIX, "and", "or", "implies", "iff", "xor", "until", "since", "not")
+_RESERVED = (*_PREFIX, "lasting", "and", "or", "implies", "iff", "xor", "until", "since", "not")
 _TRUTH_CALLS = ("rise", "fall", "prev", "next")
 _TERM_CALLS = {"abs": 1, "sqrt": 1, "exp": 1, "pow": 2, "min": 2, "max": 2, "rate": 1, "turn": 1}
 _TIMED_CALLS = ("ago", "mean")
@@ -173,6 +174,11 @@ class _Parser:
     def _prefixed(self) -> Node | None:
         if self._take("not"):
             return Node("not", (self._truth(self._unary, self._offset),))
+        if op := self._take("lasting"):
+            self._need("[")
+            high_s = self._seconds()
+            self._need("]")
+            return Node(op, (self._truth(self._unary, self._offset),), 0.0, high_s)
         if op := self._take(*_PREFIX):
             low_s, high_s = self._window()
             return Node(op, (self._truth(self._unary, self._offset),), low_s, high_s)

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from functools import partial
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from saflite.contract.flight import Flight, Trace
-from saflite.contract.test_case import TestCase
+from saflite.contract.test_case import StimulusKind, TestCase
 from saflite.flight.geometry import boxes_array, distance_to_boxes
 
 Array = NDArray[np.float32]
+STIMULI: tuple[str, ...] = get_args(StimulusKind)
+ESTIMATES = {"x_est_m": "x_m", "y_est_m": "y_m", "altitude_est_m": "altitude_m", "climb_est_mps": "climb_mps"}
+"""Logs of real autopilots hold estimates only, so the estimate stands for the truth and the other way round."""
 
 
 class FlightSignals:
@@ -24,11 +28,14 @@ class FlightSignals:
         self.samples, self.step_s = trace.samples, trace.step_s
         self._makers: dict[str, tuple[tuple[str, ...], Callable[[], Any]]] = {
             "time_s": ((), self._time),
-            "quiet_s": ((), self._quiet),
+            "quiet_s": ((), lambda: self._quiet(STIMULI)),
+            "order_quiet_s": ((), lambda: self._quiet(("command", "mode", "stick"))),
+            "fault_quiet_s": ((), lambda: self._quiet(("sensor_fault",))),
             "crashed": ((), self._crashed),
             "ground_speed_mps": (("vx_mps", "vy_mps"), lambda: np.hypot(self["vx_mps"], self["vy_mps"])),
             "home_distance_m": (("x_m", "y_m"), lambda: np.hypot(self["x_m"], self["y_m"])),
             "tilt_deg": (("roll_deg", "pitch_deg"), self._tilt),
+            **{name: ((true,), partial(self.__getitem__, true)) for name, true in ESTIMATES.items()},
             "obstacle_distance_m": (("x_m", "y_m", "altitude_m"), self._obstacle_distance),
         }
 
@@ -60,9 +67,9 @@ class FlightSignals:
     def _time(self) -> NDArray[np.float64]:
         return np.arange(self.samples, dtype=np.float64) * self.step_s
 
-    def _quiet(self) -> NDArray[np.float64]:
+    def _quiet(self, kinds: tuple[str, ...]) -> NDArray[np.float64]:
         times = self._time()
-        at = np.array([0.0, *sorted(stimulus.at_s for stimulus in self._test_case.stimuli)])
+        at = np.array([0.0, *sorted(stimulus.at_s for stimulus in self._test_case.stimuli if stimulus.kind in kinds)])
         last = at[np.searchsorted(at, times + 1e-9, side="right") - 1]
         return np.asarray(times - last)
 

@@ -111,6 +111,11 @@ class Evaluator:
     def _windowed(self, node: Node, args: list[Array]) -> Array:
         low = self._count(node.low_s)
         high = None if math.isinf(node.high_s) else self._count(node.high_s)
+        if node.op == "lasting":
+            assert high is not None, "lasting has a length"
+            return np.concatenate(
+                [np.full(min(high, self.samples), -np.inf), windows.least_behind(args[0], 0, high)[high:]]
+            )
         if node.op in _WINDOWED:
             return _WINDOWED[node.op](args[0], low, high)
         joined = windows.until if node.op == "until" else windows.since
@@ -218,6 +223,8 @@ def _stretch(values: Array, at: int) -> tuple[int, int]:
 
 
 def _applied(evaluator: Evaluator, judged: Node, first: int, last: int) -> float:
+    if judged.op == "and":
+        return max(_applied(evaluator, part, first, last) for part in judged.args)
     if judged.op != "implies":
         return 1.0
     return float(np.mean(evaluator.trace(judged.args[0])[first:last] > 0))
