@@ -7,6 +7,7 @@ bus callback loses data silently.
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Callable, Hashable
 from typing import NamedTuple, Protocol
 
@@ -53,6 +54,11 @@ class Request(Protocol):
     @property
     def sender(self) -> str:
         """The name the asking bus was opened with; not proven."""
+        ...
+
+    @property
+    def damaged(self) -> str:
+        """In words, how the question differs from what was sent; empty if it arrived whole."""
         ...
 
     def reply(self, payload: bytes) -> None:
@@ -103,6 +109,27 @@ class Bus(Protocol):
     def close(self) -> None:
         """Leave; tokens vanish at once. Never hangs for longer than 3 s."""
         ...
+
+
+def seal(key: str, name: str, payload: bytes) -> bytes:
+    """Return what travels beside a message so that damage shows: a CRC-32 over key, sender and payload, the sender."""
+    return b"%08x" % _checksum(key, name.encode(), payload) + name.encode()
+
+
+def unseal(key: str, attachment: bytes | None, payload: bytes) -> tuple[str, str]:
+    """Return the sender's name and, in words, how the message is damaged (empty if it is whole)."""
+    if attachment is None:
+        return "?", "message without a seal"
+    name = attachment[_SEAL_DIGITS:]
+    whole = attachment[:_SEAL_DIGITS] == b"%08x" % _checksum(key, name, payload)
+    return name.decode(errors="replace"), "" if whole else "message damaged on its way"
+
+
+_SEAL_DIGITS = 8
+
+
+def _checksum(key: str, name: bytes, payload: bytes) -> int:
+    return zlib.crc32(payload, zlib.crc32(b"%b\0%b" % (key.encode(), name)))
 
 
 def matches(pattern: str, key: str) -> bool:

@@ -101,6 +101,8 @@ class MemoryNetwork:
 class MemoryRequest:
     """A question in memory."""
 
+    damaged = ""
+
     def __init__(self, key: str, payload: bytes, sender: str, answer: Callable[[bytes | None, str], None]) -> None:
         self.key, self.payload, self.sender = key, payload, sender
         self._answer = answer

@@ -16,7 +16,7 @@ from typing import Any, Literal, NoReturn
 import zenoh
 from zenoh import ext
 
-from saflite.bus.base import Inbox, Presence, Reply, Sample
+from saflite.bus.base import Inbox, Presence, Reply, Sample, seal, unseal
 from saflite.bus.memory import HISTORY
 from saflite.contract.errors import Unavailable
 from saflite.contract.wire import MESSAGE_BYTES_MAX
@@ -50,18 +50,19 @@ def config_of(mode: Literal["router", "client"], endpoint: str) -> dict[str, Any
 class ZenohRequest:
     """A question that came over Zenoh; holding it keeps the asker waiting."""
 
-    def __init__(self, query: zenoh.Query) -> None:
+    def __init__(self, query: zenoh.Query, name: str) -> None:
         self._query: zenoh.Query | None = query
+        self._name = name
         self.key = str(query.key_expr)
         self.payload = query.payload.to_bytes() if query.payload is not None else b""
-        self.sender = query.attachment.to_bytes().decode(errors="replace") if query.attachment is not None else "?"
+        self.sender, self.damaged = unseal(self.key, _attached(query), self.payload)
 
     def reply(self, payload: bytes) -> None:
         """Answer, once; an asker that is gone is no trouble of ours."""
         query, self._query = self._query, None
         if query is not None:
             try:
-                query.reply(self.key, payload)
+                query.reply(self.key, payload, attachment=seal(self.key, self._name, payload))
                 query.drop()  # type: ignore[no-untyped-call]
             except zenoh.ZError as fault:
                 log.info("answer on %s not delivered: %s", self.key, fault)
@@ -86,8 +87,11 @@ class _Question:
 
     def on_reply(self, reply: zenoh.Reply) -> None:
         """Take a reply (Zenoh's thread)."""
-        if reply.ok is not None:
-            self._settle(reply.ok.payload.to_bytes(), "")
+        sample = reply.ok
+        if sample is not None:
+            payload = sample.payload.to_bytes()
+            _, damaged = unseal(str(sample.key_expr), _attached(sample), payload)
+            self._settle(None if damaged else payload, "")
             return
         text = reply.err.payload.to_bytes().decode(errors="replace") if reply.err is not None else ""
         self._settle(None, "" if text == "Timeout" else text)
@@ -107,13 +111,12 @@ class ZenohBus:
     def __init__(self, name: str, session: zenoh.Session) -> None:
         self.name = name
         self._session = session
-        self._attachment = name.encode()
         self._announcers: dict[str, Any] = {}
         self._declared: list[Any] = []
 
     def serve(self, pattern: str, inbox: Inbox) -> None:
         """See `Bus.serve`."""
-        handler = _direct(lambda query: inbox(ZenohRequest(query)))
+        handler = _direct(lambda query: inbox(ZenohRequest(query, self.name)))
         self._declared.append(self._session.declare_queryable(pattern, handler, complete=True))
 
     def ask(self, key: str, payload: bytes, tag: Hashable, inbox: Inbox, timeout_s: float) -> None:
@@ -127,7 +130,7 @@ class ZenohBus:
                 consolidation=zenoh.ConsolidationMode.NONE,
                 timeout=timeout_s,
                 payload=payload,
-                attachment=self._attachment,
+                attachment=seal(key, self.name, payload),
                 congestion_control=zenoh.CongestionControl.BLOCK,
                 priority=zenoh.Priority.INTERACTIVE_HIGH,
                 express=True,
@@ -148,15 +151,21 @@ class ZenohBus:
                 sample_miss_detection=ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=HEARTBEAT_S),
                 publisher_detection=True,
             )
-        self._announcers[key].put(payload)
+        self._announcers[key].put(payload, attachment=seal(key, self.name, payload))
 
     def follow(self, pattern: str, inbox: Inbox) -> None:
-        """See `Bus.follow`."""
+        """See `Bus.follow`. A fact damaged on its way is left out."""
+
+        def on_sample(sample: zenoh.Sample) -> None:
+            key, payload = str(sample.key_expr), sample.payload.to_bytes()
+            if not unseal(key, _attached(sample), payload)[1]:
+                inbox(Sample(key, payload))
+
         self._declared.append(
             ext.declare_advanced_subscriber(
                 self._session,
                 pattern,
-                _direct(lambda sample: inbox(Sample(str(sample.key_expr), sample.payload.to_bytes()))),
+                _direct(on_sample),
                 history=ext.HistoryConfig(detect_late_publishers=True, max_samples=HISTORY),
                 recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
             )
@@ -180,6 +189,10 @@ class ZenohBus:
         closer.join(CLOSE_LIMIT_S)
         if closer.is_alive():
             log.warning("zenoh session did not close within %.0f s; left behind", CLOSE_LIMIT_S)
+
+
+def _attached(message: zenoh.Query | zenoh.Sample) -> bytes | None:
+    return message.attachment.to_bytes() if message.attachment is not None else None
 
 
 def _direct(callback: Callable[[Any], None], drop: Callable[[], None] | None = None) -> Any:

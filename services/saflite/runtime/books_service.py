@@ -118,6 +118,8 @@ class BooksService:
     def _on_request(self, request: Request, now_s: float) -> None:
         kind = request.key.removeprefix(f"{self._prefix}/").partition("/")[0]
         try:
+            if request.damaged:
+                raise Refused(kind, expected="the message as it was sent", got=request.damaged)
             if kind == "work":
                 self._on_ask(request, wire.decode(request.payload, Ask), now_s)
             elif kind == "beat":

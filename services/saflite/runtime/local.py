@@ -1,4 +1,4 @@
-"""A whole farm on one machine: starts the roles as processes, restarts dead ones, stops clean, leaves no orphans."""
+"""A whole farm on one machine: starts the roles as processes, restarts dead ones, leaves no orphans."""
 
 from __future__ import annotations
 

@@ -1,0 +1,57 @@
+"""Waiting polls: first come first served, cheap however many wait."""
+
+from __future__ import annotations
+
+from saflite.contract.work import Ask
+from saflite.runtime.parking import PASSED_OVER_MAX, Parking
+
+
+class _Request:
+    key, payload, sender, damaged = "k", b"", "s", ""
+
+    def reply(self, payload: bytes) -> None:
+        raise AssertionError
+
+    def refuse(self, text: str) -> None:
+        raise AssertionError
+
+
+def _parking(count: int) -> Parking:
+    parking = Parking()
+    for number in range(count):
+        assert parking.park(_Request(), Ask(worker=f"w{number}", stage="fly", wait_s=5.0), now_s=0.1 * number)
+    return parking
+
+
+def test_a_poll_that_does_not_want_to_wait_is_not_parked() -> None:
+    assert not Parking().park(_Request(), Ask(worker="w", stage="fly", wait_s=0.0), 0.0)
+
+
+def test_a_worker_waits_once() -> None:
+    parking = _parking(3)
+    parking.park(_Request(), Ask(worker="w1", stage="fly", wait_s=5.0), 9.0)
+    assert [parked.ask.worker for parked in parking.to_try(("fly", ()))] == ["w0", "w2", "w1"]
+
+
+def test_those_passed_over_go_to_the_end_and_only_a_few_are_tried() -> None:
+    parking = _parking(10)
+    tried = []
+    for line in parking.lines():
+        for parked in parking.to_try(line):
+            tried.append(parked.ask.worker)
+            if not parking.passed_over(line, parked):
+                break
+    assert tried == ["w0", "w1", "w2", "w3"]
+    assert len(tried) == PASSED_OVER_MAX
+    assert [parked.ask.worker for parked in parking.to_try(("fly", ()))][:2] == ["w4", "w5"]
+
+
+def test_polls_leave_when_granted_gone_or_out_of_time() -> None:
+    parking = _parking(4)
+    parking.granted(("fly", ()), parking.to_try(("fly", ()))[0])
+    parking.forget("w3")
+    assert parking.expired(5.0) == []
+    assert [parked.ask.worker for parked in parking.expired(5.11)] == ["w1"]
+    assert [parked.ask.worker for parked in parking.expired(99.0)] == ["w2"]
+    assert len(parking) == 0
+    assert parking.expired(100.0) == []
