@@ -38,12 +38,11 @@ def look(scenario: Scenario) -> Look:
     near = distances_to_boxes(path_points(mission), boxes_array(boxes)).min(axis=0)
     path_m = float(near.min())
     weight = 1.0 / (1.0 + math.exp(path_m - NEAR_PATH_M))
-    gaps = [
-        (gap(boxes[a], boxes[b]) + 0.5 * max(0.0, float(min(near[a], near[b])) - NEAR_PATH_M))
-        for a in range(len(boxes))
-        for b in range(a)
-    ]
+    pairs = [(a, b) for a in range(len(boxes)) for b in range(a)]
+    gaps = [gap(boxes[a], boxes[b]) for a, b in pairs]
+    away = [0.5 * max(0.0, float(min(near[a], near[b])) - NEAR_PATH_M) for a, b in pairs]
     gap_m = min(gaps, default=math.inf)
-    narrow = 1.0 / (1.0 + math.exp(min(30.0, (gap_m - PASSAGE_M) / 1.2)))
+    passage_m = min((wide + far for wide, far in zip(gaps, away, strict=True)), default=math.inf)
+    narrow = 1.0 / (1.0 + math.exp(min(30.0, (passage_m - PASSAGE_M) / 1.2)))
     blocked = float(np.count_nonzero(near < 1.5)) / max(2, len(boxes))
     return Look(SCORE_MAX * weight * (0.75 * narrow + 0.25 * blocked), gap_m, path_m)

@@ -45,10 +45,11 @@ FAULT_WORDS = {"gps": ("gps", "position"), "baro": ("altitude",), "rc": ("thrott
 
 
 class Input(NamedTuple):
-    """What is known of one input: states it moves and the words of its name and label."""
+    """What is known of one input: states it moves, the words of its name and label, and the label."""
 
     moves: frozenset[str]
     words: frozenset[str]
+    label: str = ""
 
 
 def words_of(text: str) -> frozenset[str]:
@@ -66,7 +67,9 @@ def table() -> dict[str, Input]:
         raise Refused("input_moves_state.csv", expected="columns input, kind, moves, label", got="another table")
     return {
         row["input"]: Input(
-            frozenset(filter(None, row["moves"].split("+"))), words_of(row["input"]) | words_of(row["label"])
+            frozenset(filter(None, row["moves"].split("+"))),
+            words_of(row["input"]) | words_of(row["label"]),
+            row["label"],
         )
         for row in rows
     }

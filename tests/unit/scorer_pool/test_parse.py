@@ -1,0 +1,68 @@
+"""Reading answers: 500 made ones give exactly what may be read, 10,000 mutated ones never a wrong pairing."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from saflite.contract.rng import derive
+from saflite.scorer_pool.parse import Reply, parse
+
+from .answers import KINDS, Answer, answer, corpus, mutated
+
+CORPUS = corpus()
+
+
+def test_corpus_is_large_and_holds_every_kind() -> None:
+    assert len(CORPUS) >= 500
+    assert {made.kind for made in CORPUS} == set(KINDS)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_reads_what_stands_there_and_names_the_fault_otherwise(kind: str) -> None:
+    for made in (made for made in CORPUS if made.kind == kind):
+        got = parse(made.reply, made.keys)
+        assert set(got.lines) | set(got.faults) == set(made.keys)
+        assert not set(got.lines) & set(got.faults)
+        for key, expected in made.expected.items():
+            if isinstance(expected, float):
+                assert got.lines[key].value == expected
+            else:
+                assert got.faults[key] in expected.split("|"), (kind, got.faults[key])
+
+
+def stands_in(text: str, key: str, value: float) -> bool:
+    """Return whether an object of `text` pairs the key with the score: found by pattern, not by the reader itself."""
+    flat = re.sub(r'"(?!id"|score")(?:[^"\\]|\\.)*"\s*:\s*"(?:[^"\\]|\\.)*"', '""', text)
+    for found in re.finditer(r"\{[^{}]*\}", flat):
+        scores = re.findall(r'"score"\s*:\s*(-?[\d.eE+-]+)', found.group())
+        ids = re.findall(r'"id"\s*:\s*"([^"]*)"', found.group())
+        if ids == [key] and len(scores) == 1 and float(scores[0]) == value:
+            return True
+    return False
+
+
+def test_mutated_answers_never_raise_and_never_pair_wrongly() -> None:
+    readable = 0
+    makers = [kind for kind in KINDS if kind not in {"ten_megabytes", "deep", "deep_object", "bytes"}]
+    for seed in range(10_000):
+        rng = derive(seed, "mutated answers")
+        made: Answer = answer(makers[seed % len(makers)], seed % 50)
+        content, thinking = mutated(made.reply.content, rng), mutated(made.reply.thinking, rng)
+        got = parse(Reply(content, thinking), made.keys)
+        assert set(got.lines) | set(got.faults) == set(made.keys)
+        for key, line in got.lines.items():
+            assert 0.0 <= line.value <= 10.0
+            assert stands_in(content, key, line.value) or stands_in(thinking, key, line.value), f"seed {seed}"
+            readable += 1
+    assert readable > 2_000, "mutations so strong that the test says nothing"
+
+
+def test_a_score_in_words_of_a_reason_is_not_taken() -> None:
+    text = '{"test_cases": [{"id": "ca", "interpretation": "\\"score\\": 9", "effect": "", "score": "9/10"}]}'
+    assert parse(Reply(text), ("ca",)).faults == {"ca": "not-a-number"}
+
+
+def test_says_its_faults_in_one_line() -> None:
+    assert parse(Reply("no"), ("ca", "cb")).fault == "not-json (2 ids)"
