@@ -112,7 +112,11 @@ class Origin(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class TestCase(msgspec.Struct, frozen=True, kw_only=True):
-    """What is flown. Two test cases with equal content are the same test case (`identity`)."""
+    """What is flown. Two test cases with equal content are the same test case (`identity`).
+
+    `source` keeps, as canonical JSON text, the competition YAML a test case was read from, so that writing it again
+    loses nothing; like `origin` it is not part of the identity.
+    """
 
     __test__ = False  # tells pytest that this is not a test class
 
@@ -121,12 +125,13 @@ class TestCase(msgspec.Struct, frozen=True, kw_only=True):
     stimuli: tuple[Stimulus, ...] = ()
     rng_seed: int = 0
     origin: Origin = Origin()
+    source: str = ""
 
 
 _ENCODER = msgspec.msgpack.Encoder(order="deterministic")
 
 
 def identity(test_case: TestCase) -> str:
-    """Return the identity of a test case: the hash of all it holds except its origin."""
+    """Return the identity of a test case: the hash of all it holds except its origin and source."""
     content = (test_case.target, test_case.scenario, test_case.stimuli, test_case.rng_seed)
     return short_id(_ENCODER.encode(content))
