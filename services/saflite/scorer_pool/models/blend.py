@@ -20,7 +20,7 @@ class Model:
         no_argument("blend", argument)
         self.label = "blend"
         self._gap = tools.model("gap")
-        self._low_fidelity = tools.model("gap")  # the kinematic vehicle joins with the planner
+        self._low_fidelity = tools.model("low_fidelity")
         self._relevance = tools.model("relevance")
 
     def score(self, job: Job) -> Sheet:

@@ -1,0 +1,92 @@
+"""Flies the mission on a kinematic vehicle with the real planner, where a first look says that it is worth it.
+
+The look is geometry, more than 1,000 test cases a second; what looks safe beyond doubt is not flown.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections import OrderedDict
+
+import numpy as np
+
+from saflite.contract.rng import derive_seed
+from saflite.contract.score import SCORE_MAX
+from saflite.contract.service import Cancelled
+from saflite.contract.test_case import TestCase, identity
+from saflite.flight.geometry import boxes_array
+from saflite.flight.mission import waypoints
+from saflite.flight.planner.kinematic import KinematicFlight, fly_kinematic
+from saflite.scorer_pool.features import has_layout
+from saflite.scorer_pool.geometry_score import Look, look
+from saflite.scorer_pool.labels import no_argument
+from saflite.scorer_pool.model import MIDDLE, Job, Mark, Sheet, Tools
+
+WORTH_FLYING = 2.0
+"""Geometry score from which a kinematic flight is spent on a test case."""
+
+SAFE_M, SLOPE_M = 1.5, 0.6
+KEPT_MAX = 10_000
+_ONE_AT_A_TIME = threading.Lock()
+"""The compiled planner works in one block of memory per process."""
+
+
+class Model:
+    """Scores by the least distance of one cheap flight; by geometry, at most 3, where none was spent."""
+
+    parallel = 1
+
+    def __init__(self, argument: str, tools: Tools) -> None:
+        no_argument("low_fidelity", argument)
+        self.label = "low_fidelity"
+        self._kept: OrderedDict[str, Mark] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def score(self, job: Job) -> Sheet:
+        """Return one mark per test case; stops early, with the middle for the rest, once cancelled."""
+        return Sheet(tuple(self._mark(case, job) for case in job.test_cases), digest="low_fidelity-1")
+
+    def warm(self, cancelled: Cancelled) -> str:
+        """Nothing to load."""
+        return "ready"
+
+    def close(self) -> None:
+        """Nothing to free."""
+
+    def _mark(self, test_case: TestCase, job: Job) -> Mark:
+        if not has_layout(test_case):
+            return Mark(MIDDLE, "no mission among obstacles: nothing to fly cheaply")
+        seen = look(test_case.scenario)
+        if seen.score < WORTH_FLYING:
+            return _unflown(seen)
+        if job.cancelled():
+            return Mark(MIDDLE, "cancelled")
+        name = f"{job.rng_seed}/{identity(test_case)}"
+        with self._lock:
+            if name in self._kept:
+                return self._kept[name]
+        mark = _flown(_fly(test_case, job.rng_seed))
+        with self._lock:
+            self._kept[name] = mark
+            if len(self._kept) > KEPT_MAX:
+                self._kept.popitem(last=False)
+        return mark
+
+
+def _fly(test_case: TestCase, rng_seed: int) -> KinematicFlight:
+    mission = test_case.scenario.mission
+    assert mission is not None
+    points = np.array([(place.x_m, place.y_m, place.z_m) for place in waypoints(mission)], dtype=np.float64)
+    seed = derive_seed(rng_seed, "low_fidelity", identity(test_case))
+    with _ONE_AT_A_TIME:
+        return fly_kinematic(points, boxes_array(test_case.scenario.obstacles), rng_seed=seed)
+
+
+def _flown(flight: KinematicFlight) -> Mark:
+    value = SCORE_MAX / (1.0 + math.exp(min(30.0, (flight.min_distance_m - SAFE_M) / SLOPE_M)))
+    return Mark(value, f"came within {flight.min_distance_m:.2f} m in {flight.duration_s:.0f} s")
+
+
+def _unflown(seen: Look) -> Mark:
+    return Mark(seen.score, f"looks safe (narrowest passage {seen.gap_m:.1f} m); not flown")
