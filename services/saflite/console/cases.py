@@ -1,0 +1,62 @@
+"""Test cases from files: competition YAML, our JSON, or the recording of a flight."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from saflite.contract.errors import Refused
+from saflite.contract.test_case import Target, TestCase
+
+KINDS = ".yaml, .yml (competition), .json (saflite), .mcap (recording)"
+
+
+def load_case(path: Path) -> TestCase:
+    """Return the test case in a file; raises Refused if it is missing, malformed or of an unknown kind."""
+    import msgspec
+
+    from saflite.contract.config import read_text
+
+    if path.suffix == ".mcap":
+        from saflite.recorder.recording import read
+
+        return read(path).test_case
+    if path.suffix == ".json":
+        text = read_text(path, "test case")
+        try:
+            return msgspec.json.decode(text, type=TestCase)
+        except msgspec.MsgspecError as fault:
+            raise Refused("test case", where=str(path), expected="a saflite test case", got=str(fault)) from fault
+    if path.suffix in (".yaml", ".yml"):
+        from saflite.recorder.exports.aerialist import load_yaml
+
+        return load_yaml(path)
+    raise Refused("test case", where=str(path), expected=KINDS, got=path.suffix or "no suffix")
+
+
+def with_changes(
+    case: TestCase,
+    *,
+    target: str = "",
+    defects: Sequence[str] = (),
+    parameters: Iterable[str] = (),
+    rng_seed: int | None = None,
+) -> TestCase:
+    """Return the test case with what the command line changes; raises Refused for a parameter without a number."""
+    import msgspec
+
+    settings = dict(case.target.parameters)
+    for text in parameters:
+        name, equals, number = text.partition("=")
+        try:
+            settings[name] = float(number)
+        except ValueError as fault:
+            raise Refused("--parameter", expected="NAME=NUMBER", got=text) from fault
+        assert equals, "float('') was refused above"
+    changed = Target(
+        name=target or case.target.name,
+        parameters=settings,
+        defects=(*case.target.defects, *(name for name in defects if name not in case.target.defects)),
+    )
+    seed = case.rng_seed if rng_seed is None else rng_seed
+    return msgspec.structs.replace(case, target=changed, rng_seed=seed)

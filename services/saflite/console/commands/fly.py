@@ -1,0 +1,77 @@
+"""Fly one test case and judge the flight.
+
+The test case is competition YAML, our JSON, or a recording. The flight runs in a sandbox of its own, as in the farm.
+
+examples:
+  saflite fly case.yaml
+  saflite fly case.yaml --out flight.mcap --policy min-obstacle-distance
+  saflite fly case.json --defect parachute-in-acro --json
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from saflite.contract.test_case import TestCase
+    from saflite.contract.verdict import Judgement
+    from saflite.contract.work import FlyResult
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Name the arguments."""
+    parser.add_argument("case", type=Path, help="test case: .yaml, .json or .mcap")
+    parser.add_argument("--target", default="", help="fly on this target instead (see `saflite list targets`)")
+    parser.add_argument("--policy", action="append", default=[], help="policy to judge by (may be repeated)")
+    parser.add_argument("--defect", action="append", default=[], help="switch a planted defect on (may be repeated)")
+    parser.add_argument("--parameter", action="append", default=[], metavar="NAME=NUMBER", help="set before take-off")
+    parser.add_argument("--rng-seed", type=int, help="random seed of noise and gusts")
+    parser.add_argument("--wall-limit", type=float, default=300.0, metavar="S", help="give up after so many seconds")
+    parser.add_argument("--target-module", type=Path, action="append", default=[], help="target from outside")
+    parser.add_argument("--out", type=Path, help="write a recording (.mcap)")
+    parser.add_argument("--json", action="store_true", help="print the result as JSON")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Fly, judge, print; 1 if a policy was violated."""
+    from saflite.console import cases, judging, out
+    from saflite.contract.errors import Refused, Unavailable
+    from saflite.contract.flight import FLOWN_ENDINGS
+
+    if args.out is not None and args.out.exists():
+        raise Refused("--out", where=str(args.out), expected="a file that does not exist", got="one that does")
+    case = cases.with_changes(
+        cases.load_case(args.case),
+        target=args.target,
+        defects=args.defect,
+        parameters=args.parameter,
+        rng_seed=args.rng_seed,
+    )
+    flown = judging.fly(case, args.wall_limit, args.target_module)
+    if flown.flight.ending not in FLOWN_ENDINGS:
+        raise Unavailable(f"the flight ended as {flown.flight.ending}: {flown.flight.message}")
+    judgement = judging.judge(case, flown, tuple(args.policy))
+    if args.out is not None:
+        _record(args.out, case, flown, judgement)
+    if args.json:
+        out.json({"flight": flown.flight, "judgement": judgement, "recording": str(args.out or "")})
+    else:
+        judging.show(case, flown.flight, judgement)
+        if args.out is not None:
+            out.line(f"recording  {args.out}")
+    return judging.exit_code(judgement)
+
+
+def _record(path: Path, case: TestCase, flown: FlyResult, judgement: Judgement) -> None:
+    from saflite.contract.errors import Unavailable
+    from saflite.contract.work import RecordWork
+    from saflite.recorder import mcap
+    from saflite.runtime.clock import WallClock
+
+    work = RecordWork(test_case=case, flight=flown.flight, judgement=judgement, trace=flown.trace)
+    try:
+        path.write_bytes(mcap.write(work, WallClock().unix_s() - flown.flight.wall_s))
+    except OSError as fault:
+        raise Unavailable(f"recording {path}: {fault}") from fault

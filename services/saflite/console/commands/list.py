@@ -1,0 +1,49 @@
+"""List what there is: campaigns, missions, strategies, scorers, targets, policies, defects, exports, signals.
+
+examples:
+  saflite list
+  saflite list strategies -v
+  saflite list policies --json
+"""
+
+from __future__ import annotations
+
+import argparse
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Name the arguments."""
+    parser.add_argument("kind", nargs="?", default="", help="what to list; nothing: how many there are of each kind")
+    parser.add_argument("-v", "--verbose", action="store_true", help="show settings and details")
+    parser.add_argument("--json", action="store_true", help="print as JSON")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print the catalogue."""
+    from saflite.console import catalogue, out
+    from saflite.contract.errors import Refused
+
+    kinds = catalogue.KINDS
+    if not args.kind:
+        counts = {kind: [item.name for item in items()] for kind, items in kinds.items()}
+        if args.json:
+            out.json(counts)
+        else:
+            out.table([(kind, len(names), _few(names)) for kind, names in counts.items()])
+        return 0
+    if args.kind not in kinds:
+        raise Refused("kind", expected=f"one of {', '.join(kinds)}", got=repr(args.kind))
+    items = kinds[args.kind]()
+    if args.json:
+        out.json([{"name": item.name, "summary": item.summary, "details": dict(item.details)} for item in items])
+        return 0
+    width = max((len(item.name) for item in items), default=0)
+    for item in items:
+        out.line(f"{item.name:<{width}}  {item.summary}")
+        for key, text in item.details.items() if args.verbose else ():
+            out.line(f"{'':<{width}}    {key}: {text}")
+    return 0
+
+
+def _few(names: list[str]) -> str:
+    return ", ".join(names[:6]) + (", ..." if len(names) > 6 else "")

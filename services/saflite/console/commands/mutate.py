@@ -1,0 +1,61 @@
+"""Let a strategy propose test cases, as the farm's mutator does, and write them as files.
+
+examples:
+  saflite mutate avoidance-m2 --count 5
+  saflite mutate avoidance-m3 --strategy deephyperion --count 20 --rng-seed 7 --out cases/
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Name the arguments."""
+    parser.add_argument("campaign", help="built-in campaign or campaign file, for mission and policies")
+    parser.add_argument("--strategy", default="", help="strategy instead of the campaign's")
+    parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="setting of the strategy")
+    parser.add_argument("--count", type=int, default=5, help="how many test cases (5)")
+    parser.add_argument("--round", type=int, default=0, help="round to draw for (0)")
+    parser.add_argument("--rng-seed", type=int, help="random seed instead of the campaign's")
+    parser.add_argument(
+        "--out", type=Path, help="folder for one .json per test case, and .yaml where it can be said so"
+    )
+    parser.add_argument("--json", action="store_true", help="print the test cases as JSON, one per line")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Ask the strategy once and print what it proposes."""
+    from saflite.campaign.builtin import load_campaign, template
+    from saflite.console import files, options, out
+    from saflite.contract.test_case import identity
+    from saflite.contract.work import MutateResult, MutateWork
+    from saflite.mutator.work import open_service
+
+    campaign = options.changed(
+        load_campaign(args.campaign), rng_seed=args.rng_seed, strategy=args.strategy, settings=args.set
+    )
+    options.at_least("--count", args.count, 1)
+    work = MutateWork(
+        round=args.round,
+        count=args.count,
+        strategy=campaign.strategy.name,
+        settings=campaign.strategy.settings,
+        rng_seed=campaign.rng_seed,
+        template=template(campaign),
+        policies=campaign.policies,
+        outcomes=(),
+        from_cursor=-1,
+        cursor=-1,
+    )
+    result = open_service().do(work, lambda: False)
+    assert isinstance(result, MutateResult)
+    for case in result.test_cases:
+        if args.json:
+            out.json(case)
+        else:
+            out.line(f"{identity(case)}  {files.one_line(case)}")
+    if args.out is not None:
+        files.write_cases(result.test_cases, args.out)
+    return 0

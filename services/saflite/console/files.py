@@ -1,0 +1,38 @@
+"""Test cases as files: our JSON always, competition YAML where it can say everything."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import msgspec
+
+from saflite.contract.errors import Unavailable
+from saflite.contract.test_case import TestCase, identity
+
+
+def one_line(case: TestCase) -> str:
+    """Return a test case in short: its boxes, its stimuli."""
+    boxes = [
+        f"{box.length_m:g}x{box.width_m:g}x{box.height_m:g}@({box.x_m:.1f},{box.y_m:.1f}) {box.rotation_deg:.0f}deg"
+        for box in case.scenario.obstacles
+    ]
+    stimuli = [
+        f"{one.at_s:g}s {one.kind} {one.name} {' '.join(f'{value:g}' for value in one.values)}".rstrip()
+        for one in case.stimuli
+    ]
+    return "; ".join(boxes + stimuli) or "nothing in the way"
+
+
+def write_cases(cases: Iterable[TestCase], folder: Path) -> list[Path]:
+    """Write one `.json` per test case, named by its identity; returns the paths."""
+    paths = []
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for case in cases:
+            path = folder / f"{identity(case)}.json"
+            path.write_bytes(msgspec.json.format(msgspec.json.encode(case)) + b"\n")
+            paths.append(path)
+    except OSError as fault:
+        raise Unavailable(f"writing test cases to {folder}: {fault}") from fault
+    return paths

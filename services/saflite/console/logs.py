@@ -1,0 +1,56 @@
+"""Traces from files: ours, PX4's and ArduPilot's."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from saflite.contract.errors import Refused
+from saflite.contract.flight import Flight, Trace, trace_digest, unpack_trace
+from saflite.contract.test_case import Scenario, Target, TestCase, identity
+
+
+def _packed(path: Path) -> Trace:
+    try:
+        return unpack_trace(path.read_bytes())
+    except OSError as fault:
+        raise Refused("trace", where=str(path), expected="a readable file", got=str(fault)) from fault
+
+
+def _ulog(path: Path) -> Trace:
+    from saflite.oracle.ulog import read_ulog
+
+    return read_ulog(path)
+
+
+def _dataflash(path: Path) -> Trace:
+    from saflite.oracle.dataflash import read_dataflash
+
+    return read_dataflash(path)
+
+
+READERS: dict[str, Callable[[Path], Trace]] = {".trace": _packed, ".ulg": _ulog, ".bin": _dataflash, ".BIN": _dataflash}
+_TARGETS = {".trace": "reference", ".ulg": "px4", ".bin": "ardupilot", ".BIN": "ardupilot"}
+
+
+def read_trace(path: Path) -> Trace:
+    """Return the trace in a file; raises Refused if it is missing, damaged, or without position."""
+    if not path.is_file():
+        raise Refused("flight log", where=str(path), expected="a readable file", got="none")
+    return READERS[path.suffix](path)
+
+
+def empty_case(path: Path) -> TestCase:
+    """Return a test case without obstacles and stimuli for a log nobody says more about."""
+    return TestCase(target=Target(name=_TARGETS[path.suffix]), scenario=Scenario())
+
+
+def flight_of(case: TestCase, trace: Trace) -> Flight:
+    """Return the record of a flight of which only the trace is known; it counts as completed."""
+    return Flight(
+        test_case=identity(case),
+        flight_index=0,
+        ending="completed",
+        simulated_s=trace.duration_s,
+        trace_digest=trace_digest(trace),
+    )

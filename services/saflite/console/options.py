@@ -1,0 +1,84 @@
+"""What the command line changes in a campaign file."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import msgspec
+
+from saflite.contract.config import Campaign, StrategyConfig, check_campaign
+from saflite.contract.errors import Refused
+from saflite.contract.work import Setting
+
+
+def at_least(name: str, number: float, least: float) -> None:
+    """Raise Refused if a number of the command line is too small."""
+    if not number >= least:
+        raise Refused(name, expected=f"{least:g} or more", got=number)
+
+
+def setting(text: str) -> tuple[str, Setting]:
+    """Return the name and value in `name=value`, the value read as TOML where it is, as text elsewhere."""
+    import tomllib
+
+    name, equals, value = text.partition("=")
+    if not equals or not name:
+        raise Refused("--set", expected="NAME=VALUE", got=text)
+    try:
+        return name, tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError:
+        return name, value
+
+
+def changed(
+    campaign: Campaign,
+    *,
+    rng_seed: int | None = None,
+    budget: int | None = None,
+    strategy: str = "",
+    settings: Sequence[str] = (),
+    scorer: str = "",
+    shadow: Sequence[str] = (),
+    defects: Sequence[str] = (),
+) -> Campaign:
+    """Return the campaign with the changes given; raises Refused for unknown strategies, scorers and settings.
+
+    A strategy other than the campaign's starts from its own defaults.
+    """
+    from saflite.mutator.registry import load_strategy
+    from saflite.scorer_pool.registry import check_label
+
+    same = not strategy or strategy == campaign.strategy.name
+    kept = campaign.strategy if same else StrategyConfig(name=strategy)
+    found = msgspec.structs.replace(kept, settings={**kept.settings, **dict(setting(text) for text in settings)})
+    models = msgspec.structs.replace(
+        campaign.scorer, model=scorer or campaign.scorer.model, shadow=tuple(shadow) or campaign.scorer.shadow
+    )
+    target = msgspec.structs.replace(campaign.target, defects=(*campaign.target.defects, *defects))
+    new = msgspec.structs.replace(
+        campaign,
+        strategy=found,
+        scorer=models,
+        target=target,
+        rng_seed=campaign.rng_seed if rng_seed is None else rng_seed,
+        budget_flights=campaign.budget_flights if budget is None else budget,
+    )
+    load_strategy(new.strategy.name)
+    for label in (new.scorer.model, *new.scorer.shadow):
+        check_label(label)
+    check_campaign(new, "command line")
+    return new
+
+
+def check_runnable(campaign: Campaign) -> None:
+    """Raise Refused now for what a worker would refuse later: policies, target, mission, strategy settings."""
+    from saflite.campaign.builtin import template
+    from saflite.mutator.registry import load_strategy
+    from saflite.oracle.policy import load_policy
+    from saflite.simulator_worker.registry import load_target
+
+    for name in campaign.policies:
+        load_policy(name)
+    base = template(campaign)
+    load_strategy(campaign.strategy.name)(base, campaign.strategy.settings, campaign.policies)
+    load_target(campaign.target.name).check(base)
