@@ -1,0 +1,71 @@
+"""Test cases as the UAV testing competition's YAML (Aerialist), each mission's `.plan` beside it.
+
+One file per violation, named by its test case. Both spellings are read (robot/mission and drone/test); writing what
+was read loses nothing. Also called `yaml`.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from saflite.contract.config import read_text
+from saflite.contract.errors import Refused
+from saflite.contract.test_case import Mission, TestCase, identity
+from saflite.flight.mission import dump_plan, load_plan
+from saflite.recorder import competition, yaml_text
+from saflite.recorder.files import write_file
+from saflite.recorder.summary import RunSummary
+
+ALIASES = ("yaml",)
+
+
+def export(summary: RunSummary, folder: Path) -> tuple[Path, ...]:
+    """Write one YAML per violation and the missions they name into `folder`; returns the files written."""
+    written: list[Path] = []
+    for finding in summary.findings:
+        written.extend(write_case(finding.test_case, folder))
+    return tuple(dict.fromkeys(written))
+
+
+def write_case(test_case: TestCase, folder: Path, stem: str = "") -> tuple[Path, ...]:
+    """Write the test case as `folder/stem.yaml` (its identity if no stem is given) with its mission beside it."""
+    path = folder / f"{stem or identity(test_case)}.yaml"
+    document = competition.to_document(test_case)
+    robot = next(document[word] for word in competition.ROBOT_WORDS if word in document)
+    mission = test_case.scenario.mission
+    written = [path]
+    if mission is not None:
+        written.append(_write_plan(mission, folder / Path(robot["mission_file"]).name))
+    write_file(path, yaml_text.write(document))
+    return tuple(written)
+
+
+def _write_plan(mission: Mission, path: Path) -> Path:
+    """Write the plan unless it is there already; raises Refused where another mission of that name stands."""
+    text = dump_plan(mission)
+    if path.exists() and read_text(path, "mission plan") != text:
+        raise Refused("mission plan", where=str(path), expected=f"mission {mission.name}", got="another mission")
+    write_file(path, text)
+    return path
+
+
+def read_case(path: Path) -> TestCase:
+    """Return the test case in a competition YAML.
+
+    Its mission file is looked for as named from the YAML's folder, then from the working directory, then by its bare
+    name beside the YAML. Raises Refused with file and line for what cannot be understood or flown.
+    """
+    return parse_case(read_text(path, "test case"), str(path), path.parent)
+
+
+def parse_case(text: str, where: str, folder: Path) -> TestCase:
+    """Return the test case in the text of a competition YAML; `folder` is where its mission file is looked for."""
+
+    def find(plan: str, place: str) -> Mission:
+        for candidate in (folder / plan, Path(plan), folder / Path(plan).name):
+            if candidate.is_file():
+                return load_plan(candidate)
+        fix = f"put {Path(plan).name} beside the YAML"
+        raise Refused("mission_file", where=place, expected="a .plan file that is there", got=repr(plan), fix=fix)
+
+    return competition.to_test_case(yaml_text.read(text, where), find)

@@ -1,0 +1,53 @@
+"""The violations as one CSV table: policy, standing, robustness, fingerprint, the boxes or stimuli, features."""
+
+from __future__ import annotations
+
+import csv
+import io
+from pathlib import Path
+
+from saflite.contract.test_case import TestCase
+from saflite.recorder.files import write_file
+from saflite.recorder.summary import Finding, RunSummary
+
+FILE = "violations.csv"
+COLUMNS = (
+    *("test_case", "policy", "standing", "severity", "robustness", "fingerprint", "reflown", "failed_again"),
+    *("bit_equal", "strategy", "round", "parent", "min_distance_m", "duration_s", "inputs", "recording"),
+)
+
+
+def export(summary: RunSummary, folder: Path) -> tuple[Path, ...]:
+    """Write `violations.csv` into `folder`; returns the file written."""
+    path = folder / FILE
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(COLUMNS)
+    table.writerows(_row(finding) for finding in summary.findings)
+    write_file(path, text.getvalue())
+    return (path,)
+
+
+def _row(finding: Finding) -> tuple[object, ...]:
+    violation, origin = finding.violation, finding.test_case.origin
+    features = finding.judgement.features if finding.judgement is not None else {}
+    return (
+        *(violation.test_case, violation.policy, violation.standing, violation.severity, violation.robustness),
+        *(violation.fingerprint, violation.reflown, violation.failed_again, violation.bit_equal),
+        *(origin.strategy, origin.round, origin.parent),
+        *(features.get("min_distance_m", ""), features.get("duration_s", "")),
+        *(_inputs(finding.test_case), finding.recording),
+    )
+
+
+def _inputs(test_case: TestCase) -> str:
+    boxes = (
+        f"box {box.length_m:g}x{box.width_m:g}x{box.height_m:g} at ({box.x_m:g}, {box.y_m:g}) "
+        f"turned {box.rotation_deg:g}"
+        for box in test_case.scenario.obstacles
+    )
+    stimuli = (
+        f"{stimulus.at_s:g} s {stimulus.kind} {stimulus.name} {' '.join(f'{value:g}' for value in stimulus.values)}"
+        for stimulus in test_case.stimuli
+    )
+    return "; ".join((*boxes, *stimuli))

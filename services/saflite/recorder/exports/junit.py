@@ -1,0 +1,82 @@
+"""The campaign as JUnit XML for continuous integration: one test per policy and violation, a violation fails it.
+
+A flaky or unconfirmed violation is a skipped test with its rate, so that it shows without breaking a build.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from xml.etree import ElementTree as Xml
+
+from saflite.recorder.files import write_file
+from saflite.recorder.summary import Finding, RunSummary
+
+FILE = "junit.xml"
+
+
+def export(summary: RunSummary, folder: Path) -> tuple[Path, ...]:
+    """Write `junit.xml` into `folder`; returns the file written."""
+    path = folder / FILE
+    suite = _suite(summary)
+    Xml.indent(suite)
+    write_file(path, Xml.tostring(suite, encoding="unicode", xml_declaration=True) + "\n")
+    return (path,)
+
+
+def _suite(summary: RunSummary) -> Xml.Element:
+    failed = [finding for finding in summary.findings if finding.violation.standing == "confirmed"]
+    broken = {finding.violation.policy for finding in summary.findings}
+    held = [policy for policy in summary.policies if policy.id not in broken]
+    suite = Xml.Element(
+        "testsuite",
+        name=_clean(summary.campaign.name),
+        tests=str(len(summary.findings) + len(held)),
+        failures=str(len(failed)),
+        errors="0",
+        skipped=str(len(summary.findings) - len(failed)),
+        time=f"{summary.elapsed_s:.3f}",
+    )
+    _properties(suite, summary)
+    for finding in summary.findings:
+        _add(suite, finding)
+    for policy in held:
+        Xml.SubElement(suite, "testcase", classname=_clean(policy.id), name="held on every flight")
+    return suite
+
+
+def _properties(suite: Xml.Element, summary: RunSummary) -> None:
+    properties = Xml.SubElement(suite, "properties")
+    facts = {
+        "flights": summary.flights,
+        "test cases without violation": summary.held,
+        "rng_seed": summary.campaign.rng_seed,
+        "target": summary.campaign.target.name,
+        "version": summary.version,
+    }
+    for name, value in facts.items():
+        Xml.SubElement(properties, "property", name=name, value=_clean(str(value)))
+
+
+def _add(suite: Xml.Element, finding: Finding) -> None:
+    violation = finding.violation
+    case = Xml.SubElement(
+        suite, "testcase", classname=_clean(violation.policy), name=f"{violation.test_case} {violation.fingerprint}"
+    )
+    text = (
+        f"{violation.severity} violation, robustness {violation.robustness:.3f}, failed again in "
+        f"{violation.failed_again} of {violation.reflown} re-flights. {violation.message}".strip()
+    )
+    kind = "failure" if violation.standing == "confirmed" else "skipped"
+    node = Xml.SubElement(case, kind, message=_clean(f"{violation.standing}: {text}"))
+    if kind == "failure":
+        node.set("type", _clean(violation.policy))
+    node.text = _clean(f"test case test_cases/{violation.test_case}.yaml\nrecording {finding.recording or 'none'}\n")
+
+
+def _clean(text: str) -> str:
+    """Return the text without characters that XML 1.0 cannot hold."""
+    return "".join(char if char in "\t\n\r" or ord(char) >= 0x20 else " " for char in text if not _odd(char))
+
+
+def _odd(char: str) -> bool:
+    return 0xD800 <= ord(char) <= 0xDFFF or ord(char) in (0xFFFE, 0xFFFF)

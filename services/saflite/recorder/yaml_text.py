@@ -1,0 +1,98 @@
+"""YAML as plain data with the line every value stands on, so that a fault can be named where it is."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import yaml
+
+from saflite.contract.errors import Refused
+
+TEXT_MAX = 1_000_000
+_DATE = "tag:yaml.org,2002:timestamp"
+
+
+class _Reader(yaml.SafeLoader):
+    """Safe YAML without dates: what looks like one stays text, so that nothing is lost on the way through JSON."""
+
+
+_Reader.yaml_implicit_resolvers = {
+    first: [(tag, pattern) for tag, pattern in resolvers if tag != _DATE]
+    for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
+}
+
+Path = tuple[str | int, ...]
+
+
+class Located(NamedTuple):
+    """Data and the line (from 1) each of its parts begins on, by path."""
+
+    data: dict[str, Any]
+    where: str
+    lines: dict[Path, int]
+
+    def at(self, path: Path) -> str:
+        """Return the place of a part for a fault text: file and line of it or of the nearest part around it."""
+        while path and path not in self.lines:
+            path = path[:-1]
+        line = self.lines.get(path, 1)
+        return f"{self.where}, line {line}" if self.where else f"line {line}"
+
+
+def read(text: str, where: str) -> Located:
+    """Return a YAML mapping; raises Refused with the line for text that is no YAML, has aliases, or is no mapping."""
+    if len(text) > TEXT_MAX:
+        raise Refused("YAML", where=where, expected=f"at most {TEXT_MAX} characters", got=len(text))
+    loader = None
+    try:
+        loader = _Reader(text)
+        node = loader.get_single_node()
+        lines: dict[Path, int] = {}
+        if node is not None:
+            _walk(node, (), lines, where)
+        data = None if node is None else loader.construct_document(node)
+    except yaml.MarkedYAMLError as fault:
+        mark = fault.problem_mark or fault.context_mark
+        place = f"{where}, line {mark.line + 1}" if mark else where
+        got = fault.problem or fault.context or "something else"
+        raise Refused("YAML", where=place, expected="well-formed YAML", got=got) from fault
+    except (yaml.YAMLError, RecursionError, ValueError, OverflowError) as fault:
+        raise Refused("YAML", where=where, expected="well-formed YAML", got=str(fault).splitlines()[0]) from fault
+    finally:
+        if loader is not None:
+            loader.dispose()
+    located = Located(data if isinstance(data, dict) else {}, where, lines)
+    if not isinstance(data, dict):
+        raise Refused("YAML", where=located.at(()), expected="a mapping", got=type(data).__name__)
+    return located
+
+
+def _walk(node: yaml.Node, path: Path, lines: dict[Path, int], where: str) -> None:
+    if path in lines:
+        raise Refused("YAML", where=f"{where}, line {node.start_mark.line + 1}", expected="one value", got="two of it")
+    lines[path] = node.start_mark.line + 1
+    if isinstance(node, yaml.SequenceNode):
+        for index, child in enumerate(node.value):
+            _walk(_once(child, lines, where), (*path, index), lines, where)
+    elif isinstance(node, yaml.MappingNode):
+        for key, child in node.value:
+            if key.tag != "tag:yaml.org,2002:str":
+                place = f"{where}, line {key.start_mark.line + 1}"
+                raise Refused("YAML", where=place, expected="keys that are words", got=repr(key.value))
+            _walk(_once(child, lines, where), (*path, key.value), lines, where)
+
+
+def _once(node: yaml.Node, lines: dict[Path, int], where: str) -> yaml.Node:
+    """Refuse a node met twice: aliases could grow without bound and would be lost when written again."""
+    seen = getattr(node, "saflite_seen", False)
+    if seen and not isinstance(node, yaml.ScalarNode):
+        place = f"{where}, line {node.start_mark.line + 1}"
+        raise Refused("YAML", where=place, expected="no anchors and aliases", got="an alias")
+    node.saflite_seen = True  # type: ignore[attr-defined]
+    return node
+
+
+def write(data: dict[str, Any]) -> str:
+    """Return the data as YAML in the order of its keys; reading it again gives the same data."""
+    text: str = yaml.safe_dump(data, sort_keys=False, allow_unicode=True, default_flow_style=None, width=120)
+    return text

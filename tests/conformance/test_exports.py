@@ -1,0 +1,128 @@
+"""Every export format, found by its place, takes any result and can be read back by an independent reader."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+import yaml
+
+from saflite.contract.config import Campaign
+from saflite.contract.errors import Refused, Unavailable
+from saflite.contract.test_case import Obstacle, Scenario, StartState, Stimulus, Target, TestCase, identity
+from saflite.contract.verdict import Judgement, Violation
+from saflite.flight.mission import builtin_mission
+from saflite.recorder import export
+from saflite.recorder.exports.aerialist import read_case
+from saflite.recorder.summary import Finding, PolicyFacts, RunSummary
+
+BOX = Obstacle(length_m=10.0, width_m=5.0, height_m=20.0, x_m=1.0, y_m=20.0, rotation_deg=30.0)
+AVOID = TestCase(target=Target(), scenario=Scenario(mission=builtin_mission("mission2"), obstacles=(BOX,)))
+POLICY = TestCase(
+    target=Target(),
+    scenario=Scenario(start=StartState()),
+    stimuli=(Stimulus(at_s=1.0, kind="command", name="MAV_CMD_DO_PARACHUTE", values=(2.0,)),),
+)
+
+
+def finding(case: TestCase, policy: str, standing: str = "confirmed", severity: str = "soft") -> Finding:
+    violation = Violation(
+        fingerprint=f"{policy}-1",
+        test_case=identity(case),
+        policy=policy,
+        robustness=-0.5,
+        severity=severity,  # type: ignore[arg-type]
+        standing=standing,  # type: ignore[arg-type]
+        reflown=1,
+        failed_again=1,
+        message='<odd & "text"> \x01 ]]> ünï',
+    )
+    judgement = Judgement(
+        test_case=identity(case), flight_index=0, verdicts=(), features={"min_distance_m": 1.0, "duration_s": 80.0}
+    )
+    return Finding(violation, case, judgement, "recordings/x.mcap")
+
+
+SUMMARY = RunSummary(
+    campaign=Campaign(name="mine", mission="mission2"),
+    policies=(PolicyFacts("min-obstacle-distance", "Keep away", "words", "source"), PolicyFacts("other", "", "", "")),
+    findings=(
+        finding(AVOID, "min-obstacle-distance", severity="hard"),
+        finding(POLICY, "a-chute", standing="flaky"),
+    ),
+    flights=12,
+    held=8,
+    elapsed_s=3.5,
+    version="0.1.0",
+)
+EMPTY = SUMMARY._replace(findings=(), policies=())
+
+
+@pytest.mark.parametrize("name", export.format_names())
+@pytest.mark.parametrize("summary", [SUMMARY, EMPTY])
+def test_it_writes_the_files_it_names_and_the_same_ones_again(name: str, summary: RunSummary, tmp_path: Path) -> None:
+    assert len(export.describe(name)) > 40
+    written = export.export(name, summary, tmp_path)
+    assert sorted(written) == sorted(path for path in tmp_path.rglob("*") if path.is_file())
+    before = {path: path.read_bytes() for path in written}
+    assert export.export(name, summary, tmp_path) == written
+    assert before == {path: path.read_bytes() for path in written}
+
+
+@pytest.mark.parametrize("name", export.format_names())
+def test_a_place_that_cannot_be_written_is_told(name: str, tmp_path: Path) -> None:
+    blocked = tmp_path / "file"
+    blocked.write_text("")
+    with pytest.raises(Unavailable, match="file"):
+        export.export(name, SUMMARY, blocked)
+
+
+def test_an_unknown_format_is_refused_with_the_choice(tmp_path: Path) -> None:
+    with pytest.raises(Refused, match="sarif"):
+        export.export("word", SUMMARY, tmp_path)
+
+
+def test_competition_files_give_the_test_cases_back(tmp_path: Path) -> None:
+    written = [path for path in export.export("yaml", SUMMARY, tmp_path) if path.suffix == ".yaml"]
+    assert {identity(read_case(path)) for path in written} == {identity(AVOID), identity(POLICY)}
+    assert all(path.stem == identity(read_case(path)) for path in written)
+    assert all(yaml.safe_load(path.read_text())["simulation"] for path in written)
+
+
+def test_junit_counts_what_it_holds(tmp_path: Path) -> None:
+    (path,) = export.export("junit", SUMMARY, tmp_path)
+    suite = ElementTree.parse(path).getroot()
+    tests = suite.findall("testcase")
+    assert int(suite.attrib["tests"]) == len(tests) == 3
+    assert int(suite.attrib["failures"]) == len(suite.findall("testcase/failure")) == 1
+    assert int(suite.attrib["skipped"]) == len(suite.findall("testcase/skipped")) == 1
+    assert [test.attrib["classname"] for test in tests if len(test) == 0] == ["other"]
+    failure = suite.find("testcase/failure")
+    assert failure is not None
+    assert '<odd & "text">' in failure.attrib["message"]
+
+
+def test_sarif_results_name_rule_place_and_fingerprint(tmp_path: Path) -> None:
+    (path,) = export.export("sarif", SUMMARY, tmp_path)
+    log = json.loads(path.read_text())
+    assert log["version"] == "2.1.0"
+    run = log["runs"][0]
+    rules = [rule["id"] for rule in run["tool"]["driver"]["rules"]]
+    assert [result["level"] for result in run["results"]] == ["error", "note"]
+    for result in run["results"]:
+        assert rules[result["ruleIndex"]] == result["ruleId"]
+        assert result["partialFingerprints"]["saflite/v1"]
+        assert result["message"]["text"]
+
+
+def test_the_table_has_a_row_per_violation(tmp_path: Path) -> None:
+    (path,) = export.export("csv", SUMMARY, tmp_path)
+    with path.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["policy"] for row in rows] == ["min-obstacle-distance", "a-chute"]
+    assert rows[0]["min_distance_m"] == "1.0"
+    assert "box 10x5x20" in rows[0]["inputs"]
+    assert "MAV_CMD_DO_PARACHUTE 2" in rows[1]["inputs"]

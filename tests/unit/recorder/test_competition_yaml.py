@@ -1,0 +1,238 @@
+"""The competition's YAML: both spellings, without loss, faults named with their line."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
+from saflite.contract.errors import Refused
+from saflite.contract.test_case import (
+    Obstacle,
+    Origin,
+    Scenario,
+    StartState,
+    Stimulus,
+    Target,
+    TestCase,
+    Wind,
+    identity,
+)
+from saflite.flight.mission import builtin_mission, dump_plan
+from saflite.recorder import competition, yaml_text
+from saflite.recorder.exports.aerialist import parse_case, read_case, write_case
+
+OLD = """\
+# as the competition of 2024 writes it
+drone:
+  port: ros
+  params_file: mission-params.csv
+  mission_file: mission2.plan
+simulation:
+  simulator: ros
+  speed: 1
+  headless: true
+  obstacles:
+  - size: {l: 10, w: 5, h: 20}
+    position: {x: 10, y: 20, z: 0, r: 0}
+  - size: {l: 10, w: 5, h: 20}
+    position: {x: -10, y: 20, z: 0, r: 30}
+test:
+  commands_file: mission-commands.csv
+agent: {engine: docker, count: 3}
+mine: [1, two, {three: 2024-01-02}]
+"""
+
+NEW = """\
+robot:
+  port: 14541
+  params: {NAV_ACC_RAD: 0.5, NAV_RCL_ACT: 3}
+  mission_file: some/where/mission2.plan
+simulation:
+  simulator: ros
+  timeout: 300
+  wind: {velocity_mean: 3, velocity_max: 5, direction: [0, 1, 0]}
+  obstacles: [5, 4, 15, 10, 25, 0, 0,  3, 3, 12, -10, 30, 0, 45]
+mission:
+  commands: [{timestamp: 1, mode: 3, x: 0, y: 0, z: 0.5, r: 0}]
+assertion: {variable: trajectory}
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "mission2.plan").write_text(dump_plan(builtin_mission("mission2")))
+    return tmp_path
+
+
+def parse(text: str, folder: Path) -> TestCase:
+    return parse_case(text, "case.yaml", folder)
+
+
+def data_of(text: str) -> Any:
+    return yaml_text.read(text, "").data
+
+
+def test_the_old_spelling_is_read(folder: Path) -> None:
+    case = parse(OLD, folder)
+    assert case.scenario.mission == builtin_mission("mission2")
+    first, second = case.scenario.obstacles
+    assert first == Obstacle(length_m=10.0, width_m=5.0, height_m=20.0, x_m=10.0, y_m=20.0)
+    assert (second.x_m, second.rotation_deg) == (-10.0, 30.0)
+    assert case.scenario.time_limit_s == 500.0
+    assert case.target == Target()
+
+
+def test_the_new_spelling_and_flat_boxes_are_read(folder: Path) -> None:
+    case = parse(NEW, folder)
+    assert case.scenario.obstacles == (
+        Obstacle(length_m=5.0, width_m=4.0, height_m=15.0, x_m=10.0, y_m=25.0),
+        Obstacle(length_m=3.0, width_m=3.0, height_m=12.0, x_m=-10.0, y_m=30.0, rotation_deg=45.0),
+    )
+    assert case.scenario.time_limit_s == 300.0
+    wind = case.scenario.wind
+    assert (wind.mean_mps, wind.gust_mps) == (3.0, 2.0)
+    assert wind.from_deg == pytest.approx(270.0), "blowing towards the east comes from the west"
+
+
+@pytest.mark.parametrize("text", [OLD, NEW])
+def test_what_was_read_is_written_without_loss(text: str, folder: Path) -> None:
+    case = parse(text, folder)
+    document = competition.to_document(case)
+    assert document == data_of(text)
+    assert list(document) == list(data_of(text))
+    written = write_case(case, folder / "out", "again")
+    assert read_case(written[0]) == case
+
+
+def test_a_changed_layout_changes_the_obstacles_only(folder: Path) -> None:
+    case = parse(OLD, folder)
+    moved = msgspec.structs.replace(case.scenario.obstacles[0], x_m=12.5)
+    scenario = msgspec.structs.replace(case.scenario, obstacles=(moved, case.scenario.obstacles[1]))
+    changed = msgspec.structs.replace(case, scenario=scenario)
+    before, after = data_of(OLD), competition.to_document(changed)
+    assert after["simulation"]["obstacles"][0]["position"]["x"] == 12.5
+    after["simulation"]["obstacles"] = before["simulation"]["obstacles"]
+    assert after == before
+
+
+boxes = st.builds(
+    Obstacle,
+    length_m=st.floats(1e-3, 1e6),
+    width_m=st.floats(1e-3, 1e6),
+    height_m=st.floats(1e-3, 1e6),
+    x_m=st.floats(-1e6, 1e6),
+    y_m=st.floats(-1e6, 1e6),
+    z_m=st.floats(-10, 10),
+    rotation_deg=st.floats(-720, 720),
+)
+stimuli = st.builds(
+    Stimulus,
+    at_s=st.floats(0, 100),
+    kind=st.sampled_from(["parameter", "command", "stick", "mode", "sensor_fault"]),
+    name=st.sampled_from(["RTL_ALT", "MAV_CMD_DO_PARACHUTE", "RC3", "FLIP", "no", "1e3", "2024-01-01"]),
+    values=st.lists(st.floats(allow_nan=False, allow_infinity=False), max_size=7).map(tuple),
+)
+cases = st.builds(
+    TestCase,
+    target=st.builds(
+        Target,
+        name=st.sampled_from(["reference", "px4"]),
+        parameters=st.dictionaries(st.sampled_from(["RTL_ALT", "null", "~"]), st.floats(-1e9, 1e9), max_size=3),
+        defects=st.lists(st.sampled_from(["a", "off"]), max_size=2).map(tuple),
+    ),
+    scenario=st.builds(
+        Scenario,
+        mission=st.just(builtin_mission("mission2")),
+        start=st.none() | st.builds(StartState, mode=st.sampled_from(["GUIDED", "ACRO"])),
+        obstacles=st.lists(boxes, max_size=4).map(tuple),
+        wind=st.builds(Wind, mean_mps=st.floats(0, 20), from_deg=st.floats(0, 360), gust_mps=st.floats(0, 9)),
+        time_limit_s=st.sampled_from([500.0, 60.0]),
+    ),
+    stimuli=st.lists(stimuli, max_size=4).map(tuple),
+    rng_seed=st.integers(0, 2**62),
+)
+
+
+@given(case=cases, source=st.sampled_from(["", OLD, NEW]))
+def test_every_test_case_survives_the_way_through_yaml(
+    case: TestCase, source: str, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    kept = json.dumps(data_of(source)) if source else ""
+    case = msgspec.structs.replace(case, source=kept)
+    text = yaml_text.write(competition.to_document(case))
+    back = competition.to_test_case(yaml_text.read(text, "x"), lambda name, where: builtin_mission("mission2"))
+    assert identity(back) == identity(case)
+    assert msgspec.structs.replace(back, source="", origin=Origin()) == msgspec.structs.replace(case, source="")
+    assert yaml.safe_load(text).keys() >= {"simulation"}
+
+
+def test_our_own_document_holds_what_the_competition_expects(tmp_path: Path) -> None:
+    box = Obstacle(length_m=10.0, width_m=5.0, height_m=20.0, x_m=1.0, y_m=20.0, rotation_deg=30.0)
+    scenario = Scenario(mission=builtin_mission("mission2"), obstacles=(box,))
+    yaml_file, plan_file = write_case(TestCase(target=Target(), scenario=scenario, rng_seed=7), tmp_path, "mine")
+    data = yaml.safe_load(yaml_file.read_text())
+    assert data["robot"]["mission_file"] == plan_file.name == "mission2.plan"
+    assert data["robot"]["params"]["NAV_ACC_RAD"] == 0.5
+    assert data["simulation"]["obstacles"] == [
+        {"size": {"l": 10.0, "w": 5.0, "h": 20.0}, "position": {"x": 1.0, "y": 20.0, "z": 0.0, "r": 30.0}}
+    ]
+    assert data["mission"]["commands"][0]["mode"] == 3
+    assert data["saflite"] == {"rng_seed": 7}
+
+
+def test_two_missions_of_one_name_are_not_written_over_each_other(tmp_path: Path) -> None:
+    mission = builtin_mission("mission2")
+    other = msgspec.structs.replace(mission, home_alt_m=1.0)
+    for each in (mission, mission):
+        write_case(TestCase(target=Target(), scenario=Scenario(mission=each)), tmp_path)
+    with pytest.raises(Refused, match="another mission"):
+        write_case(TestCase(target=Target(), scenario=Scenario(mission=other)), tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("text", "word", "line"),
+    [
+        ("drone: [\n", "well-formed", 2),
+        ("drone:\n  a: 1\n b: 2\n", "well-formed", 3),
+        ("- 1\n", "mapping", 1),
+        ("", "mapping", 1),
+        ("1: 2\n", "keys that are words", 1),
+        ("robot: {a: 1}\nrobot: {a: 2}\n", "two of it", 2),
+        ("a: &x [1]\nb: *x\n", "aliases", 1),
+        ("robot: 3\n", "mapping", 1),
+        (OLD.replace("mission2.plan", "gone.plan"), "gone.plan", 5),
+        (OLD.replace("  mission_file: mission2.plan\n", ""), "mission_file", 3),
+        (OLD.replace("x: 10,", "x: ten,"), "finite number", 12),
+        (OLD.replace("x: 10,", "x: .inf,"), "finite number", 12),
+        (OLD.replace("l: 10, w: 5, h: 20}", "l: 10, w: 5}"), "obstacles.0.size.h", 11),
+        (OLD.replace("- size: {l: 10", "- shape: cylinder\n    size: {l: 10"), "box", 11),
+        (NEW.replace("0, 45]", "0]"), "l, w, h, x, y, z, r", 9),
+        (NEW.replace("timeout: 300", "timeout: soon"), "finite number", 7),
+        (NEW.replace("[0, 1, 0]", "[0, 1]"), "3 numbers", 8),
+        (NEW + "saflite: {rng_sed: 3}\n", "rng_sed", 13),
+    ],
+)
+def test_faults_are_refused_with_their_line(text: str, word: str, line: int, folder: Path) -> None:
+    with pytest.raises(Refused, match=word) as refusal:
+        parse(text, folder)
+    assert refusal.value.where == f"case.yaml, line {line}"
+
+
+@given(st.text(max_size=60))
+def test_any_text_is_read_or_refused(text: str) -> None:
+    try:
+        yaml_text.read(text, "any")
+    except Refused:
+        return
+
+
+def test_a_missing_file_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(Refused, match=r"none\.yaml"):
+        read_case(tmp_path / "none.yaml")
