@@ -32,7 +32,7 @@ def fly(test_case: TestCase, cancelled: Cancelled) -> FlightRecord:
     """Fly on the reference target, or misbehave."""
     fault = int(test_case.target.parameters.get("SOAK_FAULT", FLY)) or _drawn(test_case)
     if fault == FLY:
-        from saflite.simulator_worker.targets import reference  # noqa: PLC0415
+        from saflite.simulator_worker.targets import reference
 
         return reference.fly(test_case, cancelled)
     if fault == CRASH:

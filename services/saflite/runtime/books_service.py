@@ -14,8 +14,9 @@ from typing import NamedTuple, TypeVar
 import msgspec
 
 from saflite.bus.base import Bus, Happening, Presence, Request
+from saflite.campaign.batch import Batch
 from saflite.campaign.state import Books
-from saflite.campaign.store import Batch, Store
+from saflite.campaign.store import Store
 from saflite.contract import topics, wire
 from saflite.contract.clock import Clock
 from saflite.contract.control import Answer, Control
@@ -31,6 +32,8 @@ TICK_S = 0.1
 COMMIT_RETRY_S = 0.5
 LINGER_S = 3.0  # how long the books of an ended campaign still answer
 BLOCKED_RETRY_S = 1.0
+COMPLAINT_S = 1.0
+SENDERS_MAX = 100
 
 T = TypeVar("T", bound=msgspec.Struct)
 
@@ -39,6 +42,34 @@ class _Stop(NamedTuple):
     """A signal asked for the end."""
 
     why: str
+
+
+class _Complaints:
+    """Unreadable messages, by sender and kind: the first is told at once, a flood once a second as a number."""
+
+    def __init__(self) -> None:
+        self._counts: dict[str, int] = {}
+        self._words: dict[str, str] = {}
+        self._told_s: dict[str, float] = {}
+
+    def add(self, where: str, words: str) -> None:
+        """Note one; beyond `SENDERS_MAX` senders all count as one."""
+        if where not in self._told_s and len(self._told_s) >= SENDERS_MAX:
+            where = "many senders"
+        self._counts[where] = self._counts.get(where, 0) + 1
+        self._words[where] = words
+
+    def due(self, now_s: float) -> list[tuple[str, str]]:
+        """Return whom and what to tell now."""
+        due = [where for where in self._counts if now_s - self._told_s.get(where, -COMPLAINT_S) >= COMPLAINT_S]
+        told: list[tuple[str, str]] = []
+        for where in due:
+            count = self._counts.pop(where)
+            self._told_s[where] = now_s
+            told.append(
+                (where, self._words[where] if count == 1 else f"{count} messages, the last: {self._words[where]}")
+            )
+        return told
 
 
 class BooksService:
@@ -52,6 +83,7 @@ class BooksService:
         self._outbox: list[tuple[Request, msgspec.Struct]] = []
         self._blocked: Batch | None = None
         self._commit_s = 0.0
+        self._complaints = _Complaints()
         self._ended_s: float | None = None
         self._stopping = ""
 
@@ -82,6 +114,9 @@ class BooksService:
         for happening in happenings:
             self._take(happening, now_s)
         if self._blocked is None:
+            for where, words in self._complaints.due(now_s):
+                log.warning("from %s: %s", where, words)
+                self._books.fault(where, words, now_s)
             self._books.tick(now_s)
             self._unpark(now_s)
         self._settle(now_s)
@@ -129,10 +164,8 @@ class BooksService:
             elif kind == "control":
                 self._on_control(request, wire.decode(request.payload, Control), now_s)
         except Refused as fault:
-            log.warning("message from %s on %s: %s", request.sender, request.key, fault)
             request.refuse(str(fault))
-            if self._blocked is None:
-                self._books.fault(f"{request.sender} on {kind}", str(fault), now_s)
+            self._complaints.add(f"{request.sender[:64]} on {kind}", str(fault)[:500])
 
     def _on_ask(self, request: Request, ask: Ask, now_s: float) -> None:
         if self._blocked is not None:

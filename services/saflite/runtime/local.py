@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import FrameType
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 from saflite.contract.config import Campaign
 from saflite.contract.control import Status
@@ -45,10 +45,11 @@ class ExitSummary(NamedTuple):
 
 
 class Role(NamedTuple):
-    """One process of the farm. `stage` is empty for the books."""
+    """One process of the farm. `prefix` is put before its command (a network namespace, a limit)."""
 
     name: str
-    stage: Stage | None
+    kind: Stage | Literal["books", "router"]
+    prefix: tuple[str, ...] = ()
 
 
 class _Child:
@@ -63,11 +64,11 @@ class _Child:
 
 
 def roles(simulators: int, *, record: bool = True) -> tuple[Role, ...]:
-    """Return the roles of a local farm: books, mutator, scorer, oracle, recorder, and the simulators."""
+    """Return the roles of a local farm: books with the router, mutator, scorer, oracle, recorder, simulators."""
     others = [Role("mutate-1", "mutate"), Role("score-1", "score"), Role("judge-1", "judge")]
     recorders = [Role("record-1", "record")] if record else []
     flyers = [Role(f"fly-{number}", "fly") for number in range(1, simulators + 1)]
-    return (Role("books", None), *others, *recorders, *flyers)
+    return (Role("books", "books"), *others, *recorders, *flyers)
 
 
 def free_endpoint() -> str:
@@ -95,6 +96,7 @@ class LocalFarm:
         self._clock = WallClock()
         self._target_files = tuple(target_files)
         self._children = {role.name: _Child(role) for role in cast}
+        self._router = "router" if any(role.kind == "router" for role in cast) else "books"
         (run_dir / "logs").mkdir(parents=True, exist_ok=True)
         adopt_orphans()
         self._bystanders = set(children(os.getpid()))
@@ -135,11 +137,11 @@ class LocalFarm:
         return self._children["books"].finished
 
     def stop(self) -> None:
-        """Stop clean: the workers first (they hand back what they hold), the books last; what stays is killed."""
-        books = self._children["books"]
-        workers = [child for child in self._children.values() if child is not books]
-        self._end(workers)
-        self._end([books])
+        """Stop clean: workers first (they hand back what they hold), books and router last; what stays is killed."""
+        centre = ("books", "router")
+        self._end([child for child in self._children.values() if child.role.kind not in centre])
+        for kind in centre:
+            self._end([child for child in self._children.values() if child.role.kind == kind])
         kill_strays(self._bystanders)
         with suppress(OSError):
             (self.run_dir / FARM_FILE).unlink()
@@ -172,18 +174,16 @@ class LocalFarm:
         child.wait_s = BACK_OFF_FIRST_S if steady else min(2 * child.wait_s, BACK_OFF_MAX_S)
         child.start_at_s = now_s + child.wait_s
         log.warning("%s ended with code %s, starting it again", child.role.name, process.returncode)
-        if child.role.stage is None and process.returncode in (2, 3) and child.failures >= BOOKS_FAILURES_MAX:
+        if child.role.kind == "books" and process.returncode in (2, 3) and child.failures >= BOOKS_FAILURES_MAX:
             raise Unavailable(f"the books do not start; see {self._log(child.role)}")
 
     def _start(self, child: _Child) -> None:
         role = child.role
-        command = [sys.executable, "-m", "saflite.runtime.serve", role.stage or "books", "--campaign", self.campaign]
+        command = [*role.prefix, sys.executable, "-m", "saflite.runtime.serve", role.kind, "--campaign", self.campaign]
         command += ["--worker", role.name, "--parent", str(os.getpid()), "--run-dir", str(self.run_dir)]
-        if role.stage is None:
-            command += ["--listen", self.endpoint]
-        else:
-            command += ["--connect", self.endpoint, "--spool", str(self.run_dir / "spool" / role.name)]
-        for path in self._target_files if role.stage == "fly" else ():
+        command += ["--listen" if role.kind == self._router else "--connect", self.endpoint]
+        command += ["--spool", str(self.run_dir / "spool" / role.name)]
+        for path in self._target_files if role.kind == "fly" else ():
             command += ["--target-module", str(path)]
         with self._log(role).open("ab") as sink:
             child.process = subprocess.Popen(
@@ -218,9 +218,10 @@ def run_campaign(
         Refused: `run_dir` exists, or the campaign cannot be run.
         Unavailable: the farm cannot start.
     """
+    from saflite.campaign.builtin import template
     from saflite.campaign.store import Store
 
-    Store.create(run_dir, campaign).close()
+    Store.create(run_dir, campaign, template(campaign)).close()
     return resume(run_dir, simulators=simulators, on_status=on_status, target_files=target_files)
 
 

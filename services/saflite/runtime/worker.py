@@ -26,7 +26,7 @@ from saflite.contract.work import (
     Stage,
 )
 
-IDLE_BEAT_S = 10.0
+IDLE_BEAT_S = 3.0
 BEATS_PER_LEASE = 5  # a lease outlives the loss of four heartbeats in a row
 REPORT_TIMEOUT_S = 10.0
 ASK_MARGIN_S = 5.0  # how much longer than the long poll an answer may take

@@ -1,0 +1,144 @@
+"""The faults a soak injects from outside. Each returns what it did, or None where it cannot be done right now."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from field import Field
+from rogue import Rogue
+
+from saflite.simulator_worker.processes import children
+
+FSYNC, FDATASYNC, PWRITE = "74", "75", "18"
+COMMIT_HUNT_S = 1.5
+
+
+class Done(NamedTuple):
+    """What was done: to whom, and what has to be undone after how long."""
+
+    whom: str
+    undo: Callable[[], None] | None = None
+    after_s: float = 0.0
+
+
+class Kit(NamedTuple):
+    """What faults need."""
+
+    field: Field
+    rogue: Rogue
+    rng: np.random.Generator
+    freeze_s: float
+
+
+Fault = Callable[[Kit], Done | None]
+
+
+def _pick(kit: Kit, kind: str) -> tuple[str, int] | None:
+    names = [name for name in kit.field.farm.pids() if name.startswith(kind)]
+    if not names:
+        return None
+    name = names[int(kit.rng.integers(len(names)))]
+    return name, kit.field.farm.pids()[name]
+
+
+def killer(kind: str) -> Fault:
+    """Return the fault that kills a role of this kind with SIGKILL."""
+
+    def kill(kit: Kit) -> Done | None:
+        found = _pick(kit, kind)
+        if found is None:
+            return None
+        os.kill(found[1], signal.SIGKILL)
+        return Done(found[0])
+
+    return kill
+
+
+def kill_in_commit(kit: Kit) -> Done | None:
+    """Kill the books while a thread of theirs is in fsync, fdatasync or pwrite."""
+    pid = kit.field.farm.pids().get("books")
+    if pid is None or os.geteuid() != 0:
+        return None
+    until_s = kit.field.clock.monotonic_s() + COMMIT_HUNT_S
+    while kit.field.clock.monotonic_s() < until_s:
+        with suppress(OSError):
+            if Path(f"/proc/{pid}/syscall").read_text().split(" ", 1)[0] in (FSYNC, FDATASYNC, PWRITE):
+                os.kill(pid, signal.SIGKILL)
+                return Done("books")
+    return None
+
+
+def kill_simulator(kit: Kit) -> Done | None:
+    """Kill the simulator under a worker."""
+    found = _pick(kit, "fly")
+    below = children(found[1]) if found is not None else []
+    if found is None or not below:
+        return None
+    os.kill(below[0], signal.SIGKILL)
+    return Done(found[0])
+
+
+def freezer(kind: str) -> Fault:
+    """Return the fault that stops a role of this kind with SIGSTOP for a while."""
+
+    def freeze(kit: Kit) -> Done | None:
+        found = _pick(kit, kind)
+        if found is None:
+            return None
+        name, pid = found
+        os.kill(pid, signal.SIGSTOP)
+
+        def thaw() -> None:
+            if kit.field.farm.pids().get(name) == pid:
+                os.kill(pid, signal.SIGCONT)
+
+        return Done(name, thaw, kit.freeze_s)
+
+    return freeze
+
+
+def cut_network(kit: Kit) -> Done | None:
+    """Pull the cable of the worker in the namespace."""
+    if kit.field.network.why_not:
+        return None
+    kit.field.network.cut()
+    return Done("fly-2", kit.field.network.join, float(kit.rng.uniform(1.0, 6.0)))
+
+
+def fill_disk(kit: Kit) -> Done | None:
+    """Fill the disk of the run folder."""
+    if kit.field.disk.why_not:
+        return None
+    kit.field.disk.fill()
+    return Done("disk", kit.field.disk.free, float(kit.rng.uniform(0.5, 3.0)))
+
+
+def rogue_fault(name: str) -> Fault:
+    """Return the fault of that name the rogue participant can make."""
+
+    def act(kit: Kit) -> Done | None:
+        return Done("rogue") if kit.rogue.start_trick(name) else None
+
+    return act
+
+
+ROLES = ("books", "router", "mutate", "score", "judge", "record", "fly")
+
+KINDS: dict[str, Fault] = {
+    **{f"kill {role}": killer(role) for role in ROLES},
+    "kill books in commit": kill_in_commit,
+    "kill simulator": kill_simulator,
+    **{f"freeze {role}": freezer(role) for role in ROLES},
+    "cut network": cut_network,
+    "fill disk": fill_disk,
+    **{name: rogue_fault(name) for name in Rogue.TRICKS},
+}
+
+HEAVY = ("freeze books", "freeze router", "fill disk", "cut network")
+"""Faults that stop the whole farm or half of it; dealt less often than the others so that work goes on between."""
