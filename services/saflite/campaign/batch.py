@@ -1,0 +1,110 @@
+"""What the books hand to the store: journal lines, facts, rows for people, traces. One batch is one transaction."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from saflite.contract.events import Event, Fact
+
+Value = str | int | float | bytes | None
+
+
+class Row(NamedTuple):
+    """One row of a plain table; a row with the same key takes the place of the older one."""
+
+    table: str
+    values: tuple[Value, ...]
+
+
+class Batch(NamedTuple):
+    """All that changed since the last batch.
+
+    `lines` are encoded journal lines, `first_line` of them came before; `traces` are to be written and `flushed` ones
+    to be safe on disk before the commit, `dropped` ones may go after it.
+    """
+
+    first_line: int
+    lines: tuple[bytes, ...]
+    events: tuple[Event, ...]
+    rows: tuple[Row, ...]
+    traces: dict[str, bytes]
+    dropped: tuple[str, ...]
+    flushed: tuple[str, ...] = ()
+
+    def __bool__(self) -> bool:
+        return any(self[1:])
+
+
+class Outbox:
+    """Collects what the next batch will hold. While `replaying`, lines are counted and nothing else is kept."""
+
+    def __init__(self) -> None:
+        self.seq = 0
+        self.line_count = 0
+        self.replaying = False
+        self._unix_offset_s = 0.0
+        self._lines: list[bytes] = []
+        self._events: list[Event] = []
+        self._rows: list[Row] = []
+        self._traces: dict[str, bytes] = {}
+        self._dropped: dict[str, None] = {}
+        self._flushed: dict[str, None] = {}
+
+    def set_wall_time(self, at_s: float, unix_s: float) -> None:
+        """Say what wall time the books' clock stands for."""
+        self._unix_offset_s = unix_s - at_s
+
+    def unix_s(self, at_s: float) -> float:
+        """Return the wall time of a moment on the books' clock."""
+        return at_s + self._unix_offset_s
+
+    def line(self, data: bytes) -> None:
+        """Add a journal line."""
+        self.line_count += 1
+        if not self.replaying:
+            self._lines.append(data)
+
+    def fact(self, fact: Fact, at_s: float) -> None:
+        """Announce a fact with the next number in the campaign's history."""
+        self.seq += 1
+        if not self.replaying:
+            self._events.append(Event(seq=self.seq, at_unix_s=self.unix_s(at_s), fact=fact))
+
+    def row(self, table: str, *values: Value) -> None:
+        """Add a row for people."""
+        if not self.replaying:
+            self._rows.append(Row(table, values))
+
+    def keep_trace(self, trace_digest: str, data: bytes) -> None:
+        """Have a trace written."""
+        self._dropped.pop(trace_digest, None)
+        self._traces[trace_digest] = data
+
+    def drop_trace(self, trace_digest: str) -> None:
+        """Have a trace removed, or not written in the first place."""
+        if not self.replaying:
+            self._traces.pop(trace_digest, None)
+            self._dropped[trace_digest] = None
+
+    def flush_trace(self, trace_digest: str) -> None:
+        """Have a trace safe on disk with the next batch: it is kept."""
+        if trace_digest and not self.replaying:
+            self._flushed[trace_digest] = None
+
+    def pending_trace(self, trace_digest: str) -> bytes | None:
+        """Return a trace that is not with the store yet."""
+        return self._traces.get(trace_digest)
+
+    def drain(self) -> Batch:
+        """Return all that was collected and begin anew."""
+        batch = Batch(
+            self.line_count - len(self._lines),
+            tuple(self._lines),
+            tuple(self._events),
+            tuple(self._rows),
+            self._traces,
+            tuple(self._dropped),
+            tuple(self._flushed),
+        )
+        self._lines, self._events, self._rows, self._traces, self._dropped, self._flushed = [], [], [], {}, {}, {}
+        return batch

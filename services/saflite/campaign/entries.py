@@ -1,0 +1,131 @@
+"""The journal: what happened to the books, in order. Their state is the fold of these entries and nothing else.
+
+Decisions that depend on who asked when (which worker got which work, what counted as lost, what was picked) are
+written down as decided, so that a replay never decides again.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import msgspec
+
+from saflite.contract.control import Control
+from saflite.contract.events import Fact
+from saflite.contract.work import Result
+
+SelectedBy = Literal["score", "random"]
+How = Literal["lost", "undelivered", "handed_back", "refused", "caught_up"]
+"""How a lease ended without a result that counts.
+
+lost          its time ran out after the worker had shown that it held it, or the worker vanished: an attempt
+undelivered   its time ran out and no heartbeat ever named it: the grant never arrived, no attempt
+handed_back   the worker gave it back untouched: no attempt
+refused       the result did not fit the work: a failure
+caught_up     the worker was only told outcomes: no attempt
+"""
+
+
+class Pick(msgspec.Struct, frozen=True, kw_only=True):
+    """One test case chosen to be flown, and what chose it."""
+
+    test_case: str
+    selected_by: SelectedBy
+    score: float
+    novelty: float
+
+
+class Opened(msgspec.Struct, frozen=True, kw_only=True, tag="opened"):
+    """The books were opened for the n-th time (`incarnation`), at this wall time."""
+
+    incarnation: int
+    unix_s: float
+
+
+class Granted(msgspec.Struct, frozen=True, kw_only=True, tag="granted"):
+    """A piece of work was lent to a worker as attempt `epoch`.
+
+    `model` is the deciding scorer at that moment; `catching_up` marks a mutate lease that only tells outcomes.
+    """
+
+    key: str
+    epoch: int
+    worker: str
+    model: str = ""
+    catching_up: bool = False
+
+
+class Returned(msgspec.Struct, frozen=True, kw_only=True, tag="returned"):
+    """A lease ended without a result that counts."""
+
+    key: str
+    epoch: int
+    how: How
+    message: str = ""
+
+
+class Settled(msgspec.Struct, frozen=True, kw_only=True, tag="settled"):
+    """A result was taken. Traces are not in the journal; they stand as files under their digest."""
+
+    key: str
+    epoch: int
+    worker: str
+    result: Result
+
+
+class Selected(msgspec.Struct, frozen=True, kw_only=True, tag="selected"):
+    """The flights of a round were chosen, in order of rank."""
+
+    round: int
+    picks: tuple[Pick, ...]
+
+
+class Ordered(msgspec.Struct, frozen=True, kw_only=True, tag="ordered"):
+    """An operator's order was taken."""
+
+    control: Control
+
+
+class Noted(msgspec.Struct, frozen=True, kw_only=True, tag="noted"):
+    """Something worth telling that changes nothing in the books."""
+
+    fact: Fact
+
+
+class TraceMissing(msgspec.Struct, frozen=True, kw_only=True, tag="trace_missing"):
+    """The trace of a flight not judged yet is gone or damaged: the flight is flown again."""
+
+    key: str
+    message: str
+
+
+class GaveUp(msgspec.Struct, frozen=True, kw_only=True, tag="gave_up"):
+    """A recording nobody came to write was given up."""
+
+    key: str
+    message: str
+
+
+Entry = Opened | Granted | Returned | Settled | Selected | Ordered | Noted | TraceMissing | GaveUp
+
+
+class Line(msgspec.Struct, frozen=True, array_like=True):
+    """One line of the journal. `at_s` is the books' monotonic clock within one incarnation."""
+
+    at_s: float
+    entry: Entry
+
+
+_ENCODER = msgspec.msgpack.Encoder(order="deterministic")
+_DECODER = msgspec.msgpack.Decoder(Line)
+
+
+def encode_line(line: Line) -> bytes:
+    """Return a journal line as bytes; equal lines give equal bytes."""
+    return _ENCODER.encode(line)
+
+
+def decode_line(data: bytes) -> Line:
+    """Return the journal line in `data`; raises msgspec.MsgspecError if it is none."""
+    line: Line = _DECODER.decode(data)
+    return line

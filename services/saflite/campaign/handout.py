@@ -1,0 +1,143 @@
+"""Work as it is handed out: a task of the table made into the message a worker gets."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from saflite.campaign.leases import Task, split_key
+from saflite.campaign.ledger import Ledger
+from saflite.campaign.library import Library
+from saflite.contract.errors import Unavailable
+from saflite.contract.rng import derive_seed
+from saflite.contract.work import FlyWork, JudgeWork, MutateWork, Outcome, RecordWork, ScoreWork, WarmWork, Work
+
+OUTCOMES_MAX = 1000
+"""Outcomes in one message; a mutator that has more to be told is told in several leases (`count` 0)."""
+
+
+class Told(NamedTuple):
+    """Outcomes of the rounds after `from_cursor` up to `cursor`."""
+
+    outcomes: tuple[Outcome, ...]
+    from_cursor: int
+    cursor: int
+
+
+class Handout:
+    """Makes work from tasks. Reads the ledger and the library; changes neither."""
+
+    def __init__(self, ledger: Ledger, library: Library) -> None:
+        self._ledger, self._core, self._library = ledger, ledger.core, library
+
+    def work(self, task: Task, cursor: int) -> Work:
+        """Return the work of a task for a worker that was told outcomes up to `cursor`.
+
+        Raises:
+            Unavailable: the trace that belongs to it cannot be read.
+        """
+        if task.stage == "fly":
+            return self._fly(task)
+        if task.stage == "judge":
+            return self._judge(task)
+        if task.stage == "record":
+            return self._record(task)
+        if task.stage == "mutate":
+            return self._mutate(task, cursor)
+        return self._warm(task) if task.key.startswith("warm/") else self._score(task, cursor)
+
+    def model_for(self, task: Task) -> str:
+        """Return the deciding model of a score task handed out now, empty for other work."""
+        return self._ledger.scorers.model if task.key.startswith("score/") else ""
+
+    def overdue_s(self, task: Task) -> float:
+        """Return how long a lease may run however alive its worker seems."""
+        campaign = self._core.campaign
+        if task.stage == "fly":
+            return 2.0 * campaign.lease.wall_limit_s + campaign.lease.lease_s
+        if task.stage == "score":
+            models = 1 + len(self._ledger.scorers.shadow)
+            return campaign.scorer.load_deadline_s * models + 4.0 * campaign.scorer.deadline_s
+        return 300.0
+
+    def _fly(self, task: Task) -> FlyWork:
+        _, name, index = split_key(task.key)
+        limit_s = self._core.campaign.lease.wall_limit_s
+        test_case = self._core.trials[name].test_case
+        return FlyWork(test_case=test_case, flight_index=index, purpose=task.purpose, wall_limit_s=limit_s)
+
+    def _judge(self, task: Task) -> JudgeWork:
+        _, name, index = split_key(task.key)
+        trial = self._core.trials[name]
+        flight = trial.flights[index].flight
+        trace = self._trace(flight.trace_digest)
+        policies = self._core.campaign.policies
+        return JudgeWork(test_case=trial.test_case, flight=flight, policies=policies, trace=trace)
+
+    def _record(self, task: Task) -> RecordWork:
+        job = self._core.records[task.key]
+        return RecordWork(
+            test_case=job.test_case,
+            flight=job.flight,
+            judgement=job.judgement,
+            trace=self._trace(job.flight.trace_digest),
+            violation=job.violation,
+            scores=job.scores,
+        )
+
+    def _trace(self, trace_digest: str) -> bytes:
+        if not trace_digest:
+            return b""
+        data = self._library.trace(trace_digest)
+        if data is None:
+            raise Unavailable(f"trace {trace_digest[:16]} is not in the store")
+        return data
+
+    def _mutate(self, task: Task, cursor: int) -> MutateWork:
+        core, strategy = self._core, self._core.campaign.strategy
+        round_ = core.rounds.under_way[split_key(task.key)[2]]
+        target = round_.number - core.rounds.search.lag
+        told = self._told(cursor, max(target, -1), OUTCOMES_MAX)
+        return MutateWork(
+            round=round_.number,
+            count=core.rounds.search.candidates_per_round if told.cursor >= target else 0,
+            strategy=strategy.name,
+            settings=strategy.settings,
+            rng_seed=derive_seed(core.campaign.rng_seed, "mutate", round_.number),
+            template=core.template,
+            policies=core.campaign.policies,
+            outcomes=told.outcomes,
+            from_cursor=told.from_cursor,
+            cursor=told.cursor,
+        )
+
+    def _score(self, task: Task, cursor: int) -> ScoreWork:
+        core, scorers = self._core, self._ledger.scorers
+        _, number, batch = split_key(task.key)
+        round_ = core.rounds.under_way[int(number)]
+        upto = max(round_.number - core.rounds.search.lag, -1)
+        told = self._told(min(cursor, upto), upto, 2**31)
+        return ScoreWork(
+            round=round_.number,
+            model=scorers.model,
+            shadow=scorers.shadow,
+            policies=core.campaign.policies,
+            test_cases=tuple(round_.candidates[name] for name in round_.batches[batch]),
+            rng_seed=derive_seed(core.campaign.rng_seed, "score", round_.number, batch),
+            recent=told.outcomes,
+            from_cursor=told.from_cursor,
+            cursor=told.cursor,
+            deadline_s=core.campaign.scorer.deadline_s,
+        )
+
+    def _warm(self, task: Task) -> WarmWork:
+        return WarmWork(model=task.model, load_deadline_s=self._core.campaign.scorer.load_deadline_s)
+
+    def _told(self, cursor: int, upto: int, limit: int) -> Told:
+        """Return what a worker at `cursor` is to be told. One that knows too much is told all from the start."""
+        after = cursor if cursor <= upto else -1
+        held = self._core.rounds.told_between(after, upto)
+        if held is not None and len(held) <= limit:
+            return Told(held, after, upto)
+        outcomes = self._library.outcomes(after, upto, limit)
+        complete = len(outcomes) < limit
+        return Told(outcomes, after, upto if complete or not outcomes else outcomes[-1].round)

@@ -1,0 +1,135 @@
+"""The table of work to be done: what waits, what is lent to whom as which attempt, and how often it went wrong."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+from saflite.contract.work import Purpose, Stage
+
+Order = tuple[int, int, int, int]
+
+
+@dataclass(slots=True)
+class Task:
+    """One piece of work until it is done. `key` names it for ever: `fly/{test case}/{index}`, `mutate/{round}`."""
+
+    key: str
+    stage: Stage
+    order: Order
+    target: str = ""
+    purpose: Purpose = "search"
+    avoid: frozenset[str] = frozenset()
+    epoch: int = 0
+    worker: str = ""  # who holds it now, empty while it waits
+    model: str = ""  # score only: the deciding model of the attempt at hand
+    holders: dict[int, str] = field(default_factory=dict)
+    losses: int = 0
+    undelivered: int = 0
+    failures: int = 0
+    message: str = ""  # what went wrong last
+    granted_s: float = 0.0
+    catching_up: bool = False  # mutate only: the attempt at hand only tells outcomes
+
+    @property
+    def waiting(self) -> bool:
+        """Whether it may be lent out."""
+        return not self.worker
+
+
+class TaskTable:
+    """All work not done yet, per stage in its order."""
+
+    def __init__(self) -> None:
+        self._tasks: dict[str, Task] = {}
+        self._queues: dict[str, list[tuple[Order, str]]] = {}
+        self._waiting: dict[str, int] = {}
+
+    def __len__(self) -> int:
+        return len(self._tasks)
+
+    def __iter__(self) -> Iterator[Task]:
+        return iter(self._tasks.values())
+
+    def get(self, key: str) -> Task | None:
+        """Return the task, None if there is none (any more)."""
+        return self._tasks.get(key)
+
+    def add(self, task: Task) -> None:
+        """Take up new work."""
+        assert task.key not in self._tasks, f"{task.key} is already to be done"
+        self._tasks[task.key] = task
+        self._enqueue(task)
+
+    def remove(self, key: str) -> Task:
+        """Take out work that is done or given up."""
+        task = self._tasks.pop(key)
+        if task.waiting:
+            self._waiting[task.stage] -= 1
+        return task
+
+    def lend(self, key: str, epoch: int, worker: str, at_s: float) -> Task:
+        """Note that the work was lent to `worker` as attempt `epoch`."""
+        task = self._tasks[key]
+        assert task.waiting, f"{key} is lent to {task.worker} already"
+        assert epoch == task.epoch + 1, f"{key}: attempt {epoch} after {task.epoch}"
+        task.epoch, task.worker, task.granted_s = epoch, worker, at_s
+        task.holders[epoch] = worker
+        self._waiting[task.stage] -= 1
+        return task
+
+    def requeue(self, task: Task) -> None:
+        """Let the work wait again."""
+        if not task.waiting:
+            task.worker = ""
+            self._enqueue(task)
+
+    def waiting(self, stage: Stage) -> Iterator[Task]:
+        """Yield what waits at a stage, in order, cheaply for the first few. Nothing may be added while it runs."""
+        queue = self._queues.get(stage, [])
+        passed: list[tuple[Order, str]] = []
+        try:
+            while queue:
+                item = heapq.heappop(queue)
+                task = self._tasks.get(item[1])
+                if task is None or not task.waiting or task.order != item[0] or (passed and passed[-1] == item):
+                    continue
+                passed.append(item)
+                yield task
+        finally:
+            for item in passed:
+                if (task := self._tasks.get(item[1])) is not None and task.waiting:
+                    heapq.heappush(queue, item)
+
+    def waiting_count(self, stage: Stage) -> int:
+        """Return how much waits at a stage."""
+        return self._waiting.get(stage, 0)
+
+    def leased(self) -> list[Task]:
+        """Return what is lent out."""
+        return [task for task in self._tasks.values() if not task.waiting]
+
+    def validate(self) -> None:
+        """Assert that counts, queues and attempts agree."""
+        waiting: dict[str, int] = {}
+        queued = {key for queue in self._queues.values() for _, key in queue}
+        for task in self._tasks.values():
+            if task.waiting:
+                waiting[task.stage] = waiting.get(task.stage, 0) + 1
+                assert task.key in queued, f"{task.key} waits but stands in no queue"
+            else:
+                assert task.holders.get(task.epoch) == task.worker, f"{task.key}: who holds it is unclear"
+            assert len(task.holders) == task.epoch, f"{task.key}: attempts do not add up"
+        assert waiting == {stage: count for stage, count in self._waiting.items() if count}, "waiting counts are off"
+
+    def _enqueue(self, task: Task) -> None:
+        heapq.heappush(self._queues.setdefault(task.stage, []), (task.order, task.key))
+        self._waiting[task.stage] = self._waiting.get(task.stage, 0) + 1
+
+
+def split_key(key: str) -> tuple[str, str, int]:
+    """Return stage word, middle and number of a key; `mutate/3` is (`mutate`, ``, 3)."""
+    head, _, rest = key.partition("/")
+    middle, _, number = rest.rpartition("/")
+    return head, middle, int(number) if number.isdecimal() else -1

@@ -1,0 +1,333 @@
+"""The books: a pure state machine. Asks, reports, heartbeats, orders and time in; answers, and batches to commit, out.
+
+Nothing here waits, reads a clock or touches a disk. Every change is a journal line applied by the ledger; the shell
+drains a batch, commits it, and only then sends the answers.
+"""
+
+from __future__ import annotations
+
+import msgspec
+
+from saflite.campaign.attendance import Attendance, Deadline
+from saflite.campaign.batch import Batch, Outbox
+from saflite.campaign.core import Core
+from saflite.campaign.desk import Desk
+from saflite.campaign.entries import (
+    Entry,
+    GaveUp,
+    Granted,
+    How,
+    Line,
+    Noted,
+    Opened,
+    Ordered,
+    Returned,
+    Selected,
+    Settled,
+    TraceMissing,
+    decode_line,
+    encode_line,
+)
+from saflite.campaign.handout import Handout
+from saflite.campaign.inspect import check_result
+from saflite.campaign.leases import Task
+from saflite.campaign.ledger import Ledger
+from saflite.campaign.library import Library
+from saflite.campaign.overview import Rates, overview
+from saflite.campaign.rounds import Rounds
+from saflite.campaign.select import Rules, select
+from saflite.campaign.shelf import Shelf
+from saflite.campaign.validate import validate
+from saflite.contract.config import Campaign
+from saflite.contract.control import Answer, Control, Status
+from saflite.contract.errors import Refused, Unavailable
+from saflite.contract.events import FaultSeen, WorkerChanged
+from saflite.contract.test_case import TestCase
+from saflite.contract.work import (
+    Ask,
+    FlyResult,
+    Grant,
+    HandedBack,
+    Heartbeat,
+    Lease,
+    MutateResult,
+    Orders,
+    Receipt,
+    Report,
+)
+
+GRANTS_MAX = 16
+SILENT_LEASES = 3  # a worker not heard of for so many lease times has left
+RECORD_PATIENCE_S = 60.0
+
+
+class Books:
+    """The books of one campaign.
+
+    Args:
+        campaign: what flies and how; never changes over the life of the campaign (orders go through `control`).
+        template: the test case the strategy varies.
+        run_id: names this run of the campaign; part of every lease id, so that results of another run are recognised.
+        library: where committed traces, outcomes and events are read from; None keeps all of them out of reach,
+            which is enough for campaigns shorter than a few rounds in tests.
+    """
+
+    def __init__(
+        self, campaign: Campaign, template: TestCase, *, run_id: str = "run", library: Library | None = None
+    ) -> None:
+        self._out = Outbox()
+        self._core = Core(campaign, template, self._out, Rounds(campaign.search, campaign.budget_flights))
+        self._ledger = Ledger(self._core)
+        self._shelf = Shelf(self._out, library)
+        self._handout = Handout(self._ledger, self._shelf)
+        self._attendance = Attendance()
+        self._desk = Desk(self._core, self._attendance)
+        self._rates = Rates()
+        self._run_id = run_id
+        self._trouble: dict[str, float] = {}  # work that cannot be made now: not before this moment
+
+    @property
+    def campaign(self) -> Campaign:
+        """The campaign these are the books of."""
+        return self._core.campaign
+
+    @property
+    def ended(self) -> bool:
+        """Whether the campaign is over (budget spent, nothing left to propose, or stopped)."""
+        return self._core.state == "ended"
+
+    # ---- opening and closing -------------------------------------------------------------------------------------
+
+    def replay(self, line: bytes) -> None:
+        """Apply one committed journal line again; nothing is sent out. Before `begin` only."""
+        self._out.replaying = True
+        self._out.line(line)
+        self._ledger.apply(decode_line(line))
+        self._out.replaying = False
+
+    def begin(self, now: float, unix_s: float) -> None:
+        """Open the books at `now` on their clock: leases under way get their full time again."""
+        self._do(Opened(incarnation=self._core.incarnation + 1, unix_s=unix_s), now)
+        for task in self._core.tasks.leased():
+            self._start_clock(task, now)
+        self._fly_again_what_left_no_trace(now)
+        self._choose(now)
+
+    def drain(self) -> Batch:
+        """Return all that changed since the last call; to be committed before any answer is sent."""
+        return self._out.drain()
+
+    def _do(self, entry: Entry, now: float) -> None:
+        line = Line(now, entry)
+        self._out.line(encode_line(line))
+        self._ledger.apply(line)
+
+    def _fly_again_what_left_no_trace(self, now: float) -> None:
+        for task in [task for task in self._core.tasks if task.stage == "judge"]:
+            digest = self._desk.trace_of(task)
+            if digest and self._shelf.trace(digest) is None:
+                self._do(TraceMissing(key=task.key, message="its trace was not on disk"), now)
+
+    # ---- work out ------------------------------------------------------------------------------------------------
+
+    def ask(self, ask: Ask, now: float) -> Grant:
+        """Hand out work, or nothing. The grant counts once it is committed."""
+        self._meet(ask.worker, ask.stage, now)
+        worker = self._attendance.get(ask.stage, ask.worker)
+        assert worker is not None, "met but not there"
+        worker.targets = ask.targets
+        if self.ended:
+            return Grant(stop=True)
+        leases: list[Lease] = []
+        for task in self._desk.choose(ask, min(ask.leases_max, GRANTS_MAX), now):
+            if self._trouble.get(task.key, now) <= now:
+                leases.extend(self._lend(task, ask, now))
+        return Grant(leases=tuple(leases))
+
+    def _lend(self, task: Task, ask: Ask, now: float) -> list[Lease]:
+        try:
+            work = self._handout.work(task, ask.cursor)
+        except Unavailable as fault:
+            self._trouble[task.key] = now + self._core.campaign.lease.lease_s
+            self.fault(task.key, str(fault), now)
+            return []
+        self._trouble.pop(task.key, None)
+        catching_up = getattr(work, "count", 1) == 0
+        epoch, model = task.epoch + 1, self._handout.model_for(task)
+        self._do(Granted(key=task.key, epoch=epoch, worker=ask.worker, model=model, catching_up=catching_up), now)
+        self._start_clock(task, now)
+        return [Lease(lease_id=self._lease_id(task.key), epoch=epoch, lease_s=self._lease_s, work=work)]
+
+    def _start_clock(self, task: Task, now: float) -> None:
+        overdue_s = now + self._handout.overdue_s(task)
+        self._attendance.begin(Deadline(task.key, task.epoch, task.stage, task.worker, now + self._lease_s, overdue_s))
+
+    @property
+    def _lease_s(self) -> float:
+        return self._core.campaign.lease.lease_s
+
+    def _lease_id(self, key: str) -> str:
+        return f"{self._run_id}:{key}"
+
+    # ---- results in ----------------------------------------------------------------------------------------------
+
+    def report(self, report: Report, now: float) -> Receipt:
+        """Take a result. Whatever the receipt says, the worker may forget the result once it has it."""
+        run_id, _, key = report.lease_id.partition(":")
+        task = self._core.tasks.get(key)
+        if run_id != self._run_id:
+            return self._receipt(report, "refused", f"the lease is of run {run_id[:32]!r}, this is {self._run_id!r}")
+        if task is None:
+            return self._receipt(report, "duplicate" if self._desk.was_done(key) else "stale")
+        current = task.epoch == report.epoch and task.worker == report.worker
+        held = task.holders.get(report.epoch) == report.worker
+        if not current and not (held and self._desk.may_merge(report.result)):
+            return self._receipt(report, "stale")
+        return self._take(task, report, now)
+
+    def _take(self, task: Task, report: Report, now: float) -> Receipt:
+        key = task.key
+        try:
+            check_result(self._core, task, report.result)
+        except Refused as fault:
+            if task.epoch == report.epoch:
+                self._give_back(task, "refused", str(fault), now)
+            return self._receipt(report, "refused", str(fault))
+        if isinstance(report.result, HandedBack):
+            self._give_back(task, "handed_back", report.result.message, now)
+        elif isinstance(report.result, MutateResult) and task.catching_up:
+            self._give_back(task, "caught_up", "", now)
+        else:
+            result = report.result
+            if isinstance(result, FlyResult):
+                result = self._without_trace(result, report.worker)
+            self._attendance.end(key)
+            self._do(Settled(key=key, epoch=report.epoch, worker=report.worker, result=result), now)
+            self._rates.settled(result, now)
+            self._drop_unwanted(result)
+            self._choose(now)
+        return self._receipt(report, "accepted")
+
+    def _without_trace(self, result: FlyResult, worker: str) -> FlyResult:
+        flight = msgspec.structs.replace(result.flight, worker=worker)
+        if result.trace:
+            self._shelf.put(flight.trace_digest, result.trace)
+        return FlyResult(flight=flight)
+
+    def _drop_unwanted(self, result: object) -> None:
+        digest = result.flight.trace_digest if isinstance(result, FlyResult) else ""
+        if digest and digest not in self._core.holds:
+            self._out.drop_trace(digest)
+
+    def _give_back(self, task: Task, how: How, message: str, now: float) -> None:
+        self._attendance.end(task.key)
+        self._do(Returned(key=task.key, epoch=task.epoch, how=how, message=message), now)
+        self._choose(now)
+
+    @staticmethod
+    def _receipt(report: Report, status: str, message: str = "") -> Receipt:
+        return msgspec.convert(
+            {"lease_id": report.lease_id, "epoch": report.epoch, "status": status, "message": message}, Receipt
+        )
+
+    def _choose(self, now: float) -> None:
+        """Choose the flights of every round whose turn it is."""
+        core = self._core
+        while (round_ := core.rounds.next_to_select()) is not None:
+            candidates = {name: case for name, case in round_.candidates.items() if name not in core.flown}
+            scores = {name: round_.scores[name].value for name in candidates}
+            search, rng_seed = core.rounds.search, core.campaign.rng_seed
+            rules = Rules(round_.plan.flights, search.random_share, search.novelty_weight, rng_seed, round_.number)
+            picks = select(candidates, scores, tuple(core.latest), rules)
+            self._do(Selected(round=round_.number, picks=picks), now)
+
+    # ---- who is there --------------------------------------------------------------------------------------------
+
+    def beat(self, beat: Heartbeat, now: float) -> Orders:
+        """Extend the leases named that are still the worker's; the others are to be dropped."""
+        self._meet(beat.worker, beat.stage, now)
+        self._attendance.beat(beat, now)
+        until_s = now + self._lease_s
+        cancel = []
+        for lease_id, epoch in beat.leases:
+            run_id, _, key = lease_id.partition(":")
+            if run_id != self._run_id or not self._attendance.extend(key, epoch, beat.worker, until_s):
+                cancel.append(lease_id)
+        return Orders(cancel=tuple(cancel), stop=self.ended)
+
+    def present(self, worker: str, stage: str, now: float) -> None:
+        """Note that a worker's liveliness token appeared."""
+        self._meet(worker, stage, now)
+
+    def absent(self, worker: str, stage: str, now: float, why: str = "its token vanished") -> None:
+        """Free the leases of a worker that is gone, at once."""
+        for deadline in self._attendance.held_by(stage, worker):
+            self._lose(deadline, f"{worker}: {why}", now, vanished=True)
+        if self._attendance.leave(stage, worker):
+            self._do(Noted(fact=WorkerChanged(worker=worker, stage=stage, present=False, message=why)), now)
+
+    def _meet(self, worker: str, stage: str, now: float) -> None:
+        if self._attendance.meet(stage, worker, now):
+            self._do(Noted(fact=WorkerChanged(worker=worker, stage=stage, present=True)), now)
+
+    def _lose(self, deadline: Deadline, message: str, now: float, *, vanished: bool = False) -> None:
+        task = self._core.tasks.get(deadline.key)
+        assert task is not None, f"{deadline.key} is lent but not to be done"
+        how: How = "lost" if deadline.named or vanished else "undelivered"
+        self._give_back(task, how, message, now)
+
+    def fault(self, where: str, message: str, now: float) -> None:
+        """Note trouble the farm got over, such as a message that could not be read."""
+        self._do(Noted(fact=FaultSeen(where=where, message=message)), now)
+
+    # ---- time ----------------------------------------------------------------------------------------------------
+
+    def tick(self, now: float) -> None:
+        """End leases whose time is up and forget workers not heard of for long."""
+        for deadline in self._attendance.due(now):
+            why = "ran far beyond its time" if now >= deadline.overdue_s else "was not heard of in time"
+            self._lose(deadline, f"{deadline.worker} {why}", now)
+        for worker in self._attendance.silent(now - SILENT_LEASES * max(self._lease_s, 1.0)):
+            self.absent(worker.worker, worker.stage, now, "not heard of")
+        self._give_up_recordings(now)
+        self._rates.tick(now)
+
+    def next_deadline_s(self) -> float | None:
+        """Return when `tick` will next have something to do, None if no lease is under way."""
+        return self._attendance.next_s()
+
+    def _give_up_recordings(self, now: float) -> None:
+        """A campaign that has nothing left but recordings does not wait for ever for a recorder that is not there."""
+        core = self._core
+        only_records = bool(core.records) and not core.rounds.under_way and core.rounds.planned > 0
+        if not only_records or any(worker.stage == "record" for worker in self._attendance.workers()):
+            self._rates.recorder_missed_s = None
+            return
+        self._rates.recorder_missed_s = self._rates.recorder_missed_s or now
+        if now - self._rates.recorder_missed_s > RECORD_PATIENCE_S:
+            for key in sorted(core.records):
+                self._do(GaveUp(key=key, message="no recorder came"), now)
+
+    # ---- orders and overview -------------------------------------------------------------------------------------
+
+    def control(self, control: Control, now: float) -> Answer:
+        """Take an operator's order or answer a question."""
+        if control.verb == "status":
+            return Answer(accepted=True, status=self.status(now))
+        if control.verb == "events":
+            events = self._shelf.events(max(1, control.number), 1000)
+            return Answer(accepted=True, status=self.status(now), events=events)
+        objection = self._desk.objection(control, self._ledger.scorers.model)
+        if objection:
+            return Answer(accepted=False, message=objection, status=self.status(now))
+        self._do(Ordered(control=control), now)
+        self._choose(now)
+        return Answer(accepted=True, status=self.status(now))
+
+    def status(self, now: float) -> Status:
+        """Return the campaign at a glance."""
+        return overview(self._ledger, self._attendance, self._rates, now)
+
+    def validate(self) -> None:
+        """Assert every invariant of the books; for tests and audits."""
+        validate(self._core, self._attendance)
