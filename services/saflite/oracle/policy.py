@@ -254,7 +254,7 @@ def _near(text: str, where: str, fault: str) -> str:
     return f"{where} line {line}"
 
 
-def lookback_s(policy: Policy) -> float:
+def reach_s_of(policy: Policy) -> float:
     """Return how far ahead the rule looks: a flight must be longer than that to be judged, seconds."""
     body = policy.formula.args[0] if policy.formula.op == "always" else policy.formula
     return reach_s(body)

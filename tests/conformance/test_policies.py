@@ -1,0 +1,47 @@
+"""Every policy file: what loading checks, and what it does not."""
+
+from __future__ import annotations
+
+import pytest
+
+from saflite.contract.signals import MODES
+from saflite.oracle.policy import family, load_policy, policy_names, reach_s_of
+
+PUBLISHED = """
+A.CHUTE A.RTL1 A.RTL2 A.RTL3 A.RTL4 A.FLIP1 A.FLIP2 A.FLIP3 A.FLIP4 A.ALT_HOLD1 A.ALT_HOLD2 A.CIRCLE1 A.CIRCLE2 A.CIRCLE3
+A.CIRCLE4_6 A.CIRCLE7 A.LAND1 A.LAND2 A.AUTO1 A.GPS.FS1 A.GPS.FS2 A.RC.FS1 A.RC.FS2 A.SPORT1 A.GUIDED1 A.LOITER1 A.DRIFT1
+A.BRAKE1
+PX.CHUTE PX.RTL1 PX.RTL2 PX.RTL3 PX.RTL4 PX.RTL5 PX.ALTITUDE1 PX.HOLD1 PX.HOLD2 PX.POSITION1 PX.TAKEOFF1 PX.TAKEOFF2
+PX.LAND1 PX.ORBIT1 PX.ORBIT2 PX.ORBIT3 PX.ORBIT4_5 PX.ORBIT6 PX.GPS.FS1 PX.GPS.FS2 PX.GPS.FS3
+"""
+
+
+def test_all_49_published_policies_are_there() -> None:
+    published = [load_policy(name).file.published for name in policy_names()]
+    wanted = PUBLISHED.split()
+    assert len(wanted) == 49
+    assert sorted(name for name in published if name) == sorted(wanted)
+
+
+@pytest.mark.parametrize("name", policy_names())
+def test_policy_file(name: str) -> None:
+    policy = load_policy(name)  # refuses unknown signals, wrong units, endless windows, contradicted examples
+    file = policy.file
+    assert name == name.lower() == file.id
+    assert file.title
+    assert len(file.words.split()) >= 15
+    assert " interesting" in file.words
+    assert file.state
+    assert file.start is None or file.start.mode in MODES
+    assert file.start is not None or file.needs_mission or file.inputs.obstacles
+    assert set(file.inputs.modes) <= set(MODES)
+    assert all(len(reason) > 15 for reason in file.not_checked_on.values())
+    assert reach_s_of(policy) <= 30.0
+    published = family(file) in ("ArduPilot", "PX4")
+    assert bool(file.published) == published
+    assert not published or file.mended, "what was mended against the published check"
+
+
+def test_at_least_forty_policies_can_be_checked_on_the_reference() -> None:
+    checked = [name for name in policy_names() if "reference" not in load_policy(name).file.not_checked_on]
+    assert len(checked) >= 40

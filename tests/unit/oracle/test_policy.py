@@ -1,0 +1,80 @@
+from __future__ import annotations
+
+import pytest
+
+from saflite.contract.errors import Refused
+from saflite.oracle.policy import load_policy, parse_policy
+
+GOOD = """id = "test"
+title = "Stay low"
+source = "test"
+words = "words"
+formula = "always ((mode == AUTO) implies altitude_m <= ceiling_m)"
+
+[constants]
+ceiling_m = 10.0
+
+[signals]
+altitude_m = "m"
+mode = ""
+
+[[examples]]
+holds = true
+why = "low"
+duration_s = 5.0
+signals = { mode = "AUTO", altitude_m = 5 }
+
+[[examples]]
+holds = false
+why = "high"
+duration_s = 5.0
+signals = { mode = "AUTO", altitude_m = [[0, 5], [5, 15]] }
+"""
+HOLDS = 'signals = { mode = "AUTO", altitude_m = 5 }'
+
+
+def test_a_good_policy_loads() -> None:
+    policy = parse_policy(GOOD, "test.toml")
+    assert (policy.id, policy.unit) == ("test", "m")
+    assert policy.needed == {"mode", "altitude_m"}
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "reason"),
+    [
+        ("altitude_m <= ceiling_m)", "hight_m <= ceiling_m)", r"signal \(test.toml line 5\).*'hight_m'"),
+        ('altitude_m = "m"', 'altitude_m = "ft"', r"unit of altitude_m \(test.toml line 11\): expected 'm', got 'ft'"),
+        ('altitude_m = "m"\n', "", r"'altitude_m' with its unit"),
+        ('mode = ""', 'mode = ""\nclimb_mps = "m/s"', r"line 13\): expected only signals the formula reads"),
+        (
+            "altitude_m <= ceiling_m)",
+            "eventually (altitude_m <= ceiling_m))",
+            r"line 5\): expected a window \[from:to\]",
+        ),
+        ("altitude_m <= ceiling_m)", "altitude_m <= )", r"formula \(test.toml line 5, formula line 1 column 46\)"),
+        (
+            "ceiling_m = 10.0",
+            "ceiling_m = 3.0",
+            r"example 1 \(test.toml line 14\): expected to hold \(low\).*robustness -2",
+        ),
+        ("ceiling_m = 10.0", "ceiling_m = 30.0", r"example 2 \(test.toml line 20\): expected to violate \(high\)"),
+        (HOLDS, 'signals = { mode = "RTL", altitude_m = 5 }', r"expected the rule to apply"),
+        (HOLDS, 'signals = { mode = "AUTO" }', r"altitude_m amiss"),
+        (HOLDS, 'signals = { mode = "WALK", altitude_m = 5 }', r"a mode by name"),
+        ("holds = false", "holds = true", r"one that holds and one that violates"),
+        ('title = "Stay low"', 'titel = "Stay low"', r"test.toml line 2"),
+        ('id = "test"', "id = test", r"expected TOML"),
+        ("altitude_m <= ceiling_m)", "altitude_m <= mode)", r"one unit on both sides of '<='.*\[m\] and mode \[\]"),
+    ],
+)
+def test_bad_policies_are_refused_with_line_and_reason(old: str, new: str, reason: str) -> None:
+    assert old in GOOD
+    with pytest.raises(Refused, match=reason):
+        parse_policy(GOOD.replace(old, new, 1), "test.toml")
+
+
+def test_unknown_names_and_files_are_refused() -> None:
+    with pytest.raises(Refused, match="policy"):
+        load_policy("no-such-policy")
+    with pytest.raises(Refused, match="policy file"):
+        load_policy("missing.toml")

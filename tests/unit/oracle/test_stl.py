@@ -1,0 +1,84 @@
+"""What goes beyond rtamt: crisp conditions, lasting, latch, ago, mean, turn, and judging only where windows fit."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from saflite.contract.errors import Refused
+from saflite.contract.signals import MODES
+from saflite.oracle.formula import Node
+from saflite.oracle.parse import parse
+from saflite.oracle.policy import crispened
+from saflite.oracle.stl import Evaluator, find
+
+
+def over(text: str, **signals: list[float]) -> list[float]:
+    given = {name: np.array(values) for name, values in signals.items()}
+    return [float(value) for value in Evaluator(given, 1.0).trace(crispened(parse(text, MODES)))]
+
+
+def found(text: str, step_s: float = 1.0, **signals: list[float]):
+    given = {name: np.array(values) for name, values in signals.items()}
+    return find(Evaluator(given, step_s), crispened(parse(text, MODES)))
+
+
+INF = float("inf")
+
+
+def test_lasting_is_never_true_before_its_time() -> None:
+    assert over("lasting[2] (mode == AUTO)", mode=[3, 3, 3, 3, 0, 3]) == [-INF, -INF, INF, INF, -INF, -INF]
+
+
+def test_latch_keeps_the_value_of_the_moment() -> None:
+    values = over("climb_mps - latch(climb_mps, mode == FLIP) <= 0", climb_mps=[1, 2, 5, 7, 8], mode=[2, 14, 14, 2, 14])
+    assert values == [0, 0, -3, -5, 0]
+
+
+def test_ago_mean_prev_rate_and_turn() -> None:
+    assert over("climb_mps - ago(climb_mps, 2) <= 0", climb_mps=[1, 2, 4, 8]) == [0, -1, -3, -6]
+    assert over("mean(climb_mps, 2) >= 0", climb_mps=[1, 2, 4, 8]) == [1, 1.5, 3, 6]
+    assert over("climb_mps - prev(climb_mps) >= 0", climb_mps=[1, 2, 4, 8]) == [0, 1, 2, 4]
+    assert over("rate(climb_mps) >= 0", climb_mps=[1, 2, 4, 8]) == [0, 1, 2, 4]
+    assert over("turn(yaw_deg - 350) >= 0", yaw_deg=[10, 340, 170]) == [20, -10, -180]
+
+
+def test_conditions_are_crisp_and_promises_have_a_margin() -> None:
+    finding = found("always ((climb_mps > 0.999) implies altitude_m >= 10)", climb_mps=[0, 1, 1], altitude_m=[3, 8, 12])
+    assert finding is not None
+    assert (finding.robustness, finding.witness_from_s, finding.witness_to_s) == (-2, 1, 1)
+    assert finding.applied_share == pytest.approx(2 / 3)
+
+
+def test_a_promise_that_could_still_be_kept_is_not_judged() -> None:
+    text = "always ((mode == RTL) implies eventually[0:3] (altitude_m >= 10))"
+    short = found(text, mode=[0, 0, 6, 6, 6], altitude_m=[0, 0, 0, 0, 0])
+    longer = found(text, mode=[0, 0, 6, 6, 6, 6], altitude_m=[0, 0, 0, 0, 0, 0])
+    assert (short and short.robustness, longer and longer.robustness) == (INF, -10)
+    assert found(text, mode=[6, 6], altitude_m=[0, 0]) is None
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("", "the end"),
+        ("altitude_m", "a truth value, got a number|a comparison or a truth value"),
+        ("always altitude_m", "comparison or a truth value"),
+        ("(altitude_m > 1) + 2 > 3", "an operator or the end|numbers"),
+        ("always[5:2] (altitude_m > 1)", "does not end before it begins"),
+        ("always[x:2] (altitude_m > 1)", "a time in seconds"),
+        ("altitude_m > 1 ?", "line 1 column 16"),
+        ("foo(altitude_m) > 1", "a call of"),
+        ("(" * 500 + "altitude_m > 1" + ")" * 500, "100 levels"),
+        ("-" * 5000 + "1 > 0", "100 levels"),
+        ("altitude_m >\n  and 3", "line 2 column 3"),
+    ],
+)
+def test_faults_are_told_with_their_place(text: str, reason: str) -> None:
+    with pytest.raises(Refused, match=reason):
+        parse(text)
+
+
+def test_a_missing_signal_is_refused() -> None:
+    with pytest.raises(Refused, match="climb_mps"):
+        Evaluator({"altitude_m": np.zeros(3)}, 1.0).trace(Node("signal", name="climb_mps"))
