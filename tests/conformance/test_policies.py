@@ -8,11 +8,11 @@ from saflite.contract.signals import MODES
 from saflite.oracle.policy import family, load_policy, policy_names, reach_s_of
 
 PUBLISHED = """
-A.CHUTE A.RTL1 A.RTL2 A.RTL3 A.RTL4 A.FLIP1 A.FLIP2 A.FLIP3 A.FLIP4 A.ALT_HOLD1 A.ALT_HOLD2 A.CIRCLE1 A.CIRCLE2 A.CIRCLE3
-A.CIRCLE4_6 A.CIRCLE7 A.LAND1 A.LAND2 A.AUTO1 A.GPS.FS1 A.GPS.FS2 A.RC.FS1 A.RC.FS2 A.SPORT1 A.GUIDED1 A.LOITER1 A.DRIFT1
-A.BRAKE1
-PX.CHUTE PX.RTL1 PX.RTL2 PX.RTL3 PX.RTL4 PX.RTL5 PX.ALTITUDE1 PX.HOLD1 PX.HOLD2 PX.POSITION1 PX.TAKEOFF1 PX.TAKEOFF2
-PX.LAND1 PX.ORBIT1 PX.ORBIT2 PX.ORBIT3 PX.ORBIT4_5 PX.ORBIT6 PX.GPS.FS1 PX.GPS.FS2 PX.GPS.FS3
+A.CHUTE A.RTL1 A.RTL2 A.RTL3 A.RTL4 A.FLIP1 A.FLIP2 A.FLIP3 A.FLIP4 A.ALT_HOLD1 A.ALT_HOLD2 A.CIRCLE1
+A.CIRCLE2 A.CIRCLE3 A.CIRCLE4_6 A.CIRCLE7 A.LAND1 A.LAND2 A.AUTO1 A.GPS.FS1 A.GPS.FS2 A.RC.FS1 A.RC.FS2
+A.SPORT1 A.GUIDED1 A.LOITER1 A.DRIFT1 A.BRAKE1 PX.CHUTE PX.RTL1 PX.RTL2 PX.RTL3 PX.RTL4 PX.RTL5 PX.ALTITUDE1
+PX.HOLD1 PX.HOLD2 PX.POSITION1 PX.TAKEOFF1 PX.TAKEOFF2 PX.LAND1 PX.ORBIT1 PX.ORBIT2 PX.ORBIT3 PX.ORBIT4_5
+PX.ORBIT6 PX.GPS.FS1 PX.GPS.FS2 PX.GPS.FS3
 """
 
 
@@ -30,7 +30,7 @@ def test_policy_file(name: str) -> None:
     assert name == name.lower() == file.id
     assert file.title
     assert len(file.words.split()) >= 15
-    assert " interesting" in file.words
+    assert "interesting" in file.words
     assert file.state
     assert file.start is None or file.start.mode in MODES
     assert file.start is not None or file.needs_mission or file.inputs.obstacles
