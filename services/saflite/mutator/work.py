@@ -60,9 +60,8 @@ class Mutator:
 
     def _told(self, work: MutateWork) -> Strategy:
         """Return the strategy after it was told the outcomes up to `work.cursor`, no more and no fewer."""
-        made_of = msgspec.msgpack.encode(
-            (work.strategy, work.settings, work.rng_seed, work.template, work.policies), order="deterministic"
-        )
+        parts = (work.strategy, work.settings, work.template, work.policies)  # rng_seed is a new one every round
+        made_of = msgspec.msgpack.encode(parts, order="deterministic")
         if work.from_cursor == NOTHING_TOLD or made_of != self._made_of:
             self._forget()
         if work.from_cursor != self._cursor or work.cursor < self._cursor:
