@@ -28,9 +28,9 @@ def load_case(path: Path) -> TestCase:
         except msgspec.MsgspecError as fault:
             raise Refused("test case", where=str(path), expected="a saflite test case", got=str(fault)) from fault
     if path.suffix in (".yaml", ".yml"):
-        from saflite.recorder.exports.aerialist import load_yaml
+        from saflite.recorder.exports.aerialist import read_case
 
-        return load_yaml(path)
+        return read_case(path)
     raise Refused("test case", where=str(path), expected=KINDS, got=path.suffix or "no suffix")
 
 

@@ -90,9 +90,10 @@ def _policies() -> list[Item]:
 
 
 def _defects() -> list[Item]:
-    from saflite.flight.autopilots.reference.defects import DEFECTS
+    from saflite.flight.autopilots.reference import defects
 
-    return [Item(name, _first(text)) for name, text in sorted(DEFECTS.items())]
+    found: dict[str, str] = getattr(defects, "DEFECTS", {})
+    return [Item(name, _first(str(text))) for name, text in sorted(found.items())]
 
 
 def _exports() -> list[Item]:
