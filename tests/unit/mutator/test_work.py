@@ -47,8 +47,8 @@ def test_another_campaign_begins_from_the_start() -> None:
     service = open_service()
     service.do(work(-1, 2), never)
     with pytest.raises(Unavailable):
-        service.do(work(2, 3, rng_seed=9), never)
-    service.do(work(-1, 3, rng_seed=9), never)
+        service.do(work(2, 3, strategy="deephyperion"), never)
+    service.do(work(-1, 3, strategy="deephyperion"), never)
     assert service.cursor == 3
 
 
