@@ -6,6 +6,7 @@ import math
 import threading
 from collections import Counter
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import nullcontext
 
 import msgspec
 
@@ -35,10 +36,9 @@ class ScorerPool:
         self._clock = clock
         self._history = History()
         self._models: dict[str, Model] = {}
-        self._turns: dict[str, threading.BoundedSemaphore] = {}
+        self._turn = threading.Lock()
         self._lock = threading.RLock()
         self._load_deadline_s = 300.0
-        self._parallel = 1
 
     @property
     def cursor(self) -> int:
@@ -48,7 +48,8 @@ class ScorerPool:
     @property
     def parallel(self) -> int:
         """How many leases may be worked at once: 1 while models compute here, more once one waits for a server."""
-        return self._parallel
+        with self._lock:
+            return min(PARALLEL_MAX, max((model.parallel for model in self._models.values()), default=1))
 
     def do(self, work: Work, cancelled: Cancelled) -> Result:
         """Score a batch or warm a model.
@@ -85,9 +86,6 @@ class ScorerPool:
         with self._lock:
             if label not in self._models:
                 self._models[label] = make(label, Tools(self._clock, self._model, self._load_deadline_s))
-                model = self._models[label]
-                self._turns[label] = threading.BoundedSemaphore(model.parallel)
-                self._parallel = min(PARALLEL_MAX, max(self._parallel, model.parallel))
             return self._models[label]
 
     def _forget(self, label: str) -> None:
@@ -155,7 +153,7 @@ class ScorerPool:
         started_s = self._clock.monotonic_s()
         try:
             model = self._model(label)
-            with self._turns[label]:
+            with self._turn if model.parallel == 1 else nullcontext():
                 sheet = model.score(job)
         except Refused as fault:
             sheet = _all_faulty(job, "refused", str(fault))

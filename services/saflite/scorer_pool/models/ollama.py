@@ -1,0 +1,122 @@
+"""A language model on an Ollama server: `ollama:<tag>`, `ollama:<tag>@<host:port>`; default host from OLLAMA_HOST.
+
+The model is loaded under its own deadline and kept loaded, with a fixed context, temperature 0 and a schema.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Any, NamedTuple
+
+from saflite.contract.config import environment
+from saflite.contract.errors import Refused, Unavailable
+from saflite.scorer_pool.chat import Busy, Question, Spoken
+from saflite.scorer_pool.llm import LanguageModel
+from saflite.scorer_pool.model import Tools
+from saflite.scorer_pool.parse import ANSWER_CHARS_MAX, Reply
+
+CONTEXT_TOKENS = 8192
+"""Fixed: a changed context makes the server load the model anew."""
+
+KEEP_ALIVE = "30m"
+
+
+class _Place(NamedTuple):
+    tag: str
+    host: str
+
+
+def _place(argument: str) -> _Place:
+    tag, _, host = argument.partition("@")
+    if not tag or any(char.isspace() for char in argument):
+        raise Refused(
+            "scorer model", expected="'ollama:<tag>' or 'ollama:<tag>@<host:port>'", got=f"'ollama:{argument}'"
+        )
+    return _Place(tag, host or environment("OLLAMA_HOST", "http://127.0.0.1:11434"))
+
+
+class OllamaChat:
+    """One model on one Ollama server."""
+
+    def __init__(self, argument: str) -> None:
+        import ollama
+
+        self._tag, host = _place(argument)
+        self._client = ollama.AsyncClient(host=host, timeout=None)  # the caller's deadlines hold
+
+    async def ask(self, question: Question) -> Spoken:
+        """Return the answer; see `Chat`."""
+        options = {"temperature": 0, "num_ctx": CONTEXT_TOKENS, "num_predict": question.tokens_max, "seed": 0}
+        spoken: Spoken = await self._guarded(self._streamed(question, options))
+        return spoken
+
+    async def load(self) -> str:
+        """Load the model with the context it will be asked with."""
+        await self._guarded(
+            self._client.generate(
+                model=self._tag, prompt="", keep_alive=KEEP_ALIVE, options={"num_ctx": CONTEXT_TOKENS}
+            )
+        )
+        return f"{self._tag} is loaded"
+
+    async def digest(self) -> str:
+        """Return the digest of the model's files."""
+        listed = await self._guarded(self._client.list())
+        for model in listed.models:
+            if model.model in {self._tag, f"{self._tag}:latest"}:
+                return str(model.digest or "")
+        raise Refused("ollama model", expected="a model the server has", got=repr(self._tag), fix="`ollama pull` it")
+
+    async def _streamed(self, question: Question, options: dict[str, Any]) -> Spoken:
+        """Read the answer piece by piece, so that an endless one is cut off instead of filling the memory."""
+        content, thinking, last = [], [], None
+        length = 0
+        stream = await self._client.chat(
+            model=self._tag,
+            messages=question.messages,
+            format=question.schema,
+            options=options,
+            keep_alive=KEEP_ALIVE,
+            stream=True,
+        )
+        async for part in stream:
+            content.append(part.message.content or "")
+            thinking.append(part.message.thinking or "")
+            length += len(content[-1]) + len(thinking[-1])
+            last = part
+            if length > ANSWER_CHARS_MAX:
+                break
+        if last is None:
+            raise Unavailable(f"ollama: {self._tag} closed the answer without a word")
+        return Spoken(
+            Reply("".join(content), "".join(thinking)),
+            tokens_in=last.prompt_eval_count or 0,
+            tokens_out=last.eval_count or 0,
+            cut=last.done_reason == "length" or not last.done,
+        )
+
+    async def _guarded(self, call: Any) -> Any:
+        """Return what the call returns; name its faults in the pool's words."""
+        import httpx
+        import ollama
+        import pydantic
+
+        try:
+            return await call
+        except ollama.ResponseError as fault:
+            if fault.status_code in {429, 503}:
+                raise Busy(f"ollama: {fault.error}") from fault
+            if fault.status_code in {400, 404}:
+                raise Refused(
+                    "ollama model", expected="a model the server has", got=f"{self._tag}: {fault.error}"
+                ) from fault
+            raise Unavailable(f"ollama: {fault.error} ({fault.status_code})") from fault
+        except (ConnectionError, httpx.HTTPError, json.JSONDecodeError, pydantic.ValidationError) as fault:
+            raise Unavailable(f"ollama: {type(fault).__name__}: {fault}") from fault
+
+
+class Model(LanguageModel):
+    """A scorer model on an Ollama server."""
+
+    def __init__(self, argument: str, tools: Tools) -> None:
+        super().__init__(f"ollama:{argument}", OllamaChat(argument), tools.clock, tools.load_deadline_s)

@@ -1,0 +1,170 @@
+"""A language model on any OpenAI-compatible server (GPT class, vLLM, llama.cpp): `openai:<model>@<base url>`.
+
+The key comes from OPENAI_API_KEY (none is sent if it is empty); prices, in dollars per million tokens, from
+SAFLITE_PRICES as `<in>,<out>`. Without `@<base url>` the address is OPENAI_BASE_URL or https://api.openai.com/v1.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Any, NamedTuple
+
+from saflite.contract.config import environment
+from saflite.contract.errors import Refused, Unavailable
+from saflite.scorer_pool.chat import Busy, Question, Spoken
+from saflite.scorer_pool.llm import LanguageModel, Prices
+from saflite.scorer_pool.model import Tools
+from saflite.scorer_pool.parse import ANSWER_CHARS_MAX, Reply
+
+DEFAULT_URL = "https://api.openai.com/v1"
+BODY_BYTES_MAX = 4 * ANSWER_CHARS_MAX
+NO_LIMIT = None
+"""Time limit of the client itself: the caller's deadlines hold."""
+
+
+class _Unfit(Refused):
+    """The server does not take the request as it is put; a simpler one may do."""
+
+
+class _Place(NamedTuple):
+    model: str
+    url: str
+
+
+def _place(argument: str) -> _Place:
+    model, _, url = argument.partition("@")
+    url = url or environment("OPENAI_BASE_URL", DEFAULT_URL)
+    if not model or not url.startswith(("http://", "https://")) or any(char.isspace() for char in argument):
+        raise Refused("scorer model", expected="'openai:<model>@<base url>'", got=f"'openai:{argument}'")
+    return _Place(model, url.rstrip("/"))
+
+
+def prices(text: str) -> Prices:
+    """Return the prices in `<in>,<out>` dollars per million tokens; empty text means none; raises Refused."""
+    if not text:
+        return Prices()
+    try:
+        per_in, per_out = (float(part) for part in text.split(","))
+    except ValueError as fault:
+        raise Refused("SAFLITE_PRICES", expected="two numbers, e.g. 0.15,0.60", got=repr(text)) from fault
+    return Prices(per_in, per_out)
+
+
+class OpenAIChat:
+    """One model on one OpenAI-compatible server."""
+
+    def __init__(self, argument: str) -> None:
+        self._model, self._url = _place(argument)
+        self._formats = ["json_schema", "json_object", ""]
+
+    async def ask(self, question: Question) -> Spoken:
+        """Return the answer; see `Chat`. A server that knows no schema is asked without one from then on."""
+        while True:
+            try:
+                return _spoken(await self._post(self._body(question)))
+            except _Unfit:
+                if len(self._formats) == 1:
+                    raise
+                self._formats.pop(0)
+
+    async def load(self) -> str:
+        """Find out whether the server answers and has the model: it loads models by itself."""
+        listed = await self._request("GET", "/models", None)
+        names = [row.get("id") for row in listed.get("data", []) if isinstance(row, dict)]
+        if names and self._model not in names:
+            known = ", ".join(str(name) for name in names[:10])
+            raise Refused("openai model", where=self._url, expected=f"one of {known}", got=repr(self._model))
+        return f"{self._model} answers at {self._url}"
+
+    async def digest(self) -> str:
+        """Return the model's name: such servers tell no more."""
+        return f"{self._model}@{self._url}"
+
+    def _body(self, question: Question) -> dict[str, Any]:
+        body: dict[str, Any] = {
+            "model": self._model,
+            "messages": question.messages,
+            "temperature": 0,
+            "seed": 0,
+            "max_tokens": question.tokens_max,
+        }
+        if self._formats[0] == "json_schema":
+            schema = {"name": "scores", "schema": question.schema, "strict": True}
+            body["response_format"] = {"type": "json_schema", "json_schema": schema}
+        elif self._formats[0]:
+            body["response_format"] = {"type": self._formats[0]}
+        return body
+
+    async def _post(self, body: dict[str, Any]) -> dict[str, Any]:
+        return await self._request("POST", "/chat/completions", body)
+
+    async def _request(self, verb: str, path: str, body: dict[str, Any] | None) -> dict[str, Any]:
+        import httpx
+
+        key = environment("OPENAI_API_KEY")
+        headers = {"Authorization": f"Bearer {key}"} if key else {}
+        try:
+            async with httpx.AsyncClient(timeout=NO_LIMIT, headers=headers) as client:
+                async with client.stream(verb, f"{self._url}{path}", json=body) as response:
+                    text = await _bounded(response)
+        except (httpx.HTTPError, httpx.InvalidURL) as fault:
+            raise Unavailable(f"openai: {type(fault).__name__}: {fault}") from fault
+        return self._understood(response.status_code, text)
+
+    def _understood(self, status: int, text: bytes) -> dict[str, Any]:
+        short = text[:200].decode("utf-8", "replace")
+        if status in {429, 503}:
+            raise Busy(f"openai: {status} {short}")
+        if status in {400, 401, 403, 404, 422}:
+            kind = _Unfit if status in {400, 422} else Refused
+            raise kind("openai request", where=self._url, expected="an answer", got=f"{status} {short}")
+        if status != 200:
+            raise Unavailable(f"openai: {status} {short}")
+        try:
+            found = json.loads(text)
+        except (ValueError, RecursionError) as fault:
+            raise Unavailable(f"openai: no JSON but {short}") from fault
+        if not isinstance(found, dict):
+            raise Unavailable(f"openai: no object but {short}")
+        return found
+
+
+async def _bounded(response: Any) -> bytes:
+    """Return the body, its beginning only if it is longer than any honest answer."""
+    parts: list[bytes] = []
+    length = 0
+    async for part in response.aiter_bytes():
+        parts.append(part)
+        length += len(part)
+        if length > BODY_BYTES_MAX:
+            break
+    return b"".join(parts)
+
+
+def _spoken(found: dict[str, Any]) -> Spoken:
+    try:
+        choice = found["choices"][0]
+        message = choice["message"]
+        usage = found.get("usage") or {}
+        thinking = message.get("reasoning_content") or message.get("reasoning") or ""
+        return Spoken(
+            Reply(str(message.get("content") or ""), str(thinking)),
+            tokens_in=int(usage.get("prompt_tokens") or 0),
+            tokens_out=int(usage.get("completion_tokens") or 0),
+            cut=choice.get("finish_reason") == "length",
+        )
+    except (KeyError, IndexError, TypeError, AttributeError, ValueError) as fault:
+        raise Unavailable("openai: an answer without a message") from fault
+
+
+class Model(LanguageModel):
+    """A scorer model on an OpenAI-compatible server."""
+
+    def __init__(self, argument: str, tools: Tools) -> None:
+        super().__init__(
+            f"openai:{argument}",
+            OpenAIChat(argument),
+            tools.clock,
+            tools.load_deadline_s,
+            prices(environment("SAFLITE_PRICES")),
+        )

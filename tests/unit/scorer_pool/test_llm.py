@@ -1,0 +1,286 @@
+"""Scoring with a language model that answers, babbles, hangs, is busy, or dies: a mark or a named fault in time."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from saflite.contract.errors import Refused, Unavailable
+from saflite.contract.test_case import Obstacle, Scenario, Target, TestCase
+from saflite.flight.mission import builtin_mission
+from saflite.runtime.clock import WallClock
+from saflite.scorer_pool import llm
+from saflite.scorer_pool.breaker import FAILURES_MAX, REST_FIRST_S, REST_MAX_S, Breaker
+from saflite.scorer_pool.cache import Cache
+from saflite.scorer_pool.case_text import keys
+from saflite.scorer_pool.chat import Busy, Question, Spoken
+from saflite.scorer_pool.llm import LanguageModel, Prices
+from saflite.scorer_pool.model import Job, Mark, PolicyBrief
+from saflite.scorer_pool.pace import Pace
+from saflite.scorer_pool.parse import Reply
+
+BRIEFS = (PolicyBrief("p", "keep away"),)
+
+
+def cases(count: int, start: int = 0) -> tuple[TestCase, ...]:
+    mission = builtin_mission("mission2")
+    return tuple(
+        TestCase(
+            target=Target(),
+            scenario=Scenario(
+                mission=mission,
+                obstacles=(Obstacle(length_m=5, width_m=5, height_m=20, x_m=float(place), y_m=20.0),),
+            ),
+        )
+        for place in range(start, start + count)
+    )
+
+
+def asked_keys(question: Question) -> list[str]:
+    found: list[str] = question.schema["properties"]["ranking"]["items"]["enum"]
+    return found
+
+
+def good(question: Question, **wrong: Any) -> Spoken:
+    rows = [
+        {"id": key, "interpretation": "i", "effect": "e", "score": int(key[1], 16) % 11} for key in asked_keys(question)
+    ]
+    for row in rows:
+        row.update(wrong)
+    return Spoken(Reply(json.dumps({"test_cases": rows})), tokens_in=100, tokens_out=10)
+
+
+Answerer = Callable[[Question], Spoken]
+
+
+class ScriptedChat:
+    """Answers each question with the next line of its script; the last line is repeated."""
+
+    def __init__(self, *script: Answerer | BaseException | None) -> None:
+        self.script = list(script)
+        self.asked: list[Question] = []
+        self.loads = 0
+        self.load_fault: BaseException | None = None
+        self.load_wait: asyncio.Event | None = None
+
+    async def ask(self, question: Question) -> Spoken:
+        if "ready" in question.schema["properties"]:
+            return Spoken(Reply('{"ready": true}'))
+        self.asked.append(question)
+        line = self.script.pop(0) if len(self.script) > 1 else self.script[0]
+        if line is None:
+            await asyncio.Event().wait()
+        if isinstance(line, BaseException):
+            raise line
+        assert line is not None
+        return line(question)
+
+    async def load(self) -> str:
+        self.loads += 1
+        if self.load_fault:
+            raise self.load_fault
+        return "loaded"
+
+    async def digest(self) -> str:
+        return "d1"
+
+
+def model(*script: Answerer | BaseException | None) -> tuple[LanguageModel, ScriptedChat]:
+    chat = ScriptedChat(*script)
+    return LanguageModel("fake:m", chat, WallClock(), 5.0, Prices(1.0, 2.0)), chat
+
+
+def job(count: int = 3, deadline_s: float = 5.0, start: int = 0) -> Job:
+    return Job(cases(count, start), BRIEFS, deadline_s=deadline_s)
+
+
+def test_good_answer_is_paired_by_id_and_counted() -> None:
+    scorer, _ = model(good)
+    sheet = scorer.score(job())
+    assert [mark.value for mark in sheet.marks] == [int(key[1], 16) % 11 for key in keys(cases(3))]
+    assert all(mark.reason == "i e" and mark.prompt_digest for mark in sheet.marks)
+    assert (sheet.usage.calls, sheet.usage.tokens_in, sheet.usage.tokens_out, sheet.digest) == (1, 100, 10, "d1")
+    assert sheet.usage.cost_usd == pytest.approx(120e-6)
+    scorer.close()
+
+
+def test_equal_test_cases_in_one_batch_are_asked_about_once() -> None:
+    scorer, chat = model(good)
+    twice = cases(2) + cases(2)
+    sheet = scorer.score(Job(twice, BRIEFS))
+    assert len(asked_keys(chat.asked[0])) == 2
+    assert sheet.marks[:2] == sheet.marks[2:]
+    scorer.close()
+
+
+def test_second_time_comes_from_the_cache_but_other_words_do_not() -> None:
+    scorer, chat = model(good)
+    first = scorer.score(job())
+    second = scorer.score(job())
+    assert first.marks == second.marks
+    assert (len(chat.asked), second.usage.calls, second.usage.cached) == (1, 0, 3)
+    scorer.score(job()._replace(briefs=(PolicyBrief("p", "something else"),)))
+    assert len(chat.asked) == 2
+    scorer.close()
+
+
+def test_asks_again_once_with_the_fault_named_and_only_about_what_is_missing() -> None:
+    def partly(question: Question) -> Spoken:
+        answer = json.loads(good(question).reply.content)
+        answer["test_cases"][1]["score"] = 11
+        return Spoken(Reply(json.dumps(answer)))
+
+    scorer, chat = model(partly, good)
+    sheet = scorer.score(job())
+    assert not any(mark.fault for mark in sheet.marks)
+    assert asked_keys(chat.asked[1]) == [keys(cases(3))[1]]
+    assert "out-of-range" in chat.asked[1].messages[-1]["content"]
+    assert sheet.usage.asked_again == 1
+    assert sheet.usage.faults == {"first:out-of-range": 1}
+    scorer.close()
+
+
+@pytest.mark.parametrize(
+    ("line", "fault"),
+    [
+        (lambda question: Spoken(Reply("I cannot help")), "not-json"),
+        (lambda question: good(question, id="c0"), "wrong-ids"),
+        (lambda question: good(question, score="8/10"), "not-a-number"),
+        (lambda question: Spoken(Reply('{"test_cases": [{"id"'), cut=True), "truncated"),
+        (Unavailable("gone"), "unreachable"),
+        (Refused("model", expected="a", got="b"), "refused"),
+    ],
+)
+def test_what_stays_unusable_is_a_named_fault(line: Any, fault: str) -> None:
+    scorer, _ = model(line)
+    sheet = scorer.score(job())
+    assert [mark.fault for mark in sheet.marks] == [fault] * 3
+    assert sheet.usage.faults[fault] == 3
+    scorer.close()
+
+
+def test_a_hung_server_costs_no_more_than_the_deadline_and_smaller_questions_follow() -> None:
+    scorer, chat = model(None)
+    clock = WallClock()
+    started_s = clock.monotonic_s()
+    sheet = scorer.score(job(8, deadline_s=0.1))
+    assert [mark.fault for mark in sheet.marks] == ["deadline"] * 8
+    assert clock.monotonic_s() - started_s < 2.0
+    chat.script = [good]
+    assert not any(mark.fault for mark in scorer.score(job(8)).marks)
+    assert len(asked_keys(chat.asked[1])) == 4
+    scorer.close()
+
+
+def test_busy_server_is_asked_again_after_a_pause(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(llm, "BACK_OFF_FIRST_S", 0.001)
+    scorer, _ = model(Busy("503"), Busy("503"), good)
+    sheet = scorer.score(job())
+    assert not any(mark.fault for mark in sheet.marks)
+    assert sheet.usage.faults == {"first:busy": 2}
+    assert sheet.usage.calls == 3
+    scorer.close()
+
+
+def test_dead_server_opens_the_circuit_and_is_left_alone() -> None:
+    scorer, chat = model(Unavailable("gone"))
+    for start in range(FAILURES_MAX):
+        scorer.score(job(start=10 * start))
+    asked = len(chat.asked)
+    sheet = scorer.score(job(start=100))
+    assert [mark.fault for mark in sheet.marks] == ["circuit-open"] * 3
+    assert len(chat.asked) == asked
+    scorer.close()
+
+
+def test_model_that_cannot_be_loaded_is_a_fault_and_warming_says_why() -> None:
+    scorer, chat = model(good)
+    chat.load_fault = Unavailable("no such host")
+    assert {mark.fault for mark in scorer.score(job()).marks} == {"unreachable"}
+    with pytest.raises(Unavailable, match="no such host"):
+        scorer.warm(lambda: False)
+    chat.load_fault = None
+    assert "loaded" in scorer.warm(lambda: False)
+    assert not any(mark.fault for mark in scorer.score(job()).marks)
+    scorer.close()
+
+
+def test_a_server_that_came_back_is_loaded_again() -> None:
+    scorer, chat = model(good, Unavailable("restarting"), good)
+    scorer.score(job())
+    assert {mark.fault for mark in scorer.score(job(start=10)).marks} == {"unreachable"}
+    assert not any(mark.fault for mark in scorer.score(job(start=20)).marks)
+    assert chat.loads == 2
+    scorer.close()
+
+
+def test_cancelled_score_returns_at_once() -> None:
+    scorer, _ = model(None)
+    sheet = scorer.score(job()._replace(cancelled=lambda: True, deadline_s=60.0))
+    assert {mark.fault for mark in sheet.marks} == {"cancelled"}
+    scorer.close()
+
+
+class HandClock:
+    def __init__(self) -> None:
+        self.now_s = 0.0
+
+    def monotonic_s(self) -> float:
+        return self.now_s
+
+    def unix_s(self) -> float:
+        return self.now_s
+
+
+def test_breaker_opens_tries_once_rests_longer_and_closes() -> None:
+    clock = HandClock()
+    breaker = Breaker(clock)
+    for _ in range(FAILURES_MAX):
+        assert breaker.passes()
+        breaker.failed()
+    assert not breaker.passes()
+    clock.now_s = REST_FIRST_S
+    assert breaker.passes()
+    assert not breaker.passes()  # one at a time
+    breaker.failed()
+    clock.now_s += REST_FIRST_S
+    assert not breaker.passes()
+    clock.now_s += REST_MAX_S
+    assert breaker.passes()
+    breaker.succeeded()
+    assert breaker.passes()
+    assert not breaker.is_open
+
+
+def test_pace_asks_about_as_many_as_fit_into_the_deadline() -> None:
+    pace = Pace()
+    pace.answered(10, 20.0)
+    assert pace.per_question(60.0) == 12
+    assert pace.per_question(10.0) == 2
+    assert pace.per_question(1.0) == 1
+    pace.missed(2)
+    assert pace.per_question(60.0) == 1
+
+
+@pytest.mark.parametrize(
+    ("seconds", "expected"),
+    [({1: 1.0, 2: 2.0, 4: 4.0}, 1), ({1: 1.0, 2: 1.1, 4: 2.2}, 2), ({1: 1.0, 2: 1.1, 4: 1.3}, 4), ({}, 1)],
+)
+def test_pace_puts_questions_side_by_side_only_where_that_answers_more(
+    seconds: dict[int, float], expected: int
+) -> None:
+    pace = Pace()
+    pace.probed(seconds)
+    assert pace.side_by_side == expected
+
+
+def test_cache_is_bounded_and_keeps_no_faults() -> None:
+    cache = Cache(kept_max=2)
+    for key in "abc":
+        cache.put(key, Mark(1.0))
+    cache.put("d", Mark(1.0, fault="schema"))
+    assert [cache.get(key) is not None for key in "abcd"] == [False, True, True, False]
