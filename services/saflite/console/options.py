@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import msgspec
 
@@ -70,7 +71,7 @@ def changed(
     return new
 
 
-def check_runnable(campaign: Campaign) -> None:
+def check_runnable(campaign: Campaign, target_files: Sequence[Path] = ()) -> None:
     """Raise Refused now for what a worker would refuse later: policies, target, mission, strategy settings."""
     from saflite.campaign.builtin import template
     from saflite.mutator.registry import load_strategy
@@ -81,4 +82,4 @@ def check_runnable(campaign: Campaign) -> None:
         load_policy(name)
     base = template(campaign)
     load_strategy(campaign.strategy.name)(base, campaign.strategy.settings, campaign.policies)
-    load_target(campaign.target.name).check(base)
+    load_target(campaign.target.name, target_files).check(base)

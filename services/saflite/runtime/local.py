@@ -231,8 +231,9 @@ def resume(
     simulators: int | None = None,
     on_status: OnStatus | None = None,
     target_files: Sequence[Path] = (),
+    budget: int | None = None,
 ) -> ExitSummary:
-    """Continue the campaign in `run_dir` to its end on this machine.
+    """Continue the campaign in `run_dir` to its end on this machine, with a new budget if one is given.
 
     Raises:
         Refused: no run folder, one in use, or a damaged store.
@@ -248,12 +249,14 @@ def resume(
     with _interrupts() as interrupted:
         try:
             farm.start()
-            return _follow(farm, on_status, interrupted)
+            return _follow(farm, on_status, interrupted, budget)
         finally:
             farm.stop()
 
 
-def _follow(farm: LocalFarm, on_status: OnStatus | None, interrupted: list[str]) -> ExitSummary:
+def _follow(
+    farm: LocalFarm, on_status: OnStatus | None, interrupted: list[str], budget: int | None = None
+) -> ExitSummary:
     clock = WallClock()
     status: Status | None = None
     client: FarmClient | None = None
@@ -266,6 +269,9 @@ def _follow(farm: LocalFarm, on_status: OnStatus | None, interrupted: list[str])
                 continue
             try:
                 client = client or FarmClient.connect(farm.endpoint, farm.campaign, tries=1)
+                if budget is not None:
+                    client.order("budget", number=budget, within_s=STATUS_PATIENCE_S)
+                    budget = None
                 status = client.status(within_s=STATUS_PATIENCE_S)
             except Unavailable as fault:
                 log.info("%s", fault)

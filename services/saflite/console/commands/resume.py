@@ -1,0 +1,50 @@
+"""Go on with a run that was stopped, killed, or ended: its budget counts on exactly where it was.
+
+examples:
+  saflite resume runs/avoidance-m2
+  saflite resume runs/avoidance-m2 --budget 500
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from saflite.contract.control import Status
+    from saflite.runtime.local import ExitSummary
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Name the arguments."""
+    parser.add_argument("run", type=Path, help="run folder")
+    parser.add_argument("--budget", type=int, metavar="N", help="new number of flights, those flown included")
+    parser.add_argument("--workers", type=int, metavar="N", help="simulator workers (one per core)")
+    parser.add_argument("--target-module", type=Path, action="append", default=[], help="target from outside")
+    parser.add_argument("--json", action="store_true", help="print the result as JSON, and nothing else")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Continue to the end; 1 if the run holds confirmed violations."""
+    from saflite.console import options, running
+    from saflite.console.run_folder import open_run
+    from saflite.runtime import local
+
+    if args.workers is not None:
+        options.at_least("--workers", args.workers, 1)
+    if args.budget is not None:
+        options.at_least("--budget", args.budget, 1)
+    open_run(args.run).close()
+
+    def start(on_status: Callable[[Status], None]) -> ExitSummary:
+        return local.resume(
+            args.run,
+            simulators=args.workers,
+            on_status=on_status,
+            target_files=args.target_module,
+            budget=args.budget,
+        )
+
+    return running.follow(args.run, start, as_json=args.json)

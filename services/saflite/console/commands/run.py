@@ -1,0 +1,73 @@
+"""Run a campaign on this machine: find violations, prove each by flying it again, leave recordings and a report.
+
+The campaign is a built-in one (`saflite list campaigns`) or a TOML file. Ctrl-C stops clean; `saflite resume` goes on.
+
+examples:
+  saflite run avoidance-m2
+  saflite run avoidance-m3 --budget 300 --rng-seed 7 --workers 4 --out runs/night
+  saflite run my-campaign.toml --strategy deephyperion --scorer ollama:mistral
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from saflite.contract.control import Status
+    from saflite.runtime.local import ExitSummary
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Name the arguments."""
+    parser.add_argument("campaign", help="built-in campaign or .toml file")
+    parser.add_argument("--out", type=Path, metavar="RUN", help="run folder, must not exist (runs/CAMPAIGN)")
+    parser.add_argument("--budget", type=int, metavar="N", help="flights, confirmations included")
+    parser.add_argument("--workers", type=int, metavar="N", help="simulator workers (one per core)")
+    parser.add_argument("--rng-seed", type=int, metavar="N", help="start of every random draw")
+    parser.add_argument("--strategy", default="", help="see `saflite list strategies`")
+    parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="setting of the strategy")
+    parser.add_argument("--scorer", default="", help="see `saflite list scorers`; e.g. ollama:mistral")
+    parser.add_argument("--shadow", action="append", default=[], metavar="MODEL", help="score with it too, undecided")
+    parser.add_argument("--defect", action="append", default=[], help="switch a planted defect on")
+    parser.add_argument("--target-module", type=Path, action="append", default=[], help="target from outside")
+    parser.add_argument("--json", action="store_true", help="print the result as JSON, and nothing else")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the campaign to its end; 1 if confirmed violations were found."""
+    from saflite.campaign.builtin import load_campaign
+    from saflite.console import options, out, running
+    from saflite.runtime import local
+
+    if args.workers is not None:
+        options.at_least("--workers", args.workers, 1)
+    campaign = options.changed(
+        load_campaign(args.campaign),
+        rng_seed=args.rng_seed,
+        budget=args.budget,
+        strategy=args.strategy,
+        settings=args.set,
+        scorer=args.scorer,
+        shadow=args.shadow,
+        defects=args.defect,
+    )
+    options.check_runnable(campaign, args.target_module)
+    run_dir = args.out or running.free_folder(campaign.name)
+    running.check_new(run_dir)
+    if not args.json:
+        scorer = f"scorer {campaign.scorer.model}, strategy {campaign.strategy.name}"
+        out.line(f"campaign {campaign.name}: {campaign.budget_flights} flights, {scorer}, rng_seed {campaign.rng_seed}")
+        out.line(f"run folder {run_dir}")
+        out.flush()
+
+    def start(on_status: Callable[[Status], None]) -> ExitSummary:
+        return local.run_campaign(
+            campaign, run_dir, simulators=args.workers, on_status=on_status, target_files=args.target_module
+        )
+
+    code = running.follow(run_dir, start, as_json=args.json)
+    running.write_campaign(run_dir, campaign)
+    return code

@@ -1,0 +1,106 @@
+"""Starting, following and ending a campaign on this machine, as `run` and `resume` share it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from saflite.console import live, out, reporting
+from saflite.console.run_folder import open_run
+from saflite.contract.config import Campaign
+from saflite.contract.control import Status
+from saflite.contract.errors import Refused, Unavailable
+
+if TYPE_CHECKING:
+    from saflite.runtime.local import ExitSummary
+
+RUNS = Path("runs")
+SHOWN = 12
+Start = Callable[[Callable[[Status], None]], "ExitSummary"]
+
+
+def free_folder(name: str) -> Path:
+    """Return the first of runs/NAME, runs/NAME-2, ... that does not exist."""
+    number = 1
+    while True:
+        folder = RUNS / (name if number == 1 else f"{name}-{number}")
+        if not folder.exists():
+            return folder
+        number += 1
+
+
+def check_new(folder: Path) -> None:
+    """Raise Refused if a run folder exists: nothing is ever written over."""
+    if folder.exists():
+        fix = f"`saflite resume {folder}` goes on with a run; choose another --out for a new one"
+        raise Refused("--out", where=str(folder), expected="a folder that does not exist", got="one that does", fix=fix)
+
+
+def write_campaign(folder: Path, campaign: Campaign) -> None:
+    """Leave the campaign as it is run, as TOML, in the run folder; raises Unavailable if the disk refuses."""
+    from saflite.console.toml_text import dump
+
+    try:
+        (folder / "campaign.toml").write_text(dump(campaign), encoding="utf-8")
+    except OSError as fault:
+        raise Unavailable(f"{folder}: {fault}") from fault
+
+
+def follow(run_dir: Path, start: Start, *, as_json: bool) -> int:
+    """Run a farm with its progress shown; returns 1 if confirmed violations were found."""
+    view = live.open_view(run_dir, quiet=as_json)
+    try:
+        ended = start(view.update)
+    finally:
+        view.close()
+    return conclude(run_dir, ended, as_json=as_json)
+
+
+def conclude(run_dir: Path, ended: ExitSummary, *, as_json: bool) -> int:
+    """Write what the run leaves for people, print the summary."""
+    report, confirmed = reporting.write(run_dir)
+    cases = reporting.write_test_cases(run_dir)
+    with open_run(run_dir) as run:
+        violations = run.violations()
+        flights, elapsed_s = run.flights(), run.elapsed_s()
+    if as_json:
+        out.json(
+            {
+                "run": str(run_dir),
+                "ended": ended.ended,
+                "why": ended.why,
+                "flights": len(flights),
+                "elapsed_s": elapsed_s,
+                "confirmed": confirmed,
+                "distinct": len({one.fingerprint for one in violations if one.standing == "confirmed"}),
+                "restarts": ended.restarts,
+                "violations": violations,
+                "report": str(report),
+                "test_cases": [str(path) for path in cases if path.suffix != ".plan"],
+            }
+        )
+        return int(confirmed > 0)
+    good = [one for one in violations if one.standing == "confirmed"]
+    distinct = len({one.fingerprint for one in good})
+    flaky = sum(1 for one in violations if one.standing == "flaky")
+    out.line()
+    out.line(f"{'ended' if ended.ended else 'stopped'}: {ended.why}")
+    out.line(
+        f"{len(flights)} flights in {elapsed_s:.0f} s; {confirmed} violations confirmed, {distinct} distinct"
+        + (f", {flaky} flaky" if flaky else "")
+        + (f"; {ended.restarts} processes started again" if ended.restarts else "")
+    )
+    for violation in sorted(good, key=lambda one: one.robustness)[:SHOWN]:
+        out.line(f"  {live.violation_line(violation)}")
+    if len(good) > SHOWN:
+        out.line(f"  ... and {len(good) - SHOWN} more")
+    out.line()
+    out.line(f"report      {report}")
+    out.line(f"recordings  {run_dir / 'recordings'}   (open in Foxglove or PlotJuggler)")
+    out.line(f"test cases  {run_dir / reporting.TEST_CASES}   (competition YAML)")
+    if good:
+        out.line(f"prove it    saflite replay {run_dir}")
+    if not ended.ended:
+        out.line(f"go on       saflite resume {run_dir}")
+    return int(confirmed > 0)
