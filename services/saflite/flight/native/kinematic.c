@@ -3,6 +3,7 @@
 
 #include "boxes.h"
 #include "exact_math.h"
+#include "follower.h"
 #include "noise.h"
 #include "planner.h"
 
@@ -18,6 +19,8 @@ typedef struct {
     double t, p[3], v[3], a[2], yaw, drift[3], stuck_s, height_error, touched_s;
     double setpoint[PLANNER_OUT_COUNT], delayed[DELAY_SLOTS][PLANNER_OUT_COUNT], delayed_s[DELAY_SLOTS];
     int head, queued;
+    Follower follower;
+    FollowerLimits limits;
 } Flight;
 
 int mission_reached(const double from[3], const double goal[3], const double at[3], double accept_m, double accept_z_m,
@@ -37,6 +40,12 @@ static void leg_goal(const Flight *f, int leg, double goal[3])
     memcpy(goal, f->mission + 3 * leg, sizeof(double) * 3);
     if (leg == f->n_mission - 1)
         goal[2] = f->mission[3 * leg - 1];
+}
+
+static void estimate(const Flight *f, double at[3])
+{
+    for (int i = 0; i < 3; i++)
+        at[i] = f->p[i] + f->drift[i];
 }
 
 static void drift(Flight *f)
@@ -111,16 +120,32 @@ static void turn(Flight *f, double wanted)
     f->yaw = exact_wrap(f->yaw + rate * KINEMATIC_STEP_S);
 }
 
+/* The trajectory leads, the vehicle follows it with its position gain. */
 static void follow(Flight *f)
 {
-    const double gain = f->set[KINEMATIC_SET_POSITION_GAIN], most = f->set[KINEMATIC_SET_SPEED_MAX];
-    double vx = gain * (f->setpoint[PLANNER_OUT_X] - f->p[0] - f->drift[0]);
-    double vy = gain * (f->setpoint[PLANNER_OUT_Y] - f->p[1] - f->drift[1]);
-    const double vz = f->set[KINEMATIC_SET_HEIGHT_GAIN] * (f->setpoint[PLANNER_OUT_Z] - f->p[2] - f->drift[2]);
-    const double speed = sqrt(vx * vx + vy * vy), share = speed > most ? most / speed : 1.0;
-    move_plane(f, vx * share, vy * share);
-    move_height(f, exact_clamp(vz, -f->set[KINEMATIC_SET_DOWN_MAX], f->set[KINEMATIC_SET_UP_MAX]));
+    double goal[3], from[3], at[3];
+    leg_goal(f, f->leg, goal);
+    leg_goal(f, f->leg - 1, from);
+    estimate(f, at);
+    follower_step(&f->follower, &f->limits, from, goal, at, f->setpoint + PLANNER_OUT_X, KINEMATIC_STEP_S);
+    const double *p = f->follower.position, *v = f->follower.velocity;
+    const double gain = f->set[KINEMATIC_SET_POSITION_GAIN], lift = f->set[KINEMATIC_SET_HEIGHT_GAIN];
+    move_plane(f, v[0] + gain * (p[0] - at[0]), v[1] + gain * (p[1] - at[1]));
+    move_height(f, v[2] + lift * (p[2] - at[2]));
     turn(f, f->setpoint[PLANNER_OUT_YAW]);
+}
+
+static void enter_leg(Flight *f)
+{
+    double goal[3], from[3], at[3];
+    estimate(f, at);
+    if (f->leg <= 1)
+        follower_start(&f->follower, at, f->v);
+    if (f->leg < 1 || f->leg >= f->n_mission)
+        return;
+    leg_goal(f, f->leg, goal);
+    leg_goal(f, f->leg - 1, from);
+    follower_leg(&f->follower, from, goal, at, f->limits.accept);
 }
 
 static void advance(Flight *f)
@@ -128,14 +153,14 @@ static void advance(Flight *f)
     double goal[3], from[3], at[3];
     leg_goal(f, f->leg, goal);
     leg_goal(f, f->leg - 1, from);
-    for (int i = 0; i < 3; i++)
-        at[i] = f->p[i] + f->drift[i];
+    estimate(f, at);
     const double error = fabs(goal[2] - at[2]);
     f->stuck_s = error < f->height_error - 0.01 ? 0.0 : f->stuck_s + KINEMATIC_STEP_S;
     f->height_error = error;
     if (mission_reached(from, goal, at, f->set[KINEMATIC_SET_ACCEPT], f->set[KINEMATIC_SET_ACCEPT_Z], f->stuck_s)) {
         f->leg++;
         f->stuck_s = 0.0;
+        enter_leg(f);
     }
 }
 
@@ -172,6 +197,7 @@ static int step(Flight *f, int count)
         move_plane(f, 0.0, 0.0);
         move_height(f, f->set[KINEMATIC_SET_CLIMB]);
         f->leg = f->p[2] > f->mission[2] - f->set[KINEMATIC_SET_ACCEPT_Z];
+        enter_leg(f);
         return 0;
     }
     if (f->has_setpoint)
@@ -203,6 +229,9 @@ static void begin(Flight *f, const double *planner_settings)
     f->height_error = 1e9;
     for (int i = 0; i < 3; i++)
         f->drift[i] = 0.0;
+    f->limits = (FollowerLimits){f->set[KINEMATIC_SET_ACCELERATION], f->set[KINEMATIC_SET_JERK], f->set[KINEMATIC_SET_SPEED_MAX],
+                                 f->set[KINEMATIC_SET_UP_MAX], f->set[KINEMATIC_SET_DOWN_MAX], f->set[KINEMATIC_SET_ACCEPT],
+                                 2.0, f->set[KINEMATIC_SET_TURN_LOCK]};
     planner_init(f->planner, planner_settings);
 }
 

@@ -31,6 +31,7 @@ enum {                          /* settings of the vehicle; defaults in flight/p
     KINEMATIC_SET_LATENCY,      /* from planning to flying, s, at most 1 */
     KINEMATIC_SET_JITTER,       /* chance that a plan is skipped */
     KINEMATIC_SET_START_YAW,    /* deg, compass */
+    KINEMATIC_SET_TURN_LOCK,    /* 1 PX4's turning lock on, 0 off */
     KINEMATIC_SETTING_COUNT
 };
 

@@ -1,7 +1,7 @@
 """The planner's and the kinematic vehicle's numbers, one set used by the kinematic and the JSBSim flights alike.
 
-Values follow PX4-Avoidance (seed facts, section 5.2) except where the comment says fitted: those were chosen on one half
-of the layouts by `scripts/bench fidelity` and reported on the other.
+Values follow PX4-Avoidance (seed facts, section 5.2) except where the comment says fitted: those were chosen on one
+half of the layouts by `scripts/bench fidelity` and reported on the other.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ class PlannerSettings(msgspec.Struct, frozen=True, kw_only=True):
     period_s: float = 0.1
     path_speed_mps: float = 5.0
     line_distance_m: float = 5.0
-    look_ahead_m: float = 1.45
-    fov_slowdown: float = 0.0
+    look_ahead_m: float = 2.35
+    fov_slowdown: float = 1.0
     speed_tau_s: float = 0.9
-    smoothing_xy: float = 0.0
-    smoothing_z: float = 0.0
+    smoothing_xy: float = 10.0
+    smoothing_z: float = 3.0
 
 
 class VehicleSettings(msgspec.Struct, frozen=True, kw_only=True):
@@ -52,7 +52,7 @@ class VehicleSettings(msgspec.Struct, frozen=True, kw_only=True):
     down_max_mps: float = 1.0
     acceleration_mps2: float = 3.0
     jerk_mps3: float = 4.0
-    velocity_tau_s: float = 0.5
+    velocity_tau_s: float = 0.3
     yaw_rate_dps: float = 45.0
     yaw_gain_per_s: float = 2.8
     accept_m: float = 0.5
@@ -66,6 +66,7 @@ class VehicleSettings(msgspec.Struct, frozen=True, kw_only=True):
     latency_s: float = 0.1
     jitter: float = 0.1
     start_yaw_deg: float = 90.0
+    turn_lock: float = 1.0
 
 
 def packed(settings: PlannerSettings | VehicleSettings) -> NDArray[np.float64]:
