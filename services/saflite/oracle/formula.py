@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from functools import cache
 from typing import NamedTuple
 
 COMPARISONS = ("<=", "<", ">=", ">", "==", "!=")
@@ -52,6 +53,7 @@ def signals_of(node: Node) -> frozenset[str]:
     return frozenset(part.name for part in walk(node) if part.op == "signal")
 
 
+@cache
 def reach_s(node: Node) -> float:
     """Return how far into the future the node looks, in seconds; infinite where a window has no end."""
     below = max((reach_s(child) for child in node.args), default=0.0)

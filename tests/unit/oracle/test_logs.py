@@ -1,0 +1,176 @@
+"""Logs of real autopilots: minimal files written here, read through pyulog and pymavlink."""
+
+from __future__ import annotations
+
+import math
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from saflite.contract.errors import Refused
+from saflite.contract.flight import Flight
+from saflite.contract.signals import MODES
+from saflite.contract.test_case import Obstacle, Scenario, Target, TestCase, identity
+from saflite.oracle.dataflash import read_dataflash
+from saflite.oracle.judge import judge
+from saflite.oracle.ulog import read_ulog
+
+FLOATS = {"f": "float", "B": "uint8_t", "?": "bool"}
+
+
+def message(kind: str, body: bytes) -> bytes:
+    return struct.pack("<HB", len(body), ord(kind)) + body
+
+
+def ulog(topics: dict[str, list[tuple[str, str]]], rows: list[tuple[str, float, tuple[float, ...]]]) -> bytes:
+    """A ULog file: per topic its fields (format, name), and rows (topic, seconds, values)."""
+    data = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 0)
+    data += message("B", bytes(40))
+    for name, fields in topics.items():
+        text = "".join(f"{FLOATS[code]} {field};" for code, field in fields)
+        data += message("F", f"{name}:uint64_t timestamp;{text}".encode())
+    ids = {name: number for number, name in enumerate(topics)}
+    for name, number in ids.items():
+        data += message("A", struct.pack("<BH", 0, number) + name.encode())
+    for name, at_s, values in rows:
+        codes = "".join(code for code, _ in topics[name])
+        data += message("D", struct.pack("<HQ" + codes, ids[name], int(at_s * 1e6), *values))
+    return data + message("L", bytes([ord("4")]) + struct.pack("<Q", 7_000_000) + b"engine failure")
+
+
+POSITION = [("f", "x"), ("f", "y"), ("f", "z"), ("f", "vx"), ("f", "vy"), ("f", "vz"), ("?", "xy_valid")]
+STATUS = [("B", "nav_state"), ("B", "arming_state")]
+ATTITUDE = [("f", "q[0]"), ("f", "q[1]"), ("f", "q[2]"), ("f", "q[3]")]
+
+
+def px4_flight() -> bytes:
+    rows: list[tuple[str, float, tuple[float, ...]]] = []
+    for tenth in range(201):
+        at = 5 + tenth / 10
+        rows.append(("vehicle_local_position", at, (3.0, 4.0 + tenth / 10, -10.0, 0.0, 1.0, 0.0, True)))
+        yaw = math.radians(350 + tenth / 10)
+        rows.append(("vehicle_attitude", at, (math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2))))
+    rows += [("vehicle_status", 5.0, (17, 2)), ("vehicle_status", 10.0, (3, 2)), ("vehicle_status", 20.0, (4, 2))]
+    topics = {"vehicle_local_position": POSITION, "vehicle_status": STATUS, "vehicle_attitude": ATTITUDE}
+    return ulog(topics, rows)
+
+
+def test_a_px4_log_becomes_a_trace(tmp_path: Path) -> None:
+    path = tmp_path / "flight.ulg"
+    path.write_bytes(px4_flight())
+    trace = read_ulog(path)
+    assert trace.duration_s == pytest.approx(20.0, abs=0.06)
+    assert trace.array("y_m")[[0, 100, 200]] == pytest.approx([0, 5, 10], abs=1e-4)
+    assert set(trace.array("altitude_m")) == {0.0}
+    assert trace.array("yaw_deg")[[0, 100, 399]] == pytest.approx([350, 355, 9.95], abs=0.02)
+    mode = trace.array("mode")
+    assert [mode[50], mode[150], mode[-1]] == [MODES["GUIDED"], MODES["AUTO"], MODES["BRAKE"]]
+    assert trace.array("takeoff")[50] == 1.0
+    assert [(text.at_s, text.text, text.severity) for text in trace.messages] == [(2.0, "engine failure", "warning")]
+
+
+def test_a_px4_log_is_judged_against_the_boxes_of_a_test_case(tmp_path: Path) -> None:
+    path = tmp_path / "flight.ulg"
+    path.write_bytes(px4_flight())
+    box = Obstacle(length_m=2, width_m=2, height_m=20, x_m=2.0, y_m=10.0)
+    case = TestCase(target=Target(name="px4"), scenario=Scenario(obstacles=(box,)))
+    flight = Flight(test_case=identity(case), flight_index=0, ending="completed")
+    verdict = judge(case, flight, read_ulog(path), ("min-obstacle-distance",)).verdicts[0]
+    assert (verdict.outcome, verdict.points) == ("violated", 1.0)
+    assert verdict.robustness == pytest.approx(1.0 - 1.5, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("data", "reason"),
+    [
+        (b"", "a ULog file"),
+        (b"PK\x03\x04 nonsense", "a ULog file"),
+        (ulog({"vehicle_status": STATUS}, [("vehicle_status", 1.0, (3, 2))]), "no x_m, y_m, altitude_m"),
+        (b"ULog\x01\x12\x35", "ULog|position"),
+        (px4_flight()[:200], "ULog|position"),
+    ],
+)
+def test_bad_px4_logs_are_refused(tmp_path: Path, data: bytes, reason: str) -> None:
+    path = tmp_path / "bad.ulg"
+    path.write_bytes(data)
+    with pytest.raises(Refused, match=reason):
+        read_ulog(path)
+
+
+def test_invalid_positions_are_no_positions(tmp_path: Path) -> None:
+    rows = [("vehicle_local_position", at / 10, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, False)) for at in range(50)]
+    path = tmp_path / "invalid.ulg"
+    path.write_bytes(ulog({"vehicle_local_position": POSITION}, rows))
+    with pytest.raises(Refused, match="no x_m, y_m"):
+        read_ulog(path)
+
+
+def dataflash(kinds: dict[str, tuple[str, str]], rows: list[tuple[str, tuple[float, ...]]]) -> bytes:
+    """An ArduPilot log: per message its format letters and column names, and rows."""
+    codes = {"Q": "Q", "f": "f", "B": "B", "H": "H"}
+    fmt = "BBnNZ"
+    data = b""
+    numbers = {name: 10 + index for index, name in enumerate(kinds)}
+
+    def describe(number: int, length: int, name: str, letters: str, columns: str) -> bytes:
+        body = (name.encode().ljust(4, b"\0"), letters.encode().ljust(16, b"\0"), columns.encode().ljust(64, b"\0"))
+        return b"\xa3\x95\x80" + struct.pack("<BB", number, length) + b"".join(body)
+
+    data += describe(0x80, 89, "FMT", fmt, "Type,Length,Name,Format,Columns")
+    for name, (letters, columns) in kinds.items():
+        size = 3 + struct.calcsize("<" + "".join(codes[letter] for letter in letters))
+        data += describe(numbers[name], size, name, letters, columns)
+    for name, values in rows:
+        packed = struct.pack("<" + "".join(codes[letter] for letter in kinds[name][0]), *values)
+        data += b"\xa3\x95" + bytes([numbers[name]]) + packed
+    return data
+
+
+KINDS = {
+    "XKF1": ("QBffffff", "TimeUS,C,PN,PE,PD,VN,VE,VD"),
+    "MODE": ("QBBB", "TimeUS,Mode,ModeNum,Rsn"),
+    "EV": ("QB", "TimeUS,Id"),
+    "ERR": ("QBB", "TimeUS,Subsys,ECode"),
+}
+
+
+def ardupilot_flight() -> bytes:
+    rows: list[tuple[str, tuple[float, ...]]] = [("MODE", (1_000_000, 4, 4, 1)), ("EV", (1_000_000, 10))]
+    for tenth in range(101):
+        at = 1_000_000 + tenth * 100_000
+        rows.append(("XKF1", (at, 0, 0.1 * tenth, 0.0, -5.0 - 0.1 * tenth, 1.0, 0.0, -1.0)))
+        rows.append(("XKF1", (at, 1, 99.0, 99.0, 99.0, 0.0, 0.0, 0.0)))
+        if tenth == 50:
+            rows += [("MODE", (at, 6, 6, 1)), ("ERR", (at, 5, 1)), ("EV", (at, 51))]
+    return dataflash(KINDS, rows)
+
+
+def test_an_ardupilot_log_becomes_a_trace(tmp_path: Path) -> None:
+    path = tmp_path / "flight.bin"
+    path.write_bytes(ardupilot_flight())
+    trace = read_dataflash(path)
+    assert trace.duration_s == pytest.approx(10.0, abs=0.06)
+    assert trace.array("x_m")[[0, 100, 199]] == pytest.approx([0, 5, 9.95], abs=1e-3)
+    assert trace.array("altitude_m")[100] == pytest.approx(5.0, abs=1e-3)
+    assert np.unique(trace.array("armed")) == 1.0
+    for name, before, after in (("mode", 4, 6), ("failsafe_radio", 0, 1), ("chute_released", 0, 1)):
+        assert (trace.array(name)[90], trace.array(name)[110]) == (before, after)
+
+
+@pytest.mark.parametrize(
+    "data", [b"", b"ULog\x01\x12\x35", dataflash(KINDS, [("MODE", (1, 4, 4, 1))]), b"\xa3\x95\x80"]
+)
+def test_bad_ardupilot_logs_are_refused(tmp_path: Path, data: bytes) -> None:
+    path = tmp_path / "bad.bin"
+    path.write_bytes(data)
+    with pytest.raises(Refused, match="ArduPilot log"):
+        read_dataflash(path)
+
+
+def test_a_missing_log_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(Refused, match="PX4 log"):
+        read_ulog(tmp_path / "none.ulg")
+    with pytest.raises(Refused, match="ArduPilot log"):
+        read_dataflash(tmp_path / "none.bin")
