@@ -21,7 +21,7 @@ Proposes = Literal["obstacles", "stimuli"]
 class Option(NamedTuple):
     """One setting of a strategy: its default (whose type it must have), range, and meaning."""
 
-    default: float | int | str | bool
+    default: Setting
     meaning: str
     least: float = float("-inf")
     most: float = float("inf")
@@ -77,6 +77,12 @@ class Chosen:
     def text(self, name: str) -> str:
         """Return a word."""
         return str(self._values[name])
+
+    def words(self, name: str) -> list[str]:
+        """Return a list of words."""
+        value = self._values[name]
+        assert isinstance(value, list), f"setting {name} is no list"
+        return [str(word) for word in value]
 
 
 def _check(name: str, value: Setting, options: Options) -> None:

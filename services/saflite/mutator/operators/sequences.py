@@ -1,0 +1,107 @@
+"""Changing timed stimulus sequences: add, replace, revalue, retime, drop, join. Pure; the sequence given stays."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import msgspec
+import numpy as np
+
+from saflite.contract.test_case import Stimulus
+from saflite.mutator.operators.inputs import STICK_CENTRE_PWM
+
+Rng = np.random.Generator
+Stimuli = tuple[Stimulus, ...]
+Draw = Callable[[Rng], Stimulus]
+"""Gives a fresh stimulus; its time does not matter."""
+
+
+class Rhythm(NamedTuple):
+    """When stimuli are given: rounds of `round_s`, a share `bursts` of them only 0.1 to 2 s apart.
+
+    A stick is let go (1500) at the end of its round in a share `release` of cases, as PGFuzz does after every round.
+    """
+
+    start_s: float
+    round_s: float
+    bursts: float
+    release: float
+    last_s: float
+    steps_max: int
+
+
+def in_order(stimuli: Sequence[Stimulus]) -> Stimuli:
+    """Return the stimuli by time; equal times keep their order."""
+    return tuple(sorted(stimuli, key=lambda stimulus: stimulus.at_s))
+
+
+def steps(stimuli: Sequence[Stimulus]) -> int:
+    """Return how many stimuli there are, sticks let go not counted."""
+    return sum(not _is_release(stimulus) for stimulus in stimuli)
+
+
+def _is_release(stimulus: Stimulus) -> bool:
+    return stimulus.kind == "stick" and stimulus.values == (STICK_CENTRE_PWM,)
+
+
+def _pause(rng: Rng, rhythm: Rhythm) -> float:
+    return float(rng.uniform(0.1, 2.0)) if rng.random() < rhythm.bursts else rhythm.round_s
+
+
+def _at(stimulus: Stimulus, at_s: float, rhythm: Rhythm) -> Stimulus:
+    return msgspec.structs.replace(stimulus, at_s=round(min(max(at_s, 0.0), rhythm.last_s), 2))
+
+
+def _with_release(rng: Rng, stimulus: Stimulus, rhythm: Rhythm) -> Stimuli:
+    if stimulus.kind != "stick" or _is_release(stimulus) or rng.random() >= rhythm.release:
+        return (stimulus,)
+    let_go = msgspec.structs.replace(stimulus, values=(STICK_CENTRE_PWM,))
+    return stimulus, _at(let_go, stimulus.at_s + rhythm.round_s, rhythm)
+
+
+def fresh(rng: Rng, draw: Draw, count: int, rhythm: Rhythm) -> Stimuli:
+    """Return a new sequence of `count` stimuli."""
+    made: list[Stimulus] = []
+    at_s = rhythm.start_s
+    for _ in range(count):
+        made.extend(_with_release(rng, _at(draw(rng), at_s, rhythm), rhythm))
+        at_s += _pause(rng, rhythm)
+    return in_order(made)
+
+
+def add(rng: Rng, parent: Stimuli, draw: Draw, rhythm: Rhythm) -> Stimuli:
+    """Return the sequence with one more stimulus, after the last or shortly after another."""
+    after_s = parent[int(rng.integers(len(parent)))].at_s if parent and rng.random() < 0.5 else None
+    last_s = max((stimulus.at_s for stimulus in parent), default=rhythm.start_s - rhythm.round_s)
+    at_s = (last_s if after_s is None else after_s) + _pause(rng, rhythm)
+    return in_order([*parent, *_with_release(rng, _at(draw(rng), at_s, rhythm), rhythm)])
+
+
+def replace(rng: Rng, parent: Stimuli, draw: Draw, rhythm: Rhythm) -> Stimuli:
+    """Return the sequence with one stimulus exchanged for a fresh one at the same time."""
+    index = int(rng.integers(len(parent)))
+    made = _with_release(rng, _at(draw(rng), parent[index].at_s, rhythm), rhythm)
+    return in_order([*parent[:index], *made, *parent[index + 1 :]])
+
+
+def retime(rng: Rng, parent: Stimuli, rhythm: Rhythm) -> Stimuli:
+    """Return the sequence with one stimulus given earlier or later by up to a round."""
+    index = int(rng.integers(len(parent)))
+    at_s = parent[index].at_s + float(rng.uniform(-rhythm.round_s, rhythm.round_s))
+    return in_order([*parent[:index], _at(parent[index], at_s, rhythm), *parent[index + 1 :]])
+
+
+def drop(rng: Rng, parent: Stimuli) -> Stimuli:
+    """Return the sequence without one of its stimuli."""
+    index = int(rng.integers(len(parent)))
+    return (*parent[:index], *parent[index + 1 :])
+
+
+def join(rng: Rng, first: Stimuli, second: Stimuli, rhythm: Rhythm) -> Stimuli:
+    """Return the beginning of one sequence with the end of another, cut at one moment."""
+    cut_s = float(rng.uniform(rhythm.start_s, rhythm.last_s))
+    head = [stimulus for stimulus in first if stimulus.at_s <= cut_s]
+    tail = [stimulus for stimulus in second if stimulus.at_s > cut_s]
+    joined = in_order([*head, *tail])
+    return joined if joined and steps(joined) <= rhythm.steps_max else first

@@ -1,0 +1,244 @@
+"""PGFuzz's search (NDSS 2021) over timed inputs: parameters, commands, sticks, modes and sensor faults.
+
+A test case is a sequence of inputs given from the campaign's start state, one per round of 4 s. The class of an input
+is drawn first (command, parameter, environment), then the input evenly from its list, then its value: fresh, or one
+that brought an earlier flight closer to a violation. Distance is the policies' robustness.
+
+Beyond the published tool: guidance also chooses *inputs* (sequences that came close are kept and changed: add, replace,
+revalue, retime, drop, join), inputs can come in bursts, a share of draws (`focus`) comes from the policy's own
+inputs, values can leave their valid range, be negative, and are never stuck at 0 for want of bounds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import ClassVar, NamedTuple
+
+import msgspec
+import numpy as np
+
+from saflite.contract.errors import Refused
+from saflite.contract.flight import FLOWN_ENDINGS
+from saflite.contract.test_case import Origin, Stimulus, StimulusKind, TestCase, identity
+from saflite.contract.work import Outcome
+from saflite.mutator.operators import inputs, sequences, values
+from saflite.mutator.operators.inputs import Input
+from saflite.mutator.operators.sequences import Rhythm, Stimuli
+from saflite.mutator.strategy import Chosen, Option, Options, Proposes, Settings
+
+POOL_MAX = 24
+TAIL_S = 8.0  # least time left after the last stimulus, for its effect to show
+_CLASS_OF: dict[StimulusKind, str] = {
+    "command": "command",
+    "stick": "command",
+    "mode": "command",
+    "parameter": "parameter",
+    "sensor_fault": "environment",
+}
+_CHANGES = ("add", "add", "replace", "revalue", "revalue", "retime", "drop", "join")
+_OWN: dict[str, StimulusKind] = {
+    "parameters": "parameter",
+    "commands": "command",
+    "sticks": "stick",
+    "modes": "mode",
+    "sensor_faults": "sensor_fault",
+}
+
+Key = tuple[StimulusKind, str]
+
+
+class Seed(NamedTuple):
+    """A sequence that came close without violating."""
+
+    stimuli: Stimuli
+    identity: str
+    robustness: float
+
+
+class Kept(NamedTuple):
+    """The values of an input that brought a flight closest, and by how much."""
+
+    values: tuple[float, ...]
+    gain: float
+
+
+def closeness(robustness: float) -> float:
+    """Return the robustness on a scale from -1 to 1, so that metres and yes-or-no can be compared."""
+    return robustness / (1.0 + abs(robustness))
+
+
+class Strategy:
+    """The seed pool and the values that helped."""
+
+    proposes: ClassVar[Proposes] = "stimuli"
+    options: ClassVar[Options] = {
+        "parameters": Option([], "parameters of the policy's own inputs"),
+        "commands": Option([], "commands of the policy's own inputs (MAV_CMD names, Flight_Mode for any mode)"),
+        "sticks": Option([], "sticks of the policy's own inputs (RC1 to RC4)"),
+        "modes": Option([], "flight modes of the policy's own inputs"),
+        "sensor_faults": Option([], "sensor faults of the policy's own inputs (SIM_* names)"),
+        "published": Option("", "draw the rest from this policy's PGFuzz list, e.g. A.CHUTE; empty: all of the target"),
+        "focus": Option(0.5, "share of inputs drawn from the policy's own (0: as PGFuzz)", 0, 1),
+        "guided": Option(0.5, "share of values reused from flights that came closer", 0, 1),
+        "mutated": Option(0.5, "share of test cases that change a close one (0: as PGFuzz)", 0, 1),
+        "beyond": Option(0.2, "share of values outside their valid range", 0, 1),
+        "bursts": Option(0.3, "share of inputs that follow within 2 s instead of a round (0: as PGFuzz)", 0, 1),
+        "release": Option(0.7, "share of stick inputs let go after their round (1: as PGFuzz)", 0, 1),
+        "steps_min": Option(1, "least number of inputs in a test case", 1, 100),
+        "steps_max": Option(6, "greatest number of inputs in a test case", 1, 100),
+        "round_s": Option(4.0, "time from one input to the next", 0.1, 60),
+        "start_s": Option(1.0, "time of the first input", 0, 60),
+    }
+
+    def __init__(self, template: TestCase, settings: Settings, policies: tuple[str, ...]) -> None:
+        """Read the settings.
+
+        Raises Refused for a bad one, an input the target does not have, or a template without start and mission.
+        """
+        self._chosen = Chosen(settings, self.options)
+        scenario = template.scenario
+        if scenario.start is None and scenario.mission is None:
+            raise Refused("strategy", expected="a campaign with a start state or a mission", got="neither")
+        if self._chosen.whole("steps_min") > self._chosen.whole("steps_max"):
+            got = f"{self._chosen.whole('steps_min')} and {self._chosen.whole('steps_max')}"
+            raise Refused("strategy settings steps_min, steps_max", expected="steps_min at most steps_max", got=got)
+        self._template = template
+        self._rhythm = self._read_rhythm(scenario.time_limit_s)
+        self._own = self._read_own(template.target.name)
+        self._broad = self._read_broad(template.target.name)
+        self._inputs = {(entry.kind, entry.name): entry for entry in (*self._broad, *self._own)}
+        self._seeds: dict[tuple[Key, ...], Seed] = {}
+        self._kept: dict[Key, Kept] = {}
+        self._told: dict[str, float] = {}
+        self._sum = 0.0
+
+    def _read_rhythm(self, time_limit_s: float) -> Rhythm:
+        start_s, round_s = self._chosen.real("start_s"), self._chosen.real("round_s")
+        last_s = max(start_s, time_limit_s - TAIL_S)
+        return Rhythm(
+            start_s=start_s,
+            round_s=round_s,
+            bursts=self._chosen.real("bursts"),
+            release=self._chosen.real("release"),
+            last_s=last_s,
+            steps_max=self._chosen.whole("steps_max"),
+        )
+
+    def _read_own(self, target: str) -> tuple[Input, ...]:
+        found: list[Input] = []
+        for setting, kind in _OWN.items():
+            found.extend(inputs.named(kind, self._chosen.words(setting), target, setting))
+        return tuple(dict.fromkeys(found))
+
+    def _read_broad(self, target: str) -> tuple[Input, ...]:
+        """Return the list everything else is drawn from: the published one as far as the target has it, or all."""
+        published = self._chosen.text("published")
+        everything = tuple(inputs.target_inputs(target).values())
+        if not published:
+            return everything
+        found = inputs.on_target(inputs.published_inputs(published), target)
+        return found if any(entry.kind == "parameter" for entry in found) else everything
+
+    # ---- tell --------------------------------------------------------------------------------------------------
+
+    def tell(self, outcomes: Sequence[Outcome]) -> None:
+        """Keep sequences that came close and values that helped; a violating one is done with."""
+        for outcome in outcomes:
+            if outcome.ending not in FLOWN_ENDINGS or outcome.robustness is None or not outcome.test_case.stimuli:
+                continue
+            self._credit(outcome)
+            self._keep(outcome)
+
+    def _credit(self, outcome: Outcome) -> None:
+        """Store the values of new stimuli that brought the flight closer than its parent (or than usual)."""
+        assert outcome.robustness is not None, "only flights that said something are credited"
+        case, now = outcome.test_case, closeness(outcome.robustness)
+        usual = self._sum / len(self._told) if self._told else 1.0
+        before = self._told.get(case.origin.parent, usual)
+        for stimulus in case.stimuli:
+            key = (stimulus.kind, stimulus.name)
+            held, gain = self._kept.get(key), before - now
+            if gain > 1e-9 and (held is None or gain >= held.gain):
+                self._kept[key] = Kept(stimulus.values, gain)
+        if (name := identity(case)) not in self._told:
+            self._told[name] = now
+            self._sum += now
+
+    def _keep(self, outcome: Outcome) -> None:
+        assert outcome.robustness is not None, "only flights that said something are kept"
+        case = outcome.test_case
+        kind_of_sequence = tuple(sorted((stimulus.kind, stimulus.name) for stimulus in case.stimuli))
+        held = self._seeds.get(kind_of_sequence)
+        if outcome.violated:
+            self._seeds.pop(kind_of_sequence, None)
+            return
+        if held is None or outcome.robustness < held.robustness:
+            self._seeds[kind_of_sequence] = Seed(case.stimuli, identity(case), outcome.robustness)
+        if len(self._seeds) > POOL_MAX:
+            worst = max(self._seeds, key=lambda key: (self._seeds[key].robustness, key))
+            del self._seeds[worst]
+
+    # ---- ask ---------------------------------------------------------------------------------------------------
+
+    def ask(self, count: int, rng: np.random.Generator) -> list[TestCase]:
+        """Return `count` sequences: some changed from close ones, the rest fresh."""
+        pool = sorted(self._seeds.values(), key=lambda seed: (seed.robustness, seed.identity))
+        return [self._one(rng, pool) for _ in range(count)]
+
+    def _one(self, rng: np.random.Generator, pool: list[Seed]) -> TestCase:
+        if pool and rng.random() < self._chosen.real("mutated"):
+            parent = pool[min(len(pool) - 1, int(len(pool) * rng.random() ** 2))]  # the close ones more often
+            change, stimuli = self._change(rng, parent, pool)
+            return self._made(stimuli, parent.identity, change)
+        count = int(rng.integers(self._chosen.whole("steps_min"), self._chosen.whole("steps_max") + 1))
+        return self._made(sequences.fresh(rng, self._draw, count, self._rhythm), "", "fresh")
+
+    def _made(self, stimuli: Stimuli, parent: str, note: str) -> TestCase:
+        origin = Origin(strategy="pgfuzz", parent=parent, note=note)
+        return msgspec.structs.replace(self._template, stimuli=stimuli, origin=origin)
+
+    def _change(self, rng: np.random.Generator, parent: Seed, pool: list[Seed]) -> tuple[str, Stimuli]:
+        change, stimuli = _CHANGES[int(rng.integers(len(_CHANGES)))], parent.stimuli
+        count = sequences.steps(stimuli)
+        if change == "add" and count < self._rhythm.steps_max:
+            return change, sequences.add(rng, stimuli, self._draw, self._rhythm)
+        if change == "retime":
+            return change, sequences.retime(rng, stimuli, self._rhythm)
+        if change == "drop" and len(stimuli) > 1 and count > self._chosen.whole("steps_min"):
+            return change, sequences.drop(rng, stimuli)
+        if change == "join" and len(pool) > 1:
+            other = pool[int(rng.integers(len(pool)))]
+            return change, sequences.join(rng, stimuli, other.stimuli, self._rhythm)
+        if change == "revalue":
+            return change, self._revalue(rng, stimuli)
+        return "replace", sequences.replace(rng, stimuli, self._draw, self._rhythm)
+
+    def _revalue(self, rng: np.random.Generator, stimuli: Stimuli) -> Stimuli:
+        index = int(rng.integers(len(stimuli)))
+        old = stimuli[index]
+        entry = self._inputs.get((old.kind, old.name))
+        if entry is None:
+            return stimuli
+        new = values.jitter(rng, entry, old.values) if rng.random() < 0.5 else self._value(rng, entry)
+        return (*stimuli[:index], msgspec.structs.replace(old, values=new), *stimuli[index + 1 :])
+
+    # ---- drawing -----------------------------------------------------------------------------------------------
+
+    def _draw(self, rng: np.random.Generator) -> Stimulus:
+        focused = bool(self._own) and rng.random() < self._chosen.real("focus")
+        entry = _pick(rng, self._own if focused else self._broad)
+        return Stimulus(at_s=0.0, kind=entry.kind, name=entry.name, values=self._value(rng, entry))
+
+    def _value(self, rng: np.random.Generator, entry: Input) -> tuple[float, ...]:
+        held = self._kept.get((entry.kind, entry.name))
+        if held is not None and rng.random() < self._chosen.real("guided"):
+            return held.values
+        return values.draw(rng, entry, self._chosen.real("beyond"))
+
+
+def _pick(rng: np.random.Generator, entries: Sequence[Input]) -> Input:
+    """Return an input: its class evenly first, as PGFuzz draws, then the input evenly within the class."""
+    classes = sorted({_CLASS_OF[entry.kind] for entry in entries})
+    wanted = classes[int(rng.integers(len(classes)))]
+    within = [entry for entry in entries if _CLASS_OF[entry.kind] == wanted]
+    return within[int(rng.integers(len(within)))]
