@@ -155,15 +155,23 @@ def _not_finite(constant: str) -> float:
 
 
 def _entries(document: dict[str, Any], keys: tuple[str, ...]) -> dict[str, dict[str, Any]]:
-    """Return the entries by key; an id that was not asked for or comes twice spoils the answer."""
+    """Return the entries by key; an id that was not asked for or comes twice spoils the answer.
+
+    Both an object by id and a list of objects with an `id` are understood: models used to lists give lists.
+    """
     rows = document.get("test_cases")
-    if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+    if isinstance(rows, dict):
+        pairs = list(rows.items())
+    elif isinstance(rows, list) and all(isinstance(row, dict) for row in rows):
+        pairs = [(row.get("id"), row) for row in rows]
+    else:
         raise _Fault("schema")
     entries: dict[str, dict[str, Any]] = {}
-    for row in rows:
-        key = row.get("id")
+    for key, row in pairs:
         if not isinstance(key, str) or key not in keys:
             raise _Fault("wrong-ids")
+        if not isinstance(row, dict) or row.get("id", key) != key:
+            raise _Fault("schema")
         if key in entries:
             raise _Fault("duplicate")
         entries[key] = row

@@ -39,8 +39,13 @@ def _rows(rng: np.random.Generator, keys: tuple[str, ...]) -> list[dict[str, Any
 
 
 def _dump(rows: list[dict[str, Any]], rng: np.random.Generator, **more: Any) -> str:
+    """Return the answer as text: half of the time an object by id, half of the time a list, in many layouts."""
     indent = None if rng.random() < 0.5 else int(rng.integers(1, 5))
-    return json.dumps({"test_cases": rows, "ranking": [row.get("id") for row in rows], **more}, indent=indent)
+    ids = [row["id"] for row in rows]
+    told: Any = rows
+    if len(set(ids)) == len(ids) and rng.random() < 0.5:
+        told = {str(row["id"]): {key: value for key, value in row.items() if key != "id"} for row in rows}
+    return json.dumps({"test_cases": told, "ranking": ids, **more}, indent=indent)
 
 
 def answer(kind: str, seed: int) -> Answer:

@@ -46,11 +46,10 @@ def asked_keys(question: Question) -> list[str]:
 
 
 def good(question: Question, **wrong: Any) -> Spoken:
-    rows = [
-        {"id": key, "interpretation": "i", "effect": "e", "score": int(key[1], 16) % 11} for key in asked_keys(question)
-    ]
-    for row in rows:
-        row.update(wrong)
+    rows = {
+        key: {"interpretation": "i", "effect": "e", "score": int(key[1], 16) % 11, **wrong}
+        for key in asked_keys(question)
+    }
     return Spoken(Reply(json.dumps({"test_cases": rows})), tokens_in=100, tokens_out=10)
 
 
@@ -131,7 +130,7 @@ def test_second_time_comes_from_the_cache_but_other_words_do_not() -> None:
 def test_asks_again_once_with_the_fault_named_and_only_about_what_is_missing() -> None:
     def partly(question: Question) -> Spoken:
         answer = json.loads(good(question).reply.content)
-        answer["test_cases"][1]["score"] = 11
+        answer["test_cases"][asked_keys(question)[1]]["score"] = 11
         return Spoken(Reply(json.dumps(answer)))
 
     scorer, chat = model(partly, good)
@@ -148,7 +147,7 @@ def test_asks_again_once_with_the_fault_named_and_only_about_what_is_missing() -
     ("line", "fault"),
     [
         (lambda question: Spoken(Reply("I cannot help")), "not-json"),
-        (lambda question: good(question, id="c0"), "wrong-ids"),
+        (lambda question: good(question, id="c0"), "schema"),
         (lambda question: good(question, score="8/10"), "not-a-number"),
         (lambda question: Spoken(Reply('{"test_cases": [{"id"'), cut=True), "truncated"),
         (Unavailable("gone"), "unreachable"),

@@ -35,9 +35,9 @@ def test_reads_what_stands_there_and_names_the_fault_otherwise(kind: str) -> Non
 def stands_in(text: str, key: str, value: float) -> bool:
     """Return whether an object of `text` pairs the key with the score: found by pattern, not by the reader itself."""
     flat = re.sub(r'"(?!id"|score")(?:[^"\\]|\\.)*"\s*:\s*"(?:[^"\\]|\\.)*"', '""', text)
-    for found in re.finditer(r"\{[^{}]*\}", flat):
-        scores = re.findall(r'"score"\s*:\s*(-?[\d.eE+-]+)', found.group())
-        ids = re.findall(r'"id"\s*:\s*"([^"]*)"', found.group())
+    for found in re.finditer(r'(?:"([^"]*)"\s*:\s*)?(\{[^{}]*\})', flat):
+        scores = re.findall(r'"score"\s*:\s*(-?[\d.eE+-]+)', found.group(2))
+        ids = re.findall(r'"id"\s*:\s*"([^"]*)"', found.group(2)) or [found.group(1)]
         if ids == [key] and len(scores) == 1 and float(scores[0]) == value:
             return True
     return False
@@ -60,8 +60,21 @@ def test_mutated_answers_never_raise_and_never_pair_wrongly() -> None:
 
 
 def test_a_score_in_words_of_a_reason_is_not_taken() -> None:
-    text = '{"test_cases": [{"id": "ca", "interpretation": "\\"score\\": 9", "effect": "", "score": "9/10"}]}'
+    text = '{"test_cases": {"ca": {"interpretation": "\\"score\\": 9", "effect": "", "score": "9/10"}}}'
     assert parse(Reply(text), ("ca",)).faults == {"ca": "not-a-number"}
+
+
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        ('{"test_cases": {"ca": {"score": 3}, "ca": {"score": 4}}}', "duplicate"),
+        ('{"test_cases": {"cb": {"score": 3}}}', "wrong-ids"),
+        ('{"test_cases": {"ca": {"id": "cb", "score": 3}}}', "schema"),
+        ('{"test_cases": {"ca": 3}}', "schema"),
+    ],
+)
+def test_object_by_id_is_held_to_the_same_rules(text: str, fault: str) -> None:
+    assert parse(Reply(text), ("ca",)).faults == {"ca": fault}
 
 
 def test_says_its_faults_in_one_line() -> None:
