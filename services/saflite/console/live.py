@@ -79,7 +79,8 @@ def told(fact: object) -> str:
     if isinstance(fact, Quarantined):
         return f"quarantined  {fact.test_case} after {fact.attempts} attempts, last {fact.last} {fact.message}".rstrip()
     if isinstance(fact, ScorerChanged):
-        return f"scorer  {fact.model if fact.ready else f'{fact.model} is not ready, {fact.previous} stays'} {fact.message}"
+        said = fact.model if fact.ready else f"{fact.model} is not ready, {fact.previous} stays"
+        return f"scorer  {said} {fact.message}".rstrip()
     if isinstance(fact, FaultSeen):
         return f"fault  {fact.where}: {fact.message}"
     return ""

@@ -1,0 +1,45 @@
+"""Pause, resume or stop a running campaign, change its budget, or ask how it goes.
+
+examples:
+  saflite control status
+  saflite control pause
+  saflite control budget 500 --run runs/avoidance-m2
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Name the arguments."""
+    parser.add_argument("verb", choices=["status", "pause", "resume", "stop", "budget"], help="the order")
+    parser.add_argument("number", type=int, nargs="?", default=0, help="the new budget")
+    parser.add_argument("--run", type=Path, help="run folder (the newest running one)")
+    parser.add_argument("--connect", default="", metavar="ENDPOINT", help="farm on another machine")
+    parser.add_argument("--campaign", default="", help="its campaign, with --connect")
+    parser.add_argument("--json", action="store_true", help="print the answer as JSON")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Give the order and print the answer."""
+    from saflite.console import farms, live, options, out
+    from saflite.contract.errors import Refused
+
+    if args.verb == "budget":
+        options.at_least("budget", args.number, 1)
+    client = farms.connect(args.run, args.connect, args.campaign)
+    try:
+        answer = client.order(args.verb, number=args.number)
+    finally:
+        client.close()
+    if not answer.accepted:
+        raise Refused(args.verb, expected="an order the books accept", got=answer.message)
+    if args.json:
+        out.json(answer)
+    elif answer.status is not None:
+        out.line(live.one_line(answer.status))
+    else:
+        out.line(answer.message or f"{args.verb}: done")
+    return 0

@@ -1,0 +1,50 @@
+"""Fly again what was found and compare the traces bit by bit.
+
+Takes a run folder (every confirmed violation), a recording, or a test case (flown twice). Exit code 0: nothing is
+violated any more; 1: violated again; 3: a flight differs from its record though its target repeats exactly.
+
+examples:
+  saflite replay runs/avoidance-m2
+  saflite replay runs/avoidance-m2 --violation 3f2a
+  saflite replay runs/avoidance-m2/recordings/8c1d2f-0.mcap
+  saflite replay case.yaml
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Name the arguments."""
+    parser.add_argument("what", type=Path, help="run folder, recording (.mcap) or test case (.yaml, .json)")
+    parser.add_argument(
+        "--violation", default="", metavar="ID", help="only this fingerprint or test case (or its start)"
+    )
+    parser.add_argument("--all", action="store_true", help="flaky and unconfirmed violations too")
+    parser.add_argument("--policy", action="append", default=[], help="judge a test case by this policy")
+    parser.add_argument("--times", type=int, default=1, help="how often to fly each (1)")
+    parser.add_argument("--wall-limit", type=float, default=300.0, metavar="S", help="give a flight up after so long")
+    parser.add_argument("--target-module", type=Path, action="append", default=[], help="target from outside")
+    parser.add_argument("--json", action="store_true", help="print one JSON object per flight")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Fly everything again and compare."""
+    from saflite.console import options, out, replaying
+
+    options.at_least("--times", args.times, 1)
+    entries = replaying.entries(args.what, args.violation, args.all, tuple(args.policy))
+    results = []
+    for result in replaying.replay(entries, args.times, args.wall_limit, args.target_module):
+        results.append(result)
+        out.json(result._asdict()) if args.json else out.line(replaying.line(result))
+        out.flush()
+    equal = sum(1 for result in results if result.bit_equal)
+    violated = sum(1 for result in results if result.violated)
+    if not args.json:
+        out.line(f"{len(results)} flights: {equal} bit-equal, {violated} violated")
+    if equal < len(results):
+        return 3
+    return int(violated > 0)

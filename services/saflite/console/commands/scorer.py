@@ -1,0 +1,42 @@
+"""See and change the scorer model of a running campaign.
+
+`use` warms the new model, flips between two batches and rolls back if it does not answer; `shadow` lets others score
+the same batches without deciding; `list` shows what scores, how well it did so far, and what it took.
+
+examples:
+  saflite scorer use ollama:mistral
+  saflite scorer shadow surrogate novelty --run runs/avoidance-m2
+  saflite scorer list
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Name the arguments."""
+    verbs = parser.add_subparsers(dest="verb", required=True, metavar="use|shadow|list")
+    use = verbs.add_parser("use", help="let another model decide")
+    use.add_argument("model", help="see `saflite list scorers`; e.g. ollama:mistral")
+    use.add_argument("--no-wait", action="store_true", help="do not wait until it has taken over")
+    shadow = verbs.add_parser("shadow", help="let models score without deciding")
+    shadow.add_argument("model", nargs="*", help="models; none: no shadow scoring")
+    listing = verbs.add_parser("list", help="what scores, with live calibration")
+    for verb in (use, shadow, listing):
+        verb.add_argument("--run", type=Path, help="run folder (the newest running one)")
+        verb.add_argument("--connect", default="", metavar="ENDPOINT", help="farm on another machine")
+        verb.add_argument("--campaign", default="", help="its campaign, with --connect")
+        verb.add_argument("--json", action="store_true", help="print as JSON")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Give the order, or show what scores."""
+    from saflite.console import scoring
+
+    if args.verb == "list":
+        return scoring.show(args.run, args.connect, args.campaign, args.json)
+    if args.verb == "use":
+        return scoring.use(args)
+    return scoring.shadow(args)

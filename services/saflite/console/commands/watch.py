@@ -1,0 +1,90 @@
+"""Show what happens in a campaign: every event from a sequence number on, none left out, none twice.
+
+A run that works is followed until it ends; of one that does not, the events its books hold are shown.
+
+examples:
+  saflite watch runs/avoidance-m2
+  saflite watch runs/avoidance-m2 --from 200 --kind violation --json
+  saflite watch --connect tcp/10.0.0.5:7447 --campaign night
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from saflite.contract.events import Event
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Name the arguments."""
+    parser.add_argument("run", type=Path, nargs="?", help="run folder (the newest running one)")
+    parser.add_argument("--from", dest="from_seq", type=int, default=1, metavar="SEQ", help="first event (1: all)")
+    parser.add_argument("--kind", action="append", default=[], help="only this kind (may be repeated)")
+    parser.add_argument("--connect", default="", metavar="ENDPOINT", help="farm on another machine")
+    parser.add_argument("--campaign", default="", help="its campaign, with --connect")
+    parser.add_argument("--json", action="store_true", help="one JSON object per event")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print events until the campaign ends; 1 if a confirmed violation was among them."""
+    from saflite.console import out
+    from saflite.contract.events import ViolationFound, kind_of
+
+    found = False
+    try:
+        for event in _events(args):
+            fact = event.fact
+            found = found or (isinstance(fact, ViolationFound) and fact.violation.standing == "confirmed")
+            if args.kind and kind_of(fact) not in args.kind:
+                continue
+            out.json(event) if args.json else out.line(_line(event))
+            out.flush()
+    except KeyboardInterrupt:
+        out.line()
+    return int(found)
+
+
+def _events(args: argparse.Namespace) -> Iterator[Event]:
+    from saflite.console import farms, options
+    from saflite.console.run_folder import open_run
+
+    options.at_least("--from", args.from_seq, 0)
+    run_dir = args.run
+    if not args.connect:
+        run_dir = run_dir or farms.newest_running()
+        if not farms.is_running(run_dir):
+            with open_run(run_dir) as run_folder:
+                yield from run_folder.events(args.from_seq)
+            return
+    client = farms.connect(run_dir, args.connect, args.campaign)
+    try:
+        yield from client.watch(max(1, args.from_seq))
+    finally:
+        client.close()
+
+
+def _line(event: Event) -> str:
+    import msgspec
+
+    from saflite.console import live
+    from saflite.contract.events import Flown, Judged, kind_of
+
+    fact = event.fact
+    text = live.told(fact)
+    if isinstance(fact, Flown):
+        text = f"flown  {fact.test_case}/{fact.flight_index} {fact.ending} {fact.simulated_s:.0f} s by {fact.worker}"
+    elif isinstance(fact, Judged):
+        said = "nothing" if fact.robustness is None else f"{fact.robustness:+.2f}"
+        text = f"judged  {fact.test_case}/{fact.flight_index} {said} {' '.join(fact.violated)}".rstrip()
+    elif not text:
+        values = {key: value for key, value in msgspec.to_builtins(fact).items() if key != "type"}
+        text = f"{kind_of(fact)}  " + " ".join(f"{key}={_short(value)}" for key, value in values.items() if value != "")
+    return f"{event.seq:6d}  {text}"
+
+
+def _short(value: object) -> str:
+    return f"{len(value)} items" if isinstance(value, list | dict) else str(value)

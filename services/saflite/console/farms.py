@@ -1,0 +1,55 @@
+"""Finding the farm a command is meant for: the run folder named, the newest one that works, or an endpoint."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from saflite.contract.errors import Refused
+
+if TYPE_CHECKING:
+    from saflite.runtime.client import FarmClient
+
+RUNS = Path("runs")
+
+
+def is_running(run_dir: Path) -> bool:
+    """Return whether a farm works in a run folder: its launcher is alive."""
+    from saflite.runtime.client import FARM_FILE, read_info
+
+    if not (run_dir / FARM_FILE).exists():
+        return False
+    try:
+        os.kill(read_info(run_dir).pid, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        return True
+    return True
+
+
+def newest_running() -> Path:
+    """Return the newest running farm below `runs/`; raises Refused if there is none."""
+    from saflite.runtime.client import FARM_FILE
+
+    found = [path.parent for path in RUNS.glob(f"*/{FARM_FILE}") if is_running(path.parent)]
+    if not found:
+        fix = "name its run folder, or --connect and --campaign"
+        raise Refused("run folder", where=str(RUNS), expected="one with a running farm", got="none", fix=fix)
+    return max(found, key=lambda path: (path / FARM_FILE).stat().st_mtime)
+
+
+def connect(run_dir: Path | None, endpoint: str = "", campaign: str = "") -> FarmClient:
+    """Return a client of the farm meant; raises Refused if none is named or running, Unavailable if not reached."""
+    from saflite.runtime.client import FarmClient
+
+    if endpoint:
+        if not campaign:
+            raise Refused("--campaign", expected="the campaign's name, with --connect", got="nothing")
+        return FarmClient.connect(endpoint, campaign)
+    place = run_dir or newest_running()
+    if not is_running(place):
+        fix = f"`saflite resume {place}` goes on with it"
+        raise Refused("run folder", where=str(place), expected="a running farm", got="none that runs", fix=fix)
+    return FarmClient.of_run(place)
