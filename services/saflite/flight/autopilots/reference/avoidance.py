@@ -1,0 +1,56 @@
+"""The local planner as the autopilot sees it: from goals to set-points (PX4-Avoidance's place beside the autopilot).
+
+The camera looks at the world from the true position; the planner itself works in the estimated frame.
+"""
+
+from __future__ import annotations
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from saflite.flight.planner.local_planner import LocalPlanner
+from saflite.flight.planner.settings import PlannerSettings
+from saflite.flight.vehicle import Vehicle, slots
+
+Point = tuple[float, float, float]
+LOOK_AHEAD_M = 1.33  # fitted to this vehicle: cruises at the real 1.3 to 1.45 m/s
+_TRUTH = ("x_m", "y_m", "altitude_m")
+
+
+class Avoidance:
+    """Set-points between way-points.
+
+    Args:
+        board: the vehicle's blackboard.
+        boxes: obstacles, (k, 8).
+        settings: the planner's numbers; the same as the kinematic vehicle's.
+    """
+
+    def __init__(self, board: Vehicle, boxes: NDArray[np.float64], settings: PlannerSettings | None = None) -> None:
+        base = settings or PlannerSettings()
+        self._planner = LocalPlanner(boxes, msgspec.structs.replace(base, look_ahead_m=LOOK_AHEAD_M))
+        self._in, self._out = self._planner.inputs, self._planner.outputs
+        self._board = board
+        self._truth = [slots()[name] for name in _TRUTH]
+
+    def set_point(self, time_s: float, goal: Point, previous: Point) -> tuple[float, float, float, float]:
+        """Return where to fly now: north, east, height above home (m) and heading (rad)."""
+        board, row = self._board, self._in
+        at = board.at
+        row[:] = (
+            time_s,
+            board["est_n"],
+            board["est_e"],
+            board["altitude_est_m"],
+            board["est_vn"],
+            board["est_ve"],
+            board["climb_est_mps"],
+            board["est_yaw"],
+            *goal,
+            *previous,
+            *(at[slot] for slot in self._truth),
+        )
+        self._planner.step()
+        north, east, height, yaw = self._out[:4].tolist()
+        return north, east, height, yaw

@@ -1,0 +1,52 @@
+"""Is the vehicle on the ground? From throttle, climb rate and acceleration, as ArduCopter's land detector."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from saflite.flight.autopilots.reference.autopilot import Autopilot
+
+LANDED_AFTER_S = 1.0
+TICK_S = 0.02
+FLYING_ABOVE_M = 0.35
+
+
+class LandDetector:
+    """Sets `landed`; disarms a vehicle that stays on the ground (DISARM_DELAY)."""
+
+    def __init__(self, ap: Autopilot) -> None:
+        self._ap = ap
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget how long it has been quiet."""
+        self._quiet_s = 0.0
+        self._idle_s = 0.0
+
+    def tick(self) -> None:
+        """Look at the last 20 ms."""
+        ap, board = self._ap, self._ap.board
+        if not ap.armed:
+            ap.landed = ap.landed or not ap.taken_off or board["world_state"] != 1.0
+            return
+        pushing = board["throttle"] > 0.6 * board["hover"]
+        still = abs(board["climb_est_mps"]) < 0.35 and abs(board["est_az"]) < 2.0
+        if board["motors_on"] > 1.0 and (pushing or not still):
+            self._quiet_s = 0.0
+            rising = board["climb_est_mps"] > 0.2 and board["throttle"] > 0.6 * board["hover"]
+            if ap.landed and rising:
+                ap.landed, ap.taken_off = False, True
+        else:
+            self._quiet_s += TICK_S
+            ap.landed = ap.landed or self._quiet_s >= LANDED_AFTER_S
+        self._disarm_when_idle()
+
+    def _disarm_when_idle(self) -> None:
+        ap = self._ap
+        delay_s = ap.parameters["DISARM_DELAY"]
+        self._idle_s = self._idle_s + TICK_S if ap.landed and ap.mode.may_disarm() else 0.0
+        if ap.landed and ap.taken_off and ap.mode.disarms_on_landing():
+            ap.disarm("landed")
+        elif delay_s > 0.0 and self._idle_s > delay_s:
+            ap.disarm("idle on the ground")

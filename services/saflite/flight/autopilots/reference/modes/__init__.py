@@ -1,0 +1,1 @@
+"""Flight modes, one file each, beside the ArduCopter source they follow."""

@@ -1,0 +1,106 @@
+"""What a flight mode is."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, ClassVar
+
+from saflite.flight.autopilots.reference import steer
+
+if TYPE_CHECKING:
+    from saflite.flight.autopilots.reference.autopilot import Autopilot
+
+TICK_S = 0.02
+
+
+class Mode:
+    """One flight mode; made anew each time it is entered."""
+
+    name: ClassVar[str] = ""
+    autonomous: ClassVar[bool] = False
+    needs_position: ClassVar[bool] = False
+    manual_throttle: ClassVar[bool] = False
+
+    def __init__(self, ap: Autopilot) -> None:
+        self.ap, self.board = ap, ap.board
+
+    def why_not(self) -> str:
+        """Return why the mode cannot be entered now, empty if it can."""
+        if self.needs_position and self.board["position_ok"] == 0.0:
+            return "requires position"
+        return ""
+
+    def enter(self, previous: Mode) -> None:
+        """Begin. `previous` is the mode left."""
+
+    def leave(self) -> None:
+        """End."""
+
+    def run(self) -> None:
+        """Decide for the next 20 ms."""
+        raise NotImplementedError
+
+    def disarmed(self) -> None:
+        """The motors were stopped."""
+
+    def may_arm(self) -> bool:
+        """Return whether the vehicle may be armed in this mode."""
+        return True
+
+    def may_disarm(self) -> bool:
+        """Return whether an idle vehicle on the ground is disarmed after DISARM_DELAY."""
+        return True
+
+    def disarms_on_landing(self) -> bool:
+        """Return whether touching the ground ends the flight at once."""
+        return int(self.ap.parameters["PILOT_THR_BHV"]) & 4 != 0
+
+    # -- shared by the modes a pilot flies ------------------------------------------------------------------------
+
+    def pilot_angles(self) -> None:
+        """Lean and turn as the sticks ask."""
+        radio, limit = self.ap.radio, math.radians(self.ap.parameters["ANGLE_MAX"] / 100.0)
+        roll, pitch = radio.deflection(1) * limit, radio.deflection(2) * limit
+        size = math.hypot(roll, pitch)
+        if size > limit:
+            roll, pitch = roll * limit / size, pitch * limit / size
+        steer.angles(self.board, roll, pitch)
+        self.pilot_yaw()
+
+    def pilot_yaw(self) -> None:
+        """Turn as the yaw stick asks."""
+        steer.yaw_rate(self.board, self.ap.radio.deflection(4) * math.radians(self.ap.parameters["PILOT_Y_RATE"]))
+
+    def hold_altitude_here(self) -> None:
+        """Aim at the height the vehicle would come to rest at."""
+        climb = self.board["climb_est_mps"]
+        self.board["set_altitude"] = self.board["altitude_est_m"] + 0.4 * climb
+
+    def pilot_climb(self) -> None:
+        """Move the target height as the throttle stick asks; the target never runs far ahead of the vehicle."""
+        ap, board, p = self.ap, self.board, self.ap.parameters
+        rate = ap.radio.climb_mps()
+        if ap.landed and rate <= 0.0:
+            self.stay_on_ground()
+            return
+        if ap.armed:
+            ap.lift()
+        rate = ap.failsafes.limit_climb(rate)
+        change = p["PILOT_ACCEL_Z"] / 100.0 * TICK_S
+        rate = min(board["set_climb"] + change, max(board["set_climb"] - change, rate))
+        height = board["altitude_est_m"]
+        target = min(height + 2.0, max(height - 2.0, board["set_altitude"] + rate * TICK_S))
+        down = (p["PILOT_SPEED_DN"] or p["PILOT_SPEED_UP"]) / 100.0
+        steer.altitude(board, target, p["PILOT_SPEED_UP"] / 100.0 + 0.5, down + 0.5, rate)
+
+    def stay_on_ground(self) -> None:
+        """Motors idle, everything reset, until the pilot asks to climb."""
+        board = self.board
+        board["motors_on"] = 1.0 if self.ap.armed else 0.0
+        board["reset_loops"] = 1.0
+        steer.throttle(board, 0.0)
+        board.set(set_altitude=board["altitude_est_m"], set_climb=0.0)
+
+    def hold_heading(self) -> None:
+        """Keep the present heading target."""
+        steer.yaw_rate(self.board, 0.0)

@@ -1,0 +1,91 @@
+"""On-board parameters: ArduPilot's names and units; setting one out of range is refused, the rest acts at once or at the
+next start (`reboot`)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from functools import cache
+from typing import NamedTuple
+
+
+class Parameter(NamedTuple):
+    """One row of the table.
+
+    `slot` names the place on the vehicle's board that takes value x `scale`; without one the modes read the parameter.
+    Ranges are ArduPilot's, narrowed where this airframe cannot fly over the whole of it.
+    """
+
+    name: str
+    default: float
+    low: float
+    high: float
+    unit: str
+    meaning: str
+    slot: str = ""
+    scale: float = 1.0
+    reboot: bool = False
+
+
+@cache
+def parameter_table() -> dict[str, Parameter]:
+    """Return all parameters by name."""
+    from saflite.flight.autopilots.reference import parameters_flight, parameters_loops, parameters_simulation
+
+    rows = (*parameters_loops.ROWS, *parameters_flight.ROWS, *parameters_simulation.ROWS)
+    table = {row.name: row for row in rows}
+    assert len(table) == len(rows), "a parameter is listed twice"
+    return table
+
+
+class ParameterSet:
+    """The values on board.
+
+    Args:
+        write: puts a number into a slot of the vehicle's board.
+        unchecked: names whose range is not checked (a planted defect).
+    """
+
+    def __init__(self, write: Callable[[str, float], None], unchecked: Iterable[str] = ()) -> None:
+        self._rows = parameter_table()
+        self._write = write
+        self.unchecked = frozenset(unchecked)
+        self.values = {row.name: row.default for row in self._rows.values()}
+        self.at_start: dict[str, float] = {}
+        self.changes = 0
+        for row in self._rows.values():
+            self._apply(row)
+
+    def __getitem__(self, name: str) -> float:
+        return self.values[name]
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._rows
+
+    def set(self, name: str, value: float) -> str:
+        """Set a parameter; return why it was refused, empty if it was taken.
+
+        One that needs a restart is stored and shows, but acts only at the next start.
+        """
+        row = self._rows.get(name)
+        if row is None:
+            return f"no parameter {name}"
+        if not math.isfinite(value):
+            return f"{name} must be a finite number"
+        if name not in self.unchecked and not row.low <= value <= row.high:
+            return f"{name} must be {row.low:g} to {row.high:g} {row.unit}".rstrip()
+        self.values[name] = value
+        self.changes += 1
+        if not row.reboot:
+            self._apply(row)
+        return ""
+
+    def start(self) -> None:
+        """Let parameters that need a restart act."""
+        for row in self._rows.values():
+            self._apply(row)
+        self.at_start = dict(self.values)
+
+    def _apply(self, row: Parameter) -> None:
+        if row.slot:
+            self._write(row.slot, self.values[row.name] * row.scale)

@@ -1,0 +1,43 @@
+"""Settings in force, written to the trace in the units policies read; and limits that several modes share."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from saflite.flight.autopilots.reference.autopilot import Autopilot
+
+
+def publish(ap: Autopilot) -> None:
+    """Write the parameters that policies look at to the board."""
+    p = ap.parameters
+    ap.board.set(
+        rtl_altitude_set_m=p["RTL_ALT"] / 100.0,
+        rtl_altitude_final_set_m=p["RTL_ALT_FINAL"] / 100.0,
+        land_speed_set_mps=p["LAND_SPEED"] / 100.0,
+        land_speed_high_set_mps=(p["LAND_SPEED_HIGH"] or p["WPNAV_SPEED_DN"]) / 100.0,
+        land_altitude_low_set_m=p["LAND_ALT_LOW"] / 100.0,
+        pilot_speed_up_set_mps=p["PILOT_SPEED_UP"] / 100.0,
+        takeoff_speed_set_mps=p["WPNAV_SPEED_UP"] / 100.0,
+        chute_altitude_min_set_m=p["CHUTE_ALT_MIN"],
+        fs_throttle_set_pwm=p["FS_THR_VALUE"],
+        fs_throttle_enabled=p["FS_THR_ENABLE"],
+        fs_gps_action=p["FS_EKF_ACTION"],
+        fs_gps_delay_set_s=p["COM_POS_FS_DELAY"],
+        fence_enabled=1.0 if p["FENCE_ENABLE"] and int(p["FENCE_TYPE"]) & 1 else 0.0,
+        fence_altitude_max_set_m=p["FENCE_ALT_MAX"],
+        battery_low_set_v=p["BATT_LOW_VOLT"],
+        mission_count=len(ap.mission.items) if ap.mission is not None else 0,
+        tilt_max=math.radians(p["ANGLE_MAX"] / 100.0),
+    )
+    for name, least in (("k_rate_r_max", 60.0), ("k_rate_p_max", 60.0), ("k_rate_y_max", 20.0)):
+        if 0.0 < ap.board[name] < math.radians(least) and "rate-limit-unchecked" not in ap.defects:
+            ap.board[name] = math.radians(least)
+
+
+def speeds(ap: Autopilot) -> tuple[float, float, float]:
+    """Return (in the plane, up, down) of autonomous modes, m/s."""
+    p = ap.parameters
+    plane = ap.speed_order_mps if ap.speed_order_mps is not None else p["WPNAV_SPEED"] / 100.0
+    return plane, p["WPNAV_SPEED_UP"] / 100.0, p["WPNAV_SPEED_DN"] / 100.0
