@@ -88,7 +88,6 @@ class World:
 def _load() -> Any:
     import jsbsim
 
-    jsbsim.FGJSBBase().debug_lvl = 0
     jsbsim.set_logger(jsbsim.DefaultLogger(jsbsim.LogLevel.FATAL))
     root = Path(jsbsim.get_default_root_dir())
     fdm = jsbsim.FGFDMExec(str(root), None)

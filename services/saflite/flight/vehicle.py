@@ -58,7 +58,7 @@ class Vehicle:
         self._memory = ctypes.create_string_buffer(self._library.vehicle_size() + 64)
         self._slots = slots()
         count = len(self._slots)
-        self.at: memoryview[float] = memoryview(self._memory)[: 8 * count].cast("B").cast("d")  # type: ignore[assignment]
+        self.at: memoryview[float] = memoryview(self._memory)[: 8 * count].cast("B").cast("d")
         self._boxes = np.ascontiguousarray(boxes, dtype=np.float64).reshape(-1, 8)
         seeds = (ctypes.c_uint64 * 4)(*(derive_seed(rng_seed, "sensors", stream) for stream in STREAMS))
         self._address = ctypes.addressof(self._memory)

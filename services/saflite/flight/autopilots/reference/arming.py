@@ -28,8 +28,11 @@ def why_not(ap: Autopilot) -> str:
         (board["baro_ok"] == 0.0, "barometer not healthy"),
         (gyro > GYRO_CALM_RPS, "gyros not calibrated"),
         (abs(board["est_roll"]) + abs(board["est_pitch"]) > LEAN_MAX_RAD, "leaning"),
-        (p["COMPASS_USE"] != 0 and not FIELD_GAUSS[0] < field < FIELD_GAUSS[1], f"check compass field {field:.2f} Gauss"),
-        (board["gps_ok"] != 0.0 and apart_m > HEIGHTS_APART_M, f"GPS and barometer heights differ by {apart_m:.0f} m"),
+        (
+            p["COMPASS_USE"] != 0 and not FIELD_GAUSS[0] < field < FIELD_GAUSS[1],
+            f"check compass field {field:.2f} Gauss",
+        ),
+        (board["gps_ok"] != 0.0 and apart_m > HEIGHTS_APART_M, f"GPS and barometer differ by {apart_m:.0f} m"),
         (ap.failsafes.radio and p["FS_THR_ENABLE"] != 0, "throttle below failsafe"),
         (ap.failsafes.battery, "battery failsafe"),
         (bool(p["FENCE_ENABLE"]) and ap.failsafes.fence, "vehicle outside fence"),

@@ -17,9 +17,13 @@ def check_test_case(test_case: TestCase) -> None:
     """Raise Refused for unknown parameters, defects, modes, mission commands, or numbers without sense."""
     scenario, target = test_case.scenario, test_case.target
     if not 0.0 < scenario.time_limit_s <= TIME_LIMIT_MAX_S:
-        raise Refused("time_limit_s", expected=f"more than 0, at most {TIME_LIMIT_MAX_S:g}", got=scenario.time_limit_s)
+        raise Refused("time_limit_s", expected=f"above 0, at most {TIME_LIMIT_MAX_S:g}", got=scenario.time_limit_s)
     wind = scenario.wind
-    if not 0.0 <= wind.mean_mps <= WIND_MAX_MPS or not 0.0 <= wind.gust_mps <= WIND_MAX_MPS or wind.gust_period_s <= 0.0:
+    if (
+        not 0.0 <= wind.mean_mps <= WIND_MAX_MPS
+        or not 0.0 <= wind.gust_mps <= WIND_MAX_MPS
+        or wind.gust_period_s <= 0.0
+    ):
         raise Refused("wind", expected=f"speeds of 0 to {WIND_MAX_MPS:g} m/s, a period above 0", got=wind)
     for name, value in target.parameters.items():
         row = parameter_table().get(name)

@@ -75,9 +75,7 @@ def execute(ap: Autopilot, number: int, values: Sequence[float]) -> MavResult:
 @cache
 def command_table() -> dict[int, Command]:
     """Return every command this autopilot knows, by number."""
-    rows = [
-        Command(NAMES[name], name, handler, (handler.__doc__ or "").strip()) for name, handler in _HANDLERS.items()
-    ]
+    rows = [Command(NAMES[name], name, handler, (handler.__doc__ or "").strip()) for name, handler in _HANDLERS.items()]
     return {row.number: row for row in rows}
 
 

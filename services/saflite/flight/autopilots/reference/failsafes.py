@@ -119,12 +119,12 @@ class Failsafes:
     # -- battery --------------------------------------------------------------------------------------------------
 
     def _check_battery(self) -> None:
-        ap, board, p = self._ap, self._ap.board, self._ap.parameters
+        board, p = self._ap.board, self._ap.parameters
         left_mah = p["BATT_CAPACITY"] - board["battery_used_mah"]
-        low = (0.0 < p["BATT_LOW_VOLT"] and board["battery_v"] < p["BATT_LOW_VOLT"]) or (
-            0.0 < p["BATT_LOW_MAH"] and left_mah < p["BATT_LOW_MAH"]
+        low = (p["BATT_LOW_VOLT"] > 0.0 and board["battery_v"] < p["BATT_LOW_VOLT"]) or (
+            p["BATT_LOW_MAH"] > 0.0 and left_mah < p["BATT_LOW_MAH"]
         )
-        critical = 0.0 < p["BATT_CRT_VOLT"] and board["battery_v"] < p["BATT_CRT_VOLT"]
+        critical = p["BATT_CRT_VOLT"] > 0.0 and board["battery_v"] < p["BATT_CRT_VOLT"]
         self._low_s = self._low_s + TICK_S if low else 0.0
         self._critical_s = self._critical_s + TICK_S if critical else 0.0
         timer_s = p["BATT_LOW_TIMER"]

@@ -1,4 +1,4 @@
-"""The parachute: enabled, released by command, by hand or after loss of control. After AP_Parachute and ArduCopter crash_check.cpp."""
+"""The parachute: released by command or after loss of control. After AP_Parachute and ArduCopter crash_check.cpp."""
 
 from __future__ import annotations
 

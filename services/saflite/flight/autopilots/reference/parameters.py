@@ -1,5 +1,7 @@
-"""On-board parameters: ArduPilot's names and units; setting one out of range is refused, the rest acts at once or at the
-next start (`reboot`)."""
+"""On-board parameters: ArduPilot's names and units.
+
+Setting one out of range is refused; the rest acts at once, or at the next start (`reboot`).
+"""
 
 from __future__ import annotations
 

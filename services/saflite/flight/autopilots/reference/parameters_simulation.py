@@ -1,40 +1,43 @@
-"""Parameters of the world (`SIM_*`): sensor faults, wind, engine and radio failure. ArduPilot SITL's names and units."""
+"""Parameters of the world (`SIM_*`): sensor faults, wind, engine, radio. ArduPilot SITL's names and units."""
 
 from __future__ import annotations
 
-from saflite.flight.autopilots.reference.parameters import Parameter as P
+from saflite.flight.autopilots.reference.parameters import Parameter as Row
 
 
-def _axes(name: str, slot: str, low: float, high: float, unit: str, meaning: str, scale: float = 1.0) -> tuple[P, ...]:
+def _axes(
+    name: str, slot: str, low: float, high: float, unit: str, meaning: str, scale: float = 1.0
+) -> tuple[Row, ...]:
     return tuple(
-        P(f"{name}_{axis}", 0, low, high, unit, f"{meaning}, {axis}", f"{slot}_{axis.lower()}", scale) for axis in "XYZ"
+        Row(f"{name}_{axis}", 0, low, high, unit, f"{meaning}, {axis}", f"{slot}_{axis.lower()}", scale)
+        for axis in "XYZ"
     )
 
 
-ROWS: tuple[P, ...] = (
-    P("SIM_GPS_DISABLE", 0, 0, 1, "", "GPS receiver silent", "fault_gps_off"),
-    P("SIM_GPS_NUMSATS", 10, 0, 14, "", "satellites in view", "fault_gps_sats"),
-    P("SIM_GPS_NOISE", 0, 0, 10, "m", "noise added to GPS", "fault_gps_noise"),
-    P("SIM_GPS_GLITCH_X", 0, -100, 100, "m", "GPS offset north", "fault_gps_north"),
-    P("SIM_GPS_GLITCH_Y", 0, -100, 100, "m", "GPS offset east", "fault_gps_east"),
-    P("SIM_GPS_GLITCH_Z", 0, -100, 100, "m", "GPS offset up", "fault_gps_up"),
-    P("SIM_GPS_DRIFTALT", 0, -5, 5, "m/s", "GPS height drift", "fault_gps_vdrift"),
-    P("SIM_BARO_DISABLE", 0, 0, 1, "", "barometer silent", "fault_baro_off"),
-    P("SIM_BARO_GLITCH", 0, -100, 100, "m", "barometer offset", "fault_baro_offset"),
-    P("SIM_BARO_DRIFT", 0, -5, 5, "m/s", "barometer drift", "fault_baro_drift"),
-    P("SIM_BARO_RND", 0, 0, 5, "m", "noise added to the barometer", "fault_baro_noise"),
-    P("SIM_MAG_RND", 0, 0, 0.5, "Gauss", "noise added to the compass", "fault_mag_noise"),
+ROWS: tuple[Row, ...] = (
+    Row("SIM_GPS_DISABLE", 0, 0, 1, "", "GPS receiver silent", "fault_gps_off"),
+    Row("SIM_GPS_NUMSATS", 10, 0, 14, "", "satellites in view", "fault_gps_sats"),
+    Row("SIM_GPS_NOISE", 0, 0, 10, "m", "noise added to GPS", "fault_gps_noise"),
+    Row("SIM_GPS_GLITCH_X", 0, -100, 100, "m", "GPS offset north", "fault_gps_north"),
+    Row("SIM_GPS_GLITCH_Y", 0, -100, 100, "m", "GPS offset east", "fault_gps_east"),
+    Row("SIM_GPS_GLITCH_Z", 0, -100, 100, "m", "GPS offset up", "fault_gps_up"),
+    Row("SIM_GPS_DRIFTALT", 0, -5, 5, "m/s", "GPS height drift", "fault_gps_vdrift"),
+    Row("SIM_BARO_DISABLE", 0, 0, 1, "", "barometer silent", "fault_baro_off"),
+    Row("SIM_BARO_GLITCH", 0, -100, 100, "m", "barometer offset", "fault_baro_offset"),
+    Row("SIM_BARO_DRIFT", 0, -5, 5, "m/s", "barometer drift", "fault_baro_drift"),
+    Row("SIM_BARO_RND", 0, 0, 5, "m", "noise added to the barometer", "fault_baro_noise"),
+    Row("SIM_MAG_RND", 0, 0, 0.5, "Gauss", "noise added to the compass", "fault_mag_noise"),
     *_axes("SIM_MAG_OFFSET", "fault_mag", -500, 500, "mGauss", "compass offset", 0.001),
-    P("SIM_GYR_RND", 0, 0, 30, "deg/s", "noise added to the gyros", "fault_gyro_noise", 0.01745329251994),
+    Row("SIM_GYR_RND", 0, 0, 30, "deg/s", "noise added to the gyros", "fault_gyro_noise", 0.01745329251994),
     *_axes("SIM_GYR_BIAS", "fault_gyro", -0.2, 0.2, "rad/s", "gyro offset"),
-    P("SIM_ACC_RND", 0, 0, 5, "m/s/s", "noise added to the accelerometers", "fault_acc_noise"),
+    Row("SIM_ACC_RND", 0, 0, 5, "m/s/s", "noise added to the accelerometers", "fault_acc_noise"),
     *_axes("SIM_ACC_BIAS", "fault_acc", -3, 3, "m/s/s", "accelerometer offset"),
-    P("SIM_BATT_VOLTAGE", 0, 0, 17, "V", "battery voltage, 0 takes the model's", "fault_battery_v"),
-    P("SIM_ENGINE_FAIL", 0, 0, 4, "", "motor that fails, 0 none", "fault_engine"),
-    P("SIM_ENGINE_MUL", 1, 0, 1, "", "output left to the failed motor", "fault_engine_mul"),
-    P("SIM_WIND_SPD", 0, 0, 15, "m/s", "wind speed, 0 takes the scenario's"),
-    P("SIM_WIND_DIR", 180, 0, 360, "deg", "direction the wind comes from"),
-    P("SIM_WIND_TURB", 0, 0, 5, "m/s", "gusts on top of the wind"),
-    P("SIM_RC_FAIL", 0, 0, 2, "", "radio: 1 no pulses, 2 throttle below the failsafe value"),
-    P("SIM_PARA_ENABLE", 1, 0, 1, "", "parachute present in the world"),
+    Row("SIM_BATT_VOLTAGE", 0, 0, 17, "V", "battery voltage, 0 takes the model's", "fault_battery_v"),
+    Row("SIM_ENGINE_FAIL", 0, 0, 4, "", "motor that fails, 0 none", "fault_engine"),
+    Row("SIM_ENGINE_MUL", 1, 0, 1, "", "output left to the failed motor", "fault_engine_mul"),
+    Row("SIM_WIND_SPD", 0, 0, 15, "m/s", "wind speed, 0 takes the scenario's"),
+    Row("SIM_WIND_DIR", 180, 0, 360, "deg", "direction the wind comes from"),
+    Row("SIM_WIND_TURB", 0, 0, 5, "m/s", "gusts on top of the wind"),
+    Row("SIM_RC_FAIL", 0, 0, 2, "", "radio: 1 no pulses, 2 throttle below the failsafe value"),
+    Row("SIM_PARA_ENABLE", 1, 0, 1, "", "parachute present in the world"),
 )

@@ -27,5 +27,7 @@ def fault_parameter(name: str, where: str) -> str:
     """Return the parameter that makes the fault; raises Refused for an unknown one."""
     parameter = WORDS.get(name, name)
     if not parameter.startswith("SIM_") or parameter not in parameter_table():
-        raise Refused("sensor fault", where=where, expected=f"one of {', '.join(WORDS)} or a SIM_ parameter", got=repr(name))
+        raise Refused(
+            "sensor fault", where=where, expected=f"one of {', '.join(WORDS)} or a SIM_ parameter", got=repr(name)
+        )
     return parameter

@@ -31,7 +31,9 @@ def rates(board: Vehicle, roll_rps: float, pitch_rps: float, yaw_rps: float) -> 
     board.set(want_xy=XY_NONE, want_attitude=RATES, set_p=roll_rps, set_q=pitch_rps, set_r=yaw_rps)
 
 
-def altitude(board: Vehicle, target_m: float, climb_max_mps: float, descent_max_mps: float, climb_mps: float = 0.0) -> None:
+def altitude(
+    board: Vehicle, target_m: float, climb_max_mps: float, descent_max_mps: float, climb_mps: float = 0.0
+) -> None:
     """Reach and hold a height above home; `climb_mps` is how fast the target itself moves."""
     board.set(want_z=Z_ALTITUDE, set_altitude=target_m, set_climb=climb_mps)
     board.set(climb_max=climb_max_mps, descent_max=descent_max_mps)

@@ -91,7 +91,9 @@ class Auto(Mode):
         """The pilot's yaw stick works in AUTO too."""
         rate = self.ap.radio.deflection(4)
         if rate != 0.0 and not self.ap.landed and "auto-ignores-yaw-stick" not in self.ap.defects:
-            self.ap.yaw_order_rad = self.board["est_yaw"] + 0.3 * rate * math.radians(self.ap.parameters["PILOT_Y_RATE"])
+            self.ap.yaw_order_rad = self.board["est_yaw"] + 0.3 * rate * math.radians(
+                self.ap.parameters["PILOT_Y_RATE"]
+            )
 
     # -- items ----------------------------------------------------------------------------------------------------
 

@@ -13,7 +13,7 @@ LEAN_MAX_RAD, HEIGHT_MIN_M, THROTTLE_MIN_PWM = math.radians(45.0), 10.0, 1500.0
 
 
 class Flip(Mode):
-    """Enters from ACRO or ALT_HOLD (also STABILIZE), lean up to 45 degrees, throttle at or above mid, 10 m or higher."""
+    """Enters from ACRO or ALT_HOLD, leaning up to 45 degrees, throttle at or above mid, 10 m or higher."""
 
     name = "FLIP"
 
@@ -47,7 +47,9 @@ class Flip(Mode):
         self._from = previous.name
         self._since_s = self.ap.time_s
         self._start = (board["est_roll"], board["est_pitch"], board["est_yaw"])
-        self._altitude_target = board["set_altitude"] if board["want_z"] == steer.Z_ALTITUDE else board["altitude_est_m"]
+        self._altitude_target = (
+            board["set_altitude"] if board["want_z"] == steer.Z_ALTITUDE else board["altitude_est_m"]
+        )
         roll, pitch = radio.deflection(1), radio.deflection(2)
         if roll == 0.0 and abs(pitch) > 0.3:
             self._axis, self._way = 1, math.copysign(1.0, pitch)

@@ -16,8 +16,19 @@ if TYPE_CHECKING:
 @cache
 def mode_table() -> dict[str, type[Mode]]:
     """Return the modes this autopilot has."""
-    from saflite.flight.autopilots.reference.modes import acro, alt_hold, auto, brake, circle, flip, guided, land
-    from saflite.flight.autopilots.reference.modes import loiter, rtl, stabilize
+    from saflite.flight.autopilots.reference.modes import (
+        acro,
+        alt_hold,
+        auto,
+        brake,
+        circle,
+        flip,
+        guided,
+        land,
+        loiter,
+        rtl,
+        stabilize,
+    )
 
     modules = (stabilize, acro, alt_hold, auto, guided, loiter, rtl, circle, land, flip, brake)
     return {module.MODE.name: module.MODE for module in modules}
