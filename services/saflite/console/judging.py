@@ -8,7 +8,7 @@ from pathlib import Path
 from saflite.console import out
 from saflite.contract.flight import Flight, unpack_trace
 from saflite.contract.test_case import TestCase, identity
-from saflite.contract.verdict import Judgement
+from saflite.contract.verdict import Judgement, Verdict
 from saflite.contract.work import FlyResult, FlyWork
 
 
@@ -49,13 +49,18 @@ def judge(case: TestCase, flown: FlyResult, policies: tuple[str, ...]) -> Judgem
     return oracle_judge(case, flown.flight, trace, policies or policy_names())
 
 
+def _telling(verdict: Verdict) -> bool:
+    """Return whether a verdict says something of the flight: the rule could be judged and applied at some moment."""
+    return verdict.outcome == "violated" or (verdict.outcome == "held" and not verdict.message)
+
+
 def exit_code(judgement: Judgement) -> int:
     """Return 1 if a policy was violated, else 0."""
     return int(any(verdict.outcome == "violated" for verdict in judgement.verdicts))
 
 
 def show(case: TestCase, flight: Flight, judgement: Judgement, everything: bool = False) -> None:
-    """Print a flight and its verdicts; inconclusive ones only where nothing else is to be said."""
+    """Print a flight and its verdicts; those of rules that never applied only if `everything` is asked for."""
     out.line(f"test case  {identity(case)} on {case.target.name}, {len(case.scenario.obstacles)} boxes")
     if flight.simulated_s:
         speed = (
@@ -64,7 +69,7 @@ def show(case: TestCase, flight: Flight, judgement: Judgement, everything: bool 
         out.line(f"flight     {flight.ending}, {flight.simulated_s:.1f} s{speed}")
     if flight.trace_digest:
         out.line(f"trace      {flight.trace_digest[:16]}")
-    said = [verdict for verdict in judgement.verdicts if everything or verdict.outcome != "inconclusive"]
+    said = [verdict for verdict in judgement.verdicts if everything or _telling(verdict)]
     silent = len(judgement.verdicts) - len(said)
     rows = [
         (
@@ -77,4 +82,4 @@ def show(case: TestCase, flight: Flight, judgement: Judgement, everything: bool 
     ]
     out.table(rows, indent="  ")
     if silent:
-        out.line(f"  {silent} policies say nothing of this flight (--all shows why)")
+        out.line(f"  {silent} policies have nothing to say of this flight")

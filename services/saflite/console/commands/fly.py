@@ -31,6 +31,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--wall-limit", type=float, default=300.0, metavar="S", help="give up after so many seconds")
     parser.add_argument("--target-module", type=Path, action="append", default=[], help="target from outside")
     parser.add_argument("--out", type=Path, help="write a recording (.mcap)")
+    parser.add_argument("--all", action="store_true", help="show policies that have nothing to say of this flight, too")
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
 
 
@@ -58,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         out.json({"flight": flown.flight, "judgement": judgement, "recording": str(args.out or "")})
     else:
-        judging.show(case, flown.flight, judgement)
+        judging.show(case, flown.flight, judgement, args.all)
         if args.out is not None:
             out.line(f"recording  {args.out}")
     return judging.exit_code(judgement)

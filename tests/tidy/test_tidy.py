@@ -1,0 +1,132 @@
+"""The house rules that no linter checks: sizes, banned words, one place per impure thing."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+from saflite.console import out
+
+ROOT = Path(__file__).resolve().parents[2]
+PACKAGE = ROOT / "services" / "saflite"
+LINES_MAX, FUNCTION_LINES_MAX = 400, 60
+
+SOURCES = sorted(PACKAGE.rglob("*.py"))
+NATIVE = sorted((PACKAGE / "flight" / "native").glob("*.[ch]"))
+SCRIPTS = sorted((ROOT / "scripts").rglob("*.py"))
+TESTS = sorted((ROOT / "tests").rglob("*.py"))
+SUFFIXES = (".py", ".c", ".h", ".toml", ".md", ".json", ".yaml", ".yml", ".sh", ".txt", ".service", "")
+
+TIME = re.compile(r"time\.(time|monotonic|perf_counter|sleep)(_ns)?$|datetime\.(now|utcnow|today)$")
+ENVIRONMENT = re.compile(r"os\.(environ|getenv)")
+RANDOM = re.compile(r"random\.\w+$|np\.random\.(?!Generator$|PCG64$)\w+$|secrets\.\w+$|uuid\.uuid[14]$")
+RULES = (
+    ("wall time", TIME, {"runtime/clock.py"}),
+    ("the environment", ENVIRONMENT, {"contract/config.py"}),
+    ("randomness", RANDOM, {"contract/rng.py", "campaign/database.py"}),  # the latter names a run, nothing is drawn
+)
+MACHINE = re.compile(r"(?<![\w}*.)-])/(work|root|home)/\w|pip\.conf|index-url\s*=\s*http|artifactory", re.IGNORECASE)
+
+
+@cache
+def tree(path: Path) -> ast.Module:
+    return ast.parse(path.read_text())
+
+
+def name(path: Path) -> str:
+    return str(path.relative_to(ROOT))
+
+
+def texts() -> Iterator[Path]:
+    for folder in ("services", "scripts", "tests", "deploy", ".ci", "schemas"):
+        for path in sorted((ROOT / folder).rglob("*")):
+            if path.is_file() and path.suffix in SUFFIXES and "__pycache__" not in path.parts:
+                yield path
+    yield from (ROOT / "README.md", ROOT / "pyproject.toml")
+
+
+def dotted(path: Path) -> Iterator[str]:
+    """Yield the dotted names a file reads."""
+    return (ast.unparse(node) for node in ast.walk(tree(path)) if isinstance(node, ast.Attribute))
+
+
+def test_files_stay_small() -> None:
+    sizes = {name(path): len(path.read_text().splitlines()) for path in SOURCES + NATIVE + SCRIPTS + TESTS}
+    assert {place: lines for place, lines in sizes.items() if lines > LINES_MAX} == {}
+
+
+def test_functions_stay_small() -> None:
+    long = {}
+    for path in SOURCES + SCRIPTS:
+        for node in ast.walk(tree(path)):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                lines = (node.end_lineno or node.lineno) - node.lineno + 1
+                if lines > FUNCTION_LINES_MAX:
+                    long[f"{name(path)} {node.name}"] = lines
+    assert long == {}
+
+
+def test_compiled_functions_stay_small() -> None:
+    long = {}
+    for path in NATIVE:
+        began = 0
+        for number, line in enumerate(path.read_text().splitlines(), 1):
+            if line == "{" or re.match(r"^[a-z].*\)\s*\{\s*$", line):
+                began = number
+            elif line == "}" and began:
+                if number - began + 1 > FUNCTION_LINES_MAX:
+                    long[f"{name(path)} line {began}"] = number - began + 1
+                began = 0
+    assert long == {}
+
+
+def test_package_inits_are_docstrings_only() -> None:
+    inits = [path for path in SOURCES if path.name == "__init__.py"]
+    assert [name(path) for path in inits if len(tree(path).body) != 1 or not ast.get_docstring(tree(path))] == []
+
+
+def test_time_environment_and_randomness_have_one_place() -> None:
+    wrong = [
+        f"{name(path)}: {what} by {word}"
+        for path in SOURCES
+        for what, rule, places in RULES
+        if str(path.relative_to(PACKAGE)) not in places
+        for word in sorted({word for word in dotted(path) if rule.match(word)})
+    ]
+    assert wrong == []
+
+
+def test_the_library_does_not_print() -> None:
+    wrong = [
+        f"{name(path)} line {node.lineno}"
+        for path in SOURCES
+        for node in ast.walk(tree(path))
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "print"
+    ]
+    assert wrong == []
+
+
+def test_no_path_or_host_of_one_machine() -> None:
+    wrong = []
+    for path in texts():
+        if path == Path(__file__).resolve():
+            continue
+        content = path.read_text(errors="replace").splitlines()
+        wrong += [
+            f"{name(path)} line {number}: {line}" for number, line in enumerate(content, 1) if MACHINE.search(line)
+        ]
+    assert wrong == []
+
+
+def test_default_tests_neither_sleep_nor_mock() -> None:
+    rule = re.compile(r"time\.sleep$|mock\.|unittest\.mock")
+    quiet = [path for path in TESTS if "live" not in path.parts and "pytest.mark.live" not in path.read_text()]
+    assert [f"{name(path)}: {word}" for path in quiet for word in dotted(path) if rule.match(word)] == []
+
+
+def test_each_command_says_in_one_line_what_it_does() -> None:
+    for path in sorted((PACKAGE / "console" / "commands").glob("*.py")):
+        assert out.summary_of(path).endswith((".", "`.")), name(path)
