@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 from _crowd import Crowd, Made, percentile_ms
+from saflite.campaign.builtin import template
 from saflite.campaign.store import Store
 
 from saflite.bus.base import Bus, Reply, Sample, seal, unseal
@@ -37,6 +38,7 @@ from saflite.runtime.local import free_endpoint
 
 CAMPAIGN = "bench-bus"
 SESSIONS = 8
+PER_ROUND = 8  # as in the built-in campaigns, but 400 rounds at once, so that work is always there to hand out
 
 
 class BooksProcess(NamedTuple):
@@ -63,7 +65,7 @@ def campaign(budget: int, per_round: int) -> Campaign:
         name=CAMPAIGN,
         mission="mission2",
         budget_flights=budget,
-        search=SearchConfig(candidates_per_round=per_round, flights_per_round=per_round, lag=3),
+        search=SearchConfig(candidates_per_round=per_round, flights_per_round=per_round, lag=400),
         scorer=ScorerConfig(model="constant", batch=40),
         lease=LeaseConfig(lease_s=10.0),
         record="none",
@@ -75,7 +77,7 @@ def books_process(what: Campaign) -> Iterator[BooksProcess]:
     """Run the books in a process of their own for a while."""
     with tempfile.TemporaryDirectory(prefix="saflite-bench-") as folder:
         run_dir = Path(folder) / "run"
-        Store.create(run_dir, what).close()
+        Store.create(run_dir, what, template(what)).close()
         endpoint = free_endpoint()
         command = [sys.executable, "-m", "saflite.runtime.serve", "books", "--campaign", what.name]
         command += ["--listen", endpoint, "--run-dir", str(run_dir), "--parent", str(os.getpid())]
@@ -91,15 +93,13 @@ def books_process(what: Campaign) -> Iterator[BooksProcess]:
 def throughput(seconds: float, workers: int, rate: float) -> dict[str, Any]:
     """Pace `workers` simulated flyers so that about `rate` results a second go through the books."""
     think_s = workers / (rate / 2)  # each flight gives two results: the flight and its verdict
-    with books_process(campaign(1_000_000, per_round=max(100, workers // 2))) as books:
+    with books_process(campaign(1_000_000, PER_ROUND)) as books:
         buses = [open_client(f"crowd-{number}", books.endpoint) for number in range(SESSIONS)]
         follower = open_client("follower", books.endpoint)
         events: queue.SimpleQueue[Any] = queue.SimpleQueue()
         follower.follow(topics.event(CAMPAIGN, "violation"), _stamped(events))
         crowd = Crowd(buses, CAMPAIGN, Made(), think_s)
-        for stage, count in (("mutate", 1), ("score", 2), ("judge", 8), ("fly", workers)):
-            crowd.join(stage, count)  # type: ignore[arg-type]
-        crowd.run_for(2 * think_s + 2)  # until the crowd is spread out evenly
+        _fill(crowd, workers, think_s)
         crowd.grant_s, crowd.receipt_s, crowd.reports = [], [], 0
         cpu_s, began_s = books.cpu_s(), WallClock().monotonic_s()
         crowd.run_for(seconds)
@@ -118,6 +118,18 @@ def throughput(seconds: float, workers: int, rate: float) -> dict[str, Any]:
         for bus in [*buses, follower]:
             bus.close()
     return figures
+
+
+def _fill(crowd: Crowd, workers: int, think_s: float) -> None:
+    """Let the crowd work until rounds of work lie ready and the crowd is spread out evenly."""
+    for stage, count in (("mutate", 1), ("score", 4)):
+        crowd.join(stage, count)  # type: ignore[arg-type]
+    crowd.run_for(15)
+    crowd.join("judge", 8)
+    for _ in range(10):
+        crowd.join("fly", workers // 10)
+        crowd.run_for(think_s / 10)
+    crowd.run_for(think_s + 1)
 
 
 def _stamped(events: queue.SimpleQueue[Any]) -> Any:
