@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -46,7 +48,7 @@ def interval(statistic: object, count: int, rng: np.random.Generator, draws: int
 def dense(track: Array, step_m: float = 0.25) -> Array:
     """Return the track's places (x, y, z) no further apart than about `step_m`."""
     pieces = []
-    for start, end in zip(track[:-1], track[1:], strict=True):
+    for start, end in itertools.pairwise(track):
         count = max(1, int(np.hypot(*(end[:2] - start[:2])) / step_m))
         pieces.append(start + np.linspace(0.0, 1.0, count, endpoint=False)[:, None] * (end - start))
     return np.concatenate([*pieces, track[-1:]])
