@@ -13,12 +13,16 @@ from saflite.contract.signals import MODES
 from saflite.contract.test_case import StimulusKind
 
 PUBLISHED_FILE = Path(__file__).parent.parent / "data" / "published_inputs.csv"
-FAULT_PREFIX, MODE_COMMAND = "SIM_", "Flight_Mode"
+FAULT_PREFIX, COMMAND_PREFIX, MODE_COMMAND = "SIM_", "MAV_CMD_", "Flight_Mode"
 STICKS = ("RC1", "RC2", "RC3", "RC4")
 STICK_LOW_PWM, STICK_HIGH_PWM, STICK_CENTRE_PWM = 1000.0, 2000.0, 1500.0
 COMMANDS_EVERYWHERE = ("MAV_CMD_DO_REPOSITION", "MAV_CMD_NAV_LAND", "MAV_CMD_NAV_TAKEOFF", "MAV_CMD_DO_PARACHUTE")
 REFERENCE = "reference"
-_SWITCHES = ("_ENABLE", "_ENABLED", "_DISABLE", "_TYPE", "_OPTIONS", "_ACTION", "_BOOST", "_TRAINER")
+_SWITCHES = (
+    *("_ENABLE", "_ENABLED", "_DISABLE", "_TYPE", "_OPTIONS", "_ACTION", "_BOOST", "_TRAINER", "_SOURCE", "_BHV"),
+    *("_PRIMARY", "_NUMSATS", "_SATS_MIN", "_NAVFILTER", "_FAIL"),
+)
+_WHOLE_UNITS = frozenset({"cm", "cm/s", "ms", "us", "cdeg"})
 NOT_ON_REFERENCE = frozenset({"DRIFT", "SPORT"})
 
 
@@ -112,11 +116,12 @@ def stick(name: str) -> Input:
 def target_inputs(target: str) -> dict[tuple[StimulusKind, str], Input]:
     """Return every input a target has. Targets other than the reference: all that is published for both autopilots."""
     inputs = [stick(name) for name in STICKS]
-    inputs += [Input("command", name) for name in sorted(_command_names())]
     if target == REFERENCE:
+        inputs += [Input("command", f"{COMMAND_PREFIX}{name}") for name in sorted(_reference_commands())]
         inputs += _reference_parameters()
         inputs += [Input("mode", name) for name in MODES if name not in NOT_ON_REFERENCE]
     else:
+        inputs += [Input("command", name) for name in sorted(_command_names())]
         inputs += [Input("mode", name) for name in MODES]
         inputs += [_as_input(row) for row in _rows() if row.group != "command"]
     return {(entry.kind, entry.name): entry for entry in inputs}
@@ -125,6 +130,12 @@ def target_inputs(target: str) -> dict[tuple[StimulusKind, str], Input]:
 def _command_names() -> set[str]:
     published = {row.name for row in _rows() if row.group == "command"}
     return (published | set(COMMANDS_EVERYWHERE)) - {MODE_COMMAND, *STICKS}
+
+
+def _reference_commands() -> tuple[str, ...]:
+    from saflite.flight.autopilots.reference.command_names import NAMES
+
+    return tuple(NAMES)
 
 
 def _reference_parameters() -> list[Input]:
@@ -136,17 +147,10 @@ def _reference_parameters() -> list[Input]:
             row.name,
             float(row.low),
             float(row.high),
-            whole=_whole(row.name, row.low, row.high, row.default),
+            whole=row.unit in _WHOLE_UNITS or row.name.endswith(_SWITCHES),
         )
         for row in parameter_table().values()
     ]
-
-
-def _whole(name: str, *numbers: float) -> bool:
-    """Return whether a parameter takes whole numbers: its table's numbers are whole, and 0..1 is a switch."""
-    if not all(float(number).is_integer() for number in numbers):
-        return False
-    return max(numbers) > 1 or name.endswith(_SWITCHES)
 
 
 def on_target(wanted: tuple[Input, ...], target: str) -> tuple[Input, ...]:
