@@ -7,6 +7,7 @@ from functools import cache
 import msgspec
 import numpy as np
 
+from saflite.contract import wire
 from saflite.contract.config import Campaign, LeaseConfig, ScorerConfig, SearchConfig
 from saflite.contract.flight import Ending, Flight, Trace, pack_trace, trace_digest
 from saflite.contract.ids import digest
@@ -15,13 +16,13 @@ from saflite.contract.score import Score
 from saflite.contract.test_case import Obstacle, Origin, Scenario, StartState, Target, TestCase, identity
 from saflite.contract.verdict import Judgement, Verdict
 from saflite.contract.work import (
-    Failure,
     FlyResult,
     FlyWork,
     JudgeResult,
     JudgeWork,
     MutateResult,
     MutateWork,
+    Outcome,
     RecordResult,
     RecordWork,
     Result,
@@ -74,32 +75,108 @@ def flown(name: str, index: int) -> tuple[Ending, str, bytes]:
     return ("crashed" if distance < 0.5 else "completed"), trace_digest(trace), pack_trace(trace)
 
 
-def mutate(work: MutateWork) -> MutateResult:
-    """Boxes drawn from the round's stream, drawn towards the nearest outcome told of the last round."""
-    known = [outcome for outcome in work.outcomes if outcome.robustness is not None]
-    lean = min((outcome.robustness or 0.0 for outcome in known), default=0.0)
-    rng = derive(work.rng_seed, "boxes")
-    cases = []
-    for index in range(work.count):
-        x_m, y_m = rng.integers(0, 12, 2).tolist()
-        box = Obstacle(length_m=5, width_m=4, height_m=20, x_m=float(x_m), y_m=y_m + round(lean, 3))
+class Memory:
+    """What a strategy or a learning scorer was told: by round, without gaps."""
+
+    def __init__(self) -> None:
+        self.cursor = -1
+        self.rounds: dict[int, list[bytes]] = {}
+
+    def tell(self, outcomes: tuple[Outcome, ...], from_cursor: int, cursor: int) -> None:
+        """Take outcomes; telling from -1 starts anew."""
+        assert from_cursor <= self.cursor, f"told after round {from_cursor}, but knows up to {self.cursor}"
+        if from_cursor == -1:
+            self.rounds, self.cursor = {}, -1
+        places = [(outcome.round, outcome.test_case.origin.index) for outcome in outcomes]
+        assert len(set(places)) == len(places), "an outcome is told twice"
+        for outcome in outcomes:
+            assert from_cursor < outcome.round <= cursor, f"an outcome of round {outcome.round} for cursor {cursor}"
+            if outcome.round > self.cursor:
+                self.rounds.setdefault(outcome.round, []).append(wire.encode(outcome))
+        self.cursor = max(self.cursor, cursor)
+
+    def upto(self, cursor: int) -> str:
+        """A name for all that was told up to a round, order and all."""
+        told = [outcome for number in sorted(self.rounds) if number <= cursor for outcome in self.rounds[number]]
+        return digest(b"".join(told))[:12]
+
+
+class Mutator:
+    """Boxes drawn from the round's stream and everything told so far; some are old ones, some come twice."""
+
+    def __init__(self) -> None:
+        self.memory = Memory()
+        self.old: list[TestCase] = []
+
+    @property
+    def cursor(self) -> int:
+        """See `Service.cursor`."""
+        return self.memory.cursor
+
+    def do(self, work: MutateWork) -> MutateResult:
+        """Propose."""
+        if work.from_cursor == -1:
+            self.old = []
+        self.memory.tell(work.outcomes, work.from_cursor, work.cursor)
+        self.old += [outcome.test_case for outcome in work.outcomes]
+        rng = derive(work.rng_seed, "boxes", self.memory.upto(work.cursor))
+        cases = [self._box(work, index, rng.random(2).tolist()) for index in range(work.count)]
+        if cases and rng.random() < 0.5:
+            cases[-1] = cases[0]
+        if len(cases) > 3 and rng.random() < 0.6:
+            cases[3] = self._box(work, 3, [0.1 * float(rng.integers(2)), 0.5])  # an idea it has again and again
+        if len(cases) > 2 and self.old and rng.random() < 0.5:
+            cases[1] = self.old[int(rng.integers(len(self.old)))]
+        return MutateResult(round=work.round, test_cases=tuple(cases))
+
+    def _box(self, work: MutateWork, index: int, place: list[float]) -> TestCase:
+        box = Obstacle(length_m=5, width_m=4, height_m=20, x_m=round(10 * place[0], 4), y_m=round(9 * place[1], 4))
         origin = Origin(strategy=work.strategy, round=work.round, index=index)
         scenario = msgspec.structs.replace(work.template.scenario, obstacles=(box,))
-        cases.append(msgspec.structs.replace(work.template, scenario=scenario, origin=origin))
-    return MutateResult(round=work.round, test_cases=tuple(cases))
+        return msgspec.structs.replace(work.template, scenario=scenario, origin=origin)
 
 
-def score(work: ScoreWork) -> ScoreResult:
-    """The truth, blurred."""
-    scores = []
-    for test_case in work.test_cases:
-        name = identity(test_case)
-        value = min(10.0, max(0.0, 10.0 - 2.5 * 4.0 * luck(name) + 3.0 * (luck(f"blur {name}") - 0.5)))
-        scores.append(Score(test_case=name, value=value, model=work.model, scored_by=work.model))
-        scores.extend(
-            Score(test_case=name, value=1.0, model=shadow, scored_by=shadow, shadow=True) for shadow in work.shadow
-        )
-    return ScoreResult(scores=tuple(scores))
+class Scorer:
+    """The truth, blurred, and swayed by what it was told."""
+
+    def __init__(self) -> None:
+        self.memory = Memory()
+
+    @property
+    def cursor(self) -> int:
+        """See `Service.cursor`."""
+        return self.memory.cursor
+
+    def do(self, work: ScoreWork) -> ScoreResult:
+        """Score."""
+        if work.cursor > self.memory.cursor:
+            self.memory.tell(work.recent, work.from_cursor, work.cursor)
+        mood = self.memory.upto(work.cursor)
+        scores = []
+        for test_case in work.test_cases:
+            name = identity(test_case)
+            value = min(10.0, max(0.0, 10.0 - 10.0 * luck(name) + 3.0 * (luck(f"{mood} {name}") - 0.5)))
+            scores.append(Score(test_case=name, value=value, model=work.model, scored_by=work.model))
+            scores.extend(
+                Score(test_case=name, value=1.0, model=shadow, scored_by=shadow, shadow=True) for shadow in work.shadow
+            )
+        return ScoreResult(scores=tuple(scores))
+
+
+def babble(work: ScoreWork, rng: np.random.Generator) -> ScoreResult:
+    """What a scorer out of its mind returns; none of it may be taken."""
+    good = Scorer.do(Scorer(), msgspec.structs.replace(work, recent=(), from_cursor=-1, cursor=-1)).scores
+    bad: list[tuple[Score, ...]] = [
+        good[1:],
+        (*good, good[0]),
+        tuple(msgspec.structs.replace(one, value=11.0) for one in good),
+        tuple(msgspec.structs.replace(one, value=float("nan")) for one in good),
+        tuple(msgspec.structs.replace(one, test_case="0123456789abcdef") for one in good),
+        tuple(msgspec.structs.replace(one, model="another") for one in good),
+        tuple(msgspec.structs.replace(one, shadow=True) for one in good),
+        (),
+    ]
+    return ScoreResult(scores=bad[int(rng.integers(len(bad)))])
 
 
 def fly(work: FlyWork) -> FlyResult:
@@ -152,19 +229,29 @@ def warm(work: WarmWork) -> WarmResult:
     return WarmResult(model=work.model, ready=not work.model.startswith("broken"), message="probed")
 
 
-def do(work: Work) -> Result:
-    """Do a piece of work as the stage it is for would."""
-    match work:
-        case MutateWork():
-            return mutate(work)
-        case ScoreWork():
-            return score(work)
-        case FlyWork():
-            return fly(work)
-        case JudgeWork():
-            return judge(work)
-        case RecordWork():
-            return record(work)
-        case WarmWork():
-            return warm(work)
-    return Failure(message="unknown work")
+class Service:
+    """One stage of the farm."""
+
+    def __init__(self) -> None:
+        self._mutator, self._scorer = Mutator(), Scorer()
+
+    @property
+    def cursor(self) -> int:
+        """The round up to which outcomes were told."""
+        return max(self._mutator.cursor, self._scorer.cursor)
+
+    def do(self, work: Work) -> Result:
+        """Do a piece of work as the stage it is for would."""
+        match work:
+            case MutateWork():
+                return self._mutator.do(work)
+            case ScoreWork():
+                return self._scorer.do(work)
+            case FlyWork():
+                return fly(work)
+            case JudgeWork():
+                return judge(work)
+            case RecordWork():
+                return record(work)
+            case WarmWork():
+                return warm(work)

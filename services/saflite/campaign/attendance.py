@@ -138,6 +138,10 @@ class Attendance:
         mine = (one for one in self._deadlines.values() if one.worker == worker and one.stage == stage)
         return sorted(mine, key=lambda one: one.key)
 
+    def keys(self) -> list[str]:
+        """Return what is lent out."""
+        return list(self._deadlines)
+
     def deadline(self, key: str) -> Deadline | None:
         """Return the deadline of a lease under way."""
         return self._deadlines.get(key)

@@ -91,6 +91,11 @@ class Outbox:
         if trace_digest and not self.replaying:
             self._flushed[trace_digest] = None
 
+    @property
+    def waiting(self) -> bool:
+        """Whether something waits for the next batch."""
+        return bool(self._lines or self._events or self._rows or self._traces or self._dropped)
+
     def pending_trace(self, trace_digest: str) -> bytes | None:
         """Return a trace that is not with the store yet."""
         return self._traces.get(trace_digest)

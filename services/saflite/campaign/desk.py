@@ -11,6 +11,9 @@ from saflite.contract.control import Control
 from saflite.contract.flight import FLOWN_ENDINGS
 from saflite.contract.work import Ask, Failure, FlyResult, HandedBack, Result
 
+SEEN_LATELY_S = 7.0
+"""A worker heard of within this time (or a lease time, if longer) is there: idle ones send a heartbeat each 3 s."""
+
 AVOIDED_MAX = 32  # re-flights a worker may not have that are looked past when it asks
 
 
@@ -41,11 +44,11 @@ class Desk:
         return ask.worker not in task.avoid or not self._somebody_else(ask, task, now)
 
     def _somebody_else(self, ask: Ask, task: Task, now: float) -> bool:
-        """Whether a worker that did not have this before may still take it: one seen within a lease time."""
-        lease_s = self._core.campaign.lease.lease_s
-        if now - self._core.opened_s < lease_s:
+        """Whether a worker that did not have this before may still take it: one heard of lately."""
+        patience_s = max(self._core.campaign.lease.lease_s, SEEN_LATELY_S)
+        if now - self._core.opened_s < patience_s:
             return True  # others may still be on their way
-        others = self._attendance.others(ask.stage, ask.worker, task.target, now - lease_s)
+        others = self._attendance.others(ask.stage, ask.worker, task.target, now - patience_s)
         return any(other not in task.avoid for other in others)
 
     def may_merge(self, result: Result) -> bool:

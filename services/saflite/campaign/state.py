@@ -57,7 +57,7 @@ from saflite.contract.work import (
 )
 
 GRANTS_MAX = 16
-SILENT_LEASES = 3  # a worker not heard of for so many lease times has left
+SILENT_LEASES, SILENT_S = 3, 15.0  # a worker not heard of for so many lease times, and so long, has left
 RECORD_PATIENCE_S = 60.0
 
 
@@ -95,6 +95,11 @@ class Books:
     def ended(self) -> bool:
         """Whether the campaign is over (budget spent, nothing left to propose, or stopped)."""
         return self._core.state == "ended"
+
+    @property
+    def wanted_traces(self) -> frozenset[str]:
+        """Digests of the traces some flight still needs; any other file is left over from an interrupted commit."""
+        return frozenset(self._core.holds)
 
     # ---- opening and closing -------------------------------------------------------------------------------------
 
@@ -161,6 +166,13 @@ class Books:
     def _start_clock(self, task: Task, now: float) -> None:
         overdue_s = now + self._handout.overdue_s(task)
         self._attendance.begin(Deadline(task.key, task.epoch, task.stage, task.worker, now + self._lease_s, overdue_s))
+
+    def _stop_clocks(self) -> None:
+        """End the leases of work an order has done away with."""
+        for key in self._attendance.keys():  # noqa: SIM118 (a copy)
+            task = self._core.tasks.get(key)
+            if task is None or task.waiting:
+                self._attendance.end(key)
 
     @property
     def _lease_s(self) -> float:
@@ -287,7 +299,7 @@ class Books:
         for deadline in self._attendance.due(now):
             why = "ran far beyond its time" if now >= deadline.overdue_s else "was not heard of in time"
             self._lose(deadline, f"{deadline.worker} {why}", now)
-        for worker in self._attendance.silent(now - SILENT_LEASES * max(self._lease_s, 1.0)):
+        for worker in self._attendance.silent(now - max(SILENT_LEASES * self._lease_s, SILENT_S)):
             self.absent(worker.worker, worker.stage, now, "not heard of")
         self._give_up_recordings(now)
         self._rates.tick(now)
@@ -321,6 +333,7 @@ class Books:
         if objection:
             return Answer(accepted=False, message=objection, status=self.status(now))
         self._do(Ordered(control=control), now)
+        self._stop_clocks()
         self._choose(now)
         return Answer(accepted=True, status=self.status(now))
 

@@ -103,7 +103,6 @@ class Store:
         except Refused:
             lock.close()
             raise
-        store.traces.clear_parts()
         return store
 
     def close(self) -> None:
@@ -165,6 +164,7 @@ class Store:
         books = Books(self.campaign, self.template, run_id=self.run_id, library=self)
         for line in self.journal():
             books.replay(line)
+        self.traces.keep_only(books.wanted_traces)
         return books
 
     def journal(self) -> Iterator[bytes]:

@@ -7,10 +7,12 @@ noticed by its digest when the books are opened, and flown again.
 from __future__ import annotations
 
 import os
+import zlib
 from pathlib import Path
 
-from saflite.contract.errors import Refused, Unavailable
-from saflite.contract.flight import trace_digest, unpack_trace
+from saflite.contract.errors import Unavailable
+from saflite.contract.flight import TRACE_BYTES_MAX
+from saflite.contract.ids import digest as content_digest
 
 
 class TraceFiles:
@@ -69,18 +71,21 @@ class TraceFiles:
         """Return the digests of all traces there, sorted."""
         return sorted(path.stem for path in self._folder.glob("*.trace"))
 
-    def clear_parts(self) -> None:
-        """Remove what an interrupted write left behind."""
-        for path in self._folder.glob("*.part"):
-            path.unlink(missing_ok=True)
+    def keep_only(self, wanted: frozenset[str]) -> None:
+        """Remove what an interrupted write or commit left behind."""
+        for path in self._folder.iterdir():
+            if path.suffix == ".part" or (path.suffix == ".trace" and path.stem not in wanted):
+                path.unlink(missing_ok=True)
 
 
 def fits(data: bytes, digest: str) -> bool:
     """Return whether a packed trace is whole and its content has this digest."""
+    inflate = zlib.decompressobj()
     try:
-        return trace_digest(unpack_trace(data)) == digest
-    except Refused:
+        content = inflate.decompress(data, TRACE_BYTES_MAX)
+    except zlib.error:
         return False
+    return inflate.eof and not inflate.unconsumed_tail and content_digest(content) == digest
 
 
 def _flush(path: Path) -> None:

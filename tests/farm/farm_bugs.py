@@ -1,0 +1,291 @@
+"""Planted bugs: the books with one thing broken each. If the farm's checks let one through, the checks are at fault.
+
+Each is a context that breaks the code for as long as it is open.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import msgspec
+
+from saflite.campaign import flights, handout, state
+from saflite.campaign.attendance import Attendance
+from saflite.campaign.batch import Outbox
+from saflite.campaign.core import Core
+from saflite.campaign.entries import Granted, Line, Pick
+from saflite.campaign.leases import Task
+from saflite.campaign.proposals import Proposals
+from saflite.campaign.rounds import Plan, Round, Rounds
+from saflite.campaign.state import Books
+from saflite.contract.work import Outcome, Report
+from saflite.runtime.books_service import BooksService
+
+Bug = Callable[[], Any]
+
+
+@contextmanager
+def _patched(owner: Any, name: str, new: Any) -> Iterator[None]:
+    old = owner.__dict__[name] if isinstance(owner, type) else getattr(owner, name)
+    setattr(owner, name, new)
+    try:
+        yield
+    finally:
+        setattr(owner, name, old)
+
+
+def answers_before_commit() -> Any:
+    """Receipts and grants go out before the commit that covers them."""
+    settle = BooksService._settle
+
+    def early(self: BooksService, now_s: float) -> None:
+        outbox, self._outbox = self._outbox, []
+        for request, message in outbox:
+            request.reply(msgspec.msgpack.encode(message))
+        settle(self, now_s)
+
+    return _patched(BooksService, "_settle", early)
+
+
+def reflights_are_free() -> Any:
+    """The budget does not reserve flights for confirmation."""
+    return _patched(Plan, "reserved", property(lambda self: self.flights))
+
+
+def leases_never_end() -> Any:
+    """A lease whose worker fell silent is not taken back."""
+    return _patched(Attendance, "due", lambda self, now: [])
+
+
+def every_reflight_counts_as_equal() -> Any:
+    """A re-flight is taken as a repeat without comparing traces."""
+
+    def take(self: flights.Flights, task: Task, flight: Any) -> None:
+        trial = self._trial(task)
+        if flight.flight_index > 0:
+            flight = msgspec.structs.replace(flight, trace_digest=trial.flights[0].flight.trace_digest)
+        original(self, task, flight)
+
+    original = flights.Flights._take
+    return _patched(flights.Flights, "_take", take)
+
+
+def one_flight_is_proof_enough() -> Any:
+    """Every violation is called confirmed."""
+    from saflite.campaign import confirm
+
+    return _patched(confirm, "standing", lambda reflown, again, asked, needed: "confirmed")
+
+
+def attempts_without_end() -> Any:
+    """A test case that takes workers down is never set aside."""
+
+    def on_lost(self: flights.Flights, task: Task, message: str) -> None:
+        self._try_again(task, "lost", message, False)
+
+    return _patched(flights.Flights, "on_lost", on_lost)
+
+
+def the_mutator_is_told_too_early() -> Any:
+    """Outcomes are told as they come, not round by round."""
+
+    def mutate(self: handout.Handout, task: Task, cursor: int) -> Any:
+        work = original(self, task, cursor)
+        early = tuple(
+            outcome
+            for number, round_ in sorted(self._core.rounds.under_way.items())
+            if number > work.cursor
+            for outcome in round_.told()
+        )
+        if not early:
+            return work
+        moved = [msgspec.structs.replace(outcome, round=max(work.cursor, 0)) for outcome in early]
+        return msgspec.structs.replace(work, outcomes=(*work.outcomes, *moved), cursor=max(work.cursor, 0))
+
+    original = handout.Handout._mutate
+    return _patched(handout.Handout, "_mutate", mutate)
+
+
+def outcomes_in_order_of_arrival() -> Any:
+    """Outcomes are told in the order in which flights ended."""
+
+    def told(self: Round) -> tuple[Outcome, ...]:
+        return tuple(self.outcomes.values())
+
+    return _patched(Round, "told", told)
+
+
+def old_test_cases_fly_again() -> Any:
+    """What was flown before is not left out of the choice."""
+
+    def choose(self: Books, now: float) -> None:
+        flown, self._core.flown = self._core.flown, {}
+        try:
+            original(self, now)
+        finally:
+            self._core.flown = {**flown, **self._core.flown}
+
+    original = Books._choose
+    return _patched(Books, "_choose", choose)
+
+
+def a_lost_batch_is_forgotten() -> Any:
+    """A batch no scorer could score is dropped with its test cases."""
+
+    def trouble(self: Proposals, task: Task, message: str) -> None:
+        self._core.done(task, "failed", message)
+
+    return _patched(Proposals, "on_score_trouble", trouble)
+
+
+def any_score_will_do() -> Any:
+    """Scores are not checked against the work."""
+    from saflite.campaign import inspect
+
+    return _patched(inspect, "_check_scores", lambda task, result, names: None)
+
+
+def grants_are_not_written_down() -> Any:
+    """The journal leaves grants out."""
+
+    def line(self: Outbox, data: bytes) -> None:
+        entry = msgspec.msgpack.Decoder(Line).decode(data).entry
+        if not isinstance(entry, Granted):
+            original(self, data)
+
+    original = Outbox.line
+    return _patched(Outbox, "line", line)
+
+
+def facts_are_numbered_anew_after_a_restart() -> Any:
+    """The sequence of facts begins again when the books are opened."""
+
+    def begin(self: Books, now: float, unix_s: float) -> None:
+        self._out.seq = 0
+        original(self, now, unix_s)
+
+    original = Books.begin
+    return _patched(Books, "begin", begin)
+
+
+def the_trace_goes_too_soon() -> Any:
+    """A trace is dropped when its flight is taken, not when it was judged."""
+
+    def hold(self: Core, trace_digest: str) -> None:
+        original(self, trace_digest)
+        self.out.drop_trace(trace_digest)
+
+    original = Core.hold_trace
+    return _patched(Core, "hold_trace", hold)
+
+
+def leases_are_forgotten_over_a_restart() -> Any:
+    """Leases under way get no new deadline when the books are opened again."""
+
+    def begin(self: Books, now: float, unix_s: float) -> None:
+        original(self, now, unix_s)
+        for key in self._attendance.keys():  # noqa: SIM118 (a copy)
+            self._attendance.end(key)
+
+    original = Books.begin
+    return _patched(Books, "begin", begin)
+
+
+def anybody_may_report() -> Any:
+    """A result is taken from whoever sends it, under whatever epoch."""
+
+    def report(self: Books, report: Report, now: float) -> Any:
+        task = self._core.tasks.get(report.lease_id.partition(":")[2])
+        if task is None or task.waiting:
+            return original(self, report, now)
+        return self._take(task, msgspec.structs.replace(report, epoch=task.epoch), now)
+
+    original = Books.report
+    return _patched(Books, "report", report)
+
+
+def a_result_is_counted_each_time_it_comes() -> Any:
+    """Work that was reported stays to be done."""
+
+    def done(self: Core, task: Task, how: str, message: str = "") -> None:
+        if task.stage == "fly" and how == "completed":
+            self.tasks.requeue(task)
+        else:
+            original(self, task, how, message)
+
+    original = Core.done
+    return _patched(Core, "done", done)
+
+
+def announced_twice() -> Any:
+    """A violation is announced twice."""
+
+    def announce(self: flights.Flights, violation: Any) -> None:
+        original(self, violation)
+        original(self, violation)
+
+    original = flights.Flights._announce
+    return _patched(flights.Flights, "_announce", announce)
+
+
+def chosen_by_order_of_arrival() -> Any:
+    """The choice prefers candidates whose scores came first."""
+
+    def select(candidates: Any, scores: Any, flown: Any, rules: Any) -> Any:
+        names = list(scores)[: rules.flights]
+        return tuple(Pick(test_case=name, selected_by="score", score=scores[name], novelty=0.0) for name in names)
+
+    def choose(self: Books, now: float) -> None:
+        for round_ in self._core.rounds.under_way.values():
+            round_.candidates = {name: round_.candidates[name] for name in [*round_.scores, *round_.candidates]}
+        original(self, now)
+
+    original = Books._choose
+    return _both(_patched(state, "select", select), _patched(Books, "_choose", choose))
+
+
+def planned_on_what_happens_to_be_known() -> Any:
+    """A round is planned on the costs known at the moment instead of those of rounds up to r - lag."""
+
+    def close(self: Rounds, number: int) -> None:
+        closing = self.under_way[number]
+        original(self, number)
+        self._costs[number] = (closing.cost, closing.cost)
+
+    original = Rounds.close
+    return _patched(Rounds, "close", close)
+
+
+@contextmanager
+def _both(first: Any, second: Any) -> Iterator[None]:
+    with first, second:
+        yield
+
+
+BUGS: dict[str, Bug] = {
+    bug.__name__: bug
+    for bug in (
+        answers_before_commit,
+        reflights_are_free,
+        leases_never_end,
+        every_reflight_counts_as_equal,
+        one_flight_is_proof_enough,
+        attempts_without_end,
+        the_mutator_is_told_too_early,
+        outcomes_in_order_of_arrival,
+        old_test_cases_fly_again,
+        a_lost_batch_is_forgotten,
+        any_score_will_do,
+        grants_are_not_written_down,
+        facts_are_numbered_anew_after_a_restart,
+        the_trace_goes_too_soon,
+        leases_are_forgotten_over_a_restart,
+        anybody_may_report,
+        a_result_is_counted_each_time_it_comes,
+        announced_twice,
+        chosen_by_order_of_arrival,
+        planned_on_what_happens_to_be_known,
+    )
+}

@@ -1,0 +1,253 @@
+"""What must hold whatever happens, seen from outside: by the facts the books announced and what workers were told."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import farm_doubles as doubles
+from farm_store import MemoryStore
+
+from saflite.campaign.entries import decode_line
+from saflite.campaign.state import Books
+from saflite.contract.control import Status
+from saflite.contract.events import (
+    CampaignChanged,
+    FaultSeen,
+    Flown,
+    Judged,
+    Planted,
+    Quarantined,
+    Scored,
+    ViolationFound,
+)
+from saflite.contract.flight import FLOWN_ENDINGS
+from saflite.contract.work import FlyResult, JudgeResult, Receipt, Report
+
+Flight = tuple[str, int]
+
+
+class Ghost:
+    """Follows every committed fact and every receipt, and objects at once."""
+
+    def __init__(self, store: MemoryStore) -> None:
+        self._store = store
+        self._seen = 0
+        self.flown: dict[Flight, Flown] = {}
+        self.judged: dict[Flight, Judged] = {}
+        self.planted: set[str] = set()
+        self.scored: Counter[tuple[int, str]] = Counter()
+        self.violations: dict[tuple[str, str], ViolationFound] = {}
+        self.quarantined: dict[str, Quarantined] = {}
+        self.faults: list[FaultSeen] = []
+        self.accepted: dict[Flight, Report] = {}
+        self.accepted_judged: set[Flight] = set()
+        self.reports: list[Report] = []
+        self.flown_by: set[tuple[str, int, str]] = set()
+        self.budget_max = store.campaign.budget_flights
+
+    # ---- what workers were told ----------------------------------------------------------------------------------
+
+    def sent(self, report: Report) -> None:
+        """A worker really did this work."""
+        self.reports.append(report)
+        result = report.result
+        if isinstance(result, FlyResult):
+            self.flown_by.add((result.flight.test_case, result.flight.flight_index, report.worker))
+
+    def received(self, report: Report, receipt: Receipt) -> None:
+        """A receipt reached its worker: what it accepts must be committed, for good."""
+        self.look()
+        if receipt.status != "accepted":
+            return
+        result = report.result
+        if isinstance(result, FlyResult) and result.flight.ending in FLOWN_ENDINGS:
+            flight = (result.flight.test_case, result.flight.flight_index)
+            earlier = self.accepted.setdefault(flight, report)
+            assert earlier.epoch == report.epoch, (
+                f"{flight} was accepted twice, as attempts {earlier.epoch}, {report.epoch}"
+            )
+            assert flight in self.flown, f"{flight} was acknowledged before it was committed"
+            assert self.flown[flight].worker == report.worker, f"{flight} is written down as another worker's"
+        if isinstance(result, JudgeResult):
+            flight = (result.judgement.test_case, result.judgement.flight_index)
+            self.accepted_judged.add(flight)
+            assert flight in self.judged, f"the judgement of {flight} was acknowledged before it was committed"
+
+    # ---- what the books said -------------------------------------------------------------------------------------
+
+    def look(self) -> None:
+        """Take in the facts committed since the last look."""
+        while self._seen < len(self._store.all_events):
+            event = self._store.all_events[self._seen]
+            self._seen += 1
+            assert event.seq == self._seen, f"fact {event.seq} stands at {self._seen}"
+            self._take(event.fact)
+
+    def _take(self, fact: object) -> None:
+        match fact:
+            case Flown():
+                flight = (fact.test_case, fact.flight_index)
+                assert flight not in self.flown, f"{flight} was flown twice"
+                assert fact.test_case in self.planted, f"{fact.test_case} was flown but never proposed"
+                assert fact.flight_index == 0 or (fact.test_case, 0) in self.judged, f"{flight} re-flown before judged"
+                by = (*flight, fact.worker)
+                assert fact.ending in ("lost", "infra") or by in self.flown_by, (
+                    f"{flight} was not flown by {fact.worker}"
+                )
+                self.flown[flight] = fact
+                self.budget_max = max(self.budget_max, self._budget())
+                assert len(self.flown) <= self.budget_max, f"{len(self.flown)} flights, budget {self.budget_max}"
+            case Judged():
+                flight = (fact.test_case, fact.flight_index)
+                assert flight in self.flown, f"{flight} was judged but not flown"
+                assert flight not in self.judged, f"{flight} was judged twice"
+                assert (fact.robustness is not None and fact.robustness < 0) == bool(fact.violated), "sign and verdict"
+                self.judged[flight] = fact
+            case Planted():
+                self.planted.update(fact.test_cases)
+            case Scored():
+                for name, value in fact.scores:
+                    assert 0.0 <= value <= 10.0, f"{name} scored {value}"
+                    self.scored[fact.round, name] += 1
+                    assert self.scored[fact.round, name] == 1, f"{name} has two deciding scores in round {fact.round}"
+            case ViolationFound():
+                self._take_violation(fact)
+            case Quarantined():
+                assert fact.test_case not in self.quarantined, f"{fact.test_case} was quarantined twice"
+                self.quarantined[fact.test_case] = fact
+            case FaultSeen():
+                self.faults.append(fact)
+
+    def _take_violation(self, fact: ViolationFound) -> None:
+        violation = fact.violation
+        key = (violation.test_case, violation.policy)
+        assert key not in self.violations, f"{key} was announced twice"
+        self.violations[key] = fact
+        first = self.judged.get((violation.test_case, 0))
+        assert first is not None, f"{key} was announced without a judgement"
+        assert violation.policy in first.violated, f"{key} was announced, but the first flight held"
+        reflown = [flight for flight in self.flown if flight[0] == violation.test_case and flight[1] > 0]
+        assert len(reflown) >= violation.reflown, f"{key} claims {violation.reflown} re-flights"
+        if violation.standing == "confirmed":
+            assert violation.failed_again >= self._store.campaign.search.confirm_needed, f"{key} was never repeated"
+            for index in range(2):
+                distance = self._distance(violation.test_case, index)
+                assert distance < 1.5, f"{key} is confirmed, but flight {index} kept {distance:.2f} m away"
+        if violation.standing == "flaky":
+            assert doubles.is_flaky(violation.test_case), f"{key} is called flaky, but repeats every time"
+        if violation.bit_equal:
+            assert not doubles.is_flaky(violation.test_case), f"{key} is called bit-equal, but is not"
+
+    @staticmethod
+    def _distance(name: str, index: int) -> float:
+        flaky = doubles.is_flaky(name)
+        return 4.0 * (doubles.luck(f"{name} {index}") if flaky else doubles.luck(name))
+
+    def _budget(self) -> int:
+        orders = [decode_line(line).entry for line in self._store.lines]
+        budgets = [getattr(entry, "control", None) for entry in orders]
+        return max(
+            (control.number for control in budgets if control is not None and control.verb == "budget"), default=0
+        )
+
+    # ---- for the end ---------------------------------------------------------------------------------------------
+
+    def found(self) -> frozenset[tuple[str, str, str]]:
+        """Return test case, policy and standing of everything found."""
+        return frozenset((*key, fact.violation.standing) for key, fact in self.violations.items())
+
+    def set_aside(self) -> int:
+        """Return how many test cases or re-flights could not be flown or judged."""
+        lost_repeats = sum(1 for fact in self.violations.values() if fact.violation.standing == "unconfirmed")
+        return (
+            len(self.quarantined) + lost_repeats + sum(1 for f in self.flown.values() if f.ending not in FLOWN_ENDINGS)
+        )
+
+
+def at_the_end(ghost: Ghost, store: MemoryStore, books: Books, status: Status) -> None:
+    """Assert that every flown test case ended in exactly one recorded way, and that a replay comes to the same."""
+    for name in {name for name, index in ghost.flown if index == 0} | set(ghost.quarantined):
+        ways = ["quarantined"] if name in ghost.quarantined else []
+        first = ghost.judged.get((name, 0))
+        if first is not None and not ways:
+            ways.append("violated" if any(key[0] == name for key in ghost.violations) else "held")
+            assert bool(first.violated) == (ways[-1] == "violated"), f"{name}: judged {first.violated}, ended {ways}"
+        assert len(ways) == 1, f"{name} ended in {len(ways)} ways: {ways}"
+    for flight in ghost.accepted:
+        assert flight in ghost.flown, f"{flight} was acknowledged and is missing"
+    for flight in ghost.accepted_judged:
+        assert flight in ghost.judged, f"the judgement of {flight} was acknowledged and is missing"
+    assert status.flights == len(ghost.flown), f"{status.flights} flights counted, {len(ghost.flown)} told"
+    confirmed = sum(1 for fact in ghost.violations.values() if fact.violation.standing == "confirmed")
+    assert status.violations_confirmed == confirmed, "confirmed violations do not add up"
+    dry = any(
+        "nothing new" in getattr(e.fact, "why", "") for e in store.all_events if isinstance(e.fact, CampaignChanged)
+    )
+    assert dry or status.flights == status.budget, f"{status.flights} of {status.budget} flights were flown"
+    _replay_agrees(store, status)
+    _no_orphan_traces(store, ghost)
+
+
+def state_of(books: Books) -> dict[str, object]:
+    """Return the durable state of the books, for comparison."""
+    core = books._core
+    tasks = {
+        task.key: (task.epoch, task.worker, task.losses, task.undelivered, task.failures, sorted(task.avoid))
+        for task in core.tasks
+    }
+    rounds = {number: (one.phase, one.plan, one.cost, one.open_trials) for number, one in core.rounds.under_way.items()}
+    trials = {name: sorted(trial.flights) for name, trial in core.trials.items()}
+    counts = {name: getattr(core.counts, name) for name in core.counts.__slots__ if name != "last_find_s"}
+    scorers = (books._ledger.scorers.model, books._ledger.scorers.shadow, sorted(books._ledger.scorers.pending))
+    plain = (core.state, core.rounds.planned, core.rounds.budget, sorted(core.flown), sorted(core.holds.items()))
+    return {
+        "tasks": tasks,
+        "rounds": rounds,
+        "trials": trials,
+        "counts": counts,
+        "scorers": scorers,
+        "plain": plain,
+        "seq": core.out.seq,
+    }
+
+
+def journal_is_the_state(store: MemoryStore, books: Books) -> None:
+    """Assert that the books rebuilt from the journal are the books at hand."""
+    again = Books(store.campaign, store.template, run_id="run", library=store)
+    for line in store.lines:
+        again.replay(line)
+    live, replayed = state_of(books), state_of(again)
+    for part, value in live.items():
+        assert value == replayed[part], f"{part} live: {value}; after a replay: {replayed[part]}"
+
+
+def _replay_agrees(store: MemoryStore, status: Status) -> None:
+    again = store.rebuild().status(0.0)
+    for field in (
+        "flights",
+        "reflown",
+        "test_cases",
+        "candidates",
+        "violations_confirmed",
+        "quarantined",
+        "seq",
+        "state",
+    ):
+        live, replayed = getattr(status, field), getattr(again, field)
+        assert live == replayed, f"{field}: {live} live, {replayed} after a replay"
+
+
+def _no_orphan_traces(store: MemoryStore, ghost: Ghost) -> None:
+    violated = {name for name, _ in ghost.violations}
+    kept = {doubles.flown(name, 0)[1] for name in violated}
+    may_stay = {doubles.flown(name, index)[1] for name, index in ghost.flown if name in violated}
+    assert kept <= set(store.files), "the trace of a violation is gone"
+    assert set(store.files) <= may_stay, "a trace nobody needs was left"
+
+
+def at_the_end_of_a_clean_run(ghost: Ghost, simulators: int, books: Books) -> None:
+    """Assert what only holds where nothing went wrong: re-flights on another worker."""
+    for key, fact in ghost.violations.items():
+        workers = fact.violation.workers
+        if simulators > 1 and fact.violation.reflown:
+            assert len(set(workers)) > 1, f"{key} was re-flown by the worker that flew it: {workers}"

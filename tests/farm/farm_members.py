@@ -1,0 +1,290 @@
+"""The members of the simulated farm: the books with their shell, and workers, each of which can die and freeze.
+
+Both run the real thing: `BooksService` around the real books, and the real state machine of the worker loop.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from typing import Protocol
+
+import numpy as np
+from farm_doubles import Service, babble, is_poison, luck
+from farm_store import Crash, MemoryStore
+
+from saflite.bus.base import Happening, Reply
+from saflite.bus.memory import MemoryNetwork
+from saflite.campaign.state import Books
+from saflite.contract import topics, wire
+from saflite.contract.test_case import identity
+from saflite.contract.work import FlyResult, FlyWork, Grant, Lease, Orders, Receipt, Report, Result, ScoreWork, Stage
+from saflite.runtime import worker as machine
+from saflite.runtime.books_service import BooksService
+from saflite.runtime.worker import Habits, Key, Worker
+
+
+class Watcher(Protocol):
+    """Hears what workers were told, to check it against the books afterwards."""
+
+    def sent(self, report: Report) -> None:
+        """A worker sends a result."""
+        ...
+
+    def received(self, report: Report, receipt: Receipt) -> None:
+        """A worker got a receipt."""
+        ...
+
+
+class ShiftedClock:
+    """The network's time, begun anew with each process of the books."""
+
+    def __init__(self, network: MemoryNetwork, shift_s: float) -> None:
+        self._network, self._shift_s = network, shift_s
+
+    def monotonic_s(self) -> float:
+        """See `Clock.monotonic_s`."""
+        return self._network.now_s + self._shift_s
+
+    def unix_s(self) -> float:
+        """See `Clock.unix_s`."""
+        return 1.7e9 + self._network.now_s
+
+
+class BooksMember:
+    """The process of the books."""
+
+    def __init__(self, network: MemoryNetwork, store: MemoryStore, rng: np.random.Generator) -> None:
+        self._network, self.store, self._rng = network, store, rng
+        self.books: Books | None = None
+        self.service: BooksService | None = None
+        self.restarts = 0
+        self.frozen = False
+        self.must_tick = True
+
+    def start(self) -> None:
+        """Open the books and serve them."""
+        clock = ShiftedClock(self._network, float(self._rng.integers(0, 10**6)))
+        self.books = self.store.rebuild()
+        self.books.begin(clock.monotonic_s(), clock.unix_s())
+        bus = self._network.connect("books")
+        self.service = BooksService(bus, self.store.campaign.name, self.books, self.store, clock)  # type: ignore[arg-type]
+        self.service.open()
+        self.must_tick = True
+        self.step()
+
+    def die(self) -> None:
+        """As kill -9 does."""
+        self._network.crash("books")
+        self.books = self.service = None
+        self.store.crash_next = ""
+        self.restarts += 1
+        self._network.later(float(self._rng.random() * 3.0), self.start)
+
+    def step(self) -> None:
+        """Handle what has come in."""
+        if self.service is None or self.books is None or self.frozen:
+            return
+        if self.service._inbox.empty() and not self.must_tick:
+            return  # nothing can have changed
+        self.must_tick = False
+        try:
+            self.service.step(0.0)
+        except Crash:
+            self.die()
+            return
+        self.books.validate()
+
+
+class WorkerMember:
+    """The process of a worker. Its spool survives it; its memory does not."""
+
+    def __init__(
+        self, network: MemoryNetwork, campaign: str, habits: Habits, watcher: Watcher, rng: np.random.Generator
+    ) -> None:
+        self._network, self._campaign, self.habits, self._watcher, self._rng = network, campaign, habits, watcher, rng
+        self._spool: dict[Key, Report] = {}
+        self._life = 0
+        self.alive = False
+        self.stays_away = False
+        self.frozen_until_s = 0.0
+        self._late: list[Happening] = []
+        self.babbles = self.wedges = self.breaks = 0.0  # chances
+        self._wake_s = float("inf")
+
+    @property
+    def name(self) -> str:
+        """The worker's name."""
+        return self.habits.worker
+
+    # ---- life and death ------------------------------------------------------------------------------------------
+
+    def start(self) -> None:
+        """Begin a new life, with what the spool holds."""
+        if self.alive or self.stays_away:
+            return
+        self._life += 1
+        self.alive, self._wake_s = True, float("inf")
+        self._bus = self._network.connect(self.name)
+        self._service = Service()
+        self._machine = Worker(self.habits, self._network.now_s)
+        self._asked: dict[Key, Report] = {}
+        for report in self._spool.values():
+            self._feed(machine.Found(report))
+        self._bus.appear(topics.alive(self._campaign, self.habits.stage, self.name))
+        self._feed(machine.Tick())
+
+    def die(self) -> None:
+        """As kill -9 does."""
+        if self.alive:
+            self.alive = False
+            self._network.crash(self.name)
+            self._late = []
+            self._network.later(0.2 + float(self._rng.random()) * 2.0, self.start)
+
+    def freeze(self, for_s: float) -> None:
+        """As SIGSTOP does: nothing is handled, no timer runs, the token stays."""
+        self.frozen_until_s = self._network.now_s + for_s
+        self._network.later(for_s, self._thaw)
+
+    def stop(self) -> None:
+        """As SIGTERM does; it comes back later."""
+        if self.alive:
+            self._feed(machine.StopAsked("told to"))
+
+    @property
+    def _frozen(self) -> bool:
+        return self._network.now_s < self.frozen_until_s
+
+    def _thaw(self) -> None:
+        late, self._late = self._late, []
+        for happening in late:
+            self._take(happening)
+        if self.alive:
+            self._feed(machine.Tick())
+
+    # ---- in ------------------------------------------------------------------------------------------------------
+
+    def _take(self, happening: Happening) -> None:
+        if not self.alive or not isinstance(happening, Reply):
+            return
+        if self._frozen:
+            self._late.append(happening)
+            return
+        tag = happening.tag
+        if tag == "ask":
+            self._feed(machine.Granted(self._decoded(happening, Grant)))
+        elif tag == "beat":
+            self._feed(machine.Ordered(self._decoded(happening, Orders)))
+        elif isinstance(tag, Key):
+            receipt = self._decoded(happening, Receipt)
+            if receipt is not None and tag in self._asked:
+                self._watcher.received(self._asked[tag], receipt)
+            self._feed(machine.Received(tag, receipt, refused=bool(happening.refused)))
+
+    @staticmethod
+    def _decoded(reply: Reply, kind: type) -> object:
+        return None if reply.payload is None else wire.decode(reply.payload, kind)
+
+    def _feed(self, event: object) -> None:
+        if not self.alive:
+            return
+        self._machine.cursor = self._service.cursor
+        for instruction in self._machine.handle(event, self._network.now_s):  # type: ignore[arg-type]
+            self._obey(instruction)
+            if not self.alive:
+                return
+        self._machine.validate()
+        self._plan_wake()
+
+    def _plan_wake(self) -> None:
+        wake_s = max(self._machine.next_s(), self._network.now_s + 0.001)
+        if wake_s < self._wake_s and wake_s < 1e9:
+            self._wake_s = wake_s
+            life = self._life
+            self._network.later(wake_s - self._network.now_s, lambda: self._wake(life))
+
+    def _wake(self, life: int) -> None:
+        if life != self._life or not self.alive:
+            return
+        self._wake_s = float("inf")
+        if not self._frozen:
+            self._feed(machine.Tick())
+
+    # ---- out -----------------------------------------------------------------------------------------------------
+
+    def _obey(self, instruction: machine.Instruction) -> None:
+        stage = self.habits.stage
+        match instruction:
+            case machine.SendAsk():
+                self._send(topics.work(self._campaign, stage), instruction.ask, "ask", instruction.timeout_s)
+            case machine.SendBeat():
+                self._send(topics.beat(self._campaign, stage), instruction.beat, "beat", instruction.timeout_s)
+            case machine.SendReport():
+                key = Key(instruction.report.lease_id, instruction.report.epoch)
+                self._asked[key] = instruction.report
+                self._watcher.sent(instruction.report)
+                self._send(topics.result(self._campaign, stage), instruction.report, key, instruction.timeout_s)
+            case machine.Begin():
+                self._begin(instruction.lease)
+            case machine.Keep():
+                self._spool[Key(instruction.report.lease_id, instruction.report.epoch)] = instruction.report
+            case machine.Forget():
+                self._spool.pop(instruction.key, None)
+            case machine.Leave():
+                self.die()
+            case machine.Cancel():
+                pass  # the work runs on; the machine drops its result
+
+    def _send(self, key: str, message: object, tag: Hashable, timeout_s: float) -> None:
+        self._bus.ask(key, wire.encode(message), tag, self._take, timeout_s)  # type: ignore[arg-type]
+
+    def _begin(self, lease: Lease) -> None:
+        work, life = lease.work, self._life
+        key = Key(lease.lease_id, lease.epoch)
+        takes_s = (0.05 if self.habits.stage in ("judge", "record") else 0.3) + float(self._rng.random())
+        if isinstance(work, FlyWork) and is_poison(identity(work.test_case)):
+            self._network.later(takes_s, lambda: self.die() if life == self._life else None)
+            return
+        self._network.later(takes_s, lambda: self._end(life, key, lease))
+
+    def _end(self, life: int, key: Key, lease: Lease) -> None:
+        if life != self._life or not self.alive:
+            return
+        if self._frozen:
+            self._network.later(self.frozen_until_s - self._network.now_s + 0.01, lambda: self._end(life, key, lease))
+            return
+        self._feed(machine.Done(key, self._result(lease)))
+
+    def _result(self, lease: Lease) -> Result:
+        work = lease.work
+        chance = float(self._rng.random())
+        if isinstance(work, ScoreWork) and chance < self.babbles:
+            return babble(work, self._rng)
+        if isinstance(work, FlyWork) and chance < self.wedges + self.breaks:
+            ending = "wedged" if chance < self.wedges else "infra"
+            result = self._service.do(work)
+            assert isinstance(result, FlyResult)
+            flight = {"test_case": result.flight.test_case, "flight_index": work.flight_index, "ending": ending}
+            return FlyResult(flight=type(result.flight)(**flight))
+        return self._service.do(work)
+
+
+def members(
+    network: MemoryNetwork, campaign: str, simulators: int, watcher: Watcher, rng: np.random.Generator
+) -> list[WorkerMember]:
+    """One worker of each stage, two scorers, and `simulators` that fly."""
+    stages: list[tuple[Stage, int]] = [("mutate", 1), ("score", 2), ("fly", simulators), ("judge", 1), ("record", 1)]
+    return [
+        WorkerMember(
+            network,
+            campaign,
+            Habits(f"{stage}-{number}", stage, prefetch=1 if stage == "fly" else 0, poll_s=2.0),
+            watcher,
+            rng,
+        )
+        for stage, many in stages
+        for number in range(many)
+    ]
+
+
+__all__ = ["BooksMember", "Watcher", "WorkerMember", "luck", "members"]
