@@ -103,7 +103,9 @@ SIGNALS: dict[str, Signal] = {
     "tilt_deg": Signal("deg", "angle between the vehicle's axis and the vertical"),
     "quiet_s": Signal("s", "time since the last stimulus of the test case (since the start where there was none)"),
     "order_quiet_s": Signal("s", "time since the last command, mode or stick of the test case"),
-    "fault_quiet_s": Signal("s", "time since the last sensor fault of the test case"),
+    "gps_true": Signal("", "1 until a stimulus falsifies or cuts the GPS", "flag"),
+    "baro_true": Signal("", "1 until a stimulus falsifies or cuts the barometer", "flag"),
+    "body_true": Signal("", "1 until a stimulus falsifies inertial sensors or compass, hurts motors, or blows", "flag"),
     "crashed": Signal("", "1 at the last sample of a flight that ended as crashed", "flag"),
 }
 

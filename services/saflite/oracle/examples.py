@@ -12,8 +12,8 @@ from saflite.contract.signals import MODES, SIGNALS
 from saflite.oracle.windows import Array
 
 _SAMPLES_MAX = 10_000
-_QUIET: dict[str, float] = {"quiet_s": 100.0, "order_quiet_s": 100.0, "fault_quiet_s": 100.0}
-"""Examples need not say that nothing was done lately; `time_s` is always made."""
+_QUIET: dict[str, float] = {"quiet_s": 100.0, "order_quiet_s": 100.0, "gps_true": 1, "baro_true": 1, "body_true": 1}
+"""Examples need not say that nothing was done lately and nothing is broken; `time_s` is always made."""
 Value = float | str
 Course = Value | list[tuple[float, Value]]
 

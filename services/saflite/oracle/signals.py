@@ -10,13 +10,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saflite.contract.flight import Flight, Trace
-from saflite.contract.test_case import StimulusKind, TestCase
+from saflite.contract.test_case import Stimulus, StimulusKind, TestCase
 from saflite.flight.geometry import boxes_array, distance_to_boxes
 
 Array = NDArray[np.float32]
 STIMULI: tuple[str, ...] = get_args(StimulusKind)
 ESTIMATES = {"x_est_m": "x_m", "y_est_m": "y_m", "altitude_est_m": "altitude_m", "climb_est_mps": "climb_mps"}
 """Logs of real autopilots hold estimates only, so the estimate stands for the truth and the other way round."""
+
+FAULTS = ("gps_true", "baro_true", "body_true")
+_HARMLESS = ("rc_", "radio", "batt", "para_", "speedup", "pin_mask")
+
+
+def fault_of(stimulus: Stimulus) -> str:
+    """Return which of FAULTS the stimulus ends, empty for none: by its name, `SIM_GPS_NOISE` as well as `gps_noise`.
+
+    A fault counts for the rest of the flight, even if it is taken back: an estimator may never recover.
+    """
+    name = stimulus.name.lower()
+    if stimulus.kind != "sensor_fault" and not name.startswith("sim_"):
+        return ""
+    name = name.removeprefix("sim_")
+    if name.startswith(("gps", "baro")):
+        return f"{name.split('_')[0]}_true"
+    return "" if name.startswith(_HARMLESS) else "body_true"
 
 
 class FlightSignals:
@@ -30,7 +47,7 @@ class FlightSignals:
             "time_s": ((), self._time),
             "quiet_s": ((), lambda: self._quiet(STIMULI)),
             "order_quiet_s": ((), lambda: self._quiet(("command", "mode", "stick"))),
-            "fault_quiet_s": ((), lambda: self._quiet(("sensor_fault",))),
+            **{name: ((), partial(self._true, name)) for name in FAULTS},
             "crashed": ((), self._crashed),
             "ground_speed_mps": (("vx_mps", "vy_mps"), lambda: np.hypot(self["vx_mps"], self["vy_mps"])),
             "home_distance_m": (("x_m", "y_m"), lambda: np.hypot(self["x_m"], self["y_m"])),
@@ -72,6 +89,10 @@ class FlightSignals:
         at = np.array([0.0, *sorted(stimulus.at_s for stimulus in self._test_case.stimuli if stimulus.kind in kinds)])
         last = at[np.searchsorted(at, times + 1e-9, side="right") - 1]
         return np.asarray(times - last)
+
+    def _true(self, flag: str) -> NDArray[np.float64]:
+        first_s = min((s.at_s for s in self._test_case.stimuli if fault_of(s) == flag), default=np.inf)
+        return (self._time() < first_s).astype(np.float64)
 
     def _crashed(self) -> Array:
         flags = np.zeros(self.samples, dtype=np.float32)
