@@ -190,6 +190,8 @@ static int height_reading(Vehicle *v, double *up_m)
     double lever[3] = {0, 0, 0};
     antenna(v, lever);
     AT(height_from) = source;
+    if (AT(defect_height_gps) != 0.0 && AT(gps_satellites) >= 4.0) /* planted: says one source, uses another */
+        return *up_m = AT(gps_up) + lever[2], 1;
     if (source == 2 && AT(gps_satellites) >= 4.0)
         return *up_m = AT(gps_up) + lever[2], 1;
     if (source == 1 && AT(rangefinder_m) < 39.0)

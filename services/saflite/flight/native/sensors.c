@@ -13,6 +13,7 @@
 static const double GYRO_NOISE = 0.003, ACC_NOISE = 0.05, BARO_NOISE = 0.06, MAG_NOISE = 0.002;
 static const double GPS_NOISE = 0.04, GPS_UP_NOISE = 0.08, GPS_SPEED_NOISE = 0.04;
 static const double GPS_WALK = 0.15, GPS_WALK_S = 25.0, BARO_WALK = 0.12, BARO_WALK_S = 60.0;
+static const double OFFSET_CREEP_MPS = 0.3; /* a changed offset creeps in, as in AP_Baro */
 static const double EARTH_FIELD[3] = {0.2142, 0.0129, 0.4299}; /* gauss, north-east-down, Zurich (WMM 2020) */
 
 void sensors_start(Vehicle *v)
@@ -51,11 +52,13 @@ static void read_baro(Vehicle *v)
     v->baro_walk = walk(v->baro_walk, BARO_WALK, BARO_WALK_S, every_s, &v->rng_baro);
     v->baro_drifted += AT(fault_baro_drift) * every_s;
     double noise = (BARO_NOISE + AT(fault_baro_noise)) * noise_normal(&v->rng_baro);
+    const double creep = OFFSET_CREEP_MPS * every_s;
+    v->baro_offset += clamp(AT(baro_alt_offset) - v->baro_offset, -creep, creep);
     AT(baro_ok) = AT(fault_baro_off) != 0.0 ? 0.0 : 1.0;
     if (AT(baro_ok) == 0.0)
         return;
     AT(baro_raw_m) = AT(up_m) + v->baro_walk + v->baro_drifted + AT(fault_baro_offset) + noise;
-    AT(baro_altitude_m) = (AT(baro_raw_m) - AT(baro_ground_m)) * AT(baro_gain) + AT(baro_alt_offset);
+    AT(baro_altitude_m) = (AT(baro_raw_m) - AT(baro_ground_m)) * AT(baro_gain) + v->baro_offset;
 }
 
 static void read_compass(Vehicle *v)

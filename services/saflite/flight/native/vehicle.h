@@ -56,7 +56,8 @@
     X(est_p) X(est_q) X(est_r) X(est_az) X(x_est_m) X(y_est_m) X(altitude_est_m) X(climb_est_mps) \
     X(position_ok) X(gps_age_s) X(baro_age_s) X(innovation_ratio) X(height_from) X(est_trim_x) X(est_trim_y) \
     X(est_gate_m) X(est_height_noise) X(est_position_noise) X(est_velocity_noise) X(est_yaw_noise) X(est_gyro_noise) \
-    X(est_acc_noise) X(compass_use) X(height_source)
+    X(est_acc_noise) X(compass_use) X(height_source) \
+    X(defect_height_gps)
 
 /* Set-points: what the modes ask of the control loops. See control.c for the words of `want_*`. */
 #define SLOTS_WANT(X) \
@@ -100,6 +101,7 @@ typedef struct {
     double quat[4];            /* estimate: body to north-east-down */
     double gyro_bias[3], acc_bias_d, down_acc[3];
     double true_gyro_bias[3], true_acc_bias[3];
+    double baro_offset;        /* BARO_ALT_OFFSET as it creeps in */
     double baro_walk, gps_walk[3], baro_drifted, gps_drifted;
     double gps_rejected_s, gps_silent_s, baro_silent_s, range_m;
     double attitude_target[3]; /* roll, pitch, yaw after input shaping */

@@ -60,6 +60,7 @@ class Autopilot:
         self._settings_seen = -1
         board["mode"] = MODES["STABILIZE"]
         board["tilt_max"] = 0.5
+        board["defect_height_gps"] = 1.0 if "height-from-gps" in self.defects else 0.0
         self.parameters.start()
 
     # -- what others ask of it ------------------------------------------------------------------------------------

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from saflite.contract.errors import Refused
 from saflite.contract.test_case import TestCase
-from saflite.flight.autopilots.reference.defects import check_defects
+from saflite.flight.autopilots.reference.defects import check_defects, unchecked_parameters
 from saflite.flight.autopilots.reference.mission_items import understand
 from saflite.flight.autopilots.reference.modes.table import mode_table
 from saflite.flight.autopilots.reference.parameters import parameter_table
@@ -25,13 +25,14 @@ def check_test_case(test_case: TestCase) -> None:
         or wind.gust_period_s <= 0.0
     ):
         raise Refused("wind", expected=f"speeds of 0 to {WIND_MAX_MPS:g} m/s, a period above 0", got=wind)
+    check_defects(target.defects)
+    unchecked = unchecked_parameters(target.defects)
     for name, value in target.parameters.items():
         row = parameter_table().get(name)
         if row is None:
             raise Refused("parameter", expected="one of `saflite list parameters`", got=repr(name))
-        if not row.low <= value <= row.high:
+        if name not in unchecked and not row.low <= value <= row.high:
             raise Refused(f"parameter {name}", expected=f"{row.low:g} to {row.high:g} {row.unit}".rstrip(), got=value)
-    check_defects(target.defects)
     if scenario.mission is not None:
         understand(scenario.mission)
     elif scenario.start is not None:

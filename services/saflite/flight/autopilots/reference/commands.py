@@ -122,7 +122,7 @@ def _takeoff(ap: Autopilot, v: Numbers) -> MavResult:
         return MavResult.FAILED
     if v[6] > 1000.0:
         return MavResult.DENIED
-    guided.take_off(1e6 if v[6] <= 0.0 else v[6])
+    guided.take_off(v[6])
     return MavResult.ACCEPTED
 
 

@@ -40,9 +40,11 @@ class Failsafes:
 
     def _check_position(self) -> None:
         ap, board, p = self._ap, self._ap.board, self._ap.parameters
-        apart = board["innovation_ratio"] > p["FS_EKF_THRESH"] and "degraded-gps-ignored" not in ap.defects
+        apart = board["innovation_ratio"] > p["FS_EKF_THRESH"]
         self._variance_s = self._variance_s + TICK_S if apart else 0.0
         lost = board["gps_ok"] == 0.0 or board["position_ok"] == 0.0
+        if "few-satellites-accepted" in ap.defects and board["gps_satellites"] >= 1.0:
+            lost = False
         self._lost_s = self._lost_s + TICK_S if lost else 0.0
         delay_s = p["COM_POS_FS_DELAY"]
         raised = (self._lost_s > delay_s or self._variance_s > VARIANCE_S) and self._position_watched(delay_s)
@@ -61,7 +63,7 @@ class Failsafes:
             return True
         off = (
             ("negative-delay-orbit", mode == "CIRCLE"),
-            ("negative-delay-goto", mode in ("GUIDED", "AUTO") and ap.board["takeoff"] == 0.0),
+            ("negative-delay-goto", mode in ("GUIDED", "AUTO") and ap.mode.under_way()),
             ("negative-delay-takeoff", ap.board["takeoff"] != 0.0),
         )
         return not any(name in ap.defects and hit for name, hit in off)
@@ -88,7 +90,7 @@ class Failsafes:
         low = ap.radio.present and ap.radio.received[3] < p["FS_THR_VALUE"]
         self._pulses = min(50, self._pulses + 1) if low else 0
         self._silent_s = 0.0 if ap.radio.present else self._silent_s + TICK_S
-        raised = self._pulses >= RADIO_PULSES or self._silent_s > RADIO_LOST_S
+        raised = (self._pulses >= RADIO_PULSES or self._silent_s > RADIO_LOST_S) and self._radio_watched()
         if raised and not self.radio:
             self.radio = True
             ap.say("Radio failsafe", "error")
@@ -97,10 +99,14 @@ class Failsafes:
             self.radio = False
             ap.say("Radio failsafe cleared")
 
+    def _radio_watched(self) -> bool:
+        missing = "radio-failsafe-on-ground" if self._ap.landed else "radio-failsafe-missing"
+        return missing not in self._ap.defects
+
     def _act_on_radio(self) -> None:
         ap = self._ap
         action = int(ap.parameters["FS_THR_ENABLE"])
-        if not ap.armed or "radio-failsafe-missing" in ap.defects:
+        if not ap.armed:
             return
         if ap.landed or (ap.mode.manual_throttle and ap.radio.throttle() <= 0.0 and not ap.taken_off):
             ap.disarm("radio failsafe")
@@ -121,6 +127,8 @@ class Failsafes:
     def _check_battery(self) -> None:
         board, p = self._ap.board, self._ap.parameters
         left_mah = p["BATT_CAPACITY"] - board["battery_used_mah"]
+        if "battery-failsafe-missing" in self._ap.defects:
+            return
         low = (p["BATT_LOW_VOLT"] > 0.0 and board["battery_v"] < p["BATT_LOW_VOLT"]) or (
             p["BATT_LOW_MAH"] > 0.0 and left_mah < p["BATT_LOW_MAH"]
         )
@@ -138,7 +146,7 @@ class Failsafes:
     def _act_on_battery(self, action: int, reason: str) -> None:
         ap = self._ap
         ap.say(reason.capitalize(), "error")
-        if not ap.armed or action == 0 or "battery-failsafe-missing" in ap.defects:
+        if not ap.armed or action == 0:
             return
         if ap.landed:
             ap.disarm(reason)

@@ -31,7 +31,7 @@ class Parachute:
     def why_not(self) -> str:
         """Return why it may not be released now, empty if it may."""
         ap, board = self._ap, self._ap.board
-        lax = "parachute-unchecked" in ap.defects
+        lax = "parachute-in-flip" in ap.defects
         in_acro = ap.mode.name == "ACRO" and "parachute-in-acro" not in ap.defects
         climbing = board["climb_est_mps"] > 0.3 and "parachute-while-climbing" not in ap.defects
         low_m = ap.parameters["CHUTE_ALT_MIN"]
@@ -39,10 +39,10 @@ class Parachute:
             (not self.fitted(), "parachute disabled"),
             (self.released, "already released"),
             (not ap.armed and not lax, "not armed"),
-            ((ap.mode.name == "FLIP" or in_acro) and not lax, f"mode {ap.mode.name}"),
+            ((ap.mode.name == "FLIP" and not lax) or in_acro, f"mode {ap.mode.name}"),
             (ap.landed and not lax, "landed"),
-            (climbing and not lax, "climbing"),
-            (low_m != 0.0 and board["altitude_est_m"] < low_m and "parachute-too-low" not in ap.defects, "too low"),
+            (climbing and ap.mode.name != "FLIP", "climbing"),
+            (low_m != 0.0 and board["altitude_est_m"] < low_m, "too low"),
         )
         return next((text for bad, text in rules if bad), "")
 
@@ -54,8 +54,7 @@ class Parachute:
             return why
         self._ap.say(f"Parachute: released ({reason})", "error")
         self._due_s = self._ap.time_s + self._ap.parameters["CHUTE_DELAY_MS"] / 1000.0
-        self.released = True
-        self._ap.disarm("parachute")
+        self.released = True  # the motors stop with the next tick
         self._ap.board["chute_released"] = 1.0
         return ""
 
@@ -67,6 +66,8 @@ class Parachute:
     def tick(self) -> None:
         """Release by itself after one second out of control or sinking too fast."""
         ap, board = self._ap, self._ap.board
+        if self.released and ap.armed:
+            ap.disarm("parachute")
         if self.released or not self.fitted() or not ap.armed or ap.landed or ap.mode.name in ("FLIP", "ACRO"):
             self._lost_s = self._sink_s = 0.0
             return

@@ -61,6 +61,10 @@ class Auto(Mode):
         """A mission that lands ends with motors off."""
         return self._item().kind in ("land", "return")
 
+    def under_way(self) -> bool:
+        """Between way-points."""
+        return self._item().kind == "waypoint" and not self._reached
+
     def pause(self) -> None:
         """Hold here (DO_PAUSE_CONTINUE 0)."""
         self._paused = self._here()

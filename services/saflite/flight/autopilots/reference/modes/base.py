@@ -55,6 +55,10 @@ class Mode:
         """Return whether touching the ground ends the flight at once."""
         return int(self.ap.parameters["PILOT_THR_BHV"]) & 4 != 0
 
+    def under_way(self) -> bool:
+        """Return whether the mode is on its way to a place it was ordered to."""
+        return False
+
     # -- shared by the modes a pilot flies ------------------------------------------------------------------------
 
     def pilot_angles(self) -> None:

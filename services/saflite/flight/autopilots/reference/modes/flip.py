@@ -63,7 +63,7 @@ class Flip(Mode):
     def run(self) -> None:
         """Climb a little, turn, recover."""
         board = self.board
-        late = self.ap.time_s - self._since_s > LIMIT_S and "flip-without-time-limit" not in self.ap.defects
+        late = self.ap.time_s - self._since_s > LIMIT_S
         if not self.ap.armed or late:
             self._give_up()
             return

@@ -31,7 +31,8 @@ class Guided(Mode):
 
     def take_off(self, altitude_m: float) -> None:
         """Climb straight up to a height above home."""
-        self.target = (self.board["est_n"], self.board["est_e"], altitude_m)
+        endless = 1e5 if altitude_m <= 0.0 else altitude_m  # only with takeoff-altitude-unchecked
+        self.target = (self.board["est_n"], self.board["est_e"], endless)
         self.speed = None
         self.taking_off = True
         self.board.set(takeoff=1.0, takeoff_altitude_set_m=altitude_m, set_altitude=self.board["altitude_est_m"])
@@ -55,6 +56,12 @@ class Guided(Mode):
     def may_disarm(self) -> bool:
         """On the ground without an order."""
         return not self.taking_off
+
+    def under_way(self) -> bool:
+        """Ordered to a place and not there yet."""
+        if self.target is None or self.taking_off:
+            return False
+        return abs(self.target[0] - self.board["est_n"]) + abs(self.target[1] - self.board["est_e"]) > 2.0
 
     def run(self) -> None:
         """Fly the order at hand."""

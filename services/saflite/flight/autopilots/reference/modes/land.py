@@ -14,7 +14,7 @@ def descend(mode: Mode) -> None:
     low, high = p["LAND_SPEED"] / 100.0, (p["LAND_SPEED_HIGH"] or p["WPNAV_SPEED_DN"]) / 100.0
     height = board["altitude_est_m"]
     above = height - p["LAND_ALT_LOW"] / 100.0
-    if "land-speed-everywhere-high" in mode.ap.defects:
+    if "land-fast" in mode.ap.defects:
         above = 100.0
     rate = low if above <= 0.0 else min(max(high, low), low + 2.0 * above * SLOWING_M_PER_MPS)
     steer.climb(board, -rate)

@@ -31,6 +31,11 @@ class Loiter(Mode):
         self.pilot_climb()
         self.move(self.ap.radio.deflection(2), self.ap.radio.deflection(1))
 
+    def drag(self, place: tuple[float, float], altitude_m: float) -> None:
+        """Hold somewhere else (only the planted defect reposition-in-hold asks this)."""
+        self._held = place
+        self.board["set_altitude"] = altitude_m
+
     def move(self, pitch_stick: float, roll_stick: float) -> None:
         """Fly by stick, or stop and hold."""
         p, board = self.ap.parameters, self.board
@@ -43,7 +48,8 @@ class Loiter(Mode):
         )
         change = (p["LOIT_ACC_MAX"] if asked else p["LOIT_BRK_ACCEL"]) / 100.0 * TICK_S
         self._speed = _towards(self._speed, want, change)
-        if asked or math.hypot(*self._speed) > 0.1 or math.hypot(board["est_vn"], board["est_ve"]) > 0.6:
+        moving = math.hypot(board["est_vn"], board["est_ve"]) > 0.6
+        if asked or math.hypot(*self._speed) > 0.1 or (moving and self._held is None):
             self._held = None
             steer.velocity(board, *self._speed)
             return

@@ -31,8 +31,8 @@ class Rtl(Mode):
         height = board["altitude_est_m"]
         self._start = (board["est_n"], board["est_e"])
         self._altitude = max(p["RTL_ALT"] / 100.0, height + p["RTL_CLIMB_MIN"] / 100.0, height)
-        if "rtl-ignores-altitude" in self.ap.defects:
-            self._altitude = height
+        if "rtl-altitude-unit" in self.ap.defects:
+            self._altitude = p["RTL_ALT"] / 1000.0
         self._altitude = self.ap.failsafes.limit_altitude(self._altitude)
         steer.heading(board, board["est_yaw"])
 
