@@ -176,7 +176,12 @@ class Field:
         port = free_endpoint().rpartition(":")[2]
         self.endpoint = f"tcp/{'127.0.0.1' if self.network.why_not else HOST_IP}:{port}"
         fliers = [Role("fly-1", "fly"), Role("fly-2", "fly", self.network.prefix)]
-        stages = [Role("mutate-1", "mutate"), Role("score-1", "score"), Role("judge-1", "judge"), Role("record-1", "record")]
+        stages = [
+            Role("mutate-1", "mutate"),
+            Role("score-1", "score"),
+            Role("judge-1", "judge"),
+            Role("record-1", "record"),
+        ]
         cast = [Role("router", "router"), Role("books", "books"), *stages, *fliers]
         self.farm = LocalFarm("soak", self.run_dir, cast, target_files=[TARGET_FILE], endpoint=self.endpoint)
         self.watcher = Watcher(self.endpoint, "soak")
@@ -212,7 +217,3 @@ def orphans() -> list[str]:
             if mark in (folder / "environ").read_bytes().split(b"\0"):
                 found.append((folder / "cmdline").read_bytes().replace(b"\0", b" ").decode())
     return found
-
-
-
-

@@ -1,0 +1,170 @@
+"""The soak itself: starts the farm, injects faults, lets the campaign end, audits, prints the figures."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import logging
+import shutil
+import sys
+from collections import Counter
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from faults import HEAVY, KINDS, Done, Kit
+from field import Field
+from figures import figures_of, is_clean
+from rogue import Rogue
+
+from saflite.bus.zenoh import leave_process
+from saflite.contract.errors import FarmError
+from saflite.contract.rng import derive
+from saflite.runtime.client import FarmClient
+
+POLL_S = 0.02
+WARM_UP_S = 5.0
+END_PATIENCE_S = 180.0
+LAST_FLIGHTS = 24  # how many more flights the campaign may make once the faults are over
+
+
+class Injected(NamedTuple):
+    """One fault as it happened."""
+
+    kind: str
+    whom: str
+    at_s: float
+    at_unix_s: float
+
+
+class Siege:
+    """Injects faults in a shuffled order, every kind as often as any other (heavy ones less often)."""
+
+    def __init__(self, field: Field, kit: Kit, per_minute: float) -> None:
+        self._field, self._kit, self._gap_s = field, kit, 60.0 / per_minute
+        self._deck: list[str] = []
+        self._undo: list[tuple[float, str, Done]] = []
+        self._passes = 0
+        self.injected: list[Injected] = []
+
+    def run(self, duration_s: float) -> None:
+        """Besiege the farm for a while, then heal everything."""
+        clock = self._field.clock
+        until_s = clock.monotonic_s() + duration_s
+        next_s = clock.monotonic_s() + WARM_UP_S
+        while (now_s := clock.monotonic_s()) < until_s:
+            self._field.farm.poll()
+            self._heal(now_s)
+            if now_s >= next_s:
+                self._inject(now_s)
+                next_s = max(next_s + self._gap_s, now_s)
+            clock.sleep_s(POLL_S)
+        self._heal(float("inf"))
+
+    def _inject(self, now_s: float) -> None:
+        for _ in range(len(KINDS)):
+            kind = self._draw()
+            if any(kind == other for _, other, _ in self._undo):
+                continue  # such a one is under way
+            done = KINDS[kind](self._kit)
+            if done is None:
+                continue
+            self.injected.append(Injected(kind, done.whom, now_s, self._field.clock.unix_s()))
+            if done.undo is not None:
+                self._undo.append((now_s + done.after_s, kind, done))
+            return
+
+    def _draw(self) -> str:
+        if not self._deck:
+            self._passes += 1
+            kinds = [kind for kind in KINDS if kind not in HEAVY or self._passes % 2]
+            self._deck = [kinds[place] for place in self._kit.rng.permutation(len(kinds))]
+        return self._deck.pop()
+
+    def _heal(self, now_s: float) -> None:
+        for entry in [entry for entry in self._undo if entry[0] <= now_s]:
+            self._undo.remove(entry)
+            if entry[2].undo is not None:
+                entry[2].undo()
+
+
+def run(options: argparse.Namespace) -> dict[str, Any]:
+    """Run one soak and return its figures."""
+    field = Field(options.rng_seed, options.fault_share)
+    rogue = Rogue(field.endpoint, field.campaign.name, derive(options.rng_seed, "rogue"))
+    siege = Siege(field, Kit(field, rogue, derive(options.rng_seed, "siege"), options.freeze_s), options.faults_per_min)
+    try:
+        field.start()
+        rogue.start()
+        siege.run(60.0 * options.minutes)
+        rogue.end()
+        ended = _let_end(field)
+        left = field.stop()
+        figures = figures_of(field, siege.injected, rogue, left, ended)
+        if options.keep:
+            shutil.copytree(field.run_dir, options.keep, ignore=shutil.ignore_patterns("ballast"))
+        return figures
+    finally:
+        field.farm.stop()
+        field.close()
+
+
+def _let_end(field: Field) -> bool:
+    """Give the campaign a last few flights and let it come to its end in peace; return whether it did."""
+    client = FarmClient.connect(field.endpoint, field.campaign.name, tries=None)
+    until_s = field.clock.monotonic_s() + END_PATIENCE_S
+    ordered = False
+    while field.clock.monotonic_s() < until_s and not field.farm.over():
+        field.farm.poll()
+        field.clock.sleep_s(0.2)
+        try:
+            status = client.status(within_s=0.5)
+            if not ordered:
+                ordered = client.order("budget", number=status.flights + LAST_FLIGHTS, within_s=0.5).accepted
+        except FarmError as fault:
+            logging.info("%s", fault)
+            continue
+        if status.state == "ended":
+            client.close()
+            field.watcher.join(10)
+            return True
+    client.close()
+    return field.farm.over()
+
+
+def parser() -> argparse.ArgumentParser:
+    """Return the parser of the command line."""
+    text = argparse.ArgumentParser(prog="scripts/soak", description="Run the real farm under faults, then audit it.")
+    text.add_argument("--minutes", type=float, default=2.0, help="how long faults are injected (default 2)")
+    text.add_argument("--faults-per-min", type=float, default=60.0, help="default 60")
+    text.add_argument("--freeze-s", type=float, default=5.0, help="how long a frozen process stays so (long soak: 30)")
+    text.add_argument("--fault-share", type=float, default=0.05, help="share of test cases that crash or hang")
+    text.add_argument("--rng-seed", type=int, default=1)
+    text.add_argument("--keep", type=Path, help="copy the run folder here at the end")
+    text.add_argument("--json", action="store_true")
+    return text
+
+
+def main(argv: list[str]) -> int:
+    """Run, print, and return 0 if the audit is clean."""
+    options = parser().parse_args(argv)
+    logging.basicConfig(
+        level=logging.ERROR, stream=sys.stderr, format="%(asctime)s %(levelname).1s %(name)s: %(message)s"
+    )
+    figures = run(options)
+    if options.json:
+        print(json.dumps(figures))
+    else:
+        for name, value in figures.items():
+            if isinstance(value, dict):
+                print(name)
+                for key, inner in value.items():
+                    print(f"  {key:32} {inner}")
+            else:
+                print(f"{name:34} {value}")
+    sys.stdout.flush()
+    leave_process(0 if is_clean(figures) else 1)
+
+
+def count_kinds(injected: list[Injected]) -> dict[str, int]:
+    """Return how often each kind was injected."""
+    return dict(sorted(Counter(fault.kind for fault in injected).items()))
