@@ -12,6 +12,7 @@ import subprocess
 import sys
 import time
 
+import msgspec
 import numpy as np
 
 from saflite.contract.errors import Refused, Unavailable
@@ -34,7 +35,7 @@ def fly(test_case: TestCase, cancelled: Cancelled) -> FlightRecord:
     if fault == FLY:
         from saflite.simulator_worker.targets import reference
 
-        return reference.fly(test_case, cancelled)
+        return reference.fly(_plain(test_case), cancelled)
     if fault == CRASH:
         os.kill(os.getpid(), signal.SIGSEGV)
     if fault == HANG:
@@ -50,6 +51,13 @@ def fly(test_case: TestCase, cancelled: Cancelled) -> FlightRecord:
         time.sleep(0.01)
     signals = {"altitude_m": np.arange(10, dtype="<f4").tobytes()}
     return FlightRecord("completed", Trace(step_s=0.1, signals=signals))
+
+
+def _plain(test_case: TestCase) -> TestCase:
+    """Return the test case as the reference target knows it."""
+    parameters = {name: value for name, value in test_case.target.parameters.items() if not name.startswith("SOAK_")}
+    target = msgspec.structs.replace(test_case.target, name="reference", parameters=parameters)
+    return msgspec.structs.replace(test_case, target=target)
 
 
 def _drawn(test_case: TestCase) -> int:

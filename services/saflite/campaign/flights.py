@@ -60,6 +60,8 @@ class Flights:
         elif flight.ending == "wedged":
             task.losses += 1
             self._try_again(task, "wedged", flight.message, task.losses >= limits.attempts_max)
+        elif flight.ending == "lost":  # the simulator process died under the worker
+            self.on_lost(task, flight.message)
         else:
             self.on_failure(task, flight.message)
 

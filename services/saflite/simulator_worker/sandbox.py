@@ -52,7 +52,7 @@ class Sandbox:
         try:
             return wire.decode(pipe.recv_bytes(), Ready).targets
         except (EOFError, OSError) as fault:
-            raise Unavailable(f"simulator process did not come up: {self.kill()}") from fault
+            raise Unavailable(f"simulator process did not come up: {self.kill(has_died=True)}") from fault
 
     def fly(self, test_case: TestCase, wall_limit_s: float, cancelled: Cancelled) -> Landed:
         """Fly once; `wedged` past `wall_limit_s`, `lost` if the process died, `infra` if it never came up.
@@ -70,7 +70,9 @@ class Sandbox:
             pipe.send_bytes(wire.encode(Order(number=self._flights, test_case=test_case)))
             landed = self._wait(pipe, wall_limit_s, cancelled)
         except (EOFError, OSError):
-            return Landed(number=self._flights, ending="lost", message=f"simulator process died: {self.kill()}")
+            return Landed(
+                number=self._flights, ending="lost", message=f"simulator process died: {self.kill(has_died=True)}"
+            )
         self._tidy()
         if landed.trouble == "refused":
             raise Refused("test case", expected="one the target can fly", got=landed.message)
@@ -111,6 +113,13 @@ class Sandbox:
 
     # -- the child ------------------------------------------------------------------------------------------------
 
+    @staticmethod
+    def _ending_of(process: subprocess.Popen[bytes]) -> int | None:
+        try:
+            return process.wait(TERM_GRACE_S)
+        except subprocess.TimeoutExpired:
+            return None
+
     def _running(self) -> Connection:
         if self._process is not None and self._process.poll() is not None:
             self.kill()
@@ -135,15 +144,18 @@ class Sandbox:
         self._flights = 0
         return self._pipe
 
-    def kill(self) -> str:
-        """End the child, its process group and its orphans; return in words how the child had ended."""
+    def kill(self, *, has_died: bool = False) -> str:
+        """End the child, its process group and its orphans; return in words how the child had ended.
+
+        `has_died` says that its end of the pipe is closed, so that its own ending is about to show.
+        """
         process, self._process = self._process, None
         if self._pipe is not None:
             self._pipe.close()
             self._pipe = None
         if process is None:
             return "not running"
-        died = process.poll()
+        died = self._ending_of(process) if has_died else process.poll()
         signal_group(process.pid, signal.SIGTERM)
         try:
             process.wait(TERM_GRACE_S)
