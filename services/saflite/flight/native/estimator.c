@@ -102,7 +102,8 @@ void estimator_step(Vehicle *v)
     publish(v, r);
 }
 
-/* Without GPS: let gravity, as far as the accelerometer shows it, level the attitude. */
+/* Without GPS: let gravity, as far as the accelerometer shows it, level the attitude. Weakly: a multirotor's
+ * accelerometer reads thrust along its own axis however it leans, so the gyros know better for minutes. */
 static void level_by_gravity(Vehicle *v)
 {
     double r[9];
@@ -111,7 +112,7 @@ static void level_by_gravity(Vehicle *v)
     if (size < 0.7 * GRAVITY || size > 1.3 * GRAVITY)
         return;
     const double un = (r[0] * x + r[1] * y + r[2] * z) / size, ue = (r[3] * x + r[4] * y + r[5] * z) / size;
-    const double gain = 0.012 * (0.35 / AT(est_acc_noise));
+    const double gain = 0.003 * (0.35 / AT(est_acc_noise));
     const double turn[3] = {-gain * ue, gain * un, 0.0}; /* measured up is (un, ue, .), it should be (0, 0, -1) */
     turn_world(v->quat, turn);
 }
@@ -125,7 +126,7 @@ static void correct_tilt(Vehicle *v, double dvn, double dve)
     turn_world(v->quat, turn);
     rotation_of(v->quat, r);
     for (int i = 0; i < 3; i++)
-        v->gyro_bias[i] = clamp(v->gyro_bias[i] - 0.05 * (r[i] * turn[0] + r[3 + i] * turn[1]), -0.1, 0.1);
+        v->gyro_bias[i] = clamp(v->gyro_bias[i] - 0.02 * (r[i] * turn[0] + r[3 + i] * turn[1]), -0.1, 0.1);
 }
 
 /* The antenna does not sit in the centre of gravity: take its lever arm out, as the parameters give it. */

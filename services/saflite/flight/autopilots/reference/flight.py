@@ -23,6 +23,7 @@ STEPS_PER_TICK = round(TICK_S / STEP_S)
 READY_S = 19.5  # from log start to take-off on the real vehicle
 MISSION_YAW_DEG = 90.0  # the competition's vehicle stands nose east
 SETTLE_S = 5.0
+GROUND_THROTTLE_PWM, MID_THROTTLE_PWM = 1000.0, 1500.0
 TRACE_STEP_S = 0.05
 TRACE_STEP_FINE_S = 0.02
 AFTER_S = 2.0  # recorded after the end
@@ -118,8 +119,11 @@ class ReferenceFlight:
             autopilot.arm()
 
     def _start_on_the_ground(self) -> None:
+        self.autopilot.radio.stick(3, GROUND_THROTTLE_PWM)
         self._settle(SETTLE_S)
         self.autopilot.set_mode(self.start.mode, "start")
+        if self.autopilot.mode.autonomous:
+            self.autopilot.radio.stick(3, MID_THROTTLE_PWM)
         if self.start.armed:
             self.autopilot.arm(force=True)
 

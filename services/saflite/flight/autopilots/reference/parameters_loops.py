@@ -136,7 +136,7 @@ ROWS: tuple[Row, ...] = (
     Row("MOT_SPIN_MIN", 0.1, 0, 0.2, "", "least motor output in flight", "k_spin_min", reboot=True),
     Row("MOT_SPIN_MAX", 0.95, 0.9, 1, "", "greatest motor output", "k_spin_max", reboot=True),
     Row("MOT_THST_EXPO", 0.65, 0.25, 0.8, "", "bend of the thrust curve", "k_expo", reboot=True),
-    Row("MOT_THST_HOVER", 0.27, 0.2, 0.4, "", "throttle that hovers, learned in flight", "hover", reboot=True),
+    Row("MOT_THST_HOVER", 0.22, 0.15, 0.4, "", "throttle that hovers, learned in flight", "hover", reboot=True),
     Row("MOT_SLEW_UP_TIME", 0, 0, 0.2, "s", "time from no to full output", "k_slew_up"),
     Row("MOT_SLEW_DN_TIME", 0, 0, 0.2, "s", "time from full to no output", "k_slew_dn"),
     Row("INS_GYRO_FILTER", 50, 30, 200, "Hz", "filter of the gyros", "k_gyro_filter"),

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from saflite.flight.autopilots.reference.autopilot import Autopilot
 
 TICK_S = 0.02
+LEASH_M = 2.0  # how far a pilot's target height may be ahead of the vehicle
 
 
 class Mode:
@@ -93,7 +94,8 @@ class Mode:
         change = p["PILOT_ACCEL_Z"] / 100.0 * TICK_S
         rate = min(board["set_climb"] + change, max(board["set_climb"] - change, rate))
         height = board["altitude_est_m"]
-        target = min(height + 2.0, max(height - 2.0, board["set_altitude"] + rate * TICK_S))
+        leash = LEASH_M if "flip-wrong-altitude" not in ap.defects else 1000.0
+        target = min(height + leash, max(height - leash, board["set_altitude"] + rate * TICK_S))
         down = (p["PILOT_SPEED_DN"] or p["PILOT_SPEED_UP"]) / 100.0
         steer.altitude(board, target, p["PILOT_SPEED_UP"] / 100.0 + 0.5, down + 0.5, rate)
 
