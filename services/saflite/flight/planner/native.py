@@ -24,6 +24,9 @@ _SIGNATURES: dict[str, tuple[object, tuple[object, ...]]] = {
     "planner_probe_histogram": (None, (POINTER, POINTER, INT, POINTER, POINTER)),
     "planner_probe_costs": (None, (POINTER, POINTER, INT, POINTER, POINTER, POINTER, POINTER, POINTER)),
     "boxes_distances": (None, (POINTER, INT, POINTER, INT, POINTER)),
+    "follower_start": (None, (POINTER, POINTER, POINTER)),
+    "follower_leg": (None, (POINTER, POINTER, POINTER, POINTER, ctypes.c_double)),
+    "follower_step": (None, (POINTER, POINTER, POINTER, POINTER, POINTER, POINTER, ctypes.c_double)),
     "kinematic_fly": (
         None,
         (POINTER, POINTER, POINTER, POINTER, INT, POINTER, INT, ctypes.c_uint64, POINTER, INT, POINTER),
