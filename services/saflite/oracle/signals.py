@@ -42,7 +42,7 @@ class FlightSignals:
     def __init__(self, test_case: TestCase, flight: Flight, trace: Trace) -> None:
         self._test_case, self._flight, self._trace = test_case, flight, trace
         self._made: dict[str, Array] = {}
-        self.samples, self.step_s = trace.samples, trace.step_s
+        self.samples, self.step_s, self.written = trace.samples, trace.step_s, frozenset(trace.signals)
         self._makers: dict[str, tuple[tuple[str, ...], Callable[[], Any]]] = {
             "time_s": ((), self._time),
             "quiet_s": ((), lambda: self._quiet(STIMULI)),
