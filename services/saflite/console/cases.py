@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -32,6 +33,21 @@ def load_case(path: Path) -> TestCase:
 
         return read_case(path)
     raise Refused("test case", where=str(path), expected=KINDS, got=path.suffix or "no suffix")
+
+
+def check_layout(case: TestCase, where: str, anywhere: bool = False) -> None:
+    """Raise Refused for boxes that overlap, leave the competition's area or exceed four; `anywhere` lifts the rules.
+
+    What is no box at all (sizes of zero, numbers that are none) and overlap are refused either way.
+    """
+    from saflite.flight import geometry
+
+    boxes = case.scenario.obstacles
+    if anywhere:
+        endless = geometry.Area(-math.inf, math.inf, -math.inf, math.inf)
+        geometry.check_layout(boxes, endless, max_count=len(boxes), where=where)
+    else:
+        geometry.check_layout(boxes, where=where)
 
 
 def with_changes(

@@ -81,6 +81,8 @@ def _check_sums(path: Path) -> None:
     The reader checks chunks and attachments only. Layout after the MCAP specification: DataEnd (13 bytes, checksum of
     all before it), summary, footer (29 bytes, checksum of the summary and of the footer before it), magic.
     """
+    if not path.is_file():
+        raise Refused("recording", where=str(path), expected="a readable file", got="none")
     data = path.read_bytes()
     if len(data) < _TAIL + len(_MAGIC) or not data.startswith(_MAGIC) or not data.endswith(_MAGIC):
         raise ValueError("it does not begin and end as MCAP files do")

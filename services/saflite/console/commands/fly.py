@@ -31,6 +31,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--wall-limit", type=float, default=300.0, metavar="S", help="give up after so many seconds")
     parser.add_argument("--target-module", type=Path, action="append", default=[], help="target from outside")
     parser.add_argument("--out", type=Path, help="write a recording (.mcap)")
+    parser.add_argument("--anywhere", action="store_true", help="allow boxes outside the competition's area and count")
     parser.add_argument("--all", action="store_true", help="show policies that have nothing to say of this flight, too")
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
 
@@ -50,6 +51,7 @@ def run(args: argparse.Namespace) -> int:
         parameters=args.parameter,
         rng_seed=args.rng_seed,
     )
+    cases.check_layout(case, str(args.case), args.anywhere)
     flown = judging.fly(case, args.wall_limit, args.target_module)
     if flown.flight.ending not in FLOWN_ENDINGS:
         raise Unavailable(f"the flight ended as {flown.flight.ending}: {flown.flight.message}")

@@ -9,6 +9,10 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from saflite.contract.test_case import TestCase
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -23,7 +27,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Score one batch and print it, the most interesting first."""
-    from saflite.console import cases, out
+    from saflite.console import out
     from saflite.contract.score import band
     from saflite.contract.work import ScoreResult, ScoreWork
     from saflite.runtime.clock import WallClock
@@ -37,7 +41,7 @@ def run(args: argparse.Namespace) -> int:
         model=args.scorer,
         shadow=(),
         policies=tuple(args.policy) or ("min-obstacle-distance",),
-        test_cases=tuple(cases.load_case(path) for path in args.cases),
+        test_cases=tuple(_checked(path) for path in args.cases),
         rng_seed=args.rng_seed,
         deadline_s=args.deadline,
     )
@@ -59,3 +63,11 @@ def run(args: argparse.Namespace) -> int:
     answered = sorted({score.scored_by for score in result.scores})
     out.line(f"asked {args.scorer}, answered by {', '.join(answered)}")
     return 0
+
+
+def _checked(path: Path) -> TestCase:
+    from saflite.console import cases
+
+    case = cases.load_case(path)
+    cases.check_layout(case, str(path))
+    return case
