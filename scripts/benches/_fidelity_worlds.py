@@ -13,8 +13,6 @@ from saflite.flight.geometry import boxes_array
 from saflite.flight.mission import builtin_mission, waypoints
 from saflite.flight.planner.kinematic import KinematicSettings, fly_kinematic
 
-START_S = 19.5  # real logs begin this long before take-off
-
 
 class Flown(NamedTuple):
     """One flight: `track` has rows x, y, z (m); `duration_s` counts from the start of a real log."""
@@ -64,7 +62,7 @@ class JSBSim:
         every = max(1, round(0.5 / record.trace.step_s))
         columns = [record.trace.array(name)[::every].astype(float) for name in ("x_m", "y_m", "altitude_m")]
         distance_m = float(record.trace.array("obstacle_distance_m").min())
-        return Flown(distance_m, record.trace.duration_s + START_S, np.stack(columns, axis=1))
+        return Flown(distance_m, record.trace.duration_s, np.stack(columns, axis=1))
 
 
 WORLDS: dict[str, type[Kinematic] | type[JSBSim]] = {"kinematic": Kinematic, "jsbsim": JSBSim}

@@ -15,6 +15,7 @@ from saflite.flight.autopilots.reference.modes.base import TICK_S, Mode
 from saflite.flight.autopilots.reference.modes.land import descend
 
 PLAN_EVERY_TICKS = 5  # 10 Hz
+FOLLOW_EVERY_TICKS = 2  # 25 Hz
 HEIGHT_M, HEIGHT_STALL_S, BRAKE_MPS = 0.5, 2.0, 0.5
 POSITION_P, HEIGHT_P = 0.95, 1.0  # MPC_XY_P, MPC_Z_P: the gains PX4 flies avoidance set-points with
 
@@ -37,6 +38,7 @@ class Auto(Mode):
         self._reached = False
         self._jumps: dict[int, int] = {}
         self._set_point: tuple[float, float, float, float] | None = None
+        self._trajectory: list[float] = []
         self._paused: Point | None = None
         self.done = False
 
@@ -218,12 +220,20 @@ class Auto(Mode):
             return
         if self._ticks % PLAN_EVERY_TICKS == 0 or self._set_point is None:
             self._set_point = avoidance.set_point(self.ap.time_s, goal, self._previous)
+        if self._ticks % FOLLOW_EVERY_TICKS == 0 or not self._trajectory:
+            self._trajectory = avoidance.follow(
+                self.ap.time_s, self._set_point[:3], goal, self._previous, FOLLOW_EVERY_TICKS * TICK_S
+            )
         self._ticks += 1
-        north, east, up_m, yaw = self._set_point
-        speed_n, speed_e = POSITION_P * (north - board["est_n"]), POSITION_P * (east - board["est_e"])
+        yaw = self._set_point[3]
+        north, east, up_m, speed_n, speed_e, climb = self._trajectory
+        speed_n, speed_e = (
+            speed_n + POSITION_P * (north - board["est_n"]),
+            speed_e + POSITION_P * (east - board["est_e"]),
+        )
         scale = min(1.0, plane / max(1e-6, math.hypot(speed_n, speed_e)))
         steer.velocity(board, speed_n * scale, speed_e * scale)
-        steer.altitude(board, self.ap.failsafes.limit_altitude(up_m), up, down)
+        steer.altitude(board, self.ap.failsafes.limit_altitude(up_m), up, down, climb)
         if self.ap.yaw_order_rad is not None:
             yaw = self.ap.yaw_order_rad
         steer.heading(board, yaw)
