@@ -6,7 +6,6 @@ import os
 import signal
 from collections.abc import Callable
 from contextlib import suppress
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +14,6 @@ from rogue import Rogue
 
 from saflite.simulator_worker.processes import children
 
-FSYNC, FDATASYNC, PWRITE = "74", "75", "18"
 COMMIT_HUNT_S = 1.5
 
 
@@ -61,14 +59,16 @@ def killer(kind: str) -> Fault:
 
 
 def kill_in_commit(kit: Kit) -> Done | None:
-    """Kill the books while a thread of theirs is in fsync, fdatasync or pwrite."""
+    """Kill the books the moment their write-ahead log changes: in the middle of a commit, or just after it."""
     pid = kit.field.farm.pids().get("books")
-    if pid is None or os.geteuid() != 0:
+    log = kit.field.run_dir / "books.sqlite-wal"
+    if pid is None or not log.exists():
         return None
+    before = log.stat().st_mtime_ns, log.stat().st_size
     until_s = kit.field.clock.monotonic_s() + COMMIT_HUNT_S
     while kit.field.clock.monotonic_s() < until_s:
-        with suppress(OSError):
-            if Path(f"/proc/{pid}/syscall").read_text().split(" ", 1)[0] in (FSYNC, FDATASYNC, PWRITE):
+        with suppress(FileNotFoundError):
+            if (log.stat().st_mtime_ns, log.stat().st_size) != before:
                 os.kill(pid, signal.SIGKILL)
                 return Done("books")
     return None

@@ -19,16 +19,19 @@ if TYPE_CHECKING:
     from siege import Injected
 
 NOTICED_WITHIN_S = 30.0
+APART_S = 4.0
+CENTRE = ("books", "router", "network", "disk")
 
 
 def figures_of(
     field: Field, injected: Sequence[Injected], rogue: Rogue, left: list[str], ended: bool
 ) -> dict[str, Any]:
     """Return all figures, the audit's included."""
-    counts = Counter(fault.kind for fault in injected)
+    tricks = Counter(rogue.played)
+    counts = Counter(fault.kind for fault in injected if fault.kind not in rogue.TRICKS) + tricks
     from_cases = _attempts_that(field, "lost", "wedged")
     return {
-        "faults_injected": len(injected),
+        "faults_injected": counts.total(),
         "faults_by_kind": dict(sorted(counts.items())),
         "not_possible_here": _not_possible(field, counts),
         "attempts_lost": from_cases.get("lost", 0),
@@ -42,9 +45,9 @@ def figures_of(
         "garbage_scores_taken": rogue.garbage_taken,
         "replays_sent": rogue.replays,
         "replays_taken": rogue.replays_taken,
-        "frozen_worker_noticed_s": _spread(_noticed(field, [fault for fault in injected if "freeze" in fault.kind])),
-        "killed_worker_noticed_s": _spread(_noticed(field, [fault for fault in injected if "kill" in fault.kind])),
-        "work_freed_after_s": _spread(_freed(field, injected)),
+        "frozen_worker_noticed_s": _spread(_noticed(field, _alone(injected, "freeze"))),
+        "killed_worker_noticed_s": _spread(_noticed(field, _alone(injected, "kill"))),
+        "work_freed_after_s": _spread(_freed(field, _alone(injected, ""))),
         "books_rebuilt_in_s": _spread(_rebuilt(field)),
         "books_back_after_kill_s": _spread(_away(field, injected)),
         "audit": audit(field.run_dir),
@@ -81,17 +84,37 @@ def _not_possible(field: Field, counts: Counter[str]) -> list[str]:
     return [f"{kind}: {why}" for kind, why in reasons.items() if why and not counts[kind]]
 
 
+def _alone(injected: Sequence[Injected], kind: str) -> list[Injected]:
+    """Return the faults of a kind to workers while books, router, network and disk were well."""
+    workers = [fault for fault in injected if kind in fault.kind and fault.whom.rpartition("-")[2].isdigit()]
+    centre = [fault for fault in injected if any(word in fault.kind for word in CENTRE)]
+    return [
+        fault
+        for fault in workers
+        if not any(ill.at_s < fault.at_s + APART_S and fault.at_s < ill.until_s + APART_S for ill in centre)
+    ]
+
+
 def _noticed(field: Field, injected: Sequence[Injected]) -> list[float]:
-    """Return how long after a fault to a worker the books announced that it was gone."""
+    """Return how long after a fault to a worker the books wrote down that it was gone."""
     waits: list[float] = []
     for fault in injected:
-        for at_s, event in field.watcher.events:
-            fact = event.fact
+        if not _was_there(field, fault):
+            continue
+        for _, event in field.watcher.events:
+            fact, wait_s = event.fact, event.at_unix_s - fault.at_unix_s
             gone = isinstance(fact, WorkerChanged) and fact.worker == fault.whom and not fact.present
-            if gone and 0 <= at_s - fault.at_s < NOTICED_WITHIN_S:
-                waits.append(at_s - fault.at_s)
+            if gone and -0.01 <= wait_s < NOTICED_WITHIN_S:
+                waits.append(max(0.0, wait_s))
                 break
     return waits
+
+
+def _was_there(field: Field, fault: Injected) -> bool:
+    """Return whether the worker had joined when the fault hit it (it may have been on its way back)."""
+    facts = [event.fact for _, event in field.watcher.events if event.at_unix_s < fault.at_unix_s]
+    changes = [fact for fact in facts if isinstance(fact, WorkerChanged) and fact.worker == fault.whom]
+    return bool(changes) and changes[-1].present
 
 
 def _freed(field: Field, injected: Sequence[Injected]) -> list[float]:
@@ -99,9 +122,8 @@ def _freed(field: Field, injected: Sequence[Injected]) -> list[float]:
     waits: list[float] = []
     rows = _query(field, "SELECT worker, from_unix_s, to_unix_s FROM attempts WHERE how = 'lost'")
     for fault in injected:
-        ends = [end for worker, start, end in rows if worker == fault.whom and start <= fault.at_unix_s <= end]
-        if ends:
-            waits.append(min(ends) - fault.at_unix_s)
+        held = [to_s for worker, from_s, to_s in rows if worker == fault.whom and from_s <= fault.at_unix_s <= to_s]
+        waits += [min(held) - fault.at_unix_s] if held else []
     return waits
 
 

@@ -33,6 +33,7 @@ from saflite.contract.work import (
 from saflite.runtime.clock import WallClock
 
 BURST = 20
+GRAB_S = 10.0
 
 
 class Rogue(threading.Thread):
@@ -163,7 +164,7 @@ class Rogue(threading.Thread):
     # -- talking --------------------------------------------------------------------------------------------------
 
     def _grab(self, stage: Stage) -> Lease | None:
-        grant = self._ask(topics.work(self._campaign, stage), Ask(worker="rogue", stage=stage, wait_s=3.0), Grant)
+        grant = self._ask(topics.work(self._campaign, stage), Ask(worker="rogue", stage=stage, wait_s=GRAB_S), Grant)
         return grant.leases[0] if grant is not None and grant.leases else None
 
     def _report(self, lease: Lease, result: Result) -> str:
@@ -180,7 +181,7 @@ class Rogue(threading.Thread):
         assert self._bus is not None
         self._tag += 1
         self.messages += 1
-        self._bus.ask(key, payload, self._tag, self._replies.put, 5.0, attachment=attachment)
+        self._bus.ask(key, payload, self._tag, self._replies.put, GRAB_S + 5.0, attachment=attachment)
         while True:
             reply = self._replies.get()
             if reply.tag == self._tag:

@@ -7,13 +7,12 @@ import json
 import logging
 import shutil
 import sys
-from collections import Counter
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from faults import HEAVY, KINDS, Done, Kit
 from field import Field
-from figures import figures_of, is_clean
+from figures import CENTRE, figures_of, is_clean
 from rogue import Rogue
 
 from saflite.bus.zenoh import leave_process
@@ -23,6 +22,7 @@ from saflite.runtime.client import FarmClient
 
 POLL_S = 0.02
 WARM_UP_S = 5.0
+WORKERS_SHARE = 0.25  # of the time only workers are harmed, so that noticing it can be measured
 END_PATIENCE_S = 180.0
 LAST_FLIGHTS = 24  # how many more flights the campaign may make once the faults are over
 
@@ -34,6 +34,7 @@ class Injected(NamedTuple):
     whom: str
     at_s: float
     at_unix_s: float
+    until_s: float
 
 
 class Siege:
@@ -44,12 +45,14 @@ class Siege:
         self._deck: list[str] = []
         self._undo: list[tuple[float, str, Done]] = []
         self._passes = 0
+        self._only_workers_until_s = 0.0
         self.injected: list[Injected] = []
 
     def run(self, duration_s: float) -> None:
         """Besiege the farm for a while, then heal everything."""
         clock = self._field.clock
         until_s = clock.monotonic_s() + duration_s
+        self._only_workers_until_s = clock.monotonic_s() + duration_s * WORKERS_SHARE
         next_s = clock.monotonic_s() + WARM_UP_S
         while (now_s := clock.monotonic_s()) < until_s:
             self._field.farm.poll()
@@ -63,12 +66,14 @@ class Siege:
     def _inject(self, now_s: float) -> None:
         for _ in range(len(KINDS)):
             kind = self._draw()
+            if now_s < self._only_workers_until_s and any(word in kind for word in CENTRE):
+                continue
             if any(kind == other for _, other, _ in self._undo):
                 continue  # such a one is under way
             done = KINDS[kind](self._kit)
             if done is None:
                 continue
-            self.injected.append(Injected(kind, done.whom, now_s, self._field.clock.unix_s()))
+            self.injected.append(Injected(kind, done.whom, now_s, self._field.clock.unix_s(), now_s + done.after_s))
             if done.undo is not None:
                 self._undo.append((now_s + done.after_s, kind, done))
             return
@@ -163,8 +168,3 @@ def main(argv: list[str]) -> int:
                 print(f"{name:34} {value}")
     sys.stdout.flush()
     leave_process(0 if is_clean(figures) else 1)
-
-
-def count_kinds(injected: list[Injected]) -> dict[str, int]:
-    """Return how often each kind was injected."""
-    return dict(sorted(Counter(fault.kind for fault in injected).items()))
