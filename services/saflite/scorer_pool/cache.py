@@ -16,7 +16,7 @@ KEPT_MAX = 50_000
 
 def key_of(test_case: TestCase, briefs: tuple[PolicyBrief, ...], model_digest: str) -> str:
     """Return the key of an answer: what was asked about, under which policies, of which model and template."""
-    words = "\n".join(f"{brief.name}\n{brief.words}" for brief in briefs)
+    words = "\n".join(f"{brief.name}\n{brief.words}\n{brief.state}" for brief in briefs)
     return short_id(f"{TEMPLATE}\n{model_digest}\n{words}\n{canonical(test_case)}".encode())
 
 

@@ -115,7 +115,7 @@ class Aim(NamedTuple):
 @lru_cache(maxsize=512)
 def aim(brief: PolicyBrief) -> Aim:
     """Return what a policy is about."""
-    words = words_of(brief.words) | words_of(brief.name.replace("-", " "))
+    words = words_of(brief.words) | words_of(brief.state) | words_of(brief.name.replace("-", " "))
     parts = {part for signal in brief.signals for part in signal.split("_")}
     states = {SIGNAL_STATES[part] for part in parts if part in SIGNAL_STATES} | (words & frozenset(STATES))
     return Aim(words, frozenset(states), frozenset(brief.inputs))

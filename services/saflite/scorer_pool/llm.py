@@ -23,7 +23,7 @@ from saflite.scorer_pool.cache import Cache, key_of
 from saflite.scorer_pool.chat import Busy, Chat, Question, Spoken
 from saflite.scorer_pool.model import Job, Mark, Sheet
 from saflite.scorer_pool.pace import Pace
-from saflite.scorer_pool.parse import parse
+from saflite.scorer_pool.parse import Reply, parse
 from saflite.scorer_pool.prompt import Prompt, again, answer_schema, build
 
 TOKENS_PER_CASE, TOKENS_BESIDES = 160, 120
@@ -116,6 +116,23 @@ class LanguageModel:
     def close(self) -> None:
         """Stop waiting for anything."""
         self._background.close()
+
+    def answer(self, question: Question, deadline_s: float, cancelled: Cancelled) -> tuple[Reply | None, str]:
+        """Return the reply to a question of any kind, or None and the name of the fault."""
+        try:
+            return self._background.run(self._answer(question, deadline_s), cancelled), ""
+        except TimeoutError:
+            return None, "deadline"
+        except CancelledError:
+            return None, "cancelled"
+        except Refused as fault:
+            return None, f"refused: {fault}"
+        except Unavailable as fault:
+            return None, f"unreachable: {fault}"
+
+    async def _answer(self, question: Question, deadline_s: float) -> Reply:
+        async with asyncio.timeout(deadline_s):
+            return (await self._patiently(question, _Count())).reply
 
     # ---- scoring -----------------------------------------------------------------------------------------------
 

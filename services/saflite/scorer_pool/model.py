@@ -22,7 +22,8 @@ MIDDLE = 5.0
 class PolicyBrief(NamedTuple):
     """What a scorer is told of a policy: the Definition of Interestingness in words, and what is behind it.
 
-    `signals` are the names the formula reads, `show` the state to be shown, `inputs` the inputs that may be mutated.
+    `signals` are the names the formula reads, `show` the state to be shown, `inputs` the inputs that may be mutated;
+    `state` says in words what the caller knows of the current state beyond the test case.
     """
 
     name: str
@@ -30,6 +31,7 @@ class PolicyBrief(NamedTuple):
     signals: tuple[str, ...] = ()
     show: tuple[str, ...] = ()
     inputs: tuple[str, ...] = ()
+    state: str = ""
 
 
 BriefOf = Callable[[str], PolicyBrief]

@@ -68,7 +68,6 @@ def build(
     test_cases: tuple[TestCase, ...],
     briefs: tuple[PolicyBrief, ...],
     history: tuple[Outcome, ...] = (),
-    state: str = "",
 ) -> Prompt:
     """Return the question about `test_cases`, which must differ from one another.
 
@@ -76,14 +75,13 @@ def build(
         test_cases: at least one; the state is taken from the first, for all share template and campaign.
         briefs: the policies to be broken.
         history: earlier outcomes of the campaign.
-        state: further words on the current state, where the caller knows more than the test case says.
     """
     assert test_cases, "a question needs a test case"
     assert len({identity(case) for case in test_cases}) == len(test_cases), "a test case was asked about twice"
     names = keys(test_cases)
     parts = (
         _definition(briefs),
-        _state(test_cases[0], briefs, state),
+        _state(test_cases[0], briefs),
         _environment(test_cases[0]),
         _earlier(history),
         _mutants(test_cases, names),
@@ -146,7 +144,7 @@ def _definition(briefs: tuple[PolicyBrief, ...]) -> str:
     return "\n".join(lines)
 
 
-def _state(case: TestCase, briefs: tuple[PolicyBrief, ...], state: str) -> str:
+def _state(case: TestCase, briefs: tuple[PolicyBrief, ...]) -> str:
     lines = ["# Current system state", f"vehicle: multicopter with autopilot '{name(case.target.name)}'"]
     if case.target.parameters:
         pairs = (f"{name(key)} = {number(value)}" for key, value in sorted(case.target.parameters.items()))
@@ -159,7 +157,7 @@ def _state(case: TestCase, briefs: tuple[PolicyBrief, ...], state: str) -> str:
     elif start is not None:
         how = "armed and flying" if start.armed and start.altitude_m > 0 else "on the ground"
         lines.append(f"{how}, mode {name(start.mode)}, altitude {number(start.altitude_m)} m")
-    lines += [f"{line.strip()}" for line in state.splitlines() if line.strip()]
+    lines += [line.strip() for brief in briefs for line in brief.state.splitlines() if line.strip()]
     watched = sorted({signal for brief in briefs for signal in brief.signals})
     if watched:
         lines.append(f"watched signals: {', '.join(watched)}")

@@ -66,7 +66,7 @@ FLOWN = tuple(
 PROMPTS = {
     "obstacles": lambda: build(LAYOUTS, (DISTANCE,), FLOWN),
     "obstacles_first": lambda: build(LAYOUTS[:1], (DISTANCE,)),
-    "stimuli": lambda: build(STIMULI, (CHUTE, DISTANCE), state="Flight mode: FLIP"),
+    "stimuli": lambda: build(STIMULI, (CHUTE._replace(state="Flight mode: FLIP"), DISTANCE)),
 }
 
 
