@@ -153,8 +153,10 @@ static void fuse_gps(Vehicle *v)
     AT(innovation_ratio) += 0.3 * (ratio - AT(innovation_ratio));
     if (AT(position_ok) == 0.0 || (ratio > 1.0 && v->gps_rejected_s >= REJECTED_MAX_S)) {
         AT(est_n) += dn, AT(est_e) += de, AT(est_vn) += dvn, AT(est_ve) += dve;
-        AT(innovation_ratio) = 0.0;
-    } else if (ratio > 1.0) {
+        AT(innovation_ratio) = v->gps_rejected_s = v->gps_silent_s = 0.0;
+        return;
+    }
+    if (ratio > 1.0) {
         v->gps_rejected_s += every_s;
         v->gps_silent_s += every_s;
         return;

@@ -1,12 +1,13 @@
 """Planted defects: known faults of real autopilots, each one switch, off by default: a benchmark with ground truth.
 
-Each has the policy it breaks and the shortest trigger known. Bug numbers are those of the PGFuzz list; the others are of
-the families its authors report (unchecked ranges, climb without end, missing failsafe, wrong source).
+Each has the policy it breaks and the shortest trigger known. Bug numbers are those of the PGFuzz list; the others are
+of the families its authors report (unchecked ranges, climb without end, missing failsafe, wrong source).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from types import MappingProxyType
 from typing import NamedTuple
 
 from saflite.contract.errors import Refused
@@ -30,7 +31,7 @@ class Defect(NamedTuple):
     start: tuple[str, float]
     inputs: tuple[Input, ...]
     time_s: float
-    parameters: dict[str, float] = {}
+    parameters: Mapping[str, float] = MappingProxyType({})
     unchecked: tuple[str, ...] = ()
 
 
@@ -59,8 +60,10 @@ def trigger(name: str, *, planted: bool = True) -> TestCase:
     defect = TABLE[name]
     mode, altitude_m = defect.start
     return TestCase(
-        target=Target(parameters=defect.parameters, defects=(name,) if planted else ()),
+        target=Target(parameters=dict(defect.parameters), defects=(name,) if planted else ()),
         scenario=Scenario(start=StartState(mode=mode, altitude_m=altitude_m), time_limit_s=defect.time_s),
-        stimuli=tuple(Stimulus(at_s=at, kind=kind, name=what, values=values) for at, kind, what, values in defect.inputs),
+        stimuli=tuple(
+            Stimulus(at_s=at, kind=kind, name=what, values=values) for at, kind, what, values in defect.inputs
+        ),
         rng_seed=1,
     )

@@ -47,7 +47,9 @@ class Failsafes:
             lost = False
         self._lost_s = self._lost_s + TICK_S if lost else 0.0
         delay_s = p["COM_POS_FS_DELAY"]
-        raised = ((lost and self._lost_s > delay_s) or self._variance_s > VARIANCE_S) and self._position_watched(delay_s)
+        raised = ((lost and self._lost_s > delay_s) or self._variance_s > VARIANCE_S) and self._position_watched(
+            delay_s
+        )
         if raised and not self.position:
             ap.say("EKF failsafe: position lost", "error")
             self.position = True

@@ -79,7 +79,8 @@ class ReferenceFlight:
 
     def tick(self) -> None:
         """One step of 20 ms: inputs, autopilot, weather, physics."""
-        time_s = self.ticks * TICK_S - self.trace_start_s
+        time_s = round(self.ticks * TICK_S - self.trace_start_s, 6)
+        self.autopilot.time_s = time_s
         self.inputs.tick(time_s)
         self.autopilot.tick(time_s)
         self._weather()

@@ -94,8 +94,9 @@ class Mode:
         change = p["PILOT_ACCEL_Z"] / 100.0 * TICK_S
         rate = min(board["set_climb"] + change, max(board["set_climb"] - change, rate))
         height = board["altitude_est_m"]
-        leash = LEASH_M if "flip-wrong-altitude" not in ap.defects else 1000.0
-        target = min(height + leash, max(height - leash, board["set_altitude"] + rate * TICK_S))
+        target = board["set_altitude"] + rate * TICK_S
+        if rate != 0.0:
+            target = min(height + LEASH_M, max(height - LEASH_M, target))
         down = (p["PILOT_SPEED_DN"] or p["PILOT_SPEED_UP"]) / 100.0
         steer.altitude(board, target, p["PILOT_SPEED_UP"] / 100.0 + 0.5, down + 0.5, rate)
 

@@ -102,9 +102,7 @@ class Flip(Mode):
 
     def _back(self, reason: str) -> None:
         self.ap.set_mode(self._from, reason)
-        if self._from == "ALT_HOLD" and "flip-wrong-altitude" not in self.ap.defects:
-            self.board["set_altitude"] = self._altitude_target
-        elif self._from == "ALT_HOLD":
+        if self._from == "ALT_HOLD" and "flip-wrong-altitude" in self.ap.defects:
             self.board["set_altitude"] = self._altitude_target + self.ap.parameters["GND_ALT_OFFSET"]
 
 
