@@ -105,6 +105,8 @@ SIGNALS: dict[str, Signal] = {
     "order_quiet_s": Signal("s", "time since the last command, mode or stick of the test case"),
     "gps_true": Signal("", "1 until a stimulus falsifies or cuts the GPS", "flag"),
     "baro_true": Signal("", "1 until a stimulus falsifies or cuts the barometer", "flag"),
+    "sticks_true": Signal("", "1 until a stimulus changes how sticks are read (RC1_MIN, RC3_TRIM, ...)", "flag"),
+    "stop_ordered": Signal("", "1 from the first order to stop the motors come what may", "flag"),
     "body_true": Signal("", "1 until a stimulus falsifies inertial sensors or compass, hurts motors, or blows", "flag"),
     "crashed": Signal("", "1 at the last sample of a flight that ended as crashed", "flag"),
 }

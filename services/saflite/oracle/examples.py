@@ -12,7 +12,11 @@ from saflite.contract.signals import MODES, SIGNALS
 from saflite.oracle.windows import Array
 
 _SAMPLES_MAX = 10_000
-_QUIET: dict[str, float] = {"quiet_s": 100.0, "order_quiet_s": 100.0, "gps_true": 1, "baro_true": 1, "body_true": 1}
+_QUIET: dict[str, float] = {
+    **dict.fromkeys(("quiet_s", "order_quiet_s"), 100.0),
+    **dict.fromkeys(("gps_true", "baro_true", "body_true", "sticks_true"), 1.0),
+    "stop_ordered": 0.0,
+}
 """Examples need not say that nothing was done lately and nothing is broken; `time_s` is always made."""
 Value = float | str
 Course = Value | list[tuple[float, Value]]

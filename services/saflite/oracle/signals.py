@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from functools import partial
 from typing import Any, get_args
@@ -18,8 +19,22 @@ STIMULI: tuple[str, ...] = get_args(StimulusKind)
 ESTIMATES = {"x_est_m": "x_m", "y_est_m": "y_m", "altitude_est_m": "altitude_m", "climb_est_mps": "climb_mps"}
 """Logs of real autopilots hold estimates only, so the estimate stands for the truth and the other way round."""
 
-FAULTS = ("gps_true", "baro_true", "body_true")
+FAULTS = ("gps_true", "baro_true", "body_true", "sticks_true")
 _HARMLESS = ("rc_", "radio", "batt", "para_", "speedup", "pin_mask")
+
+
+_STICK_SETTING = re.compile(r"rc\d+_|rcmap_|thr_dz")
+_FORCE = (21196.0, 2989.0)  # magic numbers with which MAVLink forces motors off or on
+
+
+def stops_motors(stimulus: Stimulus) -> bool:
+    """Say whether the stimulus orders the motors off without regard to flight."""
+    if stimulus.kind != "command":
+        return False
+    values = (*stimulus.values, *(0.0,) * 7)
+    if stimulus.name.endswith("DO_FLIGHTTERMINATION"):
+        return values[0] > 0.5
+    return stimulus.name.endswith("COMPONENT_ARM_DISARM") and values[0] < 0.5 and values[1] in _FORCE
 
 
 def fault_of(stimulus: Stimulus) -> str:
@@ -28,6 +43,8 @@ def fault_of(stimulus: Stimulus) -> str:
     A fault counts for the rest of the flight, even if it is taken back: an estimator may never recover.
     """
     name = stimulus.name.lower()
+    if stimulus.kind == "parameter" and _STICK_SETTING.match(name):
+        return "sticks_true"
     if stimulus.kind != "sensor_fault" and not name.startswith("sim_"):
         return ""
     name = name.removeprefix("sim_")
@@ -49,6 +66,7 @@ class FlightSignals:
             "order_quiet_s": ((), lambda: self._quiet(("command", "mode", "stick"))),
             **{name: ((), partial(self._true, name)) for name in FAULTS},
             "crashed": ((), self._crashed),
+            "stop_ordered": ((), self._stop_ordered),
             "ground_speed_mps": (("vx_mps", "vy_mps"), lambda: np.hypot(self["vx_mps"], self["vy_mps"])),
             "home_distance_m": (("x_m", "y_m"), lambda: np.hypot(self["x_m"], self["y_m"])),
             "tilt_deg": (("roll_deg", "pitch_deg"), self._tilt),
@@ -93,6 +111,10 @@ class FlightSignals:
     def _true(self, flag: str) -> NDArray[np.float64]:
         first_s = min((s.at_s for s in self._test_case.stimuli if fault_of(s) == flag), default=np.inf)
         return (self._time() < first_s).astype(np.float64)
+
+    def _stop_ordered(self) -> NDArray[np.float64]:
+        first_s = min((s.at_s for s in self._test_case.stimuli if stops_motors(s)), default=np.inf)
+        return (self._time() >= first_s - self.step_s).astype(np.float64)
 
     def _crashed(self) -> Array:
         flags = np.zeros(self.samples, dtype=np.float32)
