@@ -1,6 +1,7 @@
 """Built-in campaigns, campaign files of others, and the test case that every mutant of a campaign starts from.
 
-A campaign is one TOML file in `campaign/builtin/`, named like the campaign.
+A campaign is one TOML file in `campaign/builtin/`, named like the campaign; those over policies are made from the
+policy files (`policy_campaigns.py`).
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from pathlib import Path
 
 import msgspec
 
+from saflite.campaign.policy_campaigns import PREFIX, policy_campaigns
 from saflite.contract.config import Campaign, parse_campaign, read_text
 from saflite.contract.errors import Refused
 from saflite.contract.test_case import Scenario, TestCase
@@ -20,8 +22,11 @@ BUILTIN_DIR = Path(__file__).parent / "builtin"
 
 def builtin_campaigns() -> dict[str, str]:
     """Return the names of the built-in campaigns and what each is for, sorted by name."""
-    names = sorted(path.stem for path in BUILTIN_DIR.glob("*.toml"))
-    return {name: load_campaign(name).description for name in names}
+    return {name: load_campaign(name).description for name in _names()}
+
+
+def _names() -> list[str]:
+    return sorted([*(path.stem for path in BUILTIN_DIR.glob("*.toml")), *policy_campaigns()])
 
 
 def load_campaign(name_or_path: str) -> Campaign:
@@ -36,8 +41,13 @@ def load_campaign(name_or_path: str) -> Campaign:
         return _found(campaign, path)
     path = BUILTIN_DIR / f"{name_or_path}.toml"
     if Path(name_or_path).name != name_or_path or not path.is_file():
-        names = ", ".join(sorted(entry.stem for entry in BUILTIN_DIR.glob("*.toml")))
-        raise Refused("campaign", expected=f"one of {names}, or a .toml file", got=repr(name_or_path))
+        made = policy_campaigns().get(name_or_path)
+        if made is not None:
+            return made
+        few = ", ".join(name for name in _names() if not name.startswith(PREFIX))
+        fix = "see `saflite list campaigns`"
+        expected = f"one of {few}, {PREFIX}<policy>, or a .toml file"
+        raise Refused("campaign", expected=expected, got=repr(name_or_path), fix=fix)
     return parse_campaign(read_text(path, "campaign file"), path.name)
 
 

@@ -8,11 +8,13 @@ import pytest
 
 from saflite.campaign.builtin import builtin_campaigns, load_campaign, template
 from saflite.contract.errors import Refused
+from saflite.contract.rng import derive
 from saflite.contract.test_case import StartState
 from saflite.flight.mission import builtin_mission, dump_plan, waypoints
 from saflite.mutator.registry import load_strategy
-from saflite.oracle.policy import load_policy
+from saflite.oracle.policy import load_policy, policy_names
 from saflite.scorer_pool.registry import check_label
+from saflite.simulator_worker.targets.reference import check
 
 NAMES = sorted(builtin_campaigns())
 
@@ -33,7 +35,10 @@ def test_a_built_in_campaign_can_be_run_as_it_stands(name: str) -> None:
     for policy in campaign.policies:
         load_policy(policy)
     case = template(campaign)
-    load_strategy(campaign.strategy.name)(case, dict(campaign.strategy.settings), campaign.policies)
+    check(case)
+    strategy = load_strategy(campaign.strategy.name)(case, dict(campaign.strategy.settings), campaign.policies)
+    for proposed in strategy.ask(20, derive(1, name)):
+        check(proposed)
     assert case.rng_seed == campaign.rng_seed
     assert (case.scenario.mission is None) != (case.scenario.start is None)
     if case.scenario.mission is not None:
@@ -91,3 +96,23 @@ def test_an_unknown_mission_is_refused(tmp_path: Path) -> None:
     file.write_text('name = "mine"\nmission = "mission99"')
     with pytest.raises(Refused, match="mission99"):
         template(load_campaign(str(file)))
+
+
+def test_every_policy_the_reference_can_break_has_a_campaign() -> None:
+    for policy in policy_names():
+        file = load_policy(policy).file
+        has_inputs = any((file.inputs.parameters, file.inputs.commands, file.inputs.sticks, file.inputs.modes))
+        expected = has_inputs and "reference" not in file.not_checked_on
+        assert (f"policy-{policy}" in NAMES) == expected, policy
+    assert "policy-a-chute" in NAMES
+    everything = load_campaign("policy-all")
+    assert len(everything.policies) == sum(name.startswith("policy-") for name in NAMES) - 2, "all but AUTO1 and itself"
+
+
+def test_a_policy_campaign_takes_start_inputs_and_preconditions_from_the_policy_file() -> None:
+    campaign = load_campaign("policy-a-chute")
+    file = load_policy("a-chute").file
+    assert campaign.start == file.start
+    assert campaign.target.parameters == file.preconditions
+    assert campaign.strategy.settings["commands"] == list(file.inputs.commands)
+    assert campaign.search.shrink
