@@ -157,10 +157,10 @@ class Ghost:
         return frozenset((*key, fact.violation.standing) for key, fact in self.violations.items())
 
     def set_aside(self) -> int:
-        """Return how many test cases or re-flights could not be flown or judged."""
-        lost_repeats = sum(1 for fact in self.violations.values() if fact.violation.standing == "unconfirmed")
-        return (
-            len(self.quarantined) + lost_repeats + sum(1 for f in self.flown.values() if f.ending not in FLOWN_ENDINGS)
+        """Return how many flights trouble alone kept from being flown or judged (poison is set aside in any run)."""
+        innocent = [name for name in self.quarantined if not doubles.is_poison(name)]
+        return len(innocent) + sum(
+            1 for flight, fact in self.flown.items() if flight[1] and fact.ending not in FLOWN_ENDINGS
         )
 
 

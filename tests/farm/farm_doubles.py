@@ -123,8 +123,8 @@ class Mutator:
         cases = [self._box(work, index, rng.random(2).tolist()) for index in range(work.count)]
         if cases and rng.random() < 0.5:
             cases[-1] = cases[0]
-        if len(cases) > 3 and rng.random() < 0.6:
-            cases[3] = self._box(work, 3, [0.1 * float(rng.integers(2)), 0.5])  # an idea it has again and again
+        if len(cases) > 3 and rng.random() < 0.8:
+            cases[3] = self._box(work, 3, [_dangerous_places()[int(rng.integers(2))], 0.5])  # what it always thinks of
         if len(cases) > 2 and self.old and rng.random() < 0.5:
             cases[1] = self.old[int(rng.integers(len(self.old)))]
         return MutateResult(round=work.round, test_cases=tuple(cases))
@@ -134,6 +134,27 @@ class Mutator:
         origin = Origin(strategy=work.strategy, round=work.round, index=index)
         scenario = msgspec.structs.replace(work.template.scenario, obstacles=(box,))
         return msgspec.structs.replace(work.template, scenario=scenario, origin=origin)
+
+
+@cache
+def _dangerous_places() -> list[float]:
+    """The places of an idea, nearest obstacle first."""
+    places = [0.01 * step for step in range(60)]
+    work = MutateWork(
+        round=0,
+        count=1,
+        strategy="",
+        settings={},
+        rng_seed=0,
+        template=TEMPLATE,
+        policies=(),
+        outcomes=(),
+        from_cursor=-1,
+        cursor=-1,
+    )
+    names = {place: identity(Mutator()._box(work, 3, [place, 0.5])) for place in places}
+    tame = [place for place in places if not is_poison(names[place]) and not is_flaky(names[place])]
+    return sorted(tame, key=lambda place: luck(names[place]))
 
 
 class Scorer:

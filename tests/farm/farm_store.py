@@ -19,7 +19,7 @@ class Crash(Exception):
 class MemoryStore:
     """Has the face of `campaign.store.Store` that the service around the books uses."""
 
-    def __init__(self, campaign: Campaign, template: TestCase, books_class: type[Books] = Books) -> None:
+    def __init__(self, campaign: Campaign, template: TestCase) -> None:
         self.campaign, self.template = campaign, template
         self.lines: list[bytes] = []
         self.all_events: list[Event] = []
@@ -27,11 +27,10 @@ class MemoryStore:
         self.outcome_rows: dict[tuple[int, int], Outcome] = {}
         self.full = False
         self.crash_next = ""  # "before" or "after": die at the next commit
-        self._books_class = books_class
 
     def rebuild(self) -> Books:
         """Return the books as last committed."""
-        books = self._books_class(self.campaign, self.template, run_id="run", library=self)
+        books = Books(self.campaign, self.template, run_id="run", library=self)
         for line in self.lines:
             books.replay(line)
         self.files = {name: data for name, data in self.files.items() if name in books.wanted_traces}

@@ -6,6 +6,7 @@ One number, the seed, decides everything: `run_seed(17)` is the same run on ever
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cache
 from typing import NamedTuple
 
 import farm_doubles as doubles
@@ -25,6 +26,9 @@ from saflite.contract.rng import derive
 
 CHAOS_S = 40.0
 """Until when, in virtual seconds, faults are made; after that the farm must come to its end by itself."""
+
+SEARCHES = 12
+"""How many different searches the seeds make; all seeds of one search must find the same."""
 
 LIMIT_S = 900.0
 """A campaign that has not ended by then, long after the last fault, never will."""
@@ -63,7 +67,7 @@ def shape_of(seed: int) -> Shape:
     rng = derive(seed, "shape")
     loss = float(rng.choice([0.0, 0.1, 0.3]))
     return Shape(
-        search_seed=seed % 5,
+        search_seed=seed % SEARCHES,
         budget=9,
         simulators=int(rng.integers(1, 4)),
         trouble=Trouble(loss, float(rng.choice([0.0, 0.2])), float(rng.choice([0.01, 0.5, 2.0])), float(loss / 2)),
@@ -98,7 +102,6 @@ class World:
 
     seed: int
     shape: Shape
-    books_class: type[Books] = Books
     faults: int = 0
     steps: int = 0
     orders: int = 0
@@ -108,7 +111,7 @@ class World:
         self.rng = derive(self.seed, "world")
         self.campaign = campaign_of(self.shape)
         self.network = FaultyNetwork(self.seed, self.shape.trouble)
-        self.store = MemoryStore(self.campaign, doubles.TEMPLATE, self.books_class)
+        self.store = MemoryStore(self.campaign, doubles.TEMPLATE)
         self.ghost = Ghost(self.store)
         self.books = BooksMember(self.network, self.store, self.rng)
         self.workers = members(self.network, self.campaign.name, self.shape.simulators, self.ghost, self.rng)
@@ -309,19 +312,28 @@ def _readable(payload: bytes) -> bool:
     return True
 
 
-_CLEAN: dict[tuple[Shape, type[Books]], frozenset[tuple[str, str, str]]] = {}
+Found = frozenset[tuple[str, str, str]]
 
 
-def run_seed(seed: int, books_class: type[Books] = Books) -> Report:
+@cache
+def _clean_find(reference: Shape) -> Found:
+    """What a search finds without trouble."""
+    return World(10**6 + reference.search_seed, reference).run().found
+
+
+def run_seed(seed: int) -> Report:
     """Run one seed and compare what it found with the same search without trouble; raises AssertionError."""
     shape = shape_of(seed)
-    report = World(seed, shape, books_class).run()
+    report = World(seed, shape).run()
     if not (report.set_aside or report.fallbacks or report.orders):
-        reference = clean(shape)
-        if (reference, books_class) not in _CLEAN:
-            _CLEAN[reference, books_class] = World(10**6 + shape.search_seed, reference, books_class).run().found
-        expected = _CLEAN[reference, books_class]
+        expected = _clean_find(clean(shape))
         assert report.found == expected, (
             f"the same search found other things under trouble: {sorted(report.found ^ expected)}"
         )
     return report
+
+
+def know_the_clean_finds() -> None:
+    """Make the references to compare with; before a bug is planted, or they would have it, too."""
+    for seed in range(SEARCHES):
+        _clean_find(clean(shape_of(seed)))

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from saflite.contract.work import Heartbeat
 
 Name = tuple[str, str]  # stage, worker
+REMEMBER_S = 300.0
 
 
 @dataclass(slots=True)
@@ -45,6 +46,7 @@ class Deadline:
     until_s: float
     overdue_s: float  # however alive the worker seems, the lease ends here
     named: bool = False
+    place: int = 0  # in the order in which leases were lent out
 
 
 class Attendance:
@@ -52,12 +54,15 @@ class Attendance:
 
     def __init__(self) -> None:
         self._workers: dict[Name, Worker] = {}
+        self._left: dict[Name, Worker] = {}  # gone, but perhaps about to come back
         self._deadlines: dict[str, Deadline] = {}
+        self._lent = 0
 
     def meet(self, stage: str, worker: str, now_s: float) -> bool:
         """Note a sign of life; True if the worker is new."""
         known = self._workers.get((stage, worker))
         if known is None:
+            self._left.pop((stage, worker), None)
             self._workers[stage, worker] = Worker(worker, stage, now_s, now_s)
             return True
         known.seen_s = now_s
@@ -68,16 +73,21 @@ class Attendance:
         return self._workers.get((stage, worker))
 
     def leave(self, stage: str, worker: str) -> bool:
-        """Forget a worker; False if it was not there. Its leases are the caller's to end."""
-        return self._workers.pop((stage, worker), None) is not None
+        """Note that a worker is gone; False if it was not there. Its leases are the caller's to end."""
+        gone = self._workers.pop((stage, worker), None)
+        if gone is None:
+            return False
+        self._left = {name: one for name, one in self._left.items() if one.seen_s > gone.seen_s - REMEMBER_S}
+        self._left[stage, worker] = gone
+        return True
 
     def workers(self) -> list[Worker]:
         """Return all workers by stage and name."""
         return [self._workers[name] for name in sorted(self._workers)]
 
     def others(self, stage: str, worker: str, target: str, since_s: float) -> Iterator[str]:
-        """Yield the other workers of a stage that can fly `target` and were seen since `since_s`."""
-        for (their_stage, name), other in self._workers.items():
+        """Yield other workers of a stage that can fly `target` and were seen since `since_s`, even if gone by now."""
+        for (their_stage, name), other in (*self._workers.items(), *self._left.items()):
             fits = not other.targets or not target or target in other.targets
             if (
                 their_stage == stage
@@ -104,6 +114,8 @@ class Attendance:
 
     def begin(self, deadline: Deadline) -> None:
         """Start the clock of a lease."""
+        self._lent += 1
+        deadline.place = self._lent
         self._deadlines[deadline.key] = deadline
         worker = self._workers.get((deadline.stage, deadline.worker))
         if worker is not None:
@@ -134,9 +146,9 @@ class Attendance:
         return min((one.until_s for one in self._deadlines.values()), default=None)
 
     def held_by(self, stage: str, worker: str) -> list[Deadline]:
-        """Return the leases of one worker, in order of their keys."""
+        """Return the leases of one worker, oldest first: workers take them up in that order."""
         mine = (one for one in self._deadlines.values() if one.worker == worker and one.stage == stage)
-        return sorted(mine, key=lambda one: one.key)
+        return sorted(mine, key=lambda one: one.place)
 
     def keys(self) -> list[str]:
         """Return what is lent out."""

@@ -19,7 +19,7 @@ How = Literal["lost", "undelivered", "handed_back", "refused", "caught_up"]
 """How a lease ended without a result that counts.
 
 lost          its time ran out after the worker had shown that it held it, or the worker vanished: an attempt
-undelivered   its time ran out and no heartbeat ever named it: the grant never arrived, no attempt
+undelivered   no heartbeat ever named it (the grant never arrived), or its worker was still at an older one: no attempt
 handed_back   the worker gave it back untouched: no attempt
 refused       the result did not fit the work: a failure
 caught_up     the worker was only told outcomes: no attempt

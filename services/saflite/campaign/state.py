@@ -273,8 +273,8 @@ class Books:
 
     def absent(self, worker: str, stage: str, now: float, why: str = "its token vanished") -> None:
         """Free the leases of a worker that is gone, at once."""
-        for deadline in self._attendance.held_by(stage, worker):
-            self._lose(deadline, f"{worker}: {why}", now, vanished=True)
+        for place, deadline in enumerate(self._attendance.held_by(stage, worker)):
+            self._lose(deadline, "lost" if place == 0 else "undelivered", f"{worker}: {why}", now)
         if self._attendance.leave(stage, worker):
             self._do(Noted(fact=WorkerChanged(worker=worker, stage=stage, present=False, message=why)), now)
 
@@ -282,10 +282,9 @@ class Books:
         if self._attendance.meet(stage, worker, now):
             self._do(Noted(fact=WorkerChanged(worker=worker, stage=stage, present=True)), now)
 
-    def _lose(self, deadline: Deadline, message: str, now: float, *, vanished: bool = False) -> None:
+    def _lose(self, deadline: Deadline, how: How, message: str, now: float) -> None:
         task = self._core.tasks.get(deadline.key)
         assert task is not None, f"{deadline.key} is lent but not to be done"
-        how: How = "lost" if deadline.named or vanished else "undelivered"
         self._give_back(task, how, message, now)
 
     def fault(self, where: str, message: str, now: float) -> None:
@@ -296,9 +295,12 @@ class Books:
 
     def tick(self, now: float) -> None:
         """End leases whose time is up and forget workers not heard of for long."""
-        for deadline in self._attendance.due(now):
+        due = self._attendance.due(now)
+        begun = {self._attendance.held_by(one.stage, one.worker)[0].key for one in due}
+        for deadline in due:
             why = "ran far beyond its time" if now >= deadline.overdue_s else "was not heard of in time"
-            self._lose(deadline, f"{deadline.worker} {why}", now)
+            how: How = "lost" if deadline.named and deadline.key in begun else "undelivered"
+            self._lose(deadline, how, f"{deadline.worker} {why}", now)
         for worker in self._attendance.silent(now - max(SILENT_LEASES * self._lease_s, SILENT_S)):
             self.absent(worker.worker, worker.stage, now, "not heard of")
         self._give_up_recordings(now)
