@@ -69,7 +69,7 @@ def chart(
     """Return a chart as an SVG element; `y_max` cuts off what is above."""
     frame = _frame(curves, levels, y_max)
     parts = [label(LEFT_PX, 13, title, "title")]
-    parts += [_mark(frame, mark) for mark in marks]
+    parts += [_mark(frame, mark, number) for number, mark in enumerate(marks)]
     parts += _axes(frame, x_name)
     for level in levels:
         y = frame.y(level.y)
@@ -111,11 +111,11 @@ def _axes(frame: _Frame, x_name: str) -> list[str]:
     return parts
 
 
-def _mark(frame: _Frame, mark: Mark) -> str:
+def _mark(frame: _Frame, mark: Mark, number: int) -> str:
     x = frame.x(mark.x)
     if mark.until is None:
         line = tag("line", x1=x, y1=TOP_PX, x2=x, y2=HEIGHT_PX - BOTTOM_PX, class_=mark.css)
-        return line + (label(x + 3, TOP_PX + 9, mark.name, "tick") if mark.name else "")
+        return line + (label(x + 3, TOP_PX + 9 + 11 * (number % 4), mark.name, "tick") if mark.name else "")
     width = max(2.0, frame.x(mark.until) - x)
     height = HEIGHT_PX - BOTTOM_PX - TOP_PX
     return tag("rect", x=x, y=TOP_PX, width=width, height=height, class_="band")

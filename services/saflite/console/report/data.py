@@ -16,6 +16,7 @@ from saflite.contract.verdict import Judgement, Violation
 from saflite.scorer_pool.calibration import Calibration, Row, calibrate_all
 
 FAULTS_SHOWN = 20
+NEVER_APPLIED = 1000.0  # what the oracle tells of a rule that never applied, in place of infinity
 
 
 class Exhibit(NamedTuple):
@@ -73,7 +74,7 @@ def read(run: RunFolder) -> ReportData:
     state, faults, quarantined = "running", [], []
     for event in run.events():
         if isinstance(event.fact, CampaignChanged):
-            state = f"{event.fact.state} {event.fact.why}".strip()
+            state = f"{event.fact.state}: {event.fact.why}" if event.fact.why else event.fact.state
         elif isinstance(event.fact, FaultSeen):
             faults.append(f"{event.fact.where}: {event.fact.message}")
         elif isinstance(event.fact, Quarantined):
@@ -119,7 +120,8 @@ def _progress(run: RunFolder) -> Progress:
             fingerprints.add(fact.violation.fingerprint)
         elif not (isinstance(fact, Judged) and fact.flight_index == 0):
             continue
-        robustness = fact.robustness if isinstance(fact, Judged) and fact.robustness is not None else np.nan
+        said = fact.robustness if isinstance(fact, Judged) else None
+        robustness = np.nan if said is None or said >= NEVER_APPLIED else said
         rows.append((float(flown), robustness, float(found), float(len(fingerprints))))
     table = np.array(rows, dtype=float)
     return Progress(table[:, 0], table[:, 1], table[:, 2], table[:, 3])

@@ -19,6 +19,7 @@ from saflite.flight.mission import waypoints
 
 SAFE_M = 1.5
 WIDTH_PX, HEIGHT_MAX_PX, MARGIN_M = 560.0, 460.0, 4.0
+HEIGHT_BARE_PX = 300.0  # without boxes there is less to see
 TRACK_POINTS_MAX = 400
 
 
@@ -57,7 +58,9 @@ def picture(test_case: TestCase, track: NDArray[np.float64]) -> str:
     parts += _path(view, boxes, track)
     parts.append(_dot(view, (0.0, 0.0), "start", 4.5))
     box = f"0 0 {view.width_px:.0f} {view.height_px:.0f}"
-    return tag("svg", "".join(parts), viewBox=box, class_="layout", role="img")
+    return tag(
+        "svg", "".join(parts), viewBox=box, class_="layout", role="img", style=f"max-width:{view.width_px:.0f}px"
+    )
 
 
 def _view(boxes: Sequence[Obstacle], places: Sequence[Point], track: NDArray[np.float64]) -> View:
@@ -68,7 +71,8 @@ def _view(boxes: Sequence[Obstacle], places: Sequence[Point], track: NDArray[np.
         xs += [COMPETITION_AREA.x_min_m, COMPETITION_AREA.x_max_m]
         ys += [COMPETITION_AREA.y_min_m, COMPETITION_AREA.y_max_m]
     left, right, bottom, top = min(xs) - MARGIN_M, max(xs) + MARGIN_M, min(ys) - MARGIN_M, max(ys) + MARGIN_M
-    scale = min(WIDTH_PX / (right - left), HEIGHT_MAX_PX / (top - bottom))
+    height_max = HEIGHT_MAX_PX if boxes else HEIGHT_BARE_PX
+    scale = min(WIDTH_PX / (right - left), height_max / (top - bottom))
     return View(left, top, scale, (right - left) * scale, (top - bottom) * scale)
 
 

@@ -21,7 +21,7 @@ code{font:13px ui-monospace,SFMono-Regular,Menlo,monospace;background:var(--grid
 .pictures{display:grid;grid-template-columns:repeat(auto-fit,minmax(420px,1fr));gap:14px;align-items:start}
 @media(max-width:520px){.pictures{grid-template-columns:1fr}}
 figure{margin:0;background:var(--panel);border:1px solid var(--line);border-radius:10px;padding:10px}
-svg{display:block;width:100%;height:auto}
+svg{display:block;width:100%;height:auto;margin:0 auto}
 .violation{background:var(--panel);border:1px solid var(--line);border-radius:12px;padding:16px 18px;margin:18px 0}
 .violation figure:first-child{grid-row:span 2}
 .violation figure{background:var(--bg)}
