@@ -1,0 +1,187 @@
+"""Speed and memory of flights, with bare JSBSim at the same step beside them in the same run.
+
+    bare        JSBSim alone at 400 Hz: the F450 it ships, and our own file of the same aircraft
+    free        missions 1 to 3 without boxes
+    avoidance   mission 2 among boxes: sensors, control, planner, distance, trace
+    policy      60 s from a start state with sticks, modes and faults, trace at 50 Hz
+    kinematic   the low-fidelity vehicle on the same layouts
+
+Factors are simulated seconds per second of processor time (and of wall time) of one core; rounds alternate between the
+kinds so that a busy machine slows all alike, and the median counts. Standing on the ground before arming costs little
+and is left out of `airborne`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import resource
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from saflite.contract.rng import derive
+from saflite.contract.test_case import Obstacle, Scenario, StartState, Stimulus, Target, TestCase
+from saflite.flight.geometry import boxes_array
+from saflite.flight.jsbsim_world import World
+from saflite.flight.mission import builtin_mission, waypoints
+from saflite.flight.planner.kinematic import fly_kinematic
+from saflite.simulator_worker.targets import reference
+
+READY_S, BARE_S = 19.5, 20.0
+Measured = tuple[float, float, float, float]  # simulated, airborne, processor, wall seconds
+
+
+def layouts(count: int) -> list[tuple[Obstacle, ...]]:
+    """Return layouts of two boxes across mission 2's way, drawn from a fixed stream."""
+    rng = derive(1, "bench-flight")
+    rows = []
+    for _ in range(count):
+        first, second = (rng.uniform(-14, -4), rng.uniform(16, 34)), (rng.uniform(2, 12), rng.uniform(16, 34))
+        rows.append(tuple(_box(rng, *place) for place in (first, second)))
+    return rows
+
+
+def _box(rng: np.random.Generator, x_m: float, y_m: float) -> Obstacle:
+    length, width, height = rng.uniform(4, 10), rng.uniform(4, 8), rng.uniform(15, 25)
+    return Obstacle(length_m=length, width_m=width, height_m=height, x_m=x_m, y_m=y_m, rotation_deg=rng.uniform(0, 90))
+
+
+def _timed(work: Callable[[], tuple[float, float]]) -> Measured:
+    cpu, wall = time.process_time(), time.perf_counter()
+    simulated, airborne = work()
+    return simulated, airborne, time.process_time() - cpu, time.perf_counter() - wall
+
+
+def bare(shipped: bool) -> tuple[float, float]:
+    """Step JSBSim alone in a hover."""
+    if shipped:
+        import jsbsim
+
+        jsbsim.set_logger(jsbsim.DefaultLogger(jsbsim.LogLevel.FATAL))
+        fdm: Any = jsbsim.FGFDMExec(jsbsim.get_default_root_dir(), None)
+        fdm.load_model("F450")
+        fdm.set_dt(0.0025)
+        fdm["ic/h-agl-ft"] = 100.0
+        fdm.run_ic()
+        fdm["propulsion/set-running"], fdm["fcs/ScasEngage"] = -1, 0
+        for name in ("FR", "AL", "FL", "AR"):
+            fdm[f"fcs/cmd{name}_ext_nd"] = 0.435
+        step = fdm.run
+    else:
+        world = World(30.0)
+        world.set_motors(0.435, 1)
+        step = world.step
+    for _ in range(round(BARE_S / 0.0025)):
+        step()
+    return BARE_S, BARE_S
+
+
+def fly(case: TestCase) -> tuple[float, float]:
+    """Fly one test case; return simulated and airborne seconds."""
+    record = reference.fly(case, lambda: False)
+    assert record.trace is not None, record
+    simulated = record.trace.duration_s
+    return simulated, simulated - (READY_S if case.scenario.mission is not None else 0.0)
+
+
+def mission_case(name: str, boxes: tuple[Obstacle, ...] = (), rng_seed: int = 1) -> TestCase:
+    """Return a mission among boxes."""
+    return TestCase(
+        target=Target(), scenario=Scenario(mission=builtin_mission(name), obstacles=boxes), rng_seed=rng_seed
+    )
+
+
+def policy_case(rng_seed: int) -> TestCase:
+    """Return a minute of sticks, modes and a fault from a hover."""
+    rows: tuple[tuple[float, str, str, tuple[float, ...]], ...] = (
+        (5.0, "stick", "RC2", (1300.0,)),
+        (10.0, "stick", "RC2", (1500.0,)),
+        (15.0, "mode", "ALT_HOLD", ()),
+        (20.0, "mode", "FLIP", ()),
+        (30.0, "mode", "CIRCLE", ()),
+        (45.0, "sensor_fault", "SIM_GPS_NOISE", (1.0,)),
+        (50.0, "mode", "BRAKE", ()),
+    )
+    stimuli = tuple(Stimulus(at_s=at, kind=kind, name=name, values=values) for at, kind, name, values in rows)  # type: ignore[arg-type]
+    scenario = Scenario(start=StartState(mode="LOITER", altitude_m=40.0), time_limit_s=60.0)
+    return TestCase(target=Target(), scenario=scenario, stimuli=stimuli, rng_seed=rng_seed)
+
+
+def kinematic(boxes: tuple[Obstacle, ...], rng_seed: int) -> tuple[float, float]:
+    """Fly the low-fidelity vehicle through mission 2."""
+    places = np.array([(w.x_m, w.y_m, w.z_m) for w in waypoints(builtin_mission("mission2"))])
+    flight = fly_kinematic(places, boxes_array(boxes), rng_seed=rng_seed)
+    return flight.duration_s, flight.duration_s - READY_S
+
+
+def measure(rounds: int) -> dict[str, list[Measured]]:
+    """Run everything `rounds` times, taking turns."""
+    found: dict[str, list[Measured]] = {}
+    for i, boxes in enumerate(layouts(rounds)):
+        kinds: dict[str, Callable[[], tuple[float, float]]] = {
+            "bare, shipped F450": lambda: bare(shipped=True),
+            "bare, our file": lambda: bare(shipped=False),
+            "free": lambda i=i: fly(mission_case(f"mission{1 + i % 3}")),  # type: ignore[misc]
+            "avoidance": lambda i=i, boxes=boxes: fly(mission_case("mission2", boxes, i)),  # type: ignore[misc]
+            "policy": lambda i=i: fly(policy_case(i)),  # type: ignore[misc]
+            "kinematic": lambda i=i, boxes=boxes: kinematic(boxes, i),  # type: ignore[misc]
+        }
+        for name, work in kinds.items():
+            found.setdefault(name, []).append(_timed(work))
+    return found
+
+
+def worker_peak_mib() -> float:
+    """Return the peak memory of a simulator's own process over ten avoidance flights."""
+    code = f"import sys; sys.path.insert(0, {sys.path[0]!r}); import flight; flight.child()"
+    output = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    return float(output.split()[-1])
+
+
+def child() -> None:
+    """Fly ten layouts as the simulator process does and print its peak memory in MiB."""
+    import saflite.simulator_worker.child  # noqa: F401  (what a simulator process holds)
+
+    for i, boxes in enumerate(layouts(10)):
+        fly(mission_case("mission2", boxes, i))
+    print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0)
+
+
+def summary(found: dict[str, list[Measured]], peak_mib: float) -> dict[str, Any]:
+    """Return the figures."""
+    rows: dict[str, Any] = {}
+    base = statistics.median(simulated / cpu for simulated, _, cpu, _ in found["bare, shipped F450"])
+    for name, runs in found.items():
+        whole = statistics.median(simulated / cpu for simulated, _, cpu, _ in runs)
+        rows[name] = {
+            "real_time_factor": round(whole, 1),
+            "airborne_factor": round(statistics.median(air / cpu for _, air, cpu, _ in runs), 1),
+            "wall_factor": round(statistics.median(simulated / wall for simulated, _, _, wall in runs), 1),
+            "of_bare_shipped": round(whole / base, 3),
+            "simulated_s": round(sum(simulated for simulated, _, _, _ in runs), 1),
+        }
+    return {"kinds": rows, "worker_peak_mib": round(peak_mib, 1), "rounds": len(found["free"])}
+
+
+def main(argv: list[str]) -> int:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(prog="scripts/bench flight", description=__doc__.split("\n")[0])
+    parser.add_argument("--rounds", type=int, default=10)
+    parser.add_argument("--json", action="store_true")
+    options = parser.parse_args(argv)
+    result = summary(measure(max(1, options.rounds)), worker_peak_mib())
+    if options.json:
+        print(json.dumps(result, indent=1))
+        return 0
+    print(f"{'':20} {'x real time':>12} {'airborne':>9} {'wall':>8} {'of bare F450':>13} {'simulated s':>12}")
+    for name, row in result["kinds"].items():
+        factors = f"{row['real_time_factor']:12.1f} {row['airborne_factor']:9.1f} {row['wall_factor']:8.1f}"
+        print(f"{name:20} {factors} {row['of_bare_shipped']:13.3f} {row['simulated_s']:12.1f}")
+    print(f"peak memory of a simulator process: {result['worker_peak_mib']} MiB (aim 150); rounds: {result['rounds']}")
+    return 0
