@@ -1,0 +1,159 @@
+"""The report shows every violation with a picture, loads nothing, and takes no text for markup."""
+
+from __future__ import annotations
+
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from shapely.geometry import Point, Polygon
+
+from saflite.campaign.builtin import load_campaign, template
+from saflite.console.report import charts, layout, page
+from saflite.console.report.data import Exhibit, Progress, ReportData
+from saflite.console.report.svg import nice_step
+from saflite.console.run_folder import FlightRow
+from saflite.contract.events import Quarantined
+from saflite.contract.flight import Trace
+from saflite.contract.test_case import Obstacle, Scenario, TestCase
+from saflite.contract.verdict import Judgement, Verdict, Violation
+from saflite.flight.geometry import corner_points
+from saflite.scorer_pool.calibration import Row, calibrate_all
+
+EVIL = '<script>alert("x")</script>'
+
+
+def signal(values: np.ndarray) -> bytes:
+    return values.astype("<f4").tobytes()
+
+
+def trace() -> Trace:
+    times = np.arange(0.0, 60.0, 0.05)
+    signals = {
+        "x_m": signal(0.2 * times - 5.0),
+        "y_m": signal(0.5 * times),
+        "altitude_m": signal(np.full_like(times, 10.0)),
+        "vx_mps": signal(np.full_like(times, 0.2)),
+        "vy_mps": signal(np.full_like(times, 0.5)),
+        "obstacle_distance_m": signal(np.abs(times - 30.0) / 4.0),
+    }
+    return Trace(step_s=0.05, signals=signals)
+
+
+def case() -> TestCase:
+    base = template(load_campaign("avoidance-m2"))
+    box = Obstacle(length_m=6.0, width_m=4.0, height_m=20.0, x_m=1.0, y_m=15.0, rotation_deg=20.0)
+    assert base.scenario.mission is not None
+    return TestCase(target=base.target, scenario=Scenario(mission=base.scenario.mission, obstacles=(box,)))
+
+
+def exhibit(fingerprint: str) -> Exhibit:
+    violation = Violation(
+        fingerprint=fingerprint,
+        test_case="0123456789abcdef",
+        policy="min-obstacle-distance",
+        robustness=-1.2,
+        severity="soft",
+        standing="confirmed",
+        reflown=1,
+        failed_again=1,
+        bit_equal=True,
+        workers=("fly-1", "fly-2"),
+        message=EVIL,
+    )
+    verdict = Verdict(
+        policy="min-obstacle-distance", outcome="violated", robustness=-1.2, witness_from_s=28.0, witness_to_s=32.0
+    )
+    judgement = Judgement(test_case="0123456789abcdef", flight_index=0, verdicts=(verdict,), fingerprint=fingerprint)
+    row = FlightRow(
+        "0123456789abcdef", 0, "search", "completed", 60.0, 0.3, "ab" * 32, "fly-1", -1.2, (verdict.policy,)
+    )
+    return Exhibit(violation, case(), judgement, "recordings/x.mcap", trace(), (row,))
+
+
+def data(count: int) -> ReportData:
+    exhibits = tuple(exhibit(f"{number:016x}") for number in range(count))
+    steps = np.arange(count + 1, dtype=float)
+    rows = [Row("blend", 8.0, True), Row("blend", 2.0, False), Row("blend", 9.0, True, "random")]
+    return ReportData(
+        campaign=load_campaign("avoidance-m2"),
+        state="ended: the budget is spent",
+        elapsed_s=30.0,
+        exhibits=exhibits,
+        flights=tuple(exhibit.flights[0] for exhibit in exhibits),
+        progress=Progress(steps, -steps, steps, steps),
+        calibrations=calibrate_all(rows),
+        usage=(),
+        faults=(f"worker: {EVIL}",),
+        quarantined=(Quarantined(test_case="abc", attempts=3, last="wedged", message=EVIL),),
+    )
+
+
+class Reader(HTMLParser):
+    def __init__(self) -> None:
+        super().__init__()
+        self.stack: list[str] = []
+        self.counts: dict[str, int] = {}
+        self.loads: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.counts[tag] = self.counts.get(tag, 0) + 1
+        for name, value in attrs:
+            if name in ("src", "href") and value and not value.startswith(("#", "recordings/")):
+                self.loads.append(value)
+        if tag != "meta":
+            self.stack.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.stack.pop() == tag
+
+
+@pytest.mark.parametrize("count", [0, 1, 7])
+def test_every_violation_has_its_pictures_and_nothing_is_loaded(count: int) -> None:
+    text = page.render(data(count), "runs/x")
+    reader = Reader()
+    reader.feed(text)
+    assert reader.stack == []
+    assert reader.loads == []
+    assert reader.counts["svg"] == 2 + 3 * count
+    assert text.count('class="layout"') == count
+    assert text.count('<section class="violation"') == count
+    assert text.count("saflite replay runs/x --violation") == count
+    assert "http" not in text.replace("http-equiv", "")
+
+
+def test_texts_are_never_markup() -> None:
+    text = page.render(data(2), EVIL)
+    assert "<script" not in text
+    assert "&lt;script&gt;" in text
+
+
+def test_the_closest_point_and_its_distance_are_drawn() -> None:
+    track = np.array([[-5.0, 0.0, 10.0], [-3.0, 14.0, 10.0], [-3.0, 16.0, 10.0], [0.0, 40.0, 10.0]])
+    drawn = layout.picture(case(), track)
+    assert 'class="danger"' in drawn
+    assert 'class="closest"' in drawn
+    distance = float(drawn.split('class="closestname"')[1].split(">")[1].split(" m")[0])
+    box = Polygon(corner_points(case().scenario.obstacles[0]))
+    assert distance == pytest.approx(min(box.distance(Point(*place[:2])) for place in track), abs=0.006)
+
+
+def test_a_picture_without_track_or_boxes_is_still_one() -> None:
+    bare = template(load_campaign("avoidance-m1"))
+    assert layout.picture(bare, np.empty((0, 3))).startswith("<svg")
+
+
+def test_charts_keep_peaks_and_survive_what_is_no_number() -> None:
+    ys = np.zeros(100_000)
+    ys[77_777] = 5.0
+    ys[10] = np.nan
+    drawn = charts.chart("x", [charts.Curve(np.arange(100_000.0), ys)])
+    top = min(float(pair.split(",")[1]) for pair in drawn.split('points="')[1].split('"')[0].split())
+    assert top < 40.0, "the one peak is drawn"
+    assert "nan" not in drawn
+    assert charts.chart("empty", [charts.Curve([], [])]).startswith("<svg")
+
+
+@pytest.mark.parametrize(("span", "step"), [(70.0, 10.0), (0.3, 0.05), (1234.0, 200.0), (0.0, 1.0)])
+def test_axes_are_cut_at_round_numbers(span: float, step: float) -> None:
+    assert nice_step(span, 7) == pytest.approx(step)

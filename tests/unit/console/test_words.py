@@ -1,0 +1,101 @@
+"""What the console says: campaign files it writes are read again, progress lines hold what users look for."""
+
+from __future__ import annotations
+
+import msgspec
+import pytest
+
+from saflite.campaign.builtin import builtin_campaigns, load_campaign
+from saflite.console import live, options, toml_text
+from saflite.console.cli import command_names, main
+from saflite.contract.config import parse_campaign
+from saflite.contract.control import Status, WorkerStatus
+from saflite.contract.events import Quarantined, ScorerChanged, ViolationFound
+from saflite.contract.verdict import Violation
+
+WANTED = "run resume replay fly judge mutate score audit watch list export report doctor scorer evaluate sitl schema"
+
+
+@pytest.mark.parametrize("name", ["avoidance-m2", "policy-a-chute"])
+def test_a_campaign_written_as_toml_is_the_same_campaign(name: str) -> None:
+    campaign = options.changed(load_campaign(name), settings=["boxes_min=3"] if "avoid" in name else [], budget=7)
+    awkward = msgspec.structs.replace(campaign, description='say "x" \\ ü\nnew line', wind=campaign.wind)
+    assert parse_campaign(toml_text.dump(awkward), "x") == awkward
+
+
+def test_all_built_in_campaigns_survive_the_round_trip() -> None:
+    for name in builtin_campaigns():
+        campaign = load_campaign(name)
+        assert parse_campaign(toml_text.dump(campaign), name) == campaign
+
+
+def status() -> Status:
+    worker = WorkerStatus(worker="fly-1", stage="fly", state="busy", leases=1, done=3, busy_share=0.9, silent_s=0.1)
+    return Status(
+        campaign="x",
+        state="running",
+        round=3,
+        budget=100,
+        flights=12,
+        reflown=2,
+        test_cases=10,
+        candidates=80,
+        violations_confirmed=2,
+        violations_flaky=0,
+        violations_pending=1,
+        quarantined=1,
+        flights_per_s=2.5,
+        real_time_factor=310.0,
+        since_last_find_s=4.0,
+        elapsed_s=20.0,
+        scorer="blend",
+        scorer_pending="",
+        fallbacks=3,
+        queues={"fly": 4, "score": 0},
+        workers=(worker,),
+        seq=9,
+    )
+
+
+def test_a_progress_line_says_what_users_look_for() -> None:
+    line = live.one_line(status())
+    for word in ("12/100 flights", "2.50/s", "310x real time", "2 violations", "4 s ago", "1/1 busy", "fly 4"):
+        assert word in line
+
+
+def test_the_live_screen_draws() -> None:
+    from rich.console import Console
+
+    console = Console(width=110, record=True, file=open("/dev/null", "w"))  # noqa: SIM115
+    console.print(live._drawn(status()))
+    text = console.export_text()
+    for word in ("12", "310x", "fly-1", "busy", "4 s ago", "blend", "quarantined"):
+        assert word in text
+
+
+def test_facts_worth_a_line_get_one() -> None:
+    violation = Violation(
+        fingerprint="f" * 16,
+        test_case="c" * 16,
+        policy="p",
+        robustness=-0.5,
+        severity="hard",
+        standing="confirmed",
+        reflown=1,
+        failed_again=1,
+        bit_equal=True,
+    )
+    assert live.told(ViolationFound(violation=violation)).startswith("VIOLATION  ffff")
+    assert "bit-equal" in live.told(ViolationFound(violation=violation))
+    assert "not ready" in live.told(ScorerChanged(model="a", previous="b", ready=False))
+    assert "3 attempts" in live.told(Quarantined(test_case="c", attempts=3, last="wedged"))
+
+
+def test_every_command_asked_for_is_there() -> None:
+    assert set(WANTED.split()) <= set(command_names())
+
+
+def test_the_overview_names_every_command(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--help"]) == 0
+    said = capsys.readouterr().out
+    assert all(f"  {name} " in said for name in command_names())
