@@ -1,0 +1,137 @@
+"""The whole farm as processes on real Zenoh, with a target that flies nothing so that it takes seconds."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sqlite3
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from saflite.campaign.builtin import template
+from saflite.campaign.store import Store
+from saflite.contract.config import Campaign, LeaseConfig, ScorerConfig, SearchConfig
+from saflite.contract.errors import Refused
+from saflite.contract.events import CampaignChanged, Event, WorkerChanged
+from saflite.contract.test_case import Target
+from saflite.runtime.client import FarmClient, read_info
+from saflite.runtime.local import LocalFarm, resume, roles, run_campaign
+from saflite.simulator_worker.processes import children
+
+pytestmark = pytest.mark.live
+
+TARGET = Path(__file__).parents[2] / "scripts" / "soaking" / "soak.py"
+QUIET, SLOW = 8.0, 7.0
+
+
+def _campaign(budget: int, fault: float = QUIET) -> Campaign:
+    return Campaign(
+        name="live",
+        mission="mission1",
+        target=Target(name="soak", parameters={"SOAK_FAULT": fault}),
+        budget_flights=budget,
+        scorer=ScorerConfig(model="gap"),
+        search=SearchConfig(candidates_per_round=12, flights_per_round=6),
+        lease=LeaseConfig(lease_s=2.0, wall_limit_s=30.0),
+    )
+
+
+def _rows(run_dir: Path, sql: str) -> list[tuple[object, ...]]:
+    connection = sqlite3.connect(run_dir / "books.sqlite")
+    try:
+        return connection.execute(sql).fetchall()
+    finally:
+        connection.close()
+
+
+def test_a_campaign_runs_to_its_end_and_leaves_nothing_behind(tmp_path: Path) -> None:
+    before = children(os.getpid())
+    seen = []
+    summary = run_campaign(_campaign(30), tmp_path / "run", simulators=2, on_status=seen.append, target_files=[TARGET])
+    assert summary.ended
+    assert summary.status is not None
+    assert (summary.status.state, summary.status.flights) == ("ended", 30)
+    assert _rows(tmp_path / "run", "SELECT count(*), count(DISTINCT test_case) FROM flights") == [(30, 30)]
+    assert len(seen) >= 2
+    assert children(os.getpid()) == before
+    assert not (tmp_path / "run" / "farm.json").exists()
+    with pytest.raises(Refused, match="resume"):
+        run_campaign(_campaign(30), tmp_path / "run", target_files=[TARGET])
+
+
+def _follow(run_dir: Path, into: list[Event]) -> None:
+    while not (run_dir / "farm.json").exists():
+        time.sleep(0.02)
+    client = FarmClient.of_run(run_dir)
+    into.extend(client.watch(1))
+    client.close()
+
+
+def test_books_and_workers_are_killed_and_the_budget_stays_exact(tmp_path: Path) -> None:
+    run_dir = tmp_path / "run"
+    campaign = _campaign(400)
+    Store.create(run_dir, campaign, template(campaign)).close()
+    farm = LocalFarm("live", run_dir, roles(2), target_files=[TARGET])
+    farm.start()
+    events: list[Event] = []
+    watcher = threading.Thread(target=_follow, args=(run_dir, events), daemon=True)
+    watcher.start()
+    victims = ["fly-1", "books", "judge-1", "score-1", "fly-2", "books", "mutate-1", "record-1"]
+    next_s = time.monotonic() + 2.0
+    until_s = time.monotonic() + 90
+    while not farm.over() and time.monotonic() < until_s:
+        farm.poll()
+        if victims and time.monotonic() > next_s and victims[0] in farm.pids():
+            os.kill(farm.pids()[victims.pop(0)], signal.SIGKILL)
+            next_s = time.monotonic() + 0.4
+        time.sleep(0.02)
+    assert farm.over()
+    watcher.join(10)
+    farm.stop()
+    assert _rows(run_dir, "SELECT count(*), count(DISTINCT test_case || flight_index) FROM flights") == [(400, 400)]
+    assert [event.seq for event in events] == list(range(1, len(events) + 1))
+    assert any(isinstance(event.fact, CampaignChanged) and event.fact.state == "ended" for event in events)
+
+
+def test_a_stopped_run_goes_on_where_it_was(tmp_path: Path) -> None:
+    run_dir = tmp_path / "run"
+    campaign = _campaign(4, fault=SLOW)
+    timer = threading.Timer(4.0, lambda: os.kill(os.getpid(), signal.SIGINT))
+    timer.start()
+    began_s = time.monotonic()
+    summary = run_campaign(campaign, run_dir, simulators=1, target_files=[TARGET])
+    assert not summary.ended
+    assert time.monotonic() - began_s < 15
+    assert _rows(run_dir, "SELECT count(*) FROM attempts WHERE how = 'lost'") == [(0,)]
+    handed_back = _rows(run_dir, "SELECT count(*) FROM attempts WHERE how = 'handed_back'")[0][0]
+    assert isinstance(handed_back, int)
+    assert handed_back >= 1
+    again = Store.open(run_dir)
+    with pytest.raises(Refused, match="use"):
+        resume(run_dir, simulators=1, target_files=[TARGET])
+    again.close()
+
+
+def test_a_frozen_worker_is_noticed_within_four_seconds(tmp_path: Path) -> None:
+    run_dir = tmp_path / "run"
+    campaign = _campaign(4, fault=SLOW)
+    Store.create(run_dir, campaign, template(campaign)).close()
+    farm = LocalFarm("live", run_dir, roles(1), target_files=[TARGET])
+    farm.start()
+    try:
+        client = FarmClient.connect(farm.endpoint, "live", tries=None)
+        while not any(worker.stage == "fly" for worker in client.status().workers):
+            time.sleep(0.05)
+        os.kill(read_info(run_dir).processes["fly-1"], signal.SIGSTOP)
+        frozen_s = time.time()
+        for event in client.watch(1):
+            gone = isinstance(event.fact, WorkerChanged) and event.fact.worker == "fly-1" and not event.fact.present
+            if gone:
+                assert event.at_unix_s - frozen_s < 4
+                break
+        client.close()
+    finally:
+        farm.stop()
