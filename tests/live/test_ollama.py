@@ -28,7 +28,7 @@ from saflite.runtime.client import FarmClient
 pytestmark = pytest.mark.live
 ROOT = Path(__file__).parents[2]
 FOLDER = Path(environment("SAFLITE_CACHE") or Path.home() / ".cache" / "saflite") / "ollama"
-BUDGET = 24
+BUDGET = 12
 
 
 class Server:
@@ -93,12 +93,12 @@ class Run:
             name = "random_boxes"
             [scorer]
             model = "{model}"
-            batch = 4
-            deadline_s = 30.0
+            batch = 3
+            deadline_s = 90.0
             {more}
             [search]
-            candidates_per_round = 12
-            flights_per_round = 4
+            candidates_per_round = 6
+            flights_per_round = 3
             """
         )
         command = [sys.executable, "-m", "saflite", "run", str(campaign), "--out", str(self.folder), "--workers", "1"]
@@ -161,7 +161,7 @@ def test_campaign_runs_end_to_end_on_the_model(server: Server, tmp_path: Path) -
 
 def test_swaps_between_the_two_under_load_and_back_from_a_broken_one(server: Server, tmp_path: Path) -> None:
     first, second = (f"ollama:tiny-{name}@{server.host}" for name in "ab")
-    run = Run(tmp_path, first, budget=60)
+    run = Run(tmp_path, first, budget=40)
     try:
         with closing(run.client()) as client:
             changes = []
@@ -172,7 +172,7 @@ def test_swaps_between_the_two_under_load_and_back_from_a_broken_one(server: Ser
         assert run.wait() in {0, 1}
     finally:
         run.end()
-    nothing_is_lost(run, 60)
+    nothing_is_lost(run, 40)
     labels = {row[0] for row in run.rows("SELECT DISTINCT model FROM scores WHERE shadow = 0")}
     assert {first, second} >= labels
     assert second in labels
@@ -202,7 +202,7 @@ def _scorer_changes(client: FarmClient) -> list[ScorerChanged]:
 
 def test_server_killed_and_restarted_costs_order_only(server: Server, tmp_path: Path) -> None:
     label = f"ollama:tiny-a@{server.host}"
-    run = Run(tmp_path, label, budget=60)
+    run = Run(tmp_path, label, budget=40)
     try:
         with closing(run.client()) as client:
             _until(client, lambda status: status.flights >= 4)
@@ -215,7 +215,7 @@ def test_server_killed_and_restarted_costs_order_only(server: Server, tmp_path: 
         run.end()
         if server.process is None:
             server.start()
-    nothing_is_lost(run, 60)
+    nothing_is_lost(run, 40)
     faults = {row[0] for row in run.rows("SELECT DISTINCT fault FROM scores WHERE scored_by != model")}
     assert faults & {"unreachable", "circuit-open", "loading"}
     last_fallback, last_own = (

@@ -4,24 +4,29 @@ from __future__ import annotations
 
 import math
 import zlib
+from collections.abc import Sequence
 from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from saflite.contract.test_case import Mission, Obstacle, Scenario, Stimulus, TestCase
-from saflite.flight.geometry import boxes_array, distances_to_boxes, gap
+from saflite.contract.test_case import Mission, Scenario, Stimulus, TestCase
+from saflite.flight.geometry import boxes_array, distances_to_boxes
 from saflite.flight.mission import Waypoint, waypoints
+from saflite.flight.planner.gap import box_gaps
 
 BOXES_MAX = 4
 PER_BOX = 9
-LAYOUT_FEATURES = 7 + BOXES_MAX * PER_BOX
+LAYOUT_OWN = 6
+LAYOUT_FEATURES = LAYOUT_OWN + BOXES_MAX * PER_BOX
 STIMULUS_BUCKETS = 48
 STIMULUS_FEATURES = 5 + 2 * STIMULUS_BUCKETS
 FEATURES = LAYOUT_FEATURES + STIMULUS_FEATURES
 FAR_M = 50.0
 PATH_STEP_M = 0.5
+
+Array = NDArray[np.float64]
 
 
 def has_layout(test_case: TestCase) -> bool:
@@ -29,13 +34,13 @@ def has_layout(test_case: TestCase) -> bool:
     return test_case.scenario.mission is not None and bool(test_case.scenario.obstacles)
 
 
-def path_points(mission: Mission) -> NDArray[np.float64]:
+def path_points(mission: Mission) -> Array:
     """Return the straight way through the way-points, shape (points, 3) m, about half a metre apart; read-only."""
     return _path(waypoints(mission))
 
 
 @lru_cache(maxsize=64)
-def _path(places: tuple[Waypoint, ...]) -> NDArray[np.float64]:
+def _path(places: tuple[Waypoint, ...]) -> Array:
     corners = np.array([(0.0, 0.0, 0.0), *((place.x_m, place.y_m, place.z_m) for place in places)], dtype=float)
     pieces = []
     for start, end in pairwise(corners):
@@ -46,54 +51,50 @@ def _path(places: tuple[Waypoint, ...]) -> NDArray[np.float64]:
     return path
 
 
-def features(test_case: TestCase) -> NDArray[np.float64]:
-    """Return the test case as a vector, shape (FEATURES,); parts that do not apply are zero."""
-    return np.concatenate([layout_features(test_case.scenario), stimulus_features(test_case.stimuli)])
+def features(test_cases: Sequence[TestCase]) -> Array:
+    """Return test cases as vectors, shape (count, FEATURES); parts that do not apply are zero."""
+    vectors = np.zeros((len(test_cases), FEATURES))
+    by_way: dict[tuple[tuple[Waypoint, ...], int], list[int]] = {}
+    for place, case in enumerate(test_cases):
+        vectors[place, LAYOUT_FEATURES:] = stimulus_features(case.stimuli)
+        if case.scenario.mission is not None and case.scenario.obstacles:
+            key = (waypoints(case.scenario.mission), len(case.scenario.obstacles))
+            by_way.setdefault(key, []).append(place)
+    for (way, _), places in by_way.items():
+        scenarios = [test_cases[place].scenario for place in places]
+        vectors[places, :LAYOUT_FEATURES] = _layouts(_path(way)[::2], scenarios)
+    return vectors
 
 
-def layout_features(scenario: Scenario) -> NDArray[np.float64]:
-    """Return what the boxes look like along the mission, shape (LAYOUT_FEATURES,); boxes in the order they are met."""
-    vector = np.zeros(LAYOUT_FEATURES)
-    mission, boxes = scenario.mission, scenario.obstacles
-    if mission is None or not boxes:
-        return vector
-    path = path_points(mission)
-    near = distances_to_boxes(path, boxes_array(boxes)).T
-    order = np.argsort(near.argmin(axis=1), kind="stable")
-    gaps = [gap(a, b) for place, a in enumerate(boxes) for b in boxes[:place]]
-    closest = np.minimum(near.min(axis=0), FAR_M)
-    vector[:7] = (
-        len(boxes),
-        min(gaps, default=FAR_M),
-        float(np.median(gaps)) if gaps else FAR_M,
-        float(closest.min()),
-        float((closest < 2.0).mean()),
-        sum(box.length_m * box.width_m for box in boxes),
-        scenario.wind.mean_mps + scenario.wind.gust_mps,
-    )
-    for slot, place in enumerate(order[:BOXES_MAX]):
-        start = 7 + slot * PER_BOX
-        vector[start : start + PER_BOX] = _box_features(boxes[place], near[place])
-    return vector
+def _layouts(path: Array, scenarios: Sequence[Scenario]) -> Array:
+    """Return what boxes look like along one way, shape (layouts, LAYOUT_FEATURES), equally many boxes in each.
+
+    The boxes stand in the order in which they are met; `path` has shape (points, 3).
+    """
+    boxes = boxes_array([box for scenario in scenarios for box in scenario.obstacles])
+    near = distances_to_boxes(path, boxes).T  # (boxes, points)
+    met, distance = near.argmin(axis=1), np.minimum(near.min(axis=1), FAR_M)
+    cos, sin = boxes[:, 4], boxes[:, 5]
+    sides = (2.0 * boxes[:, 2], 2.0 * boxes[:, 3], boxes[:, 7] - boxes[:, 6])
+    turn = (cos**2 - sin**2, 2.0 * cos * sin)
+    one = np.stack([boxes[:, 0], boxes[:, 1], *sides, *turn, met, distance], axis=1)
+    count, layouts = len(scenarios[0].obstacles), len(scenarios)
+    order = np.argsort(met.reshape(layouts, count), axis=1, kind="stable")
+    sorted_ones = np.take_along_axis(one.reshape(layouts, count, PER_BOX), order[..., None], axis=1)
+    closest = near.reshape(layouts, count, -1).min(axis=1)
+    vectors = np.zeros((layouts, LAYOUT_FEATURES))
+    vectors[:, 0] = count
+    vectors[:, 1] = np.minimum(box_gaps(boxes.reshape(layouts, count, -1)), FAR_M)
+    vectors[:, 2] = np.minimum(closest.min(axis=1), FAR_M)
+    vectors[:, 3] = (closest < 2.0).mean(axis=1)
+    vectors[:, 4] = (one[:, 2] * one[:, 3]).reshape(layouts, count).sum(axis=1)
+    vectors[:, 5] = [scenario.wind.mean_mps + scenario.wind.gust_mps for scenario in scenarios]
+    kept = sorted_ones[:, :BOXES_MAX].reshape(layouts, -1)
+    vectors[:, LAYOUT_OWN : LAYOUT_OWN + kept.shape[1]] = kept
+    return vectors
 
 
-def _box_features(box: Obstacle, near_m: NDArray[np.float64]) -> tuple[float, ...]:
-    turn = math.radians(2.0 * box.rotation_deg)
-    place = int(near_m.argmin())
-    return (
-        box.x_m,
-        box.y_m,
-        box.length_m,
-        box.width_m,
-        box.height_m,
-        math.cos(turn),
-        math.sin(turn),
-        place * PATH_STEP_M,
-        min(float(near_m[place]), FAR_M),
-    )
-
-
-def stimulus_features(stimuli: tuple[Stimulus, ...]) -> NDArray[np.float64]:
+def stimulus_features(stimuli: tuple[Stimulus, ...]) -> Array:
     """Return which inputs are given and how large, shape (STIMULUS_FEATURES,); names are hashed into buckets."""
     vector = np.zeros(STIMULUS_FEATURES)
     kinds = {"parameter": 0, "command": 1, "stick": 2, "mode": 3, "sensor_fault": 4}

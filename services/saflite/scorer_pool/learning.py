@@ -12,7 +12,7 @@ from saflite.contract.work import Outcome
 from saflite.scorer_pool.calibration import roc_area
 from saflite.scorer_pool.vectors import Vectors
 
-TREES = 100
+TREES = 60
 FLIGHTS_MIN = 16
 FLIGHTS_MAX = 4_000
 GROWTH = 1.06

@@ -23,18 +23,14 @@ class Vectors:
 
     def of(self, test_cases: list[TestCase]) -> NDArray[np.float64]:
         """Return the vectors of the test cases, shape (count, FEATURES)."""
-        if not test_cases:
-            return np.zeros((0, FEATURES))
-        return np.stack([self._one(case) for case in test_cases])
-
-    def _one(self, test_case: TestCase) -> NDArray[np.float64]:
-        name = identity(test_case)
+        names = [identity(case) for case in test_cases]
         with self._lock:
-            if name in self._kept:
-                return self._kept[name]
-        vector = features(test_case)
+            found = {name: self._kept[name] for name in names if name in self._kept}
+        missing = {name: case for name, case in zip(names, test_cases, strict=True) if name not in found}
+        made = dict(zip(missing, features(list(missing.values())), strict=True))
         with self._lock:
-            self._kept[name] = vector
+            self._kept.update(made)
             while len(self._kept) > KEPT_MAX:
                 self._kept.popitem(last=False)
-        return vector
+        found |= made
+        return np.stack([found[name] for name in names]) if names else np.zeros((0, FEATURES))

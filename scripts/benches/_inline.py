@@ -1,0 +1,118 @@
+"""The whole pipeline in one process and one thread: real books and store, real services, no bus; for measurements.
+
+Flights of the reference target are deterministic, so a flight flown before (by another scorer model, from the same seed)
+is taken from memory instead of being flown again: the counts are the same, the wait is not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from saflite.campaign.builtin import template
+from saflite.campaign.state import Books
+from saflite.campaign.store import Store
+from saflite.contract.config import Campaign
+from saflite.contract.control import Status
+from saflite.contract.flight import Flight, pack_trace, trace_digest
+from saflite.contract.service import Cancelled, Service
+from saflite.contract.test_case import identity
+from saflite.contract.work import Ask, Failure, FlyResult, FlyWork, Report, Result, Stage, Work
+from saflite.mutator import work as mutator
+from saflite.oracle import work as oracle
+from saflite.runtime.clock import WallClock
+from saflite.runtime.stages import brief_of
+from saflite.scorer_pool import work as scorer_pool
+from saflite.simulator_worker.targets import reference
+
+STAGES: tuple[Stage, ...] = ("mutate", "score", "fly", "judge", "record")
+
+
+class Flights:
+    """Flies on the reference target, or remembers."""
+
+    stage: Stage = "fly"
+    cursor = -1
+    parallel = 1
+
+    def __init__(self) -> None:
+        self._kept: dict[str, tuple[Flight, bytes]] = {}
+        self.flown = 0
+
+    def do(self, work: Work, cancelled: Cancelled) -> Result:
+        """Fly the test case of the lease, or hand out what it did the last time."""
+        assert isinstance(work, FlyWork)
+        name = identity(work.test_case)
+        if name not in self._kept:
+            self._kept[name] = self._fly(work, cancelled)
+        flight, packed = self._kept[name]
+        record = Flight(
+            test_case=name,
+            flight_index=work.flight_index,
+            ending=flight.ending,
+            simulated_s=flight.simulated_s,
+            trace_digest=flight.trace_digest,
+            worker="inline",
+        )
+        return FlyResult(flight=record, trace=packed)
+
+    def _fly(self, work: FlyWork, cancelled: Cancelled) -> tuple[Flight, bytes]:
+        self.flown += 1
+        landed = reference.fly(work.test_case, cancelled)
+        assert landed.trace is not None, landed.message
+        flight = Flight(
+            test_case="",
+            flight_index=0,
+            ending=landed.ending,
+            simulated_s=landed.trace.duration_s,
+            trace_digest=trace_digest(landed.trace),
+        )
+        return flight, pack_trace(landed.trace)
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+
+class Inline:
+    """A campaign from its first round to `run`'s end. Services may be shared by several campaigns."""
+
+    def __init__(self, campaign: Campaign, run_dir: Path, flights: Flights) -> None:
+        self._store = Store.create(run_dir, campaign, template(campaign))
+        self._books: Books = self._store.rebuild()
+        self._clock = WallClock()
+        self._services: dict[Stage, Service] = {
+            "mutate": mutator.open_service(),
+            "score": scorer_pool.open_service(brief_of, self._clock),
+            "fly": flights,
+            "judge": oracle.open_service(),
+        }
+        self._books.begin(self._clock.monotonic_s(), self._clock.unix_s())
+
+    def run(self, enough: Callable[[Status], bool]) -> Status:
+        """Work until `enough` says so or the campaign ends; returns the last status."""
+        while True:
+            steps = [self._step(stage, service) for stage, service in self._services.items()]
+            busy = any(steps)
+            status = self._books.status(self._clock.monotonic_s())
+            if enough(status) or self._books.ended or not busy:
+                return status
+
+    def close(self) -> None:
+        """Close services and store."""
+        for service in self._services.values():
+            service.close()
+        self._store.close()
+
+    def _step(self, stage: Stage, service: Service) -> bool:
+        now_s = self._clock.monotonic_s()
+        ask = Ask(worker=f"{stage}-1", stage=stage, leases_max=1, cursor=service.cursor)
+        grant = self._books.ask(ask, now_s)
+        self._store.commit(self._books.drain())
+        for lease in grant.leases:
+            result = service.do(lease.work, lambda: False)
+            assert not isinstance(result, Failure), result
+            report = Report(worker=ask.worker, lease_id=lease.lease_id, epoch=lease.epoch, result=result)
+            receipt = self._books.report(report, self._clock.monotonic_s())
+            assert receipt.status == "accepted", receipt
+            self._store.commit(self._books.drain())
+        return bool(grant.leases)

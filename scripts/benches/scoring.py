@@ -1,0 +1,173 @@
+"""`scripts/bench scoring`: what scoring costs, how well it overlaps with flying, swaps, and what each model is worth.
+
+    scripts/bench scoring [--part surrogate cheap overlap swaps first bugs] [--seeds 20] [--missions 2 3 4 5] [--json]
+
+Parts: `surrogate` learning and scoring times; `cheap` screens and kinematic flights a second; `overlap` a scorer of ten
+seconds a batch, beside the serial loop of the paper; `swaps` fifty changes of the scorer under load; `first` flights to
+the first confirmed violation per embedded model; `bugs` the paper's bugs. `first` takes long: about a minute per
+mission and seed on one core.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from typing import Any
+
+import numpy as np
+
+PARTS = ("surrogate", "cheap", "overlap", "swaps", "bugs", "first")
+
+
+def main(argv: list[str]) -> int:
+    """Measure the parts asked for and print them."""
+    parser = argparse.ArgumentParser(prog="scripts/bench scoring", description=__doc__)
+    parser.add_argument("--part", nargs="+", choices=PARTS, default=list(PARTS))
+    parser.add_argument("--seeds", type=int, default=20)
+    parser.add_argument("--missions", type=int, nargs="+", default=[2, 3, 4, 5])
+    parser.add_argument("--models", nargs="+")
+    parser.add_argument("--flights", type=int, default=100, help="budget of the overlap campaign")
+    parser.add_argument("--swaps", type=int, default=50)
+    parser.add_argument("--json", action="store_true")
+    options = parser.parse_args(argv)
+    found = {part: _measure(part, options) for part in options.part}
+    if options.json:
+        print(json.dumps(found, indent=2))
+    else:
+        for part, figures in found.items():
+            _print(part, figures)
+    return 0
+
+
+def _measure(part: str, options: argparse.Namespace) -> Any:
+    sys.stderr.write(f"measuring {part} ...\n")
+    if part == "surrogate":
+        return surrogate()
+    if part == "cheap":
+        return cheap()
+    if part == "bugs":
+        return bugs()
+    if part == "first":
+        from _scoring_first import MODELS, table
+
+        return table(options.missions, options.seeds, options.models or MODELS)
+    from _scoring_farm import overlap, swaps
+
+    if part == "overlap":
+        return {"overlapped": overlap(options.flights, 3), "serial": overlap(options.flights, 1)}
+    return swaps(max(300, 8 * options.swaps), options.swaps)
+
+
+def _cases(count: int, seed: int) -> list[Any]:
+    """Return layouts as the built-in strategy draws them for mission 2."""
+    from saflite.campaign.builtin import load_campaign, template
+    from saflite.contract.rng import derive
+    from saflite.mutator.strategies import random_boxes
+
+    campaign = load_campaign("avoidance-m2")
+    strategy = random_boxes.Strategy(template(campaign), {}, campaign.policies)
+    return list(strategy.ask(count, derive(seed, "bench scoring")))
+
+
+def surrogate() -> dict[str, float]:
+    """Return seconds to learn from 2,000 flights and to score 200 test cases never seen (features included)."""
+    from saflite.contract.work import Outcome
+    from saflite.runtime.clock import WallClock
+    from saflite.scorer_pool.geometry_score import look
+    from saflite.scorer_pool.model import Job, Tools
+    from saflite.scorer_pool.models.surrogate import Model
+
+    def none(label: str) -> Any:
+        raise AssertionError(label)
+
+    cases, asked = _cases(2000, 1), _cases(200, 2)
+    margins = [8.0 - look(case.scenario).score for case in cases]
+    history = tuple(
+        Outcome(
+            test_case=case,
+            round=place // 8,
+            ending="completed",
+            robustness=margin,
+            violated=("p",) if margin < 1 else (),
+        )
+        for place, (case, margin) in enumerate(zip(cases, margins, strict=True))
+    )
+    model = Model("", Tools(WallClock(), none))
+    model.warm(lambda: False)
+    started_s = time.perf_counter()
+    model.score(Job((), (), 1, 250, history, 249))
+    learned_s = time.perf_counter() - started_s
+    started_s = time.perf_counter()
+    model.score(Job(tuple(asked), (), 1, 250, history, 249))
+    return {"flights": len(history), "learn_s": learned_s, "score_200_s": time.perf_counter() - started_s}
+
+
+def cheap() -> dict[str, float]:
+    """Return looks and kinematic flights per second on one core, and the simulated time per wall time."""
+    from saflite.scorer_pool.geometry_score import look
+    from saflite.scorer_pool.models.low_fidelity import _fly
+
+    cases = _cases(400, 3)
+    started_s = time.perf_counter()
+    scores = np.array([look(case.scenario).score for case in cases])
+    looked_s = time.perf_counter() - started_s
+    started_s = time.perf_counter()
+    flights = [_fly(case, 1) for case in cases[:60]]
+    flown_s = time.perf_counter() - started_s
+    return {
+        "looks_per_s": len(cases) / looked_s,
+        "share_flown_after_a_look": float((scores >= 2.0).mean()),
+        "kinematic_missions_per_s": len(flights) / flown_s,
+        "kinematic_times_real_time": sum(flight.duration_s for flight in flights) / flown_s,
+    }
+
+
+def bugs() -> list[dict[str, object]]:
+    """Return what `relevance`, `random` and `constant` make of the paper's ten bugs."""
+    from saflite.mutator.operators.inputs import published_inputs
+    from saflite.runtime.clock import WallClock
+    from saflite.runtime.stages import brief_of
+    from saflite.scorer_pool.evaluate_bugs import evaluate_bugs, gain
+
+    rows: list[dict[str, object]] = []
+    for model in ("relevance", "random", "constant"):
+        results = evaluate_bugs(model, published_inputs, brief_of, WallClock())
+        rows += [
+            {
+                "model": model,
+                "bug": one.bug,
+                "trigger": one.trigger,
+                "rank": one.trigger_rank,
+                "of": one.inputs,
+                "band": one.trigger_band,
+                "chance_pgfuzz": one.chance_pgfuzz,
+                "chance_weighted": one.chance_weighted,
+            }
+            for one in results
+        ]
+        rows.append({"model": model, "bug": "all", "gain_over_pgfuzz": gain(results)})
+    return rows
+
+
+def _print(part: str, figures: Any) -> None:
+    print(f"\n{part}")
+    if isinstance(figures, dict) and all(isinstance(value, dict) for value in figures.values()):
+        for name, inner in figures.items():
+            print(f"  {name}")
+            _lines(inner, "    ")
+    elif isinstance(figures, dict):
+        _lines(figures, "  ")
+    else:
+        for row in figures:
+            print("  " + "  ".join(f"{key} {_short(value)}" for key, value in row.items()))
+
+
+def _lines(figures: dict[str, Any], indent: str) -> None:
+    for name, value in figures.items():
+        print(f"{indent}{name:34} {_short(value)}")
+
+
+def _short(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
