@@ -7,6 +7,7 @@ from typing import NamedTuple
 from saflite.campaign.leases import Task, split_key
 from saflite.campaign.ledger import Ledger
 from saflite.campaign.library import Library
+from saflite.contract.config import SearchConfig
 from saflite.contract.errors import Unavailable
 from saflite.contract.rng import derive_seed
 from saflite.contract.work import FlyWork, JudgeWork, MutateWork, Outcome, RecordWork, ScoreWork, WarmWork, Work
@@ -99,7 +100,7 @@ class Handout:
         told = self._told(cursor, max(target, -1), OUTCOMES_MAX)
         return MutateWork(
             round=round_.number,
-            count=core.rounds.search.candidates_per_round if told.cursor >= target else 0,
+            count=_candidates(core.rounds.search, round_.plan.flights) if told.cursor >= target else 0,
             strategy=strategy.name,
             settings=strategy.settings,
             rng_seed=derive_seed(core.campaign.rng_seed, "mutate", round_.number),
@@ -141,3 +142,8 @@ class Handout:
         outcomes = self._library.outcomes(after, upto, limit)
         complete = len(outcomes) < limit
         return Told(outcomes, after, upto if complete or not outcomes else outcomes[-1].round)
+
+
+def _candidates(search: SearchConfig, flights: int) -> int:
+    """Return how many candidates a round of `flights` flights is chosen from: a small round from fewer."""
+    return min(search.candidates_per_round, -(-search.candidates_per_round * flights // search.flights_per_round))
