@@ -37,14 +37,24 @@ def check_new(folder: Path) -> None:
         raise Refused("--out", where=str(folder), expected="a folder that does not exist", got="one that does", fix=fix)
 
 
-def write_campaign(folder: Path, campaign: Campaign) -> None:
-    """Leave the campaign as it is run, as TOML, in the run folder; raises Unavailable if the disk refuses."""
+def create(run_dir: Path, campaign: Campaign) -> None:
+    """Make the run folder: the books, the campaign as it is run, the software that runs it.
+
+    Raises:
+        Refused: a run stands there already.
+        Unavailable: the disk refuses.
+    """
+    from saflite.campaign.builtin import template
+    from saflite.campaign.store import Store
+    from saflite.console import software
     from saflite.console.toml_text import dump
 
+    Store.create(run_dir, campaign, template(campaign)).close()
     try:
-        (folder / "campaign.toml").write_text(dump(campaign), encoding="utf-8")
+        (run_dir / "campaign.toml").write_text(dump(campaign), encoding="utf-8")
     except OSError as fault:
-        raise Unavailable(f"{folder}: {fault}") from fault
+        raise Unavailable(f"{run_dir}: {fault}") from fault
+    software.note(run_dir)
 
 
 def follow(run_dir: Path, start: Start, *, as_json: bool) -> int:

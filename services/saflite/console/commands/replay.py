@@ -32,7 +32,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Fly everything again and compare."""
-    from saflite.console import options, out, replaying
+    from saflite.console import options, out, replaying, software
 
     options.at_least("--times", args.times, 1)
     entries = replaying.entries(args.what, args.violation, args.all, tuple(args.policy))
@@ -46,5 +46,8 @@ def run(args: argparse.Namespace) -> int:
     if not args.json:
         out.line(f"{len(results)} flights: {equal} bit-equal, {violated} violated")
     if equal < len(results):
+        change = software.differs(args.what) if args.what.is_dir() else ""
+        if change:
+            out.complain("note", f"other code flew this run: {change}; traces can only repeat under the same code")
         return 3
     return int(violated > 0)

@@ -64,10 +64,7 @@ def run(args: argparse.Namespace) -> int:
         out.flush()
 
     def start(on_status: Callable[[Status], None]) -> ExitSummary:
-        return local.run_campaign(
-            campaign, run_dir, simulators=args.workers, on_status=on_status, target_files=args.target_module
-        )
+        return local.resume(run_dir, simulators=args.workers, on_status=on_status, target_files=args.target_module)
 
-    code = running.follow(run_dir, start, as_json=args.json)
-    running.write_campaign(run_dir, campaign)
-    return code
+    running.create(run_dir, campaign)
+    return running.follow(run_dir, start, as_json=args.json)
