@@ -15,12 +15,15 @@ from types import FrameType
 from typing import Literal, NamedTuple
 
 from saflite.contract.config import Campaign
-from saflite.contract.control import Status
-from saflite.contract.errors import Unavailable
+from saflite.contract.control import Control, Status
+from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.work import Stage
 from saflite.runtime.client import FARM_FILE, FarmClient, FarmInfo, write_info
 from saflite.runtime.clock import WallClock
 from saflite.simulator_worker.processes import adopt_orphans, children, kill_strays, signal_group
+
+if TYPE_CHECKING:
+    from saflite.campaign.store import Store
 
 log = logging.getLogger(__name__)
 
@@ -243,20 +246,32 @@ def resume(
 
     store = Store.open(run_dir)
     campaign = store.campaign
+    if budget is not None:
+        _raise_budget(store, budget)
     store.close()
     cast = roles(simulators or default_simulators(), record=campaign.record != "none")
     farm = LocalFarm(campaign.name, run_dir, cast, target_files=target_files)
     with _interrupts() as interrupted:
         try:
             farm.start()
-            return _follow(farm, on_status, interrupted, budget)
+            return _follow(farm, on_status, interrupted)
         finally:
             farm.stop()
 
 
-def _follow(
-    farm: LocalFarm, on_status: OnStatus | None, interrupted: list[str], budget: int | None = None
-) -> ExitSummary:
+def _raise_budget(store: Store, budget: int) -> None:
+    """Give the order before anybody works: an ended campaign would send its workers home first."""
+    clock = WallClock()
+    books = store.rebuild()
+    books.begin(clock.monotonic_s(), clock.unix_s())
+    answer = books.control(Control(verb="budget", number=budget), clock.monotonic_s())
+    if not answer.accepted:
+        store.close()
+        raise Refused("budget", expected="one the books accept", got=answer.message)
+    store.commit(books.drain())
+
+
+def _follow(farm: LocalFarm, on_status: OnStatus | None, interrupted: list[str]) -> ExitSummary:
     clock = WallClock()
     status: Status | None = None
     client: FarmClient | None = None
@@ -269,9 +284,6 @@ def _follow(
                 continue
             try:
                 client = client or FarmClient.connect(farm.endpoint, farm.campaign, tries=1)
-                if budget is not None:
-                    client.order("budget", number=budget, within_s=STATUS_PATIENCE_S)
-                    budget = None
                 status = client.status(within_s=STATUS_PATIENCE_S)
             except Unavailable as fault:
                 log.info("%s", fault)
