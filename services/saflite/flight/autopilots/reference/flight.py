@@ -62,7 +62,7 @@ class ReferenceFlight:
 
     def run(self, cancelled: Cancelled) -> FlightRecord:
         """Fly to the end and return the record; raises Unavailable when cancelled."""
-        self._bring_up()
+        self.bring_up()
         limit_s = self.scenario.time_limit_s
         fine = self.scenario.mission is None
         step_s = TRACE_STEP_FINE_S if fine else TRACE_STEP_S
@@ -92,7 +92,7 @@ class ReferenceFlight:
 
     # -- start ----------------------------------------------------------------------------------------------------
 
-    def _bring_up(self) -> None:
+    def bring_up(self) -> None:
         """Align the sensors, set the parameters, reach the start state."""
         board, autopilot = self.vehicle, self.autopilot
         stimuli.set_parameters(autopilot, self.test_case.target.parameters)
