@@ -79,12 +79,16 @@ def damage_named(path: Path) -> Iterator[None]:
 def check_file(connection: sqlite3.Connection, path: Path) -> None:
     """Raise Refused unless the file is a whole store of this version."""
     row = connection.execute("SELECT value FROM meta WHERE key = 'format'").fetchone()
-    version = "none" if row is None else bytes(row[0]).decode(errors="replace")
+    version = "none" if row is None else _text(row[0])
     if version != str(FORMAT):
         raise Refused("books", where=str(path), expected=f"store format {FORMAT}", got=f"format {version}")
     said = connection.execute("PRAGMA quick_check(1)").fetchone()[0]
     if said != "ok":
         raise Refused("books", where=str(path), expected="an intact store", got=said, fix=FIX)
+
+
+def _text(value: object) -> str:
+    return value.decode(errors="replace") if isinstance(value, bytes) else str(value)
 
 
 def checked_chain(rows: Iterable[tuple[int, int, bytes]], table: str, path: Path) -> Iterator[bytes]:

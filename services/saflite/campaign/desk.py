@@ -46,7 +46,7 @@ class Desk:
     def _somebody_else(self, ask: Ask, task: Task, now: float) -> bool:
         """Whether a worker that did not have this before may still take it: one heard of lately."""
         patience_s = max(self._core.campaign.lease.lease_s, SEEN_LATELY_S)
-        if now - self._core.opened_s < patience_s:
+        if ask.stage == "fly" and now - self._core.opened_s < patience_s:
             return True  # others may still be on their way
         others = self._attendance.others(ask.stage, ask.worker, task.target, now - patience_s)
         return any(other not in task.avoid for other in others)

@@ -61,7 +61,7 @@ class Rounds:
         self.search = search
         self.budget = budget
         self.under_way: dict[int, Round] = {}
-        self.recent: deque[Round] = deque(maxlen=search.lag + 2)
+        self.recent: deque[Round] = deque(maxlen=2 * search.lag + 4)
         self.planned = 0  # rounds planned so far; the next one has this number
         self.closed_upto = -1  # every round up to this one is closed
         self.selected_upto = -1  # every round up to this one has its flights chosen

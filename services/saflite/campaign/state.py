@@ -84,7 +84,6 @@ class Books:
         self._desk = Desk(self._core, self._attendance)
         self._rates = Rates()
         self._run_id = run_id
-        self._trouble: dict[str, float] = {}  # work that cannot be made now: not before this moment
 
     @property
     def campaign(self) -> Campaign:
@@ -131,7 +130,13 @@ class Books:
         for task in [task for task in self._core.tasks if task.stage == "judge"]:
             digest = self._desk.trace_of(task)
             if digest and self._shelf.trace(digest) is None:
-                self._do(TraceMissing(key=task.key, message="its trace was not on disk"), now)
+                self._attendance.end(task.key)
+                self._without_its_trace(task, "its trace was not on disk", now)
+
+    def _without_its_trace(self, task: Task, message: str, now: float) -> None:
+        """Fly again what cannot be judged; give up a recording that cannot be written."""
+        lost = TraceMissing if task.stage == "judge" else GaveUp
+        self._do(lost(key=task.key, message=message), now)
 
     # ---- work out ------------------------------------------------------------------------------------------------
 
@@ -145,18 +150,15 @@ class Books:
             return Grant(stop=True)
         leases: list[Lease] = []
         for task in self._desk.choose(ask, min(ask.leases_max, GRANTS_MAX), now):
-            if self._trouble.get(task.key, now) <= now:
-                leases.extend(self._lend(task, ask, now))
+            leases.extend(self._lend(task, ask, now))
         return Grant(leases=tuple(leases))
 
     def _lend(self, task: Task, ask: Ask, now: float) -> list[Lease]:
         try:
             work = self._handout.work(task, ask.cursor)
         except Unavailable as fault:
-            self._trouble[task.key] = now + self._core.campaign.lease.lease_s
-            self.fault(task.key, str(fault), now)
+            self._without_its_trace(task, str(fault), now)
             return []
-        self._trouble.pop(task.key, None)
         catching_up = getattr(work, "count", 1) == 0
         epoch, model = task.epoch + 1, self._handout.model_for(task)
         self._do(Granted(key=task.key, epoch=epoch, worker=ask.worker, model=model, catching_up=catching_up), now)

@@ -1,0 +1,71 @@
+"""Drives books by hand: every message encoded and decoded, every change committed before the answer counts."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from saflite.campaign.state import Books
+from saflite.campaign.store import Store
+from saflite.contract import wire
+from saflite.contract.work import Ask, Grant, Lease, Receipt, Report, Result, Stage
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "farm"))
+
+import farm_doubles as doubles
+from farm_store import MemoryStore
+
+
+class Driver:
+    """One set of books, a store (or none) and the services of the simulated farm."""
+
+    def __init__(self, books: Books, store: Store | MemoryStore | None = None) -> None:
+        self.books, self.store, self.now = books, store, 100.0
+        self.service = doubles.Service()
+        books.begin(self.now, 1.7e9)
+        self.commit()
+
+    def commit(self) -> None:
+        """Commit what changed."""
+        batch = self.books.drain()
+        if self.store is not None:
+            self.store.commit(batch)
+        self.books.validate()
+
+    def ask(self, stage: Stage, worker: str = "a", leases_max: int = 1, cursor: int | None = None) -> tuple[Lease, ...]:
+        """Ask for work."""
+        known = self.service.cursor_of(stage) if cursor is None else cursor
+        grant = self.books.ask(Ask(worker=worker, stage=stage, leases_max=leases_max, cursor=known), self.now)
+        self.commit()
+        return wire.decode(wire.encode(grant), Grant).leases
+
+    def report(self, lease: Lease, result: Result, worker: str = "a") -> Receipt:
+        """Hand a result in."""
+        report = Report(worker=worker, lease_id=lease.lease_id, epoch=lease.epoch, result=result)
+        receipt = self.books.report(wire.decode(wire.encode(report), Report), self.now)
+        self.commit()
+        return receipt
+
+    def do(self, stage: Stage, worker: str = "a", many: int = 1) -> int:
+        """Do up to `many` pieces of work of a stage; returns how many there were."""
+        leases = self.ask(stage, worker, many)
+        for lease in leases:
+            receipt = self.report(lease, self.service.do(lease.work), worker)
+            assert receipt.status == "accepted", receipt
+        return len(leases)
+
+    def run(self, workers: tuple[str, ...] = ("a", "b"), until_flights: int = 10**9) -> None:
+        """Run until the campaign has ended or so many flights were flown."""
+        while not self.books.ended and self.books.status(self.now).flights < until_flights:
+            for stage in ("mutate", "score", "fly", "judge", "record"):
+                for worker in workers:
+                    self.do(stage, worker, 2)
+            self.now += 0.5
+            self.books.tick(self.now)
+            assert self.now < 1e5, "the campaign does not end"
+
+
+def new_books(budget: int = 20, **search: object) -> Driver:
+    """Books with a store in memory."""
+    store = MemoryStore(doubles.campaign(budget, **search), doubles.TEMPLATE)  # type: ignore[arg-type]
+    return Driver(store.rebuild(), store)

@@ -1,0 +1,223 @@
+"""The books on disk: nothing torn, nothing lost, damage named."""
+
+from __future__ import annotations
+
+import sqlite3
+from pathlib import Path
+
+import msgspec
+import pytest
+from books_drive import Driver, doubles
+
+from saflite.campaign import traces
+from saflite.campaign.store import Store, store_file
+from saflite.contract import wire
+from saflite.contract.control import Control, Status
+from saflite.contract.errors import Refused, Unavailable
+from saflite.contract.events import Event, FaultSeen
+
+
+def started(run_dir: Path, budget: int = 20, **search: object) -> Driver:
+    store = Store.create(run_dir, doubles.campaign(budget, **search), doubles.TEMPLATE)  # type: ignore[arg-type]
+    return Driver(store.rebuild(), store)
+
+
+def closed(driver: Driver) -> Status:
+    assert driver.store is not None
+    status = driver.books.status(driver.now)
+    driver.store.close()
+    return status
+
+
+def exact(status: Status) -> tuple[object, ...]:
+    names = ("state", "round", "budget", "flights", "reflown", "test_cases", "candidates", "seq", "scorer", "queues")
+    finds = ("violations_confirmed", "violations_flaky", "quarantined", "fallbacks")
+    return tuple(getattr(status, name) for name in (*names, *finds))
+
+
+def test_a_rebuilt_store_is_the_books_as_they_were(tmp_path: Path) -> None:
+    driver = started(tmp_path / "run")
+    driver.run(until_flights=11)
+    before = closed(driver)
+    store = Store.open(tmp_path / "run")
+    assert exact(store.rebuild().status(driver.now)) == exact(before)
+
+
+def test_a_campaign_interrupted_anywhere_finds_the_same_with_an_exact_budget(tmp_path: Path) -> None:
+    whole = started(tmp_path / "whole", 25)
+    whole.run()
+    closed(whole)
+    driver = started(tmp_path / "parts", 25)
+    for flights in (1, 4, 9, 10, 17, 99):
+        driver.run(until_flights=flights)
+        driver.ask("fly", "gone")
+        closed(driver)
+        store = Store.open(tmp_path / "parts")
+        driver = Driver(store.rebuild(), store)
+    driver.run()
+    status = closed(driver)
+    assert (status.flights, status.state) == (25, "ended")
+    query = "SELECT fingerprint, test_case, policy, standing FROM violations ORDER BY 1, 2, 3"
+    found = [sqlite3.connect(store_file(tmp_path / name)).execute(query).fetchall() for name in ("whole", "parts")]
+    assert found[0] == found[1] != []
+
+
+def test_events_can_be_read_again_from_any_place(tmp_path: Path) -> None:
+    driver = started(tmp_path / "run")
+    driver.run()
+    answer = driver.books.control(Control(verb="events", number=3), driver.now)
+    events = [wire.decode(data, Event) for data in answer.events]
+    assert [event.seq for event in events] == list(range(3, driver.books.status(driver.now).seq + 1))
+
+
+def test_traces_of_violations_stay_and_others_go(tmp_path: Path) -> None:
+    driver = started(tmp_path / "run")
+    driver.run()
+    assert driver.store is not None
+    database = sqlite3.connect(store_file(tmp_path / "run"))
+    violated = {row[0] for row in database.execute("SELECT test_case FROM violations")}
+    kept = {doubles.flown(name, 0)[1] for name in violated}
+    assert kept <= set(driver.store.traces.digests())
+    wanted = {doubles.flown(name, index)[1] for name in violated for index in (0, 1)}
+    assert set(driver.store.traces.digests()) <= wanted
+
+
+def test_a_trace_lost_before_its_judgement_is_flown_again(tmp_path: Path) -> None:
+    driver = started(tmp_path / "run")
+    driver.run(until_flights=1)
+    while not driver.books.status(driver.now).queues["judge"]:
+        assert any(driver.do(stage, many=9) for stage in ("mutate", "score", "fly"))
+    assert driver.store is not None
+    waiting = driver.books.status(driver.now).queues["judge"]
+    assert waiting
+    assert closed(driver).flights
+    for digest in driver.store.traces.digests():
+        driver.store.traces.path(digest).write_bytes(b"torn")
+    store = Store.open(tmp_path / "run")
+    driver = Driver(store.rebuild(), store)
+    assert driver.books.status(driver.now).queues["judge"] == 0
+    driver.run()
+    assert closed(driver).flights == 20
+    faults = [event.message for event in _faults(tmp_path / "run")]
+    assert sum("its trace was not on disk" in message for message in faults) == waiting
+
+
+def _faults(run_dir: Path) -> list[FaultSeen]:
+    rows = sqlite3.connect(store_file(run_dir)).execute("SELECT event FROM events WHERE kind = 'fault'")
+    facts = [wire.decode(row[0], Event).fact for row in rows]
+    return [fact for fact in facts if isinstance(fact, FaultSeen)]
+
+
+def test_a_second_opener_is_refused(tmp_path: Path) -> None:
+    driver = started(tmp_path / "run")
+    with pytest.raises(Refused, match="another process works on"):
+        Store.open(tmp_path / "run")
+    closed(driver)
+    Store.open(tmp_path / "run").close()
+
+
+def test_an_earlier_run_is_not_written_over(tmp_path: Path) -> None:
+    closed(started(tmp_path / "run"))
+    with pytest.raises(Refused, match="resume"):
+        Store.create(tmp_path / "run", doubles.campaign(), doubles.TEMPLATE)
+
+
+@pytest.mark.parametrize("keep", [0, 1000, 0.5, 0.9])
+def test_a_truncated_store_is_named(tmp_path: Path, keep: float) -> None:
+    driver = started(tmp_path / "run")
+    driver.run()
+    closed(driver)
+    path = store_file(tmp_path / "run")
+    data = path.read_bytes()
+    path.write_bytes(data[: int(keep * len(data)) if keep < 1 else int(keep)])
+    with pytest.raises(Refused, match=r"books\.sqlite") as refused:
+        Store.open(tmp_path / "run").rebuild()
+    assert "restore the run folder" in str(refused.value)
+
+
+def test_any_flipped_bit_in_the_journal_is_noticed(tmp_path: Path) -> None:
+    driver = started(tmp_path / "run", 3)
+    driver.run()
+    closed(driver)
+    path = store_file(tmp_path / "run")
+    database = sqlite3.connect(path)
+    lines = database.execute("SELECT n, line FROM journal").fetchall()
+    for number, line in lines[:: max(1, len(lines) // 10)]:
+        damaged = bytearray(line)
+        damaged[len(line) // 2] ^= 4
+        database.execute("UPDATE journal SET line = ? WHERE n = ?", (bytes(damaged), number))
+        database.commit()
+        store = Store.open(tmp_path / "run")
+        with pytest.raises(Refused, match=f"journal entry {number}"):
+            store.rebuild()
+        store.close()
+        database.execute("UPDATE journal SET line = ? WHERE n = ?", (line, number))
+        database.commit()
+
+
+def test_a_full_disk_refuses_the_batch_whole_and_takes_it_later(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    driver = started(tmp_path / "run")
+    driver.run(until_flights=3)
+    store, books = driver.store, driver.books
+    assert store is not None
+    store._db.execute(f"PRAGMA max_page_count = {store._db.execute('PRAGMA page_count').fetchone()[0]}")
+    books.fault("test", "x" * 200_000, driver.now)
+    batch = books.drain()
+    with pytest.raises(Unavailable, match="takes no writes"):
+        store.commit(batch)
+    assert not store._db.in_transaction
+    with pytest.raises(Unavailable):
+        store.commit(batch)
+    store._db.execute("PRAGMA max_page_count = 1000000")
+    store.commit(batch)
+    driver.run()
+    status = closed(driver)
+    assert exact(Store.open(tmp_path / "run").rebuild().status(driver.now)) == exact(status)
+
+
+def test_a_trace_that_cannot_be_written_is_unavailable(tmp_path: Path) -> None:
+    files = traces.TraceFiles(tmp_path / "nowhere")
+    with pytest.raises(Unavailable, match="cannot be written"):
+        files.write({"a" * 64: b"data"})
+
+
+def test_another_format_is_refused(tmp_path: Path) -> None:
+    closed(started(tmp_path / "run"))
+    database = sqlite3.connect(store_file(tmp_path / "run"))
+    database.execute("UPDATE meta SET value = '99' WHERE key = 'format'")
+    database.commit()
+    with pytest.raises(Refused, match="store format 1"):
+        Store.open(tmp_path / "run")
+
+
+def test_a_stopped_campaign_goes_on_when_opened_again(tmp_path: Path) -> None:
+    driver = started(tmp_path / "run")
+    driver.run(until_flights=5)
+    driver.books.control(Control(verb="stop"), driver.now)
+    driver.commit()
+    assert closed(driver).state == "ended"
+    store = Store.open(tmp_path / "run")
+    driver = Driver(store.rebuild(), store)
+    assert driver.books.status(driver.now).state == "running"
+    driver.run()
+    assert closed(driver).flights == 20
+
+
+def test_a_mutator_is_told_old_rounds_from_the_store_in_whole_rounds(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("saflite.campaign.handout.OUTCOMES_MAX", 4)
+    driver = started(tmp_path / "run", 60)
+    driver.run(until_flights=40)
+    driver.service = doubles.Service()  # a new mutator knows nothing and is told in several leases
+    driver.run()
+    assert closed(driver).flights == 60
+
+
+def test_campaign_and_template_come_back_as_given(tmp_path: Path) -> None:
+    campaign = doubles.campaign(7)
+    store = Store.create(tmp_path / "run", campaign, doubles.TEMPLATE)
+    assert msgspec.structs.asdict(store.campaign) == msgspec.structs.asdict(campaign)
+    assert store.template == doubles.TEMPLATE
