@@ -92,7 +92,7 @@ class Inline:
         """Work until `enough` says so or the campaign ends; returns the last status."""
         while True:
             steps = [self._step(stage, service) for stage, service in self._services.items()]
-            busy = any(steps)
+            busy = any(steps) or self._step("fly", self._services["fly"], 2)  # a second worker may confirm the first
             status = self._books.status(self._clock.monotonic_s())
             if enough(status) or self._books.ended or not busy:
                 return status
@@ -103,9 +103,9 @@ class Inline:
             service.close()
         self._store.close()
 
-    def _step(self, stage: Stage, service: Service) -> bool:
+    def _step(self, stage: Stage, service: Service, number: int = 1) -> bool:
         now_s = self._clock.monotonic_s()
-        ask = Ask(worker=f"{stage}-1", stage=stage, leases_max=1, cursor=service.cursor)
+        ask = Ask(worker=f"{stage}-{number}", stage=stage, leases_max=1, cursor=service.cursor)
         grant = self._books.ask(ask, now_s)
         self._store.commit(self._books.drain())
         for lease in grant.leases:
