@@ -38,6 +38,7 @@ def main(argv: list[str]) -> int:
 
 def _measure(run_dir: Path, options: argparse.Namespace) -> dict[str, float | int]:
     import farm_doubles as doubles
+
     from saflite.campaign.store import Store
 
     doubles.padding_kib = options.trace_kib

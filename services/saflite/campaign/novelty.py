@@ -35,19 +35,31 @@ def features(test_case: TestCase) -> Features:
     return Features(np.asarray(rows, dtype=np.float64), np.asarray(labels, dtype=np.int64))
 
 
-def novelty(one: Features, others: Sequence[Features]) -> float:
-    """Return the distance to the nearest of `others`, 0 (the same) to 1 (nothing in common, or nothing to compare)."""
-    if not others:
-        return 1.0
-    points = np.concatenate([other.points for other in others])
-    labels = np.concatenate([other.labels for other in others])
-    starts = np.cumsum([0, *(len(other.labels) for other in others[:-1])])
-    cost = np.sqrt(((one.points[:, None, :] - points[None, :, :]) ** 2).sum(axis=2))
-    cost = np.where(one.labels[:, None] == labels[None, :], np.minimum(cost, 1.0), 1.0)
-    there = np.minimum.reduceat(cost, starts, axis=1).mean(axis=0)
-    counts = np.diff([*starts, len(labels)])
-    back = np.add.reduceat(cost.min(axis=0), starts) / counts
-    return float((0.5 * (there + back)).min())
+def distances(ones: Sequence[Features], others: Sequence[Features]) -> NDArray[np.float64]:
+    """Return how far each of `ones` is from each of `others`, shape (ones, others), 0 (the same) to 1.
+
+    The mean over the points of one of the distance to the nearest point of the other, both ways, halved.
+    """
+    if not ones or not others:
+        return np.ones((len(ones), len(others)))
+    points, labels, starts, counts = _joined(ones)
+    their_points, their_labels, their_starts, their_counts = _joined(others)
+    squares = np.zeros((len(labels), len(their_labels)))
+    for axis in range(_SIZE):  # no matrix product: its last bits differ from machine to machine
+        squares += (points[:, axis, None] - their_points[None, :, axis]) ** 2
+    cost = np.sqrt(squares)
+    cost = np.where(labels[:, None] == their_labels[None, :], np.minimum(cost, 1.0), 1.0)
+    there = np.add.reduceat(np.minimum.reduceat(cost, their_starts, axis=1), starts, axis=0) / counts[:, None]
+    back = np.add.reduceat(np.minimum.reduceat(cost, starts, axis=0), their_starts, axis=1) / their_counts[None, :]
+    return np.asarray(0.5 * (there + back))
+
+
+def _joined(
+    many: Sequence[Features],
+) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    counts = np.asarray([len(one.labels) for one in many], dtype=np.int64)
+    starts = np.cumsum(counts) - counts
+    return np.concatenate([one.points for one in many]), np.concatenate([one.labels for one in many]), starts, counts
 
 
 def _obstacle_point(obstacle: Obstacle) -> list[float]:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from saflite.campaign.entries import Pick
-from saflite.campaign.novelty import Features, features, novelty
+from saflite.campaign.novelty import Features, distances, features
 from saflite.contract.rng import derive
 from saflite.contract.score import Band, band
 from saflite.contract.test_case import TestCase
@@ -38,27 +38,31 @@ def select(
     be judged against them. `candidates` and `scores` are keyed by the test case's identity.
     """
     count = min(rules.flights, len(candidates))
-    drawn = _random_picks(sorted(candidates), count, rules)
-    shapes = {name: features(test_case) for name, test_case in candidates.items()}
-    seen = [*flown, *(shapes[name] for name in drawn)]
-    nearness = {name: novelty(shapes[name], seen) for name in sorted(candidates)}
-    random_picks = [
-        Pick(test_case=name, selected_by="random", score=scores[name], novelty=nearness[name]) for name in drawn
-    ]
+    names = sorted(candidates)
+    drawn = _random_picks(names, count, rules)
+    shapes = [features(candidates[name]) for name in names]
+    nearness = distances(shapes, flown).min(axis=1, initial=1.0)
+    among = distances(shapes, shapes)
+    random_picks = []
+    for name in drawn:
+        place = names.index(name)
+        novelty = float(nearness[place])
+        random_picks.append(Pick(test_case=name, selected_by="random", score=scores[name], novelty=novelty))
+        nearness = np.minimum(nearness, among[place])
+    rest = [place for place, name in enumerate(names) if name not in set(drawn)]
     chosen: list[Pick] = []
-    rest = {name: nearness[name] for name in sorted(candidates) if name not in set(drawn)}
     while rest and len(chosen) + len(drawn) < count:
-        best = max(
-            rest, key=lambda name: (_BAND_RANK[band(scores[name])], _value(scores[name], rest[name], rules), name)
-        )
-        chosen.append(Pick(test_case=best, selected_by="score", score=scores[best], novelty=rest.pop(best)))
-        for name in rest:
-            rest[name] = min(rest[name], novelty(shapes[name], [shapes[best]]))
+        best = max(rest, key=lambda place: _rank(names[place], scores[names[place]], float(nearness[place]), rules))
+        rest.remove(best)
+        name = names[best]
+        chosen.append(Pick(test_case=name, selected_by="score", score=scores[name], novelty=float(nearness[best])))
+        nearness = np.minimum(nearness, among[best])
     return (*chosen, *random_picks)
 
 
-def _value(score: float, how_novel: float, rules: Rules) -> float:
-    return score + rules.novelty_weight * how_novel
+def _rank(name: str, score: float, novelty: float, rules: Rules) -> tuple[int, float, str]:
+    """Return what the choice goes by; rounded, so that the last bit of a sum decides nothing on any machine."""
+    return (_BAND_RANK[band(score)], round(score + rules.novelty_weight * novelty, 9), name)
 
 
 def _random_picks(names: list[str], count: int, rules: Rules) -> list[str]:
