@@ -89,7 +89,10 @@ def published_inputs(policy: str) -> tuple[Input, ...]:
     """Return the inputs of a policy's published list; raises Refused if there is no such list."""
     if policy not in published_policies():
         raise Refused("published", expected=f"one of {', '.join(published_policies())}", got=repr(policy))
-    return tuple(dict.fromkeys(_as_input(row) for row in _rows() if policy in row.policies))
+    unique: dict[tuple[StimulusKind, str], Input] = {}
+    for entry in (_as_input(row) for row in _rows() if policy in row.policies):
+        unique.setdefault((entry.kind, entry.name), entry)
+    return tuple(unique.values())
 
 
 def _as_input(row: Published) -> Input:

@@ -27,6 +27,7 @@ from saflite.mutator.operators.sequences import Rhythm, Stimuli
 from saflite.mutator.strategy import Chosen, Option, Options, Proposes, Settings
 
 POOL_MAX = 24
+FAR = 1.0  # the closeness of a flight to which no rule ever applied
 TAIL_S = 8.0  # least time left after the last stimulus, for its effect to show
 _CLASS_OF: dict[StimulusKind, str] = {
     "command": "command",
@@ -56,10 +57,10 @@ class Seed(NamedTuple):
 
 
 class Kept(NamedTuple):
-    """The values of an input that brought a flight closest, and by how much."""
+    """The values of an input in the flight it came closest in, and how close that was."""
 
     values: tuple[float, ...]
-    gain: float
+    closeness: float
 
 
 def closeness(robustness: float) -> float:
@@ -110,7 +111,6 @@ class Strategy:
         self._seeds: dict[tuple[Key, ...], Seed] = {}
         self._kept: dict[Key, Kept] = {}
         self._told: dict[str, float] = {}
-        self._sum = 0.0
 
     def _read_rhythm(self, time_limit_s: float) -> Rhythm:
         start_s, round_s = self._chosen.real("start_s"), self._chosen.real("round_s")
@@ -150,19 +150,18 @@ class Strategy:
             self._keep(outcome)
 
     def _credit(self, outcome: Outcome) -> None:
-        """Store the values of new stimuli that brought the flight closer than its parent (or than usual)."""
+        """Store the values of a flight closer than its parent, replacing only those of flights no closer."""
         assert outcome.robustness is not None, "only flights that said something are credited"
         case, now = outcome.test_case, closeness(outcome.robustness)
-        usual = self._sum / len(self._told) if self._told else 1.0
-        before = self._told.get(case.origin.parent, usual)
+        before = self._told.get(case.origin.parent, FAR)
+        self._told[identity(case)] = now
+        if now >= before:
+            return
         for stimulus in case.stimuli:
             key = (stimulus.kind, stimulus.name)
-            held, gain = self._kept.get(key), before - now
-            if gain > 1e-9 and (held is None or gain >= held.gain):
-                self._kept[key] = Kept(stimulus.values, gain)
-        if (name := identity(case)) not in self._told:
-            self._told[name] = now
-            self._sum += now
+            held = self._kept.get(key)
+            if held is None or now <= held.closeness:
+                self._kept[key] = Kept(stimulus.values, now)
 
     def _keep(self, outcome: Outcome) -> None:
         assert outcome.robustness is not None, "only flights that said something are kept"
