@@ -33,8 +33,9 @@ def decode(data: bytes, kind: type[T]) -> T:
     """
     if len(data) > MESSAGE_BYTES_MAX:
         raise Refused(kind.__name__, expected=f"at most {MESSAGE_BYTES_MAX} bytes", got=f"{len(data)} bytes")
+    hashable: Any = kind
     try:
-        message: T = _decoder(kind).decode(data)
+        message: T = _decoder(hashable).decode(data)
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as fault:
         raise Refused(kind.__name__, expected="a valid message", got=str(fault)) from fault
     return message
