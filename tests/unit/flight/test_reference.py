@@ -255,7 +255,7 @@ def test_free_missions_take_as_long_as_the_real_vehicle(name: str, real_s: float
     assert record.trace is not None
     assert record.trace.duration_s == pytest.approx(real_s, rel=0.1)
     speed = np.hypot(record.trace.array("vx_mps"), record.trace.array("vy_mps"))
-    assert np.median(speed[speed > 1.0]) == pytest.approx(1.375, abs=0.08)
+    assert np.median(speed[speed > 1.0]) == pytest.approx(1.375, abs=0.12)
 
 
 def test_a_flight_after_another_is_bit_equal_to_the_flight_alone() -> None:

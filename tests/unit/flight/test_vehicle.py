@@ -16,7 +16,14 @@ NOTHING = np.zeros((0, 8))
 def standing(rng_seed: int = 1) -> tuple[World, Vehicle]:
     world, vehicle = World(), Vehicle(rng_seed, NOTHING)
     world.read(vehicle)
-    vehicle.set(fault_gps_sats=10.0, gps_sats_min=4.0, est_gate_m=5.0, est_height_noise=3.0, est_position_noise=1.0)
+    vehicle.set(
+        baro_gain=1.0,
+        fault_gps_sats=10.0,
+        gps_sats_min=4.0,
+        est_gate_m=5.0,
+        est_height_noise=3.0,
+        est_position_noise=1.0,
+    )
     vehicle.set(est_velocity_noise=1.0, est_yaw_noise=0.5, est_acc_noise=0.35, compass_use=1.0, k_input_tc=0.15)
     vehicle.align()
     return world, vehicle

@@ -25,7 +25,6 @@ void sensors_start(Vehicle *v)
     }
     v->baro_walk = 0.0;
     AT(battery_used_mah) = 0.0;
-    AT(baro_gain) = 1.0;
     v->range_m = 0.0;
 }
 

@@ -79,7 +79,7 @@
     X(k_acc_y_max) X(k_slew_yaw) X(k_input_tc) X(k_pos_p) X(k_vel_p) X(k_vel_i) X(k_vel_d) X(k_vel_imax) X(k_vel_flte) \
     X(k_acc_xy) X(k_jerk_xy) X(k_posz_p) X(k_velz_p) X(k_accz_p) X(k_accz_i) X(k_accz_d) X(k_accz_imax) X(k_acc_z) \
     X(k_angle_boost) X(k_mix_min) X(k_mix_max) X(k_mix_man) X(k_spin_min) X(k_spin_max) X(k_expo) X(k_slew_up) \
-    X(k_slew_dn) X(k_boost) X(k_gyro_filter) X(k_acc_filter) X(k_thr_filter) X(k_ang_lim_tc)
+    X(k_slew_dn) X(k_boost) X(k_gyro_filter) X(k_acc_filter) X(k_thr_filter)
 
 #define SLOTS(X) SLOTS_TRUTH(X) SLOTS_WORLD(X) SLOTS_MODES(X) SLOTS_SENSORS(X) SLOTS_ESTIMATE(X) SLOTS_WANT(X) \
     SLOTS_CONTROL(X) SLOTS_SETTINGS(X)

@@ -271,6 +271,17 @@ ROWS: tuple[tuple[object, ...], ...] = (
         8.0,
     ),
     (
+        "stick-range-unchecked",
+        "RC3_MIN and RC3_MAX may be equal, which the throttle is divided by: arithmetic exception",
+        "autopilot-alive",
+        "",
+        ("STABILIZE", 30.0),
+        ((1.0, "parameter", "RC3_MAX", (0.0,)), (1.5, "parameter", "RC3_MIN", (0.0,))),
+        8.0,
+        {},
+        ("RC3_MIN", "RC3_MAX"),
+    ),
+    (
         "trim-unchecked",
         "AHRS_TRIM_X is taken at any size",
         "upright",

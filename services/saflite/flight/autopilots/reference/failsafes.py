@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from saflite.flight.autopilots.reference.autopilot import Autopilot
 
+CHECK_TICKS, CHECK_S = 5, 0.1  # position, battery and fence are looked at ten times a second
 TICK_S = 0.02
 RADIO_PULSES, RADIO_LOST_S = 3, 0.5
 VARIANCE_S = 1.0
@@ -21,15 +22,24 @@ class Failsafes:
         self._ap = ap
         self.position = self.radio = self.battery = self.fence = False
         self._lost_s = self._variance_s = self._silent_s = self._low_s = self._critical_s = 0.0
-        self._pulses = 0
+        self._pulses = self._ticks = 0
+        self._shown = (False, False, False, False)
         self._critical = False
 
     def tick(self) -> None:
         """Look at everything that can be lost."""
-        self._check_position()
         self._check_radio()
-        self._check_battery()
-        self._check_fence()
+        self._ticks += 1
+        if self._ticks % CHECK_TICKS == 0:
+            self._check_position()
+            self._check_battery()
+            self._check_fence()
+        flags = (self.position, self.radio, self.battery, self.fence)
+        if flags != self._shown:
+            self._shown = flags
+            self._show()
+
+    def _show(self) -> None:
         board = self._ap.board
         board["failsafe_gps"] = 1.0 if self.position else 0.0
         board["failsafe_radio"] = 1.0 if self.radio else 0.0
@@ -41,11 +51,11 @@ class Failsafes:
     def _check_position(self) -> None:
         ap, board, p = self._ap, self._ap.board, self._ap.parameters
         apart = board["innovation_ratio"] > p["FS_EKF_THRESH"]
-        self._variance_s = self._variance_s + TICK_S if apart else 0.0
+        self._variance_s = self._variance_s + CHECK_S if apart else 0.0
         lost = board["gps_ok"] == 0.0 or board["position_ok"] == 0.0
         if "few-satellites-accepted" in ap.defects and board["gps_satellites"] >= 1.0:
             lost = False
-        self._lost_s = self._lost_s + TICK_S if lost else 0.0
+        self._lost_s = self._lost_s + CHECK_S if lost else 0.0
         delay_s = p["COM_POS_FS_DELAY"]
         raised = ((lost and self._lost_s > delay_s) or self._variance_s > VARIANCE_S) and self._position_watched(
             delay_s
@@ -135,8 +145,8 @@ class Failsafes:
             p["BATT_LOW_MAH"] > 0.0 and left_mah < p["BATT_LOW_MAH"]
         )
         critical = p["BATT_CRT_VOLT"] > 0.0 and board["battery_v"] < p["BATT_CRT_VOLT"]
-        self._low_s = self._low_s + TICK_S if low else 0.0
-        self._critical_s = self._critical_s + TICK_S if critical else 0.0
+        self._low_s = self._low_s + CHECK_S if low else 0.0
+        self._critical_s = self._critical_s + CHECK_S if critical else 0.0
         timer_s = p["BATT_LOW_TIMER"]
         if self._low_s > timer_s and not self.battery:
             self.battery = True

@@ -67,15 +67,23 @@ class ReferenceFlight:
         fine = self.scenario.mission is None
         step_s = TRACE_STEP_FINE_S if fine else TRACE_STEP_S
         self.vehicle.record(trace_names(), int(limit_s / step_s) + 2, step_s)
+        ending = self._fly(limit_s, cancelled)
+        messages = tuple(message for message in self.autopilot.messages if message.at_s >= 0.0)
+        trace = Trace(step_s=step_s, signals=self.vehicle.columns(), messages=messages)
+        return FlightRecord(ending, trace, self._last_word())
+
+    def _fly(self, limit_s: float, cancelled: Cancelled) -> Ending:
         ending: Ending | None = None
         while ending is None:
             if self.ticks % 50 == 0 and cancelled():
                 raise Unavailable("flight cancelled")
-            self.tick()
+            try:
+                self.tick()
+            except ArithmeticError as fault:  # of the stack under test, as its own processor would raise it
+                self.autopilot.say(f"arithmetic exception: {fault}", "error")
+                return "autopilot_died"
             ending = self._ending(limit_s)
-        messages = tuple(message for message in self.autopilot.messages if message.at_s >= 0.0)
-        trace = Trace(step_s=step_s, signals=self.vehicle.columns(), messages=messages)
-        return FlightRecord(ending, trace, self._last_word())
+        return ending
 
     def tick(self) -> None:
         """One step of 20 ms: inputs, autopilot, weather, physics."""

@@ -10,6 +10,8 @@ from collections.abc import Callable, Iterable
 from functools import cache
 from typing import NamedTuple
 
+STANDARD_DEGC, KELVIN = 15.0, 273.15
+
 
 class Parameter(NamedTuple):
     """One row of the table.
@@ -87,6 +89,8 @@ class ParameterSet:
         for row in self._rows.values():
             self._apply(row)
         self.at_start = dict(self.values)
+        warm = (self.values["GND_TEMP"] or STANDARD_DEGC) + KELVIN
+        self._write("baro_gain", warm / (STANDARD_DEGC + KELVIN))
 
     def _apply(self, row: Parameter) -> None:
         if row.slot:

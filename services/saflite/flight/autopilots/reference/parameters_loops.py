@@ -114,7 +114,6 @@ ROWS: tuple[Row, ...] = (
     Row("ATC_SLEW_YAW", 4500, 500, 18000, "cdeg/s", "turning speed in autonomous modes", "k_slew_yaw", CENTIDEGREE),
     Row("ATC_INPUT_TC", 0.15, 0.05, 0.5, "s", "time constant of the attitude target", "k_input_tc"),
     Row("ATC_ANGLE_BOOST", 1, 0, 1, "", "raise throttle with tilt", "k_angle_boost"),
-    Row("ATC_ANG_LIM_TC", 1.0, 0.5, 10, "s", "time constant of the tilt limit that saves altitude", "k_ang_lim_tc"),
     Row("ATC_THR_MIX_MIN", 0.1, 0.1, 0.25, "", "throttle against attitude, low throttle", "k_mix_min"),
     Row("ATC_THR_MIX_MAX", 0.5, 0.5, 0.9, "", "throttle against attitude, active flight", "k_mix_max"),
     Row("ATC_THR_MIX_MAN", 0.1, 0.1, 0.9, "", "throttle against attitude, manual flight", "k_mix_man"),

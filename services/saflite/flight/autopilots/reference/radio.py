@@ -20,14 +20,21 @@ class Radio:
         self.received = dict(CENTRED)
         self.present = True
         self.throttle_filtered = 1500.0
+        self._changes, self._moved = -1, True
 
     def stick(self, channel: int, pwm: float) -> None:
         """The pilot moves a stick."""
         self.sent[channel] = pwm
+        self._moved = True
 
     def tick(self) -> None:
         """Receive what was sent, unless the link is down."""
-        board, fail = self._ap.board, self._ap.parameters["SIM_RC_FAIL"]
+        p = self._ap.parameters
+        settled = self.throttle_filtered == self.received[3] and p.changes == self._changes
+        if settled and not self._moved:
+            return
+        self._changes, self._moved = p.changes, False
+        board, fail = self._ap.board, p["SIM_RC_FAIL"]
         self.present = fail < 1.0
         if fail < 1.0:
             self.received = dict(self.sent)
@@ -36,7 +43,7 @@ class Radio:
         for channel in (1, 2, 3, 4):
             board[f"rc{channel}_pwm"] = self.received[channel]
         board["rc_present"] = 1.0 if self.present else 0.0
-        cut_hz = self._ap.parameters["PILOT_THR_FILT"]
+        cut_hz = p["PILOT_THR_FILT"]
         share = 1.0 if cut_hz <= 0.0 else min(1.0, 6.2832 * cut_hz * 0.02)
         self.throttle_filtered += share * (self.received[3] - self.throttle_filtered)
 
@@ -56,7 +63,7 @@ class Radio:
     def throttle(self) -> float:
         """Return the throttle stick as 0..1."""
         p = self._ap.parameters
-        span = max(1.0, p["RC3_MAX"] - p["RC3_MIN"])
+        span = p["RC3_MAX"] - p["RC3_MIN"]
         return min(1.0, max(0.0, (self.throttle_filtered - p["RC3_MIN"]) / span))
 
     def throttle_high(self) -> bool:

@@ -24,6 +24,7 @@ class Mode:
 
     def __init__(self, ap: Autopilot) -> None:
         self.ap, self.board = ap, ap.board
+        self._take_off_to_m = -1000.0  # height of a pilot's take-off under way
 
     def why_not(self) -> str:
         """Return why the mode cannot be entered now, empty if it can."""
@@ -90,6 +91,12 @@ class Mode:
             return
         if ap.armed:
             ap.lift()
+        if ap.landed and not ap.taken_off:
+            self._take_off_to_m = p["PILOT_TKOFF_ALT"] / 100.0
+        if board["altitude_est_m"] < self._take_off_to_m:
+            rate = max(rate, 0.5 * p["PILOT_SPEED_UP"] / 100.0)
+        else:
+            self._take_off_to_m = -1000.0
         rate = ap.failsafes.limit_climb(rate)
         change = p["PILOT_ACCEL_Z"] / 100.0 * TICK_S
         rate = min(board["set_climb"] + change, max(board["set_climb"] - change, rate))
