@@ -16,7 +16,7 @@ TREES = 60
 FLIGHTS_MIN = 16
 FLIGHTS_MAX = 4_000
 GROWTH = 1.06
-"""A new forest is grown when the history is this much longer, so that learning stays a small share of the work."""
+"""A new forest is grown when the history is this much longer (4 flights at least): learning stays a small share."""
 
 
 class Forest(NamedTuple):
@@ -50,9 +50,9 @@ def danger(outcomes: list[Outcome]) -> NDArray[np.float64]:
 
 
 def step_size(count: int) -> int:
-    """Return the length of history a forest is grown on when `count` outcomes are known: grows in steps of 6 %."""
+    """Return the length of history a forest is grown on when `count` outcomes are known."""
     size = FLIGHTS_MIN
-    while (following := max(size + 1, int(size * GROWTH))) <= count:
+    while (following := max(size + 4, int(size * GROWTH))) <= count:
         size = following
     return size
 

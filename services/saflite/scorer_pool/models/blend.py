@@ -7,8 +7,9 @@ from saflite.scorer_pool.features import has_layout
 from saflite.scorer_pool.labels import no_argument
 from saflite.scorer_pool.model import Job, Mark, Sheet, Tools
 
-FLIGHT_WEIGHT = 0.5
-"""Share of the cheap flight; in a trial the mean of both ranked better than either."""
+FLIGHT_WEIGHT = 0.8
+"""Share of the cheap flight. On 360 layouts of missions 2 to 4 flown on the reference target, of which 35 violated, any
+share from 0.7 to 0.9 ranked about as well as the cheap flight alone or a little better, equal shares worse."""
 
 
 class Model:
@@ -35,7 +36,7 @@ class Model:
         if others:
             part = job._replace(test_cases=tuple(job.test_cases[place] for place in others))
             marks |= zip(others, self._relevance.score(part).marks, strict=True)
-        return Sheet(tuple(marks[place] for place in range(len(job.test_cases))), digest="blend-1")
+        return Sheet(tuple(marks[place] for place in range(len(job.test_cases))), digest="blend-2")
 
     def warm(self, cancelled: Cancelled) -> str:
         """Warm the parts."""

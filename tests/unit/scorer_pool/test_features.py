@@ -1,0 +1,151 @@
+"""Test cases as numbers: what is equal stays equal, what matters moves the vector, history is kept slim."""
+
+from __future__ import annotations
+
+import math
+
+import msgspec
+import numpy as np
+import pytest
+
+from saflite.contract.errors import Unavailable
+from saflite.contract.test_case import Obstacle, Scenario, StartState, Stimulus, Target, TestCase
+from saflite.contract.work import Outcome
+from saflite.flight.geometry import gap
+from saflite.flight.mission import builtin_mission
+from saflite.scorer_pool.features import FEATURES, features
+from saflite.scorer_pool.geometry_score import look
+from saflite.scorer_pool.history import History
+from saflite.scorer_pool.knowledge import relation, table, words_of
+from saflite.scorer_pool.learning import FLIGHTS_MIN, danger, grow, step_size
+from saflite.scorer_pool.model import PolicyBrief
+from saflite.scorer_pool.vectors import Vectors
+
+
+def layout(*boxes: Obstacle, mission: str = "mission2") -> TestCase:
+    return TestCase(target=Target(), scenario=Scenario(mission=builtin_mission(mission), obstacles=boxes))
+
+
+def box(x: float, y: float, turn: float = 0.0) -> Obstacle:
+    return Obstacle(length_m=8, width_m=4, height_m=20, x_m=x, y_m=y, rotation_deg=turn)
+
+
+def stimulus(name: str, value: float) -> TestCase:
+    given = Stimulus(at_s=1, kind="parameter", name=name, values=(value,))
+    return TestCase(target=Target(), scenario=Scenario(start=StartState()), stimuli=(given,))
+
+
+def test_order_of_boxes_does_not_matter_and_company_neither() -> None:
+    a, b = box(-5, 15), box(5, 35, 30)
+    alone = features([layout(a, b)])[0]
+    company = features([layout(box(0, 20)), layout(b, a), stimulus("X", 1.0), layout(a, b, mission="mission3")])
+    assert np.array_equal(alone, company[1])
+    assert not np.array_equal(alone, company[3])
+
+
+def test_first_numbers_are_count_gap_and_nearness() -> None:
+    a, b = box(-20, 20), box(0, 20, 20)
+    vector = features([layout(a, b)])[0]
+    assert vector[0] == 2
+    assert vector[1] == pytest.approx(gap(a, b), abs=1e-9)
+    assert vector.shape == (FEATURES,)
+    assert np.isfinite(vector).all()
+
+
+def test_values_of_inputs_matter_and_odd_ones_do_no_harm() -> None:
+    vectors = features([stimulus("P", 1.0), stimulus("P", 9.0), stimulus("P", math.inf), stimulus("P", 1e300)])
+    assert np.isfinite(vectors).all()
+    assert not np.array_equal(vectors[0], vectors[1])
+
+
+def test_no_test_cases_no_rows() -> None:
+    assert features([]).shape == (0, FEATURES)
+    assert Vectors().of([]).shape == (0, FEATURES)
+
+
+def test_vectors_are_the_features_in_the_order_asked() -> None:
+    cases = [layout(box(float(place), 20)) for place in range(5)]
+    kept = Vectors()
+    kept.of(cases[:2])
+    assert np.array_equal(kept.of([*cases, cases[0]]), features([*cases, cases[0]]))
+
+
+def test_look_finds_a_narrow_passage_in_the_way_more_dangerous_than_a_wide_one_or_one_far_off() -> None:
+    narrow = look(layout(box(-8, 25), box(3, 25)).scenario)
+    wide = look(layout(box(-20, 25), box(12, 25)).scenario)
+    far = look(layout(box(20, 12), box(29, 12)).scenario)
+    assert narrow.gap_m == pytest.approx(3.0)
+    assert narrow.score > wide.score
+    assert narrow.score > far.score
+
+
+def outcome(case: TestCase, round_: int, margin: float | None) -> Outcome:
+    return Outcome(
+        test_case=case, round=round_, ending="completed", robustness=margin, track=((0.0, 0.0, 0.0, 0.0),) * 50
+    )
+
+
+def test_history_is_kept_slim_in_order_and_notices_gaps() -> None:
+    history = History()
+    cases = [layout(box(float(place), 20)) for place in range(6)]
+    copies = [msgspec.msgpack.decode(msgspec.msgpack.encode(case), type=TestCase) for case in cases]
+    history.tell(tuple(outcome(case, place // 2, 1.0) for place, case in enumerate(copies)), -1, 2)
+    seen = history.view(1)
+    assert [one.test_case for one in seen] == cases[:4]
+    assert all(one.track == () for one in seen)
+    assert len({id(one.test_case.scenario.mission) for one in history.view(2)}) == 1
+    with pytest.raises(Unavailable):
+        history.tell((), 7, 8)
+
+
+def test_forest_is_the_same_for_the_same_flights_and_tells_near_from_far() -> None:
+    cases = [layout(box(float(place), 25)) for place in range(-20, 20)]
+    told = [outcome(case, 0, abs(case.scenario.obstacles[0].x_m) - 5.0) for case in cases]
+    told = [msgspec.structs.replace(one, violated=("p",) if (one.robustness or 0) < 0 else ()) for one in told]
+    first, second = (grow(told, Vectors(), 1) for _ in range(2))
+    asked = features([layout(box(0.5, 25)), layout(box(18.5, 25))])
+    assert np.array_equal(first.predict(asked), second.predict(asked))
+    near, far = first.predict(asked)
+    assert near > far
+    assert first.skill is not None
+    assert first.skill > 0.8
+
+
+def test_danger_is_half_at_the_border_whatever_the_unit() -> None:
+    cases = [layout(box(0, 20))] * 3
+    for unit in (1.0, 1000.0):
+        low, border, high = danger([outcome(case, 0, unit * m) for case, m in zip(cases, (-1, 0, 1), strict=True)])
+        assert low > border > high
+        assert border == 0.5
+
+
+def test_forests_grow_in_steps() -> None:
+    sizes = [step_size(count) for count in range(FLIGHTS_MIN, 400)]
+    assert all(size <= count for count, size in enumerate(sizes, FLIGHTS_MIN))
+    assert sorted(sizes) == sizes
+    assert len(set(sizes)) < 60
+
+
+CHUTE = PolicyBrief("a-chute", "A parachute may open only if armed and not in ACRO.", ("chute_released", "mode"))
+HOLD = PolicyBrief("hold", "In ALT_HOLD with the throttle in the middle keep the altitude.", ("altitude_m",))
+
+
+@pytest.mark.parametrize(
+    ("brief", "relevant", "other"),
+    [
+        (CHUTE, ("command", "MAV_CMD_DO_PARACHUTE"), ("parameter", "ATC_RAT_RLL_FF")),
+        (CHUTE, ("mode", "ACRO"), ("sensor_fault", "SIM_FLOW_RATE")),
+        (HOLD, ("stick", "RC3"), ("command", "MAV_CMD_DO_SEND_BANNER")),
+        (HOLD, ("parameter", "EK2_ALT_SOURCE"), ("parameter", "RTL_LOITER_RAD")),
+    ],
+)
+def test_relation_knows_what_bears_on_a_policy(
+    brief: PolicyBrief, relevant: tuple[str, str], other: tuple[str, str]
+) -> None:
+    assert relation(*relevant, brief) > relation(*other, brief)
+
+
+def test_names_become_words_and_the_table_is_whole() -> None:
+    assert {"return", "altitude"} <= words_of("RTL_ALT")
+    assert len(table()) > 250
+    assert "altitude" in table()["RC3"].moves
