@@ -1,0 +1,121 @@
+"""Shrinking finds the smallest violating test case, whatever the order of answers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+from saflite.campaign.shrink import Shrinker
+from saflite.contract.rng import derive
+from saflite.contract.test_case import Scenario, StartState, Stimulus, Target, TestCase, identity
+
+Breaks = Callable[[TestCase], bool]
+
+
+def case(*stimuli: Stimulus, limit_s: float = 60.0) -> TestCase:
+    return TestCase(
+        target=Target(), scenario=Scenario(start=StartState(), time_limit_s=limit_s), stimuli=stimuli, rng_seed=3
+    )
+
+
+def twenty() -> TestCase:
+    """A parachute in ACRO among eighteen inputs that do not matter."""
+    rng = derive(1, "noise")
+    noise = [
+        Stimulus(at_s=1.0 + 2.5 * n, kind="parameter", name=f"P{n}", values=(float(rng.uniform(-9, 9)),))
+        for n in range(20)
+    ]
+    noise[6] = Stimulus(at_s=16.0, kind="mode", name="ACRO")
+    noise[13] = Stimulus(
+        at_s=33.5, kind="command", name="MAV_CMD_DO_PARACHUTE", values=(2.0, 17.0, 3.0, 99.0, 4.0, 1.0, 8.0)
+    )
+    return case(*noise)
+
+
+def chute_in_acro(test_case: TestCase) -> bool:
+    names = [stimulus.name for stimulus in test_case.stimuli]
+    chutes = [s for s in test_case.stimuli if s.name == "MAV_CMD_DO_PARACHUTE" and s.values[0] == 2.0]
+    if "ACRO" not in names or not chutes:
+        return False
+    acro_s = next(s.at_s for s in test_case.stimuli if s.name == "ACRO")
+    return chutes[0].at_s > acro_s + 0.4 and test_case.scenario.time_limit_s >= chutes[0].at_s + 2.0
+
+
+def shrink(
+    start: TestCase, breaks: Breaks, flights_max: int = 200, shuffle: int = 0
+) -> tuple[Shrinker, list[TestCase]]:
+    shrinker, flown = Shrinker(start, flights_max), []
+    rng = derive(shuffle, "order")
+    while not shrinker.done:
+        batch = list(shrinker.ask())
+        for index in rng.permutation(len(batch)) if shuffle else range(len(batch)):
+            flown.append(batch[index])
+            shrinker.tell(identity(batch[index]), breaks(batch[index]))
+    return shrinker, flown
+
+
+def test_a_case_of_twenty_inputs_shrinks_to_the_two_that_matter() -> None:
+    start = twenty()
+    assert chute_in_acro(start)
+    shrinker, flown = shrink(start, chute_in_acro)
+    best = shrinker.best
+    assert chute_in_acro(best)
+    assert [stimulus.name for stimulus in best.stimuli] == ["ACRO", "MAV_CMD_DO_PARACHUTE"]
+    assert best.stimuli[1].values == (2.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    assert best.stimuli[1].at_s <= 1.5
+    assert best.scenario.time_limit_s < 15.0
+    assert len(flown) <= 120
+    assert best.rng_seed == start.rng_seed
+
+
+def test_the_result_does_not_depend_on_the_order_of_answers() -> None:
+    steady, _ = shrink(twenty(), chute_in_acro)
+    for shuffle in range(1, 6):
+        shuffled, _ = shrink(twenty(), chute_in_acro, shuffle=shuffle)
+        assert shuffled.best == steady.best
+
+
+def test_no_test_case_is_given_out_twice_and_the_budget_holds() -> None:
+    for flights_max in (0, 1, 5, 33):
+        shrinker, flown = shrink(twenty(), chute_in_acro, flights_max)
+        assert len(flown) == len({identity(each) for each in flown}) <= flights_max
+        assert chute_in_acro(shrinker.best)
+        assert shrinker.ask() == ()
+
+
+@pytest.mark.parametrize("breaks", [lambda _: True, lambda _: False])
+def test_it_ends_whatever_the_answers(breaks: Breaks) -> None:
+    shrinker, _ = shrink(twenty(), breaks, flights_max=10_000)
+    assert shrinker.done
+    expected = 0 if breaks(twenty()) else 20
+    assert len(shrinker.best.stimuli) == expected
+
+
+def test_answers_that_were_not_asked_for_or_come_twice_are_ignored() -> None:
+    shrinker = Shrinker(twenty(), 50)
+    batch = shrinker.ask()
+    shrinker.tell("nobody", True)
+    shrinker.tell(identity(batch[0]), False)
+    shrinker.tell(identity(batch[0]), True)
+    assert shrinker.ask() == batch[1:], "what is left of the generation"
+    for each in batch[1:]:
+        shrinker.tell(identity(each), False)
+    assert shrinker.best == twenty()
+
+
+def test_two_inputs_that_need_each_other_are_both_kept() -> None:
+    start = case(*(Stimulus(at_s=float(n), kind="parameter", name=f"P{n}", values=(1.0,)) for n in range(16)))
+
+    def both(test_case: TestCase) -> bool:
+        return {"P2", "P13"} <= {stimulus.name for stimulus in test_case.stimuli}
+
+    shrinker, _ = shrink(start, both)
+    assert [stimulus.name for stimulus in shrinker.best.stimuli] == ["P2", "P13"]
+
+
+def test_a_smaller_case_names_the_one_it_came_from() -> None:
+    start = twenty()
+    shrinker, _ = shrink(start, chute_in_acro)
+    assert shrinker.best.origin.parent == identity(start)
+    assert shrinker.best.origin.note.startswith("shrunk")
