@@ -125,18 +125,26 @@ def cheap() -> dict[str, float]:
 
 
 def bugs() -> list[dict[str, object]]:
-    """Return what `relevance`, `random` and `constant` make of the paper's ten bugs."""
+    """Return what models make of the paper's ten bugs, told the words of our policies, the paper's, or none."""
     from saflite.mutator.operators.inputs import published_inputs
     from saflite.runtime.clock import WallClock
     from saflite.runtime.stages import brief_of
-    from saflite.scorer_pool.evaluate_bugs import evaluate_bugs, gain
+    from saflite.scorer_pool.evaluate_bugs import Words, evaluate_bugs, gain
 
     rows: list[dict[str, object]] = []
-    for model in ("relevance", "random", "constant"):
-        results = evaluate_bugs(model, published_inputs, brief_of, WallClock())
+    arms: tuple[tuple[str, Words], ...] = (
+        ("relevance", "policy"),
+        ("relevance", "paper"),
+        ("relevance", "none"),
+        ("random", "policy"),
+        ("constant", "policy"),
+    )
+    for model, words in arms:
+        results = evaluate_bugs(model, published_inputs, brief_of, WallClock(), words=words)
         rows += [
             {
                 "model": model,
+                "words": words,
                 "bug": one.bug,
                 "trigger": one.trigger,
                 "rank": one.trigger_rank,
@@ -147,7 +155,7 @@ def bugs() -> list[dict[str, object]]:
             }
             for one in results
         ]
-        rows.append({"model": model, "bug": "all", "gain_over_pgfuzz": gain(results)})
+        rows.append({"model": model, "words": words, "bug": "all", "gain_over_pgfuzz": gain(results)})
     return rows
 
 

@@ -3,6 +3,9 @@
 For each of ten known bugs, every input of the published list is given a value by PGFuzz's own rules, the trigger the
 value of the report, and all are scored. Told are the bands, the rank and band of the trigger, and the chance of drawing
 it in a round: by PGFuzz (class first, then uniform), uniformly, and with the scores.
+
+The Definition of Interestingness is that of our policy files, which name inputs that matter, or with `words="paper"` the
+paper's own, which says less; without any words little is left to go by. Say which when you quote a figure.
 """
 
 from __future__ import annotations
@@ -11,7 +14,7 @@ import tomllib
 from collections.abc import Callable, Sequence
 from functools import cache
 from importlib.resources import files
-from typing import NamedTuple, Protocol
+from typing import Literal, NamedTuple, Protocol
 
 import msgspec
 import numpy as np
@@ -60,6 +63,7 @@ class ListedInput(Protocol):
         ...
 
 
+Words = Literal["policy", "paper", "none"]
 ListOf = Callable[[str], Sequence[ListedInput]]
 """Gives the inputs of a published list by its name; raises Refused for an unknown one."""
 
@@ -84,6 +88,7 @@ class Bug(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     class_size: int
     copies: int
     published_score: float
+    paper_words: str
     trigger_values: tuple[float, ...] = ()
 
 
@@ -180,20 +185,23 @@ def evaluate_bug(
     *,
     rng_seed: int = 1,
     deadline_s: float = 60.0,
+    words: Words = "policy",
 ) -> BugResult:
     """Return what `model` makes of one bug; raises Refused for an unknown policy, list or model."""
     asked = question(bug, list_of(bug.list), rng_seed)
-    brief = brief_of(bug.policy)
-
-    def told(name: str) -> PolicyBrief:
-        return brief._replace(state=bug.state) if name == bug.policy else brief_of(name)
-
-    pool = ScorerPool(told, clock)
+    brief = _worded(brief_of(bug.policy)._replace(state=bug.state), bug, words)
+    pool = ScorerPool(lambda name: brief if name == bug.policy else brief_of(name), clock)
     try:
         scores = _scored(pool, asked.test_cases, bug, model, rng_seed, deadline_s)
     finally:
         pool.close()
     return _result(bug, model, asked, scores)
+
+
+def _worded(brief: PolicyBrief, bug: Bug, words: Words) -> PolicyBrief:
+    if words == "policy":
+        return brief
+    return brief._replace(words=bug.paper_words if words == "paper" else "", inputs=())
 
 
 def _scored(
@@ -246,11 +254,19 @@ def _result(bug: Bug, model: str, asked: Question, scores: list[Score]) -> BugRe
 
 
 def evaluate_bugs(
-    model: str, list_of: ListOf, brief_of: BriefOf, clock: Clock, *, rng_seed: int = 1, deadline_s: float = 60.0
+    model: str,
+    list_of: ListOf,
+    brief_of: BriefOf,
+    clock: Clock,
+    *,
+    rng_seed: int = 1,
+    deadline_s: float = 60.0,
+    words: Words = "policy",
 ) -> tuple[BugResult, ...]:
     """Return what `model` makes of each of the ten bugs."""
     return tuple(
-        evaluate_bug(bug, model, list_of, brief_of, clock, rng_seed=rng_seed, deadline_s=deadline_s) for bug in bugs()
+        evaluate_bug(bug, model, list_of, brief_of, clock, rng_seed=rng_seed, deadline_s=deadline_s, words=words)
+        for bug in bugs()
     )
 
 
