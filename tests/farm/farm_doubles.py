@@ -42,10 +42,12 @@ def campaign(
     budget: int = 20, *, rng_seed: int = 1, lease: LeaseConfig | None = None, batch: int = 4, **search: object
 ) -> Campaign:
     """A small campaign; `search` overrides single settings of the search."""
+    record = search.pop("record", "violations")
     settings: dict[str, object] = {"candidates_per_round": 8, "flights_per_round": 3, "lag": 2, **search}
     return Campaign(
         name="farm-test",
         budget_flights=budget,
+        record=record,  # type: ignore[arg-type]
         rng_seed=rng_seed,
         search=msgspec.convert(settings, SearchConfig),
         scorer=ScorerConfig(model="scripted", batch=batch),

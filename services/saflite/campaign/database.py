@@ -87,6 +87,24 @@ def check_file(connection: sqlite3.Connection, path: Path) -> None:
         raise Refused("books", where=str(path), expected="an intact store", got=said, fix=FIX)
 
 
+def meta(connection: sqlite3.Connection, key: str) -> bytes:
+    """Return one of the first facts of a run, empty if it is not there."""
+    row = connection.execute("SELECT value FROM meta WHERE key = ?", (key,)).fetchone()
+    return bytes(row[0]) if row is not None and isinstance(row[0], bytes) else b""
+
+
+def in_use(run_dir: Path) -> bool:
+    """Return whether some process works on a run."""
+    try:
+        with (run_dir / "books.lock").open("rb") as file:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except FileNotFoundError:
+        return False
+    except OSError:
+        return True
+    return False
+
+
 def _text(value: object) -> str:
     return value.decode(errors="replace") if isinstance(value, bytes) else str(value)
 

@@ -120,6 +120,17 @@ def _columns(table: str) -> int:
     return sum(1 for column in TABLES[table] if not column.startswith("PRIMARY KEY"))
 
 
+def _key_places(table: str) -> tuple[int, ...]:
+    names = [column.split()[0] for column in TABLES[table] if not column.startswith("PRIMARY KEY")]
+    compound = next((column for column in TABLES[table] if column.startswith("PRIMARY KEY")), "")
+    if not compound:
+        return (0,)
+    return tuple(names.index(name.strip()) for name in compound[compound.index("(") + 1 : -1].split(","))
+
+
+KEYS: dict[str, tuple[int, ...]] = {table: _key_places(table) for table in TABLES}
+"""Which values of a row name it."""
+
 INSERT: dict[str, str] = {
     table: f"INSERT OR REPLACE INTO {table} VALUES ({', '.join('?' * _columns(table))})"  # noqa: S608 (our own names)
     for table in TABLES

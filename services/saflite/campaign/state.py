@@ -6,6 +6,8 @@ drains a batch, commits it, and only then sends the answers.
 
 from __future__ import annotations
 
+from typing import Any
+
 import msgspec
 
 from saflite.campaign.attendance import Attendance, Deadline
@@ -100,11 +102,17 @@ class Books:
         """Digests of the traces some flight still needs; any other file is left over from an interrupted commit."""
         return frozenset(self._core.holds)
 
+    def overview_of_audit(self) -> dict[str, Any]:
+        """Return what an audit needs to know of the campaign; `over`: ended for good, not by an operator's order."""
+        core = self._core
+        over = core.state == "ended" and not core.stopped
+        return {"state": core.state, "over": over, "budget": core.rounds.budget}
+
     # ---- opening and closing -------------------------------------------------------------------------------------
 
-    def replay(self, line: bytes) -> None:
-        """Apply one committed journal line again; nothing is sent out. Before `begin` only."""
-        self._out.replaying = True
+    def replay(self, line: bytes, *, aloud: bool = False) -> None:
+        """Apply one committed journal line again; `aloud`, what it says is there to be drained. Before `begin` only."""
+        self._out.replaying = not aloud
         self._out.line(line)
         self._ledger.apply(decode_line(line))
         self._out.replaying = False

@@ -21,6 +21,7 @@ from saflite.campaign.database import (
     damage_named,
     lock_run,
     make_tables,
+    meta,
     transaction,
 )
 from saflite.campaign.schema import INSERT
@@ -193,8 +194,7 @@ class Store:
         return tuple(row[0] for row in self._db.execute(query, (from_seq, limit)))
 
     def _meta(self, key: str) -> bytes:
-        row = self._db.execute("SELECT value FROM meta WHERE key = ?", (key,)).fetchone()
-        return b"" if row is None else bytes(row[0])
+        return meta(self._db, key)
 
     def _decoded(self, key: str, kind: type[T]) -> T:
         return wire.decode(self._meta(key), kind)

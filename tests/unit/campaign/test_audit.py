@@ -1,0 +1,131 @@
+"""The audit finds what it is there to find."""
+
+from __future__ import annotations
+
+import sqlite3
+from pathlib import Path
+
+import pytest
+from books_drive import Driver, doubles
+
+from saflite.campaign.audit import audit
+from saflite.campaign.store import Store, store_file
+from saflite.contract.control import Control
+from saflite.contract.errors import Refused
+
+
+@pytest.fixture
+def finished(tmp_path: Path) -> Path:
+    """A finished run, interrupted once, with lost leases on the way."""
+    store = Store.create(tmp_path / "run", doubles.campaign(15, record="none"), doubles.TEMPLATE)
+    driver = Driver(store.rebuild(), store)
+    driver.run(until_flights=6)
+    driver.ask("fly", "gone", 2)
+    store.close()
+    store = Store.open(tmp_path / "run")
+    driver = Driver(store.rebuild(), store)
+    driver.now += 60.0
+    driver.books.tick(driver.now)
+    driver.commit()
+    driver.run()
+    store.close()
+    return tmp_path / "run"
+
+
+def change(run_dir: Path, statement: str) -> None:
+    database = sqlite3.connect(store_file(run_dir))
+    assert database.execute(statement).rowcount
+    database.commit()
+    database.close()
+
+
+def test_a_finished_run_balances(finished: Path) -> None:
+    figures = audit(finished)
+    assert figures["problems"] == []
+    assert figures["clean"]
+    assert figures["flights"] == figures["budget"] == 15
+    assert figures["attempts_issued"] == figures["attempts_ended"] > 30
+    assert figures["test_cases_selected"] == figures["test_cases_ended"]
+    assert figures["traces_orphan"] == figures["traces_missing"] == 0
+    assert sum(figures["violations"].values()) > 0
+
+
+def test_a_run_under_way_balances(tmp_path: Path) -> None:
+    store = Store.create(tmp_path / "run", doubles.campaign(15, record="none"), doubles.TEMPLATE)
+    driver = Driver(store.rebuild(), store)
+    driver.run(until_flights=6)
+    driver.ask("mutate")
+    driver.ask("fly", leases_max=2)
+    figures = audit(tmp_path / "run")
+    assert figures["problems"] == []
+    assert figures["state"] == "running"
+
+
+def test_a_stopped_run_balances(tmp_path: Path) -> None:
+    store = Store.create(tmp_path / "run", doubles.campaign(15, record="none"), doubles.TEMPLATE)
+    driver = Driver(store.rebuild(), store)
+    driver.run(until_flights=6)
+    driver.books.control(Control(verb="stop"), driver.now)
+    driver.commit()
+    store.close()
+    assert audit(tmp_path / "run")["problems"] == []
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "DELETE FROM flights WHERE rowid = 3",
+        "UPDATE flights SET worker = 'somebody' WHERE rowid = 3",
+        "UPDATE judgements SET robustness = 9 WHERE rowid = 2",
+        "DELETE FROM endings WHERE rowid = 2",
+        "UPDATE scores SET value = value + 1 WHERE rowid = 5",
+        "DELETE FROM violations WHERE rowid = 1",
+        "UPDATE violations SET content = x'00' WHERE rowid = 1",
+        "INSERT INTO recordings VALUES ('x', 0, 'recordings/x.mcap', 'y', 1)",
+        "UPDATE attempts SET how = 'lost' WHERE rowid = 4",
+        "DELETE FROM events WHERE seq = 9",
+        "UPDATE events SET event = x'80' WHERE seq = 9",
+        "DELETE FROM journal WHERE n = 20",
+        "DELETE FROM journal WHERE n = (SELECT max(n) FROM journal)",
+        "UPDATE journal SET chain = chain + 1 WHERE n = 20",
+    ],
+)
+def test_whatever_is_changed_is_found(finished: Path, statement: str) -> None:
+    change(finished, statement)
+    figures = audit(finished)
+    assert not figures["clean"]
+    assert figures["problems"]
+
+
+def test_missing_damaged_and_left_over_traces_are_found(finished: Path) -> None:
+    names = sorted((finished / "traces").glob("*.trace"))
+    names[0].unlink()
+    data = bytearray(names[1].read_bytes())
+    data[len(data) // 2] ^= 1
+    names[1].write_bytes(bytes(data))
+    (finished / "traces" / f"{'0' * 64}.trace").write_bytes(b"nobody's")
+    figures = audit(finished)
+    assert (figures["traces_missing"], figures["traces_damaged"], figures["traces_orphan"]) == (1, 1, 1)
+    assert not figures["clean"]
+
+
+def test_a_flight_flown_again_for_its_lost_trace_balances(tmp_path: Path) -> None:
+    store = Store.create(tmp_path / "run", doubles.campaign(15, record="none"), doubles.TEMPLATE)
+    driver = Driver(store.rebuild(), store)
+    while not driver.books.status(driver.now).queues["judge"]:
+        assert any(driver.do(stage, many=9) for stage in ("mutate", "score", "fly"))
+    store.close()
+    for path in (tmp_path / "run" / "traces").glob("*.trace"):
+        path.unlink()
+    store = Store.open(tmp_path / "run")
+    driver = Driver(store.rebuild(), store)
+    assert audit(tmp_path / "run")["problems"] == []
+    driver.run()
+    store.close()
+    figures = audit(tmp_path / "run")
+    assert (figures["problems"], figures["flights"]) == ([], 15)
+
+
+def test_no_run_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(Refused, match=r"expected a run with a books\.sqlite"):
+        audit(tmp_path)
