@@ -1,7 +1,7 @@
 """The whole pipeline in one process and one thread: real books and store, real services, no bus; for measurements.
 
-Flights of the reference target are deterministic, so a flight flown before (by another scorer model, from the same seed)
-is taken from memory instead of being flown again: the counts are the same, the wait is not.
+Flights of the reference target are deterministic, so one flown before (by another scorer model, from the same seed) is
+taken from memory instead of being flown again: the counts are the same, the wait is not.
 """
 
 from __future__ import annotations

@@ -4,8 +4,8 @@ For each of ten known bugs, every input of the published list is given a value b
 value of the report, and all are scored. Told are the bands, the rank and band of the trigger, and the chance of drawing
 it in a round: by PGFuzz (class first, then uniform), uniformly, and with the scores.
 
-The Definition of Interestingness is that of our policy files, which name inputs that matter, or with `words="paper"` the
-paper's own, which says less; without any words little is left to go by. Say which when you quote a figure.
+The Definition of Interestingness is that of our policy files, which name inputs that matter, or with `words="paper"`
+the paper's own, which says less; without any words little is left to go by. Say which when you quote a figure.
 """
 
 from __future__ import annotations
