@@ -124,6 +124,17 @@ def test_commands_get_seven_numbers_and_those_that_mean_something() -> None:
     assert any(min(numbers) < 0 for numbers in parachute)
 
 
+def test_sticks_and_heights_go_beyond_as_a_share_of_draws() -> None:
+    stick = inputs.stick("RC3")
+    assert all(1000.0 <= pulse <= 2000.0 for pulse in drawn(stick, 0.0))
+    beyond = drawn(stick, 0.4)
+    assert min(beyond) < 975.0, "a throttle below FS_THR_VALUE: the radio failsafe"
+    assert all(800.0 <= pulse <= 2200.0 for pulse in beyond)
+    rng = derive(1, "heights")
+    heights = [values.draw(rng, Input("command", "MAV_CMD_NAV_TAKEOFF"), 0.2)[6] for _ in range(200)]
+    assert 0.04 < sum(height < 0 for height in heights) / 200 < 0.2, "a take-off to a negative height"
+
+
 def test_a_little_change_stays_close() -> None:
     rng, entry = derive(1, "jitter"), Input("parameter", "X", 0.0, 10.0)
     moved = [values.jitter(rng, entry, (5.0,))[0] for _ in range(100)]

@@ -18,6 +18,7 @@ Rng = np.random.Generator
 Values = tuple[float, ...]
 
 UNBOUNDED_HIGH = 10_000.0
+STICK_LEAST_PWM, STICK_MOST_PWM = 800.0, 2200.0  # what a receiver can put out
 COMMAND_NUMBERS = 7
 # the choices that matter, by command and number (from 1): MAVLink's common message set
 _CHOICES: dict[str, dict[int, tuple[float, ...]]] = {
@@ -54,7 +55,7 @@ def draw(rng: Rng, entry: Input, beyond: float) -> Values:
     if entry.kind == "command":
         return _command(rng, entry.name, beyond)
     if entry.kind == "stick":
-        return (_stick(rng, entry),)
+        return (_stick(rng, entry, beyond),)
     if rng.random() < beyond:
         return (_beyond(rng, entry),)
     return (_within(rng, entry),)
@@ -79,9 +80,14 @@ def _whole_or_real(rng: Rng, low: float, high: float, whole: bool) -> float:
     return neat(float(rng.uniform(low, high)))
 
 
-def _stick(rng: Rng, entry: Input) -> float:
-    """A third at one of the ends, where sticks do most; the rest evenly."""
-    if rng.random() < 1 / 3:
+def _stick(rng: Rng, entry: Input, beyond: float) -> float:
+    """A third at one of the ends, where sticks do most; some beyond, as a failing radio sends; the rest evenly."""
+    pick = rng.random()
+    if pick < 0.5 * beyond:
+        low_end = rng.random() < 0.5
+        low, high = (STICK_LEAST_PWM, entry.low) if low_end else (entry.high, STICK_MOST_PWM)
+        return _whole_or_real(rng, low, high, whole=True)
+    if pick < 0.5 * beyond + 1 / 3:
         return entry.low if rng.random() < 0.5 else entry.high
     return _whole_or_real(rng, entry.low, entry.high, whole=True)
 
@@ -133,7 +139,7 @@ def _command(rng: Rng, name: str, beyond: float) -> Values:
         if rng.random() >= beyond:
             numbers[place - 1] = choices[int(rng.integers(len(choices)))]
     if name in _PLACES:
-        numbers[4:] = _place(rng)
+        numbers[4:] = _place(rng, beyond)
     return tuple(numbers)
 
 
@@ -148,8 +154,8 @@ def _number(rng: Rng, beyond: float) -> float:
     return float(rng.integers(1, 101))
 
 
-def _place(rng: Rng) -> list[float]:
-    height_m = float(rng.integers(1, 101))
+def _place(rng: Rng, beyond: float) -> list[float]:
+    height_m = float(rng.integers(1, 101)) * (-1.0 if rng.random() < 0.5 * beyond else 1.0)
     if rng.random() < 0.2:
         return [0.0, 0.0, height_m]
     lat, lon = rng.uniform(-NEAR_DEG, NEAR_DEG, size=2)
