@@ -14,13 +14,16 @@ and is left out of `airborne`.
 from __future__ import annotations
 
 import argparse
+import ctypes
 import json
+import os
 import resource
 import statistics
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -58,14 +61,30 @@ def _timed(work: Callable[[], tuple[float, float]]) -> Measured:
     return simulated, airborne, time.process_time() - cpu, time.perf_counter() - wall
 
 
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Keep JSBSim's own chatter about the shipped aircraft off the terminal."""
+    sys.stdout.flush()
+    kept, nowhere = [os.dup(1), os.dup(2)], os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 1), os.dup2(nowhere, 2)
+        yield
+    finally:
+        ctypes.CDLL(None).fflush(None)
+        os.dup2(kept[0], 1), os.dup2(kept[1], 2)
+        for number in (*kept, nowhere):
+            os.close(number)
+
+
 def bare(shipped: bool) -> tuple[float, float]:
     """Step JSBSim alone in a hover."""
     if shipped:
         import jsbsim
 
         jsbsim.set_logger(jsbsim.DefaultLogger(jsbsim.LogLevel.FATAL))
-        fdm: Any = jsbsim.FGFDMExec(jsbsim.get_default_root_dir(), None)
-        fdm.load_model("F450")
+        with quiet():
+            fdm: Any = jsbsim.FGFDMExec(jsbsim.get_default_root_dir(), None)
+            fdm.load_model("F450")
         fdm.set_dt(0.0025)
         fdm["ic/h-agl-ft"] = 100.0
         fdm.run_ic()

@@ -1,0 +1,129 @@
+"""The MAVLink face without a socket: bytes in, bytes out; broken bytes; the tables it shows."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from saflite.contract.errors import Refused
+from saflite.flight.autopilots.reference.parameters import parameter_table
+from saflite.flight.link import Session, on_the_ground, open_port
+
+
+class Station:
+    """A ground station that talks to a session in memory."""
+
+    def __init__(self) -> None:
+        self.session = Session(on_the_ground())
+        self.out = bytearray()
+        self.mav = dialect.MAVLink(self, srcSystem=255, srcComponent=190)
+        self._reader = dialect.MAVLink(None)
+
+    def write(self, data: bytes) -> None:
+        self.out += data
+
+    def run(self, ticks: int = 1) -> list[Any]:
+        """Send what waits, fly, and return the messages that came back."""
+        found: list[Any] = []
+        for _ in range(ticks):
+            data, self.out = bytes(self.out), bytearray()
+            found += self._reader.parse_buffer(self.session.step(data)) or []
+        return found
+
+    def order(self, number: int, *values: float) -> int:
+        self.mav.command_long_send(1, 1, number, 0, *[*values, *([0.0] * 7)][:7])
+        answers = [m for m in self.run(2) if m.get_type() == "COMMAND_ACK" and m.command == number]
+        assert len(answers) == 1
+        return int(answers[0].result)
+
+
+@pytest.fixture
+def station() -> Station:
+    return Station()
+
+
+def kinds(messages: list[Any]) -> set[str]:
+    return {message.get_type() for message in messages}
+
+
+def test_streams_tell_what_a_ground_station_needs(station: Station) -> None:
+    seen = kinds(station.run(60))
+    needed = "HEARTBEAT SYS_STATUS ATTITUDE GLOBAL_POSITION_INT LOCAL_POSITION_NED VFR_HUD GPS_RAW_INT RC_CHANNELS"
+    assert set(needed.split()) <= seen
+
+
+def test_every_parameter_is_listed_once(station: Station) -> None:
+    station.mav.param_request_list_send(1, 1)
+    values = [m for m in station.run(30) if m.get_type() == "PARAM_VALUE"]
+    assert [m.param_index for m in values] == list(range(len(parameter_table())))
+    assert {m.param_id for m in values} == set(parameter_table())
+    assert max(len(m.param_id) for m in values) <= 16
+
+
+def test_parameter_out_of_range_keeps_its_value(station: Station) -> None:
+    station.mav.param_set_send(1, 1, b"LAND_SPEED", 9000.0, 9)
+    answer = [m for m in station.run(2) if m.get_type() == "PARAM_VALUE"]
+    assert answer[0].param_value == 70.0
+
+
+def test_arm_take_off_and_refusals(station: Station) -> None:
+    assert station.order(22, 0, 0, 0, 0, 0, 0, 5) == dialect.MAV_RESULT_FAILED
+    assert station.order(176, 1, 4) == dialect.MAV_RESULT_ACCEPTED
+    assert station.order(400, 1) == dialect.MAV_RESULT_ACCEPTED
+    assert station.order(22, 0, 0, 0, 0, 0, 0, 5) == dialect.MAV_RESULT_ACCEPTED
+    assert station.order(12345) == dialect.MAV_RESULT_UNSUPPORTED
+    station.run(300)
+    assert station.session.flight.vehicle["altitude_m"] == pytest.approx(5.0, abs=0.5)
+    station.mav.set_position_target_local_ned_send(0, 1, 1, 1, 0b111111111000, 4, 0, -5, 0, 0, 0, 0, 0, 0, 0, 0)
+    station.run(500)
+    assert station.session.flight.vehicle["x_m"] == pytest.approx(4.0, abs=0.6)
+
+
+def test_mission_comes_back_as_it_went_up(station: Station) -> None:
+    rows = [(16, 47.0, 8.0, 400.0), (22, 0.0, 0.0, 5.0), (16, 47.3978, 8.5456, 6.0), (20, 0.0, 0.0, 0.0)]
+    station.mav.mission_count_send(1, 1, len(rows))
+    for index, (number, lat, lon, height) in enumerate(rows):
+        asked = [m.seq for m in station.run(2) if m.get_type() == "MISSION_REQUEST_INT"]
+        assert asked[-1] == index
+        place = (round(lat * 1e7), round(lon * 1e7), height)
+        station.mav.mission_item_int_send(1, 1, index, 3, number, 0, 1, 1, 2, 3, 4, *place)
+    assert [m.type for m in station.run(2) if m.get_type() == "MISSION_ACK"] == [0]
+    station.mav.mission_request_list_send(1, 1)
+    assert [m.count for m in station.run(2) if m.get_type() == "MISSION_COUNT"] == [len(rows)]
+    station.mav.mission_request_int_send(1, 1, 2)
+    item = next(m for m in station.run(2) if m.get_type() == "MISSION_ITEM_INT")
+    assert (item.command, item.x, item.y, item.z) == (16, 473978000, 85456000, 6.0)
+    station.mav.mission_clear_all_send(1, 1)
+    station.run(2)
+    assert station.session.flight.autopilot.mission is None
+
+
+def test_garbage_does_not_stop_it(station: Station) -> None:
+    rng = np.random.default_rng(1)
+    station.mav.param_set_send(1, 1, b"RTL_ALT", 900.0, 9)
+    good = bytes(station.out)
+    for _ in range(300):
+        damaged = bytearray(good)
+        damaged[rng.integers(len(damaged))] ^= 1 << rng.integers(8)
+        station.out = damaged + bytearray(rng.bytes(20))
+        station.run()
+    station.out = bytearray(good)
+    station.run(3)
+    assert station.session.flight.autopilot.parameters["RTL_ALT"] == 900.0
+
+
+def test_reboot_starts_anew(station: Station) -> None:
+    station.mav.param_set_send(1, 1, b"RTL_ALT", 900.0, 9)
+    station.run(2)
+    first = station.session.flight
+    assert station.order(246, 1) == dialect.MAV_RESULT_ACCEPTED
+    assert station.session.flight is not first
+
+
+def test_malformed_endpoints_are_refused() -> None:
+    for endpoint in ("", "tcp:5760", "serial:/dev/x", "tcp:host:port", "udp:127.0.0.1:99999"):
+        with pytest.raises(Refused, match="endpoint"):
+            open_port(endpoint)
