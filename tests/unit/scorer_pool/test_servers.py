@@ -1,0 +1,178 @@
+"""The two server dialects without a server: labels, requests, and every kind of answer named in the pool's words."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+import httpx
+import ollama
+import pytest
+
+from saflite.contract.errors import Refused, Unavailable
+from saflite.scorer_pool.chat import Busy, Question
+from saflite.scorer_pool.models.ollama import CONTEXT_TOKENS, OllamaChat
+from saflite.scorer_pool.models.openai import OpenAIChat, prices
+
+QUESTION = Question([{"role": "user", "content": "?"}], {"type": "object"}, 100)
+GOOD = {
+    "choices": [{"message": {"content": "{}", "reasoning_content": "hm"}, "finish_reason": "length"}],
+    "usage": {"prompt_tokens": 7, "completion_tokens": 3},
+}
+
+
+@pytest.mark.parametrize("argument", ["", "@host", "with space"])
+def test_ollama_label_needs_a_tag(argument: str) -> None:
+    with pytest.raises(Refused):
+        OllamaChat(argument)
+
+
+@pytest.mark.parametrize("argument", ["", "@http://h/v1", "m@ftp://h", "m@not a url"])
+def test_openai_label_needs_model_and_address(argument: str) -> None:
+    with pytest.raises(Refused):
+        OpenAIChat(argument)
+
+
+def test_prices_are_two_numbers_or_none() -> None:
+    assert prices("0.15,0.60").cost_usd(1_000_000, 2_000_000) == pytest.approx(1.35)
+    assert prices("").cost_usd(1_000_000, 1_000_000) == 0.0
+    with pytest.raises(Refused):
+        prices("cheap")
+
+
+class Scripted(OpenAIChat):
+    """Answers with the statuses and bodies of its script instead of asking a server."""
+
+    def __init__(self, *script: tuple[int, bytes]) -> None:
+        super().__init__("m@http://127.0.0.1:9/v1")
+        self.script = list(script)
+        self.bodies: list[dict[str, Any]] = []
+
+    async def _request(self, verb: str, path: str, body: dict[str, Any] | None) -> dict[str, Any]:
+        self.bodies.append(body or {})
+        return self._understood(*self.script.pop(0))
+
+
+def ok(message: dict[str, Any]) -> tuple[int, bytes]:
+    import json
+
+    return 200, json.dumps(message).encode()
+
+
+def test_openai_answer_is_read_with_thoughts_tokens_and_cut() -> None:
+    chat = Scripted(ok(GOOD))
+    spoken = asyncio.run(chat.ask(QUESTION))
+    assert spoken.reply == ("{}", "hm")
+    assert (spoken.tokens_in, spoken.tokens_out, spoken.cut) == (7, 3, True)
+    body = chat.bodies[0]
+    assert (body["temperature"], body["max_tokens"], body["response_format"]["type"]) == (0, 100, "json_schema")
+
+
+def test_openai_server_without_schemas_is_asked_without_from_then_on() -> None:
+    chat = Scripted((400, b"no schema"), (422, b"no json"), ok(GOOD), ok(GOOD))
+    asyncio.run(chat.ask(QUESTION))
+    asyncio.run(chat.ask(QUESTION))
+    assert [body.get("response_format", {}).get("type") for body in chat.bodies] == [
+        "json_schema",
+        "json_object",
+        None,
+        None,
+    ]
+
+
+@pytest.mark.parametrize(
+    ("status", "body", "kind"),
+    [
+        (429, b"slow down", Busy),
+        (503, b"", Busy),
+        (401, b"no key", Refused),
+        (404, b"no model", Refused),
+        (500, b"oops", Unavailable),
+        (200, b"<html>", Unavailable),
+        (200, b"[1]", Unavailable),
+        (200, b'{"choices": []}', Unavailable),
+        (200, b'{"choices": [{"message": null}]}', Unavailable),
+        (200, b"[" * 100_000, Unavailable),
+    ],
+)
+def test_openai_faults_are_named(status: int, body: bytes, kind: type[Exception]) -> None:
+    with pytest.raises(kind):
+        asyncio.run(Scripted((status, body)).ask(QUESTION))
+
+
+def test_openai_key_never_stands_in_a_message(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("OPENAI_API_KEY", "sk-secret")
+    with pytest.raises(Refused) as caught:
+        asyncio.run(Scripted((401, b"no")).ask(QUESTION))
+    assert "sk-secret" not in str(caught.value)
+
+
+def test_openai_model_the_server_does_not_have_is_refused_on_loading() -> None:
+    assert "answers" in asyncio.run(Scripted(ok({"data": [{"id": "m"}]})).load())
+    with pytest.raises(Refused, match="other"):
+        asyncio.run(Scripted(ok({"data": [{"id": "other"}]})).load())
+
+
+async def raising(fault: Exception) -> None:
+    raise fault
+
+
+@pytest.mark.parametrize(
+    ("fault", "kind"),
+    [
+        (ollama.ResponseError("busy", 503), Busy),
+        (ollama.ResponseError("not found", 404), Refused),
+        (ollama.ResponseError("broken", 500), Unavailable),
+        (ollama.ResponseError("in the middle of a stream"), Unavailable),
+        (ConnectionError("no server"), Unavailable),
+        (httpx.ReadError("cut"), Unavailable),
+    ],
+)
+def test_ollama_faults_are_named(fault: Exception, kind: type[Exception]) -> None:
+    with pytest.raises(kind):
+        asyncio.run(OllamaChat("m")._guarded(raising(fault)))
+
+
+class Part:
+    """A piece of a streamed answer."""
+
+    def __init__(self, content: str, done: bool = False, why: str = "") -> None:
+        self.message = ollama.Message(role="assistant", content=content)
+        self.done, self.done_reason = done, why
+        self.prompt_eval_count, self.eval_count = (5, 2) if done else (None, None)
+
+
+def streaming(chat: OllamaChat, parts: list[Part], seen: dict[str, Any]) -> None:
+    async def stream():  # type: ignore[no-untyped-def]
+        for part in parts:
+            yield part
+
+    async def answer(**asked: Any) -> Any:
+        seen.update(asked)
+        return stream()
+
+    chat._client.chat = answer
+
+
+def test_ollama_is_asked_with_schema_fixed_context_and_kept_loaded() -> None:
+    chat, seen = OllamaChat("m"), {}
+    streaming(chat, [Part('{"a"'), Part(": 1}", done=True, why="stop")], seen)
+    spoken = asyncio.run(chat.ask(QUESTION))
+    assert spoken.reply.content == '{"a": 1}'
+    assert (spoken.tokens_in, spoken.tokens_out, spoken.cut) == (5, 2, False)
+    assert seen["format"] == QUESTION.schema
+    assert seen["options"]["num_ctx"] == CONTEXT_TOKENS
+    assert seen["options"]["temperature"] == 0
+    assert seen["options"]["num_predict"] == 100
+    assert seen["keep_alive"]
+
+
+def test_ollama_answer_without_end_is_cut_off() -> None:
+    chat = OllamaChat("m")
+    streaming(chat, [Part("x" * 400_000) for _ in range(100)], {})
+    spoken = asyncio.run(chat.ask(QUESTION))
+    assert spoken.cut
+    assert len(spoken.reply.content) <= 1_200_000
+    streaming(chat, [], {})
+    with pytest.raises(Unavailable):
+        asyncio.run(chat.ask(QUESTION))
