@@ -15,6 +15,7 @@ from saflite.contract.config import Campaign, ScorerConfig, SearchConfig, Strate
 from saflite.contract.errors import Refused
 from saflite.contract.test_case import StartState, Target
 from saflite.contract.work import Setting
+from saflite.flight.autopilots.reference.parameters import parameter_table
 
 POLICIES_DIR = Path(__file__).parents[1] / "oracle" / "policies"
 PREFIX, ALL = "policy-", "policy-all"
@@ -48,7 +49,7 @@ def _policies() -> dict[str, dict[str, Any]]:
 
 
 def _one(data: dict[str, Any]) -> Campaign:
-    settings: dict[str, Setting] = {word: list(data["inputs"].get(word, ())) for word in _INPUTS}
+    settings: dict[str, Setting] = {word: _known(word, data["inputs"].get(word, ())) for word in _INPUTS}
     settings["published"] = data["inputs"].get("published", "")
     needs_mission = data.get("needs_mission", False)
     if needs_mission:
@@ -67,6 +68,13 @@ def _one(data: dict[str, Any]) -> Campaign:
         scorer=ScorerConfig(model="relevance", batch=16),
         search=_SEARCH,
     )
+
+
+def _known(word: str, names: list[str]) -> list[float | int | str | bool]:
+    """Return the names without parameters that only other targets have; a policy file serves every target."""
+    if word not in ("parameters", "sensor_faults"):
+        return list(names)
+    return [name for name in names if name in parameter_table()]
 
 
 def _all(policies: list[dict[str, Any]]) -> Campaign:
