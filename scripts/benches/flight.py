@@ -14,16 +14,13 @@ and is left out of `airborne`.
 from __future__ import annotations
 
 import argparse
-import ctypes
 import json
-import os
 import resource
 import statistics
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -61,44 +58,44 @@ def _timed(work: Callable[[], tuple[float, float]]) -> Measured:
     return simulated, airborne, time.process_time() - cpu, time.perf_counter() - wall
 
 
-@contextmanager
-def quiet() -> Iterator[None]:
-    """Keep JSBSim's own chatter about the shipped aircraft off the terminal."""
-    sys.stdout.flush()
-    kept, nowhere = [os.dup(1), os.dup(2)], os.open(os.devnull, os.O_WRONLY)
-    try:
-        os.dup2(nowhere, 1), os.dup2(nowhere, 2)
-        yield
-    finally:
-        ctypes.CDLL(None).fflush(None)
-        os.dup2(kept[0], 1), os.dup2(kept[1], 2)
-        for number in (*kept, nowhere):
-            os.close(number)
+def bare() -> tuple[float, float]:
+    """Step our own file of the aircraft in a hover, nothing else."""
+    world = World(30.0)
+    world.set_motors(0.435, 1)
+    return _stepped(world.step)
 
 
-def bare(shipped: bool) -> tuple[float, float]:
-    """Step JSBSim alone in a hover."""
-    if shipped:
-        import jsbsim
-
-        jsbsim.set_logger(jsbsim.DefaultLogger(jsbsim.LogLevel.FATAL))
-        with quiet():
-            fdm: Any = jsbsim.FGFDMExec(jsbsim.get_default_root_dir(), None)
-            fdm.load_model("F450")
-        fdm.set_dt(0.0025)
-        fdm["ic/h-agl-ft"] = 100.0
-        fdm.run_ic()
-        fdm["propulsion/set-running"], fdm["fcs/ScasEngage"] = -1, 0
-        for name in ("FR", "AL", "FL", "AR"):
-            fdm[f"fcs/cmd{name}_ext_nd"] = 0.435
-        step = fdm.run
-    else:
-        world = World(30.0)
-        world.set_motors(0.435, 1)
-        step = world.step
+def _stepped(step: Callable[[], object]) -> tuple[float, float]:
     for _ in range(round(BARE_S / 0.0025)):
         step()
     return BARE_S, BARE_S
+
+
+def bare_shipped() -> Measured:
+    """Step the aircraft JSBSim ships, in a process of its own: its chatter would spoil our output."""
+    output = _child("shipped()")
+    words = next(line for line in output.splitlines() if line.startswith("measured")).split()
+    return float(words[1]), float(words[2]), float(words[3]), float(words[4])
+
+
+def shipped() -> None:
+    """Measure the shipped F450 and print it."""
+    import jsbsim
+
+    fdm: Any = jsbsim.FGFDMExec(jsbsim.get_default_root_dir(), None)
+    fdm.load_model("F450")
+    fdm.set_dt(0.0025)
+    fdm["ic/h-agl-ft"] = 100.0
+    fdm.run_ic()
+    fdm["propulsion/set-running"], fdm["fcs/ScasEngage"] = -1, 0
+    for name in ("FR", "AL", "FL", "AR"):
+        fdm[f"fcs/cmd{name}_ext_nd"] = 0.435
+    print("\nmeasured", *_timed(lambda: _stepped(fdm.run)))
+
+
+def _child(call: str) -> str:
+    code = f"import sys; sys.path.insert(0, {sys.path[0]!r}); import flight; flight.{call}"
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
 
 
 def fly(case: TestCase) -> tuple[float, float]:
@@ -144,13 +141,13 @@ def measure(rounds: int) -> dict[str, list[Measured]]:
     found: dict[str, list[Measured]] = {}
     for i, boxes in enumerate(layouts(rounds)):
         kinds: dict[str, Callable[[], tuple[float, float]]] = {
-            "bare, shipped F450": lambda: bare(shipped=True),
-            "bare, our file": lambda: bare(shipped=False),
+            "bare, our file": bare,
             "free": lambda i=i: fly(mission_case(f"mission{1 + i % 3}")),  # type: ignore[misc]
             "avoidance": lambda i=i, boxes=boxes: fly(mission_case("mission2", boxes, i)),  # type: ignore[misc]
             "policy": lambda i=i: fly(policy_case(i)),  # type: ignore[misc]
             "kinematic": lambda i=i, boxes=boxes: kinematic(boxes, i),  # type: ignore[misc]
         }
+        found.setdefault("bare, shipped F450", []).append(bare_shipped())
         for name, work in kinds.items():
             found.setdefault(name, []).append(_timed(work))
     return found
@@ -158,9 +155,7 @@ def measure(rounds: int) -> dict[str, list[Measured]]:
 
 def worker_peak_mib() -> float:
     """Return the peak memory of a simulator's own process over ten avoidance flights."""
-    code = f"import sys; sys.path.insert(0, {sys.path[0]!r}); import flight; flight.child()"
-    output = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
-    return float(output.split()[-1])
+    return float(_child("child()").split()[-1])
 
 
 def child() -> None:
