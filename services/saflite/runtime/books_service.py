@@ -23,6 +23,7 @@ from saflite.contract.control import Answer, Control
 from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.events import kind_of
 from saflite.contract.work import Ask, Grant, Heartbeat, Report
+from saflite.runtime.absences import Absences
 from saflite.runtime.parking import Parking
 
 log = logging.getLogger(__name__)
@@ -33,6 +34,7 @@ COMMIT_RETRY_S = 0.5
 LINGER_S = 3.0  # how long the books of an ended campaign still answer
 BLOCKED_RETRY_S = 1.0
 COMPLAINT_S = 1.0
+ASLEEP_S = 1.0  # steps are 0.1 s apart; after a longer gap this process was frozen, not the workers
 SENDERS_MAX = 100
 
 T = TypeVar("T", bound=msgspec.Struct)
@@ -80,6 +82,10 @@ class BooksService:
         self._prefix = topics.prefix(campaign)
         self._inbox: queue.SimpleQueue[Happening | _Stop] = queue.SimpleQueue()
         self._parking = Parking()
+        self._lease_s = books.campaign.lease.lease_s
+        self._absences = Absences(self._lease_s)
+        self._stepped_s = clock.monotonic_s()
+        self._tick_from_s = 0.0
         self._outbox: list[tuple[Request, msgspec.Struct]] = []
         self._blocked: Batch | None = None
         self._commit_s = 0.0
@@ -114,13 +120,24 @@ class BooksService:
         for happening in happenings:
             self._take(happening, now_s)
         if self._blocked is None:
-            for where, words in self._complaints.due(now_s):
-                log.warning("from %s: %s", where, words)
-                self._books.fault(where, words, now_s)
-            self._books.tick(now_s)
+            self._pass_time(now_s)
             self._unpark(now_s)
         self._settle(now_s)
         return len(happenings)
+
+    def _pass_time(self, now_s: float) -> None:
+        for where, words in self._complaints.due(now_s):
+            log.warning("from %s: %s", where, words)
+            self._books.fault(where, words, now_s)
+        for worker, stage in self._absences.due(now_s):
+            self._parking.forget(worker)
+            self._books.absent(worker, stage, now_s)
+        if now_s - self._stepped_s > ASLEEP_S:
+            log.warning("this process stood still for %.1f s; leases get their time again", now_s - self._stepped_s)
+            self._tick_from_s = now_s + self._lease_s
+        self._stepped_s = now_s
+        if now_s >= self._tick_from_s:  # before that, heartbeats that waited meanwhile come in and extend the leases
+            self._books.tick(now_s)
 
     def _drained(self, wait_s: float) -> list[Happening | _Stop]:
         happenings: list[Happening | _Stop] = []
@@ -145,10 +162,10 @@ class BooksService:
     def _on_presence(self, presence: Presence, now_s: float) -> None:
         stage, _, worker = presence.key.removeprefix(f"{self._prefix}/alive/").partition("/")
         if presence.present:
+            self._absences.back((worker, stage))
             self._books.present(worker, stage, now_s)
         else:
-            self._parking.forget(worker)
-            self._books.absent(worker, stage, now_s)
+            self._absences.vanished((worker, stage), now_s)
 
     def _on_request(self, request: Request, now_s: float) -> None:
         kind = request.key.removeprefix(f"{self._prefix}/").partition("/")[0]
