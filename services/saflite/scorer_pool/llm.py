@@ -97,15 +97,16 @@ class LanguageModel:
         return message
 
     async def _warm(self) -> str:
+        """Load under the load deadline, then find out how many questions are worth putting side by side."""
         try:
             async with asyncio.timeout(self._load_deadline_s):
                 about = await self._chat.load()
                 self._digest = await self._chat.digest()
-                self._ready = True
                 seconds = {count: await self._probe(count) for count in PROBES}
         except TimeoutError as fault:
             raise Unavailable(f"{self.label}: not loaded within {self._load_deadline_s:g} s") from fault
         self._pace.probed(seconds)
+        self._ready = True
         return f"{about}; {self._pace.side_by_side} questions side by side"
 
     async def _probe(self, count: int) -> float:
@@ -197,7 +198,7 @@ class LanguageModel:
             if self._ready and (self._loading is None or self._loading.done()):
                 return ""
             if self._loading is None or (self._loading.done() and not self._ready):
-                self._loading = self._background.start(self._load())
+                self._loading = self._background.start(self._warm())
             async with asyncio.timeout(min(LOADING_WAIT_S, self._left(ends_s))):
                 await asyncio.shield(asyncio.wrap_future(self._loading))
         except TimeoutError:
@@ -207,16 +208,6 @@ class LanguageModel:
         except Unavailable:
             return "unreachable"
         return ""
-
-    async def _load(self) -> str:
-        try:
-            async with asyncio.timeout(self._load_deadline_s):
-                about = await self._chat.load()
-                self._digest = await self._chat.digest()
-        except TimeoutError as fault:
-            raise Unavailable(f"{self.label}: not loaded within {self._load_deadline_s:g} s") from fault
-        self._ready = True
-        return about
 
     async def _part(self, cases: tuple[TestCase, ...], job: Job, ends_s: float, count: _Count) -> dict[str, Mark]:
         """Ask about some test cases; what was answered before a fault is kept."""

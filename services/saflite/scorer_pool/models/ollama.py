@@ -6,6 +6,7 @@ The model is loaded under its own deadline and kept loaded, with a fixed context
 from __future__ import annotations
 
 import json
+import logging
 from typing import Any, NamedTuple
 
 from saflite.contract.config import environment
@@ -41,6 +42,7 @@ class OllamaChat:
     def __init__(self, argument: str) -> None:
         import ollama
 
+        logging.getLogger("httpx").setLevel(logging.WARNING)  # it tells of every single request
         self._tag, host = _place(argument)
         self._client = ollama.AsyncClient(host=host, timeout=None)  # the caller's deadlines hold
 

@@ -7,6 +7,7 @@ SAFLITE_PRICES as `<in>,<out>`. Without `@<base url>` the address is OPENAI_BASE
 from __future__ import annotations
 
 import json
+import logging
 from typing import Any, NamedTuple
 
 from saflite.contract.config import environment
@@ -54,6 +55,7 @@ class OpenAIChat:
     """One model on one OpenAI-compatible server."""
 
     def __init__(self, argument: str) -> None:
+        logging.getLogger("httpx").setLevel(logging.WARNING)  # it tells of every single request
         self._model, self._url = _place(argument)
         self._formats = ["json_schema", "json_object", ""]
 
