@@ -33,7 +33,7 @@ def campaign(rng_seed: int, fault_share: float) -> Campaign:
     return Campaign(
         name="soak",
         mission="mission1",
-        time_limit_s=60.0,
+        time_limit_s=150.0,
         target=Target(name="soak", parameters={"SOAK_SHARE": fault_share}),
         budget_flights=1_000_000,
         rng_seed=rng_seed,

@@ -86,7 +86,10 @@ def _not_possible(field: Field, counts: Counter[str]) -> list[str]:
 
 def _alone(injected: Sequence[Injected], kind: str) -> list[Injected]:
     """Return the faults of a kind to workers while books, router, network and disk were well."""
-    workers = [fault for fault in injected if kind in fault.kind and fault.whom.rpartition("-")[2].isdigit()]
+    to_workers = [
+        fault for fault in injected if fault.whom.rpartition("-")[2].isdigit() and "simulator" not in fault.kind
+    ]
+    workers = [fault for fault in to_workers if kind in fault.kind]
     centre = [fault for fault in injected if any(word in fault.kind for word in CENTRE)]
     return [
         fault

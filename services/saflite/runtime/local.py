@@ -172,7 +172,8 @@ class LocalFarm:
         child.finished = process.returncode == 0
         if child.finished:
             return
-        steady = now_s - child.started_s > STEADY_S
+        was_killed = process.returncode in (-signal.SIGKILL, -signal.SIGTERM)  # from outside, not by a fault of its own
+        steady = was_killed or now_s - child.started_s > STEADY_S
         child.failures = 1 if steady else child.failures + 1
         child.wait_s = BACK_OFF_FIRST_S if steady else min(2 * child.wait_s, BACK_OFF_MAX_S)
         child.start_at_s = now_s + child.wait_s
