@@ -31,6 +31,8 @@ static void read_settings(Settings *set, const double *from)
     set->line_distance = (float)from[PLANNER_SET_LINE_DISTANCE];
     set->look_ahead = (float)from[PLANNER_SET_LOOK_AHEAD];
     set->fov_slowdown = (float)from[PLANNER_SET_FOV_SLOWDOWN];
+    set->learnt_centre = (float)from[PLANNER_SET_FOV_CENTRE];
+    set->learnt_half = (float)(from[PLANNER_SET_FOV_LEARNT] / 2.0);
     set->speed_tau = (float)from[PLANNER_SET_SPEED_TAU];
     set->smooth_xy = (float)from[PLANNER_SET_SMOOTH_XY];
     set->smooth_z = (float)from[PLANNER_SET_SMOOTH_Z];

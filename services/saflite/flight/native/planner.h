@@ -54,8 +54,10 @@ enum {                    /* settings[] of planner_init; defaults in flight/plan
     PLANNER_SET_PERIOD,           /* s between plans */
     PLANNER_SET_PATH_SPEED,       /* advance along the path, m/s */
     PLANNER_SET_LINE_DISTANCE,    /* pull to the line between way-points beyond this, m */
-    PLANNER_SET_LOOK_AHEAD,       /* set-point ahead of the vehicle in free flight, m */
+    PLANNER_SET_LOOK_AHEAD,       /* set-point ahead of the vehicle at the centre of the field of view, m */
     PLANNER_SET_FOV_SLOWDOWN,     /* 0 none .. 1 full slow-down towards the edge of the field of view */
+    PLANNER_SET_FOV_CENTRE,       /* field of view the planner has learnt: centre, deg, positive to the right */
+    PLANNER_SET_FOV_LEARNT,       /* and width, deg */
     PLANNER_SET_SPEED_TAU,        /* low-pass of the speed, s */
     PLANNER_SET_SMOOTH_XY,        /* set-point spring, 0 off */
     PLANNER_SET_SMOOTH_Z,

@@ -92,13 +92,13 @@ void camera_look(Planner *p, const float eye[3], const float shift[3], double ya
     }
 }
 
-/* True where the camera looks now. */
+/* True where the camera looks and the planner knows that it does. */
 static int in_view(const Planner *p, float dx, float dy, float dz, float yaw_deg)
 {
     float off = exact_atan2_deg(dy, dx) - yaw_deg;
     off -= 360.0f * floorf(off / 360.0f + 0.5f);
     const float elevation = exact_atan2_deg(dz, sqrtf(dx * dx + dy * dy));
-    return fabsf(off) <= p->set.half_h && fabsf(elevation) <= p->set.half_v;
+    return fabsf(off) <= p->set.half_h && fabsf(off - p->set.learnt_centre) <= p->set.learnt_half && fabsf(elevation) <= p->set.half_v;
 }
 
 /* New points first, one per fine cell; an old one stays if near, young, out of view and alone in its cell. */

@@ -17,13 +17,13 @@ static double normalise(double v[3])
 
 static double heading(double x, double y) { return (double)exact_atan2_deg((float)y, (float)x) * EXACT_RAD; }
 
-/* 1 straight ahead, falling to 0 at the edge of the camera's view and beyond. */
+/* 1 at the centre of the field of view the planner has learnt, falling to 0 at its edge and beyond. */
 static double view_factor(const Planner *p, const double direction[3], double yaw)
 {
     if (direction[0] == 0.0 && direction[1] == 0.0)
         return 1.0;
-    const double off = fabs(exact_wrap(heading(direction[0], direction[1]) - yaw)) / EXACT_RAD;
-    const double inside = off < (double)p->set.half_h ? 1.0 - off / (double)p->set.half_h : 0.0;
+    const double off = exact_wrap(heading(direction[0], direction[1]) - yaw) / EXACT_RAD - (double)p->set.learnt_centre;
+    const double inside = fabs(off) < (double)p->set.learnt_half ? 1.0 - fabs(off) / (double)p->set.learnt_half : 0.0;
     return 1.0 - (double)p->set.fov_slowdown * (1.0 - inside);
 }
 

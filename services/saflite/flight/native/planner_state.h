@@ -28,7 +28,7 @@ typedef struct {                       /* what a cost matrix is computed for */
 
 typedef struct {
     float range, near, half_h, half_v, memory_age, pitch_cost, yaw_cost, velocity_cost, knee, heuristic, node_distance;
-    float path_speed, line_distance, look_ahead, fov_slowdown, speed_tau, smooth_xy, smooth_z;
+    float path_speed, line_distance, look_ahead, fov_slowdown, learnt_centre, learnt_half, speed_tau, smooth_xy, smooth_z;
     double period;
     int columns, rows, children, expansions, radius;
 } Settings;

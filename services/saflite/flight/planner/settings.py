@@ -33,8 +33,10 @@ class PlannerSettings(msgspec.Struct, frozen=True, kw_only=True):
     period_s: float = 0.1
     path_speed_mps: float = 5.0
     line_distance_m: float = 5.0
-    look_ahead_m: float = 2.35
+    look_ahead_m: float = 5.0
     fov_slowdown: float = 1.0
+    fov_centre_deg: float = -10.2
+    fov_learnt_deg: float = 38.6
     speed_tau_s: float = 0.9
     smoothing_xy: float = 10.0
     smoothing_z: float = 3.0
