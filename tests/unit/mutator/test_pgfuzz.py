@@ -140,6 +140,12 @@ def test_a_little_change_stays_close() -> None:
     moved = [values.jitter(rng, entry, (5.0,))[0] for _ in range(100)]
     assert all(4.0 <= value <= 6.0 for value in moved)
     assert len(set(moved)) > 50
+    chute = Input("command", "MAV_CMD_DO_PARACHUTE")
+    before = (2.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    for _ in range(50):
+        after = values.jitter(rng, chute, before)
+        assert sum(a != b for a, b in zip(before, after, strict=True)) <= 1
+    assert values.jitter(rng, Input("mode", "ACRO"), ()) == ()
 
 
 # ---- sequences ----------------------------------------------------------------------------------------------------

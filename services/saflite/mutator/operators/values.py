@@ -62,9 +62,15 @@ def draw(rng: Rng, entry: Input, beyond: float) -> Values:
 
 
 def jitter(rng: Rng, entry: Input, values: Values) -> Values:
-    """Return the values moved a little: by up to a tenth of the range, or of their size where there is none."""
-    if entry.kind == "mode":
+    """Return the values moved a little: by up to a tenth of the range, or of their size where there is none.
+
+    A command's numbers are mostly choices, not sizes: one of them is drawn anew.
+    """
+    if entry.kind == "mode" or not values:
         return values
+    if entry.kind == "command":
+        place, new = int(rng.integers(len(values))), _command(rng, entry.name, 0.2)
+        return (*values[:place], new[place], *values[place + 1 :])
     span = entry.high - entry.low
     moved = []
     for value in values:

@@ -85,8 +85,8 @@ class Strategy:
         "beyond": Option(0.2, "share of values outside their valid range", 0, 1),
         "bursts": Option(0.3, "share of inputs that follow within 2 s instead of a round (0: as PGFuzz)", 0, 1),
         "release": Option(0.7, "share of stick inputs let go after their round (1: as PGFuzz)", 0, 1),
-        "steps_min": Option(1, "least number of inputs in a test case", 1, 100),
-        "steps_max": Option(6, "greatest number of inputs in a test case", 1, 100),
+        "steps_min": Option(2, "least number of inputs in a test case", 1, 100),
+        "steps_max": Option(8, "greatest number of inputs in a test case", 1, 100),
         "round_s": Option(4.0, "time from one input to the next", 0.1, 60),
         "start_s": Option(1.0, "time of the first input", 0, 60),
     }
