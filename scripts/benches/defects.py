@@ -7,7 +7,7 @@ search: for each defect, arm and seed the campaign of the defect's policy runs t
 until `--hours` of simulated time are spent (a flight counts as its full minute). Told are rounds, flights, simulated
 and wall time, and survival curves (the share not yet found after so many flights), censored searches counted as such.
 alarms: mutants of all policy campaigns flown with all defects off and judged by all policies; every violation is a
-false alarm. The full table (20 seeds, 24 h) takes days on one core: `--seeds`, `--hours`, `--arms` cut it, and are told.
+false alarm. The full table (20 seeds, 24 h) takes days on one core: `--seeds`, `--hours`, `--arms` cut it.
 """
 
 from __future__ import annotations
