@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from field import Field
 from rogue import Rogue
-from saflite.campaign.audit import audit
 
+from saflite.campaign.audit import audit
 from saflite.contract.events import WorkerChanged
 
 if TYPE_CHECKING:

@@ -189,18 +189,28 @@ class LocalFarm:
         command += ["--spool", str(self.run_dir / "spool" / role.name)]
         for path in self._target_files if role.kind == "fly" else ():
             command += ["--target-module", str(path)]
-        with self._log(role).open("ab") as sink:
+        with self._sink(role) as sink:
             child.process = subprocess.Popen(
                 command, stdin=subprocess.DEVNULL, stdout=sink, stderr=sink, start_new_session=True
             )
         child.started_s = self._clock.monotonic_s()
+
+    def _sink(self, role: Role) -> IO[bytes]:
+        try:
+            return self._log(role).open("ab")
+        except OSError as fault:  # a full disk must not end the farm
+            log.warning("no log for %s: %s", role.name, fault)
+            return open(os.devnull, "wb")
 
     def _log(self, role: Role) -> Path:
         return self.run_dir / "logs" / f"{role.name}.log"
 
     def _write_info(self) -> None:
         info = FarmInfo(campaign=self.campaign, endpoint=self.endpoint, pid=os.getpid(), processes=self.pids())
-        write_info(self.run_dir, info)
+        try:
+            write_info(self.run_dir, info)
+        except OSError as fault:  # tools that look for the farm find the older file; the farm goes on
+            log.warning("%s not written: %s", FARM_FILE, fault)
 
 
 def default_simulators() -> int:
