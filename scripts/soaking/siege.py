@@ -140,7 +140,7 @@ def parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
     text = argparse.ArgumentParser(prog="scripts/soak", description="Run the real farm under faults, then audit it.")
     text.add_argument("--minutes", type=float, default=2.0, help="how long faults are injected (default 2)")
-    text.add_argument("--faults-per-min", type=float, default=60.0, help="default 60")
+    text.add_argument("--faults-per-min", type=float, default=75.0, help="default 75")
     text.add_argument("--freeze-s", type=float, default=5.0, help="how long a frozen process stays so (long soak: 30)")
     text.add_argument("--fault-share", type=float, default=0.05, help="share of test cases that crash or hang")
     text.add_argument("--rng-seed", type=int, default=1)
