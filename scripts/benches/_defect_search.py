@@ -15,7 +15,7 @@ from saflite.campaign.builtin import load_campaign
 from saflite.contract.config import Campaign, ScorerConfig, StrategyConfig
 from saflite.contract.flight import Flight
 from saflite.contract.service import Cancelled
-from saflite.contract.test_case import Target, identity
+from saflite.contract.test_case import StartState, Target, identity
 from saflite.contract.work import FlyResult, FlyWork, Result
 from saflite.flight.autopilots.reference.defects import TABLE
 
@@ -68,7 +68,10 @@ class CountedFlights(Flights):
 
 
 def campaign_of(defect: str, arm: str, rng_seed: int, flights: int) -> Campaign:
-    """Return the campaign of the defect's policy with the defect planted, changed as the arm says."""
+    """Return the campaign of the defect's policy with the defect planted, changed as the arm says.
+
+    Flights begin in the state the bug is known from (`Defect.start`), as in the paper's second question.
+    """
     base = load_campaign(f"policy-{TABLE[defect].policy}")
     parameters = {**TABLE[defect].parameters, **base.target.parameters}
     settings = dict(base.strategy.settings)
@@ -85,6 +88,7 @@ def campaign_of(defect: str, arm: str, rng_seed: int, flights: int) -> Campaign:
     return msgspec.structs.replace(
         base,
         name=f"bench-{defect}",
+        start=StartState(mode=TABLE[defect].start[0], altitude_m=TABLE[defect].start[1]) if base.start else None,
         target=Target(parameters=parameters, defects=(defect,)),
         strategy=StrategyConfig(name="pgfuzz", settings=settings),
         scorer=ScorerConfig(model=model, batch=16),
