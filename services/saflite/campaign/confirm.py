@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+import msgspec
+
 from saflite.contract.flight import Flight
 from saflite.contract.ids import short_id
 from saflite.contract.score import Score
@@ -44,6 +46,7 @@ class Trial:
     confirm_max: int
     purpose: Purpose = "search"
     score: Score | None = None
+    shrunk_from: Violation | None = None  # purpose shrink: the violation this one is the smallest form of
     flights: dict[int, FlightNote] = field(default_factory=dict)
     judgement: Judgement | None = None
 
@@ -106,7 +109,15 @@ def violations_of(trial: Trial, needed: int) -> tuple[Violation, ...]:
                 message=verdict.message,
             )
         )
-    return tuple(found)
+    return tuple(found) if trial.shrunk_from is None else _smallest_form(trial, trial.shrunk_from, found)
+
+
+def _smallest_form(trial: Trial, larger: Violation, found: list[Violation]) -> tuple[Violation, ...]:
+    """Return the violation it was shrunk for, under the fingerprint it has already; others are not its matter."""
+    text = f"smallest form of {larger.test_case}, {len(trial.test_case.stimuli)} inputs: "
+    same = [violation for violation in found if violation.policy == larger.policy]
+    named = {"fingerprint": larger.fingerprint}
+    return tuple(msgspec.structs.replace(one, message=text + one.message, **named) for one in same)
 
 
 def fingerprint_of(judgement: Judgement, verdict: Verdict, place: int) -> str:

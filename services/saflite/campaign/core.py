@@ -65,6 +65,7 @@ class Core:
     trials: dict[str, Trial] = field(default_factory=dict)
     records: dict[str, RecordJob] = field(default_factory=dict)
     flown: dict[str, int] = field(default_factory=dict)  # every test case ever selected: its round
+    shrunk: set[str] = field(default_factory=set)  # smallest forms of violations, flown besides
     latest: deque[Features] = field(default_factory=lambda: deque(maxlen=REFERENCES_MAX))
     holds: dict[str, int] = field(default_factory=dict)  # trace digest: how many flights need it
     state: State = "running"

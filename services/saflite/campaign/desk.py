@@ -66,11 +66,6 @@ class Desk:
             return middle.isdecimal() and int(middle) < self._core.rounds.planned
         return middle in self._core.flown or word == "warm"
 
-    def trace_of(self, task: Task) -> str:
-        """Return the digest of the trace a judge task needs."""
-        _, name, index = split_key(task.key)
-        return self._core.trials[name].flights[index].flight.trace_digest
-
     def objection(self, control: Control, scorer: str) -> str:
         """Return why an order cannot be taken, empty if it can."""
         core = self._core

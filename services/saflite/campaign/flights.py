@@ -10,9 +10,11 @@ from saflite.campaign.entries import Pick
 from saflite.campaign.leases import Task, split_key
 from saflite.campaign.novelty import features
 from saflite.campaign.rounds import Round
+from saflite.campaign.shrinking import Job, Lab
 from saflite.contract import wire
 from saflite.contract.events import Flown, Judged, Quarantined, ViolationFound
 from saflite.contract.flight import FLOWN_ENDINGS, Ending, Flight
+from saflite.contract.test_case import identity
 from saflite.contract.verdict import Judgement, Verdict, Violation
 from saflite.contract.work import FlyResult, JudgeResult, Outcome, Purpose
 
@@ -23,8 +25,8 @@ INFRA_PER_ATTEMPT = 3
 class Flights:
     """Flies, judges and re-flies every selected test case until it has ended in one recorded way."""
 
-    def __init__(self, core: Core) -> None:
-        self._core = core
+    def __init__(self, core: Core, lab: Lab) -> None:
+        self._core, self._lab = core, lab
 
     # ---- beginning -----------------------------------------------------------------------------------------------
 
@@ -42,6 +44,21 @@ class Flights:
         round_.open_trials += 1
         core.out.row("selected", trial.name, round_.number, rank, pick.selected_by, pick.score, pick.novelty)
         self._fly(trial, 0, "search")
+
+    def fly_smallest(self, job: Job) -> None:
+        """Fly the smallest form of a violation as a test case of its own, if it is one and was not flown already."""
+        core, test_case = self._core, job.shrinker.best
+        name = identity(test_case)
+        if name == job.shrinker.original or name in core.flown or name in core.shrunk:
+            return
+        core.shrunk.add(name)
+        trial = Trial(test_case, name, job.trial.round, job.trial.rank, max(1, core.campaign.search.confirm_flights))
+        trial.purpose, trial.shrunk_from = "shrink", job.violation
+        core.trials[name] = trial
+        origin = test_case.origin
+        content = wire.encode(test_case)
+        core.out.row("test_cases", name, trial.round, -1, origin.strategy, origin.parent, content)
+        self._fly(trial, 0, "shrink")
 
     def _fly(self, trial: Trial, index: int, purpose: Purpose) -> None:
         avoid = frozenset(note.flight.worker for note in trial.flights.values())
@@ -105,7 +122,7 @@ class Flights:
         self._charge(trial, index, 1)
         core.counts.simulated_s += flight.simulated_s
         core.counts.wall_s += flight.wall_s
-        purpose = "search" if index == 0 else "confirm"
+        purpose = trial.purpose if index == 0 else "confirm"
         numbers = (flight.simulated_s, flight.wall_s)
         core.out.row(
             "flights",
@@ -132,6 +149,9 @@ class Flights:
 
     def _charge(self, trial: Trial, index: int, sign: int) -> None:
         counts = self._core.counts
+        if trial.purpose == "shrink":
+            counts.shrink_flights += sign
+            return
         counts.flights += sign
         counts.reflown += sign if index else 0
         self._core.rounds.under_way[trial.round].cost += sign
@@ -146,7 +166,7 @@ class Flights:
         core.counts.simulated_s -= note.flight.simulated_s
         core.counts.wall_s -= note.flight.wall_s
         core.let_go_trace(note.flight.trace_digest)
-        self._fly(trial, index, "confirm" if index else "search")
+        self._fly(trial, index, "confirm" if index else trial.purpose)
 
     # ---- judged --------------------------------------------------------------------------------------------------
 
@@ -209,12 +229,17 @@ class Flights:
             if note.flight.trace_digest in core.holds:
                 core.out.flush_trace(note.flight.trace_digest)
         if core.campaign.record != "none":
-            self._record(trial, found[0])
-        self._end(trial, first.flight.ending, found[0].standing)
+            self._record(trial, found[0] if found else None)
+        self._end(trial, first.flight.ending, found[0].standing if found else "held")
+        for violation in found[:1]:
+            if violation.standing == "confirmed":
+                self._lab.begin(trial, violation)
 
     def _announce(self, violation: Violation) -> None:
         core = self._core
-        if violation.standing == "confirmed":
+        if violation.test_case in core.shrunk:
+            pass  # counted when it was found
+        elif violation.standing == "confirmed":
             core.counts.confirmed += 1
             core.counts.last_find_s = core.elapsed_s(core.at_s)
         elif violation.standing == "flaky":
@@ -253,15 +278,18 @@ class Flights:
         if index > 0:
             self._if_confirmed(trial)
             return
-        core.counts.quarantined += 1
-        core.tell(Quarantined(test_case=trial.name, attempts=attempts, last=ending, message=message))
+        if trial.purpose == "search":
+            core.counts.quarantined += 1
+            core.tell(Quarantined(test_case=trial.name, attempts=attempts, last=ending, message=message))
         self._end(trial, ending, "quarantined")
 
     def _end(self, trial: Trial, ending: Ending, state: str) -> None:
         core = self._core
         del core.trials[trial.name]
-        core.counts.ended += 1
         core.out.row("endings", trial.name, state, ending, trial.cost)
+        if trial.purpose == "shrink":
+            return
+        core.counts.ended += 1
         round_ = core.rounds.under_way[trial.round]
         round_.outcomes[trial.rank] = outcome_of(trial, ending)
         core.out.row("outcomes", trial.round, trial.rank, trial.name, _ENCODER.encode(round_.outcomes[trial.rank]))

@@ -61,18 +61,16 @@ class Handout:
         return 300.0
 
     def _fly(self, task: Task) -> FlyWork:
-        _, name, index = split_key(task.key)
+        index = split_key(task.key)[2]
         limit_s = self._core.campaign.lease.wall_limit_s
-        test_case = self._core.trials[name].test_case
+        test_case = self._ledger.test_case_of(task)
         return FlyWork(test_case=test_case, flight_index=index, purpose=task.purpose, wall_limit_s=limit_s)
 
     def _judge(self, task: Task) -> JudgeWork:
-        _, name, index = split_key(task.key)
-        trial = self._core.trials[name]
-        flight = trial.flights[index].flight
+        flight = self._ledger.flight_of(task)
         trace = self._trace(flight.trace_digest)
         policies = self._core.campaign.policies
-        return JudgeWork(test_case=trial.test_case, flight=flight, policies=policies, trace=trace)
+        return JudgeWork(test_case=self._ledger.test_case_of(task), flight=flight, policies=policies, trace=trace)
 
     def _record(self, task: Task) -> RecordWork:
         job = self._core.records[task.key]

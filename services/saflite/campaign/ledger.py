@@ -17,11 +17,14 @@ from saflite.campaign.entries import (
     TraceMissing,
 )
 from saflite.campaign.flights import Flights
-from saflite.campaign.leases import Task
+from saflite.campaign.leases import Task, split_key
 from saflite.campaign.proposals import Proposals
 from saflite.campaign.scorers import Scorers
+from saflite.campaign.shrinking import Lab, is_experiment
 from saflite.contract.control import Control
 from saflite.contract.events import CampaignChanged
+from saflite.contract.flight import Flight
+from saflite.contract.test_case import TestCase
 from saflite.contract.work import (
     Failure,
     FlyResult,
@@ -43,7 +46,8 @@ class Ledger:
 
     def __init__(self, core: Core) -> None:
         self.core = core
-        self.flights = Flights(core)
+        self.lab = Lab(core)
+        self.flights = Flights(core, self.lab)
         self.proposals = Proposals(core, self.flights)
         self.scorers = Scorers(core)
 
@@ -53,6 +57,8 @@ class Ledger:
             self._change_clock(line.at_s)
         self.core.at_s = line.at_s
         self._apply(line.entry)
+        for job in self.lab.advance() if self.lab.jobs else ():
+            self.flights.fly_smallest(job)
         self.proposals.advance()
 
     def _apply(self, entry: Entry) -> None:
@@ -73,7 +79,9 @@ class Ledger:
             case Noted():
                 self.core.tell(entry.fact)
             case TraceMissing():
-                self.flights.on_trace_missing(self._task(entry.key), entry.message)
+                task = self._task(entry.key)
+                place = self.lab if is_experiment(task) else self.flights
+                place.on_trace_missing(task, entry.message)
             case GaveUp():
                 self._give_up_record(self._task(entry.key), entry.message)
 
@@ -81,6 +89,20 @@ class Ledger:
         task = self.core.tasks.get(key)
         assert task is not None, f"{key} is not to be done"
         return task
+
+    def test_case_of(self, task: Task) -> TestCase:
+        """Return the test case a fly or judge task is about."""
+        name = split_key(task.key)[1]
+        return self.lab.experiment(name).test_case if is_experiment(task) else self.core.trials[name].test_case
+
+    def flight_of(self, task: Task) -> Flight:
+        """Return the flight a judge task is about."""
+        _, name, index = split_key(task.key)
+        if not is_experiment(task):
+            return self.core.trials[name].flights[index].flight
+        flight = self.lab.experiment(name).flight
+        assert flight is not None, f"{name} is to be judged but was not flown"
+        return flight
 
     # ---- opening and orders --------------------------------------------------------------------------------------
 
@@ -135,7 +157,9 @@ class Ledger:
             self._lost(task, entry.message or entry.how)
 
     def _lost(self, task: Task, message: str) -> None:
-        if task.stage in ("fly", "judge"):
+        if is_experiment(task):
+            self.lab.on_trouble(task, "lost", message)
+        elif task.stage in ("fly", "judge"):
             self.flights.on_lost(task, message)
         elif task.stage == "mutate":
             self.core.fault(task.key, message)
@@ -144,7 +168,9 @@ class Ledger:
             self._failed(task, message)
 
     def _failed(self, task: Task, message: str) -> None:
-        if task.stage in ("fly", "judge"):
+        if is_experiment(task):
+            self.lab.on_trouble(task, "infra", message)
+        elif task.stage in ("fly", "judge"):
             self.flights.on_failure(task, message)
         elif task.stage == "mutate":
             self.proposals.on_mutate_failure(task, message)
@@ -170,9 +196,9 @@ class Ledger:
             case WarmResult():
                 self.scorers.on_warmed(task, entry.result)
             case FlyResult():
-                self.flights.on_flown(task, entry.result)
+                (self.lab if is_experiment(task) else self.flights).on_flown(task, entry.result)
             case JudgeResult():
-                self.flights.on_judged(task, entry.result)
+                (self.lab if is_experiment(task) else self.flights).on_judged(task, entry.result)
             case RecordResult():
                 self._recorded(task, entry.result)
             case Failure():

@@ -8,6 +8,7 @@ from typing import Any
 
 from saflite.campaign.entries import Granted, Line, Returned, Selected, Settled, TraceMissing, decode_line
 from saflite.campaign.leases import split_key
+from saflite.campaign.shrinking import EXPERIMENT
 from saflite.contract.events import Fact, Flown, Judged, Planted, Quarantined, Scored, ViolationFound
 from saflite.contract.flight import FLOWN_ENDINGS
 from saflite.contract.work import FlyResult, JudgeResult, MutateResult, ScoreResult
@@ -22,7 +23,7 @@ class Recount:
     def __init__(self) -> None:
         self.lines = 0
         self.problems: list[str] = []
-        self.issued = 0
+        self.issued = self.experiments = 0
         self.ended: Counter[str] = Counter()
         self._open: dict[str, int] = {}  # work: attempt under way
         self._selected: Counter[str] = Counter()
@@ -55,8 +56,9 @@ class Recount:
             case TraceMissing(key=key):
                 self._open.pop(key, None)
                 _, name, index = split_key(key)
-                self._flown[name, index] -= 1
-                self._flown_anew[name, index] += 1
+                if index != EXPERIMENT:
+                    self._flown[name, index] -= 1
+                    self._flown_anew[name, index] += 1
             case _:
                 pass
 
@@ -73,7 +75,9 @@ class Recount:
         else:
             self.ended["settled late"] += 1
         result = entry.result
-        if isinstance(result, FlyResult) and result.flight.ending in FLOWN_ENDINGS:
+        if split_key(entry.key)[2] == EXPERIMENT and isinstance(result, FlyResult | JudgeResult):
+            self.experiments += isinstance(result, FlyResult)
+        elif isinstance(result, FlyResult) and result.flight.ending in FLOWN_ENDINGS:
             flight = (result.flight.test_case, result.flight.flight_index)
             self._flown[flight] = self._flown.get(flight, 0) + 1
         elif isinstance(result, JudgeResult):
@@ -142,7 +146,7 @@ class Recount:
     @property
     def charged(self) -> int:
         """Flights that count against the budget."""
-        return sum(1 for count in self._flown.values() if count > 0)
+        return sum(1 for (name, _), count in self._flown.items() if count > 0 and name in self._selected)
 
     def figures(self) -> dict[str, Any]:
         """Return the counts."""
@@ -152,8 +156,9 @@ class Recount:
             "attempts_open": len(self._open),
             "attempts_by_end": dict(sorted(self.ended.items())),
             "test_cases_selected": sum(self._selected.values()),
-            "test_cases_ended": len(self._ended_cases),
+            "test_cases_ended": len(set(self._ended_cases) & set(self._selected)),
             "flights": self.charged,
+            "shrink_experiments": self.experiments,
             "flights_counted_twice": sum(1 for count in self._flown.values() if count > 1),
             "results_missing": sum(1 for key, count in self._flown.items() if count > 0 and not self._told_flown[key]),
             "violations": dict(sorted(self._standings.items())),

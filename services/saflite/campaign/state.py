@@ -136,7 +136,7 @@ class Books:
 
     def _fly_again_what_left_no_trace(self, now: float) -> None:
         for task in [task for task in self._core.tasks if task.stage == "judge"]:
-            digest = self._desk.trace_of(task)
+            digest = self._ledger.flight_of(task).trace_digest
             if digest and self._shelf.trace(digest) is None:
                 self._attendance.end(task.key)
                 self._without_its_trace(task, "its trace was not on disk", now)
@@ -256,7 +256,11 @@ class Books:
         """Choose the flights of every round whose turn it is."""
         core = self._core
         while (round_ := core.rounds.next_to_select()) is not None:
-            candidates = {name: case for name, case in round_.candidates.items() if name not in core.flown}
+            candidates = {
+                name: case
+                for name, case in round_.candidates.items()
+                if name not in core.flown and name not in core.shrunk
+            }
             scores = {name: round_.scores[name].value for name in candidates}
             search, rng_seed = core.rounds.search, core.campaign.rng_seed
             rules = Rules(round_.plan.flights, search.random_share, search.novelty_weight, rng_seed, round_.number)
