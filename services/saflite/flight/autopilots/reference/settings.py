@@ -9,6 +9,19 @@ if TYPE_CHECKING:
     from saflite.flight.autopilots.reference.autopilot import Autopilot
 
 
+LEAST = {
+    "k_rate_r_max": math.radians(60.0),
+    "k_rate_p_max": math.radians(60.0),
+    "k_rate_y_max": math.radians(20.0),
+    "k_acc_r_max": math.radians(90.0),
+    "k_acc_p_max": math.radians(90.0),
+    "k_acc_y_max": math.radians(20.0),
+    "k_rat_r_flte": 20.0,  # Hz
+    "k_rat_p_flte": 20.0,
+    "k_rat_y_flte": 1.0,
+}
+
+
 def publish(ap: Autopilot) -> None:
     """Write the parameters that policies look at to the board."""
     p = ap.parameters
@@ -31,9 +44,15 @@ def publish(ap: Autopilot) -> None:
         mission_count=len(ap.mission.items) if ap.mission is not None else 0,
         tilt_max=math.radians(p["ANGLE_MAX"] / 100.0),
     )
-    for name, least in (("k_rate_r_max", 60.0), ("k_rate_p_max", 60.0), ("k_rate_y_max", 20.0)):
-        if 0.0 < ap.board[name] < math.radians(least) and "rate-limit-unchecked" not in ap.defects:
-            ap.board[name] = math.radians(least)
+    if "rate-limit-unchecked" not in ap.defects:
+        _keep_flyable(ap)
+
+
+def _keep_flyable(ap: Autopilot) -> None:
+    """Raise limits that are on (not 0) but too low to fly with, as ArduCopter's attitude control does inside."""
+    for name, least in LEAST.items():
+        if 0.0 < ap.board[name] < least:
+            ap.board[name] = least
 
 
 def speeds(ap: Autopilot) -> tuple[float, float, float]:
