@@ -38,7 +38,7 @@ def campaign(rng_seed: int, fault_share: float) -> Campaign:
         budget_flights=1_000_000,
         rng_seed=rng_seed,
         strategy=StrategyConfig(name="random_boxes"),
-        scorer=ScorerConfig(model="gap", batch=8, deadline_s=5.0),
+        scorer=ScorerConfig(model="gap", batch=2, deadline_s=5.0),
         search=SearchConfig(candidates_per_round=16, flights_per_round=8, lag=2, confirm_flights=1),
         lease=LeaseConfig(lease_s=2.0, heartbeat_s=0.4, wall_limit_s=6.0),
         record="violations",

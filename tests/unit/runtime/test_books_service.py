@@ -1,0 +1,181 @@
+"""The shell around the books: commit before answer, parked polls, a store that takes no writes, unreadable messages."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple, TypeVar
+
+import msgspec
+import pytest
+
+from saflite.bus.base import Happening, Reply, Sample
+from saflite.bus.memory import MemoryBus, MemoryNetwork
+from saflite.campaign.batch import Batch
+from saflite.campaign.builtin import template
+from saflite.campaign.store import Store
+from saflite.contract import topics, wire
+from saflite.contract.config import Campaign, LeaseConfig
+from saflite.contract.control import Answer, Control
+from saflite.contract.errors import Unavailable
+from saflite.contract.events import Event, FaultSeen, WorkerChanged
+from saflite.contract.work import Ask, Grant, Heartbeat, MutateResult, Orders, Receipt, Report
+from saflite.runtime.books_service import BooksService
+
+T = TypeVar("T")
+CAMPAIGN = Campaign(name="c", mission="mission1", budget_flights=5, lease=LeaseConfig(lease_s=2.0))
+
+
+class _FullDisk:
+    """The real store, on a disk that can be filled."""
+
+    def __init__(self, store: Store) -> None:
+        self.store, self.full = store, False
+
+    def commit(self, batch: Batch) -> None:
+        if self.full and batch:
+            raise Unavailable("no space left")
+        self.store.commit(batch)
+
+
+class _Clock:
+    def __init__(self, network: MemoryNetwork) -> None:
+        self._network = network
+
+    def monotonic_s(self) -> float:
+        return 1000.0 + self._network.now_s
+
+    def unix_s(self) -> float:
+        return 1.7e9 + self._network.now_s
+
+
+class Stand(NamedTuple):
+    network: MemoryNetwork
+    service: BooksService
+    store: _FullDisk
+    worker: MemoryBus
+    answers: list[Happening]
+
+    def turn(self, turns: int = 3, step_s: float = 0.05) -> None:
+        for _ in range(turns):
+            self.network.run_until(self.network.now_s + step_s)
+            self.service.step(0.0)
+        self.network.run_until(self.network.now_s)
+
+    def send(self, key: str, message: msgspec.Struct, timeout_s: float = 60.0) -> None:
+        self.worker.ask(key, wire.encode(message), len(self.answers), self.answers.append, timeout_s)
+        self.turn()
+
+    def last(self, kind: type[T]) -> T:
+        reply = self.answers[-1]
+        assert isinstance(reply, Reply)
+        assert reply.payload is not None
+        return wire.decode(reply.payload, kind)
+
+
+@pytest.fixture
+def stand(tmp_path: Path) -> Iterator[Stand]:
+    network = MemoryNetwork()
+    clock = _Clock(network)
+    store = Store.create(tmp_path / "run", CAMPAIGN, template(CAMPAIGN))
+    books = store.rebuild()
+    books.begin(clock.monotonic_s(), clock.unix_s())
+    disk = _FullDisk(store)
+    service = BooksService(network.connect("books"), "c", books, disk, clock)  # type: ignore[arg-type]
+    service.open()
+    stand = Stand(network, service, disk, network.connect("w"), [])
+    stand.turn()
+    yield stand
+    store.close()
+
+
+def _ask(stage: str, wait_s: float = 5.0, worker: str = "w") -> Ask:
+    return msgspec.convert({"worker": worker, "stage": stage, "wait_s": wait_s}, Ask)
+
+
+def _mutated(stand: Stand) -> Report:
+    stand.send(topics.work("c", "mutate"), _ask("mutate"))
+    (lease,) = stand.last(Grant).leases
+    work = lease.work
+    cases = tuple(msgspec.structs.replace(template(CAMPAIGN), rng_seed=number) for number in range(10))
+    result = MutateResult(round=work.round, test_cases=cases)  # type: ignore[union-attr]
+    return Report(worker="w", lease_id=lease.lease_id, epoch=lease.epoch, result=result)
+
+
+def test_a_result_is_answered_after_its_commit(stand: Stand) -> None:
+    stand.send(topics.result("c", "mutate"), _mutated(stand))
+    assert stand.last(Receipt).status == "accepted"
+
+
+def test_a_poll_without_work_waits_and_is_answered_when_work_comes(stand: Stand) -> None:
+    stand.send(topics.work("c", "score"), _ask("score", wait_s=8.0))
+    assert stand.answers == []
+    other = stand.network.connect("other")
+    waiting = stand._replace(worker=other, answers=[])
+    waiting.send(topics.result("c", "mutate"), _mutated(waiting))
+    assert len(stand.last(Grant).leases) == 1
+
+
+def test_a_poll_that_waited_long_enough_is_told_so(stand: Stand) -> None:
+    stand.send(topics.work("c", "score"), _ask("score", wait_s=1.0))
+    stand.turn(30)
+    assert stand.last(Grant).leases == ()
+
+
+def test_while_the_store_takes_no_writes_nothing_is_handed_out_or_acknowledged(stand: Stand) -> None:
+    report = _mutated(stand)
+    stand.store.full = True
+    before = len(stand.answers)
+    stand.send(topics.result("c", "mutate"), report, timeout_s=0.3)
+    stand.turn(10)
+    assert stand.answers[before:] == [Reply(before, None)]
+    stand.send(topics.work("c", "score"), _ask("score"))
+    assert stand.last(Grant).leases == ()
+    stand.send(topics.control("c", "status"), Control(verb="status"))
+    assert "no writes" in stand.last(Answer).message
+    stand.send(topics.control("c", "pause"), Control(verb="pause"))
+    assert not stand.last(Answer).accepted
+    stand.store.full = False
+    stand.turn(15)
+    stand.send(topics.result("c", "mutate"), report)
+    assert stand.last(Receipt).status in ("accepted", "duplicate")
+    stand.send(topics.work("c", "score"), _ask("score"))
+    assert len(stand.last(Grant).leases) == 1
+
+
+def test_unreadable_messages_are_refused_and_told_but_a_flood_is_told_once_a_second(stand: Stand) -> None:
+    told: list[Event] = []
+    stand.worker.follow("saflite/1/c/event/fault", lambda fact: told.append(_event(fact)))
+    for number in range(50):
+        stand.worker.ask(topics.result("c", "fly"), b"\xc1 nonsense", number, stand.answers.append, 5.0)
+    stand.turn()
+    assert all(isinstance(reply, Reply) and reply.refused for reply in stand.answers)
+    assert len(stand.answers) == 50
+    stand.turn(40)
+    assert 1 <= len(told) <= 3
+    assert all(isinstance(event.fact, FaultSeen) and "w on result" in event.fact.where for event in told)
+
+
+def test_a_worker_whose_token_vanishes_loses_its_leases_at_once(stand: Stand) -> None:
+    dying = stand._replace(worker=stand.network.connect("dying"), answers=[])
+    dying.worker.appear(topics.alive("c", "mutate", "dying"))
+    dying.send(topics.work("c", "mutate"), _ask("mutate", worker="dying"))
+    assert len(dying.last(Grant).leases) == 1
+    told: list[Event] = []
+    stand.worker.follow("saflite/1/c/event/worker", lambda fact: told.append(_event(fact)))
+    stand.network.crash("dying")
+    stand.turn(6)
+    assert any(isinstance(event.fact, WorkerChanged) and not event.fact.present for event in told)
+    stand.turn(40)  # beyond the first lease time, in which others may still be on their way
+    stand.send(topics.work("c", "mutate"), _ask("mutate"))
+    assert stand.last(Grant).leases[0].epoch == 2
+
+
+def test_heartbeats_for_leases_not_held_are_told_to_drop_them(stand: Stand) -> None:
+    stand.send(topics.beat("c", "fly"), Heartbeat(worker="w", stage="fly", leases=(("old:fly/x/0", 1),)))
+    assert stand.last(Orders).cancel == ("old:fly/x/0",)
+
+
+def _event(happening: Happening) -> Event:
+    assert isinstance(happening, Sample)
+    return wire.decode(happening.payload, Event)
