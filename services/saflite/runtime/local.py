@@ -67,8 +67,13 @@ class _Child:
 
 
 def roles(simulators: int, *, record: bool = True) -> tuple[Role, ...]:
-    """Return the roles of a local farm: books with the router, mutator, scorer, oracle, recorder, simulators."""
-    others = [Role("mutate-1", "mutate"), Role("score-1", "score"), Role("judge-1", "judge")]
+    """Return the roles of a local farm: books with the router, mutator, scorers, oracle, recorder, simulators.
+
+    A round costs about as much to score as to fly, so one scorer for every two simulators and one more: a single one
+    would let them wait.
+    """
+    scorers = [Role(f"score-{number}", "score") for number in range(1, simulators // 2 + 2)]
+    others = [Role("mutate-1", "mutate"), *scorers, Role("judge-1", "judge")]
     recorders = [Role("record-1", "record")] if record else []
     flyers = [Role(f"fly-{number}", "fly") for number in range(1, simulators + 1)]
     return (Role("books", "books"), *others, *recorders, *flyers)
