@@ -34,7 +34,7 @@ def first_find(model: str, mission: int, rng_seed: int, flights: Flights) -> int
     finally:
         run.close()
         shutil.rmtree(folder, ignore_errors=True)
-    return status.flights + status.reflown if status.violations_confirmed else FLIGHTS_MAX + 1
+    return status.flights if status.violations_confirmed else FLIGHTS_MAX + 1
 
 
 def table(

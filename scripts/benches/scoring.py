@@ -28,7 +28,7 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--missions", type=int, nargs="+", default=[2, 3, 4, 5])
     parser.add_argument("--models", nargs="+")
-    parser.add_argument("--flights", type=int, default=100, help="budget of the overlap campaign")
+    parser.add_argument("--flights", type=int, default=150, help="budget of the overlap campaign")
     parser.add_argument("--swaps", type=int, default=50)
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args(argv)
@@ -57,7 +57,7 @@ def _measure(part: str, options: argparse.Namespace) -> Any:
 
     if part == "overlap":
         return {"overlapped": overlap(options.flights, 3), "serial": overlap(options.flights, 1)}
-    return swaps(max(300, 8 * options.swaps), options.swaps)
+    return swaps(max(60, 8 * options.swaps), options.swaps)
 
 
 def _cases(count: int, seed: int) -> list[Any]:
