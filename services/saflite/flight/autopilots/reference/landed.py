@@ -9,7 +9,7 @@ if TYPE_CHECKING:
 
 LANDED_AFTER_S = 1.0
 TICK_S = 0.02
-FLYING_ABOVE_M = 0.35
+PUSHING = 0.3  # throttle, as a share of hover, above which something is carried; hover may be set twice too high
 
 
 class LandDetector:
@@ -30,11 +30,11 @@ class LandDetector:
         if not ap.armed:
             ap.landed = ap.landed or not ap.taken_off or board["world_state"] != 1.0
             return
-        pushing = board["throttle"] > 0.6 * board["hover"]
+        pushing = board["throttle"] > PUSHING * board["hover"]
         still = abs(board["climb_est_mps"]) < 0.35 and abs(board["est_az"]) < 2.0
         if board["motors_on"] > 1.0 and (pushing or not still):
             self._quiet_s = 0.0
-            rising = board["climb_est_mps"] > 0.2 and board["throttle"] > 0.6 * board["hover"]
+            rising = board["climb_est_mps"] > 0.2 and pushing
             if ap.landed and rising:
                 ap.landed, ap.taken_off = False, True
         else:
