@@ -13,7 +13,7 @@ from saflite.contract.flight import Ending, Flight, Trace, pack_trace, trace_dig
 from saflite.contract.ids import digest
 from saflite.contract.rng import derive
 from saflite.contract.score import Score
-from saflite.contract.test_case import Obstacle, Origin, Scenario, StartState, Target, TestCase, identity
+from saflite.contract.test_case import Obstacle, Origin, Scenario, StartState, Stimulus, Target, TestCase, identity
 from saflite.contract.verdict import Judgement, Verdict
 from saflite.contract.work import (
     FlyResult,
@@ -143,7 +143,11 @@ class Mutator:
         box = Obstacle(length_m=5, width_m=4, height_m=20, x_m=round(10 * place[0], 4), y_m=round(9 * place[1], 4))
         origin = Origin(strategy=work.strategy, round=work.round, index=index)
         scenario = msgspec.structs.replace(work.template.scenario, obstacles=(box,))
-        return msgspec.structs.replace(work.template, scenario=scenario, origin=origin)
+        stimuli = tuple(
+            Stimulus(at_s=float(5 * number), kind="parameter", name=name, values=(float(index),))
+            for number, name in enumerate("PQR")
+        )
+        return msgspec.structs.replace(work.template, scenario=scenario, stimuli=stimuli, origin=origin)
 
 
 @cache

@@ -92,6 +92,8 @@ def campaign_of(shape: Shape) -> Campaign:
         lease=lease,
         candidates_per_round=5,
         flights_per_round=2,
+        shrink=shape.search_seed % 4 == 0,
+        shrink_flights_max=10,
         batch=3,
     )
 
