@@ -63,7 +63,7 @@ def _one(data: dict[str, Any]) -> Campaign:
         start=None if needs_mission else StartState(**start),
         time_limit_s=MISSION_S if needs_mission else SHORT_S,
         policies=(data["id"],),
-        budget_flights=600,
+        budget_flights=300,
         strategy=StrategyConfig(name="pgfuzz", settings=settings),
         scorer=ScorerConfig(model="relevance", batch=16),
         search=_SEARCH,
