@@ -28,7 +28,7 @@ class Mode:
 
     def why_not(self) -> str:
         """Return why the mode cannot be entered now, empty if it can."""
-        if self.needs_position and self.board["position_ok"] == 0.0:
+        if self.needs_position and (self.board["position_ok"] == 0.0 or self.ap.failsafes.position):
             return "requires position"
         return ""
 
