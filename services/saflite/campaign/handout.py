@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import msgspec
+
 from saflite.campaign.leases import Task, split_key
 from saflite.campaign.ledger import Ledger
 from saflite.campaign.library import Library
@@ -11,6 +13,11 @@ from saflite.contract.config import SearchConfig
 from saflite.contract.errors import Unavailable
 from saflite.contract.rng import derive_seed
 from saflite.contract.work import FlyWork, JudgeWork, MutateWork, Outcome, RecordWork, ScoreWork, WarmWork, Work
+
+GRANT_MAX_BYTES = 8 * 2**20
+
+RECENT_MAX = 3000
+"""Outcomes a scorer that starts anew is told, the latest ones, without their tracks."""
 
 OUTCOMES_MAX = 1000
 """Outcomes in one message; a mutator that has more to be told is told in several leases (`count` 0)."""
@@ -114,7 +121,7 @@ class Handout:
         _, number, batch = split_key(task.key)
         round_ = core.rounds.under_way[int(number)]
         upto = max(round_.number - core.rounds.search.lag, -1)
-        told = self._told(min(cursor, upto), upto, 2**31)
+        told = self._told(min(cursor, upto), upto, RECENT_MAX, latest=True)
         return ScoreWork(
             round=round_.number,
             model=scorers.model,
@@ -122,7 +129,7 @@ class Handout:
             policies=core.campaign.policies,
             test_cases=tuple(round_.candidates[name] for name in round_.batches[batch]),
             rng_seed=derive_seed(core.campaign.rng_seed, "score", round_.number, batch),
-            recent=told.outcomes,
+            recent=tuple(msgspec.structs.replace(outcome, track=()) for outcome in told.outcomes),
             from_cursor=told.from_cursor,
             cursor=told.cursor,
             deadline_s=core.campaign.scorer.deadline_s,
@@ -131,15 +138,31 @@ class Handout:
     def _warm(self, task: Task) -> WarmWork:
         return WarmWork(model=task.model, load_deadline_s=self._core.campaign.scorer.load_deadline_s)
 
-    def _told(self, cursor: int, upto: int, limit: int) -> Told:
-        """Return what a worker at `cursor` is to be told. One that knows too much is told all from the start."""
+    def _told(self, cursor: int, upto: int, limit: int, *, latest: bool = False) -> Told:
+        """Return what a worker at `cursor` is to be told. One that knows too much is told all from the start.
+
+        Where there is more than `limit`: the earliest, to be followed by the rest; or, for who needs to know no more
+        than lately happened, the `latest`.
+        """
         after = cursor if cursor <= upto else -1
         held = self._core.rounds.told_between(after, upto)
         if held is not None and len(held) <= limit:
             return Told(held, after, upto)
+        if latest:
+            first = max(after, upto - limit // self._core.rounds.search.flights_per_round)
+            return Told(self._library.outcomes(first, upto, 2 * limit), after, upto)
         outcomes = self._library.outcomes(after, upto, limit)
         complete = len(outcomes) < limit
         return Told(outcomes, after, upto if complete or not outcomes else outcomes[-1].round)
+
+
+def weight_bytes(work: Work) -> int:
+    """Return about how large work is as a message: one grant stays far below what a message may be."""
+    if isinstance(work, MutateWork):
+        return 12_000 * len(work.outcomes)
+    if isinstance(work, ScoreWork):
+        return 2_500 * len(work.recent) + 2_500 * len(work.test_cases)
+    return len(work.trace) + 40_000 if isinstance(work, JudgeWork | RecordWork) else 4_000
 
 
 def _candidates(search: SearchConfig, flights: int) -> int:

@@ -30,7 +30,7 @@ from saflite.campaign.entries import (
     decode_line,
     encode_line,
 )
-from saflite.campaign.handout import Handout
+from saflite.campaign.handout import GRANT_MAX_BYTES, Handout, weight_bytes
 from saflite.campaign.inspect import check_result
 from saflite.campaign.leases import Task
 from saflite.campaign.ledger import Ledger
@@ -159,6 +159,8 @@ class Books:
         leases: list[Lease] = []
         for task in self._desk.choose(ask, min(ask.leases_max, GRANTS_MAX), now):
             leases.extend(self._lend(task, ask, now))
+            if sum(weight_bytes(lease.work) for lease in leases) > GRANT_MAX_BYTES:
+                break
         return Grant(leases=tuple(leases))
 
     def _lend(self, task: Task, ask: Ask, now: float) -> list[Lease]:

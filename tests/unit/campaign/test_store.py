@@ -15,6 +15,7 @@ from saflite.contract import wire
 from saflite.contract.control import Control, Status
 from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.events import Event, FaultSeen
+from saflite.contract.work import ScoreWork
 
 
 def started(run_dir: Path, budget: int = 20, **search: object) -> Driver:
@@ -221,3 +222,26 @@ def test_campaign_and_template_come_back_as_given(tmp_path: Path) -> None:
     store = Store.create(tmp_path / "run", campaign, doubles.TEMPLATE)
     assert msgspec.structs.asdict(store.campaign) == msgspec.structs.asdict(campaign)
     assert store.template == doubles.TEMPLATE
+
+
+def test_a_scorer_that_starts_anew_is_told_the_latest_outcomes_without_tracks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("saflite.campaign.handout.RECENT_MAX", 6)
+    driver = started(tmp_path / "run", 60)
+    driver.run(until_flights=45)
+    while not (leases := driver.ask("score", "fresh", cursor=-1)):
+        assert any(driver.do(stage, many=9) for stage in ("mutate", "fly", "judge"))
+    work = leases[0].work
+    assert isinstance(work, ScoreWork)
+    rounds = {outcome.round for outcome in work.recent}
+    assert max(rounds) <= work.cursor
+    assert (work.from_cursor, min(rounds) > 0) == (-1, True)
+    assert all(outcome.track == () for outcome in work.recent)
+
+
+def test_a_grant_never_outgrows_a_message(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    driver = started(tmp_path / "run", 60)
+    driver.do("mutate")
+    monkeypatch.setattr("saflite.campaign.state.GRANT_MAX_BYTES", 15_000)
+    assert len(driver.ask("score", leases_max=9)) == 2
