@@ -8,6 +8,9 @@ Keys are `saflite/1/{campaign}/...`. Delivery classes:
     alive       liveliness token, dropped when its session dies
     asked       query answered at once
     lossy       plain publication, may drop
+
+Beside each message travels its seal, as Zenoh attachment: eight hexadecimal digits, the CRC-32 of key, a zero byte,
+sender and payload, followed by the sender's name. The books refuse a question whose seal is missing or does not fit.
 """
 
 from __future__ import annotations
