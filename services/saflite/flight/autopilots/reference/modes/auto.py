@@ -14,6 +14,7 @@ from saflite.flight.autopilots.reference.mission_items import Item, understand
 from saflite.flight.autopilots.reference.modes.base import TICK_S, Mode
 from saflite.flight.autopilots.reference.modes.land import descend
 
+TURNED_COS = math.cos(math.radians(5.0))
 PLAN_EVERY_TICKS = 5  # 10 Hz
 FOLLOW_EVERY_TICKS = 2  # 25 Hz
 HEIGHT_M, HEIGHT_STALL_S, BRAKE_MPS = 0.5, 2.0, 0.5
@@ -41,6 +42,7 @@ class Auto(Mode):
         self._trajectory: list[float] = []
         self._paused: Point | None = None
         self.done = False
+        self._pilot_turns = False
 
     def why_not(self) -> str:
         """A mission must be on board."""
@@ -94,12 +96,13 @@ class Auto(Mode):
         getattr(self, f"_{self._item().kind}")()
 
     def pilot_turn(self) -> None:
-        """The pilot's yaw stick works in AUTO too."""
+        """The pilot's yaw stick works in AUTO too; let go, the nose turns back to where the mission wants it."""
         rate = self.ap.radio.deflection(4)
-        if rate != 0.0 and not self.ap.landed and "auto-ignores-yaw-stick" not in self.ap.defects:
-            self.ap.yaw_order_rad = self.board["est_yaw"] + 0.3 * rate * math.radians(
-                self.ap.parameters["PILOT_Y_RATE"]
-            )
+        if rate != 0.0 and not self.ap.landed:
+            turn = 0.3 * rate * math.radians(self.ap.parameters["PILOT_Y_RATE"])
+            self.ap.yaw_order_rad, self._pilot_turns = self.board["est_yaw"] + turn, True
+        elif self._pilot_turns:
+            self.ap.yaw_order_rad, self._pilot_turns = None, False
 
     # -- items ----------------------------------------------------------------------------------------------------
 
@@ -234,9 +237,17 @@ class Auto(Mode):
         scale = min(1.0, plane / max(1e-6, math.hypot(speed_n, speed_e)))
         steer.velocity(board, speed_n * scale, speed_e * scale)
         steer.altitude(board, self.ap.failsafes.limit_altitude(up_m), up, down, climb)
-        if self.ap.yaw_order_rad is not None:
-            yaw = self.ap.yaw_order_rad
+        yaw = self._ordered_yaw(yaw)
         steer.heading(board, yaw)
+
+    def _ordered_yaw(self, wanted: float) -> float:
+        """Return the heading ordered, until it is reached; then the planner's, whose camera must look ahead."""
+        order = self.ap.yaw_order_rad
+        if order is None:
+            return wanted
+        if not self._pilot_turns and math.cos(order - self.board["est_yaw"]) > TURNED_COS:
+            self.ap.yaw_order_rad = None
+        return order
 
     def _face(self, heading_rad: float, goal: Point) -> None:
         if self.ap.yaw_order_rad is not None:
