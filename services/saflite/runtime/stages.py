@@ -48,7 +48,8 @@ def open_stage(stage: Stage, around: Surroundings) -> Service:
     if stage == "score":
         from saflite.scorer_pool import work as scorer_pool
 
-        return scorer_pool.open_service(brief_of, around.clock)
+        talk = around.run_dir / "logs" / f"{around.worker}.talk.jsonl" if around.run_dir else None
+        return scorer_pool.open_service(brief_of, around.clock, talk)
     if stage == "fly":
         from saflite.simulator_worker import work as flyer
 

@@ -26,7 +26,7 @@ class Breaker:
         self._trying = False
 
     def passes(self) -> bool:
-        """Return whether a question may be asked now; a True must be followed by `succeeded` or `failed`."""
+        """Return whether a question may be asked now; a True is followed by `succeeded`, `failed` or `abandoned`."""
         with self._lock:
             if self._open_until_s is None:
                 return True
@@ -50,6 +50,11 @@ class Breaker:
                 self._rest_s = min(REST_MAX_S, 2.0 * self._rest_s)
             if again or self._failures >= FAILURES_MAX:
                 self._open_until_s = self._clock.monotonic_s() + self._rest_s
+
+    def abandoned(self) -> None:
+        """The question was taken back before there was an answer: nothing was learned, another may try."""
+        with self._lock:
+            self._trying = False
 
     @property
     def is_open(self) -> bool:

@@ -25,6 +25,7 @@ from saflite.scorer_pool.model import Job, Mark, Sheet
 from saflite.scorer_pool.pace import Pace
 from saflite.scorer_pool.parse import Reply, parse
 from saflite.scorer_pool.prompt import Prompt, again, answer_schema, build
+from saflite.scorer_pool.talk import Exchange, Talk, silent
 
 TOKENS_PER_CASE, TOKENS_BESIDES = 160, 120
 BACK_OFF_FIRST_S, BACK_OFF_MAX_S = 0.25, 4.0
@@ -60,13 +61,20 @@ class LanguageModel:
     """A scorer model on a chat server."""
 
     def __init__(
-        self, label: str, chat: Chat, clock: Clock, load_deadline_s: float, prices: Prices | None = None
+        self,
+        label: str,
+        chat: Chat,
+        clock: Clock,
+        load_deadline_s: float,
+        prices: Prices | None = None,
+        talk: Talk = silent,
     ) -> None:
         self.label = label
         self._chat = chat
         self._clock = clock
         self._load_deadline_s = load_deadline_s
         self._prices = prices or Prices()
+        self._talk = talk
         self._background = Background(label)
         self._breaker = Breaker(clock)
         self._cache = Cache()
@@ -177,19 +185,26 @@ class LanguageModel:
     async def _asked(self, cases: tuple[TestCase, ...], job: Job, ends_s: float, count: _Count) -> dict[str, Mark]:
         if not self._breaker.passes():
             return {identity(case): _fault("circuit-open") for case in cases}
+        try:
+            found = await self._parts(cases, job, ends_s, count)
+        except asyncio.CancelledError:
+            self._breaker.abandoned()
+            raise
+        if all(mark.fault for mark in found.values()):
+            self._breaker.failed()
+        else:
+            self._breaker.succeeded()
+        return found
+
+    async def _parts(self, cases: tuple[TestCase, ...], job: Job, ends_s: float, count: _Count) -> dict[str, Mark]:
         fault = await self._loaded(ends_s)
         if fault:
-            self._breaker.failed()
             return {identity(case): _fault(fault) for case in cases}
         size = self._pace.per_question(job.deadline_s)
         parts = [cases[start : start + size] for start in range(0, len(cases), size)]
         found: dict[str, Mark] = {}
         for part in await asyncio.gather(*(self._part(part, job, ends_s, count) for part in parts)):
             found |= part
-        if all(mark.fault for mark in found.values()):
-            self._breaker.failed()
-        else:
-            self._breaker.succeeded()
         return found
 
     async def _loaded(self, ends_s: float) -> str:
@@ -254,6 +269,7 @@ class LanguageModel:
         tokens_max = TOKENS_BESIDES + TOKENS_PER_CASE * len(cases)
         spoken = await self._patiently(Question(messages, answer_schema(prompt.keys), tokens_max), count)
         self._pace.answered(len(cases), self._clock.monotonic_s() - started_s)
+        self._talk(Exchange(self.label, prompt.digest, messages, spoken.reply.content, spoken.reply.thinking))
         count.tokens_in += spoken.tokens_in
         count.tokens_out += spoken.tokens_out
         parsed = parse(spoken.reply, prompt.keys)

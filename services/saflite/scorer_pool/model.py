@@ -14,6 +14,7 @@ from saflite.contract.score import Usage
 from saflite.contract.service import Cancelled
 from saflite.contract.test_case import TestCase
 from saflite.contract.work import Outcome
+from saflite.scorer_pool.talk import Talk, silent
 
 MIDDLE = 5.0
 """The mark of a model that has nothing to say: the middle of the scale, so that order alone is left to others."""
@@ -70,11 +71,12 @@ class Sheet(NamedTuple):
 
 
 class Tools(NamedTuple):
-    """What a model is built with: the time, other models by label, how long loading may take, and prices."""
+    """What a model is built with: the time, other models by label, how long loading may take, where talk is kept."""
 
     clock: Clock
     model: Callable[[str], Model]
     load_deadline_s: float = 300.0
+    talk: Talk = silent
 
 
 class Model(Protocol):

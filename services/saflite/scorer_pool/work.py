@@ -7,6 +7,7 @@ import threading
 from collections import Counter
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import nullcontext
+from pathlib import Path
 
 import msgspec
 
@@ -19,6 +20,7 @@ from saflite.contract.work import HandedBack, Result, ScoreResult, ScoreWork, St
 from saflite.scorer_pool.history import History
 from saflite.scorer_pool.model import MIDDLE, BriefOf, Job, Mark, Model, PolicyBrief, Sheet, Tools
 from saflite.scorer_pool.registry import make
+from saflite.scorer_pool.talk import Talk, TalkFile, silent
 
 EMBEDDED = "blend"
 """The scorer that answers in the place of one that cannot; it needs no server and never fails."""
@@ -31,9 +33,10 @@ class ScorerPool:
 
     stage: Stage = "score"
 
-    def __init__(self, brief_of: BriefOf, clock: Clock) -> None:
+    def __init__(self, brief_of: BriefOf, clock: Clock, talk: Talk = silent) -> None:
         self._brief_of = brief_of
         self._clock = clock
+        self._talk = talk
         self._history = History()
         self._models: dict[str, Model] = {}
         self._turn = threading.Lock()
@@ -85,7 +88,7 @@ class ScorerPool:
     def _model(self, label: str) -> Model:
         with self._lock:
             if label not in self._models:
-                self._models[label] = make(label, Tools(self._clock, self._model, self._load_deadline_s))
+                self._models[label] = make(label, Tools(self._clock, self._model, self._load_deadline_s, self._talk))
             return self._models[label]
 
     def _forget(self, label: str) -> None:
@@ -202,6 +205,12 @@ def _scores(job: Job, label: str, sheet: Sheet, *, shadow: bool) -> list[Score]:
     ]
 
 
-def open_service(brief_of: BriefOf, clock: Clock) -> ScorerPool:
-    """Return a replica of the pool. `brief_of` gives the words of a policy by name."""
-    return ScorerPool(brief_of, clock)
+def open_service(brief_of: BriefOf, clock: Clock, talk_file: Path | None = None) -> ScorerPool:
+    """Return a replica of the pool.
+
+    Args:
+        brief_of: gives the words of a policy by name.
+        clock: for latencies, deadlines and rests.
+        talk_file: where questions to language models and their answers are kept word for word; nowhere if left out.
+    """
+    return ScorerPool(brief_of, clock, TalkFile(talk_file) if talk_file else silent)

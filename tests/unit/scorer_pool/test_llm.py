@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -13,7 +14,7 @@ from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.test_case import Obstacle, Scenario, Target, TestCase
 from saflite.flight.mission import builtin_mission
 from saflite.runtime.clock import WallClock
-from saflite.scorer_pool import llm
+from saflite.scorer_pool import llm, talk
 from saflite.scorer_pool.breaker import FAILURES_MAX, REST_FIRST_S, REST_MAX_S, Breaker
 from saflite.scorer_pool.cache import Cache
 from saflite.scorer_pool.case_text import keys
@@ -22,6 +23,7 @@ from saflite.scorer_pool.llm import LanguageModel, Prices
 from saflite.scorer_pool.model import Job, Mark, PolicyBrief
 from saflite.scorer_pool.pace import Pace
 from saflite.scorer_pool.parse import Reply
+from saflite.scorer_pool.talk import Exchange, TalkFile
 
 BRIEFS = (PolicyBrief("p", "keep away"),)
 
@@ -253,6 +255,50 @@ def test_breaker_opens_tries_once_rests_longer_and_closes() -> None:
     breaker.succeeded()
     assert breaker.passes()
     assert not breaker.is_open
+
+
+def test_a_trial_taken_back_leaves_room_for_another() -> None:
+    clock = HandClock()
+    breaker = Breaker(clock)
+    for _ in range(FAILURES_MAX):
+        breaker.failed()
+    clock.now_s = REST_FIRST_S
+    assert breaker.passes()
+    assert not breaker.passes()
+    breaker.abandoned()
+    assert breaker.passes()
+
+
+def test_cancelled_trial_does_not_keep_the_circuit_open_for_ever() -> None:
+    clock = HandClock()
+    chat = ScriptedChat(Unavailable("gone"))
+    scorer = LanguageModel("fake:m", chat, clock, 5.0)
+    for start in range(FAILURES_MAX):
+        scorer.score(job(start=10 * start))
+    clock.now_s = REST_MAX_S
+    chat.script = [None]
+    scorer.score(job(start=50)._replace(cancelled=lambda: True, deadline_s=60.0))
+    chat.script = [good]
+    first, second = (scorer.score(job(start=start)) for start in (60, 70))
+    assert {mark.fault for mark in first.marks} <= {"", "circuit-open"}  # the trial may still be on its way out
+    assert not any(mark.fault for mark in second.marks)
+    scorer.close()
+
+
+def test_talk_is_kept_word_for_word_up_to_a_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "talk.jsonl"
+    scorer = LanguageModel("fake:m", ScriptedChat(good), WallClock(), 5.0, talk=TalkFile(path))
+    sheet = scorer.score(job())
+    scorer.close()
+    (line,) = [json.loads(line) for line in path.read_text().splitlines()]
+    assert line["prompt_digest"] == sheet.marks[0].prompt_digest
+    assert line["messages"][0]["role"] == "system"
+    assert "test_cases" in line["content"]
+    monkeypatch.setattr(talk, "FILE_BYTES_MAX", path.stat().st_size + 10)
+    full = TalkFile(path)
+    full(Exchange("m", "d", [], "x" * 100))
+    assert len(path.read_text().splitlines()) == 1
+    TalkFile(tmp_path / "no" / "folder")(Exchange("m", "d", [], "x"))
 
 
 def test_pace_asks_about_as_many_as_fit_into_the_deadline() -> None:

@@ -26,7 +26,11 @@ class Model:
         self.label = f"ensemble:{argument}" if argument else "ensemble"
         self._prior = tools.model(argument or "blend")
         self._posterior = Surrogate("", tools)
-        self.parallel = self._prior.parallel
+
+    @property
+    def parallel(self) -> int:
+        """As many as the prior."""
+        return self._prior.parallel
 
     def score(self, job: Job) -> Sheet:
         """Return the weighed mean; a fault of the prior stays a fault."""

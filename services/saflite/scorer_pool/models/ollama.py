@@ -121,4 +121,5 @@ class Model(LanguageModel):
     """A scorer model on an Ollama server."""
 
     def __init__(self, argument: str, tools: Tools) -> None:
-        super().__init__(f"ollama:{argument}", OllamaChat(argument), tools.clock, tools.load_deadline_s)
+        label, chat = f"ollama:{argument}", OllamaChat(argument)
+        super().__init__(label, chat, tools.clock, tools.load_deadline_s, talk=tools.talk)

@@ -169,4 +169,5 @@ class Model(LanguageModel):
             tools.clock,
             tools.load_deadline_s,
             prices(environment("SAFLITE_PRICES")),
+            tools.talk,
         )
