@@ -24,12 +24,24 @@ from saflite.oracle.formula import signals_of, text_of
 from saflite.oracle.judge import judge
 from saflite.oracle.parse import parse
 from saflite.oracle.policy import load_policy, policy_names
-from saflite.oracle.signals import FlightSignals
+from saflite.oracle.signals import FAULTS, FlightSignals
 from saflite.oracle.stl import Evaluator
 from saflite.oracle.work import open_service
 
 STEP_S, DURATION_S, POLICIES = 0.01, 60.0, 30
-MADE_BY_ORACLE = ("time_s", "ground_speed_mps", "tilt_deg", "quiet_s", "order_quiet_s", "fault_quiet_s", "crashed")
+MADE_BY_ORACLE = frozenset(
+    (
+        "time_s",
+        "ground_speed_mps",
+        "tilt_deg",
+        "quiet_s",
+        "order_quiet_s",
+        "crashed",
+        *FAULTS,
+        "stop_ordered",
+        "battery_timer_set_s",
+    )
+)
 RTAMT_FORMULA = "always ((mode <= 4.5) implies eventually[0:4] (altitude_m >= 10))"
 
 
@@ -40,7 +52,7 @@ def made_trace() -> Trace:
     for name, row in SIGNALS.items():
         if name in MADE_BY_ORACLE:
             continue
-        values = rng.normal(scale=0.1, size=samples).cumsum() if row.kind == "real" else rng.random(samples) < 0.999
+        values = rng.normal(scale=0.1, size=samples).cumsum() if row.kind == "real" else rng.random(samples) < 0.9999
         signals[name] = np.asarray(values, dtype="<f4").tobytes()
     modes = np.repeat(rng.choice(list(MODES.values()), size=20), samples // 20)
     return Trace(step_s=STEP_S, signals={**signals, "mode": modes.astype("<f4").tobytes()})

@@ -102,6 +102,9 @@ SIGNALS: dict[str, Signal] = {
     "ground_speed_mps": Signal("m/s", "speed in the plane"),
     "tilt_deg": Signal("deg", "angle between the vehicle's axis and the vertical"),
     "quiet_s": Signal("s", "time since the last stimulus of the test case (since the start where there was none)"),
+    "battery_timer_set_s": Signal(
+        "s", "time below the low voltage until the failsafe (BATT_LOW_TIMER, by the test case)"
+    ),
     "order_quiet_s": Signal("s", "time since the last command, mode or stick of the test case"),
     "gps_true": Signal("", "1 until a stimulus falsifies or cuts the GPS", "flag"),
     "baro_true": Signal("", "1 until a stimulus falsifies or cuts the barometer", "flag"),

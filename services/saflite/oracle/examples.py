@@ -16,6 +16,7 @@ _QUIET: dict[str, float] = {
     **dict.fromkeys(("quiet_s", "order_quiet_s"), 100.0),
     **dict.fromkeys(("gps_true", "baro_true", "body_true", "sticks_true"), 1.0),
     "stop_ordered": 0.0,
+    "battery_timer_set_s": 10.0,
 }
 """Examples need not say that nothing was done lately and nothing is broken; `time_s` is always made."""
 Value = float | str

@@ -14,7 +14,8 @@ from saflite.oracle.policy import Policy, load_policy
 from saflite.oracle.signals import FlightSignals
 from saflite.oracle.stl import Evaluator, Finding, find
 
-ROBUSTNESS_MAX = 1000.0  # told where a rule never applied, in place of infinity
+ROBUSTNESS_MAX = 1000.0
+NEVER_APPLIED = 100.0  # told, and up to ROBUSTNESS_MAX, where a rule never applied: the less, the nearer it came
 CRISP = 1.0  # told where only yes-or-no parts decided
 AUTOPILOT_ALIVE = "autopilot-alive"
 
@@ -104,7 +105,7 @@ def _ruled(policy: Policy, finding: Finding, hard: bool, features: dict[str, flo
 
 def _finite(finding: Finding) -> float:
     if finding.applied_share == 0:
-        return ROBUSTNESS_MAX
+        return NEVER_APPLIED + (ROBUSTNESS_MAX - NEVER_APPLIED) * (1.0 - finding.nearness)
     if math.isinf(finding.robustness):
         return math.copysign(CRISP, finding.robustness)
     return max(-ROBUSTNESS_MAX, min(ROBUSTNESS_MAX, finding.robustness))

@@ -15,6 +15,7 @@ from saflite.contract.test_case import Stimulus, StimulusKind, TestCase
 from saflite.flight.geometry import boxes_array, distance_to_boxes
 
 Array = NDArray[np.float32]
+BATTERY_TIMER_S, BATTERY_TIMER_MAX_S = 10.0, 120.0  # ArduPilot's BATT_LOW_TIMER: default and limit
 STIMULI: tuple[str, ...] = get_args(StimulusKind)
 ESTIMATES = {"x_est_m": "x_m", "y_est_m": "y_m", "altitude_est_m": "altitude_m", "climb_est_mps": "climb_mps"}
 """Logs of real autopilots hold estimates only, so the estimate stands for the truth and the other way round."""
@@ -69,6 +70,7 @@ class FlightSignals:
             "stop_ordered": ((), self._stop_ordered),
             "ground_speed_mps": (("vx_mps", "vy_mps"), lambda: np.hypot(self["vx_mps"], self["vy_mps"])),
             "home_distance_m": (("x_m", "y_m"), lambda: np.hypot(self["x_m"], self["y_m"])),
+            "battery_timer_set_s": ((), self._battery_timer),
             "tilt_deg": (("roll_deg", "pitch_deg"), self._tilt),
             **{name: ((true,), partial(self.__getitem__, true)) for name, true in ESTIMATES.items()},
             "obstacle_distance_m": (("x_m", "y_m", "altitude_m"), self._obstacle_distance),
@@ -115,6 +117,14 @@ class FlightSignals:
     def _stop_ordered(self) -> NDArray[np.float64]:
         first_s = min((s.at_s for s in self._test_case.stimuli if stops_motors(s)), default=np.inf)
         return (self._time() >= first_s - self.step_s).astype(np.float64)
+
+    def _battery_timer(self) -> NDArray[np.float64]:
+        """The parameter over time: as the target starts, then as stimuli change it; values out of range are refused."""
+        held = np.full(self.samples, self._test_case.target.parameters.get("BATT_LOW_TIMER", BATTERY_TIMER_S))
+        for stimulus in sorted(self._test_case.stimuli, key=lambda given: given.at_s):
+            if stimulus.name == "BATT_LOW_TIMER" and stimulus.values and 0 <= stimulus.values[0] <= BATTERY_TIMER_MAX_S:
+                held[self._time() >= stimulus.at_s] = stimulus.values[0]
+        return held
 
     def _crashed(self) -> Array:
         flags = np.zeros(self.samples, dtype=np.float32)

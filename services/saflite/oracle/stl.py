@@ -175,7 +175,8 @@ class Finding(NamedTuple):
     """What a formula is worth on a trace. `robustness` is infinite where only crisp parts decided, NaN on gaps.
 
     The witness window is the stretch of time that decided; `applied_share` the share of the samples at which the
-    rule's condition held (1 for rules without one); `judged_s` the time over which the rule could be judged.
+    rule's condition held (1 for rules without one); `judged_s` the time over which the rule could be judged;
+    `nearness` the greatest share of the condition's parts that were true at once (1 where it applied).
     """
 
     robustness: float
@@ -183,6 +184,7 @@ class Finding(NamedTuple):
     witness_to_s: float
     applied_share: float
     judged_s: float
+    nearness: float = 1.0
 
 
 def find(evaluator: Evaluator, formula: Node) -> Finding | None:
@@ -204,12 +206,14 @@ def find(evaluator: Evaluator, formula: Node) -> Finding | None:
     at = int(np.argmin(values))
     start, end = _stretch(values, at)
     window = ahead if math.isfinite(ahead) else (evaluator.samples - 1) * step_s
+    applied = _applied(evaluator, judged, first, last)
     return Finding(
         robustness=float(values[at]),
         witness_from_s=(first + start) * step_s,
         witness_to_s=min((first + end) * step_s + window, (evaluator.samples - 1) * step_s),
-        applied_share=_applied(evaluator, judged, first, last),
+        applied_share=applied,
         judged_s=(last - first) * step_s,
+        nearness=1.0 if applied > 0 else _nearness(evaluator, judged, first, last),
     )
 
 
@@ -228,3 +232,20 @@ def _applied(evaluator: Evaluator, judged: Node, first: int, last: int) -> float
     if judged.op != "implies":
         return 1.0
     return float(np.mean(evaluator.trace(judged.args[0])[first:last] > 0))
+
+
+def _nearness(evaluator: Evaluator, judged: Node, first: int, last: int) -> float:
+    """Greatest share of the parts of a condition that were true at once, so that a search can come nearer to it."""
+    if judged.op != "implies":
+        return max((_nearness(evaluator, part, first, last) for part in judged.args), default=0.0)
+    parts = _parts(judged.args[0])
+    true = np.zeros(last - first, dtype=np.int8)
+    for part in parts:
+        true += evaluator.trace(part)[first:last] > 0
+    return int(true.max()) / len(parts)
+
+
+def _parts(condition: Node) -> list[Node]:
+    if condition.op in ("and", "lasting", "prev"):
+        return [part for child in condition.args for part in _parts(child)]
+    return [condition]

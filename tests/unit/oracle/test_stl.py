@@ -50,6 +50,15 @@ def test_conditions_are_crisp_and_promises_have_a_margin() -> None:
     assert finding.applied_share == pytest.approx(2 / 3)
 
 
+def test_nearness_counts_the_parts_of_a_condition_that_held_at_once() -> None:
+    text = "always ((lasting[1] (mode == RTL and armed == 1) and altitude_m > 5) implies climb_mps > 0)"
+    given = {"armed": [0, 1, 1, 0], "altitude_m": [1, 1, 1, 9], "climb_mps": [-1, -1, -1, -1]}
+    for mode, nearness in (([0, 0, 0, 0], 1 / 3), ([0, 6, 6, 0], 2 / 3), ([0, 0, 0, 6], 2 / 3)):
+        finding = found(text, mode=mode, **given)
+        assert finding is not None
+        assert (finding.applied_share, finding.nearness) == (0.0, nearness)
+
+
 def test_a_promise_that_could_still_be_kept_is_not_judged() -> None:
     text = "always ((mode == RTL) implies eventually[0:3] (altitude_m >= 10))"
     short = found(text, mode=[0, 0, 6, 6, 6], altitude_m=[0, 0, 0, 0, 0])
