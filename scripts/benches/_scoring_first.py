@@ -6,6 +6,7 @@ import shutil
 import sys
 import tempfile
 from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import msgspec
@@ -14,6 +15,9 @@ from _inline import Flights, Inline
 
 from saflite.campaign.builtin import load_campaign
 from saflite.contract.rng import derive
+from saflite.contract.test_case import TestCase, identity
+from saflite.flight.planner.kinematic import KinematicFlight
+from saflite.scorer_pool.models import low_fidelity
 
 MODELS = ("random", "constant", "novelty", "gap", "low_fidelity", "blend", "surrogate", "ensemble")
 FLIGHTS_MAX = 100
@@ -37,21 +41,37 @@ def first_find(model: str, mission: int, rng_seed: int, flights: Flights) -> int
     return status.flights if status.violations_confirmed else FLIGHTS_MAX + 1
 
 
-def table(
-    missions: Sequence[int], seeds: int, models: Sequence[str] = MODELS, tell: bool = True
-) -> list[dict[str, object]]:
+def first_finds(mission: int, rng_seed: int, models: Sequence[str]) -> dict[str, int]:
+    """Return the first find of each model from one seed; what one flew, really or cheaply, another need not again."""
+    kept: dict[tuple[str, int, int], KinematicFlight] = {}
+    fly = low_fidelity._fly
+
+    def remembered(test_case: TestCase, seed: int, number: int) -> KinematicFlight:
+        key = (identity(test_case), seed, number)
+        if key not in kept:
+            kept[key] = fly(test_case, seed, number)
+        return kept[key]
+
+    low_fidelity._fly = remembered
+    try:
+        flights = Flights()
+        found = {model: first_find(model, mission, rng_seed, flights) for model in models}
+    finally:
+        low_fidelity._fly = fly
+    sys.stderr.write(f"mission {mission} seed {rng_seed}: {found}\n")
+    return found
+
+
+def table(missions: Sequence[int], seeds: int, models: Sequence[str], jobs: int) -> list[dict[str, object]]:
     """Return one row per mission and model: median, its 95 % bootstrap interval, and the ratio to `random`."""
     rows: list[dict[str, object]] = []
     pooled: dict[str, list[int]] = {model: [] for model in models}
+    places = [(mission, rng_seed) for mission in missions for rng_seed in range(1, seeds + 1)]
+    with ProcessPoolExecutor(jobs) as processes:
+        every = list(processes.map(first_finds, *zip(*places, strict=True), [tuple(models)] * len(places)))
     for mission in missions:
-        counts: dict[str, list[int]] = {model: [] for model in models}
-        for rng_seed in range(1, seeds + 1):
-            flights = Flights()  # what one model flew another need not fly again: same seed, same test case
-            for model in models:
-                counts[model].append(first_find(model, mission, rng_seed, flights))
-            if tell:
-                done = {model: values[-1] for model, values in counts.items()}
-                sys.stderr.write(f"mission {mission} seed {rng_seed}: {done}\n")
+        here = [found for (where, _), found in zip(places, every, strict=True) if where == mission]
+        counts = {model: [found[model] for found in here] for model in models}
         rows += [_row(f"mission {mission}", model, counts[model], counts.get("random")) for model in models]
         for model in models:
             pooled[model] += counts[model]
