@@ -15,9 +15,17 @@ from typing import IO
 from saflite.campaign.schema import CREATE, FORMAT
 from saflite.contract import wire
 from saflite.contract.config import Campaign
-from saflite.contract.errors import Refused
+from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.test_case import TestCase
 
+_NOT_TO_BE_HAD = (
+    sqlite3.SQLITE_FULL,
+    sqlite3.SQLITE_BUSY,
+    sqlite3.SQLITE_LOCKED,
+    sqlite3.SQLITE_READONLY,
+    sqlite3.SQLITE_CANTOPEN,
+    sqlite3.SQLITE_IOERR,
+)
 FIX = "restore the run folder from a copy, or start a new run; `saflite export` still reads what is intact"
 
 
@@ -69,10 +77,13 @@ def make_tables(connection: sqlite3.Connection, campaign: Campaign, template: Te
 
 @contextmanager
 def damage_named(path: Path) -> Iterator[None]:
-    """Turn what SQLite says of a damaged file into one line for the user."""
+    """Turn what SQLite says of a file into one line for the user: damaged is Refused, not to be had is Unavailable."""
     try:
         yield
     except sqlite3.DatabaseError as fault:
+        code = getattr(fault, "sqlite_errorcode", 0)
+        if code & 0xFF in _NOT_TO_BE_HAD and code != sqlite3.SQLITE_IOERR_SHORT_READ:
+            raise Unavailable(f"{path}: {fault}") from fault
         raise Refused("books", where=str(path), expected="an intact store", got=str(fault), fix=FIX) from fault
 
 

@@ -156,6 +156,8 @@ class Books:
         worker.targets = ask.targets
         if self.ended:
             return Grant(stop=True)
+        if not self._core.tasks.waiting_count(ask.stage):
+            return Grant()
         leases: list[Lease] = []
         for task in self._desk.choose(ask, min(ask.leases_max, GRANTS_MAX), now):
             leases.extend(self._lend(task, ask, now))

@@ -29,7 +29,7 @@ from saflite.campaign.state import Books
 from saflite.campaign.traces import TraceFiles
 from saflite.contract import wire
 from saflite.contract.config import Campaign
-from saflite.contract.errors import Refused, Unavailable
+from saflite.contract.errors import FarmError, Refused, Unavailable
 from saflite.contract.events import kind_of
 from saflite.contract.test_case import TestCase
 from saflite.contract.work import Outcome
@@ -101,7 +101,7 @@ class Store:
                 connection = connect(path)
                 check_file(connection, path)
                 store = cls(run_dir, connection, lock)
-        except Refused:
+        except FarmError:
             lock.close()
             raise
         return store
