@@ -1,6 +1,6 @@
 """`scripts/bench scoring`: what scoring costs, how well it overlaps with flying, swaps, and what each model is worth.
 
-    scripts/bench scoring [--part surrogate cheap overlap swaps first bugs] [--seeds 20] [--missions 2 3] [--jobs 2] [--json]
+    scripts/bench scoring [--part surrogate cheap overlap swaps first bugs] [--seeds 20] [--jobs 2] [--json]
 
 Parts: `surrogate` learning and scoring times; `cheap` screens and kinematic flights a second; `overlap` a scorer of ten
 seconds a batch, beside the serial loop of the paper; `swaps` fifty changes of the scorer under load; `first` flights to
