@@ -130,3 +130,12 @@ def test_default_tests_neither_sleep_nor_mock() -> None:
 def test_each_command_says_in_one_line_what_it_does() -> None:
     for path in sorted((PACKAGE / "console" / "commands").glob("*.py")):
         assert out.summary_of(path).endswith((".", "`.")), name(path)
+
+
+def test_the_pages_name_every_defect_scorer_and_command() -> None:
+    from saflite.console.catalogue import KINDS
+
+    policies = (ROOT / "deploy" / "docs" / "policies.md").read_text()
+    scorers = (ROOT / "deploy" / "docs" / "scorers.md").read_text()
+    assert [item.name for item in KINDS["defects"]() if f"`{item.name}`" not in policies] == []
+    assert [item.name for item in KINDS["scorers"]() if f"`{item.name}" not in scorers] == []

@@ -92,7 +92,7 @@ def violation_line(violation: Violation) -> str:
     again = f"failed again {violation.failed_again}/{violation.reflown}"
     equal = ", bit-equal" if violation.bit_equal else ""
     return (
-        f"{word}  {violation.fingerprint}  {violation.policy} {violation.robustness:+.2f} ({violation.severity})"
+        f"{word}  {violation.fingerprint}  {violation.policy} {violation.robustness:+.3f} ({violation.severity})"
         f"  {again}{equal}  test case {violation.test_case}"
     )
 

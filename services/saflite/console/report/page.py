@@ -106,7 +106,7 @@ def _table(data: ReportData) -> str:
             evidence.anchor(number, str(number)),
             evidence.anchor(number, violation.fingerprint),
             escape(violation.policy),
-            f"{violation.robustness:+.2f}",
+            f"{violation.robustness:+.3f}",
             f'<span class="badge {violation.severity}">{violation.severity}</span>',
             f'<span class="badge {violation.standing}">{violation.standing}</span>',
             f"{violation.failed_again}/{violation.reflown}{' bit-equal' if violation.bit_equal else ''}",
