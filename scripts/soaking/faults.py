@@ -29,7 +29,8 @@ class Kit(NamedTuple):
     """What faults need."""
 
     field: Field
-    rogue: Rogue
+    liar: Rogue
+    vandal: Rogue
     rng: np.random.Generator
     freeze_s: float
 
@@ -120,10 +121,11 @@ def fill_disk(kit: Kit) -> Done | None:
 
 
 def rogue_fault(name: str) -> Fault:
-    """Return the fault of that name the rogue participant can make."""
+    """Return the fault of that name a rogue participant can make, if it is not at something else."""
 
     def act(kit: Kit) -> Done | None:
-        return Done("rogue") if kit.rogue.start_trick(name) else None
+        rogue = kit.liar if name in Rogue.LIES else kit.vandal
+        return Done("rogue") if rogue.start_trick(name) else None
 
     return act
 
@@ -137,7 +139,7 @@ KINDS: dict[str, Fault] = {
     **{f"freeze {role}": freezer(role) for role in ROLES},
     "cut network": cut_network,
     "fill disk": fill_disk,
-    **{name: rogue_fault(name) for name in Rogue.TRICKS},
+    **{name: rogue_fault(name) for name in (*Rogue.LIES, *Rogue.VANDALISM)},
 }
 
 HEAVY = ("freeze books", "freeze router", "fill disk", "cut network")

@@ -24,11 +24,13 @@ CENTRE = ("books", "router", "network", "disk")
 
 
 def figures_of(
-    field: Field, injected: Sequence[Injected], rogue: Rogue, left: list[str], ended: bool
+    field: Field, injected: Sequence[Injected], rogues: Sequence[Rogue], left: list[str], ended: bool
 ) -> dict[str, Any]:
     """Return all figures, the audit's included."""
-    tricks = Counter(rogue.played)
-    counts = Counter(fault.kind for fault in injected if fault.kind not in rogue.TRICKS) + tricks
+    tricks = (*Rogue.LIES, *Rogue.VANDALISM)
+    counts = Counter(fault.kind for fault in injected if fault.kind not in tricks)
+    for rogue in rogues:
+        counts += Counter(rogue.played)
     from_cases = _attempts_that(field, "lost", "wedged")
     return {
         "faults_injected": counts.total(),
@@ -41,10 +43,10 @@ def figures_of(
         "restarts": field.farm.restarts,
         "events_watched": len(field.watcher.events),
         "events_without_gap_or_double": field.watcher.is_gapless() and not field.watcher.trouble,
-        "damaged_messages_taken": rogue.damaged_taken,
-        "garbage_scores_taken": rogue.garbage_taken,
-        "replays_sent": rogue.replays,
-        "replays_taken": rogue.replays_taken,
+        "damaged_messages_taken": sum(rogue.damaged_taken for rogue in rogues),
+        "garbage_scores_taken": sum(rogue.garbage_taken for rogue in rogues),
+        "replays_sent": sum(rogue.replays for rogue in rogues),
+        "replays_taken": sum(rogue.replays_taken for rogue in rogues),
         "frozen_worker_noticed_s": _spread(_noticed(field, _alone(injected, "freeze"))),
         "killed_worker_noticed_s": _spread(_noticed(field, _alone(injected, "kill"))),
         "work_freed_after_s": _spread(_freed(field, _alone(injected, ""))),
@@ -149,11 +151,13 @@ def _rebuilt(field: Field) -> list[float]:
 
 
 def _away(field: Field, injected: Sequence[Injected]) -> list[float]:
-    """Return for how long the books did not answer after they were killed."""
+    """Return for how long the books did not answer after they were killed (and nothing else was done to the centre)."""
     answers = field.prober.answers_s
     waits: list[float] = []
     for fault in injected:
-        if fault.kind.startswith("kill books"):
+        ills = [ill for ill in injected if ill is not fault and any(word in ill.kind for word in CENTRE)]
+        alone = all(ill.at_s > fault.at_s + APART_S or ill.until_s < fault.at_s - APART_S for ill in ills)
+        if fault.kind.startswith("kill books") and alone:
             later = [at_s for at_s in answers if at_s > fault.at_s + 0.05]
             waits += [later[0] - fault.at_s] if later else []
     return waits

@@ -33,24 +33,24 @@ from saflite.contract.work import (
 from saflite.runtime.clock import WallClock
 
 BURST = 20
-GRAB_S = 10.0
+GRAB_S = 5.0
+GRABS = 6
 
 
 class Rogue(threading.Thread):
     """Plays one trick at a time in its own thread."""
 
-    TRICKS: ClassVar[tuple[str, ...]] = (
+    LIES: ClassVar[tuple[str, ...]] = (
         "scorer answers garbage",
         "scorer hangs",
         "scorer is slow",
-        "flipped messages",
-        "truncated messages",
-        "oversized message",
         "replayed result",
     )
+    VANDALISM: ClassVar[tuple[str, ...]] = ("flipped messages", "truncated messages", "oversized message")
 
-    def __init__(self, endpoint: str, campaign: str, rng: np.random.Generator) -> None:
+    def __init__(self, name: str, endpoint: str, campaign: str, rng: np.random.Generator) -> None:
         super().__init__(daemon=True)
+        self._name = name
         self._endpoint, self._campaign, self._rng, self._clock = endpoint, campaign, rng, WallClock()
         self._tricks: queue.SimpleQueue[str | None] = queue.SimpleQueue()
         self._replies: queue.SimpleQueue[Any] = queue.SimpleQueue()
@@ -71,11 +71,11 @@ class Rogue(threading.Thread):
     def end(self) -> None:
         """Stop playing."""
         self._tricks.put(None)
-        self.join(10)
+        self.join(GRABS * GRAB_S)
 
     def run(self) -> None:
         """Play what is asked for until the end."""
-        self._bus = open_client("rogue", self._endpoint)
+        self._bus = open_client(self._name, self._endpoint)
         while (name := self._tricks.get()) is not None:
             if self._play(name):
                 self.played[name] = self.played.get(name, 0) + 1
@@ -130,7 +130,7 @@ class Rogue(threading.Thread):
     def _hold(self, lease: Lease, duration_s: float) -> None:
         until_s = self._clock.monotonic_s() + duration_s
         while self._clock.monotonic_s() < until_s:
-            beat = Heartbeat(worker="rogue", stage="score", leases=((lease.lease_id, lease.epoch),), state="busy")
+            beat = Heartbeat(worker=self._name, stage="score", leases=((lease.lease_id, lease.epoch),), state="busy")
             self._ask(topics.beat(self._campaign, "score"), beat, Orders)
             self._clock.sleep_s(0.4)
 
@@ -138,7 +138,7 @@ class Rogue(threading.Thread):
         samples = self._samples()
         for number in range(BURST):
             key, data = samples[number % len(samples)]
-            reply = self._send(key, damage(data), seal(key, "rogue", data))
+            reply = self._send(key, damage(data), seal(key, self._name, data))
             self.damaged_taken += reply.payload is not None
         return True
 
@@ -149,8 +149,8 @@ class Rogue(threading.Thread):
 
     def _oversized(self) -> bool:
         key = topics.result(self._campaign, "fly")
-        data = wire.encode(Report(worker="rogue", lease_id="x", epoch=1, result=Failure(message="x" * (33 * 2**20))))
-        self.damaged_taken += self._send(key, data, seal(key, "rogue", data)).payload is not None
+        data = wire.encode(Report(worker=self._name, lease_id="x", epoch=1, result=Failure(message="x" * (33 * 2**20))))
+        self.damaged_taken += self._send(key, data, seal(key, self._name, data)).payload is not None
         return True
 
     def _samples(self) -> list[tuple[str, bytes]]:
@@ -164,17 +164,22 @@ class Rogue(threading.Thread):
     # -- talking --------------------------------------------------------------------------------------------------
 
     def _grab(self, stage: Stage) -> Lease | None:
-        grant = self._ask(topics.work(self._campaign, stage), Ask(worker="rogue", stage=stage, wait_s=GRAB_S), Grant)
-        return grant.leases[0] if grant is not None and grant.leases else None
+        for _ in range(GRABS):
+            ask = Ask(worker=self._name, stage=stage, wait_s=GRAB_S)
+            grant = self._ask(topics.work(self._campaign, stage), ask, Grant)
+            if grant is not None and grant.leases:
+                return grant.leases[0]
+            self._clock.sleep_s(0.1)
+        return None
 
     def _report(self, lease: Lease, result: Result) -> str:
-        report = Report(worker="rogue", lease_id=lease.lease_id, epoch=lease.epoch, result=result)
+        report = Report(worker=self._name, lease_id=lease.lease_id, epoch=lease.epoch, result=result)
         receipt = self._ask(topics.result(self._campaign, "score"), report, Receipt)
         return "" if receipt is None else receipt.status
 
     def _ask(self, key: str, message: msgspec.Struct, kind: type[Any]) -> Any:
         data = wire.encode(message)
-        reply = self._send(key, data, seal(key, "rogue", data))
+        reply = self._send(key, data, seal(key, self._name, data))
         return None if reply.payload is None else wire.decode(reply.payload, kind)
 
     def _send(self, key: str, payload: bytes, attachment: bytes) -> Any:

@@ -73,9 +73,11 @@ class Siege:
             done = KINDS[kind](self._kit)
             if done is None:
                 continue
-            self.injected.append(Injected(kind, done.whom, now_s, self._field.clock.unix_s(), now_s + done.after_s))
+            clock = self._field.clock
+            done_s = clock.monotonic_s()  # some faults wait for their moment
+            self.injected.append(Injected(kind, done.whom, done_s, clock.unix_s(), done_s + done.after_s))
             if done.undo is not None:
-                self._undo.append((now_s + done.after_s, kind, done))
+                self._undo.append((done_s + done.after_s, kind, done))
             return
 
     def _draw(self) -> str:
@@ -95,16 +97,20 @@ class Siege:
 def run(options: argparse.Namespace) -> dict[str, Any]:
     """Run one soak and return its figures."""
     field = Field(options.rng_seed, options.fault_share)
-    rogue = Rogue(field.endpoint, field.campaign.name, derive(options.rng_seed, "rogue"))
-    siege = Siege(field, Kit(field, rogue, derive(options.rng_seed, "siege"), options.freeze_s), options.faults_per_min)
+    names = ("liar", "vandal")
+    rogues = [Rogue(name, field.endpoint, field.campaign.name, derive(options.rng_seed, name)) for name in names]
+    kit = Kit(field, *rogues, derive(options.rng_seed, "siege"), options.freeze_s)
+    siege = Siege(field, kit, options.faults_per_min)
     try:
         field.start()
-        rogue.start()
+        for rogue in rogues:
+            rogue.start()
         siege.run(60.0 * options.minutes)
-        rogue.end()
+        for rogue in rogues:
+            rogue.end()
         ended = _let_end(field)
         left = field.stop()
-        figures = figures_of(field, siege.injected, rogue, left, ended)
+        figures = figures_of(field, siege.injected, rogues, left, ended)
         if options.keep:
             shutil.copytree(field.run_dir, options.keep, ignore=shutil.ignore_patterns("ballast"))
         return figures
