@@ -41,7 +41,7 @@ def _measure(run_dir: Path, options: argparse.Namespace) -> dict[str, float | in
 
     from saflite.campaign.store import Store
 
-    doubles.padding_kib = options.trace_kib
+    doubles.padding_kib, doubles.track_points = options.trace_kib, 250
     search = {"candidates_per_round": 40, "flights_per_round": 8, "lag": 3}
     store = Store.create(run_dir, doubles.campaign(options.flights, batch=10, **search), doubles.TEMPLATE)
     drive = _Drive(store, options.together)
