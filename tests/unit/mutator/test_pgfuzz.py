@@ -234,6 +234,14 @@ def test_values_that_helped_are_used_again() -> None:
     assert used == {(0.375,)}, "the value of the closest flight, and only that"
 
 
+def test_values_of_usual_flights_are_not_credited() -> None:
+    strategy = Strategy(TEMPLATE, {**OWN, "focus": 1.0, "guided": 1.0, "mutated": 0.0}, ())
+    strategy.tell([outcome((stimulus("CHUTE_ENABLED", 0.125 * n),), 1000.0) for n in range(1, 8)])
+    cases = strategy.ask(100, derive(1, "x"))
+    used = {one.values for case in cases for one in case.stimuli if one.name == "CHUTE_ENABLED"}
+    assert len(used) > 2, "no value helped: they are drawn afresh"
+
+
 def test_close_sequences_are_changed_and_violating_ones_are_done_with() -> None:
     strategy = Strategy(TEMPLATE, {**OWN, "mutated": 1.0}, ())
     close = outcome((stimulus("CHUTE_ENABLED", 1.0), stimulus("ACRO", kind="mode", at_s=5.0)), 0.5)

@@ -11,6 +11,7 @@ inputs, values can leave their valid range, be negative, and are never stuck at 
 
 from __future__ import annotations
 
+from bisect import insort
 from collections.abc import Sequence
 from typing import ClassVar, NamedTuple
 
@@ -27,7 +28,7 @@ from saflite.mutator.operators.sequences import Rhythm, Stimuli
 from saflite.mutator.strategy import Chosen, Option, Options, Proposes, Settings
 
 POOL_MAX = 24
-FAR = 1.0  # the closeness of a flight to which no rule ever applied
+FAR = 1000.0 / 1001.0  # the closeness of a flight in which nothing brought a rule nearer to applying
 TAIL_S = 8.0  # least time left after the last stimulus, for its effect to show
 _CLASS_OF: dict[StimulusKind, str] = {
     "command": "command",
@@ -111,6 +112,7 @@ class Strategy:
         self._seeds: dict[tuple[Key, ...], Seed] = {}
         self._kept: dict[Key, Kept] = {}
         self._told: dict[str, float] = {}
+        self._ordered: list[float] = []
 
     def _read_rhythm(self, time_limit_s: float) -> Rhythm:
         start_s, round_s = self._chosen.real("start_s"), self._chosen.real("round_s")
@@ -150,11 +152,13 @@ class Strategy:
             self._keep(outcome)
 
     def _credit(self, outcome: Outcome) -> None:
-        """Store the values of a flight closer than its parent, replacing only those of flights no closer."""
+        """Store the values of a flight closer than its parent (or than half of all), but for those of closer ones."""
         assert outcome.robustness is not None, "only flights that said something are credited"
         case, now = outcome.test_case, closeness(outcome.robustness)
-        before = self._told.get(case.origin.parent, FAR)
+        usual = self._ordered[len(self._ordered) // 2] if self._ordered else FAR
+        before = self._told.get(case.origin.parent, usual)
         self._told[identity(case)] = now
+        insort(self._ordered, now)
         if now >= before:
             return
         for stimulus in case.stimuli:
