@@ -123,6 +123,25 @@ def _signals() -> list[Item]:
     return [Item(name, f"{signal.meaning} [{signal.unit or '-'}]") for name, signal in SIGNALS.items()]
 
 
+def _parameters() -> list[Item]:
+    from saflite.flight.autopilots.reference.parameters import parameter_table
+
+    return [
+        Item(
+            row.name,
+            f"{row.meaning} [{row.low:g} to {row.high:g}{' ' + row.unit if row.unit else ''}; default {row.default:g}]",
+            {"acts": "at the next start" if row.reboot else "at once"},
+        )
+        for row in parameter_table().values()
+    ]
+
+
+def _mav_commands() -> list[Item]:
+    from saflite.flight.autopilots.reference.tables import commands
+
+    return [Item(f"MAV_CMD_{name}", f"{row.meaning} [{row.number}]") for name, row in sorted(commands().items())]
+
+
 def _first(text: str) -> str:
     return " ".join(text.strip().split("\n\n")[0].split())
 
@@ -137,5 +156,7 @@ KINDS: dict[str, Callable[[], list[Item]]] = {
     "defects": _defects,
     "exports": _exports,
     "signals": _signals,
+    "parameters": _parameters,
+    "mav-commands": _mav_commands,
     "commands": _commands,
 }
