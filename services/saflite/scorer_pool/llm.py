@@ -27,6 +27,10 @@ from saflite.scorer_pool.parse import Reply, parse
 from saflite.scorer_pool.prompt import Prompt, again, answer_schema, build
 from saflite.scorer_pool.talk import Exchange, Talk, silent
 
+CONTEXT_TOKENS = 8192
+"""Room for question and answer. Servers cut longer questions off at the beginning and say nothing, so none is asked."""
+
+CHARS_PER_TOKEN = 2.2  # of texts full of numbers
 TOKENS_PER_CASE, TOKENS_BESIDES = 160, 120
 BACK_OFF_FIRST_S, BACK_OFF_MAX_S = 0.25, 4.0
 PROBES = (1, 2, 4)
@@ -201,7 +205,7 @@ class LanguageModel:
         if fault:
             return {identity(case): _fault(fault) for case in cases}
         size = self._pace.per_question(job.deadline_s)
-        parts = [cases[start : start + size] for start in range(0, len(cases), size)]
+        parts = _split(cases, size, job)
         found: dict[str, Mark] = {}
         for part in await asyncio.gather(*(self._part(part, job, ends_s, count) for part in parts)):
             found |= part
@@ -251,7 +255,7 @@ class LanguageModel:
 
     async def _twice(self, cases: tuple[TestCase, ...], job: Job, count: _Count, found: dict[str, Mark]) -> None:
         """Ask, and once more about those test cases whose answer could not be used."""
-        prompt = build(cases, job.briefs, job.history)
+        prompt = _prompt(cases, job)
         found |= await self._once(cases, prompt, prompt.messages, count)
         faulty = tuple(case for case in cases if found[identity(case)].fault)
         if not faulty:
@@ -259,7 +263,7 @@ class LanguageModel:
         count.asked_again += 1
         named = ", ".join(sorted({found[identity(case)].fault for case in faulty}))
         count.faults.update(f"first:{found[identity(case)].fault}" for case in faulty)
-        second = build(faulty, job.briefs, job.history)
+        second = _prompt(faulty, job)
         found |= await self._once(faulty, second, again(second, named), count)
 
     async def _once(
@@ -296,6 +300,29 @@ class LanguageModel:
 
     def _left(self, ends_s: float) -> float:
         return max(0.0, ends_s - self._clock.monotonic_s())
+
+
+def _fits(prompt: Prompt) -> bool:
+    room = CONTEXT_TOKENS - TOKENS_BESIDES - TOKENS_PER_CASE * len(prompt.keys)
+    return len(prompt.system) + len(prompt.user) <= CHARS_PER_TOKEN * room
+
+
+def _prompt(cases: tuple[TestCase, ...], job: Job) -> Prompt:
+    """Return the question, without earlier flights where they would make it too long."""
+    prompt = build(cases, job.briefs, job.history)
+    return prompt if _fits(prompt) else build(cases, job.briefs)
+
+
+def _split(cases: tuple[TestCase, ...], size: int, job: Job) -> list[tuple[TestCase, ...]]:
+    """Return the test cases in parts of at most `size`, smaller where a question would not fit the context."""
+    parts: list[tuple[TestCase, ...]] = []
+    for start in range(0, len(cases), size):
+        part = cases[start : start + size]
+        if len(part) > 1 and not _fits(build(part, job.briefs, job.history)):
+            parts += _split(part, (len(part) + 1) // 2, job)
+        else:
+            parts.append(part)
+    return parts
 
 
 def _fault(name: str, message: str = "") -> Mark:

@@ -11,7 +11,8 @@ import pytest
 
 from saflite.contract.errors import Refused, Unavailable
 from saflite.scorer_pool.chat import Busy, Question
-from saflite.scorer_pool.models.ollama import CONTEXT_TOKENS, OllamaChat
+from saflite.scorer_pool.llm import CONTEXT_TOKENS
+from saflite.scorer_pool.models.ollama import OllamaChat
 from saflite.scorer_pool.models.openai import OpenAIChat, prices
 
 QUESTION = Question([{"role": "user", "content": "?"}], {"type": "object"}, 100)

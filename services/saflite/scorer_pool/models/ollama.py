@@ -12,12 +12,9 @@ from typing import Any, NamedTuple
 from saflite.contract.config import environment
 from saflite.contract.errors import Refused, Unavailable
 from saflite.scorer_pool.chat import Busy, Question, Spoken
-from saflite.scorer_pool.llm import LanguageModel
+from saflite.scorer_pool.llm import CONTEXT_TOKENS, LanguageModel
 from saflite.scorer_pool.model import Tools
 from saflite.scorer_pool.parse import ANSWER_CHARS_MAX, Reply
-
-CONTEXT_TOKENS = 8192
-"""Fixed: a changed context makes the server load the model anew."""
 
 KEEP_ALIVE = "30m"
 
