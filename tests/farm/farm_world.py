@@ -276,9 +276,9 @@ class World:
         """Hand in flights somebody else was asked to fly."""
         for task in books._core.tasks.leased():
             if task.stage == "fly":
-                _, name, index = task.key.split("/")
+                index = task.key.rpartition("/")[2]
                 flying = work.FlyWork(
-                    test_case=books._core.trials[name].test_case,
+                    test_case=books._ledger.test_case_of(task),
                     flight_index=int(index),
                     purpose="search",
                     wall_limit_s=1.0,
