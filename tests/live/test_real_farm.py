@@ -5,8 +5,11 @@ from __future__ import annotations
 import os
 import signal
 import sqlite3
+import subprocess
+import sys
 import threading
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -135,3 +138,41 @@ def test_a_frozen_worker_is_noticed_within_four_seconds(tmp_path: Path) -> None:
         client.close()
     finally:
         farm.stop()
+
+
+LAUNCH = """
+import sys
+from pathlib import Path
+from saflite.runtime.local import resume
+resume(Path(sys.argv[1]), simulators=2, target_files=[Path(sys.argv[2])])
+"""
+
+
+def _marked(mark: str) -> list[str]:
+    found = []
+    for folder in Path("/proc").iterdir():
+        if folder.name.isdigit() and int(folder.name) != os.getpid():
+            with suppress(OSError):
+                if f"LIVE_MARK={mark}".encode() in (folder / "environ").read_bytes():
+                    found.append((folder / "cmdline").read_bytes().decode())
+    return found
+
+
+def test_nothing_outlives_a_killed_launcher_and_the_run_goes_on(tmp_path: Path) -> None:
+    run_dir = tmp_path / "run"
+    campaign = _campaign(300)
+    Store.create(run_dir, campaign, template(campaign)).close()
+    mark = str(tmp_path)
+    command = [sys.executable, "-c", LAUNCH, str(run_dir), str(TARGET)]
+    launcher = subprocess.Popen(command, env={**os.environ, "LIVE_MARK": mark})
+    while not list((run_dir / "spool").glob("fly-*")):
+        time.sleep(0.05)
+    time.sleep(1.0)
+    launcher.kill()
+    launcher.wait()
+    until_s = time.monotonic() + 5
+    while _marked(mark) and time.monotonic() < until_s:
+        time.sleep(0.05)
+    assert _marked(mark) == []
+    assert resume(run_dir, simulators=2, target_files=[TARGET]).ended
+    assert _rows(run_dir, "SELECT count(*), count(DISTINCT test_case || flight_index) FROM flights") == [(300, 300)]
