@@ -16,6 +16,9 @@ from saflite.scorer_pool.llm import CONTEXT_TOKENS, LanguageModel
 from saflite.scorer_pool.model import Tools
 from saflite.scorer_pool.parse import ANSWER_CHARS_MAX, Reply
 
+THINKING_TOKENS = 2048
+"""More room for the answer of a model that thinks before it speaks."""
+
 KEEP_ALIVE = "30m"
 
 
@@ -42,10 +45,12 @@ class OllamaChat:
         logging.getLogger("httpx").setLevel(logging.WARNING)  # it tells of every single request
         self._tag, host = _place(argument)
         self._client = ollama.AsyncClient(host=host, timeout=None)  # the caller's deadlines hold
+        self._more_tokens = 0
 
     async def ask(self, question: Question) -> Spoken:
         """Return the answer; see `Chat`."""
-        options = {"temperature": 0, "num_ctx": CONTEXT_TOKENS, "num_predict": question.tokens_max, "seed": 0}
+        tokens_max = question.tokens_max + self._more_tokens
+        options = {"temperature": 0, "num_ctx": CONTEXT_TOKENS, "num_predict": tokens_max, "seed": 0}
         spoken: Spoken = await self._guarded(self._streamed(question, options))
         return spoken
 
@@ -56,7 +61,10 @@ class OllamaChat:
                 model=self._tag, prompt="", keep_alive=KEEP_ALIVE, options={"num_ctx": CONTEXT_TOKENS}
             )
         )
-        return f"{self._tag} is loaded"
+        about = await self._guarded(self._client.show(self._tag))
+        thinks = "thinking" in (getattr(about, "capabilities", None) or [])
+        self._more_tokens = THINKING_TOKENS if thinks else 0
+        return f"{self._tag} is loaded{', it thinks first' if thinks else ''}"
 
     async def digest(self) -> str:
         """Return the digest of the model's files."""
