@@ -22,6 +22,7 @@ from saflite.recorder.summary import Finding, PolicyFacts, RunSummary
 
 T = TypeVar("T")
 EVENTS_AT_ONCE = 500
+SHRINK = "shrink"
 
 
 class FlightRow(NamedTuple):
@@ -132,13 +133,13 @@ class RunFolder:
             release = version("saflite-farm")
         except PackageNotFoundError:
             release = ""
-        (flights,) = next(self._rows("SELECT count(*) FROM flights"))
+        flights = sum(1 for row in self.flights() if row.purpose != SHRINK)
         (held,) = next(self._rows("SELECT count(*) FROM endings WHERE state = 'held'"))
         return RunSummary(
             campaign=self.campaign,
             policies=tuple(self._facts(name) for name in self.campaign.policies),
             findings=tuple(self.findings()),
-            flights=int(flights),
+            flights=flights,
             held=int(held),
             elapsed_s=self.elapsed_s(),
             version=release,
@@ -153,17 +154,23 @@ class RunFolder:
     # ---- what was flown ------------------------------------------------------------------------------------------
 
     def flights(self, name: str = "") -> list[FlightRow]:
-        """Return the flights in the order counted, those of one test case if named."""
+        """Return the flights in the order counted, those of one test case if named.
+
+        Those of a test case that shrinking made, its confirmation included, have purpose `shrink`: they are counted
+        apart from the budget.
+        """
         query = (
             "SELECT f.test_case, f.flight_index, f.purpose, f.ending, f.simulated_s, f.wall_s, f.trace_digest,"
             " f.worker, j.robustness, coalesce(j.violated, '') FROM flights f LEFT JOIN judgements j"
             " ON j.test_case = f.test_case AND j.flight_index = f.flight_index"
             " WHERE ?1 = '' OR f.test_case = ?1 ORDER BY f.rowid"
         )
-        return [
+        found = [
             FlightRow._make((*row[:9], tuple(word for word in row[9].split(",") if word)))
             for row in self._rows(query, name)
         ]
+        smaller = {row.test_case for row in found if row.purpose == SHRINK}
+        return [row._replace(purpose=SHRINK) if row.test_case in smaller else row for row in found]
 
     def trace(self, digest: str) -> Trace | None:
         """Return a trace that was kept, None if it was not or is damaged."""

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from saflite.console import live, out, reporting
-from saflite.console.run_folder import open_run
+from saflite.console.run_folder import SHRINK, open_run
 from saflite.contract.config import Campaign
 from saflite.contract.control import Status
 from saflite.contract.errors import Refused, Unavailable
@@ -73,7 +73,8 @@ def conclude(run_dir: Path, ended: ExitSummary, *, as_json: bool) -> int:
     cases = reporting.write_test_cases(run_dir)
     with open_run(run_dir) as run:
         violations = run.violations()
-        flights, elapsed_s = run.flights(), run.elapsed_s()
+        every, elapsed_s = run.flights(), run.elapsed_s()
+    flights = [row for row in every if row.purpose != SHRINK]
     if as_json:
         out.json(
             {
@@ -81,6 +82,7 @@ def conclude(run_dir: Path, ended: ExitSummary, *, as_json: bool) -> int:
                 "ended": ended.ended,
                 "why": ended.why,
                 "flights": len(flights),
+                "shrink_flights": len(every) - len(flights),
                 "elapsed_s": elapsed_s,
                 "confirmed": confirmed,
                 "distinct": len({one.fingerprint for one in violations if one.standing == "confirmed"}),
@@ -99,6 +101,7 @@ def conclude(run_dir: Path, ended: ExitSummary, *, as_json: bool) -> int:
     out.line(
         f"{len(flights)} flights in {elapsed_s:.0f} s; {confirmed} violations confirmed, {distinct} distinct"
         + (f", {flaky} flaky" if flaky else "")
+        + (f"; {len(every) - len(flights)} flights more to shrink them" if len(every) > len(flights) else "")
         + (f"; {ended.restarts} processes started again" if ended.restarts else "")
     )
     for violation in sorted(good, key=lambda one: one.robustness)[:SHOWN]:

@@ -9,6 +9,7 @@ import numpy as np
 from saflite.console.report import charts, evidence
 from saflite.console.report.data import ReportData
 from saflite.console.report.style import CSS
+from saflite.console.run_folder import SHRINK
 from saflite.scorer_pool.calibration import Calibration, Interval
 
 
@@ -53,17 +54,20 @@ def _tiles(data: ReportData) -> str:
     flaky = sum(1 for exhibit in data.exhibits if exhibit.violation.standing == "flaky")
     distinct = len({exhibit.violation.fingerprint for exhibit in confirmed})
     simulated_s = sum(row.simulated_s for row in data.flights)
-    again = sum(1 for row in data.flights if row.flight_index > 0)
+    charged = [row for row in data.flights if row.purpose != SHRINK]
+    again = sum(1 for row in charged if row.flight_index > 0)
     elapsed_s = max(data.elapsed_s, 1e-9)
     tiles = [
         (str(len(confirmed)), "violations confirmed", "bad" if confirmed else "good"),
         (str(distinct), "of them distinct", ""),
         (str(flaky), "flaky", "warn" if flaky else ""),
-        (f"{len(data.flights)}", f"flights of {data.campaign.budget_flights} ({again} re-flown)", ""),
+        (f"{len(charged)}", f"flights of {data.campaign.budget_flights} ({again} re-flown)", ""),
         (f"{simulated_s / 3600:.2f} h", "flown in simulated time", ""),
         (_duration(data.elapsed_s), f"wall time, {len(data.flights) / elapsed_s:.2f} flights/s", ""),
         (f"{simulated_s / elapsed_s:.0f}×", "real time, all workers", ""),
     ]
+    if len(data.flights) > len(charged):
+        tiles.append((str(len(data.flights) - len(charged)), "flights more to shrink what was found", ""))
     if data.quarantined:
         tiles.append((str(len(data.quarantined)), "set aside (quarantine)", "warn"))
     drawn = "".join(f'<div class="tile {css}"><b>{value}</b><span>{text}</span></div>' for value, text, css in tiles)
