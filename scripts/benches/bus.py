@@ -21,11 +21,11 @@ from typing import Any, NamedTuple
 
 import msgspec
 from _crowd import Crowd, Made, percentile_ms
-from saflite.campaign.builtin import template
-from saflite.campaign.store import Store
 
 from saflite.bus.base import Bus, Reply, Sample, seal, unseal
 from saflite.bus.zenoh import ZenohBus, leave_process, open_client
+from saflite.campaign.builtin import template
+from saflite.campaign.store import Store
 from saflite.contract import topics, wire
 from saflite.contract.config import Campaign, LeaseConfig, ScorerConfig, SearchConfig
 from saflite.contract.control import Answer, Control
