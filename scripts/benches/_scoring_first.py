@@ -43,13 +43,13 @@ def first_find(model: str, mission: int, rng_seed: int, flights: Flights) -> int
 
 def first_finds(mission: int, rng_seed: int, models: Sequence[str]) -> dict[str, int]:
     """Return the first find of each model from one seed; what one flew, really or cheaply, another need not again."""
-    kept: dict[tuple[str, int, int], KinematicFlight] = {}
+    kept: dict[tuple[str, int], KinematicFlight] = {}
     fly = low_fidelity._fly
 
-    def remembered(test_case: TestCase, seed: int, number: int) -> KinematicFlight:
-        key = (identity(test_case), seed, number)
+    def remembered(test_case: TestCase, number: int) -> KinematicFlight:
+        key = (identity(test_case), number)
         if key not in kept:
-            kept[key] = fly(test_case, seed, number)
+            kept[key] = fly(test_case, number)
         return kept[key]
 
     low_fidelity._fly = remembered

@@ -102,7 +102,7 @@ def test_forest_is_the_same_for_the_same_flights_and_tells_near_from_far() -> No
     cases = [layout(box(float(place), 25)) for place in range(-20, 20)]
     told = [outcome(case, 0, abs(case.scenario.obstacles[0].x_m) - 5.0) for case in cases]
     told = [msgspec.structs.replace(one, violated=("p",) if (one.robustness or 0) < 0 else ()) for one in told]
-    first, second = (grow(told, Vectors(), 1) for _ in range(2))
+    first, second = (grow(told, Vectors()) for _ in range(2))
     asked = features([layout(box(0.5, 25)), layout(box(18.5, 25))])
     assert np.array_equal(first.predict(asked), second.predict(asked))
     near, far = first.predict(asked)

@@ -24,7 +24,7 @@ class Model:
         no_argument("surrogate", argument)
         self.label = "surrogate"
         self._vectors = Vectors()
-        self._forests: OrderedDict[tuple[int, int], Forest] = OrderedDict()
+        self._forests: OrderedDict[int, Forest] = OrderedDict()
         self._lock = threading.Lock()
 
     def forest(self, job: Job) -> Forest | None:
@@ -33,13 +33,12 @@ class Model:
         if len(known) < FLIGHTS_MIN:
             return None
         size = step_size(len(known))
-        key = (job.rng_seed, size)
         with self._lock:
-            if key not in self._forests:
-                self._forests[key] = grow(known[:size], self._vectors, job.rng_seed)
+            if size not in self._forests:
+                self._forests[size] = grow(known[:size], self._vectors)
                 while len(self._forests) > FORESTS_KEPT:
                     self._forests.popitem(last=False)
-            return self._forests[key]
+            return self._forests[size]
 
     def score(self, job: Job) -> Sheet:
         """Return ten times the expected danger per test case."""
