@@ -152,6 +152,7 @@ static void fuse_gps(Vehicle *v)
     const double ratio = sqrt(dn * dn + de * de) / AT(est_gate_m);
     AT(innovation_ratio) += 0.3 * (ratio - AT(innovation_ratio));
     if (AT(position_ok) == 0.0 || (ratio > 1.0 && v->gps_rejected_s >= REJECTED_MAX_S)) {
+        AT(est_reset_n) += dn, AT(est_reset_e) += de;
         AT(est_n) += dn, AT(est_e) += de, AT(est_vn) += dvn, AT(est_ve) += dve;
         AT(innovation_ratio) = v->gps_rejected_s = v->gps_silent_s = 0.0;
         return;

@@ -94,9 +94,9 @@ static void read_gps(Vehicle *v)
     AT(gps_north) = AT(north_m) + v->gps_walk[0] + (GPS_NOISE + rough) * white[0] + AT(fault_gps_north);
     AT(gps_east) = AT(east_m) + v->gps_walk[1] + (GPS_NOISE + rough) * white[1] + AT(fault_gps_east);
     AT(gps_up) = AT(up_m) + 2.0 * v->gps_walk[2] + (GPS_UP_NOISE + rough) * white[2] + AT(fault_gps_up) + v->gps_drifted;
-    AT(gps_vn) = AT(v_north) + (GPS_SPEED_NOISE + rough) * white[3];
-    AT(gps_ve) = AT(v_east) + (GPS_SPEED_NOISE + rough) * white[4];
-    AT(gps_vd) = AT(v_down) + (GPS_SPEED_NOISE + rough) * white[5] - AT(fault_gps_vdrift);
+    AT(gps_vn) = AT(v_north) + (GPS_SPEED_NOISE + 0.1 * rough) * white[3];
+    AT(gps_ve) = AT(v_east) + (GPS_SPEED_NOISE + 0.1 * rough) * white[4];
+    AT(gps_vd) = AT(v_down) + (GPS_SPEED_NOISE + 0.1 * rough) * white[5] - AT(fault_gps_vdrift);
     AT(gps_altitude_m) = AT(gps_up) - AT(home_up);
 }
 

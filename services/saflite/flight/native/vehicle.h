@@ -57,7 +57,7 @@
     X(position_ok) X(gps_age_s) X(baro_age_s) X(innovation_ratio) X(height_from) X(est_trim_x) X(est_trim_y) \
     X(est_gate_m) X(est_height_noise) X(est_position_noise) X(est_velocity_noise) X(est_yaw_noise) X(est_gyro_noise) \
     X(est_acc_noise) X(compass_use) X(height_source) \
-    X(defect_height_gps)
+    X(defect_height_gps) X(est_reset_n) X(est_reset_e)
 
 /* Set-points: what the modes ask of the control loops. See control.c for the words of `want_*`. */
 #define SLOTS_WANT(X) \

@@ -58,6 +58,7 @@ class Autopilot:
         self.speed_order_mps: float | None = None
         self.mode: Mode = make_mode("STABILIZE", self)
         self._settings_seen = -1
+        self._reset_seen = (0.0, 0.0)
         board["mode"] = MODES["STABILIZE"]
         board["tilt_max"] = 0.5
         board["defect_height_gps"] = 1.0 if "height-from-gps" in self.defects else 0.0
@@ -139,10 +140,18 @@ class Autopilot:
         self.time_s = time_s
         self.radio.tick()
         self.failsafes.tick()
+        self._follow_reset()
         self.mode.run()
         self.landing.tick()
         self.parachute.tick()
         self._publish()
+
+    def _follow_reset(self) -> None:
+        """Where the estimate was set anew, places held move with it: the vehicle must not chase them."""
+        reset = (self.board["est_reset_n"], self.board["est_reset_e"])
+        if reset != self._reset_seen:
+            self.mode.shift(reset[0] - self._reset_seen[0], reset[1] - self._reset_seen[1])
+            self._reset_seen = reset
 
     def _publish(self) -> None:
         board = self.board

@@ -57,6 +57,9 @@ class Mode:
         """Return whether touching the ground ends the flight at once."""
         return int(self.ap.parameters["PILOT_THR_BHV"]) & 4 != 0
 
+    def shift(self, north_m: float, east_m: float) -> None:
+        """The estimate jumped by this much: move what is held."""
+
     def under_way(self) -> bool:
         """Return whether the mode is on its way to a place it was ordered to."""
         return False

@@ -30,6 +30,11 @@ class Brake(Mode):
         """Nothing to brake on the ground."""
         return False
 
+    def shift(self, north_m: float, east_m: float) -> None:
+        """Hold the same ground, not the same numbers."""
+        if self._held is not None:
+            self._held = (self._held[0] + north_m, self._held[1] + east_m)
+
     def run(self) -> None:
         """Brake, then hold."""
         board = self.board

@@ -45,6 +45,11 @@ class Land(Mode):
         """A landing ends with motors off."""
         return True
 
+    def shift(self, north_m: float, east_m: float) -> None:
+        """Hold the same ground, not the same numbers."""
+        if self._place is not None:
+            self._place = (self._place[0] + north_m, self._place[1] + east_m)
+
     def run(self) -> None:
         """Come down."""
         board = self.board

@@ -25,6 +25,11 @@ class Loiter(Mode):
         self.board["set_climb"] = 0.0
         self._speed = (self.board["est_vn"], self.board["est_ve"])
 
+    def shift(self, north_m: float, east_m: float) -> None:
+        """Hold the same ground, not the same numbers."""
+        if self._held is not None:
+            self._held = (self._held[0] + north_m, self._held[1] + east_m)
+
     def run(self) -> None:
         """Move the held place as the sticks ask."""
         self.pilot_yaw()
