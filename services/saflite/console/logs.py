@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 from collections.abc import Callable
 from pathlib import Path
+
+import msgspec
 
 from saflite.contract.errors import Refused
 from saflite.contract.flight import Flight, Trace, trace_digest, unpack_trace
@@ -20,7 +24,8 @@ def _packed(path: Path) -> Trace:
 def _ulog(path: Path) -> Trace:
     from saflite.oracle.ulog import read_ulog
 
-    return read_ulog(path)
+    with contextlib.redirect_stdout(io.StringIO()):  # pyulog prints what it thinks of a damaged file
+        return read_ulog(path)
 
 
 def _dataflash(path: Path) -> Trace:
@@ -43,6 +48,13 @@ def read_trace(path: Path) -> Trace:
 def empty_case(path: Path) -> TestCase:
     """Return a test case without obstacles and stimuli for a log nobody says more about."""
     return TestCase(target=Target(name=_TARGETS[path.suffix]), scenario=Scenario())
+
+
+def flown_by(path: Path, case: TestCase) -> TestCase:
+    """Return the test case with the autopilot that wrote the log as its target, which says what can be checked."""
+    if path.suffix == ".trace":
+        return case
+    return msgspec.structs.replace(case, target=msgspec.structs.replace(case.target, name=_TARGETS[path.suffix]))
 
 
 def flight_of(case: TestCase, trace: Trace) -> Flight:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import msgspec
 import pytest
 
@@ -99,3 +101,20 @@ def test_the_overview_names_every_command(capsys: pytest.CaptureFixture[str]) ->
     assert main(["--help"]) == 0
     said = capsys.readouterr().out
     assert all(f"  {name} " in said for name in command_names())
+
+
+def test_a_real_log_is_judged_with_a_competition_test_case(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[1] / "oracle"))
+    from test_logs import px4_flight
+
+    from saflite.campaign.builtin import template
+    from saflite.recorder.exports.aerialist import write_case
+
+    log = tmp_path / "log.ulg"
+    log.write_bytes(px4_flight())
+    case, *_ = write_case(template(load_campaign("avoidance-m2")), tmp_path, "case")
+    words = ["judge", str(log), "--test-case", str(case), "--policy", "min-obstacle-distance", "--json"]
+    assert main(words) == 0
+    assert '"outcome":"held"' in capsys.readouterr().out

@@ -55,6 +55,6 @@ def _read(path: Path, case_path: Path | None) -> tuple[TestCase, Flight, Trace]:
     if path.suffix not in logs.READERS:
         expected = f".mcap, {', '.join(logs.READERS)}"
         raise Refused("flight log", where=str(path), expected=expected, got=path.suffix or "no suffix")
-    case = cases.load_case(case_path) if case_path else logs.empty_case(path)
+    case = logs.flown_by(path, cases.load_case(case_path)) if case_path else logs.empty_case(path)
     trace = logs.read_trace(path)
     return case, logs.flight_of(case, trace), trace
