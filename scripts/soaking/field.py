@@ -51,7 +51,8 @@ class Disk:
     def __init__(self) -> None:
         self.folder = Path(tempfile.mkdtemp(prefix="saflite-soak-"))
         mount = ["mount", "-t", "tmpfs", "-o", f"size={DISK}", "tmpfs", str(self.folder)]
-        done = subprocess.run(mount, capture_output=True, check=False) if os.geteuid() == 0 else None
+        allowed = os.geteuid() == 0 and shutil.which("mount") is not None
+        done = subprocess.run(mount, capture_output=True, check=False) if allowed else None
         self.is_small = done is not None and done.returncode == 0
         self.why_not = "" if self.is_small else "needs the right to mount a tmpfs"
 
@@ -77,6 +78,7 @@ class Network:
 
     def __init__(self) -> None:
         self.why_not = "" if os.geteuid() == 0 else "needs root for network namespaces"
+        self.why_not = self.why_not or ("" if shutil.which("ip") else "needs the program `ip`")
         if self.why_not:
             return
         self.remove()
@@ -112,6 +114,8 @@ class Network:
 
     def remove(self) -> None:
         """Take the namespace away."""
+        if shutil.which("ip") is None or os.geteuid() != 0:
+            return
         for command in (f"ip link del {OUTSIDE}", f"ip netns del {SPACE}"):
             subprocess.run(command.split(), capture_output=True, check=False)
 
