@@ -107,6 +107,8 @@ class Lab:
         core.counts.shrink_flights += 1
         self._experiments[flight.test_case].flight = flight
         core.hold_trace(flight.trace_digest)
+        facts = (flight.simulated_s, flight.wall_s, flight.trace_digest, flight.worker, flight.message)
+        core.out.row("flights", flight.test_case, EXPERIMENT, "shrink", flight.ending, *facts)
         key = f"judge/{flight.test_case}/{EXPERIMENT}"
         core.tasks.add(Task(key, "judge", (*task.order[:3], 1), purpose="shrink"))
 
