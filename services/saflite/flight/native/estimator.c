@@ -5,7 +5,6 @@
  * the barometer drags the altitude, and without GPS position and speed run on inertia alone.
  */
 #include <math.h>
-#include <string.h>
 
 #include "vehicle.h"
 
@@ -69,7 +68,6 @@ void estimator_start(Vehicle *v)
     v->quat[0] = cos(0.5 * AT(psi)), v->quat[1] = 0.0, v->quat[2] = 0.0, v->quat[3] = sin(0.5 * AT(psi));
     AT(est_n) = AT(north_m), AT(est_e) = AT(east_m), AT(est_d) = -AT(up_m);
     AT(est_vn) = AT(v_north), AT(est_ve) = AT(v_east), AT(est_vd) = AT(v_down);
-    memset(v->gyro_bias, 0, sizeof v->gyro_bias);
     v->acc_bias_d = 0.0;
     v->gps_rejected_s = v->gps_silent_s = v->baro_silent_s = 0.0;
     AT(position_ok) = 1.0;

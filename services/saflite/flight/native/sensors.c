@@ -13,6 +13,7 @@
 static const double GYRO_NOISE = 0.003, ACC_NOISE = 0.05, BARO_NOISE = 0.06, MAG_NOISE = 0.002;
 static const double GPS_NOISE = 0.04, GPS_UP_NOISE = 0.08, GPS_SPEED_NOISE = 0.04;
 static const double GPS_WALK = 0.15, GPS_WALK_S = 25.0, BARO_WALK = 0.12, BARO_WALK_S = 60.0;
+static const double GYRO_LEFT = 0.0001; /* what two seconds of averaging leave */
 static const double OFFSET_CREEP_MPS = 0.3; /* a changed offset creeps in, as in AP_Baro */
 static const double EARTH_FIELD[3] = {0.2142, 0.0129, 0.4299}; /* gauss, north-east-down, Zurich (WMM 2020) */
 
@@ -21,6 +22,7 @@ void sensors_start(Vehicle *v)
     for (int i = 0; i < 3; i++) {
         v->true_gyro_bias[i] = 0.001 * noise_normal(&v->rng_imu);
         v->true_acc_bias[i] = 0.02 * noise_normal(&v->rng_imu);
+        v->gyro_bias[i] = v->true_gyro_bias[i] + GYRO_LEFT * noise_normal(&v->rng_imu); /* calibrated at start-up */
         v->gps_walk[i] = 0.0;
     }
     v->baro_walk = 0.0;
