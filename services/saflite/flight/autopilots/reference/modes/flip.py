@@ -9,6 +9,7 @@ from saflite.flight.autopilots.reference.modes.base import TICK_S, Mode
 
 RATE_RPS = math.radians(400.0)
 LIMIT_S, CLIMB_SHARE, RECOVERED_RAD = 2.5, 0.2, math.radians(5.0)
+LEFT_STICK = 0.2  # deflection to the left that asks for a left roll; a trim set off centre must not
 LEAN_MAX_RAD, HEIGHT_MIN_M, THROTTLE_MIN_PWM = math.radians(45.0), 10.0, 1500.0
 
 
@@ -51,10 +52,10 @@ class Flip(Mode):
             board["set_altitude"] if board["want_z"] == steer.Z_ALTITUDE else board["altitude_est_m"]
         )
         roll, pitch = radio.deflection(1), radio.deflection(2)
-        if roll == 0.0 and abs(pitch) > 0.3:
+        if abs(roll) <= LEFT_STICK and abs(pitch) > 0.3:
             self._axis, self._way = 1, math.copysign(1.0, pitch)
         else:
-            self._way = -1.0 if roll < 0.0 or "flip-rolls-left" in self.ap.defects else 1.0
+            self._way = -1.0 if roll < -LEFT_STICK or "flip-rolls-left" in self.ap.defects else 1.0
 
     def may_arm(self) -> bool:
         """Not on the ground."""
