@@ -1,7 +1,7 @@
 """`scripts/bench strategies`: what each strategy finds in a whole campaign with the same budget, scorer and seeds.
 
     scripts/bench strategies [--campaigns avoidance-m2] [--arms NAME[:SETTING=VALUE,...] ...] [--scorer blend]
-                             [--seeds 3] [--budget 100] [--candidates N] [--jobs 1] [--json]
+                             [--rng-seeds 1 2 3] [--budget 100] [--candidates N] [--jobs 1] [--json]
 
 Every arm flies the campaign as shipped, only the strategy (and what the arm sets) differs: real books, scorers, JSBSim
 flights and oracle in one process. Told are confirmed and distinct violations, flights to
@@ -153,15 +153,13 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--campaigns", nargs="+", default=["avoidance-m2"])
     parser.add_argument("--arms", nargs="+", default=list(ARMS), help=f"strategies: {', '.join(strategy_names())}")
     parser.add_argument("--scorer", default="", help="the campaign's own if left out")
-    parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--rng-seeds", type=int, nargs="+", default=[1, 2, 3])
     parser.add_argument("--budget", type=int, default=100)
     parser.add_argument("--candidates", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--json", action="store_true")
     args = parser.parse_args(argv)
-    jobs = [
-        (name, arm, seed, args) for name in args.campaigns for seed in range(1, args.seeds + 1) for arm in args.arms
-    ]
+    jobs = [(name, arm, seed, args) for name in args.campaigns for seed in args.rng_seeds for arm in args.arms]
     with get_context("spawn").Pool(args.jobs) as pool:
         results = []
         for result in pool.imap(run, jobs):
