@@ -45,17 +45,36 @@ def make(label: str, tools: Tools) -> Model:
 
 
 def check_label(label: str) -> None:
-    """Raise Refused unless `label` names a kind of model there is; says nothing about whether it can be reached."""
-    kind, _ = split_label(label)
+    """Raise Refused unless a model can be made of `label`; says nothing about whether its server can be reached."""
+
+    def part(other: str) -> Model:
+        return make(other, Tools(_NoClock(), part))
+
+    part(label).close()
+
+
+class _NoClock:
+    """Stands in where a model is made but never asked."""
+
+    def monotonic_s(self) -> float:
+        """Return 0."""
+        return 0.0
+
+    def unix_s(self) -> float:
+        """Return 0."""
+        return 0.0
+
+
+def _check_kind(kind: str) -> None:
     if kind not in model_names():
         raise Refused(
             "scorer model",
             expected=f"one of {', '.join(model_names())}",
-            got=repr(label),
+            got=repr(kind),
             fix="see `saflite list scorers`",
         )
 
 
 def _module(kind: str) -> ModuleType:
-    check_label(kind)
+    _check_kind(kind)
     return importlib.import_module(_outside().get(kind, f"{models.__name__}.{kind}").partition(":")[0])

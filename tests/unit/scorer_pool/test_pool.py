@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from saflite.contract.errors import Unavailable
+from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.test_case import Obstacle, Scenario, Target, TestCase, identity
 from saflite.contract.work import HandedBack, Outcome, ScoreResult, ScoreWork, WarmResult, WarmWork
 from saflite.flight.mission import builtin_mission
@@ -170,3 +170,16 @@ def test_more_leases_at_once_only_for_models_that_wait(pool: ScorerPool) -> None
     assert pool.parallel == 1
     pool.do(work("odd:good"), never)
     assert pool.parallel == 3
+
+
+@pytest.mark.parametrize(
+    "label", ["nonsense", "constant:11", "ollama:", "openai:x@nourl", "ensemble:ensemble", "ensemble:nonsense", "gap:1"]
+)
+def test_labels_no_model_can_be_made_of_are_refused_before_anything_starts(label: str) -> None:
+    with pytest.raises(Refused):
+        registry.check_label(label)
+
+
+@pytest.mark.parametrize("label", ["blend", "constant:7", "ollama:m:7b@h:1", "openai:x@http://h/v1", "ensemble:gap"])
+def test_labels_of_models_need_no_server_to_be_checked(label: str) -> None:
+    registry.check_label(label)
