@@ -22,7 +22,7 @@ from saflite.runtime.clock import WallClock
 from saflite.runtime.local import LocalFarm, Role, free_endpoint
 
 MARK = "SAFLITE_SOAK"
-DISK = "96m"
+DISK = "256m"
 TARGET_FILE = Path(__file__).parent / "soak.py"
 HOST_IP, GUEST_IP = "10.213.77.1", "10.213.77.2"
 OUTSIDE, INSIDE, SPACE = "saflite-soak0", "saflite-soak1", "saflite-soak"

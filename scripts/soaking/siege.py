@@ -23,6 +23,7 @@ from saflite.runtime.client import FarmClient
 POLL_S = 0.02
 WARM_UP_S = 5.0
 WORKERS_SHARE = 0.25  # of the time only workers are harmed, so that noticing it can be measured
+FROZEN_MAX = 2
 END_PATIENCE_S = 180.0
 LAST_FLIGHTS = 24  # how many more flights the campaign may make once the faults are over
 
@@ -68,8 +69,8 @@ class Siege:
             kind = self._draw()
             if now_s < self._only_workers_until_s and any(word in kind for word in CENTRE):
                 continue
-            if any(kind == other for _, other, _ in self._undo):
-                continue  # such a one is under way
+            if not self._may(kind):
+                continue
             done = KINDS[kind](self._kit)
             if done is None:
                 continue
@@ -79,6 +80,12 @@ class Siege:
             if done.undo is not None:
                 self._undo.append((done_s + done.after_s, kind, done))
             return
+
+    def _may(self, kind: str) -> bool:
+        """Return whether this kind may be injected now: none of a kind twice at once, and not all roles frozen."""
+        under_way = [other for _, other, _ in self._undo]
+        frozen = sum("freeze" in other for other in under_way)
+        return kind not in under_way and not ("freeze" in kind and frozen >= FROZEN_MAX)
 
     def _draw(self) -> str:
         if not self._deck:
