@@ -82,6 +82,6 @@ ROWS: tuple[Row, ...] = (
     Row("GND_TEMP", 0, -40, 60, "degC", "ground temperature that heights are reckoned with, 0 takes 15", reboot=True),
     *_channel(1),
     *_channel(2),
-    *_channel(3),
+    *_channel(3)[:2],  # the throttle has no centre; THR_DZ is its dead zone
     *_channel(4),
 )
