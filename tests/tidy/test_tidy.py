@@ -139,3 +139,14 @@ def test_the_pages_name_every_defect_scorer_and_command() -> None:
     scorers = (ROOT / "deploy" / "docs" / "scorers.md").read_text()
     assert [item.name for item in KINDS["defects"]() if f"`{item.name}`" not in policies] == []
     assert [item.name for item in KINDS["scorers"]() if f"`{item.name}" not in scorers] == []
+
+
+def test_links_of_the_pages_lead_somewhere() -> None:
+    pages = [ROOT / "README.md", *sorted((ROOT / "deploy" / "docs").glob("*.md"))]
+    wrong = [
+        f"{name(page)}: {link}"
+        for page in pages
+        for link in re.findall(r"\]\(([^)#]+)\)", page.read_text())
+        if not link.startswith("http") and not (page.parent / link).exists()
+    ]
+    assert wrong == []
