@@ -132,14 +132,18 @@ def checked_chain(rows: Iterable[tuple[int, int, bytes]], table: str, path: Path
         yield content
 
 
+class InUse(Refused):
+    """Another process has the run folder open; one just killed may hold it for a moment longer."""
+
+
 def lock_run(run_dir: Path) -> IO[bytes]:
-    """Lock a run folder for this process until the file is closed; raises Refused if another process has it."""
+    """Lock a run folder for this process until the file is closed; raises InUse if another process has it."""
     file = (run_dir / "books.lock").open("ab")
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as fault:
         file.close()
-        raise Refused(
+        raise InUse(
             "run folder", where=str(run_dir), expected="one not in use", got="one another process works on"
         ) from fault
     file.truncate(0)

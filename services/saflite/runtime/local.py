@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 POLL_S = 0.05
+LOCK_WAIT_S = 1.0
 STATUS_S = 0.5
 STATUS_PATIENCE_S = 2.0
 BACK_OFF_FIRST_S, BACK_OFF_MAX_S = 0.2, 5.0
@@ -258,9 +259,7 @@ def resume(
         Refused: no run folder, one in use, or a damaged store.
         Unavailable: the farm cannot start.
     """
-    from saflite.campaign.store import Store
-
-    store = Store.open(run_dir)
+    store = _open(run_dir)
     campaign = store.campaign
     if budget is not None:
         _raise_budget(store, budget)
@@ -273,6 +272,22 @@ def resume(
             return _follow(farm, on_status, interrupted)
         finally:
             farm.stop()
+
+
+def _open(run_dir: Path) -> Store:
+    """Open the store; waits a moment for one just killed, whose lock goes only with its last file."""
+    from saflite.campaign.database import InUse
+    from saflite.campaign.store import Store
+
+    clock = WallClock()
+    until_s = clock.monotonic_s() + LOCK_WAIT_S
+    while True:
+        try:
+            return Store.open(run_dir)
+        except InUse:
+            if clock.monotonic_s() > until_s:
+                raise
+            clock.sleep_s(POLL_S)
 
 
 def _raise_budget(store: Store, budget: int) -> None:
