@@ -17,6 +17,7 @@ from saflite.flight.geometry import boxes_array, distance_to_boxes
 Array = NDArray[np.float32]
 BATTERY_TIMER_S, BATTERY_TIMER_MAX_S = 10.0, 120.0  # ArduPilot's BATT_LOW_TIMER: default and limit
 STIMULI: tuple[str, ...] = get_args(StimulusKind)
+NEVER_S = 1e6
 ESTIMATES = {"x_est_m": "x_m", "y_est_m": "y_m", "altitude_est_m": "altitude_m", "climb_est_mps": "climb_mps"}
 """Logs of real autopilots hold estimates only, so the estimate stands for the truth and the other way round."""
 
@@ -65,6 +66,7 @@ class FlightSignals:
             "time_s": ((), self._time),
             "quiet_s": ((), lambda: self._quiet(STIMULI)),
             "order_quiet_s": ((), lambda: self._quiet(("command", "mode", "stick"))),
+            "command_quiet_s": ((), lambda: self._quiet(("command",), never_s=-NEVER_S)),
             **{name: ((), partial(self._true, name)) for name in FAULTS},
             "crashed": ((), self._crashed),
             "stop_ordered": ((), self._stop_ordered),
@@ -104,9 +106,10 @@ class FlightSignals:
     def _time(self) -> NDArray[np.float64]:
         return np.arange(self.samples, dtype=np.float64) * self.step_s
 
-    def _quiet(self, kinds: tuple[str, ...]) -> NDArray[np.float64]:
+    def _quiet(self, kinds: tuple[str, ...], *, never_s: float = 0.0) -> NDArray[np.float64]:
         times = self._time()
-        at = np.array([0.0, *sorted(stimulus.at_s for stimulus in self._test_case.stimuli if stimulus.kind in kinds)])
+        given = sorted(stimulus.at_s for stimulus in self._test_case.stimuli if stimulus.kind in kinds)
+        at = np.array([never_s, *given])
         last = at[np.searchsorted(at, times + 1e-9, side="right") - 1]
         return np.asarray(times - last)
 
