@@ -139,7 +139,7 @@ class Crowd:
         self._tick_s: dict[int, float] = {}
         self._count = 0
         self._asked_s: dict[int, float] = {}
-        self.grant_s: list[float] = []  # ask to grant, where the grant held work
+        self.grant_s: list[float] = []  # ask to grant, of flyers: work lies ready for them (judges wait for flights)
         self.receipt_s: list[float] = []  # report to receipt
         self._reported_s: dict[tuple[int, Key], float] = {}
         self.reports = self.grants = 0
@@ -179,7 +179,8 @@ class Crowd:
         if what == "ask":
             grant = None if reply.payload is None else wire.decode(reply.payload, Grant)
             if grant is not None and grant.leases:
-                self.grant_s.append(now_s - self._asked_s[index])
+                if self._workers[index].habits.stage == "fly":
+                    self.grant_s.append(now_s - self._asked_s[index])
                 self.grants += len(grant.leases)
             if grant is not None and grant.stop:
                 self.stopped = True
