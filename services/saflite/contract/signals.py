@@ -106,9 +106,7 @@ SIGNALS: dict[str, Signal] = {
         "s", "time below the low voltage until the failsafe (BATT_LOW_TIMER, by the test case)"
     ),
     "order_quiet_s": Signal("s", "time since the last command, mode or stick of the test case"),
-    "command_quiet_s": Signal(
-        "s", "time since the last command, above 1,000,000 where there was none"
-    ),
+    "command_quiet_s": Signal("s", "time since the last command, above 1,000,000 where there was none"),
     "gps_true": Signal("", "1 until a stimulus falsifies or cuts the GPS", "flag"),
     "baro_true": Signal("", "1 until a stimulus falsifies or cuts the barometer", "flag"),
     "sticks_true": Signal("", "1 until a stimulus changes how sticks are read (RC1_MIN, RC3_TRIM, ...)", "flag"),
