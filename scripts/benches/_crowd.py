@@ -107,24 +107,12 @@ class Made(NamedTuple):
         )
 
 
-def _score(name: str, model: str) -> Score:
-    value = float(derive(1, "score", name).random() * 10)
-    return Score(test_case=name, value=value, model=model, scored_by=model)
-
-
 def _mutant(work: MutateWork, index: int) -> TestCase:
     import msgspec
 
     number = work.round * 1_000_000 + index
     origin = msgspec.structs.replace(work.template.origin, strategy=work.strategy, round=work.round, index=index)
     return msgspec.structs.replace(work.template, rng_seed=number, origin=origin)
-
-
-class Sent(NamedTuple):
-    """When an ask or report went out."""
-
-    what: str
-    at_s: float
 
 
 class Crowd:

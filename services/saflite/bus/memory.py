@@ -39,10 +39,6 @@ class MemoryNetwork:
         if member is not None:
             member.close()
 
-    def next_due_s(self) -> float | None:
-        """Return when the next delivery is due, None if nothing is under way."""
-        return self._due[0][0] if self._due else None
-
     def step(self) -> bool:
         """Make the next delivery and move the clock to it; False if nothing is under way."""
         if not self._due:

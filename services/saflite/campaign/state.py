@@ -324,10 +324,6 @@ class Books:
         self._give_up_recordings(now)
         self._rates.tick(now)
 
-    def next_deadline_s(self) -> float | None:
-        """Return when `tick` will next have something to do, None if no lease is under way."""
-        return self._attendance.next_s()
-
     def _give_up_recordings(self, now: float) -> None:
         """A campaign that has nothing left but recordings does not wait for ever for a recorder that is not there."""
         core = self._core

@@ -39,8 +39,3 @@ def decode(data: bytes, kind: type[T]) -> T:
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as fault:
         raise Refused(kind.__name__, expected="a valid message", got=str(fault)) from fault
     return message
-
-
-def to_json(message: Any) -> bytes:
-    """Return the message as JSON for people and scripts; bytes become base64."""
-    return msgspec.json.encode(message, order="deterministic")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 
-from saflite.contract.errors import Refused
 from saflite.contract.flight import FLOWN_ENDINGS, Flight, Trace
 from saflite.contract.test_case import TestCase
 from saflite.contract.verdict import Judgement, Verdict
@@ -151,10 +150,3 @@ def _died(flight: Flight) -> Verdict:
         severity="hard",
         message=f"the autopilot died: {flight.message}" if flight.message else "the autopilot died",
     )
-
-
-def check_position(trace: Trace) -> None:
-    """Raise Refused if a trace holds no position, so that nothing of obstacles can be judged from it."""
-    missing = [name for name in ("x_m", "y_m", "altitude_m") if name not in trace.signals]
-    if missing:
-        raise Refused("flight log", expected="a position (x, y, altitude)", got=f"no {', '.join(missing)}")

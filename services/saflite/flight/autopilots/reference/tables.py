@@ -7,7 +7,6 @@ from saflite.flight.autopilots.reference.commands import Command, command_table
 from saflite.flight.autopilots.reference.defects import TABLE, Defect
 from saflite.flight.autopilots.reference.modes.table import mode_table
 from saflite.flight.autopilots.reference.parameters import Parameter, parameter_table
-from saflite.flight.autopilots.reference.sensor_faults import WORDS
 
 SIMULATION = "SIM_"
 
@@ -20,11 +19,6 @@ def parameters() -> dict[str, Parameter]:
 def sensor_faults() -> dict[str, Parameter]:
     """Return the world's parameters (`SIM_*`): sensor faults, wind, engine and radio failure."""
     return {name: row for name, row in parameter_table().items() if name.startswith(SIMULATION)}
-
-
-def fault_words() -> dict[str, str]:
-    """Return short words for common sensor faults and the parameter each stands for."""
-    return dict(WORDS)
 
 
 def commands() -> dict[str, Command]:
