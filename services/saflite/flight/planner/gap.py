@@ -7,24 +7,11 @@ The gap between the boxes predicts failing avoidance flights about as well as a 
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
 NO_GAP_M = 1000.0
 Array = NDArray[np.float64]
-
-
-class Tightness(NamedTuple):
-    """Two lengths per layout, each of shape (n,); small is dangerous.
-
-    `gap_m`: least distance between two boxes, or from the only box to the path where there is one (1000 for none).
-    `path_m`: least distance from the mission's legs to a box, 0 where a leg runs through one.
-    """
-
-    gap_m: Array
-    path_m: Array
 
 
 def _corners(boxes: Array) -> Array:
@@ -59,46 +46,3 @@ def box_gaps(boxes: Array) -> Array:
             if i != j:
                 least = np.minimum(least, _to_box(corners[:, i], boxes[:, j]).min(axis=-1))
     return least
-
-
-def path_gaps(mission_xyz: Array, boxes: Array, step_m: float = 0.5) -> Array:
-    """Return the least distance from the straight legs of the mission to each box: (n, k, 8) -> (n, k)."""
-    points = _along(np.asarray(mission_xyz, dtype=np.float64), step_m)
-    return np.stack([_to_box(points[None], boxes[:, k]).min(axis=-1) for k in range(boxes.shape[1])], axis=-1)
-
-
-def _along(mission: Array, step_m: float) -> Array:
-    pieces = []
-    for start, end in zip(mission[:-1, :2], mission[1:, :2], strict=True):
-        count = max(2, int(np.hypot(*(end - start)) / step_m) + 1)
-        pieces.append(start + np.linspace(0.0, 1.0, count)[:, None] * (end - start))
-    return np.concatenate(pieces)
-
-
-def tightness(mission_xyz: Array, boxes: Array) -> Tightness:
-    """Return gap and path distance of each layout: mission (m, 3), boxes (n, k, 8)."""
-    if boxes.shape[1] == 0:
-        none = np.full(boxes.shape[0], NO_GAP_M)
-        return Tightness(none, none.copy())
-    path_m = path_gaps(mission_xyz, boxes).min(axis=-1)
-    return Tightness(box_gaps(boxes) if boxes.shape[1] > 1 else path_m, path_m)
-
-
-def first_screen(mission_xyz: Array, layouts: list[Array]) -> Array:
-    """Return a danger between 0 and 1 for each layout, greater is more dangerous; layouts may differ in box count.
-
-    The cheap look that decides which candidates deserve a flight: the gap between the boxes against the 8.5 m at which
-    the planner begins to shun them.
-    """
-    danger = np.zeros(len(layouts))
-    for count in {len(layout) for layout in layouts}:
-        chosen = [i for i, layout in enumerate(layouts) if len(layout) == count]
-        boxes = np.stack([np.asarray(layouts[i], dtype=np.float64).reshape(-1, 8) for i in chosen])
-        danger[chosen] = danger_of(tightness(mission_xyz, boxes))
-    return danger
-
-
-def danger_of(tight: Tightness) -> Array:
-    """Return the danger of each layout, 0 to 1: tight gaps near the path first."""
-    danger: Array = np.exp(-tight.gap_m / 8.5) * np.exp(-tight.path_m / 20.0)
-    return danger

@@ -13,7 +13,7 @@ from saflite.contract.rng import derive
 from saflite.contract.test_case import Obstacle
 from saflite.flight.geometry import boxes_array, corners
 from saflite.flight.planner.follower import Follower
-from saflite.flight.planner.gap import box_gaps, first_screen, path_gaps, tightness
+from saflite.flight.planner.gap import box_gaps
 from saflite.flight.planner.kinematic import KinematicSettings, fly_kinematic
 from saflite.flight.planner.settings import VehicleSettings
 
@@ -116,21 +116,6 @@ def test_gaps_are_shapely_distances(seed: int) -> None:
     boxes = boxes_array(obstacles)[None]
     least = min(a.distance(b) for i, a in enumerate(shapes) for b in shapes[:i])
     assert box_gaps(boxes)[0] == pytest.approx(least, abs=1e-9)
-    path = LineString(MISSION2[:, :2])
-    expected = [path.distance(shape) for shape in shapes]
-    assert path_gaps(MISSION2, boxes, step_m=0.05)[0] == pytest.approx(expected, abs=0.03)
-
-
-def test_first_screen_takes_layouts_of_any_size_and_ranks_tight_ones_first() -> None:
-    near = Obstacle(length_m=10.0, width_m=5.0, height_m=20.0, x_m=3.0, y_m=20.0)
-    other = Obstacle(length_m=10.0, width_m=5.0, height_m=20.0, x_m=-12.0, y_m=20.0)
-    far = Obstacle(length_m=10.0, width_m=5.0, height_m=20.0, x_m=-30.0, y_m=20.0)
-    layouts = [boxes_array(pair) for pair in ((near, other), (near, far), (near,), ())]
-    danger = first_screen(MISSION2, layouts)
-    assert danger[0] > danger[1]
-    assert danger[3] == pytest.approx(0.0, abs=1e-9)
-    assert np.all((danger >= 0) & (danger <= 1))
-    assert tightness(MISSION2, np.zeros((2, 0, 8))).gap_m.tolist() == [1000.0, 1000.0]
 
 
 def test_points_over_a_box_are_measured_from_its_roof() -> None:
