@@ -1,7 +1,8 @@
-"""The MAVLink face flown by a real ground station (MAVProxy) and by pymavlink over TCP and UDP."""
+"""The MAVLink face flown by a real ground station (MAVProxy), by pymavlink over TCP and UDP, and by MAVSDK."""
 
 from __future__ import annotations
 
+import asyncio
 import os
 import subprocess
 import sys
@@ -136,3 +137,36 @@ def test_mavproxy_arms_and_takes_off(served: Callable[[str], str], tmp_path: Pat
     finally:
         process.kill()  # it ignores a polite end while threads of its modules run
         process.wait(10.0)
+
+
+async def _fly_with_mavsdk(address: str) -> float:
+    """Arm, take off, land and wait until disarmed; returns the greatest height reported."""
+    sdk = pytest.importorskip("mavsdk_grpc", reason="mavsdk-grpc is not installed")
+    drone = sdk.System()
+    await drone.connect(system_address=address)
+    async for state in drone.core.connection_state():
+        if state.is_connected:
+            break
+    async for health in drone.telemetry.health():
+        if health.is_global_position_ok and health.is_home_position_ok:
+            break
+    await drone.action.set_takeoff_altitude(8)
+    await drone.action.arm()
+    await drone.action.takeoff()
+    highest_m = 0.0
+    async for position in drone.telemetry.position():
+        highest_m = max(highest_m, position.relative_altitude_m)
+        if highest_m > 6:
+            break
+    await drone.action.land()
+    async for armed in drone.telemetry.armed():
+        if not armed:
+            break
+    return highest_m
+
+
+def test_mavsdk_takes_off_and_lands(served: Callable[[str], str]) -> None:
+    """An SDK with a MAVLink implementation of its own (C++), not pymavlink's."""
+    bound = served("tcp:127.0.0.1:0")
+    height_m = asyncio.run(asyncio.wait_for(_fly_with_mavsdk(bound.replace("tcp:", "tcpout://")), 90))
+    assert 6 < height_m < 10
