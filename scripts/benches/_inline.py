@@ -25,7 +25,9 @@ from saflite.runtime.stages import brief_of
 from saflite.scorer_pool import work as scorer_pool
 from saflite.simulator_worker.targets import reference
 
-STAGES: tuple[Stage, ...] = ("mutate", "score", "fly", "judge", "record")
+CAST: tuple[tuple[Stage, int], ...] = (("mutate", 1), ("score", 1), ("fly", 1), ("judge", 1), ("fly", 2), ("judge", 1))
+"""Who asks in turn. Two take turns flying: a confirmation waits for a worker other than the finder, and were the second
+one asked only when nothing else is left, counts up to a *confirmed* find would tell the order of the models."""
 
 
 class Flights:
@@ -91,8 +93,8 @@ class Inline:
     def run(self, enough: Callable[[Status], bool]) -> Status:
         """Work until `enough` says so or the campaign ends; returns the last status."""
         while True:
-            steps = [self._step(stage, service) for stage, service in self._services.items()]
-            busy = any(steps) or self._step("fly", self._services["fly"], 2)  # a second worker may confirm the first
+            steps = [self._step(stage, number) for stage, number in CAST]
+            busy = any(steps)
             status = self._books.status(self._clock.monotonic_s())
             if enough(status) or self._books.ended or not busy:
                 return status
@@ -103,8 +105,8 @@ class Inline:
             service.close()
         self._store.close()
 
-    def _step(self, stage: Stage, service: Service, number: int = 1) -> bool:
-        now_s = self._clock.monotonic_s()
+    def _step(self, stage: Stage, number: int) -> bool:
+        service, now_s = self._services[stage], self._clock.monotonic_s()
         ask = Ask(worker=f"{stage}-{number}", stage=stage, leases_max=1, cursor=service.cursor)
         grant = self._books.ask(ask, now_s)
         self._store.commit(self._books.drain())
