@@ -185,6 +185,29 @@ def test_changes_leave_the_parent_as_it_is_and_keep_the_time_limit() -> None:
     assert parent == (stimulus("A", 1.0), stimulus("B", 2.0, at_s=51.0))
 
 
+def test_inputs_are_added_before_as_well_as_after_what_is_there() -> None:
+    rng = derive(1, "add")
+    parent = (stimulus("A", 1.0, at_s=20.0),)
+    gaps = [
+        one.at_s - 20.0
+        for _ in range(200)
+        for one in sequences.add(rng, parent, lambda _: stimulus("NEW", 3.0), RHYTHM)
+        if one.name == "NEW"
+    ]
+    assert sum(gap < 0 for gap in gaps) > 40
+    assert sum(-2.0 <= gap < 0 for gap in gaps) > 10, "soon before"
+    assert sum(gap > 0 for gap in gaps) > 80
+
+
+def test_an_echo_gives_one_parameter_the_value_of_another() -> None:
+    rng = derive(1, "echo")
+    parent = (stimulus("A", 1.0), stimulus("RTL", kind="mode"), stimulus("B", 2.0, at_s=9.0))
+    found = {tuple(one.values for one in sequences.echo(rng, parent)) for _ in range(50)}
+    assert found == {((1.0,), (), (1.0,)), ((2.0,), (), (2.0,))}
+    alone = (stimulus("A", 1.0), stimulus("A", 2.0, at_s=9.0))
+    assert sequences.echo(rng, alone) == alone, "one parameter twice is not two that are equal"
+
+
 def test_joining_takes_the_beginning_of_one_and_the_end_of_another() -> None:
     rng = derive(1, "join")
     first = tuple(stimulus(f"A{n}", at_s=float(5 * n)) for n in range(1, 5))
@@ -213,6 +236,13 @@ def test_focus_draws_from_the_policys_own_inputs() -> None:
     assert len(broad) > 150
     half = names_of(Strategy(TEMPLATE, {**OWN, "focus": 0.5}, ()))
     assert half["MAV_CMD_DO_PARACHUTE"] > 5 * broad["MAV_CMD_DO_PARACHUTE"]
+
+
+def test_the_policys_own_inputs_are_drawn_evenly_by_kind() -> None:
+    names = names_of(Strategy(TEMPLATE, {**OWN, "focus": 1.0, "mutated": 0.0}, ()), 600)
+    total = names.total()
+    assert names["MAV_CMD_DO_PARACHUTE"] / total == pytest.approx(1 / 3, abs=0.04)
+    assert names["CHUTE_ENABLED"] / total == pytest.approx(1 / 3, abs=0.04)
 
 
 def test_classes_are_drawn_evenly_as_published() -> None:

@@ -1,4 +1,4 @@
-"""Changing timed stimulus sequences: add, replace, revalue, retime, drop, join. Pure; the sequence given stays."""
+"""Changing timed stimulus sequences: add, replace, retime, drop, join, echo. Pure; the sequence given stays."""
 
 from __future__ import annotations
 
@@ -71,10 +71,15 @@ def fresh(rng: Rng, draw: Draw, count: int, rhythm: Rhythm) -> Stimuli:
 
 
 def add(rng: Rng, parent: Stimuli, draw: Draw, rhythm: Rhythm) -> Stimuli:
-    """Return the sequence with one more stimulus, after the last or shortly after another."""
-    after_s = parent[int(rng.integers(len(parent)))].at_s if parent and rng.random() < 0.5 else None
+    """Return the sequence with one more stimulus: after the last, or soon after or before another.
+
+    Before, because what came close may lack nothing but the state it has to be given in.
+    """
     last_s = max((stimulus.at_s for stimulus in parent), default=rhythm.start_s - rhythm.round_s)
-    at_s = (last_s if after_s is None else after_s) + _pause(rng, rhythm)
+    at_s = last_s + _pause(rng, rhythm)
+    if parent and rng.random() < 0.6:
+        near_s = parent[int(rng.integers(len(parent)))].at_s
+        at_s = near_s + (_pause(rng, rhythm) if rng.random() < 0.4 else -_pause(rng, rhythm))
     return in_order([*parent, *_with_release(rng, _at(draw(rng), at_s, rhythm), rhythm)])
 
 
@@ -96,6 +101,19 @@ def drop(rng: Rng, parent: Stimuli) -> Stimuli:
     """Return the sequence without one of its stimuli."""
     index = int(rng.integers(len(parent)))
     return (*parent[:index], *parent[index + 1 :])
+
+
+def echo(rng: Rng, parent: Stimuli) -> Stimuli:
+    """Return the sequence with one parameter set to the value of another, unchanged if there are not two.
+
+    Two settings that are equal is what differences in a denominator do not survive.
+    """
+    places = [place for place, stimulus in enumerate(parent) if stimulus.kind == "parameter"]
+    if len({parent[place].name for place in places}) < 2:
+        return parent
+    place, other = (places[index] for index in rng.choice(len(places), size=2, replace=False))
+    changed = msgspec.structs.replace(parent[place], values=parent[other].values)
+    return (*parent[:place], changed, *parent[place + 1 :])
 
 
 def join(rng: Rng, first: Stimuli, second: Stimuli, rhythm: Rhythm) -> Stimuli:

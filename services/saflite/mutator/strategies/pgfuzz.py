@@ -6,13 +6,14 @@ that brought an earlier flight closer to a violation. Distance is the policies' 
 
 Beyond the published tool: guidance also chooses *inputs* (sequences that came close are kept and changed: add, replace,
 revalue, retime, drop, join), inputs can come in bursts, a share of draws (`focus`) comes from the policy's own
-inputs, values can leave their valid range, be negative, and are never stuck at 0 for want of bounds.
+inputs, values can leave their valid range, be negative, be those of another parameter of the case, and are never stuck
+at 0 for want of bounds.
 """
 
 from __future__ import annotations
 
 from bisect import insort
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import ClassVar, NamedTuple
 
 import msgspec
@@ -84,6 +85,9 @@ class Strategy:
         "guided": Option(0.5, "share of values reused from flights that came closer", 0, 1),
         "mutated": Option(0.5, "share of test cases that change a close one (0: as PGFuzz)", 0, 1),
         "beyond": Option(0.2, "share of values outside their valid range", 0, 1),
+        "echoed": Option(
+            0.15, "share of cases with one parameter set to the value of another (0: as PGFuzz)", 0, 1
+        ),
         "bursts": Option(0.3, "share of inputs that follow within 2 s instead of a round (0: as PGFuzz)", 0, 1),
         "release": Option(0.7, "share of stick inputs let go after their round (1: as PGFuzz)", 0, 1),
         "steps_min": Option(2, "least number of inputs in a test case", 1, 100),
@@ -192,11 +196,13 @@ class Strategy:
         if pool and rng.random() < self._chosen.real("mutated"):
             parent = pool[min(len(pool) - 1, int(len(pool) * rng.random() ** 2))]  # the close ones more often
             change, stimuli = self._change(rng, parent, pool)
-            return self._made(stimuli, parent.identity, change)
+            return self._made(rng, stimuli, parent.identity, change)
         count = int(rng.integers(self._chosen.whole("steps_min"), self._chosen.whole("steps_max") + 1))
-        return self._made(sequences.fresh(rng, self._draw, count, self._rhythm), "", "fresh")
+        return self._made(rng, sequences.fresh(rng, self._draw, count, self._rhythm), "", "fresh")
 
-    def _made(self, stimuli: Stimuli, parent: str, note: str) -> TestCase:
+    def _made(self, rng: np.random.Generator, stimuli: Stimuli, parent: str, note: str) -> TestCase:
+        if rng.random() < self._chosen.real("echoed"):
+            stimuli = sequences.echo(rng, stimuli)
         origin = Origin(strategy="pgfuzz", parent=parent, note=note)
         return msgspec.structs.replace(self._template, stimuli=stimuli, origin=origin)
 
@@ -229,7 +235,7 @@ class Strategy:
 
     def _draw(self, rng: np.random.Generator) -> Stimulus:
         focused = bool(self._own) and rng.random() < self._chosen.real("focus")
-        entry = _pick(rng, self._own if focused else self._broad)
+        entry = _pick(rng, self._own, _kind) if focused else _pick(rng, self._broad, _class)
         return Stimulus(at_s=0.0, kind=entry.kind, name=entry.name, values=self._value(rng, entry))
 
     def _value(self, rng: np.random.Generator, entry: Input) -> tuple[float, ...]:
@@ -239,9 +245,17 @@ class Strategy:
         return values.draw(rng, entry, self._chosen.real("beyond"))
 
 
-def _pick(rng: np.random.Generator, entries: Sequence[Input]) -> Input:
-    """Return an input: its class evenly first, as PGFuzz draws, then the input evenly within the class."""
-    classes = sorted({_CLASS_OF[entry.kind] for entry in entries})
-    wanted = classes[int(rng.integers(len(classes)))]
-    within = [entry for entry in entries if _CLASS_OF[entry.kind] == wanted]
+def _kind(entry: Input) -> str:
+    return entry.kind
+
+
+def _class(entry: Input) -> str:
+    return _CLASS_OF[entry.kind]
+
+
+def _pick(rng: np.random.Generator, entries: Sequence[Input], group: Callable[[Input], str]) -> Input:
+    """Return an input: its group evenly first, as PGFuzz draws its classes, then the input evenly within the group."""
+    groups = sorted({group(entry) for entry in entries})
+    wanted = groups[int(rng.integers(len(groups)))]
+    within = [entry for entry in entries if group(entry) == wanted]
     return within[int(rng.integers(len(within)))]
