@@ -78,10 +78,10 @@ def surrogate() -> dict[str, float]:
     from saflite.runtime.clock import WallClock
     from saflite.scorer_pool.geometry_score import look
     from saflite.scorer_pool.model import Job, Tools
-    from saflite.scorer_pool.models.surrogate import Model
+    from saflite.scorer_pool.registry import make
 
-    def none(label: str) -> Any:
-        raise AssertionError(label)
+    def tools() -> Tools:
+        return Tools(WallClock(), lambda label: make(label, tools()))
 
     cases, asked = _cases(2000, 1), _cases(200, 2)
     margins = [8.0 - look(case.scenario).score for case in cases]
@@ -95,7 +95,7 @@ def surrogate() -> dict[str, float]:
         )
         for place, (case, margin) in enumerate(zip(cases, margins, strict=True))
     )
-    model = Model("", Tools(WallClock(), none))
+    model = make("surrogate", tools())
     model.warm(lambda: False)
     started_s = time.perf_counter()
     model.score(Job((), (), 1, 250, history, 249))

@@ -140,3 +140,10 @@ def test_random_changes_with_the_seed_and_learning_models_with_what_was_flown() 
         taught = job._replace(history=HISTORY, cursor=5)
         assert build(name).score(job).marks != build(name).score(taught).marks
     assert all(a != b for a, b in pairwise(mark.value for mark in build("random").score(job).marks))
+
+
+def test_surrogate_goes_by_geometry_until_it_has_learnt() -> None:
+    few, enough = (Job(CASES, BRIEFS, 1, 9, HISTORY[:count], 5) for count in (15, 16))
+    by_geometry = [mark.value for mark in build("gap").score(few).marks]
+    assert [mark.value for mark in build("surrogate").score(few).marks] == by_geometry
+    assert [mark.value for mark in build("surrogate").score(enough).marks] != by_geometry

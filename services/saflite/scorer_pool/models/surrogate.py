@@ -1,4 +1,7 @@
-"""Learns from the flights of this campaign: extremely randomised trees on what the test cases look like."""
+"""Learns from the flights of this campaign: extremely randomised trees on what the test cases look like.
+
+Until 16 flights are known `gap` answers: the same mark for all would leave the choice to novelty, worse than chance.
+"""
 
 from __future__ import annotations
 
@@ -9,20 +12,21 @@ from saflite.contract.score import SCORE_MAX
 from saflite.contract.service import Cancelled
 from saflite.scorer_pool.labels import no_argument
 from saflite.scorer_pool.learning import FLIGHTS_MIN, Forest, grow, step_size, telling
-from saflite.scorer_pool.model import MIDDLE, Job, Mark, Sheet, Tools
+from saflite.scorer_pool.model import Job, Mark, Sheet, Tools
 from saflite.scorer_pool.vectors import Vectors
 
 FORESTS_KEPT = 4
 
 
 class Model:
-    """Scores by the danger its forest expects; the middle while too little was flown."""
+    """Scores by the danger its forest expects; by geometry while too little was flown."""
 
     parallel = 1
 
     def __init__(self, argument: str, tools: Tools) -> None:
         no_argument("surrogate", argument)
         self.label = "surrogate"
+        self._unlearned = tools.model("gap")
         self._vectors = Vectors()
         self._forests: OrderedDict[int, Forest] = OrderedDict()
         self._lock = threading.Lock()
@@ -44,13 +48,15 @@ class Model:
         """Return ten times the expected danger per test case."""
         forest = self.forest(job)
         if forest is None:
-            reason = f"fewer than {FLIGHTS_MIN} flights to learn from"
-            return Sheet(tuple(Mark(MIDDLE, reason) for _ in job.test_cases), digest="surrogate-1")
+            seen = self._unlearned.score(job)
+            reason = f"fewer than {FLIGHTS_MIN} flights to learn from; gap"
+            marks = tuple(mark._replace(reason=f"{reason}: {mark.reason}") for mark in seen.marks)
+            return Sheet(marks, digest=f"surrogate-2+{seen.digest}")
         expected = forest.predict(self._vectors.of(list(job.test_cases)))
         reason = f"learned from {forest.flights} flights"
         return Sheet(
             tuple(Mark(SCORE_MAX * float(min(1.0, max(0.0, value))), reason) for value in expected),
-            digest=f"surrogate-1-{forest.flights}",
+            digest=f"surrogate-2-{forest.flights}",
         )
 
     def warm(self, cancelled: Cancelled) -> str:
@@ -60,4 +66,4 @@ class Model:
         return f"ready, {sklearn.ensemble.ExtraTreesRegressor.__name__}"
 
     def close(self) -> None:
-        """Nothing to free."""
+        """Nothing to free: the pool closes `gap`."""
