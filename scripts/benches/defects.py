@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
 import time
 from collections import Counter, defaultdict
@@ -34,6 +35,7 @@ from saflite.flight.autopilots.reference.defects import TABLE
 from saflite.mutator.strategies.pgfuzz import Strategy
 from saflite.oracle.judge import judge
 from saflite.oracle.policy import policy_names
+from saflite.simulator_worker.processes import die_with_parent
 from saflite.simulator_worker.targets import reference
 
 MARKS = (8, 16, 32, 64, 128, 256, 512, 1024)
@@ -72,7 +74,7 @@ def searches(options: argparse.Namespace) -> Iterator[Found]:
     if options.jobs == 1:
         yield from map(_search, jobs)
         return
-    with get_context("spawn").Pool(options.jobs, maxtasksperchild=20) as pool:
+    with get_context("spawn").Pool(options.jobs, die_with_parent, (os.getpid(),), maxtasksperchild=20) as pool:
         yield from pool.imap_unordered(_search, jobs)
 
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import sqlite3
 import sys
 import tempfile
@@ -30,6 +31,7 @@ from saflite.contract.config import Campaign, ScorerConfig, StrategyConfig
 from saflite.contract.control import Status
 from saflite.contract.work import FlyWork, Setting
 from saflite.mutator.registry import options_of, strategy_names
+from saflite.simulator_worker.processes import die_with_parent
 
 ARMS = ("random_boxes:gates=0", "random_boxes", "random_boxes:gates=1", "deephyperion:population=16", "near_miss")
 
@@ -160,7 +162,7 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--json", action="store_true")
     args = parser.parse_args(argv)
     jobs = [(name, arm, seed, args) for name in args.campaigns for seed in args.rng_seeds for arm in args.arms]
-    with get_context("spawn").Pool(args.jobs) as pool:
+    with get_context("spawn").Pool(args.jobs, die_with_parent, (os.getpid(),)) as pool:
         results = []
         for result in pool.imap(run, jobs):
             results.append(result)

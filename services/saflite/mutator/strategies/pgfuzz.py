@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from bisect import insort
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import ClassVar, NamedTuple
 
 import msgspec
@@ -30,6 +31,7 @@ from saflite.mutator.strategy import Chosen, Option, Options, Proposes, Settings
 
 POOL_MAX = 24
 FAR = 1000.0 / 1001.0  # the closeness of a flight in which nothing brought a rule nearer to applying
+WILD, WILD_SHARE = 3.0, 0.2  # cases whose values leave their range this many times as often, and how many do
 TAIL_S = 8.0  # least time left after the last stimulus, for its effect to show
 _CLASS_OF: dict[StimulusKind, str] = {
     "command": "command",
@@ -58,6 +60,13 @@ class Seed(NamedTuple):
     robustness: float
 
 
+class Style(NamedTuple):
+    """What the inputs of one test case have in common: shares of inputs of the policy's own, of values out of range."""
+
+    focus: float
+    beyond: float
+
+
 class Kept(NamedTuple):
     """The values of an input in the flight it came closest in, and how close that was."""
 
@@ -81,17 +90,15 @@ class Strategy:
         "modes": Option([], "flight modes of the policy's own inputs"),
         "sensor_faults": Option([], "sensor faults of the policy's own inputs (SIM_* names)"),
         "published": Option("", "draw the rest from this policy's PGFuzz list, e.g. A.CHUTE; empty: all of the target"),
-        "focus": Option(0.5, "share of inputs drawn from the policy's own (0: as PGFuzz)", 0, 1),
+        "focus": Option(0.5, "share of cases, and of inputs in the others, from the policy's own (0: as PGFuzz)", 0, 1),
         "guided": Option(0.5, "share of values reused from flights that came closer", 0, 1),
         "mutated": Option(0.5, "share of test cases that change a close one (0: as PGFuzz)", 0, 1),
-        "beyond": Option(0.2, "share of values outside their valid range", 0, 1),
-        "echoed": Option(
-            0.15, "share of cases with one parameter set to the value of another (0: as PGFuzz)", 0, 1
-        ),
-        "bursts": Option(0.3, "share of inputs that follow within 2 s instead of a round (0: as PGFuzz)", 0, 1),
+        "beyond": Option(0.2, "share of values outside their valid range; thrice that in a fifth of cases", 0, 1),
+        "echoed": Option(0.15, "share of cases with one parameter set to the value of another (0: as PGFuzz)", 0, 1),
+        "bursts": Option(0.4, "share of inputs that follow within 2 s instead of a round (0: as PGFuzz)", 0, 1),
         "release": Option(0.7, "share of stick inputs let go after their round (1: as PGFuzz)", 0, 1),
-        "steps_min": Option(2, "least number of inputs in a test case", 1, 100),
-        "steps_max": Option(8, "greatest number of inputs in a test case", 1, 100),
+        "steps_min": Option(3, "least number of inputs in a test case", 1, 100),
+        "steps_max": Option(9, "greatest number of inputs in a test case", 1, 100),
         "round_s": Option(4.0, "time from one input to the next", 0.1, 60),
         "start_s": Option(1.0, "time of the first input", 0, 60),
     }
@@ -193,12 +200,21 @@ class Strategy:
         return [self._one(rng, pool) for _ in range(count)]
 
     def _one(self, rng: np.random.Generator, pool: list[Seed]) -> TestCase:
+        style = self._style(rng)
         if pool and rng.random() < self._chosen.real("mutated"):
             parent = pool[min(len(pool) - 1, int(len(pool) * rng.random() ** 2))]  # the close ones more often
-            change, stimuli = self._change(rng, parent, pool)
+            change, stimuli = self._change(rng, parent, pool, style)
             return self._made(rng, stimuli, parent.identity, change)
         count = int(rng.integers(self._chosen.whole("steps_min"), self._chosen.whole("steps_max") + 1))
-        return self._made(rng, sequences.fresh(rng, self._draw, count, self._rhythm), "", "fresh")
+        return self._made(rng, sequences.fresh(rng, partial(self._draw, style), count, self._rhythm), "", "fresh")
+
+    def _style(self, rng: np.random.Generator) -> Style:
+        """Draw what the inputs of one case have in common: a rule that three of a kind break is met more often so."""
+        focus, beyond = self._chosen.real("focus"), self._chosen.real("beyond")
+        return Style(
+            focus=1.0 if rng.random() < focus else focus,
+            beyond=min(1.0, WILD * beyond) if rng.random() < WILD_SHARE else beyond,
+        )
 
     def _made(self, rng: np.random.Generator, stimuli: Stimuli, parent: str, note: str) -> TestCase:
         if rng.random() < self._chosen.real("echoed"):
@@ -206,11 +222,12 @@ class Strategy:
         origin = Origin(strategy="pgfuzz", parent=parent, note=note)
         return msgspec.structs.replace(self._template, stimuli=stimuli, origin=origin)
 
-    def _change(self, rng: np.random.Generator, parent: Seed, pool: list[Seed]) -> tuple[str, Stimuli]:
+    def _change(self, rng: np.random.Generator, parent: Seed, pool: list[Seed], style: Style) -> tuple[str, Stimuli]:
+        draw = partial(self._draw, style)
         change, stimuli = _CHANGES[int(rng.integers(len(_CHANGES)))], parent.stimuli
         count = sequences.steps(stimuli)
         if change == "add" and count < self._rhythm.steps_max:
-            return change, sequences.add(rng, stimuli, self._draw, self._rhythm)
+            return change, sequences.add(rng, stimuli, draw, self._rhythm)
         if change == "retime":
             return change, sequences.retime(rng, stimuli, self._rhythm)
         if change == "drop" and len(stimuli) > 1 and count > self._chosen.whole("steps_min"):
@@ -219,30 +236,30 @@ class Strategy:
             other = pool[int(rng.integers(len(pool)))]
             return change, sequences.join(rng, stimuli, other.stimuli, self._rhythm)
         if change == "revalue":
-            return change, self._revalue(rng, stimuli)
-        return "replace", sequences.replace(rng, stimuli, self._draw, self._rhythm)
+            return change, self._revalue(rng, stimuli, style)
+        return "replace", sequences.replace(rng, stimuli, draw, self._rhythm)
 
-    def _revalue(self, rng: np.random.Generator, stimuli: Stimuli) -> Stimuli:
+    def _revalue(self, rng: np.random.Generator, stimuli: Stimuli, style: Style) -> Stimuli:
         index = int(rng.integers(len(stimuli)))
         old = stimuli[index]
         entry = self._inputs.get((old.kind, old.name))
         if entry is None:
             return stimuli
-        new = values.jitter(rng, entry, old.values) if rng.random() < 0.5 else self._value(rng, entry)
+        new = values.jitter(rng, entry, old.values) if rng.random() < 0.5 else self._value(rng, entry, style)
         return (*stimuli[:index], msgspec.structs.replace(old, values=new), *stimuli[index + 1 :])
 
     # ---- drawing -----------------------------------------------------------------------------------------------
 
-    def _draw(self, rng: np.random.Generator) -> Stimulus:
-        focused = bool(self._own) and rng.random() < self._chosen.real("focus")
+    def _draw(self, style: Style, rng: np.random.Generator) -> Stimulus:
+        focused = bool(self._own) and rng.random() < style.focus
         entry = _pick(rng, self._own, _kind) if focused else _pick(rng, self._broad, _class)
-        return Stimulus(at_s=0.0, kind=entry.kind, name=entry.name, values=self._value(rng, entry))
+        return Stimulus(at_s=0.0, kind=entry.kind, name=entry.name, values=self._value(rng, entry, style))
 
-    def _value(self, rng: np.random.Generator, entry: Input) -> tuple[float, ...]:
+    def _value(self, rng: np.random.Generator, entry: Input, style: Style) -> tuple[float, ...]:
         held = self._kept.get((entry.kind, entry.name))
         if held is not None and rng.random() < self._chosen.real("guided"):
             return held.values
-        return values.draw(rng, entry, self._chosen.real("beyond"))
+        return values.draw(rng, entry, style.beyond)
 
 
 def _kind(entry: Input) -> str:

@@ -22,7 +22,7 @@ Lessons = dict[tuple[str, str], float]
 
 
 class Model:
-    """Scores by the most relevant stimuli of a test case; the middle where there are none."""
+    """Scores by the most relevant stimulus of a test case and by how many there are; the middle for none."""
 
     parallel = 1
 
@@ -35,7 +35,7 @@ class Model:
     def score(self, job: Job) -> Sheet:
         """Return one mark per test case."""
         lessons = self._learned(job)
-        return Sheet(tuple(_mark(case, job.briefs, lessons) for case in job.test_cases), digest="relevance-1")
+        return Sheet(tuple(_mark(case, job.briefs, lessons) for case in job.test_cases), digest="relevance-2")
 
     def warm(self, cancelled: Cancelled) -> str:
         """Nothing to load."""
@@ -75,8 +75,8 @@ def _mark(test_case: TestCase, briefs: tuple[PolicyBrief, ...], lessons: Lessons
         return Mark(MIDDLE, "no stimuli: relevance has nothing to say")
     weights = [(_weight(stimulus, briefs, lessons), stimulus.name) for stimulus in test_case.stimuli]
     best, name = max(weights)
-    missed = math.prod(1.0 - 0.5 * weight for weight, _ in weights)
-    value = SCORE_MAX * (0.75 * best + 0.25 * (1.0 - missed))
+    missed = math.prod(1.0 - 0.75 * weight for weight, _ in weights)
+    value = SCORE_MAX * (0.5 * best + 0.5 * (1.0 - missed))
     return Mark(min(SCORE_MAX, value), f"most relevant: {name} ({best:.2f})")
 
 
