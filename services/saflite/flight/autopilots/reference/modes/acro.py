@@ -6,7 +6,7 @@ import math
 
 from saflite.flight.autopilots.reference import steer
 from saflite.flight.autopilots.reference.modes.base import Mode
-from saflite.flight.autopilots.reference.modes.stabilize import stick_throttle
+from saflite.flight.autopilots.reference.modes.stabilize import leave_ground, stick_throttle
 
 RATE_PER_P = math.radians(45.0)
 
@@ -19,10 +19,7 @@ class Acro(Mode):
 
     def run(self) -> None:
         """Pass the sticks on as rates."""
-        if self.ap.landed and self.ap.radio.throttle() < 0.1:
-            self.stay_on_ground()
-        elif self.ap.armed:
-            self.ap.lift()
+        leave_ground(self)
         p, radio = self.ap.parameters, self.ap.radio
         roll = self._bend(radio.deflection(1)) * p["ACRO_RP_P"] * RATE_PER_P
         pitch = self._bend(radio.deflection(2)) * p["ACRO_RP_P"] * RATE_PER_P
@@ -31,14 +28,7 @@ class Acro(Mode):
             roll -= self._level(self.board["est_roll"], p["ACRO_BAL_ROLL"], roll)
             pitch -= self._level(self.board["est_pitch"], p["ACRO_BAL_PITCH"], pitch)
         steer.rates(self.board, roll, pitch, yaw)
-        steer.throttle(self.board, self._throttle())
-
-    def _throttle(self) -> float:
-        middle = self.ap.parameters["ACRO_THR_MID"]
-        if middle == 0.0:
-            return stick_throttle(self)
-        stick = self.ap.radio.throttle()
-        return stick / 0.5 * middle if stick < 0.5 else middle + (stick - 0.5) / 0.5 * (1.0 - middle)
+        steer.throttle(self.board, stick_throttle(self, p["ACRO_THR_MID"] or self.board["hover"]))
 
     def _bend(self, stick: float) -> float:
         bend = self.ap.parameters["ACRO_RP_EXPO"]

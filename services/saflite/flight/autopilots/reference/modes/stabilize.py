@@ -6,10 +6,18 @@ from saflite.flight.autopilots.reference import steer
 from saflite.flight.autopilots.reference.modes.base import Mode
 
 
-def stick_throttle(mode: Mode) -> float:
-    """Return the collective for the throttle stick: mid stick hovers."""
-    stick, hover = mode.ap.radio.throttle(), mode.board["hover"]
-    return stick / 0.5 * hover if stick < 0.5 else hover + (stick - 0.5) / 0.5 * (1.0 - hover)
+def leave_ground(mode: Mode) -> None:
+    """Stand with the throttle stick down, lift off with it up."""
+    if mode.ap.landed and mode.ap.radio.throttle() < 0.1:
+        mode.stay_on_ground()
+    elif mode.ap.armed:
+        mode.ap.lift()
+
+
+def stick_throttle(mode: Mode, middle: float) -> float:
+    """Return the collective 0..1 for the throttle stick, given the collective of mid stick."""
+    stick = mode.ap.radio.throttle()
+    return stick / 0.5 * middle if stick < 0.5 else middle + (stick - 0.5) / 0.5 * (1.0 - middle)
 
 
 class Stabilize(Mode):
@@ -20,12 +28,9 @@ class Stabilize(Mode):
 
     def run(self) -> None:
         """Pass the sticks on."""
-        if self.ap.landed and self.ap.radio.throttle() < 0.1:
-            self.stay_on_ground()
-        elif self.ap.armed:
-            self.ap.lift()
+        leave_ground(self)
         self.pilot_angles()
-        steer.throttle(self.board, stick_throttle(self))
+        steer.throttle(self.board, stick_throttle(self, self.board["hover"]))
 
 
 MODE = Stabilize
