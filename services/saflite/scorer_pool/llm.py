@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import math
 from collections import Counter
+from collections.abc import Iterable, Mapping
 from concurrent.futures import CancelledError, Future
 from dataclasses import dataclass, field
 
@@ -60,6 +61,14 @@ class _Count:
     cached: int = 0
     faults: Counter[str] = field(default_factory=Counter)
 
+    def add(self, other: _Count) -> None:
+        """Add what another job took."""
+        self.tokens_in += other.tokens_in
+        self.tokens_out += other.tokens_out
+        self.calls += other.calls
+        self.asked_again += other.asked_again
+        self.faults += other.faults
+
 
 class LanguageModel:
     """A scorer model on a chat server."""
@@ -87,6 +96,8 @@ class LanguageModel:
         self._loading: Future[str] | None = None
         self._ready = False
         self._turns: tuple[int, asyncio.Semaphore] | None = None
+        self._trial: asyncio.Task[None] | None = None
+        self._tried: list[_Count] = []
 
     @property
     def parallel(self) -> int:
@@ -174,8 +185,7 @@ class LanguageModel:
         missing = {identity(case): case for case in job.test_cases if identity(case) not in found}
         if missing:
             found |= await self._asked(tuple(missing.values()), job, ends_s, count)
-        for case in missing.values():
-            self._cache.put(key_of(case, job.briefs, self._digest), found[identity(case)])
+        self._keep(missing.values(), job, found)
         return [found[identity(case)] for case in job.test_cases]
 
     def _from_cache(self, job: Job, count: _Count) -> dict[str, Mark]:
@@ -186,9 +196,27 @@ class LanguageModel:
         count.cached = len(found)
         return found
 
+    def _keep(self, cases: Iterable[TestCase], job: Job, found: Mapping[str, Mark]) -> None:
+        for case in cases:
+            self._cache.put(key_of(case, job.briefs, self._digest), found[identity(case)])
+
     async def _asked(self, cases: tuple[TestCase, ...], job: Job, ends_s: float, count: _Count) -> dict[str, Mark]:
-        if not self._breaker.passes():
-            return {identity(case): _fault("circuit-open") for case in cases}
+        """Ask unless the breaker is open. The question it is tried with keeps no batch waiting."""
+        while self._tried:
+            count.add(self._tried.pop())
+        if not self._breaker.is_open:
+            return await self._told(cases, job, ends_s, count)
+        if self._breaker.passes():
+            self._trial = asyncio.create_task(self._try(cases, job))
+        return {identity(case): _fault("circuit-open") for case in cases}
+
+    async def _try(self, cases: tuple[TestCase, ...], job: Job) -> None:
+        count, ends_s = _Count(), self._clock.monotonic_s() + job.deadline_s
+        self._keep(cases, job, await self._told(cases, job, ends_s, count))
+        self._tried.append(count)
+
+    async def _told(self, cases: tuple[TestCase, ...], job: Job, ends_s: float, count: _Count) -> dict[str, Mark]:
+        """Ask and let the breaker know how it went."""
         try:
             found = await self._parts(cases, job, ends_s, count)
         except asyncio.CancelledError:

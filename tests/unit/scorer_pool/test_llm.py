@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,7 @@ from saflite.scorer_pool.cache import Cache
 from saflite.scorer_pool.case_text import keys
 from saflite.scorer_pool.chat import Busy, Question, Spoken
 from saflite.scorer_pool.llm import LanguageModel, Prices
-from saflite.scorer_pool.model import Job, Mark, PolicyBrief
+from saflite.scorer_pool.model import Job, Mark, PolicyBrief, Sheet
 from saflite.scorer_pool.pace import Pace
 from saflite.scorer_pool.parse import Reply
 from saflite.scorer_pool.talk import Exchange, TalkFile
@@ -287,19 +288,57 @@ def test_a_trial_taken_back_leaves_room_for_another() -> None:
     assert breaker.passes()
 
 
-def test_cancelled_trial_does_not_keep_the_circuit_open_for_ever() -> None:
-    clock = HandClock()
-    chat = ScriptedChat(Unavailable("gone"))
+def opened(*script: Answerer | BaseException | None) -> tuple[LanguageModel, ScriptedChat, HandClock]:
+    """Return a model whose circuit was opened by failures and whose rest is over; `script` follows."""
+    clock, chat = HandClock(), ScriptedChat(Unavailable("gone"))
     scorer = LanguageModel("fake:m", chat, clock, 5.0)
     for start in range(FAILURES_MAX):
         scorer.score(job(start=10 * start))
-    clock.now_s = REST_MAX_S
-    chat.script = [None]
-    scorer.score(job(start=50)._replace(cancelled=lambda: True, deadline_s=60.0))
+    clock.now_s += REST_MAX_S
+    chat.script = list(script)
+    return scorer, chat, clock
+
+
+def once_well(scorer: LanguageModel, start: int) -> Sheet:
+    """Return the first sheet of a batch that is not kept from the server."""
+    ends_s = time.monotonic() + 5.0
+    while (sheet := scorer.score(job(start=start))).marks[0].fault == "circuit-open":
+        assert time.monotonic() < ends_s, "the circuit stays open"
+        time.sleep(0.01)
+    return sheet
+
+
+def test_the_question_a_hung_server_is_tried_with_keeps_no_batch_waiting() -> None:
+    scorer, chat, _ = opened(None)
+    asked, started_s = len(chat.asked), time.monotonic()
+    sheets = [scorer.score(job(start=start, deadline_s=4.0)) for start in (50, 60, 70)]
+    assert time.monotonic() - started_s < 2.0
+    assert {mark.fault for sheet in sheets for mark in sheet.marks} == {"circuit-open"}
+    assert len(chat.asked) == asked + 1
+    scorer.close()
+
+
+def test_server_well_again_takes_over_and_its_trial_is_counted_and_not_asked_twice() -> None:
+    scorer, chat, _ = opened(good)
+    assert {mark.fault for mark in scorer.score(job(start=50)).marks} == {"circuit-open"}
+    sheet = once_well(scorer, 60)
+    assert not any(mark.fault for mark in sheet.marks)
+    assert sheet.usage.tokens_in == 200  # its own and the trial's
+    asked = len(chat.asked)
+    again = scorer.score(job(start=50))
+    assert not any(mark.fault for mark in again.marks)
+    assert (again.usage.cached, len(chat.asked)) == (3, asked)
+    scorer.close()
+
+
+def test_a_trial_that_hangs_ends_with_its_deadline_and_another_follows() -> None:
+    scorer, chat, clock = opened(None)
+    scorer.score(job(start=50, deadline_s=0.1))
+    time.sleep(0.4)
+    clock.now_s += 2 * REST_MAX_S
     chat.script = [good]
-    first, second = (scorer.score(job(start=start)) for start in (60, 70))
-    assert {mark.fault for mark in first.marks} <= {"", "circuit-open"}  # the trial may still be on its way out
-    assert not any(mark.fault for mark in second.marks)
+    scorer.score(job(start=60))
+    assert not any(mark.fault for mark in once_well(scorer, 70).marks)
     scorer.close()
 
 
