@@ -71,7 +71,7 @@ def server() -> Iterator[Server]:
     running = Server()
     running.start()
     try:
-        subprocess.run([sys.executable, str(ROOT / "scripts" / "tiny_models"), "--host", running.host], check=True)
+        subprocess.run([str(ROOT / "scripts" / "tiny_models"), "--host", running.host], check=True)
         yield running
     finally:
         running.kill()
