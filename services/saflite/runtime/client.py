@@ -101,8 +101,8 @@ class FarmClient:
         assert status is not None, "an answer to `status` holds one"
         return status
 
-    def watch(self, from_seq: int = 0, *, patience_s: float = 30.0) -> Iterator[Event]:
-        """Yield every event from `from_seq` on, in order, none twice, none left out; ends when the campaign has ended.
+    def watch(self, from_seq: int = 1, *, patience_s: float = 30.0) -> Iterator[Event]:
+        """Yield every event from `from_seq` (the first is 1) on, in order, none twice or left out, up to the end.
 
         Raises:
             Unavailable: the books did not answer for `patience_s`.
