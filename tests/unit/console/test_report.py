@@ -9,7 +9,7 @@ import pytest
 from shapely.geometry import Point, Polygon
 
 from saflite.campaign.builtin import load_campaign, template
-from saflite.console.report import charts, layout, page
+from saflite.console.report import bars, charts, layout, page
 from saflite.console.report.data import Exhibit, Progress, ReportData
 from saflite.console.report.svg import nice_step
 from saflite.console.run_folder import FlightRow
@@ -120,6 +120,23 @@ def test_every_violation_has_its_pictures_and_nothing_is_loaded(count: int) -> N
     assert text.count('<section class="violation"') == count
     assert text.count("saflite replay runs/x --violation") == count
     assert "http" not in text.replace("http-equiv", "")
+
+
+def test_reliability_is_drawn_for_every_model_with_enough_flights() -> None:
+    rows = [Row("blend", float(place), place > 6) for place in range(10)] + [Row("gap", 5.0, True)] * 7
+    text = page.render(data(0)._replace(calibrations=calibrate_all(rows)), "runs/x")
+    assert "blend: share violated, by score" in text
+    assert "gap: share violated" not in text
+    (blend, _) = calibrate_all(rows)[:2]
+    drawn = bars.reliability(blend)
+    heights = [float(part.split('height="')[1].split('"')[0]) for part in drawn.split("<rect")[1:]]
+    assert heights == pytest.approx([0.0, 0.0, 0.0, 57.0, 114.0])  # nothing below 6, one of two, both
+    assert drawn.count("2 flights") == 5
+
+
+def test_picture_of_the_bugs_says_what_its_colours_mean() -> None:
+    drawn = bars.bugs(())
+    assert [word in drawn for word in ("score above 7", "between", "below 4")] == [True] * 3
 
 
 def test_texts_are_never_markup() -> None:

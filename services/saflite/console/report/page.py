@@ -6,11 +6,14 @@ from html import escape
 
 import numpy as np
 
-from saflite.console.report import charts, evidence
+from saflite.console.report import bars, charts, evidence
 from saflite.console.report.data import ReportData
 from saflite.console.report.style import CSS
 from saflite.console.run_folder import SHRINK
 from saflite.scorer_pool.calibration import Calibration, Interval
+
+DRAWN_FROM = 8
+"""Flights from which a model's reliability is drawn."""
 
 
 def render(data: ReportData, run_name: str) -> str:
@@ -132,6 +135,8 @@ def _calibration(data: ReportData) -> str:
     if not data.calibrations:
         return ""
     rows = [_calibration_row(one) for one in data.calibrations if one.flights]
+    drawn = [one for one in data.calibrations if one.sample == "all" and one.flights >= DRAWN_FROM]
+    curves = "".join(f"<figure>{bars.reliability(one)}</figure>" for one in drawn)
     if not rows:
         return ""
     heads = (
@@ -150,7 +155,10 @@ def _calibration(data: ReportData) -> str:
         "<h2>How well the scores met the outcomes</h2>"
         '<p class="muted">A score above 7 counts as "interesting", a violation as the truth; 95 % intervals. "random" '
         "are the flights drawn by chance, whose figures selection does not bias; baseline is the accuracy of the "
-        "better of the two constant answers on the same flights.</p>" + _html_table(heads, rows)
+        "better of the two constant answers on the same flights. In the pictures the dashed line is the share a score "
+        "promises if it is ten times the chance of a violation.</p>"
+        + _html_table(heads, rows)
+        + (f'<div class="pictures curves">{curves}</div>' if curves else "")
     )
 
 

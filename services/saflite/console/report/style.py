@@ -20,6 +20,7 @@ code{font:13px ui-monospace,SFMono-Regular,Menlo,monospace;background:var(--grid
 .tile.bad b{color:var(--red)}.tile.good b{color:var(--green)}.tile.warn b{color:var(--amber)}
 .pictures{display:grid;grid-template-columns:repeat(auto-fit,minmax(420px,1fr));gap:14px;align-items:start}
 @media(max-width:520px){.pictures{grid-template-columns:1fr}}
+.curves{margin-top:14px}
 figure{margin:0;background:var(--panel);border:1px solid var(--line);border-radius:10px;padding:10px}
 svg{display:block;width:100%;height:auto;margin:0 auto}
 .violation{background:var(--panel);border:1px solid var(--line);border-radius:12px;padding:16px 18px;margin:18px 0}
