@@ -50,14 +50,14 @@ def _cases(folder: Path, labels: dict[str, bool], text_folder: Path | None) -> l
     found = []
     for path in paths:
         try:
-            trace = recording.read(path).trace if path.suffix == ".mcap" else flight_logs.read_trace(path)
+            trace = recording.read(path).trace if path.suffix == ".mcap" else flight_logs.read_trace(path, placed=False)
         except Refused as fault:  # one bad log does not spoil the others; it is named and left out
             out.complain("left out", str(fault))
             continue
         text = describe(trace)
         if text_folder is not None:
             _write(text_folder / f"{path.stem}.txt", text)
-        found.append(LogCase(path.name, text, _label(path, labels), rule_of_thumb(facts_of(trace))))
+        found.append(LogCase(path.name, text, _label(path, labels), *rule_of_thumb(facts_of(trace))))
     return found
 
 

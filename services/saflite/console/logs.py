@@ -14,35 +14,35 @@ from saflite.contract.flight import Flight, Trace, trace_digest, unpack_trace
 from saflite.contract.test_case import Scenario, Target, TestCase, identity
 
 
-def _packed(path: Path) -> Trace:
+def _packed(path: Path, *, placed: bool = True) -> Trace:
     try:
         return unpack_trace(path.read_bytes())
     except OSError as fault:
         raise Refused("trace", where=str(path), expected="a readable file", got=str(fault)) from fault
 
 
-def _ulog(path: Path) -> Trace:
+def _ulog(path: Path, *, placed: bool = True) -> Trace:
     from saflite.oracle.ulog import read_ulog
 
     with contextlib.redirect_stdout(io.StringIO()):  # pyulog prints what it thinks of a damaged file
-        return read_ulog(path)
+        return read_ulog(path, placed=placed)
 
 
-def _dataflash(path: Path) -> Trace:
+def _dataflash(path: Path, *, placed: bool = True) -> Trace:
     from saflite.oracle.dataflash import read_dataflash
 
-    return read_dataflash(path)
+    return read_dataflash(path, placed=placed)
 
 
-READERS: dict[str, Callable[[Path], Trace]] = {".trace": _packed, ".ulg": _ulog, ".bin": _dataflash, ".BIN": _dataflash}
+READERS: dict[str, Callable[..., Trace]] = {".trace": _packed, ".ulg": _ulog, ".bin": _dataflash, ".BIN": _dataflash}
 _TARGETS = {".trace": "reference", ".ulg": "px4", ".bin": "ardupilot", ".BIN": "ardupilot"}
 
 
-def read_trace(path: Path) -> Trace:
-    """Return the trace in a file; raises Refused if it is missing, damaged, or without position."""
+def read_trace(path: Path, *, placed: bool = True) -> Trace:
+    """Return the trace in a file; raises Refused if it is missing, damaged, or (if `placed`) without position."""
     if not path.is_file():
         raise Refused("flight log", where=str(path), expected="a readable file", got="none")
-    return READERS[path.suffix](path)
+    return READERS[path.suffix](path, placed=placed)
 
 
 def empty_case(path: Path) -> TestCase:

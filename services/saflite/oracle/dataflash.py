@@ -44,11 +44,11 @@ _FIX_3D = 3
 Row = tuple[float, dict[str, Any]]
 
 
-def read_dataflash(path: Path) -> Trace:
+def read_dataflash(path: Path, *, placed: bool = True) -> Trace:
     """Return the trace in an ArduPilot log.
 
     Raises:
-        Refused: the file is missing, is no dataflash log, is damaged, or holds no position.
+        Refused: the file is missing, is no dataflash log, is damaged, or lacks a position (if `placed`) or all signals.
     """
     rows = _load(path)
     columns = Columns()
@@ -59,7 +59,7 @@ def read_dataflash(path: Path) -> Trace:
     _column(columns, "gps_ok", [(at, float(row["Status"] >= _FIX_3D)) for at, row in rows["GPS"] if "Status" in row])
     _events(rows, columns)
     columns.messages = [(at, str(row.get("Message", "")), "info") for at, row in rows["MSG"]]
-    return columns.trace("ArduPilot log", str(path))
+    return columns.trace("ArduPilot log", str(path), placed=placed)
 
 
 def _load(path: Path) -> dict[str, list[Row]]:

@@ -19,7 +19,7 @@ from saflite.oracle.signals import FlightSignals
 EVENTS_MAX, TEXTS_MAX = 40, 30
 _EXTREMES = (
     *("altitude_m", "ground_speed_mps", "climb_mps", "tilt_deg", "roll_rate_dps", "pitch_rate_dps", "yaw_rate_dps"),
-    *("gps_satellites", "battery_v", "throttle"),
+    *("gps_satellites", "battery_v", "throttle", "obstacle_distance_m"),
 )
 _FLAGS = ("armed", "landed", "takeoff", "rc_present", "gps_ok", "baro_ok", "chute_released")
 _FAILSAFES = ("failsafe_gps", "failsafe_radio", "failsafe_battery", "failsafe_fence")
@@ -27,8 +27,11 @@ _PAIRS = (("altitude_m", "altitude_target_m"), ("altitude_m", "altitude_est_m"),
 _NAMES = {number: name for name, number in MODES.items()}
 
 
+NO_OBSTACLE_M = 1000.0  # what the signal says where there is none
+
+
 class LogFacts(NamedTuple):
-    """What of a log tells trouble: counts of texts and failsafes, and how violently it moved."""
+    """What of a log tells trouble: counts of texts and failsafes, how violently and how near to obstacles it moved."""
 
     duration_s: float
     warnings: int
@@ -38,6 +41,7 @@ class LogFacts(NamedTuple):
     tilt_max_deg: float
     rate_max_dps: float
     sink_max_mps: float
+    obstacle_min_m: float = NO_OBSTACLE_M
 
 
 def facts_of(trace: Trace) -> LogFacts:
@@ -59,20 +63,35 @@ def facts_of(trace: Trace) -> LogFacts:
         tilt_max_deg=most("tilt_deg"),
         rate_max_dps=max(rates),
         sink_max_mps=max(0.0, most("climb_mps", -1.0)),
+        obstacle_min_m=-most("obstacle_distance_m", -1.0) if _has_obstacles(signals) else NO_OBSTACLE_M,
     )
 
 
-def rule_of_thumb(facts: LogFacts) -> float:
-    """Return 0..10: how interesting the flight looks by errors, failsafes, warnings and violent motion alone."""
-    points = (
-        2.5 * min(facts.errors, 2),
-        2.5 * min(facts.failsafes, 2),
-        0.5 * min(facts.warnings, 4),
-        2.5 * (facts.tilt_max_deg > 60.0),
-        1.0 * (facts.rate_max_dps > 250.0),
-        1.5 * (facts.sink_max_mps > 5.0),
-    )
-    return min(10.0, float(sum(points)))
+def _has_obstacles(signals: FlightSignals) -> bool:
+    name = "obstacle_distance_m"
+    return name in signals.written and signals.samples > 0 and float(np.nanmin(signals[name])) < NO_OBSTACLE_M
+
+
+class Thumb(NamedTuple):
+    """The rule of thumb's score, 0..10, and what it goes by."""
+
+    score: float
+    reason: str
+
+
+def rule_of_thumb(facts: LogFacts) -> Thumb:
+    """Return how interesting the flight looks by errors, failsafes, warnings, violent motion and near misses alone."""
+    points = {
+        f"{facts.errors} errors": 2.5 * min(facts.errors, 2),
+        f"{facts.failsafes} failsafes": 2.5 * min(facts.failsafes, 2),
+        f"{facts.warnings} warnings": 0.5 * min(facts.warnings, 4),
+        f"tilt {facts.tilt_max_deg:.0f} deg": 2.5 * (facts.tilt_max_deg > 60.0),
+        f"turns {facts.rate_max_dps:.0f} deg/s": 1.0 * (facts.rate_max_dps > 250.0),
+        f"sinks {facts.sink_max_mps:.1f} m/s": 1.5 * (facts.sink_max_mps > 5.0),
+        f"{facts.obstacle_min_m:.2f} m from an obstacle": 6.0 * (facts.obstacle_min_m < 1.5),
+    }
+    named = ", ".join(words for words, value in points.items() if value)
+    return Thumb(min(10.0, float(sum(points.values()))), named or "nothing out of the ordinary")
 
 
 def describe(trace: Trace) -> str:
@@ -128,6 +147,8 @@ def _texts(trace: Trace) -> list[str]:
 def _extremes(signals: FlightSignals) -> list[str]:
     lines = []
     for name in _EXTREMES:
+        if name == "obstacle_distance_m" and not _has_obstacles(signals):
+            continue
         if name in signals and signals.samples:
             values = signals[name]
             numbers = f"{np.nanmin(values):.2f}, {np.nanmean(values):.2f}, {np.nanmax(values):.2f}"

@@ -41,19 +41,22 @@ class Columns:
         if good.any():
             self._columns[name] = times[good][order], given[good][order]
 
-    def trace(self, what: str, where: str) -> Trace:
+    def trace(self, what: str, where: str, *, placed: bool = True) -> Trace:
         """Return all columns at 20 Hz from the first to the last known position.
 
         Positions are taken relative to the first one, as the testing competition does. Real signals run in straight
-        lines between samples; flags and codes keep their value. Raises Refused if there is no position.
+        lines between samples; flags and codes keep their value. Raises Refused if there is no position; with `placed`
+        False what else was logged will do.
         """
         missing = [name for name in POSITION if name not in self._columns]
-        if missing:
+        if missing and (placed or not self._columns):
             raise Refused(what, where=where, expected="a position (x, y, altitude)", got=f"no {', '.join(missing)}")
-        start = max(float(self._columns[name][0][0]) for name in POSITION)
-        end = min(float(self._columns[name][0][-1]) for name in POSITION)
+        telling = self._columns if missing else POSITION
+        spans = [(float(at[0]), float(at[-1])) for at, _ in (self._columns[name] for name in telling)]
+        starts, ends = zip(*spans, strict=True)
+        start, end = (min(starts), max(ends)) if missing else (max(starts), min(ends))
         if not STEP_S <= end - start <= DURATION_MAX_S:
-            expected = f"a position over {STEP_S:g} s to {DURATION_MAX_S:g} s"
+            expected = f"{'signals' if missing else 'a position'} over {STEP_S:g} s to {DURATION_MAX_S:g} s"
             raise Refused(what, where=where, expected=expected, got=f"{end - start:.3g} s")
         times = start + np.arange(int((end - start) / STEP_S) + 1, dtype=np.float64) * STEP_S
         signals = {name: self._sampled(name, times).astype("<f4").tobytes() for name in sorted(self._columns)}

@@ -47,11 +47,11 @@ _RATES = ("roll_rate_dps", "pitch_rate_dps", "yaw_rate_dps")
 Topic = Mapping[str, Any]
 
 
-def read_ulog(path: Path) -> Trace:
+def read_ulog(path: Path, *, placed: bool = True) -> Trace:
     """Return the trace in a PX4 log.
 
     Raises:
-        Refused: the file is missing, is no ULog, is damaged, or holds no position.
+        Refused: the file is missing, is no ULog, is damaged, or lacks a position (if `placed`) or all signals.
     """
     topics, texts = _load(path)
     columns = Columns()
@@ -59,7 +59,7 @@ def read_ulog(path: Path) -> Trace:
     readers = (_position, _attitude, _status, _ground, _gps, _sticks, _battery)
     for reader in readers:
         reader(topics, columns)
-    return columns.trace("PX4 log", str(path))
+    return columns.trace("PX4 log", str(path), placed=placed)
 
 
 def _load(path: Path) -> tuple[dict[str, Topic], list[tuple[float, str, str]]]:

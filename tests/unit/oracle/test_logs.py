@@ -107,6 +107,20 @@ def test_invalid_positions_are_no_positions(tmp_path: Path) -> None:
         read_ulog(path)
 
 
+def test_a_log_without_position_can_be_told_though_not_judged(tmp_path: Path) -> None:
+    rows = [("vehicle_local_position", at / 10, (0.0, 0.0, -2.0, 0.0, 0.0, 0.0, False)) for at in range(50)]
+    path = tmp_path / "invalid.ulg"
+    path.write_bytes(
+        ulog({"vehicle_local_position": POSITION, "vehicle_status": STATUS}, [*rows, ("vehicle_status", 9.0, (3, 2))])
+    )
+    trace = read_ulog(path, placed=False)
+    assert "x_m" not in trace.signals
+    assert trace.duration_s == pytest.approx(9.0, abs=0.06)
+    path.write_bytes(ulog({"vehicle_local_position": POSITION}, []))
+    with pytest.raises(Refused, match="no x_m, y_m"):
+        read_ulog(path, placed=False)
+
+
 def dataflash(kinds: dict[str, tuple[str, str]], rows: list[tuple[str, tuple[float, ...]]]) -> bytes:
     """An ArduPilot log: per message its format letters and column names, and rows."""
     codes = {"Q": "Q", "f": "f", "B": "B", "H": "H"}

@@ -106,6 +106,15 @@ def test_a_log_is_told_as_text_and_as_facts() -> None:
     for part in ("Duration 9.9 s", "0.0 s GUIDED", "5.0 s LAND", "error: EKF failsafe", "0.00, 10.00, 20.00 m"):
         assert part in text
     assert (facts.errors, facts.failsafes, facts.mode_changes, facts.sink_max_mps) == (1, 1, 1, 6.0)
-    assert rule_of_thumb(facts) == pytest.approx(2.5 + 2.5 + 1.5)
+    assert rule_of_thumb(facts) == (pytest.approx(2.5 + 2.5 + 1.5), "1 errors, 1 failsafes, sinks 6.0 m/s")
     quiet = Trace(step_s=0.1, signals={"altitude_m": np.zeros(50, dtype="<f4").tobytes()})
-    assert rule_of_thumb(facts_of(quiet)) == 0.0
+    assert rule_of_thumb(facts_of(quiet)) == (0.0, "nothing out of the ordinary")
+
+
+@pytest.mark.parametrize(("distance_m", "told", "score"), [(1.2, True, 6.0), (3.0, True, 0.0), (1000.0, False, 0.0)])
+def test_a_near_miss_is_told_and_counts(distance_m: float, told: bool, score: float) -> None:
+    columns = {"x_m": [0.0, 1.0, 2.0], "obstacle_distance_m": [1000.0, distance_m, 1000.0]}
+    packed = {name: np.asarray(values, dtype="<f4").tobytes() for name, values in columns.items()}
+    trace = Trace(step_s=0.1, signals=packed)
+    assert ("competition distance" in describe(trace)) == told
+    assert rule_of_thumb(facts_of(trace)).score == score
