@@ -1,13 +1,17 @@
-"""`scripts/bench defects`: how soon is each planted defect found, and are there false alarms?
+"""`scripts/bench defects`: how soon is each planted defect found and minimised, and are there false alarms?
 
-    scripts/bench defects [--part search alarms] [--defects NAME ...] [--arms NAME ...] [--seeds 20] [--hours 24]
-                          [--cases 2000] [--jobs 1] [--out FILE.json] [--json]
+    scripts/bench defects [--part search alarms shrink] [--defects NAME ...] [--arms NAME ...] [--seeds 20] [--hours 24]
+                          [--cases 2000] [--jobs 1] [--out FILE.jsonl] [--plot FILE.png] [--json]
 
 search: for each defect, arm and seed the campaign of the defect's policy runs to its first confirmed violation, or
 until `--hours` of simulated time are spent (a flight counts as its full minute). Told are rounds, flights, simulated
 and wall time, and survival curves (the share not yet found after so many flights), censored searches counted as such.
+Searches that stand in the `--out` file already are not run again, so a long table can be made in pieces.
 alarms: mutants of all policy campaigns flown with all defects off and judged by all policies; every violation is a
-false alarm. The full table (20 seeds, 24 h) takes days on one core: `--seeds`, `--hours`, `--arms` cut it.
+false alarm.
+shrink: the shortest known trigger of each defect, hidden among random inputs (twenty in all), is minimised on one core.
+
+The full table (20 seeds, 24 h) takes days on one core: `--seeds`, `--hours`, `--arms` cut it.
 """
 
 from __future__ import annotations
@@ -19,12 +23,14 @@ import sys
 import time
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Sequence
+from itertools import product
 from multiprocessing import get_context
 from pathlib import Path
 from statistics import median
 from typing import Any
 
 from _defect_search import ARMS, Found, search
+from _defect_shrink import INPUTS, shrinks
 
 from saflite.campaign.builtin import load_campaign, template
 from saflite.campaign.policy_campaigns import policy_campaigns
@@ -38,6 +44,7 @@ from saflite.oracle.policy import policy_names
 from saflite.simulator_worker.processes import die_with_parent
 from saflite.simulator_worker.targets import reference
 
+PARTS = ("search", "alarms", "shrink")
 MARKS = (8, 16, 32, 64, 128, 256, 512, 1024)
 FLIGHT_S = 60.0
 
@@ -62,20 +69,40 @@ def _search(job: tuple[str, str, int, int]) -> Found:
     return search(*job)
 
 
+def recorded(path: Path | None, flights: int) -> dict[tuple[str, str, int], Found]:
+    """Return the searches in the file of an earlier run that a search of so many flights need not repeat."""
+    if path is None or not path.exists():
+        return {}
+    rows = [Found(**json.loads(line)) for line in path.read_text(encoding="utf-8").splitlines()]
+    return {(one.defect, one.arm, one.rng_seed): one for one in rows if one.found or one.flights >= flights}
+
+
 def searches(options: argparse.Namespace) -> Iterator[Found]:
-    """Yield every search asked for."""
+    """Yield every search asked for, those already recorded first."""
     flights = max(1, int(options.hours * 3600 / FLIGHT_S))
-    jobs = [
-        (defect, arm, seed, flights)
-        for seed in range(1, options.seeds + 1)
-        for defect in options.defects
-        for arm in options.arms
-    ]
+    wanted = product(options.defects, options.arms, range(1, options.seeds + 1))
+    done = recorded(options.out, flights)
+    jobs = []
+    for key in sorted(wanted, key=lambda key: key[2]):
+        if key in done:
+            yield done[key]
+        else:
+            jobs.append((*key, flights))
     if options.jobs == 1:
-        yield from map(_search, jobs)
+        yield from (_noted(_search(job), options.out) for job in jobs)
         return
     with get_context("spawn").Pool(options.jobs, die_with_parent, (os.getpid(),), maxtasksperchild=20) as pool:
-        yield from pool.imap_unordered(_search, jobs)
+        for one in pool.imap_unordered(_search, jobs):
+            yield _noted(one, options.out)
+
+
+def _noted(one: Found, path: Path | None) -> Found:
+    state = "found" if one.found else "not found"
+    sys.stderr.write(f"{one.defect} {one.arm} seed {one.rng_seed}: {state} after {one.flights} flights\n")
+    if path is not None:
+        with path.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(one._asdict()) + "\n")
+    return one
 
 
 def table(found: Sequence[Found]) -> dict[str, Any]:
@@ -98,6 +125,7 @@ def _figures(group: Sequence[Found]) -> dict[str, Any]:
     return {
         "searches": len(group),
         "found": sum(one.found for one in group),
+        "flights_max": max(one.flights for one in group),
         "median_rounds": median(one.rounds if one.found else float("inf") for one in group),
         "median_flights": median(one.flights if one.found else float("inf") for one in group),
         "median_simulated_h": median(one.simulated_h if one.found else float("inf") for one in group),
@@ -105,6 +133,26 @@ def _figures(group: Sequence[Found]) -> dict[str, Any]:
         "found_by_flights": {str(mark): round(share_found(curve, mark), 3) for mark in MARKS},
         "survival": [(at, round(left, 4)) for at, left in curve],
     }
+
+
+def plot(figures: dict[str, Any], path: Path) -> None:
+    """Draw the share of searches not yet successful over the flights flown, a line per arm, to a picture."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    figure, axes = pyplot.subplots(figsize=(8, 4.5), constrained_layout=True)
+    for arm, group in figures["arms"].items():
+        flights, left = zip(*group["survival"], strict=True)
+        most = max(group["flights_max"], flights[-1])
+        label = f"{arm} ({group['found']} of {group['searches']} found)"
+        axes.step([*(max(1, at) for at in flights), most], [*left, left[-1]], where="post", label=label)
+    axes.set(xscale="log", ylim=(0.0, 1.0), xlabel="flights", ylabel="share of searches without a find")
+    axes.grid(alpha=0.3)
+    axes.legend()
+    figure.savefig(path, dpi=110)
+    pyplot.close(figure)
 
 
 # ---- false alarms -------------------------------------------------------------------------------------------------
@@ -159,22 +207,27 @@ def _told(case: TestCase) -> str:
 def main(argv: list[str]) -> int:
     """Measure and print."""
     parser = argparse.ArgumentParser(prog="scripts/bench defects", description=__doc__)
-    parser.add_argument("--part", nargs="+", choices=("search", "alarms"), default=["search", "alarms"])
+    parser.add_argument("--part", nargs="+", choices=PARTS, default=list(PARTS))
     parser.add_argument("--defects", nargs="+", choices=sorted(TABLE), default=sorted(TABLE))
     parser.add_argument("--arms", nargs="+", choices=list(ARMS), default=list(ARMS))
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--hours", type=float, default=24.0, help="simulated time a search may take")
     parser.add_argument("--cases", type=int, default=2000)
-    parser.add_argument("--rng-seed", type=int, default=1, help="of the false-alarm cases")
+    parser.add_argument("--rng-seed", type=int, default=1, help="of the false-alarm and shrink cases")
     parser.add_argument("--jobs", type=int, default=1)
-    parser.add_argument("--out", type=Path, help="write every search as a JSON line, as it ends")
+    parser.add_argument("--out", type=Path, help="one JSON line a search, as it ends; those in it are not repeated")
+    parser.add_argument("--plot", type=Path, help="draw the survival curves of the arms (needs matplotlib)")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args(argv)
     result: dict[str, Any] = {"seeds": options.seeds, "hours": options.hours}
     if "search" in options.part:
-        result["search"] = table(list(_noted(searches(options), options.out)))
+        result["search"] = table(list(searches(options)))
     if "alarms" in options.part:
         result["alarms"] = alarms(options.cases, options.rng_seed)
+    if "shrink" in options.part:
+        result["shrink"] = [one._asdict() for one in shrinks(options.defects, options.rng_seed)]
+    if options.plot and "search" in result:
+        plot(result["search"], options.plot)
     if options.json:
         print(json.dumps(result, indent=2))
     else:
@@ -182,38 +235,46 @@ def main(argv: list[str]) -> int:
     return 0
 
 
-def _noted(found: Iterator[Found], path: Path | None) -> Iterator[Found]:
-    for number, one in enumerate(found, start=1):
-        state = "found" if one.found else "not found"
-        sys.stderr.write(f"{number}: {one.defect} {one.arm} seed {one.rng_seed}: {state} after {one.flights} flights\n")
-        if path is not None:
-            with path.open("a", encoding="utf-8") as file:
-                file.write(json.dumps(one._asdict()) + "\n")
-        yield one
-
-
 def _print(result: dict[str, Any], options: argparse.Namespace) -> None:
     if "search" in result:
         print(
             f"{options.seeds} seeds, at most {options.hours:g} h simulated a search; found of searches, median flights"
         )
-        for arm, figures in result["search"]["arms"].items():
-            steps = " ".join(f"{mark}:{share:.0%}" for mark, share in figures["found_by_flights"].items())
-            print(
-                f"  {arm:10} {figures['found']:4}/{figures['searches']:<4} {figures['median_flights']:7.0f}   {steps}"
-            )
-        arms = list(result["search"]["arms"])
-        print(f"{'':32}" + "".join(f"{arm:>16}" for arm in arms))
-        for defect, cells in sorted(result["search"]["defects"].items()):
-            texts = [f"{c['found']}/{c['searches']} {c['median_flights']:.0f}" for c in (cells[arm] for arm in arms)]
-            print(f"  {defect:30}" + "".join(f"{text:>16}" for text in texts))
+        _print_search(result["search"])
+    if "shrink" in result:
+        _print_shrinks(result["shrink"])
     if "alarms" in result:
-        figures = result["alarms"]
-        print(
-            f"{figures['false_alarms']} false alarms in {figures['cases']} cases, {figures['policies']} policies "
-            f"({figures['simulated_h']} h simulated, {figures['times_real_time']:.0f} x real time with judging)"
-        )
-        for policy, texts in figures["examples"].items():
-            print(f"  {policy}: {figures['by_policy'][policy]}")
-            for text in texts:
-                print(f"    {text}")
+        _print_alarms(result["alarms"])
+
+
+def _print_search(figures: dict[str, Any]) -> None:
+    for arm, group in figures["arms"].items():
+        steps = " ".join(f"{mark}:{share:.0%}" for mark, share in group["found_by_flights"].items())
+        print(f"  {arm:10} {group['found']:4}/{group['searches']:<4} {group['median_flights']:7.0f}   {steps}")
+    arms = list(figures["arms"])
+    print(f"{'':32}" + "".join(f"{arm:>16}" for arm in arms))
+    for defect, cells in sorted(figures["defects"].items()):
+        told = [cells.get(arm) for arm in arms]
+        texts = [f"{cell['found']}/{cell['searches']} {cell['median_flights']:.0f}" if cell else "" for cell in told]
+        print(f"  {defect:30}" + "".join(f"{text:>16}" for text in texts))
+
+
+def _print_shrinks(rows: list[dict[str, Any]]) -> None:
+    times_s = [row["wall_s"] for row in rows]
+    print(
+        f"{len(rows)} cases of {INPUTS} inputs minimised: median {median(times_s):.1f} s, greatest {max(times_s):.1f} s"
+    )
+    for row in rows:
+        told = f"{row['inputs']} inputs (shortest known {row['trigger']}) after {row['flights']} flights"
+        print(f"  {row['defect']:30} {told}, {row['wall_s']:.1f} s")
+
+
+def _print_alarms(figures: dict[str, Any]) -> None:
+    print(
+        f"{figures['false_alarms']} false alarms in {figures['cases']} cases, {figures['policies']} policies "
+        f"({figures['simulated_h']} h simulated, {figures['times_real_time']:.0f} x real time with judging)"
+    )
+    for policy, texts in figures["examples"].items():
+        print(f"  {policy}: {figures['by_policy'][policy]}")
+        for text in texts:
+            print(f"    {text}")

@@ -54,11 +54,13 @@ def _measure(part: str, options: argparse.Namespace) -> Any:
         from _scoring_first import MODELS, table
 
         return table(options.missions, options.seeds, options.models or MODELS, options.jobs)
-    from _scoring_farm import overlap, swaps
-
     if part == "overlap":
+        from _scoring_farm import overlap
+
         return {"overlapped": overlap(options.flights, 3), "serial": overlap(options.flights, 1)}
-    return swaps(max(60, 8 * options.swaps), options.swaps)
+    from _scoring_swaps import swaps
+
+    return swaps(options.swaps)
 
 
 def _cases(count: int, seed: int) -> list[Any]:
