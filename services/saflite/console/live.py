@@ -102,10 +102,11 @@ def one_line(status: Status) -> str:
     last = f", last {status.since_last_find_s:.0f} s ago" if status.since_last_find_s is not None else ""
     queues = " ".join(f"{name} {count}" for name, count in status.queues.items() if count)
     busy = sum(1 for worker in status.workers if worker.state == "busy")
+    instead = f"  {status.fallbacks} scores by the embedded scorer instead" if status.fallbacks else ""
     return (
         f"{status.elapsed_s:6.1f} s  {status.flights}/{status.budget} flights  {status.flights_per_s:.2f}/s"
         f"  {status.real_time_factor:.0f}x real time  {status.violations_confirmed} violations{last}"
-        f"  workers {busy}/{len(status.workers)} busy" + (f"  waiting: {queues}" if queues else "")
+        f"  workers {busy}/{len(status.workers)} busy" + (f"  waiting: {queues}" if queues else "") + instead
     )
 
 

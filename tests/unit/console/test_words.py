@@ -61,7 +61,8 @@ def status() -> Status:
 
 def test_a_progress_line_says_what_users_look_for() -> None:
     line = live.one_line(status())
-    for word in ("12/100 flights", "2.50/s", "310x real time", "2 violations", "4 s ago", "1/1 busy", "fly 4"):
+    words = ("12/100 flights", "2.50/s", "310x real time", "2 violations", "4 s ago", "1/1 busy", "fly 4")
+    for word in (*words, "3 scores by the embedded scorer instead"):
         assert word in line
 
 
