@@ -39,7 +39,7 @@ UNSCORED = (
 FLOWN = "SELECT count(*) FROM flights WHERE ending NOT IN ('infra', 'lost')"
 EVENTS = "SELECT event FROM events ORDER BY seq"
 BUDGET_AT_FIRST = 100_000
-LEFT_TO_FLY = 100  # more than rounds under way can hold in reserve
+LEFT_TO_FLY = 20  # more than rounds under way can hold in reserve
 
 
 class Stretch(NamedTuple):
