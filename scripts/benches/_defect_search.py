@@ -19,7 +19,7 @@ from saflite.contract.test_case import StartState, Target, identity
 from saflite.contract.work import FlyResult, FlyWork, Result
 from saflite.flight.autopilots.reference.defects import TABLE
 
-FLIGHTS_PER_ROUND, CANDIDATES_PER_ROUND = 8, 40
+FLIGHTS_PER_ROUND, CANDIDATES_PER_ROUND = 8, 48
 KEPT = 64
 ARMS: dict[str, str] = {
     "pgfuzz": "mutants of the strategy flown as they come, no choice",

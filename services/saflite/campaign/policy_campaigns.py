@@ -24,7 +24,7 @@ MISSION = "mission2"
 SHORT_S, MISSION_S = 60.0, 150.0
 AIRBORNE_S = 32.0  # with a mission the vehicle leaves the ground after 19.5 s and climbs for 7
 _INPUTS = ("parameters", "commands", "sticks", "modes", "sensor_faults")
-_SEARCH = SearchConfig(candidates_per_round=48, flights_per_round=16, shrink=True)
+_SEARCH = SearchConfig(candidates_per_round=96, flights_per_round=16, shrink=True)
 
 
 def policy_campaigns() -> dict[str, Campaign]:

@@ -17,6 +17,10 @@ Draw = Callable[[Rng], Stimulus]
 """Gives a fresh stimulus; its time does not matter."""
 
 
+BURST_S = (0.1, 2.0)
+NEAR_BURSTS = 0.7  # share of inputs put beside another one that follow (or precede) it as closely as in a burst
+
+
 class Rhythm(NamedTuple):
     """When stimuli are given: rounds of `round_s`, a share `bursts` of them only 0.1 to 2 s apart.
 
@@ -46,7 +50,11 @@ def _is_release(stimulus: Stimulus) -> bool:
 
 
 def _pause(rng: Rng, rhythm: Rhythm) -> float:
-    return float(rng.uniform(0.1, 2.0)) if rng.random() < rhythm.bursts else rhythm.round_s
+    """Return a round, or for a burst 0.1 to 2 s with all sizes alike: what matters may last a second, or a tenth."""
+    low_s, high_s = BURST_S
+    if rng.random() >= rhythm.bursts:
+        return rhythm.round_s
+    return low_s * (high_s / low_s) ** float(rng.random())
 
 
 def _at(stimulus: Stimulus, at_s: float, rhythm: Rhythm) -> Stimulus:
@@ -79,7 +87,8 @@ def add(rng: Rng, parent: Stimuli, draw: Draw, rhythm: Rhythm) -> Stimuli:
     at_s = last_s + _pause(rng, rhythm)
     if parent and rng.random() < 0.6:
         near_s = parent[int(rng.integers(len(parent)))].at_s
-        at_s = near_s + (_pause(rng, rhythm) if rng.random() < 0.4 else -_pause(rng, rhythm))
+        pause_s = _pause(rng, rhythm._replace(bursts=max(rhythm.bursts, NEAR_BURSTS)))
+        at_s = near_s + (pause_s if rng.random() < 0.4 else -pause_s)
     return in_order([*parent, *_with_release(rng, _at(draw(rng), at_s, rhythm), rhythm)])
 
 

@@ -17,12 +17,15 @@ from saflite.scorer_pool.model import MIDDLE, Job, Mark, PolicyBrief, Sheet, Too
 TRUST = 4.0
 """Flights with an input after which what was seen weighs as much as what was known."""
 
+RULE_INPUTS = 3
+"""Different inputs that have to come together to break a rule, at most, among the bugs of the paper."""
+
 Lessons = dict[tuple[str, str], float]
 """By (kind, name): how much the input changed the danger, as a difference of log odds, shrunk towards 0."""
 
 
 class Model:
-    """Scores by the most relevant stimulus of a test case and by how many there are; the middle for none."""
+    """Scores by the most relevant inputs of a test case and by how little else is in it; the middle for none."""
 
     parallel = 1
 
@@ -73,11 +76,13 @@ def learn(history: tuple[Outcome, ...]) -> Lessons:
 def _mark(test_case: TestCase, briefs: tuple[PolicyBrief, ...], lessons: Lessons) -> Mark:
     if not test_case.stimuli or not briefs:
         return Mark(MIDDLE, "no stimuli: relevance has nothing to say")
-    weights = [(_weight(stimulus, briefs, lessons), stimulus.name) for stimulus in test_case.stimuli]
-    best, name = max(weights)
-    missed = math.prod(1.0 - 0.75 * weight for weight, _ in weights)
-    value = SCORE_MAX * (0.5 * best + 0.5 * (1.0 - missed))
-    return Mark(min(SCORE_MAX, value), f"most relevant: {name} ({best:.2f})")
+    weights = {(one.kind, one.name): _weight(one, briefs, lessons) for one in test_case.stimuli}
+    ordered = sorted(((weight, name) for (_, name), weight in weights.items()), reverse=True)
+    best = [weight for weight, _ in ordered[:RULE_INPUTS]]
+    together = sum(best) / min(RULE_INPUTS, len(test_case.stimuli))
+    whole = sum(weights[one.kind, one.name] for one in test_case.stimuli) / len(test_case.stimuli)
+    told = ", ".join(f"{name} ({weight:.2f})" for weight, name in ordered[:RULE_INPUTS])
+    return Mark(SCORE_MAX * (2.0 * together + whole) / 3.0, f"most relevant: {told}")
 
 
 def _weight(stimulus: Stimulus, briefs: tuple[PolicyBrief, ...], lessons: Lessons) -> float:
