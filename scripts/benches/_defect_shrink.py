@@ -1,0 +1,96 @@
+"""Part of `scripts/bench defects`: how soon is a violating test case of twenty inputs made small, on one core?"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
+
+import msgspec
+
+from saflite.campaign.builtin import load_campaign, template
+from saflite.campaign.shrink import Shrinker
+from saflite.contract.flight import Flight
+from saflite.contract.rng import derive
+from saflite.contract.test_case import Stimulus, TestCase, identity
+from saflite.contract.work import Setting
+from saflite.flight.autopilots.reference.defects import TABLE, trigger
+from saflite.mutator.strategies.pgfuzz import Strategy
+from saflite.oracle.judge import judge
+from saflite.simulator_worker.targets import reference
+
+INPUTS = 20
+LIMIT_S, FIRST_S, LAST_S = 60.0, 0.5, 30.0  # the trigger begins somewhere between
+TRIES = 60
+FLIGHTS_MAX = 400
+
+
+class Shrunk(NamedTuple):
+    """What became of one case of twenty inputs; `trigger` is how many the shortest known trigger has."""
+
+    defect: str
+    inputs: int
+    trigger: int
+    flights: int
+    wall_s: float
+    exhausted: bool
+
+
+def breaks(test_case: TestCase, policy: str) -> bool:
+    """Fly the test case on the reference target and say whether it breaks the policy."""
+    record = reference.fly(test_case, lambda: False)
+    if policy == "autopilot-alive":
+        return record.ending == "autopilot_died"
+    flight = Flight(test_case=identity(test_case), flight_index=0, ending=record.ending)
+    return any(verdict.outcome == "violated" for verdict in judge(test_case, flight, record.trace, (policy,)).verdicts)
+
+
+def padded(defect: str, rng_seed: int) -> Iterator[TestCase]:
+    """Yield the defect's trigger, begun at some time, among random inputs of the whole target: twenty in all."""
+    case = trigger(defect)
+    rng = derive(rng_seed, "bench-shrink", defect)
+    count = INPUTS - len(case.stimuli)
+    settings: dict[str, Setting] = {
+        "focus": 0.0,
+        "steps_min": count,
+        "steps_max": count,
+        "release": 0.0,
+        "mutated": 0.0,
+    }
+    noise = Strategy(template(load_campaign("policy-all")), settings, ())
+    for found in noise.ask(TRIES, rng):
+        later_s = float(rng.uniform(FIRST_S, LAST_S)) - min((one.at_s for one in case.stimuli), default=0.0)
+        begun = [msgspec.structs.replace(one, at_s=round(one.at_s + later_s, 2)) for one in case.stimuli]
+        others = [_at(one, float(rng.uniform(FIRST_S, LIMIT_S - 10.0))) for one in found.stimuli]
+        stimuli = tuple(sorted([*begun, *others], key=lambda one: one.at_s))
+        scenario = msgspec.structs.replace(case.scenario, time_limit_s=LIMIT_S)
+        yield msgspec.structs.replace(case, scenario=scenario, stimuli=stimuli)
+
+
+def _at(stimulus: Stimulus, at_s: float) -> Stimulus:
+    return msgspec.structs.replace(stimulus, at_s=round(at_s, 2))
+
+
+def shrink(defect: str, rng_seed: int) -> Shrunk | None:
+    """Minimise the first padded case that breaks the defect's policy; None if the noise hides the trigger each time."""
+    policy = TABLE[defect].policy
+    large = next((case for case in padded(defect, rng_seed) if breaks(case, policy)), None)
+    if large is None:
+        return None
+    start_s, flights = time.perf_counter(), 0
+    shrinker = Shrinker(large, FLIGHTS_MAX)
+    while cases := shrinker.ask():
+        for case in cases:
+            shrinker.tell(identity(case), breaks(case, policy))
+        flights += len(cases)
+    wall_s = time.perf_counter() - start_s
+    left, known = len(shrinker.best.stimuli), len(trigger(defect).stimuli)
+    return Shrunk(defect, left, known, flights, wall_s, exhausted=flights >= FLIGHTS_MAX)
+
+
+def shrinks(defects: Iterable[str], rng_seed: int) -> Iterator[Shrunk]:
+    """Yield what became of one case per defect."""
+    for defect in defects:
+        found = shrink(defect, rng_seed)
+        if found is not None:
+            yield found
