@@ -16,21 +16,21 @@ from saflite.contract.config import Campaign, ScorerConfig, StrategyConfig
 from saflite.contract.flight import Flight
 from saflite.contract.service import Cancelled
 from saflite.contract.test_case import StartState, Target, identity
-from saflite.contract.work import FlyResult, FlyWork, Result
+from saflite.contract.work import FlyResult, FlyWork, Result, Setting
 from saflite.flight.autopilots.reference.defects import TABLE
 
 FLIGHTS_PER_ROUND, CANDIDATES_PER_ROUND = 8, 48
 KEPT = 64
 ARMS: dict[str, str] = {
-    "pgfuzz": "mutants of the strategy flown as they come, no choice",
-    "random": "a random pick among as many mutants as the scorers choose from",
+    "relevance": "the built-in campaign as shipped: the scorer relevance chooses among the mutants",
+    "random": "a random pick among the same mutants",
     "novelty": "the scorer novelty chooses",
-    "relevance": "the scorer relevance chooses",
     "surrogate": "the scorer surrogate chooses",
     "ensemble": "the scorer ensemble chooses",
-    "campaign": "the built-in campaign as shipped: relevance, and half of the inputs from the policy file",
+    "pgfuzz": "the mutants flown as they come, no choice",
+    "published": "the same, drawn as the published tool draws: its lists, its rounds, no changes to close cases",
 }
-"""All but the last draw their inputs from the policy's published PGFuzz list as PGFuzz does (focus 0)."""
+PUBLISHED: dict[str, Setting] = {"focus": 0.0, "mutated": 0.0, "bursts": 0.0, "echoed": 0.0, "release": 1.0}
 
 
 class Found(NamedTuple):
@@ -74,11 +74,9 @@ def campaign_of(defect: str, arm: str, rng_seed: int, flights: int) -> Campaign:
     """
     base = load_campaign(f"policy-{TABLE[defect].policy}")
     parameters = {**TABLE[defect].parameters, **base.target.parameters}
-    settings = dict(base.strategy.settings)
-    if arm != "campaign":
-        settings["focus"] = 0.0
-    model = {"campaign": base.scorer.model, "pgfuzz": "constant"}.get(arm, arm)
-    candidates = FLIGHTS_PER_ROUND if arm == "pgfuzz" else CANDIDATES_PER_ROUND
+    settings = {**base.strategy.settings, **(PUBLISHED if arm == "published" else {})}
+    chosen = arm not in ("pgfuzz", "published")
+    candidates = CANDIDATES_PER_ROUND if chosen else FLIGHTS_PER_ROUND
     search = {
         "candidates_per_round": candidates,
         "flights_per_round": FLIGHTS_PER_ROUND,
@@ -91,7 +89,7 @@ def campaign_of(defect: str, arm: str, rng_seed: int, flights: int) -> Campaign:
         start=StartState(mode=TABLE[defect].start[0], altitude_m=TABLE[defect].start[1]) if base.start else None,
         target=Target(parameters=parameters, defects=(defect,)),
         strategy=StrategyConfig(name="pgfuzz", settings=settings),
-        scorer=ScorerConfig(model=model, batch=16),
+        scorer=ScorerConfig(model=arm if chosen else "constant", batch=16),
         search=msgspec.structs.replace(base.search, **search),
         budget_flights=flights,
         rng_seed=rng_seed,
