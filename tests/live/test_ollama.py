@@ -29,6 +29,8 @@ pytestmark = pytest.mark.live
 ROOT = Path(__file__).parents[2]
 FOLDER = Path(environment("SAFLITE_CACHE") or Path.home() / ".cache" / "saflite") / "ollama"
 BUDGET = 12
+PLENTY = 1_000
+"""Budget of a campaign that must not end before the test has done what it wants; lowered then."""
 
 
 class Server:
@@ -143,6 +145,15 @@ def nothing_is_lost(run: Run, budget: int) -> None:
     assert flown == [(budget,)]
 
 
+def _end_soon(client: FarmClient) -> int:
+    """Lower the budget to what is under way; return it."""
+    for left in range(1, 60):
+        budget = client.status().flights + left
+        if client.order("budget", number=budget).accepted:
+            return budget
+    raise AssertionError("the books take no lower budget")
+
+
 def test_campaign_runs_end_to_end_on_the_model(server: Server, tmp_path: Path) -> None:
     label = f"ollama:tiny-a@{server.host}"
     run = Run(tmp_path, label, more='shadow = ["constant"]')
@@ -161,18 +172,20 @@ def test_campaign_runs_end_to_end_on_the_model(server: Server, tmp_path: Path) -
 
 def test_swaps_between_the_two_under_load_and_back_from_a_broken_one(server: Server, tmp_path: Path) -> None:
     first, second = (f"ollama:tiny-{name}@{server.host}" for name in "ab")
-    run = Run(tmp_path, first, budget=40)
+    run = Run(tmp_path, first, budget=PLENTY)
     try:
         with closing(run.client()) as client:
             changes = []
             for model in (second, "ollama:no-such-model@" + server.host, first, "ollama:tiny-a@127.0.0.1:9", second):
                 assert client.order("scorer", model).accepted
                 changes.append(_change(client, model))
-        assert [ready for _, ready in changes] == [True, False, True, False, True]
+            assert [ready for _, ready in changes] == [True, False, True, False, True]
+            _until(client, lambda _: bool(run.rows(f"SELECT 1 FROM scores WHERE model = '{second}' LIMIT 1")))
+            budget = _end_soon(client)
         assert run.wait() in {0, 1}
     finally:
         run.end()
-    nothing_is_lost(run, 40)
+    nothing_is_lost(run, budget)
     labels = {row[0] for row in run.rows("SELECT DISTINCT model FROM scores WHERE shadow = 0")}
     assert {first, second} >= labels
     assert second in labels
@@ -202,7 +215,7 @@ def _scorer_changes(client: FarmClient) -> list[ScorerChanged]:
 
 def test_server_killed_and_restarted_costs_order_only(server: Server, tmp_path: Path) -> None:
     label = f"ollama:tiny-a@{server.host}"
-    run = Run(tmp_path, label, budget=40)
+    run = Run(tmp_path, label, budget=PLENTY)
     try:
         with closing(run.client()) as client:
             _until(client, lambda status: status.flights >= 4)
@@ -210,19 +223,18 @@ def test_server_killed_and_restarted_costs_order_only(server: Server, tmp_path: 
             before = client.status()
             _until(client, lambda status: status.fallbacks > before.fallbacks)
             server.start()
+            fallen = run.rows("SELECT max(round) FROM scores WHERE shadow = 0 AND scored_by != model")[0][0]
+            own = f"SELECT 1 FROM scores WHERE shadow = 0 AND scored_by = model AND round > {fallen}"
+            _until(client, lambda _: bool(run.rows(own)), within_s=300.0)
+            budget = _end_soon(client)
         assert run.wait() in {0, 1}
     finally:
         run.end()
         if server.process is None:
             server.start()
-    nothing_is_lost(run, 40)
+    nothing_is_lost(run, budget)
     faults = {row[0] for row in run.rows("SELECT DISTINCT fault FROM scores WHERE scored_by != model")}
     assert faults & {"unreachable", "circuit-open", "loading"}
-    last_fallback, last_own = (
-        run.rows(f"SELECT max(round) FROM scores WHERE shadow = 0 AND scored_by {sign} model")[0][0]
-        for sign in ("!=", "=")
-    )
-    assert last_own >= last_fallback, "the model never came back"  # type: ignore[operator]
 
 
 def _until(client: FarmClient, reached, within_s: float = 120.0) -> None:  # type: ignore[no-untyped-def]
