@@ -126,6 +126,7 @@ class LanguageModel:
                 about = await self._chat.load()
                 self._digest = await self._chat.digest()
                 seconds = {count: await self._probe(count) for count in PROBES}
+                seconds[1] = min(seconds[1], await self._probe(1))  # the first may have waited for another's question
         except TimeoutError as fault:
             raise Unavailable(f"{self.label}: not loaded within {self._load_deadline_s:g} s") from fault
         self._pace.probed(seconds)

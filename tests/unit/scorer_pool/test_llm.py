@@ -339,6 +339,19 @@ def test_a_trial_that_hangs_ends_with_its_deadline_and_another_follows() -> None
     scorer.close()
 
 
+def test_a_first_probe_that_waits_for_another_question_does_not_make_more_side_by_side_look_worth_it() -> None:
+    clock = HandClock()
+
+    class OneAtATime(ScriptedChat):
+        async def ask(self, question: Question) -> Spoken:
+            clock.now_s += 1.0 if clock.now_s else 10.0
+            return await super().ask(question)
+
+    scorer = LanguageModel("fake:m", OneAtATime(good), clock, 5.0)
+    assert "1 questions side by side" in scorer.warm(lambda: False)
+    scorer.close()
+
+
 def test_talk_is_kept_word_for_word_up_to_a_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "talk.jsonl"
     scorer = LanguageModel("fake:m", ScriptedChat(good), WallClock(), 5.0, talk=TalkFile(path))
