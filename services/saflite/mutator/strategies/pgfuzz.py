@@ -98,7 +98,7 @@ class Strategy:
         "bursts": Option(0.4, "share of inputs that follow within 2 s instead of a round (0: as PGFuzz)", 0, 1),
         "release": Option(0.7, "share of stick inputs let go after their round (1: as PGFuzz)", 0, 1),
         "steps_min": Option(3, "least number of inputs in a test case", 1, 100),
-        "steps_max": Option(9, "greatest number of inputs in a test case", 1, 100),
+        "steps_max": Option(14, "greatest number of inputs in a test case", 1, 100),
         "round_s": Option(4.0, "time from one input to the next", 0.1, 60),
         "start_s": Option(1.0, "time of the first input", 0, 60),
     }
