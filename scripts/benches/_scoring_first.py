@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import sys
 import tempfile
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 
 import msgspec
@@ -62,20 +63,39 @@ def first_finds(mission: int, rng_seed: int, models: Sequence[str]) -> dict[str,
     return found
 
 
-def table(missions: Sequence[int], seeds: int, models: Sequence[str], jobs: int) -> list[dict[str, object]]:
-    """Return one row per mission and model: median, its 95 % bootstrap interval, and the ratio to `random`."""
+def table(
+    missions: Sequence[int], seeds: int, models: Sequence[str], jobs: int, out: Path | None = None
+) -> list[dict[str, object]]:
+    """Return one row per mission and model: median, its 95 % bootstrap interval, and the ratio to `random`.
+
+    Campaigns are noted in `out` as they end, one JSON line each; those noted there already are not run again.
+    """
     rows: list[dict[str, object]] = []
     pooled: dict[str, list[int]] = {model: [] for model in models}
-    places = [(mission, rng_seed) for mission in missions for rng_seed in range(1, seeds + 1)]
+    every = _noted(out, models)
+    places = [(mission, rng_seed) for rng_seed in range(1, seeds + 1) for mission in missions]
     with ProcessPoolExecutor(jobs) as processes:
-        every = list(processes.map(first_finds, *zip(*places, strict=True), [tuple(models)] * len(places)))
+        left = {processes.submit(first_finds, *place, tuple(models)): place for place in places if place not in every}
+        for done in as_completed(left):
+            every[left[done]] = done.result()
+            if out is not None:
+                with out.open("a", encoding="utf-8") as file:
+                    file.write(json.dumps([*left[done], every[left[done]]]) + "\n")
     for mission in missions:
-        here = [found for (where, _), found in zip(places, every, strict=True) if where == mission]
+        here = [every[place] for place in places if place[0] == mission]
         counts = {model: [found[model] for found in here] for model in models}
         rows += [_row(f"mission {mission}", model, counts[model], counts.get("random")) for model in models]
         for model in models:
             pooled[model] += counts[model]
     return rows + [_row("all", model, pooled[model], pooled.get("random")) for model in models]
+
+
+def _noted(out: Path | None, models: Sequence[str]) -> dict[tuple[int, int], dict[str, int]]:
+    """Return the campaigns of an earlier run that had all the models, by mission and seed."""
+    if out is None or not out.exists():
+        return {}
+    rows = [json.loads(line) for line in out.read_text(encoding="utf-8").splitlines()]
+    return {(mission, rng_seed): found for mission, rng_seed, found in rows if found.keys() >= set(models)}
 
 
 def _row(where: str, model: str, counts: list[int], chance: list[int] | None) -> dict[str, object]:

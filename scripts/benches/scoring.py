@@ -15,6 +15,7 @@ import argparse
 import json
 import sys
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -33,6 +34,7 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--jobs", type=int, default=1, help="processes for `first`: one per core")
     parser.add_argument("--flights", type=int, default=300, help="budget of the overlap campaign")
     parser.add_argument("--swaps", type=int, default=50)
+    parser.add_argument("--out", type=Path, help="note campaigns of `first` here; those in it are not run again")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args(argv)
     found = {part: _measure(part, options) for part in options.part}
@@ -55,7 +57,7 @@ def _measure(part: str, options: argparse.Namespace) -> Any:
     if part == "first":
         from _scoring_first import MODELS, table
 
-        return table(options.missions, options.seeds, options.models or MODELS, options.jobs)
+        return table(options.missions, options.seeds, options.models or MODELS, options.jobs, options.out)
     if part == "overlap":
         from _scoring_farm import overlap
 

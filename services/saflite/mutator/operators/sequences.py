@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -51,10 +52,10 @@ def _is_release(stimulus: Stimulus) -> bool:
 
 def _pause(rng: Rng, rhythm: Rhythm) -> float:
     """Return a round, or for a burst 0.1 to 2 s with all sizes alike: what matters may last a second, or a tenth."""
-    low_s, high_s = BURST_S
     if rng.random() >= rhythm.bursts:
         return rhythm.round_s
-    return low_s * (high_s / low_s) ** float(rng.random())
+    low, high = (math.log(pause_s) for pause_s in BURST_S)
+    return math.exp(rng.uniform(low, high))
 
 
 def _at(stimulus: Stimulus, at_s: float, rhythm: Rhythm) -> Stimulus:
