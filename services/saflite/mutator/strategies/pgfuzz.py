@@ -205,8 +205,13 @@ class Strategy:
             parent = pool[min(len(pool) - 1, int(len(pool) * rng.random() ** 2))]  # the close ones more often
             change, stimuli = self._change(rng, parent, pool, style)
             return self._made(rng, stimuli, parent.identity, change)
-        count = int(rng.integers(self._chosen.whole("steps_min"), self._chosen.whole("steps_max") + 1))
-        return self._made(rng, sequences.fresh(rng, partial(self._draw, style), count, self._rhythm), "", "fresh")
+        stimuli = sequences.fresh(rng, partial(self._draw, style), self._length(rng), self._rhythm)
+        return self._made(rng, stimuli, "", "fresh")
+
+    def _length(self, rng: np.random.Generator) -> int:
+        """Draw how many inputs; few more often: some rules need several, most are hidden by what does not belong."""
+        least, most = self._chosen.whole("steps_min"), self._chosen.whole("steps_max")
+        return least + int((most + 1 - least) * rng.random() ** 2)
 
     def _style(self, rng: np.random.Generator) -> Style:
         """Draw what the inputs of one case have in common: a rule that three of a kind break is met more often so."""

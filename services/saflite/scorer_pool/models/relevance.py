@@ -82,7 +82,7 @@ def _mark(test_case: TestCase, briefs: tuple[PolicyBrief, ...], lessons: Lessons
     together = sum(best) / min(RULE_INPUTS, len(test_case.stimuli))
     whole = sum(weights[one.kind, one.name] for one in test_case.stimuli) / len(test_case.stimuli)
     told = ", ".join(f"{name} ({weight:.2f})" for weight, name in ordered[:RULE_INPUTS])
-    return Mark(SCORE_MAX * (2.0 * together + whole) / 3.0, f"most relevant: {told}")
+    return Mark(SCORE_MAX * (together + whole) / 2.0, f"most relevant: {told}")
 
 
 def _weight(stimulus: Stimulus, briefs: tuple[PolicyBrief, ...], lessons: Lessons) -> float:
