@@ -171,6 +171,8 @@ def alarms(cases: int, rng_seed: int) -> dict[str, Any]:
             verdicts = judge(case, flight, record.trace, checked).verdicts
             broken = [verdict for verdict in verdicts if verdict.outcome == "violated"]
             flown, alarmed = flown + 1, alarmed + bool(broken)
+            if flown % 100 == 0:
+                sys.stderr.write(f"{flown} of {cases} cases flown, {alarmed} false alarms\n")
             simulated_s += record.trace.duration_s if record.trace else 0.0
             endings[record.ending] += 1
             for verdict in broken:
