@@ -10,7 +10,7 @@ import msgspec
 
 from saflite.campaign.builtin import load_campaign, template
 from saflite.campaign.shrink import Shrinker
-from saflite.contract.flight import Flight
+from saflite.contract.flight import AUTOPILOT_ALIVE, Flight
 from saflite.contract.rng import derive
 from saflite.contract.test_case import Stimulus, TestCase, identity
 from saflite.contract.work import Setting
@@ -39,7 +39,7 @@ class Shrunk(NamedTuple):
 def breaks(test_case: TestCase, policy: str) -> bool:
     """Fly the test case on the reference target and say whether it breaks the policy."""
     record = reference.fly(test_case, lambda: False)
-    if policy == "autopilot-alive":
+    if policy == AUTOPILOT_ALIVE:
         return record.ending == "autopilot_died"
     flight = Flight(test_case=identity(test_case), flight_index=0, ending=record.ending)
     return any(verdict.outcome == "violated" for verdict in judge(test_case, flight, record.trace, (policy,)).verdicts)

@@ -49,7 +49,7 @@ class SearchConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     confirm_flights: int = 1
     confirm_needed: int = 1
     shrink: bool = False
-    shrink_flights_max: int = 100
+    shrink_flights_max: int = 60
 
 
 class LeaseConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

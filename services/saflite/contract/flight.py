@@ -24,6 +24,9 @@ infra           our side could not run it (bring-up, disk): retried, never a vio
 lost            the worker vanished with it: retried, never a violation
 """
 
+AUTOPILOT_ALIVE = "autopilot-alive"
+"""The policy that a flight ending as `autopilot_died` breaks, whatever else a campaign checks; it has no file."""
+
 FLOWN_ENDINGS: frozenset[Ending] = frozenset({"completed", "crashed", "timed_out", "autopilot_died"})
 """Endings that say something about the vehicle; the others only about the farm."""
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from saflite.contract.flight import FLOWN_ENDINGS, Flight, Trace
+from saflite.contract.flight import AUTOPILOT_ALIVE, FLOWN_ENDINGS, Flight, Trace
 from saflite.contract.test_case import TestCase
 from saflite.contract.verdict import Judgement, Verdict
 from saflite.oracle.features import features_of, track_of
@@ -16,7 +16,6 @@ from saflite.oracle.stl import Evaluator, Finding, find
 ROBUSTNESS_MAX = 1000.0
 NEVER_APPLIED = 100.0  # told, and up to ROBUSTNESS_MAX, where a rule never applied: the less, the nearer it came
 CRISP = 1.0  # told where only yes-or-no parts decided
-AUTOPILOT_ALIVE = "autopilot-alive"
 
 
 def judge(test_case: TestCase, flight: Flight, trace: Trace | None, policies: tuple[str, ...]) -> Judgement:

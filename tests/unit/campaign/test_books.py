@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import msgspec
 import pytest
 from books_drive import Driver, MemoryStore, new_books
 
@@ -10,7 +11,18 @@ from saflite.contract.events import Quarantined, ScorerChanged, ViolationFound
 from saflite.contract.flight import Flight
 from saflite.contract.score import Score
 from saflite.contract.test_case import identity
-from saflite.contract.work import Failure, FlyResult, FlyWork, HandedBack, Heartbeat, MutateWork, ScoreResult, ScoreWork
+from saflite.contract.verdict import Verdict
+from saflite.contract.work import (
+    Failure,
+    FlyResult,
+    FlyWork,
+    HandedBack,
+    Heartbeat,
+    JudgeResult,
+    MutateWork,
+    ScoreResult,
+    ScoreWork,
+)
 
 
 def facts(driver: Driver, kind: type) -> list[object]:
@@ -55,6 +67,33 @@ def test_the_last_flight_leaves_its_violation_unconfirmed() -> None:
             assert (found[0].standing, found[0].reflown) == ("unconfirmed", 0)
             return
     pytest.fail("no search found anything with its first flight")
+
+
+def test_a_dead_autopilot_is_a_finding_beside_the_policies_of_the_campaign() -> None:
+    driver = flying(new_books(40))
+    driver.do("fly")
+    (lease,) = driver.ask("judge")
+    result = driver.service.do(lease.work)
+    assert isinstance(result, JudgeResult)
+    died = Verdict(policy="autopilot-alive", outcome="violated", robustness=-1.0, severity="hard")
+    verdicts = (*result.judgement.verdicts, died)
+    judgement = msgspec.structs.replace(result.judgement, verdicts=verdicts, fingerprint="0123456789abcdef")
+    assert driver.report(lease, JudgeResult(judgement=judgement)).status == "accepted"
+    driver.run()
+    found = [fact.violation.policy for fact in facts(driver, ViolationFound) if isinstance(fact, ViolationFound)]
+    assert "autopilot-alive" in found
+
+
+def test_verdicts_on_other_policies_are_refused() -> None:
+    driver = flying(new_books(40))
+    driver.do("fly")
+    (lease,) = driver.ask("judge")
+    result = driver.service.do(lease.work)
+    assert isinstance(result, JudgeResult)
+    other = Verdict(policy="of-another-campaign", outcome="held", robustness=1.0)
+    judgement = msgspec.structs.replace(result.judgement, verdicts=(*result.judgement.verdicts, other))
+    receipt = driver.report(lease, JudgeResult(judgement=judgement))
+    assert (receipt.status, "of-another-campaign" in receipt.message) == ("refused", True)
 
 
 def test_a_result_counts_once() -> None:
