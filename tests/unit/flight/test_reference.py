@@ -170,6 +170,15 @@ def test_radio_loss_returns_home_unless_switched_off() -> None:
     assert last(fly(case("LOITER", 20.0, 4.0, inputs, FS_THR_ENABLE=0.0)), "mode") == MODES["LOITER"]
 
 
+def test_radio_failsafe_stands_until_there_are_good_pulses_again() -> None:
+    low: Input = (1.0, "stick", "RC3", (900.0,))
+    silent: Input = (3.0, "sensor_fault", "radio_loss", (1.0,))
+    record = fly(case("LOITER", 20.0, 6.0, [low, silent]))
+    assert "cleared" not in texts(record), "no pulses at all are not better than bad ones"
+    good: Input = (3.0, "stick", "RC3", (1500.0,))
+    assert "Radio failsafe cleared" in texts(fly(case("LOITER", 20.0, 6.0, [low, good])))
+
+
 def test_low_battery_returns_home() -> None:
     inputs: list[Input] = [(1.0, "sensor_fault", "battery_voltage", (13.0,))]
     record = fly(case("LOITER", 20.0, 10.0, inputs, BATT_LOW_VOLT=14.0))

@@ -22,7 +22,7 @@ class Failsafes:
         self._ap = ap
         self.position = self.radio = self.battery = self.fence = False
         self._lost_s = self._variance_s = self._silent_s = self._low_s = self._critical_s = 0.0
-        self._pulses = self._ticks = 0
+        self._pulses = self._good_pulses = self._ticks = 0
         self._shown = (False, False, False, False)
         self._critical = False
 
@@ -102,12 +102,14 @@ class Failsafes:
         low = ap.radio.present and ap.radio.received[3] < p["FS_THR_VALUE"]
         self._pulses = min(50, self._pulses + 1) if low else 0
         self._silent_s = 0.0 if ap.radio.present else self._silent_s + TICK_S
-        raised = (self._pulses >= RADIO_PULSES or self._silent_s > RADIO_LOST_S) and self._radio_watched()
+        self._good_pulses = min(50, self._good_pulses + 1) if ap.radio.present and not low else 0
+        watched = self._radio_watched()
+        raised = watched and (self._pulses >= RADIO_PULSES or self._silent_s > RADIO_LOST_S)
         if raised and not self.radio:
             self.radio = True
             ap.say("Radio failsafe", "error")
             self._act_on_radio()
-        elif not raised and self.radio:
+        elif self.radio and (self._good_pulses >= RADIO_PULSES or not watched):
             self.radio = False
             ap.say("Radio failsafe cleared")
 
