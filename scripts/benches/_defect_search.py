@@ -22,7 +22,7 @@ from saflite.flight.autopilots.reference.defects import TABLE
 FLIGHTS_PER_ROUND, CANDIDATES_PER_ROUND = 8, 48
 KEPT = 64
 ARMS: dict[str, str] = {
-    "relevance": "the built-in campaign as shipped: the scorer relevance chooses among the mutants",
+    "relevance": "the scorer relevance chooses among the mutants, as in nearly all built-in campaigns over policies",
     "random": "a random pick among the same mutants",
     "novelty": "the scorer novelty chooses",
     "surrogate": "the scorer surrogate chooses",

@@ -19,6 +19,7 @@ from saflite.contract.work import (
     HandedBack,
     Heartbeat,
     JudgeResult,
+    Lease,
     MutateWork,
     ScoreResult,
     ScoreWork,
@@ -69,12 +70,18 @@ def test_the_last_flight_leaves_its_violation_unconfirmed() -> None:
     pytest.fail("no search found anything with its first flight")
 
 
-def test_a_dead_autopilot_is_a_finding_beside_the_policies_of_the_campaign() -> None:
+def judged_once() -> tuple[Driver, Lease, JudgeResult]:
+    """Bring a campaign to its first judgement, which is not handed in."""
     driver = flying(new_books(40))
     driver.do("fly")
     (lease,) = driver.ask("judge")
     result = driver.service.do(lease.work)
     assert isinstance(result, JudgeResult)
+    return driver, lease, result
+
+
+def test_a_dead_autopilot_is_a_finding_beside_the_policies_of_the_campaign() -> None:
+    driver, lease, result = judged_once()
     died = Verdict(policy="autopilot-alive", outcome="violated", robustness=-1.0, severity="hard")
     verdicts = (*result.judgement.verdicts, died)
     judgement = msgspec.structs.replace(result.judgement, verdicts=verdicts, fingerprint="0123456789abcdef")
@@ -85,11 +92,7 @@ def test_a_dead_autopilot_is_a_finding_beside_the_policies_of_the_campaign() -> 
 
 
 def test_verdicts_on_other_policies_are_refused() -> None:
-    driver = flying(new_books(40))
-    driver.do("fly")
-    (lease,) = driver.ask("judge")
-    result = driver.service.do(lease.work)
-    assert isinstance(result, JudgeResult)
+    driver, lease, result = judged_once()
     other = Verdict(policy="of-another-campaign", outcome="held", robustness=1.0)
     judgement = msgspec.structs.replace(result.judgement, verdicts=(*result.judgement.verdicts, other))
     receipt = driver.report(lease, JudgeResult(judgement=judgement))
