@@ -22,7 +22,8 @@ from saflite.flight.autopilots.reference.defects import TABLE
 FLIGHTS_PER_ROUND, CANDIDATES_PER_ROUND = 8, 48
 KEPT = 64
 ARMS: dict[str, str] = {
-    "relevance": "the scorer relevance chooses among the mutants, as in nearly all built-in campaigns over policies",
+    "shipped": "the scorer of the built-in campaign chooses among the mutants: relevance, for dead autopilots random",
+    "relevance": "the scorer relevance chooses",
     "random": "a random pick among the same mutants",
     "novelty": "the scorer novelty chooses",
     "surrogate": "the scorer surrogate chooses",
@@ -76,6 +77,7 @@ def campaign_of(defect: str, arm: str, rng_seed: int, flights: int) -> Campaign:
     parameters = {**TABLE[defect].parameters, **base.target.parameters}
     settings = {**base.strategy.settings, **(PUBLISHED if arm == "published" else {})}
     chosen = arm not in ("pgfuzz", "published")
+    model = {"shipped": base.scorer.model, "pgfuzz": "constant", "published": "constant"}.get(arm, arm)
     candidates = CANDIDATES_PER_ROUND if chosen else FLIGHTS_PER_ROUND
     search = {
         "candidates_per_round": candidates,
@@ -89,7 +91,7 @@ def campaign_of(defect: str, arm: str, rng_seed: int, flights: int) -> Campaign:
         start=StartState(mode=TABLE[defect].start[0], altitude_m=TABLE[defect].start[1]) if base.start else None,
         target=Target(parameters=parameters, defects=(defect,)),
         strategy=StrategyConfig(name="pgfuzz", settings=settings),
-        scorer=ScorerConfig(model=arm if chosen else "constant", batch=16),
+        scorer=ScorerConfig(model=model, batch=16),
         search=msgspec.structs.replace(base.search, **search),
         budget_flights=flights,
         rng_seed=rng_seed,

@@ -133,3 +133,13 @@ def relation(kind: str, name: str, brief: PolicyBrief) -> float:
     listed = 0.5 if target.inputs and name in target.inputs else 0.0
     weight = -2.6 + 2.2 * math.tanh(1.5 * shared) + 2.5 * named + 1.6 * reach + listed
     return 1.0 / (1.0 + math.exp(-weight))
+
+
+def brief_names_negative(brief: PolicyBrief) -> bool:
+    """Return whether the policy's words call negative values interesting."""
+    return "negative" in words_of(brief.words)
+
+
+def negative(stimulus: Stimulus) -> bool:
+    """Return whether a parameter is set below 0, or the last number of a command, a height, is."""
+    return stimulus.kind in ("parameter", "command") and bool(stimulus.values) and stimulus.values[-1] < 0.0

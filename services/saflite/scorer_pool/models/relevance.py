@@ -9,7 +9,7 @@ from saflite.contract.score import SCORE_MAX
 from saflite.contract.service import Cancelled
 from saflite.contract.test_case import Stimulus, TestCase
 from saflite.contract.work import Outcome
-from saflite.scorer_pool.knowledge import relation
+from saflite.scorer_pool.knowledge import brief_names_negative, negative, relation
 from saflite.scorer_pool.labels import no_argument
 from saflite.scorer_pool.learning import danger, telling
 from saflite.scorer_pool.model import MIDDLE, Job, Mark, PolicyBrief, Sheet, Tools
@@ -19,6 +19,9 @@ TRUST = 4.0
 
 RULE_INPUTS = 3
 """Different inputs that have to come together to break a rule, at most, among the bugs of the paper."""
+
+VALUE_SHARE = 0.2
+"""Share of the score that goes to negative values, where the policy's words call them interesting."""
 
 Lessons = dict[tuple[str, str], float]
 """By (kind, name): how much the input changed the danger, as a difference of log odds, shrunk towards 0."""
@@ -38,7 +41,7 @@ class Model:
     def score(self, job: Job) -> Sheet:
         """Return one mark per test case."""
         lessons = self._learned(job)
-        return Sheet(tuple(_mark(case, job.briefs, lessons) for case in job.test_cases), digest="relevance-2")
+        return Sheet(tuple(_mark(case, job.briefs, lessons) for case in job.test_cases), digest="relevance-3")
 
     def warm(self, cancelled: Cancelled) -> str:
         """Nothing to load."""
@@ -82,7 +85,11 @@ def _mark(test_case: TestCase, briefs: tuple[PolicyBrief, ...], lessons: Lessons
     together = sum(best) / min(RULE_INPUTS, len(test_case.stimuli))
     whole = sum(weights[one.kind, one.name] for one in test_case.stimuli) / len(test_case.stimuli)
     told = ", ".join(f"{name} ({weight:.2f})" for weight, name in ordered[:RULE_INPUTS])
-    return Mark(SCORE_MAX * (together + whole) / 2.0, f"most relevant: {told}")
+    share = (together + whole) / 2.0
+    if any(brief_names_negative(brief) for brief in briefs):
+        named = [weights[one.kind, one.name] for one in test_case.stimuli if negative(one)]
+        share += VALUE_SHARE * (max(named, default=0.0) - share)
+    return Mark(SCORE_MAX * share, f"most relevant: {told}")
 
 
 def _weight(stimulus: Stimulus, briefs: tuple[PolicyBrief, ...], lessons: Lessons) -> float:
