@@ -36,7 +36,7 @@ from saflite.campaign.builtin import load_campaign, template
 from saflite.campaign.policy_campaigns import policy_campaigns
 from saflite.contract.flight import Flight
 from saflite.contract.rng import derive
-from saflite.contract.test_case import TestCase, identity
+from saflite.contract.test_case import TestCase, identity, told_in_order
 from saflite.flight.autopilots.reference.defects import TABLE
 from saflite.mutator.strategies.pgfuzz import Strategy
 from saflite.oracle.judge import judge
@@ -177,7 +177,7 @@ def alarms(cases: int, rng_seed: int) -> dict[str, Any]:
             endings[record.ending] += 1
             for verdict in broken:
                 seen[verdict.policy] += 1
-                examples[verdict.policy].append(f"{name} {_told(case)}: {verdict.message}")
+                examples[verdict.policy].append(f"{name} {told_in_order(case.stimuli)}: {verdict.message}")
     wall_s = time.perf_counter() - start
     return {
         "cases": flown,
@@ -195,12 +195,6 @@ def _mutants(campaign: str, count: int, rng_seed: int) -> list[TestCase]:
     found = load_campaign(campaign)
     strategy = Strategy(template(found), found.strategy.settings, found.policies)
     return strategy.ask(count, derive(rng_seed, "bench-alarms", campaign))
-
-
-def _told(case: TestCase) -> str:
-    return "; ".join(
-        f"{one.at_s:g} s {one.kind} {one.name} {' '.join(f'{value:g}' for value in one.values)}" for one in case.stimuli
-    )
 
 
 # ---- the command --------------------------------------------------------------------------------------------------

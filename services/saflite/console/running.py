@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from saflite.console import live, out, reporting
+from saflite.console.causes import causes
 from saflite.console.run_folder import SHRINK, open_run
 from saflite.contract.config import Campaign
 from saflite.contract.control import Status
@@ -73,7 +74,11 @@ def conclude(run_dir: Path, ended: ExitSummary, *, as_json: bool) -> int:
     cases = reporting.write_test_cases(run_dir)
     with open_run(run_dir) as run:
         violations = run.violations()
-        every, elapsed_s = run.flights(), run.elapsed_s()
+        every, elapsed_s, taken = (
+            run.flights(),
+            run.elapsed_s(),
+            causes((one.violation, one.test_case) for one in run.findings()),
+        )
     flights = [row for row in every if row.purpose != SHRINK]
     if as_json:
         out.json(
@@ -87,6 +92,7 @@ def conclude(run_dir: Path, ended: ExitSummary, *, as_json: bool) -> int:
                 "confirmed": confirmed,
                 "distinct": len({one.fingerprint for one in violations if one.standing == "confirmed"}),
                 "restarts": ended.restarts,
+                "causes": [cause.plain() for cause in taken],
                 "violations": violations,
                 "report": str(report),
                 "test_cases": [str(path) for path in cases if path.suffix != ".plan"],
@@ -108,6 +114,10 @@ def conclude(run_dir: Path, ended: ExitSummary, *, as_json: bool) -> int:
         out.line(f"  {live.violation_line(violation)}")
     if len(good) > SHOWN:
         out.line(f"  ... and {len(good) - SHOWN} more")
+    if taken:
+        out.line("what it takes:")
+    for cause in taken[:SHOWN]:
+        out.line(f"  {cause.policy}, {cause.violations} of them: {cause.words}   (test case {cause.name})")
     out.line()
     out.line(f"report      {report}")
     out.line(f"recordings  {run_dir / 'recordings'}   (open in Foxglove or PlotJuggler)")

@@ -135,3 +135,14 @@ def identity(test_case: TestCase) -> str:
     """Return the identity of a test case: the hash of all it holds except its origin and source."""
     content = (test_case.target, test_case.scenario, test_case.stimuli, test_case.rng_seed)
     return short_id(_ENCODER.encode(content))
+
+
+def told(stimulus: Stimulus) -> str:
+    """Return a stimulus in words: what it is, its numbers."""
+    numbers = "".join(f" {value:g}" for value in stimulus.values)
+    return f"{stimulus.kind} {stimulus.name}{numbers}"
+
+
+def told_in_order(stimuli: tuple[Stimulus, ...]) -> str:
+    """Return stimuli in words, each with its time."""
+    return "; ".join(f"{stimulus.at_s:g} s {told(stimulus)}" for stimulus in stimuli)

@@ -12,7 +12,7 @@ from saflite.console.report.data import Exhibit
 from saflite.console.report.svg import tag
 from saflite.contract.errors import Refused
 from saflite.contract.flight import Ending, Flight
-from saflite.contract.test_case import Obstacle, Stimulus
+from saflite.contract.test_case import Obstacle, Stimulus, told
 from saflite.contract.verdict import Verdict
 
 FAR_M = 12.0  # distances beyond it are cut off in charts: what matters is near the limit
@@ -135,7 +135,7 @@ def _facts(exhibit: Exhibit, run_name: str) -> list[tuple[str, str]]:
             ("flight", f"{first.ending}, {first.simulated_s:.1f} s, trace <code>{first.trace_digest[:16]}</code>")
         )
     facts += [(f"box {number}", _box(box)) for number, box in enumerate(case.scenario.obstacles, start=1)]
-    facts += [(f"at {stimulus.at_s:g} s", escape(_said(stimulus))) for stimulus in case.stimuli]
+    facts += [(f"at {stimulus.at_s:g} s", escape(told(stimulus))) for stimulus in case.stimuli]
     if case.target.defects:
         facts.append(("defects on", escape(", ".join(case.target.defects))))
     if exhibit.recording:
@@ -159,10 +159,6 @@ def _box(box: Obstacle) -> str:
 
 def _short(stimulus: Stimulus) -> str:
     return stimulus.name[:14]
-
-
-def _said(stimulus: Stimulus) -> str:
-    return f"{stimulus.kind} {stimulus.name} {' '.join(f'{value:g}' for value in stimulus.values)}".strip()
 
 
 def anchor(number: int, text: str) -> str:

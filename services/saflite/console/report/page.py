@@ -6,6 +6,7 @@ from html import escape
 
 import numpy as np
 
+from saflite.console.causes import causes
 from saflite.console.report import bars, charts, evidence
 from saflite.console.report.data import ReportData
 from saflite.console.report.style import CSS
@@ -25,6 +26,7 @@ def render(data: ReportData, run_name: str) -> str:
         _tiles(data),
         f'<div class="pictures"><figure>{_finds(data)}</figure><figure>{_search(data)}</figure></div>',
         _table(data),
+        _causes(data),
         *(evidence.section(number, exhibit, run_name) for number, exhibit in enumerate(data.exhibits, start=1)),
         _calibration(data),
         _usage(data),
@@ -124,6 +126,24 @@ def _table(data: ReportData) -> str:
         rows.append("<tr>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>")
     heads = ("", "fingerprint", "policy", "robustness", "severity", "standing", "re-flown", "inputs")
     return f"<h2>Violations</h2>{_html_table(heads, rows)}"
+
+
+def _causes(data: ReportData) -> str:
+    taken = causes((exhibit.violation, exhibit.test_case) for exhibit in data.exhibits)
+    if not taken:
+        return ""
+    numbers = {exhibit.violation.test_case: number for number, exhibit in enumerate(data.exhibits, start=1)}
+    rows = [
+        f"<tr><td>{escape(cause.policy)}</td><td>{cause.violations}</td><td>{escape(cause.words)}</td>"
+        f"<td>{evidence.anchor(numbers[cause.name], cause.name)}</td></tr>"
+        for cause in taken
+    ]
+    heads = ("policy", "violations", "the smallest inputs found", "test case")
+    return (
+        "<h2>What it takes</h2>"
+        '<p class="muted">Violations with the same inputs (by name) behind them count as one here; what only came '
+        "along is left out as far as a smaller violation shows it was not needed.</p>" + _html_table(heads, rows)
+    )
 
 
 def _html_table(heads: tuple[str, ...], rows: list[str]) -> str:

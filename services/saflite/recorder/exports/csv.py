@@ -6,7 +6,7 @@ import csv
 import io
 from pathlib import Path
 
-from saflite.contract.test_case import TestCase
+from saflite.contract.test_case import TestCase, told_in_order
 from saflite.recorder.files import write_file
 from saflite.recorder.summary import Finding, RunSummary
 
@@ -46,8 +46,4 @@ def _inputs(test_case: TestCase) -> str:
         f"turned {box.rotation_deg:g}"
         for box in test_case.scenario.obstacles
     )
-    stimuli = (
-        f"{stimulus.at_s:g} s {stimulus.kind} {stimulus.name} {' '.join(f'{value:g}' for value in stimulus.values)}"
-        for stimulus in test_case.stimuli
-    )
-    return "; ".join((*boxes, *stimuli))
+    return "; ".join(filter(None, (*boxes, told_in_order(test_case.stimuli))))
