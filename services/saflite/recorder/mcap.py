@@ -33,6 +33,9 @@ from saflite.flight.mission import to_geographic, waypoints
 from saflite.recorder import frames, scalars, scene
 
 RATE_HZ = 20.0
+MAP_RATE_HZ = 5.0
+CALM = frozenset({"/settings", "/failsafe", "/autopilot"})
+"""Topics of what holds still for long: written at changes, and about once a second between them."""
 _LEVELS = {"info": Log.INFO, "warning": Log.WARNING, "error": Log.ERROR}
 _NS = 1_000_000_000
 
@@ -175,6 +178,7 @@ def _motion(
     names = ("roll_deg", "pitch_deg", "yaw_deg")
     angles = np.stack([trace.array(name)[at] if name in trace.signals else zeros for name in names], axis=1)
     mission = test_case.scenario.mission
+    on_map = set(at[:: round(RATE_HZ / MAP_RATE_HZ)].tolist()) if mission is not None else set()
     messages = []
     for index, (x_m, y_m, z_m), (roll, pitch, yaw) in zip(at.tolist(), track.tolist(), angles.tolist(), strict=True):
         at_ns = start_ns + round(index * trace.step_s * _NS)
@@ -189,7 +193,7 @@ def _motion(
             rotation=rotation,
         )
         messages += [_Message(at_ns, "/pose", pose), _Message(at_ns, "/tf", FrameTransforms(transforms=[step]))]
-        if mission is not None:
+        if mission is not None and index in on_map:
             lat, lon = to_geographic(x_m, y_m, mission.home_lat_deg, mission.home_lon_deg)
             height = mission.home_alt_m + z_m
             fix = LocationFix(timestamp=stamp, frame_id=frames.MAP, latitude=lat, longitude=lon, altitude=height)
@@ -228,9 +232,9 @@ def _log(at_ns: int, level: Log.Level.ValueType, name: str, text: str) -> _Messa
 
 
 def _plots(trace: Trace, at: NDArray[np.intp], start_ns: int) -> list[_Message]:
-    times = [start_ns + round(index * trace.step_s * _NS) for index in at.tolist()]
-    return [
-        _Message(at_ns, topic, record)
-        for topic, names in scalars.groups(trace).items()
-        for at_ns, record in zip(times, scalars.records(trace, names, at), strict=True)
-    ]
+    messages = []
+    for topic, names in scalars.groups(trace).items():
+        shown = scalars.telling(trace, names, at, calm=round(RATE_HZ)) if topic in CALM else at
+        for index, record in zip(shown.tolist(), scalars.records(trace, names, shown), strict=True):
+            messages.append(_Message(start_ns + round(index * trace.step_s * _NS), topic, record))
+    return messages

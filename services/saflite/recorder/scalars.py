@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from math import isfinite
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,6 +19,7 @@ _GROUPS: dict[str, tuple[str, ...]] = {
     "/safety": ("obstacle_distance_m", "contact", "chute_released"),
     "/autopilot": ("mode", "armed", "landed", "throttle", "mission_item", "mission_count", "taken_off", "takeoff"),
 }
+_ENCODER = msgspec.json.Encoder()
 
 
 def group_of(name: str) -> str:
@@ -47,11 +50,32 @@ def schema(names: tuple[str, ...]) -> bytes:
 
 def records(trace: Trace, names: tuple[str, ...], at: NDArray[np.intp]) -> Iterator[bytes]:
     """Yield one JSON record per sample index in `at`; values that are no number are left out (JSON has none)."""
-    columns = [np.round(trace.array(name)[at].astype(float), 5).tolist() for name in names]
-    for index, values in zip(at.tolist(), zip(*columns, strict=True), strict=True):
-        record = {"time_s": round(index * trace.step_s, 6)}
-        record.update((name, value) for name, value in zip(names, values, strict=True) if np.isfinite(value))
-        yield json.dumps(record, separators=(",", ":")).encode()
+    values = _table(trace, names, at)
+    keys = ("time_s", *names)
+    times_s = [round(index * trace.step_s, 6) for index in at.tolist()]
+    whole = bool(np.isfinite(values).all())
+    for time_s, row in zip(times_s, values.tolist(), strict=True):
+        record = dict(zip(keys, (time_s, *row), strict=True))
+        yield _ENCODER.encode(record if whole else {key: value for key, value in record.items() if isfinite(value)})
+
+
+def telling(trace: Trace, names: tuple[str, ...], at: NDArray[np.intp], calm: int) -> NDArray[np.intp]:
+    """Return those of the sample indices `at` that tell something: changes, the samples before them, every `calm`th.
+
+    Settings and flags hold still for most of a flight; the sample before a change keeps plots from drawing a slope.
+    """
+    values = _table(trace, names, at)
+    later, sooner = values[1:], values[:-1]
+    moved = (later != sooner) & ~(np.isnan(later) & np.isnan(sooner))
+    changed = np.flatnonzero(moved.any(axis=1)) + 1
+    kept = np.zeros(len(at), dtype=bool)
+    kept[::calm] = kept[-1:] = kept[changed] = kept[changed - 1] = True
+    return np.asarray(at[kept])
+
+
+def _table(trace: Trace, names: tuple[str, ...], at: NDArray[np.intp]) -> NDArray[np.float64]:
+    """Return the values of the named signals, rounded, shape (samples, names)."""
+    return np.round(np.stack([trace.array(name)[at] for name in names], axis=1).astype(float), 5)
 
 
 def _meaning(name: str) -> str:

@@ -14,11 +14,12 @@ from mcap_protobuf.decoder import DecoderFactory
 
 from saflite.contract.errors import Refused
 from saflite.contract.flight import Flight, Trace, TraceMessage, pack_trace, trace_digest
+from saflite.contract.rng import derive
 from saflite.contract.test_case import Obstacle, Scenario, Stimulus, Target, TestCase, identity
 from saflite.contract.verdict import Judgement, Verdict
 from saflite.contract.work import RecordResult, RecordWork
 from saflite.flight.mission import builtin_mission, mission_names
-from saflite.recorder import frames, mcap, recording
+from saflite.recorder import frames, mcap, recording, scalars
 from saflite.recorder.work import open_service
 
 START_UNIX_S = 1_790_000_000.25
@@ -129,6 +130,26 @@ def test_scalars_are_flat_json_without_nan(data: bytes) -> None:
     assert "odd_m" not in rows[0]
     assert rows[-1]["odd_m"] == 1.0
     assert all(isinstance(value, int | float) for row in rows for value in row.values())
+
+
+def test_what_holds_still_is_thinned_without_losing_a_change() -> None:
+    rng = derive(1, "calm")
+    held = np.repeat(rng.integers(0, 3, 12), rng.integers(1, 60, 12)).astype("<f4")
+    held[5:9] = np.nan
+    trace = Trace(
+        step_s=0.05, signals={"failsafe_gps": held.tobytes(), "failsafe_radio": np.zeros_like(held).tobytes()}
+    )
+    at = np.arange(len(held))
+    names = ("failsafe_gps", "failsafe_radio")
+    kept = scalars.telling(trace, names, at, calm=20)
+    last_kept = np.searchsorted(kept, at, side="right") - 1
+    assert np.array_equal(held[kept][last_kept], held, equal_nan=True)  # held until the next record, nothing is lost
+    assert len(kept) < len(held) / 4
+    assert np.diff(kept).max() <= 20
+    rows = list(scalars.records(trace, names, kept))
+    assert [json.loads(row).get("failsafe_gps") for row in rows] == [
+        None if np.isnan(value) else value for value in held[kept]
+    ]
 
 
 def test_pitch_up_turns_the_nose_up() -> None:
