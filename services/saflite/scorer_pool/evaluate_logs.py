@@ -24,6 +24,7 @@ from saflite.scorer_pool.chat import Question
 from saflite.scorer_pool.llm import LanguageModel
 from saflite.scorer_pool.model import Model, Tools
 from saflite.scorer_pool.parse import Reply, parse
+from saflite.scorer_pool.prompt import entry_schema
 from saflite.scorer_pool.registry import make
 
 RULE = "rule-of-thumb"
@@ -82,17 +83,7 @@ class LogReport(msgspec.Struct, frozen=True, kw_only=True):
 
 def question(text: str) -> Question:
     """Return the question about one log."""
-    words = {"type": "string", "maxLength": 300}
-    one = {
-        "type": "object",
-        "properties": {
-            "interpretation": words,
-            "effect": words,
-            "score": {"type": "integer", "minimum": 0, "maximum": 10},
-        },
-        "required": ["interpretation", "effect", "score"],
-        "additionalProperties": False,
-    }
+    one = entry_schema(300)
     keyed = {"type": "object", "properties": {KEY: one}, "required": [KEY], "additionalProperties": False}
     schema: dict[str, Any] = {
         "type": "object",

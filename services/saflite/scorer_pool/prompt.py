@@ -99,13 +99,10 @@ def again(prompt: Prompt, fault: str) -> list[dict[str, str]]:
     return [*prompt.messages, {"role": "user", "content": remark}]
 
 
-def answer_schema(names: tuple[str, ...]) -> dict[str, Any]:
-    """Return the JSON schema of the answer about these keys; a hint to the server, never trusted.
-
-    An object by id, so that where a server does hold its model to the schema, each id stands there exactly once.
-    """
-    words = {"type": "string", "maxLength": 240}
-    one = {
+def entry_schema(words_max: int) -> dict[str, Any]:
+    """Return the JSON schema of the answer about one thing, its texts of so many characters at most."""
+    words = {"type": "string", "maxLength": words_max}
+    return {
         "type": "object",
         "properties": {
             "interpretation": words,
@@ -115,6 +112,14 @@ def answer_schema(names: tuple[str, ...]) -> dict[str, Any]:
         "required": ["interpretation", "effect", "score"],
         "additionalProperties": False,
     }
+
+
+def answer_schema(names: tuple[str, ...]) -> dict[str, Any]:
+    """Return the JSON schema of the answer about these keys; a hint to the server, never trusted.
+
+    An object by id, so that where a server does hold its model to the schema, each id stands there exactly once.
+    """
+    one = entry_schema(240)
     count = len(names)
     ranking = {"type": "array", "items": {"type": "string", "enum": list(names)}, "minItems": count, "maxItems": count}
     return {
