@@ -233,9 +233,7 @@ def main(argv: list[str]) -> int:
 
 def _print(result: dict[str, Any], options: argparse.Namespace) -> None:
     if "search" in result:
-        print(
-            f"{options.seeds} seeds, at most {options.hours:g} h simulated a search; found of searches, median flights"
-        )
+        print(f"{options.seeds} seeds, at most {options.hours:g} h simulated a search; share found by so many flights")
         _print_search(result["search"])
     if "shrink" in result:
         _print_shrinks(result["shrink"])
@@ -248,11 +246,18 @@ def _print_search(figures: dict[str, Any]) -> None:
         steps = " ".join(f"{mark}:{share:.0%}" for mark, share in group["found_by_flights"].items())
         print(f"  {arm:10} {group['found']:4}/{group['searches']:<4} {group['median_flights']:7.0f}   {steps}")
     arms = list(figures["arms"])
-    print(f"{'':32}" + "".join(f"{arm:>16}" for arm in arms))
+    print("  found of searches, medians of flights, rounds (r) and wall time (s)")
+    print(f"{'':30}" + "".join(f"{arm:>24}" for arm in arms))
     for defect, cells in sorted(figures["defects"].items()):
-        told = [cells.get(arm) for arm in arms]
-        texts = [f"{cell['found']}/{cell['searches']} {cell['median_flights']:.0f}" if cell else "" for cell in told]
-        print(f"  {defect:30}" + "".join(f"{text:>16}" for text in texts))
+        texts = [_cell(cells[arm]) if arm in cells else "" for arm in arms]
+        print(f"  {defect:28}" + "".join(f"{text:>24}" for text in texts))
+
+
+def _cell(figures: dict[str, Any]) -> str:
+    return (
+        f"{figures['found']}/{figures['searches']} {figures['median_flights']:.0f} "
+        f"{figures['median_rounds']:.0f}r {figures['median_wall_s']:.0f}s"
+    )
 
 
 def _print_shrinks(rows: list[dict[str, Any]]) -> None:
