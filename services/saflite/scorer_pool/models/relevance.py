@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 import threading
+from collections import Counter
+from typing import NamedTuple
 
 from saflite.contract.score import SCORE_MAX
 from saflite.contract.service import Cancelled
-from saflite.contract.test_case import Stimulus, TestCase
+from saflite.contract.test_case import TestCase
 from saflite.contract.work import Outcome
 from saflite.scorer_pool.knowledge import brief_names_negative, negative, relation
 from saflite.scorer_pool.labels import no_argument
@@ -23,8 +25,20 @@ RULE_INPUTS = 3
 VALUE_SHARE = 0.2
 """Share of the score that goes to negative values, where the policy's words call them interesting."""
 
-Lessons = dict[tuple[str, str], float]
+PATIENCE = 8.0
+"""Flights with the same telling inputs after which trying them again counts less: the score of what was tried often
+in vain falls with the root of the number of tries, so that it makes way for the next best."""
+
+Key = tuple[str, str]
+Lessons = dict[Key, float]
 """By (kind, name): how much the input changed the danger, as a difference of log odds, shrunk towards 0."""
+
+
+class Learned(NamedTuple):
+    """What the flights so far say of each input, and how many had the same most relevant inputs."""
+
+    lessons: Lessons
+    flown: Counter[frozenset[Key]]
 
 
 class Model:
@@ -35,13 +49,13 @@ class Model:
     def __init__(self, argument: str, tools: Tools) -> None:
         no_argument("relevance", argument)
         self.label = "relevance"
-        self._lessons: tuple[tuple[int, int], Lessons] = ((-1, 0), {})
+        self._learned: tuple[tuple[int, int, tuple[PolicyBrief, ...]], Learned] | None = None
         self._lock = threading.Lock()
 
     def score(self, job: Job) -> Sheet:
         """Return one mark per test case."""
-        lessons = self._learned(job)
-        return Sheet(tuple(_mark(case, job.briefs, lessons) for case in job.test_cases), digest="relevance-3")
+        learned = self._told_by(job)
+        return Sheet(tuple(_mark(case, job.briefs, learned) for case in job.test_cases), digest="relevance-3")
 
     def warm(self, cancelled: Cancelled) -> str:
         """Nothing to load."""
@@ -50,12 +64,13 @@ class Model:
     def close(self) -> None:
         """Nothing to free."""
 
-    def _learned(self, job: Job) -> Lessons:
-        key = (job.cursor, len(job.history))
+    def _told_by(self, job: Job) -> Learned:
+        key = (job.cursor, len(job.history), job.briefs)
         with self._lock:
-            if self._lessons[0] != key:
-                self._lessons = (key, learn(job.history))
-            return self._lessons[1]
+            if self._learned is None or self._learned[0] != key:
+                flown = Counter(_telling_inputs(outcome.test_case, job.briefs) for outcome in job.history)
+                self._learned = (key, Learned(learn(job.history), flown))
+            return self._learned[1]
 
 
 def learn(history: tuple[Outcome, ...]) -> Lessons:
@@ -65,7 +80,7 @@ def learn(history: tuple[Outcome, ...]) -> Lessons:
         return {}
     dangers = danger(flown)
     base = float(dangers.mean())
-    sums: dict[tuple[str, str], tuple[float, int]] = {}
+    sums: dict[Key, tuple[float, int]] = {}
     for outcome, value in zip(flown, dangers, strict=True):
         for key in {(stimulus.kind, stimulus.name) for stimulus in outcome.test_case.stimuli}:
             total, count = sums.get(key, (0.0, 0))
@@ -76,10 +91,19 @@ def learn(history: tuple[Outcome, ...]) -> Lessons:
     }
 
 
-def _mark(test_case: TestCase, briefs: tuple[PolicyBrief, ...], lessons: Lessons) -> Mark:
+def _telling_inputs(test_case: TestCase, briefs: tuple[PolicyBrief, ...]) -> frozenset[Key]:
+    """Return the inputs that most likely bear on the policies, as far as is known before any flight."""
+    keys = {(one.kind, one.name) for one in test_case.stimuli}
+    priors = sorted((-_prior(key, briefs), key) for key in keys)
+    return frozenset(key for _, key in priors[:RULE_INPUTS])
+
+
+def _mark(test_case: TestCase, briefs: tuple[PolicyBrief, ...], learned: Learned) -> Mark:
     if not test_case.stimuli or not briefs:
         return Mark(MIDDLE, "no stimuli: relevance has nothing to say")
-    weights = {(one.kind, one.name): _weight(one, briefs, lessons) for one in test_case.stimuli}
+    weights = {
+        (one.kind, one.name): _weight((one.kind, one.name), briefs, learned.lessons) for one in test_case.stimuli
+    }
     ordered = sorted(((weight, name) for (_, name), weight in weights.items()), reverse=True)
     best = [weight for weight, _ in ordered[:RULE_INPUTS]]
     together = sum(best) / min(RULE_INPUTS, len(test_case.stimuli))
@@ -89,14 +113,18 @@ def _mark(test_case: TestCase, briefs: tuple[PolicyBrief, ...], lessons: Lessons
     if any(brief_names_negative(brief) for brief in briefs):
         named = [weights[one.kind, one.name] for one in test_case.stimuli if negative(one)]
         share += VALUE_SHARE * (max(named, default=0.0) - share)
-    return Mark(SCORE_MAX * share, f"most relevant: {told}")
+    tried = learned.flown[_telling_inputs(test_case, briefs)]
+    share /= math.sqrt(1.0 + tried / PATIENCE)
+    return Mark(SCORE_MAX * share, f"most relevant: {told}; {tried} flights with these before")
 
 
-def _weight(stimulus: Stimulus, briefs: tuple[PolicyBrief, ...], lessons: Lessons) -> float:
-    """Return the chance that the stimulus matters to any of the policies, 0..1."""
-    prior = max(relation(stimulus.kind, stimulus.name, brief) for brief in briefs)
-    lesson = lessons.get((stimulus.kind, stimulus.name), 0.0)
-    return 1.0 / (1.0 + math.exp(-(_log_odds(prior) + 2.0 * lesson)))
+def _prior(key: Key, briefs: tuple[PolicyBrief, ...]) -> float:
+    return max(relation(*key, brief) for brief in briefs)
+
+
+def _weight(key: Key, briefs: tuple[PolicyBrief, ...], lessons: Lessons) -> float:
+    """Return the chance that the input matters to any of the policies, 0..1."""
+    return 1.0 / (1.0 + math.exp(-(_log_odds(_prior(key, briefs)) + 2.0 * lessons.get(key, 0.0))))
 
 
 def _log_odds(share: float) -> float:
