@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from saflite.contract.score import SCORE_MAX
 from saflite.contract.service import Cancelled
-from saflite.contract.test_case import TestCase
+from saflite.contract.test_case import Stimulus, TestCase
 from saflite.contract.work import Outcome
 from saflite.scorer_pool.knowledge import brief_names_negative, negative, relation
 from saflite.scorer_pool.labels import no_argument
@@ -34,11 +34,29 @@ Lessons = dict[Key, float]
 """By (kind, name): how much the input changed the danger, as a difference of log odds, shrunk towards 0."""
 
 
-class Learned(NamedTuple):
-    """What the flights so far say of each input, and how many had the same most relevant inputs."""
+class Priors(dict[Key, float]):
+    """How likely each input bears on any of the policies, as far as is known before any flight."""
 
+    def __init__(self, briefs: tuple[PolicyBrief, ...]) -> None:
+        super().__init__()
+        self.briefs = briefs
+
+    def __missing__(self, key: Key) -> float:
+        """Work it out once."""
+        self[key] = max((relation(*key, brief) for brief in self.briefs), default=0.0)
+        return self[key]
+
+
+class Learned(NamedTuple):
+    """What is known, what the flights so far say of each input, and how many had the same most relevant inputs."""
+
+    priors: Priors
     lessons: Lessons
     flown: Counter[frozenset[Key]]
+
+    def weight(self, key: Key) -> float:
+        """Return the chance that the input matters to any of the policies, 0..1."""
+        return 1.0 / (1.0 + math.exp(-(_log_odds(self.priors[key]) + 2.0 * self.lessons.get(key, 0.0))))
 
 
 class Model:
@@ -49,13 +67,14 @@ class Model:
     def __init__(self, argument: str, tools: Tools) -> None:
         no_argument("relevance", argument)
         self.label = "relevance"
-        self._learned: tuple[tuple[int, int, tuple[PolicyBrief, ...]], Learned] | None = None
+        self._learned = Learned(Priors(()), {}, Counter())
+        self._moment: tuple[int, int] | None = None
         self._lock = threading.Lock()
 
     def score(self, job: Job) -> Sheet:
         """Return one mark per test case."""
-        learned = self._told_by(job)
-        return Sheet(tuple(_mark(case, job.briefs, learned) for case in job.test_cases), digest="relevance-3")
+        learned = self._learn(job)
+        return Sheet(tuple(_mark(case, learned) for case in job.test_cases), digest="relevance-3")
 
     def warm(self, cancelled: Cancelled) -> str:
         """Nothing to load."""
@@ -64,13 +83,16 @@ class Model:
     def close(self) -> None:
         """Nothing to free."""
 
-    def _told_by(self, job: Job) -> Learned:
-        key = (job.cursor, len(job.history), job.briefs)
+    def _learn(self, job: Job) -> Learned:
+        moment = (job.cursor, len(job.history))
         with self._lock:
-            if self._learned is None or self._learned[0] != key:
-                flown = Counter(_telling_inputs(outcome.test_case, job.briefs) for outcome in job.history)
-                self._learned = (key, Learned(learn(job.history), flown))
-            return self._learned[1]
+            if self._learned.priors.briefs != job.briefs:
+                self._learned, self._moment = Learned(Priors(job.briefs), {}, Counter()), None
+            if self._moment != moment:
+                priors = self._learned.priors
+                flown = Counter(_telling_inputs(outcome.test_case, priors) for outcome in job.history)
+                self._learned, self._moment = Learned(priors, learn(job.history), flown), moment
+            return self._learned
 
 
 def learn(history: tuple[Outcome, ...]) -> Lessons:
@@ -91,40 +113,33 @@ def learn(history: tuple[Outcome, ...]) -> Lessons:
     }
 
 
-def _telling_inputs(test_case: TestCase, briefs: tuple[PolicyBrief, ...]) -> frozenset[Key]:
+def _key(stimulus: Stimulus) -> Key:
+    return stimulus.kind, stimulus.name
+
+
+def _telling_inputs(test_case: TestCase, priors: Priors) -> frozenset[Key]:
     """Return the inputs that most likely bear on the policies, as far as is known before any flight."""
-    keys = {(one.kind, one.name) for one in test_case.stimuli}
-    priors = sorted((-_prior(key, briefs), key) for key in keys)
-    return frozenset(key for _, key in priors[:RULE_INPUTS])
+    ordered = sorted((-priors[key], key) for key in set(map(_key, test_case.stimuli)))
+    return frozenset(key for _, key in ordered[:RULE_INPUTS])
 
 
-def _mark(test_case: TestCase, briefs: tuple[PolicyBrief, ...], learned: Learned) -> Mark:
+def _mark(test_case: TestCase, learned: Learned) -> Mark:
+    briefs = learned.priors.briefs
     if not test_case.stimuli or not briefs:
         return Mark(MIDDLE, "no stimuli: relevance has nothing to say")
-    weights = {
-        (one.kind, one.name): _weight((one.kind, one.name), briefs, learned.lessons) for one in test_case.stimuli
-    }
+    weights = {key: learned.weight(key) for key in map(_key, test_case.stimuli)}
     ordered = sorted(((weight, name) for (_, name), weight in weights.items()), reverse=True)
     best = [weight for weight, _ in ordered[:RULE_INPUTS]]
     together = sum(best) / min(RULE_INPUTS, len(test_case.stimuli))
-    whole = sum(weights[one.kind, one.name] for one in test_case.stimuli) / len(test_case.stimuli)
+    whole = sum(weights[_key(one)] for one in test_case.stimuli) / len(test_case.stimuli)
     told = ", ".join(f"{name} ({weight:.2f})" for weight, name in ordered[:RULE_INPUTS])
     share = (together + whole) / 2.0
     if any(brief_names_negative(brief) for brief in briefs):
-        named = [weights[one.kind, one.name] for one in test_case.stimuli if negative(one)]
+        named = [weights[_key(one)] for one in test_case.stimuli if negative(one)]
         share += VALUE_SHARE * (max(named, default=0.0) - share)
-    tried = learned.flown[_telling_inputs(test_case, briefs)]
+    tried = learned.flown[_telling_inputs(test_case, learned.priors)]
     share /= math.sqrt(1.0 + tried / PATIENCE)
     return Mark(SCORE_MAX * share, f"most relevant: {told}; {tried} flights with these before")
-
-
-def _prior(key: Key, briefs: tuple[PolicyBrief, ...]) -> float:
-    return max(relation(*key, brief) for brief in briefs)
-
-
-def _weight(key: Key, briefs: tuple[PolicyBrief, ...], lessons: Lessons) -> float:
-    """Return the chance that the input matters to any of the policies, 0..1."""
-    return 1.0 / (1.0 + math.exp(-(_log_odds(_prior(key, briefs)) + 2.0 * lessons.get(key, 0.0))))
 
 
 def _log_odds(share: float) -> float:
