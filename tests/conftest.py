@@ -1,8 +1,12 @@
-"""Live tests are skipped, with the reason, unless asked for."""
+"""Live tests are skipped, with the reason, unless asked for; no generated test case has a time limit."""
 
 from __future__ import annotations
 
 import pytest
+from hypothesis import settings
+
+settings.register_profile("farm", deadline=None)  # a busy machine is no defect; speed is for benchmarks
+settings.load_profile("farm")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

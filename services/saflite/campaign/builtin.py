@@ -10,7 +10,14 @@ from pathlib import Path
 
 import msgspec
 
-from saflite.campaign.policy_campaigns import PREFIX, policy_campaigns
+from saflite.campaign.policy_campaigns import (
+    PREFIX,
+    campaign_over,
+    is_policy,
+    policy_campaigns,
+    policy_text,
+    refuse_unchecked,
+)
 from saflite.contract.config import Campaign, parse_campaign, read_text
 from saflite.contract.errors import Refused
 from saflite.contract.test_case import Scenario, TestCase
@@ -32,18 +39,22 @@ def _names() -> list[str]:
 def load_campaign(name_or_path: str) -> Campaign:
     """Return a built-in campaign by name, or the one in a `.toml` file.
 
-    A `.plan` file named in a campaign file is looked for beside it. Raises Refused naming file, key and what was
-    expected for an unknown name, TOML that is none, unknown keys, or values that make no sense.
+    A `.plan` file and policy files named in a campaign file are looked for beside it. A policy file stands for the
+    campaign over that policy. Raises Refused naming file, key and what was expected for an unknown name, TOML that is
+    none, unknown keys, or values that make no sense.
     """
     if name_or_path.endswith(".toml"):
         path = Path(name_or_path)
-        campaign = parse_campaign(read_text(path, "campaign file"), str(path))
-        return _found(campaign, path)
+        text = read_text(path, "campaign file")
+        if is_policy(text):
+            return campaign_over(path, text)
+        return _found(parse_campaign(text, str(path)), path)
     path = BUILTIN_DIR / f"{name_or_path}.toml"
     if Path(name_or_path).name != name_or_path or not path.is_file():
         made = policy_campaigns().get(name_or_path)
         if made is not None:
             return made
+        refuse_unchecked(name_or_path)
         few = ", ".join(name for name in _names() if not name.startswith(PREFIX))
         fix = "see `saflite list campaigns`"
         expected = f"one of {few}, {PREFIX}<policy>, or a .toml file"
@@ -52,11 +63,19 @@ def load_campaign(name_or_path: str) -> Campaign:
 
 
 def _found(campaign: Campaign, path: Path) -> Campaign:
-    """Return the campaign with the place of its mission file made absolute and its name fit for the bus."""
+    """Return the campaign with the place of its mission file made absolute and the text of its policy files in it.
+
+    Raises Refused for a name that is not fit for the bus, or a policy file that cannot be read.
+    """
     prefix(campaign.name)
-    if not campaign.mission.endswith(".plan"):
-        return campaign
-    return msgspec.structs.replace(campaign, mission=str((path.parent / campaign.mission).resolve()))
+    if campaign.mission.endswith(".plan"):
+        campaign = msgspec.structs.replace(campaign, mission=str((path.parent / campaign.mission).resolve()))
+    names, texts = [], dict(campaign.policy_texts)
+    for name in campaign.policies:
+        if name.endswith(".toml"):
+            name, texts[name] = policy_text(path.parent / name)
+        names.append(name)
+    return msgspec.structs.replace(campaign, policies=tuple(names), policy_texts=texts)
 
 
 def template(campaign: Campaign) -> TestCase:

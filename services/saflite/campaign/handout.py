@@ -76,8 +76,14 @@ class Handout:
     def _judge(self, task: Task) -> JudgeWork:
         flight = self._ledger.flight_of(task)
         trace = self._trace(flight.trace_digest)
-        policies = self._core.campaign.policies
-        return JudgeWork(test_case=self._ledger.test_case_of(task), flight=flight, policies=policies, trace=trace)
+        campaign = self._core.campaign
+        return JudgeWork(
+            test_case=self._ledger.test_case_of(task),
+            flight=flight,
+            policies=campaign.policies,
+            policy_texts=campaign.policy_texts,
+            trace=trace,
+        )
 
     def _record(self, task: Task) -> RecordWork:
         job = self._core.records[task.key]
@@ -127,6 +133,7 @@ class Handout:
             model=scorers.model,
             shadow=scorers.shadow,
             policies=core.campaign.policies,
+            policy_texts=core.campaign.policy_texts,
             test_cases=tuple(round_.candidates[name] for name in round_.batches[batch]),
             rng_seed=derive_seed(core.campaign.rng_seed, "score", round_.number, batch),
             recent=tuple(msgspec.structs.replace(outcome, track=()) for outcome in told.outcomes),

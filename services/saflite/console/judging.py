@@ -9,7 +9,7 @@ from saflite.console import out
 from saflite.contract.flight import Flight, unpack_trace
 from saflite.contract.test_case import TestCase, identity
 from saflite.contract.verdict import Judgement, Verdict
-from saflite.contract.work import FlyResult, FlyWork
+from saflite.contract.work import FlyResult, FlyWork, PolicyTexts
 
 
 def fly(case: TestCase, wall_limit_s: float, target_files: Sequence[Path] = (), flight_index: int = 0) -> FlyResult:
@@ -40,13 +40,15 @@ def fly_with(flyer: object, case: TestCase, wall_limit_s: float, flight_index: i
     return result
 
 
-def judge(case: TestCase, flown: FlyResult, policies: tuple[str, ...]) -> Judgement:
+def judge(
+    case: TestCase, flown: FlyResult, policies: tuple[str, ...], policy_texts: PolicyTexts | None = None
+) -> Judgement:
     """Judge a flight by the policies named; by all there are if none is."""
     from saflite.oracle.judge import judge as oracle_judge
     from saflite.oracle.policy import policy_names
 
     trace = unpack_trace(flown.trace) if flown.trace else None
-    return oracle_judge(case, flown.flight, trace, policies or policy_names())
+    return oracle_judge(case, flown.flight, trace, policies or policy_names(), policy_texts)
 
 
 def _telling(verdict: Verdict) -> bool:
@@ -82,4 +84,5 @@ def show(case: TestCase, flight: Flight, judgement: Judgement, everything: bool 
     ]
     out.table(rows, indent="  ")
     if silent:
-        out.line(f"  {silent} policies have nothing to say of this flight")
+        noun = "policy has" if silent == 1 else "policies have"
+        out.line(f"  {silent} {noun} nothing to say of this flight")

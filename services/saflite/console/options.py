@@ -9,6 +9,7 @@ import msgspec
 
 from saflite.contract.config import Campaign, StrategyConfig, check_campaign
 from saflite.contract.errors import Refused
+from saflite.contract.flight import AUTOPILOT_ALIVE
 from saflite.contract.work import Setting
 
 
@@ -71,6 +72,19 @@ def changed(
     return new
 
 
+def remarks(campaign: Campaign) -> list[str]:
+    """Return what a campaign may be started with but its user may not have meant."""
+    from saflite.flight.autopilots.reference.defects import TABLE
+
+    if campaign.target.name != "reference":
+        return []
+    return [
+        f"note: defect {name} breaks {TABLE[name].policy}, which this campaign does not check"
+        for name in campaign.target.defects
+        if TABLE[name].policy not in (*campaign.policies, AUTOPILOT_ALIVE)
+    ]
+
+
 def check_runnable(campaign: Campaign, target_files: Sequence[Path] = ()) -> None:
     """Raise Refused now for what a worker would refuse later: policies, target, mission, strategy settings."""
     from saflite.campaign.builtin import template
@@ -79,7 +93,9 @@ def check_runnable(campaign: Campaign, target_files: Sequence[Path] = ()) -> Non
     from saflite.simulator_worker.registry import load_target
 
     for name in campaign.policies:
-        load_policy(name)
+        why = load_policy(name, campaign.policy_texts).file.not_checked_on.get(campaign.target.name)
+        if why:
+            raise Refused(f"policy {name}", expected=f"one that can be checked on {campaign.target.name}", got=why)
     base = template(campaign)
     load_strategy(campaign.strategy.name)(base, campaign.strategy.settings, campaign.policies)
     load_target(campaign.target.name, target_files).check(base)

@@ -10,6 +10,7 @@ from saflite.console import cases, judging
 from saflite.console.run_folder import open_run
 from saflite.contract.errors import Refused
 from saflite.contract.test_case import TestCase, identity
+from saflite.contract.work import PolicyTexts
 
 
 class Entry(NamedTuple):
@@ -19,6 +20,7 @@ class Entry(NamedTuple):
     test_case: TestCase
     policies: tuple[str, ...]
     trace_digest: str
+    policy_texts: PolicyTexts | None = None
 
 
 class Replayed(NamedTuple):
@@ -64,7 +66,9 @@ def _of_run(run_dir: Path, wanted: str, everything: bool, policies: tuple[str, .
         for violation in chosen:
             digest = next((row.trace_digest for row in run.flights(violation.test_case) if row.flight_index == 0), "")
             case = run.test_case(violation.test_case)
-            entry = Entry(violation.fingerprint, case, policies or run.campaign.policies, digest)
+            entry = Entry(
+                violation.fingerprint, case, policies or run.campaign.policies, digest, run.campaign.policy_texts
+            )
             found.setdefault(violation.test_case, entry)
     return list(found.values())
 
@@ -82,7 +86,7 @@ def replay(found: Sequence[Entry], times: int, wall_limit_s: float, target_files
                 digest, rounds = judging.fly_with(flyer, entry.test_case, wall_limit_s).flight.trace_digest, times
             for index in range(rounds):
                 flown = judging.fly_with(flyer, entry.test_case, wall_limit_s, index)
-                judgement = judging.judge(entry.test_case, flown, entry.policies)
+                judgement = judging.judge(entry.test_case, flown, entry.policies, entry.policy_texts)
                 violated = tuple(one.policy for one in judgement.verdicts if one.outcome == "violated")
                 said = [one.robustness for one in judgement.verdicts if one.outcome != "inconclusive"]
                 yield Replayed(

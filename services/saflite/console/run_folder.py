@@ -110,6 +110,10 @@ class RunFolder:
             return wire.decode(content, Judgement)
         return None
 
+    def endings(self) -> dict[str, int]:
+        """Return how many test cases ended in each state (held, confirmed, flaky, unconfirmed, quarantined)."""
+        return dict(self._rows("SELECT state, count(*) FROM endings GROUP BY state"))
+
     def recording(self, name: str) -> str:
         """Return the recording of a test case relative to the run folder, empty if there is none."""
         for (file,) in self._rows("SELECT file FROM recordings WHERE test_case = ? ORDER BY flight_index", name):
@@ -148,7 +152,7 @@ class RunFolder:
     def _facts(self, name: str) -> PolicyFacts:
         from saflite.oracle.policy import load_policy
 
-        file = load_policy(name).file
+        file = load_policy(name, self.campaign.policy_texts).file
         return PolicyFacts(file.id, file.title, " ".join(file.words.split()), file.source)
 
     # ---- what was flown ------------------------------------------------------------------------------------------

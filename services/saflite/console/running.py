@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from saflite.console import live, out, reporting
 from saflite.console.causes import causes
+from saflite.console.cli import INFRASTRUCTURE
 from saflite.console.run_folder import SHRINK, open_run
 from saflite.contract.config import Campaign
 from saflite.contract.control import Status
@@ -69,17 +70,21 @@ def follow(run_dir: Path, start: Start, *, as_json: bool) -> int:
 
 
 def conclude(run_dir: Path, ended: ExitSummary, *, as_json: bool) -> int:
-    """Write what the run leaves for people, print the summary."""
+    """Write what the run leaves for people, print the summary; returns the exit code."""
     report, confirmed = reporting.write(run_dir)
     cases = reporting.write_test_cases(run_dir)
     with open_run(run_dir) as run:
-        violations = run.violations()
+        violations, campaign = run.violations(), run.campaign
+        endings = run.endings()
         every, elapsed_s, taken = (
             run.flights(),
             run.elapsed_s(),
             causes((one.violation, one.test_case) for one in run.findings()),
         )
     flights = [row for row in every if row.purpose != SHRINK]
+    aside = endings.get("quarantined", 0)
+    nothing_said = bool(aside) and aside == sum(endings.values())
+    code = INFRASTRUCTURE if nothing_said else int(confirmed > 0)
     if as_json:
         out.json(
             {
@@ -92,13 +97,14 @@ def conclude(run_dir: Path, ended: ExitSummary, *, as_json: bool) -> int:
                 "confirmed": confirmed,
                 "distinct": len({one.fingerprint for one in violations if one.standing == "confirmed"}),
                 "restarts": ended.restarts,
+                "set_aside": aside,
                 "causes": [cause.plain() for cause in taken],
                 "violations": violations,
                 "report": str(report),
                 "test_cases": [str(path) for path in cases if path.suffix != ".plan"],
             }
         )
-        return int(confirmed > 0)
+        return code
     good = [one for one in violations if one.standing == "confirmed"]
     distinct = len({one.fingerprint for one in good})
     flaky = sum(1 for one in violations if one.standing == "flaky")
@@ -107,6 +113,7 @@ def conclude(run_dir: Path, ended: ExitSummary, *, as_json: bool) -> int:
     out.line(
         f"{len(flights)} flights in {elapsed_s:.0f} s; {confirmed} violations confirmed, {distinct} distinct"
         + (f", {flaky} flaky" if flaky else "")
+        + (f"; {aside} test cases set aside because we could not fly or judge them" if aside else "")
         + (f"; {len(every) - len(flights)} flights more to shrink them" if len(every) > len(flights) else "")
         + (f"; {ended.restarts} processes started again" if ended.restarts else "")
     )
@@ -114,8 +121,12 @@ def conclude(run_dir: Path, ended: ExitSummary, *, as_json: bool) -> int:
         out.line(f"  {live.violation_line(violation)}")
     if len(good) > SHOWN:
         out.line(f"  ... and {len(good) - SHOWN} more")
+    if nothing_said:
+        out.line("this says nothing of the vehicle: no test case could be flown and judged; see the faults above")
     if taken:
-        out.line("what it takes:")
+        out.line(
+            "what it takes:" if campaign.search.shrink else "what it takes, not minimised ([search] shrink = true):"
+        )
     for cause in taken[:SHOWN]:
         out.line(f"  {cause.policy}, {cause.violations} of them: {cause.words}   (test case {cause.name})")
     out.line()
@@ -126,4 +137,4 @@ def conclude(run_dir: Path, ended: ExitSummary, *, as_json: bool) -> int:
         out.line(f"prove it    saflite replay {run_dir}")
     if not ended.ended:
         out.line(f"go on       saflite resume {run_dir}")
-    return int(confirmed > 0)
+    return code

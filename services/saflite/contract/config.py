@@ -14,7 +14,7 @@ import msgspec
 
 from saflite.contract.errors import Refused
 from saflite.contract.test_case import StartState, Target, Wind
-from saflite.contract.work import Setting
+from saflite.contract.work import PolicyTexts, Setting
 
 
 class StrategyConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -62,7 +62,11 @@ class LeaseConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
 
 
 class Campaign(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """One campaign. `mission` names a built-in mission or a `.plan` file; without it flights begin in `start`."""
+    """One campaign. `mission` names a built-in mission or a `.plan` file; without it flights begin in `start`.
+
+    `policies` are names; in a campaign file also policy files, whose text then travels with the campaign as
+    `policy_texts`, so that workers anywhere and later runs judge by the same rule.
+    """
 
     name: str
     description: str = ""
@@ -72,6 +76,7 @@ class Campaign(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     wind: Wind = Wind()
     time_limit_s: float = 500.0
     policies: tuple[str, ...] = ("min-obstacle-distance",)
+    policy_texts: PolicyTexts = {}
     budget_flights: int = 100
     rng_seed: int = 1
     strategy: StrategyConfig = StrategyConfig()
@@ -84,11 +89,17 @@ class Campaign(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 def parse_campaign(text: str, where: str) -> Campaign:
     """Return the campaign in TOML `text`; raises Refused naming `where`, the key and what was expected."""
     try:
-        campaign = msgspec.convert(tomllib.loads(text), Campaign, strict=False)
+        data = tomllib.loads(text)
+        campaign = msgspec.convert(data, Campaign, strict=False)
     except tomllib.TOMLDecodeError as fault:
         raise Refused("campaign file", where=where, expected="TOML", got=str(fault)) from fault
     except msgspec.ValidationError as fault:
         raise Refused("campaign file", where=where, expected="a valid campaign", got=str(fault)) from fault
+    for table, part in (("target", Target), ("start", StartState), ("wind", Wind)):  # messages, too: lenient there
+        for key in data.get(table, {}):
+            if key not in part.__struct_fields__:
+                expected = f"one of {', '.join(part.__struct_fields__)}"
+                raise Refused(f"campaign file, [{table}]", where=where, expected=expected, got=repr(key))
     check_campaign(campaign, where)
     return campaign
 

@@ -53,6 +53,17 @@ class MutateWork(msgspec.Struct, frozen=True, kw_only=True, tag="mutate"):
     cursor: int
 
 
+class PolicyText(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A policy that does not ship: the TOML it stands in, and the file that was read, for messages."""
+
+    file: str
+    text: str
+
+
+PolicyTexts = dict[str, PolicyText]
+"""By the policy's id."""
+
+
 class ScoreWork(msgspec.Struct, frozen=True, kw_only=True, tag="score"):
     """Score the test cases with `model` (this decides) and with each of `shadow` (these only watch).
 
@@ -64,6 +75,7 @@ class ScoreWork(msgspec.Struct, frozen=True, kw_only=True, tag="score"):
     model: str
     shadow: tuple[str, ...]
     policies: tuple[str, ...]
+    policy_texts: PolicyTexts = {}
     test_cases: tuple[TestCase, ...]
     rng_seed: int
     recent: tuple[Outcome, ...] = ()
@@ -94,6 +106,7 @@ class JudgeWork(msgspec.Struct, frozen=True, kw_only=True, tag="judge"):
     test_case: TestCase
     flight: Flight
     policies: tuple[str, ...]
+    policy_texts: PolicyTexts = {}
     trace: bytes
 
 

@@ -7,6 +7,7 @@ import math
 from saflite.contract.flight import AUTOPILOT_ALIVE, FLOWN_ENDINGS, Flight, Trace
 from saflite.contract.test_case import TestCase
 from saflite.contract.verdict import Judgement, Verdict
+from saflite.contract.work import PolicyTexts
 from saflite.oracle.features import features_of, track_of
 from saflite.oracle.fingerprint import fingerprint
 from saflite.oracle.policy import Policy, load_policy
@@ -18,7 +19,13 @@ NEVER_APPLIED = 100.0  # told, and up to ROBUSTNESS_MAX, where a rule never appl
 CRISP = 1.0  # told where only yes-or-no parts decided
 
 
-def judge(test_case: TestCase, flight: Flight, trace: Trace | None, policies: tuple[str, ...]) -> Judgement:
+def judge(
+    test_case: TestCase,
+    flight: Flight,
+    trace: Trace | None,
+    policies: tuple[str, ...],
+    policy_texts: PolicyTexts | None = None,
+) -> Judgement:
     """Return the judgement on one flight.
 
     Args:
@@ -27,11 +34,12 @@ def judge(test_case: TestCase, flight: Flight, trace: Trace | None, policies: tu
             inconclusive; a dead autopilot adds a violated verdict `autopilot-alive`.
         trace: its signals; None if there is no trace.
         policies: names, or paths of policy files.
+        policy_texts: the text of policies that do not ship.
 
     Raises:
         Refused: a policy is unknown or its file is wrong.
     """
-    loaded = [load_policy(name) for name in policies]
+    loaded = [load_policy(name, policy_texts) for name in policies]
     if trace is None or trace.samples == 0 or flight.ending not in FLOWN_ENDINGS:
         reason = f"nothing to judge: the flight ended as {flight.ending}" + ("" if trace else " without a trace")
         verdicts = [_inconclusive(policy, reason) for policy in loaded]
@@ -83,7 +91,7 @@ def _verdict(
     if finding is None:
         return _inconclusive(policy, f"a flight of {signals.samples * signals.step_s:g} s is too short for the rule")
     if math.isnan(finding.robustness):
-        return _inconclusive(policy, f"gaps in {', '.join(sorted(policy.needed))}")
+        return _inconclusive(policy, f"gaps in {', '.join(sorted(policy.needed))}, or a division by zero")
     return _ruled(policy, finding, _hard(policy, finding, flight, evaluator, signals), features)
 
 

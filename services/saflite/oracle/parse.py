@@ -234,7 +234,10 @@ class _Parser:
     def _product(self) -> Node:
         left = self._negative()
         while op := self._take("*", "/"):
-            left = self._terms(op, left, self._negative())
+            offset, right = self._offset, self._negative()
+            if op == "/" and right.op == "number" and right.value == 0.0:
+                raise Fault(offset, "a divisor other than 0", "0")
+            left = self._terms(op, left, right)
         return left
 
     def _negative(self) -> Node:

@@ -7,6 +7,7 @@ how much it is kept. Comparisons of flags and codes are crisp everywhere.
 from __future__ import annotations
 
 import math
+import re
 import tomllib
 from functools import cache
 from pathlib import Path
@@ -19,6 +20,7 @@ from saflite.contract.config import read_text
 from saflite.contract.errors import Refused
 from saflite.contract.signals import MODES, SIGNALS
 from saflite.contract.test_case import StartState
+from saflite.contract.work import PolicyTexts
 from saflite.oracle.examples import Example, example_signals
 from saflite.oracle.formula import FUTURE, Node, harden, reach_s, signals_of, walk
 from saflite.oracle.parse import parse
@@ -27,6 +29,8 @@ from saflite.oracle.units import margin_unit
 
 POLICIES_DIR = Path(__file__).parent / "policies"
 DEFAULT_POLICY = "min-obstacle-distance"
+ID = re.compile(r"[a-z0-9][a-z0-9-]*")
+STICKS = tuple(f"RC{channel}" for channel in range(1, 9))
 
 
 class Inputs(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -114,11 +118,28 @@ def policy_names() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in POLICIES_DIR.glob("*.toml")))
 
 
+def load_policy(name: str, texts: PolicyTexts | None = None) -> Policy:
+    """Return a policy by name, from `texts` or from those that ship, or from a file if `name` ends in `.toml`.
+
+    Raises:
+        Refused: there is none of that name, or what stands there is wrong.
+    """
+    if texts and name in texts:
+        return _foreign(texts[name].text, texts[name].file)
+    return parse_policy(read_text(Path(name), "policy file"), name) if name.endswith(".toml") else _shipped(name)
+
+
 @cache
-def load_policy(name: str) -> Policy:
-    """Return a policy by name, or from a file if `name` ends in `.toml`; raises Refused."""
-    if name.endswith(".toml"):
-        return parse_policy(read_text(Path(name), "policy file"), name)
+def _foreign(text: str, where: str) -> Policy:
+    policy = parse_policy(text, where)
+    if policy.id in policy_names():
+        line = f"{where} line {_line_of(text, 'id')}"
+        raise Refused("id", where=line, expected="one that no shipped policy has", got=repr(policy.id))
+    return policy
+
+
+@cache
+def _shipped(name: str) -> Policy:
     if name not in policy_names():
         raise Refused("policy", expected="a name of `saflite list policies` or a .toml file", got=repr(name))
     path = POLICIES_DIR / f"{name}.toml"
@@ -142,6 +163,7 @@ def parse_policy(text: str, where: str) -> Policy:
         raise Refused(
             "policy file", where=_near(text, where, str(fault)), expected="a policy", got=str(fault)
         ) from fault
+    _check_names(file, text, where)
     place = f"{where} line {_line_of(text, 'formula')}"
     policy = _compiled(file, text, where, place)
     _check_windows(policy.formula, place)
@@ -184,11 +206,32 @@ def crispened(formula: Node) -> Node:
 # ---- checks -------------------------------------------------------------------------------------------------------
 
 
+def _check_names(file: PolicyFile, text: str, where: str) -> None:
+    """Refuse an id unfit for topics and file names, and modes and sticks that do not exist.
+
+    Parameters, commands and faults are the target's: they are checked where a campaign is made of the policy.
+    """
+    if not ID.fullmatch(file.id):
+        line = f"{where} line {_line_of(text, 'id')}"
+        raise Refused("id", where=line, expected="small letters, digits and '-'", got=repr(file.id))
+    start = (file.start.mode,) if file.start else ()
+    for key, names, known in (
+        ("modes", file.inputs.modes, MODES),
+        ("sticks", file.inputs.sticks, STICKS),
+        ("mode", start, MODES),
+    ):
+        for name in (name for name in names if name not in known):
+            line = f"{where} line {_line_of(text, key)}"
+            raise Refused(key, where=line, expected=f"one of {', '.join(known)}", got=repr(name))
+
+
 def _check_signals(file: PolicyFile, used: frozenset[str], text: str, where: str) -> None:
     for name in sorted(used):
         line = f"{where} line {_line_of(text, name)}"
         if name not in SIGNALS:
-            raise Refused("signal", where=line, expected="a name of contract/signals.py", got=repr(name))
+            raise Refused(
+                "signal", where=line, expected="one of `saflite list signals`, a mode, or a constant", got=repr(name)
+            )
         if name not in file.signals:
             raise Refused("signals", where=line, expected=f"'{name}' with its unit under [signals]", got="nothing")
     for name, unit in file.signals.items():

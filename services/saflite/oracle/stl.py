@@ -18,11 +18,22 @@ from saflite.oracle import windows
 from saflite.oracle.formula import CRISP, TEMPORAL, Node, reach_s
 from saflite.oracle.windows import Array
 
+
+def _divided(a: Any, b: Any) -> Any:
+    """Return a / b, NaN (a gap: nothing can be said) where b is 0."""
+    return np.where(np.equal(b, 0.0), np.nan, np.divide(a, b))
+
+
+def _implied(a: Any, b: Any) -> Any:
+    """Return the robustness of `a implies b`; where a is plainly false, b need not even be a number."""
+    return np.where(np.equal(a, -np.inf), np.inf, np.maximum(-a, b))
+
+
 _BINARY: dict[str, Callable[[Any, Any], Any]] = {
     "+": np.add,
     "-": np.subtract,
     "*": np.multiply,
-    "/": np.divide,
+    "/": _divided,
     "pow": np.power,
     "min": np.minimum,
     "max": np.maximum,
@@ -34,7 +45,7 @@ _BINARY: dict[str, Callable[[Any, Any], Any]] = {
     ">": lambda a, b: a - b,
     "==": lambda a, b: -np.abs(a - b),
     "!=": lambda a, b: np.abs(a - b),
-    "implies": lambda a, b: np.maximum(-a, b),
+    "implies": _implied,
     "iff": lambda a, b: -np.abs(a - b),
     "xor": lambda a, b: np.abs(a - b),
 }

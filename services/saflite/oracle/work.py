@@ -27,7 +27,7 @@ class Oracle:
         """Judge one flight; raises Refused for a damaged trace or an unknown policy."""
         assert isinstance(work, JudgeWork), f"the oracle was given {type(work).__name__}"
         trace = unpack_trace(work.trace) if work.trace else None
-        return JudgeResult(judgement=judge(work.test_case, work.flight, trace, work.policies))
+        return JudgeResult(judgement=judge(work.test_case, work.flight, trace, work.policies, work.policy_texts))
 
     def close(self) -> None:
         """Nothing is held."""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from saflite.contract.clock import Clock
 from saflite.contract.errors import Refused
 from saflite.contract.service import Service
-from saflite.contract.work import Stage
+from saflite.contract.work import PolicyTexts, Stage
 from saflite.runtime.worker import Habits
 
 if TYPE_CHECKING:
@@ -69,12 +69,12 @@ def _recorder(around: Surroundings) -> Service:
     return recorder.open_service(around.run_dir, around.clock)
 
 
-def brief_of(name: str) -> PolicyBrief:
+def brief_of(name: str, texts: PolicyTexts | None = None) -> PolicyBrief:
     """Return what scorers are told of a policy; raises Refused for an unknown one."""
     from saflite.oracle.policy import load_policy
     from saflite.scorer_pool.model import PolicyBrief
 
-    file = load_policy(name).file
+    file = load_policy(name, texts).file
     inputs = file.inputs
     names = (*inputs.parameters, *inputs.commands, *inputs.sticks, *inputs.modes, *inputs.sensor_faults)
     obstacles = ("obstacles",) if inputs.obstacles else ()

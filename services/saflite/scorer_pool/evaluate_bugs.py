@@ -189,8 +189,8 @@ def evaluate_bug(
 ) -> BugResult:
     """Return what `model` makes of one bug; raises Refused for an unknown policy, list or model."""
     asked = question(bug, list_of(bug.list), rng_seed)
-    brief = _worded(brief_of(bug.policy)._replace(state=bug.state), bug, words)
-    pool = ScorerPool(lambda name: brief if name == bug.policy else brief_of(name), clock)
+    brief = _worded(brief_of(bug.policy, None)._replace(state=bug.state), bug, words)
+    pool = ScorerPool(lambda name, texts: brief if name == bug.policy else brief_of(name, texts), clock)
     try:
         scores = _scored(pool, asked.test_cases, bug, model, rng_seed, deadline_s)
     finally:

@@ -13,7 +13,7 @@ from saflite.contract.clock import Clock
 from saflite.contract.score import Usage
 from saflite.contract.service import Cancelled
 from saflite.contract.test_case import TestCase
-from saflite.contract.work import Outcome
+from saflite.contract.work import Outcome, PolicyTexts
 from saflite.scorer_pool.talk import Talk, silent
 
 MIDDLE = 5.0
@@ -35,8 +35,9 @@ class PolicyBrief(NamedTuple):
     state: str = ""
 
 
-BriefOf = Callable[[str], PolicyBrief]
-"""Gives the brief of a policy by name; raises Refused for an unknown one. Handed in by the runtime."""
+BriefOf = Callable[[str, PolicyTexts | None], PolicyBrief]
+"""Gives the brief of a policy by name, also of those in the texts; raises Refused for an unknown one. Handed in by the
+runtime."""
 
 
 class Job(NamedTuple):

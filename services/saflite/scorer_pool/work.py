@@ -16,7 +16,17 @@ from saflite.contract.errors import FarmError, Refused, Unavailable
 from saflite.contract.score import SCORE_MAX, SCORE_MIN, Score
 from saflite.contract.service import Cancelled
 from saflite.contract.test_case import identity
-from saflite.contract.work import HandedBack, Result, ScoreResult, ScoreWork, Stage, WarmResult, WarmWork, Work
+from saflite.contract.work import (
+    HandedBack,
+    PolicyTexts,
+    Result,
+    ScoreResult,
+    ScoreWork,
+    Stage,
+    WarmResult,
+    WarmWork,
+    Work,
+)
 from saflite.scorer_pool.history import History
 from saflite.scorer_pool.model import MIDDLE, BriefOf, Job, Mark, Model, PolicyBrief, Sheet, Tools
 from saflite.scorer_pool.registry import make
@@ -103,7 +113,7 @@ class ScorerPool:
         self._history.tell(work.recent, work.from_cursor, work.cursor)
         job = Job(
             test_cases=work.test_cases,
-            briefs=tuple(self._brief(name) for name in work.policies),
+            briefs=tuple(self._brief(name, work.policy_texts) for name in work.policies),
             rng_seed=work.rng_seed,
             round=work.round,
             history=self._history.view(work.cursor),
@@ -118,9 +128,9 @@ class ScorerPool:
             waiting = {label: threads.submit(self._watch, label, job) for label in shadows}
             return self._result(job, work.model, self._answer(work.model, job), waiting)
 
-    def _brief(self, name: str) -> PolicyBrief:
+    def _brief(self, name: str, texts: PolicyTexts) -> PolicyBrief:
         try:
-            return self._brief_of(name)
+            return self._brief_of(name, texts)
         except Refused:
             return PolicyBrief(name)
 

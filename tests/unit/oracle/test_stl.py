@@ -81,11 +81,22 @@ def test_a_promise_that_could_still_be_kept_is_not_judged() -> None:
         ("(" * 500 + "altitude_m > 1" + ")" * 500, "100 levels"),
         ("-" * 5000 + "1 > 0", "100 levels"),
         ("altitude_m >\n  and 3", "line 2 column 3"),
+        ("altitude_m / 0 > 3", "a divisor other than 0"),
     ],
 )
 def test_faults_are_told_with_their_place(text: str, reason: str) -> None:
     with pytest.raises(Refused, match=reason):
         parse(text)
+
+
+def test_a_division_by_zero_says_nothing_unless_the_condition_rules_it_out() -> None:
+    signals = {"altitude_m": [4.0, 4.0, 4.0], "climb_mps": [2.0, 0.0, 1.0]}
+    plain = found("always (altitude_m / climb_mps <= 3)", **signals)
+    assert plain
+    assert np.isnan(plain.robustness)
+    guarded = found("always (climb_mps > 0 implies altitude_m / climb_mps <= 3)", **signals)
+    assert guarded
+    assert guarded.robustness == -1.0
 
 
 def test_a_missing_signal_is_refused() -> None:

@@ -20,7 +20,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Write the files; 1 if there are violations to export."""
+    """Write the files; 0 once they are written, whatever they tell."""
     from saflite.console import out
     from saflite.console.run_folder import open_run
     from saflite.recorder.export import export
@@ -35,4 +35,6 @@ def run(args: argparse.Namespace) -> int:
         for path in files:
             out.line(str(path))
         out.line(f"{len(files)} files, {len(summary.findings)} violations")
-    return int(bool(summary.findings))
+        if summary.findings and not files:
+            out.line(f"none of them has what {args.format} files hold (missions, boxes)")
+    return 0

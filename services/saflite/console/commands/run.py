@@ -61,6 +61,8 @@ def run(args: argparse.Namespace) -> int:
         scorer = f"scorer {campaign.scorer.model}, strategy {campaign.strategy.name}"
         out.line(f"campaign {campaign.name}: {campaign.budget_flights} flights, {scorer}, rng_seed {campaign.rng_seed}")
         out.line(f"run folder {run_dir}")
+        for remark in options.remarks(campaign):
+            out.line(remark)
         out.flush()
 
     def start(on_status: Callable[[Status], None]) -> ExitSummary:

@@ -13,6 +13,7 @@ from saflite.contract.events import CampaignChanged, FaultSeen, Flown, Judged, Q
 from saflite.contract.flight import Trace
 from saflite.contract.test_case import TestCase
 from saflite.contract.verdict import Judgement, Violation
+from saflite.contract.work import PolicyTexts
 from saflite.scorer_pool.calibration import Calibration, Row, calibrate_all
 
 FAULTS_SHOWN = 20
@@ -28,6 +29,7 @@ class Exhibit(NamedTuple):
     recording: str
     trace: Trace | None
     flights: tuple[FlightRow, ...]
+    policy_texts: PolicyTexts | None = None
 
 
 class Progress(NamedTuple):
@@ -68,6 +70,7 @@ def read(run: RunFolder) -> ReportData:
             finding.recording,
             run.trace(_digest(by_case.get(finding.violation.test_case, []))),
             tuple(by_case.get(finding.violation.test_case, ())),
+            run.campaign.policy_texts,
         )
         for finding in run.findings()
     )

@@ -96,7 +96,7 @@ def _policy_robustness(exhibit: Exhibit) -> tuple[NDArray[np.float64] | None, st
     trace = exhibit.trace
     assert trace is not None, "asked for with a trace only"
     try:
-        policy = load_policy(exhibit.violation.policy)
+        policy = load_policy(exhibit.violation.policy, exhibit.policy_texts)
         signals = FlightSignals(exhibit.test_case, _flight_of(exhibit), trace).pick(policy.needed)
     except Refused:
         return None, ""

@@ -1,0 +1,177 @@
+"""A policy of one's own: named in a campaign file, or run as it is; its text travels with the campaign."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from saflite.campaign.builtin import load_campaign, template
+from saflite.campaign.store import Store
+from saflite.console import options
+from saflite.console.toml_text import dump
+from saflite.contract.config import Campaign, parse_campaign
+from saflite.contract.errors import Refused
+from saflite.contract.service import Service
+from saflite.contract.test_case import StartState
+from saflite.contract.work import Ask, Failure, Report, Stage
+from saflite.mutator import work as mutator
+from saflite.oracle import work as oracle
+from saflite.oracle.policy import load_policy
+from saflite.runtime.clock import WallClock
+from saflite.runtime.stages import brief_of
+from saflite.scorer_pool import work as scorer_pool
+from saflite.simulator_worker import work as simulator
+
+POLICY = """id = "stay-low"
+title = "Stay below the ceiling"
+source = "our own flight manual"
+words = "The vehicle must stay below the ceiling. Interesting are climbs."
+formula = "always (altitude_m <= ceiling_m)"
+
+[constants]
+ceiling_m = 5.0
+
+[signals]
+altitude_m = "m"
+
+[start]
+mode = "ALT_HOLD"
+altitude_m = 30.0
+
+[preconditions]
+PILOT_SPEED_UP = 300
+
+[inputs]
+sticks = ["RC3"]
+parameters = ["PILOT_SPEED_UP"]
+
+[[examples]]
+holds = true
+why = "low"
+duration_s = 5.0
+signals = { altitude_m = 4 }
+
+[[examples]]
+holds = false
+why = "high"
+duration_s = 5.0
+signals = { altitude_m = [[0, 4], [3, 6]] }
+"""
+CAMPAIGN = """name = "mine"
+policies = ["rules/low.toml", "upright"]
+budget_flights = 2
+time_limit_s = 12.0
+record = "none"
+[start]
+mode = "ALT_HOLD"
+altitude_m = 30.0
+[strategy]
+name = "pgfuzz"
+[scorer]
+model = "relevance"
+[search]
+candidates_per_round = 1
+flights_per_round = 1
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "rules").mkdir()
+    (tmp_path / "rules" / "low.toml").write_text(POLICY)
+    (tmp_path / "mine.toml").write_text(CAMPAIGN)
+    return tmp_path
+
+
+def test_a_policy_file_is_looked_for_beside_the_campaign_and_kept_in_it(folder: Path) -> None:
+    campaign = load_campaign(str(folder / "mine.toml"))
+    assert campaign.policies == ("stay-low", "upright")
+    options.check_runnable(campaign)
+    (folder / "rules" / "low.toml").unlink()
+    assert load_policy("stay-low", campaign.policy_texts).file.title == "Stay below the ceiling"
+    assert brief_of("stay-low", campaign.policy_texts).words.startswith("The vehicle must stay")
+    assert parse_campaign(dump(campaign), "again") == campaign
+
+
+def test_a_campaign_with_a_policy_of_its_own_is_judged_by_it_to_a_confirmed_violation(folder: Path) -> None:
+    campaign = load_campaign(str(folder / "mine.toml"))
+    store = Store.create(folder / "run", campaign, template(campaign))
+    books = store.rebuild()
+    services: dict[Stage, Service] = {
+        "mutate": mutator.open_service(),
+        "score": scorer_pool.open_service(brief_of, WallClock()),
+        "fly": simulator.open_service("inline", WallClock()),
+        "judge": oracle.open_service(),
+    }
+    books.begin(0.0, 0.0)
+    for turn in range(40):
+        for stage, service in services.items():
+            worker = f"{stage}-{turn % 2}"
+            for lease in books.ask(Ask(worker=worker, stage=stage, cursor=service.cursor), float(turn)).leases:
+                result = service.do(lease.work, lambda: False)
+                assert not isinstance(result, Failure), result
+                told = Report(worker=worker, lease_id=lease.lease_id, epoch=lease.epoch, result=result)
+                assert books.report(told, float(turn)).status == "accepted"
+            store.commit(books.drain())
+    status = books.status(40.0)
+    store.close()
+    for service in services.values():
+        service.close()
+    assert (status.violations_confirmed, status.quarantined) == (1, 0)
+
+
+def test_a_policy_file_stands_for_the_campaign_over_it(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(folder)
+    campaign = load_campaign(os.path.join("rules", "low.toml"))
+    assert (campaign.name, campaign.policies) == ("policy-stay-low", ("stay-low",))
+    assert campaign.start == StartState(mode="ALT_HOLD", altitude_m=30.0)
+    assert campaign.target.parameters == {"PILOT_SPEED_UP": 300.0}
+    assert campaign.strategy.settings["sticks"] == ["RC3"]
+    assert campaign.search.shrink
+    options.check_runnable(campaign)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "reason"),
+    [
+        ('id = "stay-low"', 'id = "../x y"', r"id \(.*low.toml line 1\): expected small letters"),
+        ('id = "stay-low"', 'id = "upright"', r"id \(.*low.toml line 1\): expected one that no shipped policy has"),
+        ('id = "stay-low"\n', "", "expected an id"),
+        ('mode = "ALT_HOLD"', 'mode = "LOITERR"', r"mode \(.*line 14\): expected one of .*'LOITERR'"),
+        ('"RC3"', '"RC99"', r"sticks \(.*line 21\): expected one of RC1.*'RC99'"),
+        ('parameters = ["PILOT_SPEED_UP"]', 'parameters = ["PILOT_SPEEDUP"]', "PILOT_SPEEDUP"),
+        ("PILOT_SPEED_UP = 300", "FOO_BAR = 300", "FOO_BAR"),
+        ("PILOT_SPEED_UP = 300", 'PILOT_SPEED_UP = "fast"', r"low.toml line .*float"),
+        ("altitude_m = 30.0", 'altitude_m = "high"', r"low.toml line .*float"),
+        ("ceiling_m)", "ceiling_m / 0)", "a divisor other than 0"),
+        ("[inputs]", "[[inputs]]", r"low.toml line .*object"),
+    ],
+)
+def test_a_wrong_policy_file_is_refused_where_it_is_wrong(folder: Path, old: str, new: str, reason: str) -> None:
+    assert old in POLICY
+    (folder / "rules" / "low.toml").write_text(POLICY.replace(old, new))
+    with pytest.raises(Refused, match=reason):
+        options.check_runnable(load_campaign(str(folder / "rules" / "low.toml")))
+
+
+def test_a_policy_its_target_cannot_show_is_refused_with_the_reason() -> None:
+    with pytest.raises(Refused, match="no such mode"):
+        load_campaign("policy-a-drift1")
+    campaign = msgspec.structs.replace(load_campaign("policy-a-chute"), policies=("a-drift1",))
+    with pytest.raises(Refused, match=r"policy a-drift1.*no such mode"):
+        options.check_runnable(campaign)
+
+
+@pytest.mark.parametrize("table", ["start", "wind", "target"])
+def test_unknown_keys_are_refused_in_every_table(table: str) -> None:
+    with pytest.raises(Refused, match=rf"\[{table}\].*expected one of .*'foo'"):
+        parse_campaign(f'name = "x"\n[{table}]\nfoo = 1', "x.toml")
+
+
+def test_a_defect_the_campaign_cannot_see_is_remarked_on() -> None:
+    campaign: Campaign = options.changed(load_campaign("policy-a-chute"), defects=["land-fast"])
+    assert options.remarks(campaign) == ["note: defect land-fast breaks a-land2, which this campaign does not check"]
+    assert not options.remarks(options.changed(load_campaign("policy-a-land2"), defects=["land-fast"]))
