@@ -9,8 +9,9 @@ import pytest
 
 from saflite.campaign.builtin import load_campaign, template
 from saflite.campaign.store import Store
-from saflite.console import options, running
+from saflite.console import options
 from saflite.console.cli import FOUND, INFRASTRUCTURE, NOTHING_FOUND
+from saflite.console.conclusion import conclude
 from saflite.contract.work import Failure, FlyWork, Result, Work
 from saflite.runtime.local import ExitSummary
 
@@ -43,7 +44,7 @@ def _ended(run_dir: Path, spared: int, capsys: pytest.CaptureFixture[str]) -> tu
     driver.service = CannotFly(spared)
     driver.run()
     store.close()
-    code = running.conclude(run_dir, ExitSummary(True, "the budget is spent", None, 0), as_json=False)
+    code = conclude(run_dir, ExitSummary(True, "the budget is spent", None, 0), as_json=False)
     return code, capsys.readouterr().out
 
 
