@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -11,6 +13,9 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from saflite.contract.errors import Refused
 from saflite.flight.autopilots.reference.parameters import parameter_table
 from saflite.flight.link import Session, on_the_ground, open_port
+
+ACCEPTED, DENIED, FAILED = dialect.MAV_RESULT_ACCEPTED, dialect.MAV_RESULT_DENIED, dialect.MAV_RESULT_FAILED
+HOME, ROUTE = (16, 47.0, 8.0, 400.0), (16, 47.3978, 8.5456, 6.0)
 
 
 class Station:
@@ -39,10 +44,33 @@ class Station:
         assert len(answers) == 1
         return int(answers[0].result)
 
+    def take_off(self) -> None:
+        """Fly at 5 m in GUIDED."""
+        assert self.order(176, 1, 4) == self.order(400, 1) == self.order(22, 0, 0, 0, 0, 0, 0, 5) == ACCEPTED
+        self.run(300)
+
+    def upload(self, *rows: tuple[int, float, float, float]) -> int:
+        """Send a mission of (command, latitude, longitude, altitude) and return the result."""
+        self.mav.mission_count_send(1, 1, len(rows))
+        for index, (number, lat, lon, height) in enumerate(rows):
+            self.run(2)
+            self.mav.mission_item_send(1, 1, index, 3, number, 0, 1, 0, 0, 0, 0, lat, lon, height)
+        return acknowledged(self.run(2))[-1]
+
+
+def acknowledged(messages: list[Any]) -> list[int]:
+    return [m.type for m in messages if m.get_type() == "MISSION_ACK"]
+
+
+def asked(messages: list[Any]) -> list[int]:
+    return [m.seq for m in messages if m.get_type() == "MISSION_REQUEST_INT"]
+
 
 @pytest.fixture
-def station() -> Station:
-    return Station()
+def station(caplog: pytest.LogCaptureFixture) -> Iterator[Station]:
+    """A station whose messages the face can all handle."""
+    yield Station()
+    assert [record.getMessage() for record in caplog.get_records("call")] == []
 
 
 def kinds(messages: list[Any]) -> set[str]:
@@ -113,6 +141,61 @@ def test_garbage_does_not_stop_it(station: Station) -> None:
     station.out = bytearray(good)
     station.run(3)
     assert station.session.flight.autopilot.parameters["RTL_ALT"] == 900.0
+
+
+@pytest.mark.parametrize(
+    ("place", "result"),
+    [
+        ((107.0, 8.5, 5.0), dialect.MAV_MISSION_INVALID_PARAM5_X),
+        ((math.nan, 8.5, 5.0), dialect.MAV_MISSION_INVALID_PARAM5_X),
+        ((47.4, -181.0, 5.0), dialect.MAV_MISSION_INVALID_PARAM6_Y),
+        ((47.4, 8.5, math.nan), dialect.MAV_MISSION_INVALID_PARAM7),
+        ((47.4, 8.5, math.inf), dialect.MAV_MISSION_INVALID_PARAM7),
+        ((47.4, 8.5, -1e6), dialect.MAV_MISSION_INVALID_PARAM7),
+    ],
+)
+def test_impossible_place_ends_an_upload(station: Station, place: tuple[float, float, float], result: int) -> None:
+    assert station.upload(HOME, ROUTE) == ACCEPTED
+    assert station.upload(HOME, (16, *place)) == result
+    mission = station.session.flight.autopilot.mission
+    assert mission is not None
+    assert mission.items[0].params[6] == 6.0
+    station.mav.mission_item_send(1, 1, 1, 3, 16, 0, 1, 0, 0, 0, 0, *ROUTE[1:])
+    assert not kinds(station.run(2)) & {"MISSION_REQUEST_INT", "MISSION_ACK"}
+
+
+def test_infinite_number_of_an_item_is_refused_and_nan_is_not_given(station: Station) -> None:
+    for bad, result in ((math.inf, dialect.MAV_MISSION_INVALID_PARAM1), (math.nan, ACCEPTED)):
+        station.mav.mission_count_send(1, 1, 1)
+        station.mav.mission_item_int_send(1, 1, 0, 3, 115, 0, 1, bad, 0, 0, 0, 0, 0, 0)
+        assert acknowledged(station.run(2)) == [result]
+    assert station.upload(HOME, (20, 1e30, 0.0, 0.0)) == dialect.MAV_MISSION_INVALID_PARAM5_X
+
+
+def test_item_out_of_sequence_is_refused_and_a_repeat_is_not(station: Station) -> None:
+    def send(index: int) -> list[Any]:
+        station.mav.mission_item_send(1, 1, index, 3, 16, 0, 1, 0, 0, 0, 0, *ROUTE[1:])
+        return station.run(2)
+
+    station.mav.mission_count_send(1, 1, 3)
+    assert asked(station.run(2)) == [0]
+    wrong = send(2)
+    assert (acknowledged(wrong), asked(wrong)) == ([dialect.MAV_MISSION_INVALID_SEQUENCE], [])
+    assert asked(send(0)) == [1]
+    repeated = send(0)
+    assert (acknowledged(repeated), asked(repeated)) == ([], [1])
+    assert asked(send(1)) == [2]
+    assert acknowledged(send(0)) == [dialect.MAV_MISSION_INVALID_SEQUENCE]
+    assert acknowledged(send(2)) == [dialect.MAV_MISSION_ACCEPTED]
+
+
+def test_item_beyond_the_mission_being_flown_cannot_be_made_current(station: Station) -> None:
+    assert station.upload(HOME, ROUTE) == ACCEPTED
+    station.take_off()
+    assert station.order(176, 1, 3) == ACCEPTED
+    assert station.upload(HOME, ROUTE, ROUTE, ROUTE) == ACCEPTED
+    station.mav.mission_set_current_send(1, 1, 3)
+    assert acknowledged(station.run(2)) == [dialect.MAV_MISSION_INVALID_SEQUENCE]
 
 
 def test_reboot_starts_anew(station: Station) -> None:
