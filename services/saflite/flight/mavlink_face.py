@@ -12,14 +12,12 @@ from saflite.flight.autopilots.reference.commands import MavResult, execute
 from saflite.flight.autopilots.reference.modes.table import mode_name
 from saflite.flight.jsbsim_world import HOME_LAT_DEG, HOME_LON_DEG
 from saflite.flight.mavlink_mission import MissionTransfer
-from saflite.flight.mavlink_streams import Streams
+from saflite.flight.mavlink_streams import AUTOPILOT_VERSION, HOME_POSITION, Streams
 from saflite.flight.mission import to_local
 
 REAL32 = 9
-SET_MESSAGE_INTERVAL, REQUEST_MESSAGE, REQUEST_CAPABILITIES, GET_HOME = 511, 512, 520, 410
-AUTOPILOT_VERSION, HOME_POSITION = 148, 242
-CAPABILITIES = 0x1 | 0x2 | 0x4 | 0x8 | 0x80 | 0x100 | 0x2000  # missions, parameters, command int, set-points, MAVLink 2
-VERSION = (4 << 24) | (0 << 16) | (0 << 8) | 255
+GET_MESSAGE_INTERVAL, SET_MESSAGE_INTERVAL, REQUEST_MESSAGE = 510, 511, 512
+REQUEST_CAPABILITIES, GET_HOME = 520, 410
 RELEASE, IGNORE = 0, 65535
 POSITION_IGNORED, SPEED_IGNORED = 0b111, 0b111000
 PARAMETERS_PER_TICK = 20
@@ -118,25 +116,27 @@ class MavlinkFace:
 
     def _own(self, command: int, numbers: Sequence[float]) -> MavResult | None:
         """Commands of the link itself: what to send, reboot."""
-        if command == SET_MESSAGE_INTERVAL:
+        if command in (REQUEST_CAPABILITIES, GET_HOME):
+            self._streams.send(AUTOPILOT_VERSION if command == REQUEST_CAPABILITIES else HOME_POSITION)
             return MavResult.ACCEPTED
-        wanted = {REQUEST_CAPABILITIES: AUTOPILOT_VERSION, GET_HOME: HOME_POSITION}.get(command, int(numbers[0]))
-        if command in (REQUEST_MESSAGE, REQUEST_CAPABILITIES, GET_HOME):
-            return self._send_once(wanted)
+        if command in (GET_MESSAGE_INTERVAL, SET_MESSAGE_INTERVAL, REQUEST_MESSAGE):
+            return self._about_message(command, numbers)
         if command == 246 and not self._ap.armed and numbers[0] == 1.0:
             self._restart()
             return MavResult.ACCEPTED
         return None
 
-    def _send_once(self, number: int) -> MavResult:
-        if number == AUTOPILOT_VERSION:
-            self._link.autopilot_version_send(CAPABILITIES, VERSION, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, 1)
-        elif number == HOME_POSITION:
-            self._streams.home()
-        elif number == 0:
-            self._streams.heartbeat()
+    def _about_message(self, command: int, numbers: Sequence[float]) -> MavResult:
+        """Send a message once, set or tell its interval (2nd number, us); the 1st number names the message."""
+        if numbers[0] not in self._streams:
+            return MavResult.FAILED
+        number = int(numbers[0])
+        if command == SET_MESSAGE_INTERVAL:
+            return MavResult.ACCEPTED if self._streams.set_interval(number, numbers[1]) else MavResult.DENIED
+        if command == GET_MESSAGE_INTERVAL:
+            self._link.message_interval_send(number, self._streams.interval_us(number))
         else:
-            return MavResult.UNSUPPORTED
+            self._streams.send(number)
         return MavResult.ACCEPTED
 
     def _set_mode(self, message: Any) -> None:

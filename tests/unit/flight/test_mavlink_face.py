@@ -143,6 +143,33 @@ def test_garbage_does_not_stop_it(station: Station) -> None:
     assert station.session.flight.autopilot.parameters["RTL_ALT"] == 900.0
 
 
+def test_message_interval_is_set_told_and_set_back(station: Station) -> None:
+    def told_and_counted() -> tuple[int, int]:
+        station.mav.command_long_send(1, 1, 510, 0, 30, 0, 0, 0, 0, 0, 0)
+        told = next(m for m in station.run(2) if m.get_type() == "MESSAGE_INTERVAL")
+        assert told.message_id == 30
+        return told.interval_us, [m.get_type() for m in station.run(100)].count("ATTITUDE")
+
+    assert told_and_counted() == (100_000, 20)
+    for wanted, expected in ((20_000, (20_000, 100)), (500_000, (500_000, 4)), (-1, (-1, 0)), (1, (20_000, 100))):
+        assert station.order(511, 30, wanted) == ACCEPTED
+        assert told_and_counted() == expected
+    for refused in (-2, math.nan, math.inf):
+        assert station.order(511, 30, refused) == DENIED
+    assert station.order(511, 30, 0) == ACCEPTED
+    assert told_and_counted() == (100_000, 20)
+    assert station.order(511, 9999, 100_000) == station.order(510, 9999) == FAILED
+
+
+def test_messages_are_sent_when_asked_for(station: Station) -> None:
+    assert not kinds(station.run(60)) & {"HOME_POSITION", "AUTOPILOT_VERSION"}
+    for number, kind in ((242, "HOME_POSITION"), (148, "AUTOPILOT_VERSION"), (36, "SERVO_OUTPUT_RAW")):
+        station.order(511, number, -1)
+        station.mav.command_long_send(1, 1, 512, 0, number, 0, 0, 0, 0, 0, 0)
+        assert kind in kinds(station.run())
+    assert station.order(512, 9999) == FAILED
+
+
 @pytest.mark.parametrize(
     ("place", "result"),
     [
