@@ -177,7 +177,10 @@ class MavlinkFace:
         self._steer(message.type_mask, (north, east, height), (*speed, -message.vz))
 
     def _set_position_target_global_int(self, message: Any) -> None:
-        north, east = to_local(message.lat_int / 1e7, message.lon_int / 1e7, HOME_LAT_DEG, HOME_LON_DEG)
+        lat, lon = message.lat_int / 1e7, message.lon_int / 1e7
+        if message.type_mask & POSITION_IGNORED == 0 and (abs(lat) > 90.0 or abs(lon) > 180.0):
+            return
+        north, east = to_local(lat, lon, HOME_LAT_DEG, HOME_LON_DEG)
         self._steer(message.type_mask, (north, east, message.alt), (message.vx, message.vy, -message.vz))
 
     def _steer(self, mask: int, place: tuple[float, float, float], speed: tuple[float, float, float]) -> None:

@@ -143,6 +143,41 @@ def test_garbage_does_not_stop_it(station: Station) -> None:
     assert station.session.flight.autopilot.parameters["RTL_ALT"] == 900.0
 
 
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+def test_numbers_that_are_none_stop_neither_the_face_nor_the_vehicle(station: Station, bad: float) -> None:
+    station.take_off()
+    for number in (22, 115, 176, 178, 179, 185, 192, 201, 208, 400, 410, 510, 511, 512, 520, 31010):
+        station.order(number, *[bad] * 7)
+        station.mav.command_int_send(1, 1, 0, number, 0, 0, bad, bad, bad, bad, 2**31 - 1, -(2**31), bad)
+    station.run(200)
+    assert station.session.flight.autopilot.armed
+    assert station.session.flight.vehicle["altitude_m"] == pytest.approx(5.0, abs=0.5)
+    assert station.order(20) == ACCEPTED
+
+
+def test_commands_lacking_a_number_they_need_are_refused(station: Station) -> None:
+    assert station.order(176, math.nan, 4) == DENIED
+    assert station.order(176, 1, 4) == station.order(400, 1) == ACCEPTED
+    assert station.order(22, 0, 0, 0, 0, 0, 0, math.nan) == FAILED
+    assert station.order(22, math.nan, 0, 0, math.nan, math.nan, math.nan, 5) == ACCEPTED
+    station.run(300)
+    assert station.order(178, 1, math.nan) == FAILED
+    assert station.order(185, math.nan) == FAILED
+    assert station.order(115, 90, 0, 0, math.nan) == DENIED
+    station.order(17)
+    assert station.order(192, -1, math.nan, 0, math.nan, 47.3978, 8.5456, 6) == DENIED
+
+
+def test_set_point_off_the_globe_is_ignored(station: Station) -> None:
+    station.take_off()
+    mask, guided = 0b111111111000, station.session.flight.autopilot.mode
+    before = guided.target  # type: ignore[attr-defined]
+    for lat, lon in ((2**31 - 1, 85456000), (473978000, -(2**31))):
+        station.mav.set_position_target_global_int_send(0, 1, 1, 6, mask, lat, lon, 5, 0, 0, 0, 0, 0, 0, 0, 0)
+    station.run(2)
+    assert guided.target == before  # type: ignore[attr-defined]
+
+
 def test_message_interval_is_set_told_and_set_back(station: Station) -> None:
     def told_and_counted() -> tuple[int, int]:
         station.mav.command_long_send(1, 1, 510, 0, 30, 0, 0, 0, 0, 0, 0)
