@@ -3,6 +3,7 @@ sticks, set-points, streams, as a ground station expects of ArduCopter."""
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -14,6 +15,8 @@ from saflite.flight.jsbsim_world import HOME_LAT_DEG, HOME_LON_DEG
 from saflite.flight.mavlink_mission import MissionTransfer
 from saflite.flight.mavlink_streams import AUTOPILOT_VERSION, HOME_POSITION, Streams
 from saflite.flight.mission import to_local
+
+log = logging.getLogger(__name__)
 
 REAL32 = 9
 GET_MESSAGE_INTERVAL, SET_MESSAGE_INTERVAL, REQUEST_MESSAGE = 510, 511, 512
@@ -36,6 +39,7 @@ class MavlinkFace:
         from pymavlink.dialects.v20 import ardupilotmega
 
         self._ap, self._restart = ap, restart
+        self._system = system
         self._out = bytearray()
         self._link: Any = ardupilotmega.MAVLink(self, srcSystem=system, srcComponent=1)
         self._link.robust_parsing = True
@@ -45,6 +49,7 @@ class MavlinkFace:
         self._mission = MissionTransfer(ap, self._link)
         self._names = sorted(name for name in ap.parameters.values)
         self._queue: list[int] = []
+        self._reported: set[tuple[str, type[Exception]]] = set()
 
     def write(self, data: bytes) -> None:
         """Take bytes that pymavlink packed."""
@@ -57,13 +62,34 @@ class MavlinkFace:
         return data
 
     def feed(self, data: bytes) -> None:
-        """Take received bytes; garbage between messages is skipped."""
+        """Take received bytes; garbage between messages and messages to other systems are skipped.
+
+        A message that cannot be handled is logged, the first time of its kind, and the link goes on.
+        """
         for message in self._reader.parse_buffer(data) or ():
             kind = message.get_type()
-            if kind != "BAD_DATA" and not self._mission.handle(kind, message):
-                handler = getattr(self, f"_{kind.lower()}", None)
-                if handler is not None:
-                    handler(message)
+            if kind == "BAD_DATA" or not self._is_for_us(message):
+                continue
+            try:
+                self._handle(kind, message)
+            except Exception as fault:
+                if (kind, type(fault)) not in self._reported:
+                    self._reported.add((kind, type(fault)))
+                    log.warning("MAVLink message %s cannot be handled: %s", kind, fault, exc_info=True)
+
+    def _is_for_us(self, message: Any) -> bool:
+        """Return whether a message names this system, all systems (0) or none.
+
+        The component does not matter: the vehicle has only one, and ArduPilot too takes what names its system and a
+        component it has never heard of.
+        """
+        return getattr(message, "target_system", getattr(message, "target", 0)) in (0, self._system)
+
+    def _handle(self, kind: str, message: Any) -> None:
+        if not self._mission.handle(kind, message):
+            handler = getattr(self, f"_{kind.lower()}", None)
+            if handler is not None:
+                handler(message)
 
     def tick(self, ticks: int) -> None:
         """Send streams and the next piece of a parameter list."""

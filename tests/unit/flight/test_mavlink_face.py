@@ -178,6 +178,37 @@ def test_set_point_off_the_globe_is_ignored(station: Station) -> None:
     assert guided.target == before  # type: ignore[attr-defined]
 
 
+def test_message_that_cannot_be_handled_is_logged_and_the_link_goes_on(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    station = Station()
+    monkeypatch.delattr(station.session.flight.autopilot, "radio")
+    for _ in range(2):
+        station.mav.rc_channels_override_send(1, 1, 1500, 1500, 1500, 1500, 0, 0, 0, 0)
+    station.mav.param_set_send(1, 1, b"RTL_ALT", 900.0, 9)
+    station.session.face.feed(bytes(station.out))
+    assert station.session.flight.autopilot.parameters["RTL_ALT"] == 900.0
+    assert [record.getMessage().split(":")[0] for record in caplog.records] == [
+        "MAVLink message RC_CHANNELS_OVERRIDE cannot be handled"
+    ]
+    assert caplog.records[0].exc_info is not None
+
+
+def test_messages_for_other_systems_are_ignored(station: Station) -> None:
+    ap = station.session.flight.autopilot
+    station.mav.command_long_send(42, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0)
+    station.mav.param_set_send(42, 1, b"RTL_ALT", 900.0, 9)
+    station.mav.set_mode_send(42, 1, 4)
+    station.mav.mission_count_send(42, 1, 3)
+    station.mav.manual_control_send(42, 1000, 1000, 1000, 1000, 0)
+    seen = kinds(station.run(2))
+    assert not seen & {"COMMAND_ACK", "PARAM_VALUE", "MISSION_REQUEST_INT"}
+    assert (ap.armed, ap.mode.name, ap.radio.sent[1]) == (False, "STABILIZE", 1500.0)
+    for system, component in ((0, 0), (1, 0), (1, 99)):
+        station.mav.param_request_read_send(system, component, b"RTL_ALT", -1)
+        assert "PARAM_VALUE" in kinds(station.run(2))
+
+
 def test_message_interval_is_set_told_and_set_back(station: Station) -> None:
     def told_and_counted() -> tuple[int, int]:
         station.mav.command_long_send(1, 1, 510, 0, 30, 0, 0, 0, 0, 0, 0)
