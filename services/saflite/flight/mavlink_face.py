@@ -3,6 +3,7 @@ sticks, set-points, streams, as a ground station expects of ArduCopter."""
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -12,14 +13,14 @@ from saflite.flight.autopilots.reference.commands import MavResult, execute
 from saflite.flight.autopilots.reference.modes.table import mode_name
 from saflite.flight.jsbsim_world import HOME_LAT_DEG, HOME_LON_DEG
 from saflite.flight.mavlink_mission import MissionTransfer
-from saflite.flight.mavlink_streams import Streams
+from saflite.flight.mavlink_streams import AUTOPILOT_VERSION, HOME_POSITION, Streams
 from saflite.flight.mission import to_local
 
+log = logging.getLogger(__name__)
+
 REAL32 = 9
-SET_MESSAGE_INTERVAL, REQUEST_MESSAGE, REQUEST_CAPABILITIES, GET_HOME = 511, 512, 520, 410
-AUTOPILOT_VERSION, HOME_POSITION = 148, 242
-CAPABILITIES = 0x1 | 0x2 | 0x4 | 0x8 | 0x80 | 0x100 | 0x2000  # missions, parameters, command int, set-points, MAVLink 2
-VERSION = (4 << 24) | (0 << 16) | (0 << 8) | 255
+GET_MESSAGE_INTERVAL, SET_MESSAGE_INTERVAL, REQUEST_MESSAGE = 510, 511, 512
+REQUEST_CAPABILITIES, GET_HOME = 520, 410
 RELEASE, IGNORE = 0, 65535
 POSITION_IGNORED, SPEED_IGNORED = 0b111, 0b111000
 PARAMETERS_PER_TICK = 20
@@ -38,6 +39,7 @@ class MavlinkFace:
         from pymavlink.dialects.v20 import ardupilotmega
 
         self._ap, self._restart = ap, restart
+        self._system = system
         self._out = bytearray()
         self._link: Any = ardupilotmega.MAVLink(self, srcSystem=system, srcComponent=1)
         self._link.robust_parsing = True
@@ -47,6 +49,7 @@ class MavlinkFace:
         self._mission = MissionTransfer(ap, self._link)
         self._names = sorted(name for name in ap.parameters.values)
         self._queue: list[int] = []
+        self._reported: set[tuple[str, type[Exception]]] = set()
 
     def write(self, data: bytes) -> None:
         """Take bytes that pymavlink packed."""
@@ -59,13 +62,34 @@ class MavlinkFace:
         return data
 
     def feed(self, data: bytes) -> None:
-        """Take received bytes; garbage between messages is skipped."""
+        """Take received bytes; garbage between messages and messages to other systems are skipped.
+
+        A message that cannot be handled is logged, the first time of its kind, and the link goes on.
+        """
         for message in self._reader.parse_buffer(data) or ():
             kind = message.get_type()
-            if kind != "BAD_DATA" and not self._mission.handle(kind, message):
-                handler = getattr(self, f"_{kind.lower()}", None)
-                if handler is not None:
-                    handler(message)
+            if kind == "BAD_DATA" or not self._is_for_us(message):
+                continue
+            try:
+                self._handle(kind, message)
+            except Exception as fault:
+                if (kind, type(fault)) not in self._reported:
+                    self._reported.add((kind, type(fault)))
+                    log.warning("MAVLink message %s cannot be handled: %s", kind, fault, exc_info=True)
+
+    def _is_for_us(self, message: Any) -> bool:
+        """Return whether a message names this system, all systems (0) or none.
+
+        The component does not matter: the vehicle has only one, and ArduPilot too takes what names its system and a
+        component it has never heard of.
+        """
+        return getattr(message, "target_system", getattr(message, "target", 0)) in (0, self._system)
+
+    def _handle(self, kind: str, message: Any) -> None:
+        if not self._mission.handle(kind, message):
+            handler = getattr(self, f"_{kind.lower()}", None)
+            if handler is not None:
+                handler(message)
 
     def tick(self, ticks: int) -> None:
         """Send streams and the next piece of a parameter list."""
@@ -118,25 +142,27 @@ class MavlinkFace:
 
     def _own(self, command: int, numbers: Sequence[float]) -> MavResult | None:
         """Commands of the link itself: what to send, reboot."""
-        if command == SET_MESSAGE_INTERVAL:
+        if command in (REQUEST_CAPABILITIES, GET_HOME):
+            self._streams.send(AUTOPILOT_VERSION if command == REQUEST_CAPABILITIES else HOME_POSITION)
             return MavResult.ACCEPTED
-        wanted = {REQUEST_CAPABILITIES: AUTOPILOT_VERSION, GET_HOME: HOME_POSITION}.get(command, int(numbers[0]))
-        if command in (REQUEST_MESSAGE, REQUEST_CAPABILITIES, GET_HOME):
-            return self._send_once(wanted)
+        if command in (GET_MESSAGE_INTERVAL, SET_MESSAGE_INTERVAL, REQUEST_MESSAGE):
+            return self._about_message(command, numbers)
         if command == 246 and not self._ap.armed and numbers[0] == 1.0:
             self._restart()
             return MavResult.ACCEPTED
         return None
 
-    def _send_once(self, number: int) -> MavResult:
-        if number == AUTOPILOT_VERSION:
-            self._link.autopilot_version_send(CAPABILITIES, VERSION, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, 1)
-        elif number == HOME_POSITION:
-            self._streams.home()
-        elif number == 0:
-            self._streams.heartbeat()
+    def _about_message(self, command: int, numbers: Sequence[float]) -> MavResult:
+        """Send a message once, set or tell its interval (2nd number, us); the 1st number names the message."""
+        if numbers[0] not in self._streams:
+            return MavResult.FAILED
+        number = int(numbers[0])
+        if command == SET_MESSAGE_INTERVAL:
+            return MavResult.ACCEPTED if self._streams.set_interval(number, numbers[1]) else MavResult.DENIED
+        if command == GET_MESSAGE_INTERVAL:
+            self._link.message_interval_send(number, self._streams.interval_us(number))
         else:
-            return MavResult.UNSUPPORTED
+            self._streams.send(number)
         return MavResult.ACCEPTED
 
     def _set_mode(self, message: Any) -> None:
@@ -177,7 +203,10 @@ class MavlinkFace:
         self._steer(message.type_mask, (north, east, height), (*speed, -message.vz))
 
     def _set_position_target_global_int(self, message: Any) -> None:
-        north, east = to_local(message.lat_int / 1e7, message.lon_int / 1e7, HOME_LAT_DEG, HOME_LON_DEG)
+        lat, lon = message.lat_int / 1e7, message.lon_int / 1e7
+        if message.type_mask & POSITION_IGNORED == 0 and (abs(lat) > 90.0 or abs(lon) > 180.0):
+            return
+        north, east = to_local(lat, lon, HOME_LAT_DEG, HOME_LON_DEG)
         self._steer(message.type_mask, (north, east, message.alt), (message.vx, message.vy, -message.vz))
 
     def _steer(self, mask: int, place: tuple[float, float, float], speed: tuple[float, float, float]) -> None:

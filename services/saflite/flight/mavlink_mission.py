@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 from saflite.contract.errors import Refused
@@ -11,10 +12,12 @@ from saflite.flight.autopilots.reference.autopilot import Autopilot
 from saflite.flight.autopilots.reference.mission_items import understand
 from saflite.flight.jsbsim_world import HOME_ALT_M, HOME_LAT_DEG, HOME_LON_DEG
 
-ACCEPTED, ERROR, UNSUPPORTED, INVALID_SEQUENCE, CANCELLED = 0, 1, 3, 13, 15
+ACCEPTED, ERROR, UNSUPPORTED, INVALID_PARAM1, INVALID_SEQUENCE = 0, 1, 3, 6, 13
 ITEMS_MAX = 700
 GLOBAL_RELATIVE = 3
 PLACES = {16, 17, 18, 19, 21, 22, 82, 201}
+PLACE_MAX = (90.0, 180.0, 83_000.0)  # degrees, degrees, ArduPilot's greatest altitude in metres
+INT32_MAX = 2.0**31 - 1.0
 
 
 class MissionTransfer:
@@ -60,13 +63,26 @@ class MissionTransfer:
             self._take(message, message.x, message.y)
 
     def _take(self, message: Any, lat: float, lon: float) -> None:
-        if self._expected == 0 or message.seq != len(self._items):
-            if self._expected:
-                self._request(len(self._items))
+        if self._expected == 0:
             return
+        asked = len(self._items)
+        if message.seq == asked:
+            self._add(message, lat, lon)
+        elif message.seq == asked - 1:  # a repeat: the request for the next one was lost
+            self._request(asked)
+        else:
+            self._ack(INVALID_SEQUENCE)
+
+    def _add(self, message: Any, lat: float, lon: float) -> None:
+        """Take the item asked for; an impossible one ends the upload."""
         placed = message.command in PLACES
         last = (lat, lon, message.z) if placed else (message.x, message.y, message.z)
         numbers = (message.param1, message.param2, message.param3, message.param4, *last)
+        result = _checked(message.command, numbers)
+        if result != ACCEPTED:
+            self._expected = 0
+            self._ack(result)
+            return
         params = tuple(None if math.isnan(value) else float(value) for value in numbers)
         self._items.append(MissionItem(command=message.command, frame=_frame(message.frame), params=params))
         if len(self._items) < self._expected:
@@ -147,8 +163,10 @@ class MissionTransfer:
         if mission is None or index >= len(mission.items):
             self._ack(INVALID_SEQUENCE)
             return
-        if self._ap.mode.name == "AUTO":
-            self._ap.mode.jump(index)  # type: ignore[attr-defined]
+        # AUTO flies on with the items it was entered with, which an upload may have outgrown
+        if self._ap.mode.name == "AUTO" and not self._ap.mode.jump(index):  # type: ignore[attr-defined]
+            self._ack(INVALID_SEQUENCE)
+            return
         self._ap.mission_index = index
         self._link.mission_current_send(message.seq)
 
@@ -165,6 +183,17 @@ class MissionTransfer:
 def _frame(frame: int) -> int:
     """Return the float frame that an integer frame stands for."""
     return {5: 0, 6: GLOBAL_RELATIVE, 11: 10}.get(frame, frame)
+
+
+def _checked(command: int, numbers: Sequence[float]) -> int:
+    """Return ACCEPTED or which of an item's seven numbers is impossible; where there is no place NaN is "not given"."""
+    placed = command in PLACES
+    limits = (math.inf,) * 4 + (PLACE_MAX if placed else (INT32_MAX, INT32_MAX, math.inf))
+    for index, (number, limit) in enumerate(zip(numbers, limits, strict=True)):
+        missing = math.isnan(number) and placed and index >= 4
+        if missing or math.isinf(number) or abs(number) > limit:
+            return INVALID_PARAM1 + index
+    return ACCEPTED
 
 
 def _integer(command: int, value: float) -> int:

@@ -61,7 +61,7 @@ def command_number(name: str) -> int:
 
 
 def execute(ap: Autopilot, number: int, values: Sequence[float]) -> MavResult:
-    """Carry out a command with up to seven numbers; missing ones are 0."""
+    """Carry out a command with up to seven numbers; missing ones are 0, NaN is "not given"."""
     row = command_table().get(number)
     if row is None:
         return MavResult.UNSUPPORTED
@@ -118,7 +118,7 @@ def _takeoff(ap: Autopilot, v: Numbers) -> MavResult:
     """Climb to an altitude (7th number, above home) in GUIDED."""
     guided = _guided(ap)
     low = ap.defects & {"takeoff-altitude-unchecked"}
-    if guided is None or not ap.armed or not ap.landed or (v[6] <= 0.0 and not low):
+    if guided is None or not ap.armed or not ap.landed or math.isnan(v[6]) or (v[6] <= 0.0 and not low):
         return MavResult.FAILED
     if v[6] > 1000.0:
         return MavResult.DENIED
@@ -151,7 +151,7 @@ def _yaw(ap: Autopilot, v: Numbers) -> MavResult:
     """Turn to a heading (1st number, degrees; 4th: relative) in GUIDED and AUTO."""
     if ap.mode.name not in ("GUIDED", "AUTO"):
         return MavResult.FAILED
-    if not 0.0 <= v[0] <= 360.0:
+    if not 0.0 <= v[0] <= 360.0 or math.isnan(v[3]):
         return MavResult.DENIED
     turn = math.radians(v[0]) * (-1.0 if v[2] < 0.0 else 1.0)
     ap.yaw_order_rad = ap.board["est_yaw"] + turn if v[3] != 0.0 else math.radians(v[0])
@@ -162,7 +162,7 @@ def _speed(ap: Autopilot, v: Numbers) -> MavResult:
     """Set the speed of autonomous modes (2nd number, m/s)."""
     if v[0] not in (0.0, 1.0):
         return MavResult.FAILED
-    if v[1] <= 0.0:
+    if math.isnan(v[1]) or v[1] <= 0.0:
         return MavResult.FAILED
     ap.speed_order_mps = min(15.0, v[1])
     return MavResult.ACCEPTED
@@ -202,7 +202,7 @@ def _reposition(ap: Autopilot, v: Numbers) -> MavResult:
         ap.mode.drag(place, v[6])  # type: ignore[attr-defined]
         return MavResult.ACCEPTED
     if ap.mode.name != "GUIDED":
-        if int(v[1]) & MODE_CHANGE_FLAG == 0 or v[1] > 2.0:
+        if math.isnan(v[1]) or int(v[1]) & MODE_CHANGE_FLAG == 0 or v[1] > 2.0:
             return MavResult.DENIED
         if ap.set_mode("GUIDED", "reposition"):
             return MavResult.FAILED
@@ -214,7 +214,7 @@ def _reposition(ap: Autopilot, v: Numbers) -> MavResult:
 
 def _set_mode(ap: Autopilot, v: Numbers) -> MavResult:
     """Change the mode (2nd number; the 1st must have bit 1 for custom modes)."""
-    if int(v[0]) & 1 == 0 or not v[1].is_integer():
+    if math.isnan(v[0]) or int(v[0]) & 1 == 0 or not v[1].is_integer():
         return MavResult.DENIED
     name = mode_name(int(v[1]))
     return _outcome(ap.set_mode(name, "command")) if name else MavResult.FAILED
@@ -233,7 +233,7 @@ def _pause(ap: Autopilot, v: Numbers) -> MavResult:
 
 def _terminate(ap: Autopilot, v: Numbers) -> MavResult:
     """Stop the motors at once (1st number above 0.5)."""
-    if v[0] <= 0.5:
+    if math.isnan(v[0]) or v[0] <= 0.5:
         return MavResult.FAILED
     ap.disarm("flight termination")
     return MavResult.ACCEPTED
