@@ -66,17 +66,6 @@ def test_an_input_that_came_close_scores_more_after_the_flights() -> None:
     assert after[0] - after[1] > before[0] - before[1]
 
 
-def test_what_was_tried_often_in_vain_makes_way_for_the_next_best() -> None:
-    first = _case(("parameter", "COM_POS_FS_DELAY", 3.0), ("sensor_fault", "SIM_GPS_DISABLE", 1.0))
-    second = _case(("parameter", "COM_POS_FS_DELAY", 3.0), ("sensor_fault", "SIM_GPS_NUMSATS", 1.0))
-    tries = tuple(Outcome(test_case=first, round=0, ending="timed_out", robustness=1.0) for _ in range(40))
-    before, after = _scores(first, second), _scores(first, second, history=tries)
-    assert before[0] > before[1]
-    assert after[0] < after[1]
-    other_values = _case(("parameter", "COM_POS_FS_DELAY", 4.0), ("sensor_fault", "SIM_GPS_DISABLE", 0.0))
-    assert _scores(other_values, history=tries)[0] == after[0]  # tries count by input, not by value
-
-
 def test_a_model_asked_about_other_policies_forgets_what_it_worked_out_for_the_first() -> None:
     model, cases = Model("", Tools(clock=WallClock(), model=_none)), (_case(("parameter", "RTL_ALT", 3.0)),)
     other = PolicyBrief(name="rtl", words="A return climbs to RTL_ALT first.", signals=("altitude_m",))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import threading
-from collections import Counter
 from typing import NamedTuple
 
 from saflite.contract.score import SCORE_MAX
@@ -25,10 +24,6 @@ RULE_INPUTS = 3
 VALUE_SHARE = 0.2
 """Share of the score that goes to negative values, where the policy's words call them interesting."""
 
-PATIENCE = 8.0
-"""Flights with the same telling inputs after which trying them again counts less: the score of what was tried often
-in vain falls with the root of the number of tries, so that it makes way for the next best."""
-
 Key = tuple[str, str]
 Lessons = dict[Key, float]
 """By (kind, name): how much the input changed the danger, as a difference of log odds, shrunk towards 0."""
@@ -48,11 +43,10 @@ class Priors(dict[Key, float]):
 
 
 class Learned(NamedTuple):
-    """What is known, what the flights so far say of each input, and how many had the same most relevant inputs."""
+    """What is known of each input before any flight, and what the flights so far say of it."""
 
     priors: Priors
     lessons: Lessons
-    flown: Counter[frozenset[Key]]
 
     def weight(self, key: Key) -> float:
         """Return the chance that the input matters to any of the policies, 0..1."""
@@ -67,7 +61,7 @@ class Model:
     def __init__(self, argument: str, tools: Tools) -> None:
         no_argument("relevance", argument)
         self.label = "relevance"
-        self._learned = Learned(Priors(()), {}, Counter())
+        self._learned = Learned(Priors(()), {})
         self._moment: tuple[int, int] | None = None
         self._lock = threading.Lock()
 
@@ -87,11 +81,9 @@ class Model:
         moment = (job.cursor, len(job.history))
         with self._lock:
             if self._learned.priors.briefs != job.briefs:
-                self._learned, self._moment = Learned(Priors(job.briefs), {}, Counter()), None
+                self._learned, self._moment = Learned(Priors(job.briefs), {}), None
             if self._moment != moment:
-                priors = self._learned.priors
-                flown = Counter(_telling_inputs(outcome.test_case, priors) for outcome in job.history)
-                self._learned, self._moment = Learned(priors, learn(job.history), flown), moment
+                self._learned, self._moment = Learned(self._learned.priors, learn(job.history)), moment
             return self._learned
 
 
@@ -117,12 +109,6 @@ def _key(stimulus: Stimulus) -> Key:
     return stimulus.kind, stimulus.name
 
 
-def _telling_inputs(test_case: TestCase, priors: Priors) -> frozenset[Key]:
-    """Return the inputs that most likely bear on the policies, as far as is known before any flight."""
-    ordered = sorted((-priors[key], key) for key in set(map(_key, test_case.stimuli)))
-    return frozenset(key for _, key in ordered[:RULE_INPUTS])
-
-
 def _mark(test_case: TestCase, learned: Learned) -> Mark:
     briefs = learned.priors.briefs
     if not test_case.stimuli or not briefs:
@@ -137,9 +123,7 @@ def _mark(test_case: TestCase, learned: Learned) -> Mark:
     if any(brief_names_negative(brief) for brief in briefs):
         named = [weights[_key(one)] for one in test_case.stimuli if negative(one)]
         share += VALUE_SHARE * (max(named, default=0.0) - share)
-    tried = learned.flown[_telling_inputs(test_case, learned.priors)]
-    share /= math.sqrt(1.0 + tried / PATIENCE)
-    return Mark(SCORE_MAX * share, f"most relevant: {told}; {tried} flights with these before")
+    return Mark(SCORE_MAX * share, f"most relevant: {told}")
 
 
 def _log_odds(share: float) -> float:
