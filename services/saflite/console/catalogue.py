@@ -97,9 +97,9 @@ def _defects() -> list[Item]:
 
 
 def _exports() -> list[Item]:
-    from saflite.recorder import exports
+    from saflite.recorder.export import describe, format_names
 
-    return _modules(exports.__path__)
+    return [Item(name, _first(describe(name))) for name in format_names()]
 
 
 def _commands() -> list[Item]:
