@@ -76,7 +76,7 @@ def pool(monkeypatch: pytest.MonkeyPatch) -> ScorerPool:
         "saflite.scorer_pool.work.make",
         lambda label, tools: Odd(label[4:], tools) if label.startswith("odd:") else real(label, tools),
     )
-    return open_service(lambda name: PolicyBrief(name, "words"), StillClock())
+    return open_service(lambda name, texts: PolicyBrief(name, "words"), StillClock())
 
 
 def work(model: str, shadow: tuple[str, ...] = (), count: int = 4, **more: object) -> ScoreWork:
