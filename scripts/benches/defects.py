@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
 import sys
 import time
@@ -254,6 +255,8 @@ def _print_search(figures: dict[str, Any]) -> None:
 
 
 def _cell(figures: dict[str, Any]) -> str:
+    if math.isinf(figures["median_flights"]):
+        return f"{figures['found']}/{figures['searches']} -"
     return (
         f"{figures['found']}/{figures['searches']} {figures['median_flights']:.0f} "
         f"{figures['median_rounds']:.0f}r {figures['median_wall_s']:.0f}s"
