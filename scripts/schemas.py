@@ -10,7 +10,7 @@ FOLDER = Path(__file__).resolve().parent.parent / "schemas"
 
 def main(argv: list[str]) -> int:
     """Return 1 if `--check` found a difference."""
-    from saflite.console import schemas
+    from saflite.console.io import schemas
 
     names = schemas.drift(FOLDER) if "--check" in argv else schemas.write(FOLDER)
     for name in names:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import msgspec
 from _inline import Flights, Inline
 
-from saflite.campaign.builtin import load_campaign
+from saflite.campaign.presets.campaigns import load_campaign
 from saflite.contract.config import Campaign, ScorerConfig, StrategyConfig
 from saflite.contract.flight import Flight
 from saflite.contract.service import Cancelled

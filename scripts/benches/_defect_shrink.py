@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import msgspec
 
-from saflite.campaign.builtin import load_campaign, template
-from saflite.campaign.shrink import Shrinker
+from saflite.campaign.lifecycle.minimizer import Minimizer
+from saflite.campaign.presets.campaigns import load_campaign, template
 from saflite.contract.flight import AUTOPILOT_ALIVE, Flight
 from saflite.contract.rng import derive
 from saflite.contract.test_case import Stimulus, TestCase, identity
@@ -82,13 +82,13 @@ def shrink(defect: str, rng_seed: int) -> Shrunk | None:
     if large is None:
         return None
     start_s, start_core_s, flights = time.perf_counter(), time.process_time(), 0
-    shrinker = Shrinker(large, FLIGHTS_MAX)
-    while cases := shrinker.ask():
+    minimizer = Minimizer(large, FLIGHTS_MAX)
+    while cases := minimizer.ask():
         for case in cases:
-            shrinker.tell(identity(case), breaks(case, policy))
+            minimizer.tell(identity(case), breaks(case, policy))
         flights += len(cases)
     wall_s, core_s = time.perf_counter() - start_s, time.process_time() - start_core_s
-    left, known = len(shrinker.best.stimuli), len(trigger(defect).stimuli)
+    left, known = len(minimizer.best.stimuli), len(trigger(defect).stimuli)
     return Shrunk(defect, left, known, flights, wall_s, core_s, exhausted=flights >= FLIGHTS_MAX)
 
 

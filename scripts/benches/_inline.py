@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from saflite.campaign.builtin import template
-from saflite.campaign.state import Books
-from saflite.campaign.store import Store
+from saflite.campaign.engine.state import Books
+from saflite.campaign.presets.campaigns import template
+from saflite.campaign.storage.store import Store
 from saflite.contract.config import Campaign
 from saflite.contract.control import Status
 from saflite.contract.flight import Flight, pack_trace, trace_digest

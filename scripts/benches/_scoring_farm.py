@@ -14,10 +14,10 @@ from typing import Any
 
 import msgspec
 
-from saflite.campaign.builtin import load_campaign
+from saflite.campaign.presets.campaigns import load_campaign
 from saflite.contract.config import Campaign
 from saflite.contract.test_case import Target
-from saflite.runtime.local import free_endpoint, run_campaign
+from saflite.runtime.launchers.local import free_endpoint, run_campaign
 
 HERE = Path(__file__).resolve().parent
 BATCH_S = 10.0

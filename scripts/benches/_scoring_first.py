@@ -14,7 +14,7 @@ import msgspec
 import numpy as np
 from _inline import Flights, Inline
 
-from saflite.campaign.builtin import load_campaign
+from saflite.campaign.presets.campaigns import load_campaign
 from saflite.contract.rng import derive
 from saflite.contract.test_case import TestCase, identity
 from saflite.flight.planner.kinematic import KinematicFlight

@@ -21,12 +21,12 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from saflite.campaign.builtin import load_campaign
+from saflite.campaign.presets.campaigns import load_campaign
 from saflite.contract.errors import FarmError, Unavailable
 from saflite.contract.events import Event, Flown, Scored, ScorerChanged
 from saflite.contract.rng import derive
 from saflite.runtime.client import FarmClient
-from saflite.runtime.local import run_campaign
+from saflite.runtime.launchers.local import run_campaign
 
 WORKERS = 2
 BROKEN = "openai:none@http://127.0.0.1:9/v1"

@@ -39,7 +39,7 @@ def main(argv: list[str]) -> int:
 def _measure(run_dir: Path, options: argparse.Namespace) -> dict[str, float | int]:
     import farm_doubles as doubles
 
-    from saflite.campaign.store import Store
+    from saflite.campaign.storage.store import Store
 
     doubles.padding_kib, doubles.track_points = options.trace_kib, 250
     search = {"candidates_per_round": 40, "flights_per_round": 8, "lag": 3}

@@ -1,7 +1,7 @@
 """The books over the real bus: throughput, processor share, waiting times, and 100,000 damaged messages.
 
 Everything is real but the doing of the work: the books run in their own process with the router and the SQLite store,
-a crowd of simulated workers polls them over Zenoh from this process.
+a generator of simulated workers polls them over Zenoh from this process.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import msgspec
-from _crowd import Crowd, Made, percentile_ms
+from _load_generator import LoadGenerator, Made, percentile_ms
 
 from saflite.bus.base import Bus, Reply, Sample, seal, unseal
 from saflite.bus.zenoh import ZenohBus, leave_process, open_client
-from saflite.campaign.builtin import template
-from saflite.campaign.store import Store
+from saflite.campaign.presets.campaigns import template
+from saflite.campaign.storage.store import Store
 from saflite.contract import topics, wire
 from saflite.contract.config import Campaign, LeaseConfig, ScorerConfig, SearchConfig
 from saflite.contract.control import Answer, Control
@@ -34,7 +34,7 @@ from saflite.contract.events import Event, FaultSeen, ViolationFound
 from saflite.contract.rng import derive
 from saflite.contract.work import Ask, Failure, Grant, Heartbeat, Orders, Receipt, Report
 from saflite.runtime.clock import WallClock
-from saflite.runtime.local import free_endpoint
+from saflite.runtime.launchers.local import free_endpoint
 
 CAMPAIGN = "bench-bus"
 SESSIONS = 8
@@ -94,42 +94,42 @@ def throughput(seconds: float, workers: int, rate: float) -> dict[str, Any]:
     """Pace `workers` simulated flyers so that about `rate` results a second go through the books."""
     think_s = workers / (rate / 2)  # each flight gives two results: the flight and its verdict
     with books_process(campaign(1_000_000, PER_ROUND)) as books:
-        buses = [open_client(f"crowd-{number}", books.endpoint) for number in range(SESSIONS)]
+        buses = [open_client(f"generator-{number}", books.endpoint) for number in range(SESSIONS)]
         follower = open_client("follower", books.endpoint)
         events: queue.SimpleQueue[Any] = queue.SimpleQueue()
         follower.follow(topics.event(CAMPAIGN, "violation"), _stamped(events))
-        crowd = Crowd(buses, CAMPAIGN, Made(), think_s)
-        _fill(crowd, workers, think_s)
-        crowd.grant_s, crowd.receipt_s, crowd.reports = [], [], 0
+        generator = LoadGenerator(buses, CAMPAIGN, Made(), think_s)
+        _fill(generator, workers, think_s)
+        generator.grant_s, generator.receipt_s, generator.reports = [], [], 0
         cpu_s, began_s = books.cpu_s(), WallClock().monotonic_s()
-        crowd.run_for(seconds)
+        generator.run_for(seconds)
         passed_s = WallClock().monotonic_s() - began_s
         figures = {
             "workers": workers,
-            "results_per_s": round(crowd.reports / passed_s, 1),
+            "results_per_s": round(generator.reports / passed_s, 1),
             "books_cpu_share": round((books.cpu_s() - cpu_s) / passed_s, 3),
             "books_resident_mib": books.resident_mib(),
-            "grant_p50_ms": percentile_ms(crowd.grant_s, 50),
-            "grant_p99_ms": percentile_ms(crowd.grant_s, 99),
-            "receipt_p50_ms": percentile_ms(crowd.receipt_s, 50),
-            "receipt_p99_ms": percentile_ms(crowd.receipt_s, 99),
-            **_latencies(events, crowd),
+            "grant_p50_ms": percentile_ms(generator.grant_s, 50),
+            "grant_p99_ms": percentile_ms(generator.grant_s, 99),
+            "receipt_p50_ms": percentile_ms(generator.receipt_s, 50),
+            "receipt_p99_ms": percentile_ms(generator.receipt_s, 99),
+            **_latencies(events, generator),
         }
         for bus in [*buses, follower]:
             bus.close()
     return figures
 
 
-def _fill(crowd: Crowd, workers: int, think_s: float) -> None:
-    """Let the crowd work until rounds of work lie ready and the crowd is spread out evenly."""
+def _fill(generator: LoadGenerator, workers: int, think_s: float) -> None:
+    """Let the generator work until rounds of work lie ready and the generator is spread out evenly."""
     for stage, count in (("mutate", 1), ("score", 4)):
-        crowd.join(stage, count)  # type: ignore[arg-type]
-    crowd.run_for(15)
-    crowd.join("judge", 8)
+        generator.join(stage, count)  # type: ignore[arg-type]
+    generator.run_for(15)
+    generator.join("judge", 8)
     for _ in range(10):
-        crowd.join("fly", workers // 10)
-        crowd.run_for(think_s / 10)
-    crowd.run_for(think_s + 1)
+        generator.join("fly", workers // 10)
+        generator.run_for(think_s / 10)
+    generator.run_for(think_s + 1)
 
 
 def _stamped(events: queue.SimpleQueue[Any]) -> Any:
@@ -137,15 +137,15 @@ def _stamped(events: queue.SimpleQueue[Any]) -> Any:
     return lambda sample: events.put((clock.monotonic_s(), sample))
 
 
-def _latencies(events: queue.SimpleQueue[Any], crowd: Crowd) -> dict[str, Any]:
+def _latencies(events: queue.SimpleQueue[Any], generator: LoadGenerator) -> dict[str, Any]:
     """Return how long after its last result a violation reached a subscriber."""
     waits: list[float] = []
     while not events.empty():
         at_s, sample = events.get()
         assert isinstance(sample, Sample)
         fact = wire.decode(sample.payload, Event).fact
-        if isinstance(fact, ViolationFound) and fact.violation.test_case in crowd.reported_at_s:
-            waits.append(at_s - crowd.reported_at_s[fact.violation.test_case])
+        if isinstance(fact, ViolationFound) and fact.violation.test_case in generator.reported_at_s:
+            waits.append(at_s - generator.reported_at_s[fact.violation.test_case])
     return {
         "violations": len(waits),
         "violation_event_p50_ms": percentile_ms(waits, 50),
@@ -261,7 +261,7 @@ def main(argv: list[str]) -> int:
     """Measure and print."""
     parser = argparse.ArgumentParser(prog="scripts/bench bus", description=__doc__.partition("\n")[0])
     parser.add_argument("--seconds", type=float, default=20.0)
-    parser.add_argument("--rate", type=float, default=500.0, help="results per second to pace the crowd at")
+    parser.add_argument("--rate", type=float, default=500.0, help="results per second to pace the generator at")
     parser.add_argument("--damaged", type=int, default=100_000)
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args(argv)

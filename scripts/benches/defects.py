@@ -33,8 +33,8 @@ from typing import Any
 from _defect_search import ARMS, Found, search
 from _defect_shrink import INPUTS, shrinks
 
-from saflite.campaign.builtin import load_campaign, template
-from saflite.campaign.policy_campaigns import policy_campaigns
+from saflite.campaign.presets.campaigns import load_campaign, template
+from saflite.campaign.presets.policy_campaigns import policy_campaigns
 from saflite.contract.flight import Flight
 from saflite.contract.rng import derive
 from saflite.contract.test_case import TestCase, identity, told_in_order

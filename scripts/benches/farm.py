@@ -17,10 +17,10 @@ from typing import Any
 import msgspec
 
 from saflite.bus.zenoh import leave_process
-from saflite.campaign.builtin import load_campaign
+from saflite.campaign.presets.campaigns import load_campaign
 from saflite.contract.control import Status
 from saflite.runtime.clock import WallClock
-from saflite.runtime.local import run_campaign
+from saflite.runtime.launchers.local import run_campaign
 
 
 def measure(name: str, budget: int, simulators: int, rng_seed: int) -> dict[str, Any]:

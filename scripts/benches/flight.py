@@ -28,9 +28,9 @@ import numpy as np
 from saflite.contract.rng import derive
 from saflite.contract.test_case import Obstacle, Scenario, StartState, Stimulus, Target, TestCase
 from saflite.flight.geometry import boxes_array
-from saflite.flight.jsbsim_world import World
 from saflite.flight.mission import builtin_mission, waypoints
 from saflite.flight.planner.kinematic import fly_kinematic
+from saflite.flight.world.jsbsim_world import World
 from saflite.simulator_worker.targets import reference
 
 READY_S, BARE_S = 19.5, 20.0

@@ -72,7 +72,7 @@ def _measure(part: str, options: argparse.Namespace) -> Any:
 
 def _cases(count: int, seed: int) -> list[Any]:
     """Return layouts as the built-in strategy draws them for mission 2."""
-    from saflite.campaign.builtin import load_campaign, template
+    from saflite.campaign.presets.campaigns import load_campaign, template
     from saflite.contract.rng import derive
     from saflite.mutator.strategies import random_boxes
 
@@ -136,10 +136,10 @@ def cheap() -> dict[str, float]:
 
 def bugs() -> list[dict[str, object]]:
     """Return what models make of the paper's ten bugs, told the words of our policies, the paper's, or none."""
+    from saflite.console.evaluation.bugs import Words, evaluate_bugs, gain
     from saflite.mutator.operators.inputs import published_inputs
     from saflite.runtime.clock import WallClock
     from saflite.runtime.stages import brief_of
-    from saflite.scorer_pool.evaluate_bugs import Words, evaluate_bugs, gain
 
     rows: list[dict[str, object]] = []
     arms: tuple[tuple[str, Words], ...] = (

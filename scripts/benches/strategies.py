@@ -26,7 +26,7 @@ from typing import Any, NamedTuple
 import msgspec
 from _inline import Flights, Inline
 
-from saflite.campaign.builtin import load_campaign
+from saflite.campaign.presets.campaigns import load_campaign
 from saflite.contract.config import Campaign, ScorerConfig, StrategyConfig
 from saflite.contract.control import Status
 from saflite.contract.work import FlyWork, Setting
@@ -126,7 +126,7 @@ def run(job: tuple[str, str, int, argparse.Namespace]) -> Result:
 def fingerprints(run_dir: Path) -> int:
     """Return how many different violations were confirmed."""
     with closing(sqlite3.connect(run_dir / "books.sqlite")) as database:
-        query = "SELECT COUNT(DISTINCT fingerprint) FROM violations WHERE standing = 'confirmed'"
+        query = "SELECT COUNT(DISTINCT fingerprint) FROM violations WHERE confirmation = 'confirmed'"
         return int(database.execute(query).fetchone()[0])
 
 

@@ -9,8 +9,8 @@ from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
-from field import Field
-from rogue import Rogue
+from byzantine_client import ByzantineClient
+from testbed import Testbed
 
 from saflite.simulator_worker.processes import children
 
@@ -28,9 +28,9 @@ class Done(NamedTuple):
 class Kit(NamedTuple):
     """What faults need."""
 
-    field: Field
-    liar: Rogue
-    vandal: Rogue
+    testbed: Testbed
+    liar: ByzantineClient
+    vandal: ByzantineClient
     rng: np.random.Generator
     freeze_s: float
 
@@ -39,11 +39,11 @@ Fault = Callable[[Kit], Done | None]
 
 
 def _pick(kit: Kit, kind: str) -> tuple[str, int] | None:
-    names = [name for name in kit.field.farm.pids() if name.startswith(kind)]
+    names = [name for name in kit.testbed.farm.pids() if name.startswith(kind)]
     if not names:
         return None
     name = names[int(kit.rng.integers(len(names)))]
-    return name, kit.field.farm.pids()[name]
+    return name, kit.testbed.farm.pids()[name]
 
 
 def killer(kind: str) -> Fault:
@@ -61,13 +61,13 @@ def killer(kind: str) -> Fault:
 
 def kill_in_commit(kit: Kit) -> Done | None:
     """Kill the books the moment their write-ahead log changes: in the middle of a commit, or just after it."""
-    pid = kit.field.farm.pids().get("books")
-    log = kit.field.run_dir / "books.sqlite-wal"
+    pid = kit.testbed.farm.pids().get("books")
+    log = kit.testbed.run_dir / "books.sqlite-wal"
     if pid is None or not log.exists():
         return None
     before = log.stat().st_mtime_ns, log.stat().st_size
-    until_s = kit.field.clock.monotonic_s() + COMMIT_HUNT_S
-    while kit.field.clock.monotonic_s() < until_s:
+    until_s = kit.testbed.clock.monotonic_s() + COMMIT_HUNT_S
+    while kit.testbed.clock.monotonic_s() < until_s:
         with suppress(FileNotFoundError):
             if (log.stat().st_mtime_ns, log.stat().st_size) != before:
                 os.kill(pid, signal.SIGKILL)
@@ -96,7 +96,7 @@ def freezer(kind: str) -> Fault:
         os.kill(pid, signal.SIGSTOP)
 
         def thaw() -> None:
-            if kit.field.farm.pids().get(name) == pid:
+            if kit.testbed.farm.pids().get(name) == pid:
                 os.kill(pid, signal.SIGCONT)
 
         return Done(name, thaw, kit.freeze_s)
@@ -106,26 +106,26 @@ def freezer(kind: str) -> Fault:
 
 def cut_network(kit: Kit) -> Done | None:
     """Pull the cable of the worker in the namespace."""
-    if kit.field.network.why_not:
+    if kit.testbed.network.why_not:
         return None
-    kit.field.network.cut()
-    return Done("fly-2", kit.field.network.join, float(kit.rng.uniform(1.0, 6.0)))
+    kit.testbed.network.cut()
+    return Done("fly-2", kit.testbed.network.join, float(kit.rng.uniform(1.0, 6.0)))
 
 
 def fill_disk(kit: Kit) -> Done | None:
     """Fill the disk of the run folder."""
-    if kit.field.disk.why_not:
+    if kit.testbed.disk.why_not:
         return None
-    kit.field.disk.fill()
-    return Done("disk", kit.field.disk.free, float(kit.rng.uniform(0.5, 3.0)))
+    kit.testbed.disk.fill()
+    return Done("disk", kit.testbed.disk.free, float(kit.rng.uniform(0.5, 3.0)))
 
 
 def rogue_fault(name: str) -> Fault:
-    """Return the fault of that name a rogue participant can make, if it is not at something else."""
+    """Return the fault of that name a byzantine participant can make, if it is not at something else."""
 
     def act(kit: Kit) -> Done | None:
-        rogue = kit.liar if name in Rogue.LIES else kit.vandal
-        return Done("rogue") if rogue.start_trick(name) else None
+        byzantine_client = kit.liar if name in ByzantineClient.LIES else kit.vandal
+        return Done("byzantine_client") if byzantine_client.start_trick(name) else None
 
     return act
 
@@ -139,7 +139,7 @@ KINDS: dict[str, Fault] = {
     **{f"freeze {role}": freezer(role) for role in ROLES},
     "cut network": cut_network,
     "fill disk": fill_disk,
-    **{name: rogue_fault(name) for name in (*Rogue.LIES, *Rogue.VANDALISM)},
+    **{name: rogue_fault(name) for name in (*ByzantineClient.LIES, *ByzantineClient.VANDALISM)},
 }
 
 HEAVY = ("freeze books", "freeze router", "fill disk", "cut network")

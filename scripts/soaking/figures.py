@@ -9,14 +9,14 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from field import Field
-from rogue import Rogue
+from byzantine_client import ByzantineClient
+from testbed import Testbed
 
-from saflite.campaign.audit import audit
+from saflite.campaign.storage.audit import audit
 from saflite.contract.events import WorkerChanged
 
 if TYPE_CHECKING:
-    from siege import Injected
+    from soak_driver import Injected
 
 NOTICED_WITHIN_S = 30.0
 APART_S = 4.0
@@ -24,35 +24,35 @@ CENTRE = ("books", "router", "network", "disk")
 
 
 def figures_of(
-    field: Field, injected: Sequence[Injected], rogues: Sequence[Rogue], left: list[str], ended: bool
+    testbed: Testbed, injected: Sequence[Injected], rogues: Sequence[ByzantineClient], left: list[str], ended: bool
 ) -> dict[str, Any]:
     """Return all figures, the audit's included."""
-    tricks = (*Rogue.LIES, *Rogue.VANDALISM)
+    tricks = (*ByzantineClient.LIES, *ByzantineClient.VANDALISM)
     counts = Counter(fault.kind for fault in injected if fault.kind not in tricks)
-    for rogue in rogues:
-        counts += Counter(rogue.played)
-    from_cases = _attempts_that(field, "lost", "wedged")
+    for byzantine_client in rogues:
+        counts += Counter(byzantine_client.played)
+    from_cases = _attempts_that(testbed, "lost", "wedged")
     return {
         "faults_injected": counts.total(),
         "faults_by_kind": dict(sorted(counts.items())),
-        "not_possible_here": _not_possible(field, counts),
+        "not_possible_here": _not_possible(testbed, counts),
         "attempts_lost": from_cases.get("lost", 0),
         "attempts_wedged": from_cases.get("wedged", 0),
         "campaign_ended": ended,
         "orphan_processes": left,
-        "restarts": field.farm.restarts,
-        "events_watched": len(field.watcher.events),
-        "events_without_gap_or_double": field.watcher.is_gapless() and not field.watcher.trouble,
-        "damaged_messages_taken": sum(rogue.damaged_taken for rogue in rogues),
-        "garbage_scores_taken": sum(rogue.garbage_taken for rogue in rogues),
-        "replays_sent": sum(rogue.replays for rogue in rogues),
-        "replays_taken": sum(rogue.replays_taken for rogue in rogues),
-        "frozen_worker_noticed_s": _spread(_noticed(field, _alone(injected, "freeze"))),
-        "killed_worker_noticed_s": _spread(_noticed(field, _alone(injected, "kill"))),
-        "work_freed_after_s": _spread(_freed(field, _alone(injected, ""))),
-        "books_rebuilt_in_s": _spread(_rebuilt(field)),
-        "books_back_after_kill_s": _spread(_away(field, injected)),
-        "audit": audit(field.run_dir),
+        "restarts": testbed.farm.restarts,
+        "events_watched": len(testbed.watcher.events),
+        "events_without_gap_or_double": testbed.watcher.is_gapless() and not testbed.watcher.trouble,
+        "damaged_messages_taken": sum(byzantine_client.damaged_taken for byzantine_client in rogues),
+        "garbage_scores_taken": sum(byzantine_client.garbage_taken for byzantine_client in rogues),
+        "replays_sent": sum(byzantine_client.replays for byzantine_client in rogues),
+        "replays_taken": sum(byzantine_client.replays_taken for byzantine_client in rogues),
+        "frozen_worker_noticed_s": _spread(_noticed(testbed, _alone(injected, "freeze"))),
+        "killed_worker_noticed_s": _spread(_noticed(testbed, _alone(injected, "kill"))),
+        "work_freed_after_s": _spread(_freed(testbed, _alone(injected, ""))),
+        "books_rebuilt_in_s": _spread(_rebuilt(testbed)),
+        "books_back_after_kill_s": _spread(_away(testbed, injected)),
+        "audit": audit(testbed.run_dir),
     }
 
 
@@ -81,8 +81,8 @@ def _spread(values: Sequence[float]) -> dict[str, float | int]:
     }
 
 
-def _not_possible(field: Field, counts: Counter[str]) -> list[str]:
-    reasons = {"cut network": field.network.why_not, "fill disk": field.disk.why_not}
+def _not_possible(testbed: Testbed, counts: Counter[str]) -> list[str]:
+    reasons = {"cut network": testbed.network.why_not, "fill disk": testbed.disk.why_not}
     return [f"{kind}: {why}" for kind, why in reasons.items() if why and not counts[kind]]
 
 
@@ -100,13 +100,13 @@ def _alone(injected: Sequence[Injected], kind: str) -> list[Injected]:
     ]
 
 
-def _noticed(field: Field, injected: Sequence[Injected]) -> list[float]:
+def _noticed(testbed: Testbed, injected: Sequence[Injected]) -> list[float]:
     """Return how long after a fault to a worker the books wrote down that it was gone."""
     waits: list[float] = []
     for fault in injected:
-        if not _was_there(field, fault):
+        if not _was_there(testbed, fault):
             continue
-        for _, event in field.watcher.events:
+        for _, event in testbed.watcher.events:
             fact, wait_s = event.fact, event.at_unix_s - fault.at_unix_s
             gone = isinstance(fact, WorkerChanged) and fact.worker == fault.whom and not fact.present
             if gone and -0.01 <= wait_s < NOTICED_WITHIN_S:
@@ -115,44 +115,44 @@ def _noticed(field: Field, injected: Sequence[Injected]) -> list[float]:
     return waits
 
 
-def _was_there(field: Field, fault: Injected) -> bool:
+def _was_there(testbed: Testbed, fault: Injected) -> bool:
     """Return whether the worker had joined when the fault hit it (it may have been on its way back)."""
-    facts = [event.fact for _, event in field.watcher.events if event.at_unix_s < fault.at_unix_s]
+    facts = [event.fact for _, event in testbed.watcher.events if event.at_unix_s < fault.at_unix_s]
     changes = [fact for fact in facts if isinstance(fact, WorkerChanged) and fact.worker == fault.whom]
     return bool(changes) and changes[-1].present
 
 
-def _freed(field: Field, injected: Sequence[Injected]) -> list[float]:
+def _freed(testbed: Testbed, injected: Sequence[Injected]) -> list[float]:
     """Return how long after a fault the work the worker held was free for others."""
     waits: list[float] = []
-    rows = _query(field, "SELECT worker, from_unix_s, to_unix_s FROM attempts WHERE how = 'lost'")
+    rows = _query(testbed, "SELECT worker, from_unix_s, to_unix_s FROM attempts WHERE how = 'lost'")
     for fault in injected:
         held = [to_s for worker, from_s, to_s in rows if worker == fault.whom and from_s <= fault.at_unix_s <= to_s]
         waits += [min(held) - fault.at_unix_s] if held else []
     return waits
 
 
-def _attempts_that(field: Field, *how: str) -> dict[str, int]:
-    rows = _query(field, "SELECT how, count(*) FROM attempts GROUP BY how")
+def _attempts_that(testbed: Testbed, *how: str) -> dict[str, int]:
+    rows = _query(testbed, "SELECT how, count(*) FROM attempts GROUP BY how")
     return {word: int(count) for word, count in rows if word in how}
 
 
-def _query(field: Field, sql: str) -> list[tuple[Any, ...]]:
-    connection = sqlite3.connect(f"file:{field.run_dir / 'books.sqlite'}?mode=ro", uri=True)
+def _query(testbed: Testbed, sql: str) -> list[tuple[Any, ...]]:
+    connection = sqlite3.connect(f"file:{testbed.run_dir / 'books.sqlite'}?mode=ro", uri=True)
     try:
         return connection.execute(sql).fetchall()
     finally:
         connection.close()
 
 
-def _rebuilt(field: Field) -> list[float]:
-    text = (field.run_dir / "logs" / "books.log").read_text(errors="replace")
+def _rebuilt(testbed: Testbed) -> list[float]:
+    text = (testbed.run_dir / "logs" / "books.log").read_text(errors="replace")
     return [float(word) for word in re.findall(r"rebuilt in ([0-9.]+) s", text)]
 
 
-def _away(field: Field, injected: Sequence[Injected]) -> list[float]:
+def _away(testbed: Testbed, injected: Sequence[Injected]) -> list[float]:
     """Return for how long the books did not answer after they were killed (and nothing else was done to the centre)."""
-    answers = field.prober.answers_s
+    answers = testbed.prober.answers_s
     waits: list[float] = []
     for fault in injected:
         ills = [ill for ill in injected if ill is not fault and any(word in ill.kind for word in CENTRE)]

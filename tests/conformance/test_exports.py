@@ -28,14 +28,14 @@ POLICY = TestCase(
 )
 
 
-def finding(case: TestCase, policy: str, standing: str = "confirmed", severity: str = "soft") -> Finding:
+def finding(case: TestCase, policy: str, confirmation: str = "confirmed", severity: str = "soft") -> Finding:
     violation = Violation(
         fingerprint=f"{policy}-1",
         test_case=identity(case),
         policy=policy,
         robustness=-0.5,
         severity=severity,  # type: ignore[arg-type]
-        standing=standing,  # type: ignore[arg-type]
+        confirmation=confirmation,  # type: ignore[arg-type]
         reflown=1,
         failed_again=1,
         message='<odd & "text"> \x01 ]]> ünï',
@@ -51,7 +51,7 @@ SUMMARY = RunSummary(
     policies=(PolicyFacts("min-obstacle-distance", "Keep away", "words", "source"), PolicyFacts("other", "", "", "")),
     findings=(
         finding(AVOID, "min-obstacle-distance", severity="hard"),
-        finding(POLICY, "a-chute", standing="flaky"),
+        finding(POLICY, "a-chute", confirmation="flaky"),
     ),
     flights=12,
     held=8,

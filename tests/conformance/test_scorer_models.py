@@ -1,4 +1,4 @@
-"""Every scorer model found by its place: one mark in 0..10 per test case, the same whoever asks and in what company."""
+"""Every scorer model found by its place: a score in 0..10 per test case, the same whoever asks and in what company."""
 
 from __future__ import annotations
 
@@ -91,17 +91,17 @@ class TestEmbedded:
 
     def test_gives_one_mark_from_0_to_10_per_test_case(self, name: str, flown: int) -> None:
         sheet = build(name).score(self.job(flown))
-        assert len(sheet.marks) == len(CASES)
-        assert all(SCORE_MIN <= mark.value <= SCORE_MAX and not mark.fault for mark in sheet.marks)
-        assert all(mark.reason for mark in sheet.marks)
+        assert len(sheet.scores) == len(CASES)
+        assert all(SCORE_MIN <= score.value <= SCORE_MAX and not score.fault for score in sheet.scores)
+        assert all(score.reason for score in sheet.scores)
         assert sheet.digest
 
-    def test_same_marks_from_another_instance_in_other_company_and_order(self, name: str, flown: int) -> None:
-        whole = build(name).score(self.job(flown)).marks
+    def test_same_scores_from_another_instance_in_other_company_and_order(self, name: str, flown: int) -> None:
+        whole = build(name).score(self.job(flown)).scores
         other = build(name)
-        turned = other.score(self.job(flown, CASES[::-1])).marks[::-1]
-        alone = tuple(other.score(self.job(flown, (case,))).marks[0] for case in CASES)
-        assert [mark.value for mark in whole] == [mark.value for mark in turned] == [mark.value for mark in alone]
+        turned = other.score(self.job(flown, CASES[::-1])).scores[::-1]
+        alone = tuple(other.score(self.job(flown, (case,))).scores[0] for case in CASES)
+        assert [score.value for score in whole] == [score.value for score in turned] == [score.value for score in alone]
 
     def test_origin_of_a_test_case_does_not_matter(self, name: str, flown: int) -> None:
         renamed = tuple(
@@ -109,10 +109,10 @@ class TestEmbedded:
             for case in CASES
         )
         model = build(name)
-        assert model.score(self.job(flown)).marks == model.score(self.job(flown, renamed)).marks
+        assert model.score(self.job(flown)).scores == model.score(self.job(flown, renamed)).scores
 
-    def test_nothing_asked_nothing_marked(self, name: str, flown: int) -> None:
-        assert build(name).score(self.job(flown, ())).marks == ()
+    def test_nothing_asked_nothing_scored(self, name: str, flown: int) -> None:
+        assert build(name).score(self.job(flown, ())).scores == ()
 
     def test_warms_and_closes(self, name: str, flown: int) -> None:
         model = build(name)
@@ -135,15 +135,15 @@ def test_refuses_an_argument_it_does_not_take(name: str) -> None:
 
 def test_random_changes_with_the_seed_and_learning_models_with_what_was_flown() -> None:
     job = Job(CASES, BRIEFS, 1)
-    assert build("random").score(job).marks != build("random").score(job._replace(rng_seed=2)).marks
+    assert build("random").score(job).scores != build("random").score(job._replace(rng_seed=2)).scores
     for name in ("surrogate", "ensemble", "novelty"):
         taught = job._replace(history=HISTORY, cursor=5)
-        assert build(name).score(job).marks != build(name).score(taught).marks
-    assert all(a != b for a, b in pairwise(mark.value for mark in build("random").score(job).marks))
+        assert build(name).score(job).scores != build(name).score(taught).scores
+    assert all(a != b for a, b in pairwise(score.value for score in build("random").score(job).scores))
 
 
 def test_surrogate_goes_by_geometry_until_it_has_learnt() -> None:
     few, enough = (Job(CASES, BRIEFS, 1, 9, HISTORY[:count], 5) for count in (15, 16))
-    by_geometry = [mark.value for mark in build("gap").score(few).marks]
-    assert [mark.value for mark in build("surrogate").score(few).marks] == by_geometry
-    assert [mark.value for mark in build("surrogate").score(enough).marks] != by_geometry
+    by_geometry = [score.value for score in build("gap").score(few).scores]
+    assert [score.value for score in build("surrogate").score(few).scores] == by_geometry
+    assert [score.value for score in build("surrogate").score(enough).scores] != by_geometry

@@ -11,15 +11,17 @@ from typing import Any
 
 import msgspec
 
-from saflite.campaign import flights, handout, state
-from saflite.campaign.attendance import Attendance
-from saflite.campaign.batch import Outbox
-from saflite.campaign.core import Core
-from saflite.campaign.entries import Granted, Line, Pick
-from saflite.campaign.leases import Task
-from saflite.campaign.proposals import Proposals
-from saflite.campaign.rounds import Plan, Round, Rounds
-from saflite.campaign.state import Books
+from saflite.campaign.engine import state
+from saflite.campaign.engine.core import Core
+from saflite.campaign.engine.journal import Granted, Line, Pick
+from saflite.campaign.engine.outbox import Outbox
+from saflite.campaign.engine.state import Books
+from saflite.campaign.engine.worker_registry import WorkerRegistry
+from saflite.campaign.lifecycle import confirmation, flights
+from saflite.campaign.lifecycle.proposals import Proposals
+from saflite.campaign.scheduling import result_validation, work_messages
+from saflite.campaign.scheduling.rounds import Plan, Round, Rounds
+from saflite.campaign.scheduling.tasks import Task
 from saflite.contract.work import Outcome, Report
 from saflite.runtime.books_service import BooksService
 
@@ -56,7 +58,7 @@ def reflights_are_free() -> Any:
 
 def leases_never_end() -> Any:
     """A lease whose worker fell silent is not taken back."""
-    return _patched(Attendance, "due", lambda self, now: [])
+    return _patched(WorkerRegistry, "due", lambda self, now: [])
 
 
 def every_reflight_counts_as_equal() -> Any:
@@ -74,9 +76,8 @@ def every_reflight_counts_as_equal() -> Any:
 
 def one_flight_is_proof_enough() -> Any:
     """Every violation is called confirmed."""
-    from saflite.campaign import confirm
 
-    return _patched(confirm, "standing", lambda reflown, again, asked, needed: "confirmed")
+    return _patched(confirmation, "confirmation_of", lambda reflown, again, asked, needed: "confirmed")
 
 
 def attempts_without_end() -> Any:
@@ -91,7 +92,7 @@ def attempts_without_end() -> Any:
 def the_mutator_is_told_too_early() -> Any:
     """Outcomes are told as they come, not round by round."""
 
-    def mutate(self: handout.Handout, task: Task, cursor: int) -> Any:
+    def mutate(self: work_messages.WorkMessages, task: Task, cursor: int) -> Any:
         work = original(self, task, cursor)
         early = tuple(
             outcome
@@ -104,8 +105,8 @@ def the_mutator_is_told_too_early() -> Any:
         moved = [msgspec.structs.replace(outcome, round=max(work.cursor, 0)) for outcome in early]
         return msgspec.structs.replace(work, outcomes=(*work.outcomes, *moved), cursor=max(work.cursor, 0))
 
-    original = handout.Handout._mutate
-    return _patched(handout.Handout, "_mutate", mutate)
+    original = work_messages.WorkMessages._mutate
+    return _patched(work_messages.WorkMessages, "_mutate", mutate)
 
 
 def outcomes_in_order_of_arrival() -> Any:
@@ -142,9 +143,8 @@ def a_lost_batch_is_forgotten() -> Any:
 
 def any_score_will_do() -> Any:
     """Scores are not checked against the work."""
-    from saflite.campaign import inspect
 
-    return _patched(inspect, "_check_scores", lambda task, result, names: None)
+    return _patched(result_validation, "_check_scores", lambda task, result, names: None)
 
 
 def grants_are_not_written_down() -> Any:
@@ -186,8 +186,8 @@ def leases_are_forgotten_over_a_restart() -> Any:
 
     def begin(self: Books, now: float, unix_s: float) -> None:
         original(self, now, unix_s)
-        for key in self._attendance.keys():  # noqa: SIM118 (a copy)
-            self._attendance.end(key)
+        for key in self._registry.keys():  # noqa: SIM118 (a copy)
+            self._registry.end(key)
 
     original = Books.begin
     return _patched(Books, "begin", begin)

@@ -7,15 +7,15 @@ from collections import Counter
 import farm_doubles as doubles
 from farm_store import MemoryStore
 
-from saflite.campaign.entries import decode_line
-from saflite.campaign.state import Books
+from saflite.campaign.engine.journal import decode_line
+from saflite.campaign.engine.state import Books
 from saflite.contract.control import Status
 from saflite.contract.events import (
     CampaignChanged,
     FaultSeen,
     Flown,
     Judged,
-    Planted,
+    Proposed,
     Quarantined,
     Scored,
     ViolationFound,
@@ -24,7 +24,7 @@ from saflite.contract.flight import FLOWN_ENDINGS
 from saflite.contract.work import FlyResult, JudgeResult, Receipt, Report
 
 Flight = tuple[str, int]
-EXPERIMENT = "/900"
+CANDIDATE = "/900"
 
 
 class Ghost:
@@ -67,7 +67,7 @@ class Ghost:
         if receipt.status != "accepted":
             return
         result = report.result
-        if isinstance(result, FlyResult | JudgeResult) and report.lease_id.endswith(EXPERIMENT):
+        if isinstance(result, FlyResult | JudgeResult) and report.lease_id.endswith(CANDIDATE):
             return
         if isinstance(result, FlyResult) and result.flight.ending in FLOWN_ENDINGS:
             flight = (result.flight.test_case, result.flight.flight_index)
@@ -112,7 +112,7 @@ class Ghost:
                 assert flight not in self.judged, f"{flight} was judged twice"
                 assert (fact.robustness is not None and fact.robustness < 0) == bool(fact.violated), "sign and verdict"
                 self.judged[flight] = fact
-            case Planted():
+            case Proposed():
                 self.planted.update(fact.test_cases)
             case Scored():
                 for name, value in fact.scores:
@@ -137,12 +137,12 @@ class Ghost:
         assert violation.policy in first.violated, f"{key} was announced, but the first flight held"
         reflown = [flight for flight in self.flown if flight[0] == violation.test_case and flight[1] > 0]
         assert len(reflown) >= violation.reflown, f"{key} claims {violation.reflown} re-flights"
-        if violation.standing == "confirmed":
+        if violation.confirmation == "confirmed":
             assert violation.failed_again >= self._store.campaign.search.confirm_needed, f"{key} was never repeated"
             for index in range(2):
                 distance = self._distance(violation.test_case, index)
                 assert distance < 1.5, f"{key} is confirmed, but flight {index} kept {distance:.2f} m away"
-        if violation.standing == "flaky":
+        if violation.confirmation == "flaky":
             assert doubles.is_flaky(violation.test_case), f"{key} is called flaky, but repeats every time"
         if violation.bit_equal:
             assert not doubles.is_flaky(violation.test_case), f"{key} is called bit-equal, but is not"
@@ -163,7 +163,7 @@ class Ghost:
 
     def found(self) -> frozenset[tuple[str, str, str]]:
         """Return test case, policy and standing of everything found."""
-        return frozenset((*key, fact.violation.standing) for key, fact in self.violations.items())
+        return frozenset((*key, fact.violation.confirmation) for key, fact in self.violations.items())
 
     def set_aside(self) -> int:
         """Return how many flights trouble alone kept from being flown or judged (poison is set aside in any run)."""
@@ -187,7 +187,9 @@ def at_the_end(ghost: Ghost, store: MemoryStore, books: Books, status: Status) -
     for flight in ghost.accepted_judged:
         assert flight in ghost.judged, f"the judgement of {flight} was acknowledged and is missing"
     assert status.flights == ghost.charged, f"{status.flights} flights counted, {ghost.charged} told"
-    firm = [fact.violation.test_case for fact in ghost.violations.values() if fact.violation.standing == "confirmed"]
+    firm = [
+        fact.violation.test_case for fact in ghost.violations.values() if fact.violation.confirmation == "confirmed"
+    ]
     confirmed = sum(1 for name in firm if name in ghost.planted)
     assert status.violations_confirmed == confirmed, "confirmed violations do not add up"
     dry = any(
@@ -208,7 +210,7 @@ def state_of(books: Books) -> dict[str, object]:
     rounds = {number: (one.phase, one.plan, one.cost, one.open_trials) for number, one in core.rounds.under_way.items()}
     trials = {name: sorted(trial.flights) for name, trial in core.trials.items()}
     counts = {name: getattr(core.counts, name) for name in core.counts.__slots__ if name != "last_find_s"}
-    scorers = (books._ledger.scorers.model, books._ledger.scorers.shadow, sorted(books._ledger.scorers.pending))
+    scorers = (books._reducer.scorers.model, books._reducer.scorers.shadow, sorted(books._reducer.scorers.pending))
     plain = (core.state, core.rounds.planned, core.rounds.budget, sorted(core.flown), sorted(core.holds.items()))
     return {
         "tasks": tasks,
@@ -223,7 +225,7 @@ def state_of(books: Books) -> dict[str, object]:
 
 def journal_is_the_state(store: MemoryStore, books: Books) -> None:
     """Assert that the books rebuilt from the journal are the books at hand."""
-    again = Books(store.campaign, store.template, run_id="run", library=store)
+    again = Books(store.campaign, store.template, run_id="run", read_model=store)
     for line in store.lines:
         again.replay(line)
     live, replayed = state_of(books), state_of(again)

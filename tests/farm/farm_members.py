@@ -14,13 +14,13 @@ from farm_store import Crash, MemoryStore
 
 from saflite.bus.base import Happening, Reply
 from saflite.bus.memory import MemoryNetwork
-from saflite.campaign.state import Books
+from saflite.campaign.engine.state import Books
 from saflite.contract import topics, wire
 from saflite.contract.test_case import identity
 from saflite.contract.work import FlyResult, FlyWork, Grant, Lease, Orders, Receipt, Report, Result, ScoreWork, Stage
 from saflite.runtime import worker as machine
 from saflite.runtime.books_service import BooksService
-from saflite.runtime.worker import Habits, Key, Worker
+from saflite.runtime.worker import Key, Worker, WorkerConfig
 
 
 class Watcher(Protocol):
@@ -99,9 +99,9 @@ class WorkerMember:
     """The process of a worker. Its spool survives it; its memory does not."""
 
     def __init__(
-        self, network: MemoryNetwork, campaign: str, habits: Habits, watcher: Watcher, rng: np.random.Generator
+        self, network: MemoryNetwork, campaign: str, config: WorkerConfig, watcher: Watcher, rng: np.random.Generator
     ) -> None:
-        self._network, self._campaign, self.habits, self._watcher, self._rng = network, campaign, habits, watcher, rng
+        self._network, self._campaign, self.config, self._watcher, self._rng = network, campaign, config, watcher, rng
         self._spool: dict[Key, Report] = {}
         self._life = 0
         self.alive = False
@@ -114,7 +114,7 @@ class WorkerMember:
     @property
     def name(self) -> str:
         """The worker's name."""
-        return self.habits.worker
+        return self.config.worker
 
     # ---- life and death ------------------------------------------------------------------------------------------
 
@@ -126,11 +126,11 @@ class WorkerMember:
         self.alive, self._wake_s = True, float("inf")
         self._bus = self._network.connect(self.name)
         self._service = Service()
-        self._machine = Worker(self.habits, self._network.now_s)
+        self._machine = Worker(self.config, self._network.now_s)
         self._asked: dict[Key, Report] = {}
         for report in self._spool.values():
             self._feed(machine.Found(report))
-        self._bus.appear(topics.alive(self._campaign, self.habits.stage, self.name))
+        self._bus.appear(topics.alive(self._campaign, self.config.stage, self.name))
         self._feed(machine.Tick())
 
     def die(self) -> None:
@@ -213,7 +213,7 @@ class WorkerMember:
     # ---- out -----------------------------------------------------------------------------------------------------
 
     def _obey(self, instruction: machine.Instruction) -> None:
-        stage = self.habits.stage
+        stage = self.config.stage
         match instruction:
             case machine.SendAsk():
                 self._send(topics.work(self._campaign, stage), instruction.ask, "ask", instruction.timeout_s)
@@ -241,7 +241,7 @@ class WorkerMember:
     def _begin(self, lease: Lease) -> None:
         work, life = lease.work, self._life
         key = Key(lease.lease_id, lease.epoch)
-        takes_s = (0.05 if self.habits.stage in ("judge", "record") else 0.3) + float(self._rng.random())
+        takes_s = (0.05 if self.config.stage in ("judge", "record") else 0.3) + float(self._rng.random())
         if isinstance(work, FlyWork) and is_poison(identity(work.test_case)):
             self._network.later(takes_s, lambda: self.die() if life == self._life else None)
             return
@@ -278,7 +278,7 @@ def members(
         WorkerMember(
             network,
             campaign,
-            Habits(f"{stage}-{number}", stage, prefetch=1 if stage == "fly" else 0, poll_s=2.0),
+            WorkerConfig(f"{stage}-{number}", stage, prefetch=1 if stage == "fly" else 0, poll_s=2.0),
             watcher,
             rng,
         )

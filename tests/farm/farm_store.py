@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from saflite.campaign.batch import Batch
-from saflite.campaign.state import Books
+from saflite.campaign.engine.outbox import Batch
+from saflite.campaign.engine.state import Books
 from saflite.contract import wire
 from saflite.contract.config import Campaign
 from saflite.contract.errors import Unavailable
@@ -30,7 +30,7 @@ class MemoryStore:
 
     def rebuild(self) -> Books:
         """Return the books as last committed."""
-        books = Books(self.campaign, self.template, run_id="run", library=self)
+        books = Books(self.campaign, self.template, run_id="run", read_model=self)
         for line in self.lines:
             books.replay(line)
         self.files = {name: data for name, data in self.files.items() if name in books.wanted_traces}
@@ -64,11 +64,11 @@ class MemoryStore:
             raise Crash
 
     def trace(self, trace_digest: str) -> bytes | None:
-        """See `Library.trace`."""
+        """See `ReadModel.trace`."""
         return self.files.get(trace_digest)
 
     def outcomes(self, after_round: int, upto_round: int, limit: int) -> tuple[Outcome, ...]:
-        """See `Library.outcomes`."""
+        """See `ReadModel.outcomes`."""
         found: list[Outcome] = []
         for number, rank in sorted(self.outcome_rows):
             if after_round < number <= upto_round:
@@ -78,5 +78,5 @@ class MemoryStore:
         return tuple(found)
 
     def events(self, from_seq: int, limit: int) -> tuple[bytes, ...]:
-        """See `Library.events`."""
+        """See `ReadModel.events`."""
         return tuple(wire.encode(event) for event in self.all_events[from_seq - 1 : from_seq - 1 + limit])

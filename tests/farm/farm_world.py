@@ -17,7 +17,7 @@ from farm_members import BooksMember, members
 from farm_store import MemoryStore
 
 from saflite.bus.faulty import FaultyNetwork, Trouble
-from saflite.campaign.state import Books
+from saflite.campaign.engine.state import Books
 from saflite.contract import topics, wire, work
 from saflite.contract.config import Campaign, LeaseConfig
 from saflite.contract.control import Control
@@ -251,7 +251,7 @@ class World:
     def _send_garbage(self) -> None:
         """Bits that mean nothing, and messages of this farm replayed, changed and out of place."""
         stage = str(self.rng.choice(["mutate", "score", "fly", "judge", "record"]))
-        key = str(self.rng.choice([topics.work("farm-test", "fly"), f"saflite/1/farm-test/result/{stage}"]))
+        key = str(self.rng.choice([topics.work("farm-test", "fly"), f"saflite/2/farm-test/result/{stage}"]))
         books = self.books.books
         if books is not None and self.rng.random() < 0.4:
             self._lie(books)
@@ -278,7 +278,7 @@ class World:
             if task.stage == "fly":
                 index = task.key.rpartition("/")[2]
                 flying = work.FlyWork(
-                    test_case=books._ledger.test_case_of(task),
+                    test_case=books._reducer.test_case_of(task),
                     flight_index=int(index),
                     purpose="search",
                     wall_limit_s=1.0,

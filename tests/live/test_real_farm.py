@@ -14,14 +14,14 @@ from pathlib import Path
 
 import pytest
 
-from saflite.campaign.builtin import template
-from saflite.campaign.store import Store
+from saflite.campaign.presets.campaigns import template
+from saflite.campaign.storage.store import Store
 from saflite.contract.config import Campaign, LeaseConfig, ScorerConfig, SearchConfig
 from saflite.contract.errors import Refused
 from saflite.contract.events import CampaignChanged, Event, WorkerChanged
 from saflite.contract.test_case import Target
 from saflite.runtime.client import FarmClient, read_info
-from saflite.runtime.local import LocalFarm, resume, roles, run_campaign
+from saflite.runtime.launchers.local import LocalFarm, resume, roles, run_campaign
 from saflite.simulator_worker.processes import children
 
 pytestmark = pytest.mark.live
@@ -143,7 +143,7 @@ def test_a_frozen_worker_is_noticed_within_four_seconds(tmp_path: Path) -> None:
 LAUNCH = """
 import sys
 from pathlib import Path
-from saflite.runtime.local import resume
+from saflite.runtime.launchers.local import resume
 resume(Path(sys.argv[1]), simulators=2, target_files=[Path(sys.argv[2])])
 """
 

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
-from saflite.console import out
+from saflite.console.view import out
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "services" / "saflite"
@@ -26,7 +26,11 @@ RANDOM = re.compile(r"random\.\w+$|np\.random\.(?!Generator$|PCG64$)\w+$|secrets
 RULES = (
     ("wall time", TIME, {"runtime/clock.py"}),
     ("the environment", ENVIRONMENT, {"contract/config.py"}),
-    ("randomness", RANDOM, {"contract/rng.py", "campaign/database.py"}),  # the latter names a run, nothing is drawn
+    (
+        "randomness",
+        RANDOM,
+        {"contract/rng.py", "campaign/storage/sqlite.py"},
+    ),  # names a run
 )
 MACHINE = re.compile(r"(?<![\w}*.)-])/(work|root|home)/\w|pip\.conf|index-url\s*=\s*http|artifactory", re.IGNORECASE)
 
@@ -133,7 +137,7 @@ def test_each_command_says_in_one_line_what_it_does() -> None:
 
 
 def test_the_pages_name_every_defect_scorer_and_command() -> None:
-    from saflite.console.catalogue import KINDS
+    from saflite.console.view.catalogue import KINDS
 
     policies = (ROOT / "deploy" / "docs" / "policies.md").read_text()
     scorers = (ROOT / "deploy" / "docs" / "scorers.md").read_text()

@@ -14,7 +14,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import NoReturn
 
-from saflite.console import out
+from saflite.console.view import out
 from saflite.contract.errors import Refused, Unavailable
 
 NOTHING_FOUND, FOUND, REFUSED, INFRASTRUCTURE = 0, 1, 2, 3

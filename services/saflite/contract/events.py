@@ -17,7 +17,7 @@ class CampaignChanged(msgspec.Struct, frozen=True, kw_only=True, tag="campaign")
     why: str = ""
 
 
-class Planted(msgspec.Struct, frozen=True, kw_only=True, tag="planted"):
+class Proposed(msgspec.Struct, frozen=True, kw_only=True, tag="proposed"):
     """A round of test cases was proposed."""
 
     round: int
@@ -55,7 +55,7 @@ class Judged(msgspec.Struct, frozen=True, kw_only=True, tag="judged"):
 
 
 class ViolationFound(msgspec.Struct, frozen=True, kw_only=True, tag="violation"):
-    """A violation reached its standing: confirmed, flaky, or unconfirmed for want of budget."""
+    """A violation was decided upon: confirmed, flaky, or unconfirmed for want of budget."""
 
     violation: Violation
 
@@ -96,7 +96,7 @@ class FaultSeen(msgspec.Struct, frozen=True, kw_only=True, tag="fault"):
 
 Fact = (
     CampaignChanged
-    | Planted
+    | Proposed
     | Scored
     | Flown
     | Judged

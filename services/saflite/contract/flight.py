@@ -113,3 +113,13 @@ def unpack_trace(data: bytes) -> Trace:
         return _DECODER.decode(content)
     except (zlib.error, msgspec.MsgspecError) as fault:
         raise Refused("trace", expected="a packed trace", got=str(fault)) from fault
+
+
+def matches_digest(data: bytes, trace_digest: str) -> bool:
+    """Return whether a packed trace is whole and its content has this digest."""
+    inflate = zlib.decompressobj()
+    try:
+        content = inflate.decompress(data, TRACE_BYTES_MAX)
+    except zlib.error:
+        return False
+    return inflate.eof and not inflate.unconsumed_tail and digest(content) == trace_digest

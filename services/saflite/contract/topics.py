@@ -1,6 +1,6 @@
 """THE table of topics: key, message types, delivery class, who publishes, who reads.
 
-Keys are `saflite/1/{campaign}/...`. Delivery classes:
+Keys are `saflite/2/{campaign}/...`. Delivery classes:
 
     leased      query with a long poll; work is handed out under a lease
     committed   query answered only after the books have committed
@@ -24,7 +24,7 @@ from saflite.contract.errors import Refused
 from saflite.contract.events import Event
 from saflite.contract.work import Ask, Grant, Heartbeat, Orders, Receipt, Report, Stage
 
-PROTOCOL = 1
+PROTOCOL = 2
 Delivery = Literal["leased", "committed", "announced", "alive", "asked", "lossy"]
 
 

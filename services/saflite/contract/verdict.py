@@ -7,7 +7,7 @@ from typing import Literal
 import msgspec
 
 Ruling = Literal["held", "violated", "inconclusive"]
-Standing = Literal["candidate", "confirmed", "flaky", "unconfirmed"]
+Confirmation = Literal["candidate", "confirmed", "flaky", "unconfirmed"]
 
 
 class Verdict(msgspec.Struct, frozen=True, kw_only=True):
@@ -50,7 +50,7 @@ class Violation(msgspec.Struct, frozen=True, kw_only=True):
     policy: str
     robustness: float
     severity: Literal["none", "soft", "hard"]
-    standing: Standing
+    confirmation: Confirmation
     reflown: int = 0
     failed_again: int = 0
     bit_equal: bool = False

@@ -66,7 +66,7 @@ class PolicyFile(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     id: str
     title: str
     source: str
-    words: str
+    interestingness: str
     formula: str
     signals: dict[str, str]
     published: str = ""
@@ -79,7 +79,7 @@ class PolicyFile(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     start: StartState | None = None
     needs_mission: bool = False
     not_checked_on: dict[str, str] = {}
-    mended: tuple[str, ...] = ()
+    deviations: tuple[str, ...] = ()
     examples: tuple[Example, ...]
 
 

@@ -14,7 +14,7 @@ class PolicyFacts(NamedTuple):
 
     id: str
     title: str
-    words: str
+    interestingness: str
     source: str
 
 

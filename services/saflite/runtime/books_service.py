@@ -14,17 +14,17 @@ from typing import NamedTuple, TypeVar
 import msgspec
 
 from saflite.bus.base import Bus, Happening, Presence, Request
-from saflite.campaign.batch import Batch
-from saflite.campaign.state import Books
-from saflite.campaign.store import Store
+from saflite.campaign.engine.outbox import Batch
+from saflite.campaign.engine.state import Books
+from saflite.campaign.storage.store import Store
 from saflite.contract import topics, wire
 from saflite.contract.clock import Clock
 from saflite.contract.control import Answer, Control
 from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.events import kind_of
 from saflite.contract.work import Ask, Grant, Heartbeat, Report
-from saflite.runtime.absences import Absences
-from saflite.runtime.parking import Parking
+from saflite.runtime.liveness import Liveness
+from saflite.runtime.long_poll_queue import LongPollQueue
 
 log = logging.getLogger(__name__)
 
@@ -81,9 +81,9 @@ class BooksService:
         self._bus, self._campaign, self._books, self._store, self._clock = bus, campaign, books, store, clock
         self._prefix = topics.prefix(campaign)
         self._inbox: queue.SimpleQueue[Happening | _Stop] = queue.SimpleQueue()
-        self._parking = Parking()
+        self._long_polls = LongPollQueue()
         self._lease_s = books.campaign.lease.lease_s
-        self._absences = Absences(self._lease_s)
+        self._liveness = Liveness(self._lease_s)
         self._stepped_s = clock.monotonic_s()
         self._tick_from_s = 0.0
         self._outbox: list[tuple[Request, msgspec.Struct]] = []
@@ -129,8 +129,8 @@ class BooksService:
         for where, words in self._complaints.due(now_s):
             log.warning("from %s: %s", where, words)
             self._books.fault(where, words, now_s)
-        for worker, stage in self._absences.due(now_s):
-            self._parking.forget(worker)
+        for worker, stage in self._liveness.due(now_s):
+            self._long_polls.forget(worker)
             self._books.absent(worker, stage, now_s)
         if now_s - self._stepped_s > ASLEEP_S:
             log.warning("this process stood still for %.1f s; leases get their time again", now_s - self._stepped_s)
@@ -162,10 +162,10 @@ class BooksService:
     def _on_presence(self, presence: Presence, now_s: float) -> None:
         stage, _, worker = presence.key.removeprefix(f"{self._prefix}/alive/").partition("/")
         if presence.present:
-            self._absences.back((worker, stage))
+            self._liveness.back((worker, stage))
             self._books.present(worker, stage, now_s)
         else:
-            self._absences.vanished((worker, stage), now_s)
+            self._liveness.vanished((worker, stage), now_s)
 
     def _on_request(self, request: Request, now_s: float) -> None:
         kind = request.key.removeprefix(f"{self._prefix}/").partition("/")[0]
@@ -187,7 +187,7 @@ class BooksService:
     def _on_ask(self, request: Request, ask: Ask, now_s: float) -> None:
         if self._blocked is not None:
             request.reply(wire.encode(Grant(retry_after_s=BLOCKED_RETRY_S)))
-        elif not self._grant(request, ask, now_s) and not self._parking.park(request, ask, now_s):
+        elif not self._grant(request, ask, now_s) and not self._long_polls.park(request, ask, now_s):
             self._answer(request, Grant())
 
     def _on_report(self, request: Request, report: Report, now_s: float) -> None:
@@ -214,13 +214,13 @@ class BooksService:
 
     def _unpark(self, now_s: float) -> None:
         """Try the parked polls of each stage, oldest first, until the books have nothing more for that stage."""
-        for line in self._parking.lines():
-            for parked in self._parking.to_try(line):
+        for line in self._long_polls.lines():
+            for parked in self._long_polls.to_try(line):
                 if self._grant(parked.request, parked.ask, now_s):
-                    self._parking.granted(line, parked)
-                elif not self._parking.passed_over(line, parked):
+                    self._long_polls.granted(line, parked)
+                elif not self._long_polls.passed_over(line, parked):
                     break
-        for parked in self._parking.expired(now_s):
+        for parked in self._long_polls.expired(now_s):
             if not self._grant(parked.request, parked.ask, now_s):
                 self._answer(parked.request, Grant(retry_after_s=0.0))
 

@@ -21,7 +21,7 @@ from saflite.contract.errors import FarmError, Refused
 from saflite.contract.work import Stage
 from saflite.runtime.clock import WallClock
 from saflite.runtime.spool import Spool
-from saflite.runtime.stages import Surroundings, habits_of, open_stage
+from saflite.runtime.stages import ServiceContext, open_stage, worker_config
 from saflite.runtime.worker_shell import WorkerShell
 from saflite.simulator_worker.processes import die_with_parent
 
@@ -80,7 +80,7 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _books(options: argparse.Namespace) -> str:
-    from saflite.campaign.store import Store
+    from saflite.campaign.storage.store import Store
     from saflite.runtime.books_service import BooksService
 
     if options.run_dir is None:
@@ -113,11 +113,11 @@ def _router(options: argparse.Namespace) -> str:
 def _worker(options: argparse.Namespace) -> str:
     clock = WallClock()
     name = options.worker or options.role
-    surroundings = Surroundings(name, clock, options.run_dir, tuple(options.target_module))
-    service = open_stage(options.role, surroundings)
-    habits = habits_of(options.role, name, service)
+    context = ServiceContext(name, clock, options.run_dir, tuple(options.target_module))
+    service = open_stage(options.role, context)
+    config = worker_config(options.role, name, service)
     bus = open_client(name, options.connect)
-    shell = WorkerShell(bus, options.campaign, service, habits, Spool(options.spool), clock)
+    shell = WorkerShell(bus, options.campaign, service, config, Spool(options.spool), clock)
     _on_signals(shell.stop)
     why = shell.run()
     bus.close()

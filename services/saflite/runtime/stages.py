@@ -9,7 +9,7 @@ from saflite.contract.clock import Clock
 from saflite.contract.errors import Refused
 from saflite.contract.service import Service
 from saflite.contract.work import PolicyTexts, Stage
-from saflite.runtime.worker import Habits
+from saflite.runtime.worker import WorkerConfig
 
 if TYPE_CHECKING:
     from saflite.scorer_pool.model import PolicyBrief
@@ -19,7 +19,7 @@ PREFETCH: dict[Stage, int] = {"fly": 1, "judge": 1, "record": 1}
 leases carries the outcomes since the one before."""
 
 
-class Surroundings(NamedTuple):
+class ServiceContext(NamedTuple):
     """What a service may need of the process it runs in."""
 
     worker: str
@@ -28,7 +28,7 @@ class Surroundings(NamedTuple):
     target_files: tuple[Path, ...] = ()
 
 
-def habits_of(stage: Stage, worker: str, service: Service) -> Habits:
+def worker_config(stage: Stage, worker: str, service: Service) -> WorkerConfig:
     """Return how a worker of this stage works."""
     targets: tuple[str, ...] = ()
     if stage == "fly":
@@ -36,10 +36,10 @@ def habits_of(stage: Stage, worker: str, service: Service) -> Habits:
 
         assert isinstance(service, Flyer)
         targets = service.targets()
-    return Habits(worker, stage, parallel=service.parallel, prefetch=PREFETCH.get(stage, 0), targets=targets)
+    return WorkerConfig(worker, stage, parallel=service.parallel, prefetch=PREFETCH.get(stage, 0), targets=targets)
 
 
-def open_stage(stage: Stage, around: Surroundings) -> Service:
+def open_stage(stage: Stage, context: ServiceContext) -> Service:
     """Return the service of a stage, importing only what it needs; raises Refused if it lacks a setting."""
     if stage == "mutate":
         from saflite.mutator import work as mutator
@@ -48,25 +48,25 @@ def open_stage(stage: Stage, around: Surroundings) -> Service:
     if stage == "score":
         from saflite.scorer_pool import work as scorer_pool
 
-        talk = around.run_dir / "logs" / f"{around.worker}.talk.jsonl" if around.run_dir else None
-        return scorer_pool.open_service(brief_of, around.clock, talk)
+        transcript = context.run_dir / "logs" / f"{context.worker}.transcript.jsonl" if context.run_dir else None
+        return scorer_pool.open_service(brief_of, context.clock, transcript)
     if stage == "fly":
         from saflite.simulator_worker import work as flyer
 
-        return flyer.open_service(around.worker, around.clock, around.target_files)
+        return flyer.open_service(context.worker, context.clock, context.target_files)
     if stage == "judge":
         from saflite.oracle import work as oracle
 
         return oracle.open_service()
-    return _recorder(around)
+    return _recorder(context)
 
 
-def _recorder(around: Surroundings) -> Service:
+def _recorder(context: ServiceContext) -> Service:
     from saflite.recorder import work as recorder
 
-    if around.run_dir is None:
+    if context.run_dir is None:
         raise Refused("--run-dir", expected="the run folder, where recordings go", got="nothing")
-    return recorder.open_service(around.run_dir, around.clock)
+    return recorder.open_service(context.run_dir, context.clock)
 
 
 def brief_of(name: str, texts: PolicyTexts | None = None) -> PolicyBrief:
@@ -78,4 +78,4 @@ def brief_of(name: str, texts: PolicyTexts | None = None) -> PolicyBrief:
     inputs = file.inputs
     names = (*inputs.parameters, *inputs.commands, *inputs.sticks, *inputs.modes, *inputs.sensor_faults)
     obstacles = ("obstacles",) if inputs.obstacles else ()
-    return PolicyBrief(name, file.words, tuple(file.signals), file.state, (*obstacles, *names))
+    return PolicyBrief(name, file.interestingness, tuple(file.signals), file.state, (*obstacles, *names))

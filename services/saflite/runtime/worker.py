@@ -159,7 +159,7 @@ class _Pending:
         self.sending, self.refusals, self.wait_s = False, 0, RETRY_FIRST_S
 
 
-class Habits(NamedTuple):
+class WorkerConfig(NamedTuple):
     """How this worker works. `prefetch` leases are held ready beyond the `parallel` ones being worked."""
 
     worker: str
@@ -173,10 +173,10 @@ class Habits(NamedTuple):
 class Worker:
     """The state machine of one worker."""
 
-    def __init__(self, habits: Habits, now_s: float, cursor: int = -1) -> None:
-        self.habits = habits
+    def __init__(self, config: WorkerConfig, now_s: float, cursor: int = -1) -> None:
+        self.config = config
         self.cursor = cursor  # the shell keeps it at what the service has been told
-        self.parallel = habits.parallel  # may grow while running
+        self.parallel = config.parallel  # may grow while running
         self.stopping = ""
         self._waiting: list[Lease] = []
         self._running: dict[Key, Lease] = {}
@@ -311,7 +311,7 @@ class Worker:
         self._waiting = []
 
     def _report(self, key: Key, result: Result, now_s: float, out: list[Instruction]) -> None:
-        report = Report(worker=self.habits.worker, lease_id=key.lease_id, epoch=key.epoch, result=result)
+        report = Report(worker=self.config.worker, lease_id=key.lease_id, epoch=key.epoch, result=result)
         self._pending[key] = _Pending(report, now_s)
         if not isinstance(result, HandedBack):
             out.append(Keep(report))
@@ -331,7 +331,7 @@ class Worker:
         wanted = self._wanted()
         if wanted > 0 and not self._asking and self._ask_s <= now_s:
             self._asking = True
-            out.append(SendAsk(self._ask(wanted), self.habits.poll_s + ASK_MARGIN_S))
+            out.append(SendAsk(self._ask(wanted), self.config.poll_s + ASK_MARGIN_S))
         if not self._beating and self._beat_s <= now_s:
             self._beating = True
             period_s = self._beat_period_s()
@@ -346,23 +346,23 @@ class Worker:
         if self.stopping or len(self._pending) > REPORTS_WAITING_MAX:
             return 0
         free = self.parallel - len(self._running) - len(self._waiting)
-        return free if free > 0 else self.habits.prefetch - len(self._waiting)
+        return free if free > 0 else self.config.prefetch - len(self._waiting)
 
     def _ask(self, wanted: int) -> Ask:
-        habits = self.habits
+        config = self.config
         return Ask(
-            worker=habits.worker,
-            stage=habits.stage,
+            worker=config.worker,
+            stage=config.stage,
             leases_max=wanted,
-            wait_s=habits.poll_s,
+            wait_s=config.poll_s,
             cursor=self.cursor,
-            targets=habits.targets,
+            targets=config.targets,
         )
 
     def _beat(self) -> Heartbeat:
         return Heartbeat(
-            worker=self.habits.worker,
-            stage=self.habits.stage,
+            worker=self.config.worker,
+            stage=self.config.stage,
             leases=self.held,
             state="draining" if self.stopping else "busy" if self._running else "idle",
             busy_s=round(self._busy_s, 3),

@@ -44,9 +44,11 @@ class _Stop(NamedTuple):
 class WorkerShell:
     """One worker process: a bus, a service, threads to do its work, and the state machine between them."""
 
-    def __init__(self, bus: Bus, campaign: str, service: Service, habits: machine.Habits, spool: Spool, clock: Clock):
+    def __init__(
+        self, bus: Bus, campaign: str, service: Service, config: machine.WorkerConfig, spool: Spool, clock: Clock
+    ):
         self._bus, self._campaign, self._service, self._spool, self._clock = bus, campaign, service, spool, clock
-        self._machine = Worker(habits, clock.monotonic_s(), service.cursor)
+        self._machine = Worker(config, clock.monotonic_s(), service.cursor)
         self._inbox: queue.SimpleQueue[Happening | _Ended | _Stop] = queue.SimpleQueue()
         self._work: queue.SimpleQueue[Lease] = queue.SimpleQueue()
         self._cancelled: dict[Key, threading.Event] = {}
@@ -60,10 +62,10 @@ class WorkerShell:
 
     def run(self) -> str:
         """Work until told to stop; returns why it ended. Raises AssertionError when the service's own code broke."""
-        habits = self._machine.habits
+        config = self._machine.config
         for report in self._spool.waiting():
             self._feed(machine.Found(report))
-        self._bus.appear(topics.alive(self._campaign, habits.stage, habits.worker))
+        self._bus.appear(topics.alive(self._campaign, config.stage, config.worker))
         self._feed(machine.Tick())
         while self._why_left is None:
             wait_s = max(0.0, min(self._machine.next_s() - self._clock.monotonic_s(), MEASURE_S))
@@ -102,7 +104,7 @@ class WorkerShell:
     # -- out ------------------------------------------------------------------------------------------------------
 
     def _obey(self, instruction: machine.Instruction) -> None:
-        stage, campaign = self._machine.habits.stage, self._campaign
+        stage, campaign = self._machine.config.stage, self._campaign
         if isinstance(instruction, machine.SendAsk):
             self._send(topics.work(campaign, stage), instruction.ask, "ask", instruction.timeout_s)
         elif isinstance(instruction, machine.SendBeat):

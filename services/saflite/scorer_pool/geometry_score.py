@@ -14,7 +14,7 @@ import numpy as np
 from saflite.contract.score import SCORE_MAX
 from saflite.contract.test_case import Scenario
 from saflite.flight.geometry import boxes_array, distances_to_boxes, gap
-from saflite.scorer_pool.features import path_points
+from saflite.scorer_pool.learning.features import path_points
 
 PASSAGE_M = 3.5
 """A passage this wide is as likely to be passed safely as not (twice the safe distance, and a little)."""

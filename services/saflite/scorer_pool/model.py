@@ -14,7 +14,7 @@ from saflite.contract.score import Usage
 from saflite.contract.service import Cancelled
 from saflite.contract.test_case import TestCase
 from saflite.contract.work import Outcome, PolicyTexts
-from saflite.scorer_pool.talk import Talk, silent
+from saflite.scorer_pool.llm.transcript import Transcript, silent
 
 MIDDLE = 5.0
 """The mark of a model that has nothing to say: the middle of the scale, so that order alone is left to others."""
@@ -28,7 +28,7 @@ class PolicyBrief(NamedTuple):
     """
 
     name: str
-    words: str = ""
+    interestingness: str = ""
     signals: tuple[str, ...] = ()
     show: tuple[str, ...] = ()
     inputs: tuple[str, ...] = ()
@@ -53,7 +53,7 @@ class Job(NamedTuple):
     cancelled: Cancelled = lambda: False
 
 
-class Mark(NamedTuple):
+class ModelScore(NamedTuple):
     """One score, 0..10. `scored_by` names the model that answered where it is not the one asked; `fault` says why."""
 
     value: float
@@ -63,21 +63,21 @@ class Mark(NamedTuple):
     prompt_digest: str = ""
 
 
-class Sheet(NamedTuple):
+class ScoreSheet(NamedTuple):
     """One mark per test case of the job, in order, what it took, and the digest of the model that answered."""
 
-    marks: tuple[Mark, ...]
+    scores: tuple[ModelScore, ...]
     usage: Usage = Usage()
     digest: str = ""
 
 
 class Tools(NamedTuple):
-    """What a model is built with: the time, other models by label, how long loading may take, where talk is kept."""
+    """What a model is built with: the clock, other models by label, the limit for loading, the transcript."""
 
     clock: Clock
     model: Callable[[str], Model]
     load_deadline_s: float = 300.0
-    talk: Talk = silent
+    transcript: Transcript = silent
 
 
 class Model(Protocol):
@@ -90,7 +90,7 @@ class Model(Protocol):
     label: str
     parallel: int
 
-    def score(self, job: Job) -> Sheet:
+    def score(self, job: Job) -> ScoreSheet:
         """Return one mark per test case; never raises for what a model server says or does not say."""
         ...
 

@@ -27,10 +27,10 @@ from saflite.contract.work import (
     WarmWork,
     Work,
 )
-from saflite.scorer_pool.history import History
-from saflite.scorer_pool.model import MIDDLE, BriefOf, Job, Mark, Model, PolicyBrief, Sheet, Tools
+from saflite.scorer_pool.learning.history import History
+from saflite.scorer_pool.llm.transcript import Transcript, TranscriptFile, silent
+from saflite.scorer_pool.model import MIDDLE, BriefOf, Job, Model, ModelScore, PolicyBrief, ScoreSheet, Tools
 from saflite.scorer_pool.registry import make
-from saflite.scorer_pool.talk import Talk, TalkFile, silent
 
 EMBEDDED = "blend"
 """The scorer that answers in the place of one that cannot; it needs no server and never fails."""
@@ -43,10 +43,10 @@ class ScorerPool:
 
     stage: Stage = "score"
 
-    def __init__(self, brief_of: BriefOf, clock: Clock, talk: Talk = silent) -> None:
+    def __init__(self, brief_of: BriefOf, clock: Clock, transcript: Transcript = silent) -> None:
         self._brief_of = brief_of
         self._clock = clock
-        self._talk = talk
+        self._transcript = transcript
         self._history = History()
         self._models: dict[str, Model] = {}
         self._turn = threading.Lock()
@@ -98,7 +98,9 @@ class ScorerPool:
     def _model(self, label: str) -> Model:
         with self._lock:
             if label not in self._models:
-                self._models[label] = make(label, Tools(self._clock, self._model, self._load_deadline_s, self._talk))
+                self._models[label] = make(
+                    label, Tools(self._clock, self._model, self._load_deadline_s, self._transcript)
+                )
             return self._models[label]
 
     def _forget(self, label: str) -> None:
@@ -134,7 +136,9 @@ class ScorerPool:
         except Refused:
             return PolicyBrief(name)
 
-    def _result(self, job: Job, label: str, sheet: Sheet, waiting: dict[str, Future[Sheet | None]]) -> ScoreResult:
+    def _result(
+        self, job: Job, label: str, sheet: ScoreSheet, waiting: dict[str, Future[ScoreSheet | None]]
+    ) -> ScoreResult:
         scores = list(_scores(job, label, sheet, shadow=False))
         usage = {label: sheet.usage}
         for shadow, future in waiting.items():
@@ -144,25 +148,25 @@ class ScorerPool:
                 usage[shadow] = watched.usage
         return ScoreResult(scores=tuple(scores), usage=usage)
 
-    def _answer(self, label: str, job: Job) -> Sheet:
+    def _answer(self, label: str, job: Job) -> ScoreSheet:
         """Return a sheet without gaps: what the model could not mark, the embedded scorer does."""
         sheet = self._ask(label, job)
-        gaps = [place for place, mark in enumerate(sheet.marks) if mark.fault]
+        gaps = [place for place, mark in enumerate(sheet.scores) if mark.fault]
         if not gaps:
             return sheet
         stand_in = self._ask(EMBEDDED, job._replace(test_cases=tuple(job.test_cases[place] for place in gaps)))
-        marks = list(sheet.marks)
-        for place, mark in zip(gaps, stand_in.marks, strict=True):
+        scores = list(sheet.scores)
+        for place, mark in zip(gaps, stand_in.scores, strict=True):
             value = MIDDLE if mark.fault else mark.value
-            marks[place] = mark._replace(value=value, fault=marks[place].fault, scored_by=mark.scored_by or EMBEDDED)
-        return sheet._replace(marks=tuple(marks))
+            scores[place] = mark._replace(value=value, fault=scores[place].fault, scored_by=mark.scored_by or EMBEDDED)
+        return sheet._replace(scores=tuple(scores))
 
-    def _watch(self, label: str, job: Job) -> Sheet | None:
+    def _watch(self, label: str, job: Job) -> ScoreSheet | None:
         """Return the sheet of a model that only watches, None if it could mark nothing."""
         sheet = self._ask(label, job)
-        return None if all(mark.fault for mark in sheet.marks) else sheet
+        return None if all(mark.fault for mark in sheet.scores) else sheet
 
-    def _ask(self, label: str, job: Job) -> Sheet:
+    def _ask(self, label: str, job: Job) -> ScoreSheet:
         started_s = self._clock.monotonic_s()
         try:
             model = self._model(label)
@@ -173,7 +177,7 @@ class ScorerPool:
         except Unavailable as fault:
             sheet = _all_faulty(job, "unreachable", str(fault))
         sheet = _checked(sheet, len(job.test_cases))
-        faults = dict(Counter(mark.fault for mark in sheet.marks if mark.fault))
+        faults = dict(Counter(mark.fault for mark in sheet.scores if mark.fault))
         usage = msgspec.structs.replace(
             sheet.usage,
             latency_s=sheet.usage.latency_s or self._clock.monotonic_s() - started_s,
@@ -182,22 +186,22 @@ class ScorerPool:
         return sheet._replace(usage=usage)
 
 
-def _all_faulty(job: Job, fault: str, message: str) -> Sheet:
-    return Sheet(tuple(Mark(math.nan, message, fault) for _ in job.test_cases))
+def _all_faulty(job: Job, fault: str, message: str) -> ScoreSheet:
+    return ScoreSheet(tuple(ModelScore(math.nan, message, fault) for _ in job.test_cases))
 
 
-def _checked(sheet: Sheet, count: int) -> Sheet:
-    """Name the faults of a model that gives too few marks or marks outside 0..10 instead of passing them on."""
-    if len(sheet.marks) != count:
-        return sheet._replace(marks=tuple(Mark(math.nan, fault="wrong-count") for _ in range(count)))
-    marks = tuple(
+def _checked(sheet: ScoreSheet, count: int) -> ScoreSheet:
+    """Name the faults of a model that gives too few scores or scores outside 0..10 instead of passing them on."""
+    if len(sheet.scores) != count:
+        return sheet._replace(scores=tuple(ModelScore(math.nan, fault="wrong-count") for _ in range(count)))
+    scores = tuple(
         mark if mark.fault or SCORE_MIN <= mark.value <= SCORE_MAX else mark._replace(fault="out-of-range")
-        for mark in sheet.marks
+        for mark in sheet.scores
     )
-    return sheet._replace(marks=marks)
+    return sheet._replace(scores=scores)
 
 
-def _scores(job: Job, label: str, sheet: Sheet, *, shadow: bool) -> list[Score]:
+def _scores(job: Job, label: str, sheet: ScoreSheet, *, shadow: bool) -> list[Score]:
     return [
         Score(
             test_case=identity(case),
@@ -210,17 +214,17 @@ def _scores(job: Job, label: str, sheet: Sheet, *, shadow: bool) -> list[Score]:
             fault=mark.fault,
             shadow=shadow,
         )
-        for case, mark in zip(job.test_cases, sheet.marks, strict=True)
+        for case, mark in zip(job.test_cases, sheet.scores, strict=True)
         if not (shadow and mark.fault)
     ]
 
 
-def open_service(brief_of: BriefOf, clock: Clock, talk_file: Path | None = None) -> ScorerPool:
+def open_service(brief_of: BriefOf, clock: Clock, transcript_file: Path | None = None) -> ScorerPool:
     """Return a replica of the pool.
 
     Args:
         brief_of: gives the words of a policy by name.
         clock: for latencies, deadlines and rests.
-        talk_file: where questions to language models and their answers are kept word for word; nowhere if left out.
+        transcript_file: where questions to language models and their answers are kept, nowhere if left out.
     """
-    return ScorerPool(brief_of, clock, TalkFile(talk_file) if talk_file else silent)
+    return ScorerPool(brief_of, clock, TranscriptFile(transcript_file) if transcript_file else silent)

@@ -28,14 +28,14 @@ class Ready(msgspec.Struct, frozen=True, kw_only=True):
     targets: tuple[str, ...]
 
 
-class Order(msgspec.Struct, frozen=True, kw_only=True):
+class FlightRequest(msgspec.Struct, frozen=True, kw_only=True):
     """Fly `test_case` as flight number `number` of this process, or (None) cancel that flight."""
 
     number: int
     test_case: TestCase | None = None
 
 
-class Landed(msgspec.Struct, frozen=True, kw_only=True):
+class FlightReply(msgspec.Struct, frozen=True, kw_only=True):
     """How the flight ended; `trouble` says whether it was flown at all."""
 
     number: int
@@ -47,25 +47,25 @@ class Landed(msgspec.Struct, frozen=True, kw_only=True):
     trouble: Literal["none", "refused", "unavailable"] = "none"
 
 
-def fly(order: Order, test_case: TestCase, pipe: Connection, files: list[Path]) -> Landed:
+def fly(request: FlightRequest, test_case: TestCase, pipe: Connection, files: list[Path]) -> FlightReply:
     """Fly one test case and return what became of it; trouble of our own code ends the process."""
 
     def cancelled() -> bool:
         while pipe.poll():
-            if wire.decode(pipe.recv_bytes(), Order).number == order.number:
+            if wire.decode(pipe.recv_bytes(), FlightRequest).number == request.number:
                 return True
         return False
 
     try:
         record = load_target(test_case.target.name, files).fly(test_case, cancelled)
     except Refused as fault:
-        return Landed(number=order.number, trouble="refused", message=str(fault))
+        return FlightReply(number=request.number, trouble="refused", message=str(fault))
     except Unavailable as fault:
-        return Landed(number=order.number, trouble="unavailable", message=str(fault))
+        return FlightReply(number=request.number, trouble="unavailable", message=str(fault))
     if record.trace is None:
-        return Landed(number=order.number, ending=record.ending, message=record.message)
-    return Landed(
-        number=order.number,
+        return FlightReply(number=request.number, ending=record.ending, message=record.message)
+    return FlightReply(
+        number=request.number,
         ending=record.ending,
         trace=pack_trace(record.trace),
         trace_digest=trace_digest(record.trace),
@@ -82,11 +82,11 @@ def main(argv: list[str]) -> None:
     pipe.send_bytes(wire.encode(Ready(targets=flyable(files))))
     while True:
         try:
-            order = wire.decode(pipe.recv_bytes(), Order)
+            request = wire.decode(pipe.recv_bytes(), FlightRequest)
         except EOFError:
             os._exit(0)
-        if order.test_case is not None:
-            pipe.send_bytes(wire.encode(fly(order, order.test_case, pipe, files)))
+        if request.test_case is not None:
+            pipe.send_bytes(wire.encode(fly(request, request.test_case, pipe, files)))
 
 
 if __name__ == "__main__":

@@ -20,7 +20,7 @@ from saflite.contract.clock import Clock
 from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.service import Cancelled
 from saflite.contract.test_case import TestCase
-from saflite.simulator_worker.child import Landed, Order, Ready
+from saflite.simulator_worker.child import FlightReply, FlightRequest, Ready
 from saflite.simulator_worker.processes import adopt_orphans, children, kill_strays, signal_group
 
 log = logging.getLogger(__name__)
@@ -54,7 +54,7 @@ class Sandbox:
         except (EOFError, OSError) as fault:
             raise Unavailable(f"simulator process did not come up: {self.kill(has_died=True)}") from fault
 
-    def fly(self, test_case: TestCase, wall_limit_s: float, cancelled: Cancelled) -> Landed:
+    def fly(self, test_case: TestCase, wall_limit_s: float, cancelled: Cancelled) -> FlightReply:
         """Fly once; `wedged` past `wall_limit_s`, `lost` if the process died, `infra` if it never came up.
 
         Raises:
@@ -64,19 +64,19 @@ class Sandbox:
         try:
             pipe = self._running()
         except Unavailable as fault:
-            return Landed(number=0, ending="infra", message=str(fault))
+            return FlightReply(number=0, ending="infra", message=str(fault))
         self._flights += 1
         try:
-            pipe.send_bytes(wire.encode(Order(number=self._flights, test_case=test_case)))
-            landed = self._wait(pipe, wall_limit_s, cancelled)
+            pipe.send_bytes(wire.encode(FlightRequest(number=self._flights, test_case=test_case)))
+            reply = self._wait(pipe, wall_limit_s, cancelled)
         except (EOFError, OSError):
-            return Landed(
+            return FlightReply(
                 number=self._flights, ending="lost", message=f"simulator process died: {self.kill(has_died=True)}"
             )
         self._tidy()
-        if landed.trouble == "refused":
-            raise Refused("test case", expected="one the target can fly", got=landed.message)
-        return landed
+        if reply.trouble == "refused":
+            raise Refused("test case", expected="one the target can fly", got=reply.message)
+        return reply
 
     def close(self) -> None:
         """End the child."""
@@ -84,7 +84,7 @@ class Sandbox:
 
     # -- one flight -----------------------------------------------------------------------------------------------
 
-    def _wait(self, pipe: Connection, wall_limit_s: float, cancelled: Cancelled) -> Landed:
+    def _wait(self, pipe: Connection, wall_limit_s: float, cancelled: Cancelled) -> FlightReply:
         deadline_s = self._clock.monotonic_s() + wall_limit_s
         while not pipe.poll(POLL_S):
             if cancelled():
@@ -92,11 +92,11 @@ class Sandbox:
                 raise Unavailable("flight cancelled")
             if self._clock.monotonic_s() >= deadline_s:
                 message = f"no end after {wall_limit_s:.1f} s of wall time: {self.kill()}"
-                return Landed(number=self._flights, ending="wedged", message=message)
-        return wire.decode(pipe.recv_bytes(), Landed)
+                return FlightReply(number=self._flights, ending="wedged", message=message)
+        return wire.decode(pipe.recv_bytes(), FlightReply)
 
     def _cancel(self, pipe: Connection) -> None:
-        pipe.send_bytes(wire.encode(Order(number=self._flights)))
+        pipe.send_bytes(wire.encode(FlightRequest(number=self._flights)))
         if pipe.poll(CANCEL_GRACE_S):
             pipe.recv_bytes()
         else:

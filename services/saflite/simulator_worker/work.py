@@ -40,20 +40,20 @@ class Flyer:
         """
         assert isinstance(work, FlyWork), f"a simulator worker was given {type(work).__name__}"
         started_s = self._clock.monotonic_s()
-        landed = self._sandbox.fly(work.test_case, work.wall_limit_s, cancelled)
-        if landed.ending in ("lost", "wedged", "infra"):
-            log.warning("flight of %s: %s, %s", identity(work.test_case), landed.ending, landed.message)
+        reply = self._sandbox.fly(work.test_case, work.wall_limit_s, cancelled)
+        if reply.ending in ("lost", "wedged", "infra"):
+            log.warning("flight of %s: %s, %s", identity(work.test_case), reply.ending, reply.message)
         flight = Flight(
             test_case=identity(work.test_case),
             flight_index=work.flight_index,
-            ending=landed.ending,
-            simulated_s=landed.simulated_s,
+            ending=reply.ending,
+            simulated_s=reply.simulated_s,
             wall_s=round(self._clock.monotonic_s() - started_s, 4),
-            trace_digest=landed.trace_digest,
+            trace_digest=reply.trace_digest,
             worker=self._worker,
-            message=landed.message,
+            message=reply.message,
         )
-        return FlyResult(flight=flight, trace=landed.trace)
+        return FlyResult(flight=flight, trace=reply.trace)
 
     def close(self) -> None:
         """End the simulator process."""

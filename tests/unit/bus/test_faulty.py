@@ -6,7 +6,7 @@ from saflite.bus.base import Happening, Reply
 from saflite.bus.faulty import FaultyNetwork, Trouble
 
 
-def _talk(rng_seed: int, trouble: Trouble, questions: int = 400) -> tuple[list[Happening], int, FaultyNetwork]:
+def _transcript(rng_seed: int, trouble: Trouble, questions: int = 400) -> tuple[list[Happening], int, FaultyNetwork]:
     network = FaultyNetwork(rng_seed, trouble)
     books, worker = network.connect("books"), network.connect("worker")
     asked: list[Happening] = []
@@ -26,7 +26,7 @@ def _talk(rng_seed: int, trouble: Trouble, questions: int = 400) -> tuple[list[H
 
 
 def test_every_question_ends_once_whatever_is_lost() -> None:
-    answers, _, network = _talk(1, Trouble(loss=0.3, duplicate=0.2))
+    answers, _, network = _transcript(1, Trouble(loss=0.3, duplicate=0.2))
     assert sorted(reply.tag for reply in answers if isinstance(reply, Reply)) == list(range(400))
     unanswered = sum(1 for reply in answers if isinstance(reply, Reply) and reply.payload is None)
     assert 100 < unanswered < 250  # 1 - 0.7 * 0.7 of 400, less what a double saved
@@ -34,13 +34,13 @@ def test_every_question_ends_once_whatever_is_lost() -> None:
 
 
 def test_doubles_arrive_doubled() -> None:
-    _, asked, network = _talk(2, Trouble(loss=0.0, duplicate=0.5, delay_max_s=0.1))
+    _, asked, network = _transcript(2, Trouble(loss=0.0, duplicate=0.5, delay_max_s=0.1))
     assert asked > 500
     assert network.doubled > 200
 
 
 def test_order_changes() -> None:
-    answers, _, _ = _talk(3, Trouble(loss=0.0, duplicate=0.0, delay_max_s=0.5))
+    answers, _, _ = _transcript(3, Trouble(loss=0.0, duplicate=0.0, delay_max_s=0.5))
     order = [reply.tag for reply in answers if isinstance(reply, Reply)]
     assert order != sorted(order)  # type: ignore[type-var]
 
@@ -60,8 +60,8 @@ def test_a_cut_network_heals() -> None:
 
 
 def test_equal_seeds_give_equal_trouble() -> None:
-    assert _talk(5, Trouble())[0] == _talk(5, Trouble())[0]
-    assert _talk(5, Trouble())[0] != _talk(6, Trouble())[0]
+    assert _transcript(5, Trouble())[0] == _transcript(5, Trouble())[0]
+    assert _transcript(5, Trouble())[0] != _transcript(6, Trouble())[0]
 
 
 def test_the_dead_receive_nothing() -> None:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from saflite.campaign.state import Books
-from saflite.campaign.store import Store
+from saflite.campaign.engine.state import Books
+from saflite.campaign.storage.store import Store
 from saflite.contract import wire
 from saflite.contract.work import Ask, Grant, Lease, Receipt, Report, Result, Stage
 

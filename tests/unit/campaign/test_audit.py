@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from books_drive import Driver, doubles
 
-from saflite.campaign.audit import audit
-from saflite.campaign.store import Store, store_file
+from saflite.campaign.storage.audit import audit
+from saflite.campaign.storage.store import Store, store_file
 from saflite.contract.control import Control
 from saflite.contract.errors import Refused
 

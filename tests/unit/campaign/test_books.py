@@ -65,7 +65,7 @@ def test_the_last_flight_leaves_its_violation_unconfirmed() -> None:
         assert (status.flights, status.reflown, status.violations_confirmed) == (1, 0, 0)
         found = [fact.violation for fact in facts(driver, ViolationFound) if isinstance(fact, ViolationFound)]
         if found:
-            assert (found[0].standing, found[0].reflown) == ("unconfirmed", 0)
+            assert (found[0].confirmation, found[0].reflown) == ("unconfirmed", 0)
             return
     pytest.fail("no search found anything with its first flight")
 
@@ -301,4 +301,4 @@ def test_a_single_worker_confirms_its_own_finds_and_says_so() -> None:
     driver = new_books(40)
     driver.run(("a",))
     violations = [fact.violation for fact in facts(driver, ViolationFound) if isinstance(fact, ViolationFound)]
-    assert any(violation.standing == "confirmed" and set(violation.workers) == {"a"} for violation in violations)
+    assert any(violation.confirmation == "confirmed" and set(violation.workers) == {"a"} for violation in violations)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from saflite.campaign.builtin import builtin_campaigns, load_campaign, template
+from saflite.campaign.presets.campaigns import builtin_campaigns, load_campaign, template
 from saflite.contract.errors import Refused
 from saflite.contract.rng import derive
 from saflite.contract.test_case import StartState

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from saflite.campaign.confirm import standing
+from saflite.campaign.lifecycle.confirmation import confirmation_of
 
 
 @pytest.mark.parametrize(
@@ -22,5 +22,5 @@ from saflite.campaign.confirm import standing
         (1, 1, 1, 2, "unconfirmed"),  # the budget left room for one only
     ],
 )
-def test_standing(reflown: int, again: int, asked: int, needed: int, expected: str) -> None:
-    assert standing(reflown, again, asked, needed) == expected
+def test_confirmation(reflown: int, again: int, asked: int, needed: int, expected: str) -> None:
+    assert confirmation_of(reflown, again, asked, needed) == expected

@@ -8,10 +8,10 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from saflite.campaign.builtin import load_campaign, template
-from saflite.campaign.store import Store
-from saflite.console import options
-from saflite.console.toml_text import dump
+from saflite.campaign.presets.campaigns import load_campaign, template
+from saflite.campaign.storage.store import Store
+from saflite.console.io import campaign_options
+from saflite.console.io.toml_text import dump
 from saflite.contract.config import Campaign, parse_campaign
 from saflite.contract.errors import Refused
 from saflite.contract.service import Service
@@ -28,7 +28,7 @@ from saflite.simulator_worker import work as simulator
 POLICY = """id = "stay-low"
 title = "Stay below the ceiling"
 source = "our own flight manual"
-words = "The vehicle must stay below the ceiling. Interesting are climbs."
+interestingness = "The vehicle must stay below the ceiling. Interesting are climbs."
 formula = "always (altitude_m <= ceiling_m)"
 
 [constants]
@@ -89,10 +89,10 @@ def folder(tmp_path: Path) -> Path:
 def test_a_policy_file_is_looked_for_beside_the_campaign_and_kept_in_it(folder: Path) -> None:
     campaign = load_campaign(str(folder / "mine.toml"))
     assert campaign.policies == ("stay-low", "upright")
-    options.check_runnable(campaign)
+    campaign_options.check_runnable(campaign)
     (folder / "rules" / "low.toml").unlink()
     assert load_policy("stay-low", campaign.policy_texts).file.title == "Stay below the ceiling"
-    assert brief_of("stay-low", campaign.policy_texts).words.startswith("The vehicle must stay")
+    assert brief_of("stay-low", campaign.policy_texts).interestingness.startswith("The vehicle must stay")
     assert parse_campaign(dump(campaign), "again") == campaign
 
 
@@ -131,7 +131,7 @@ def test_a_policy_file_stands_for_the_campaign_over_it(folder: Path, monkeypatch
     assert campaign.target.parameters == {"PILOT_SPEED_UP": 300.0}
     assert campaign.strategy.settings["sticks"] == ["RC3"]
     assert campaign.search.shrink
-    options.check_runnable(campaign)
+    campaign_options.check_runnable(campaign)
 
 
 @pytest.mark.parametrize(
@@ -154,7 +154,7 @@ def test_a_wrong_policy_file_is_refused_where_it_is_wrong(folder: Path, old: str
     assert old in POLICY
     (folder / "rules" / "low.toml").write_text(POLICY.replace(old, new))
     with pytest.raises(Refused, match=reason):
-        options.check_runnable(load_campaign(str(folder / "rules" / "low.toml")))
+        campaign_options.check_runnable(load_campaign(str(folder / "rules" / "low.toml")))
 
 
 def test_a_policy_its_target_cannot_show_is_refused_with_the_reason() -> None:
@@ -162,7 +162,7 @@ def test_a_policy_its_target_cannot_show_is_refused_with_the_reason() -> None:
         load_campaign("policy-a-drift1")
     campaign = msgspec.structs.replace(load_campaign("policy-a-chute"), policies=("a-drift1",))
     with pytest.raises(Refused, match=r"policy a-drift1.*no such mode"):
-        options.check_runnable(campaign)
+        campaign_options.check_runnable(campaign)
 
 
 @pytest.mark.parametrize("table", ["start", "wind", "target"])
@@ -172,6 +172,10 @@ def test_unknown_keys_are_refused_in_every_table(table: str) -> None:
 
 
 def test_a_defect_the_campaign_cannot_see_is_remarked_on() -> None:
-    campaign: Campaign = options.changed(load_campaign("policy-a-chute"), defects=["land-fast"])
-    assert options.remarks(campaign) == ["note: defect land-fast breaks a-land2, which this campaign does not check"]
-    assert not options.remarks(options.changed(load_campaign("policy-a-land2"), defects=["land-fast"]))
+    campaign: Campaign = campaign_options.changed(load_campaign("policy-a-chute"), defects=["land-fast"])
+    assert campaign_options.remarks(campaign) == [
+        "note: defect land-fast breaks a-land2, which this campaign does not check"
+    ]
+    assert not campaign_options.remarks(
+        campaign_options.changed(load_campaign("policy-a-land2"), defects=["land-fast"])
+    )

@@ -7,7 +7,7 @@ import random
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from saflite.campaign.rounds import Plan, Rounds
+from saflite.campaign.scheduling.rounds import Plan, Rounds
 from saflite.contract.config import SearchConfig
 
 

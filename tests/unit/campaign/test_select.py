@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from saflite.campaign.novelty import Features, distances, features
-from saflite.campaign.select import Rules, select
+from saflite.campaign.scheduling.novelty import Features, distances, features
+from saflite.campaign.scheduling.selection import Rules, select
 from saflite.contract.test_case import Obstacle, Scenario, Stimulus, Target, TestCase
 
 

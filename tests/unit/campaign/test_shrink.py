@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
-from saflite.campaign.shrink import Shrinker
+from saflite.campaign.lifecycle.minimizer import Minimizer
 from saflite.contract.rng import derive
 from saflite.contract.test_case import Scenario, StartState, Stimulus, Target, TestCase, identity
 
@@ -44,22 +44,22 @@ def chute_in_acro(test_case: TestCase) -> bool:
 
 def shrink(
     start: TestCase, breaks: Breaks, flights_max: int = 200, shuffle: int = 0
-) -> tuple[Shrinker, list[TestCase]]:
-    shrinker, flown = Shrinker(start, flights_max), []
+) -> tuple[Minimizer, list[TestCase]]:
+    minimizer, flown = Minimizer(start, flights_max), []
     rng = derive(shuffle, "order")
-    while not shrinker.done:
-        batch = list(shrinker.ask())
+    while not minimizer.done:
+        batch = list(minimizer.ask())
         for index in rng.permutation(len(batch)) if shuffle else range(len(batch)):
             flown.append(batch[index])
-            shrinker.tell(identity(batch[index]), breaks(batch[index]))
-    return shrinker, flown
+            minimizer.tell(identity(batch[index]), breaks(batch[index]))
+    return minimizer, flown
 
 
 def test_a_case_of_twenty_inputs_shrinks_to_the_two_that_matter() -> None:
     start = twenty()
     assert chute_in_acro(start)
-    shrinker, flown = shrink(start, chute_in_acro)
-    best = shrinker.best
+    minimizer, flown = shrink(start, chute_in_acro)
+    best = minimizer.best
     assert chute_in_acro(best)
     assert [stimulus.name for stimulus in best.stimuli] == ["ACRO", "MAV_CMD_DO_PARACHUTE"]
     assert best.stimuli[1].values == (2.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -78,30 +78,30 @@ def test_the_result_does_not_depend_on_the_order_of_answers() -> None:
 
 def test_no_test_case_is_given_out_twice_and_the_budget_holds() -> None:
     for flights_max in (0, 1, 5, 33):
-        shrinker, flown = shrink(twenty(), chute_in_acro, flights_max)
+        minimizer, flown = shrink(twenty(), chute_in_acro, flights_max)
         assert len(flown) == len({identity(each) for each in flown}) <= flights_max
-        assert chute_in_acro(shrinker.best)
-        assert shrinker.ask() == ()
+        assert chute_in_acro(minimizer.best)
+        assert minimizer.ask() == ()
 
 
 @pytest.mark.parametrize("breaks", [lambda _: True, lambda _: False])
 def test_it_ends_whatever_the_answers(breaks: Breaks) -> None:
-    shrinker, _ = shrink(twenty(), breaks, flights_max=10_000)
-    assert shrinker.done
+    minimizer, _ = shrink(twenty(), breaks, flights_max=10_000)
+    assert minimizer.done
     expected = 0 if breaks(twenty()) else 20
-    assert len(shrinker.best.stimuli) == expected
+    assert len(minimizer.best.stimuli) == expected
 
 
 def test_answers_that_were_not_asked_for_or_come_twice_are_ignored() -> None:
-    shrinker = Shrinker(twenty(), 50)
-    batch = shrinker.ask()
-    shrinker.tell("nobody", True)
-    shrinker.tell(identity(batch[0]), False)
-    shrinker.tell(identity(batch[0]), True)
-    assert shrinker.ask() == batch[1:], "what is left of the generation"
+    minimizer = Minimizer(twenty(), 50)
+    batch = minimizer.ask()
+    minimizer.tell("nobody", True)
+    minimizer.tell(identity(batch[0]), False)
+    minimizer.tell(identity(batch[0]), True)
+    assert minimizer.ask() == batch[1:], "what is left of the generation"
     for each in batch[1:]:
-        shrinker.tell(identity(each), False)
-    assert shrinker.best == twenty()
+        minimizer.tell(identity(each), False)
+    assert minimizer.best == twenty()
 
 
 def test_two_inputs_that_need_each_other_are_both_kept() -> None:
@@ -110,12 +110,12 @@ def test_two_inputs_that_need_each_other_are_both_kept() -> None:
     def both(test_case: TestCase) -> bool:
         return {"P2", "P13"} <= {stimulus.name for stimulus in test_case.stimuli}
 
-    shrinker, _ = shrink(start, both)
-    assert [stimulus.name for stimulus in shrinker.best.stimuli] == ["P2", "P13"]
+    minimizer, _ = shrink(start, both)
+    assert [stimulus.name for stimulus in minimizer.best.stimuli] == ["P2", "P13"]
 
 
 def test_a_smaller_case_names_the_one_it_came_from() -> None:
     start = twenty()
-    shrinker, _ = shrink(start, chute_in_acro)
-    assert shrinker.best.origin.parent == identity(start)
-    assert shrinker.best.origin.note.startswith("shrunk")
+    minimizer, _ = shrink(start, chute_in_acro)
+    assert minimizer.best.origin.parent == identity(start)
+    assert minimizer.best.origin.note.startswith("shrunk")

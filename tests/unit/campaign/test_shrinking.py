@@ -9,8 +9,8 @@ import msgspec
 import pytest
 from books_drive import Driver, doubles
 
-from saflite.campaign.audit import audit
-from saflite.campaign.store import Store, store_file
+from saflite.campaign.storage.audit import audit
+from saflite.campaign.storage.store import Store, store_file
 from saflite.contract import wire
 from saflite.contract.events import Event, ViolationFound
 from saflite.contract.flight import Flight, Trace, pack_trace, trace_digest
@@ -110,7 +110,7 @@ def test_a_violation_of_twenty_inputs_is_brought_down_to_the_two_that_matter(run
     assert forms
     for violation, test_case in forms:
         assert {stimulus.name for stimulus in test_case.stimuli} == TRIGGER
-        assert (violation.standing, violation.bit_equal, violation.reflown) == ("confirmed", True, 1)
+        assert (violation.confirmation, violation.bit_equal, violation.reflown) == ("confirmed", True, 1)
         assert violation.fingerprint == "f" * 16
         assert test_case.origin.parent
 

@@ -9,8 +9,8 @@ import msgspec
 import pytest
 from books_drive import Driver, doubles
 
-from saflite.campaign import traces
-from saflite.campaign.store import Store, store_file
+from saflite.campaign.storage import blobs
+from saflite.campaign.storage.store import Store, store_file
 from saflite.contract import wire
 from saflite.contract.control import Control, Status
 from saflite.contract.errors import Refused, Unavailable
@@ -58,7 +58,7 @@ def test_a_campaign_interrupted_anywhere_finds_the_same_with_an_exact_budget(tmp
     driver.run()
     status = closed(driver)
     assert (status.flights, status.state) == (25, "ended")
-    query = "SELECT fingerprint, test_case, policy, standing FROM violations ORDER BY 1, 2, 3"
+    query = "SELECT fingerprint, test_case, policy, confirmation FROM violations ORDER BY 1, 2, 3"
     found = [sqlite3.connect(store_file(tmp_path / name)).execute(query).fetchall() for name in ("whole", "parts")]
     assert found[0] == found[1] != []
 
@@ -179,7 +179,7 @@ def test_a_full_disk_refuses_the_batch_whole_and_takes_it_later(
 
 
 def test_a_trace_that_cannot_be_written_is_unavailable(tmp_path: Path) -> None:
-    files = traces.TraceFiles(tmp_path / "nowhere")
+    files = blobs.TraceFiles(tmp_path / "nowhere")
     with pytest.raises(Unavailable, match="cannot be written"):
         files.write({"a" * 64: b"data"})
 
@@ -189,7 +189,7 @@ def test_another_format_is_refused(tmp_path: Path) -> None:
     database = sqlite3.connect(store_file(tmp_path / "run"))
     database.execute("UPDATE meta SET value = '99' WHERE key = 'format'")
     database.commit()
-    with pytest.raises(Refused, match="store format 1"):
+    with pytest.raises(Refused, match="store format 2"):
         Store.open(tmp_path / "run")
 
 
@@ -209,7 +209,7 @@ def test_a_stopped_campaign_goes_on_when_opened_again(tmp_path: Path) -> None:
 def test_a_mutator_is_told_old_rounds_from_the_store_in_whole_rounds(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("saflite.campaign.handout.OUTCOMES_MAX", 4)
+    monkeypatch.setattr("saflite.campaign.scheduling.work_messages.OUTCOMES_MAX", 4)
     driver = started(tmp_path / "run", 60)
     driver.run(until_flights=40)
     driver.service = doubles.Service()  # a new mutator knows nothing and is told in several leases
@@ -227,7 +227,7 @@ def test_campaign_and_template_come_back_as_given(tmp_path: Path) -> None:
 def test_a_scorer_that_starts_anew_is_told_the_latest_outcomes_without_tracks(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("saflite.campaign.handout.RECENT_MAX", 6)
+    monkeypatch.setattr("saflite.campaign.scheduling.work_messages.RECENT_MAX", 6)
     driver = started(tmp_path / "run", 60)
     driver.run(until_flights=45)
     while not (leases := driver.ask("score", "fresh", cursor=-1)):
@@ -243,5 +243,5 @@ def test_a_scorer_that_starts_anew_is_told_the_latest_outcomes_without_tracks(
 def test_a_grant_never_outgrows_a_message(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     driver = started(tmp_path / "run", 60)
     driver.do("mutate")
-    monkeypatch.setattr("saflite.campaign.state.GRANT_MAX_BYTES", 15_000)
+    monkeypatch.setattr("saflite.campaign.engine.state.GRANT_MAX_BYTES", 15_000)
     assert len(driver.ask("score", leases_max=9)) == 2

@@ -7,8 +7,8 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from saflite.campaign.builtin import load_campaign, template
-from saflite.campaign.store import Store
+from saflite.campaign.presets.campaigns import load_campaign, template
+from saflite.campaign.storage.store import Store
 from saflite.console.cli import main
 from saflite.contract.test_case import Obstacle, TestCase
 from saflite.recorder.exports.aerialist import write_case

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from shapely.geometry import Point, Polygon
 
-from saflite.campaign.builtin import load_campaign, template
-from saflite.console.report import bars, charts, layout, page
-from saflite.console.report.data import Exhibit, Progress, ReportData
-from saflite.console.report.svg import nice_step
-from saflite.console.run_folder import FlightRow
+from saflite.campaign.presets.campaigns import load_campaign, template
+from saflite.console.run_data.run_folder import FlightRow
+from saflite.console.view.report import bars, charts, layout, page
+from saflite.console.view.report.data import Exhibit, Progress, ReportData
+from saflite.console.view.report.svg import nice_step
 from saflite.contract.events import Quarantined
 from saflite.contract.flight import Trace
 from saflite.contract.test_case import Obstacle, Scenario, TestCase
@@ -54,7 +54,7 @@ def exhibit(fingerprint: str) -> Exhibit:
         policy="min-obstacle-distance",
         robustness=-1.2,
         severity="soft",
-        standing="confirmed",
+        confirmation="confirmed",
         reflown=1,
         failed_again=1,
         bit_equal=True,

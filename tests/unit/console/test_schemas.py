@@ -10,7 +10,7 @@ import msgpack
 import msgspec
 import pytest
 
-from saflite.console import examples, schemas
+from saflite.console.io import schema_examples, schemas
 from saflite.contract import wire
 from saflite.contract.config import Campaign, parse_campaign
 from saflite.contract.errors import Refused
@@ -49,7 +49,7 @@ def test_examples_fit_their_schema(name: str) -> None:
     schema = json.loads(schemas.schema_text(KINDS[name]))
     jsonschema.Draft202012Validator.check_schema(schema)
     validator = jsonschema.Draft202012Validator(schema)
-    for example in examples.examples(KINDS[name]).values():
+    for example in schema_examples.examples(KINDS[name]).values():
         validator.validate(json.loads(msgspec.json.encode(example)))
 
 

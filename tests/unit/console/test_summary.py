@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from saflite.campaign.builtin import load_campaign, template
-from saflite.campaign.store import Store
-from saflite.console import options
+from saflite.campaign.presets.campaigns import load_campaign, template
+from saflite.campaign.storage.store import Store
 from saflite.console.cli import FOUND, INFRASTRUCTURE, NOTHING_FOUND
-from saflite.console.conclusion import conclude
+from saflite.console.io import campaign_options
+from saflite.console.run_data.conclusion import conclude
 from saflite.contract.work import Failure, FlyWork, Result, Work
-from saflite.runtime.local import ExitSummary
+from saflite.runtime.launchers.local import ExitSummary
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "campaign"))
 
@@ -38,7 +38,7 @@ class CannotFly(doubles.Service):
 
 
 def _ended(run_dir: Path, spared: int, capsys: pytest.CaptureFixture[str]) -> tuple[int, str]:
-    campaign = options.changed(load_campaign("avoidance-m2"), budget=6)
+    campaign = campaign_options.changed(load_campaign("avoidance-m2"), budget=6)
     store = Store.create(run_dir, campaign, template(campaign))
     driver = Driver(store.rebuild(), store)
     driver.service = CannotFly(spared)

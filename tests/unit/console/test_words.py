@@ -7,9 +7,10 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from saflite.campaign.builtin import builtin_campaigns, load_campaign
-from saflite.console import live, options, toml_text
+from saflite.campaign.presets.campaigns import builtin_campaigns, load_campaign
 from saflite.console.cli import command_names, main
+from saflite.console.io import campaign_options, toml_text
+from saflite.console.view import live
 from saflite.contract.config import parse_campaign
 from saflite.contract.control import Status, WorkerStatus
 from saflite.contract.events import Quarantined, ScorerChanged, ViolationFound
@@ -20,7 +21,9 @@ WANTED = "run resume replay fly judge mutate score audit watch list export repor
 
 @pytest.mark.parametrize("name", ["avoidance-m2", "policy-a-chute"])
 def test_a_campaign_written_as_toml_is_the_same_campaign(name: str) -> None:
-    campaign = options.changed(load_campaign(name), settings=["boxes_min=3"] if "avoid" in name else [], budget=7)
+    campaign = campaign_options.changed(
+        load_campaign(name), settings=["boxes_min=3"] if "avoid" in name else [], budget=7
+    )
     awkward = msgspec.structs.replace(campaign, description='say "x" \\ ü\nnew line', wind=campaign.wind)
     assert parse_campaign(toml_text.dump(awkward), "x") == awkward
 
@@ -83,7 +86,7 @@ def test_facts_worth_a_line_get_one() -> None:
         policy="p",
         robustness=-0.5,
         severity="hard",
-        standing="confirmed",
+        confirmation="confirmed",
         reflown=1,
         failed_again=1,
         bit_equal=True,
@@ -110,7 +113,7 @@ def test_a_real_log_is_judged_with_a_competition_test_case(
     monkeypatch.syspath_prepend(str(Path(__file__).parents[1] / "oracle"))
     from test_logs import px4_flight
 
-    from saflite.campaign.builtin import template
+    from saflite.campaign.presets.campaigns import template
     from saflite.recorder.exports.aerialist import write_case
 
     log = tmp_path / "log.ulg"

@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from saflite.contract.errors import Refused
 from saflite.flight.autopilots.reference.parameters import parameter_table
-from saflite.flight.link import Session, on_the_ground, open_port
+from saflite.flight.mavlink.link import Session, on_the_ground, open_port
 
 ACCEPTED, DENIED, FAILED = dialect.MAV_RESULT_ACCEPTED, dialect.MAV_RESULT_DENIED, dialect.MAV_RESULT_FAILED
 HOME, ROUTE = (16, 47.0, 8.0, 400.0), (16, 47.3978, 8.5456, 6.0)
@@ -186,7 +186,7 @@ def test_message_that_cannot_be_handled_is_logged_and_the_link_goes_on(
     for _ in range(2):
         station.mav.rc_channels_override_send(1, 1, 1500, 1500, 1500, 1500, 0, 0, 0, 0)
     station.mav.param_set_send(1, 1, b"RTL_ALT", 900.0, 9)
-    station.session.face.feed(bytes(station.out))
+    station.session.server.feed(bytes(station.out))
     assert station.session.flight.autopilot.parameters["RTL_ALT"] == 900.0
     assert [record.getMessage().split(":")[0] for record in caplog.records] == [
         "MAVLink message RC_CHANNELS_OVERRIDE cannot be handled"

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from saflite.contract.test_case import Wind
-from saflite.flight.environment import WindField
-from saflite.flight.jsbsim_world import World
 from saflite.flight.vehicle import Vehicle, slots
+from saflite.flight.world.jsbsim_world import World
+from saflite.flight.world.wind import WindField
 
 NOTHING = np.zeros((0, 8))
 

@@ -13,9 +13,9 @@ from saflite.contract.errors import Refused
 from saflite.contract.flight import Flight
 from saflite.contract.signals import MODES
 from saflite.contract.test_case import Obstacle, Scenario, Target, TestCase, identity
-from saflite.oracle.dataflash import read_dataflash
+from saflite.flight.logs.dataflash import read_dataflash
+from saflite.flight.logs.ulog import read_ulog
 from saflite.oracle.judge import judge
-from saflite.oracle.ulog import read_ulog
 
 FLOATS = {"f": "float", "B": "uint8_t", "?": "bool"}
 

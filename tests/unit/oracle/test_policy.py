@@ -8,7 +8,7 @@ from saflite.oracle.policy import load_policy, parse_policy
 GOOD = """id = "test"
 title = "Stay low"
 source = "test"
-words = "words"
+interestingness = "words"
 formula = "always ((mode == AUTO) implies altitude_m <= ceiling_m)"
 
 [constants]

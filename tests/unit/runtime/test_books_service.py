@@ -11,9 +11,9 @@ import pytest
 
 from saflite.bus.base import Happening, Reply, Sample
 from saflite.bus.memory import MemoryBus, MemoryNetwork
-from saflite.campaign.batch import Batch
-from saflite.campaign.builtin import template
-from saflite.campaign.store import Store
+from saflite.campaign.engine.outbox import Batch
+from saflite.campaign.presets.campaigns import template
+from saflite.campaign.storage.store import Store
 from saflite.contract import topics, wire
 from saflite.contract.config import Campaign, LeaseConfig
 from saflite.contract.control import Answer, Control
@@ -145,7 +145,7 @@ def test_while_the_store_takes_no_writes_nothing_is_handed_out_or_acknowledged(s
 
 def test_unreadable_messages_are_refused_and_told_but_a_flood_is_told_once_a_second(stand: Stand) -> None:
     told: list[Event] = []
-    stand.worker.follow("saflite/1/c/event/fault", lambda fact: told.append(_event(fact)))
+    stand.worker.follow("saflite/2/c/event/fault", lambda fact: told.append(_event(fact)))
     for number in range(50):
         stand.worker.ask(topics.result("c", "fly"), b"\xc1 nonsense", number, stand.answers.append, 5.0)
     stand.turn()
@@ -162,7 +162,7 @@ def test_a_worker_whose_token_vanishes_loses_its_leases_at_once(stand: Stand) ->
     dying.send(topics.work("c", "mutate"), _ask("mutate", worker="dying"))
     assert len(dying.last(Grant).leases) == 1
     told: list[Event] = []
-    stand.worker.follow("saflite/1/c/event/worker", lambda fact: told.append(_event(fact)))
+    stand.worker.follow("saflite/2/c/event/worker", lambda fact: told.append(_event(fact)))
     stand.network.crash("dying")
     stand.turn(6)
     assert any(isinstance(event.fact, WorkerChanged) and not event.fact.present for event in told)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from saflite.contract.work import Ask
-from saflite.runtime.parking import PASSED_OVER_MAX, Parking
+from saflite.runtime.long_poll_queue import PASSED_OVER_MAX, LongPollQueue
 
 
 class _Request:
@@ -16,25 +16,25 @@ class _Request:
         raise AssertionError
 
 
-def _parking(count: int) -> Parking:
-    parking = Parking()
+def _long_polls(count: int) -> LongPollQueue:
+    parking = LongPollQueue()
     for number in range(count):
         assert parking.park(_Request(), Ask(worker=f"w{number}", stage="fly", wait_s=5.0), now_s=0.1 * number)
     return parking
 
 
 def test_a_poll_that_does_not_want_to_wait_is_not_parked() -> None:
-    assert not Parking().park(_Request(), Ask(worker="w", stage="fly", wait_s=0.0), 0.0)
+    assert not LongPollQueue().park(_Request(), Ask(worker="w", stage="fly", wait_s=0.0), 0.0)
 
 
 def test_a_worker_waits_once() -> None:
-    parking = _parking(3)
+    parking = _long_polls(3)
     parking.park(_Request(), Ask(worker="w1", stage="fly", wait_s=5.0), 9.0)
     assert [parked.ask.worker for parked in parking.to_try(("fly", ()))] == ["w0", "w2", "w1"]
 
 
 def test_those_passed_over_go_to_the_end_and_only_a_few_are_tried() -> None:
-    parking = _parking(10)
+    parking = _long_polls(10)
     tried = []
     for line in parking.lines():
         for parked in parking.to_try(line):
@@ -47,7 +47,7 @@ def test_those_passed_over_go_to_the_end_and_only_a_few_are_tried() -> None:
 
 
 def test_polls_leave_when_granted_gone_or_out_of_time() -> None:
-    parking = _parking(4)
+    parking = _long_polls(4)
     parking.granted(("fly", ()), parking.to_try(("fly", ()))[0])
     parking.forget("w3")
     assert parking.expired(5.0) == []

@@ -7,7 +7,7 @@ import pytest
 from saflite.contract.rng import derive
 from saflite.contract.work import Failure, Grant, HandedBack, Lease, Orders, Receipt, Report, WarmResult, WarmWork
 from saflite.runtime import worker as w
-from saflite.runtime.worker import Habits, Key, Worker
+from saflite.runtime.worker import Key, Worker, WorkerConfig
 
 
 def _lease(name: str, epoch: int = 1) -> Lease:
@@ -23,19 +23,19 @@ def _of(kind: type, instructions: list[w.Instruction]) -> list[w.Instruction]:
 
 
 def _worker(parallel: int = 1, prefetch: int = 1) -> Worker:
-    worker = Worker(Habits("fly-1", "fly", parallel, prefetch), 0.0)
+    worker = Worker(WorkerConfig("fly-1", "fly", parallel, prefetch), 0.0)
     worker.handle(w.Tick(), 0.0)
     return worker
 
 
 def test_first_asks_and_beats() -> None:
-    worker = Worker(Habits("fly-1", "fly"), 0.0)
+    worker = Worker(WorkerConfig("fly-1", "fly"), 0.0)
     out = worker.handle(w.Tick(), 0.0)
     assert len(_of(w.SendAsk, out)) == len(_of(w.SendBeat, out)) == 1
 
 
 def test_an_idle_worker_asks_for_one_lease_and_for_the_next_while_busy() -> None:
-    worker = Worker(Habits("fly-1", "fly", 1, 1), 0.0)
+    worker = Worker(WorkerConfig("fly-1", "fly", 1, 1), 0.0)
     (ask,) = _of(w.SendAsk, worker.handle(w.Tick(), 0.0))
     assert isinstance(ask, w.SendAsk)
     assert ask.ask.leases_max == 1
@@ -135,7 +135,7 @@ def test_a_lease_granted_while_stopping_is_handed_back() -> None:
 
 
 def test_too_many_undelivered_results_stop_the_asking() -> None:
-    worker = Worker(Habits("fly-1", "fly", 1, 0), 0.0)
+    worker = Worker(WorkerConfig("fly-1", "fly", 1, 0), 0.0)
     for number in range(w.REPORTS_WAITING_MAX + 1):
         report = Report(worker="fly-1", lease_id=str(number), epoch=1, result=Failure(message=""))
         worker.handle(w.Found(report), 0.0)
@@ -147,7 +147,7 @@ def test_too_many_undelivered_results_stop_the_asking() -> None:
 def test_against_a_books_double_that_loses_answers(rng_seed: int) -> None:
     """Every lease the worker began is reported and acknowledged in the end; the state never contradicts itself."""
     rng = derive(rng_seed, "worker-test")
-    worker = Worker(Habits("w", "score", parallel=2, prefetch=1), 0.0)
+    worker = Worker(WorkerConfig("w", "score", parallel=2, prefetch=1), 0.0)
     now_s, made, begun, acknowledged = 0.0, 0, set[Key](), set[Key]()
     pending: list[w.Instruction] = []
     for turn in range(600):

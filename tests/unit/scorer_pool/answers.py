@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from saflite.contract.rng import derive
-from saflite.scorer_pool.parse import Reply
+from saflite.scorer_pool.llm.parse import Reply
 
 WORDS = re.split(
     r"\s+", "a box stands close to the way and the vehicle may squeeze through the gap while it turns north"

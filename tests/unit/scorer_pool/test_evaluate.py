@@ -7,19 +7,19 @@ import math
 
 import pytest
 
+from saflite.console.evaluation import logs as logs_module
+from saflite.console.evaluation.bugs import bugs, evaluate_bug, gain, question, value_of
+from saflite.console.evaluation.logs import RULE, LogCase, evaluate_logs
 from saflite.contract.errors import Refused
 from saflite.contract.rng import derive
 from saflite.mutator.operators.inputs import published_inputs
 from saflite.runtime.clock import WallClock
 from saflite.runtime.stages import brief_of
-from saflite.scorer_pool import evaluate_logs as logs_module
-from saflite.scorer_pool.case_text import values_text
-from saflite.scorer_pool.chat import Question, Spoken
-from saflite.scorer_pool.evaluate_bugs import bugs, evaluate_bug, gain, question, value_of
-from saflite.scorer_pool.evaluate_logs import RULE, LogCase, evaluate_logs
-from saflite.scorer_pool.llm import LanguageModel
-from saflite.scorer_pool.parse import Reply
-from saflite.scorer_pool.prompt import build
+from saflite.scorer_pool.llm.case_text import values_text
+from saflite.scorer_pool.llm.chat import Question, Spoken
+from saflite.scorer_pool.llm.parse import Reply
+from saflite.scorer_pool.llm.prompt import build
+from saflite.scorer_pool.llm.scorer import LanguageModel
 
 CLOCK = WallClock()
 
@@ -27,7 +27,7 @@ CLOCK = WallClock()
 def test_ten_bugs_with_policies_and_lists_that_exist() -> None:
     assert len(bugs()) == 10
     for bug in bugs():
-        assert brief_of(bug.policy).words
+        assert brief_of(bug.policy).interestingness
         asked = question(bug, published_inputs(bug.list), 1)
         assert len(asked.test_cases) == len(published_inputs(bug.list))
 

@@ -13,13 +13,13 @@ from saflite.contract.test_case import Obstacle, Scenario, StartState, Stimulus,
 from saflite.contract.work import Outcome
 from saflite.flight.geometry import gap
 from saflite.flight.mission import builtin_mission
-from saflite.scorer_pool.features import FEATURES, features
 from saflite.scorer_pool.geometry_score import look
-from saflite.scorer_pool.history import History
-from saflite.scorer_pool.knowledge import relation, table, words_of
-from saflite.scorer_pool.learning import FLIGHTS_MIN, danger, grow, step_size
+from saflite.scorer_pool.learning.features import FEATURES, features
+from saflite.scorer_pool.learning.forest import FLIGHTS_MIN, danger, grow, step_size
+from saflite.scorer_pool.learning.history import History
+from saflite.scorer_pool.learning.vectors import Vectors
 from saflite.scorer_pool.model import PolicyBrief
-from saflite.scorer_pool.vectors import Vectors
+from saflite.scorer_pool.relevance.knowledge import relation, table, words_of
 
 
 def layout(*boxes: Obstacle, mission: str = "mission2") -> TestCase:

@@ -14,16 +14,17 @@ from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.test_case import Obstacle, Scenario, StartState, Stimulus, Target, TestCase
 from saflite.flight.mission import builtin_mission
 from saflite.runtime.clock import WallClock
-from saflite.scorer_pool import llm, talk
-from saflite.scorer_pool.breaker import FAILURES_MAX, REST_FIRST_S, REST_MAX_S, Breaker
-from saflite.scorer_pool.cache import Cache
-from saflite.scorer_pool.case_text import keys
-from saflite.scorer_pool.chat import Busy, Question, Spoken
-from saflite.scorer_pool.llm import LanguageModel, Prices
-from saflite.scorer_pool.model import Job, Mark, PolicyBrief, Sheet
-from saflite.scorer_pool.pace import Pace
-from saflite.scorer_pool.parse import Reply
-from saflite.scorer_pool.talk import Exchange, TalkFile
+from saflite.scorer_pool.llm import scorer as llm_scorer
+from saflite.scorer_pool.llm import transcript
+from saflite.scorer_pool.llm.batch_size import BatchSizer
+from saflite.scorer_pool.llm.cache import Cache
+from saflite.scorer_pool.llm.case_text import keys
+from saflite.scorer_pool.llm.chat import Busy, Question, Spoken
+from saflite.scorer_pool.llm.circuit_breaker import FAILURES_MAX, REST_FIRST_S, REST_MAX_S, Breaker
+from saflite.scorer_pool.llm.parse import Reply
+from saflite.scorer_pool.llm.scorer import LanguageModel, Prices
+from saflite.scorer_pool.llm.transcript import Exchange, TranscriptFile
+from saflite.scorer_pool.model import Job, ModelScore, PolicyBrief, ScoreSheet
 
 BRIEFS = (PolicyBrief("p", "keep away"),)
 
@@ -102,8 +103,8 @@ def job(count: int = 3, deadline_s: float = 5.0, start: int = 0) -> Job:
 def test_good_answer_is_paired_by_id_and_counted() -> None:
     scorer, _ = model(good)
     sheet = scorer.score(job())
-    assert [mark.value for mark in sheet.marks] == [int(key[1], 16) % 11 for key in keys(cases(3))]
-    assert all(mark.reason == "i e" and mark.prompt_digest for mark in sheet.marks)
+    assert [mark.value for mark in sheet.scores] == [int(key[1], 16) % 11 for key in keys(cases(3))]
+    assert all(mark.reason == "i e" and mark.prompt_digest for mark in sheet.scores)
     assert (sheet.usage.calls, sheet.usage.tokens_in, sheet.usage.tokens_out, sheet.digest) == (1, 100, 10, "d1")
     assert sheet.usage.cost_usd == pytest.approx(120e-6)
     scorer.close()
@@ -114,7 +115,7 @@ def test_equal_test_cases_in_one_batch_are_asked_about_once() -> None:
     twice = cases(2) + cases(2)
     sheet = scorer.score(Job(twice, BRIEFS))
     assert len(asked_keys(chat.asked[0])) == 2
-    assert sheet.marks[:2] == sheet.marks[2:]
+    assert sheet.scores[:2] == sheet.scores[2:]
     scorer.close()
 
 
@@ -122,7 +123,7 @@ def test_second_time_comes_from_the_cache_but_other_words_do_not() -> None:
     scorer, chat = model(good)
     first = scorer.score(job())
     second = scorer.score(job())
-    assert first.marks == second.marks
+    assert first.scores == second.scores
     assert (len(chat.asked), second.usage.calls, second.usage.cached) == (1, 0, 3)
     scorer.score(job()._replace(briefs=(PolicyBrief("p", "something else"),)))
     assert len(chat.asked) == 2
@@ -137,7 +138,7 @@ def test_asks_again_once_with_the_fault_named_and_only_about_what_is_missing() -
 
     scorer, chat = model(partly, good)
     sheet = scorer.score(job())
-    assert not any(mark.fault for mark in sheet.marks)
+    assert not any(mark.fault for mark in sheet.scores)
     assert asked_keys(chat.asked[1]) == [keys(cases(3))[1]]
     assert "out-of-range" in chat.asked[1].messages[-1]["content"]
     assert sheet.usage.asked_again == 1
@@ -159,7 +160,7 @@ def test_asks_again_once_with_the_fault_named_and_only_about_what_is_missing() -
 def test_what_stays_unusable_is_a_named_fault(line: Any, fault: str) -> None:
     scorer, _ = model(line)
     sheet = scorer.score(job())
-    assert [mark.fault for mark in sheet.marks] == [fault] * 3
+    assert [mark.fault for mark in sheet.scores] == [fault] * 3
     assert sheet.usage.faults[fault] == 3
     scorer.close()
 
@@ -169,10 +170,10 @@ def test_a_hung_server_costs_no_more_than_the_deadline_and_smaller_questions_fol
     clock = WallClock()
     started_s = clock.monotonic_s()
     sheet = scorer.score(job(8, deadline_s=0.1))
-    assert [mark.fault for mark in sheet.marks] == ["deadline"] * 8
+    assert [mark.fault for mark in sheet.scores] == ["deadline"] * 8
     assert clock.monotonic_s() - started_s < 2.0
     chat.script = [good]
-    assert not any(mark.fault for mark in scorer.score(job(8)).marks)
+    assert not any(mark.fault for mark in scorer.score(job(8)).scores)
     assert len(asked_keys(chat.asked[1])) == 4
     scorer.close()
 
@@ -187,19 +188,19 @@ def test_questions_never_outgrow_the_context() -> None:
     )
     scorer, chat = model(good)
     sheet = scorer.score(Job(long, BRIEFS))
-    assert not any(mark.fault for mark in sheet.marks)
+    assert not any(mark.fault for mark in sheet.scores)
     assert len(chat.asked) > 1
     for question in chat.asked:
         size = sum(len(message["content"]) for message in question.messages)
-        assert size <= llm.CHARS_PER_TOKEN * (llm.CONTEXT_TOKENS - question.tokens_max)
+        assert size <= llm_scorer.CHARS_PER_TOKEN * (llm_scorer.CONTEXT_TOKENS - question.tokens_max)
     scorer.close()
 
 
 def test_busy_server_is_asked_again_after_a_pause(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(llm, "BACK_OFF_FIRST_S", 0.001)
+    monkeypatch.setattr(llm_scorer, "BACK_OFF_FIRST_S", 0.001)
     scorer, _ = model(Busy("503"), Busy("503"), good)
     sheet = scorer.score(job())
-    assert not any(mark.fault for mark in sheet.marks)
+    assert not any(mark.fault for mark in sheet.scores)
     assert sheet.usage.faults == {"first:busy": 2}
     assert sheet.usage.calls == 3
     scorer.close()
@@ -211,7 +212,7 @@ def test_dead_server_opens_the_circuit_and_is_left_alone() -> None:
         scorer.score(job(start=10 * start))
     asked = len(chat.asked)
     sheet = scorer.score(job(start=100))
-    assert [mark.fault for mark in sheet.marks] == ["circuit-open"] * 3
+    assert [mark.fault for mark in sheet.scores] == ["circuit-open"] * 3
     assert len(chat.asked) == asked
     scorer.close()
 
@@ -219,20 +220,20 @@ def test_dead_server_opens_the_circuit_and_is_left_alone() -> None:
 def test_model_that_cannot_be_loaded_is_a_fault_and_warming_says_why() -> None:
     scorer, chat = model(good)
     chat.load_fault = Unavailable("no such host")
-    assert {mark.fault for mark in scorer.score(job()).marks} == {"unreachable"}
+    assert {mark.fault for mark in scorer.score(job()).scores} == {"unreachable"}
     with pytest.raises(Unavailable, match="no such host"):
         scorer.warm(lambda: False)
     chat.load_fault = None
     assert "loaded" in scorer.warm(lambda: False)
-    assert not any(mark.fault for mark in scorer.score(job()).marks)
+    assert not any(mark.fault for mark in scorer.score(job()).scores)
     scorer.close()
 
 
 def test_a_server_that_came_back_is_loaded_again() -> None:
     scorer, chat = model(good, Unavailable("restarting"), good)
     scorer.score(job())
-    assert {mark.fault for mark in scorer.score(job(start=10)).marks} == {"unreachable"}
-    assert not any(mark.fault for mark in scorer.score(job(start=20)).marks)
+    assert {mark.fault for mark in scorer.score(job(start=10)).scores} == {"unreachable"}
+    assert not any(mark.fault for mark in scorer.score(job(start=20)).scores)
     assert chat.loads == 2
     scorer.close()
 
@@ -240,7 +241,7 @@ def test_a_server_that_came_back_is_loaded_again() -> None:
 def test_cancelled_score_returns_at_once() -> None:
     scorer, _ = model(None)
     sheet = scorer.score(job()._replace(cancelled=lambda: True, deadline_s=60.0))
-    assert {mark.fault for mark in sheet.marks} == {"cancelled"}
+    assert {mark.fault for mark in sheet.scores} == {"cancelled"}
     scorer.close()
 
 
@@ -298,10 +299,10 @@ def opened(*script: Answerer | BaseException | None) -> tuple[LanguageModel, Scr
     return scorer, chat, clock
 
 
-def once_well(scorer: LanguageModel, clock: HandClock, start: int) -> Sheet:
+def once_well(scorer: LanguageModel, clock: HandClock, start: int) -> ScoreSheet:
     """Return the first sheet of a batch that is not kept from the server, rest after rest."""
     ends_s = WallClock().monotonic_s() + 30.0
-    while (sheet := scorer.score(job(start=start, deadline_s=1e6))).marks[0].fault == "circuit-open":
+    while (sheet := scorer.score(job(start=start, deadline_s=1e6))).scores[0].fault == "circuit-open":
         assert WallClock().monotonic_s() < ends_s, "the circuit stays open"
         clock.now_s += REST_MAX_S
     return sheet
@@ -313,20 +314,20 @@ def test_the_question_a_hung_server_is_tried_with_keeps_no_batch_waiting() -> No
     started_s = wall.monotonic_s()
     sheets = [scorer.score(job(start=start, deadline_s=20.0)) for start in (50, 60, 70)]
     assert wall.monotonic_s() - started_s < 10.0
-    assert {mark.fault for sheet in sheets for mark in sheet.marks} == {"circuit-open"}
+    assert {mark.fault for sheet in sheets for mark in sheet.scores} == {"circuit-open"}
     assert len(chat.asked) <= asked + 1
     scorer.close()
 
 
 def test_server_well_again_takes_over_and_its_trial_is_counted_and_not_asked_twice() -> None:
     scorer, chat, clock = opened(good)
-    assert {mark.fault for mark in scorer.score(job(start=50, deadline_s=1e6)).marks} == {"circuit-open"}
+    assert {mark.fault for mark in scorer.score(job(start=50, deadline_s=1e6)).scores} == {"circuit-open"}
     sheet = once_well(scorer, clock, 60)
-    assert not any(mark.fault for mark in sheet.marks)
+    assert not any(mark.fault for mark in sheet.scores)
     assert sheet.usage.tokens_in == 200  # its own and the trial's
     asked = len(chat.asked)
     again = scorer.score(job(start=50))
-    assert not any(mark.fault for mark in again.marks)
+    assert not any(mark.fault for mark in again.scores)
     assert (again.usage.cached, len(chat.asked)) == (3, asked)
     scorer.close()
 
@@ -335,7 +336,7 @@ def test_a_trial_that_hangs_ends_with_its_deadline_and_another_follows() -> None
     scorer, chat, clock = opened(None)
     scorer.score(job(start=50, deadline_s=0.1))
     chat.script = [good]
-    assert not any(mark.fault for mark in once_well(scorer, clock, 70).marks)
+    assert not any(mark.fault for mark in once_well(scorer, clock, 70).scores)
     scorer.close()
 
 
@@ -353,23 +354,23 @@ def test_a_first_probe_that_waits_for_another_question_does_not_make_more_side_b
 
 
 def test_talk_is_kept_word_for_word_up_to_a_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = tmp_path / "talk.jsonl"
-    scorer = LanguageModel("fake:m", ScriptedChat(good), WallClock(), 5.0, talk=TalkFile(path))
+    path = tmp_path / "transcript.jsonl"
+    scorer = LanguageModel("fake:m", ScriptedChat(good), WallClock(), 5.0, transcript=TranscriptFile(path))
     sheet = scorer.score(job())
     scorer.close()
     (line,) = [json.loads(line) for line in path.read_text().splitlines()]
-    assert line["prompt_digest"] == sheet.marks[0].prompt_digest
+    assert line["prompt_digest"] == sheet.scores[0].prompt_digest
     assert line["messages"][0]["role"] == "system"
     assert "test_cases" in line["content"]
-    monkeypatch.setattr(talk, "FILE_BYTES_MAX", path.stat().st_size + 10)
-    full = TalkFile(path)
+    monkeypatch.setattr(transcript, "FILE_BYTES_MAX", path.stat().st_size + 10)
+    full = TranscriptFile(path)
     full(Exchange("m", "d", [], "x" * 100))
     assert len(path.read_text().splitlines()) == 1
-    TalkFile(tmp_path / "no" / "folder")(Exchange("m", "d", [], "x"))
+    TranscriptFile(tmp_path / "no" / "folder")(Exchange("m", "d", [], "x"))
 
 
 def test_pace_asks_about_as_many_as_fit_into_the_deadline() -> None:
-    pace = Pace()
+    pace = BatchSizer()
     pace.answered(10, 20.0)
     assert pace.per_question(60.0) == 12
     assert pace.per_question(10.0) == 2
@@ -385,7 +386,7 @@ def test_pace_asks_about_as_many_as_fit_into_the_deadline() -> None:
 def test_pace_puts_questions_side_by_side_only_where_that_answers_more(
     seconds: dict[int, float], expected: int
 ) -> None:
-    pace = Pace()
+    pace = BatchSizer()
     pace.probed(seconds)
     assert pace.side_by_side == expected
 
@@ -393,6 +394,6 @@ def test_pace_puts_questions_side_by_side_only_where_that_answers_more(
 def test_cache_is_bounded_and_keeps_no_faults() -> None:
     cache = Cache(kept_max=2)
     for key in "abc":
-        cache.put(key, Mark(1.0))
-    cache.put("d", Mark(1.0, fault="schema"))
+        cache.put(key, ModelScore(1.0))
+    cache.put("d", ModelScore(1.0, fault="schema"))
     assert [cache.get(key) is not None for key in "abcd"] == [False, True, True, False]

@@ -7,7 +7,7 @@ import re
 import pytest
 
 from saflite.contract.rng import derive
-from saflite.scorer_pool.parse import Reply, parse
+from saflite.scorer_pool.llm.parse import Reply, parse
 
 from .answers import KINDS, Answer, answer, corpus, mutated
 

@@ -11,7 +11,7 @@ from saflite.contract.test_case import Obstacle, Scenario, Target, TestCase, ide
 from saflite.contract.work import HandedBack, Outcome, ScoreResult, ScoreWork, WarmResult, WarmWork
 from saflite.flight.mission import builtin_mission
 from saflite.scorer_pool import registry
-from saflite.scorer_pool.model import Job, Mark, PolicyBrief, Sheet, Tools
+from saflite.scorer_pool.model import Job, ModelScore, PolicyBrief, ScoreSheet, Tools
 from saflite.scorer_pool.work import ScorerPool, open_service
 
 
@@ -32,19 +32,19 @@ class Odd:
         self.label = f"odd:{argument}"
         self.argument = argument
 
-    def score(self, job: Job) -> Sheet:
-        good = [Mark(float(place), "odd") for place in range(len(job.test_cases))]
+    def score(self, job: Job) -> ScoreSheet:
+        good = [ModelScore(float(place), "odd") for place in range(len(job.test_cases))]
         if self.argument == "dead":
             raise Unavailable("no such server")
         if self.argument == "short":
-            return Sheet(tuple(good[:-1]))
+            return ScoreSheet(tuple(good[:-1]))
         if self.argument == "nan":
-            return Sheet((Mark(math.nan), *good[1:]))
+            return ScoreSheet((ModelScore(math.nan), *good[1:]))
         if self.argument == "eleven":
-            return Sheet((*good[:-1], Mark(11.0)))
+            return ScoreSheet((*good[:-1], ModelScore(11.0)))
         if self.argument == "gap":
-            return Sheet((good[0], Mark(math.nan, fault="schema"), *good[2:]))
-        return Sheet(tuple(good))
+            return ScoreSheet((good[0], ModelScore(math.nan, fault="schema"), *good[2:]))
+        return ScoreSheet(tuple(good))
 
     def warm(self, cancelled: object) -> str:
         if self.argument == "dead":

@@ -12,9 +12,9 @@ from saflite.contract.config import environment
 from saflite.contract.test_case import Obstacle, Origin, Scenario, StartState, Stimulus, Target, TestCase, Wind
 from saflite.contract.work import Outcome
 from saflite.flight.mission import builtin_mission
-from saflite.scorer_pool.case_text import canonical, keys
+from saflite.scorer_pool.llm.case_text import canonical, keys
+from saflite.scorer_pool.llm.prompt import SYSTEM, Prompt, again, answer_schema, build
 from saflite.scorer_pool.model import PolicyBrief
-from saflite.scorer_pool.prompt import SYSTEM, Prompt, again, answer_schema, build
 
 GOLDEN = Path(__file__).parent / "golden"
 DISTANCE = PolicyBrief(

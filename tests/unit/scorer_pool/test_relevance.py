@@ -12,7 +12,7 @@ from saflite.scorer_pool.models.relevance import Model
 
 GPS = PolicyBrief(
     name="gps",
-    words="After the GPS is lost the failsafe must be on: interesting is a negative COM_POS_FS_DELAY.",
+    interestingness="After the GPS is lost the failsafe must be on: interesting is a negative COM_POS_FS_DELAY.",
     signals=("failsafe_gps", "gps_ok"),
 )
 
@@ -34,7 +34,7 @@ def _none(label: str) -> Model:
 
 def _scores(*cases: TestCase, brief: PolicyBrief = GPS, history: tuple[Outcome, ...] = ()) -> list[float]:
     model = Model("", Tools(clock=WallClock(), model=_none))
-    return [mark.value for mark in model.score(Job(test_cases=cases, briefs=(brief,), history=history)).marks]
+    return [mark.value for mark in model.score(Job(test_cases=cases, briefs=(brief,), history=history)).scores]
 
 
 def test_inputs_of_the_policy_score_above_others_and_what_does_not_belong_lowers() -> None:
@@ -49,7 +49,7 @@ def test_inputs_of_the_policy_score_above_others_and_what_does_not_belong_lowers
 
 @pytest.mark.parametrize("named", [True, False])
 def test_negative_values_score_more_exactly_where_the_words_name_them(named: bool) -> None:
-    brief = GPS if named else GPS._replace(words=GPS.words.replace("negative", "huge"))
+    brief = GPS if named else GPS._replace(interestingness=GPS.interestingness.replace("negative", "huge"))
     below, above = _scores(
         _case(("parameter", "COM_POS_FS_DELAY", -3.0)), _case(("parameter", "COM_POS_FS_DELAY", 3.0)), brief=brief
     )
@@ -68,7 +68,7 @@ def test_an_input_that_came_close_scores_more_after_the_flights() -> None:
 
 def test_a_model_asked_about_other_policies_forgets_what_it_worked_out_for_the_first() -> None:
     model, cases = Model("", Tools(clock=WallClock(), model=_none)), (_case(("parameter", "RTL_ALT", 3.0)),)
-    other = PolicyBrief(name="rtl", words="A return climbs to RTL_ALT first.", signals=("altitude_m",))
-    seen = [model.score(Job(test_cases=cases, briefs=(brief,))).marks[0].value for brief in (GPS, other, GPS)]
+    other = PolicyBrief(name="rtl", interestingness="A return climbs to RTL_ALT first.", signals=("altitude_m",))
+    seen = [model.score(Job(test_cases=cases, briefs=(brief,))).scores[0].value for brief in (GPS, other, GPS)]
     assert seen[1] > seen[0] == seen[2]
-    assert [mark.value for mark in model.score(Job(test_cases=cases)).marks] == [5.0]
+    assert [mark.value for mark in model.score(Job(test_cases=cases)).scores] == [5.0]

@@ -10,8 +10,8 @@ import ollama
 import pytest
 
 from saflite.contract.errors import Refused, Unavailable
-from saflite.scorer_pool.chat import Busy, Question
-from saflite.scorer_pool.llm import CONTEXT_TOKENS
+from saflite.scorer_pool.llm.chat import Busy, Question
+from saflite.scorer_pool.llm.scorer import CONTEXT_TOKENS
 from saflite.scorer_pool.models.ollama import OllamaChat
 from saflite.scorer_pool.models.openai import OpenAIChat, prices
 

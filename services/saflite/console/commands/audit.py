@@ -23,8 +23,8 @@ def run(args: argparse.Namespace) -> int:
     """Audit and print the figures."""
     import msgspec
 
-    from saflite.campaign.audit import audit
-    from saflite.console import out
+    from saflite.campaign.storage.audit import audit
+    from saflite.console.view import out
 
     figures = msgspec.to_builtins(audit(args.run))
     if args.json:

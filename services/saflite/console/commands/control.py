@@ -24,12 +24,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Give the order and print the answer."""
-    from saflite.console import farms, live, options, out
+    from saflite.console.io import campaign_options
+    from saflite.console.run_data import farm_lookup
+    from saflite.console.view import live, out
     from saflite.contract.errors import Refused
 
     if args.verb == "budget":
-        options.at_least("budget", args.number, 1)
-    client = farms.connect(args.run, args.connect, args.campaign)
+        campaign_options.at_least("budget", args.number, 1)
+    client = farm_lookup.connect(args.run, args.connect, args.campaign)
     try:
         answer = client.order(args.verb, number=args.number)
     finally:

@@ -19,7 +19,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run every check and print what it found."""
-    from saflite.console import checks, out
+    from saflite.console.doctor import checks
+    from saflite.console.view import out
 
     marks = {"ok": "ok  ", "note": "note", "bad": "BAD "}
     findings = []

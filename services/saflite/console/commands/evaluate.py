@@ -35,6 +35,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Evaluate and print."""
-    from saflite.console import evaluating
+    from saflite.console.evaluation import evaluating
 
     return evaluating.logs(args) if args.kind == "logs" else evaluating.bugs(args)

@@ -21,8 +21,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Write the files; 0 once they are written, whatever they tell."""
-    from saflite.console import out
-    from saflite.console.run_folder import open_run
+    from saflite.console.run_data.run_folder import open_run
+    from saflite.console.view import out
     from saflite.recorder.export import export
 
     folder = args.out or args.run / f"export-{args.format}"

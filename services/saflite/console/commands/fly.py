@@ -38,7 +38,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Fly, judge, print; 1 if a policy was violated."""
-    from saflite.console import cases, judging, out
+    from saflite.console.io import cases
+    from saflite.console.operations import judging
+    from saflite.console.view import out
     from saflite.contract.errors import Refused, Unavailable
     from saflite.contract.flight import FLOWN_ENDINGS
 

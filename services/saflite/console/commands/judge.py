@@ -31,7 +31,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Judge and print; 1 if a policy was violated."""
-    from saflite.console import judging, out
+    from saflite.console.operations import judging
+    from saflite.console.view import out
     from saflite.oracle.judge import judge
     from saflite.oracle.policy import policy_names
 
@@ -45,16 +46,16 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _read(path: Path, case_path: Path | None) -> tuple[TestCase, Flight, Trace]:
-    from saflite.console import cases, logs
+    from saflite.console.io import cases, log_files
     from saflite.contract.errors import Refused
     from saflite.recorder import recording
 
     if path.suffix == ".mcap":
         found = recording.read(path)
         return (cases.load_case(case_path) if case_path else found.test_case), found.flight, found.trace
-    if path.suffix not in logs.READERS:
-        expected = f".mcap, {', '.join(logs.READERS)}"
+    if path.suffix not in log_files.READERS:
+        expected = f".mcap, {', '.join(log_files.READERS)}"
         raise Refused("flight log", where=str(path), expected=expected, got=path.suffix or "no suffix")
-    case = logs.flown_by(path, cases.load_case(case_path)) if case_path else logs.empty_case(path)
-    trace = logs.read_trace(path)
-    return case, logs.flight_of(case, trace), trace
+    case = log_files.flown_by(path, cases.load_case(case_path)) if case_path else log_files.empty_case(path)
+    trace = log_files.read_trace(path)
+    return case, log_files.flight_of(case, trace), trace

@@ -20,7 +20,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print the catalogue."""
-    from saflite.console import catalogue, out
+    from saflite.console.view import catalogue, out
     from saflite.contract.errors import Refused
 
     kinds = catalogue.KINDS

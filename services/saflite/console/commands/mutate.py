@@ -27,16 +27,17 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Ask the strategy once and print what it proposes."""
-    from saflite.campaign.builtin import load_campaign, template
-    from saflite.console import files, options, out
+    from saflite.campaign.presets.campaigns import load_campaign, template
+    from saflite.console.io import campaign_options, case_files
+    from saflite.console.view import out
     from saflite.contract.test_case import identity
     from saflite.contract.work import MutateResult, MutateWork
     from saflite.mutator.work import open_service
 
-    campaign = options.changed(
+    campaign = campaign_options.changed(
         load_campaign(args.campaign), rng_seed=args.rng_seed, strategy=args.strategy, settings=args.set
     )
-    options.at_least("--count", args.count, 1)
+    campaign_options.at_least("--count", args.count, 1)
     work = MutateWork(
         round=args.round,
         count=args.count,
@@ -55,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
         if args.json:
             out.json(case)
         else:
-            out.line(f"{identity(case)}  {files.one_line(case)}")
+            out.line(f"{identity(case)}  {case_files.one_line(case)}")
     if args.out is not None:
-        files.write_cases(result.test_cases, args.out)
+        case_files.write_cases(result.test_cases, args.out)
     return 0

@@ -32,9 +32,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Fly everything again and compare."""
-    from saflite.console import options, out, replaying, software
+    from saflite.console.io import campaign_options
+    from saflite.console.operations import replaying
+    from saflite.console.run_data import provenance
+    from saflite.console.view import out
 
-    options.at_least("--times", args.times, 1)
+    campaign_options.at_least("--times", args.times, 1)
     entries = replaying.entries(args.what, args.violation, args.all, tuple(args.policy))
     results = []
     for result in replaying.replay(entries, args.times, args.wall_limit, args.target_module):
@@ -46,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
     if not args.json:
         out.line(f"{len(results)} flights: {equal} bit-equal, {violated} violated")
     if equal < len(results):
-        change = software.differs(args.what) if args.what.is_dir() else ""
+        change = provenance.differs(args.what) if args.what.is_dir() else ""
         if change:
             out.complain("note", f"other code flew this run: {change}; traces can only repeat under the same code")
         return 3

@@ -20,7 +20,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Write the report; 0 once it is written, whatever it tells."""
-    from saflite.console import out, reporting
+    from saflite.console.run_data import reporting
+    from saflite.console.view import out
 
     path, confirmed = reporting.write(args.run, args.out)
     if args.json:

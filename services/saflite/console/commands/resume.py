@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from saflite.contract.control import Status
-    from saflite.runtime.local import ExitSummary
+    from saflite.runtime.launchers.local import ExitSummary
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -28,14 +28,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Continue to the end; 1 if the run holds confirmed violations."""
-    from saflite.console import options, running
-    from saflite.console.run_folder import open_run
-    from saflite.runtime import local
+    from saflite.console.io import campaign_options
+    from saflite.console.operations import running
+    from saflite.console.run_data.run_folder import open_run
+    from saflite.runtime.launchers import local
 
     if args.workers is not None:
-        options.at_least("--workers", args.workers, 1)
+        campaign_options.at_least("--workers", args.workers, 1)
     if args.budget is not None:
-        options.at_least("--budget", args.budget, 1)
+        campaign_options.at_least("--budget", args.budget, 1)
     open_run(args.run).close()
 
     def start(on_status: Callable[[Status], None]) -> ExitSummary:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from saflite.contract.control import Status
-    from saflite.runtime.local import ExitSummary
+    from saflite.runtime.launchers.local import ExitSummary
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -38,13 +38,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the campaign to its end; 1 if confirmed violations were found."""
-    from saflite.campaign.builtin import load_campaign
-    from saflite.console import options, out, running
-    from saflite.runtime import local
+    from saflite.campaign.presets.campaigns import load_campaign
+    from saflite.console.io import campaign_options
+    from saflite.console.operations import running
+    from saflite.console.view import out
+    from saflite.runtime.launchers import local
 
     if args.workers is not None:
-        options.at_least("--workers", args.workers, 1)
-    campaign = options.changed(
+        campaign_options.at_least("--workers", args.workers, 1)
+    campaign = campaign_options.changed(
         load_campaign(args.campaign),
         rng_seed=args.rng_seed,
         budget=args.budget,
@@ -54,14 +56,14 @@ def run(args: argparse.Namespace) -> int:
         shadow=args.shadow,
         defects=args.defect,
     )
-    options.check_runnable(campaign, args.target_module)
+    campaign_options.check_runnable(campaign, args.target_module)
     run_dir = args.out or running.free_folder(campaign.name)
     running.check_new(run_dir)
     if not args.json:
         scorer = f"scorer {campaign.scorer.model}, strategy {campaign.strategy.name}"
         out.line(f"campaign {campaign.name}: {campaign.budget_flights} flights, {scorer}, rng_seed {campaign.rng_seed}")
         out.line(f"run folder {run_dir}")
-        for remark in options.remarks(campaign):
+        for remark in campaign_options.remarks(campaign):
             out.line(remark)
         out.flush()
 

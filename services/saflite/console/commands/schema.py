@@ -20,7 +20,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print what was asked for."""
-    from saflite.console import out, schemas
+    from saflite.console.io import schemas
+    from saflite.console.view import out
     from saflite.contract.errors import Refused
 
     kinds = schemas.messages()

@@ -27,7 +27,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Score one batch and print it, the most interesting first."""
-    from saflite.console import out
+    from saflite.console.view import out
     from saflite.contract.score import band
     from saflite.contract.work import ScoreResult, ScoreWork
     from saflite.runtime.clock import WallClock
@@ -66,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _checked(path: Path) -> TestCase:
-    from saflite.console import cases
+    from saflite.console.io import cases
 
     case = cases.load_case(path)
     cases.check_layout(case, str(path))

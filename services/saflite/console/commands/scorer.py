@@ -33,7 +33,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Give the order, or show what scores."""
-    from saflite.console import scoring
+    from saflite.console.operations import scoring
 
     if args.verb == "list":
         return scoring.show(args.run, args.connect, args.campaign, args.json)

@@ -31,11 +31,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Serve until Ctrl-C or SIGTERM."""
-    from saflite.console import options, out
-    from saflite.flight.link import serve
+    from saflite.console.io import campaign_options
+    from saflite.console.view import out
+    from saflite.flight.mavlink.link import serve
     from saflite.runtime.clock import WallClock
 
-    options.at_least("--speed", args.speed, 0.0)
+    campaign_options.at_least("--speed", args.speed, 0.0)
     case = _case(args)
     asked: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -50,8 +51,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _case(args: argparse.Namespace) -> TestCase:
-    from saflite.console import cases
-    from saflite.flight.link import on_the_ground
+    from saflite.console.io import cases
+    from saflite.flight.mavlink.link import on_the_ground
     from saflite.simulator_worker.registry import load_target
 
     case = cases.with_changes(on_the_ground(), defects=args.defect, parameters=args.parameter, rng_seed=args.rng_seed)

@@ -31,14 +31,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print events until the campaign ends; 1 if a confirmed violation was among them."""
-    from saflite.console import out
+    from saflite.console.view import out
     from saflite.contract.events import ViolationFound, kind_of
 
     found = False
     try:
         for event in _events(args):
             fact = event.fact
-            found = found or (isinstance(fact, ViolationFound) and fact.violation.standing == "confirmed")
+            found = found or (isinstance(fact, ViolationFound) and fact.violation.confirmation == "confirmed")
             if args.kind and kind_of(fact) not in args.kind:
                 continue
             out.json(event) if args.json else out.line(_line(event))
@@ -49,18 +49,19 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _events(args: argparse.Namespace) -> Iterator[Event]:
-    from saflite.console import farms, options
-    from saflite.console.run_folder import open_run
+    from saflite.console.io import campaign_options
+    from saflite.console.run_data import farm_lookup
+    from saflite.console.run_data.run_folder import open_run
 
-    options.at_least("--from", args.from_seq, 0)
+    campaign_options.at_least("--from", args.from_seq, 0)
     run_dir = args.run
     if not args.connect:
-        run_dir = run_dir or farms.newest_running()
-        if not farms.is_running(run_dir):
+        run_dir = run_dir or farm_lookup.newest_running()
+        if not farm_lookup.is_running(run_dir):
             with open_run(run_dir) as run_folder:
                 yield from run_folder.events(args.from_seq)
             return
-    client = farms.connect(run_dir, args.connect, args.campaign)
+    client = farm_lookup.connect(run_dir, args.connect, args.campaign)
     try:
         yield from client.watch(max(1, args.from_seq))
     finally:
@@ -70,7 +71,7 @@ def _events(args: argparse.Namespace) -> Iterator[Event]:
 def _line(event: Event) -> str:
     import msgspec
 
-    from saflite.console import live
+    from saflite.console.view import live
     from saflite.contract.events import Flown, Judged, kind_of
 
     fact = event.fact

@@ -12,7 +12,7 @@ from saflite.recorder.summary import Finding, RunSummary
 
 FILE = "violations.csv"
 COLUMNS = (
-    *("test_case", "policy", "standing", "severity", "robustness", "fingerprint", "reflown", "failed_again"),
+    *("test_case", "policy", "confirmation", "severity", "robustness", "fingerprint", "reflown", "failed_again"),
     *("bit_equal", "strategy", "round", "parent", "min_distance_m", "duration_s", "inputs", "recording"),
 )
 
@@ -32,7 +32,7 @@ def _row(finding: Finding) -> tuple[object, ...]:
     violation, origin = finding.violation, finding.test_case.origin
     features = finding.judgement.features if finding.judgement is not None else {}
     return (
-        *(violation.test_case, violation.policy, violation.standing, violation.severity, violation.robustness),
+        *(violation.test_case, violation.policy, violation.confirmation, violation.severity, violation.robustness),
         *(violation.fingerprint, violation.reflown, violation.failed_again, violation.bit_equal),
         *(origin.strategy, origin.round, origin.parent),
         *(features.get("min_distance_m", ""), features.get("duration_s", "")),

@@ -24,7 +24,7 @@ def export(summary: RunSummary, folder: Path) -> tuple[Path, ...]:
 
 
 def _suite(summary: RunSummary) -> Xml.Element:
-    failed = [finding for finding in summary.findings if finding.violation.standing == "confirmed"]
+    failed = [finding for finding in summary.findings if finding.violation.confirmation == "confirmed"]
     broken = {finding.violation.policy for finding in summary.findings}
     held = [policy for policy in summary.policies if policy.id not in broken]
     suite = Xml.Element(
@@ -66,8 +66,8 @@ def _add(suite: Xml.Element, finding: Finding) -> None:
         f"{violation.severity} violation, robustness {violation.robustness:.3f}, failed again in "
         f"{violation.failed_again} of {violation.reflown} re-flights. {violation.message}".strip()
     )
-    kind = "failure" if violation.standing == "confirmed" else "skipped"
-    node = Xml.SubElement(case, kind, message=_clean(f"{violation.standing}: {text}"))
+    kind = "failure" if violation.confirmation == "confirmed" else "skipped"
+    node = Xml.SubElement(case, kind, message=_clean(f"{violation.confirmation}: {text}"))
     if kind == "failure":
         node.set("type", _clean(violation.policy))
     node.text = _clean(f"test case test_cases/{violation.test_case}.yaml\nrecording {finding.recording or 'none'}\n")

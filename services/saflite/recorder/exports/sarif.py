@@ -45,7 +45,7 @@ def to_sarif(summary: RunSummary) -> dict[str, Any]:
 
 
 def _rule(policy: PolicyFacts) -> dict[str, Any]:
-    words = policy.words.strip() or policy.title or policy.id
+    words = policy.interestingness.strip() or policy.title or policy.id
     return {
         "id": policy.id,
         "name": policy.id,
@@ -57,10 +57,10 @@ def _rule(policy: PolicyFacts) -> dict[str, Any]:
 
 def _result(finding: Finding, index: dict[str, int]) -> dict[str, Any]:
     violation = finding.violation
-    level = "note" if violation.standing != "confirmed" else "error" if violation.severity == "hard" else "warning"
+    level = "note" if violation.confirmation != "confirmed" else "error" if violation.severity == "hard" else "warning"
     uri = f"test_cases/{violation.test_case}.yaml"
     text = (
-        f"{violation.standing} {violation.severity} violation of {violation.policy}: robustness "
+        f"{violation.confirmation} {violation.severity} violation of {violation.policy}: robustness "
         f"{violation.robustness:.3f}, failed again in {violation.failed_again} of {violation.reflown} re-flights"
     )
     return {

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from saflite.contract.service import Cancelled
-from saflite.scorer_pool.features import has_layout
 from saflite.scorer_pool.labels import no_argument
-from saflite.scorer_pool.model import Job, Mark, Sheet, Tools
+from saflite.scorer_pool.learning.features import has_layout
+from saflite.scorer_pool.model import Job, ModelScore, ScoreSheet, Tools
 
 FLIGHT_WEIGHT = 0.8
 """Share of the cheap flight. On 360 layouts of missions 2 to 4 flown on the reference target, of which 35 violated, any
@@ -24,19 +24,19 @@ class Model:
         self._low_fidelity = tools.model("low_fidelity")
         self._relevance = tools.model("relevance")
 
-    def score(self, job: Job) -> Sheet:
+    def score(self, job: Job) -> ScoreSheet:
         """Return one mark per test case."""
         layouts = [place for place, case in enumerate(job.test_cases) if has_layout(case)]
         others = [place for place, case in enumerate(job.test_cases) if not has_layout(case)]
-        marks: dict[int, Mark] = {}
+        scores: dict[int, ModelScore] = {}
         if layouts:
             part = job._replace(test_cases=tuple(job.test_cases[place] for place in layouts))
             seen, flown = self._gap.score(part), self._low_fidelity.score(part)
-            marks |= zip(layouts, map(_mixed, seen.marks, flown.marks), strict=True)
+            scores |= zip(layouts, map(_mixed, seen.scores, flown.scores), strict=True)
         if others:
             part = job._replace(test_cases=tuple(job.test_cases[place] for place in others))
-            marks |= zip(others, self._relevance.score(part).marks, strict=True)
-        return Sheet(tuple(marks[place] for place in range(len(job.test_cases))), digest="blend-2")
+            scores |= zip(others, self._relevance.score(part).scores, strict=True)
+        return ScoreSheet(tuple(scores[place] for place in range(len(job.test_cases))), digest="blend-2")
 
     def warm(self, cancelled: Cancelled) -> str:
         """Warm the parts."""
@@ -46,6 +46,6 @@ class Model:
         """Nothing to free: the pool closes the parts."""
 
 
-def _mixed(seen: Mark, flown: Mark) -> Mark:
+def _mixed(seen: ModelScore, flown: ModelScore) -> ModelScore:
     value = (1.0 - FLIGHT_WEIGHT) * seen.value + FLIGHT_WEIGHT * flown.value
-    return Mark(value, f"gap {seen.value:.1f} ({seen.reason}); low_fidelity {flown.value:.1f} ({flown.reason})")
+    return ModelScore(value, f"gap {seen.value:.1f} ({seen.reason}); low_fidelity {flown.value:.1f} ({flown.reason})")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from saflite.contract.errors import Refused
 from saflite.contract.score import SCORE_MAX, SCORE_MIN
 from saflite.contract.service import Cancelled
-from saflite.scorer_pool.model import MIDDLE, Job, Mark, Sheet, Tools
+from saflite.scorer_pool.model import MIDDLE, Job, ModelScore, ScoreSheet, Tools
 
 
 class Model:
@@ -17,9 +17,9 @@ class Model:
         self.label = f"constant:{argument}" if argument else "constant"
         self._value = _number(argument) if argument else MIDDLE
 
-    def score(self, job: Job) -> Sheet:
+    def score(self, job: Job) -> ScoreSheet:
         """Return the constant for each test case."""
-        return Sheet(tuple(Mark(self._value, "constant") for _ in job.test_cases), digest=self.label)
+        return ScoreSheet(tuple(ModelScore(self._value, "constant") for _ in job.test_cases), digest=self.label)
 
     def warm(self, cancelled: Cancelled) -> str:
         """Nothing to load."""

@@ -9,8 +9,8 @@ from saflite.contract.errors import Refused
 from saflite.contract.score import SCORE_MAX, SCORE_MIN
 from saflite.contract.service import Cancelled
 from saflite.scorer_pool.labels import split_label
-from saflite.scorer_pool.learning import Forest
-from saflite.scorer_pool.model import Job, Mark, Sheet, Tools
+from saflite.scorer_pool.learning.forest import Forest
+from saflite.scorer_pool.model import Job, ModelScore, ScoreSheet, Tools
 from saflite.scorer_pool.models.surrogate import Model as Surrogate
 
 FLIGHTS_HALF = 60
@@ -32,7 +32,7 @@ class Model:
         """As many as the prior."""
         return self._prior.parallel
 
-    def score(self, job: Job) -> Sheet:
+    def score(self, job: Job) -> ScoreSheet:
         """Return the weighed mean; a fault of the prior stays a fault."""
         prior = self._prior.score(job)
         forest = self._posterior.forest(job)
@@ -40,8 +40,8 @@ class Model:
         if weight == 0.0:
             return prior
         learned = self._posterior.score(job)
-        marks = tuple(_mixed(mark, other, weight) for mark, other in zip(prior.marks, learned.marks, strict=True))
-        return Sheet(marks, prior.usage, f"{prior.digest}+{learned.digest}")
+        scores = tuple(_mixed(mark, other, weight) for mark, other in zip(prior.scores, learned.scores, strict=True))
+        return ScoreSheet(scores, prior.usage, f"{prior.digest}+{learned.digest}")
 
     def warm(self, cancelled: Cancelled) -> str:
         """Warm both."""
@@ -60,7 +60,7 @@ def _weight(forest: Forest | None) -> float:
     return skill * forest.flights / (forest.flights + FLIGHTS_HALF)
 
 
-def _mixed(prior: Mark, learned: Mark, weight: float) -> Mark:
+def _mixed(prior: ModelScore, learned: ModelScore, weight: float) -> ModelScore:
     if prior.fault:
         return prior
     value = (1.0 - weight) * prior.value + weight * learned.value

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from saflite.contract.service import Cancelled
 from saflite.contract.test_case import TestCase
-from saflite.scorer_pool.features import has_layout
 from saflite.scorer_pool.geometry_score import look
 from saflite.scorer_pool.labels import no_argument
-from saflite.scorer_pool.model import MIDDLE, Job, Mark, Sheet, Tools
+from saflite.scorer_pool.learning.features import has_layout
+from saflite.scorer_pool.model import MIDDLE, Job, ModelScore, ScoreSheet, Tools
 
 
 class Model:
@@ -19,9 +19,9 @@ class Model:
         no_argument("gap", argument)
         self.label = "gap"
 
-    def score(self, job: Job) -> Sheet:
+    def score(self, job: Job) -> ScoreSheet:
         """Return one mark per test case."""
-        return Sheet(tuple(_mark(case) for case in job.test_cases), digest="gap-1")
+        return ScoreSheet(tuple(_mark(case) for case in job.test_cases), digest="gap-1")
 
     def warm(self, cancelled: Cancelled) -> str:
         """Nothing to load."""
@@ -31,8 +31,8 @@ class Model:
         """Nothing to free."""
 
 
-def _mark(test_case: TestCase) -> Mark:
+def _mark(test_case: TestCase) -> ModelScore:
     if not has_layout(test_case):
-        return Mark(MIDDLE, "no mission among obstacles: geometry has nothing to say")
+        return ModelScore(MIDDLE, "no mission among obstacles: geometry has nothing to say")
     seen = look(test_case.scenario)
-    return Mark(seen.score, f"narrowest passage {seen.gap_m:.1f} m, straight way {seen.path_m:.1f} m from a box")
+    return ModelScore(seen.score, f"narrowest passage {seen.gap_m:.1f} m, straight way {seen.path_m:.1f} m from a box")

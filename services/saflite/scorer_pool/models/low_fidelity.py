@@ -18,10 +18,10 @@ from saflite.contract.test_case import TestCase, identity
 from saflite.flight.geometry import boxes_array
 from saflite.flight.mission import waypoints
 from saflite.flight.planner.kinematic import KinematicFlight, fly_kinematic
-from saflite.scorer_pool.features import has_layout
 from saflite.scorer_pool.geometry_score import Look, look
 from saflite.scorer_pool.labels import no_argument
-from saflite.scorer_pool.model import MIDDLE, Job, Mark, Sheet, Tools
+from saflite.scorer_pool.learning.features import has_layout
+from saflite.scorer_pool.model import MIDDLE, Job, ModelScore, ScoreSheet, Tools
 
 WORTH_FLYING = 2.0
 """Geometry score from which a kinematic flight is spent on a test case."""
@@ -44,12 +44,12 @@ class Model:
     def __init__(self, argument: str, tools: Tools) -> None:
         no_argument("low_fidelity", argument)
         self.label = "low_fidelity"
-        self._kept: OrderedDict[str, Mark] = OrderedDict()
+        self._kept: OrderedDict[str, ModelScore] = OrderedDict()
         self._lock = threading.Lock()
 
-    def score(self, job: Job) -> Sheet:
+    def score(self, job: Job) -> ScoreSheet:
         """Return one mark per test case; stops early, with the middle for the rest, once cancelled."""
-        return Sheet(tuple(self._mark(case, job) for case in job.test_cases), digest="low_fidelity-3")
+        return ScoreSheet(tuple(self._mark(case, job) for case in job.test_cases), digest="low_fidelity-3")
 
     def warm(self, cancelled: Cancelled) -> str:
         """Nothing to load."""
@@ -58,14 +58,14 @@ class Model:
     def close(self) -> None:
         """Nothing to free."""
 
-    def _mark(self, test_case: TestCase, job: Job) -> Mark:
+    def _mark(self, test_case: TestCase, job: Job) -> ModelScore:
         if not has_layout(test_case):
-            return Mark(MIDDLE, "no mission among obstacles: nothing to fly cheaply")
+            return ModelScore(MIDDLE, "no mission among obstacles: nothing to fly cheaply")
         seen = look(test_case.scenario)
         if seen.score < WORTH_FLYING:
             return _unflown(seen)
         if job.cancelled():
-            return Mark(MIDDLE, "cancelled")
+            return ModelScore(MIDDLE, "cancelled")
         name = identity(test_case)
         with self._lock:
             if name in self._kept:
@@ -78,13 +78,13 @@ class Model:
         return mark
 
 
-def _flown(test_case: TestCase) -> Mark:
+def _flown(test_case: TestCase) -> ModelScore:
     flights = [_fly(test_case, 0)]
     if flights[0].min_distance_m < DOUBTFUL_M:
         flights += [_fly(test_case, number) for number in range(1, FLIGHTS_MAX)]
     value = sum(_danger(flight.min_distance_m) for flight in flights) / len(flights)
     came = ", ".join(f"{flight.min_distance_m:.2f}" for flight in flights)
-    return Mark(SCORE_MAX * value, f"came within {came} m in {flights[0].duration_s:.0f} s")
+    return ModelScore(SCORE_MAX * value, f"came within {came} m in {flights[0].duration_s:.0f} s")
 
 
 def _fly(test_case: TestCase, number: int) -> KinematicFlight:
@@ -102,5 +102,5 @@ def _danger(distance_m: float) -> float:
     return 1.0 / (1.0 + math.exp(min(30.0, (distance_m - SAFE_M) / SLOPE_M)))
 
 
-def _unflown(seen: Look) -> Mark:
-    return Mark(seen.score, f"looks safe (narrowest passage {seen.gap_m:.1f} m); not flown")
+def _unflown(seen: Look) -> ModelScore:
+    return ModelScore(seen.score, f"looks safe (narrowest passage {seen.gap_m:.1f} m); not flown")

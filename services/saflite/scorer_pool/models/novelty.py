@@ -9,8 +9,8 @@ from saflite.contract.score import SCORE_MAX
 from saflite.contract.service import Cancelled
 from saflite.contract.test_case import identity
 from saflite.scorer_pool.labels import no_argument
-from saflite.scorer_pool.model import MIDDLE, Job, Mark, Sheet, Tools
-from saflite.scorer_pool.vectors import Vectors
+from saflite.scorer_pool.learning.vectors import Vectors
+from saflite.scorer_pool.model import MIDDLE, Job, ModelScore, ScoreSheet, Tools
 
 HALF_WAY = 1.0
 """Distance (in standard deviations per feature, root mean square) at which a test case scores 5."""
@@ -26,18 +26,20 @@ class Model:
         self.label = "novelty"
         self._vectors = Vectors()
 
-    def score(self, job: Job) -> Sheet:
+    def score(self, job: Job) -> ScoreSheet:
         """Return 0 for what was flown already, towards 10 for what is unlike all; the middle before any flight."""
         if not job.history:
-            return Sheet(tuple(Mark(MIDDLE, "nothing flown yet") for _ in job.test_cases), digest="novelty-1")
+            return ScoreSheet(
+                tuple(ModelScore(MIDDLE, "nothing flown yet") for _ in job.test_cases), digest="novelty-1"
+            )
         flown = self._vectors.of([outcome.test_case for outcome in job.history])
         known = {identity(outcome.test_case) for outcome in job.history}
         asked = self._vectors.of(list(job.test_cases))
-        marks = []
+        scores = []
         for case, distance in zip(job.test_cases, _nearest(asked, flown), strict=True):
             far = 0.0 if identity(case) in known else float(distance)
-            marks.append(Mark(SCORE_MAX * far / (far + HALF_WAY), f"nearest flown case is {far:.2f} sd away"))
-        return Sheet(tuple(marks), digest="novelty-1")
+            scores.append(ModelScore(SCORE_MAX * far / (far + HALF_WAY), f"nearest flown case is {far:.2f} sd away"))
+        return ScoreSheet(tuple(scores), digest="novelty-1")
 
     def warm(self, cancelled: Cancelled) -> str:
         """Nothing to load."""

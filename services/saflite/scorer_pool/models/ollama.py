@@ -11,10 +11,10 @@ from typing import Any, NamedTuple
 
 from saflite.contract.config import environment
 from saflite.contract.errors import Refused, Unavailable
-from saflite.scorer_pool.chat import Busy, Question, Spoken
-from saflite.scorer_pool.llm import CONTEXT_TOKENS, LanguageModel
+from saflite.scorer_pool.llm.chat import Busy, Question, Spoken
+from saflite.scorer_pool.llm.parse import ANSWER_CHARS_MAX, Reply
+from saflite.scorer_pool.llm.scorer import CONTEXT_TOKENS, LanguageModel
 from saflite.scorer_pool.model import Tools
-from saflite.scorer_pool.parse import ANSWER_CHARS_MAX, Reply
 
 THINKING_TOKENS = 2048
 """More room for the answer of a model that thinks before it speaks."""
@@ -127,4 +127,4 @@ class Model(LanguageModel):
 
     def __init__(self, argument: str, tools: Tools) -> None:
         label, chat = f"ollama:{argument}", OllamaChat(argument)
-        super().__init__(label, chat, tools.clock, tools.load_deadline_s, talk=tools.talk)
+        super().__init__(label, chat, tools.clock, tools.load_deadline_s, transcript=tools.transcript)

@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 
 from saflite.contract.config import environment
 from saflite.contract.errors import Refused, Unavailable
-from saflite.scorer_pool.chat import Busy, Question, Spoken
-from saflite.scorer_pool.llm import LanguageModel, Prices
+from saflite.scorer_pool.llm.chat import Busy, Question, Spoken
+from saflite.scorer_pool.llm.parse import ANSWER_CHARS_MAX, Reply
+from saflite.scorer_pool.llm.scorer import LanguageModel, Prices
 from saflite.scorer_pool.model import Tools
-from saflite.scorer_pool.parse import ANSWER_CHARS_MAX, Reply
 
 DEFAULT_URL = "https://api.openai.com/v1"
 BODY_BYTES_MAX = 4 * ANSWER_CHARS_MAX
@@ -169,5 +169,5 @@ class Model(LanguageModel):
             tools.clock,
             tools.load_deadline_s,
             prices(environment("SAFLITE_PRICES")),
-            tools.talk,
+            tools.transcript,
         )

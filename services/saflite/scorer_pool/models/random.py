@@ -7,7 +7,7 @@ from saflite.contract.score import SCORE_MAX, SCORE_MIN
 from saflite.contract.service import Cancelled
 from saflite.contract.test_case import identity
 from saflite.scorer_pool.labels import no_argument
-from saflite.scorer_pool.model import Job, Mark, Sheet, Tools
+from saflite.scorer_pool.model import Job, ModelScore, ScoreSheet, Tools
 
 
 class Model:
@@ -19,11 +19,11 @@ class Model:
         no_argument("random", argument)
         self.label = "random"
 
-    def score(self, job: Job) -> Sheet:
+    def score(self, job: Job) -> ScoreSheet:
         """Return one draw per test case."""
         draws = (derive(job.rng_seed, "score", "random", identity(case)) for case in job.test_cases)
         values = (float(rng.uniform(SCORE_MIN, SCORE_MAX)) for rng in draws)
-        return Sheet(tuple(Mark(value, "drawn at random") for value in values), digest="random-1")
+        return ScoreSheet(tuple(ModelScore(value, "drawn at random") for value in values), digest="random-1")
 
     def warm(self, cancelled: Cancelled) -> str:
         """Nothing to load."""

@@ -10,10 +10,10 @@ from saflite.contract.score import SCORE_MAX
 from saflite.contract.service import Cancelled
 from saflite.contract.test_case import Stimulus, TestCase
 from saflite.contract.work import Outcome
-from saflite.scorer_pool.knowledge import brief_names_negative, negative, relation
 from saflite.scorer_pool.labels import no_argument
-from saflite.scorer_pool.learning import danger, telling
-from saflite.scorer_pool.model import MIDDLE, Job, Mark, PolicyBrief, Sheet, Tools
+from saflite.scorer_pool.learning.forest import danger, telling
+from saflite.scorer_pool.model import MIDDLE, Job, ModelScore, PolicyBrief, ScoreSheet, Tools
+from saflite.scorer_pool.relevance.knowledge import brief_names_negative, negative, relation
 
 TRUST = 4.0
 """Flights with an input after which what was seen weighs as much as what was known."""
@@ -65,10 +65,10 @@ class Model:
         self._moment: tuple[int, int] | None = None
         self._lock = threading.Lock()
 
-    def score(self, job: Job) -> Sheet:
+    def score(self, job: Job) -> ScoreSheet:
         """Return one mark per test case."""
         learned = self._learn(job)
-        return Sheet(tuple(_mark(case, learned) for case in job.test_cases), digest="relevance-3")
+        return ScoreSheet(tuple(_mark(case, learned) for case in job.test_cases), digest="relevance-3")
 
     def warm(self, cancelled: Cancelled) -> str:
         """Nothing to load."""
@@ -109,10 +109,10 @@ def _key(stimulus: Stimulus) -> Key:
     return stimulus.kind, stimulus.name
 
 
-def _mark(test_case: TestCase, learned: Learned) -> Mark:
+def _mark(test_case: TestCase, learned: Learned) -> ModelScore:
     briefs = learned.priors.briefs
     if not test_case.stimuli or not briefs:
-        return Mark(MIDDLE, "no stimuli: relevance has nothing to say")
+        return ModelScore(MIDDLE, "no stimuli: relevance has nothing to say")
     weights = {key: learned.weight(key) for key in map(_key, test_case.stimuli)}
     ordered = sorted(((weight, name) for (_, name), weight in weights.items()), reverse=True)
     best = [weight for weight, _ in ordered[:RULE_INPUTS]]
@@ -123,7 +123,7 @@ def _mark(test_case: TestCase, learned: Learned) -> Mark:
     if any(brief_names_negative(brief) for brief in briefs):
         named = [weights[_key(one)] for one in test_case.stimuli if negative(one)]
         share += VALUE_SHARE * (max(named, default=0.0) - share)
-    return Mark(SCORE_MAX * share, f"most relevant: {told}")
+    return ModelScore(SCORE_MAX * share, f"most relevant: {told}")
 
 
 def _log_odds(share: float) -> float:

@@ -11,9 +11,9 @@ from collections import OrderedDict
 from saflite.contract.score import SCORE_MAX
 from saflite.contract.service import Cancelled
 from saflite.scorer_pool.labels import no_argument
-from saflite.scorer_pool.learning import FLIGHTS_MIN, Forest, grow, step_size, telling
-from saflite.scorer_pool.model import Job, Mark, Sheet, Tools
-from saflite.scorer_pool.vectors import Vectors
+from saflite.scorer_pool.learning.forest import FLIGHTS_MIN, Forest, grow, step_size, telling
+from saflite.scorer_pool.learning.vectors import Vectors
+from saflite.scorer_pool.model import Job, ModelScore, ScoreSheet, Tools
 
 FORESTS_KEPT = 4
 
@@ -44,18 +44,18 @@ class Model:
                     self._forests.popitem(last=False)
             return self._forests[size]
 
-    def score(self, job: Job) -> Sheet:
+    def score(self, job: Job) -> ScoreSheet:
         """Return ten times the expected danger per test case."""
         forest = self.forest(job)
         if forest is None:
             seen = self._unlearned.score(job)
             reason = f"fewer than {FLIGHTS_MIN} flights to learn from; gap"
-            marks = tuple(mark._replace(reason=f"{reason}: {mark.reason}") for mark in seen.marks)
-            return Sheet(marks, digest=f"surrogate-2+{seen.digest}")
+            scores = tuple(mark._replace(reason=f"{reason}: {mark.reason}") for mark in seen.scores)
+            return ScoreSheet(scores, digest=f"surrogate-2+{seen.digest}")
         expected = forest.predict(self._vectors.of(list(job.test_cases)))
         reason = f"learned from {forest.flights} flights"
-        return Sheet(
-            tuple(Mark(SCORE_MAX * float(min(1.0, max(0.0, value))), reason) for value in expected),
+        return ScoreSheet(
+            tuple(ModelScore(SCORE_MAX * float(min(1.0, max(0.0, value))), reason) for value in expected),
             digest=f"surrogate-2-{forest.flights}",
         )
 

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, NamedTuple
 from saflite.contract.errors import Refused
 from saflite.flight.autopilots.reference.command_names import NAMES
 from saflite.flight.autopilots.reference.modes.table import mode_name
-from saflite.flight.jsbsim_world import HOME_LAT_DEG, HOME_LON_DEG
 from saflite.flight.mission import to_local
+from saflite.flight.world.jsbsim_world import HOME_LAT_DEG, HOME_LON_DEG
 
 if TYPE_CHECKING:
     from saflite.flight.autopilots.reference.autopilot import Autopilot

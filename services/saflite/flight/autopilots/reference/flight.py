@@ -14,10 +14,10 @@ from saflite.contract.test_case import StartState, TestCase
 from saflite.flight.autopilots.reference import stimuli
 from saflite.flight.autopilots.reference.autopilot import TICK_S, Autopilot
 from saflite.flight.autopilots.reference.avoidance import Avoidance
-from saflite.flight.environment import WindField
 from saflite.flight.geometry import boxes_array
-from saflite.flight.jsbsim_world import World
 from saflite.flight.vehicle import STEP_S, Vehicle, slots
+from saflite.flight.world.jsbsim_world import World
+from saflite.flight.world.wind import WindField
 
 STEPS_PER_TICK = round(TICK_S / STEP_S)
 READY_S = 19.5  # from log start to take-off on the real vehicle

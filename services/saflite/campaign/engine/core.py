@@ -1,0 +1,127 @@
+"""What all parts of the books share: the table of work, the rounds, the counts, and the way out."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Literal
+
+from saflite.campaign.engine.outbox import Outbox
+from saflite.campaign.lifecycle.confirmation import Trial
+from saflite.campaign.scheduling.novelty import REFERENCES_MAX, Features
+from saflite.campaign.scheduling.rounds import Rounds
+from saflite.campaign.scheduling.tasks import Task, TaskTable
+from saflite.contract.config import Campaign
+from saflite.contract.events import CampaignChanged, Fact, FaultSeen
+from saflite.contract.flight import Flight
+from saflite.contract.score import Score
+from saflite.contract.test_case import TestCase
+from saflite.contract.verdict import Judgement, Violation
+
+State = Literal["running", "paused", "ended"]
+
+
+@dataclass(slots=True)
+class Counts:
+    """Exact counts of the campaign. `flights` counts against the budget, re-flights included; shrinking does not."""
+
+    flights: int = 0
+    reflown: int = 0
+    shrink_flights: int = 0
+    selected: int = 0
+    ended: int = 0
+    candidates: int = 0
+    confirmed: int = 0
+    flaky: int = 0
+    unconfirmed: int = 0
+    quarantined: int = 0
+    fallbacks: int = 0
+    simulated_s: float = 0.0
+    wall_s: float = 0.0
+    last_find_s: float | None = None  # campaign time of the last new violation
+
+
+@dataclass(slots=True)
+class RecordJob:
+    """What a recording is made of, kept until it is written."""
+
+    test_case: TestCase
+    flight: Flight
+    judgement: Judgement
+    violation: Violation | None
+    scores: tuple[Score, ...]
+
+
+@dataclass(slots=True)
+class Core:
+    """The shared state of the fold. `at_s` is the moment of the entry being applied."""
+
+    campaign: Campaign
+    template: TestCase
+    out: Outbox
+    rounds: Rounds
+    tasks: TaskTable = field(default_factory=TaskTable)
+    counts: Counts = field(default_factory=Counts)
+    trials: dict[str, Trial] = field(default_factory=dict)
+    records: dict[str, RecordJob] = field(default_factory=dict)
+    flown: dict[str, int] = field(default_factory=dict)  # every test case ever selected: its round
+    shrunk: set[str] = field(default_factory=set)  # smallest forms of violations, flown besides
+    latest: deque[Features] = field(default_factory=lambda: deque(maxlen=REFERENCES_MAX))
+    holds: dict[str, int] = field(default_factory=dict)  # trace digest: how many flights need it
+    state: State = "running"
+    stopped: bool = False  # ended by an operator, so opening the books again goes on
+    incarnation: int = 0
+    at_s: float = 0.0
+    opened_s: float = 0.0
+    elapsed_before_s: float = 0.0
+
+    def elapsed_s(self, now_s: float) -> float:
+        """Return the time the books have been open, over all incarnations."""
+        return self.elapsed_before_s + max(0.0, now_s - self.opened_s)
+
+    def tell(self, fact: Fact) -> None:
+        """Announce a fact."""
+        self.out.fact(fact, self.at_s)
+
+    def fault(self, where: str, message: str) -> None:
+        """Announce that the farm got over something."""
+        self.tell(FaultSeen(where=where, message=message))
+
+    def change_state(self, state: State, why: str) -> None:
+        """Begin, pause, resume or end the campaign."""
+        if state != self.state:
+            self.state = state
+            self.tell(CampaignChanged(state=state, why=why))
+
+    def done(self, task: Task, how: str, message: str = "") -> None:
+        """Take out a task that is done or given up, and write down its last attempt."""
+        self.attempt_over(task, how, message)
+        self.tasks.remove(task.key)
+
+    def attempt_over(self, task: Task, how: str, message: str = "") -> None:
+        """Write down how the attempt at hand ended."""
+        if not task.waiting:
+            unix_s = self.out.unix_s(task.granted_s), self.out.unix_s(self.at_s)
+            self.out.row("attempts", task.key, task.epoch, task.stage, task.worker, *unix_s, how, message)
+
+    def again(self, task: Task, how: str, message: str) -> None:
+        """Let work wait for another attempt, elsewhere if possible."""
+        self.attempt_over(task, how, message)
+        task.message = message or task.message
+        if task.worker and how != "handed_back":
+            task.avoid |= {task.worker}
+        self.tasks.requeue(task)
+
+    def hold_trace(self, trace_digest: str) -> None:
+        """Note that one more flight needs the trace."""
+        if trace_digest:
+            self.holds[trace_digest] = self.holds.get(trace_digest, 0) + 1
+
+    def let_go_trace(self, trace_digest: str) -> None:
+        """Note that one flight less needs the trace; drop it with the last."""
+        if not trace_digest:
+            return
+        self.holds[trace_digest] -= 1
+        if not self.holds[trace_digest]:
+            del self.holds[trace_digest]
+            self.out.drop_trace(trace_digest)

@@ -1,0 +1,70 @@
+"""The invariants of the books. Each names what would be lost or counted twice if it broke."""
+
+from __future__ import annotations
+
+from saflite.campaign.engine.core import Core
+from saflite.campaign.engine.worker_registry import WorkerRegistry
+from saflite.campaign.lifecycle.minimization import is_candidate
+from saflite.campaign.scheduling.tasks import split_key
+
+
+def validate(core: Core, registry: WorkerRegistry) -> None:
+    """Assert that the state is one the books can be in."""
+    core.tasks.validate()
+    _leases_have_deadlines(core, registry)
+    _budget_holds(core)
+    _every_trial_goes_on(core)
+    _traces_are_held(core)
+    _counts_agree(core)
+
+
+def _leases_have_deadlines(core: Core, registry: WorkerRegistry) -> None:
+    leased = core.tasks.leased()
+    for task in leased:
+        deadline = registry.deadline(task.key)
+        assert deadline is not None, f"{task.key} is lent for ever"
+        assert (deadline.epoch, deadline.worker) == (task.epoch, task.worker), (
+            f"{task.key}: deadline of another attempt"
+        )
+    assert len(registry) == len(leased), "a deadline without a lease"
+
+
+def _budget_holds(core: Core) -> None:
+    most = core.counts.flights + core.rounds.outstanding()
+    assert most <= core.rounds.budget, f"up to {most} flights with a budget of {core.rounds.budget}"
+
+
+def _every_trial_goes_on(core: Core) -> None:
+    for trial in core.trials.values():
+        names = (f"{word}/{trial.name}/{index}" for word in ("fly", "judge") for index in range(trial.confirm_max + 1))
+        assert any(core.tasks.get(name) for name in names), (
+            f"{trial.name} has not ended, and nothing is to be done for it"
+        )
+    for task in core.tasks:
+        if task.stage in ("fly", "judge") and not is_candidate(task):
+            assert split_key(task.key)[1] in core.trials, f"{task.key} is to be done for a test case that has ended"
+    searched = [trial for trial in core.trials.values() if trial.purpose == "search"]
+    for number, round_ in core.rounds.under_way.items():
+        open_trials = sum(1 for trial in searched if trial.round == number)
+        assert round_.open_trials == open_trials, f"round {number}: {round_.open_trials} open, {open_trials} counted"
+        assert round_.phase != "flying" or open_trials, f"round {number} flies nothing and is not closed"
+        assert set(round_.scores) <= set(round_.candidates), f"round {number}: scores of unknown test cases"
+
+
+def _traces_are_held(core: Core) -> None:
+    assert all(count > 0 for count in core.holds.values()), "a trace is held by nobody"
+    for trial in core.trials.values():
+        for note in trial.flights.values():
+            digest = note.flight.trace_digest
+            assert note.settled or not digest or digest in core.holds, f"{trial.name}: a trace to be judged was dropped"
+    for job in core.records.values():
+        digest = job.flight.trace_digest
+        assert not digest or digest in core.holds, f"{job.flight.test_case}: a trace to be recorded was dropped"
+
+
+def _counts_agree(core: Core) -> None:
+    counts = core.counts
+    under_way = sum(1 for trial in core.trials.values() if trial.purpose == "search")
+    assert counts.selected == counts.ended + under_way, "a selected test case neither flies nor has ended"
+    assert counts.selected == len(core.flown), "selected test cases and those known as flown differ"
+    assert set(core.records) == {task.key for task in core.tasks if task.stage == "record"}, "recordings do not add up"

@@ -1,0 +1,226 @@
+"""The fold: each journal line changes the state in one determined way. Live and replayed lines take the same path."""
+
+from __future__ import annotations
+
+from saflite.campaign.engine.core import Core
+from saflite.campaign.engine.journal import (
+    Entry,
+    GaveUp,
+    Granted,
+    Line,
+    Noted,
+    Opened,
+    Ordered,
+    Returned,
+    Selected,
+    Settled,
+    TraceMissing,
+)
+from saflite.campaign.lifecycle.flights import Flights
+from saflite.campaign.lifecycle.minimization import Minimization, is_candidate
+from saflite.campaign.lifecycle.proposals import Proposals
+from saflite.campaign.lifecycle.scorer_swap import Scorers
+from saflite.campaign.scheduling.tasks import Task, split_key
+from saflite.contract.control import Control
+from saflite.contract.events import CampaignChanged
+from saflite.contract.flight import Flight
+from saflite.contract.test_case import TestCase
+from saflite.contract.work import (
+    Failure,
+    FlyResult,
+    JudgeResult,
+    MutateResult,
+    RecordResult,
+    ScoreResult,
+    WarmResult,
+)
+
+UNDELIVERED_MAX = 10
+"""After so many grants no heartbeat ever named, the next counts as an attempt: else such a test case never ends."""
+
+RECORD_FAILURES_MAX = 5
+
+
+class Reducer:
+    """The durable part of the books."""
+
+    def __init__(self, core: Core) -> None:
+        self.core = core
+        self.minimization = Minimization(core)
+        self.flights = Flights(core, self.minimization)
+        self.proposals = Proposals(core, self.flights)
+        self.scorers = Scorers(core)
+
+    def apply(self, line: Line) -> None:
+        """Change the state by one line."""
+        if isinstance(line.entry, Opened):
+            self._change_clock(line.at_s)
+        self.core.at_s = line.at_s
+        self._apply(line.entry)
+        for job in self.minimization.advance() if self.minimization.jobs else ():
+            self.flights.fly_smallest(job)
+        self.proposals.advance()
+
+    def _apply(self, entry: Entry) -> None:
+        match entry:
+            case Opened():
+                self._opened(entry)
+            case Granted():
+                task = self.core.tasks.lend(entry.key, entry.epoch, entry.worker, self.core.at_s)
+                task.model, task.catching_up = entry.model or task.model, entry.catching_up
+            case Returned():
+                self._returned(entry)
+            case Settled():
+                self._settled(entry)
+            case Selected():
+                self.proposals.on_selected(entry)
+            case Ordered():
+                self._ordered(entry.control)
+            case Noted():
+                self.core.tell(entry.fact)
+            case TraceMissing():
+                task = self._task(entry.key)
+                place = self.minimization if is_candidate(task) else self.flights
+                place.on_trace_missing(task, entry.message)
+            case GaveUp():
+                self._give_up_record(self._task(entry.key), entry.message)
+
+    def _task(self, key: str) -> Task:
+        task = self.core.tasks.get(key)
+        assert task is not None, f"{key} is not to be done"
+        return task
+
+    def test_case_of(self, task: Task) -> TestCase:
+        """Return the test case a fly or judge task is about."""
+        name = split_key(task.key)[1]
+        return self.minimization.candidate(name).test_case if is_candidate(task) else self.core.trials[name].test_case
+
+    def flight_of(self, task: Task) -> Flight:
+        """Return the flight a judge task is about."""
+        _, name, index = split_key(task.key)
+        if not is_candidate(task):
+            return self.core.trials[name].flights[index].flight
+        flight = self.minimization.candidate(name).flight
+        assert flight is not None, f"{name} is to be judged but was not flown"
+        return flight
+
+    # ---- opening and orders --------------------------------------------------------------------------------------
+
+    def _opened(self, entry: Opened) -> None:
+        core = self.core
+        core.out.set_wall_time(core.at_s, entry.unix_s)
+        core.incarnation, core.opened_s = entry.incarnation, core.at_s
+        if entry.incarnation == 1:
+            core.tell(CampaignChanged(state="running", why="started"))
+        elif core.stopped:
+            core.stopped = False
+            core.change_state("running", "taken up again")
+
+    def _change_clock(self, at_s: float) -> None:
+        """Add the time so far to the campaign's time: lines from here on run on another clock."""
+        core = self.core
+        core.elapsed_before_s = core.elapsed_s(core.at_s)
+        for task in core.tasks.leased():
+            task.granted_s += at_s - core.at_s
+
+    def _ordered(self, control: Control) -> None:
+        core = self.core
+        if control.verb == "pause":
+            core.change_state("paused", "ordered")
+        elif control.verb == "resume":
+            core.stopped = False
+            core.change_state("running", "ordered")
+        elif control.verb == "stop":
+            core.stopped = True
+            core.change_state("ended", control.text or "stopped")
+        elif control.verb == "budget":
+            core.rounds.budget = control.number
+            if core.state == "ended" and not core.stopped and core.counts.flights < control.number:
+                core.change_state("running", f"budget raised to {control.number}")
+        elif control.verb == "scorer":
+            self.scorers.swap(control.text)
+        elif control.verb == "shadow":
+            self.scorers.watch(tuple(model for model in control.text.split(",") if model))
+
+    # ---- leases that ended without a result ----------------------------------------------------------------------
+
+    def _returned(self, entry: Returned) -> None:
+        task, core = self._task(entry.key), self.core
+        if entry.how in ("handed_back", "caught_up"):
+            core.again(task, "handed_back", entry.message)
+        elif entry.how == "undelivered" and task.undelivered < UNDELIVERED_MAX:
+            task.undelivered += 1
+            core.again(task, "handed_back", entry.message)
+        elif entry.how == "refused":
+            self._failed(task, entry.message)
+        else:
+            self._lost(task, entry.message or entry.how)
+
+    def _lost(self, task: Task, message: str) -> None:
+        if is_candidate(task):
+            self.minimization.on_trouble(task, "lost", message)
+        elif task.stage in ("fly", "judge"):
+            self.flights.on_lost(task, message)
+        elif task.stage == "mutate":
+            self.core.fault(task.key, message)
+            self.core.again(task, "lost", message)
+        else:
+            self._failed(task, message)
+
+    def _failed(self, task: Task, message: str) -> None:
+        if is_candidate(task):
+            self.minimization.on_trouble(task, "infra", message)
+        elif task.stage in ("fly", "judge"):
+            self.flights.on_failure(task, message)
+        elif task.stage == "mutate":
+            self.proposals.on_mutate_failure(task, message)
+        elif task.stage == "record":
+            self._record_failed(task, message)
+        elif task.key.startswith("warm/"):
+            self.scorers.on_failure(task, message)
+        else:
+            self.proposals.on_score_trouble(task, message)
+
+    # ---- results -------------------------------------------------------------------------------------------------
+
+    def _settled(self, entry: Settled) -> None:
+        task = self._task(entry.key)
+        if entry.epoch != task.epoch:  # a late result of an earlier attempt: whoever has the work now need not do it
+            self.core.attempt_over(task, "overtaken")
+            self.core.tasks.requeue(task)
+        match entry.result:
+            case MutateResult():
+                self.proposals.on_mutated(task, entry.result)
+            case ScoreResult():
+                self.proposals.on_scored(task, entry.result)
+            case WarmResult():
+                self.scorers.on_warmed(task, entry.result)
+            case FlyResult():
+                (self.minimization if is_candidate(task) else self.flights).on_flown(task, entry.result)
+            case JudgeResult():
+                (self.minimization if is_candidate(task) else self.flights).on_judged(task, entry.result)
+            case RecordResult():
+                self._recorded(task, entry.result)
+            case Failure():
+                self._failed(task, entry.result.message)
+            case _:
+                raise AssertionError(f"{type(entry.result).__name__} settles nothing")
+
+    def _recorded(self, task: Task, result: RecordResult) -> None:
+        core = self.core
+        del core.records[task.key]
+        core.done(task, "recorded")
+        core.out.row("recordings", result.test_case, result.flight_index, result.file, result.digest, result.size_bytes)
+
+    def _record_failed(self, task: Task, message: str) -> None:
+        task.failures += 1
+        if task.failures >= RECORD_FAILURES_MAX:
+            self._give_up_record(task, message)
+        else:
+            self.core.fault(task.key, message)
+            self.core.again(task, "failed", message)
+
+    def _give_up_record(self, task: Task, message: str) -> None:
+        del self.core.records[task.key]
+        self.core.fault(task.key, f"no recording was written: {message}")
+        self.core.done(task, "failed", message)

@@ -1,0 +1,362 @@
+"""The books: a pure state machine. Asks, reports, heartbeats, orders and time in; answers, and batches to commit, out.
+
+Nothing here waits, reads a clock or touches a disk. Every change is a journal line applied by the reducer; the shell
+drains a batch, commits it, and only then sends the answers.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+
+from saflite.campaign.engine.core import Core
+from saflite.campaign.engine.invariants import validate
+from saflite.campaign.engine.journal import (
+    Entry,
+    GaveUp,
+    Granted,
+    How,
+    Line,
+    Noted,
+    Opened,
+    Ordered,
+    Returned,
+    Selected,
+    Settled,
+    TraceMissing,
+    decode_line,
+    encode_line,
+)
+from saflite.campaign.engine.outbox import Batch, Outbox
+from saflite.campaign.engine.read_model import ReadModel
+from saflite.campaign.engine.reducer import Reducer
+from saflite.campaign.engine.status import Rates, overview
+from saflite.campaign.engine.trace_cache import TraceCache
+from saflite.campaign.engine.worker_registry import Deadline, WorkerRegistry
+from saflite.campaign.scheduling.dispatch import Dispatch
+from saflite.campaign.scheduling.result_validation import check_result
+from saflite.campaign.scheduling.rounds import Rounds
+from saflite.campaign.scheduling.selection import Rules, select
+from saflite.campaign.scheduling.tasks import Task
+from saflite.campaign.scheduling.work_messages import GRANT_MAX_BYTES, WorkMessages, weight_bytes
+from saflite.contract.config import Campaign
+from saflite.contract.control import Answer, Control, Status
+from saflite.contract.errors import Refused, Unavailable
+from saflite.contract.events import FaultSeen, WorkerChanged
+from saflite.contract.test_case import TestCase
+from saflite.contract.work import (
+    Ask,
+    FlyResult,
+    Grant,
+    HandedBack,
+    Heartbeat,
+    Lease,
+    MutateResult,
+    Orders,
+    Receipt,
+    Report,
+)
+
+GRANTS_MAX = 16
+SILENT_LEASES, SILENT_S = 3, 15.0  # a worker not heard of for so many lease times, and so long, has left
+RECORD_PATIENCE_S = 60.0
+
+
+class Books:
+    """The books of one campaign.
+
+    Args:
+        campaign: what flies and how; never changes over the life of the campaign (orders go through `control`).
+        template: the test case the strategy varies.
+        run_id: names this run of the campaign; part of every lease id, so that results of another run are recognised.
+        read_model: where committed traces, outcomes and events are read from; None keeps all of them out of reach,
+            which is enough for campaigns shorter than a few rounds in tests.
+    """
+
+    def __init__(
+        self, campaign: Campaign, template: TestCase, *, run_id: str = "run", read_model: ReadModel | None = None
+    ) -> None:
+        self._out = Outbox()
+        self._core = Core(campaign, template, self._out, Rounds(campaign.search, campaign.budget_flights))
+        self._reducer = Reducer(self._core)
+        self._trace_cache = TraceCache(self._out, read_model)
+        self._work_messages = WorkMessages(self._reducer, self._trace_cache)
+        self._registry = WorkerRegistry()
+        self._dispatch = Dispatch(self._core, self._registry)
+        self._rates = Rates()
+        self._run_id = run_id
+
+    @property
+    def campaign(self) -> Campaign:
+        """The campaign these are the books of."""
+        return self._core.campaign
+
+    @property
+    def ended(self) -> bool:
+        """Whether the campaign is over (budget spent, nothing left to propose, or stopped)."""
+        return self._core.state == "ended"
+
+    @property
+    def wanted_traces(self) -> frozenset[str]:
+        """Digests of the traces some flight still needs; any other file is left over from an interrupted commit."""
+        return frozenset(self._core.holds)
+
+    def overview_of_audit(self) -> dict[str, Any]:
+        """Return what an audit needs to know of the campaign; `over`: ended for good, not by an operator's order."""
+        core = self._core
+        over = core.state == "ended" and not core.stopped
+        return {"state": core.state, "over": over, "budget": core.rounds.budget}
+
+    # ---- opening and closing -------------------------------------------------------------------------------------
+
+    def replay(self, line: bytes, *, aloud: bool = False) -> None:
+        """Apply one committed journal line again; `aloud`, what it says is there to be drained. Before `begin` only."""
+        self._out.replaying = not aloud
+        self._out.line(line)
+        self._reducer.apply(decode_line(line))
+        self._out.replaying = False
+
+    def begin(self, now: float, unix_s: float) -> None:
+        """Open the books at `now` on their clock: leases under way get their full time again."""
+        self._do(Opened(incarnation=self._core.incarnation + 1, unix_s=unix_s), now)
+        for task in self._core.tasks.leased():
+            self._start_clock(task, now)
+        self._fly_again_what_left_no_trace(now)
+        self._choose(now)
+
+    def drain(self) -> Batch:
+        """Return all that changed since the last call; to be committed before any answer is sent."""
+        return self._out.drain()
+
+    def _do(self, entry: Entry, now: float) -> None:
+        line = Line(now, entry)
+        self._out.line(encode_line(line))
+        self._reducer.apply(line)
+
+    def _fly_again_what_left_no_trace(self, now: float) -> None:
+        for task in [task for task in self._core.tasks if task.stage == "judge"]:
+            digest = self._reducer.flight_of(task).trace_digest
+            if digest and self._trace_cache.trace(digest) is None:
+                self._registry.end(task.key)
+                self._without_its_trace(task, "its trace was not on disk", now)
+
+    def _without_its_trace(self, task: Task, message: str, now: float) -> None:
+        """Fly again what cannot be judged; give up a recording that cannot be written."""
+        lost = TraceMissing if task.stage == "judge" else GaveUp
+        self._do(lost(key=task.key, message=message), now)
+
+    # ---- work out ------------------------------------------------------------------------------------------------
+
+    def ask(self, ask: Ask, now: float) -> Grant:
+        """Hand out work, or nothing. The grant counts once it is committed."""
+        self._meet(ask.worker, ask.stage, now)
+        worker = self._registry.get(ask.stage, ask.worker)
+        assert worker is not None, "met but not there"
+        worker.targets = ask.targets
+        if self.ended:
+            return Grant(stop=True)
+        if not self._core.tasks.waiting_count(ask.stage):
+            return Grant()
+        leases: list[Lease] = []
+        for task in self._dispatch.choose(ask, min(ask.leases_max, GRANTS_MAX), now):
+            leases.extend(self._lend(task, ask, now))
+            if sum(weight_bytes(lease.work) for lease in leases) > GRANT_MAX_BYTES:
+                break
+        return Grant(leases=tuple(leases))
+
+    def _lend(self, task: Task, ask: Ask, now: float) -> list[Lease]:
+        try:
+            work = self._work_messages.work(task, ask.cursor)
+        except Unavailable as fault:
+            self._without_its_trace(task, str(fault), now)
+            return []
+        catching_up = getattr(work, "count", 1) == 0
+        epoch, model = task.epoch + 1, self._work_messages.model_for(task)
+        self._do(Granted(key=task.key, epoch=epoch, worker=ask.worker, model=model, catching_up=catching_up), now)
+        self._start_clock(task, now)
+        return [Lease(lease_id=self._lease_id(task.key), epoch=epoch, lease_s=self._lease_s, work=work)]
+
+    def _start_clock(self, task: Task, now: float) -> None:
+        overdue_s = now + self._work_messages.overdue_s(task)
+        self._registry.begin(Deadline(task.key, task.epoch, task.stage, task.worker, now + self._lease_s, overdue_s))
+
+    def _stop_clocks(self) -> None:
+        """End the leases of work an order has done away with."""
+        for key in self._registry.keys():  # noqa: SIM118 (a copy)
+            task = self._core.tasks.get(key)
+            if task is None or task.waiting:
+                self._registry.end(key)
+
+    @property
+    def _lease_s(self) -> float:
+        return self._core.campaign.lease.lease_s
+
+    def _lease_id(self, key: str) -> str:
+        return f"{self._run_id}:{key}"
+
+    # ---- results in ----------------------------------------------------------------------------------------------
+
+    def report(self, report: Report, now: float) -> Receipt:
+        """Take a result. Whatever the receipt says, the worker may forget the result once it has it."""
+        run_id, _, key = report.lease_id.partition(":")
+        task = self._core.tasks.get(key)
+        if run_id != self._run_id:
+            return self._receipt(report, "refused", f"the lease is of run {run_id[:32]!r}, this is {self._run_id!r}")
+        if task is None:
+            return self._receipt(report, "duplicate" if self._dispatch.was_done(key) else "stale")
+        current = task.epoch == report.epoch and task.worker == report.worker
+        held = task.holders.get(report.epoch) == report.worker
+        if not current and not (held and self._dispatch.may_merge(report.result)):
+            return self._receipt(report, "stale")
+        return self._take(task, report, now)
+
+    def _take(self, task: Task, report: Report, now: float) -> Receipt:
+        key = task.key
+        try:
+            check_result(self._core, task, report.result)
+        except Refused as fault:
+            if task.epoch == report.epoch:
+                self._give_back(task, "refused", str(fault), now)
+            return self._receipt(report, "refused", str(fault))
+        if isinstance(report.result, HandedBack):
+            self._give_back(task, "handed_back", report.result.message, now)
+        elif isinstance(report.result, MutateResult) and task.catching_up:
+            self._give_back(task, "caught_up", "", now)
+        else:
+            result = report.result
+            if isinstance(result, FlyResult):
+                result = self._without_trace(result, report.worker)
+            self._registry.end(key)
+            self._do(Settled(key=key, epoch=report.epoch, worker=report.worker, result=result), now)
+            self._rates.settled(result, now)
+            self._drop_unwanted(result)
+            self._choose(now)
+        return self._receipt(report, "accepted")
+
+    def _without_trace(self, result: FlyResult, worker: str) -> FlyResult:
+        flight = msgspec.structs.replace(result.flight, worker=worker)
+        if result.trace:
+            self._trace_cache.put(flight.trace_digest, result.trace)
+        return FlyResult(flight=flight)
+
+    def _drop_unwanted(self, result: object) -> None:
+        digest = result.flight.trace_digest if isinstance(result, FlyResult) else ""
+        if digest and digest not in self._core.holds:
+            self._out.drop_trace(digest)
+
+    def _give_back(self, task: Task, how: How, message: str, now: float) -> None:
+        self._registry.end(task.key)
+        self._do(Returned(key=task.key, epoch=task.epoch, how=how, message=message), now)
+        self._choose(now)
+
+    @staticmethod
+    def _receipt(report: Report, status: str, message: str = "") -> Receipt:
+        return msgspec.convert(
+            {"lease_id": report.lease_id, "epoch": report.epoch, "status": status, "message": message}, Receipt
+        )
+
+    def _choose(self, now: float) -> None:
+        """Choose the flights of every round whose turn it is."""
+        core = self._core
+        while (round_ := core.rounds.next_to_select()) is not None:
+            candidates = {
+                name: case
+                for name, case in round_.candidates.items()
+                if name not in core.flown and name not in core.shrunk
+            }
+            scores = {name: round_.scores[name].value for name in candidates}
+            search, rng_seed = core.rounds.search, core.campaign.rng_seed
+            rules = Rules(round_.plan.flights, search.random_share, search.novelty_weight, rng_seed, round_.number)
+            picks = select(candidates, scores, tuple(core.latest), rules)
+            self._do(Selected(round=round_.number, picks=picks), now)
+
+    # ---- who is there --------------------------------------------------------------------------------------------
+
+    def beat(self, beat: Heartbeat, now: float) -> Orders:
+        """Extend the leases named that are still the worker's; the others are to be dropped."""
+        self._meet(beat.worker, beat.stage, now)
+        self._registry.beat(beat, now)
+        until_s = now + self._lease_s
+        cancel = []
+        for lease_id, epoch in beat.leases:
+            run_id, _, key = lease_id.partition(":")
+            if run_id != self._run_id or not self._registry.extend(key, epoch, beat.worker, until_s):
+                cancel.append(lease_id)
+        return Orders(cancel=tuple(cancel), stop=self.ended)
+
+    def present(self, worker: str, stage: str, now: float) -> None:
+        """Note that a worker's liveliness token appeared."""
+        self._meet(worker, stage, now)
+
+    def absent(self, worker: str, stage: str, now: float, why: str = "its token vanished") -> None:
+        """Free the leases of a worker that is gone, at once."""
+        for place, deadline in enumerate(self._registry.held_by(stage, worker)):
+            self._lose(deadline, "lost" if place == 0 else "undelivered", f"{worker}: {why}", now)
+        if self._registry.leave(stage, worker):
+            self._do(Noted(fact=WorkerChanged(worker=worker, stage=stage, present=False, message=why)), now)
+
+    def _meet(self, worker: str, stage: str, now: float) -> None:
+        if self._registry.meet(stage, worker, now):
+            self._do(Noted(fact=WorkerChanged(worker=worker, stage=stage, present=True)), now)
+
+    def _lose(self, deadline: Deadline, how: How, message: str, now: float) -> None:
+        task = self._core.tasks.get(deadline.key)
+        assert task is not None, f"{deadline.key} is lent but not to be done"
+        self._give_back(task, how, message, now)
+
+    def fault(self, where: str, message: str, now: float) -> None:
+        """Note trouble the farm got over, such as a message that could not be read."""
+        self._do(Noted(fact=FaultSeen(where=where, message=message)), now)
+
+    # ---- time ----------------------------------------------------------------------------------------------------
+
+    def tick(self, now: float) -> None:
+        """End leases whose time is up and forget workers not heard of for long."""
+        due = self._registry.due(now)
+        begun = {self._registry.held_by(one.stage, one.worker)[0].key for one in due}
+        for deadline in due:
+            why = "ran far beyond its time" if now >= deadline.overdue_s else "was not heard of in time"
+            how: How = "lost" if deadline.named and deadline.key in begun else "undelivered"
+            self._lose(deadline, how, f"{deadline.worker} {why}", now)
+        for worker in self._registry.silent(now - max(SILENT_LEASES * self._lease_s, SILENT_S)):
+            self.absent(worker.worker, worker.stage, now, "not heard of")
+        self._give_up_recordings(now)
+        self._rates.tick(now)
+
+    def _give_up_recordings(self, now: float) -> None:
+        """A campaign that has nothing left but recordings does not wait for ever for a recorder that is not there."""
+        core = self._core
+        only_records = bool(core.records) and not core.rounds.under_way and core.rounds.planned > 0
+        if not only_records or any(worker.stage == "record" for worker in self._registry.workers()):
+            self._rates.recorder_missed_s = None
+            return
+        self._rates.recorder_missed_s = self._rates.recorder_missed_s or now
+        if now - self._rates.recorder_missed_s > RECORD_PATIENCE_S:
+            for key in sorted(core.records):
+                self._do(GaveUp(key=key, message="no recorder came"), now)
+
+    # ---- orders and overview -------------------------------------------------------------------------------------
+
+    def control(self, control: Control, now: float) -> Answer:
+        """Take an operator's order or answer a question."""
+        if control.verb == "status":
+            return Answer(accepted=True, status=self.status(now))
+        if control.verb == "events":
+            events = self._trace_cache.events(max(1, control.number), 1000)
+            return Answer(accepted=True, status=self.status(now), events=events)
+        objection = self._dispatch.objection(control, self._reducer.scorers.model)
+        if objection:
+            return Answer(accepted=False, message=objection, status=self.status(now))
+        self._do(Ordered(control=control), now)
+        self._stop_clocks()
+        self._choose(now)
+        return Answer(accepted=True, status=self.status(now))
+
+    def status(self, now: float) -> Status:
+        """Return the campaign at a glance."""
+        return overview(self._reducer, self._registry, self._rates, now)
+
+    def validate(self) -> None:
+        """Assert every invariant of the books; for tests and audits."""
+        validate(self._core, self._registry)

@@ -1,0 +1,87 @@
+"""The campaign at a glance: exact counts from the reducer, rates over the last minute."""
+
+from __future__ import annotations
+
+from collections import deque
+
+from saflite.campaign.engine.reducer import Reducer
+from saflite.campaign.engine.worker_registry import Worker, WorkerRegistry
+from saflite.contract.control import Status, WorkerStatus
+from saflite.contract.work import FlyResult, Result
+
+WINDOW_S = 60.0
+
+
+class Rates:
+    """Flights of the last minute. Not kept over a restart."""
+
+    def __init__(self) -> None:
+        self._flights: deque[tuple[float, float]] = deque()
+        self._first_s: float | None = None
+        self.recorder_missed_s: float | None = None
+
+    def settled(self, result: Result, now: float) -> None:
+        """Count a flight."""
+        if isinstance(result, FlyResult):
+            self._flights.append((now, result.flight.simulated_s))
+
+    def tick(self, now: float) -> None:
+        """Forget what is older than the window."""
+        if self._first_s is None:
+            self._first_s = now
+        while self._flights and self._flights[0][0] < now - WINDOW_S:
+            self._flights.popleft()
+
+    def rates(self, now: float) -> tuple[float, float]:
+        """Return flights per second, and simulated seconds per second over all workers."""
+        since_s = now - WINDOW_S if self._first_s is None else max(self._first_s, now - WINDOW_S)
+        over_s = max(now - since_s, 1e-3)
+        recent = [simulated_s for at_s, simulated_s in self._flights if at_s >= since_s]
+        return len(recent) / over_s, sum(recent) / over_s
+
+
+def overview(reducer: Reducer, registry: WorkerRegistry, rates: Rates, now: float) -> Status:
+    """Return the status of the campaign at `now`."""
+    core, counts = reducer.core, reducer.core.counts
+    elapsed_s = core.elapsed_s(now)
+    flights_per_s, real_time_factor = rates.rates(now)
+    queues = dict.fromkeys(("mutate", "score", "fly", "judge", "record"), 0)
+    for task in core.tasks:
+        queues[task.stage] += 1
+    return Status(
+        campaign=core.campaign.name,
+        state=core.state,
+        round=core.rounds.planned,
+        budget=core.rounds.budget,
+        flights=counts.flights,
+        reflown=counts.reflown,
+        test_cases=counts.selected,
+        candidates=counts.candidates,
+        violations_confirmed=counts.confirmed,
+        violations_flaky=counts.flaky,
+        violations_pending=sum(1 for trial in core.trials.values() if trial.judgement is not None),
+        quarantined=counts.quarantined,
+        flights_per_s=flights_per_s,
+        real_time_factor=real_time_factor,
+        since_last_find_s=None if counts.last_find_s is None else elapsed_s - counts.last_find_s,
+        elapsed_s=elapsed_s,
+        scorer=reducer.scorers.model,
+        scorer_pending=",".join(key.split("/", 1)[1].rsplit("/", 1)[0] for key in reducer.scorers.pending),
+        fallbacks=counts.fallbacks,
+        queues=queues,
+        workers=tuple(_worker(worker, now) for worker in registry.workers()),
+        seq=core.out.seq,
+    )
+
+
+def _worker(worker: Worker, now: float) -> WorkerStatus:
+    return WorkerStatus(
+        worker=worker.worker,
+        stage=worker.stage,
+        state=worker.state,
+        leases=len(worker.leases),
+        done=worker.done,
+        busy_share=worker.busy_share,
+        silent_s=max(0.0, now - worker.seen_s),
+        resident_mib=worker.resident_mib,
+    )

@@ -1,0 +1,1 @@
+"""From a proposed test case to a confirmed, minimised violation. Pure."""

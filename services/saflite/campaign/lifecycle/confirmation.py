@@ -1,0 +1,126 @@
+"""Violated, or flaky: what the re-flights of a test case say about its violations. Pure."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import msgspec
+
+from saflite.contract.flight import Flight
+from saflite.contract.ids import short_id
+from saflite.contract.score import Score
+from saflite.contract.test_case import TestCase
+from saflite.contract.verdict import Confirmation, Judgement, Verdict, Violation, worst
+from saflite.contract.work import Purpose
+
+
+@dataclass(slots=True)
+class FlightNote:
+    """What the books remember of one flight until its test case has ended."""
+
+    flight: Flight
+    judged: bool = False
+    bit_equal: bool = False  # re-flights only: the same trace as the first flight
+    given_up: bool = False  # it could not be flown or judged
+    violated: frozenset[str] = frozenset()
+
+    @property
+    def settled(self) -> bool:
+        """Whether nothing more is to be learned from it."""
+        return self.judged or self.bit_equal or self.given_up
+
+    @property
+    def said_something(self) -> bool:
+        """Whether it counts as a re-flight."""
+        return self.judged or self.bit_equal
+
+
+@dataclass(slots=True)
+class Trial:
+    """A selected test case from its first flight to its end."""
+
+    test_case: TestCase
+    name: str
+    round: int
+    rank: int
+    confirm_max: int
+    purpose: Purpose = "search"
+    score: Score | None = None
+    shrunk_from: Violation | None = None  # purpose shrink: the violation this one is the smallest form of
+    flights: dict[int, FlightNote] = field(default_factory=dict)
+    judgement: Judgement | None = None
+
+    @property
+    def cost(self) -> int:
+        """Flights that count against the budget."""
+        return len(self.flights)
+
+    @property
+    def confirmed_all(self) -> bool:
+        """Whether every re-flight asked for has ended."""
+        return all(index in self.flights and self.flights[index].settled for index in range(1, self.confirm_max + 1))
+
+
+def violated_verdicts(judgement: Judgement) -> list[Verdict]:
+    """Return the violated verdicts, worst first."""
+    bad = [verdict for verdict in judgement.verdicts if verdict.outcome == "violated"]
+    return sorted(bad, key=lambda verdict: (verdict.robustness, verdict.policy))
+
+
+def worst_robustness(judgement: Judgement) -> float | None:
+    """Return the least robustness over the policies, None if nothing could be said."""
+    verdict = worst(judgement)
+    return None if verdict is None else verdict.robustness
+
+
+def confirmation_of(reflown: int, again: int, asked: int, needed: int) -> Confirmation:
+    """Return what `again` failures in `reflown` re-flights make of a violation, `asked` re-flights being planned.
+
+    `unconfirmed` where too few re-flights could be flown to say, `flaky` where they were flown and did not fail
+    often enough.
+    """
+    if reflown and again >= needed:
+        return "confirmed"
+    if reflown == 0 or again + (asked - reflown) >= needed or reflown < needed:
+        return "unconfirmed"
+    return "flaky"
+
+
+def violations_of(trial: Trial, needed: int) -> tuple[Violation, ...]:
+    """Return the violations of a test case whose re-flights have all ended, worst first, each with its confirmation."""
+    assert trial.judgement is not None, f"{trial.name} was not judged"
+    repeats = [note for index, note in sorted(trial.flights.items()) if index > 0 and note.said_something]
+    workers = tuple(note.flight.worker for _, note in sorted(trial.flights.items()) if note.said_something)
+    found = []
+    for place, verdict in enumerate(violated_verdicts(trial.judgement)):
+        again = sum(1 for note in repeats if note.bit_equal or verdict.policy in note.violated)
+        found.append(
+            Violation(
+                fingerprint=fingerprint_of(trial.judgement, verdict, place),
+                test_case=trial.name,
+                policy=verdict.policy,
+                robustness=verdict.robustness,
+                severity=verdict.severity,
+                confirmation=confirmation_of(len(repeats), again, trial.confirm_max, needed),
+                reflown=len(repeats),
+                failed_again=again,
+                bit_equal=bool(repeats) and all(note.bit_equal for note in repeats),
+                workers=workers,
+                message=verdict.message,
+            )
+        )
+    return tuple(found) if trial.shrunk_from is None else _smallest_form(trial, trial.shrunk_from, found)
+
+
+def _smallest_form(trial: Trial, larger: Violation, found: list[Violation]) -> tuple[Violation, ...]:
+    """Return the violation it was shrunk for, under the fingerprint it has already; others are not its matter."""
+    text = f"smallest form of {larger.test_case}, {len(trial.test_case.stimuli)} inputs: "
+    same = [violation for violation in found if violation.policy == larger.policy]
+    named = {"fingerprint": larger.fingerprint}
+    return tuple(msgspec.structs.replace(one, message=text + one.message, **named) for one in same)
+
+
+def fingerprint_of(judgement: Judgement, verdict: Verdict, place: int) -> str:
+    """Return a violation's fingerprint: the oracle's for the worst one, one made from it for each further policy."""
+    base = judgement.fingerprint or short_id(f"{judgement.test_case}\x1f{verdict.policy}".encode())
+    return base if place == 0 else short_id(f"{base}\x1f{verdict.policy}".encode())

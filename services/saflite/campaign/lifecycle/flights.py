@@ -1,0 +1,326 @@
+"""From a selected test case to its end: flights, judgements, re-flights, quarantine."""
+
+from __future__ import annotations
+
+import msgspec
+
+from saflite.campaign.engine.core import Core, RecordJob
+from saflite.campaign.engine.journal import Pick
+from saflite.campaign.lifecycle.confirmation import (
+    FlightNote,
+    Trial,
+    violated_verdicts,
+    violations_of,
+    worst_robustness,
+)
+from saflite.campaign.lifecycle.minimization import Minimization, MinimizationJob
+from saflite.campaign.scheduling.novelty import features
+from saflite.campaign.scheduling.rounds import Round
+from saflite.campaign.scheduling.tasks import Task, split_key
+from saflite.contract import wire
+from saflite.contract.events import Flown, Judged, Quarantined, ViolationFound
+from saflite.contract.flight import FLOWN_ENDINGS, Ending, Flight
+from saflite.contract.test_case import identity
+from saflite.contract.verdict import Judgement, Verdict, Violation
+from saflite.contract.work import FlyResult, JudgeResult, Outcome, Purpose
+
+INFRA_PER_ATTEMPT = 3
+"""A test case our side could not run is set aside after this many times `attempts_max` tries."""
+
+
+class Flights:
+    """Flies, judges and re-flies every selected test case until it has ended in one recorded way."""
+
+    def __init__(self, core: Core, minimization: Minimization) -> None:
+        self._core, self._minimization = core, minimization
+
+    # ---- beginning -----------------------------------------------------------------------------------------------
+
+    def begin(self, round_: Round, rank: int, pick: Pick) -> None:
+        """Take up a selected test case."""
+        core = self._core
+        test_case = round_.candidates[pick.test_case]
+        assert pick.test_case not in core.flown, f"{pick.test_case} is selected twice"
+        trial = Trial(test_case, pick.test_case, round_.number, rank, round_.plan.confirm_max)
+        trial.score = round_.scores.get(pick.test_case)
+        core.flown[trial.name] = trial.round
+        core.latest.append(features(test_case))
+        core.trials[trial.name] = trial
+        core.counts.selected += 1
+        round_.open_trials += 1
+        core.out.row("selected", trial.name, round_.number, rank, pick.selected_by, pick.score, pick.novelty)
+        self._fly(trial, 0, "search")
+
+    def fly_smallest(self, job: MinimizationJob) -> None:
+        """Fly the smallest form of a violation as a test case of its own, if it is one and was not flown already."""
+        core, test_case = self._core, job.minimizer.best
+        name = identity(test_case)
+        if name == job.minimizer.original or name in core.flown or name in core.shrunk:
+            return
+        core.shrunk.add(name)
+        trial = Trial(test_case, name, job.trial.round, job.trial.rank, max(1, core.campaign.search.confirm_flights))
+        trial.purpose, trial.shrunk_from = "shrink", job.violation
+        core.trials[name] = trial
+        origin = test_case.origin
+        content = wire.encode(test_case)
+        core.out.row("test_cases", name, trial.round, -1, origin.strategy, origin.parent, content)
+        self._fly(trial, 0, "shrink")
+
+    def _fly(self, trial: Trial, index: int, purpose: Purpose) -> None:
+        avoid = frozenset(note.flight.worker for note in trial.flights.values())
+        order = (trial.round, trial.rank, index, 0)
+        target = trial.test_case.target.name
+        key = f"fly/{trial.name}/{index}"
+        self._core.tasks.add(Task(key, "fly", order, target=target, purpose=purpose, avoid=avoid))
+
+    # ---- flown ---------------------------------------------------------------------------------------------------
+
+    def on_flown(self, task: Task, result: FlyResult) -> None:
+        """Take the record of a flight."""
+        flight, limits = result.flight, self._core.campaign.lease
+        if flight.ending in FLOWN_ENDINGS:
+            self._take(task, flight)
+        elif flight.ending == "wedged":
+            task.losses += 1
+            self._try_again(task, "wedged", flight.message, task.losses >= limits.attempts_max)
+        elif flight.ending == "lost":  # the simulator process died under the worker
+            self.on_lost(task, flight.message)
+        else:
+            self.on_failure(task, flight.message)
+
+    def on_failure(self, task: Task, message: str) -> None:
+        """Our side could not fly or judge: elsewhere again, set aside in the end."""
+        task.failures += 1
+        limit = INFRA_PER_ATTEMPT * self._core.campaign.lease.attempts_max
+        self._try_again(task, "infra", message, task.failures >= limit)
+
+    def on_lost(self, task: Task, message: str) -> None:
+        """The worker vanished with the work."""
+        task.losses += 1
+        self._try_again(task, "lost", message, task.losses >= self._core.campaign.lease.attempts_max)
+
+    def _try_again(self, task: Task, ending: Ending, message: str, is_enough: bool) -> None:
+        self._core.fault(task.key, f"{ending}: {message}" if message else ending)
+        if is_enough:
+            self._set_aside(task, ending, message)
+        else:
+            self._core.again(task, ending, message)
+
+    def _take(self, task: Task, flight: Flight) -> None:
+        core, trial = self._core, self._trial(task)
+        core.done(task, flight.ending, flight.message)
+        note = self._note(trial, flight)
+        first = trial.flights.get(0)
+        assert first is not None, f"{trial.name}: a re-flight ended before the first flight"
+        is_repeat = flight.flight_index > 0 and bool(flight.trace_digest)
+        if is_repeat and flight.trace_digest == first.flight.trace_digest:
+            note.bit_equal = True
+            self._if_confirmed(trial)
+            return
+        core.hold_trace(flight.trace_digest)
+        order = (trial.round, trial.rank, flight.flight_index, 1)
+        core.tasks.add(Task(f"judge/{trial.name}/{flight.flight_index}", "judge", order))
+
+    def _note(self, trial: Trial, flight: Flight) -> FlightNote:
+        core, index = self._core, flight.flight_index
+        assert index not in trial.flights, f"{trial.name} flight {index} is counted twice"
+        note = trial.flights[index] = FlightNote(flight)
+        self._charge(trial, index, 1)
+        core.counts.simulated_s += flight.simulated_s
+        core.counts.wall_s += flight.wall_s
+        purpose = trial.purpose if index == 0 else "confirm"
+        numbers = (flight.simulated_s, flight.wall_s)
+        core.out.row(
+            "flights",
+            trial.name,
+            index,
+            purpose,
+            flight.ending,
+            *numbers,
+            flight.trace_digest,
+            flight.worker,
+            flight.message,
+        )
+        core.tell(
+            Flown(
+                test_case=trial.name,
+                flight_index=index,
+                ending=flight.ending,
+                simulated_s=flight.simulated_s,
+                wall_s=flight.wall_s,
+                worker=flight.worker,
+            )
+        )
+        return note
+
+    def _charge(self, trial: Trial, index: int, sign: int) -> None:
+        counts = self._core.counts
+        if trial.purpose == "shrink":
+            counts.shrink_flights += sign
+            return
+        counts.flights += sign
+        counts.reflown += sign if index else 0
+        self._core.rounds.under_way[trial.round].cost += sign
+
+    def on_trace_missing(self, task: Task, message: str) -> None:
+        """Fly a flight again whose trace was lost before it was judged."""
+        core, trial, index = self._core, self._trial(task), split_key(task.key)[2]
+        core.fault(task.key, message)
+        core.done(task, "trace_missing", message)
+        note = trial.flights.pop(index)
+        self._charge(trial, index, -1)
+        core.counts.simulated_s -= note.flight.simulated_s
+        core.counts.wall_s -= note.flight.wall_s
+        core.let_go_trace(note.flight.trace_digest)
+        self._fly(trial, index, "confirm" if index else trial.purpose)
+
+    # ---- judged --------------------------------------------------------------------------------------------------
+
+    def on_judged(self, task: Task, result: JudgeResult) -> None:
+        """Take the verdicts on a flight; a violated one is flown again."""
+        core, trial, judgement = self._core, self._trial(task), result.judgement
+        core.done(task, "judged")
+        note = trial.flights[judgement.flight_index]
+        note.judged = True
+        bad = violated_verdicts(judgement)
+        note.violated = frozenset(verdict.policy for verdict in bad)
+        self._tell_judged(judgement, bad)
+        if judgement.flight_index > 0:
+            if not (bad or core.campaign.record == "all"):
+                core.let_go_trace(note.flight.trace_digest)
+            self._if_confirmed(trial)
+            return
+        trial.judgement = judgement
+        if not bad:
+            self._held(trial, note)
+        elif trial.confirm_max == 0:
+            self._if_confirmed(trial)
+        for index in range(1, trial.confirm_max + 1 if bad else 1):
+            self._fly(trial, index, "confirm")
+
+    def _tell_judged(self, judgement: Judgement, bad: list[Verdict]) -> None:
+        robustness = worst_robustness(judgement)
+        policies = tuple(verdict.policy for verdict in bad)
+        self._core.tell(
+            Judged(
+                test_case=judgement.test_case,
+                flight_index=judgement.flight_index,
+                robustness=robustness,
+                violated=policies,
+            )
+        )
+        content = wire.encode(judgement)
+        self._core.out.row(
+            "judgements", judgement.test_case, judgement.flight_index, robustness, ",".join(policies), content
+        )
+
+    def _held(self, trial: Trial, note: FlightNote) -> None:
+        core = self._core
+        if core.campaign.record == "all":
+            core.out.flush_trace(note.flight.trace_digest)
+            self._record(trial, None)
+        else:
+            core.let_go_trace(note.flight.trace_digest)
+        self._end(trial, note.flight.ending, "held")
+
+    def _if_confirmed(self, trial: Trial) -> None:
+        """Give the violations of a test case their confirmation once every re-flight has ended."""
+        core, first = self._core, trial.flights[0]
+        if not trial.confirmed_all:
+            return
+        found = violations_of(trial, core.campaign.search.confirm_needed)
+        for violation in found:
+            self._announce(violation)
+        for note in trial.flights.values():
+            if note.flight.trace_digest in core.holds:
+                core.out.flush_trace(note.flight.trace_digest)
+        if core.campaign.record != "none":
+            self._record(trial, found[0] if found else None)
+        self._end(trial, first.flight.ending, found[0].confirmation if found else "held")
+        for violation in found[:1]:
+            if violation.confirmation == "confirmed":
+                self._minimization.begin(trial, violation)
+
+    def _announce(self, violation: Violation) -> None:
+        core = self._core
+        if violation.test_case in core.shrunk:
+            pass  # counted when it was found
+        elif violation.confirmation == "confirmed":
+            core.counts.confirmed += 1
+            core.counts.last_find_s = core.elapsed_s(core.at_s)
+        elif violation.confirmation == "flaky":
+            core.counts.flaky += 1
+        else:
+            core.counts.unconfirmed += 1
+        core.tell(ViolationFound(violation=violation))
+        content = wire.encode(violation)
+        key = (violation.fingerprint, violation.test_case, violation.policy)
+        core.out.row("violations", *key, violation.confirmation, violation.robustness, violation.severity, content)
+
+    def _record(self, trial: Trial, violation: Violation | None) -> None:
+        core, first = self._core, trial.flights[0]
+        assert trial.judgement is not None, f"{trial.name} was not judged"
+        scores = () if trial.score is None else (trial.score,)
+        key = f"record/{trial.name}/0"
+        core.records[key] = RecordJob(trial.test_case, first.flight, trial.judgement, violation, scores)
+        core.tasks.add(Task(key, "record", (trial.round, trial.rank, 0, 2)))
+
+    # ---- the end -------------------------------------------------------------------------------------------------
+
+    def _set_aside(self, task: Task, ending: Ending, message: str) -> None:
+        """Give up on a flight: the end of the test case if it was its first, otherwise one re-flight less."""
+        core, trial, index = self._core, self._trial(task), split_key(task.key)[2]
+        attempts = task.losses + task.failures
+        worker = task.worker
+        core.done(task, ending, message)
+        if task.stage == "fly":
+            note = self._note(
+                trial, Flight(test_case=trial.name, flight_index=index, ending=ending, worker=worker, message=message)
+            )
+        else:
+            note = trial.flights[index]
+            core.let_go_trace(note.flight.trace_digest)
+        note.given_up = True
+        if index > 0:
+            self._if_confirmed(trial)
+            return
+        if trial.purpose == "search":
+            core.counts.quarantined += 1
+            core.tell(Quarantined(test_case=trial.name, attempts=attempts, last=ending, message=message))
+        self._end(trial, ending, "quarantined")
+
+    def _end(self, trial: Trial, ending: Ending, state: str) -> None:
+        core = self._core
+        del core.trials[trial.name]
+        core.out.row("endings", trial.name, state, ending, trial.cost)
+        if trial.purpose == "shrink":
+            return
+        core.counts.ended += 1
+        round_ = core.rounds.under_way[trial.round]
+        round_.outcomes[trial.rank] = outcome_of(trial, ending)
+        core.out.row("outcomes", trial.round, trial.rank, trial.name, _ENCODER.encode(round_.outcomes[trial.rank]))
+        round_.open_trials -= 1
+        if round_.open_trials == 0:
+            core.rounds.close(trial.round)
+
+    def _trial(self, task: Task) -> Trial:
+        return self._core.trials[split_key(task.key)[1]]
+
+
+_ENCODER = msgspec.msgpack.Encoder(order="deterministic")
+
+
+def outcome_of(trial: Trial, ending: Ending) -> Outcome:
+    """Return what strategies and learning scorers are told of a test case."""
+    judgement = trial.judgement
+    if judgement is None:
+        return Outcome(test_case=trial.test_case, round=trial.round, ending=ending, robustness=None)
+    return Outcome(
+        test_case=trial.test_case,
+        round=trial.round,
+        ending=ending,
+        robustness=worst_robustness(judgement),
+        violated=tuple(verdict.policy for verdict in violated_verdicts(judgement)),
+        features=judgement.features,
+        track=judgement.track,
+    )

@@ -1,0 +1,172 @@
+"""From an empty round to scored candidates: what the mutator proposes and what scorers say of it."""
+
+from __future__ import annotations
+
+import msgspec
+
+from saflite.campaign.engine.core import Core
+from saflite.campaign.engine.journal import Selected
+from saflite.campaign.lifecycle.flights import Flights
+from saflite.campaign.scheduling.rounds import Round
+from saflite.campaign.scheduling.tasks import Task, split_key
+from saflite.contract import wire
+from saflite.contract.events import Proposed, Scored
+from saflite.contract.score import Score
+from saflite.contract.test_case import identity
+from saflite.contract.work import MutateResult, ScoreResult
+
+MUTATE_FAILURES_MAX = 5
+SCORE_FAULTS_MAX = 2
+DRY_ROUNDS = 5
+FALLBACK_SCORE = 5.0
+
+
+class Proposals:
+    """Plans rounds, takes proposals and scores, and hands selected test cases on to be flown."""
+
+    def __init__(self, core: Core, flights: Flights) -> None:
+        self._core, self._flights = core, flights
+
+    def advance(self) -> None:
+        """Plan every round that may be planned now, and end the campaign when nothing is left to do."""
+        core = self._core
+        while core.state == "running" and core.rounds.may_plan():
+            if core.rounds.dry >= DRY_ROUNDS + core.rounds.search.lag:
+                break
+            plan = core.rounds.next_plan()
+            if plan is None:
+                break
+            round_ = core.rounds.open(plan)
+            if not plan.flights:
+                core.rounds.close(round_.number)
+                continue
+            core.tasks.add(Task(f"mutate/{round_.number}", "mutate", (round_.number, 0, 0, 0)))
+        self._if_over()
+
+    def _if_over(self) -> None:
+        core = self._core
+        if core.state != "running" or core.rounds.under_way or any(task.stage != "score" for task in core.tasks):
+            return
+        spent = core.counts.flights >= core.rounds.budget
+        core.change_state("ended", "the budget is spent" if spent else "the strategy proposes nothing new")
+
+    # ---- mutants -------------------------------------------------------------------------------------------------
+
+    def on_mutated(self, task: Task, result: MutateResult) -> None:
+        """Take the test cases proposed for a round; doubles and those the strategy was told of are left out.
+
+        Test cases of the rounds in between are left out when flights are chosen: which of those are known by now
+        depends on timing.
+        """
+        core = self._core
+        known_upto = result.round - core.rounds.search.lag
+        round_ = core.rounds.under_way[result.round]
+        core.done(task, "mutated")
+        for index, test_case in enumerate(result.test_cases):
+            name = identity(test_case)
+            if name in round_.candidates or core.flown.get(name, result.round) <= known_upto:
+                continue
+            origin = msgspec.structs.replace(test_case.origin, round=round_.number, index=index)
+            round_.candidates[name] = msgspec.structs.replace(test_case, origin=origin)
+            content = wire.encode(round_.candidates[name])
+            core.out.row("test_cases", name, round_.number, index, origin.strategy, origin.parent, content)
+        core.counts.candidates += len(round_.candidates)
+        core.tell(Proposed(round=round_.number, test_cases=tuple(round_.candidates)))
+        self._ask_scores(round_)
+
+    def on_mutate_failure(self, task: Task, message: str) -> None:
+        """The mutator could not propose: again, and in the end the campaign is over."""
+        core = self._core
+        task.failures += 1
+        core.fault(task.key, message)
+        core.again(task, "failed", message)
+        if task.failures >= MUTATE_FAILURES_MAX:
+            core.change_state("ended", f"the strategy {core.campaign.strategy.name!r} cannot propose: {message}")
+
+    def _ask_scores(self, round_: Round) -> None:
+        core, size = self._core, self._core.campaign.scorer.batch
+        names = list(round_.candidates)
+        round_.batches = [tuple(names[start : start + size]) for start in range(0, len(names), size)]
+        round_.phase = "scoring"
+        for batch in range(len(round_.batches)):
+            core.tasks.add(Task(f"score/{round_.number}/{batch}", "score", (round_.number, batch, 0, 0)))
+        self._if_scored(round_)
+
+    # ---- scores --------------------------------------------------------------------------------------------------
+
+    def on_scored(self, task: Task, result: ScoreResult) -> None:
+        """Take exactly one deciding score per candidate of a batch."""
+        core = self._core
+        round_, batch = self._place(task)
+        model = task.model
+        core.done(task, "scored")
+        deciding = [score for score in result.scores if not score.shadow]
+        core.counts.fallbacks += sum(1 for score in deciding if score.fault)
+        latency_s = max((usage.latency_s for usage in result.usage.values()), default=0.0)
+        for label, usage in result.usage.items():
+            tokens = (usage.tokens_in, usage.tokens_out, usage.latency_s, usage.cost_usd, usage.calls)
+            core.out.row(
+                "usage",
+                round_.number,
+                batch,
+                label,
+                *tokens,
+                usage.asked_again,
+                usage.cached,
+                sum(usage.faults.values()),
+            )
+        self._scored(round_, model, result.scores, latency_s)
+
+    def on_score_trouble(self, task: Task, message: str) -> None:
+        """A batch was lost or failed: once more; after the second time the order suffers and nothing else."""
+        core = self._core
+        task.failures += 1
+        core.fault(task.key, message)
+        if task.failures < SCORE_FAULTS_MAX:
+            core.again(task, "failed", message)
+            return
+        round_, batch = self._place(task)
+        core.done(task, "failed", message)
+        scores = tuple(
+            Score(test_case=name, value=FALLBACK_SCORE, model=task.model, scored_by="none", fault=message or "lost")
+            for name in round_.batches[batch]
+        )
+        core.counts.fallbacks += len(scores)
+        self._scored(round_, task.model, scores, 0.0)
+
+    def _place(self, task: Task) -> tuple[Round, int]:
+        _, number, batch = split_key(task.key)
+        return self._core.rounds.under_way[int(number)], batch
+
+    def _scored(self, round_: Round, model: str, scores: tuple[Score, ...], latency_s: float) -> None:
+        core = self._core
+        pairs = []
+        for score in scores:
+            labels = (score.model, score.scored_by, score.value, int(score.shadow), score.fault, score.reason)
+            core.out.row("scores", score.test_case, round_.number, *labels, score.model_digest, score.prompt_digest)
+            if not score.shadow:
+                assert score.test_case not in round_.scores, f"{score.test_case} is scored twice"
+                round_.scores[score.test_case] = score
+                pairs.append((score.test_case, score.value))
+        fallbacks = sum(1 for score in scores if score.fault and not score.shadow)
+        core.tell(
+            Scored(round=round_.number, model=model, scores=tuple(pairs), fallbacks=fallbacks, latency_s=latency_s)
+        )
+        self._if_scored(round_)
+
+    def _if_scored(self, round_: Round) -> None:
+        if round_.phase == "scoring" and len(round_.scores) == len(round_.candidates):
+            round_.phase = "scored"
+
+    # ---- selected ------------------------------------------------------------------------------------------------
+
+    def on_selected(self, entry: Selected) -> None:
+        """Hand the flights chosen for a round on; a round without any is closed."""
+        core = self._core
+        round_ = core.rounds.under_way[entry.round]
+        round_.phase = "flying"
+        for rank, pick in enumerate(entry.picks):
+            self._flights.begin(round_, rank, pick)
+        round_.forget_candidates()
+        if not entry.picks:
+            core.rounds.close(round_.number)

@@ -1,0 +1,99 @@
+"""Built-in campaigns, campaign files of others, and the test case that every mutant of a campaign starts from.
+
+A campaign is one TOML file in `campaign/presets/`, named like the campaign; those over policies are made from the
+policy files (`policy_campaigns.py`).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import msgspec
+
+from saflite.campaign.presets.policy_campaigns import (
+    PREFIX,
+    campaign_over,
+    is_policy,
+    policy_campaigns,
+    policy_text,
+    refuse_unchecked,
+)
+from saflite.contract.config import Campaign, parse_campaign, read_text
+from saflite.contract.errors import Refused
+from saflite.contract.test_case import Scenario, TestCase
+from saflite.contract.topics import prefix
+from saflite.flight.mission import find_mission
+
+BUILTIN_DIR = Path(__file__).parent
+
+
+def builtin_campaigns() -> dict[str, str]:
+    """Return the names of the built-in campaigns and what each is for, sorted by name."""
+    return {name: load_campaign(name).description for name in _names()}
+
+
+def _names() -> list[str]:
+    return sorted([*(path.stem for path in BUILTIN_DIR.glob("*.toml")), *policy_campaigns()])
+
+
+def load_campaign(name_or_path: str) -> Campaign:
+    """Return a built-in campaign by name, or the one in a `.toml` file.
+
+    A `.plan` file and policy files named in a campaign file are looked for beside it. A policy file stands for the
+    campaign over that policy. Raises Refused naming file, key and what was expected for an unknown name, TOML that is
+    none, unknown keys, or values that make no sense.
+    """
+    if name_or_path.endswith(".toml"):
+        path = Path(name_or_path)
+        text = read_text(path, "campaign file")
+        if is_policy(text):
+            return campaign_over(path, text)
+        return _found(parse_campaign(text, str(path)), path)
+    path = BUILTIN_DIR / f"{name_or_path}.toml"
+    if Path(name_or_path).name != name_or_path or not path.is_file():
+        made = policy_campaigns().get(name_or_path)
+        if made is not None:
+            return made
+        refuse_unchecked(name_or_path)
+        few = ", ".join(name for name in _names() if not name.startswith(PREFIX))
+        fix = "see `saflite list campaigns`"
+        expected = f"one of {few}, {PREFIX}<policy>, or a .toml file"
+        raise Refused("campaign", expected=expected, got=repr(name_or_path), fix=fix)
+    return parse_campaign(read_text(path, "campaign file"), path.name)
+
+
+def _found(campaign: Campaign, path: Path) -> Campaign:
+    """Return the campaign with the place of its mission file made absolute and the text of its policy files in it.
+
+    Raises Refused for a name that is not fit for the bus, or a policy file that cannot be read.
+    """
+    prefix(campaign.name)
+    if campaign.mission.endswith(".plan"):
+        campaign = msgspec.structs.replace(campaign, mission=str((path.parent / campaign.mission).resolve()))
+    names, texts = [], dict(campaign.policy_texts)
+    for name in campaign.policies:
+        if name.endswith(".toml"):
+            name, texts[name] = policy_text(path.parent / name)
+        names.append(name)
+    return msgspec.structs.replace(campaign, policies=tuple(names), policy_texts=texts)
+
+
+def template(campaign: Campaign) -> TestCase:
+    """Return the test case all mutants of the campaign start from: no obstacles, no stimuli.
+
+    Raises Refused for an unknown or broken mission, or if not exactly one of `mission` and `start` is given.
+    """
+    if bool(campaign.mission) == (campaign.start is not None):
+        got = "both" if campaign.mission else "neither"
+        where = f"campaign {campaign.name}"
+        raise Refused("campaign file", where=where, expected="`mission` or `[start]`, one of them", got=got)
+    return TestCase(
+        target=campaign.target,
+        scenario=Scenario(
+            mission=find_mission(campaign.mission) if campaign.mission else None,
+            start=campaign.start,
+            wind=campaign.wind,
+            time_limit_s=campaign.time_limit_s,
+        ),
+        rng_seed=campaign.rng_seed,
+    )

@@ -1,0 +1,89 @@
+"""Small decisions of the books that depend on who is there: who may have which work, what may still be counted."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from saflite.campaign.engine.core import Core
+from saflite.campaign.engine.worker_registry import WorkerRegistry
+from saflite.campaign.scheduling.tasks import Task, split_key
+from saflite.contract.control import Control
+from saflite.contract.flight import FLOWN_ENDINGS
+from saflite.contract.work import Ask, Failure, FlyResult, HandedBack, Result
+
+SEEN_LATELY_S = 7.0
+"""A worker heard of within this time (or a lease time, if longer) is there: idle ones send a heartbeat each 3 s."""
+
+AVOIDED_MAX = 32  # re-flights a worker may not have that are looked past when it asks
+
+
+class Dispatch:
+    """Reads the core and who is there; changes neither."""
+
+    def __init__(self, core: Core, registry: WorkerRegistry) -> None:
+        self._core, self._registry = core, registry
+
+    def choose(self, ask: Ask, many: int, now: float) -> list[Task]:
+        """Return up to `many` tasks this worker may have, in order."""
+        if self._core.state == "paused" and ask.stage in ("mutate", "score", "fly"):
+            return []
+        chosen: list[Task] = []
+        passed = 0
+        for task in self._core.tasks.waiting(ask.stage):
+            if self._may_have(ask, task, now):
+                chosen.append(task)
+            else:
+                passed += 1
+            if len(chosen) >= many or passed >= AVOIDED_MAX:
+                break
+        return chosen
+
+    def _may_have(self, ask: Ask, task: Task, now: float) -> bool:
+        if task.target and ask.targets and task.target not in ask.targets:
+            return False
+        return ask.worker not in task.avoid or not self._somebody_else(ask, task, now)
+
+    def _somebody_else(self, ask: Ask, task: Task, now: float) -> bool:
+        """Whether a worker that did not have this before may still take it: one heard of lately."""
+        patience_s = max(self._core.campaign.lease.lease_s, SEEN_LATELY_S)
+        if ask.stage == "fly" and now - self._core.opened_s < patience_s:
+            return True  # others may still be on their way
+        others = self._registry.others(ask.stage, ask.worker, task.target, now - patience_s)
+        return any(other not in task.avoid for other in others)
+
+    def may_merge(self, result: Result) -> bool:
+        """Whether a result that comes after its lease has ended still is as good as one in time."""
+        if isinstance(result, FlyResult):
+            return result.flight.ending in FLOWN_ENDINGS
+        return not isinstance(result, Failure | HandedBack)
+
+    def was_done(self, key: str) -> bool:
+        """Whether work of this name was done before, as far as can be told."""
+        word, middle, number = split_key(key)
+        if word == "mutate":
+            return 0 <= number < self._core.rounds.planned
+        if word == "score":
+            return middle.isdecimal() and int(middle) < self._core.rounds.planned
+        return middle in self._core.flown or word == "warm"
+
+    def objection(self, control: Control, scorer: str) -> str:
+        """Return why an order cannot be taken, empty if it can."""
+        core = self._core
+        if control.verb == "budget":
+            least = core.counts.flights + core.rounds.outstanding()
+            if control.number < least:
+                return f"budget: expected at least {least} (flown or planned already), got {control.number}"
+        if control.verb == "scorer" and not control.text:
+            return "scorer: expected the name of a model, got nothing"
+        if control.verb == "scorer" and control.text == scorer:
+            return f"scorer: {scorer} decides already"
+        if control.verb == "resume" and core.state == "running":
+            return "resume: the campaign is running already"
+        if control.verb in ("pause", "stop") and core.state == "ended":
+            return f"{control.verb}: the campaign has ended"
+        return ""
+
+    def waiting(self) -> Iterator[tuple[str, int]]:
+        """Yield how much waits or is lent out, per stage."""
+        for stage in ("mutate", "score", "fly", "judge", "record"):
+            yield stage, sum(1 for task in self._core.tasks if task.stage == stage)

@@ -1,0 +1,94 @@
+"""Does a result fit the work it claims to answer? Checked before anything is counted."""
+
+from __future__ import annotations
+
+import math
+
+from saflite.campaign.engine.core import Core
+from saflite.campaign.scheduling.tasks import Task, split_key
+from saflite.contract.errors import Refused
+from saflite.contract.flight import AUTOPILOT_ALIVE, matches_digest
+from saflite.contract.score import SCORE_MAX, SCORE_MIN
+from saflite.contract.work import (
+    Failure,
+    FlyResult,
+    HandedBack,
+    JudgeResult,
+    MutateResult,
+    RecordResult,
+    Result,
+    ScoreResult,
+    WarmResult,
+)
+
+_KINDS: dict[str, tuple[type, ...]] = {
+    "mutate": (MutateResult,),
+    "score": (ScoreResult,),
+    "warm": (WarmResult,),
+    "fly": (FlyResult,),
+    "judge": (JudgeResult,),
+    "record": (RecordResult,),
+}
+
+
+def check_result(core: Core, task: Task, result: Result) -> None:
+    """Raise Refused if the result is of another kind, for another test case, or says what cannot be."""
+    word, middle, number = split_key(task.key)
+    if isinstance(result, Failure | HandedBack):
+        return
+    if not isinstance(result, _KINDS[word]):
+        _refuse(task, f"a result of {word}", type(result).__name__)
+    elif isinstance(result, MutateResult):
+        _same(task, "round", number, result.round)
+        _check_mutants(core, task, result)
+    elif isinstance(result, ScoreResult):
+        _check_scores(task, result, core.rounds.under_way[int(middle)].batches[number])
+    elif isinstance(result, WarmResult):
+        _same(task, "model", task.model, result.model)
+    elif isinstance(result, FlyResult):
+        _same(
+            task, "test case and flight index", (middle, number), (result.flight.test_case, result.flight.flight_index)
+        )
+        _check_flight(task, result)
+    elif isinstance(result, JudgeResult):
+        judgement = result.judgement
+        _same(task, "test case and flight index", (middle, number), (judgement.test_case, judgement.flight_index))
+        judged = sorted(verdict.policy for verdict in judgement.verdicts if verdict.policy != AUTOPILOT_ALIVE)
+        _same(task, "policies", sorted(core.campaign.policies), judged)
+    elif isinstance(result, RecordResult):
+        _same(task, "test case and flight index", (middle, number), (result.test_case, result.flight_index))
+
+
+def _check_mutants(core: Core, task: Task, result: MutateResult) -> None:
+    most = core.rounds.search.candidates_per_round
+    if len(result.test_cases) > most:
+        _refuse(task, f"at most {most} test cases", len(result.test_cases))
+
+
+def _check_scores(task: Task, result: ScoreResult, names: tuple[str, ...]) -> None:
+    deciding = [score for score in result.scores if not score.shadow]
+    _same(task, "deciding scores, one for each test case asked", sorted(names), sorted(s.test_case for s in deciding))
+    for score in result.scores:
+        if not (math.isfinite(score.value) and SCORE_MIN <= score.value <= SCORE_MAX):
+            _refuse(task, f"scores from {SCORE_MIN:g} to {SCORE_MAX:g}", score.value)
+        if not score.shadow and score.model != task.model:
+            _refuse(task, f"deciding scores of {task.model}", score.model)
+
+
+def _check_flight(task: Task, result: FlyResult) -> None:
+    flight = result.flight
+    if flight.simulated_s < 0 or not math.isfinite(flight.simulated_s) or not math.isfinite(flight.wall_s):
+        _refuse(task, "finite times", (flight.simulated_s, flight.wall_s))
+    if bool(flight.trace_digest) != bool(result.trace):
+        _refuse(task, "a trace together with its digest", f"{len(result.trace)} bytes, digest {flight.trace_digest!r}")
+    if flight.trace_digest and not matches_digest(result.trace, flight.trace_digest):
+        _refuse(task, f"a trace with the digest {flight.trace_digest[:16]!r}...", f"{len(result.trace)} other bytes")
+
+
+def _same(task: Task, what: str, expected: object, got: object) -> None:
+    if expected != got:
+        _refuse(task, f"{what} {expected}", got)
+
+
+def _refuse(task: Task, expected: str, got: object) -> None:
+    raise Refused(f"result for {task.key}", expected=expected, got=got)

@@ -1,0 +1,177 @@
+"""Work as it is handed out: a task of the table made into the message a worker gets."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import msgspec
+
+from saflite.campaign.engine.read_model import ReadModel
+from saflite.campaign.engine.reducer import Reducer
+from saflite.campaign.scheduling.tasks import Task, split_key
+from saflite.contract.config import SearchConfig
+from saflite.contract.errors import Unavailable
+from saflite.contract.rng import derive_seed
+from saflite.contract.work import FlyWork, JudgeWork, MutateWork, Outcome, RecordWork, ScoreWork, WarmWork, Work
+
+GRANT_MAX_BYTES = 8 * 2**20
+
+RECENT_MAX = 3000
+"""Outcomes a scorer that starts anew is told, the latest ones, without their tracks."""
+
+OUTCOMES_MAX = 1000
+"""Outcomes in one message; a mutator that has more to be told is told in several leases (`count` 0)."""
+
+
+class Told(NamedTuple):
+    """Outcomes of the rounds after `from_cursor` up to `cursor`."""
+
+    outcomes: tuple[Outcome, ...]
+    from_cursor: int
+    cursor: int
+
+
+class WorkMessages:
+    """Makes work from tasks. Reads the reducer and the read model; changes neither."""
+
+    def __init__(self, reducer: Reducer, read_model: ReadModel) -> None:
+        self._reducer, self._core, self._read_model = reducer, reducer.core, read_model
+
+    def work(self, task: Task, cursor: int) -> Work:
+        """Return the work of a task for a worker that was told outcomes up to `cursor`.
+
+        Raises:
+            Unavailable: the trace that belongs to it cannot be read.
+        """
+        if task.stage == "fly":
+            return self._fly(task)
+        if task.stage == "judge":
+            return self._judge(task)
+        if task.stage == "record":
+            return self._record(task)
+        if task.stage == "mutate":
+            return self._mutate(task, cursor)
+        return self._warm(task) if task.key.startswith("warm/") else self._score(task, cursor)
+
+    def model_for(self, task: Task) -> str:
+        """Return the deciding model of a score task handed out now, empty for other work."""
+        return self._reducer.scorers.model if task.key.startswith("score/") else ""
+
+    def overdue_s(self, task: Task) -> float:
+        """Return how long a lease may run however alive its worker seems."""
+        campaign = self._core.campaign
+        if task.stage == "fly":
+            return 2.0 * campaign.lease.wall_limit_s + campaign.lease.lease_s
+        if task.stage == "score":
+            models = 1 + len(self._reducer.scorers.shadow)
+            return campaign.scorer.load_deadline_s * models + 4.0 * campaign.scorer.deadline_s
+        return 300.0
+
+    def _fly(self, task: Task) -> FlyWork:
+        index = split_key(task.key)[2]
+        limit_s = self._core.campaign.lease.wall_limit_s
+        test_case = self._reducer.test_case_of(task)
+        return FlyWork(test_case=test_case, flight_index=index, purpose=task.purpose, wall_limit_s=limit_s)
+
+    def _judge(self, task: Task) -> JudgeWork:
+        flight = self._reducer.flight_of(task)
+        trace = self._trace(flight.trace_digest)
+        campaign = self._core.campaign
+        return JudgeWork(
+            test_case=self._reducer.test_case_of(task),
+            flight=flight,
+            policies=campaign.policies,
+            policy_texts=campaign.policy_texts,
+            trace=trace,
+        )
+
+    def _record(self, task: Task) -> RecordWork:
+        job = self._core.records[task.key]
+        return RecordWork(
+            test_case=job.test_case,
+            flight=job.flight,
+            judgement=job.judgement,
+            trace=self._trace(job.flight.trace_digest),
+            violation=job.violation,
+            scores=job.scores,
+        )
+
+    def _trace(self, trace_digest: str) -> bytes:
+        if not trace_digest:
+            return b""
+        data = self._read_model.trace(trace_digest)
+        if data is None:
+            raise Unavailable(f"trace {trace_digest[:16]} is not in the store")
+        return data
+
+    def _mutate(self, task: Task, cursor: int) -> MutateWork:
+        core, strategy = self._core, self._core.campaign.strategy
+        round_ = core.rounds.under_way[split_key(task.key)[2]]
+        target = round_.number - core.rounds.search.lag
+        told = self._told(cursor, max(target, -1), OUTCOMES_MAX)
+        return MutateWork(
+            round=round_.number,
+            count=_candidates(core.rounds.search, round_.plan.flights) if told.cursor >= target else 0,
+            strategy=strategy.name,
+            settings=strategy.settings,
+            rng_seed=derive_seed(core.campaign.rng_seed, "mutate", round_.number),
+            template=core.template,
+            policies=core.campaign.policies,
+            outcomes=told.outcomes,
+            from_cursor=told.from_cursor,
+            cursor=told.cursor,
+        )
+
+    def _score(self, task: Task, cursor: int) -> ScoreWork:
+        core, scorers = self._core, self._reducer.scorers
+        _, number, batch = split_key(task.key)
+        round_ = core.rounds.under_way[int(number)]
+        upto = max(round_.number - core.rounds.search.lag, -1)
+        told = self._told(min(cursor, upto), upto, RECENT_MAX, latest=True)
+        return ScoreWork(
+            round=round_.number,
+            model=scorers.model,
+            shadow=scorers.shadow,
+            policies=core.campaign.policies,
+            policy_texts=core.campaign.policy_texts,
+            test_cases=tuple(round_.candidates[name] for name in round_.batches[batch]),
+            rng_seed=derive_seed(core.campaign.rng_seed, "score", round_.number, batch),
+            recent=tuple(msgspec.structs.replace(outcome, track=()) for outcome in told.outcomes),
+            from_cursor=told.from_cursor,
+            cursor=told.cursor,
+            deadline_s=core.campaign.scorer.deadline_s,
+        )
+
+    def _warm(self, task: Task) -> WarmWork:
+        return WarmWork(model=task.model, load_deadline_s=self._core.campaign.scorer.load_deadline_s)
+
+    def _told(self, cursor: int, upto: int, limit: int, *, latest: bool = False) -> Told:
+        """Return what a worker at `cursor` is to be told. One that knows too much is told all from the start.
+
+        Where there is more than `limit`: the earliest, to be followed by the rest; or, for who needs to know no more
+        than lately happened, the `latest`.
+        """
+        after = cursor if cursor <= upto else -1
+        held = self._core.rounds.told_between(after, upto)
+        if held is not None and len(held) <= limit:
+            return Told(held, after, upto)
+        if latest:
+            first = max(after, upto - limit // self._core.rounds.search.flights_per_round)
+            return Told(self._read_model.outcomes(first, upto, 2 * limit), after, upto)
+        outcomes = self._read_model.outcomes(after, upto, limit)
+        complete = len(outcomes) < limit
+        return Told(outcomes, after, upto if complete or not outcomes else outcomes[-1].round)
+
+
+def weight_bytes(work: Work) -> int:
+    """Return about how large work is as a message: one grant stays far below what a message may be."""
+    if isinstance(work, MutateWork):
+        return 12_000 * len(work.outcomes)
+    if isinstance(work, ScoreWork):
+        return 2_500 * len(work.recent) + 2_500 * len(work.test_cases)
+    return len(work.trace) + 40_000 if isinstance(work, JudgeWork | RecordWork) else 4_000
+
+
+def _candidates(search: SearchConfig, flights: int) -> int:
+    """Return how many candidates a round of `flights` flights is chosen from: a small round from fewer."""
+    return min(search.candidates_per_round, -(-search.candidates_per_round * flights // search.flights_per_round))

@@ -1,0 +1,1 @@
+"""The books on disk: SQLite, blobs, projections and their audits."""

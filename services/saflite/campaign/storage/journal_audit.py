@@ -1,0 +1,170 @@
+"""Counts a run anew from its journal, by itself: what was issued, how it ended, what was flown, what was told."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any
+
+from saflite.campaign.engine.journal import Granted, Line, Returned, Selected, Settled, TraceMissing, decode_line
+from saflite.campaign.lifecycle.minimization import CANDIDATE
+from saflite.campaign.scheduling.tasks import split_key
+from saflite.contract.events import Fact, Flown, Judged, Proposed, Quarantined, Scored, ViolationFound
+from saflite.contract.flight import FLOWN_ENDINGS
+from saflite.contract.work import FlyResult, JudgeResult, MutateResult, ScoreResult
+
+Attempt = tuple[str, int]
+Flight = tuple[str, int]
+
+
+class Recount:
+    """Feed it every line of the journal in order."""
+
+    def __init__(self) -> None:
+        self.lines = 0
+        self.problems: list[str] = []
+        self.issued = self.candidates = 0
+        self.ended: Counter[str] = Counter()
+        self._open: dict[str, int] = {}  # work: attempt under way
+        self._selected: Counter[str] = Counter()
+        self._flown: dict[Flight, int] = {}  # accepted results, by flight
+        self._flown_anew: Counter[Flight] = Counter()  # taken, told, but its trace was lost before it was judged
+        self._judged: Counter[Flight] = Counter()
+        self._told_flown: Counter[Flight] = Counter()
+        self._ended_cases: Counter[str] = Counter()
+        self._confirmations: Counter[str] = Counter()
+        self._planted = self._scored = 0
+
+    # ---- the journal ---------------------------------------------------------------------------------------------
+
+    def add(self, data: bytes) -> None:
+        """Count one line."""
+        self.lines += 1
+        line: Line = decode_line(data)
+        match line.entry:
+            case Granted(key=key, epoch=epoch):
+                self.issued += 1
+                if key in self._open:
+                    self.problems.append(f"{key} was lent out as attempt {epoch} while attempt {self._open[key]} ran")
+                self._open[key] = epoch
+            case Returned(key=key, epoch=epoch, how=how):
+                self._end(key, epoch, how)
+            case Settled(key=key, epoch=epoch):
+                self._settled(line.entry)
+            case Selected(picks=picks):
+                self._selected.update(pick.test_case for pick in picks)
+            case TraceMissing(key=key):
+                self._open.pop(key, None)
+                _, name, index = split_key(key)
+                if index != CANDIDATE:
+                    self._flown[name, index] -= 1
+                    self._flown_anew[name, index] += 1
+            case _:
+                pass
+
+    def _end(self, key: str, epoch: int, how: str) -> None:
+        if self._open.get(key) != epoch:
+            self.problems.append(f"{key}: attempt {epoch} ended ({how}) but was not under way")
+        self._open.pop(key, None)
+        self.ended[how] += 1
+
+    def _settled(self, entry: Settled) -> None:
+        running = self._open.pop(entry.key, None)
+        if running is not None:
+            self.ended["settled" if running == entry.epoch else "overtaken"] += 1
+        else:
+            self.ended["settled late"] += 1
+        result = entry.result
+        if split_key(entry.key)[2] == CANDIDATE and isinstance(result, FlyResult | JudgeResult):
+            self.candidates += isinstance(result, FlyResult)
+        elif isinstance(result, FlyResult) and result.flight.ending in FLOWN_ENDINGS:
+            flight = (result.flight.test_case, result.flight.flight_index)
+            self._flown[flight] = self._flown.get(flight, 0) + 1
+        elif isinstance(result, JudgeResult):
+            self._judged[result.judgement.test_case, result.judgement.flight_index] += 1
+        elif isinstance(result, MutateResult):
+            self._planted += 1
+        elif isinstance(result, ScoreResult):
+            self._scored += 1
+
+    # ---- what was told -------------------------------------------------------------------------------------------
+
+    def compare_told(self, facts: Sequence[Fact]) -> list[str]:
+        """Return where the facts told and the results taken differ."""
+        told_judged: Counter[Flight] = Counter()
+        violations: Counter[tuple[str, str]] = Counter()
+        planted = scored = 0
+        for fact in facts:
+            match fact:
+                case Flown():
+                    self._told_flown[fact.test_case, fact.flight_index] += 1
+                    if fact.ending in FLOWN_ENDINGS:
+                        continue
+                    self._flown.setdefault((fact.test_case, fact.flight_index), 1)
+                case Judged():
+                    told_judged[fact.test_case, fact.flight_index] += 1
+                    if fact.flight_index == 0 and not fact.violated:
+                        self._ended_cases[fact.test_case] += 1
+                case Quarantined():
+                    self._ended_cases[fact.test_case] += 1
+                case ViolationFound():
+                    violation = fact.violation
+                    violations[violation.test_case, violation.policy] += 1
+                    self._confirmations[violation.confirmation] += 1
+                case Proposed():
+                    planted += 1
+                case Scored():
+                    scored += 1
+                case _:
+                    pass
+        self._ended_cases.update({name for name, _ in violations})
+        return [
+            *_unequal("flights told", self._told_flown, Counter(self._flown) + self._flown_anew),
+            *_unequal("judgements told", told_judged, self._judged),
+            *[f"{key} was announced {count} times" for key, count in violations.items() if count > 1],
+            *([] if planted == self._planted else [f"rounds: {self._planted} proposed, {planted} told"]),
+            *([] if scored >= self._scored else [f"batches: {self._scored} scored, {scored} told"]),
+            *self._doubled(),
+        ]
+
+    def _doubled(self) -> list[str]:
+        return [
+            *[f"flight {key} was counted {count} times" for key, count in self._flown.items() if count > 1],
+            *[f"test case {name} was selected {count} times" for name, count in self._selected.items() if count > 1],
+            *[f"test case {name} ended {count} times" for name, count in self._ended_cases.items() if count > 1],
+        ]
+
+    def left_open(self) -> list[str]:
+        """Return what a campaign that is over has left open."""
+        unfinished = sorted(set(self._selected) - set(self._ended_cases))
+        running = sorted(key for key in self._open if not key.startswith(("score/", "warm/")))
+        return [
+            *[f"test case {name} has not ended" for name in unfinished],
+            *[f"{key} is still under way" for key in running],
+        ]
+
+    @property
+    def charged(self) -> int:
+        """Flights that count against the budget."""
+        return sum(1 for (name, _), count in self._flown.items() if count > 0 and name in self._selected)
+
+    def figures(self) -> dict[str, Any]:
+        """Return the counts."""
+        return {
+            "attempts_issued": self.issued,
+            "attempts_ended": self.issued - len(self._open),
+            "attempts_open": len(self._open),
+            "attempts_by_end": dict(sorted(self.ended.items())),
+            "test_cases_selected": sum(self._selected.values()),
+            "test_cases_ended": len(set(self._ended_cases) & set(self._selected)),
+            "flights": self.charged,
+            "shrink_experiments": self.candidates,
+            "flights_counted_twice": sum(1 for count in self._flown.values() if count > 1),
+            "results_missing": sum(1 for key, count in self._flown.items() if count > 0 and not self._told_flown[key]),
+            "violations": dict(sorted(self._confirmations.items())),
+        }
+
+
+def _unequal(what: str, told: Counter[Flight], taken: Counter[Flight]) -> list[str]:
+    names = [key for key in {*told, *taken} if told[key] != taken[key]]
+    return [f"{what}: {key} {told[key]} times, taken {taken[key]} times" for key in sorted(names)[:20]]

@@ -1,0 +1,189 @@
+"""The checks of `saflite doctor`, each on its own, none raising: a finding says what was seen and how to mend it."""
+
+from __future__ import annotations
+
+import os
+import platform
+import shutil
+import sqlite3
+import sys
+from collections.abc import Callable
+from functools import partial
+from importlib.metadata import PackageNotFoundError, requires, version
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+from saflite.contract.errors import FarmError, Refused
+
+DISK_FREE_MIN_GIB = 1.0
+DEFAULT_OLLAMA = "http://127.0.0.1:11434"
+
+
+class Finding(NamedTuple):
+    """One line of the doctor. `note`: missing, but the farm runs without it."""
+
+    what: str
+    state: Literal["ok", "note", "bad"]
+    text: str
+
+
+Check = Callable[[], Finding]
+
+
+def all_checks(folder: Path, ollama: str) -> list[Check]:
+    """Return the checks in the order in which things are needed."""
+    return [
+        _python,
+        _packages,
+        _machine,
+        _native,
+        _jsbsim,
+        _bus,
+        partial(_store, folder),
+        partial(_disk, folder),
+        _policies,
+        _flight,
+        partial(_ollama, ollama),
+        partial(_binary, "ArduPilot", "arducopter"),
+        partial(_binary, "PX4", "px4"),
+    ]
+
+
+def _python() -> Finding:
+    good = sys.version_info >= (3, 11)
+    text = f"{platform.python_version()} on {platform.system()} {platform.machine()}"
+    return Finding("python", "ok" if good else "bad", text if good else f"{text}; 3.11 or newer is needed")
+
+
+def _packages() -> Finding:
+    missing, found = [], 0
+    try:
+        wanted = [text for text in requires("saflite-farm") or () if "extra ==" not in text]
+    except PackageNotFoundError:
+        wanted = ["eclipse-zenoh", "jsbsim", "mcap", "msgspec", "numpy", "rich", "scikit-learn", "pymavlink", "pyulog"]
+    for text in wanted:
+        name = text.split(";")[0].split("[")[0]
+        for mark in "<>=!~ ":
+            name = name.split(mark)[0]
+        try:
+            version(name)
+            found += 1
+        except PackageNotFoundError:
+            missing.append(name)
+    if missing:
+        return Finding("packages", "bad", f"missing {', '.join(missing)}; run `pip install .`")
+    return Finding("packages", "ok", f"{found} installed")
+
+
+def _machine() -> Finding:
+    cores = len(os.sched_getaffinity(0))
+    memory_gib = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
+    return Finding("machine", "ok", f"{cores} cores (one simulator each by default), {memory_gib:.1f} GiB memory")
+
+
+def _native() -> Finding:
+    from saflite.flight import native
+
+    folder = Path(next(iter(native.__path__)))
+    library = folder / "_native.so"
+    if not library.exists():
+        return Finding("compiled code", "bad", f"{library} is missing; run `python scripts/build_native.py`")
+    newer = [path.name for path in folder.glob("*.[ch]") if path.stat().st_mtime > library.stat().st_mtime]
+    if newer:
+        return Finding("compiled code", "note", f"older than {', '.join(newer)}; run `python scripts/build_native.py`")
+    return Finding("compiled code", "ok", f"{library.stat().st_size // 1024} KiB")
+
+
+def _jsbsim() -> Finding:
+    try:
+        import jsbsim
+    except ImportError as fault:
+        return Finding("JSBSim", "bad", f"{fault}; run `pip install jsbsim`")
+    aircraft = Path(jsbsim.get_default_root_dir()) / "aircraft" / "F450"
+    if not aircraft.exists():
+        return Finding("JSBSim", "bad", f"no F450 in {aircraft.parent}; install jsbsim 1.3 or newer")
+    return Finding("JSBSim", "ok", f"{version('jsbsim')} with the F450")
+
+
+def _bus() -> Finding:
+    from saflite.console.doctor.bus_check import round_trip
+
+    try:
+        return Finding("bus", "ok", f"Zenoh {version('eclipse-zenoh')}, asked and answered in {round_trip():.1f} ms")
+    except (FarmError, OSError, ImportError, RuntimeError) as fault:
+        return Finding("bus", "bad", f"{fault}; is loopback networking allowed here?")
+
+
+def _store(folder: Path) -> Finding:
+    path = folder / f".saflite-doctor-{os.getpid()}.sqlite"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with sqlite3.connect(path) as store:
+            mode = store.execute("pragma journal_mode=wal").fetchone()[0]
+            store.execute("create table probe (number integer)")
+        store.close()
+    except (sqlite3.Error, OSError) as fault:
+        return Finding("store", "bad", f"SQLite cannot write to {folder.resolve()}: {fault}")
+    finally:
+        for leftover in folder.glob(f"{path.name}*"):
+            leftover.unlink()
+    if mode != "wal":
+        return Finding("store", "bad", f"the file system of {folder.resolve()} cannot do write-ahead logging")
+    return Finding("store", "ok", f"SQLite {sqlite3.sqlite_version}, write-ahead log works")
+
+
+def _disk(folder: Path) -> Finding:
+    free_gib = shutil.disk_usage(folder).free / 2**30
+    good = free_gib >= DISK_FREE_MIN_GIB
+    return Finding("disk", "ok" if good else "bad", f"{free_gib:.1f} GiB free" + ("" if good else "; 1 GiB is needed"))
+
+
+def _policies() -> Finding:
+    from saflite.oracle.policy import load_policy, policy_names
+
+    broken = []
+    for name in policy_names():
+        try:
+            load_policy(name)
+        except Refused as fault:
+            broken.append(str(fault))
+    if broken:
+        return Finding("policies", "bad", broken[0])
+    return Finding("policies", "ok", f"{len(policy_names())} load, each agrees with its examples")
+
+
+def _flight() -> Finding:
+    from saflite.campaign.presets.campaigns import load_campaign, template
+    from saflite.console.operations import judging
+
+    try:
+        flown = judging.fly(template(load_campaign("avoidance-m2")), 120.0)
+    except (FarmError, OSError) as fault:
+        return Finding("flight", "bad", str(fault))
+    flight = flown.flight
+    if flight.ending != "completed":
+        return Finding("flight", "bad", f"mission 2 without obstacles ended as {flight.ending}: {flight.message}")
+    speed = flight.simulated_s / max(flight.wall_s, 1e-9)
+    return Finding("flight", "ok", f"mission 2 in {flight.wall_s:.1f} s, {speed:.0f}x real time with start-up")
+
+
+def _ollama(url: str) -> Finding:
+    import httpx
+
+    from saflite.contract.config import environment
+
+    place = url or environment("OLLAMA_HOST") or DEFAULT_OLLAMA
+    place = place if "://" in place else f"http://{place}"
+    try:
+        models = httpx.get(f"{place}/api/tags", timeout=2.0).json().get("models", [])
+    except (httpx.HTTPError, ValueError, AttributeError) as fault:
+        return Finding("model server", "note", f"none at {place} ({type(fault).__name__}); embedded scorers need none")
+    names = ", ".join(sorted(str(model.get("name")) for model in models)) or "no models yet"
+    return Finding("model server", "ok", f"{place}: {names}")
+
+
+def _binary(name: str, program: str) -> Finding:
+    path = shutil.which(program)
+    if path is None:
+        return Finding(name, "note", f"no `{program}` on the PATH; the reference target needs none")
+    return Finding(name, "ok", path)

@@ -1,0 +1,1 @@
+"""The paper's first two questions asked of scorer models, outside any campaign."""

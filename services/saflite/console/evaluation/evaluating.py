@@ -1,0 +1,187 @@
+"""What `saflite evaluate` does: reads logs and labels, asks the models, prints and draws what came of it."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+from collections.abc import Sequence
+from pathlib import Path
+
+from saflite.console.evaluation.bugs import BugResult, evaluate_bugs, gain
+from saflite.console.evaluation.logs import LogCase, LogReport, evaluate_logs
+from saflite.console.io import log_files as flight_logs
+from saflite.console.view import out
+from saflite.console.view.report import bars
+from saflite.contract.config import read_text
+from saflite.contract.errors import Refused, Unavailable
+from saflite.scorer_pool.calibration import Calibration, Interval
+
+YES, NO = ("yes", "true", "1", "interesting"), ("no", "false", "0", "dull")
+
+
+# ---- logs -------------------------------------------------------------------------------------------------------
+
+
+def logs(args: argparse.Namespace) -> int:
+    """Judge the logs of a folder and print how well that meets the labels."""
+    from saflite.runtime.clock import WallClock
+
+    cases = _cases(args.folder, _labels(args.labels) if args.labels else {}, args.text)
+    report = evaluate_logs(cases, args.model, WallClock(), deadline_s=args.deadline)
+    if args.plot is not None:
+        _write(args.plot, bars.calibrations(report.calibrations))
+    if args.json:
+        out.json(report)
+    else:
+        _show_logs(report)
+    return 0
+
+
+def _cases(folder: Path, labels: dict[str, bool], text_folder: Path | None) -> list[LogCase]:
+    from saflite.oracle.log_text import describe, facts_of, rule_of_thumb
+    from saflite.recorder import recording
+
+    if not folder.is_dir():
+        raise Refused("logs", where=str(folder), expected="a folder with flight logs", got="none")
+    known = {".mcap", *flight_logs.READERS}
+    paths = sorted(path for path in folder.rglob("*") if path.suffix in known and path.is_file())
+    if not paths:
+        raise Refused("logs", where=str(folder), expected=f"files ending in {', '.join(sorted(known))}", got="none")
+    found = []
+    for path in paths:
+        try:
+            trace = recording.read(path).trace if path.suffix == ".mcap" else flight_logs.read_trace(path, placed=False)
+        except Refused as fault:  # one bad log does not spoil the others; it is named and left out
+            out.complain("left out", str(fault))
+            continue
+        text = describe(trace)
+        if text_folder is not None:
+            _write(text_folder / f"{path.stem}.txt", text)
+        found.append(LogCase(path.name, text, _label(path, labels), *rule_of_thumb(facts_of(trace))))
+    return found
+
+
+def _labels(path: Path) -> dict[str, bool]:
+    """Return the labels of a CSV by log name; raises Refused for other columns or answers."""
+    rows = list(csv.DictReader(read_text(path, "labels").splitlines()))
+    labels = {}
+    for number, row in enumerate(rows, start=2):
+        where = f"{path} line {number}"
+        if "log" not in row or "interesting" not in row:
+            raise Refused("labels", where=where, expected="columns log, interesting", got=", ".join(map(str, row)))
+        word = str(row["interesting"]).strip().lower()
+        if word not in YES + NO:
+            raise Refused("interesting", where=where, expected="yes or no", got=repr(row["interesting"]))
+        labels[str(row["log"])] = word in YES
+    return labels
+
+
+def _label(path: Path, labels: dict[str, bool]) -> bool | None:
+    for name, interesting in labels.items():
+        if name and (path.name == name or path.stem.startswith(name)):
+            return interesting
+    return None
+
+
+def _show_logs(report: LogReport) -> None:
+    rows = [
+        (answer.log, answer.answerer, "-" if answer.score is None else f"{answer.score:.1f}",
+         _word(answer.interesting), _word(answer.label), answer.fault or answer.reason[:70])
+        for answer in report.answers
+        if answer.answerer != "random"
+    ]  # fmt: skip
+    out.table(rows, ("log", "answered by", "score", "called", "label", "because"))
+    out.line()
+    out.line(f"{report.labelled} labelled logs, {report.unlabelled} without label; 95 % intervals")
+    if report.labelled:
+        heads = (
+            "answered by",
+            "N",
+            "TP/FP/FN/TN",
+            "accuracy",
+            "precision",
+            "recall",
+            "F1",
+            "ROC area",
+            "always",
+            "never",
+        )
+        out.table([_figures(one) for one in report.calibrations], heads)
+
+
+def _figures(one: Calibration) -> tuple[object, ...]:
+    counts, metrics = one.metrics.confusion, one.metrics
+    four = f"{counts.true_positive}/{counts.false_positive}/{counts.false_negative}/{counts.true_negative}"
+    figures = (metrics.accuracy, metrics.precision, metrics.recall, metrics.f1, one.roc_area)
+    constants = (one.always.accuracy.value, one.never.accuracy.value)
+    return (one.model, one.flights, four, *map(_interval, figures), *(_number(value) for value in constants))
+
+
+def _interval(figure: Interval) -> str:
+    if figure.value is None or figure.low is None or figure.high is None:
+        return _number(figure.value)
+    return f"{figure.value:.2f} [{figure.low:.2f}, {figure.high:.2f}]"
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.2f}"
+
+
+def _word(interesting: bool | None) -> str:
+    return "-" if interesting is None else "interesting" if interesting else "dull"
+
+
+# ---- bugs -------------------------------------------------------------------------------------------------------
+
+
+def bugs(args: argparse.Namespace) -> int:
+    """Score all inputs of the ten bugs and print where their triggers stand."""
+    from saflite.mutator.operators.inputs import published_inputs
+    from saflite.runtime.clock import WallClock
+    from saflite.runtime.stages import brief_of
+    from saflite.scorer_pool.registry import check_label
+
+    check_label(args.model)
+    results = evaluate_bugs(
+        args.model, published_inputs, brief_of, WallClock(), rng_seed=args.rng_seed, deadline_s=args.deadline
+    )
+    if args.plot is not None:
+        _write(args.plot, bars.bugs(results))
+    if args.json:
+        out.json({"results": results, "gain_over_pgfuzz": gain(results)})
+    else:
+        _show_bugs(results, args.model)
+    return 0
+
+
+def _show_bugs(results: Sequence[BugResult], model: str) -> None:
+    rows = [
+        (
+            *(one.bug, one.policy, one.trigger, one.inputs),
+            f"{one.bands['interesting']:.0f}/{one.bands['middling']:.0f}/{one.bands['dull']:.0f} %",
+            *(f"{one.trigger_score:.1f} {one.trigger_band}", f"{one.trigger_rank:g}", f"{one.published_score:g}"),
+            *(
+                f"{100 * one.chance_pgfuzz:.2f} %",
+                f"{100 * one.chance_weighted:.2f} %",
+                f"{100 * one.chance_band:.2f} %",
+            ),
+        )
+        for one in results
+    ]
+    heads = (
+        *("bug", "policy", "trigger", "inputs", "high/mid/low", "trigger score", "rank", "paper's score"),
+        *("by PGFuzz", "by score", "from best band"),
+    )
+    out.table(rows, heads)
+    answered = sorted({name for one in results for name in one.scored_by})
+    faults = sum(sum(one.faults.values()) for one in results)
+    out.line(f"asked {model}, answered by {', '.join(answered)}, {faults} faults")
+    out.line(f"chance per round of drawing the trigger: {gain(results):.2f} x PGFuzz's own (geometric mean)")
+
+
+def _write(path: Path, text: str) -> None:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+    except OSError as fault:
+        raise Unavailable(f"{path} cannot be written: {fault}") from fault

@@ -1,0 +1,1 @@
+"""Files in and out: test cases, logs, campaigns, schemas."""

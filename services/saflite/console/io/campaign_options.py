@@ -1,0 +1,101 @@
+"""What the command line changes in a campaign file."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import msgspec
+
+from saflite.contract.config import Campaign, StrategyConfig, check_campaign
+from saflite.contract.errors import Refused
+from saflite.contract.flight import AUTOPILOT_ALIVE
+from saflite.contract.work import Setting
+
+
+def at_least(name: str, number: float, least: float) -> None:
+    """Raise Refused if a number of the command line is too small."""
+    if not number >= least:
+        raise Refused(name, expected=f"{least:g} or more", got=number)
+
+
+def setting(text: str) -> tuple[str, Setting]:
+    """Return the name and value in `name=value`, the value read as TOML where it is, as text elsewhere."""
+    import tomllib
+
+    name, equals, value = text.partition("=")
+    if not equals or not name:
+        raise Refused("--set", expected="NAME=VALUE", got=text)
+    try:
+        return name, tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError:
+        return name, value
+
+
+def changed(
+    campaign: Campaign,
+    *,
+    rng_seed: int | None = None,
+    budget: int | None = None,
+    strategy: str = "",
+    settings: Sequence[str] = (),
+    scorer: str = "",
+    shadow: Sequence[str] = (),
+    defects: Sequence[str] = (),
+) -> Campaign:
+    """Return the campaign with the changes given; raises Refused for unknown strategies, scorers and settings.
+
+    A strategy other than the campaign's starts from its own defaults.
+    """
+    from saflite.mutator.registry import load_strategy
+    from saflite.scorer_pool.registry import check_label
+
+    same = not strategy or strategy == campaign.strategy.name
+    kept = campaign.strategy if same else StrategyConfig(name=strategy)
+    found = msgspec.structs.replace(kept, settings={**kept.settings, **dict(setting(text) for text in settings)})
+    models = msgspec.structs.replace(
+        campaign.scorer, model=scorer or campaign.scorer.model, shadow=tuple(shadow) or campaign.scorer.shadow
+    )
+    target = msgspec.structs.replace(campaign.target, defects=(*campaign.target.defects, *defects))
+    new = msgspec.structs.replace(
+        campaign,
+        strategy=found,
+        scorer=models,
+        target=target,
+        rng_seed=campaign.rng_seed if rng_seed is None else rng_seed,
+        budget_flights=campaign.budget_flights if budget is None else budget,
+    )
+    load_strategy(new.strategy.name)
+    for label in (new.scorer.model, *new.scorer.shadow):
+        check_label(label)
+    check_campaign(new, "command line")
+    return new
+
+
+def remarks(campaign: Campaign) -> list[str]:
+    """Return what a campaign may be started with but its user may not have meant."""
+    from saflite.flight.autopilots.reference.defects import TABLE
+
+    if campaign.target.name != "reference":
+        return []
+    return [
+        f"note: defect {name} breaks {TABLE[name].policy}, which this campaign does not check"
+        for name in campaign.target.defects
+        if TABLE[name].policy not in (*campaign.policies, AUTOPILOT_ALIVE)
+    ]
+
+
+def check_runnable(campaign: Campaign, target_files: Sequence[Path] = ()) -> None:
+    """Raise Refused now for what a worker would refuse later: policies, target, mission, strategy settings."""
+    from saflite.campaign.presets.campaigns import template
+    from saflite.mutator.registry import load_strategy
+    from saflite.oracle.policy import load_policy
+    from saflite.simulator_worker.registry import load_target
+
+    for name in campaign.policies:
+        why = load_policy(name, campaign.policy_texts).file.not_checked_on.get(campaign.target.name)
+        if why:
+            raise Refused(f"policy {name}", expected=f"one that can be checked on {campaign.target.name}", got=why)
+    base = template(campaign)
+    load_strategy(campaign.strategy.name)(base, campaign.strategy.settings, campaign.policies)
+    load_target(campaign.target.name, target_files).check(base)

@@ -1,0 +1,1 @@
+"""What commands share: flying, judging, replaying, running, swapping scorers."""

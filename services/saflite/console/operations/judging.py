@@ -1,0 +1,88 @@
+"""Flying and judging one test case outside a campaign, with the very parts the farm uses."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from saflite.console.view import out
+from saflite.contract.flight import Flight, unpack_trace
+from saflite.contract.test_case import TestCase, identity
+from saflite.contract.verdict import Judgement, Verdict
+from saflite.contract.work import FlyResult, FlyWork, PolicyTexts
+
+
+def fly(case: TestCase, wall_limit_s: float, target_files: Sequence[Path] = (), flight_index: int = 0) -> FlyResult:
+    """Fly the test case once in a sandbox.
+
+    Raises:
+        Refused: the target is unknown or cannot fly it.
+        Unavailable: the simulator does not come up.
+    """
+    from saflite.runtime.clock import WallClock
+    from saflite.simulator_worker.work import open_service
+
+    flyer = open_service("console", WallClock(), target_files)
+    try:
+        return fly_with(flyer, case, wall_limit_s, flight_index)
+    finally:
+        flyer.close()
+
+
+def fly_with(flyer: object, case: TestCase, wall_limit_s: float, flight_index: int = 0) -> FlyResult:
+    """Fly with an open simulator worker."""
+    from saflite.simulator_worker.work import Flyer
+
+    assert isinstance(flyer, Flyer)
+    work = FlyWork(test_case=case, flight_index=flight_index, purpose="replay", wall_limit_s=wall_limit_s)
+    result = flyer.do(work, lambda: False)
+    assert isinstance(result, FlyResult)
+    return result
+
+
+def judge(
+    case: TestCase, flown: FlyResult, policies: tuple[str, ...], policy_texts: PolicyTexts | None = None
+) -> Judgement:
+    """Judge a flight by the policies named; by all there are if none is."""
+    from saflite.oracle.judge import judge as oracle_judge
+    from saflite.oracle.policy import policy_names
+
+    trace = unpack_trace(flown.trace) if flown.trace else None
+    return oracle_judge(case, flown.flight, trace, policies or policy_names(), policy_texts)
+
+
+def _telling(verdict: Verdict) -> bool:
+    """Return whether a verdict says something of the flight: the rule could be judged and applied at some moment."""
+    return verdict.outcome == "violated" or (verdict.outcome == "held" and not verdict.message)
+
+
+def exit_code(judgement: Judgement) -> int:
+    """Return 1 if a policy was violated, else 0."""
+    return int(any(verdict.outcome == "violated" for verdict in judgement.verdicts))
+
+
+def show(case: TestCase, flight: Flight, judgement: Judgement, everything: bool = False) -> None:
+    """Print a flight and its verdicts; those of rules that never applied only if `everything` is asked for."""
+    out.line(f"test case  {identity(case)} on {case.target.name}, {len(case.scenario.obstacles)} boxes")
+    if flight.simulated_s:
+        speed = (
+            f" in {flight.wall_s:.2f} s ({flight.simulated_s / flight.wall_s:.0f}x real time)" if flight.wall_s else ""
+        )
+        out.line(f"flight     {flight.ending}, {flight.simulated_s:.1f} s{speed}")
+    if flight.trace_digest:
+        out.line(f"trace      {flight.trace_digest[:16]}")
+    said = [verdict for verdict in judgement.verdicts if everything or _telling(verdict)]
+    silent = len(judgement.verdicts) - len(said)
+    rows = [
+        (
+            verdict.outcome.upper() if verdict.outcome == "violated" else verdict.outcome,
+            verdict.policy,
+            "" if verdict.outcome == "inconclusive" else f"{verdict.robustness:+.3g}",
+            verdict.message,
+        )
+        for verdict in sorted(said, key=lambda verdict: (verdict.outcome != "violated", verdict.robustness))
+    ]
+    out.table(rows, indent="  ")
+    if silent:
+        noun = "policy has" if silent == 1 else "policies have"
+        out.line(f"  {silent} {noun} nothing to say of this flight")

@@ -1,0 +1,114 @@
+"""What `saflite replay` does: fly again, compare digests, judge."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from saflite.console.io import cases
+from saflite.console.operations import judging
+from saflite.console.run_data.run_folder import open_run
+from saflite.contract.errors import Refused
+from saflite.contract.test_case import TestCase, identity
+from saflite.contract.work import PolicyTexts
+
+
+class Entry(NamedTuple):
+    """One flight to be repeated. `trace_digest` is empty where the first repetition sets what is to be met."""
+
+    name: str
+    test_case: TestCase
+    policies: tuple[str, ...]
+    trace_digest: str
+    policy_texts: PolicyTexts | None = None
+
+
+class Replayed(NamedTuple):
+    """One repetition beside its record."""
+
+    name: str
+    test_case: str
+    ending: str
+    simulated_s: float
+    wall_s: float
+    recorded_digest: str
+    trace_digest: str
+    bit_equal: bool
+    violated: tuple[str, ...]
+    robustness: float | None
+
+
+def entries(what: Path, wanted: str, everything: bool, policies: tuple[str, ...]) -> list[Entry]:
+    """Return what is to be flown again; raises Refused if there is nothing of that name."""
+    if what.is_dir():
+        return _of_run(what, wanted, everything, policies)
+    if what.suffix == ".mcap":
+        from saflite.recorder.recording import read
+
+        found = read(what)
+        judged = tuple(verdict.policy for verdict in found.judgement.verdicts)
+        return [Entry(what.name, found.test_case, policies or judged, found.flight.trace_digest)]
+    case = cases.load_case(what)
+    return [Entry(what.name, case, policies or ("min-obstacle-distance",), "")]
+
+
+def _of_run(run_dir: Path, wanted: str, everything: bool, policies: tuple[str, ...]) -> list[Entry]:
+    with open_run(run_dir) as run:
+        chosen = [
+            violation
+            for violation in run.violations("" if everything or wanted else "confirmed")
+            if violation.fingerprint.startswith(wanted) or violation.test_case.startswith(wanted)
+        ]
+        if not chosen and wanted:
+            known = ", ".join(violation.fingerprint for violation in run.violations()) or "none"
+            raise Refused("--violation", where=str(run_dir), expected=f"one of {known}", got=repr(wanted))
+        found: dict[str, Entry] = {}
+        for violation in chosen:
+            digest = next((row.trace_digest for row in run.flights(violation.test_case) if row.flight_index == 0), "")
+            case = run.test_case(violation.test_case)
+            entry = Entry(
+                violation.fingerprint, case, policies or run.campaign.policies, digest, run.campaign.policy_texts
+            )
+            found.setdefault(violation.test_case, entry)
+    return list(found.values())
+
+
+def replay(found: Sequence[Entry], times: int, wall_limit_s: float, target_files: Sequence[Path]) -> Iterator[Replayed]:
+    """Yield each repetition as it lands; a test case without a record is flown once more and compared with itself."""
+    from saflite.runtime.clock import WallClock
+    from saflite.simulator_worker.work import open_service
+
+    flyer = open_service("replay", WallClock(), target_files)
+    try:
+        for entry in found:
+            digest, rounds = entry.trace_digest, times
+            if not digest:
+                digest, rounds = judging.fly_with(flyer, entry.test_case, wall_limit_s).flight.trace_digest, times
+            for index in range(rounds):
+                flown = judging.fly_with(flyer, entry.test_case, wall_limit_s, index)
+                judgement = judging.judge(entry.test_case, flown, entry.policies, entry.policy_texts)
+                violated = tuple(one.policy for one in judgement.verdicts if one.outcome == "violated")
+                said = [one.robustness for one in judgement.verdicts if one.outcome != "inconclusive"]
+                yield Replayed(
+                    name=entry.name,
+                    test_case=identity(entry.test_case),
+                    ending=flown.flight.ending,
+                    simulated_s=flown.flight.simulated_s,
+                    wall_s=flown.flight.wall_s,
+                    recorded_digest=digest,
+                    trace_digest=flown.flight.trace_digest,
+                    bit_equal=bool(digest) and digest == flown.flight.trace_digest,
+                    violated=violated,
+                    robustness=min(said, default=None),
+                )
+    finally:
+        flyer.close()
+
+
+def line(result: Replayed) -> str:
+    """Return a repetition in one line."""
+    equal = "bit-equal" if result.bit_equal else f"DIFFERS from {result.recorded_digest[:12] or 'no record'}"
+    said = "nothing to judge" if result.robustness is None else f"robustness {result.robustness:+.3f}"
+    word = f"violates {', '.join(result.violated)}" if result.violated else "holds"
+    return f"{result.name}  {result.ending}  {word}, {said}  trace {result.trace_digest[:12]} {equal}"

@@ -1,0 +1,66 @@
+"""Starting, following and ending a campaign on this machine, as `run` and `resume` share it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from saflite.console.run_data.conclusion import conclude
+from saflite.console.view import live
+from saflite.contract.config import Campaign
+from saflite.contract.control import Status
+from saflite.contract.errors import Refused, Unavailable
+
+if TYPE_CHECKING:
+    from saflite.runtime.launchers.local import ExitSummary
+
+RUNS = Path("runs")
+Start = Callable[[Callable[[Status], None]], "ExitSummary"]
+
+
+def free_folder(name: str) -> Path:
+    """Return the first of runs/NAME, runs/NAME-2, ... that does not exist."""
+    number = 1
+    while True:
+        folder = RUNS / (name if number == 1 else f"{name}-{number}")
+        if not folder.exists():
+            return folder
+        number += 1
+
+
+def check_new(folder: Path) -> None:
+    """Raise Refused if a run folder exists: nothing is ever written over."""
+    if folder.exists():
+        fix = f"`saflite resume {folder}` goes on with a run; choose another --out for a new one"
+        raise Refused("--out", where=str(folder), expected="a folder that does not exist", got="one that does", fix=fix)
+
+
+def create(run_dir: Path, campaign: Campaign) -> None:
+    """Make the run folder: the books, the campaign as it is run, the software that runs it.
+
+    Raises:
+        Refused: a run stands there already.
+        Unavailable: the disk refuses.
+    """
+    from saflite.campaign.presets.campaigns import template
+    from saflite.campaign.storage.store import Store
+    from saflite.console.io.toml_text import dump
+    from saflite.console.run_data import provenance
+
+    Store.create(run_dir, campaign, template(campaign)).close()
+    try:
+        (run_dir / "campaign.toml").write_text(dump(campaign), encoding="utf-8")
+    except OSError as fault:
+        raise Unavailable(f"{run_dir}: {fault}") from fault
+    provenance.note(run_dir)
+
+
+def follow(run_dir: Path, start: Start, *, as_json: bool) -> int:
+    """Run a farm with its progress shown; returns the exit code."""
+    view = live.open_view(run_dir, quiet=as_json)
+    try:
+        ended = start(view.update)
+    finally:
+        view.close()
+    return conclude(run_dir, ended, as_json=as_json)

@@ -1,0 +1,126 @@
+"""What a run came to: read from its folder once it is over, told as text or as JSON, and as an exit code."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from saflite.console.cli import FOUND, INFRASTRUCTURE, NOTHING_FOUND
+from saflite.console.run_data import reporting
+from saflite.console.run_data.deduplication import Cause, causes
+from saflite.console.run_data.run_folder import SHRINK, RunFolder, open_run
+from saflite.console.view import live, out
+from saflite.contract.verdict import Violation
+
+if TYPE_CHECKING:
+    from saflite.runtime.launchers.local import ExitSummary
+
+SHOWN = 12
+
+
+class Conclusion(NamedTuple):
+    """What a run came to. `set_aside` counts test cases that we could not fly or judge, of `cases` ended."""
+
+    flights: int
+    shrink_flights: int
+    elapsed_s: float
+    cases: int
+    set_aside: int
+    violations: tuple[Violation, ...]
+    causes: tuple[Cause, ...]
+    minimised: bool
+
+    @property
+    def confirmed(self) -> list[Violation]:
+        """The violations that failed again, the worst first."""
+        good = [one for one in self.violations if one.confirmation == "confirmed"]
+        return sorted(good, key=lambda one: one.robustness)
+
+    @property
+    def distinct(self) -> int:
+        """How many different ones are among them."""
+        return len({one.fingerprint for one in self.confirmed})
+
+    @property
+    def exit_code(self) -> int:
+        """For scripts; a run in which nothing could be judged is no success."""
+        if self.set_aside and self.set_aside == self.cases:
+            return INFRASTRUCTURE
+        return FOUND if self.confirmed else NOTHING_FOUND
+
+
+def conclude(run_dir: Path, ended: ExitSummary, *, as_json: bool) -> int:
+    """Write what the run leaves for people, print the summary; returns the exit code."""
+    report, _ = reporting.write(run_dir)
+    cases = reporting.write_test_cases(run_dir)
+    with open_run(run_dir) as run:
+        found = _read(run)
+    if as_json:
+        files = {"report": str(report), "test_cases": [str(path) for path in cases if path.suffix != ".plan"]}
+        out.json({"run": str(run_dir), **_plain(found, ended), **files})
+        return found.exit_code
+    _tell(found, ended)
+    out.line()
+    out.line(f"report      {report}")
+    out.line(f"recordings  {run_dir / 'recordings'}   (open in Foxglove or PlotJuggler)")
+    out.line(f"test cases  {run_dir / reporting.TEST_CASES}   (competition YAML)")
+    if found.confirmed:
+        out.line(f"prove it    saflite replay {run_dir}")
+    if not ended.ended:
+        out.line(f"go on       saflite resume {run_dir}")
+    return found.exit_code
+
+
+def _read(run: RunFolder) -> Conclusion:
+    flights, endings = run.flights(), run.endings()
+    shrinking = sum(1 for row in flights if row.purpose == SHRINK)
+    return Conclusion(
+        flights=len(flights) - shrinking,
+        shrink_flights=shrinking,
+        elapsed_s=run.elapsed_s(),
+        cases=sum(endings.values()),
+        set_aside=endings.get("quarantined", 0),
+        violations=tuple(run.violations()),
+        causes=causes((one.violation, one.test_case) for one in run.findings()),
+        minimised=run.campaign.search.shrink,
+    )
+
+
+def _plain(found: Conclusion, ended: ExitSummary) -> dict[str, Any]:
+    return {
+        "ended": ended.ended,
+        "why": ended.why,
+        "flights": found.flights,
+        "shrink_flights": found.shrink_flights,
+        "elapsed_s": found.elapsed_s,
+        "confirmed": len(found.confirmed),
+        "distinct": found.distinct,
+        "restarts": ended.restarts,
+        "set_aside": found.set_aside,
+        "causes": [cause.plain() for cause in found.causes],
+        "violations": found.violations,
+    }
+
+
+def _tell(found: Conclusion, ended: ExitSummary) -> None:
+    good, flaky = found.confirmed, sum(1 for one in found.violations if one.confirmation == "flaky")
+    out.line()
+    out.line(f"{'ended' if ended.ended else 'stopped'}: {ended.why}")
+    out.line(
+        f"{found.flights} flights in {found.elapsed_s:.0f} s; "
+        f"{len(good)} violations confirmed, {found.distinct} distinct"
+        + (f", {flaky} flaky" if flaky else "")
+        + (f"; {found.set_aside} test cases set aside, we could not fly or judge them" if found.set_aside else "")
+        + (f"; {found.shrink_flights} flights more to shrink them" if found.shrink_flights else "")
+        + (f"; {ended.restarts} processes started again" if ended.restarts else "")
+    )
+    for violation in good[:SHOWN]:
+        out.line(f"  {live.violation_line(violation)}")
+    if len(good) > SHOWN:
+        out.line(f"  ... and {len(good) - SHOWN} more")
+    if found.exit_code == INFRASTRUCTURE:
+        out.line("this says nothing of the vehicle: no test case could be flown and judged; see the faults above")
+    if found.causes:
+        out.line("what it takes:" if found.minimised else "what it takes, not minimised ([search] shrink = true):")
+    for cause in found.causes[:SHOWN]:
+        out.line(f"  {cause.policy}, {cause.violations} of them: {cause.words}   (test case {cause.name})")

@@ -1,0 +1,68 @@
+"""What it takes to break each policy: violations with the same inputs behind them, told once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+from saflite.contract.test_case import TestCase, told_in_order
+from saflite.contract.verdict import Violation
+
+Inputs = frozenset[tuple[str, str]]
+Find = tuple[Violation, TestCase]
+
+
+class Cause(NamedTuple):
+    """The smallest violating test case with certain inputs; `violations` counts those in which these came too."""
+
+    policy: str
+    test_case: TestCase
+    name: str
+    violations: int
+
+    @property
+    def words(self) -> str:
+        """The inputs in words, in the order they are given."""
+        return told_in_order(self.test_case.stimuli) or "no input at all"
+
+    def plain(self) -> dict[str, object]:
+        """Return it for scripts."""
+        return {
+            "policy": self.policy,
+            "violations": self.violations,
+            "test_case": self.name,
+            "inputs": [f"{kind} {name}" for kind, name in sorted(_inputs(self.test_case))],
+        }
+
+
+def causes(finds: Iterable[Find]) -> tuple[Cause, ...]:
+    """Return the least sets of inputs (names, not values) among the confirmed violations, most frequent first.
+
+    A violation belongs to the first least set that is part of its inputs. Minimising makes the sets small; without it
+    this still joins sequences one of which contains the inputs of the other. Layouts of obstacles have no such order
+    and are left out.
+    """
+    found: dict[str, list[Find]] = {}
+    for violation, test_case in finds:
+        if violation.confirmation == "confirmed" and not test_case.scenario.obstacles:
+            found.setdefault(violation.policy, []).append((violation, test_case))
+    every = [cause for policy, group in found.items() for cause in _least(policy, group)]
+    return tuple(sorted(every, key=lambda cause: (-cause.violations, cause.policy, cause.name)))
+
+
+def _least(policy: str, finds: list[Find]) -> list[Cause]:
+    kept: dict[Inputs, list[Find]] = {}
+    for find in sorted(finds, key=_size):
+        inputs = _inputs(find[1])
+        within = next((least for least in kept if least <= inputs), inputs)
+        kept.setdefault(within, []).append(find)
+    return [Cause(policy, group[0][1], group[0][0].test_case, len(group)) for group in kept.values()]
+
+
+def _inputs(test_case: TestCase) -> Inputs:
+    return frozenset((stimulus.kind, stimulus.name) for stimulus in test_case.stimuli)
+
+
+def _size(find: Find) -> tuple[int, int, float, str]:
+    violation, case = find
+    return len(_inputs(case)), len(case.stimuli), case.scenario.time_limit_s, violation.test_case

@@ -1,0 +1,242 @@
+"""A run folder read beside whoever writes it: violations, flights, scores, events, traces."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import NamedTuple, TypeVar
+
+from saflite.campaign.storage.blobs import TraceFiles
+from saflite.campaign.storage.sqlite import connect_reading, damage_named
+from saflite.campaign.storage.store import TRACES, store_file
+from saflite.contract import wire
+from saflite.contract.config import Campaign
+from saflite.contract.errors import Refused
+from saflite.contract.events import Event
+from saflite.contract.flight import Trace, unpack_trace
+from saflite.contract.test_case import TestCase
+from saflite.contract.verdict import Judgement, Violation
+from saflite.recorder.summary import Finding, PolicyFacts, RunSummary
+
+T = TypeVar("T")
+EVENTS_AT_ONCE = 500
+SHRINK = "shrink"
+
+
+class FlightRow(NamedTuple):
+    """One flight as the books counted it. `robustness` None: not judged, or nothing could be said."""
+
+    test_case: str
+    flight_index: int
+    purpose: str
+    ending: str
+    simulated_s: float
+    wall_s: float
+    trace_digest: str
+    worker: str
+    robustness: float | None
+    violated: tuple[str, ...]
+
+
+class ScoreRow(NamedTuple):
+    """A score and what came of the test case: `violated` None while it was not flown."""
+
+    test_case: str
+    model: str
+    scored_by: str
+    value: float
+    shadow: bool
+    fault: str
+    selected_by: str
+    violated: bool | None
+
+
+class UsageRow(NamedTuple):
+    """What the calls of one model took in sum."""
+
+    model: str
+    batches: int
+    calls: int
+    tokens_in: int
+    tokens_out: int
+    latency_s: float
+    cost_usd: float
+    asked_again: int
+    cached: int
+    faults: int
+
+
+class RunFolder:
+    """Read-only view of a run; close it, or use it in a `with`."""
+
+    def __init__(self, run_dir: Path) -> None:
+        self.path = run_dir
+        self._file = store_file(run_dir)
+        self._db = connect_reading(self._file)
+        self._traces = TraceFiles(run_dir / TRACES)
+        self.campaign = self._meta("campaign", Campaign)
+        self.template = self._meta("template", TestCase)
+
+    def __enter__(self) -> RunFolder:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, fault: BaseException | None, at: TracebackType | None) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Let go of the store."""
+        self._db.close()
+
+    # ---- what was found ------------------------------------------------------------------------------------------
+
+    def violations(self, confirmation: str = "") -> list[Violation]:
+        """Return the violations in the order found; only those of a standing if one is given."""
+        rows = self._rows("SELECT content FROM violations ORDER BY rowid")
+        found = [wire.decode(content, Violation) for (content,) in rows]
+        return [violation for violation in found if not confirmation or violation.confirmation == confirmation]
+
+    def test_case(self, name: str) -> TestCase:
+        """Return a test case by its identity; raises Refused if the run holds none of that name."""
+        for (content,) in self._rows("SELECT content FROM test_cases WHERE test_case = ?", name):
+            return wire.decode(content, TestCase)
+        raise Refused("test case", where=str(self.path), expected="one of this run", got=repr(name))
+
+    def judgement(self, name: str, flight_index: int = 0) -> Judgement | None:
+        """Return the judgement on a flight, None if it was not judged."""
+        query = "SELECT content FROM judgements WHERE test_case = ? AND flight_index = ?"
+        for (content,) in self._rows(query, name, flight_index):
+            return wire.decode(content, Judgement)
+        return None
+
+    def endings(self) -> dict[str, int]:
+        """Return how many test cases ended in each state (held, confirmed, flaky, unconfirmed, quarantined)."""
+        return dict(self._rows("SELECT state, count(*) FROM endings GROUP BY state"))
+
+    def recording(self, name: str) -> str:
+        """Return the recording of a test case relative to the run folder, empty if there is none."""
+        for (file,) in self._rows("SELECT file FROM recordings WHERE test_case = ? ORDER BY flight_index", name):
+            return str(file)
+        return ""
+
+    def findings(self) -> list[Finding]:
+        """Return all violations with what is known of each, confirmed and worst first."""
+        order = {"confirmed": 0, "unconfirmed": 1, "flaky": 2}
+        ranked = sorted(
+            self.violations(), key=lambda one: (order.get(one.confirmation, 3), one.robustness, one.test_case)
+        )
+        return [
+            Finding(one, self.test_case(one.test_case), self.judgement(one.test_case), self.recording(one.test_case))
+            for one in ranked
+        ]
+
+    def summary(self) -> RunSummary:
+        """Return the campaign's result as exports want it."""
+        from importlib.metadata import PackageNotFoundError, version
+
+        try:
+            release = version("saflite-farm")
+        except PackageNotFoundError:
+            release = ""
+        flights = sum(1 for row in self.flights() if row.purpose != SHRINK)
+        (held,) = next(self._rows("SELECT count(*) FROM endings WHERE state = 'held'"))
+        return RunSummary(
+            campaign=self.campaign,
+            policies=tuple(self._facts(name) for name in self.campaign.policies),
+            findings=tuple(self.findings()),
+            flights=flights,
+            held=int(held),
+            elapsed_s=self.elapsed_s(),
+            version=release,
+        )
+
+    def _facts(self, name: str) -> PolicyFacts:
+        from saflite.oracle.policy import load_policy
+
+        file = load_policy(name, self.campaign.policy_texts).file
+        return PolicyFacts(file.id, file.title, " ".join(file.interestingness.split()), file.source)
+
+    # ---- what was flown ------------------------------------------------------------------------------------------
+
+    def flights(self, name: str = "") -> list[FlightRow]:
+        """Return the flights in the order counted, those of one test case if named.
+
+        Those of a test case that shrinking made, its confirmation included, have purpose `shrink`: they are counted
+        apart from the budget.
+        """
+        query = (
+            "SELECT f.test_case, f.flight_index, f.purpose, f.ending, f.simulated_s, f.wall_s, f.trace_digest,"
+            " f.worker, j.robustness, coalesce(j.violated, '') FROM flights f LEFT JOIN judgements j"
+            " ON j.test_case = f.test_case AND j.flight_index = f.flight_index"
+            " WHERE ?1 = '' OR f.test_case = ?1 ORDER BY f.rowid"
+        )
+        found = [
+            FlightRow._make((*row[:9], tuple(word for word in row[9].split(",") if word)))
+            for row in self._rows(query, name)
+        ]
+        smaller = {row.test_case for row in found if row.purpose == SHRINK}
+        return [row._replace(purpose=SHRINK) if row.test_case in smaller else row for row in found]
+
+    def trace(self, digest: str) -> Trace | None:
+        """Return a trace that was kept, None if it was not or is damaged."""
+        data = self._traces.read_checked(digest) if digest else None
+        return unpack_trace(data) if data is not None else None
+
+    # ---- scores --------------------------------------------------------------------------------------------------
+
+    def scores(self) -> list[ScoreRow]:
+        """Return every score beside what came of its test case."""
+        query = (
+            "SELECT s.test_case, s.model, s.scored_by, s.value, s.shadow, s.fault, coalesce(c.selected_by, ''),"
+            " j.violated FROM scores s LEFT JOIN selected c ON c.test_case = s.test_case"
+            " LEFT JOIN judgements j ON j.test_case = s.test_case AND j.flight_index = 0 ORDER BY s.rowid"
+        )
+        return [
+            ScoreRow._make((*row[:4], bool(row[4]), row[5], row[6], None if row[7] is None else bool(row[7])))
+            for row in self._rows(query)
+        ]
+
+    def usage(self) -> list[UsageRow]:
+        """Return what scoring took, per model."""
+        query = (
+            "SELECT model, count(*), sum(calls), sum(tokens_in), sum(tokens_out), sum(latency_s), sum(cost_usd),"
+            " sum(asked_again), sum(cached), sum(faults) FROM usage GROUP BY model ORDER BY model"
+        )
+        return [UsageRow(*row) for row in self._rows(query)]
+
+    # ---- events --------------------------------------------------------------------------------------------------
+
+    def events(self, from_seq: int = 1) -> Iterator[Event]:
+        """Yield the committed events from a sequence number on."""
+        while True:
+            query = "SELECT event FROM events WHERE seq >= ? ORDER BY seq LIMIT ?"
+            found = [wire.decode(data, Event) for (data,) in self._rows(query, from_seq, EVENTS_AT_ONCE)]
+            yield from found
+            if len(found) < EVENTS_AT_ONCE:
+                return
+            from_seq = found[-1].seq + 1
+
+    def elapsed_s(self) -> float:
+        """Return the wall time between the first and the last event, pauses between sittings included."""
+        first, last = next(self._rows("SELECT min(at_unix_s), max(at_unix_s) FROM events"))
+        return 0.0 if first is None else float(last) - float(first)
+
+    # ---- underneath ----------------------------------------------------------------------------------------------
+
+    def _rows(self, query: str, *values: object) -> Iterator[tuple]:  # type: ignore[type-arg]
+        with damage_named(self._file):
+            yield from self._db.execute(query, values).fetchall()
+
+    def _meta(self, key: str, kind: type[T]) -> T:
+        for (value,) in self._rows("SELECT value FROM meta WHERE key = ?", key):
+            return wire.decode(bytes(value), kind)
+        raise Refused("books", where=str(self._file), expected=f"a store that names its {key}", got="nothing")
+
+
+def open_run(run_dir: Path) -> RunFolder:
+    """Open a run folder for reading; raises Refused if there is no run or its store is damaged."""
+    try:
+        return RunFolder(run_dir)
+    except sqlite3.DatabaseError as fault:
+        raise Refused("books", where=str(store_file(run_dir)), expected="an intact store", got=str(fault)) from fault

@@ -1,0 +1,1 @@
+"""What people see: lines and tables, the live screen, the report."""

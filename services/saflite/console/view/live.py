@@ -1,0 +1,203 @@
+"""What a running campaign shows: a live screen on a terminal, plain lines elsewhere, each violation as it comes."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+
+from saflite.console.run_data.run_folder import RunFolder, open_run
+from saflite.console.view import out
+from saflite.contract.control import Status
+from saflite.contract.events import FaultSeen, Quarantined, ScorerChanged, ViolationFound
+from saflite.contract.verdict import Violation
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+    from rich.live import Live
+
+PLAIN_EVERY_S = 5.0
+
+
+class View(Protocol):
+    """Somebody to tell how the campaign goes."""
+
+    def update(self, status: Status) -> None:
+        """Show the state of the campaign; called about twice a second."""
+        ...
+
+    def close(self) -> None:
+        """Show what came last and leave the terminal as it was."""
+        ...
+
+
+def open_view(run_dir: Path, quiet: bool) -> View:
+    """Return what fits the output: nothing for `quiet`, a live screen for a terminal, lines for a file or pipe."""
+    if quiet:
+        return _Quiet()
+    return _Screen(run_dir) if sys.stdout.isatty() else _Lines(run_dir)
+
+
+class _Quiet:
+    def update(self, status: Status) -> None:
+        """Show nothing."""
+
+    def close(self) -> None:
+        """Nothing was opened."""
+
+
+class News:
+    """The facts worth a line of their own, each told once."""
+
+    def __init__(self, run_dir: Path) -> None:
+        self._run_dir, self._next_seq = run_dir, 1
+        self._run: RunFolder | None = None
+
+    def lines(self, upto_seq: int) -> list[str]:
+        """Return a line for every violation and trouble committed since the last call."""
+        if upto_seq < self._next_seq:
+            return []
+        self._run = self._run or open_run(self._run_dir)
+        found = []
+        for event in self._run.events(self._next_seq):
+            self._next_seq = event.seq + 1
+            text = told(event.fact)
+            if text:
+                found.append(text)
+        return found
+
+    def close(self) -> None:
+        """Let go of the run folder."""
+        if self._run is not None:
+            self._run.close()
+
+
+def told(fact: object) -> str:
+    """Return the line for a fact worth one, empty for the others."""
+    if isinstance(fact, ViolationFound):
+        return violation_line(fact.violation)
+    if isinstance(fact, Quarantined):
+        return f"quarantined  {fact.test_case} after {fact.attempts} attempts, last {fact.last} {fact.message}".rstrip()
+    if isinstance(fact, ScorerChanged):
+        said = fact.model if fact.ready else f"{fact.model} is not ready, {fact.previous} stays"
+        return f"scorer  {said} {fact.message}".rstrip()
+    if isinstance(fact, FaultSeen):
+        return f"fault  {fact.where}: {fact.message}"
+    return ""
+
+
+def violation_line(violation: Violation) -> str:
+    """Return a violation in one line."""
+    word = "VIOLATION" if violation.confirmation == "confirmed" else violation.confirmation
+    again = f"failed again {violation.failed_again}/{violation.reflown}"
+    equal = ", bit-equal" if violation.bit_equal else ""
+    return (
+        f"{word}  {violation.fingerprint}  {violation.policy} {violation.robustness:+.3f} ({violation.severity})"
+        f"  {again}{equal}  test case {violation.test_case}"
+    )
+
+
+def one_line(status: Status) -> str:
+    """Return the state of the campaign in one line."""
+    last = f", last {status.since_last_find_s:.0f} s ago" if status.since_last_find_s is not None else ""
+    queues = " ".join(f"{name} {count}" for name, count in status.queues.items() if count)
+    busy = sum(1 for worker in status.workers if worker.state == "busy")
+    instead = f"  {status.fallbacks} scores by the embedded scorer instead" if status.fallbacks else ""
+    return (
+        f"{status.elapsed_s:6.1f} s  {status.flights}/{status.budget} flights  {status.flights_per_s:.2f}/s"
+        f"  {status.real_time_factor:.0f}x real time  {status.violations_confirmed} violations{last}"
+        f"  workers {busy}/{len(status.workers)} busy" + (f"  waiting: {queues}" if queues else "") + instead
+    )
+
+
+class _Lines:
+    """Plain lines: what is found at once, how it goes every few seconds."""
+
+    def __init__(self, run_dir: Path) -> None:
+        self._news, self._next_s = News(run_dir), 0.0
+        self._last: Status | None = None
+
+    def update(self, status: Status) -> None:
+        """Write what is new."""
+        for text in self._news.lines(status.seq):
+            out.line(text)
+        if status.elapsed_s >= self._next_s:
+            out.line(one_line(status))
+            self._next_s = status.elapsed_s + PLAIN_EVERY_S
+        self._last = status
+        out.flush()
+
+    def close(self) -> None:
+        """Write what came after the last status."""
+        if self._last is not None:
+            for text in self._news.lines(2**62):
+                out.line(text)
+        self._news.close()
+
+
+class _Screen:
+    """A screen that redraws itself, with the finds scrolling above it."""
+
+    def __init__(self, run_dir: Path) -> None:
+        self._news = News(run_dir)
+        self._live: Live | None = None
+
+    def update(self, status: Status) -> None:
+        """Redraw."""
+        from rich.live import Live
+
+        if self._live is None:
+            self._live = Live(auto_refresh=False, transient=True)
+            self._live.start()
+        for text in self._news.lines(status.seq):
+            self._live.console.print(_styled(text), highlight=False)
+        self._live.update(_drawn(status), refresh=True)
+
+    def close(self) -> None:
+        """Clear the screen part and print what came last."""
+        if self._live is not None:
+            self._live.stop()
+            for text in self._news.lines(2**62):
+                self._live.console.print(_styled(text), highlight=False)
+        self._news.close()
+
+
+def _styled(text: str) -> str:
+    from rich.markup import escape
+
+    colour = "bold red" if text.startswith("VIOLATION") else "yellow" if text.startswith(("fault", "quar")) else ""
+    return f"[{colour}]{escape(text)}[/]" if colour else escape(text)
+
+
+def _drawn(status: Status) -> RenderableType:
+    from rich.console import Group
+    from rich.panel import Panel
+    from rich.progress_bar import ProgressBar
+    from rich.table import Table
+
+    facts = Table.grid(padding=(0, 3))
+    last = "none yet" if status.since_last_find_s is None else f"{status.since_last_find_s:.0f} s ago"
+    pending = f" (warming {status.scorer_pending})" if status.scorer_pending else ""
+    facts.add_row(
+        f"[b]{status.flights}[/] of {status.budget} flights, {status.reflown} of them re-flights",
+        f"[b red]{status.violations_confirmed}[/] violations, {status.violations_flaky} flaky, "
+        f"{status.violations_pending} being confirmed",
+    )
+    facts.add_row(
+        f"[b]{status.flights_per_s:.2f}[/] flights/s, [b]{status.real_time_factor:.0f}x[/] real time",
+        f"last find {last}",
+    )
+    queues = ", ".join(f"{name} {count}" for name, count in status.queues.items())
+    facts.add_row(f"round {status.round}, scorer {status.scorer}{pending}", f"waiting: {queues}")
+    if status.quarantined or status.fallbacks:
+        facts.add_row(f"{status.quarantined} quarantined", f"{status.fallbacks} scores by the embedded scorer instead")
+    workers = Table(box=None, padding=(0, 2), header_style="dim")
+    for head in ("worker", "state", "done", "busy", "memory", "silent"):
+        workers.add_column(head, justify="left" if head in ("worker", "state") else "right")
+    for worker in status.workers:
+        colour = {"busy": "green", "idle": "dim"}.get(worker.state, "yellow")
+        cells = (worker.worker, f"[{colour}]{worker.state}[/]", str(worker.done), f"{100 * worker.busy_share:.0f} %")
+        workers.add_row(*cells, f"{worker.resident_mib:.0f} MiB", f"{worker.silent_s:.1f} s")
+    bar = ProgressBar(total=max(1, status.budget), completed=status.flights, width=None)
+    title = f"[b]{status.campaign}[/]  {status.state}  {status.elapsed_s:.0f} s"
+    return Panel(Group(bar, facts, workers), title=title, title_align="left", border_style="blue")

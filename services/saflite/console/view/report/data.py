@@ -1,0 +1,130 @@
+"""What the report shows, read from a run folder."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saflite.console.run_data.run_folder import FlightRow, RunFolder, UsageRow
+from saflite.contract.config import Campaign
+from saflite.contract.events import CampaignChanged, FaultSeen, Flown, Judged, Quarantined, ViolationFound
+from saflite.contract.flight import Trace
+from saflite.contract.test_case import TestCase
+from saflite.contract.verdict import Judgement, Violation
+from saflite.contract.work import PolicyTexts
+from saflite.scorer_pool.calibration import Calibration, Row, calibrate_all
+
+FAULTS_SHOWN = 20
+NEVER_APPLIED = 1000.0  # what the oracle tells of a rule that never applied, in place of infinity
+
+
+class Exhibit(NamedTuple):
+    """One violation with its evidence. `trace` is None where it was not kept."""
+
+    violation: Violation
+    test_case: TestCase
+    judgement: Judgement | None
+    recording: str
+    trace: Trace | None
+    flights: tuple[FlightRow, ...]
+    policy_texts: PolicyTexts | None = None
+
+
+class Progress(NamedTuple):
+    """The search flight by flight, each array of shape (flights,): flights since the start, their robustness, finds."""
+
+    flights: NDArray[np.float64]
+    robustness: NDArray[np.float64]
+    found: NDArray[np.float64]
+    distinct: NDArray[np.float64]
+
+
+class ReportData(NamedTuple):
+    """All of a campaign that the report shows."""
+
+    campaign: Campaign
+    state: str
+    elapsed_s: float
+    exhibits: tuple[Exhibit, ...]
+    flights: tuple[FlightRow, ...]
+    progress: Progress
+    calibrations: tuple[Calibration, ...]
+    usage: tuple[UsageRow, ...]
+    faults: tuple[str, ...]
+    quarantined: tuple[Quarantined, ...]
+
+
+def read(run: RunFolder) -> ReportData:
+    """Read everything the report shows."""
+    flights = tuple(run.flights())
+    by_case: dict[str, list[FlightRow]] = {}
+    for row in flights:
+        by_case.setdefault(row.test_case, []).append(row)
+    exhibits = tuple(
+        Exhibit(
+            finding.violation,
+            finding.test_case,
+            finding.judgement,
+            finding.recording,
+            run.trace(_digest(by_case.get(finding.violation.test_case, []))),
+            tuple(by_case.get(finding.violation.test_case, ())),
+            run.campaign.policy_texts,
+        )
+        for finding in run.findings()
+    )
+    state, faults, quarantined = "running", [], []
+    for event in run.events():
+        if isinstance(event.fact, CampaignChanged):
+            state = f"{event.fact.state}: {event.fact.why}" if event.fact.why else event.fact.state
+        elif isinstance(event.fact, FaultSeen):
+            faults.append(f"{event.fact.where}: {event.fact.message}")
+        elif isinstance(event.fact, Quarantined):
+            quarantined.append(event.fact)
+    return ReportData(
+        campaign=run.campaign,
+        state=state,
+        elapsed_s=run.elapsed_s(),
+        exhibits=exhibits,
+        flights=flights,
+        progress=_progress(run),
+        calibrations=calibrations(run),
+        usage=tuple(run.usage()),
+        faults=tuple(faults[-FAULTS_SHOWN:]),
+        quarantined=tuple(quarantined),
+    )
+
+
+def calibrations(run: RunFolder) -> tuple[Calibration, ...]:
+    """Return how the scores of each model that answered met their outcomes."""
+    rows = [
+        Row(model=score.scored_by, score=score.value, violated=score.violated, chosen=score.selected_by or "score")
+        for score in run.scores()
+        if score.violated is not None
+    ]
+    return calibrate_all(rows)
+
+
+def _digest(rows: list[FlightRow]) -> str:
+    return next((row.trace_digest for row in rows if row.flight_index == 0), "")
+
+
+def _progress(run: RunFolder) -> Progress:
+    flown, found, fingerprints = 0, 0, set[str]()
+    rows: list[tuple[float, float, float, float]] = [(0.0, np.nan, 0.0, 0.0)]
+    for event in run.events():
+        fact = event.fact
+        if isinstance(fact, Flown):
+            flown += 1
+            continue
+        if isinstance(fact, ViolationFound) and fact.violation.confirmation == "confirmed":
+            found += 1
+            fingerprints.add(fact.violation.fingerprint)
+        elif not (isinstance(fact, Judged) and fact.flight_index == 0):
+            continue
+        said = fact.robustness if isinstance(fact, Judged) else None
+        robustness = np.nan if said is None or said >= NEVER_APPLIED else said
+        rows.append((float(flown), robustness, float(found), float(len(fingerprints))))
+    table = np.array(rows, dtype=float)
+    return Progress(table[:, 0], table[:, 1], table[:, 2], table[:, 3])

@@ -1,0 +1,166 @@
+"""One violation on the page: the picture, the robustness over time, the facts, the recipe to see it again."""
+
+from __future__ import annotations
+
+from html import escape
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saflite.console.view.report import charts, layout
+from saflite.console.view.report.data import Exhibit
+from saflite.console.view.report.svg import tag
+from saflite.contract.errors import Refused
+from saflite.contract.flight import Ending, Flight
+from saflite.contract.test_case import Obstacle, Stimulus, told
+from saflite.contract.verdict import Verdict
+
+FAR_M = 12.0  # distances beyond it are cut off in charts: what matters is near the limit
+
+
+def section(number: int, exhibit: Exhibit, run_name: str) -> str:
+    """Return the section of one violation."""
+    violation = exhibit.violation
+    verdict = _verdict(exhibit)
+    title = f"{number}. {violation.policy} <small>{escape(violation.fingerprint)}</small>"
+    pictures = [f"<figure>{drawn}</figure>" for drawn in (_picture(exhibit), *_charts(exhibit, verdict)) if drawn]
+    facts = "".join(f"<tr><th>{escape(key)}</th><td>{text}</td></tr>" for key, text in _facts(exhibit, run_name))
+    badge = f'<span class="badge {violation.confirmation}">{violation.confirmation}</span>'
+    hard = f'<span class="badge {violation.severity}">{violation.severity}</span>'
+    return (
+        f'<section class="violation" id="v{number}"><h3>{title} {badge}{hard}</h3>'
+        f'<p class="muted">{escape(violation.message)}</p>'
+        f'<div class="pictures">{"".join(pictures)}</div><table class="facts">{facts}</table></section>'
+    )
+
+
+def _verdict(exhibit: Exhibit) -> Verdict | None:
+    verdicts = exhibit.judgement.verdicts if exhibit.judgement is not None else ()
+    return next((verdict for verdict in verdicts if verdict.policy == exhibit.violation.policy), None)
+
+
+def _track(exhibit: Exhibit) -> NDArray[np.float64]:
+    trace = exhibit.trace
+    names = ("x_m", "y_m", "altitude_m")
+    if trace is not None and all(name in trace.signals for name in names):
+        return np.stack([trace.array(name).astype(float) for name in names], axis=1)
+    rows = exhibit.judgement.track if exhibit.judgement is not None else ()
+    return np.array([row[1:] for row in rows], dtype=float).reshape(-1, 3)
+
+
+def _picture(exhibit: Exhibit) -> str:
+    return layout.picture(exhibit.test_case, _track(exhibit))
+
+
+def _charts(exhibit: Exhibit, verdict: Verdict | None) -> list[str]:
+    trace = exhibit.trace
+    if trace is None or verdict is None:
+        return []
+    times = np.arange(trace.samples, dtype=np.float64) * trace.step_s
+    marks = [charts.Mark(verdict.witness_from_s, until=verdict.witness_to_s)]
+    marks += [charts.Mark(stimulus.at_s, _short(stimulus)) for stimulus in exhibit.test_case.stimuli]
+    drawn = [_robustness(exhibit, times, marks)]
+    if "altitude_m" in trace.signals:
+        curves = [charts.Curve(times, trace.array("altitude_m"), "curve1", "altitude [m]")]
+        if "vx_mps" in trace.signals and "vy_mps" in trace.signals:
+            speed = np.hypot(trace.array("vx_mps"), trace.array("vy_mps"))
+            curves.append(charts.Curve(times, speed, "curve2", "speed [m/s]"))
+        drawn.append(charts.chart("altitude and ground speed", curves, x_name="s", marks=marks))
+    return drawn
+
+
+def _robustness(exhibit: Exhibit, times: NDArray[np.float64], marks: list[charts.Mark]) -> str:
+    trace = exhibit.trace
+    assert trace is not None, "asked for with a trace only"
+    if exhibit.test_case.scenario.obstacles and "obstacle_distance_m" in trace.signals:
+        distance = trace.array("obstacle_distance_m")
+        level = [charts.Level(layout.SAFE_M, "1.5 m", "limit")]
+        curve = [charts.Curve(times, np.minimum(distance, FAR_M), "curve1")]
+        return charts.chart("distance to the nearest box [m]", curve, x_name="s", levels=level, marks=marks)
+    values, unit = _policy_robustness(exhibit)
+    if values is None:
+        return ""
+    curve = [charts.Curve(times[: len(values)], values, "curve1")]
+    level = [charts.Level(0.0, "broken below", "limit")]
+    return charts.chart(
+        f"robustness of {exhibit.violation.policy} {unit}", curve, x_name="s", levels=level, marks=marks
+    )
+
+
+def _policy_robustness(exhibit: Exhibit) -> tuple[NDArray[np.float64] | None, str]:
+    """Return the robustness of what the policy promises at every moment, None where it cannot be said."""
+    from saflite.oracle.policy import load_policy
+    from saflite.oracle.signals import FlightSignals
+    from saflite.oracle.stl import Evaluator
+
+    trace = exhibit.trace
+    assert trace is not None, "asked for with a trace only"
+    try:
+        policy = load_policy(exhibit.violation.policy, exhibit.policy_texts)
+        signals = FlightSignals(exhibit.test_case, _flight_of(exhibit), trace).pick(policy.needed)
+    except Refused:
+        return None, ""
+    body = policy.formula.args[0] if policy.formula.op == "always" else policy.formula
+    if not policy.needed <= set(signals):
+        return None, ""
+    values = np.asarray(Evaluator(signals, trace.step_s).trace(body), dtype=float)
+    finite = values[np.isfinite(values)]
+    if not len(finite):
+        return np.sign(values), "(holds or not)"
+    return np.clip(values, finite.min() - 1.0, finite.max() + 1.0), f"[{policy.unit}]" if policy.unit else ""
+
+
+def _flight_of(exhibit: Exhibit) -> Flight:
+    from typing import cast
+
+    row = exhibit.flights[0]
+    return Flight(
+        test_case=row.test_case,
+        flight_index=row.flight_index,
+        ending=cast(Ending, row.ending),
+        simulated_s=row.simulated_s,
+    )
+
+
+def _facts(exhibit: Exhibit, run_name: str) -> list[tuple[str, str]]:
+    violation, case = exhibit.violation, exhibit.test_case
+    first = next((row for row in exhibit.flights if row.flight_index == 0), None)
+    proposer = f"{case.origin.strategy or '?'}, round {case.origin.round}"
+    origin = f"<code>{escape(violation.test_case)}</code> by {escape(proposer)}"
+    if case.origin.parent:
+        origin += f", child of <code>{escape(case.origin.parent)}</code>"
+    facts = [("robustness", f"{violation.robustness:+.3f}"), ("flown again", _again(exhibit)), ("test case", origin)]
+    if first is not None:
+        facts.append(
+            ("flight", f"{first.ending}, {first.simulated_s:.1f} s, trace <code>{first.trace_digest[:16]}</code>")
+        )
+    facts += [(f"box {number}", _box(box)) for number, box in enumerate(case.scenario.obstacles, start=1)]
+    facts += [(f"at {stimulus.at_s:g} s", escape(told(stimulus))) for stimulus in case.stimuli]
+    if case.target.defects:
+        facts.append(("defects on", escape(", ".join(case.target.defects))))
+    if exhibit.recording:
+        facts.append(("recording", f'<a href="{escape(exhibit.recording)}">{escape(exhibit.recording)}</a>'))
+    replay = f"saflite replay {run_name} --violation {violation.fingerprint}"
+    facts.append(("see it again", f"<code>{escape(replay)}</code>"))
+    return facts
+
+
+def _again(exhibit: Exhibit) -> str:
+    violation = exhibit.violation
+    equal = ", traces bit-equal" if violation.bit_equal else ""
+    workers = f" (workers {escape(', '.join(violation.workers))})" if violation.workers else ""
+    return f"failed again in {violation.failed_again} of {violation.reflown}{equal}{workers}"
+
+
+def _box(box: Obstacle) -> str:
+    size = f"{box.length_m:.2f} × {box.width_m:.2f} × {box.height_m:.2f} m"
+    return f"{size} at ({box.x_m:.2f}, {box.y_m:.2f}), turned {box.rotation_deg:.1f}°"
+
+
+def _short(stimulus: Stimulus) -> str:
+    return stimulus.name[:14]
+
+
+def anchor(number: int, text: str) -> str:
+    """Return a link to the section of a violation."""
+    return tag("a", escape(text), href=f"#v{number}")

@@ -1,0 +1,224 @@
+"""The page: summary, progress, violations with pictures, scorer calibration, what went wrong. Nothing is loaded."""
+
+from __future__ import annotations
+
+from html import escape
+
+import numpy as np
+
+from saflite.console.run_data.deduplication import causes
+from saflite.console.run_data.run_folder import SHRINK
+from saflite.console.view.report import bars, charts, evidence
+from saflite.console.view.report.data import ReportData
+from saflite.console.view.report.style import CSS
+from saflite.scorer_pool.calibration import Calibration, Interval
+
+DRAWN_FROM = 8
+"""Flights from which a model's reliability is drawn."""
+
+
+def render(data: ReportData, run_name: str) -> str:
+    """Return the whole page as HTML."""
+    name = escape(data.campaign.name)
+    sections = [
+        f"<header><h1>{name}</h1><p>{escape(data.campaign.description)}</p>"
+        f'<p class="muted">campaign {escape(data.state)} · {_settings(data)}</p></header>',
+        _tiles(data),
+        f'<div class="pictures"><figure>{_finds(data)}</figure><figure>{_search(data)}</figure></div>',
+        _table(data),
+        _causes(data),
+        *(evidence.section(number, exhibit, run_name) for number, exhibit in enumerate(data.exhibits, start=1)),
+        _calibration(data),
+        _usage(data),
+        _troubles(data),
+    ]
+    body = "\n".join(section for section in sections if section)
+    head = (
+        '<meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"<title>{name} · SaFliTe Farm</title><style>{CSS}</style>"
+    )
+    return f'<!doctype html><html lang="en"><head>{head}</head><body><main>{body}</main></body></html>\n'
+
+
+def _settings(data: ReportData) -> str:
+    campaign = data.campaign
+    parts = [
+        f"target {campaign.target.name}",
+        f"strategy {campaign.strategy.name}",
+        f"scorer {campaign.scorer.model}",
+        f"rng_seed {campaign.rng_seed}",
+        f"policies {', '.join(campaign.policies)}",
+    ]
+    if campaign.target.defects:
+        parts.append(f"defects {', '.join(campaign.target.defects)}")
+    return escape(" · ".join(parts))
+
+
+def _tiles(data: ReportData) -> str:
+    confirmed = [exhibit for exhibit in data.exhibits if exhibit.violation.confirmation == "confirmed"]
+    flaky = sum(1 for exhibit in data.exhibits if exhibit.violation.confirmation == "flaky")
+    distinct = len({exhibit.violation.fingerprint for exhibit in confirmed})
+    simulated_s = sum(row.simulated_s for row in data.flights)
+    charged = [row for row in data.flights if row.purpose != SHRINK]
+    again = sum(1 for row in charged if row.flight_index > 0)
+    elapsed_s = max(data.elapsed_s, 1e-9)
+    tiles = [
+        (str(len(confirmed)), "violations confirmed", "bad" if confirmed else "good"),
+        (str(distinct), "of them distinct", ""),
+        (str(flaky), "flaky", "warn" if flaky else ""),
+        (f"{len(charged)}", f"flights of {data.campaign.budget_flights} ({again} re-flown)", ""),
+        (f"{simulated_s / 3600:.2f} h", "flown in simulated time", ""),
+        (_duration(data.elapsed_s), f"wall time, {len(data.flights) / elapsed_s:.2f} flights/s", ""),
+        (f"{simulated_s / elapsed_s:.0f}×", "real time, all workers", ""),
+    ]
+    if len(data.flights) > len(charged):
+        tiles.append((str(len(data.flights) - len(charged)), "flights more to shrink what was found", ""))
+    if data.quarantined:
+        tiles.append((str(len(data.quarantined)), "set aside (quarantine)", "warn"))
+    drawn = "".join(f'<div class="tile {css}"><b>{value}</b><span>{text}</span></div>' for value, text, css in tiles)
+    return f'<div class="tiles">{drawn}</div>'
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 120:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.1f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"
+
+
+def _finds(data: ReportData) -> str:
+    progress = data.progress
+    curves = [
+        charts.Curve(progress.flights, progress.found, "curve3", "confirmed", step=True),
+        charts.Curve(progress.flights, progress.distinct, "curve1", "distinct", step=True),
+    ]
+    return charts.chart("violations over flights", curves, x_name="flights")
+
+
+def _search(data: ReportData) -> str:
+    progress = data.progress
+    known = np.isfinite(progress.robustness)
+    xs, ys = progress.flights[known], progress.robustness[known]
+    best = np.minimum.accumulate(ys) if len(ys) else ys
+    curves = [charts.Curve(xs, ys, "faint", "each flight"), charts.Curve(xs, best, "curve1", "least so far", step=True)]
+    ceiling = float(np.quantile(ys, 0.9)) if len(ys) else None
+    level = [charts.Level(0.0, "violated below", "limit")]
+    return charts.chart("robustness of the flights", curves, x_name="flights", levels=level, y_max=ceiling)
+
+
+def _table(data: ReportData) -> str:
+    if not data.exhibits:
+        return '<p class="quiet">No violation was found.</p>'
+    rows = []
+    for number, exhibit in enumerate(data.exhibits, start=1):
+        violation = exhibit.violation
+        cells = [
+            evidence.anchor(number, str(number)),
+            evidence.anchor(number, violation.fingerprint),
+            escape(violation.policy),
+            f"{violation.robustness:+.3f}",
+            f'<span class="badge {violation.severity}">{violation.severity}</span>',
+            f'<span class="badge {violation.confirmation}">{violation.confirmation}</span>',
+            f"{violation.failed_again}/{violation.reflown}{' bit-equal' if violation.bit_equal else ''}",
+            f"{len(exhibit.test_case.scenario.obstacles)} boxes"
+            if exhibit.test_case.scenario.obstacles
+            else f"{len(exhibit.test_case.stimuli)} stimuli",
+        ]
+        rows.append("<tr>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>")
+    heads = ("", "fingerprint", "policy", "robustness", "severity", "confirmation", "re-flown", "inputs")
+    return f"<h2>Violations</h2>{_html_table(heads, rows)}"
+
+
+def _causes(data: ReportData) -> str:
+    taken = causes((exhibit.violation, exhibit.test_case) for exhibit in data.exhibits)
+    if not taken:
+        return ""
+    numbers = {exhibit.violation.test_case: number for number, exhibit in enumerate(data.exhibits, start=1)}
+    rows = [
+        f"<tr><td>{escape(cause.policy)}</td><td>{cause.violations}</td><td>{escape(cause.words)}</td>"
+        f"<td>{evidence.anchor(numbers[cause.name], cause.name)}</td></tr>"
+        for cause in taken
+    ]
+    heads = ("policy", "violations", "the smallest inputs found", "test case")
+    return (
+        "<h2>What it takes</h2>"
+        '<p class="muted">Violations with the same inputs (by name) behind them count as one here; what only came '
+        "along is left out as far as a smaller violation shows it was not needed.</p>" + _html_table(heads, rows)
+    )
+
+
+def _html_table(heads: tuple[str, ...], rows: list[str]) -> str:
+    head = "".join(f"<th>{text}</th>" for text in heads)
+    return f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{"".join(rows)}</tbody></table></div>'
+
+
+def _calibration(data: ReportData) -> str:
+    if not data.calibrations:
+        return ""
+    rows = [_calibration_row(one) for one in data.calibrations if one.flights]
+    drawn = [one for one in data.calibrations if one.sample == "all" and one.flights >= DRAWN_FROM]
+    curves = "".join(f"<figure>{bars.reliability(one)}</figure>" for one in drawn)
+    if not rows:
+        return ""
+    heads = (
+        "model",
+        "sample",
+        "flights",
+        "violations",
+        "accuracy",
+        "precision",
+        "recall",
+        "F1",
+        "ROC area",
+        "baseline",
+    )
+    return (
+        "<h2>How well the scores met the outcomes</h2>"
+        '<p class="muted">A score above 7 counts as "interesting", a violation as the truth; 95 % intervals. "random" '
+        "are the flights drawn by chance, whose figures selection does not bias; baseline is the accuracy of the "
+        "better of the two constant answers on the same flights. In the pictures the dashed line is the share a score "
+        "promises if it is ten times the chance of a violation.</p>"
+        + _html_table(heads, rows)
+        + (f'<div class="pictures curves">{curves}</div>' if curves else "")
+    )
+
+
+def _calibration_row(one: Calibration) -> str:
+    figures = (one.metrics.accuracy, one.metrics.precision, one.metrics.recall, one.metrics.f1, one.roc_area)
+    constant = max(value for value in (one.always.accuracy.value, one.never.accuracy.value, 0.0) if value is not None)
+    cells = [escape(one.model), one.sample, str(one.flights), str(one.violations)]
+    cells += [_interval(figure) for figure in figures]
+    cells.append(f"{constant:.2f}")
+    return "<tr>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>"
+
+
+def _interval(figure: Interval) -> str:
+    if figure.value is None:
+        return "–"
+    if figure.low is None or figure.high is None:
+        return f"{figure.value:.2f}"
+    return f"{figure.value:.2f} <small>{figure.low:.2f}–{figure.high:.2f}</small>"
+
+
+def _usage(data: ReportData) -> str:
+    if not data.usage:
+        return ""
+    rows = []
+    for use in data.usage:
+        mean = use.latency_s / max(1, use.batches)
+        cells = (
+            *(escape(use.model), use.batches, use.calls, use.tokens_in, use.tokens_out, f"{mean:.3f} s"),
+            *(f"{use.cost_usd:.4f}", use.asked_again, use.cached, use.faults),
+        )
+        rows.append("<tr>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>")
+    heads = (
+        *("model", "batches", "calls", "tokens in", "tokens out", "per batch"),
+        *("cost [USD]", "asked again", "from cache", "faults"),
+    )
+    return f"<h2>What scoring took</h2>{_html_table(heads, rows)}"
+
+
+def _troubles(data: ReportData) -> str:
+    parts = [f"<li>set aside: {escape(one.test_case)} after {one.attempts} attempts, last {one.last}: "
+             f"{escape(one.message)}</li>" for one in data.quarantined]  # fmt: skip
+    parts += [f"<li>{escape(text)}</li>" for text in data.faults]
+    return f"<h2>Faults the farm got over</h2><ul class='muted'>{''.join(parts)}</ul>" if parts else ""

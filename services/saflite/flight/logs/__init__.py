@@ -1,0 +1,1 @@
+"""Flight logs of real autopilots as traces."""

@@ -1,0 +1,173 @@
+"""PX4 flight logs (`.ulg`) as traces: local position, attitude, modes, landing, GPS, sticks, battery, texts.
+
+PX4's modes are told by ArduCopter's numbers, as policies name them: position mode is LOITER, HOLD is BRAKE, offboard
+and take-off are GUIDED, orbit is CIRCLE, descend and land are LAND.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from saflite.contract.errors import Refused
+from saflite.contract.flight import Trace
+from saflite.contract.signals import MODES
+from saflite.flight.logs.resample import Columns
+
+_MAGIC = b"ULog\x01\x12\x35"
+_MODES: dict[int, str] = {
+    0: "STABILIZE",
+    1: "ALT_HOLD",
+    2: "LOITER",
+    3: "AUTO",
+    4: "BRAKE",
+    5: "RTL",
+    10: "ACRO",
+    12: "LAND",
+    14: "GUIDED",
+    15: "STABILIZE",
+    17: "GUIDED",
+    18: "LAND",
+    19: "GUIDED",
+    20: "LAND",
+    21: "CIRCLE",
+}
+_OTHER_MODE = -1.0
+_TAKEOFF = 17
+_ARMED = 2
+_FIX_3D = 3
+_LOCAL = {"x": ("x_m", 1.0), "y": ("y_m", 1.0), "z": ("altitude_m", -1.0)}
+_SPEED = {"vx": ("vx_mps", 1.0), "vy": ("vy_mps", 1.0), "vz": ("climb_mps", -1.0)}
+_RATES = ("roll_rate_dps", "pitch_rate_dps", "yaw_rate_dps")
+
+Topic = Mapping[str, Any]
+
+
+def read_ulog(path: Path, *, placed: bool = True) -> Trace:
+    """Return the trace in a PX4 log.
+
+    Raises:
+        Refused: the file is missing, is no ULog, is damaged, or lacks a position (if `placed`) or all signals.
+    """
+    topics, texts = _load(path)
+    columns = Columns()
+    columns.messages = texts
+    readers = (_position, _attitude, _status, _ground, _gps, _sticks, _battery)
+    for reader in readers:
+        reader(topics, columns)
+    return columns.trace("PX4 log", str(path), placed=placed)
+
+
+def _load(path: Path) -> tuple[dict[str, Topic], list[tuple[float, str, str]]]:
+    from pyulog import ULog
+    from pyulog.exceptions import ULogException
+
+    try:
+        with path.open("rb") as file:
+            start = file.read(len(_MAGIC))
+        if start != _MAGIC:
+            raise Refused("PX4 log", where=str(path), expected="a ULog file", got=f"{start[:8]!r} at its start")
+        log = ULog(str(path))
+    except (OSError, ValueError, TypeError, LookupError, AttributeError, struct.error, ULogException) as fault:
+        raise Refused("PX4 log", where=str(path), expected="a whole ULog file", got=repr(fault)) from fault
+    topics = {dataset.name: dataset.data for dataset in reversed(log.data_list) if len(dataset.data["timestamp"]) > 0}
+    texts = [(text.timestamp / 1e6, text.message, _severity(text.log_level)) for text in log.logged_messages]
+    return topics, texts
+
+
+def _severity(level: int) -> str:
+    """Syslog level as ULog stores it (character or number) to our three words."""
+    number = level - ord("0") if level >= ord("0") else level
+    return "error" if number <= 3 else "warning" if number == 4 else "info"
+
+
+def _times(topic: Topic) -> Any:
+    return np.asarray(topic["timestamp"], dtype=np.float64) / 1e6
+
+
+def _first(topics: Mapping[str, Topic], *names: str) -> Topic | None:
+    return next((topics[name] for name in names if name in topics), None)
+
+
+def _position(topics: Mapping[str, Topic], columns: Columns) -> None:
+    topic = _first(topics, "vehicle_local_position")
+    if topic is None:
+        return
+    for field, (signal, sign) in {**_LOCAL, **_SPEED}.items():
+        if field not in topic:
+            continue
+        valid = topic.get({"z": "z_valid", "vz": "v_z_valid"}.get(field, "xy_valid"))
+        values = np.asarray(topic[field], dtype=np.float64) * sign
+        columns.add(signal, _times(topic), values if valid is None else np.where(valid, values, np.nan))
+
+
+def _attitude(topics: Mapping[str, Topic], columns: Columns) -> None:
+    topic = _first(topics, "vehicle_attitude")
+    if topic is not None and "q[0]" in topic:
+        w, x, y, z = (np.asarray(topic[f"q[{i}]"], dtype=np.float64) for i in range(4))
+        columns.add("roll_deg", _times(topic), np.degrees(np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))))
+        columns.add("pitch_deg", _times(topic), np.degrees(np.arcsin(np.clip(2 * (w * y - z * x), -1, 1))))
+        columns.add("yaw_deg", _times(topic), np.degrees(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))))
+    rates = _first(topics, "vehicle_angular_velocity", "vehicle_attitude")
+    for index, name in enumerate(_RATES):
+        field = (f"xyz[{index}]", ("rollspeed", "pitchspeed", "yawspeed")[index])
+        found = next((key for key in field if rates is not None and key in rates), None)
+        if rates is not None and found:
+            columns.add(name, _times(rates), np.degrees(np.asarray(rates[found], dtype=np.float64)))
+
+
+def _status(topics: Mapping[str, Topic], columns: Columns) -> None:
+    topic = _first(topics, "vehicle_status")
+    if topic is None:
+        return
+    states = [int(state) for state in topic["nav_state"]]
+    named = [float(MODES[_MODES[state]]) if state in _MODES else _OTHER_MODE for state in states]
+    columns.add("mode", _times(topic), named)
+    columns.add("takeoff", _times(topic), [float(state == _TAKEOFF) for state in states])
+    if "arming_state" in topic:
+        columns.add("armed", _times(topic), np.asarray(topic["arming_state"]) == _ARMED)
+    if "rc_signal_lost" in topic:
+        columns.add("rc_present", _times(topic), np.asarray(topic["rc_signal_lost"]) == 0)
+    if "mission_result" in topics and "seq_current" in topics["mission_result"]:
+        result = topics["mission_result"]
+        columns.add("mission_item", _times(result), result["seq_current"])
+        columns.add("mission_count", _times(result), result["seq_total"])
+
+
+def _ground(topics: Mapping[str, Topic], columns: Columns) -> None:
+    topic = _first(topics, "vehicle_land_detected")
+    if topic is not None and "landed" in topic:
+        columns.add("landed", _times(topic), topic["landed"])
+
+
+def _gps(topics: Mapping[str, Topic], columns: Columns) -> None:
+    topic = _first(topics, "vehicle_gps_position", "sensor_gps")
+    if topic is None:
+        return
+    columns.add("gps_satellites", _times(topic), topic["satellites_used"])
+    columns.add("gps_ok", _times(topic), np.asarray(topic["fix_type"]) >= _FIX_3D)
+
+
+def _sticks(topics: Mapping[str, Topic], columns: Columns) -> None:
+    topic = _first(topics, "manual_control_setpoint")
+    if topic is None:
+        return
+    older = "x" in topic
+    fields = ("y", "x", "z", "r") if older else ("roll", "pitch", "throttle", "yaw")
+    for number, field in enumerate(fields, start=1):
+        if field not in topic:
+            continue
+        value = np.asarray(topic[field], dtype=np.float64)
+        if number == 3 and older:
+            value = 2 * value - 1  # throttle ran from 0 to 1 before PX4 1.14
+        columns.add(f"rc{number}_pwm", _times(topic), 1500 + 500 * (-value if number == 2 else value))
+
+
+def _battery(topics: Mapping[str, Topic], columns: Columns) -> None:
+    topic = _first(topics, "battery_status")
+    if topic is not None and "voltage_v" in topic:
+        columns.add("battery_v", _times(topic), topic["voltage_v"])

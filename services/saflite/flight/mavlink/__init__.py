@@ -1,0 +1,1 @@
+"""MAVLink, client and server side."""

@@ -1,0 +1,202 @@
+"""Mission transfer over MAVLink: upload, download, clear, set current. Item 0 is home, as with ArduPilot."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from saflite.contract.errors import Refused
+from saflite.contract.test_case import Mission, MissionItem
+from saflite.flight.autopilots.reference.autopilot import Autopilot
+from saflite.flight.autopilots.reference.mission_items import understand
+from saflite.flight.world.jsbsim_world import HOME_ALT_M, HOME_LAT_DEG, HOME_LON_DEG
+
+ACCEPTED, ERROR, UNSUPPORTED, INVALID_PARAM1, INVALID_SEQUENCE = 0, 1, 3, 6, 13
+ITEMS_MAX = 700
+GLOBAL_RELATIVE = 3
+PLACES = {16, 17, 18, 19, 21, 22, 82, 201}
+PLACE_MAX = (90.0, 180.0, 83_000.0)  # degrees, degrees, ArduPilot's greatest altitude in metres
+INT32_MAX = 2.0**31 - 1.0
+
+
+class MissionTransfer:
+    """One transfer at a time; `link` is a pymavlink `MAVLink`."""
+
+    def __init__(self, ap: Autopilot, link: Any) -> None:
+        self._ap, self._link = ap, link
+        self._expected = 0
+        self._items: list[MissionItem] = []
+        self._peer = (255, 190)
+
+    def handle(self, kind: str, message: Any) -> bool:
+        """Take a message; return whether it was about missions."""
+        handler = getattr(self, f"_{kind.lower()}", None) if kind.startswith("MISSION_") else None
+        if handler is None:
+            return False
+        if getattr(message, "mission_type", 0) != 0:
+            self._ack(UNSUPPORTED, message.mission_type)
+            return True
+        self._peer = (message.get_srcSystem(), message.get_srcComponent())
+        handler(message)
+        return True
+
+    # -- upload ---------------------------------------------------------------------------------------------------
+
+    def _mission_count(self, message: Any) -> None:
+        if message.count > ITEMS_MAX:
+            self._ack(4)
+            return
+        self._expected, self._items = message.count, []
+        if message.count == 0:
+            self._store()
+        else:
+            self._request(0)
+
+    def _mission_item_int(self, message: Any) -> None:
+        self._take(message, message.x / 1e7, message.y / 1e7)
+
+    def _mission_item(self, message: Any) -> None:
+        if message.current == 2:
+            self._guided(message)
+        else:
+            self._take(message, message.x, message.y)
+
+    def _take(self, message: Any, lat: float, lon: float) -> None:
+        if self._expected == 0:
+            return
+        asked = len(self._items)
+        if message.seq == asked:
+            self._add(message, lat, lon)
+        elif message.seq == asked - 1:  # a repeat: the request for the next one was lost
+            self._request(asked)
+        else:
+            self._ack(INVALID_SEQUENCE)
+
+    def _add(self, message: Any, lat: float, lon: float) -> None:
+        """Take the item asked for; an impossible one ends the upload."""
+        placed = message.command in PLACES
+        last = (lat, lon, message.z) if placed else (message.x, message.y, message.z)
+        numbers = (message.param1, message.param2, message.param3, message.param4, *last)
+        result = _checked(message.command, numbers)
+        if result != ACCEPTED:
+            self._expected = 0
+            self._ack(result)
+            return
+        params = tuple(None if math.isnan(value) else float(value) for value in numbers)
+        self._items.append(MissionItem(command=message.command, frame=_frame(message.frame), params=params))
+        if len(self._items) < self._expected:
+            self._request(len(self._items))
+        else:
+            self._store()
+
+    def _store(self) -> None:
+        """Make what was uploaded the mission on board, without the home item."""
+        self._expected = 0
+        mission = Mission(
+            name="uploaded",
+            home_lat_deg=HOME_LAT_DEG,
+            home_lon_deg=HOME_LON_DEG,
+            home_alt_m=HOME_ALT_M,
+            items=tuple(self._items[1:]),
+        )
+        try:
+            understand(mission)
+        except Refused as fault:
+            self._ap.say(str(fault)[:50], "warning")
+            self._ack(UNSUPPORTED)
+            return
+        self._ap.mission, self._ap.mission_index = (mission if mission.items else None), 0
+        self._ap.parameters.changes += 1
+        self._ack(ACCEPTED)
+
+    def _guided(self, message: Any) -> None:
+        """A way-point with `current` 2 is an order to go there in GUIDED (older ground stations)."""
+        from saflite.flight.autopilots.reference.commands import MavResult, execute
+
+        numbers = (-1.0, 1.0, 0.0, 0.0, message.x, message.y, message.z)
+        self._ack(ACCEPTED if execute(self._ap, 192, numbers) == MavResult.ACCEPTED else ERROR)
+
+    # -- download and the rest ------------------------------------------------------------------------------------
+
+    def _mission_request_list(self, message: Any) -> None:
+        mission = self._ap.mission
+        count = len(mission.items) + 1 if mission is not None else 0
+        self._link.mission_count_send(*self._peer, count)
+
+    def _mission_request_int(self, message: Any) -> None:
+        item = self._item(message.seq)
+        if item is None:
+            self._ack(INVALID_SEQUENCE)
+            return
+        numbers = [math.nan if value is None else value for value in item.params]
+        x, y = _integer(item.command, numbers[4]), _integer(item.command, numbers[5])
+        current = int(message.seq == self._ap.mission_index + 1)
+        self._link.mission_item_int_send(
+            *self._peer, message.seq, item.frame, item.command, current, 1, *numbers[:4], x, y, numbers[6]
+        )
+
+    def _mission_request(self, message: Any) -> None:
+        item = self._item(message.seq)
+        if item is None:
+            self._ack(INVALID_SEQUENCE)
+            return
+        numbers = [math.nan if value is None else value for value in item.params]
+        current = int(message.seq == self._ap.mission_index + 1)
+        self._link.mission_item_send(*self._peer, message.seq, item.frame, item.command, current, 1, *numbers)
+
+    def _item(self, index: int) -> MissionItem | None:
+        mission = self._ap.mission
+        if index == 0:
+            return MissionItem(command=16, frame=0, params=(0, 0, 0, 0, HOME_LAT_DEG, HOME_LON_DEG, HOME_ALT_M))
+        if mission is None or not 1 <= index <= len(mission.items):
+            return None
+        return mission.items[index - 1]
+
+    def _mission_clear_all(self, message: Any) -> None:
+        self._ap.mission, self._ap.mission_index = None, 0
+        self._ap.parameters.changes += 1
+        self._ack(ACCEPTED)
+
+    def _mission_set_current(self, message: Any) -> None:
+        mission, index = self._ap.mission, max(0, message.seq - 1)
+        if mission is None or index >= len(mission.items):
+            self._ack(INVALID_SEQUENCE)
+            return
+        # AUTO flies on with the items it was entered with, which an upload may have outgrown
+        if self._ap.mode.name == "AUTO" and not self._ap.mode.jump(index):  # type: ignore[attr-defined]
+            self._ack(INVALID_SEQUENCE)
+            return
+        self._ap.mission_index = index
+        self._link.mission_current_send(message.seq)
+
+    def _mission_ack(self, message: Any) -> None:
+        """The ground station has received a download."""
+
+    def _request(self, index: int) -> None:
+        self._link.mission_request_int_send(*self._peer, index)
+
+    def _ack(self, result: int, mission_type: int = 0) -> None:
+        self._link.mission_ack_send(*self._peer, result, mission_type)
+
+
+def _frame(frame: int) -> int:
+    """Return the float frame that an integer frame stands for."""
+    return {5: 0, 6: GLOBAL_RELATIVE, 11: 10}.get(frame, frame)
+
+
+def _checked(command: int, numbers: Sequence[float]) -> int:
+    """Return ACCEPTED or which of an item's seven numbers is impossible; where there is no place NaN is "not given"."""
+    placed = command in PLACES
+    limits = (math.inf,) * 4 + (PLACE_MAX if placed else (INT32_MAX, INT32_MAX, math.inf))
+    for index, (number, limit) in enumerate(zip(numbers, limits, strict=True)):
+        missing = math.isnan(number) and placed and index >= 4
+        if missing or math.isinf(number) or abs(number) > limit:
+            return INVALID_PARAM1 + index
+    return ACCEPTED
+
+
+def _integer(command: int, value: float) -> int:
+    if math.isnan(value):
+        return 0
+    return round(value * 1e7) if command in PLACES else round(value)

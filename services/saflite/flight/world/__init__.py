@@ -1,0 +1,1 @@
+"""The physical world: JSBSim, wind, contact, boxes. Knows no autopilot."""

@@ -1,0 +1,1 @@
+"""Places where services run: each starts, polls and stops the roles of a farm."""

@@ -1,0 +1,53 @@
+"""Tokens that vanish: one worker is gone at once, many together mean that the router was away, not they.
+
+A router that restarts takes every token with it although the workers fly on. Freeing all their leases would fly
+everything twice and count against test cases that did nothing, so those who vanish together get one lease time to
+come back.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+SETTLE_S = 0.15  # tokens that vanish within this time vanished together
+TOGETHER_MIN = 2
+TOGETHER_SHARE = 0.5  # of the workers known
+
+Who = tuple[str, str]  # worker, stage
+
+
+class _Gone(NamedTuple):
+    at_s: float
+    until_s: float | None  # None until it is known whether others went too
+
+
+class Liveness:
+    """Who is there, who vanished, and whose absence is certain."""
+
+    def __init__(self, patience_s: float) -> None:
+        self._patience_s = patience_s
+        self._here: set[Who] = set()
+        self._gone: dict[Who, _Gone] = {}
+
+    def back(self, who: Who) -> None:
+        """Note that a token is there."""
+        self._gone.pop(who, None)
+        self._here.add(who)
+
+    def vanished(self, who: Who, now_s: float) -> None:
+        """Note that a token vanished."""
+        self._gone.setdefault(who, _Gone(now_s, None))
+
+    def due(self, now_s: float) -> list[Who]:
+        """Return whose absence is certain now; each is returned once."""
+        fresh = [who for who, gone in self._gone.items() if gone.until_s is None]
+        if fresh and now_s - min(self._gone[who].at_s for who in fresh) >= SETTLE_S:
+            together = len(fresh) >= TOGETHER_MIN and len(fresh) >= TOGETHER_SHARE * len(self._here)
+            for who in fresh:
+                at_s = self._gone[who].at_s
+                self._gone[who] = _Gone(at_s, at_s + (self._patience_s if together else 0.0))
+        certain = [who for who, gone in self._gone.items() if gone.until_s is not None and gone.until_s <= now_s]
+        for who in certain:
+            del self._gone[who]
+            self._here.discard(who)
+        return certain

@@ -1,0 +1,81 @@
+"""Long polls that found no work and wait for some: lines by stage and target, first come first served."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from typing import NamedTuple
+
+from saflite.bus.base import Request
+from saflite.contract.work import Ask
+
+WAIT_MAX_S = 10.0
+PASSED_OVER_MAX = 4  # work may exist that the first in line may not have (a re-flight wants another worker)
+
+Line = tuple[str, tuple[str, ...]]
+
+
+class Parked(NamedTuple):
+    """One waiting poll."""
+
+    request: Request
+    ask: Ask
+    until_s: float
+
+
+class LongPollQueue:
+    """All waiting polls. Trying them stays cheap however many wait: a line is left after a few that got nothing."""
+
+    def __init__(self) -> None:
+        self._lines: dict[Line, OrderedDict[str, Parked]] = {}
+        self._passed: dict[Line, int] = {}
+        self._expires_s = float("inf")
+
+    def __len__(self) -> int:
+        return sum(len(line) for line in self._lines.values())
+
+    def park(self, request: Request, ask: Ask, now_s: float) -> bool:
+        """Let a poll wait; False if it does not want to. A worker's new poll takes the place of its old one."""
+        if ask.wait_s <= 0:
+            return False
+        until_s = now_s + min(ask.wait_s, WAIT_MAX_S)
+        line = self._lines.setdefault((ask.stage, ask.targets), OrderedDict())
+        line.pop(ask.worker, None)
+        line[ask.worker] = Parked(request, ask, until_s)
+        self._expires_s = min(self._expires_s, until_s)
+        return True
+
+    def forget(self, worker: str) -> None:
+        """Drop the polls of a worker that is gone."""
+        for line in self._lines.values():
+            line.pop(worker, None)
+
+    def lines(self) -> list[Line]:
+        """Return the lines in which somebody waits."""
+        self._passed.clear()
+        return [name for name, line in self._lines.items() if line]
+
+    def to_try(self, name: Line) -> list[Parked]:
+        """Return the polls of a line in order."""
+        return list(self._lines[name].values())
+
+    def granted(self, name: Line, parked: Parked) -> None:
+        """Take a poll out that was answered."""
+        self._lines[name].pop(parked.ask.worker, None)
+
+    def passed_over(self, name: Line, parked: Parked) -> bool:
+        """Send a poll that got nothing to the end of its line; True while trying the next is worth it."""
+        self._lines[name].move_to_end(parked.ask.worker)
+        self._passed[name] = self._passed.get(name, 0) + 1
+        return self._passed[name] < PASSED_OVER_MAX
+
+    def expired(self, now_s: float) -> list[Parked]:
+        """Take out and return the polls whose time is up."""
+        if now_s < self._expires_s:
+            return []
+        over = [(name, parked) for name, line in self._lines.items() for parked in line.values()]
+        late = [(name, parked) for name, parked in over if parked.until_s <= now_s]
+        for name, parked in late:
+            self.granted(name, parked)
+        left = [parked.until_s for name, parked in over if parked.until_s > now_s]
+        self._expires_s = min(left, default=float("inf"))
+        return [parked for _, parked in late]

@@ -1,0 +1,1 @@
+"""Scores learnt from flights: features of test cases, history, a forest."""

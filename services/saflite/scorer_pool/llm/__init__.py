@@ -1,0 +1,1 @@
+"""Scores from language models: prompt, answers, transcript, cache, circuit breaker."""

@@ -1,0 +1,47 @@
+"""What a chat server is to the pool: something that answers a question, in its own time, or says why not."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple, Protocol
+
+from saflite.contract.errors import Unavailable
+from saflite.scorer_pool.llm.parse import Reply
+
+Messages = list[dict[str, str]]
+
+
+class Busy(Unavailable):
+    """The server has too much to do (503, 429): ask again a little later."""
+
+
+class Question(NamedTuple):
+    """One question: messages, JSON schema of the answer (a hint), and the longest answer that makes sense."""
+
+    messages: Messages
+    schema: dict[str, Any]
+    tokens_max: int
+
+
+class Spoken(NamedTuple):
+    """What a server said and what it took; `cut` where it stopped at the longest answer allowed."""
+
+    reply: Reply
+    tokens_in: int = 0
+    tokens_out: int = 0
+    cut: bool = False
+
+
+class Chat(Protocol):
+    """A server with one model. Deadlines are the caller's: a call that is cancelled must stop asking."""
+
+    async def ask(self, question: Question) -> Spoken:
+        """Return the answer; raises Busy, Unavailable, or Refused where the server will never answer this."""
+        ...
+
+    async def load(self) -> str:
+        """Load the model and return a line about it; raises Busy, Unavailable or Refused (no such model)."""
+        ...
+
+    async def digest(self) -> str:
+        """Return what identifies the model's weights or version; raises Unavailable or Refused."""
+        ...

@@ -1,0 +1,1 @@
+"""Which inputs bear on which policy, known before any flight."""
