@@ -21,7 +21,7 @@ import msgspec
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "scripts" / "benches"))
 from _inline import Flights, Inline
 
-from saflite.campaign.builtin import load_campaign
+from saflite.campaign.presets.campaigns import load_campaign
 from saflite.contract import wire
 from saflite.contract.config import Campaign, ScorerConfig, SearchConfig, StrategyConfig
 from saflite.contract.test_case import Target, TestCase
@@ -109,11 +109,13 @@ def rows(books: Path) -> list[Row]:
     """Return what the books say of each flight: what was flown, how close it came, what was violated."""
     with closing(sqlite3.connect(books)) as database:
         flown = database.execute("SELECT round, rank, test_case, content FROM outcomes ORDER BY round, rank").fetchall()
-        standings = database.execute("SELECT test_case, policy, standing FROM violations ORDER BY policy").fetchall()
-    return [_row(*line, standings) for line in flown]
+        confirmations = database.execute(
+            "SELECT test_case, policy, confirmation FROM violations ORDER BY policy"
+        ).fetchall()
+    return [_row(*line, confirmations) for line in flown]
 
 
-def _row(number: int, rank: int, test_case: str, content: bytes, standings: list[tuple[str, str, str]]) -> Row:
+def _row(number: int, rank: int, test_case: str, content: bytes, confirmations: list[tuple[str, str, str]]) -> Row:
     outcome = wire.decode(content, Outcome)
     return {
         "round": number,
@@ -121,5 +123,5 @@ def _row(number: int, rank: int, test_case: str, content: bytes, standings: list
         "content": content_key(outcome.test_case),
         "robustness": repr(outcome.robustness),
         "violated": sorted(outcome.violated),
-        "standing": {policy: standing for name, policy, standing in standings if name == test_case},
+        "confirmation": {policy: decided for name, policy, decided in confirmations if name == test_case},
     }

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import msgspec
 
-from saflite.campaign.builtin import load_campaign, template
+from saflite.campaign.presets.campaigns import load_campaign, template
 from saflite.contract.rng import derive
 from saflite.contract.test_case import Obstacle, Scenario, StartState, Stimulus, StimulusKind, Target, TestCase, Wind
 from saflite.flight.autopilots.reference.defects import TABLE, trigger
