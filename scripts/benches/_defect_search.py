@@ -15,8 +15,8 @@ from saflite.campaign.presets.campaigns import load_campaign
 from saflite.contract.config import Campaign, ScorerConfig, StrategyConfig
 from saflite.contract.flight import Flight
 from saflite.contract.service import Cancelled
-from saflite.contract.test_case import StartState, Target, identity
-from saflite.contract.work import FlyResult, FlyWork, Result, Setting
+from saflite.contract.test_case import Setting, StartState, Target, identity
+from saflite.contract.work import FlyResult, FlyWork, Result
 from saflite.flight.autopilots.reference.defects import TABLE
 
 FLIGHTS_PER_ROUND, CANDIDATES_PER_ROUND = 8, 48

@@ -12,8 +12,7 @@ from saflite.campaign.lifecycle.minimizer import Minimizer
 from saflite.campaign.presets.campaigns import load_campaign, template
 from saflite.contract.flight import AUTOPILOT_ALIVE, Flight
 from saflite.contract.rng import derive
-from saflite.contract.test_case import Stimulus, TestCase, identity
-from saflite.contract.work import Setting
+from saflite.contract.test_case import Setting, Stimulus, TestCase, identity
 from saflite.flight.autopilots.reference.defects import TABLE, trigger
 from saflite.mutator.strategies.pgfuzz import Strategy
 from saflite.oracle.judge import judge

@@ -29,7 +29,8 @@ from _inline import Flights, Inline
 from saflite.campaign.presets.campaigns import load_campaign
 from saflite.contract.config import Campaign, ScorerConfig, StrategyConfig
 from saflite.contract.control import Status
-from saflite.contract.work import FlyWork, Setting
+from saflite.contract.test_case import Setting
+from saflite.contract.work import FlyWork
 from saflite.mutator.registry import options_of, strategy_names
 from saflite.simulator_worker.processes import die_with_parent
 

@@ -24,8 +24,8 @@ from _inline import Flights, Inline
 from saflite.campaign.presets.campaigns import load_campaign
 from saflite.contract import wire
 from saflite.contract.config import Campaign, ScorerConfig, SearchConfig, StrategyConfig
-from saflite.contract.test_case import Target, TestCase
-from saflite.contract.work import Outcome, Setting
+from saflite.contract.test_case import Setting, Target, TestCase
+from saflite.contract.work import Outcome
 
 BOXES, CHUTE = "avoidance-m1", "policy-a-chute"
 TIME_LIMIT_S = {BOXES: 120.0, CHUTE: 40.0}  # mission 1 takes 85 s; a vehicle that finds no way would fly for 500 s

@@ -13,8 +13,8 @@ from typing import Literal
 import msgspec
 
 from saflite.contract.errors import Refused
-from saflite.contract.test_case import StartState, Target, Wind
-from saflite.contract.work import PolicyTexts, Setting
+from saflite.contract.test_case import Setting, StartState, Target, Wind
+from saflite.contract.work import PolicyTexts
 
 
 class StrategyConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

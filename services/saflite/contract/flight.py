@@ -67,16 +67,53 @@ class Trace(msgspec.Struct, frozen=True, kw_only=True):
         return max(0, self.samples - 1) * self.step_s
 
 
+DeliveryAnswer = Literal["accepted", "denied", "timed_out", "late", "unanswered"]
+"""What became of a stimulus when it was given.
+
+accepted    the autopilot took it, or it is of a kind that cannot be refused (a stick, a sensor fault)
+denied      the autopilot refused it: no cause of anything
+timed_out   an answer was due and did not come
+late        it was given, but later than the test case says
+unanswered  no answer was asked for or is known
+"""
+
+
+class Delivered(msgspec.Struct, frozen=True, kw_only=True):
+    """How one stimulus of the test case was given: `index` into `TestCase.stimuli`, simulated time, the answer."""
+
+    index: int
+    at_s: float
+    answer: DeliveryAnswer = "accepted"
+    message: str = ""
+
+
+class Artefact(msgspec.Struct, frozen=True, kw_only=True):
+    """A named file a flight left behind (autopilot log, console text, core reason), kept by its digest."""
+
+    name: str
+    digest: str
+    size_bytes: int
+
+
 class FlightRecord(NamedTuple):
-    """What a target's `fly` returns: how the flight ended and its trace, None if there is none."""
+    """What a session's `fly` returns: how the flight ended and its trace, None if there is none.
+
+    `delivered` has one entry per stimulus that was given, in the order given; None where the target cannot tell (then
+    the plan stands for it). `artefacts` are named files as bytes.
+    """
 
     ending: Ending
     trace: Trace | None
     message: str = ""
+    delivered: tuple[Delivered, ...] | None = None
+    artefacts: tuple[tuple[str, bytes], ...] = ()
 
 
 class Flight(msgspec.Struct, frozen=True, kw_only=True):
-    """The record of one attempt. `trace_digest` is the SHA-256 of the packed trace: equal digest, bit-equal flight."""
+    """The record of one attempt. `trace_digest` is the SHA-256 of the packed trace: equal digest, bit-equal flight.
+
+    `build` is the digest of what flew; `delivered` tells how each stimulus was given, None where that is not known.
+    """
 
     test_case: str
     flight_index: int
@@ -86,6 +123,9 @@ class Flight(msgspec.Struct, frozen=True, kw_only=True):
     trace_digest: str = ""
     worker: str = ""
     message: str = ""
+    build: str = ""
+    delivered: tuple[Delivered, ...] | None = None
+    artefacts: tuple[Artefact, ...] = ()
 
 
 _ENCODER = msgspec.msgpack.Encoder(order="deterministic")

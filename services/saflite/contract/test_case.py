@@ -13,6 +13,7 @@ import msgspec
 from saflite.contract.ids import short_id
 
 StimulusKind = Literal["parameter", "command", "stick", "mode", "sensor_fault"]
+Setting = float | int | str | bool | list[float | int | str | bool]
 
 
 class Obstacle(msgspec.Struct, frozen=True, kw_only=True):
@@ -94,10 +95,16 @@ class Stimulus(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Target(msgspec.Struct, frozen=True, kw_only=True):
-    """Vehicle and autopilot: parameters set before take-off, planted defects switched on."""
+    """Vehicle and autopilot: parameters set before take-off, the target's own settings, planted defects switched on.
+
+    `settings` are listed by `TargetInfo.settings`. `build` is the digest of the code and binaries that are to fly
+    (`TargetInfo.build`); empty means any.
+    """
 
     name: str = "reference"
     parameters: dict[str, float] = {}
+    settings: dict[str, Setting] = {}
+    build: str = ""
     defects: tuple[str, ...] = ()
 
 
@@ -135,6 +142,14 @@ def identity(test_case: TestCase) -> str:
     """Return the identity of a test case: the hash of all it holds except its origin and source."""
     content = (test_case.target, test_case.scenario, test_case.stimuli, test_case.rng_seed)
     return short_id(_ENCODER.encode(content))
+
+
+def draw_key(test_case: TestCase) -> str:
+    """Return what random draws and the breaking of ties go by: the identity the test case has on no certain build.
+
+    So two builds of a target are searched with the same draws, and can be compared.
+    """
+    return identity(msgspec.structs.replace(test_case, target=msgspec.structs.replace(test_case.target, build="")))
 
 
 def told(stimulus: Stimulus) -> str:

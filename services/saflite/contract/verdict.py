@@ -6,7 +6,9 @@ from typing import Literal
 
 import msgspec
 
-Ruling = Literal["held", "violated", "inconclusive"]
+Ruling = Literal["held", "violated", "vacuous", "inconclusive"]
+"""held, violated; vacuous: the rule never applied in this flight; inconclusive: it could not be judged."""
+
 Confirmation = Literal["candidate", "confirmed", "flaky", "unconfirmed"]
 
 

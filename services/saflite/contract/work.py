@@ -12,12 +12,11 @@ import msgspec
 
 from saflite.contract.flight import Ending, Flight
 from saflite.contract.score import Score, Usage
-from saflite.contract.test_case import TestCase
+from saflite.contract.test_case import Setting, TestCase
 from saflite.contract.verdict import Judgement, Violation
 
 Stage = Literal["mutate", "score", "fly", "judge", "record"]
 Purpose = Literal["search", "confirm", "shrink", "replay"]
-Setting = float | int | str | bool | list[float | int | str | bool]
 
 
 class Outcome(msgspec.Struct, frozen=True, kw_only=True):

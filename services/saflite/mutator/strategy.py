@@ -12,8 +12,8 @@ from typing import ClassVar, Literal, NamedTuple, Protocol
 import numpy as np
 
 from saflite.contract.errors import Refused
-from saflite.contract.test_case import TestCase
-from saflite.contract.work import Outcome, Setting
+from saflite.contract.test_case import Setting, TestCase
+from saflite.contract.work import Outcome
 
 Proposes = Literal["obstacles", "stimuli"]
 

@@ -11,8 +11,18 @@ import pytest
 
 from saflite.contract.errors import Refused
 from saflite.contract.rng import derive
-from saflite.contract.test_case import Origin, Scenario, StartState, Stimulus, StimulusKind, Target, TestCase, identity
-from saflite.contract.work import Outcome, Setting
+from saflite.contract.test_case import (
+    Origin,
+    Scenario,
+    Setting,
+    StartState,
+    Stimulus,
+    StimulusKind,
+    Target,
+    TestCase,
+    identity,
+)
+from saflite.contract.work import Outcome
 from saflite.mutator.operators import inputs, sequences, values
 from saflite.mutator.operators.inputs import Input
 from saflite.mutator.operators.sequences import Rhythm

@@ -16,8 +16,8 @@ import msgspec
 
 from saflite.contract.config import Campaign, ScorerConfig, SearchConfig, StrategyConfig, read_text
 from saflite.contract.errors import Refused
-from saflite.contract.test_case import StartState, Target
-from saflite.contract.work import PolicyText, Setting
+from saflite.contract.test_case import Setting, StartState, Target
+from saflite.contract.work import PolicyText
 from saflite.flight.autopilots.reference.parameters import parameter_table
 
 POLICIES_DIR = Path(__file__).parents[2] / "oracle" / "policies"

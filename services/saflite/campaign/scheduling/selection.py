@@ -14,7 +14,7 @@ from saflite.campaign.engine.journal import Pick
 from saflite.campaign.scheduling.novelty import Features, distances, features
 from saflite.contract.rng import derive
 from saflite.contract.score import Band, band
-from saflite.contract.test_case import TestCase
+from saflite.contract.test_case import TestCase, draw_key
 
 _BAND_RANK: dict[Band, int] = {"interesting": 2, "middling": 1, "dull": 0}
 
@@ -38,7 +38,8 @@ def select(
     be judged against them. `candidates` and `scores` are keyed by the test case's identity.
     """
     count = min(rules.flights, len(candidates))
-    names = sorted(candidates)
+    keys = {name: draw_key(case) for name, case in candidates.items()}
+    names = sorted(candidates, key=keys.__getitem__)
     drawn = _random_picks(names, count, rules)
     shapes = [features(candidates[name]) for name in names]
     nearness = distances(shapes, flown).min(axis=1, initial=1.0)
@@ -52,7 +53,9 @@ def select(
     rest = [place for place, name in enumerate(names) if name not in set(drawn)]
     chosen: list[Pick] = []
     while rest and len(chosen) + len(drawn) < count:
-        best = max(rest, key=lambda place: _rank(names[place], scores[names[place]], float(nearness[place]), rules))
+        best = max(
+            rest, key=lambda place: _rank(keys[names[place]], scores[names[place]], float(nearness[place]), rules)
+        )
         rest.remove(best)
         name = names[best]
         chosen.append(Pick(test_case=name, selected_by="score", score=scores[name], novelty=float(nearness[best])))
@@ -60,9 +63,9 @@ def select(
     return (*chosen, *random_picks)
 
 
-def _rank(name: str, score: float, novelty: float, rules: Rules) -> tuple[int, float, str]:
+def _rank(key: str, score: float, novelty: float, rules: Rules) -> tuple[int, float, str]:
     """Return what the choice goes by; rounded, so that the last bit of a sum decides nothing on any machine."""
-    return (_BAND_RANK[band(score)], round(score + rules.novelty_weight * novelty, 9), name)
+    return (_BAND_RANK[band(score)], round(score + rules.novelty_weight * novelty, 9), key)
 
 
 def _random_picks(names: list[str], count: int, rules: Rules) -> list[str]:

@@ -10,7 +10,7 @@ import msgspec
 from saflite.contract.config import Campaign, StrategyConfig, check_campaign
 from saflite.contract.errors import Refused
 from saflite.contract.flight import AUTOPILOT_ALIVE
-from saflite.contract.work import Setting
+from saflite.contract.test_case import Setting
 
 
 def at_least(name: str, number: float, least: float) -> None:

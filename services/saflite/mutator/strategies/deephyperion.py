@@ -20,7 +20,7 @@ import msgspec
 import numpy as np
 
 from saflite.contract.flight import FLOWN_ENDINGS
-from saflite.contract.test_case import Obstacle, Origin, TestCase, identity
+from saflite.contract.test_case import Obstacle, Origin, TestCase, draw_key, identity
 from saflite.contract.work import Outcome
 from saflite.flight.geometry import Area
 from saflite.mutator.operators import boxes, layouts
@@ -114,7 +114,7 @@ class Strategy:
         if self._flown < self._chosen.whole("population") or not self._archive:
             return [self._random(rng) for _ in range(count)]
         elites = [self._archive[cell] for cell in sorted(self._archive)]
-        ranked = sorted(elites, key=lambda elite: (-self._contribution(elite), elite.identity))
+        ranked = sorted(elites, key=lambda elite: (-self._contribution(elite), draw_key(elite.test_case)))
         return [self._child(rng, elites, ranked) for _ in range(count)]
 
     def _random(self, rng: np.random.Generator) -> TestCase:

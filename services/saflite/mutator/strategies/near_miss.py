@@ -16,7 +16,7 @@ import msgspec
 import numpy as np
 
 from saflite.contract.flight import FLOWN_ENDINGS
-from saflite.contract.test_case import Obstacle, Origin, TestCase, identity
+from saflite.contract.test_case import Obstacle, Origin, TestCase, draw_key, identity
 from saflite.contract.work import Outcome
 from saflite.mutator.operators import boxes, layouts
 from saflite.mutator.strategies import random_boxes
@@ -35,6 +35,7 @@ class NearMiss(NamedTuple):
 
     layout: Layout
     identity: str
+    draw_key: str
     margin: float
 
 
@@ -93,7 +94,7 @@ class Strategy:
             return
         held = self._kept.get(cell)
         if cell not in self._done and (held is None or margin < held.margin):
-            self._kept[cell] = NearMiss(case.scenario.obstacles, name, margin)
+            self._kept[cell] = NearMiss(case.scenario.obstacles, name, draw_key(case), margin)
         elif parent:
             self._in_vain[parent] = self._in_vain.get(parent, 0) + 1
 
@@ -110,7 +111,7 @@ class Strategy:
         """Return `count` layouts: fresh ones until the first population has flown, then mostly children."""
         if self._flown < self._chosen.whole("population") or not self._kept:
             return [self._named(case) for case in self._fresh.ask(count, rng)]
-        ranked = sorted(self._kept.values(), key=lambda miss: (self._worth(miss), miss.identity))
+        ranked = sorted(self._kept.values(), key=lambda miss: (self._worth(miss), miss.draw_key))
         return [self._one(rng, ranked) for _ in range(count)]
 
     def _one(self, rng: np.random.Generator, ranked: list[NearMiss]) -> TestCase:

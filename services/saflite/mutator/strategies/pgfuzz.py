@@ -22,7 +22,7 @@ import numpy as np
 
 from saflite.contract.errors import Refused
 from saflite.contract.flight import FLOWN_ENDINGS
-from saflite.contract.test_case import Origin, Stimulus, StimulusKind, TestCase, identity
+from saflite.contract.test_case import Origin, Stimulus, StimulusKind, TestCase, draw_key, identity
 from saflite.contract.work import Outcome
 from saflite.mutator.operators import inputs, sequences, values
 from saflite.mutator.operators.inputs import Input
@@ -57,6 +57,7 @@ class Seed(NamedTuple):
 
     stimuli: Stimuli
     identity: str
+    draw_key: str
     robustness: float
 
 
@@ -187,7 +188,7 @@ class Strategy:
             self._seeds.pop(kind_of_sequence, None)
             return
         if held is None or outcome.robustness < held.robustness:
-            self._seeds[kind_of_sequence] = Seed(case.stimuli, identity(case), outcome.robustness)
+            self._seeds[kind_of_sequence] = Seed(case.stimuli, identity(case), draw_key(case), outcome.robustness)
         if len(self._seeds) > POOL_MAX:
             worst = max(self._seeds, key=lambda key: (self._seeds[key].robustness, key))
             del self._seeds[worst]
@@ -196,7 +197,7 @@ class Strategy:
 
     def ask(self, count: int, rng: np.random.Generator) -> list[TestCase]:
         """Return `count` sequences: some changed from close ones, the rest fresh."""
-        pool = sorted(self._seeds.values(), key=lambda seed: (seed.robustness, seed.identity))
+        pool = sorted(self._seeds.values(), key=lambda seed: (seed.robustness, seed.draw_key))
         return [self._one(rng, pool) for _ in range(count)]
 
     def _one(self, rng: np.random.Generator, pool: list[Seed]) -> TestCase:

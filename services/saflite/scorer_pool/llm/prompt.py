@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from saflite.contract.ids import short_id
-from saflite.contract.test_case import TestCase, identity
+from saflite.contract.test_case import TestCase, draw_key, identity
 from saflite.contract.work import Outcome
 from saflite.scorer_pool.llm.case_text import (
     differences,
@@ -182,7 +182,7 @@ def _earlier(history: tuple[Outcome, ...]) -> str:
     if not told:
         return ""
     broken = sum(bool(outcome.violated) for outcome in told)
-    order = sorted(told, key=lambda outcome: (outcome.robustness or 0.0, identity(outcome.test_case)))
+    order = sorted(told, key=lambda outcome: (outcome.robustness or 0.0, draw_key(outcome.test_case)))
     half = SHOWN_MAX // 2
     shown = order[:half] + order[half:][-half:]
     lines = [

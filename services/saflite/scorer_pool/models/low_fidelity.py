@@ -14,7 +14,7 @@ import numpy as np
 from saflite.contract.rng import derive_seed
 from saflite.contract.score import SCORE_MAX
 from saflite.contract.service import Cancelled
-from saflite.contract.test_case import TestCase, identity
+from saflite.contract.test_case import TestCase, draw_key, identity
 from saflite.flight.geometry import boxes_array
 from saflite.flight.mission import waypoints
 from saflite.flight.planner.kinematic import KinematicFlight, fly_kinematic
@@ -92,7 +92,7 @@ def _fly(test_case: TestCase, number: int) -> KinematicFlight:
     mission = test_case.scenario.mission
     assert mission is not None
     points = np.array([(place.x_m, place.y_m, place.z_m) for place in waypoints(mission)], dtype=np.float64)
-    seed = derive_seed(test_case.rng_seed, "low_fidelity", identity(test_case), number)
+    seed = derive_seed(test_case.rng_seed, "low_fidelity", draw_key(test_case), number)
     with _ONE_AT_A_TIME:
         return fly_kinematic(points, boxes_array(test_case.scenario.obstacles), rng_seed=seed)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from saflite.contract.rng import derive
 from saflite.contract.score import SCORE_MAX, SCORE_MIN
 from saflite.contract.service import Cancelled
-from saflite.contract.test_case import identity
+from saflite.contract.test_case import draw_key
 from saflite.scorer_pool.labels import no_argument
 from saflite.scorer_pool.model import Job, ModelScore, ScoreSheet, Tools
 
@@ -21,7 +21,7 @@ class Model:
 
     def score(self, job: Job) -> ScoreSheet:
         """Return one draw per test case."""
-        draws = (derive(job.rng_seed, "score", "random", identity(case)) for case in job.test_cases)
+        draws = (derive(job.rng_seed, "score", "random", draw_key(case)) for case in job.test_cases)
         values = (float(rng.uniform(SCORE_MIN, SCORE_MAX)) for rng in draws)
         return ScoreSheet(tuple(ModelScore(value, "drawn at random") for value in values), digest="random-1")
 

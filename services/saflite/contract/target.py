@@ -1,0 +1,177 @@
+"""What a target is: something one asks what it can do, opens, flies many test cases with, and closes.
+
+A target is a vehicle with its autopilot. What it says of itself (`TargetInfo`) drives the mutator, the campaigns and
+the console; nobody asks for its name. One module per target holds
+
+    describe() -> TargetInfo            cheap, no simulator started; raises Unavailable where it cannot even tell
+    check(test_case) -> None            raises Refused where this target cannot fly the test case
+    open(slot) -> Session               bring-up; raises Unavailable where something it needs is missing
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, NamedTuple, Protocol, runtime_checkable
+
+import msgspec
+
+from saflite.contract.clock import Clock
+from saflite.contract.flight import FlightRecord
+from saflite.contract.service import Cancelled
+from saflite.contract.signals import Signal
+from saflite.contract.test_case import Setting, StartState, StimulusKind, TestCase
+
+Repeats = Literal["bitwise", "statistically"]
+"""Whether the same test case gives the same trace bit by bit, or only the same distribution of outcomes."""
+
+ValueType = Literal["real", "whole", "flag", "choice"]
+
+
+class InputInfo(msgspec.Struct, frozen=True, kw_only=True):
+    """One thing that can be given to a target, before the start (parameters) or during the flight.
+
+    `low` and `high` bound the documented range, None where none is known; `choices` are the values of a `choice`.
+    """
+
+    kind: StimulusKind
+    name: str
+    unit: str = ""
+    low: float | None = None
+    high: float | None = None
+    type: ValueType = "real"
+    choices: tuple[float, ...] = ()
+    default: float | None = None
+    meaning: str = ""
+
+
+class SettingInfo(msgspec.Struct, frozen=True, kw_only=True):
+    """One entry of the settings table of `Target`: what it does, its default, the values it may take if they are few.
+
+    A setting whose default is a list takes any part of `choices`.
+    """
+
+    meaning: str
+    default: Setting
+    choices: tuple[float | int | str | bool, ...] = ()
+
+
+class SignalInfo(msgspec.Struct, frozen=True, kw_only=True):
+    """A signal of the target's own, beyond the common names of `contract/signals.py`."""
+
+    unit: str = ""
+    meaning: str = ""
+    kind: Literal["real", "flag", "code"] = "real"
+
+    def as_signal(self) -> Signal:
+        """Return it as a row of the table of signals."""
+        return Signal(self.unit, self.meaning, self.kind)
+
+
+class TargetInfo(msgspec.Struct, frozen=True, kw_only=True):
+    """What a target says of itself.
+
+    `build` is a digest of all code and binaries that shape a trace; `signals` are the names every trace of it holds,
+    `own_signals` describes those that are not common names; `modes` maps mode names to the numbers in the trace;
+    `start_states` are examples of states a flight without mission may begin in, the first is the usual one;
+    `missions` says whether it flies missions, `obstacles` whether it minds obstacles, `wind` whether it minds wind;
+    `needs` names what it requires of a machine (for people and placement), `missing` what this machine lacks of it,
+    empty if it can fly here.
+    """
+
+    name: str
+    build: str
+    repeats: Repeats
+    inputs: tuple[InputInfo, ...]
+    signals: tuple[str, ...]
+    own_signals: dict[str, SignalInfo] = {}
+    modes: dict[str, int] = {}
+    start_states: tuple[StartState, ...] = ()
+    settings: dict[str, SettingInfo] = {}
+    missions: bool = False
+    obstacles: bool = False
+    wind: bool = False
+    snapshots: bool = False
+    time_limit_max_s: float = 7200.0
+    vehicle: str = ""
+    autopilot: str = ""
+    needs: tuple[str, ...] = ()
+    missing: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Slot:
+    """Where a session lives on its host.
+
+    `index` is unique among the sessions of a host; `folder` is private to the session and empty at the start;
+    `ports` may be bound by it and nobody else; `namespace` is the network namespace it runs in, empty for the host's.
+    """
+
+    index: int
+    folder: Path
+    clock: Clock
+    ports: range = range(0)
+    namespace: str = ""
+
+
+class Session(Protocol):
+    """An open target. Used from one thread; result (B after A) equals result (B alone)."""
+
+    def fly(self, test_case: TestCase, deadline_s: float, cancelled: Cancelled) -> FlightRecord:
+        """Fly once, within `deadline_s` of wall time.
+
+        Raises:
+            Refused: the test case cannot be flown on this target.
+            Unavailable: bring-up failed, or it was cancelled.
+        """
+        ...
+
+    def close(self) -> None:
+        """End everything the session started; may be called twice."""
+        ...
+
+
+class Snapshot(NamedTuple):
+    """A held state of a flight: `handle` is the session's own; good until the session drops or closes it."""
+
+    handle: int
+    at_s: float
+
+
+@runtime_checkable
+class ForkingSession(Protocol):
+    """A session that can hold a flight at a moment and fly on from there, any number of times.
+
+    The outcome of `fly_from` equals that of `fly` for every test case that agrees with the one the snapshot was taken
+    of in target, scenario, rng_seed and all stimuli given up to `Snapshot.at_s`.
+    """
+
+    def snapshot(self, test_case: TestCase, at_s: float, deadline_s: float, cancelled: Cancelled) -> Snapshot:
+        """Fly up to `at_s` (0 is the start state) and hold there."""
+        ...
+
+    def fly_from(
+        self, snapshot: Snapshot, test_case: TestCase, deadline_s: float, cancelled: Cancelled
+    ) -> FlightRecord:
+        """Fly the test case on from the snapshot."""
+        ...
+
+    def drop(self, snapshot: Snapshot) -> None:
+        """Let go of a snapshot; one already gone is fine."""
+        ...
+
+
+class TargetModule(Protocol):
+    """What a target module offers."""
+
+    def describe(self) -> TargetInfo:
+        """Say what the target is and can do."""
+        ...
+
+    def check(self, test_case: TestCase) -> None:
+        """Raise Refused where the test case cannot be flown."""
+        ...
+
+    def open(self, slot: Slot) -> Session:
+        """Bring the target up."""
+        ...
