@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-import importlib.util
-
 from saflite.contract.flight import FlightRecord
 from saflite.contract.service import Cancelled
+from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import TestCase
 from saflite.flight.autopilots.reference.check import check_test_case
-from saflite.flight.native_library import LIBRARY
+from saflite.flight.autopilots.reference.describe import describe as describe_reference
+from saflite.flight.autopilots.reference.describe import missing as missing_here
+
+
+def describe() -> TargetInfo:
+    """Say what the target is and can do; raises Unavailable where the native library was not built."""
+    return describe_reference()
 
 
 def check(test_case: TestCase) -> None:
@@ -26,6 +31,4 @@ def fly(test_case: TestCase, cancelled: Cancelled) -> FlightRecord:
 
 def missing() -> str:
     """Return what this machine lacks to fly, empty if nothing."""
-    if importlib.util.find_spec("jsbsim") is None:
-        return "the jsbsim package is not installed"
-    return "" if LIBRARY.exists() else "the native library is not built (python scripts/build_native.py)"
+    return missing_here()

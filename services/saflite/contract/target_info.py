@@ -1,0 +1,87 @@
+"""What a target says of itself: inputs, signals, modes, settings and build. Travels on the wire; see `target.py`."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import msgspec
+
+from saflite.contract.signals import Signal
+from saflite.contract.test_case import Setting, StartState, StimulusKind
+
+Repeats = Literal["bitwise", "statistically"]
+"""Whether the same test case gives the same trace bit by bit, or only the same distribution of outcomes."""
+
+ValueType = Literal["real", "whole", "flag", "choice"]
+
+
+class InputInfo(msgspec.Struct, frozen=True, kw_only=True):
+    """One thing that can be given to a target, before the start (parameters) or during the flight.
+
+    `low` and `high` bound the documented range, None where none is known; `choices` are the values of a `choice`.
+    """
+
+    kind: StimulusKind
+    name: str
+    unit: str = ""
+    low: float | None = None
+    high: float | None = None
+    type: ValueType = "real"
+    choices: tuple[float, ...] = ()
+    default: float | None = None
+    meaning: str = ""
+
+
+class SettingInfo(msgspec.Struct, frozen=True, kw_only=True):
+    """One entry of the settings table of `Target`: what it does, its default, the values it may take if they are few.
+
+    A setting whose default is a list takes any part of `choices`. `choice_meanings` has one text per choice, or none.
+    """
+
+    meaning: str
+    default: Setting
+    choices: tuple[float | int | str | bool, ...] = ()
+    choice_meanings: tuple[str, ...] = ()
+
+
+class SignalInfo(msgspec.Struct, frozen=True, kw_only=True):
+    """A signal of the target's own, beyond the common names of `contract/signals.py`."""
+
+    unit: str = ""
+    meaning: str = ""
+    kind: Literal["real", "flag", "code"] = "real"
+
+    def as_signal(self) -> Signal:
+        """Return it as a row of the table of signals."""
+        return Signal(self.unit, self.meaning, self.kind)
+
+
+class TargetInfo(msgspec.Struct, frozen=True, kw_only=True):
+    """What a target says of itself.
+
+    `build` is a digest of all code and binaries that shape a trace; `signals` are the names every trace of it holds,
+    `own_signals` describes those that are not common names; `modes` maps mode names to the numbers in the trace;
+    `start_states` are examples of states a flight without mission may begin in, the first is the usual one;
+    `missions` says whether it flies missions, `obstacles` whether it minds obstacles, `wind` whether it minds wind;
+    `needs` names what it requires of a machine (for people and placement), `missing` what this machine lacks of it,
+    empty if it can fly here.
+    """
+
+    name: str
+    build: str
+    repeats: Repeats
+    inputs: tuple[InputInfo, ...]
+    signals: tuple[str, ...]
+    own_signals: dict[str, SignalInfo] = {}
+    modes: dict[str, int] = {}
+    start_states: tuple[StartState, ...] = ()
+    settings: dict[str, SettingInfo] = {}
+    missions: bool = False
+    obstacles: bool = False
+    wind: bool = False
+    snapshots: bool = False
+    time_limit_max_s: float = 7200.0
+    vehicle: str = ""
+    autopilot: str = ""
+    needs: tuple[str, ...] = ()
+    missing: str = ""
