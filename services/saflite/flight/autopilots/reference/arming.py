@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from saflite.flight.autopilots.reference.autopilot import Autopilot
+from saflite.flight.autopilots.reference.flight_stack import FlightStack
 
 GYRO_CALM_RPS, LEAN_MAX_RAD, HEIGHTS_APART_M, FIELD_GAUSS = 0.35, 0.6, 15.0, (0.25, 0.9)
 
 
-def why_not(ap: Autopilot) -> str:
+def why_not(ap: FlightStack) -> str:
     """Return why the vehicle may not be armed, empty if it may."""
     board, p = ap.board, ap.parameters
     if ap.parachute.released:

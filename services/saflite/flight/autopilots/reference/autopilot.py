@@ -7,14 +7,13 @@ radio have a file each. Everything the policies look at is written to the vehicl
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
 
 from saflite.contract.errors import Refused
 from saflite.contract.flight import TraceMessage
 from saflite.contract.signals import MODES
-from saflite.contract.test_case import Mission
 from saflite.flight.autopilots.reference import arming, failsafes, landed, settings
 from saflite.flight.autopilots.reference.defects import unchecked_parameters
+from saflite.flight.autopilots.reference.flight_stack import FlightStack
 from saflite.flight.autopilots.reference.modes.base import Mode
 from saflite.flight.autopilots.reference.modes.table import make_mode
 from saflite.flight.autopilots.reference.parachute import Parachute
@@ -22,14 +21,11 @@ from saflite.flight.autopilots.reference.parameters import ParameterSet
 from saflite.flight.autopilots.reference.radio import Radio
 from saflite.flight.vehicle import Vehicle
 
-if TYPE_CHECKING:
-    from saflite.flight.autopilots.reference.avoidance import Avoidance
-
 TICK_S = 0.02
 MESSAGES_MAX = 500
 
 
-class Autopilot:
+class Autopilot(FlightStack):
     """One vehicle's flight stack.
 
     Args:
@@ -41,21 +37,21 @@ class Autopilot:
         self.board = board
         self.defects = frozenset(defects)
         self.parameters = ParameterSet(board.__setitem__, unchecked_parameters(self.defects))
-        self.radio = Radio(self)
-        self.parachute = Parachute(self)
-        self.failsafes = failsafes.Failsafes(self)
+        self.radio = Radio(board, self.parameters)
+        self.parachute: Parachute = Parachute(self)
+        self.failsafes: failsafes.Failsafes = failsafes.Failsafes(self)
         self.landing = landed.LandDetector(self)
         self.messages: list[TraceMessage] = []
         self.time_s = 0.0
         self.armed = False
         self.landed = True
         self.taken_off = False
-        self.mission: Mission | None = None
+        self.mission = None
         self.mission_index = 0
         self.home = (0.0, 0.0, 0.0)
-        self.avoidance: Avoidance | None = None
-        self.yaw_order_rad: float | None = None
-        self.speed_order_mps: float | None = None
+        self.avoidance = None
+        self.yaw_order_rad = None
+        self.speed_order_mps = None
         self.mode: Mode = make_mode("STABILIZE", self)
         self._settings_seen = -1
         self._reset_seen = (0.0, 0.0)

@@ -13,7 +13,8 @@ from saflite.flight.autopilots.reference.check import TIME_LIMIT_MAX_S
 from saflite.flight.autopilots.reference.command_names import NAMES
 from saflite.flight.autopilots.reference.defects import DEFECTS
 from saflite.flight.autopilots.reference.flight import trace_names
-from saflite.flight.autopilots.reference.parameters import Parameter, parameter_table
+from saflite.flight.autopilots.reference.parameter import Parameter
+from saflite.flight.autopilots.reference.parameters import parameter_table
 from saflite.flight.autopilots.reference.radio import CENTRED
 from saflite.flight.build import build_of
 from saflite.flight.native_library import LIBRARY

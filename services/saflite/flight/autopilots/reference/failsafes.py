@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from saflite.flight.autopilots.reference.autopilot import Autopilot
+from saflite.flight.autopilots.reference.flight_stack import FlightStack
 
 CHECK_TICKS, CHECK_S = 5, 0.1  # position, battery and fence are looked at ten times a second
 TICK_S = 0.02
@@ -18,7 +16,7 @@ ALREADY = ("LAND", "RTL")
 class Failsafes:
     """Raised flags (`position`, `radio`, `battery`, `fence`) and what is done about them."""
 
-    def __init__(self, ap: Autopilot) -> None:
+    def __init__(self, ap: FlightStack) -> None:
         self._ap = ap
         self.position = self.radio = self.battery = self.fence = False
         self._lost_s = self._variance_s = self._silent_s = self._low_s = self._critical_s = 0.0

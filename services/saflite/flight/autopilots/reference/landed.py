@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from saflite.flight.autopilots.reference.autopilot import Autopilot
+from saflite.flight.autopilots.reference.flight_stack import FlightStack
 
 LANDED_AFTER_S = 1.0
 TICK_S = 0.02
@@ -15,7 +12,7 @@ PUSHING = 0.3  # throttle, as a share of hover, above which something is carried
 class LandDetector:
     """Sets `landed`; disarms a vehicle that stays on the ground (DISARM_DELAY)."""
 
-    def __init__(self, ap: Autopilot) -> None:
+    def __init__(self, ap: FlightStack) -> None:
         self._ap = ap
         self.reset()
 

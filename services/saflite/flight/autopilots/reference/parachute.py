@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from saflite.flight.autopilots.reference.autopilot import Autopilot
+from saflite.flight.autopilots.reference.flight_stack import FlightStack
 
 TICK_S = 0.02
 SERVO_PARACHUTE = 27
@@ -16,7 +14,7 @@ LOST_CONTROL_S, LOST_ANGLE_RAD = 1.0, math.radians(60.0)
 class Parachute:
     """DO_PARACHUTE 0 disables, 1 enables, 2 releases."""
 
-    def __init__(self, ap: Autopilot) -> None:
+    def __init__(self, ap: FlightStack) -> None:
         self._ap = ap
         self.released = False
         self._due_s: float | None = None

@@ -8,34 +8,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable
 from functools import cache
-from typing import NamedTuple
+
+from saflite.flight.autopilots.reference import parameters_flight, parameters_loops, parameters_simulation
+from saflite.flight.autopilots.reference.parameter import Parameter
 
 STANDARD_DEGC, KELVIN = 15.0, 273.15
-
-
-class Parameter(NamedTuple):
-    """One row of the table.
-
-    `slot` names the place on the vehicle's board that takes value x `scale`; without one the modes read the parameter.
-    Ranges are ArduPilot's, narrowed where this airframe cannot fly over the whole of it.
-    """
-
-    name: str
-    default: float
-    low: float
-    high: float
-    unit: str
-    meaning: str
-    slot: str = ""
-    scale: float = 1.0
-    reboot: bool = False
 
 
 @cache
 def parameter_table() -> dict[str, Parameter]:
     """Return all parameters by name."""
-    from saflite.flight.autopilots.reference import parameters_flight, parameters_loops, parameters_simulation
-
     rows = (*parameters_loops.ROWS, *parameters_flight.ROWS, *parameters_simulation.ROWS)
     table = {row.name: row for row in rows}
     assert len(table) == len(rows), "a parameter is listed twice"

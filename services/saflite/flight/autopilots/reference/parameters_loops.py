@@ -6,7 +6,7 @@ inside ArduCopter's documented ranges.
 
 from __future__ import annotations
 
-from saflite.flight.autopilots.reference.parameters import Parameter as Row
+from saflite.flight.autopilots.reference.parameter import Parameter as Row
 
 CENTIDEGREE = 3.14159265358979 / 18000.0
 DEGREE = CENTIDEGREE * 100.0

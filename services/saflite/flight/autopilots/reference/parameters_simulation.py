@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from saflite.flight.autopilots.reference.parameters import Parameter as Row
+from saflite.flight.autopilots.reference.parameter import Parameter as Row
 
 
 def _axes(

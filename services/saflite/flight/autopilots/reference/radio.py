@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from saflite.flight.autopilots.reference.autopilot import Autopilot
+from saflite.flight.autopilots.reference.parameters import ParameterSet
+from saflite.flight.vehicle import Vehicle
 
 CENTRED = {1: 1500.0, 2: 1500.0, 3: 1500.0, 4: 1500.0}
 LOST_THROTTLE_PWM = 900.0
@@ -14,8 +12,8 @@ LOST_THROTTLE_PWM = 900.0
 class Radio:
     """Channels 1 roll, 2 pitch (below centre is forward), 3 throttle, 4 yaw."""
 
-    def __init__(self, ap: Autopilot) -> None:
-        self._ap = ap
+    def __init__(self, board: Vehicle, parameters: ParameterSet) -> None:
+        self._board, self._parameters = board, parameters
         self.sent = dict(CENTRED)
         self.received = dict(CENTRED)
         self.present = True
@@ -29,12 +27,12 @@ class Radio:
 
     def tick(self) -> None:
         """Receive what was sent, unless the link is down."""
-        p = self._ap.parameters
+        p = self._parameters
         settled = self.throttle_filtered == self.received[3] and p.changes == self._changes
         if settled and not self._moved:
             return
         self._changes, self._moved = p.changes, False
-        board, fail = self._ap.board, p["SIM_RC_FAIL"]
+        board, fail = self._board, p["SIM_RC_FAIL"]
         self.present = fail < 1.0
         if fail < 1.0:
             self.received = dict(self.sent)
@@ -51,7 +49,7 @@ class Radio:
         """Return -1..1 of a stick, 0 within its dead zone, and while the link is down."""
         if not self.present:
             return 0.0
-        p, pwm = self._ap.parameters, self.received[channel]
+        p, pwm = self._parameters, self.received[channel]
         trim, dead = p[f"RC{channel}_TRIM"], p[f"RC{channel}_DZ"]
         if abs(pwm - trim) <= dead:
             return 0.0
@@ -62,7 +60,7 @@ class Radio:
 
     def throttle(self) -> float:
         """Return the throttle stick as 0..1."""
-        p = self._ap.parameters
+        p = self._parameters
         span = p["RC3_MAX"] - p["RC3_MIN"]
         return min(1.0, max(0.0, (self.throttle_filtered - p["RC3_MIN"]) / span))
 
@@ -72,7 +70,7 @@ class Radio:
 
     def climb_mps(self) -> float:
         """Return the climb rate the throttle stick asks for: none within THR_DZ of the middle."""
-        p = self._ap.parameters
+        p = self._parameters
         if not self.present:
             return 0.0
         middle = 0.5 * (p["RC3_MIN"] + p["RC3_MAX"])

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from saflite.flight.autopilots.reference.autopilot import Autopilot
-
+from saflite.flight.autopilots.reference.flight_stack import FlightStack
 
 LEAST = {
     "k_rate_r_max": math.radians(60.0),
@@ -22,7 +19,7 @@ LEAST = {
 }
 
 
-def publish(ap: Autopilot) -> None:
+def publish(ap: FlightStack) -> None:
     """Write the parameters that policies look at to the board."""
     p = ap.parameters
     ap.board.set(
@@ -48,14 +45,14 @@ def publish(ap: Autopilot) -> None:
         _keep_flyable(ap)
 
 
-def _keep_flyable(ap: Autopilot) -> None:
+def _keep_flyable(ap: FlightStack) -> None:
     """Raise limits that are on (not 0) but too low to fly with, as ArduCopter's attitude control does inside."""
     for name, least in LEAST.items():
         if 0.0 < ap.board[name] < least:
             ap.board[name] = least
 
 
-def speeds(ap: Autopilot) -> tuple[float, float, float]:
+def speeds(ap: FlightStack) -> tuple[float, float, float]:
     """Return (in the plane, up, down) of autonomous modes, m/s."""
     p = ap.parameters
     plane = ap.speed_order_mps if ap.speed_order_mps is not None else p["WPNAV_SPEED"] / 100.0

@@ -6,7 +6,8 @@ from saflite.contract.signals import MODES
 from saflite.flight.autopilots.reference.commands import Command, command_table
 from saflite.flight.autopilots.reference.defects import TABLE, Defect
 from saflite.flight.autopilots.reference.modes.table import mode_table
-from saflite.flight.autopilots.reference.parameters import Parameter, parameter_table
+from saflite.flight.autopilots.reference.parameter import Parameter
+from saflite.flight.autopilots.reference.parameters import parameter_table
 
 SIMULATION = "SIM_"
 

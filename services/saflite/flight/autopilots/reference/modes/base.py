@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 from saflite.flight.autopilots.reference import steer
-
-if TYPE_CHECKING:
-    from saflite.flight.autopilots.reference.autopilot import Autopilot
+from saflite.flight.autopilots.reference.flight_stack import FlightStack
 
 TICK_S = 0.02
 LEASH_M = 2.0  # how far a pilot's target height may be ahead of the vehicle
@@ -22,7 +20,7 @@ class Mode:
     needs_position: ClassVar[bool] = False
     manual_throttle: ClassVar[bool] = False
 
-    def __init__(self, ap: Autopilot) -> None:
+    def __init__(self, ap: FlightStack) -> None:
         self.ap, self.board = ap, ap.board
         self._take_off_to_m = -1000.0  # height of a pilot's take-off under way
 
