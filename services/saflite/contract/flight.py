@@ -9,6 +9,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from saflite.contract.blobs import BlobRef
 from saflite.contract.errors import Refused
 from saflite.contract.ids import digest
 
@@ -88,11 +89,10 @@ class Delivered(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Artefact(msgspec.Struct, frozen=True, kw_only=True):
-    """A named file a flight left behind (autopilot log, console text, core reason), kept by its digest."""
+    """A named file a flight left behind (autopilot log, console text, core reason): its name and its blob."""
 
     name: str
-    digest: str
-    size_bytes: int
+    blob: BlobRef
 
 
 class FlightRecord(NamedTuple):
@@ -110,9 +110,10 @@ class FlightRecord(NamedTuple):
 
 
 class Flight(msgspec.Struct, frozen=True, kw_only=True):
-    """The record of one attempt. `trace_digest` is the SHA-256 of the packed trace: equal digest, bit-equal flight.
+    """The record of one attempt. `trace_digest` is the SHA-256 of the trace's content: equal digest, bit-equal flight.
 
-    `build` is the digest of what flew; `delivered` tells how each stimulus was given, None where that is not known.
+    `trace` names the packed trace, None if there is none; `build` is the digest of what flew; `delivered` tells how
+    each stimulus was given, None where that is not known.
     """
 
     test_case: str
@@ -121,11 +122,18 @@ class Flight(msgspec.Struct, frozen=True, kw_only=True):
     simulated_s: float = 0.0
     wall_s: float = 0.0
     trace_digest: str = ""
+    trace: BlobRef | None = None
     worker: str = ""
     message: str = ""
     build: str = ""
     delivered: tuple[Delivered, ...] | None = None
     artefacts: tuple[Artefact, ...] = ()
+
+    @property
+    def blobs(self) -> tuple[BlobRef, ...]:
+        """All that the flight left behind."""
+        trace = () if self.trace is None else (self.trace,)
+        return (*trace, *(artefact.blob for artefact in self.artefacts))
 
 
 _ENCODER = msgspec.msgpack.Encoder(order="deterministic")

@@ -1,0 +1,89 @@
+"""Blob files: whole or not there, checked without holding them in memory."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import tempfile
+from contextlib import suppress
+from pathlib import Path
+
+from saflite.contract.blobs import BlobMissing, BlobRef
+from saflite.contract.errors import Unavailable
+from saflite.contract.ids import digest
+
+PART = ".part"
+
+
+def write_whole(path: Path, data: bytes) -> None:
+    """Write a file beside its place and rename it into it, not flushed; raises Unavailable if the disk fails."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, beside = tempfile.mkstemp(dir=path.parent, suffix=PART)
+        try:
+            os.fchmod(handle, 0o644)
+            with os.fdopen(handle, "wb") as file:
+                file.write(data)
+            os.replace(beside, path)
+        except OSError:
+            with suppress(OSError):
+                os.unlink(beside)
+            raise
+    except OSError as fault:
+        raise Unavailable(f"{path.parent} takes no blob: {fault}") from fault
+
+
+def read_whole(path: Path, ref: BlobRef) -> bytes:
+    """Return a blob's bytes; raises BlobMissing unless they are there and fit the digest."""
+    try:
+        data = path.read_bytes()
+    except OSError as fault:
+        raise BlobMissing(ref, "is missing") from fault
+    if len(data) != ref.size_bytes or digest(data) != ref.digest:
+        raise BlobMissing(ref, "is damaged")
+    return data
+
+
+def fault_of(path: Path, ref: BlobRef, *, deep: bool) -> str:
+    """Return `missing`, `damaged` or, where all is well, nothing. Only `deep` reads the bytes and checks the digest."""
+    try:
+        if path.stat().st_size != ref.size_bytes:
+            return "damaged"
+        if deep:
+            with path.open("rb") as file:
+                return "" if hashlib.file_digest(file, "sha256").hexdigest() == ref.digest else "damaged"
+    except FileNotFoundError:
+        return "missing"
+    except OSError:
+        return "damaged"
+    return ""
+
+
+def put_in_place(source: Path, place: Path) -> None:
+    """Let a file stand under a second name, too: the same bytes on disk where the file system can, else a copy.
+
+    Raises:
+        Unavailable: the disk fails.
+    """
+    try:
+        place.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            os.link(source, place)
+        except FileExistsError:
+            return
+        except OSError:
+            beside = place.with_name(place.name + PART)
+            shutil.copyfile(source, beside)
+            os.replace(beside, place)
+    except OSError as fault:
+        raise Unavailable(f"{place} cannot be written: {fault}") from fault
+
+
+def flush(path: Path) -> None:
+    """Have a file or folder on disk for good; raises OSError if the disk fails."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

@@ -1,0 +1,171 @@
+"""The store of a run's blobs: one folder, each blob a file named by its digest, `blobs/ab/abcdef...`.
+
+Workers never write there. What they leave stands under `blobs/incoming/WORKER/` until the books adopt it: adopting
+checks the digest once and lets the file stand in the store under a second name. So nobody can find a blob "already
+there" that the books are about to drop, and what a worker has not been given a receipt for survives a crash of the
+books, who remove from the store whatever their journal does not hold.
+
+Only blobs that are kept for good are flushed. The others are needed until they are judged; one that a power failure
+takes is noticed by its digest when the books are opened, and flown again.
+"""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
+from pathlib import Path
+from shutil import rmtree
+
+from saflite.contract.blobs import BlobRef, check_ref, check_worker, ref_of
+from saflite.contract.errors import Unavailable
+from saflite.evidence import files
+
+BLOBS = "blobs"
+INCOMING = "incoming"
+PROBE = "probe"
+
+
+class BlobFolder:
+    """The blobs of one run, seen from the side of the books. Makes no folder until something is written."""
+
+    def __init__(self, run_dir: Path) -> None:
+        self._folder = run_dir / BLOBS
+        self._probe = ""
+
+    def path(self, digest: str) -> Path:
+        """Return where a blob stands."""
+        return self._folder / digest[:2] / digest
+
+    def incoming(self, worker: str) -> Path:
+        """Return the folder of what a worker leaves; raises Refused for a name that cannot be one."""
+        check_worker(worker)
+        return self._folder / INCOMING / worker
+
+    # ---- for workers in the same process, and for readers --------------------------------------------------------
+
+    def put(self, data: bytes) -> BlobRef:
+        """See `Blobs.put`: straight into the store."""
+        ref = ref_of(data)
+        if self.fault(ref):
+            files.write_whole(self.path(ref.digest), data)
+        return ref
+
+    def get(self, ref: BlobRef) -> bytes:
+        """See `Blobs.get`."""
+        check_ref(ref)
+        return files.read_whole(self.path(ref.digest), ref)
+
+    def fault(self, ref: BlobRef, *, deep: bool = False) -> str:
+        """Return `missing`, `damaged` or, where all is well, nothing; `deep` reads and checks every byte."""
+        return files.fault_of(self.path(ref.digest), ref, deep=deep)
+
+    def digests(self) -> Iterator[str]:
+        """Yield the digests of all blobs in the store, sorted."""
+        for folder in sorted(self._folder.glob("[0-9a-f][0-9a-f]")):
+            yield from sorted(path.name for path in folder.iterdir() if path.suffix != files.PART)
+
+    # ---- taking in what workers leave ----------------------------------------------------------------------------
+
+    def adopt(self, worker: str, ref: BlobRef) -> str:
+        """Take a blob a worker has left into the store, its digest checked; returns its fault, empty if it has none.
+
+        Raises:
+            Refused: the reference or the name cannot be one.
+            Unavailable: the disk does not take it.
+        """
+        check_ref(ref)
+        left = self.incoming(worker) / ref.digest
+        fault = files.fault_of(left, ref, deep=True)
+        if fault:
+            return self.fault(ref, deep=True)  # a result sent twice: it was adopted the first time
+        if self.fault(ref, deep=True):
+            self.path(ref.digest).unlink(missing_ok=True)
+            files.put_in_place(left, self.path(ref.digest))
+        return ""
+
+    def forget(self, worker: str, digests: Iterable[str]) -> None:
+        """Remove what a worker has left, now that the books have answered for it."""
+        for digest in digests:
+            with suppress(OSError):
+                (self.incoming(worker) / digest).unlink(missing_ok=True)
+
+    def forget_but(self, worker: str, keep: Iterable[str]) -> None:
+        """Remove what a worker has left in an earlier life, but for what it still has to report."""
+        kept = set(keep)
+        for path in self.incoming(worker).glob("*"):
+            if path.name not in kept:
+                path.unlink(missing_ok=True)
+
+    # ---- keeping and dropping ------------------------------------------------------------------------------------
+
+    def flush(self, digests: Iterable[str]) -> None:
+        """Have blobs that are kept on disk for good; raises Unavailable if the disk fails."""
+        try:
+            there = [path for path in map(self.path, digests) if path.exists()]
+            for path in there:
+                files.flush(path)
+            for folder in {path.parent for path in there} | ({self._folder} if there else set()):
+                files.flush(folder)
+        except OSError as fault:
+            raise Unavailable(f"blobs in {self._folder} cannot be flushed: {fault}") from fault
+
+    def drop(self, digests: Iterable[str]) -> None:
+        """Remove blobs nobody needs any more."""
+        for digest in digests:
+            with suppress(OSError):
+                self.path(digest).unlink(missing_ok=True)
+
+    def keep_only(self, wanted: frozenset[str]) -> None:
+        """Remove what an interrupted commit left in the store; never what is wanted or not taken in yet."""
+        for folder in self._folder.glob("[0-9a-f][0-9a-f]"):
+            for path in folder.iterdir():
+                if path.name not in wanted:
+                    path.unlink(missing_ok=True)
+
+    def forget_all(self) -> None:
+        """Remove all that workers have left: for a run that is over."""
+        rmtree(self._folder / INCOMING, ignore_errors=True)
+
+    # ---- who sees the same folder --------------------------------------------------------------------------------
+
+    def make_probe(self) -> str:
+        """Write what a worker must read in the file `probe` to know that it sees this folder; returns it.
+
+        Raises:
+            Unavailable: the disk does not take it.
+        """
+        self._probe = self._probe or secrets.token_hex(16)
+        files.write_whole(self._folder / PROBE, self._probe.encode())
+        return self._probe
+
+
+class WorkerFolder:
+    """A worker's end of a store in a folder it can see. See `contract.blobs.Blobs`."""
+
+    def __init__(self, run_dir: Path, worker: str) -> None:
+        self._store = BlobFolder(run_dir)
+        self._incoming = self._store.incoming(worker)
+
+    @staticmethod
+    def sees(run_dir: Path, worker: str, probe: str) -> bool:
+        """Return whether the store the books told `probe` of is the one in this folder, and can be written."""
+        folder = BlobFolder(run_dir).incoming(worker)
+        try:
+            if (run_dir / BLOBS / PROBE).read_text() != probe:
+                return False
+            files.write_whole(folder / PROBE, probe.encode())
+            (folder / PROBE).unlink()
+        except (OSError, ValueError, Unavailable):
+            return False
+        return True
+
+    def put(self, data: bytes) -> BlobRef:
+        """See `Blobs.put`."""
+        ref = ref_of(data)
+        files.write_whole(self._incoming / ref.digest, data)
+        return ref
+
+    def get(self, ref: BlobRef) -> bytes:
+        """See `Blobs.get`."""
+        return self._store.get(ref)
