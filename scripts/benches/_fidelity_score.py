@@ -6,43 +6,17 @@ import itertools
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import spearmanr
 
 Array = NDArray[np.float64]
 SAME_ROUTE_M, SAME_ROUTE_SHARE, AIRBORNE_M = 3.0, 0.98, 8.0
-
-
-def ranks(values: Array) -> Array:
-    """Return mean ranks, 1 for the least; equal values share theirs."""
-    order = np.argsort(values, kind="stable")
-    rank = np.empty(len(values))
-    rank[order] = np.arange(1, len(values) + 1)
-    for value in np.unique(values):
-        same = values == value
-        rank[same] = rank[same].mean()
-    return rank
-
-
-def roc_area(failing: NDArray[np.bool_], danger: Array) -> float:
-    """Return the chance that a failing layout is given more danger than a safe one (0.5 is a coin)."""
-    n_failing, n_safe = int(failing.sum()), int((~failing).sum())
-    if not n_failing or not n_safe:
-        return float("nan")
-    return float((ranks(danger)[failing].sum() - n_failing * (n_failing + 1) / 2) / (n_failing * n_safe))
 
 
 def rank_correlation(a: Array, b: Array) -> float:
     """Return Spearman's correlation; nan where one side does not vary."""
     if len(a) < 3 or np.ptp(a) == 0 or np.ptp(b) == 0:
         return float("nan")
-    return float(np.corrcoef(ranks(a), ranks(b))[0, 1])
-
-
-def interval(statistic: object, count: int, rng: np.random.Generator, draws: int = 2000) -> tuple[float, float]:
-    """Return the 95 % bootstrap interval of `statistic(chosen indices)`; each index is one cluster (unique layout)."""
-    assert callable(statistic)
-    values = [float(statistic(rng.integers(0, count, count))) for _ in range(draws)]
-    low, high = np.nanpercentile(values, [2.5, 97.5])
-    return float(low), float(high)
+    return float(spearmanr(a, b).statistic)
 
 
 def dense(track: Array, step_m: float = 0.25) -> Array:

@@ -12,7 +12,9 @@ from pathlib import Path
 
 import msgspec
 import numpy as np
+from _bootstrap import bootstrap_95
 from _inline import Flights, Inline
+from numpy.typing import NDArray
 
 from saflite.campaign.presets.campaigns import load_campaign
 from saflite.contract.rng import derive
@@ -99,25 +101,25 @@ def _noted(out: Path | None, models: Sequence[str]) -> dict[tuple[int, int], dic
 
 
 def _row(where: str, model: str, counts: list[int], chance: list[int] | None) -> dict[str, object]:
-    rng = derive(1, "first find", where, model)
     values = np.array(counts)
-    drawn = rng.integers(0, len(values), (2000, len(values)))
-    medians = np.median(values[drawn], axis=1)
+    low, high = bootstrap_95(
+        lambda index: float(np.median(values[index])), len(values), derive(1, "first find", where, model)
+    )
     row: dict[str, object] = {
         "where": where,
         "model": model,
         "campaigns": len(values),
         "median": float(np.median(values)),
-        "low": float(np.quantile(medians, 0.025)),
-        "high": float(np.quantile(medians, 0.975)),
+        "low": low,
+        "high": high,
         "none_in_100": int((values > FLIGHTS_MAX).sum()),
     }
     if chance is not None:
         others = np.array(chance)
-        ratios = medians / np.median(others[drawn], axis=1)  # the same campaigns are drawn for both
-        row |= {
-            "ratio_to_random": float(np.median(values) / np.median(others)),
-            "ratio_low": float(np.quantile(ratios, 0.025)),
-            "ratio_high": float(np.quantile(ratios, 0.975)),
-        }
+
+        def ratio(index: NDArray[np.intp]) -> float:  # the same campaigns are drawn for both
+            return float(np.median(values[index]) / np.median(others[index]))
+
+        low, high = bootstrap_95(ratio, len(values), derive(1, "first find", where, model))
+        row |= {"ratio_to_random": ratio(np.arange(len(values))), "ratio_low": low, "ratio_high": high}
     return row

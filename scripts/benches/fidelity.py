@@ -18,22 +18,22 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
+from _bootstrap import bootstrap_95
 from _fidelity_data import HALVES, Layout, RealFlight, layouts, real_flights
 from _fidelity_score import (
     Array,
     clearances,
-    interval,
     off_route,
     rank_correlation,
-    ranks,
-    roc_area,
     same_route,
     within_tools,
 )
 from _fidelity_worlds import WORLDS, Flown, World
+from scipy.stats import rankdata
 
 from saflite.contract.rng import derive
 from saflite.flight.planner.gap import box_gaps
+from saflite.scorer_pool.calibration import roc_area
 
 FREE_FLIGHT_S = {"mission1": 85.0, "mission2": 134.0, "mission3": 147.0}
 SAFE_M, LIMIT_S, REAL_LIMIT_S = 1.5, 500.0, 1000.0
@@ -64,12 +64,13 @@ def judge_layouts(chosen: list[Layout], flown_m: Array) -> dict[str, object]:
     """Return area and rank correlation of simulation, gap and both, with intervals."""
     real_m = np.array([layout.min_distance_m for layout in chosen])
     gap_m = box_gaps(np.stack([layout.boxes for layout in chosen]))
-    signals = {"simulation": flown_m, "gap": gap_m, "both": ranks(flown_m) + ranks(gap_m)}
+    signals = {"simulation": flown_m, "gap": gap_m, "both": rankdata(flown_m) + rankdata(gap_m)}
     result: dict[str, object] = {"layouts": len(chosen), "failing": int((real_m < SAFE_M).sum())}
     for name, signal in signals.items():
 
         def area(index: Array, signal: Array = signal) -> float:
-            return roc_area(real_m[index] < SAFE_M, -signal[index])
+            found = roc_area(real_m[index] < SAFE_M, -signal[index])
+            return float("nan") if found is None else found
 
         def correlation(index: Array, signal: Array = signal) -> float:
             return rank_correlation(real_m[index], signal[index])
@@ -77,9 +78,9 @@ def judge_layouts(chosen: list[Layout], flown_m: Array) -> dict[str, object]:
         everything = np.arange(len(chosen))
         result[name] = {
             "area": area(everything),
-            "area_95": interval(area, len(chosen), derive(1, "fidelity", name, "area")),
+            "area_95": bootstrap_95(area, len(chosen), derive(1, "fidelity", name, "area")),
             "rank_correlation": correlation(everything),
-            "rank_correlation_95": interval(correlation, len(chosen), derive(1, "fidelity", name, "rank")),
+            "rank_correlation_95": bootstrap_95(correlation, len(chosen), derive(1, "fidelity", name, "rank")),
         }
     return result
 

@@ -7,7 +7,6 @@ those drawn at random, which are not.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple
@@ -16,10 +15,10 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from saflite.contract.interval import Interval, wilson
 from saflite.contract.rng import derive
 from saflite.contract.score import INTERESTING_ABOVE, SCORE_MAX
 
-Z95 = 1.959963984540054
 BANDS = (0.0, 2.0, 4.0, 6.0, 8.0, 10.0)
 BOOTSTRAPS = 400
 
@@ -31,14 +30,6 @@ class Row(NamedTuple):
     score: float
     violated: bool
     chosen: str = "score"
-
-
-class Interval(msgspec.Struct, frozen=True, kw_only=True):
-    """An estimate with its 95 % interval; all None where nothing can be said."""
-
-    value: float | None = None
-    low: float | None = None
-    high: float | None = None
 
 
 class Confusion(msgspec.Struct, frozen=True, kw_only=True):
@@ -56,7 +47,7 @@ class Confusion(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Metrics(msgspec.Struct, frozen=True, kw_only=True):
-    """Table II of the paper for one model, with counts and Wilson (F1: bootstrap) intervals."""
+    """Table II of the paper for one model, with counts and Wilson intervals."""
 
     confusion: Confusion
     accuracy: Interval
@@ -90,36 +81,25 @@ class Calibration(msgspec.Struct, frozen=True, kw_only=True):
     never: Metrics
 
 
-def wilson(hits: int, count: int) -> Interval:
-    """Return a share with its 95 % Wilson interval; nothing for an empty count."""
-    if count == 0:
-        return Interval()
-    share, square = hits / count, Z95**2
-    middle = (share + square / (2 * count)) / (1 + square / count)
-    half = Z95 * math.sqrt(share * (1 - share) / count + square / (4 * count**2)) / (1 + square / count)
-    return Interval(value=share, low=max(0.0, middle - half), high=min(1.0, middle + half))
-
-
 def roc_area(violated: NDArray[np.bool_], scores: NDArray[np.float64]) -> float | None:
     """Return the chance that a violating case scores above one that held, ties counted half; None without both."""
     positives = int(violated.sum())
     negatives = len(violated) - positives
     if positives == 0 or negatives == 0:
         return None
-    _, inverse, counts = np.unique(scores, return_inverse=True, return_counts=True)
-    ends = np.cumsum(counts)
-    ranks = (ends - (counts - 1) / 2.0)[inverse]
-    return float((ranks[violated].sum() - positives * (positives + 1) / 2.0) / (positives * negatives))
+    from sklearn.metrics import roc_auc_score  # here, as it takes a second to load
+
+    return float(roc_auc_score(violated, scores))
 
 
 def confusion(predicted: NDArray[np.bool_], violated: NDArray[np.bool_]) -> Confusion:
     """Count the four cases of two Boolean arrays of equal shape (pairs,)."""
-    return Confusion(
-        true_positive=int((predicted & violated).sum()),
-        false_positive=int((predicted & ~violated).sum()),
-        false_negative=int((~predicted & violated).sum()),
-        true_negative=int((~predicted & ~violated).sum()),
-    )
+    if not len(violated):
+        return Confusion()
+    from sklearn.metrics import confusion_matrix
+
+    (held, alarm), (missed, hit) = confusion_matrix(violated, predicted, labels=[False, True]).tolist()
+    return Confusion(true_positive=hit, false_positive=alarm, false_negative=missed, true_negative=held)
 
 
 def metrics(counts: Confusion) -> Metrics:
@@ -134,24 +114,16 @@ def metrics(counts: Confusion) -> Metrics:
     )
 
 
-def f1_score(counts: Confusion) -> float | None:
-    """Return the harmonic mean of precision and recall, None where there is neither a positive nor a violation."""
-    total = 2 * counts.true_positive + counts.false_positive + counts.false_negative
-    return 2 * counts.true_positive / total if total else None
-
-
 def _f1(counts: Confusion) -> Interval:
-    value = f1_score(counts)
-    if value is None:
+    """Return the harmonic mean of precision and recall; nothing where there is neither a positive nor a violation.
+
+    F1 is 2 J / (1 + J) with J the share of hits among all positives and violations (Jaccard), and so is its interval.
+    """
+    found = wilson(counts.true_positive, counts.true_positive + counts.false_positive + counts.false_negative)
+    if found.value is None or found.low is None or found.high is None:
         return Interval()
-    cells = (counts.true_positive, counts.false_positive, counts.false_negative, counts.true_negative)
-    drawn = derive(counts.count, "calibration", "f1", *cells).multinomial(
-        counts.count, np.array(cells) / counts.count, size=BOOTSTRAPS
-    )
-    denominator = 2 * drawn[:, 0] + drawn[:, 1] + drawn[:, 2]
-    values = 2 * drawn[:, 0] / np.maximum(1, denominator)
-    low, high = np.quantile(values, (0.025, 0.975))
-    return Interval(value=value, low=float(low), high=float(high))
+    value, low, high = (2.0 * share / (1.0 + share) for share in (found.value, found.low, found.high))
+    return Interval(value=value, low=low, high=high)
 
 
 def roc_interval(violated: NDArray[np.bool_], scores: NDArray[np.float64], rng_seed: int = 0) -> Interval:
@@ -159,14 +131,16 @@ def roc_interval(violated: NDArray[np.bool_], scores: NDArray[np.float64], rng_s
     value = roc_area(violated, scores)
     if value is None:
         return Interval()
+    from scipy.stats import bootstrap, mannwhitneyu
+
+    def area(bad: NDArray[np.float64], good: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
+        above = mannwhitneyu(bad, good, axis=axis, method="asymptotic").statistic
+        return np.asarray(above / (bad.shape[axis] * good.shape[axis]))
+
+    parts = [np.repeat(part, 2) if len(part) == 1 else part for part in (scores[violated], scores[~violated])]
     rng = derive(rng_seed, "calibration", "roc", len(scores))
-    bad, good = scores[violated], scores[~violated]
-    truth = np.r_[np.ones(len(bad), dtype=bool), np.zeros(len(good), dtype=bool)]
-    areas = [
-        roc_area(truth, np.r_[rng.choice(bad, len(bad)), rng.choice(good, len(good))]) or 0.0 for _ in range(BOOTSTRAPS)
-    ]
-    low, high = np.quantile(areas, (0.025, 0.975))
-    return Interval(value=value, low=float(low), high=float(high))
+    found = bootstrap(parts, area, n_resamples=BOOTSTRAPS, vectorized=True, method="percentile", rng=rng)
+    return Interval(value=value, low=float(found.confidence_interval.low), high=float(found.confidence_interval.high))
 
 
 def reliability(scores: NDArray[np.float64], violated: NDArray[np.bool_]) -> tuple[Band, ...]:

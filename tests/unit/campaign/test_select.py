@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from saflite.campaign.scheduling.novelty import Features, distances, features
 from saflite.campaign.scheduling.selection import Rules, select
 from saflite.contract.test_case import Obstacle, Scenario, Stimulus, Target, TestCase
+from saflite.flight.novelty import Features, distances, features
 
 
 def case(x_m: float, rotation_deg: float = 0.0) -> TestCase:

@@ -1,20 +1,22 @@
-"""Calibration against direct counting, the paper's own table and sklearn."""
+"""Calibration against the paper's own table and values worked out by hand."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
+from saflite.contract.interval import wilson
 from saflite.contract.rng import derive
 from saflite.scorer_pool.calibration import (
     Confusion,
     Row,
     calibrate,
     calibrate_all,
+    confusion,
     metrics,
     reliability,
     roc_area,
-    wilson,
+    roc_interval,
 )
 
 
@@ -41,18 +43,47 @@ def test_reproduces_the_papers_table_from_the_only_counts_that_fit_it(
         assert interval.low < interval.value < interval.high
 
 
-def test_roc_area_equals_sklearn_with_ties() -> None:
-    from sklearn.metrics import roc_auc_score
+def test_roc_area_counts_pairs_and_half_of_the_ties() -> None:
+    truth = np.array([True, True, False, False, False])
+    # of the 6 pairs: 8 is above 5, 3 and 1; 5 ties with 5 and is above 3 and 1
+    assert roc_area(truth, np.array([8.0, 5.0, 5.0, 3.0, 1.0])) == pytest.approx(5.5 / 6)
+    assert roc_area(truth, np.zeros(5)) == 0.5
+    assert roc_area(np.ones(3, dtype=bool), np.arange(3.0)) is None
+    assert roc_area(np.zeros(0, dtype=bool), np.zeros(0)) is None
 
-    rng = derive(1, "roc")
-    for _ in range(50):
-        truth = rng.random(60) < 0.4
-        scores = np.round(rng.random(60) * 10 * (0.5 + truth), 0)
-        area = roc_area(truth, scores)
-        if truth.all() or not truth.any():
-            assert area is None
-        else:
-            assert area == pytest.approx(float(roc_auc_score(truth, scores)), abs=1e-12)
+
+def test_interval_of_the_roc_area_covers_what_resampling_by_hand_gives() -> None:
+    rng = derive(3, "roc interval")
+    truth = rng.random(200) < 0.3
+    scores = rng.normal(truth * 1.0, 1.0)
+    got = roc_interval(truth, scores)
+    bad, good = scores[truth], scores[~truth]
+    areas = [(rng.choice(bad, len(bad))[:, None] > rng.choice(good, len(good))[None, :]).mean() for _ in range(1000)]
+    low, high = np.quantile(areas, (0.025, 0.975))
+    assert (got.low, got.high) == (pytest.approx(low, abs=0.015), pytest.approx(high, abs=0.015))
+    assert roc_interval(truth, scores) == got  # drawn from a named stream
+    alone = roc_interval(np.array([True, False, False, False]), np.array([2.0, 1.0, 2.0, 3.0]))
+    assert alone.value == pytest.approx(0.5)
+    assert alone.low is not None
+    assert alone.low < 0.5
+
+
+def test_f1_of_known_case_and_its_interval_against_resampled_pairs() -> None:
+    got = metrics(Confusion(true_positive=24, false_positive=10, false_negative=12, true_negative=24)).f1
+    assert got.value == pytest.approx(48 / 70)
+    drawn = derive(4, "f1").multinomial(70, np.array([24, 10, 12, 24]) / 70, size=4000)
+    values = 2 * drawn[:, 0] / (2 * drawn[:, 0] + drawn[:, 1] + drawn[:, 2])
+    low, high = np.quantile(values, (0.025, 0.975))
+    assert (got.low, got.high) == (pytest.approx(low, abs=0.02), pytest.approx(high, abs=0.02))
+    assert metrics(Confusion(true_negative=3)).f1.value is None
+
+
+def test_confusion_counts_each_pair_once() -> None:
+    predicted, violated = np.array([True, True, False, False, True]), np.array([True, False, True, False, True])
+    assert confusion(predicted, violated) == Confusion(
+        true_positive=2, false_positive=1, false_negative=1, true_negative=1
+    )
+    assert confusion(np.zeros(0, dtype=bool), np.zeros(0, dtype=bool)) == Confusion()
 
 
 def test_wilson_interval_of_known_case() -> None:
@@ -61,6 +92,9 @@ def test_wilson_interval_of_known_case() -> None:
     assert got.high == pytest.approx(0.7823, abs=5e-4)
     assert wilson(0, 0).value is None
     assert wilson(0, 5).low == 0.0
+    assert wilson(5, 5).high == 1.0
+    assert wilson(8, 10).low == pytest.approx(0.4902, abs=5e-5)  # (0.8 + 0.19207 - 0.31349) / 1.38415
+    assert wilson(8, 10).high == pytest.approx(0.9433, abs=5e-5)
 
 
 def test_reliability_counts_every_pair_once() -> None:

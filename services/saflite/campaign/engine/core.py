@@ -8,7 +8,6 @@ from typing import Literal
 
 from saflite.campaign.engine.outbox import Outbox
 from saflite.campaign.lifecycle.confirmation import Trial
-from saflite.campaign.scheduling.novelty import REFERENCES_MAX, Features
 from saflite.campaign.scheduling.rounds import Rounds
 from saflite.campaign.scheduling.tasks import Task, TaskTable
 from saflite.contract.config import Campaign
@@ -17,6 +16,7 @@ from saflite.contract.flight import Flight
 from saflite.contract.score import Score
 from saflite.contract.test_case import TestCase
 from saflite.contract.verdict import Judgement, Violation
+from saflite.flight.novelty import REFERENCES_MAX, Features
 
 State = Literal["running", "paused", "ended"]
 

@@ -14,7 +14,6 @@ from saflite.campaign.lifecycle.confirmation import (
     worst_robustness,
 )
 from saflite.campaign.lifecycle.minimization import Minimization, MinimizationJob
-from saflite.campaign.scheduling.novelty import features
 from saflite.campaign.scheduling.rounds import Round
 from saflite.campaign.scheduling.tasks import Task, split_key
 from saflite.contract import wire
@@ -23,6 +22,7 @@ from saflite.contract.flight import FLOWN_ENDINGS, Ending, Flight
 from saflite.contract.test_case import identity
 from saflite.contract.verdict import Judgement, Verdict, Violation
 from saflite.contract.work import FlyResult, JudgeResult, Outcome, Purpose
+from saflite.flight.novelty import features
 
 INFRA_PER_ATTEMPT = 3
 """A test case our side could not run is set aside after this many times `attempts_max` tries."""

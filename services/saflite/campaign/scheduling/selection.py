@@ -11,10 +11,10 @@ from typing import NamedTuple
 import numpy as np
 
 from saflite.campaign.engine.journal import Pick
-from saflite.campaign.scheduling.novelty import Features, distances, features
 from saflite.contract.rng import derive
 from saflite.contract.score import Band, band
 from saflite.contract.test_case import TestCase, draw_key
+from saflite.flight.novelty import Features, distances, features, nearest
 
 _BAND_RANK: dict[Band, int] = {"interesting": 2, "middling": 1, "dull": 0}
 
@@ -42,7 +42,7 @@ def select(
     names = sorted(candidates, key=keys.__getitem__)
     drawn = _random_picks(names, count, rules)
     shapes = [features(candidates[name]) for name in names]
-    nearness = distances(shapes, flown).min(axis=1, initial=1.0)
+    nearness = nearest(shapes, flown)
     among = distances(shapes, shapes)
     random_picks = []
     for name in drawn:

@@ -14,7 +14,8 @@ from saflite.console.view import out
 from saflite.console.view.report import bars
 from saflite.contract.config import read_text
 from saflite.contract.errors import Refused, Unavailable
-from saflite.scorer_pool.calibration import Calibration, Interval
+from saflite.contract.interval import Interval
+from saflite.scorer_pool.calibration import Calibration
 
 YES, NO = ("yes", "true", "1", "interesting"), ("no", "false", "0", "dull")
 

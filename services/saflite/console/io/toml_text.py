@@ -2,39 +2,20 @@
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
 import msgspec
+import tomli_w
 
 from saflite.contract.config import Campaign
 
 
 def dump(campaign: Campaign) -> str:
     """Return the campaign file; what is None or an empty table is left out."""
-    lines: list[str] = []
-    _table("", msgspec.to_builtins(campaign), lines)
-    return "\n".join(lines) + "\n"
+    return tomli_w.dumps(_told(msgspec.to_builtins(campaign)))
 
 
-def _table(name: str, values: dict[str, Any], lines: list[str]) -> None:
-    plain = {key: value for key, value in values.items() if value is not None and not isinstance(value, dict)}
-    if name and plain:
-        lines += ["", f"[{name}]"]
-    lines += [f"{_key(key)} = {_value(value)}" for key, value in plain.items()]
-    for key, value in values.items():
-        if isinstance(value, dict) and value:
-            _table(f"{name}.{_key(key)}" if name else _key(key), value, lines)
-
-
-def _key(key: str) -> str:
-    bare = key and all(char.isascii() and (char.isalnum() or char in "-_") for char in key)
-    return key if bare else json.dumps(key)
-
-
-def _value(value: Any) -> str:
-    if isinstance(value, list):
-        return f"[{', '.join(_value(item) for item in value)}]"
-    if isinstance(value, float):
-        return repr(value)
-    return json.dumps(value, ensure_ascii=False)
+def _told(table: dict[str, Any]) -> dict[str, Any]:
+    """Return a table without what TOML cannot say (None) and without empty tables."""
+    inner = {key: _told(value) if isinstance(value, dict) else value for key, value in table.items()}
+    return {key: value for key, value in inner.items() if value is not None and value != {}}

@@ -11,7 +11,8 @@ from saflite.console.view import out
 from saflite.contract.control import Answer
 from saflite.contract.errors import Refused
 from saflite.contract.events import ScorerChanged
-from saflite.scorer_pool.calibration import Calibration, Interval
+from saflite.contract.interval import Interval
+from saflite.scorer_pool.calibration import Calibration
 from saflite.scorer_pool.registry import check_label
 
 if TYPE_CHECKING:

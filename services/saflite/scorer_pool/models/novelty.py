@@ -1,19 +1,15 @@
-"""How unlike anything flown before a test case is: distance in feature space to the nearest flown one."""
+"""How unlike anything flown before a test case is: its distance to the nearest flown one, as selection measures it."""
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
 from saflite.contract.score import SCORE_MAX
 from saflite.contract.service import Cancelled
-from saflite.contract.test_case import identity
+from saflite.flight.novelty import Features, features, nearest
 from saflite.scorer_pool.labels import no_argument
-from saflite.scorer_pool.learning.vectors import Vectors
+from saflite.scorer_pool.learning.vectors import Memo
 from saflite.scorer_pool.model import MIDDLE, Job, ModelScore, ScoreSheet, Tools
 
-HALF_WAY = 1.0
-"""Distance (in standard deviations per feature, root mean square) at which a test case scores 5."""
+DIGEST = "novelty-2"
 
 
 class Model:
@@ -24,22 +20,18 @@ class Model:
     def __init__(self, argument: str, tools: Tools) -> None:
         no_argument("novelty", argument)
         self.label = "novelty"
-        self._vectors = Vectors()
+        self._features: Memo[Features] = Memo(lambda cases: map(features, cases))
 
     def score(self, job: Job) -> ScoreSheet:
         """Return 0 for what was flown already, towards 10 for what is unlike all; the middle before any flight."""
         if not job.history:
-            return ScoreSheet(
-                tuple(ModelScore(MIDDLE, "nothing flown yet") for _ in job.test_cases), digest="novelty-1"
-            )
-        flown = self._vectors.of([outcome.test_case for outcome in job.history])
-        known = {identity(outcome.test_case) for outcome in job.history}
-        asked = self._vectors.of(list(job.test_cases))
-        scores = []
-        for case, distance in zip(job.test_cases, _nearest(asked, flown), strict=True):
-            far = 0.0 if identity(case) in known else float(distance)
-            scores.append(ModelScore(SCORE_MAX * far / (far + HALF_WAY), f"nearest flown case is {far:.2f} sd away"))
-        return ScoreSheet(tuple(scores), digest="novelty-1")
+            return ScoreSheet(tuple(ModelScore(MIDDLE, "nothing flown yet") for _ in job.test_cases), digest=DIGEST)
+        flown = self._features.of([outcome.test_case for outcome in job.history])
+        far = nearest(self._features.of(job.test_cases), flown)
+        scores = tuple(
+            ModelScore(SCORE_MAX * float(one), f"distance to the nearest flown case {one:.2f} of 1") for one in far
+        )
+        return ScoreSheet(scores, digest=DIGEST)
 
     def warm(self, cancelled: Cancelled) -> str:
         """Nothing to load."""
@@ -47,14 +39,3 @@ class Model:
 
     def close(self) -> None:
         """Nothing to free."""
-
-
-def _nearest(asked: NDArray[np.float64], flown: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return for each row of `asked` the root-mean-square distance to the nearest row of `flown`, in flown sd."""
-    spread = flown.std(axis=0)
-    varying = spread > 1e-9
-    scale = np.where(varying, spread, 1.0)
-    scaled = flown / scale
-    count = max(1, int(varying.sum()))
-    near = [((scaled - row / scale) ** 2).sum(axis=1).min() for row in asked]
-    return np.sqrt(np.array(near) / count)

@@ -11,7 +11,8 @@ from saflite.console.run_data.run_folder import SHRINK
 from saflite.console.view.report import bars, charts, evidence
 from saflite.console.view.report.data import ReportData
 from saflite.console.view.report.style import CSS
-from saflite.scorer_pool.calibration import Calibration, Interval
+from saflite.contract.interval import Interval
+from saflite.scorer_pool.calibration import Calibration
 
 DRAWN_FROM = 8
 """Flights from which a model's reliability is drawn."""

@@ -54,6 +54,11 @@ def distances(ones: Sequence[Features], others: Sequence[Features]) -> NDArray[n
     return np.asarray(0.5 * (there + back))
 
 
+def nearest(ones: Sequence[Features], others: Sequence[Features]) -> NDArray[np.float64]:
+    """Return how far each of `ones` is from the nearest of `others`, shape (ones,), 0..1; 1 where there are none."""
+    return np.asarray(distances(ones, others).min(axis=1, initial=1.0))
+
+
 def _joined(
     many: Sequence[Features],
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
