@@ -55,6 +55,27 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         out.mute()
         return NOTHING_FOUND
+    except Exception as fault:  # noqa: BLE001 (exit code 1, Python's own, must only ever mean violations)
+        out.complain("fault of saflite itself", f"{_in_a_line(fault)}; the traceback is in {_kept_traceback()}")
+        return INFRASTRUCTURE
+
+
+def _in_a_line(fault: Exception) -> str:
+    text = str(fault).splitlines()
+    return f"{type(fault).__name__}: {text[0][:200]}" if text else type(fault).__name__
+
+
+def _kept_traceback() -> str:
+    """Write the traceback of the exception at hand to a file of its own and return where; say so if even that fails."""
+    import tempfile
+    import traceback
+
+    try:
+        with tempfile.NamedTemporaryFile("w", prefix="saflite-", suffix=".log", delete=False) as file:
+            traceback.print_exc(file=file)
+    except OSError as fault:
+        return f"no file ({fault})"
+    return file.name
 
 
 def _dispatch(words: list[str]) -> int:

@@ -1,0 +1,137 @@
+"""Files from outside: the one reader for whatever a user hands in. Nothing is believed about them.
+
+A path may name a device, a pipe that never ends or a file larger than memory; a text may nest without end or hold
+numbers no machine has. All of that is `Refused` here, before any parser sees it.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import stat
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from saflite.contract.errors import Refused
+
+TEXT_BYTES_MAX = 4 * 2**20
+"""Campaigns, policies, test cases, mission plans, labels: the largest that ship have some kilobytes."""
+
+LOG_BYTES_MAX = 512 * 2**20
+"""Flight logs and recordings."""
+
+DEPTH_MAX = 32
+WHOLE_MAX = 2**63 - 1
+
+
+def read_bytes(path: Path, what: str, bytes_max: int) -> bytes:
+    """Return the content of a regular file of at most `bytes_max` bytes.
+
+    Raises:
+        Refused: it is missing, unreadable, no regular file (device, pipe, folder), or larger.
+    """
+    handle = _open(path, what)
+    with os.fdopen(handle, "rb") as file:
+        size = os.fstat(handle).st_size
+        if size > bytes_max:
+            raise Refused(what, where=_named(path), expected=f"at most {bytes_max} bytes", got=f"{size} bytes")
+        try:
+            data = file.read(bytes_max + 1)
+        except OSError as fault:
+            raise Refused(what, where=_named(path), expected="a readable file", got=_said(fault)) from fault
+    if len(data) > bytes_max:  # it grew while it was read
+        raise Refused(what, where=_named(path), expected=f"at most {bytes_max} bytes", got="more")
+    return data
+
+
+def read_text(path: Path, what: str, bytes_max: int = TEXT_BYTES_MAX) -> str:
+    """Return a text file; raises Refused as `read_bytes` does, or where it is no UTF-8 text."""
+    try:
+        return read_bytes(path, what, bytes_max).decode("utf-8").replace("\r\n", "\n")
+    except UnicodeDecodeError as fault:
+        raise Refused(what, where=_named(path), expected="a readable UTF-8 text file", got=_said(fault)) from fault
+
+
+def check_file(path: Path, what: str, bytes_max: int = LOG_BYTES_MAX) -> Path:
+    """Return the path of a regular file of at most `bytes_max` bytes, for readers of libraries that open it themselves.
+
+    Raises:
+        Refused: as `read_bytes` does.
+    """
+    handle = _open(path, what)
+    try:
+        size = os.fstat(handle).st_size
+    finally:
+        os.close(handle)
+    if size > bytes_max:
+        raise Refused(what, where=_named(path), expected=f"at most {bytes_max} bytes", got=f"{size} bytes")
+    return path
+
+
+def parse_toml(text: str, what: str, where: str) -> dict[str, Any]:
+    """Return TOML text as plain data; raises Refused for what is no TOML, or as `check_plain` does."""
+    data: dict[str, Any] = _parsed(tomllib.loads, text, what, where, "TOML")
+    return data
+
+
+def parse_json(text: str, what: str, where: str) -> Any:
+    """Return JSON text as plain data; raises Refused for what is no JSON, or as `check_plain` does."""
+    return _parsed(json.loads, text, what, where, "JSON")
+
+
+def check_plain(data: Any, what: str, where: str) -> None:
+    """Raise Refused where plain data nests deeper than `DEPTH_MAX`, or holds a number that is none or none we can hold.
+
+    Iterative, so that no depth of the data can exhaust the stack.
+    """
+    left: list[tuple[Any, int]] = [(data, 0)]
+    while left:
+        value, depth = left.pop()
+        if depth > DEPTH_MAX:
+            raise Refused(what, where=where, expected=f"at most {DEPTH_MAX} levels of nesting", got="more")
+        if isinstance(value, dict):
+            left += [(part, depth + 1) for part in value.values()]
+        elif isinstance(value, list):
+            left += [(part, depth + 1) for part in value]
+        elif isinstance(value, float) and not math.isfinite(value):
+            raise Refused(what, where=where, expected="finite numbers", got=value)
+        elif isinstance(value, int) and not isinstance(value, bool) and abs(value) > WHOLE_MAX:
+            raise Refused(
+                what, where=where, expected="whole numbers below 2^63", got=f"one of {value.bit_length()} bits"
+            )
+
+
+def _parsed(parse: Callable[[str], Any], text: str, what: str, where: str, language: str) -> Any:
+    try:
+        data = parse(text)
+    except RecursionError as fault:
+        raise Refused(what, where=where, expected=f"at most {DEPTH_MAX} levels of nesting", got="more") from fault
+    except (ValueError, OverflowError) as fault:  # TOMLDecodeError, JSONDecodeError, a number of 5,000 digits
+        raise Refused(what, where=where, expected=language, got=_said(fault)) from fault
+    check_plain(data, what, where)
+    return data
+
+
+def _open(path: Path, what: str) -> int:
+    """Open without waiting for whoever writes a pipe, and keep only what is a regular file."""
+    try:
+        handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    except (OSError, ValueError) as fault:
+        raise Refused(what, where=_named(path), expected="a readable file", got=_said(fault)) from fault
+    if not stat.S_ISREG(os.fstat(handle).st_mode):
+        os.close(handle)
+        raise Refused(what, where=_named(path), expected="a regular file", got="a folder, device or pipe")
+    return handle
+
+
+def _named(path: Path) -> str:
+    text = str(path)
+    return text if len(text) <= 200 else f"{text[:100]}…{text[-80:]}"
+
+
+def _said(fault: Exception) -> str:
+    text = fault.strerror if isinstance(fault, OSError) and fault.strerror else str(fault)
+    return text.splitlines()[0][:200] if text else type(fault).__name__

@@ -1,0 +1,26 @@
+"""A fault of our own never looks like a violation: one line, a log file, exit code 3."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from saflite.console import cli
+
+
+def test_any_exception_is_one_line_and_exit_code_3(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    def broken(words: list[str]) -> int:
+        raise ZeroDivisionError("first line\nsecond line")
+
+    monkeypatch.setattr(cli, "_dispatch", broken)
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    assert cli.main(["list"]) == cli.INFRASTRUCTURE
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert "ZeroDivisionError: first line" in said
+    [log] = tmp_path.glob("saflite-*.log")
+    assert str(log) in said
+    assert "in broken" in log.read_text()

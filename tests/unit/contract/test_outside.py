@@ -1,0 +1,73 @@
+"""Whatever path or text is handed in: read whole, or refused in one line, in bounded time and memory."""
+
+from __future__ import annotations
+
+import os
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from saflite.contract import outside
+from saflite.contract.errors import Refused
+
+
+def test_a_file_is_read_whole(tmp_path: Path) -> None:
+    (tmp_path / "a").write_bytes(b"x\r\ny\n")
+    assert outside.read_bytes(tmp_path / "a", "file", 5) == b"x\r\ny\n"
+    assert outside.read_text(tmp_path / "a", "file") == "x\ny\n"
+    (tmp_path / "link").symlink_to(tmp_path / "a")
+    assert outside.check_file(tmp_path / "link", "file") == tmp_path / "link"
+
+
+def test_what_is_no_regular_file_is_refused_at_once(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "zero").symlink_to("/dev/zero")
+    (tmp_path / "dangling").symlink_to(tmp_path / "nothing")
+    (tmp_path / "loop").symlink_to(tmp_path / "loop")
+    names = ["pipe", "zero", "dangling", "loop", "", "none", "x" * 5000, "nul\0"]
+    for name in names:
+        for read in (outside.read_text, outside.check_file):
+            with pytest.raises(Refused) as refused:
+                read(tmp_path / name, "test case")
+            assert "\n" not in str(refused.value)
+            assert len(str(refused.value)) < 500
+
+
+def test_too_large_or_no_text_is_refused(tmp_path: Path) -> None:
+    with (tmp_path / "big").open("wb") as file:
+        file.truncate(10 * 2**30)
+    for read in (outside.read_text, outside.check_file):
+        with pytest.raises(Refused, match="at most"):
+            read(tmp_path / "big", "log")
+    (tmp_path / "latin").write_bytes(b"\xff\xfe")
+    with pytest.raises(Refused, match="UTF-8"):
+        outside.read_text(tmp_path / "latin", "policy")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        *("x = nan", "x = inf", "x = -1e999", f"x = {'9' * 400}", f"x = {'9' * 5000}", "x = ", "x = 1\nx = 2"),
+        *(f"x = {'[' * depth}{']' * depth}" for depth in (33, 400, 100_000)),
+        f"[{'.'.join('a' * 40)}]",
+    ],
+)
+def test_toml_that_no_machine_should_hold_is_refused(text: str) -> None:
+    with pytest.raises(Refused):
+        outside.parse_toml(text, "campaign", "file")
+
+
+@pytest.mark.parametrize("text", ["NaN", "[1e999]", "9" * 400, "9" * 5000, "[" * 100_000 + "]" * 100_000, "{", ""])
+def test_json_that_no_machine_should_hold_is_refused(text: str) -> None:
+    with pytest.raises(Refused):
+        outside.parse_json(text, "test case", "file")
+
+
+@given(st.text())
+def test_no_text_ends_in_a_traceback(text: str) -> None:
+    for parse in (outside.parse_toml, outside.parse_json):
+        with suppress(Refused):
+            outside.check_plain(parse(text, "file", "here"), "file", "here")
