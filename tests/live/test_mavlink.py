@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from saflite.flight.mavlink.link import serve
+from saflite.flight.autopilots.reference.sitl import serve
 from saflite.runtime.clock import WallClock
 
 pytestmark = pytest.mark.live

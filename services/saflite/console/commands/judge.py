@@ -48,14 +48,15 @@ def run(args: argparse.Namespace) -> int:
 def _read(path: Path, case_path: Path | None) -> tuple[TestCase, Flight, Trace]:
     from saflite.console.io import cases, log_files
     from saflite.contract.errors import Refused
+    from saflite.flight.logs.files import READERS, read_trace
     from saflite.recorder import recording
 
     if path.suffix == ".mcap":
         found = recording.read(path)
         return (cases.load_case(case_path) if case_path else found.test_case), found.flight, found.trace
-    if path.suffix not in log_files.READERS:
-        expected = f".mcap, {', '.join(log_files.READERS)}"
+    if path.suffix not in READERS:
+        expected = f".mcap, {', '.join(READERS)}"
         raise Refused("flight log", where=str(path), expected=expected, got=path.suffix or "no suffix")
     case = log_files.flown_by(path, cases.load_case(case_path)) if case_path else log_files.empty_case(path)
-    trace = log_files.read_trace(path)
+    trace = read_trace(path)
     return case, log_files.flight_of(case, trace), trace

@@ -33,7 +33,7 @@ def run(args: argparse.Namespace) -> int:
     """Serve until Ctrl-C or SIGTERM."""
     from saflite.console.io import campaign_options
     from saflite.console.view import out
-    from saflite.flight.mavlink.link import serve
+    from saflite.flight.autopilots.reference.sitl import serve
     from saflite.runtime.clock import WallClock
 
     campaign_options.at_least("--speed", args.speed, 0.0)
@@ -52,7 +52,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _case(args: argparse.Namespace) -> TestCase:
     from saflite.console.io import cases
-    from saflite.flight.mavlink.link import on_the_ground
+    from saflite.flight.autopilots.reference.sitl import on_the_ground
     from saflite.simulator_worker.registry import load_target
 
     case = cases.with_changes(on_the_ground(), defects=args.defect, parameters=args.parameter, rng_seed=args.rng_seed)

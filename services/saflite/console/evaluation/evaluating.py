@@ -9,12 +9,12 @@ from pathlib import Path
 
 from saflite.console.evaluation.bugs import BugResult, evaluate_bugs, gain
 from saflite.console.evaluation.logs import LogCase, LogReport, evaluate_logs
-from saflite.console.io import log_files as flight_logs
 from saflite.console.view import out
 from saflite.console.view.report import bars
 from saflite.contract.config import read_text
 from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.interval import Interval
+from saflite.flight.logs.files import READERS, read_trace
 from saflite.scorer_pool.calibration import Calibration
 
 YES, NO = ("yes", "true", "1", "interesting"), ("no", "false", "0", "dull")
@@ -44,14 +44,14 @@ def _cases(folder: Path, labels: dict[str, bool], text_folder: Path | None) -> l
 
     if not folder.is_dir():
         raise Refused("logs", where=str(folder), expected="a folder with flight logs", got="none")
-    known = {".mcap", *flight_logs.READERS}
+    known = {".mcap", *READERS}
     paths = sorted(path for path in folder.rglob("*") if path.suffix in known and path.is_file())
     if not paths:
         raise Refused("logs", where=str(folder), expected=f"files ending in {', '.join(sorted(known))}", got="none")
     found = []
     for path in paths:
         try:
-            trace = recording.read(path).trace if path.suffix == ".mcap" else flight_logs.read_trace(path, placed=False)
+            trace = recording.read(path).trace if path.suffix == ".mcap" else read_trace(path, placed=False)
         except Refused as fault:  # one bad log does not spoil the others; it is named and left out
             out.complain("left out", str(fault))
             continue

@@ -1,1 +1,1 @@
-"""Flight logs of real autopilots as traces."""
+"""Flight logs as traces: ULog, DataFlash, and our own trace files."""

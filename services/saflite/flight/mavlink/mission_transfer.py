@@ -6,16 +6,13 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from saflite.contract.errors import Refused
 from saflite.contract.test_case import Mission, MissionItem
-from saflite.flight.autopilots.reference.autopilot import Autopilot
-from saflite.flight.autopilots.reference.mission_items import understand
-from saflite.flight.world.jsbsim_world import HOME_ALT_M, HOME_LAT_DEG, HOME_LON_DEG
+from saflite.flight.mavlink.items import PLACES, float_frame, home_item, whole
+from saflite.flight.mavlink.vehicle import LinkedVehicle
 
 ACCEPTED, ERROR, UNSUPPORTED, INVALID_PARAM1, INVALID_SEQUENCE = 0, 1, 3, 6, 13
 ITEMS_MAX = 700
-GLOBAL_RELATIVE = 3
-PLACES = {16, 17, 18, 19, 21, 22, 82, 201}
+REPOSITION = 192
 PLACE_MAX = (90.0, 180.0, 83_000.0)  # degrees, degrees, ArduPilot's greatest altitude in metres
 INT32_MAX = 2.0**31 - 1.0
 
@@ -23,8 +20,8 @@ INT32_MAX = 2.0**31 - 1.0
 class MissionTransfer:
     """One transfer at a time; `link` is a pymavlink `MAVLink`."""
 
-    def __init__(self, ap: Autopilot, link: Any) -> None:
-        self._ap, self._link = ap, link
+    def __init__(self, vehicle: LinkedVehicle, link: Any) -> None:
+        self._vehicle, self._link = vehicle, link
         self._expected = 0
         self._items: list[MissionItem] = []
         self._peer = (255, 190)
@@ -84,7 +81,7 @@ class MissionTransfer:
             self._ack(result)
             return
         params = tuple(None if math.isnan(value) else float(value) for value in numbers)
-        self._items.append(MissionItem(command=message.command, frame=_frame(message.frame), params=params))
+        self._items.append(MissionItem(command=message.command, frame=float_frame(message.frame), params=params))
         if len(self._items) < self._expected:
             self._request(len(self._items))
         else:
@@ -93,34 +90,28 @@ class MissionTransfer:
     def _store(self) -> None:
         """Make what was uploaded the mission on board, without the home item."""
         self._expected = 0
+        lat_deg, lon_deg, altitude_m = self._vehicle.origin
         mission = Mission(
             name="uploaded",
-            home_lat_deg=HOME_LAT_DEG,
-            home_lon_deg=HOME_LON_DEG,
-            home_alt_m=HOME_ALT_M,
+            home_lat_deg=lat_deg,
+            home_lon_deg=lon_deg,
+            home_alt_m=altitude_m,
             items=tuple(self._items[1:]),
         )
-        try:
-            understand(mission)
-        except Refused as fault:
-            self._ap.say(str(fault)[:50], "warning")
-            self._ack(UNSUPPORTED)
-            return
-        self._ap.mission, self._ap.mission_index = (mission if mission.items else None), 0
-        self._ap.parameters.changes += 1
-        self._ack(ACCEPTED)
+        why = self._vehicle.load_mission(mission if mission.items else None)
+        if why:
+            self._vehicle.say(why[:50], "warning")
+        self._ack(UNSUPPORTED if why else ACCEPTED)
 
     def _guided(self, message: Any) -> None:
         """A way-point with `current` 2 is an order to go there in GUIDED (older ground stations)."""
-        from saflite.flight.autopilots.reference.commands import MavResult, execute
-
         numbers = (-1.0, 1.0, 0.0, 0.0, message.x, message.y, message.z)
-        self._ack(ACCEPTED if execute(self._ap, 192, numbers) == MavResult.ACCEPTED else ERROR)
+        self._ack(ACCEPTED if self._vehicle.execute(REPOSITION, numbers) == ACCEPTED else ERROR)
 
     # -- download and the rest ------------------------------------------------------------------------------------
 
     def _mission_request_list(self, message: Any) -> None:
-        mission = self._ap.mission
+        mission = self._vehicle.mission
         count = len(mission.items) + 1 if mission is not None else 0
         self._link.mission_count_send(*self._peer, count)
 
@@ -130,8 +121,8 @@ class MissionTransfer:
             self._ack(INVALID_SEQUENCE)
             return
         numbers = [math.nan if value is None else value for value in item.params]
-        x, y = _integer(item.command, numbers[4]), _integer(item.command, numbers[5])
-        current = int(message.seq == self._ap.mission_index + 1)
+        x, y = whole(item.command, numbers[4]), whole(item.command, numbers[5])
+        current = int(message.seq == self._vehicle.mission_index + 1)
         self._link.mission_item_int_send(
             *self._peer, message.seq, item.frame, item.command, current, 1, *numbers[:4], x, y, numbers[6]
         )
@@ -142,32 +133,25 @@ class MissionTransfer:
             self._ack(INVALID_SEQUENCE)
             return
         numbers = [math.nan if value is None else value for value in item.params]
-        current = int(message.seq == self._ap.mission_index + 1)
+        current = int(message.seq == self._vehicle.mission_index + 1)
         self._link.mission_item_send(*self._peer, message.seq, item.frame, item.command, current, 1, *numbers)
 
     def _item(self, index: int) -> MissionItem | None:
-        mission = self._ap.mission
+        mission = self._vehicle.mission
         if index == 0:
-            return MissionItem(command=16, frame=0, params=(0, 0, 0, 0, HOME_LAT_DEG, HOME_LON_DEG, HOME_ALT_M))
+            return home_item(*self._vehicle.origin)
         if mission is None or not 1 <= index <= len(mission.items):
             return None
         return mission.items[index - 1]
 
     def _mission_clear_all(self, message: Any) -> None:
-        self._ap.mission, self._ap.mission_index = None, 0
-        self._ap.parameters.changes += 1
+        self._vehicle.load_mission(None)
         self._ack(ACCEPTED)
 
     def _mission_set_current(self, message: Any) -> None:
-        mission, index = self._ap.mission, max(0, message.seq - 1)
-        if mission is None or index >= len(mission.items):
+        if not self._vehicle.jump_to(max(0, message.seq - 1)):
             self._ack(INVALID_SEQUENCE)
             return
-        # AUTO flies on with the items it was entered with, which an upload may have outgrown
-        if self._ap.mode.name == "AUTO" and not self._ap.mode.jump(index):  # type: ignore[attr-defined]
-            self._ack(INVALID_SEQUENCE)
-            return
-        self._ap.mission_index = index
         self._link.mission_current_send(message.seq)
 
     def _mission_ack(self, message: Any) -> None:
@@ -180,11 +164,6 @@ class MissionTransfer:
         self._link.mission_ack_send(*self._peer, result, mission_type)
 
 
-def _frame(frame: int) -> int:
-    """Return the float frame that an integer frame stands for."""
-    return {5: 0, 6: GLOBAL_RELATIVE, 11: 10}.get(frame, frame)
-
-
 def _checked(command: int, numbers: Sequence[float]) -> int:
     """Return ACCEPTED or which of an item's seven numbers is impossible; where there is no place NaN is "not given"."""
     placed = command in PLACES
@@ -194,9 +173,3 @@ def _checked(command: int, numbers: Sequence[float]) -> int:
         if missing or math.isinf(number) or abs(number) > limit:
             return INVALID_PARAM1 + index
     return ACCEPTED
-
-
-def _integer(command: int, value: float) -> int:
-    if math.isnan(value):
-        return 0
-    return round(value * 1e7) if command in PLACES else round(value)

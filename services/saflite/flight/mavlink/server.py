@@ -1,24 +1,23 @@
-"""The MAVLink face of the reference autopilot: bytes in, bytes out, no socket. Parameters, commands, modes, missions,
-sticks, set-points, streams, as a ground station expects of ArduCopter."""
+"""The server side of a MAVLink link: bytes in, bytes out, no socket, no autopilot. Parameters, commands, modes,
+missions, sticks, set-points and streams of a vehicle, as a ground station expects of ArduPilot."""
 
 from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
-from saflite.flight.autopilots.reference.autopilot import Autopilot
-from saflite.flight.autopilots.reference.commands import MavResult, execute
-from saflite.flight.autopilots.reference.modes.table import mode_name
 from saflite.flight.mavlink.mission_transfer import MissionTransfer
-from saflite.flight.mavlink.streams import AUTOPILOT_VERSION, HOME_POSITION, Streams
+from saflite.flight.mavlink.streams import AUTOPILOT_VERSION, CUSTOM_MODE, HOME_POSITION, Streams
+from saflite.flight.mavlink.vehicle import LinkedVehicle
 from saflite.flight.mission import to_local
-from saflite.flight.world.jsbsim_world import HOME_LAT_DEG, HOME_LON_DEG
 
 log = logging.getLogger(__name__)
 
 REAL32 = 9
+ACCEPTED, DENIED, FAILED = 0, 2, 4  # MAV_RESULT
+SET_MODE, REBOOT = 11, 246  # number of the message, MAV_CMD
 GET_MESSAGE_INTERVAL, SET_MESSAGE_INTERVAL, REQUEST_MESSAGE = 510, 511, 512
 REQUEST_CAPABILITIES, GET_HOME = 520, 410
 RELEASE, IGNORE = 0, 65535
@@ -31,23 +30,23 @@ class MavlinkServer:
     """One vehicle on a link.
 
     Args:
-        ap: the autopilot.
-        restart: called when a ground station orders a reboot.
+        vehicle: what flies.
+        system: its number on the link.
     """
 
-    def __init__(self, ap: Autopilot, restart: Callable[[], None], system: int = 1) -> None:
+    def __init__(self, vehicle: LinkedVehicle, system: int = 1) -> None:
         from pymavlink.dialects.v20 import ardupilotmega
 
-        self._ap, self._restart = ap, restart
+        self._vehicle = vehicle
         self._system = system
         self._out = bytearray()
         self._link: Any = ardupilotmega.MAVLink(self, srcSystem=system, srcComponent=1)
         self._link.robust_parsing = True
         self._reader: Any = ardupilotmega.MAVLink(None)
         self._reader.robust_parsing = True
-        self._streams = Streams(ap, self._link)
-        self._mission = MissionTransfer(ap, self._link)
-        self._names = sorted(name for name in ap.parameters.values)
+        self._streams = Streams(vehicle, self._link)
+        self._mission = MissionTransfer(vehicle, self._link)
+        self._names = sorted(vehicle.parameters)
         self._queue: list[int] = []
         self._reported: set[tuple[str, type[Exception]]] = set()
 
@@ -107,20 +106,20 @@ class MavlinkServer:
         if message.param_index >= 0:
             if message.param_index < len(self._names):
                 self._send_parameter(message.param_index)
-        elif _text(message.param_id) in self._ap.parameters:
+        elif _text(message.param_id) in self._vehicle.parameters:
             self._send_parameter(self._names.index(_text(message.param_id)))
 
     def _param_set(self, message: Any) -> None:
         name = _text(message.param_id)
-        why = self._ap.parameters.set(name, float(message.param_value))
+        why = self._vehicle.set_parameter(name, float(message.param_value))
         if why:
-            self._ap.say(why, "warning")
-        if name in self._ap.parameters:
+            self._vehicle.say(why, "warning")
+        if name in self._vehicle.parameters:
             self._send_parameter(self._names.index(name))
 
     def _send_parameter(self, index: int) -> None:
         name = self._names[index]
-        value = self._ap.parameters[name]
+        value = self._vehicle.parameters[name]
         self._link.param_value_send(name.encode(), value, REAL32, len(self._names), index)
 
     # -- commands and modes ---------------------------------------------------------------------------------------
@@ -136,42 +135,39 @@ class MavlinkServer:
     def _carry_out(self, message: Any, numbers: Sequence[float]) -> None:
         result = self._own(message.command, numbers)
         if result is None:
-            result = execute(self._ap, message.command, numbers)
+            result = self._vehicle.execute(message.command, numbers)
         peer = (message.get_srcSystem(), message.get_srcComponent())
-        self._link.command_ack_send(message.command, int(result), 0, 0, *peer)
+        self._link.command_ack_send(message.command, result, 0, 0, *peer)
 
-    def _own(self, command: int, numbers: Sequence[float]) -> MavResult | None:
+    def _own(self, command: int, numbers: Sequence[float]) -> int | None:
         """Commands of the link itself: what to send, reboot."""
         if command in (REQUEST_CAPABILITIES, GET_HOME):
             self._streams.send(AUTOPILOT_VERSION if command == REQUEST_CAPABILITIES else HOME_POSITION)
-            return MavResult.ACCEPTED
+            return ACCEPTED
         if command in (GET_MESSAGE_INTERVAL, SET_MESSAGE_INTERVAL, REQUEST_MESSAGE):
             return self._about_message(command, numbers)
-        if command == 246 and not self._ap.armed and numbers[0] == 1.0:
-            self._restart()
-            return MavResult.ACCEPTED
+        if command == REBOOT and numbers[0] == 1.0 and self._vehicle.restart():
+            return ACCEPTED
         return None
 
-    def _about_message(self, command: int, numbers: Sequence[float]) -> MavResult:
+    def _about_message(self, command: int, numbers: Sequence[float]) -> int:
         """Send a message once, set or tell its interval (2nd number, us); the 1st number names the message."""
         if numbers[0] not in self._streams:
-            return MavResult.FAILED
+            return FAILED
         number = int(numbers[0])
         if command == SET_MESSAGE_INTERVAL:
-            return MavResult.ACCEPTED if self._streams.set_interval(number, numbers[1]) else MavResult.DENIED
+            return ACCEPTED if self._streams.set_interval(number, numbers[1]) else DENIED
         if command == GET_MESSAGE_INTERVAL:
             self._link.message_interval_send(number, self._streams.interval_us(number))
         else:
             self._streams.send(number)
-        return MavResult.ACCEPTED
+        return ACCEPTED
 
     def _set_mode(self, message: Any) -> None:
-        name = mode_name(message.custom_mode) if message.base_mode & 1 else ""
-        why = self._ap.set_mode(name, "ground station") if name else f"no mode {message.custom_mode}"
-        if why and not name:
-            self._ap.say(why, "warning")
+        custom = message.base_mode & CUSTOM_MODE
+        why = self._vehicle.set_mode(message.custom_mode) if custom else "only custom modes"
         peer = (message.get_srcSystem(), message.get_srcComponent())
-        self._link.command_ack_send(11, int(MavResult.FAILED if why else MavResult.ACCEPTED), 0, 0, *peer)
+        self._link.command_ack_send(SET_MODE, FAILED if why else ACCEPTED, 0, 0, *peer)
 
     # -- sticks and set-points ------------------------------------------------------------------------------------
 
@@ -179,44 +175,40 @@ class MavlinkServer:
         for channel in range(1, 9):
             pulse = getattr(message, f"chan{channel}_raw")
             if pulse not in (RELEASE, IGNORE):
-                self._ap.radio.stick(channel, float(pulse))
+                self._vehicle.stick(channel, float(pulse))
 
     def _manual_control(self, message: Any) -> None:
         for channel, value, sign in ((1, message.y, 1), (2, message.x, -1), (4, message.r, 1)):
             if abs(value) <= 1000:
-                self._ap.radio.stick(channel, 1500.0 + sign * 0.5 * value)
+                self._vehicle.stick(channel, 1500.0 + sign * 0.5 * value)
         if 0 <= message.z <= 1000:
-            self._ap.radio.stick(3, 1000.0 + message.z)
+            self._vehicle.stick(3, 1000.0 + message.z)
 
     def _set_position_target_local_ned(self, message: Any) -> None:
-        north, east = message.x, message.y
-        speed = (message.vx, message.vy)
-        if message.coordinate_frame in BODY_FRAMES:
-            yaw = self._ap.board["est_yaw"]
-            speed = _turned(message.vx, message.vy, yaw)
-            north, east = _turned(message.x, message.y, yaw)
-        if message.coordinate_frame not in LOCAL_FRAMES and message.coordinate_frame not in BODY_FRAMES:
+        frame, now = message.coordinate_frame, self._vehicle.status()
+        if frame not in LOCAL_FRAMES and frame not in BODY_FRAMES:
             return
-        if message.coordinate_frame not in (1, 8):
-            north, east = north + self._ap.board["est_n"], east + self._ap.board["est_e"]
-        height = -message.z if message.coordinate_frame == 1 else self._ap.board["altitude_est_m"] - message.z
+        north, east, speed = message.x, message.y, (message.vx, message.vy)
+        if frame in BODY_FRAMES:
+            yaw = now.attitude_rad[2]
+            north, east, speed = *_turned(north, east, yaw), _turned(*speed, yaw)
+        if frame not in (1, 8):
+            north, east = north + now.position_m[0], east + now.position_m[1]
+        height = -message.z if frame == 1 else now.altitude_m - message.z
         self._steer(message.type_mask, (north, east, height), (*speed, -message.vz))
 
     def _set_position_target_global_int(self, message: Any) -> None:
         lat, lon = message.lat_int / 1e7, message.lon_int / 1e7
         if message.type_mask & POSITION_IGNORED == 0 and (abs(lat) > 90.0 or abs(lon) > 180.0):
             return
-        north, east = to_local(lat, lon, HOME_LAT_DEG, HOME_LON_DEG)
+        north, east = to_local(lat, lon, *self._vehicle.origin[:2])
         self._steer(message.type_mask, (north, east, message.alt), (message.vx, message.vy, -message.vz))
 
     def _steer(self, mask: int, place: tuple[float, float, float], speed: tuple[float, float, float]) -> None:
-        if self._ap.mode.name != "GUIDED" or self._ap.landed:
-            return
-        guided: Any = self._ap.mode
         if mask & POSITION_IGNORED == 0 and all(map(math.isfinite, place)):
-            guided.go_to(*place)
+            self._vehicle.go_to(*place)
         elif mask & SPEED_IGNORED == 0 and all(map(math.isfinite, speed)):
-            guided.fly_at(*speed)
+            self._vehicle.fly_at(*speed)
 
     # -- the rest -------------------------------------------------------------------------------------------------
 
@@ -227,7 +219,7 @@ class MavlinkServer:
 
     def _timesync(self, message: Any) -> None:
         if message.tc1 == 0:
-            self._link.timesync_send(round(self._ap.time_s * 1e9), message.ts1)
+            self._link.timesync_send(round(self._vehicle.status().time_s * 1e9), message.ts1)
 
 
 def _text(name: Any) -> str:

@@ -1,4 +1,4 @@
-"""The MAVLink face without a socket: bytes in, bytes out; broken bytes; the tables it shows."""
+"""The MAVLink server without a socket: bytes in, bytes out; broken bytes; the tables it shows."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from saflite.contract.errors import Refused
 from saflite.flight.autopilots.reference.parameters import parameter_table
-from saflite.flight.mavlink.link import Session, on_the_ground, open_port
+from saflite.flight.autopilots.reference.sitl import Session, on_the_ground
+from saflite.flight.mavlink.ports import open_port
 
 ACCEPTED, DENIED, FAILED = dialect.MAV_RESULT_ACCEPTED, dialect.MAV_RESULT_DENIED, dialect.MAV_RESULT_FAILED
 HOME, ROUTE = (16, 47.0, 8.0, 400.0), (16, 47.3978, 8.5456, 6.0)
@@ -35,7 +36,8 @@ class Station:
         found: list[Any] = []
         for _ in range(ticks):
             data, self.out = bytes(self.out), bytearray()
-            found += self._reader.parse_buffer(self.session.step(data)) or []
+            self.session.feed(data)
+            found += self._reader.parse_buffer(self.session.step()) or []
         return found
 
     def order(self, number: int, *values: float) -> int:
@@ -68,7 +70,7 @@ def asked(messages: list[Any]) -> list[int]:
 
 @pytest.fixture
 def station(caplog: pytest.LogCaptureFixture) -> Iterator[Station]:
-    """A station whose messages the face can all handle."""
+    """A station whose messages the server can all handle."""
     yield Station()
     assert [record.getMessage() for record in caplog.get_records("call")] == []
 
@@ -144,7 +146,7 @@ def test_garbage_does_not_stop_it(station: Station) -> None:
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
-def test_numbers_that_are_none_stop_neither_the_face_nor_the_vehicle(station: Station, bad: float) -> None:
+def test_numbers_that_are_none_stop_neither_the_server_nor_the_vehicle(station: Station, bad: float) -> None:
     station.take_off()
     for number in (22, 115, 176, 178, 179, 185, 192, 201, 208, 400, 410, 510, 511, 512, 520, 31010):
         station.order(number, *[bad] * 7)

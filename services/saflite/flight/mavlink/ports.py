@@ -1,7 +1,7 @@
-"""Serve the reference vehicle over MAVLink, so that a ground station or an SDK can fly it (`saflite sitl`).
+"""Where MAVLink bytes come from and go to: TCP and UDP sockets, none of which ever blocks longer than asked.
 
-Endpoints: `tcp:HOST:PORT` waits for ground stations, `udp:HOST:PORT` answers whoever writes to it, `udpout:HOST:PORT`
-talks to one. The simulation is paced by the clock handed in; `speed` 0 runs as fast as it can.
+Endpoints: `tcp:HOST:PORT` waits for peers, `tcpout:HOST:PORT` calls one, `udp:HOST:PORT` answers whoever writes to it,
+`udpout:HOST:PORT` talks to one.
 """
 
 from __future__ import annotations
@@ -9,20 +9,15 @@ from __future__ import annotations
 import logging
 import selectors
 import socket
-from collections.abc import Callable
 from typing import Protocol
 
-from saflite.contract.clock import Clock
 from saflite.contract.errors import Refused, Unavailable
-from saflite.contract.test_case import Scenario, StartState, Target, TestCase
-from saflite.flight.autopilots.reference.autopilot import TICK_S
-from saflite.flight.autopilots.reference.flight import ReferenceFlight
-from saflite.flight.mavlink.server import MavlinkServer
 
 log = logging.getLogger(__name__)
 
 READ_BYTES, CLIENTS_MAX, BACKLOG_BYTES = 65536, 8, 1 << 20
-BEHIND_MAX_S = 0.5  # a simulation later than this gives up catching up
+CONNECT_S = 5.0
+KINDS = ("tcp", "tcpout", "udp", "udpout")
 
 
 class Port(Protocol):
@@ -40,7 +35,7 @@ class Port(Protocol):
 
 
 class TcpPort:
-    """A TCP server for up to eight ground stations; one that does not read is dropped."""
+    """A TCP server for up to eight peers; one that does not read is dropped."""
 
     def __init__(self, host: str, port: int) -> None:
         self._selector = selectors.DefaultSelector()
@@ -71,7 +66,7 @@ class TcpPort:
         client.setblocking(False)
         self._selector.register(client, selectors.EVENT_READ)
         self._waiting[client] = bytearray()
-        log.info("ground station %s connected", address)
+        log.info("peer %s connected", address)
 
     def _send(self, client: socket.socket, data: bytes) -> None:
         backlog = self._waiting[client]
@@ -110,7 +105,7 @@ class TcpPort:
 
 
 class UdpPort:
-    """UDP, either waiting for ground stations or talking to one."""
+    """UDP, either waiting for peers or talking to one."""
 
     def __init__(self, host: str, port: int, *, out: bool) -> None:
         self._socket = (
@@ -152,14 +147,64 @@ class UdpPort:
         self._socket.close()
 
 
+class TcpClientPort:
+    """A call to one TCP server; what it does not take yet waits, up to a mebibyte.
+
+    Raises:
+        Unavailable: nobody answers; also by `exchange` once the peer has hung up or does not read.
+    """
+
+    def __init__(self, host: str, port: int) -> None:
+        self.name = f"tcpout:{host}:{port}"
+        try:
+            self._socket = socket.create_connection((host, port), timeout=CONNECT_S)
+        except OSError as fault:
+            raise Unavailable(f"{host}:{port}: {fault}") from fault
+        self._socket.setblocking(False)
+        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._selector = selectors.DefaultSelector()
+        self._selector.register(self._socket, selectors.EVENT_READ)
+        self._backlog = bytearray()
+
+    def exchange(self, data: bytes, wait_s: float) -> bytes:
+        """Send, receive."""
+        self._backlog += data
+        received = bytearray()
+        try:
+            self._send()
+            while self._selector.select(wait_s):
+                wait_s = 0.0
+                part = self._socket.recv(READ_BYTES)
+                if not part:
+                    raise ConnectionResetError("the peer has hung up")
+                received += part
+        except OSError as fault:
+            if not received:
+                raise Unavailable(f"{self.name}: {fault}") from fault
+        return bytes(received)
+
+    def _send(self) -> None:
+        try:
+            while self._backlog:
+                del self._backlog[: self._socket.send(self._backlog)]
+        except BlockingIOError as fault:
+            if len(self._backlog) > BACKLOG_BYTES:
+                raise ConnectionResetError("the peer does not read") from fault
+
+    def close(self) -> None:
+        """Close the socket."""
+        self._selector.close()
+        self._socket.close()
+
+
 def open_port(endpoint: str) -> Port:
     """Return the port for an endpoint; raises Refused for a malformed one, Unavailable if it cannot be bound."""
     kind, _, rest = endpoint.partition(":")
     host, _, number = rest.rpartition(":")
-    if kind not in ("tcp", "udp", "udpout") or not host or not number.isdigit() or int(number) > 65535:
-        raise Refused("endpoint", expected="tcp:HOST:PORT, udp:HOST:PORT or udpout:HOST:PORT", got=repr(endpoint))
-    if kind == "tcp":
-        return TcpPort(host, int(number))
+    if kind not in KINDS or not host or not number.isdigit() or int(number) > 65535:
+        raise Refused("endpoint", expected=" or ".join(f"{kind}:HOST:PORT" for kind in KINDS), got=repr(endpoint))
+    if kind in ("tcp", "tcpout"):
+        return TcpPort(host, int(number)) if kind == "tcp" else TcpClientPort(host, int(number))
     return UdpPort(host, int(number), out=kind == "udpout")
 
 
@@ -172,79 +217,3 @@ def _bound(kind: socket.SocketKind, host: str, port: int) -> socket.socket:
         made.close()
         raise Unavailable(f"{host}:{port}: {fault}") from fault
     return made
-
-
-def on_the_ground() -> TestCase:
-    """Return the vehicle a ground station finds: disarmed, standing, nothing wrong."""
-    start = StartState(mode="STABILIZE", altitude_m=0.0, armed=False)
-    return TestCase(target=Target(), scenario=Scenario(start=start), rng_seed=1)
-
-
-class Session:
-    """A flight with a MAVLink face; a reboot ordered by the ground station starts it anew."""
-
-    def __init__(self, test_case: TestCase) -> None:
-        self._test_case = test_case
-        self._begin()
-
-    def _begin(self) -> None:
-        self.flight = ReferenceFlight(self._test_case)
-        self.flight.bring_up()
-        self.server = MavlinkServer(self.flight.autopilot, self._order_restart)
-        self._restart = False
-
-    def _order_restart(self) -> None:
-        self._restart = True
-
-    def step(self, received: bytes) -> bytes:
-        """Take what came in, fly 20 ms, return what to send."""
-        self.server.feed(received)
-        self.flight.tick()
-        self.server.tick(self.flight.ticks)
-        data = self.server.take()
-        if self._restart:
-            self._begin()
-        return data
-
-
-def serve(
-    endpoint: str,
-    clock: Clock,
-    *,
-    test_case: TestCase | None = None,
-    speed: float = 1.0,
-    stop: Callable[[], bool] = lambda: False,
-    ready: Callable[[str], None] = lambda name: None,
-) -> None:
-    """Fly and answer until `stop` says so.
-
-    Args:
-        endpoint: see the module.
-        clock: paces the simulation.
-        test_case: parameters, defects, start, wind and boxes of the vehicle; default: `on_the_ground()`.
-        speed: simulated seconds per second, 0 as fast as possible.
-        stop: asked every 20 ms of simulated time.
-        ready: called with the bound endpoint before the first step.
-
-    Raises:
-        Refused: the endpoint or the test case is wrong.
-        Unavailable: the port is taken or JSBSim is missing.
-    """
-    port = open_port(endpoint)
-    try:
-        session = Session(test_case or on_the_ground())
-        ready(port.name)
-        due_s, data = clock.monotonic_s(), b""
-        while not stop():
-            now_s = clock.monotonic_s()
-            wait_s = max(0.0, due_s - now_s) if speed > 0.0 else 0.0
-            received = port.exchange(data, wait_s)
-            data = b""
-            if speed > 0.0 and clock.monotonic_s() < due_s:
-                session.server.feed(received)
-                continue
-            data = session.step(received)
-            late_s = now_s - due_s
-            due_s = now_s if late_s > BEHIND_MAX_S else due_s + (TICK_S / speed if speed > 0.0 else 0.0)
-    finally:
-        port.close()

@@ -1,0 +1,45 @@
+"""Flight logs by the ending of their names: our traces, PX4's ULog, ArduPilot's dataflash logs."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+from collections.abc import Callable
+from pathlib import Path
+
+from saflite.contract.errors import Refused
+from saflite.contract.flight import Trace, unpack_trace
+
+
+def read_trace(path: Path, *, placed: bool = True) -> Trace:
+    """Return the trace in a flight log; its suffix must be one of `READERS`.
+
+    Raises:
+        Refused: the file is missing or damaged, or has no position (if `placed`).
+    """
+    if not path.is_file():
+        raise Refused("flight log", where=str(path), expected="a readable file", got="none")
+    return READERS[path.suffix](path, placed=placed)
+
+
+def _packed(path: Path, *, placed: bool = True) -> Trace:
+    try:
+        return unpack_trace(path.read_bytes())
+    except OSError as fault:
+        raise Refused("trace", where=str(path), expected="a readable file", got=str(fault)) from fault
+
+
+def _ulog(path: Path, *, placed: bool = True) -> Trace:
+    from saflite.flight.logs.ulog import read_ulog
+
+    with contextlib.redirect_stdout(io.StringIO()):  # pyulog prints what it thinks of a damaged file
+        return read_ulog(path, placed=placed)
+
+
+def _dataflash(path: Path, *, placed: bool = True) -> Trace:
+    from saflite.flight.logs.dataflash import read_dataflash
+
+    return read_dataflash(path, placed=placed)
+
+
+READERS: dict[str, Callable[..., Trace]] = {".trace": _packed, ".ulg": _ulog, ".bin": _dataflash, ".BIN": _dataflash}
