@@ -14,10 +14,11 @@ from typing import Any
 
 import msgspec
 
+from saflite.bus.endpoints import free_endpoint
 from saflite.campaign.presets.campaigns import load_campaign
 from saflite.contract.config import Campaign
 from saflite.contract.test_case import Target
-from saflite.runtime.launchers.local import free_endpoint, run_campaign
+from saflite.runtime.campaign_runner import run_campaign
 
 HERE = Path(__file__).resolve().parent
 BATCH_S = 10.0

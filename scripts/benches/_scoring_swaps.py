@@ -26,8 +26,8 @@ from saflite.campaign.presets.campaigns import load_campaign
 from saflite.contract.errors import FarmError, Unavailable
 from saflite.contract.events import Event, Flown, Scored, ScorerChanged
 from saflite.contract.rng import derive
+from saflite.runtime.campaign_runner import run_campaign
 from saflite.runtime.client import FarmClient
-from saflite.runtime.launchers.local import run_campaign
 
 WORKERS = 2
 BROKEN = "openai:none@http://127.0.0.1:9/v1"

@@ -23,6 +23,7 @@ import msgspec
 from _load_generator import LoadGenerator, Made, percentile_ms
 
 from saflite.bus.base import Bus, Reply, Sample, seal, unseal
+from saflite.bus.endpoints import free_endpoint
 from saflite.bus.zenoh import ZenohBus, leave_process, open_client
 from saflite.campaign.presets.campaigns import template
 from saflite.campaign.storage.store import Store
@@ -34,7 +35,6 @@ from saflite.contract.events import Event, FaultSeen, ViolationFound
 from saflite.contract.rng import derive
 from saflite.contract.work import Ask, Failure, Grant, Heartbeat, Orders, Receipt, Report
 from saflite.runtime.clock import WallClock
-from saflite.runtime.launchers.local import free_endpoint
 
 CAMPAIGN = "bench-bus"
 SESSIONS = 8

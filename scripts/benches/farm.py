@@ -19,8 +19,8 @@ import msgspec
 from saflite.bus.zenoh import leave_process
 from saflite.campaign.presets.campaigns import load_campaign
 from saflite.contract.control import Status
+from saflite.runtime.campaign_runner import run_campaign
 from saflite.runtime.clock import WallClock
-from saflite.runtime.launchers.local import run_campaign
 
 
 def measure(name: str, budget: int, simulators: int, rng_seed: int) -> dict[str, Any]:

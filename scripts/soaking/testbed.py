@@ -10,6 +10,7 @@ import threading
 from contextlib import suppress
 from pathlib import Path
 
+from saflite.bus.endpoints import free_endpoint
 from saflite.campaign.presets.campaigns import template
 from saflite.campaign.storage.store import Store
 from saflite.contract.config import Campaign, LeaseConfig, ScorerConfig, SearchConfig, StrategyConfig
@@ -19,12 +20,14 @@ from saflite.contract.events import Event
 from saflite.contract.test_case import Target
 from saflite.runtime.client import FarmClient
 from saflite.runtime.clock import WallClock
-from saflite.runtime.launchers.local import LocalFarm, Role, free_endpoint
+from saflite.runtime.farm import LocalFarm
+from saflite.runtime.launchers.base import RoleSpec
 
 MARK = "SAFLITE_SOAK"
 DISK = "256m"
 TARGET_FILE = Path(__file__).parent / "soak.py"
 HOST_IP, GUEST_IP = "10.213.77.1", "10.213.77.2"
+FAR_FLYER = "fly-2"  # the worker in the namespace
 OUTSIDE, INSIDE, SPACE = "saflite-soak0", "saflite-soak1", "saflite-soak"
 
 
@@ -132,7 +135,7 @@ class Watcher(threading.Thread):
     def run(self) -> None:
         """Watch until the campaign has ended."""
         try:
-            client = FarmClient.connect(self._endpoint, self._campaign, tries=None)
+            client = FarmClient.connect(self._endpoint, self._campaign, tries=None, insecure=True)
             for event in client.watch(1, patience_s=300.0):
                 self.events.append((self._clock.monotonic_s(), event))
             client.close()
@@ -156,7 +159,7 @@ class Prober(threading.Thread):
 
     def run(self) -> None:
         """Probe until told to end."""
-        client = FarmClient.connect(self._endpoint, self._campaign, tries=None)
+        client = FarmClient.connect(self._endpoint, self._campaign, tries=None, insecure=True)
         while not self.is_over:
             try:
                 self.last = client.status(within_s=0.1)
@@ -179,15 +182,19 @@ class Testbed:
         Store.create(self.run_dir, self.campaign, template(self.campaign)).close()
         port = free_endpoint().rpartition(":")[2]
         self.endpoint = f"tcp/{'127.0.0.1' if self.network.why_not else HOST_IP}:{port}"
-        fliers = [Role("fly-1", "fly"), Role("fly-2", "fly", self.network.prefix)]
-        stages = [
-            Role("mutate-1", "mutate"),
-            Role("score-1", "score"),
-            Role("judge-1", "judge"),
-            Role("record-1", "record"),
-        ]
-        cast = [Role("router", "router"), Role("books", "books"), *stages, *fliers]
-        self.farm = LocalFarm("soak", self.run_dir, cast, target_files=[TARGET_FILE], endpoint=self.endpoint)
+        stages = ("mutate", "score", "judge", "record", "fly")
+        workers = [RoleSpec(kind=stage, name=f"{stage}-1") for stage in stages]
+        router = RoleSpec(kind="router", name="router", listens=True)
+        cast = [router, RoleSpec(kind="books", name="books"), *workers, RoleSpec(kind="fly", name=FAR_FLYER)]
+        self.farm = LocalFarm(
+            "soak",
+            self.run_dir,
+            cast,
+            modules=[TARGET_FILE],
+            listen=self.endpoint,
+            insecure=True,
+            prefix_of=lambda spec: self.network.prefix if spec.name == FAR_FLYER else (),
+        )
         self.watcher = Watcher(self.endpoint, "soak")
         self.prober = Prober(self.endpoint, "soak")
 

@@ -20,8 +20,9 @@ from saflite.contract.config import Campaign, LeaseConfig, ScorerConfig, SearchC
 from saflite.contract.errors import Refused
 from saflite.contract.events import CampaignChanged, Event, WorkerChanged
 from saflite.contract.test_case import Target
+from saflite.runtime.campaign_runner import resume, run_campaign
 from saflite.runtime.client import FarmClient, read_info
-from saflite.runtime.launchers.local import LocalFarm, resume, roles, run_campaign
+from saflite.runtime.farm import LocalFarm, roles
 from saflite.simulator_worker.processes import children
 
 pytestmark = pytest.mark.live
@@ -68,7 +69,8 @@ def test_a_campaign_runs_to_its_end_and_leaves_nothing_behind(tmp_path: Path) ->
 def _follow(run_dir: Path, into: list[Event]) -> None:
     while not (run_dir / "farm.json").exists():
         time.sleep(0.02)
-    client = FarmClient.of_run(run_dir)
+    info = read_info(run_dir)
+    client = FarmClient.connect(info.endpoint, info.campaign, tries=None)
     into.extend(client.watch(1))
     client.close()
 
@@ -77,7 +79,7 @@ def test_books_and_workers_are_killed_and_the_budget_stays_exact(tmp_path: Path)
     run_dir = tmp_path / "run"
     campaign = _campaign(400)
     Store.create(run_dir, campaign, template(campaign)).close()
-    farm = LocalFarm("live", run_dir, roles(2), target_files=[TARGET])
+    farm = LocalFarm("live", run_dir, roles(2), modules=[TARGET])
     farm.start()
     events: list[Event] = []
     watcher = threading.Thread(target=_follow, args=(run_dir, events), daemon=True)
@@ -122,7 +124,7 @@ def test_a_frozen_worker_is_noticed_within_four_seconds(tmp_path: Path) -> None:
     run_dir = tmp_path / "run"
     campaign = _campaign(4, fault=SLOW)
     Store.create(run_dir, campaign, template(campaign)).close()
-    farm = LocalFarm("live", run_dir, roles(1), target_files=[TARGET])
+    farm = LocalFarm("live", run_dir, roles(1), modules=[TARGET])
     farm.start()
     try:
         client = FarmClient.connect(farm.endpoint, "live", tries=None)
@@ -143,7 +145,7 @@ def test_a_frozen_worker_is_noticed_within_four_seconds(tmp_path: Path) -> None:
 LAUNCH = """
 import sys
 from pathlib import Path
-from saflite.runtime.launchers.local import resume
+from saflite.runtime.campaign_runner import resume
 resume(Path(sys.argv[1]), simulators=2, target_files=[Path(sys.argv[2])])
 """
 

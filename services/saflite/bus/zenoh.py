@@ -17,6 +17,7 @@ import zenoh
 from zenoh import ext
 
 from saflite.bus.base import Inbox, Presence, Reply, Sample, seal, unseal
+from saflite.bus.endpoints import check_endpoint
 from saflite.bus.memory import HISTORY
 from saflite.contract.errors import Unavailable
 from saflite.contract.wire import MESSAGE_BYTES_MAX
@@ -221,25 +222,33 @@ def _open(name: str, config: dict[str, Any]) -> ZenohBus:
     return ZenohBus(name, zenoh.open(settings))
 
 
-def open_router(name: str, endpoint: str) -> ZenohBus:
-    """Return a bus that is also the router everybody connects to; raises Unavailable if it cannot listen."""
+def open_router(name: str, endpoint: str, *, insecure: bool = False) -> ZenohBus:
+    """Return a bus that is also the router everybody connects to.
+
+    Raises:
+        Refused: other machines can reach the endpoint and `insecure` does not allow that.
+        Unavailable: it cannot listen there.
+    """
+    place = check_endpoint(endpoint, insecure=insecure, argument="--listen")
     try:
-        return _open(name, config_of("router", endpoint))
+        return _open(name, config_of("router", place.text))
     except zenoh.ZError as fault:
         raise Unavailable(f"cannot listen on {endpoint}: {_words(fault)}") from fault
 
 
-def open_client(name: str, endpoint: str, *, tries: int | None = None) -> ZenohBus:
+def open_client(name: str, endpoint: str, *, tries: int | None = None, insecure: bool = False) -> ZenohBus:
     """Return a bus connected to the router at `endpoint`; tries without end and says so, or `tries` times.
 
     Raises:
+        Refused: other machines can reach the endpoint and `insecure` does not allow that.
         Unavailable: the router was not reached in `tries` attempts of about 2 s.
     """
+    place = check_endpoint(endpoint, insecure=insecure)
     attempt = 0
     while True:
         attempt += 1
         try:
-            return _open(name, config_of("client", endpoint))
+            return _open(name, config_of("client", place.text))
         except zenoh.ZError as fault:
             if tries is not None and attempt >= tries:
                 text = f"no router at {endpoint}, or wrong credentials (tried {attempt} times): {_words(fault)}"

@@ -1,1 +1,1 @@
-"""One worker loop for all pools, the books' service, and the launcher of local processes."""
+"""One worker loop for all pools, the books' service, launchers and the supervisor of what they start."""

@@ -32,6 +32,7 @@ class FarmInfo(msgspec.Struct, frozen=True, kw_only=True):
 
     campaign: str
     endpoint: str
+    insecure: bool = False
     pid: int
     processes: dict[str, int] = {}
 
@@ -63,17 +64,22 @@ class FarmClient:
         self._count = itertools.count()
 
     @classmethod
-    def connect(cls, endpoint: str, campaign: str, *, tries: int | None = 3) -> FarmClient:
-        """Return a client of the farm at `endpoint`; raises Unavailable if it is not reached."""
+    def connect(cls, endpoint: str, campaign: str, *, tries: int | None = 3, insecure: bool = False) -> FarmClient:
+        """Return a client of the farm at `endpoint`.
+
+        Raises:
+            Refused: other machines can reach the endpoint and `insecure` does not allow that.
+            Unavailable: nobody is reached there.
+        """
         from saflite.bus.zenoh import open_client
 
-        return cls(open_client("console", endpoint, tries=tries), campaign)
+        return cls(open_client("console", endpoint, tries=tries, insecure=insecure), campaign)
 
     @classmethod
     def of_run(cls, run_dir: Path) -> FarmClient:
         """Return a client of the farm that works in `run_dir`."""
         info = read_info(run_dir)
-        return cls.connect(info.endpoint, info.campaign)
+        return cls.connect(info.endpoint, info.campaign, insecure=info.insecure)
 
     def order(self, verb: Verb, text: str = "", number: int = 0, *, within_s: float = 30.0) -> Answer:
         """Give an order and return the answer; asks again while nobody answers.

@@ -37,6 +37,7 @@ def parser() -> argparse.ArgumentParser:
     text.add_argument("--campaign", required=True, help="name of the campaign")
     text.add_argument("--connect", default="", help="router to connect to, e.g. tcp/127.0.0.1:7447")
     text.add_argument("--listen", default="", help="where the router listens (books, router)")
+    text.add_argument("--insecure", action="store_true", help="allow endpoints that other machines can reach")
     text.add_argument("--worker", default="", help="name of this worker, its own in the farm")
     text.add_argument("--run-dir", type=Path, help="run folder (books, record)")
     text.add_argument("--spool", type=Path, help="folder for results not yet acknowledged")
@@ -91,7 +92,11 @@ def _books(options: argparse.Namespace) -> str:
     books = store.rebuild()
     books.begin(clock.monotonic_s(), clock.unix_s())
     log.info("books of %s rebuilt in %.2f s", options.campaign, clock.monotonic_s() - started_s)
-    bus = open_router("books", options.listen) if options.listen else open_client("books", options.connect)
+    insecure = options.insecure
+    if options.listen:
+        bus = open_router("books", options.listen, insecure=insecure)
+    else:
+        bus = open_client("books", options.connect, insecure=insecure)
     service = BooksService(bus, options.campaign, books, store, clock)
     _on_signals(service.stop)
     why = service.run()
@@ -104,7 +109,7 @@ def _router(options: argparse.Namespace) -> str:
     waiting = signal.sigwait  # nothing to do but wait for a signal
     signals = {signal.SIGTERM, signal.SIGINT}
     signal.pthread_sigmask(signal.SIG_BLOCK, signals)
-    bus = open_router("router", options.listen)
+    bus = open_router("router", options.listen, insecure=options.insecure)
     number = waiting(signals)
     bus.close()
     return f"signal {signal.Signals(number).name}"
@@ -116,7 +121,7 @@ def _worker(options: argparse.Namespace) -> str:
     context = ServiceContext(name, clock, options.run_dir, tuple(options.target_module))
     service = open_stage(options.role, context)
     config = worker_config(options.role, name, service)
-    bus = open_client(name, options.connect)
+    bus = open_client(name, options.connect, insecure=options.insecure)
     shell = WorkerShell(bus, options.campaign, service, config, Spool(options.spool), clock)
     _on_signals(shell.stop)
     why = shell.run()

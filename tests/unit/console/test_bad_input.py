@@ -56,6 +56,9 @@ def refused(capsys: pytest.CaptureFixture[str], *words: str) -> str:
         (["export", "nosuch", "--format", "yaml"], "books.sqlite"),
         (["scorer", "use", "nosuch"], "blend"),
         (["watch"], "running farm"),
+        (["run", "avoidance-m2", "--listen", "nonsense"], "tcp/HOST:PORT"),
+        (["run", "avoidance-m2", "--listen", "tcp/10.0.0.5:7447"], "add --insecure"),
+        (["watch", "--connect", "tcp/10.0.0.5:7447", "--campaign", "x"], "add --insecure"),
     ],
     ids=lambda value: "_".join(value) if isinstance(value, list) else "",
 )

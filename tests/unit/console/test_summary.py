@@ -13,7 +13,7 @@ from saflite.console.cli import FOUND, INFRASTRUCTURE, NOTHING_FOUND
 from saflite.console.io import campaign_options
 from saflite.console.run_data.conclusion import conclude
 from saflite.contract.work import Failure, FlyWork, Result, Work
-from saflite.runtime.launchers.local import ExitSummary
+from saflite.runtime.campaign_runner import ExitSummary
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "campaign"))
 

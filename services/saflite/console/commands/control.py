@@ -11,14 +11,15 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from saflite.console.io import farm_options
+
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Name the arguments."""
     parser.add_argument("verb", choices=["status", "pause", "resume", "stop", "budget"], help="the order")
     parser.add_argument("number", type=int, nargs="?", default=0, help="the new budget")
     parser.add_argument("--run", type=Path, help="run folder (the newest running one)")
-    parser.add_argument("--connect", default="", metavar="ENDPOINT", help="farm on another machine")
-    parser.add_argument("--campaign", default="", help="its campaign, with --connect")
+    farm_options.connecting(parser)
     parser.add_argument("--json", action="store_true", help="print the answer as JSON")
 
 
@@ -31,7 +32,7 @@ def run(args: argparse.Namespace) -> int:
 
     if args.verb == "budget":
         campaign_options.at_least("budget", args.number, 1)
-    client = farm_lookup.connect(args.run, args.connect, args.campaign)
+    client = farm_lookup.connect(farm_options.where(args))
     try:
         answer = client.order(args.verb, number=args.number)
     finally:

@@ -12,9 +12,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from saflite.console.io import farm_options
+
 if TYPE_CHECKING:
     from saflite.contract.control import Status
-    from saflite.runtime.launchers.local import ExitSummary
+    from saflite.runtime.campaign_runner import ExitSummary
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -23,6 +25,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--budget", type=int, metavar="N", help="new number of flights, those flown included")
     parser.add_argument("--workers", type=int, metavar="N", help="simulator workers (one per core)")
     parser.add_argument("--target-module", type=Path, action="append", default=[], help="target from outside")
+    farm_options.listening(parser)
     parser.add_argument("--json", action="store_true", help="print the result as JSON, and nothing else")
 
 
@@ -31,21 +34,22 @@ def run(args: argparse.Namespace) -> int:
     from saflite.console.io import campaign_options
     from saflite.console.operations import running
     from saflite.console.run_data.run_folder import open_run
-    from saflite.runtime.launchers import local
+    from saflite.runtime import campaign_runner
 
-    if args.workers is not None:
-        campaign_options.at_least("--workers", args.workers, 1)
+    farm_options.check(args)
     if args.budget is not None:
         campaign_options.at_least("--budget", args.budget, 1)
     open_run(args.run).close()
 
     def start(on_status: Callable[[Status], None]) -> ExitSummary:
-        return local.resume(
+        return campaign_runner.resume(
             args.run,
             simulators=args.workers,
             on_status=on_status,
             target_files=args.target_module,
             budget=args.budget,
+            listen=args.listen,
+            insecure=args.insecure,
         )
 
     return running.follow(args.run, start, as_json=args.json)

@@ -15,9 +15,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from saflite.console.io import farm_options
+
 if TYPE_CHECKING:
     from saflite.contract.control import Status
-    from saflite.runtime.launchers.local import ExitSummary
+    from saflite.runtime.campaign_runner import ExitSummary
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -33,6 +35,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--shadow", action="append", default=[], metavar="MODEL", help="score with it too, undecided")
     parser.add_argument("--defect", action="append", default=[], help="switch a planted defect on")
     parser.add_argument("--target-module", type=Path, action="append", default=[], help="target from outside")
+    farm_options.listening(parser)
     parser.add_argument("--json", action="store_true", help="print the result as JSON, and nothing else")
 
 
@@ -42,10 +45,9 @@ def run(args: argparse.Namespace) -> int:
     from saflite.console.io import campaign_options
     from saflite.console.operations import running
     from saflite.console.view import out
-    from saflite.runtime.launchers import local
+    from saflite.runtime import campaign_runner
 
-    if args.workers is not None:
-        campaign_options.at_least("--workers", args.workers, 1)
+    farm_options.check(args)
     campaign = campaign_options.changed(
         load_campaign(args.campaign),
         rng_seed=args.rng_seed,
@@ -68,7 +70,14 @@ def run(args: argparse.Namespace) -> int:
         out.flush()
 
     def start(on_status: Callable[[Status], None]) -> ExitSummary:
-        return local.resume(run_dir, simulators=args.workers, on_status=on_status, target_files=args.target_module)
+        return campaign_runner.resume(
+            run_dir,
+            simulators=args.workers,
+            on_status=on_status,
+            target_files=args.target_module,
+            listen=args.listen,
+            insecure=args.insecure,
+        )
 
     running.create(run_dir, campaign)
     return running.follow(run_dir, start, as_json=args.json)

@@ -14,6 +14,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from saflite.console.io import farm_options
+
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Name the arguments."""
@@ -26,8 +28,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     listing = verbs.add_parser("list", help="what scores, with live calibration")
     for verb in (use, shadow, listing):
         verb.add_argument("--run", type=Path, help="run folder (the newest running one)")
-        verb.add_argument("--connect", default="", metavar="ENDPOINT", help="farm on another machine")
-        verb.add_argument("--campaign", default="", help="its campaign, with --connect")
+        farm_options.connecting(verb)
         verb.add_argument("--json", action="store_true", help="print as JSON")
 
 
@@ -36,7 +37,7 @@ def run(args: argparse.Namespace) -> int:
     from saflite.console.operations import scoring
 
     if args.verb == "list":
-        return scoring.show(args.run, args.connect, args.campaign, args.json)
+        return scoring.show(farm_options.where(args), args.json)
     if args.verb == "use":
         return scoring.use(args)
     return scoring.shadow(args)

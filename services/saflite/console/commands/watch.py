@@ -5,7 +5,7 @@ A run that works is followed until it ends; of one that does not, the events its
 examples:
   saflite watch runs/avoidance-m2
   saflite watch runs/avoidance-m2 --from 200 --kind violation --json
-  saflite watch --connect tcp/10.0.0.5:7447 --campaign night
+  saflite watch --connect tcp/10.0.0.5:7447 --campaign night --insecure
 """
 
 from __future__ import annotations
@@ -14,6 +14,8 @@ import argparse
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from saflite.console.io import farm_options
 
 if TYPE_CHECKING:
     from saflite.contract.events import Event
@@ -24,8 +26,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("run", type=Path, nargs="?", help="run folder (the newest running one)")
     parser.add_argument("--from", dest="from_seq", type=int, default=1, metavar="SEQ", help="first event (1: all)")
     parser.add_argument("--kind", action="append", default=[], help="only this kind (may be repeated)")
-    parser.add_argument("--connect", default="", metavar="ENDPOINT", help="farm on another machine")
-    parser.add_argument("--campaign", default="", help="its campaign, with --connect")
+    farm_options.connecting(parser)
     parser.add_argument("--json", action="store_true", help="one JSON object per event")
 
 
@@ -61,7 +62,7 @@ def _events(args: argparse.Namespace) -> Iterator[Event]:
             with open_run(run_dir) as run_folder:
                 yield from run_folder.events(args.from_seq)
             return
-    client = farm_lookup.connect(run_dir, args.connect, args.campaign)
+    client = farm_lookup.connect(farm_options.where(args)._replace(run_dir=run_dir))
     try:
         yield from client.watch(max(1, args.from_seq))
     finally:

@@ -12,9 +12,9 @@ ANSWER_S = 3.0
 
 def round_trip() -> float:
     """Return how long a question and its answer took on a router of our own, milliseconds; raises Unavailable."""
+    from saflite.bus.endpoints import free_endpoint
     from saflite.bus.zenoh import open_client, open_router
     from saflite.runtime.clock import WallClock
-    from saflite.runtime.launchers.local import free_endpoint
 
     endpoint, clock = free_endpoint(), WallClock()
     asked: queue.SimpleQueue[Happening] = queue.SimpleQueue()

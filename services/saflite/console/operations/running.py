@@ -13,7 +13,7 @@ from saflite.contract.control import Status
 from saflite.contract.errors import Refused, Unavailable
 
 if TYPE_CHECKING:
-    from saflite.runtime.launchers.local import ExitSummary
+    from saflite.runtime.campaign_runner import ExitSummary
 
 RUNS = Path("runs")
 Start = Callable[[Callable[[Status], None]], "ExitSummary"]

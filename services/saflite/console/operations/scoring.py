@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import TYPE_CHECKING
 
+from saflite.console.io import farm_options
 from saflite.console.run_data import farm_lookup
+from saflite.console.run_data.farm_lookup import Where
 from saflite.console.view import out
 from saflite.contract.control import Answer
 from saflite.contract.errors import Refused
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 def use(args: argparse.Namespace) -> int:
     """Order another deciding model and wait until it has taken over; 3 if it was rolled back."""
     check_label(args.model)
-    client = farm_lookup.connect(args.run, args.connect, args.campaign)
+    client = farm_lookup.connect(farm_options.where(args))
     try:
         status = client.status()
         if status.scorer == args.model:
@@ -51,7 +52,7 @@ def shadow(args: argparse.Namespace) -> int:
     """Order the models that score without deciding."""
     for label in args.model:
         check_label(label)
-    client = farm_lookup.connect(args.run, args.connect, args.campaign)
+    client = farm_lookup.connect(farm_options.where(args))
     try:
         answer = _accepted(client.order("shadow", text=",".join(args.model)))
     finally:
@@ -70,13 +71,13 @@ def _say(args: argparse.Namespace, good: bool, text: str) -> int:
     return 0 if good else 3
 
 
-def show(run_dir: Path | None, endpoint: str, campaign: str, as_json: bool) -> int:
+def show(where: Where, as_json: bool) -> int:
     """Print what scores now, the calibration of every model that did, and what calls took."""
     from saflite.console.run_data.run_folder import open_run
     from saflite.console.view.report.data import calibrations
 
-    now = _now(run_dir, endpoint, campaign)
-    place = run_dir or (None if endpoint else farm_lookup.newest_running())
+    now = _now(where)
+    place = where.run_dir or (None if where.endpoint else farm_lookup.newest_running())
     if place is None:
         out.json({"scorer": now}) if as_json else out.line(f"scorer  {now}")
         return 0
@@ -99,11 +100,11 @@ def show(run_dir: Path | None, endpoint: str, campaign: str, as_json: bool) -> i
     return 0
 
 
-def _now(run_dir: Path | None, endpoint: str, campaign: str) -> str:
+def _now(where: Where) -> str:
     """Return the model that decides now, empty for a run that does not work."""
-    if run_dir is not None and not endpoint and not farm_lookup.is_running(run_dir):
+    if where.run_dir is not None and not where.endpoint and not farm_lookup.is_running(where.run_dir):
         return ""
-    client = farm_lookup.connect(run_dir, endpoint, campaign)
+    client = farm_lookup.connect(where)
     try:
         status = client.status()
     finally:

@@ -13,7 +13,7 @@ from saflite.console.view import live, out
 from saflite.contract.verdict import Violation
 
 if TYPE_CHECKING:
-    from saflite.runtime.launchers.local import ExitSummary
+    from saflite.runtime.campaign_runner import ExitSummary
 
 SHOWN = 12
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from saflite.contract.errors import Refused
 
@@ -40,15 +40,24 @@ def newest_running() -> Path:
     return max(found, key=lambda path: (path / FARM_FILE).stat().st_mtime)
 
 
-def connect(run_dir: Path | None, endpoint: str = "", campaign: str = "") -> FarmClient:
+class Where(NamedTuple):
+    """The farm a command is meant for: at an endpoint with its campaign, or the one that works in a run folder."""
+
+    run_dir: Path | None
+    endpoint: str = ""
+    campaign: str = ""
+    insecure: bool = False
+
+
+def connect(where: Where) -> FarmClient:
     """Return a client of the farm meant; raises Refused if none is named or running, Unavailable if not reached."""
     from saflite.runtime.client import FarmClient
 
-    if endpoint:
-        if not campaign:
+    if where.endpoint:
+        if not where.campaign:
             raise Refused("--campaign", expected="the campaign's name, with --connect", got="nothing")
-        return FarmClient.connect(endpoint, campaign)
-    place = run_dir or newest_running()
+        return FarmClient.connect(where.endpoint, where.campaign, insecure=where.insecure)
+    place = where.run_dir or newest_running()
     if not is_running(place):
         fix = f"`saflite resume {place}` goes on with it"
         raise Refused("run folder", where=str(place), expected="a running farm", got="none that runs", fix=fix)

@@ -1,0 +1,79 @@
+"""Endpoints: where a router listens and clients connect. Which of them only this machine can reach."""
+
+from __future__ import annotations
+
+import ipaddress
+import re
+import socket
+from pathlib import Path
+from typing import NamedTuple
+
+from saflite.contract.errors import Refused
+
+UNIX_PATH_BYTES_MAX = 107  # sockaddr_un
+_TCP = re.compile(r"tcp/(?:\[(?P<six>[0-9A-Fa-f:.]+)\]|(?P<host>[A-Za-z0-9.-]+)):(?P<port>\d{1,5})")
+_UNIX = re.compile(r"unixsock-stream/(?P<path>[^?#]+)")
+EXPECTED = "tcp/HOST:PORT or unixsock-stream/PATH"
+
+
+class Endpoint(NamedTuple):
+    """A place to meet. `host` is empty for a Unix socket, `port` 0 then."""
+
+    text: str
+    host: str
+    port: int
+
+    @property
+    def is_local(self) -> bool:
+        """Whether only this machine can reach it. Other names than `localhost` may mean anything, so they do not."""
+        return not self.host or self.host == "localhost" or bool((ip := _ip(self.host)) and ip.is_loopback)
+
+    @property
+    def from_here(self) -> str:
+        """The endpoint at which a process of this machine reaches a router that listens here."""
+        ip = _ip(self.host)
+        if ip is None or not ip.is_unspecified:
+            return self.text
+        return f"tcp/{'127.0.0.1' if ip.version == 4 else '[::1]'}:{self.port}"
+
+
+def parse_endpoint(text: str, argument: str = "endpoint") -> Endpoint:
+    """Return the endpoint `text` names; raises Refused for what is none."""
+    if (unix := _UNIX.fullmatch(text)) is not None:
+        path = str(Path(unix["path"]).absolute())
+        if len(path.encode()) > UNIX_PATH_BYTES_MAX:
+            raise Refused(argument, expected=f"a path of at most {UNIX_PATH_BYTES_MAX} bytes", got=path)
+        return Endpoint(f"unixsock-stream/{path}", "", 0)
+    tcp = _TCP.fullmatch(text)
+    host = (tcp["six"] or tcp["host"]) if tcp is not None else ""
+    port = int(tcp["port"]) if tcp is not None else 0
+    if tcp is None or not 1 <= port <= 65535 or (tcp["six"] and _ip(host) is None):
+        raise Refused(argument, expected=EXPECTED, got=repr(text))
+    return Endpoint(text, host, port)
+
+
+def check_endpoint(text: str, *, insecure: bool, argument: str = "endpoint") -> Endpoint:
+    """Return the endpoint; raises Refused where other machines could reach it and `insecure` does not allow that."""
+    endpoint = parse_endpoint(text, argument)
+    if not endpoint.is_local and not insecure:
+        raise Refused(
+            argument,
+            expected="a loopback address or a Unix socket: nothing on the bus is encrypted or authenticated",
+            got=repr(text),
+            fix="add --insecure on a network where everybody may be trusted",
+        )
+    return endpoint
+
+
+def free_endpoint() -> str:
+    """Return an endpoint on the loopback interface whose port is free now."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+
+
+def _ip(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
+    try:
+        return ipaddress.ip_address(host)
+    except ValueError:
+        return None

@@ -1,0 +1,166 @@
+"""Runs a campaign to its end on this machine: opens the books, starts a farm, follows it, stops it clean."""
+
+from __future__ import annotations
+
+import logging
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, NamedTuple
+
+from saflite.contract.config import Campaign
+from saflite.contract.control import Control, Status
+from saflite.contract.errors import Refused, Unavailable
+from saflite.runtime.client import FarmClient
+from saflite.runtime.clock import WallClock
+from saflite.runtime.farm import LocalFarm, default_simulators, roles
+
+if TYPE_CHECKING:
+    from saflite.campaign.storage.store import Store
+
+log = logging.getLogger(__name__)
+
+POLL_S = 0.05
+LOCK_WAIT_S = 1.0
+STATUS_S = 0.5
+STATUS_PATIENCE_S = 2.0
+
+OnStatus = Callable[[Status], None]
+
+
+class ExitSummary(NamedTuple):
+    """How a local run ended. `ended` False: stopped before its end, `saflite resume` continues it."""
+
+    ended: bool
+    why: str
+    status: Status | None
+    restarts: int
+
+
+def run_campaign(
+    campaign: Campaign,
+    run_dir: Path,
+    *,
+    simulators: int | None = None,
+    on_status: OnStatus | None = None,
+    target_files: Sequence[Path] = (),
+) -> ExitSummary:
+    """Run a new campaign to its end on this machine.
+
+    Raises:
+        Refused: `run_dir` exists, or the campaign cannot be run.
+        Unavailable: the farm cannot start.
+    """
+    from saflite.campaign.presets.campaigns import template
+    from saflite.campaign.storage.store import Store
+
+    Store.create(run_dir, campaign, template(campaign)).close()
+    return resume(run_dir, simulators=simulators, on_status=on_status, target_files=target_files)
+
+
+def resume(
+    run_dir: Path,
+    *,
+    simulators: int | None = None,
+    on_status: OnStatus | None = None,
+    target_files: Sequence[Path] = (),
+    budget: int | None = None,
+    listen: str = "",
+    insecure: bool = False,
+) -> ExitSummary:
+    """Continue the campaign in `run_dir` to its end on this machine, with a new budget if one is given.
+
+    `simulators` 0 leaves the flying to workers that join at `listen` (see `LocalFarm`).
+
+    Raises:
+        Refused: no run folder, one in use, a damaged store, or an endpoint that needs `insecure`.
+        Unavailable: the farm cannot start.
+    """
+    store = _open(run_dir)
+    campaign = store.campaign
+    if budget is not None:
+        _raise_budget(store, budget)
+    store.close()
+    cast = roles(default_simulators() if simulators is None else simulators, record=campaign.record != "none")
+    farm = LocalFarm(campaign.name, run_dir, cast, modules=target_files, listen=listen, insecure=insecure)
+    with interrupts() as interrupted:
+        try:
+            farm.start()
+            return _follow(farm, on_status, interrupted)
+        finally:
+            farm.stop()
+
+
+def _open(run_dir: Path) -> Store:
+    """Open the store; waits a moment for one just killed, whose lock goes only with its last file."""
+    from saflite.campaign.storage.sqlite import InUse
+    from saflite.campaign.storage.store import Store
+
+    clock = WallClock()
+    until_s = clock.monotonic_s() + LOCK_WAIT_S
+    while True:
+        try:
+            return Store.open(run_dir)
+        except InUse:
+            if clock.monotonic_s() > until_s:
+                raise
+            clock.sleep_s(POLL_S)
+
+
+def _raise_budget(store: Store, budget: int) -> None:
+    """Give the order before anybody works: an ended campaign would send its workers home first."""
+    clock = WallClock()
+    books = store.rebuild()
+    books.begin(clock.monotonic_s(), clock.unix_s())
+    answer = books.control(Control(verb="budget", number=budget), clock.monotonic_s())
+    if not answer.accepted:
+        store.close()
+        raise Refused("budget", expected="one the books accept", got=answer.message)
+    store.commit(books.drain())
+
+
+def _follow(farm: LocalFarm, on_status: OnStatus | None, interrupted: list[str]) -> ExitSummary:
+    clock = WallClock()
+    status: Status | None = None
+    client: FarmClient | None = None
+    next_s = clock.monotonic_s()
+    try:
+        while not interrupted and not farm.over():
+            farm.poll()
+            clock.sleep_s(POLL_S)
+            if clock.monotonic_s() < next_s:
+                continue
+            try:
+                client = client or FarmClient.connect(farm.endpoint, farm.campaign, tries=1, insecure=farm.insecure)
+                status = client.status(within_s=STATUS_PATIENCE_S)
+            except Unavailable as fault:
+                log.info("%s", fault)
+            else:
+                if on_status is not None:
+                    on_status(status)
+                if status.state == "ended":
+                    return ExitSummary(True, "the campaign is over", status, farm.restarts)
+            next_s = clock.monotonic_s() + STATUS_S
+    finally:
+        if client is not None:
+            client.close()
+    why = interrupted[0] if interrupted else "the campaign is over"
+    return ExitSummary(farm.over(), why, status, farm.restarts)
+
+
+@contextmanager
+def interrupts() -> Iterator[list[str]]:
+    """Turn Ctrl-C and SIGTERM into a note instead of an end, while the farm runs."""
+    noted: list[str] = []
+
+    def note(number: int, _frame: FrameType | None) -> None:
+        noted.append(f"signal {signal.Signals(number).name}")
+
+    before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield noted
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

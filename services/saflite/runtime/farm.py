@@ -1,0 +1,132 @@
+"""A whole farm on one machine: which roles it has, and where it is reached, noted in its run folder."""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+
+import msgspec
+
+from saflite.bus.endpoints import check_endpoint, free_endpoint
+from saflite.contract.errors import Unavailable
+from saflite.runtime.client import FARM_FILE, FarmInfo, write_info
+from saflite.runtime.clock import WallClock
+from saflite.runtime.launchers.base import Meeting, RoleSpec, RoleState
+from saflite.runtime.launchers.local import LocalLauncher, PrefixOf
+from saflite.runtime.supervisor import GaveUp, Supervisor
+
+log = logging.getLogger(__name__)
+
+BOOKS_FAILURES_MAX = 5  # books that cannot even start this often in a row end the farm
+
+
+def default_simulators() -> int:
+    """Return one simulator per core this process may use."""
+    return len(os.sched_getaffinity(0))
+
+
+def roles(simulators: int, *, record: bool = True) -> tuple[RoleSpec, ...]:
+    """Return the roles of a local farm: books with the router, mutator, scorers, oracle, recorder, simulators.
+
+    A round costs about as much to score as to fly, so one scorer for every two simulators and one more: a single one
+    would let them wait.
+    """
+    books = RoleSpec(kind="books", name="books", listens=True)
+    scorers = [RoleSpec(kind="score", name=f"score-{number}") for number in range(1, simulators // 2 + 2)]
+    others = [RoleSpec(kind="mutate", name="mutate-1"), *scorers, RoleSpec(kind="judge", name="judge-1")]
+    recorders = [RoleSpec(kind="record", name="record-1")] if record else []
+    flyers = [RoleSpec(kind="fly", name=f"fly-{number}") for number in range(1, simulators + 1)]
+    return (books, *others, *recorders, *flyers)
+
+
+class LocalFarm:
+    """The processes of one farm on this machine. Call `poll` often; it starts again what died.
+
+    Args:
+        campaign: its name.
+        run_dir: its run folder.
+        cast: the roles.
+        modules: files of modules from outside, for the roles that fly.
+        listen: the endpoint others may join at; one on the loopback interface if left out.
+        insecure: allow an endpoint that other machines can reach.
+        prefix_of: gives the words put before a role's command.
+    """
+
+    def __init__(
+        self,
+        campaign: str,
+        run_dir: Path,
+        cast: Sequence[RoleSpec],
+        *,
+        modules: Sequence[Path] = (),
+        listen: str = "",
+        insecure: bool = False,
+        prefix_of: PrefixOf = lambda _: (),
+    ) -> None:
+        endpoint = check_endpoint(listen or free_endpoint(), insecure=insecure, argument="--listen")
+        self.campaign, self.run_dir, self.endpoint, self.insecure = campaign, run_dir, endpoint.from_here, insecure
+        meeting = Meeting(campaign=campaign, connect=endpoint.from_here, listen=endpoint.text, insecure=insecure)
+        self._launcher = LocalLauncher(meeting, run_dir, run_dir=run_dir, modules=modules, prefix_of=prefix_of)
+        names = tuple(path.stem for path in modules)
+        specs = [msgspec.structs.replace(spec, modules=names) if spec.kind == "fly" else spec for spec in cast]
+        self._supervisor = Supervisor(self._launcher, specs, WallClock(), _gives_up)
+
+    @property
+    def restarts(self) -> int:
+        """How often a role was started again."""
+        return self._supervisor.restarts
+
+    def start(self) -> None:
+        """Start every role."""
+        self._supervisor.start()
+        self._write_info()
+
+    def pids(self) -> dict[str, int]:
+        """Return the process ids of the roles that run."""
+        return self._launcher.pids()
+
+    def poll(self) -> None:
+        """Start again what died, after its back-off; a role that ended with code 0 has finished.
+
+        Raises:
+            Unavailable: the books cannot start.
+        """
+        try:
+            changed = self._supervisor.poll()
+        except GaveUp as fault:
+            logs = self.run_dir / "logs"
+            raise Unavailable(f"{fault.spec.name} cannot start: {fault.state.message}; see {logs}") from fault
+        if changed:
+            self._write_info()
+
+    def over(self) -> bool:
+        """Return whether the books have finished."""
+        return self._supervisor.finished("books")
+
+    def stop(self) -> None:
+        """Stop clean: workers first (they hand back what they hold), books and router last; what stays is killed."""
+        self._supervisor.stop()
+        self._launcher.stop()
+        with suppress(OSError):
+            (self.run_dir / FARM_FILE).unlink()
+
+    def _write_info(self) -> None:
+        info = FarmInfo(
+            campaign=self.campaign,
+            endpoint=self.endpoint,
+            insecure=self.insecure,
+            pid=os.getpid(),
+            processes=self.pids(),
+        )
+        try:
+            write_info(self.run_dir, info)
+        except OSError as fault:  # tools that look for the farm find the older file; the farm goes on
+            log.warning("%s not written: %s", FARM_FILE, fault)
+
+
+def _gives_up(spec: RoleSpec, state: RoleState, failures: int) -> bool:
+    no_start = spec.kind == "books" and state.condition in ("refused", "unavailable")
+    return no_start and failures >= BOOKS_FAILURES_MAX

@@ -1,0 +1,135 @@
+"""The supervisor over a launcher that runs nothing and does what it is told: back-off, giving up, order of the end."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+import pytest
+
+from saflite.contract.errors import Unavailable
+from saflite.runtime.launchers.base import Condition, RoleSpec, RoleState
+from saflite.runtime.supervisor import BACK_OFF_MAX_S, STEADY_S, GaveUp, Supervisor
+
+CAST = (
+    RoleSpec(kind="router", name="router", listens=True),
+    RoleSpec(kind="books", name="books"),
+    RoleSpec(kind="fly", name="fly-1"),
+)
+
+
+class Clock:
+    now_s = 0.0
+
+    def monotonic_s(self) -> float:
+        return self.now_s
+
+    def unix_s(self) -> float:
+        return self.now_s
+
+    def sleep_s(self, duration_s: float) -> None:
+        self.now_s += duration_s
+
+
+class Scripted:
+    """A launcher whose roles end when the test says so."""
+
+    def __init__(self) -> None:
+        self.states: dict[str, RoleState] = {}
+        self.started: list[str] = []
+        self.stopped: list[str] = []
+        self.full = False
+
+    def start(self, spec: RoleSpec) -> None:
+        if self.full:
+            raise Unavailable("no room")
+        self.started.append(spec.name)
+        self.states[spec.name] = RoleState("running")
+
+    def poll(self) -> dict[str, RoleState]:
+        return dict(self.states)
+
+    def stop(self, names: Collection[str] | None = None) -> None:
+        for name in sorted(self.states if names is None else names):
+            if self.states.pop(name, None) is not None:
+                self.stopped.append(name)
+
+    def end(self, name: str, condition: Condition) -> None:
+        self.states[name] = RoleState(condition, "why")
+
+
+def _stand() -> tuple[Supervisor, Scripted, Clock]:
+    launcher, clock = Scripted(), Clock()
+    supervisor = Supervisor(launcher, CAST, clock, lambda spec, state, failures: failures >= 5)
+    supervisor.start()
+    return supervisor, launcher, clock
+
+
+def test_what_died_is_started_again_after_its_back_off_and_not_before() -> None:
+    supervisor, launcher, clock = _stand()
+    launcher.end("fly-1", "broken")
+    assert supervisor.poll()
+    assert launcher.started.count("fly-1") == 1
+    clock.now_s = 0.5
+    assert supervisor.poll()
+    assert launcher.started.count("fly-1") == 2
+    assert supervisor.restarts == 1
+
+
+def test_the_back_off_grows_and_begins_anew_after_a_steady_life_or_a_kill() -> None:
+    supervisor, launcher, clock = _stand()
+    waits = []
+    for condition, lived_s in [("broken", 0.0)] * 4 + [("killed", 0.0), ("broken", STEADY_S + 1.0)]:
+        clock.now_s += lived_s
+        launcher.end("fly-1", condition)  # type: ignore[arg-type]
+        supervisor.poll()
+        died_s, before = clock.now_s, launcher.started.count("fly-1")
+        while launcher.started.count("fly-1") == before:
+            clock.now_s += 0.1
+            supervisor.poll()
+        waits.append(round(clock.now_s - died_s, 1))
+    assert waits[:4] == sorted(waits[:4])
+    assert waits[0] < waits[3] <= BACK_OFF_MAX_S + 0.1
+    assert max(waits[4:]) < waits[0]
+
+
+def test_who_ends_by_itself_has_finished_and_stays_so() -> None:
+    supervisor, launcher, clock = _stand()
+    launcher.end("books", "finished")
+    supervisor.poll()
+    clock.now_s = 100.0
+    supervisor.poll()
+    assert supervisor.finished("books")
+    assert not supervisor.over
+    assert launcher.started.count("books") == 1
+
+
+def test_a_role_that_fails_too_often_is_given_up_with_its_last_words() -> None:
+    supervisor, launcher, clock = _stand()
+    for _ in range(4):
+        launcher.end("books", "refused")
+        supervisor.poll()
+        clock.now_s += BACK_OFF_MAX_S + 0.1
+        supervisor.poll()
+    launcher.end("books", "refused")
+    with pytest.raises(GaveUp, match="books: why"):
+        supervisor.poll()
+
+
+def test_a_launcher_without_room_is_tried_again() -> None:
+    supervisor, launcher, clock = _stand()
+    launcher.end("fly-1", "killed")
+    launcher.full = True
+    supervisor.poll()
+    clock.now_s = 1.0
+    supervisor.poll()
+    launcher.full = False
+    clock.now_s = 2.0
+    supervisor.poll()
+    assert launcher.started.count("fly-1") == 2
+
+
+def test_workers_end_before_the_books_and_the_router_last() -> None:
+    supervisor, launcher, _ = _stand()
+    supervisor.stop()
+    assert launcher.stopped == ["fly-1", "books", "router"]
+    assert supervisor.over
