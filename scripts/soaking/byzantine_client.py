@@ -154,7 +154,7 @@ class ByzantineClient(threading.Thread):
         return True
 
     def _samples(self) -> list[tuple[str, bytes]]:
-        report = Report(worker="fly-1", lease_id="x:fly/x/0", epoch=1, result=Failure(message="m"))
+        report = Report(worker="fly-1", lease_id="x:fly/x/search/0", epoch=1, result=Failure(message="m"))
         return [
             (topics.work(self._campaign, "fly"), wire.encode(Ask(worker="fly-1", stage="fly", wait_s=0.0))),
             (topics.result(self._campaign, "fly"), wire.encode(report)),

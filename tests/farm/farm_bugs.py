@@ -22,6 +22,7 @@ from saflite.campaign.lifecycle.proposals import Proposals
 from saflite.campaign.scheduling import result_validation, work_messages
 from saflite.campaign.scheduling.rounds import Plan, Round, Rounds
 from saflite.campaign.scheduling.tasks import Task
+from saflite.campaign.scheduling.work_keys import FlyKey, MutateKey, ScoreKey, read_key
 from saflite.contract.work import Outcome, Report
 from saflite.runtime.books_service import BooksService
 
@@ -64,11 +65,11 @@ def leases_never_end() -> Any:
 def every_reflight_counts_as_equal() -> Any:
     """A re-flight is taken as a repeat without comparing traces."""
 
-    def take(self: flights.Flights, task: Task, flight: Any) -> None:
-        trial = self._trial(task)
+    def take(self: flights.Flights, task: Task, key: FlyKey, flight: Any) -> None:
+        trial = self._trial(key)
         if flight.flight_index > 0:
             flight = msgspec.structs.replace(flight, trace_digest=trial.flights[0].flight.trace_digest)
-        original(self, task, flight)
+        original(self, task, key, flight)
 
     original = flights.Flights._take
     return _patched(flights.Flights, "_take", take)
@@ -83,8 +84,8 @@ def one_flight_is_proof_enough() -> Any:
 def attempts_without_end() -> Any:
     """A test case that takes workers down is never set aside."""
 
-    def on_lost(self: flights.Flights, task: Task, message: str) -> None:
-        self._try_again(task, "lost", message, False)
+    def on_lost(self: flights.Flights, task: Task, key: FlyKey, message: str) -> None:
+        self._try_again(task, key, "lost", message, False)
 
     return _patched(flights.Flights, "on_lost", on_lost)
 
@@ -92,8 +93,8 @@ def attempts_without_end() -> Any:
 def the_mutator_is_told_too_early() -> Any:
     """Outcomes are told as they come, not round by round."""
 
-    def mutate(self: work_messages.WorkMessages, task: Task, cursor: int) -> Any:
-        work = original(self, task, cursor)
+    def mutate(self: work_messages.WorkMessages, key: MutateKey, cursor: int) -> Any:
+        work = original(self, key, cursor)
         early = tuple(
             outcome
             for number, round_ in sorted(self._core.rounds.under_way.items())
@@ -135,7 +136,7 @@ def old_test_cases_fly_again() -> Any:
 def a_lost_batch_is_forgotten() -> Any:
     """A batch no scorer could score is dropped with its test cases."""
 
-    def trouble(self: Proposals, task: Task, message: str) -> None:
+    def trouble(self: Proposals, task: Task, key: ScoreKey, message: str) -> None:
         self._core.done(task, "failed", message)
 
     return _patched(Proposals, "on_score_trouble", trouble)
@@ -197,7 +198,8 @@ def anybody_may_report() -> Any:
     """A result is taken from whoever sends it, under whatever epoch."""
 
     def report(self: Books, report: Report, now: float) -> Any:
-        task = self._core.tasks.get(report.lease_id.partition(":")[2])
+        key = read_key(report.lease_id.partition(":")[2])
+        task = None if key is None else self._core.tasks.get(key)
         if task is None or task.waiting:
             return original(self, report, now)
         return self._take(task, msgspec.structs.replace(report, epoch=task.epoch), now)

@@ -9,6 +9,7 @@ from farm_store import MemoryStore
 
 from saflite.campaign.engine.journal import decode_line
 from saflite.campaign.engine.state import Books
+from saflite.campaign.scheduling.work_keys import FlyKey, JudgeKey, read_key
 from saflite.contract.control import Status
 from saflite.contract.events import (
     CampaignChanged,
@@ -24,7 +25,6 @@ from saflite.contract.flight import FLOWN_ENDINGS
 from saflite.contract.work import FlyResult, JudgeResult, Receipt, Report
 
 Flight = tuple[str, int]
-CANDIDATE = "/900"
 
 
 class Ghost:
@@ -67,7 +67,8 @@ class Ghost:
         if receipt.status != "accepted":
             return
         result = report.result
-        if isinstance(result, FlyResult | JudgeResult) and report.lease_id.endswith(CANDIDATE):
+        key = read_key(report.lease_id.partition(":")[2])
+        if isinstance(key, FlyKey | JudgeKey) and key.purpose == "shrink":
             return
         if isinstance(result, FlyResult) and result.flight.ending in FLOWN_ENDINGS:
             flight = (result.flight.test_case, result.flight.flight_index)

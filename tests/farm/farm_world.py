@@ -18,6 +18,7 @@ from farm_store import MemoryStore
 
 from saflite.bus.faulty import FaultyNetwork, Trouble
 from saflite.campaign.engine.state import Books
+from saflite.campaign.scheduling.work_keys import FlyKey
 from saflite.contract import topics, wire, work
 from saflite.contract.config import Campaign, LeaseConfig
 from saflite.contract.control import Control
@@ -275,12 +276,11 @@ class World:
     def _lie(self, books: Books) -> None:
         """Hand in flights somebody else was asked to fly."""
         for task in books._core.tasks.leased():
-            if task.stage == "fly":
-                index = task.key.rpartition("/")[2]
+            if isinstance(task.key, FlyKey):
                 flying = work.FlyWork(
-                    test_case=books._reducer.test_case_of(task),
-                    flight_index=int(index),
-                    purpose="search",
+                    test_case=books._reducer.test_case_of(task.key),
+                    flight_index=task.key.index,
+                    purpose=task.key.purpose,
                     wall_limit_s=1.0,
                 )
                 lie = work.Report(

@@ -6,7 +6,7 @@ from typing import Literal
 
 import msgspec
 
-from saflite.contract.flight import Ending
+from saflite.contract.flight import Ending, Purpose
 from saflite.contract.verdict import Violation
 
 
@@ -35,7 +35,7 @@ class Scored(msgspec.Struct, frozen=True, kw_only=True, tag="scored"):
 
 
 class Flown(msgspec.Struct, frozen=True, kw_only=True, tag="flown"):
-    """One flight ended."""
+    """One flight ended; those that only try smaller test cases are not announced."""
 
     test_case: str
     flight_index: int
@@ -43,6 +43,7 @@ class Flown(msgspec.Struct, frozen=True, kw_only=True, tag="flown"):
     simulated_s: float
     wall_s: float
     worker: str
+    purpose: Purpose = "search"
 
 
 class Judged(msgspec.Struct, frozen=True, kw_only=True, tag="judged"):

@@ -10,13 +10,12 @@ from typing import Literal
 
 import msgspec
 
-from saflite.contract.flight import Ending, Flight
+from saflite.contract.flight import Ending, Flight, Purpose
 from saflite.contract.score import Score, Usage
 from saflite.contract.test_case import Setting, TestCase
 from saflite.contract.verdict import Judgement, Violation
 
 Stage = Literal["mutate", "score", "fly", "judge", "record"]
-Purpose = Literal["search", "confirm", "shrink", "replay"]
 
 
 class Outcome(msgspec.Struct, frozen=True, kw_only=True):

@@ -10,6 +10,7 @@ import pytest
 from books_drive import Driver, doubles
 
 from saflite.campaign.storage import blobs
+from saflite.campaign.storage.projections import FORMAT
 from saflite.campaign.storage.store import Store, store_file
 from saflite.contract import wire
 from saflite.contract.control import Control, Status
@@ -189,7 +190,7 @@ def test_another_format_is_refused(tmp_path: Path) -> None:
     database = sqlite3.connect(store_file(tmp_path / "run"))
     database.execute("UPDATE meta SET value = '99' WHERE key = 'format'")
     database.commit()
-    with pytest.raises(Refused, match="store format 2"):
+    with pytest.raises(Refused, match=f"store format {FORMAT}"):
         Store.open(tmp_path / "run")
 
 

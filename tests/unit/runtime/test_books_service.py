@@ -172,8 +172,8 @@ def test_a_worker_whose_token_vanishes_loses_its_leases_at_once(stand: Stand) ->
 
 
 def test_heartbeats_for_leases_not_held_are_told_to_drop_them(stand: Stand) -> None:
-    stand.send(topics.beat("c", "fly"), Heartbeat(worker="w", stage="fly", leases=(("old:fly/x/0", 1),)))
-    assert stand.last(Orders).cancel == ("old:fly/x/0",)
+    stand.send(topics.beat("c", "fly"), Heartbeat(worker="w", stage="fly", leases=(("old:fly/x/search/0", 1),)))
+    assert stand.last(Orders).cancel == ("old:fly/x/search/0",)
 
 
 def _event(happening: Happening) -> Event:

@@ -10,6 +10,7 @@ from saflite.campaign.engine.outbox import Outbox
 from saflite.campaign.lifecycle.confirmation import Trial
 from saflite.campaign.scheduling.rounds import Rounds
 from saflite.campaign.scheduling.tasks import Task, TaskTable
+from saflite.campaign.scheduling.work_keys import RecordKey
 from saflite.contract.config import Campaign
 from saflite.contract.events import CampaignChanged, Fact, FaultSeen
 from saflite.contract.flight import Flight
@@ -63,7 +64,7 @@ class Core:
     tasks: TaskTable = field(default_factory=TaskTable)
     counts: Counts = field(default_factory=Counts)
     trials: dict[str, Trial] = field(default_factory=dict)
-    records: dict[str, RecordJob] = field(default_factory=dict)
+    records: dict[RecordKey, RecordJob] = field(default_factory=dict)
     flown: dict[str, int] = field(default_factory=dict)  # every test case ever selected: its round
     shrunk: set[str] = field(default_factory=set)  # smallest forms of violations, flown besides
     latest: deque[Features] = field(default_factory=lambda: deque(maxlen=REFERENCES_MAX))
@@ -102,7 +103,7 @@ class Core:
         """Write down how the attempt at hand ended."""
         if not task.waiting:
             unix_s = self.out.unix_s(task.granted_s), self.out.unix_s(self.at_s)
-            self.out.row("attempts", task.key, task.epoch, task.stage, task.worker, *unix_s, how, message)
+            self.out.row("attempts", str(task.key), task.epoch, task.stage, task.worker, *unix_s, how, message)
 
     def again(self, task: Task, how: str, message: str) -> None:
         """Let work wait for another attempt, elsewhere if possible."""

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from saflite.campaign.engine.core import Core
 from saflite.campaign.engine.worker_registry import WorkerRegistry
-from saflite.campaign.lifecycle.minimization import is_candidate
-from saflite.campaign.scheduling.tasks import split_key
+from saflite.campaign.scheduling.work_keys import FlyKey, JudgeKey, RecordKey
 
 
 def validate(core: Core, registry: WorkerRegistry) -> None:
@@ -36,14 +35,16 @@ def _budget_holds(core: Core) -> None:
 
 def _every_trial_goes_on(core: Core) -> None:
     for trial in core.trials.values():
-        names = (f"{word}/{trial.name}/{index}" for word in ("fly", "judge") for index in range(trial.confirm_max + 1))
-        assert any(core.tasks.get(name) for name in names), (
+        flights = [trial.fly_key(index) for index in range(trial.confirm_max + 1)]
+        assert any(core.tasks.get(key) or core.tasks.get(key.judging) for key in flights), (
             f"{trial.name} has not ended, and nothing is to be done for it"
         )
-    for task in core.tasks:
-        if task.stage in ("fly", "judge") and not is_candidate(task):
-            assert split_key(task.key)[1] in core.trials, f"{task.key} is to be done for a test case that has ended"
-    searched = [trial for trial in core.trials.values() if trial.purpose == "search"]
+    for key in (task.key for task in core.tasks):
+        if isinstance(key, FlyKey | JudgeKey) and key.purpose != "shrink":
+            assert key.test_case in core.trials, f"{key} is to be done for a test case that has ended"
+            purpose = core.trials[key.test_case].purpose_of(key.index)
+            assert key.purpose == purpose, f"{key} has another purpose than its test case"
+    searched = [trial for trial in core.trials.values() if trial.is_selected]
     for number, round_ in core.rounds.under_way.items():
         open_trials = sum(1 for trial in searched if trial.round == number)
         assert round_.open_trials == open_trials, f"round {number}: {round_.open_trials} open, {open_trials} counted"
@@ -64,7 +65,9 @@ def _traces_are_held(core: Core) -> None:
 
 def _counts_agree(core: Core) -> None:
     counts = core.counts
-    under_way = sum(1 for trial in core.trials.values() if trial.purpose == "search")
+    under_way = sum(1 for trial in core.trials.values() if trial.is_selected)
     assert counts.selected == counts.ended + under_way, "a selected test case neither flies nor has ended"
     assert counts.selected == len(core.flown), "selected test cases and those known as flown differ"
-    assert set(core.records) == {task.key for task in core.tasks if task.stage == "record"}, "recordings do not add up"
+    assert set(core.records) == {task.key for task in core.tasks if isinstance(task.key, RecordKey)}, (
+        "recordings do not add up"
+    )

@@ -10,6 +10,7 @@ from typing import Literal
 
 import msgspec
 
+from saflite.campaign.scheduling.work_keys import WorkKey
 from saflite.contract.control import Control
 from saflite.contract.events import Fact
 from saflite.contract.work import Result
@@ -48,7 +49,7 @@ class Granted(msgspec.Struct, frozen=True, kw_only=True, tag="granted"):
     `model` is the deciding scorer at that moment; `catching_up` marks a mutate lease that only tells outcomes.
     """
 
-    key: str
+    key: WorkKey
     epoch: int
     worker: str
     model: str = ""
@@ -58,7 +59,7 @@ class Granted(msgspec.Struct, frozen=True, kw_only=True, tag="granted"):
 class Returned(msgspec.Struct, frozen=True, kw_only=True, tag="returned"):
     """A lease ended without a result that counts."""
 
-    key: str
+    key: WorkKey
     epoch: int
     how: How
     message: str = ""
@@ -67,7 +68,7 @@ class Returned(msgspec.Struct, frozen=True, kw_only=True, tag="returned"):
 class Settled(msgspec.Struct, frozen=True, kw_only=True, tag="settled"):
     """A result was taken. Traces are not in the journal; they stand as files under their digest."""
 
-    key: str
+    key: WorkKey
     epoch: int
     worker: str
     result: Result
@@ -95,14 +96,14 @@ class Noted(msgspec.Struct, frozen=True, kw_only=True, tag="noted"):
 class TraceMissing(msgspec.Struct, frozen=True, kw_only=True, tag="trace_missing"):
     """The trace of a flight not judged yet is gone or damaged: the flight is flown again."""
 
-    key: str
+    key: WorkKey
     message: str
 
 
 class GaveUp(msgspec.Struct, frozen=True, kw_only=True, tag="gave_up"):
     """A recording nobody came to write was given up."""
 
-    key: str
+    key: WorkKey
     message: str
 
 

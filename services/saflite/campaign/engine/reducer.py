@@ -17,10 +17,20 @@ from saflite.campaign.engine.journal import (
     TraceMissing,
 )
 from saflite.campaign.lifecycle.flights import Flights
-from saflite.campaign.lifecycle.minimization import Minimization, is_candidate
+from saflite.campaign.lifecycle.minimization import Minimization
 from saflite.campaign.lifecycle.proposals import Proposals
 from saflite.campaign.lifecycle.scorer_swap import Scorers
-from saflite.campaign.scheduling.tasks import Task, split_key
+from saflite.campaign.scheduling.tasks import Task
+from saflite.campaign.scheduling.work_keys import (
+    FlightKey,
+    FlyKey,
+    JudgeKey,
+    MutateKey,
+    RecordKey,
+    ScoreKey,
+    WarmKey,
+    WorkKey,
+)
 from saflite.contract.control import Control
 from saflite.contract.events import CampaignChanged
 from saflite.contract.flight import Flight
@@ -79,30 +89,28 @@ class Reducer:
             case Noted():
                 self.core.tell(entry.fact)
             case TraceMissing():
-                task = self._task(entry.key)
-                place = self.minimization if is_candidate(task) else self.flights
-                place.on_trace_missing(task, entry.message)
+                assert isinstance(entry.key, JudgeKey), f"{entry.key} needs no trace to be judged by"
+                self._lifecycle(entry.key).on_trace_missing(self._task(entry.key), entry.key, entry.message)
             case GaveUp():
-                self._give_up_record(self._task(entry.key), entry.message)
+                assert isinstance(entry.key, RecordKey), f"{entry.key} cannot be given up"
+                self._give_up_record(entry.key, entry.message)
 
-    def _task(self, key: str) -> Task:
+    def _task(self, key: WorkKey) -> Task:
         task = self.core.tasks.get(key)
         assert task is not None, f"{key} is not to be done"
         return task
 
-    def test_case_of(self, task: Task) -> TestCase:
-        """Return the test case a fly or judge task is about."""
-        name = split_key(task.key)[1]
-        return self.minimization.candidate(name).test_case if is_candidate(task) else self.core.trials[name].test_case
+    def _lifecycle(self, key: FlightKey) -> Flights | Minimization:
+        """Return who decides on a flight."""
+        return self.minimization if key.purpose == "shrink" else self.flights
 
-    def flight_of(self, task: Task) -> Flight:
-        """Return the flight a judge task is about."""
-        _, name, index = split_key(task.key)
-        if not is_candidate(task):
-            return self.core.trials[name].flights[index].flight
-        flight = self.minimization.candidate(name).flight
-        assert flight is not None, f"{name} is to be judged but was not flown"
-        return flight
+    def test_case_of(self, key: FlightKey) -> TestCase:
+        """Return the test case that is flown or judged."""
+        return self._lifecycle(key).test_case(key)
+
+    def flight_of(self, key: JudgeKey) -> Flight:
+        """Return the flight that is judged."""
+        return self._lifecycle(key).flight(key)
 
     # ---- opening and orders --------------------------------------------------------------------------------------
 
@@ -157,29 +165,27 @@ class Reducer:
             self._lost(task, entry.message or entry.how)
 
     def _lost(self, task: Task, message: str) -> None:
-        if is_candidate(task):
-            self.minimization.on_trouble(task, "lost", message)
-        elif task.stage in ("fly", "judge"):
-            self.flights.on_lost(task, message)
-        elif task.stage == "mutate":
-            self.core.fault(task.key, message)
-            self.core.again(task, "lost", message)
-        else:
-            self._failed(task, message)
+        match task.key:
+            case FlyKey() | JudgeKey():
+                self._lifecycle(task.key).on_lost(task, task.key, message)
+            case MutateKey():
+                self.core.fault(str(task.key), message)
+                self.core.again(task, "lost", message)
+            case _:
+                self._failed(task, message)
 
     def _failed(self, task: Task, message: str) -> None:
-        if is_candidate(task):
-            self.minimization.on_trouble(task, "infra", message)
-        elif task.stage in ("fly", "judge"):
-            self.flights.on_failure(task, message)
-        elif task.stage == "mutate":
-            self.proposals.on_mutate_failure(task, message)
-        elif task.stage == "record":
-            self._record_failed(task, message)
-        elif task.key.startswith("warm/"):
-            self.scorers.on_failure(task, message)
-        else:
-            self.proposals.on_score_trouble(task, message)
+        match task.key:
+            case FlyKey() | JudgeKey():
+                self._lifecycle(task.key).on_failure(task, task.key, message)
+            case MutateKey():
+                self.proposals.on_mutate_failure(task, message)
+            case RecordKey():
+                self._record_failed(task, task.key, message)
+            case WarmKey():
+                self.scorers.on_failure(task, task.key, message)
+            case ScoreKey():
+                self.proposals.on_score_trouble(task, task.key, message)
 
     # ---- results -------------------------------------------------------------------------------------------------
 
@@ -188,39 +194,39 @@ class Reducer:
         if entry.epoch != task.epoch:  # a late result of an earlier attempt: whoever has the work now need not do it
             self.core.attempt_over(task, "overtaken")
             self.core.tasks.requeue(task)
-        match entry.result:
-            case MutateResult():
-                self.proposals.on_mutated(task, entry.result)
-            case ScoreResult():
-                self.proposals.on_scored(task, entry.result)
-            case WarmResult():
-                self.scorers.on_warmed(task, entry.result)
-            case FlyResult():
-                (self.minimization if is_candidate(task) else self.flights).on_flown(task, entry.result)
-            case JudgeResult():
-                (self.minimization if is_candidate(task) else self.flights).on_judged(task, entry.result)
-            case RecordResult():
-                self._recorded(task, entry.result)
-            case Failure():
-                self._failed(task, entry.result.message)
+        match task.key, entry.result:
+            case MutateKey(), MutateResult() as result:
+                self.proposals.on_mutated(task, result)
+            case ScoreKey() as key, ScoreResult() as result:
+                self.proposals.on_scored(task, key, result)
+            case WarmKey() as key, WarmResult() as result:
+                self.scorers.on_warmed(task, key, result)
+            case FlyKey() as key, FlyResult() as result:
+                self._lifecycle(key).on_flown(task, key, result)
+            case JudgeKey() as key, JudgeResult() as result:
+                self._lifecycle(key).on_judged(task, key, result)
+            case RecordKey() as key, RecordResult() as result:
+                self._recorded(task, key, result)
+            case _, Failure() as result:
+                self._failed(task, result.message)
             case _:
-                raise AssertionError(f"{type(entry.result).__name__} settles nothing")
+                raise AssertionError(f"{type(entry.result).__name__} does not settle {task.key}")
 
-    def _recorded(self, task: Task, result: RecordResult) -> None:
+    def _recorded(self, task: Task, key: RecordKey, result: RecordResult) -> None:
         core = self.core
-        del core.records[task.key]
+        del core.records[key]
         core.done(task, "recorded")
         core.out.row("recordings", result.test_case, result.flight_index, result.file, result.digest, result.size_bytes)
 
-    def _record_failed(self, task: Task, message: str) -> None:
+    def _record_failed(self, task: Task, key: RecordKey, message: str) -> None:
         task.failures += 1
         if task.failures >= RECORD_FAILURES_MAX:
-            self._give_up_record(task, message)
+            self._give_up_record(key, message)
         else:
-            self.core.fault(task.key, message)
+            self.core.fault(str(task.key), message)
             self.core.again(task, "failed", message)
 
-    def _give_up_record(self, task: Task, message: str) -> None:
-        del self.core.records[task.key]
-        self.core.fault(task.key, f"no recording was written: {message}")
-        self.core.done(task, "failed", message)
+    def _give_up_record(self, key: RecordKey, message: str) -> None:
+        del self.core.records[key]
+        self.core.fault(str(key), f"no recording was written: {message}")
+        self.core.done(self._task(key), "failed", message)

@@ -39,6 +39,7 @@ from saflite.campaign.scheduling.result_validation import check_result
 from saflite.campaign.scheduling.rounds import Rounds
 from saflite.campaign.scheduling.selection import Rules, select
 from saflite.campaign.scheduling.tasks import Task
+from saflite.campaign.scheduling.work_keys import JudgeKey, WorkKey, read_key
 from saflite.campaign.scheduling.work_messages import GRANT_MAX_BYTES, WorkMessages, weight_bytes
 from saflite.contract.config import Campaign
 from saflite.contract.control import Answer, Control, Status
@@ -135,16 +136,16 @@ class Books:
         self._reducer.apply(line)
 
     def _fly_again_what_left_no_trace(self, now: float) -> None:
-        for task in [task for task in self._core.tasks if task.stage == "judge"]:
-            digest = self._reducer.flight_of(task).trace_digest
+        for key in [task.key for task in self._core.tasks if isinstance(task.key, JudgeKey)]:
+            digest = self._reducer.flight_of(key).trace_digest
             if digest and self._trace_cache.trace(digest) is None:
-                self._registry.end(task.key)
-                self._without_its_trace(task, "its trace was not on disk", now)
+                self._registry.end(key)
+                self._without_its_trace(key, "its trace was not on disk", now)
 
-    def _without_its_trace(self, task: Task, message: str, now: float) -> None:
+    def _without_its_trace(self, key: WorkKey, message: str, now: float) -> None:
         """Fly again what cannot be judged; give up a recording that cannot be written."""
-        lost = TraceMissing if task.stage == "judge" else GaveUp
-        self._do(lost(key=task.key, message=message), now)
+        lost = TraceMissing if isinstance(key, JudgeKey) else GaveUp
+        self._do(lost(key=key, message=message), now)
 
     # ---- work out ------------------------------------------------------------------------------------------------
 
@@ -169,7 +170,7 @@ class Books:
         try:
             work = self._work_messages.work(task, ask.cursor)
         except Unavailable as fault:
-            self._without_its_trace(task, str(fault), now)
+            self._without_its_trace(task.key, str(fault), now)
             return []
         catching_up = getattr(work, "count", 1) == 0
         epoch, model = task.epoch + 1, self._work_messages.model_for(task)
@@ -192,19 +193,25 @@ class Books:
     def _lease_s(self) -> float:
         return self._core.campaign.lease.lease_s
 
-    def _lease_id(self, key: str) -> str:
+    def _lease_id(self, key: WorkKey) -> str:
         return f"{self._run_id}:{key}"
+
+    def _key_of(self, lease_id: str) -> tuple[str, WorkKey | None]:
+        """Return the run a lease is of and what it is a lease to do, None if that is no work of any campaign."""
+        run_id, _, text = lease_id.partition(":")
+        return run_id, read_key(text)
 
     # ---- results in ----------------------------------------------------------------------------------------------
 
     def report(self, report: Report, now: float) -> Receipt:
         """Take a result. Whatever the receipt says, the worker may forget the result once it has it."""
-        run_id, _, key = report.lease_id.partition(":")
-        task = self._core.tasks.get(key)
+        run_id, key = self._key_of(report.lease_id)
         if run_id != self._run_id:
             return self._receipt(report, "refused", f"the lease is of run {run_id[:32]!r}, this is {self._run_id!r}")
+        task = None if key is None else self._core.tasks.get(key)
         if task is None:
-            return self._receipt(report, "duplicate" if self._dispatch.was_done(key) else "stale")
+            was_done = key is not None and self._dispatch.was_done(key)
+            return self._receipt(report, "duplicate" if was_done else "stale")
         current = task.epoch == report.epoch and task.worker == report.worker
         held = task.holders.get(report.epoch) == report.worker
         if not current and not (held and self._dispatch.may_merge(report.result)):
@@ -280,8 +287,8 @@ class Books:
         until_s = now + self._lease_s
         cancel = []
         for lease_id, epoch in beat.leases:
-            run_id, _, key = lease_id.partition(":")
-            if run_id != self._run_id or not self._registry.extend(key, epoch, beat.worker, until_s):
+            run_id, key = self._key_of(lease_id)
+            if run_id != self._run_id or key is None or not self._registry.extend(key, epoch, beat.worker, until_s):
                 cancel.append(lease_id)
         return Orders(cancel=tuple(cancel), stop=self.ended)
 

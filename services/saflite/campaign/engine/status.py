@@ -66,7 +66,7 @@ def overview(reducer: Reducer, registry: WorkerRegistry, rates: Rates, now: floa
         since_last_find_s=None if counts.last_find_s is None else elapsed_s - counts.last_find_s,
         elapsed_s=elapsed_s,
         scorer=reducer.scorers.model,
-        scorer_pending=",".join(key.split("/", 1)[1].rsplit("/", 1)[0] for key in reducer.scorers.pending),
+        scorer_pending=",".join(key.model for key in reducer.scorers.pending),
         fallbacks=counts.fallbacks,
         queues=queues,
         workers=tuple(_worker(worker, now) for worker in registry.workers()),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
+from saflite.campaign.scheduling.work_keys import WorkKey
 from saflite.contract.work import Heartbeat
 
 Name = tuple[str, str]  # stage, worker
@@ -26,7 +27,7 @@ class Worker:
     idle_s: float = 0.0
     simulated_s: float = 0.0
     resident_mib: float = 0.0
-    leases: set[str] = field(default_factory=set)
+    leases: set[WorkKey] = field(default_factory=set)
 
     @property
     def busy_share(self) -> float:
@@ -39,7 +40,7 @@ class Worker:
 class Deadline:
     """Until when a lease runs. `named` once a heartbeat of its worker showed that the grant arrived."""
 
-    key: str
+    key: WorkKey
     epoch: int
     stage: str
     worker: str
@@ -55,7 +56,7 @@ class WorkerRegistry:
     def __init__(self) -> None:
         self._workers: dict[Name, Worker] = {}
         self._left: dict[Name, Worker] = {}  # gone, but perhaps about to come back
-        self._deadlines: dict[str, Deadline] = {}
+        self._deadlines: dict[WorkKey, Deadline] = {}
         self._lent = 0
 
     def meet(self, stage: str, worker: str, now_s: float) -> bool:
@@ -121,7 +122,7 @@ class WorkerRegistry:
         if worker is not None:
             worker.leases.add(deadline.key)
 
-    def end(self, key: str) -> None:
+    def end(self, key: WorkKey) -> None:
         """Stop the clock of a lease."""
         deadline = self._deadlines.pop(key, None)
         if deadline is not None:
@@ -129,7 +130,7 @@ class WorkerRegistry:
             if worker is not None:
                 worker.leases.discard(key)
 
-    def extend(self, key: str, epoch: int, worker: str, until_s: float) -> bool:
+    def extend(self, key: WorkKey, epoch: int, worker: str, until_s: float) -> bool:
         """Prolong a lease named in a heartbeat; False if it is not this worker's any more."""
         deadline = self._deadlines.get(key)
         if deadline is None or deadline.epoch != epoch or deadline.worker != worker:
@@ -139,7 +140,7 @@ class WorkerRegistry:
 
     def due(self, now_s: float) -> list[Deadline]:
         """Return the leases whose time is up, in order of their keys."""
-        return sorted((one for one in self._deadlines.values() if one.until_s <= now_s), key=lambda one: one.key)
+        return sorted((one for one in self._deadlines.values() if one.until_s <= now_s), key=lambda one: str(one.key))
 
     def next_s(self) -> float | None:
         """Return when the next lease ends, None if none is under way."""
@@ -150,11 +151,11 @@ class WorkerRegistry:
         mine = (one for one in self._deadlines.values() if one.worker == worker and one.stage == stage)
         return sorted(mine, key=lambda one: one.place)
 
-    def keys(self) -> list[str]:
+    def keys(self) -> list[WorkKey]:
         """Return what is lent out."""
         return list(self._deadlines)
 
-    def deadline(self, key: str) -> Deadline | None:
+    def deadline(self, key: WorkKey) -> Deadline | None:
         """Return the deadline of a lease under way."""
         return self._deadlines.get(key)
 

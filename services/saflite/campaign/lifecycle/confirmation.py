@@ -6,12 +6,12 @@ from dataclasses import dataclass, field
 
 import msgspec
 
-from saflite.contract.flight import Flight
+from saflite.campaign.scheduling.work_keys import FlyKey
+from saflite.contract.flight import Flight, Purpose
 from saflite.contract.ids import short_id
 from saflite.contract.score import Score
 from saflite.contract.test_case import TestCase
 from saflite.contract.verdict import Confirmation, Judgement, Verdict, Violation, worst
-from saflite.contract.work import Purpose
 
 
 @dataclass(slots=True)
@@ -44,11 +44,23 @@ class Trial:
     round: int
     rank: int
     confirm_max: int
-    purpose: Purpose = "search"
     score: Score | None = None
-    shrunk_from: Violation | None = None  # purpose shrink: the violation this one is the smallest form of
+    shrunk_from: Violation | None = None  # the violation this one is the smallest form of
     flights: dict[int, FlightNote] = field(default_factory=dict)
     judgement: Judgement | None = None
+
+    def purpose_of(self, index: int) -> Purpose:
+        """Return what flight `index` is flown for."""
+        return "shrunk" if self.shrunk_from is not None else "confirm" if index else "search"
+
+    def fly_key(self, index: int) -> FlyKey:
+        """Return the key of flight `index`: the first is 0, re-flights count from 1."""
+        return FlyKey(self.name, self.purpose_of(index), index)
+
+    @property
+    def is_selected(self) -> bool:
+        """Whether a round selected it; otherwise it is the smallest form of a violation, beside the budget."""
+        return self.shrunk_from is None
 
     @property
     def cost(self) -> int:

@@ -15,13 +15,14 @@ from saflite.campaign.lifecycle.confirmation import (
 )
 from saflite.campaign.lifecycle.minimization import Minimization, MinimizationJob
 from saflite.campaign.scheduling.rounds import Round
-from saflite.campaign.scheduling.tasks import Task, split_key
+from saflite.campaign.scheduling.tasks import Task
+from saflite.campaign.scheduling.work_keys import FlightKey, FlyKey, JudgeKey, RecordKey
 from saflite.contract import wire
 from saflite.contract.events import Flown, Judged, Quarantined, ViolationFound
 from saflite.contract.flight import FLOWN_ENDINGS, Ending, Flight
-from saflite.contract.test_case import identity
+from saflite.contract.test_case import TestCase, identity
 from saflite.contract.verdict import Judgement, Verdict, Violation
-from saflite.contract.work import FlyResult, JudgeResult, Outcome, Purpose
+from saflite.contract.work import FlyResult, JudgeResult, Outcome
 from saflite.flight.novelty import features
 
 INFRA_PER_ATTEMPT = 3
@@ -49,7 +50,7 @@ class Flights:
         core.counts.selected += 1
         round_.open_trials += 1
         core.out.row("selected", trial.name, round_.number, rank, pick.selected_by, pick.score, pick.novelty)
-        self._fly(trial, 0, "search")
+        self._fly(trial, 0)
 
     def fly_smallest(self, job: MinimizationJob) -> None:
         """Fly the smallest form of a violation as a test case of its own, if it is one and was not flown already."""
@@ -59,55 +60,62 @@ class Flights:
             return
         core.shrunk.add(name)
         trial = Trial(test_case, name, job.trial.round, job.trial.rank, max(1, core.campaign.search.confirm_flights))
-        trial.purpose, trial.shrunk_from = "shrink", job.violation
+        trial.shrunk_from = job.violation
         core.trials[name] = trial
         origin = test_case.origin
         content = wire.encode(test_case)
         core.out.row("test_cases", name, trial.round, -1, origin.strategy, origin.parent, content)
-        self._fly(trial, 0, "shrink")
+        self._fly(trial, 0)
 
-    def _fly(self, trial: Trial, index: int, purpose: Purpose) -> None:
+    def _fly(self, trial: Trial, index: int) -> None:
         avoid = frozenset(note.flight.worker for note in trial.flights.values())
         order = (trial.round, trial.rank, index, 0)
         target = trial.test_case.target.name
-        key = f"fly/{trial.name}/{index}"
-        self._core.tasks.add(Task(key, "fly", order, target=target, purpose=purpose, avoid=avoid))
+        self._core.tasks.add(Task(trial.fly_key(index), order, target=target, avoid=avoid))
+
+    def test_case(self, key: FlightKey) -> TestCase:
+        """Return the test case of a flight under way."""
+        return self._trial(key).test_case
+
+    def flight(self, key: JudgeKey) -> Flight:
+        """Return the flight to be judged."""
+        return self._trial(key).flights[key.index].flight
 
     # ---- flown ---------------------------------------------------------------------------------------------------
 
-    def on_flown(self, task: Task, result: FlyResult) -> None:
+    def on_flown(self, task: Task, key: FlyKey, result: FlyResult) -> None:
         """Take the record of a flight."""
         flight, limits = result.flight, self._core.campaign.lease
         if flight.ending in FLOWN_ENDINGS:
-            self._take(task, flight)
+            self._take(task, key, flight)
         elif flight.ending == "wedged":
             task.losses += 1
-            self._try_again(task, "wedged", flight.message, task.losses >= limits.attempts_max)
+            self._try_again(task, key, "wedged", flight.message, task.losses >= limits.attempts_max)
         elif flight.ending == "lost":  # the simulator process died under the worker
-            self.on_lost(task, flight.message)
+            self.on_lost(task, key, flight.message)
         else:
-            self.on_failure(task, flight.message)
+            self.on_failure(task, key, flight.message)
 
-    def on_failure(self, task: Task, message: str) -> None:
+    def on_failure(self, task: Task, key: FlightKey, message: str) -> None:
         """Our side could not fly or judge: elsewhere again, set aside in the end."""
         task.failures += 1
         limit = INFRA_PER_ATTEMPT * self._core.campaign.lease.attempts_max
-        self._try_again(task, "infra", message, task.failures >= limit)
+        self._try_again(task, key, "infra", message, task.failures >= limit)
 
-    def on_lost(self, task: Task, message: str) -> None:
+    def on_lost(self, task: Task, key: FlightKey, message: str) -> None:
         """The worker vanished with the work."""
         task.losses += 1
-        self._try_again(task, "lost", message, task.losses >= self._core.campaign.lease.attempts_max)
+        self._try_again(task, key, "lost", message, task.losses >= self._core.campaign.lease.attempts_max)
 
-    def _try_again(self, task: Task, ending: Ending, message: str, is_enough: bool) -> None:
-        self._core.fault(task.key, f"{ending}: {message}" if message else ending)
+    def _try_again(self, task: Task, key: FlightKey, ending: Ending, message: str, is_enough: bool) -> None:
+        self._core.fault(str(task.key), f"{ending}: {message}" if message else ending)
         if is_enough:
-            self._set_aside(task, ending, message)
+            self._set_aside(task, key, ending, message)
         else:
             self._core.again(task, ending, message)
 
-    def _take(self, task: Task, flight: Flight) -> None:
-        core, trial = self._core, self._trial(task)
+    def _take(self, task: Task, key: FlyKey, flight: Flight) -> None:
+        core, trial = self._core, self._trial(key)
         core.done(task, flight.ending, flight.message)
         note = self._note(trial, flight)
         first = trial.flights.get(0)
@@ -118,8 +126,7 @@ class Flights:
             self._if_confirmed(trial)
             return
         core.hold_trace(flight.trace_digest)
-        order = (trial.round, trial.rank, flight.flight_index, 1)
-        core.tasks.add(Task(f"judge/{trial.name}/{flight.flight_index}", "judge", order))
+        core.tasks.add(Task(key.judging, (trial.round, trial.rank, key.index, 1)))
 
     def _note(self, trial: Trial, flight: Flight) -> FlightNote:
         core, index = self._core, flight.flight_index
@@ -128,13 +135,13 @@ class Flights:
         self._charge(trial, index, 1)
         core.counts.simulated_s += flight.simulated_s
         core.counts.wall_s += flight.wall_s
-        purpose = trial.purpose if index == 0 else "confirm"
+        purpose = trial.purpose_of(index)
         numbers = (flight.simulated_s, flight.wall_s)
         core.out.row(
             "flights",
             trial.name,
-            index,
             purpose,
+            index,
             flight.ending,
             *numbers,
             flight.trace_digest,
@@ -149,36 +156,37 @@ class Flights:
                 simulated_s=flight.simulated_s,
                 wall_s=flight.wall_s,
                 worker=flight.worker,
+                purpose=purpose,
             )
         )
         return note
 
     def _charge(self, trial: Trial, index: int, sign: int) -> None:
         counts = self._core.counts
-        if trial.purpose == "shrink":
+        if not trial.is_selected:
             counts.shrink_flights += sign
             return
         counts.flights += sign
         counts.reflown += sign if index else 0
         self._core.rounds.under_way[trial.round].cost += sign
 
-    def on_trace_missing(self, task: Task, message: str) -> None:
+    def on_trace_missing(self, task: Task, key: JudgeKey, message: str) -> None:
         """Fly a flight again whose trace was lost before it was judged."""
-        core, trial, index = self._core, self._trial(task), split_key(task.key)[2]
-        core.fault(task.key, message)
+        core, trial, index = self._core, self._trial(key), key.index
+        core.fault(str(task.key), message)
         core.done(task, "trace_missing", message)
         note = trial.flights.pop(index)
         self._charge(trial, index, -1)
         core.counts.simulated_s -= note.flight.simulated_s
         core.counts.wall_s -= note.flight.wall_s
         core.let_go_trace(note.flight.trace_digest)
-        self._fly(trial, index, "confirm" if index else trial.purpose)
+        self._fly(trial, index)
 
     # ---- judged --------------------------------------------------------------------------------------------------
 
-    def on_judged(self, task: Task, result: JudgeResult) -> None:
+    def on_judged(self, task: Task, key: JudgeKey, result: JudgeResult) -> None:
         """Take the verdicts on a flight; a violated one is flown again."""
-        core, trial, judgement = self._core, self._trial(task), result.judgement
+        core, trial, judgement = self._core, self._trial(key), result.judgement
         core.done(task, "judged")
         note = trial.flights[judgement.flight_index]
         note.judged = True
@@ -196,7 +204,7 @@ class Flights:
         elif trial.confirm_max == 0:
             self._if_confirmed(trial)
         for index in range(1, trial.confirm_max + 1 if bad else 1):
-            self._fly(trial, index, "confirm")
+            self._fly(trial, index)
 
     def _tell_judged(self, judgement: Judgement, bad: list[Verdict]) -> None:
         robustness = worst_robustness(judgement)
@@ -261,19 +269,19 @@ class Flights:
         core, first = self._core, trial.flights[0]
         assert trial.judgement is not None, f"{trial.name} was not judged"
         scores = () if trial.score is None else (trial.score,)
-        key = f"record/{trial.name}/0"
+        key = RecordKey(trial.name, trial.purpose_of(0), 0)
         core.records[key] = RecordJob(trial.test_case, first.flight, trial.judgement, violation, scores)
-        core.tasks.add(Task(key, "record", (trial.round, trial.rank, 0, 2)))
+        core.tasks.add(Task(key, (trial.round, trial.rank, 0, 2)))
 
     # ---- the end -------------------------------------------------------------------------------------------------
 
-    def _set_aside(self, task: Task, ending: Ending, message: str) -> None:
+    def _set_aside(self, task: Task, key: FlightKey, ending: Ending, message: str) -> None:
         """Give up on a flight: the end of the test case if it was its first, otherwise one re-flight less."""
-        core, trial, index = self._core, self._trial(task), split_key(task.key)[2]
+        core, trial, index = self._core, self._trial(key), key.index
         attempts = task.losses + task.failures
         worker = task.worker
         core.done(task, ending, message)
-        if task.stage == "fly":
+        if isinstance(key, FlyKey):
             note = self._note(
                 trial, Flight(test_case=trial.name, flight_index=index, ending=ending, worker=worker, message=message)
             )
@@ -284,7 +292,7 @@ class Flights:
         if index > 0:
             self._if_confirmed(trial)
             return
-        if trial.purpose == "search":
+        if trial.is_selected:
             core.counts.quarantined += 1
             core.tell(Quarantined(test_case=trial.name, attempts=attempts, last=ending, message=message))
         self._end(trial, ending, "quarantined")
@@ -293,7 +301,7 @@ class Flights:
         core = self._core
         del core.trials[trial.name]
         core.out.row("endings", trial.name, state, ending, trial.cost)
-        if trial.purpose == "shrink":
+        if not trial.is_selected:
             return
         core.counts.ended += 1
         round_ = core.rounds.under_way[trial.round]
@@ -303,8 +311,8 @@ class Flights:
         if round_.open_trials == 0:
             core.rounds.close(trial.round)
 
-    def _trial(self, task: Task) -> Trial:
-        return self._core.trials[split_key(task.key)[1]]
+    def _trial(self, key: FlightKey) -> Trial:
+        return self._core.trials[key.test_case]
 
 
 _ENCODER = msgspec.msgpack.Encoder(order="deterministic")

@@ -8,7 +8,8 @@ from saflite.campaign.engine.core import Core
 from saflite.campaign.engine.journal import Selected
 from saflite.campaign.lifecycle.flights import Flights
 from saflite.campaign.scheduling.rounds import Round
-from saflite.campaign.scheduling.tasks import Task, split_key
+from saflite.campaign.scheduling.tasks import Task
+from saflite.campaign.scheduling.work_keys import MutateKey, ScoreKey
 from saflite.contract import wire
 from saflite.contract.events import Proposed, Scored
 from saflite.contract.score import Score
@@ -40,7 +41,7 @@ class Proposals:
             if not plan.flights:
                 core.rounds.close(round_.number)
                 continue
-            core.tasks.add(Task(f"mutate/{round_.number}", "mutate", (round_.number, 0, 0, 0)))
+            core.tasks.add(Task(MutateKey(round_.number), (round_.number, 0, 0, 0)))
         self._if_over()
 
     def _if_over(self) -> None:
@@ -78,7 +79,7 @@ class Proposals:
         """The mutator could not propose: again, and in the end the campaign is over."""
         core = self._core
         task.failures += 1
-        core.fault(task.key, message)
+        core.fault(str(task.key), message)
         core.again(task, "failed", message)
         if task.failures >= MUTATE_FAILURES_MAX:
             core.change_state("ended", f"the strategy {core.campaign.strategy.name!r} cannot propose: {message}")
@@ -89,15 +90,15 @@ class Proposals:
         round_.batches = [tuple(names[start : start + size]) for start in range(0, len(names), size)]
         round_.phase = "scoring"
         for batch in range(len(round_.batches)):
-            core.tasks.add(Task(f"score/{round_.number}/{batch}", "score", (round_.number, batch, 0, 0)))
+            core.tasks.add(Task(ScoreKey(round_.number, batch), (round_.number, batch, 0, 0)))
         self._if_scored(round_)
 
     # ---- scores --------------------------------------------------------------------------------------------------
 
-    def on_scored(self, task: Task, result: ScoreResult) -> None:
+    def on_scored(self, task: Task, key: ScoreKey, result: ScoreResult) -> None:
         """Take exactly one deciding score per candidate of a batch."""
         core = self._core
-        round_, batch = self._place(task)
+        round_ = core.rounds.under_way[key.round]
         model = task.model
         core.done(task, "scored")
         deciding = [score for score in result.scores if not score.shadow]
@@ -108,7 +109,7 @@ class Proposals:
             core.out.row(
                 "usage",
                 round_.number,
-                batch,
+                key.batch,
                 label,
                 *tokens,
                 usage.asked_again,
@@ -117,26 +118,22 @@ class Proposals:
             )
         self._scored(round_, model, result.scores, latency_s)
 
-    def on_score_trouble(self, task: Task, message: str) -> None:
+    def on_score_trouble(self, task: Task, key: ScoreKey, message: str) -> None:
         """A batch was lost or failed: once more; after the second time the order suffers and nothing else."""
         core = self._core
         task.failures += 1
-        core.fault(task.key, message)
+        core.fault(str(task.key), message)
         if task.failures < SCORE_FAULTS_MAX:
             core.again(task, "failed", message)
             return
-        round_, batch = self._place(task)
+        round_ = core.rounds.under_way[key.round]
         core.done(task, "failed", message)
         scores = tuple(
             Score(test_case=name, value=FALLBACK_SCORE, model=task.model, scored_by="none", fault=message or "lost")
-            for name in round_.batches[batch]
+            for name in round_.batches[key.batch]
         )
         core.counts.fallbacks += len(scores)
         self._scored(round_, task.model, scores, 0.0)
-
-    def _place(self, task: Task) -> tuple[Round, int]:
-        _, number, batch = split_key(task.key)
-        return self._core.rounds.under_way[int(number)], batch
 
     def _scored(self, round_: Round, model: str, scores: tuple[Score, ...], latency_s: float) -> None:
         core = self._core

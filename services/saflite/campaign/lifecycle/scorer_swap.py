@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from saflite.campaign.engine.core import Core
 from saflite.campaign.scheduling.tasks import Task
+from saflite.campaign.scheduling.work_keys import WarmKey
 from saflite.contract.events import ScorerChanged
 from saflite.contract.work import WarmResult
 
@@ -15,7 +16,7 @@ class Scorers:
         self._core = core
         self.model = core.campaign.scorer.model
         self.shadow = core.campaign.scorer.shadow
-        self.pending: dict[str, tuple[bool, tuple[str, ...]]] = {}  # warm task: (deciding?, models to be)
+        self.pending: dict[WarmKey, tuple[bool, tuple[str, ...]]] = {}  # warm task: (deciding?, models to be)
         self._count = 0
 
     def swap(self, model: str) -> None:
@@ -36,21 +37,22 @@ class Scorers:
 
     def _warm(self, model: str, decides: bool, models: tuple[str, ...]) -> None:
         self._count += 1
-        key = f"warm/{model}/{self._count}"
+        key = WarmKey(self._count, model)
         self.pending[key] = (decides, models)
-        self._core.tasks.add(Task(key, "score", (-1, self._count, 0, 0), model=model))
+        self._core.tasks.add(Task(key, (-1, self._count, 0, 0)))
 
-    def on_warmed(self, task: Task, result: WarmResult) -> None:
+    def on_warmed(self, task: Task, key: WarmKey, result: WarmResult) -> None:
         """Flip to the warmed model, or stay with the old one."""
         self._core.done(task, "warmed" if result.ready else "not ready", result.message)
-        self._settle(task.key, task.model, result.ready, result.message)
+        self._settle(key, result.ready, result.message)
 
-    def on_failure(self, task: Task, message: str) -> None:
+    def on_failure(self, task: Task, key: WarmKey, message: str) -> None:
         """The probe failed or was lost: roll back."""
         self._core.done(task, "failed", message)
-        self._settle(task.key, task.model, False, message)
+        self._settle(key, False, message)
 
-    def _settle(self, key: str, model: str, ready: bool, message: str) -> None:
+    def _settle(self, key: WarmKey, ready: bool, message: str) -> None:
+        model = key.model
         decides, models = self.pending.pop(key)
         previous = self.model if decides else ",".join(self.shadow)
         if decides and ready:
@@ -61,7 +63,7 @@ class Scorers:
         note = message if decides else f"watches only; {message}"
         self._core.tell(ScorerChanged(model=model, previous=previous, ready=ready, message=note))
 
-    def _drop(self, key: str, message: str) -> None:
+    def _drop(self, key: WarmKey, message: str) -> None:
         task = self._core.tasks.get(key)
         assert task is not None, f"{key} is pending but not to be done"
-        self.on_failure(task, message)
+        self.on_failure(task, key, message)

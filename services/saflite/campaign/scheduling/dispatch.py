@@ -6,7 +6,8 @@ from collections.abc import Iterator
 
 from saflite.campaign.engine.core import Core
 from saflite.campaign.engine.worker_registry import WorkerRegistry
-from saflite.campaign.scheduling.tasks import Task, split_key
+from saflite.campaign.scheduling.tasks import Task
+from saflite.campaign.scheduling.work_keys import MutateKey, ScoreKey, WarmKey, WorkKey
 from saflite.contract.control import Control
 from saflite.contract.flight import FLOWN_ENDINGS
 from saflite.contract.work import Ask, Failure, FlyResult, HandedBack, Result
@@ -57,14 +58,11 @@ class Dispatch:
             return result.flight.ending in FLOWN_ENDINGS
         return not isinstance(result, Failure | HandedBack)
 
-    def was_done(self, key: str) -> bool:
-        """Whether work of this name was done before, as far as can be told."""
-        word, middle, number = split_key(key)
-        if word == "mutate":
-            return 0 <= number < self._core.rounds.planned
-        if word == "score":
-            return middle.isdecimal() and int(middle) < self._core.rounds.planned
-        return middle in self._core.flown or word == "warm"
+    def was_done(self, key: WorkKey) -> bool:
+        """Whether this work was done before, as far as can be told."""
+        if isinstance(key, MutateKey | ScoreKey):
+            return 0 <= key.round < self._core.rounds.planned
+        return isinstance(key, WarmKey) or key.test_case in self._core.flown
 
     def objection(self, control: Control, scorer: str) -> str:
         """Return why an order cannot be taken, empty if it can."""

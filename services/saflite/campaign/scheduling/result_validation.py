@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 
 from saflite.campaign.engine.core import Core
-from saflite.campaign.scheduling.tasks import Task, split_key
+from saflite.campaign.scheduling.tasks import Task
+from saflite.campaign.scheduling.work_keys import FlightKey, FlyKey, JudgeKey, MutateKey, RecordKey, ScoreKey, WarmKey
 from saflite.contract.errors import Refused
 from saflite.contract.flight import AUTOPILOT_ALIVE, matches_digest
 from saflite.contract.score import SCORE_MAX, SCORE_MIN
@@ -21,42 +22,39 @@ from saflite.contract.work import (
     WarmResult,
 )
 
-_KINDS: dict[str, tuple[type, ...]] = {
-    "mutate": (MutateResult,),
-    "score": (ScoreResult,),
-    "warm": (WarmResult,),
-    "fly": (FlyResult,),
-    "judge": (JudgeResult,),
-    "record": (RecordResult,),
-}
-
 
 def check_result(core: Core, task: Task, result: Result) -> None:
     """Raise Refused if the result is of another kind, for another test case, or says what cannot be."""
-    word, middle, number = split_key(task.key)
-    if isinstance(result, Failure | HandedBack):
-        return
-    if not isinstance(result, _KINDS[word]):
-        _refuse(task, f"a result of {word}", type(result).__name__)
-    elif isinstance(result, MutateResult):
-        _same(task, "round", number, result.round)
-        _check_mutants(core, task, result)
-    elif isinstance(result, ScoreResult):
-        _check_scores(task, result, core.rounds.under_way[int(middle)].batches[number])
-    elif isinstance(result, WarmResult):
-        _same(task, "model", task.model, result.model)
-    elif isinstance(result, FlyResult):
-        _same(
-            task, "test case and flight index", (middle, number), (result.flight.test_case, result.flight.flight_index)
-        )
-        _check_flight(task, result)
-    elif isinstance(result, JudgeResult):
-        judgement = result.judgement
-        _same(task, "test case and flight index", (middle, number), (judgement.test_case, judgement.flight_index))
-        judged = sorted(verdict.policy for verdict in judgement.verdicts if verdict.policy != AUTOPILOT_ALIVE)
-        _same(task, "policies", sorted(core.campaign.policies), judged)
-    elif isinstance(result, RecordResult):
-        _same(task, "test case and flight index", (middle, number), (result.test_case, result.flight_index))
+    match task.key, result:
+        case _, Failure() | HandedBack():
+            pass
+        case MutateKey(), MutateResult():
+            _same(task, "round", task.key.round, result.round)
+            _check_mutants(core, task, result)
+        case ScoreKey(), ScoreResult():
+            _check_scores(task, result, core.rounds.under_way[task.key.round].batches[task.key.batch])
+        case WarmKey(), WarmResult():
+            _same(task, "model", task.key.model, result.model)
+        case FlyKey(), FlyResult():
+            _same_flight(task, task.key, result.flight.test_case, result.flight.flight_index)
+            _check_flight(task, result)
+        case JudgeKey(), JudgeResult():
+            _same_flight(task, task.key, result.judgement.test_case, result.judgement.flight_index)
+            _check_verdicts(core, task, result)
+        case RecordKey(), RecordResult():
+            _same_flight(task, task.key, result.test_case, result.flight_index)
+        case _:
+            _refuse(task, f"a result of {task.stage}", type(result).__name__)
+
+
+def _same_flight(task: Task, key: FlightKey | RecordKey, test_case: str, flight_index: int) -> None:
+    _same(task, "test case and flight index", (key.test_case, key.index), (test_case, flight_index))
+
+
+def _check_verdicts(core: Core, task: Task, result: JudgeResult) -> None:
+    verdicts = result.judgement.verdicts
+    judged = sorted(verdict.policy for verdict in verdicts if verdict.policy != AUTOPILOT_ALIVE)
+    _same(task, "policies", sorted(core.campaign.policies), judged)
 
 
 def _check_mutants(core: Core, task: Task, result: MutateResult) -> None:

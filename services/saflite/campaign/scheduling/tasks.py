@@ -6,20 +6,19 @@ import heapq
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
-from saflite.contract.work import Purpose, Stage
+from saflite.campaign.scheduling.work_keys import WorkKey
+from saflite.contract.work import Stage
 
 Order = tuple[int, int, int, int]
 
 
 @dataclass(slots=True)
 class Task:
-    """One piece of work until it is done. `key` names it for ever: `fly/{test case}/{index}`, `mutate/{round}`."""
+    """One piece of work until it is done."""
 
-    key: str
-    stage: Stage
+    key: WorkKey
     order: Order
     target: str = ""
-    purpose: Purpose = "search"
     avoid: frozenset[str] = frozenset()
     epoch: int = 0
     worker: str = ""  # who holds it now, empty while it waits
@@ -33,6 +32,11 @@ class Task:
     catching_up: bool = False  # mutate only: the attempt at hand only tells outcomes
 
     @property
+    def stage(self) -> Stage:
+        """The stage whose workers do it."""
+        return self.key.stage
+
+    @property
     def waiting(self) -> bool:
         """Whether it may be lent out."""
         return not self.worker
@@ -42,8 +46,8 @@ class TaskTable:
     """All work not done yet, per stage in its order."""
 
     def __init__(self) -> None:
-        self._tasks: dict[str, Task] = {}
-        self._queues: dict[str, list[tuple[Order, str]]] = {}
+        self._tasks: dict[WorkKey, Task] = {}
+        self._queues: dict[str, list[tuple[Order, WorkKey]]] = {}
         self._waiting: dict[str, int] = {}
 
     def __len__(self) -> int:
@@ -52,7 +56,7 @@ class TaskTable:
     def __iter__(self) -> Iterator[Task]:
         return iter(self._tasks.values())
 
-    def get(self, key: str) -> Task | None:
+    def get(self, key: WorkKey) -> Task | None:
         """Return the task, None if there is none (any more)."""
         return self._tasks.get(key)
 
@@ -62,14 +66,14 @@ class TaskTable:
         self._tasks[task.key] = task
         self._enqueue(task)
 
-    def remove(self, key: str) -> Task:
+    def remove(self, key: WorkKey) -> Task:
         """Take out work that is done or given up."""
         task = self._tasks.pop(key)
         if task.waiting:
             self._waiting[task.stage] -= 1
         return task
 
-    def lend(self, key: str, epoch: int, worker: str, at_s: float) -> Task:
+    def lend(self, key: WorkKey, epoch: int, worker: str, at_s: float) -> Task:
         """Note that the work was lent to `worker` as attempt `epoch`."""
         task = self._tasks[key]
         assert task.waiting, f"{key} is lent to {task.worker} already"
@@ -88,7 +92,7 @@ class TaskTable:
     def waiting(self, stage: Stage) -> Iterator[Task]:
         """Yield what waits at a stage, in order, cheaply for the first few. Nothing may be added while it runs."""
         queue = self._queues.get(stage, [])
-        passed: list[tuple[Order, str]] = []
+        passed: list[tuple[Order, WorkKey]] = []
         try:
             while queue:
                 item = heapq.heappop(queue)
@@ -126,10 +130,3 @@ class TaskTable:
     def _enqueue(self, task: Task) -> None:
         heapq.heappush(self._queues.setdefault(task.stage, []), (task.order, task.key))
         self._waiting[task.stage] = self._waiting.get(task.stage, 0) + 1
-
-
-def split_key(key: str) -> tuple[str, str, int]:
-    """Return stage word, middle and number of a key; `mutate/3` is (`mutate`, ``, 3)."""
-    head, _, rest = key.partition("/")
-    middle, _, number = rest.rpartition("/")
-    return head, middle, int(number) if number.isdecimal() else -1

@@ -8,7 +8,8 @@ import msgspec
 
 from saflite.campaign.engine.read_model import ReadModel
 from saflite.campaign.engine.reducer import Reducer
-from saflite.campaign.scheduling.tasks import Task, split_key
+from saflite.campaign.scheduling.tasks import Task
+from saflite.campaign.scheduling.work_keys import FlyKey, JudgeKey, MutateKey, RecordKey, ScoreKey, WarmKey
 from saflite.contract.config import SearchConfig
 from saflite.contract.errors import Unavailable
 from saflite.contract.rng import derive_seed
@@ -43,19 +44,23 @@ class WorkMessages:
         Raises:
             Unavailable: the trace that belongs to it cannot be read.
         """
-        if task.stage == "fly":
-            return self._fly(task)
-        if task.stage == "judge":
-            return self._judge(task)
-        if task.stage == "record":
-            return self._record(task)
-        if task.stage == "mutate":
-            return self._mutate(task, cursor)
-        return self._warm(task) if task.key.startswith("warm/") else self._score(task, cursor)
+        match task.key:
+            case FlyKey():
+                return self._fly(task.key)
+            case JudgeKey():
+                return self._judge(task.key)
+            case RecordKey():
+                return self._record(task.key)
+            case MutateKey():
+                return self._mutate(task.key, cursor)
+            case WarmKey():
+                return self._warm(task.key)
+            case ScoreKey():
+                return self._score(task.key, cursor)
 
     def model_for(self, task: Task) -> str:
         """Return the deciding model of a score task handed out now, empty for other work."""
-        return self._reducer.scorers.model if task.key.startswith("score/") else ""
+        return self._reducer.scorers.model if isinstance(task.key, ScoreKey) else ""
 
     def overdue_s(self, task: Task) -> float:
         """Return how long a lease may run however alive its worker seems."""
@@ -67,26 +72,25 @@ class WorkMessages:
             return campaign.scorer.load_deadline_s * models + 4.0 * campaign.scorer.deadline_s
         return 300.0
 
-    def _fly(self, task: Task) -> FlyWork:
-        index = split_key(task.key)[2]
+    def _fly(self, key: FlyKey) -> FlyWork:
         limit_s = self._core.campaign.lease.wall_limit_s
-        test_case = self._reducer.test_case_of(task)
-        return FlyWork(test_case=test_case, flight_index=index, purpose=task.purpose, wall_limit_s=limit_s)
+        test_case = self._reducer.test_case_of(key)
+        return FlyWork(test_case=test_case, flight_index=key.index, purpose=key.purpose, wall_limit_s=limit_s)
 
-    def _judge(self, task: Task) -> JudgeWork:
-        flight = self._reducer.flight_of(task)
+    def _judge(self, key: JudgeKey) -> JudgeWork:
+        flight = self._reducer.flight_of(key)
         trace = self._trace(flight.trace_digest)
         campaign = self._core.campaign
         return JudgeWork(
-            test_case=self._reducer.test_case_of(task),
+            test_case=self._reducer.test_case_of(key),
             flight=flight,
             policies=campaign.policies,
             policy_texts=campaign.policy_texts,
             trace=trace,
         )
 
-    def _record(self, task: Task) -> RecordWork:
-        job = self._core.records[task.key]
+    def _record(self, key: RecordKey) -> RecordWork:
+        job = self._core.records[key]
         return RecordWork(
             test_case=job.test_case,
             flight=job.flight,
@@ -104,9 +108,9 @@ class WorkMessages:
             raise Unavailable(f"trace {trace_digest[:16]} is not in the store")
         return data
 
-    def _mutate(self, task: Task, cursor: int) -> MutateWork:
+    def _mutate(self, key: MutateKey, cursor: int) -> MutateWork:
         core, strategy = self._core, self._core.campaign.strategy
-        round_ = core.rounds.under_way[split_key(task.key)[2]]
+        round_ = core.rounds.under_way[key.round]
         target = round_.number - core.rounds.search.lag
         told = self._told(cursor, max(target, -1), OUTCOMES_MAX)
         return MutateWork(
@@ -122,10 +126,9 @@ class WorkMessages:
             cursor=told.cursor,
         )
 
-    def _score(self, task: Task, cursor: int) -> ScoreWork:
+    def _score(self, key: ScoreKey, cursor: int) -> ScoreWork:
         core, scorers = self._core, self._reducer.scorers
-        _, number, batch = split_key(task.key)
-        round_ = core.rounds.under_way[int(number)]
+        round_ = core.rounds.under_way[key.round]
         upto = max(round_.number - core.rounds.search.lag, -1)
         told = self._told(min(cursor, upto), upto, RECENT_MAX, latest=True)
         return ScoreWork(
@@ -134,16 +137,16 @@ class WorkMessages:
             shadow=scorers.shadow,
             policies=core.campaign.policies,
             policy_texts=core.campaign.policy_texts,
-            test_cases=tuple(round_.candidates[name] for name in round_.batches[batch]),
-            rng_seed=derive_seed(core.campaign.rng_seed, "score", round_.number, batch),
+            test_cases=tuple(round_.candidates[name] for name in round_.batches[key.batch]),
+            rng_seed=derive_seed(core.campaign.rng_seed, "score", round_.number, key.batch),
             recent=tuple(msgspec.structs.replace(outcome, track=()) for outcome in told.outcomes),
             from_cursor=told.from_cursor,
             cursor=told.cursor,
             deadline_s=core.campaign.scorer.deadline_s,
         )
 
-    def _warm(self, task: Task) -> WarmWork:
-        return WarmWork(model=task.model, load_deadline_s=self._core.campaign.scorer.load_deadline_s)
+    def _warm(self, key: WarmKey) -> WarmWork:
+        return WarmWork(model=key.model, load_deadline_s=self._core.campaign.scorer.load_deadline_s)
 
     def _told(self, cursor: int, upto: int, limit: int, *, latest: bool = False) -> Told:
         """Return what a worker at `cursor` is to be told. One that knows too much is told all from the start.

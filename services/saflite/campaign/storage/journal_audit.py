@@ -7,13 +7,11 @@ from collections.abc import Sequence
 from typing import Any
 
 from saflite.campaign.engine.journal import Granted, Line, Returned, Selected, Settled, TraceMissing, decode_line
-from saflite.campaign.lifecycle.minimization import CANDIDATE
-from saflite.campaign.scheduling.tasks import split_key
+from saflite.campaign.scheduling.work_keys import FlyKey, JudgeKey, ScoreKey, WarmKey, WorkKey
 from saflite.contract.events import Fact, Flown, Judged, Proposed, Quarantined, Scored, ViolationFound
 from saflite.contract.flight import FLOWN_ENDINGS
 from saflite.contract.work import FlyResult, JudgeResult, MutateResult, ScoreResult
 
-Attempt = tuple[str, int]
 Flight = tuple[str, int]
 
 
@@ -25,7 +23,7 @@ class Recount:
         self.problems: list[str] = []
         self.issued = self.candidates = 0
         self.ended: Counter[str] = Counter()
-        self._open: dict[str, int] = {}  # work: attempt under way
+        self._open: dict[WorkKey, int] = {}  # work: attempt under way
         self._selected: Counter[str] = Counter()
         self._flown: dict[Flight, int] = {}  # accepted results, by flight
         self._flown_anew: Counter[Flight] = Counter()  # taken, told, but its trace was lost before it was judged
@@ -55,14 +53,13 @@ class Recount:
                 self._selected.update(pick.test_case for pick in picks)
             case TraceMissing(key=key):
                 self._open.pop(key, None)
-                _, name, index = split_key(key)
-                if index != CANDIDATE:
-                    self._flown[name, index] -= 1
-                    self._flown_anew[name, index] += 1
+                if isinstance(key, JudgeKey) and key.purpose != "shrink":
+                    self._flown[key.test_case, key.index] -= 1
+                    self._flown_anew[key.test_case, key.index] += 1
             case _:
                 pass
 
-    def _end(self, key: str, epoch: int, how: str) -> None:
+    def _end(self, key: WorkKey, epoch: int, how: str) -> None:
         if self._open.get(key) != epoch:
             self.problems.append(f"{key}: attempt {epoch} ended ({how}) but was not under way")
         self._open.pop(key, None)
@@ -75,7 +72,7 @@ class Recount:
         else:
             self.ended["settled late"] += 1
         result = entry.result
-        if split_key(entry.key)[2] == CANDIDATE and isinstance(result, FlyResult | JudgeResult):
+        if isinstance(entry.key, FlyKey | JudgeKey) and entry.key.purpose == "shrink":
             self.candidates += isinstance(result, FlyResult)
         elif isinstance(result, FlyResult) and result.flight.ending in FLOWN_ENDINGS:
             flight = (result.flight.test_case, result.flight.flight_index)
@@ -137,7 +134,7 @@ class Recount:
     def left_open(self) -> list[str]:
         """Return what a campaign that is over has left open."""
         unfinished = sorted(set(self._selected) - set(self._ended_cases))
-        running = sorted(key for key in self._open if not key.startswith(("score/", "warm/")))
+        running = sorted(str(key) for key in self._open if not isinstance(key, ScoreKey | WarmKey))
         return [
             *[f"test case {name} has not ended" for name in unfinished],
             *[f"{key} is still under way" for key in running],

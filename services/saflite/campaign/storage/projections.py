@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-FORMAT = 2
+FORMAT = 3
 """Version of the store; a store of another version is refused."""
 
 TABLES: dict[str, tuple[str, ...]] = {
@@ -51,15 +51,15 @@ TABLES: dict[str, tuple[str, ...]] = {
     ),
     "flights": (
         "test_case TEXT",
-        "flight_index INTEGER",
         "purpose TEXT",
+        "flight_index INTEGER",
         "ending TEXT",
         "simulated_s REAL",
         "wall_s REAL",
         "trace_digest TEXT",
         "worker TEXT",
         "message TEXT",
-        "PRIMARY KEY (test_case, flight_index)",
+        "PRIMARY KEY (test_case, purpose, flight_index)",
     ),
     "judgements": (
         "test_case TEXT",

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from saflite.console.cli import FOUND, INFRASTRUCTURE, NOTHING_FOUND
 from saflite.console.run_data import reporting
 from saflite.console.run_data.deduplication import Cause, causes
-from saflite.console.run_data.run_folder import SHRINK, RunFolder, open_run
+from saflite.console.run_data.run_folder import RunFolder, open_run
 from saflite.console.view import live, out
+from saflite.contract.flight import BESIDE_BUDGET
 from saflite.contract.verdict import Violation
 
 if TYPE_CHECKING:
@@ -73,7 +74,7 @@ def conclude(run_dir: Path, ended: ExitSummary, *, as_json: bool) -> int:
 
 def _read(run: RunFolder) -> Conclusion:
     flights, endings = run.flights(), run.endings()
-    shrinking = sum(1 for row in flights if row.purpose == SHRINK)
+    shrinking = sum(1 for row in flights if row.purpose in BESIDE_BUDGET)
     return Conclusion(
         flights=len(flights) - shrinking,
         shrink_flights=shrinking,

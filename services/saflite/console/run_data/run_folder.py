@@ -15,14 +15,13 @@ from saflite.contract import wire
 from saflite.contract.config import Campaign
 from saflite.contract.errors import Refused
 from saflite.contract.events import Event
-from saflite.contract.flight import Trace, unpack_trace
+from saflite.contract.flight import BESIDE_BUDGET, Purpose, Trace, unpack_trace
 from saflite.contract.test_case import TestCase
 from saflite.contract.verdict import Judgement, Violation
 from saflite.recorder.summary import Finding, PolicyFacts, RunSummary
 
 T = TypeVar("T")
 EVENTS_AT_ONCE = 500
-SHRINK = "shrink"
 
 
 class FlightRow(NamedTuple):
@@ -30,7 +29,7 @@ class FlightRow(NamedTuple):
 
     test_case: str
     flight_index: int
-    purpose: str
+    purpose: Purpose
     ending: str
     simulated_s: float
     wall_s: float
@@ -38,6 +37,11 @@ class FlightRow(NamedTuple):
     worker: str
     robustness: float | None
     violated: tuple[str, ...]
+
+    @property
+    def is_first(self) -> bool:
+        """Whether it is the flight that was judged first and recorded, neither a re-flight nor a smaller one tried."""
+        return self.flight_index == 0 and self.purpose != "shrink"
 
 
 class ScoreRow(NamedTuple):
@@ -139,7 +143,7 @@ class RunFolder:
             release = version("saflite-farm")
         except PackageNotFoundError:
             release = ""
-        flights = sum(1 for row in self.flights() if row.purpose != SHRINK)
+        flights = sum(1 for row in self.flights() if row.purpose not in BESIDE_BUDGET)
         (held,) = next(self._rows("SELECT count(*) FROM endings WHERE state = 'held'"))
         return RunSummary(
             campaign=self.campaign,
@@ -160,23 +164,17 @@ class RunFolder:
     # ---- what was flown ------------------------------------------------------------------------------------------
 
     def flights(self, name: str = "") -> list[FlightRow]:
-        """Return the flights in the order counted, those of one test case if named.
-
-        Those of a test case that shrinking made, its confirmation included, have purpose `shrink`: they are counted
-        apart from the budget.
-        """
+        """Return the flights in the order counted, those of one test case if named."""
         query = (
             "SELECT f.test_case, f.flight_index, f.purpose, f.ending, f.simulated_s, f.wall_s, f.trace_digest,"
             " f.worker, j.robustness, coalesce(j.violated, '') FROM flights f LEFT JOIN judgements j"
-            " ON j.test_case = f.test_case AND j.flight_index = f.flight_index"
+            " ON f.purpose <> 'shrink' AND j.test_case = f.test_case AND j.flight_index = f.flight_index"
             " WHERE ?1 = '' OR f.test_case = ?1 ORDER BY f.rowid"
         )
-        found = [
+        return [
             FlightRow._make((*row[:9], tuple(word for word in row[9].split(",") if word)))
             for row in self._rows(query, name)
         ]
-        smaller = {row.test_case for row in found if row.purpose == SHRINK}
-        return [row._replace(purpose=SHRINK) if row.test_case in smaller else row for row in found]
 
     def trace(self, digest: str) -> Trace | None:
         """Return a trace that was kept, None if it was not or is damaged."""

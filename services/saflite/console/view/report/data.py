@@ -107,7 +107,7 @@ def calibrations(run: RunFolder) -> tuple[Calibration, ...]:
 
 
 def _digest(rows: list[FlightRow]) -> str:
-    return next((row.trace_digest for row in rows if row.flight_index == 0), "")
+    return next((row.trace_digest for row in rows if row.is_first), "")
 
 
 def _progress(run: RunFolder) -> Progress:

@@ -124,7 +124,7 @@ def _flight_of(exhibit: Exhibit) -> Flight:
 
 def _facts(exhibit: Exhibit, run_name: str) -> list[tuple[str, str]]:
     violation, case = exhibit.violation, exhibit.test_case
-    first = next((row for row in exhibit.flights if row.flight_index == 0), None)
+    first = next((row for row in exhibit.flights if row.is_first), None)
     proposer = f"{case.origin.strategy or '?'}, round {case.origin.round}"
     origin = f"<code>{escape(violation.test_case)}</code> by {escape(proposer)}"
     if case.origin.parent:

@@ -7,10 +7,10 @@ from html import escape
 import numpy as np
 
 from saflite.console.run_data.deduplication import causes
-from saflite.console.run_data.run_folder import SHRINK
 from saflite.console.view.report import bars, charts, evidence
 from saflite.console.view.report.data import ReportData
 from saflite.console.view.report.style import CSS
+from saflite.contract.flight import BESIDE_BUDGET
 from saflite.contract.interval import Interval
 from saflite.scorer_pool.calibration import Calibration
 
@@ -60,7 +60,7 @@ def _tiles(data: ReportData) -> str:
     flaky = sum(1 for exhibit in data.exhibits if exhibit.violation.confirmation == "flaky")
     distinct = len({exhibit.violation.fingerprint for exhibit in confirmed})
     simulated_s = sum(row.simulated_s for row in data.flights)
-    charged = [row for row in data.flights if row.purpose != SHRINK]
+    charged = [row for row in data.flights if row.purpose not in BESIDE_BUDGET]
     again = sum(1 for row in charged if row.flight_index > 0)
     elapsed_s = max(data.elapsed_s, 1e-9)
     tiles = [
