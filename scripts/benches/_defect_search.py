@@ -89,7 +89,7 @@ def campaign_of(defect: str, arm: str, rng_seed: int, flights: int) -> Campaign:
         base,
         name=f"bench-{defect}",
         start=StartState(mode=TABLE[defect].start[0], altitude_m=TABLE[defect].start[1]) if base.start else None,
-        target=Target(parameters=parameters, defects=(defect,)),
+        target=Target(parameters=parameters, settings={"defects": [defect]}),
         strategy=StrategyConfig(name="pgfuzz", settings=settings),
         scorer=ScorerConfig(model=model, batch=16),
         search=msgspec.structs.replace(base.search, **search),

@@ -19,10 +19,18 @@ from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.flight import FlightRecord, Trace
 from saflite.contract.rng import derive
 from saflite.contract.service import Cancelled
-from saflite.contract.test_case import TestCase, identity
+from saflite.contract.target_info import TargetInfo
+from saflite.contract.test_case import DEFAULT_TARGET, TestCase, draw_key
 
 FLY, CRASH, HANG, NO_BRING_UP, REFUSE, BROKEN, STRAY, SLOW, QUIET = range(9)
 SLEEPER = [sys.executable, "-c", "import signal, time; signal.signal(15, signal.SIG_IGN); time.sleep(600)"]
+
+
+def describe() -> TargetInfo:
+    """Say what the reference target says, under this target's name."""
+    from saflite.simulator_worker.targets import reference
+
+    return msgspec.structs.replace(reference.describe(), name="soak", snapshots=False)
 
 
 def check(test_case: TestCase) -> None:
@@ -56,13 +64,13 @@ def fly(test_case: TestCase, cancelled: Cancelled) -> FlightRecord:
 def _plain(test_case: TestCase) -> TestCase:
     """Return the test case as the reference target knows it."""
     parameters = {name: value for name, value in test_case.target.parameters.items() if not name.startswith("SOAK_")}
-    target = msgspec.structs.replace(test_case.target, name="reference", parameters=parameters)
+    target = msgspec.structs.replace(test_case.target, name=DEFAULT_TARGET, parameters=parameters)
     return msgspec.structs.replace(test_case, target=target)
 
 
 def _drawn(test_case: TestCase) -> int:
     share = test_case.target.parameters.get("SOAK_SHARE", 0.0)
-    draw = float(derive(0, "soak", identity(test_case)).random())
+    draw = float(derive(0, "soak", draw_key(test_case)).random())
     if draw < share / 2:
         return CRASH
     return HANG if draw < share else FLY

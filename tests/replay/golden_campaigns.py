@@ -81,7 +81,7 @@ def campaign_of(search: Search) -> Campaign:
 
 def planted(target: Target) -> Target:
     """Return the vehicle with the defect that the parachute's campaign is to find."""
-    return msgspec.structs.replace(target, defects=(CHUTE_DEFECT,))
+    return msgspec.structs.replace(target, settings={"defects": [CHUTE_DEFECT]})
 
 
 def parameters_of(test_case: TestCase) -> dict[str, float]:

@@ -137,12 +137,12 @@ def test_each_command_says_in_one_line_what_it_does() -> None:
 
 
 def test_the_pages_name_every_defect_scorer_and_command() -> None:
-    from saflite.console.view.catalogue import KINDS
+    from saflite.console.view.catalogue import items
 
     policies = (ROOT / "deploy" / "docs" / "policies.md").read_text()
     scorers = (ROOT / "deploy" / "docs" / "scorers.md").read_text()
-    assert [item.name for item in KINDS["defects"]() if f"`{item.name}`" not in policies] == []
-    assert [item.name for item in KINDS["scorers"]() if f"`{item.name}" not in scorers] == []
+    assert [item.name for item in items("defects") if f"`{item.name}`" not in policies] == []
+    assert [item.name for item in items("scorers") if f"`{item.name}" not in scorers] == []
 
 
 def test_links_of_the_pages_lead_somewhere() -> None:

@@ -11,9 +11,17 @@ import msgspec
 
 from saflite.contract.flight import FlightRecord
 from saflite.contract.service import Cancelled
-from saflite.contract.test_case import TestCase
+from saflite.contract.target_info import TargetInfo
+from saflite.contract.test_case import DEFAULT_TARGET, TestCase
 
 FLIGHT_S = 4.0
+
+
+def describe() -> TargetInfo:
+    """Say what the reference target says, under this target's name."""
+    from saflite.simulator_worker.targets import reference
+
+    return msgspec.structs.replace(reference.describe(), name="paced", snapshots=False)
 
 
 def check(test_case: TestCase) -> None:
@@ -35,4 +43,4 @@ def fly(test_case: TestCase, cancelled: Cancelled) -> FlightRecord:
 
 
 def _plain(test_case: TestCase) -> TestCase:
-    return msgspec.structs.replace(test_case, target=msgspec.structs.replace(test_case.target, name="reference"))
+    return msgspec.structs.replace(test_case, target=msgspec.structs.replace(test_case.target, name=DEFAULT_TARGET))

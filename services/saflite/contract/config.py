@@ -97,6 +97,9 @@ def parse_campaign(text: str, where: str) -> Campaign:
         raise Refused("campaign file", where=where, expected="a valid campaign", got=str(fault)) from fault
     for table, part in (("target", Target), ("start", StartState), ("wind", Wind)):  # messages, too: lenient there
         for key in data.get(table, {}):
+            if part is Target and key == "defects":
+                fix = "planted defects are a setting of the target: [target.settings] defects = [...]"
+                raise Refused("campaign file, [target]", where=where, expected="`settings`", got="'defects'", fix=fix)
             if key not in part.__struct_fields__:
                 expected = f"one of {', '.join(part.__struct_fields__)}"
                 raise Refused(f"campaign file, [{table}]", where=where, expected=expected, got=repr(key))

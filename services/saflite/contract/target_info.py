@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Literal
 
 import msgspec
 
+from saflite.contract.errors import Refused
 from saflite.contract.signals import Signal
 from saflite.contract.test_case import Setting, StartState, StimulusKind
 
@@ -35,13 +37,15 @@ class InputInfo(msgspec.Struct, frozen=True, kw_only=True):
 class SettingInfo(msgspec.Struct, frozen=True, kw_only=True):
     """One entry of the settings table of `Target`: what it does, its default, the values it may take if they are few.
 
-    A setting whose default is a list takes any part of `choices`. `choice_meanings` has one text per choice, or none.
+    A setting whose default is a list takes any part of `choices`. By choice: `choice_meanings` says what it does,
+    `breaks` which policy it is known to break (planted defects).
     """
 
     meaning: str
     default: Setting
     choices: tuple[float | int | str | bool, ...] = ()
-    choice_meanings: tuple[str, ...] = ()
+    choice_meanings: dict[str, str] = {}
+    breaks: dict[str, str] = {}
 
 
 class SignalInfo(msgspec.Struct, frozen=True, kw_only=True):
@@ -85,3 +89,21 @@ class TargetInfo(msgspec.Struct, frozen=True, kw_only=True):
     autopilot: str = ""
     needs: tuple[str, ...] = ()
     missing: str = ""
+
+
+def check_settings(given: Mapping[str, Setting], known: Mapping[str, SettingInfo], target: str) -> None:
+    """Raise Refused for a setting the target does not have, a value of another type or none of its choices."""
+    for name, value in given.items():
+        if name not in known:
+            expected = f"a setting of {target}: {', '.join(sorted(known)) or 'it has none'}"
+            raise Refused("target setting", expected=expected, got=repr(name))
+        _check_value(f"target setting {name}", value, known[name])
+
+
+def _check_value(where: str, value: Setting, info: SettingInfo) -> None:
+    whole_as_real = isinstance(info.default, float) and type(value) is int
+    if type(value) is not type(info.default) and not whole_as_real:
+        raise Refused(where, expected=f"a value like {info.default!r}", got=repr(value))
+    for part in value if isinstance(value, list) else [value]:
+        if info.choices and part not in info.choices:
+            raise Refused(where, expected=f"one of {', '.join(map(str, info.choices))}", got=repr(part))

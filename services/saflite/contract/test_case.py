@@ -12,6 +12,7 @@ import msgspec
 
 from saflite.contract.ids import short_id
 
+DEFAULT_TARGET = "reference"  # the target that is always there
 StimulusKind = Literal["parameter", "command", "stick", "mode", "sensor_fault"]
 Setting = float | int | str | bool | list[float | int | str | bool]
 
@@ -95,17 +96,16 @@ class Stimulus(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Target(msgspec.Struct, frozen=True, kw_only=True):
-    """Vehicle and autopilot: parameters set before take-off, the target's own settings, planted defects switched on.
+    """Vehicle and autopilot, the parameters set before take-off, the target's own settings.
 
     `settings` are listed by `TargetInfo.settings`. `build` is the digest of the code and binaries that are to fly
     (`TargetInfo.build`); empty means any.
     """
 
-    name: str = "reference"
+    name: str = DEFAULT_TARGET
     parameters: dict[str, float] = {}
     settings: dict[str, Setting] = {}
     build: str = ""
-    defects: tuple[str, ...] = ()
 
 
 class Origin(msgspec.Struct, frozen=True, kw_only=True):
@@ -161,3 +161,8 @@ def told(stimulus: Stimulus) -> str:
 def told_in_order(stimuli: tuple[Stimulus, ...]) -> str:
     """Return stimuli in words, each with its time."""
     return "; ".join(f"{stimulus.at_s:g} s {told(stimulus)}" for stimulus in stimuli)
+
+
+def setting_text(value: Setting) -> str:
+    """Return a setting in words: a list with commas."""
+    return ", ".join(map(str, value)) if isinstance(value, list) else str(value)

@@ -1,9 +1,9 @@
 """Which violation is it? Near-identical finds share a fingerprint; different ones must not.
 
 Avoidance: the policy, which obstacle came too near (its cell of 5 m), on which side and where along the mission, and
-the coarse layout of all obstacles (cells of 10 m). Stimuli: the policy, the mode in which it broke, and the inputs that
-were given before (names, without values). Coarse cells overlap nothing: two finds a hair apart may fall into
-neighbouring cells, so counts of distinct violations are slightly generous.
+the coarse layout of all obstacles (cells of 10 m). Stimuli: the policy, the mode in which it broke, and the inputs
+that were given before (names, without values), and the settings of the target. Coarse cells overlap nothing: two
+finds a hair apart may fall into neighbouring cells, so counts of distinct violations are slightly generous.
 """
 
 from __future__ import annotations
@@ -51,8 +51,10 @@ def _place(test_case: TestCase, features: dict[str, float]) -> list[object]:
 
 def _cause(test_case: TestCase, verdict: Verdict, signals: FlightSignals | None) -> list[object]:
     before = sorted({(s.kind, s.name) for s in test_case.stimuli if s.at_s <= verdict.witness_to_s})
+    given = sorted(test_case.target.settings.items())
     mode = -1
     if signals is not None and "mode" in signals and signals.samples:
         at = min(signals.samples - 1, max(0, round(verdict.witness_from_s / signals.step_s)))
         mode = int(signals["mode"][at])
-    return [mode, before, sorted(test_case.target.defects)]
+    settings = [(name, sorted(map(str, value)) if isinstance(value, list) else value) for name, value in given]
+    return [mode, before, settings]

@@ -1,8 +1,8 @@
 """The UAV testing competition's test-case document (Aerialist) to test case and back, without loss.
 
 Both spellings are read: `robot`/`mission` (current) and `drone`/`test` (2024). What the document cannot say (stimuli,
-start state, rng_seed, planted defects, steady wind) stands under the key `saflite`, which other tools ignore. A test
-case keeps the document it came from; writing starts from it and changes only what differs, so nothing is lost.
+start state, rng_seed, settings of the target, steady wind) stands under the key `saflite`, which other tools ignore.
+A test case keeps the document it came from; writing starts from it and changes only what differs, so nothing is lost.
 """
 
 from __future__ import annotations

@@ -2,6 +2,7 @@
 
 A target module holds
 
+    describe() -> TargetInfo                      what it says of itself; raises Unavailable where it cannot even tell
     fly(test_case, cancelled) -> FlightRecord     fly once; raises Refused (bad input) or Unavailable (bring-up failed)
     check(test_case) -> None                      raise Refused where this target cannot fly the test case
     missing() -> str                              optional: why it cannot fly on this machine, empty if it can
@@ -22,6 +23,7 @@ from typing import Protocol, cast
 from saflite.contract.errors import Refused
 from saflite.contract.flight import FlightRecord
 from saflite.contract.service import Cancelled
+from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import TestCase
 from saflite.simulator_worker import targets
 
@@ -30,6 +32,10 @@ ENTRY_POINTS = "saflite.targets"
 
 class TargetModule(Protocol):
     """What a target module offers."""
+
+    def describe(self) -> TargetInfo:
+        """Say what the target is and can do."""
+        ...
 
     def fly(self, test_case: TestCase, cancelled: Cancelled) -> FlightRecord:
         """Fly once."""
@@ -57,6 +63,19 @@ def load_target(name: str, files: Sequence[Path] = ()) -> TargetModule:
     if name not in target_names():
         raise Refused("target", expected=f"one of {', '.join(target_names(files))}", got=repr(name))
     return cast(TargetModule, importlib.import_module(f"{targets.__name__}.{name}"))
+
+
+def describe_target(name: str, files: Sequence[Path] = ()) -> TargetInfo:
+    """Return what a target says of itself.
+
+    Raises:
+        Refused: there is no such target, or its module does not describe it.
+        Unavailable: it cannot even tell on this machine.
+    """
+    module = load_target(name, files)
+    if not hasattr(module, "describe"):
+        raise Refused("target module", where=name, expected="a function describe()", got="none")
+    return module.describe()
 
 
 def flyable(files: Sequence[Path] = ()) -> tuple[str, ...]:

@@ -174,7 +174,7 @@ def test_unknown_keys_are_refused_in_every_table(table: str) -> None:
 def test_a_defect_the_campaign_cannot_see_is_remarked_on() -> None:
     campaign: Campaign = campaign_options.changed(load_campaign("policy-a-chute"), defects=["land-fast"])
     assert campaign_options.remarks(campaign) == [
-        "note: defect land-fast breaks a-land2, which this campaign does not check"
+        "note: defects land-fast breaks a-land2, which this campaign does not check"
     ]
     assert not campaign_options.remarks(
         campaign_options.changed(load_campaign("policy-a-land2"), defects=["land-fast"])

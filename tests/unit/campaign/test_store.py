@@ -232,7 +232,8 @@ def test_a_scorer_that_starts_anew_is_told_the_latest_outcomes_without_tracks(
     driver = started(tmp_path / "run", 60)
     driver.run(until_flights=45)
     while not (leases := driver.ask("score", "fresh", cursor=-1)):
-        assert any(driver.do(stage, many=9) for stage in ("mutate", "fly", "judge"))
+        moves = [driver.do(stage, worker, 9) for stage in ("mutate", "fly", "judge") for worker in ("a", "b")]
+        assert any(moves), "nobody has anything to do"
     work = leases[0].work
     assert isinstance(work, ScoreWork)
     rounds = {outcome.round for outcome in work.recent}

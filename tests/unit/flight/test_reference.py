@@ -248,7 +248,7 @@ def test_refusals_name_what_is_wrong() -> None:
         (case("LOITER", 20.0, 5.0, [(1.0, "command", "NO_SUCH", ())]), "command"),
         (case("LOITER", 20.0, 5.0, [(1.0, "sensor_fault", "NO_SUCH", ())]), "sensor fault"),
         (case("LOITER", 20.0, 5.0, [(-1.0, "mode", "LAND", ())]), "stimulus time"),
-        (TestCase(target=Target(defects=("no-such",)), scenario=Scenario()), "defect"),
+        (TestCase(target=Target(settings={"defects": ["no-such"]}), scenario=Scenario()), "defect"),
     ]
     for test_case, what in wrong:
         with pytest.raises(Refused, match=what):

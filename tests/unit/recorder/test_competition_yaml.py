@@ -145,7 +145,7 @@ cases = st.builds(
         Target,
         name=st.sampled_from(["reference", "px4"]),
         parameters=st.dictionaries(st.sampled_from(["RTL_ALT", "null", "~"]), st.floats(-1e9, 1e9), max_size=3),
-        defects=st.lists(st.sampled_from(["a", "off"]), max_size=2).map(tuple),
+        settings=st.dictionaries(st.sampled_from(["a", "off"]), st.lists(st.sampled_from(["x", "y"]), max_size=2)),
     ),
     scenario=st.builds(
         Scenario,

@@ -39,7 +39,7 @@ def layout(*places: tuple[float, float, float]) -> TestCase:
 
 
 def stimuli(*given: Stimulus) -> TestCase:
-    target = Target(parameters={"CHUTE_ENABLED": 1.0}, defects=("parachute-in-acro",))
+    target = Target(parameters={"CHUTE_ENABLED": 1.0}, settings={"defects": ["parachute-in-acro"]})
     return TestCase(target=target, scenario=Scenario(start=StartState(mode="GUIDED", altitude_m=20)), stimuli=given)
 
 

@@ -22,10 +22,12 @@ if TYPE_CHECKING:
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Name the arguments."""
+    from saflite.console.io import arguments
+
     parser.add_argument("case", type=Path, help="test case: .yaml, .json or .mcap")
     parser.add_argument("--target", default="", help="fly on this target instead (see `saflite list targets`)")
     parser.add_argument("--policy", action="append", default=[], help="policy to judge by (may be repeated)")
-    parser.add_argument("--defect", action="append", default=[], help="switch a planted defect on (may be repeated)")
+    arguments.add_target_settings(parser)
     parser.add_argument("--parameter", action="append", default=[], metavar="NAME=NUMBER", help="set before take-off")
     parser.add_argument("--rng-seed", type=int, help="random seed of noise and gusts")
     parser.add_argument("--wall-limit", type=float, default=300.0, metavar="S", help="give up after so many seconds")
@@ -49,9 +51,11 @@ def run(args: argparse.Namespace) -> int:
     case = cases.with_changes(
         cases.load_case(args.case),
         target=args.target,
+        settings=args.target_set,
         defects=args.defect,
         parameters=args.parameter,
         rng_seed=args.rng_seed,
+        target_files=args.target_module,
     )
     cases.check_layout(case, str(args.case), args.anywhere)
     flown = judging.fly(case, args.wall_limit, args.target_module)

@@ -1,9 +1,10 @@
-"""List what there is: campaigns, missions, strategies, scorers, targets, policies, defects, exports, signals.
+"""List what there is: campaigns, missions, strategies, scorers, policies, targets and what each takes, exports.
 
 examples:
   saflite list
   saflite list strategies -v
   saflite list policies --json
+  saflite list parameters --target reference
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import argparse
 def configure(parser: argparse.ArgumentParser) -> None:
     """Name the arguments."""
     parser.add_argument("kind", nargs="?", default="", help="what to list; nothing: how many there are of each kind")
+    parser.add_argument("--target", default="", help="whose inputs, signals and settings (the default target's)")
     parser.add_argument("-v", "--verbose", action="store_true", help="show settings and details")
     parser.add_argument("--json", action="store_true", help="print as JSON")
 
@@ -21,19 +23,17 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Print the catalogue."""
     from saflite.console.view import catalogue, out
-    from saflite.contract.errors import Refused
+    from saflite.contract.test_case import DEFAULT_TARGET
 
-    kinds = catalogue.KINDS
+    target = args.target or DEFAULT_TARGET
     if not args.kind:
-        counts = {kind: [item.name for item in items()] for kind, items in kinds.items()}
+        counts = {kind: [item.name for item in catalogue.items(kind, target)] for kind in catalogue.kinds()}
         if args.json:
             out.json(counts)
         else:
             out.table([(kind, len(names), _few(names)) for kind, names in counts.items()])
         return 0
-    if args.kind not in kinds:
-        raise Refused("kind", expected=f"one of {', '.join(kinds)}", got=repr(args.kind))
-    items = kinds[args.kind]()
+    items = catalogue.items(args.kind, target)
     if args.json:
         out.json([{"name": item.name, "summary": item.summary, "details": dict(item.details)} for item in items])
         return 0

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Name the arguments."""
+    from saflite.console.io import arguments
+
     parser.add_argument("campaign", help="built-in campaign or .toml file")
     parser.add_argument("--out", type=Path, metavar="RUN", help="run folder, must not exist (runs/CAMPAIGN)")
     parser.add_argument("--budget", type=int, metavar="N", help="flights, confirmations included")
@@ -33,7 +35,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="setting of the strategy")
     parser.add_argument("--scorer", default="", help="see `saflite list scorers`; e.g. ollama:mistral")
     parser.add_argument("--shadow", action="append", default=[], metavar="MODEL", help="score with it too, undecided")
-    parser.add_argument("--defect", action="append", default=[], help="switch a planted defect on")
+    arguments.add_target_settings(parser)
     parser.add_argument("--target-module", type=Path, action="append", default=[], help="target from outside")
     farm_options.listening(parser)
     parser.add_argument("--json", action="store_true", help="print the result as JSON, and nothing else")
@@ -56,7 +58,9 @@ def run(args: argparse.Namespace) -> int:
         settings=args.set,
         scorer=args.scorer,
         shadow=args.shadow,
+        target_settings=args.target_set,
         defects=args.defect,
+        target_files=args.target_module,
     )
     campaign_options.check_runnable(campaign, args.target_module)
     run_dir = args.out or running.free_folder(campaign.name)
@@ -65,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
         scorer = f"scorer {campaign.scorer.model}, strategy {campaign.strategy.name}"
         out.line(f"campaign {campaign.name}: {campaign.budget_flights} flights, {scorer}, rng_seed {campaign.rng_seed}")
         out.line(f"run folder {run_dir}")
-        for remark in campaign_options.remarks(campaign):
+        for remark in campaign_options.remarks(campaign, args.target_module):
             out.line(remark)
         out.flush()
 

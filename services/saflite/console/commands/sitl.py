@@ -22,9 +22,11 @@ if TYPE_CHECKING:
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Name the arguments."""
+    from saflite.console.io import arguments
+
     parser.add_argument("--endpoint", default="tcp:127.0.0.1:5760", help="tcp:, udp: or udpout:HOST:PORT")
     parser.add_argument("--speed", type=float, default=1.0, help="times real time (1); 0: as fast as it can")
-    parser.add_argument("--defect", action="append", default=[], help="switch a planted defect on (may be repeated)")
+    arguments.add_target_settings(parser)
     parser.add_argument("--parameter", action="append", default=[], metavar="NAME=NUMBER", help="set at start")
     parser.add_argument("--rng-seed", type=int, default=1, help="random seed of noise and gusts")
 
@@ -55,6 +57,12 @@ def _case(args: argparse.Namespace) -> TestCase:
     from saflite.flight.autopilots.reference.sitl import on_the_ground
     from saflite.simulator_worker.registry import load_target
 
-    case = cases.with_changes(on_the_ground(), defects=args.defect, parameters=args.parameter, rng_seed=args.rng_seed)
+    case = cases.with_changes(
+        on_the_ground(),
+        settings=args.target_set,
+        defects=args.defect,
+        parameters=args.parameter,
+        rng_seed=args.rng_seed,
+    )
     load_target(case.target.name).check(case)
     return case

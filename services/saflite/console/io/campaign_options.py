@@ -7,29 +7,16 @@ from pathlib import Path
 
 import msgspec
 
+from saflite.console.io.target_options import assignment, with_settings
 from saflite.contract.config import Campaign, StrategyConfig, check_campaign
 from saflite.contract.errors import Refused
 from saflite.contract.flight import AUTOPILOT_ALIVE
-from saflite.contract.test_case import Setting
 
 
 def at_least(name: str, number: float, least: float) -> None:
     """Raise Refused if a number of the command line is too small."""
     if not number >= least:
         raise Refused(name, expected=f"{least:g} or more", got=number)
-
-
-def setting(text: str) -> tuple[str, Setting]:
-    """Return the name and value in `name=value`, the value read as TOML where it is, as text elsewhere."""
-    import tomllib
-
-    name, equals, value = text.partition("=")
-    if not equals or not name:
-        raise Refused("--set", expected="NAME=VALUE", got=text)
-    try:
-        return name, tomllib.loads(f"value = {value}")["value"]
-    except tomllib.TOMLDecodeError:
-        return name, value
 
 
 def changed(
@@ -41,7 +28,9 @@ def changed(
     settings: Sequence[str] = (),
     scorer: str = "",
     shadow: Sequence[str] = (),
+    target_settings: Sequence[str] = (),
     defects: Sequence[str] = (),
+    target_files: Sequence[Path] = (),
 ) -> Campaign:
     """Return the campaign with the changes given; raises Refused for unknown strategies, scorers and settings.
 
@@ -49,14 +38,19 @@ def changed(
     """
     from saflite.mutator.registry import load_strategy
     from saflite.scorer_pool.registry import check_label
+    from saflite.simulator_worker.registry import describe_target
 
     same = not strategy or strategy == campaign.strategy.name
     kept = campaign.strategy if same else StrategyConfig(name=strategy)
-    found = msgspec.structs.replace(kept, settings={**kept.settings, **dict(setting(text) for text in settings)})
+    found = msgspec.structs.replace(
+        kept, settings={**kept.settings, **dict(assignment("--set", text) for text in settings)}
+    )
     models = msgspec.structs.replace(
         campaign.scorer, model=scorer or campaign.scorer.model, shadow=tuple(shadow) or campaign.scorer.shadow
     )
-    target = msgspec.structs.replace(campaign.target, defects=(*campaign.target.defects, *defects))
+    target = campaign.target
+    if target_settings or defects:
+        target = with_settings(target, describe_target(target.name, target_files), target_settings, defects)
     new = msgspec.structs.replace(
         campaign,
         strategy=found,
@@ -72,16 +66,21 @@ def changed(
     return new
 
 
-def remarks(campaign: Campaign) -> list[str]:
+def remarks(campaign: Campaign, target_files: Sequence[Path] = ()) -> list[str]:
     """Return what a campaign may be started with but its user may not have meant."""
-    from saflite.flight.autopilots.reference.defects import TABLE
+    from saflite.simulator_worker.registry import describe_target
 
-    if campaign.target.name != "reference":
-        return []
+    known = describe_target(campaign.target.name, target_files).settings
+    chosen = [
+        (name, str(part))
+        for name, value in campaign.target.settings.items()
+        for part in (value if isinstance(value, list) else [value])
+    ]
+    broken = [(name, part, known[name].breaks.get(part, AUTOPILOT_ALIVE)) for name, part in chosen if name in known]
     return [
-        f"note: defect {name} breaks {TABLE[name].policy}, which this campaign does not check"
-        for name in campaign.target.defects
-        if TABLE[name].policy not in (*campaign.policies, AUTOPILOT_ALIVE)
+        f"note: {name} {part} breaks {policy}, which this campaign does not check"
+        for name, part, policy in broken
+        if policy not in (*campaign.policies, AUTOPILOT_ALIVE)
     ]
 
 

@@ -6,8 +6,9 @@ import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from saflite.console.io.target_options import with_settings
 from saflite.contract.errors import Refused
-from saflite.contract.test_case import Target, TestCase
+from saflite.contract.test_case import TestCase
 
 KINDS = ".yaml, .yml (competition), .json (saflite), .mcap (recording)"
 
@@ -54,25 +55,29 @@ def with_changes(
     case: TestCase,
     *,
     target: str = "",
+    settings: Sequence[str] = (),
     defects: Sequence[str] = (),
     parameters: Iterable[str] = (),
     rng_seed: int | None = None,
+    target_files: Sequence[Path] = (),
 ) -> TestCase:
     """Return the test case with what the command line changes; raises Refused for a parameter without a number."""
     import msgspec
 
-    settings = dict(case.target.parameters)
+    from saflite.simulator_worker.registry import describe_target
+
+    values = dict(case.target.parameters)
     for text in parameters:
         name, equals, number = text.partition("=")
         try:
-            settings[name] = float(number)
+            values[name] = float(number)
         except ValueError as fault:
             raise Refused("--parameter", expected="NAME=NUMBER", got=text) from fault
         assert equals, "float('') was refused above"
-    changed = Target(
-        name=target or case.target.name,
-        parameters=settings,
-        defects=(*case.target.defects, *(name for name in defects if name not in case.target.defects)),
-    )
+    name = target or case.target.name
+    build = case.target.build if name == case.target.name else ""
+    changed = msgspec.structs.replace(case.target, name=name, parameters=values, build=build)
+    if settings or defects:
+        changed = with_settings(changed, describe_target(changed.name, target_files), settings, defects)
     seed = case.rng_seed if rng_seed is None else rng_seed
     return msgspec.structs.replace(case, target=changed, rng_seed=seed)

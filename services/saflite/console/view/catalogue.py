@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import pkgutil
+from collections import Counter
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import NamedTuple
 
+from saflite.console.io.target_options import DEFECTS
 from saflite.console.view import out
+from saflite.contract.errors import Refused
+from saflite.contract.target_info import InputInfo, TargetInfo
+from saflite.contract.test_case import DEFAULT_TARGET, StimulusKind
 
 
 class Item(NamedTuple):
@@ -64,14 +70,33 @@ def _scorers() -> list[Item]:
 
 
 def _targets() -> list[Item]:
-    from saflite.simulator_worker.registry import load_target, target_names, why_missing
+    from saflite.contract.errors import Unavailable
+    from saflite.simulator_worker.registry import describe_target, target_names
 
     found = []
     for name in target_names():
-        target = load_target(name)
-        missing = why_missing(target)
-        found.append(Item(name, _first(target.__doc__ or "") + (f" [cannot fly here: {missing}]" if missing else "")))
+        try:
+            found.append(_target(describe_target(name)))
+        except Unavailable as fault:
+            found.append(Item(name, f"[cannot tell here: {fault}]"))
     return found
+
+
+def _target(info: TargetInfo) -> Item:
+    missing = f" [cannot fly here: {info.missing}]" if info.missing else ""
+    counts = Counter(entry.kind for entry in info.inputs)
+    takes = [word for word in ("missions", "obstacles", "wind", "snapshots") if getattr(info, word)]
+    details = {
+        "repeats": {"bitwise": "bit by bit", "statistically": "statistically only"}[info.repeats],
+        "inputs": ", ".join(f"{count} {kind}s" for kind, count in counts.items()) or "none",
+        "modes": ", ".join(info.modes) or "none",
+        "signals": str(len(info.signals)),
+        "takes": ", ".join(takes) or "only start states",
+        "settings": ", ".join(info.settings) or "none",
+        "needs": ", ".join(info.needs) or "nothing more",
+        "build": info.build[:16],
+    }
+    return Item(info.name, f"{info.autopilot or info.name}, {info.vehicle or 'no vehicle named'}{missing}", details)
 
 
 def _policies() -> list[Item]:
@@ -87,13 +112,6 @@ def _policies() -> list[Item]:
         details |= {f"mended ({number})": text for number, text in enumerate(file.deviations, 1)}
         found.append(Item(name, file.title, details))
     return found
-
-
-def _defects() -> list[Item]:
-    from saflite.flight.autopilots.reference import defects
-
-    found: dict[str, str] = getattr(defects, "DEFECTS", {})
-    return [Item(name, _first(str(text))) for name, text in sorted(found.items())]
 
 
 def _exports() -> list[Item]:
@@ -117,33 +135,51 @@ def _modules(path: list[str]) -> list[Item]:
     ]
 
 
-def _signals() -> list[Item]:
-    from saflite.contract.signals import SIGNALS
-
-    return [Item(name, f"{signal.meaning} [{signal.unit or '-'}]") for name, signal in SIGNALS.items()]
+def _first(text: str) -> str:
+    return " ".join(text.strip().split("\n\n")[0].split())
 
 
-def _parameters() -> list[Item]:
-    from saflite.flight.autopilots.reference.parameters import parameter_table
+# ---- what a target says of itself ---------------------------------------------------------------------------------
 
+
+def _inputs(info: TargetInfo, kind: StimulusKind | None = None) -> list[Item]:
+    shown = [entry for entry in info.inputs if kind in (None, entry.kind)]
     return [
-        Item(
-            row.name,
-            f"{row.meaning} [{row.low:g} to {row.high:g}{' ' + row.unit if row.unit else ''}; default {row.default:g}]",
-            {"acts": "at the next start" if row.reboot else "at once"},
-        )
-        for row in parameter_table().values()
+        Item(entry.name, f"{'' if kind else entry.kind + ': '}{entry.meaning}{_bounds(entry)}".strip())
+        for entry in shown
     ]
 
 
-def _mav_commands() -> list[Item]:
-    from saflite.flight.autopilots.reference.tables import commands
+def _bounds(entry: InputInfo) -> str:
+    said = [
+        f"{entry.low:g} to {entry.high:g}" if entry.low is not None and entry.high is not None else "",
+        f"one of {', '.join(f'{value:g}' for value in entry.choices)}" if entry.choices else "",
+    ]
+    ranges = f"{' '.join(text for text in said if text)} {entry.unit}".strip()
+    default = f"default {entry.default:g}" if entry.default is not None else ""
+    parts = [text for text in (ranges, default) if text]
+    return f" [{'; '.join(parts)}]" if parts else ""
 
-    return [Item(f"MAV_CMD_{name}", f"{row.meaning} [{row.number}]") for name, row in sorted(commands().items())]
+
+def _settings(info: TargetInfo) -> list[Item]:
+    return [
+        Item(name, f"{setting.meaning} (default {setting.default!r})", {str(key): "" for key in setting.choices})
+        for name, setting in info.settings.items()
+    ]
 
 
-def _first(text: str) -> str:
-    return " ".join(text.strip().split("\n\n")[0].split())
+def _defects(info: TargetInfo) -> list[Item]:
+    setting = info.settings.get(DEFECTS)
+    if setting is None:
+        return []
+    return [Item(str(name), _first(setting.choice_meanings.get(str(name), ""))) for name in setting.choices]
+
+
+def _signals(info: TargetInfo) -> list[Item]:
+    from saflite.contract.signals import SIGNALS
+
+    own = {name: signal.as_signal() for name, signal in info.own_signals.items()}
+    return [Item(name, f"{signal.meaning} [{signal.unit or '-'}]") for name, signal in {**SIGNALS, **own}.items()]
 
 
 KINDS: dict[str, Callable[[], list[Item]]] = {
@@ -153,10 +189,38 @@ KINDS: dict[str, Callable[[], list[Item]]] = {
     "scorers": _scorers,
     "targets": _targets,
     "policies": _policies,
-    "defects": _defects,
     "exports": _exports,
-    "signals": _signals,
-    "parameters": _parameters,
-    "mav-commands": _mav_commands,
     "commands": _commands,
 }
+OF_TARGET: dict[str, Callable[[TargetInfo], list[Item]]] = {
+    "settings": _settings,
+    "defects": _defects,
+    "signals": _signals,
+    "inputs": _inputs,
+    "parameters": partial(_inputs, kind="parameter"),
+    "sensor-faults": partial(_inputs, kind="sensor_fault"),
+    "mav-commands": partial(_inputs, kind="command"),
+    "sticks": partial(_inputs, kind="stick"),
+    "modes": partial(_inputs, kind="mode"),
+}
+
+
+def kinds() -> tuple[str, ...]:
+    """Return the kinds of things there are to list."""
+    return (*KINDS, *OF_TARGET)
+
+
+def items(kind: str, target: str = DEFAULT_TARGET) -> list[Item]:
+    """Return what there is of a kind; inputs, signals and settings are those of `target`.
+
+    Raises:
+        Refused: no such kind or target.
+        Unavailable: the target cannot tell on this machine.
+    """
+    from saflite.simulator_worker.registry import describe_target
+
+    if kind in KINDS:
+        return KINDS[kind]()
+    if kind not in OF_TARGET:
+        raise Refused("kind", expected=f"one of {', '.join(kinds())}", got=repr(kind))
+    return OF_TARGET[kind](describe_target(target))

@@ -12,7 +12,7 @@ from saflite.console.view.report.data import Exhibit
 from saflite.console.view.report.svg import tag
 from saflite.contract.errors import Refused
 from saflite.contract.flight import Ending, Flight
-from saflite.contract.test_case import Obstacle, Stimulus, told
+from saflite.contract.test_case import Obstacle, Stimulus, setting_text, told
 from saflite.contract.verdict import Verdict
 
 FAR_M = 12.0  # distances beyond it are cut off in charts: what matters is near the limit
@@ -136,8 +136,7 @@ def _facts(exhibit: Exhibit, run_name: str) -> list[tuple[str, str]]:
         )
     facts += [(f"box {number}", _box(box)) for number, box in enumerate(case.scenario.obstacles, start=1)]
     facts += [(f"at {stimulus.at_s:g} s", escape(told(stimulus))) for stimulus in case.stimuli]
-    if case.target.defects:
-        facts.append(("defects on", escape(", ".join(case.target.defects))))
+    facts += [(escape(name), escape(setting_text(value))) for name, value in case.target.settings.items()]
     if exhibit.recording:
         facts.append(("recording", f'<a href="{escape(exhibit.recording)}">{escape(exhibit.recording)}</a>'))
     replay = f"saflite replay {run_name} --violation {violation.fingerprint}"

@@ -12,6 +12,7 @@ from saflite.console.view.report.data import ReportData
 from saflite.console.view.report.style import CSS
 from saflite.contract.flight import BESIDE_BUDGET
 from saflite.contract.interval import Interval
+from saflite.contract.test_case import setting_text
 from saflite.scorer_pool.calibration import Calibration
 
 DRAWN_FROM = 8
@@ -50,8 +51,7 @@ def _settings(data: ReportData) -> str:
         f"rng_seed {campaign.rng_seed}",
         f"policies {', '.join(campaign.policies)}",
     ]
-    if campaign.target.defects:
-        parts.append(f"defects {', '.join(campaign.target.defects)}")
+    parts += [f"{name} {setting_text(value)}" for name, value in campaign.target.settings.items()]
     return escape(" · ".join(parts))
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from saflite.contract.errors import Refused
 from saflite.contract.test_case import TestCase
-from saflite.flight.autopilots.reference.defects import check_defects, unchecked_parameters
+from saflite.flight.autopilots.reference.defects import planted_in, unchecked_parameters
 from saflite.flight.autopilots.reference.mission_items import understand
 from saflite.flight.autopilots.reference.modes.table import mode_table
 from saflite.flight.autopilots.reference.parameters import parameter_table
@@ -14,7 +14,7 @@ TIME_LIMIT_MAX_S, ALTITUDE_MAX_M, WIND_MAX_MPS = 7200.0, 2000.0, 15.0
 
 
 def check_test_case(test_case: TestCase) -> None:
-    """Raise Refused for unknown parameters, defects, modes, mission commands, or numbers without sense."""
+    """Raise Refused for unknown parameters, settings, modes, mission commands, or numbers without sense."""
     scenario, target = test_case.scenario, test_case.target
     if not 0.0 < scenario.time_limit_s <= TIME_LIMIT_MAX_S:
         raise Refused("time_limit_s", expected=f"above 0, at most {TIME_LIMIT_MAX_S:g}", got=scenario.time_limit_s)
@@ -25,8 +25,7 @@ def check_test_case(test_case: TestCase) -> None:
         or wind.gust_period_s <= 0.0
     ):
         raise Refused("wind", expected=f"speeds of 0 to {WIND_MAX_MPS:g} m/s, a period above 0", got=wind)
-    check_defects(target.defects)
-    unchecked = unchecked_parameters(target.defects)
+    unchecked = unchecked_parameters(planted_in(target))
     for name, value in target.parameters.items():
         row = parameter_table().get(name)
         if row is None:

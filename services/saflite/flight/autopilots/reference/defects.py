@@ -11,6 +11,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from saflite.contract.errors import Refused
+from saflite.contract.target_info import SettingInfo, check_settings
 from saflite.contract.test_case import Scenario, StartState, Stimulus, StimulusKind, Target, TestCase
 from saflite.flight.autopilots.reference.defect_table import ROWS
 
@@ -42,25 +43,39 @@ DEFECTS: dict[str, str] = {
 }
 
 
+SETTING = "defects"
+SETTINGS: dict[str, SettingInfo] = {
+    SETTING: SettingInfo(
+        meaning="planted defects that are switched on",
+        default=[],
+        choices=tuple(sorted(TABLE)),
+        choice_meanings={name: DEFECTS[name] for name in sorted(TABLE)},
+        breaks={name: TABLE[name].policy for name in sorted(TABLE)},
+    )
+}
+
+
+def planted_in(target: Target) -> tuple[str, ...]:
+    """Return the defects that are switched on; raises Refused for one that does not exist."""
+    check_settings(target.settings, SETTINGS, target.name)
+    given = target.settings.get(SETTING, [])
+    assert isinstance(given, list), "check_settings lets only lists through"
+    return tuple(str(name) for name in given)
+
+
 def unchecked_parameters(defects: Iterable[str]) -> frozenset[str]:
     """Return the parameters whose range is not checked while these defects are on."""
     return frozenset(name for defect in defects for name in TABLE[defect].unchecked)
 
 
-def check_defects(defects: Iterable[str]) -> None:
-    """Raise Refused for a defect that does not exist."""
-    for name in defects:
-        if name not in TABLE:
-            raise Refused("defect", expected=f"one of {', '.join(sorted(TABLE))}", got=repr(name))
-
-
 def trigger(name: str, *, planted: bool = True) -> TestCase:
     """Return the shortest test case known for a defect, with the defect on or (for comparison) off."""
-    check_defects((name,))
+    if name not in TABLE:
+        raise Refused("defect", expected=f"one of {', '.join(sorted(TABLE))}", got=repr(name))
     defect = TABLE[name]
     mode, altitude_m = defect.start
     return TestCase(
-        target=Target(parameters=dict(defect.parameters), defects=(name,) if planted else ()),
+        target=Target(parameters=dict(defect.parameters), settings={SETTING: [name]} if planted else {}),
         scenario=Scenario(start=StartState(mode=mode, altitude_m=altitude_m), time_limit_s=defect.time_s),
         stimuli=tuple(
             Stimulus(at_s=at, kind=kind, name=what, values=values) for at, kind, what, values in defect.inputs

@@ -6,20 +6,21 @@ import importlib.util
 from functools import cache
 
 from saflite.contract.signals import SIGNALS
-from saflite.contract.target_info import InputInfo, SettingInfo, TargetInfo
-from saflite.contract.test_case import StartState
+from saflite.contract.target_info import InputInfo, TargetInfo
+from saflite.contract.test_case import DEFAULT_TARGET, StartState
 from saflite.flight.autopilots.reference import tables
 from saflite.flight.autopilots.reference.check import TIME_LIMIT_MAX_S
 from saflite.flight.autopilots.reference.command_names import NAMES
-from saflite.flight.autopilots.reference.defects import DEFECTS
+from saflite.flight.autopilots.reference.defects import SETTINGS
 from saflite.flight.autopilots.reference.flight import trace_names
+from saflite.flight.autopilots.reference.modes.table import mode_table
 from saflite.flight.autopilots.reference.parameter import Parameter
 from saflite.flight.autopilots.reference.parameters import parameter_table
 from saflite.flight.autopilots.reference.radio import CENTRED
 from saflite.flight.build import build_of
 from saflite.flight.native_library import LIBRARY
 
-NAME = "reference"
+NAME = DEFAULT_TARGET
 COMMAND_PREFIX = "MAV_CMD_"
 STICK_LOW_PWM, STICK_HIGH_PWM = 1000.0, 2000.0
 _STICK_MEANINGS = {1: "roll stick", 2: "pitch stick, below the centre is forward", 3: "throttle stick", 4: "yaw stick"}
@@ -33,12 +34,6 @@ _WHOLE_UNITS = frozenset({"cm", "cm/s", "ms", "us", "cdeg"})
 @cache
 def describe() -> TargetInfo:
     """Return what this target is and can do; raises Unavailable where the native library was not built."""
-    settings = SettingInfo(
-        meaning="planted defects that are switched on",
-        default=[],
-        choices=tuple(sorted(DEFECTS)),
-        choice_meanings=tuple(DEFECTS[name] for name in sorted(DEFECTS)),
-    )
     return TargetInfo(
         name=NAME,
         build=build_of(NAME),
@@ -47,7 +42,7 @@ def describe() -> TargetInfo:
         signals=tuple(name for name in SIGNALS if name in frozenset(trace_names())),
         modes=tables.modes(),
         start_states=_start_states(),
-        settings={"defects": settings},
+        settings=SETTINGS,
         missions=True,
         obstacles=True,
         wind=True,
@@ -110,7 +105,11 @@ def _parameter(row: Parameter) -> InputInfo:
 
 
 def _modes() -> tuple[InputInfo, ...]:
-    return tuple(InputInfo(kind="mode", name=name) for name in tables.modes())
+    kinds = mode_table()
+    return tuple(
+        InputInfo(kind="mode", name=name, meaning=(kinds[name].__doc__ or "").partition("\n")[0])
+        for name in tables.modes()
+    )
 
 
 def _start_states() -> tuple[StartState, ...]:

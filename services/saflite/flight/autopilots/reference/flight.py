@@ -14,6 +14,7 @@ from saflite.contract.test_case import StartState, TestCase
 from saflite.flight.autopilots.reference import stimuli
 from saflite.flight.autopilots.reference.autopilot import TICK_S, Autopilot
 from saflite.flight.autopilots.reference.avoidance import Avoidance
+from saflite.flight.autopilots.reference.defects import planted_in
 from saflite.flight.geometry import boxes_array
 from saflite.flight.vehicle import STEP_S, Vehicle, slots
 from saflite.flight.world.jsbsim_world import World
@@ -50,7 +51,7 @@ class ReferenceFlight:
         self.vehicle = Vehicle(test_case.rng_seed, self.boxes)
         self.world.read(self.vehicle)
         self.wind = WindField(scenario.wind, test_case.rng_seed)
-        self.autopilot = Autopilot(self.vehicle, test_case.target.defects)
+        self.autopilot = Autopilot(self.vehicle, planted_in(test_case.target))
         self.inputs = stimuli.Player(self.autopilot, test_case.stimuli)
         self.ticks = 0
         self.trace_start_s = 0.0
