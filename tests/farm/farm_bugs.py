@@ -16,10 +16,10 @@ from saflite.campaign.engine.core import Core
 from saflite.campaign.engine.journal import Granted, Line, Pick
 from saflite.campaign.engine.outbox import Outbox
 from saflite.campaign.engine.state import Books
-from saflite.campaign.engine.worker_registry import WorkerRegistry
 from saflite.campaign.lifecycle import confirmation, flights
 from saflite.campaign.lifecycle.proposals import Proposals
 from saflite.campaign.scheduling import result_validation, work_messages
+from saflite.campaign.scheduling.leases import Leases
 from saflite.campaign.scheduling.rounds import Plan, Round, Rounds
 from saflite.campaign.scheduling.tasks import Task
 from saflite.campaign.scheduling.work_keys import FlyKey, MutateKey, ScoreKey, read_key
@@ -59,7 +59,7 @@ def reflights_are_free() -> Any:
 
 def leases_never_end() -> Any:
     """A lease whose worker fell silent is not taken back."""
-    return _patched(WorkerRegistry, "due", lambda self, now: [])
+    return _patched(Leases, "due", lambda self, now: [])
 
 
 def every_reflight_counts_as_equal() -> Any:
@@ -187,8 +187,8 @@ def leases_are_forgotten_over_a_restart() -> Any:
 
     def begin(self: Books, now: float, unix_s: float) -> None:
         original(self, now, unix_s)
-        for key in self._registry.keys():  # noqa: SIM118 (a copy)
-            self._registry.end(key)
+        for key in self._leases.keys():  # noqa: SIM118 (a copy)
+            self._leases.end(key)
 
     original = Books.begin
     return _patched(Books, "begin", begin)

@@ -188,15 +188,26 @@ Result = MutateResult | ScoreResult | WarmResult | FlyResult | JudgeResult | Rec
 # ---- the conversation ---------------------------------------------------------------------------------------------
 
 
+class TargetBuild(msgspec.Struct, frozen=True, order=True):
+    """A target and the digest of the build of it (`TargetInfo.build`); an empty digest: not known, or any will do."""
+
+    name: str
+    build: str = ""
+
+
 class Ask(msgspec.Struct, frozen=True, kw_only=True):
-    """A worker asks for work. `cursor` is the round up to which a mutator or learning scorer has been told outcomes."""
+    """A worker asks for work.
+
+    `cursor` is the round up to which a mutator or learning scorer has been told outcomes; `targets` are those a
+    simulator worker can fly, empty for whatever comes.
+    """
 
     worker: str
     stage: Stage
     leases_max: int = 1
     wait_s: float = 5.0
     cursor: int = -1
-    targets: tuple[str, ...] = ()
+    targets: tuple[TargetBuild, ...] = ()
 
 
 class Lease(msgspec.Struct, frozen=True, kw_only=True):

@@ -6,12 +6,12 @@ from collections import OrderedDict
 from typing import NamedTuple
 
 from saflite.bus.base import Request
-from saflite.contract.work import Ask
+from saflite.contract.work import Ask, TargetBuild
 
 WAIT_MAX_S = 10.0
 PASSED_OVER_MAX = 4  # work may exist that the first in line may not have (a re-flight wants another worker)
 
-Line = tuple[str, tuple[str, ...]]
+Line = tuple[str, tuple[TargetBuild, ...]]
 
 
 class Parked(NamedTuple):

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from saflite.contract.clock import Clock
 from saflite.contract.errors import Refused
 from saflite.contract.service import Service
-from saflite.contract.work import PolicyTexts, Stage
+from saflite.contract.work import PolicyTexts, Stage, TargetBuild
 from saflite.runtime.worker import WorkerConfig
 
 if TYPE_CHECKING:
@@ -30,12 +30,12 @@ class ServiceContext(NamedTuple):
 
 def worker_config(stage: Stage, worker: str, service: Service) -> WorkerConfig:
     """Return how a worker of this stage works."""
-    targets: tuple[str, ...] = ()
+    targets: tuple[TargetBuild, ...] = ()
     if stage == "fly":
         from saflite.simulator_worker.work import Flyer
 
         assert isinstance(service, Flyer)
-        targets = service.targets()
+        targets = tuple(TargetBuild(name) for name in service.targets())
     return WorkerConfig(worker, stage, parallel=service.parallel, prefetch=PREFETCH.get(stage, 0), targets=targets)
 
 

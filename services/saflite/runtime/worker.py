@@ -24,6 +24,7 @@ from saflite.contract.work import (
     Report,
     Result,
     Stage,
+    TargetBuild,
 )
 
 IDLE_BEAT_S = 3.0
@@ -167,7 +168,7 @@ class WorkerConfig(NamedTuple):
     parallel: int = 1
     prefetch: int = 0
     poll_s: float = 5.0
-    targets: tuple[str, ...] = ()
+    targets: tuple[TargetBuild, ...] = ()
 
 
 class Worker:

@@ -3,29 +3,29 @@
 from __future__ import annotations
 
 from saflite.campaign.engine.core import Core
-from saflite.campaign.engine.worker_registry import WorkerRegistry
+from saflite.campaign.scheduling.leases import Leases
 from saflite.campaign.scheduling.work_keys import FlyKey, JudgeKey, RecordKey
 
 
-def validate(core: Core, registry: WorkerRegistry) -> None:
+def validate(core: Core, leases: Leases) -> None:
     """Assert that the state is one the books can be in."""
     core.tasks.validate()
-    _leases_have_deadlines(core, registry)
+    _leases_have_deadlines(core, leases)
     _budget_holds(core)
     _every_trial_goes_on(core)
     _traces_are_held(core)
     _counts_agree(core)
 
 
-def _leases_have_deadlines(core: Core, registry: WorkerRegistry) -> None:
+def _leases_have_deadlines(core: Core, leases: Leases) -> None:
     leased = core.tasks.leased()
     for task in leased:
-        deadline = registry.deadline(task.key)
+        deadline = leases.deadline(task.key)
         assert deadline is not None, f"{task.key} is lent for ever"
         assert (deadline.epoch, deadline.worker) == (task.epoch, task.worker), (
             f"{task.key}: deadline of another attempt"
         )
-    assert len(registry) == len(leased), "a deadline without a lease"
+    assert len(leases) == len(leased), "a deadline without a lease"
 
 
 def _budget_holds(core: Core) -> None:

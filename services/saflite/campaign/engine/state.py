@@ -33,8 +33,9 @@ from saflite.campaign.engine.read_model import ReadModel
 from saflite.campaign.engine.reducer import Reducer
 from saflite.campaign.engine.status import Rates, overview
 from saflite.campaign.engine.trace_cache import TraceCache
-from saflite.campaign.engine.worker_registry import Deadline, WorkerRegistry
+from saflite.campaign.engine.worker_registry import WorkerRegistry
 from saflite.campaign.scheduling.dispatch import Dispatch
+from saflite.campaign.scheduling.leases import Deadline, Leases
 from saflite.campaign.scheduling.result_validation import check_result
 from saflite.campaign.scheduling.rounds import Rounds
 from saflite.campaign.scheduling.selection import Rules, select
@@ -83,7 +84,7 @@ class Books:
         self._reducer = Reducer(self._core)
         self._trace_cache = TraceCache(self._out, read_model)
         self._work_messages = WorkMessages(self._reducer, self._trace_cache)
-        self._registry = WorkerRegistry()
+        self._registry, self._leases = WorkerRegistry(), Leases()
         self._dispatch = Dispatch(self._core, self._registry)
         self._rates = Rates()
         self._run_id = run_id
@@ -139,7 +140,7 @@ class Books:
         for key in [task.key for task in self._core.tasks if isinstance(task.key, JudgeKey)]:
             digest = self._reducer.flight_of(key).trace_digest
             if digest and self._trace_cache.trace(digest) is None:
-                self._registry.end(key)
+                self._leases.end(key)
                 self._without_its_trace(key, "its trace was not on disk", now)
 
     def _without_its_trace(self, key: WorkKey, message: str, now: float) -> None:
@@ -180,14 +181,14 @@ class Books:
 
     def _start_clock(self, task: Task, now: float) -> None:
         overdue_s = now + self._work_messages.overdue_s(task)
-        self._registry.begin(Deadline(task.key, task.epoch, task.stage, task.worker, now + self._lease_s, overdue_s))
+        self._leases.begin(Deadline(task.key, task.epoch, task.worker, now + self._lease_s, overdue_s))
 
     def _stop_clocks(self) -> None:
         """End the leases of work an order has done away with."""
-        for key in self._registry.keys():  # noqa: SIM118 (a copy)
+        for key in self._leases.keys():  # noqa: SIM118 (a copy)
             task = self._core.tasks.get(key)
             if task is None or task.waiting:
-                self._registry.end(key)
+                self._leases.end(key)
 
     @property
     def _lease_s(self) -> float:
@@ -234,7 +235,7 @@ class Books:
             result = report.result
             if isinstance(result, FlyResult):
                 result = self._without_trace(result, report.worker)
-            self._registry.end(key)
+            self._leases.end(key)
             self._do(Settled(key=key, epoch=report.epoch, worker=report.worker, result=result), now)
             self._rates.settled(result, now)
             self._drop_unwanted(result)
@@ -253,7 +254,7 @@ class Books:
             self._out.drop_trace(digest)
 
     def _give_back(self, task: Task, how: How, message: str, now: float) -> None:
-        self._registry.end(task.key)
+        self._leases.end(task.key)
         self._do(Returned(key=task.key, epoch=task.epoch, how=how, message=message), now)
         self._choose(now)
 
@@ -288,7 +289,7 @@ class Books:
         cancel = []
         for lease_id, epoch in beat.leases:
             run_id, key = self._key_of(lease_id)
-            if run_id != self._run_id or key is None or not self._registry.extend(key, epoch, beat.worker, until_s):
+            if run_id != self._run_id or key is None or not self._leases.extend(key, epoch, beat.worker, until_s):
                 cancel.append(lease_id)
         return Orders(cancel=tuple(cancel), stop=self.ended)
 
@@ -298,7 +299,7 @@ class Books:
 
     def absent(self, worker: str, stage: str, now: float, why: str = "its token vanished") -> None:
         """Free the leases of a worker that is gone, at once."""
-        for place, deadline in enumerate(self._registry.held_by(stage, worker)):
+        for place, deadline in enumerate(self._leases.held_by(stage, worker)):
             self._lose(deadline, "lost" if place == 0 else "undelivered", f"{worker}: {why}", now)
         if self._registry.leave(stage, worker):
             self._do(Noted(fact=WorkerChanged(worker=worker, stage=stage, present=False, message=why)), now)
@@ -320,8 +321,8 @@ class Books:
 
     def tick(self, now: float) -> None:
         """End leases whose time is up and forget workers not heard of for long."""
-        due = self._registry.due(now)
-        begun = {self._registry.held_by(one.stage, one.worker)[0].key for one in due}
+        due = self._leases.due(now)
+        begun = {self._leases.held_by(one.key.stage, one.worker)[0].key for one in due}
         for deadline in due:
             why = "ran far beyond its time" if now >= deadline.overdue_s else "was not heard of in time"
             how: How = "lost" if deadline.named and deadline.key in begun else "undelivered"
@@ -362,8 +363,8 @@ class Books:
 
     def status(self, now: float) -> Status:
         """Return the campaign at a glance."""
-        return overview(self._reducer, self._registry, self._rates, now)
+        return overview(self._reducer, self._registry, self._leases, self._rates, now)
 
     def validate(self) -> None:
         """Assert every invariant of the books; for tests and audits."""
-        validate(self._core, self._registry)
+        validate(self._core, self._leases)

@@ -6,6 +6,7 @@ from collections import deque
 
 from saflite.campaign.engine.reducer import Reducer
 from saflite.campaign.engine.worker_registry import Worker, WorkerRegistry
+from saflite.campaign.scheduling.leases import Leases
 from saflite.contract.control import Status, WorkerStatus
 from saflite.contract.work import FlyResult, Result
 
@@ -40,7 +41,7 @@ class Rates:
         return len(recent) / over_s, sum(recent) / over_s
 
 
-def overview(reducer: Reducer, registry: WorkerRegistry, rates: Rates, now: float) -> Status:
+def overview(reducer: Reducer, registry: WorkerRegistry, leases: Leases, rates: Rates, now: float) -> Status:
     """Return the status of the campaign at `now`."""
     core, counts = reducer.core, reducer.core.counts
     elapsed_s = core.elapsed_s(now)
@@ -69,17 +70,19 @@ def overview(reducer: Reducer, registry: WorkerRegistry, rates: Rates, now: floa
         scorer_pending=",".join(key.model for key in reducer.scorers.pending),
         fallbacks=counts.fallbacks,
         queues=queues,
-        workers=tuple(_worker(worker, now) for worker in registry.workers()),
+        workers=tuple(
+            _worker(worker, len(leases.held_by(worker.stage, worker.worker)), now) for worker in registry.workers()
+        ),
         seq=core.out.seq,
     )
 
 
-def _worker(worker: Worker, now: float) -> WorkerStatus:
+def _worker(worker: Worker, leases: int, now: float) -> WorkerStatus:
     return WorkerStatus(
         worker=worker.worker,
         stage=worker.stage,
         state=worker.state,
-        leases=len(worker.leases),
+        leases=leases,
         done=worker.done,
         busy_share=worker.busy_share,
         silent_s=max(0.0, now - worker.seen_s),

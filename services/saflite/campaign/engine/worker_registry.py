@@ -1,12 +1,11 @@
-"""Who is there and until when leases run: the part of the books that is not kept over a restart."""
+"""Which workers are there, by their asks, heartbeats and liveliness tokens. Not kept over a restart."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
-from saflite.campaign.scheduling.work_keys import WorkKey
-from saflite.contract.work import Heartbeat
+from saflite.contract.work import Heartbeat, TargetBuild
 
 Name = tuple[str, str]  # stage, worker
 REMEMBER_S = 300.0
@@ -20,14 +19,13 @@ class Worker:
     stage: str
     seen_s: float
     joined_s: float
-    targets: tuple[str, ...] = ()
+    targets: tuple[TargetBuild, ...] = ()
     state: str = "idle"
     done: int = 0
     busy_s: float = 0.0
     idle_s: float = 0.0
     simulated_s: float = 0.0
     resident_mib: float = 0.0
-    leases: set[WorkKey] = field(default_factory=set)
 
     @property
     def busy_share(self) -> float:
@@ -36,28 +34,23 @@ class Worker:
         return self.busy_s / total_s if total_s > 0 else 0.0
 
 
-@dataclass(slots=True)
-class Deadline:
-    """Until when a lease runs. `named` once a heartbeat of its worker showed that the grant arrived."""
+def can_fly(announced: tuple[TargetBuild, ...], wanted: TargetBuild | None) -> bool:
+    """Return whether a worker that announced these targets may be given work on the one wanted.
 
-    key: WorkKey
-    epoch: int
-    stage: str
-    worker: str
-    until_s: float
-    overdue_s: float  # however alive the worker seems, the lease ends here
-    named: bool = False
-    place: int = 0  # in the order in which leases were lent out
+    A build that is wanted must have been announced; a worker that announced nothing is given anything, and what it
+    then flew is looked at.
+    """
+    if wanted is None or not announced:
+        return True
+    return any(wanted.name == one.name and wanted.build in ("", one.build) for one in announced)
 
 
 class WorkerRegistry:
-    """All workers seen lately and all leases under way."""
+    """All workers seen lately."""
 
     def __init__(self) -> None:
         self._workers: dict[Name, Worker] = {}
         self._left: dict[Name, Worker] = {}  # gone, but perhaps about to come back
-        self._deadlines: dict[WorkKey, Deadline] = {}
-        self._lent = 0
 
     def meet(self, stage: str, worker: str, now_s: float) -> bool:
         """Note a sign of life; True if the worker is new."""
@@ -86,17 +79,11 @@ class WorkerRegistry:
         """Return all workers by stage and name."""
         return [self._workers[name] for name in sorted(self._workers)]
 
-    def others(self, stage: str, worker: str, target: str, since_s: float) -> Iterator[str]:
+    def others(self, stage: str, worker: str, target: TargetBuild | None, since_s: float) -> Iterator[str]:
         """Yield other workers of a stage that can fly `target` and were seen since `since_s`, even if gone by now."""
         for (their_stage, name), other in (*self._workers.items(), *self._left.items()):
-            fits = not other.targets or not target or target in other.targets
-            if (
-                their_stage == stage
-                and name != worker
-                and fits
-                and other.seen_s >= since_s
-                and other.state != "draining"
-            ):
+            is_there = other.seen_s >= since_s and other.state != "draining"
+            if their_stage == stage and name != worker and is_there and can_fly(other.targets, target):
                 yield name
 
     def silent(self, before_s: float) -> list[Worker]:
@@ -110,54 +97,3 @@ class WorkerRegistry:
         worker.state, worker.done = beat.state, beat.done
         worker.busy_s, worker.idle_s = beat.busy_s, beat.idle_s
         worker.simulated_s, worker.resident_mib = beat.simulated_s, beat.resident_mib
-
-    # ---- leases --------------------------------------------------------------------------------------------------
-
-    def begin(self, deadline: Deadline) -> None:
-        """Start the clock of a lease."""
-        self._lent += 1
-        deadline.place = self._lent
-        self._deadlines[deadline.key] = deadline
-        worker = self._workers.get((deadline.stage, deadline.worker))
-        if worker is not None:
-            worker.leases.add(deadline.key)
-
-    def end(self, key: WorkKey) -> None:
-        """Stop the clock of a lease."""
-        deadline = self._deadlines.pop(key, None)
-        if deadline is not None:
-            worker = self._workers.get((deadline.stage, deadline.worker))
-            if worker is not None:
-                worker.leases.discard(key)
-
-    def extend(self, key: WorkKey, epoch: int, worker: str, until_s: float) -> bool:
-        """Prolong a lease named in a heartbeat; False if it is not this worker's any more."""
-        deadline = self._deadlines.get(key)
-        if deadline is None or deadline.epoch != epoch or deadline.worker != worker:
-            return False
-        deadline.until_s, deadline.named = min(until_s, deadline.overdue_s), True
-        return True
-
-    def due(self, now_s: float) -> list[Deadline]:
-        """Return the leases whose time is up, in order of their keys."""
-        return sorted((one for one in self._deadlines.values() if one.until_s <= now_s), key=lambda one: str(one.key))
-
-    def next_s(self) -> float | None:
-        """Return when the next lease ends, None if none is under way."""
-        return min((one.until_s for one in self._deadlines.values()), default=None)
-
-    def held_by(self, stage: str, worker: str) -> list[Deadline]:
-        """Return the leases of one worker, oldest first: workers take them up in that order."""
-        mine = (one for one in self._deadlines.values() if one.worker == worker and one.stage == stage)
-        return sorted(mine, key=lambda one: one.place)
-
-    def keys(self) -> list[WorkKey]:
-        """Return what is lent out."""
-        return list(self._deadlines)
-
-    def deadline(self, key: WorkKey) -> Deadline | None:
-        """Return the deadline of a lease under way."""
-        return self._deadlines.get(key)
-
-    def __len__(self) -> int:
-        return len(self._deadlines)

@@ -58,6 +58,12 @@ class Trial:
         return FlyKey(self.name, self.purpose_of(index), index)
 
     @property
+    def build(self) -> str:
+        """The build all its flights are to be on: that of the first flight; before it, that the test case names."""
+        first = self.flights.get(0)
+        return self.test_case.target.build if first is None else first.flight.build
+
+    @property
     def is_selected(self) -> bool:
         """Whether a round selected it; otherwise it is the smallest form of a violation, beside the budget."""
         return self.shrunk_from is None

@@ -22,7 +22,7 @@ from saflite.contract.events import Flown, Judged, Quarantined, ViolationFound
 from saflite.contract.flight import FLOWN_ENDINGS, Ending, Flight
 from saflite.contract.test_case import TestCase, identity
 from saflite.contract.verdict import Judgement, Verdict, Violation
-from saflite.contract.work import FlyResult, JudgeResult, Outcome
+from saflite.contract.work import FlyResult, JudgeResult, Outcome, TargetBuild
 from saflite.flight.novelty import features
 
 INFRA_PER_ATTEMPT = 3
@@ -70,7 +70,7 @@ class Flights:
     def _fly(self, trial: Trial, index: int) -> None:
         avoid = frozenset(note.flight.worker for note in trial.flights.values())
         order = (trial.round, trial.rank, index, 0)
-        target = trial.test_case.target.name
+        target = TargetBuild(trial.test_case.target.name, trial.build)
         self._core.tasks.add(Task(trial.fly_key(index), order, target=target, avoid=avoid))
 
     def test_case(self, key: FlightKey) -> TestCase:

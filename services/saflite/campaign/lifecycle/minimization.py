@@ -15,7 +15,7 @@ from saflite.campaign.scheduling.work_keys import FlightKey, FlyKey, JudgeKey
 from saflite.contract.flight import FLOWN_ENDINGS, Flight
 from saflite.contract.test_case import TestCase, identity
 from saflite.contract.verdict import Violation
-from saflite.contract.work import FlyResult, JudgeResult
+from saflite.contract.work import FlyResult, JudgeResult, TargetBuild
 
 AFTER_REFLIGHTS = 10**6
 """Place of these flights in the order of the work for one test case: behind any re-flight."""
@@ -35,6 +35,7 @@ class Attempt:
     """One flight of a smaller test case, under way."""
 
     test_case: TestCase
+    build: str
     flight: Flight | None = None
 
 
@@ -92,9 +93,9 @@ class Minimization:
     def _fly(self, job: MinimizationJob, key: FlyKey, test_case: TestCase) -> None:
         if key in self._under_way:
             return
-        self._under_way[key] = Attempt(test_case)
+        self._under_way[key] = Attempt(test_case, job.trial.build)
         order = (job.trial.round, job.trial.rank, AFTER_REFLIGHTS, 0)
-        self._core.tasks.add(Task(key, order, target=test_case.target.name))
+        self._core.tasks.add(Task(key, order, target=TargetBuild(test_case.target.name, job.trial.build)))
 
     # ---- what comes back -----------------------------------------------------------------------------------------
 
@@ -139,7 +140,8 @@ class Minimization:
         """Fly again what left no trace to be judged by."""
         self._core.done(task, "trace_missing", message)
         self._let_go(key.flying)
-        target = self._under_way[key.flying].test_case.target.name
+        attempt = self._under_way[key.flying]
+        target = TargetBuild(attempt.test_case.target.name, attempt.build)
         self._core.tasks.add(Task(key.flying, (*task.order[:3], 0), target=target))
 
     def _show(self, key: FlyKey, violated: frozenset[str]) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from saflite.campaign.engine.core import Core
-from saflite.campaign.engine.worker_registry import WorkerRegistry
+from saflite.campaign.engine.worker_registry import WorkerRegistry, can_fly
 from saflite.campaign.scheduling.tasks import Task
 from saflite.campaign.scheduling.work_keys import MutateKey, ScoreKey, WarmKey, WorkKey
 from saflite.contract.control import Control
@@ -40,7 +40,7 @@ class Dispatch:
         return chosen
 
     def _may_have(self, ask: Ask, task: Task, now: float) -> bool:
-        if task.target and ask.targets and task.target not in ask.targets:
+        if not can_fly(ask.targets, task.target):
             return False
         return ask.worker not in task.avoid or not self._somebody_else(ask, task, now)
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from saflite.campaign.scheduling.work_keys import WorkKey
-from saflite.contract.work import Stage
+from saflite.contract.work import Stage, TargetBuild
 
 Order = tuple[int, int, int, int]
 
@@ -18,7 +18,7 @@ class Task:
 
     key: WorkKey
     order: Order
-    target: str = ""
+    target: TargetBuild | None = None  # fly only: what must be there to fly it
     avoid: frozenset[str] = frozenset()
     epoch: int = 0
     worker: str = ""  # who holds it now, empty while it waits
