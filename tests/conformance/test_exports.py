@@ -17,7 +17,7 @@ from saflite.contract.verdict import Judgement, Violation
 from saflite.flight.mission import builtin_mission
 from saflite.recorder import export
 from saflite.recorder.exports.aerialist import read_case
-from saflite.recorder.summary import Finding, PolicyFacts, RunSummary
+from saflite.recorder.summary import Finding, PolicyFacts, Rulings, RunSummary
 
 BOX = Obstacle(length_m=10.0, width_m=5.0, height_m=20.0, x_m=1.0, y_m=20.0, rotation_deg=30.0)
 AVOID = TestCase(target=Target(), scenario=Scenario(mission=builtin_mission("mission2"), obstacles=(BOX,)))
@@ -48,7 +48,11 @@ def finding(case: TestCase, policy: str, confirmation: str = "confirmed", severi
 
 SUMMARY = RunSummary(
     campaign=Campaign(name="mine", mission="mission2"),
-    policies=(PolicyFacts("min-obstacle-distance", "Keep away", "words", "source"), PolicyFacts("other", "", "", "")),
+    policies=(
+        PolicyFacts("min-obstacle-distance", "Keep away", "words", "source", Rulings(held=9, violated=1)),
+        PolicyFacts("other", "", "", "", Rulings(held=1, vacuous=9)),
+        PolicyFacts("silent", "", "", "", Rulings(vacuous=10)),
+    ),
     findings=(
         finding(AVOID, "min-obstacle-distance", severity="hard"),
         finding(POLICY, "a-chute", confirmation="flaky"),
@@ -96,10 +100,13 @@ def test_junit_counts_what_it_holds(tmp_path: Path) -> None:
     (path,) = export.export("junit", SUMMARY, tmp_path)
     suite = ElementTree.parse(path).getroot()
     tests = suite.findall("testcase")
-    assert int(suite.attrib["tests"]) == len(tests) == 3
+    assert int(suite.attrib["tests"]) == len(tests) == 4
     assert int(suite.attrib["failures"]) == len(suite.findall("testcase/failure")) == 1
-    assert int(suite.attrib["skipped"]) == len(suite.findall("testcase/skipped")) == 1
+    assert int(suite.attrib["skipped"]) == len(suite.findall("testcase/skipped")) == 2
     assert [test.attrib["classname"] for test in tests if len(test) == 0] == ["other"]
+    silent = suite.find("testcase[@classname='silent']/skipped")
+    assert silent is not None
+    assert silent.attrib["message"] == "vacuous: the rule never applied in 10 flights"
     failure = suite.find("testcase/failure")
     assert failure is not None
     assert '<odd & "text">' in failure.attrib["message"]
@@ -111,6 +118,8 @@ def test_sarif_results_name_rule_place_and_fingerprint(tmp_path: Path) -> None:
     assert log["version"] == "2.1.0"
     run = log["runs"][0]
     rules = [rule["id"] for rule in run["tool"]["driver"]["rules"]]
+    counts = {rule["id"]: rule["properties"] for rule in run["tool"]["driver"]["rules"]}
+    assert counts["silent"] == {"held": 0, "violated": 0, "vacuous": 10, "inconclusive": 0}
     assert [result["level"] for result in run["results"]] == ["error", "note"]
     for result in run["results"]:
         assert rules[result["ruleIndex"]] == result["ruleId"]

@@ -121,7 +121,7 @@ def _row(number: int, rank: int, test_case: str, content: bytes, confirmations: 
         "round": number,
         "rank": rank,
         "content": content_key(outcome.test_case),
-        "robustness": repr(outcome.robustness),
+        "robustness": repr(outcome.guidance),  # of a rule that never applied: what the search went by
         "violated": sorted(outcome.violated),
         "confirmation": {policy: decided for name, policy, decided in confirmations if name == test_case},
     }

@@ -47,12 +47,16 @@ class Flown(msgspec.Struct, frozen=True, kw_only=True, tag="flown"):
 
 
 class Judged(msgspec.Struct, frozen=True, kw_only=True, tag="judged"):
-    """One flight was judged; `robustness` is the worst over the policies, None if nothing could be said."""
+    """One flight was judged; `robustness` is the worst over the policies, None if no rule applied.
+
+    `vacuous` names the policies whose rule never applied; those neither there nor violated held or could not be judged.
+    """
 
     test_case: str
     flight_index: int
     robustness: float | None
     violated: tuple[str, ...]
+    vacuous: tuple[str, ...] = ()
 
 
 class ViolationFound(msgspec.Struct, frozen=True, kw_only=True, tag="violation"):

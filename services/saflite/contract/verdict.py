@@ -9,24 +9,36 @@ import msgspec
 Ruling = Literal["held", "violated", "vacuous", "inconclusive"]
 """held, violated; vacuous: the rule never applied in this flight; inconclusive: it could not be judged."""
 
+NEVER_APPLIED = "the rule never applied"
+"""What people are told of a vacuous verdict."""
+
 Confirmation = Literal["candidate", "confirmed", "flaky", "unconfirmed"]
 
 
 class Verdict(msgspec.Struct, frozen=True, kw_only=True):
     """One policy on one flight.
 
-    `robustness` is the signed distance to violation in the policy's own unit: negative means violated. The witness
-    window is the stretch of simulated time that decided it.
+    `robustness` is the signed distance to violation in the policy's own unit: negative means violated; None unless
+    the rule held or was violated. `nearness`, 0 to 1, is the greatest share of the rule's conditions that were true at
+    once: 1 where the rule applied, 0 where it could not be judged. The witness window is the stretch of simulated time
+    that decided the outcome.
     """
 
     policy: str
     outcome: Ruling
-    robustness: float
+    robustness: float | None = None
+    nearness: float = 1.0
     witness_from_s: float = 0.0
     witness_to_s: float = 0.0
     severity: Literal["none", "soft", "hard"] = "none"
     points: float = 0.0
     message: str = ""
+
+    @property
+    def margin(self) -> float:
+        """The robustness of a verdict that is known to be held or violated."""
+        assert self.robustness is not None, f"{self.policy} is {self.outcome}: it has no robustness"
+        return self.robustness
 
 
 class Judgement(msgspec.Struct, frozen=True, kw_only=True):
@@ -61,6 +73,16 @@ class Violation(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def worst(judgement: Judgement) -> Verdict | None:
-    """Return the verdict with the least robustness among the conclusive ones, None if there is none."""
-    conclusive = [verdict for verdict in judgement.verdicts if verdict.outcome != "inconclusive"]
-    return min(conclusive, key=lambda verdict: (verdict.robustness, verdict.policy), default=None)
+    """Return the verdict with the least robustness among those held or violated, None if there is none."""
+    conclusive = [verdict for verdict in judgement.verdicts if verdict.robustness is not None]
+    return min(conclusive, key=lambda verdict: (verdict.margin, verdict.policy), default=None)
+
+
+def vacuous(judgement: Judgement) -> tuple[str, ...]:
+    """Return the policies whose rule never applied."""
+    return tuple(verdict.policy for verdict in judgement.verdicts if verdict.outcome == "vacuous")
+
+
+def nearest(judgement: Judgement) -> float | None:
+    """Return how near the nearest of the rules that never applied came to applying, 0 to 1; None if all applied."""
+    return max((verdict.nearness for verdict in judgement.verdicts if verdict.outcome == "vacuous"), default=None)

@@ -16,21 +16,37 @@ from saflite.contract.test_case import Setting, TestCase
 from saflite.contract.verdict import Judgement, Violation
 
 Stage = Literal["mutate", "score", "fly", "judge", "record"]
+GUIDANCE_NEAR, GUIDANCE_FAR = 100.0, 1000.0
 
 
 class Outcome(msgspec.Struct, frozen=True, kw_only=True):
     """What became of one flown test case: what strategies and learning scorers are told.
 
-    `robustness` is the worst over the campaign's policies, None when the flight said nothing (wedged, quarantined).
+    `robustness` is the worst over the campaign's policies, None if none of their rules applied (or the flight said
+    nothing: wedged, quarantined). `nearness` tells how near the nearest of the rules that never applied came to
+    applying, 0 to 1; None where there is none.
     """
 
     test_case: TestCase
     round: int
     ending: Ending
     robustness: float | None
+    nearness: float | None = None
     violated: tuple[str, ...] = ()
     features: dict[str, float] = {}
     track: tuple[tuple[float, float, float, float], ...] = ()
+
+    @property
+    def guidance(self) -> float | None:
+        """A number for searches only: the less, the closer to a violation; None where the flight said nothing.
+
+        The robustness where a rule applied; for a rule that never applied GUIDANCE_FAR, less the nearer it came to
+        applying, down to GUIDANCE_NEAR. It is no distance to anything and is never shown.
+        """
+        told = [] if self.robustness is None else [self.robustness]
+        if self.nearness is not None:
+            told.append(GUIDANCE_NEAR + (GUIDANCE_FAR - GUIDANCE_NEAR) * (1.0 - self.nearness))
+        return min(told, default=None)
 
 
 # ---- work: what is to be done -------------------------------------------------------------------------------------

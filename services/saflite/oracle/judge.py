@@ -6,7 +6,7 @@ import math
 
 from saflite.contract.flight import AUTOPILOT_ALIVE, FLOWN_ENDINGS, Flight, Trace
 from saflite.contract.test_case import TestCase
-from saflite.contract.verdict import Judgement, Verdict
+from saflite.contract.verdict import NEVER_APPLIED, Judgement, Verdict
 from saflite.contract.work import PolicyTexts
 from saflite.oracle.features import features_of, track_of
 from saflite.oracle.fingerprint import fingerprint
@@ -15,7 +15,6 @@ from saflite.oracle.signals import FlightSignals
 from saflite.oracle.stl import Evaluator, Finding, find
 
 ROBUSTNESS_MAX = 1000.0
-NEVER_APPLIED = 100.0  # told, and up to ROBUSTNESS_MAX, where a rule never applied: the less, the nearer it came
 CRISP = 1.0  # told where only yes-or-no parts decided
 
 
@@ -62,7 +61,7 @@ def _judgement(
     if flight.ending == "autopilot_died":
         verdicts.append(_died(flight))
     broken = [verdict for verdict in verdicts if verdict.outcome == "violated"]
-    worst = min(broken, key=lambda verdict: (verdict.robustness, verdict.policy), default=None)
+    worst = min(broken, key=lambda verdict: (verdict.margin, verdict.policy), default=None)
     return Judgement(
         test_case=flight.test_case,
         flight_index=flight.flight_index,
@@ -97,10 +96,12 @@ def _verdict(
 
 def _ruled(policy: Policy, finding: Finding, hard: bool, features: dict[str, float]) -> Verdict:
     violated = finding.robustness < 0
+    if finding.applied_share == 0 and not violated:
+        return Verdict(policy=policy.id, outcome="vacuous", nearness=finding.nearness, message=NEVER_APPLIED)
     return Verdict(
         policy=policy.id,
         outcome="violated" if violated else "held",
-        robustness=_finite(finding),
+        robustness=_finite(finding.robustness),
         witness_from_s=finding.witness_from_s,
         witness_to_s=finding.witness_to_s,
         severity=("hard" if hard else "soft") if violated else "none",
@@ -109,17 +110,13 @@ def _ruled(policy: Policy, finding: Finding, hard: bool, features: dict[str, flo
     )
 
 
-def _finite(finding: Finding) -> float:
-    if finding.applied_share == 0:
-        return NEVER_APPLIED + (ROBUSTNESS_MAX - NEVER_APPLIED) * (1.0 - finding.nearness)
-    if math.isinf(finding.robustness):
-        return math.copysign(CRISP, finding.robustness)
-    return max(-ROBUSTNESS_MAX, min(ROBUSTNESS_MAX, finding.robustness))
+def _finite(robustness: float) -> float:
+    if math.isinf(robustness):
+        return math.copysign(CRISP, robustness)
+    return max(-ROBUSTNESS_MAX, min(ROBUSTNESS_MAX, robustness))
 
 
 def _message(policy: Policy, finding: Finding) -> str:
-    if finding.applied_share == 0:
-        return "the rule never applied"
     if finding.robustness >= 0:
         return ""
     margin = "" if math.isinf(finding.robustness) else f" by {-finding.robustness:.3g} {policy.unit}".rstrip()
@@ -144,7 +141,7 @@ def _points(policy: Policy, features: dict[str, float]) -> float:
 
 
 def _inconclusive(policy: Policy, message: str) -> Verdict:
-    return Verdict(policy=policy.id, outcome="inconclusive", robustness=0.0, message=message)
+    return Verdict(policy=policy.id, outcome="inconclusive", nearness=0.0, message=message)
 
 
 def _died(flight: Flight) -> Verdict:

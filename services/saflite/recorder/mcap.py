@@ -116,7 +116,7 @@ def _attach(writer: Writer, work: RecordWork, start_ns: int) -> None:
             "ending": work.flight.ending,
             "trace_digest": work.flight.trace_digest,
             "policy": verdict.policy if verdict else "",
-            "robustness": f"{verdict.robustness:.6g}" if verdict else "",
+            "robustness": f"{verdict.margin:.6g}" if verdict else "",
             "fingerprint": work.judgement.fingerprint,
             "target": work.test_case.target.name,
         },
@@ -220,10 +220,13 @@ def _texts(work: RecordWork, trace: Trace, start_ns: int) -> list[_Message]:
 def _verdict(verdict: Verdict, start_ns: int) -> list[_Message]:
     at_ns = start_ns + round(max(0.0, verdict.witness_from_s) * _NS)
     level = Log.ERROR if verdict.outcome == "violated" else Log.INFO
-    text = f"{verdict.policy} {verdict.outcome}, robustness {verdict.robustness:.3g}. {verdict.message}".strip()
-    record = {"policy": verdict.policy, "outcome": verdict.outcome, "witness_to_s": verdict.witness_to_s}
-    if np.isfinite(verdict.robustness):
-        record["robustness"] = verdict.robustness
+    said = f"{verdict.policy} {verdict.outcome}"
+    record: dict[str, object] = {"policy": verdict.policy, "outcome": verdict.outcome}
+    if verdict.robustness is None:
+        text, record["nearness"] = f"{said}: {verdict.message}", verdict.nearness
+    else:
+        text = f"{said}, robustness {verdict.robustness:.3g}. {verdict.message}".strip()
+        record |= {"witness_to_s": verdict.witness_to_s, "robustness": verdict.robustness}
     return [_log(at_ns, level, "oracle", text), _Message(at_ns, "/verdict", json.dumps(record).encode())]
 
 

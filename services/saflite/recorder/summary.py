@@ -6,7 +6,33 @@ from typing import NamedTuple
 
 from saflite.contract.config import Campaign
 from saflite.contract.test_case import TestCase
-from saflite.contract.verdict import Judgement, Violation
+from saflite.contract.verdict import NEVER_APPLIED, Judgement, Violation
+
+
+class Rulings(NamedTuple):
+    """What a policy said of a run's test cases, each counted once, by its first flight."""
+
+    held: int = 0
+    violated: int = 0
+    vacuous: int = 0
+    inconclusive: int = 0
+
+    @property
+    def judged(self) -> int:
+        """Test cases that were judged by it."""
+        return sum(self)
+
+    @property
+    def applied(self) -> int:
+        """Test cases in which the rule applied at some moment."""
+        return self.held + self.violated
+
+    def text(self) -> str:
+        """Return the counts in words."""
+        if self.judged and self.vacuous == self.judged:
+            return f"vacuous: {NEVER_APPLIED} in {self.judged} flights"
+        left = f", inconclusive in {self.inconclusive}" if self.inconclusive else ""
+        return f"applied in {self.applied} of {self.judged} flights, violated in {self.violated}{left}"
 
 
 class PolicyFacts(NamedTuple):
@@ -16,6 +42,7 @@ class PolicyFacts(NamedTuple):
     title: str
     interestingness: str
     source: str
+    rulings: Rulings = Rulings()
 
 
 class Finding(NamedTuple):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import get_args
 
 from saflite.campaign.engine.state import Books
 from saflite.campaign.storage.store import Store
@@ -53,6 +54,17 @@ class Driver:
             receipt = self.report(lease, self.service.do(lease.work), worker)
             assert receipt.status == "accepted", receipt
         return len(leases)
+
+    def wait_for(self, stage: Stage, worker: str, cursor: int) -> tuple[Lease, ...]:
+        """Do the work of the other stages until there is some of this one; returns its leases, not done."""
+        while not (leases := self.ask(stage, worker, cursor=cursor)):
+            for other in get_args(Stage):
+                if other != stage:
+                    self.do(other, many=9)
+            self.now += 0.5
+            self.books.tick(self.now)
+            assert not self.books.ended, f"the campaign ended without more to {stage}"
+        return leases
 
     def run(self, workers: tuple[str, ...] = ("a", "b"), until_flights: int = 10**9) -> None:
         """Run until the campaign has ended or so many flights were flown."""

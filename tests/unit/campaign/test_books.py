@@ -7,7 +7,7 @@ import pytest
 from books_drive import Driver, MemoryStore, new_books
 
 from saflite.contract.control import Control
-from saflite.contract.events import Quarantined, ScorerChanged, ViolationFound
+from saflite.contract.events import Judged, Quarantined, ScorerChanged, ViolationFound
 from saflite.contract.flight import Flight
 from saflite.contract.score import Score
 from saflite.contract.test_case import identity
@@ -97,6 +97,39 @@ def test_verdicts_on_other_policies_are_refused() -> None:
     judgement = msgspec.structs.replace(result.judgement, verdicts=(*result.judgement.verdicts, other))
     receipt = driver.report(lease, JudgeResult(judgement=judgement))
     assert (receipt.status, "of-another-campaign" in receipt.message) == ("refused", True)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"outcome": "vacuous", "robustness": 550.0},
+        {"outcome": "inconclusive", "robustness": 0.0},
+        {"outcome": "held", "robustness": None},
+        {"outcome": "held", "robustness": -0.5},
+        {"outcome": "violated", "robustness": 0.5},
+        {"outcome": "violated", "robustness": float("-inf")},
+        {"outcome": "vacuous", "robustness": None, "nearness": 1.5},
+    ],
+)
+def test_a_verdict_that_contradicts_itself_is_refused(wrong: dict[str, object]) -> None:
+    driver, lease, result = judged_once()
+    verdict = msgspec.structs.replace(result.judgement.verdicts[0], **wrong)
+    judgement = msgspec.structs.replace(result.judgement, verdicts=(verdict,))
+    assert driver.report(lease, JudgeResult(judgement=judgement)).status == "refused"
+    assert driver.report(lease, result).status == "accepted"
+
+
+def test_a_rule_that_never_applied_is_told_as_such_and_is_no_success() -> None:
+    driver, lease, result = judged_once()
+    verdict = Verdict(policy=result.judgement.verdicts[0].policy, outcome="vacuous", nearness=0.5)
+    judgement = msgspec.structs.replace(result.judgement, verdicts=(verdict,), fingerprint="")
+    assert driver.report(lease, JudgeResult(judgement=judgement)).status == "accepted"
+    driver.commit()
+    (told,) = [fact for fact in facts(driver, Judged) if isinstance(fact, Judged)]
+    assert (told.robustness, told.violated, told.vacuous) == (None, (), (verdict.policy,))
+    assert isinstance(driver.store, MemoryStore)
+    (outcome,) = driver.store.outcome_rows.values()
+    assert (outcome.robustness, outcome.nearness, outcome.guidance) == (None, 0.5, 550.0)
 
 
 def test_a_result_counts_once() -> None:
@@ -229,11 +262,8 @@ def test_a_batch_nobody_can_score_still_flies() -> None:
 
 def test_a_mutator_that_starts_again_is_told_everything() -> None:
     driver = new_books(40)
-    flights, leases = 15, ()
-    while not leases:  # when a round is due depends on what was found
-        driver.run(until_flights=flights)
-        flights, leases = flights + 1, driver.ask("mutate", "fresh", cursor=-1)
-    (lease,) = leases
+    driver.run(until_flights=15)
+    (lease,) = driver.wait_for("mutate", "fresh", cursor=-1)
     assert isinstance(lease.work, MutateWork)
     assert (lease.work.from_cursor, lease.work.cursor) == (-1, lease.work.round - 2)
     told = [(outcome.round, outcome.test_case) for outcome in lease.work.outcomes]

@@ -230,11 +230,8 @@ def test_a_scorer_that_starts_anew_is_told_the_latest_outcomes_without_tracks(
 ) -> None:
     monkeypatch.setattr("saflite.campaign.scheduling.work_messages.RECENT_MAX", 6)
     driver = started(tmp_path / "run", 60)
-    driver.run(until_flights=45)
-    while not (leases := driver.ask("score", "fresh", cursor=-1)):
-        moves = [driver.do(stage, worker, 9) for stage in ("mutate", "fly", "judge") for worker in ("a", "b")]
-        assert any(moves), "nobody has anything to do"
-    work = leases[0].work
+    driver.run(until_flights=40)
+    work = driver.wait_for("score", "fresh", cursor=-1)[0].work
     assert isinstance(work, ScoreWork)
     rounds = {outcome.round for outcome in work.recent}
     assert max(rounds) <= work.cursor

@@ -18,6 +18,7 @@ from saflite.contract.flight import Trace
 from saflite.contract.test_case import Obstacle, Scenario, TestCase
 from saflite.contract.verdict import Judgement, Verdict, Violation
 from saflite.flight.geometry import corner_points
+from saflite.recorder.summary import Rulings
 from saflite.scorer_pool.calibration import Row, calibrate_all
 
 EVIL = '<script>alert("x")</script>'
@@ -85,6 +86,11 @@ def data(count: int) -> ReportData:
         calibrations=calibrate_all(rows),
         usage=(),
         faults=(f"worker: {EVIL}",),
+        rulings={
+            "min-obstacle-distance": Rulings(held=3, violated=2),
+            "a-chute": Rulings(vacuous=5),
+            EVIL: Rulings(inconclusive=5),
+        },
         quarantined=(Quarantined(test_case="abc", attempts=3, last="wedged", message=EVIL),),
     )
 
@@ -120,6 +126,14 @@ def test_every_violation_has_its_pictures_and_nothing_is_loaded(count: int) -> N
     assert text.count('<section class="violation"') == count
     assert text.count("saflite replay runs/x --violation") == count
     assert "http" not in text.replace("http-equiv", "")
+
+
+def test_a_policy_that_never_applied_is_named_and_the_others_are_not() -> None:
+    text = page.render(data(0), "runs/x")
+    rows = [row for row in text.split("<tr>") if "<td>5</td>" in row]
+    assert len(rows) == 3
+    assert ["never applied" in row for row in rows] == [False, True, False]
+    assert "<td>min-obstacle-distance</td><td>5</td><td>5</td><td>2</td><td>0</td><td>0</td>" in rows[0]
 
 
 def test_reliability_is_drawn_for_every_model_with_enough_flights() -> None:

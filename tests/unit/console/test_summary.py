@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+import json
+import sqlite3
 import sys
+from contextlib import closing
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from saflite.campaign.presets.campaigns import load_campaign, template
 from saflite.campaign.storage.store import Store
-from saflite.console.cli import FOUND, INFRASTRUCTURE, NOTHING_FOUND
+from saflite.console.cli import FOUND, INFRASTRUCTURE, NOTHING_FOUND, main
 from saflite.console.io import campaign_options
 from saflite.console.run_data.conclusion import conclude
-from saflite.contract.work import Failure, FlyWork, Result, Work
+from saflite.console.run_data.run_folder import open_run
+from saflite.contract.verdict import NEVER_APPLIED, Verdict
+from saflite.contract.work import Failure, FlyWork, JudgeResult, Result, Work
+from saflite.recorder import export
 from saflite.runtime.campaign_runner import ExitSummary
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "campaign"))
@@ -37,21 +44,45 @@ class CannotFly(doubles.Service):
         return super().do(work)
 
 
-def _ended(run_dir: Path, spared: int, capsys: pytest.CaptureFixture[str]) -> tuple[int, str]:
+class NeverApplies(doubles.Service):
+    """A farm whose policy never applies, but to one test case in so many."""
+
+    def __init__(self, every: int) -> None:
+        super().__init__()
+        self._every, self._judged = every, 0
+
+    def do(self, work: Work) -> Result:
+        """Judge most flights vacuous; everything else as ever."""
+        result = super().do(work)
+        if not isinstance(result, JudgeResult):
+            return result
+        self._judged += 1
+        (verdict,) = result.judgement.verdicts
+        if self._judged % self._every:
+            verdict = Verdict(policy=verdict.policy, outcome="vacuous", nearness=0.5, message=NEVER_APPLIED)
+        else:
+            verdict = Verdict(policy=verdict.policy, outcome="held", robustness=1.0)
+        judgement = msgspec.structs.replace(result.judgement, verdicts=(verdict,), fingerprint="")
+        return JudgeResult(judgement=judgement)
+
+
+def _ended(
+    run_dir: Path, service: doubles.Service, capsys: pytest.CaptureFixture[str], *, as_json: bool = False
+) -> tuple[int, str]:
     campaign = campaign_options.changed(load_campaign("avoidance-m2"), budget=6)
     store = Store.create(run_dir, campaign, template(campaign))
     driver = Driver(store.rebuild(), store)
-    driver.service = CannotFly(spared)
+    driver.service = service
     driver.run()
     store.close()
-    code = conclude(run_dir, ExitSummary(True, "the budget is spent", None, 0), as_json=False)
+    code = conclude(run_dir, ExitSummary(True, "the budget is spent", None, 0), as_json=as_json)
     return code, capsys.readouterr().out
 
 
 def test_a_run_in_which_nothing_could_be_flown_is_no_success(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    code, said = _ended(tmp_path / "run", 0, capsys)
+    code, said = _ended(tmp_path / "run", CannotFly(0), capsys)
     assert code == INFRASTRUCTURE
     assert "test cases set aside" in said
     assert "says nothing of the vehicle" in said
@@ -60,7 +91,37 @@ def test_a_run_in_which_nothing_could_be_flown_is_no_success(
 def test_a_run_in_which_something_was_flown_says_what_was_set_aside(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    code, said = _ended(tmp_path / "run", 2, capsys)
+    code, said = _ended(tmp_path / "run", CannotFly(2), capsys)
     assert code in (NOTHING_FOUND, FOUND)
     assert "test cases set aside" in said
     assert "says nothing of the vehicle" not in said
+
+
+def test_a_run_in_which_the_rule_never_applied_says_so_and_no_number(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run_dir = tmp_path / "run"
+    code, said = _ended(run_dir, NeverApplies(1000), capsys)
+    assert code == NOTHING_FOUND
+    assert "policy min-obstacle-distance: vacuous: the rule never applied in 6 flights" in said
+    with closing(sqlite3.connect(run_dir / "books.sqlite")) as database:
+        assert set(database.execute("SELECT robustness, violated FROM judgements")) == {(None, "")}
+        assert set(database.execute("SELECT state FROM endings")) == {("vacuous",)}
+    report = (run_dir / "report.html").read_text()
+    assert "vacuous: the rule never applied" in report
+    with open_run(run_dir) as run:
+        assert {row.robustness for row in run.flights()} == {None}
+        (path,) = export.export("junit", run.summary(), tmp_path / "junit")
+    assert "applied in no flight" in path.read_text()
+    assert main(["watch", str(run_dir), "--kind", "judged"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 6
+    assert all(line.endswith("vacuous: the rule never applied") for line in lines)
+
+
+def test_the_summary_counts_in_how_many_flights_each_rule_applied(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    _, said = _ended(tmp_path / "run", NeverApplies(3), capsys, as_json=True)
+    counts = {"held": 2, "violated": 0, "vacuous": 4, "inconclusive": 0}
+    assert json.loads(said)["policies"] == {"min-obstacle-distance": counts}

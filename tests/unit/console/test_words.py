@@ -7,14 +7,17 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from saflite.campaign.presets.campaigns import builtin_campaigns, load_campaign
+from saflite.campaign.presets.campaigns import builtin_campaigns, load_campaign, template
 from saflite.console.cli import command_names, main
 from saflite.console.io import campaign_options, toml_text
+from saflite.console.operations import judging
+from saflite.console.operations.replaying import Replayed, line
 from saflite.console.view import live
 from saflite.contract.config import parse_campaign
 from saflite.contract.control import Status, WorkerStatus
 from saflite.contract.events import Quarantined, ScorerChanged, ViolationFound
-from saflite.contract.verdict import Violation
+from saflite.contract.flight import Flight
+from saflite.contract.verdict import NEVER_APPLIED, Judgement, Verdict, Violation
 
 WANTED = "run resume replay fly judge mutate score audit watch list export report doctor scorer evaluate sitl schema"
 
@@ -63,10 +66,10 @@ def status() -> Status:
 
 
 def test_a_progress_line_says_what_users_look_for() -> None:
-    line = live.one_line(status())
+    shown = live.one_line(status())
     words = ("12/100 flights", "2.50/s", "310x real time", "2 violations", "4 s ago", "1/1 busy", "fly 4")
     for word in (*words, "3 scores by the embedded scorer instead"):
-        assert word in line
+        assert word in shown
 
 
 def test_the_live_screen_draws() -> None:
@@ -110,7 +113,7 @@ def test_the_overview_names_every_command(capsys: pytest.CaptureFixture[str]) ->
 def test_a_real_log_is_judged_with_a_competition_test_case(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.syspath_prepend(str(Path(__file__).parents[1] / "oracle"))
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[1] / "flight"))
     from test_logs import px4_flight
 
     from saflite.campaign.presets.campaigns import template
@@ -122,3 +125,53 @@ def test_a_real_log_is_judged_with_a_competition_test_case(
     words = ["judge", str(log), "--test-case", str(case), "--policy", "min-obstacle-distance", "--json"]
     assert main(words) == 0
     assert '"outcome":"held"' in capsys.readouterr().out
+
+
+def test_verdicts_without_robustness_are_counted_or_told_in_words(capsys: pytest.CaptureFixture[str]) -> None:
+    case = template(load_campaign("avoidance-m2"))
+    verdicts = (
+        Verdict(policy="never", outcome="vacuous", nearness=0.5, message=NEVER_APPLIED),
+        Verdict(policy="blind", outcome="inconclusive", nearness=0.0, message="the trace holds no mode"),
+        Verdict(policy="kept", outcome="held", robustness=2.0),
+        Verdict(policy="broken", outcome="violated", robustness=-1.0, message="by far"),
+    )
+    judgement = Judgement(test_case="x", flight_index=0, verdicts=verdicts)
+    judging.show(case, Flight(test_case="x", flight_index=0, ending="completed"), judgement)
+    lines = [line.split() for line in capsys.readouterr().out.splitlines()][1:]
+    assert [line[:3] for line in lines[:2]] == [["VIOLATED", "broken", "-1"], ["held", "kept", "+2"]]
+    told = [" ".join(line) for line in lines[2:]]
+    assert told == ["1 policy vacuous: the rule never applied", "1 policy inconclusive: the rule could not be judged"]
+    judging.show(case, Flight(test_case="x", flight_index=0, ending="completed"), judgement, everything=True)
+    lines = [line.split() for line in capsys.readouterr().out.splitlines()][3:]
+    assert [" ".join(line) for line in lines] == [
+        "vacuous never the rule never applied",
+        "inconclusive blind the trace holds no mode",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("robustness", "violated", "vacuous", "words"),
+    [
+        (-0.5, ("p",), (), "violates p, robustness -0.500"),
+        (0.5, (), ("q",), "holds, robustness +0.500"),
+        (None, (), ("p", "q"), "vacuous: the rule never applied"),
+        (None, (), (), "inconclusive: nothing could be judged"),
+    ],
+)
+def test_a_replay_says_what_the_policies_said(
+    robustness: float | None, violated: tuple[str, ...], vacuous: tuple[str, ...], words: str
+) -> None:
+    result = Replayed(
+        name="x",
+        test_case="c",
+        ending="completed",
+        simulated_s=1.0,
+        wall_s=0.1,
+        recorded_digest="d",
+        trace_digest="d",
+        bit_equal=True,
+        violated=violated,
+        vacuous=vacuous,
+        robustness=robustness,
+    )
+    assert line(result) == f"x  completed  {words}  trace d bit-equal"

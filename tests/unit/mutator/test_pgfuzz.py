@@ -294,6 +294,21 @@ def test_close_sequences_are_changed_and_violating_ones_are_done_with() -> None:
     assert {case.origin.parent for case in strategy.ask(50, derive(1, "x"))} == {identity(far.test_case)}
 
 
+def test_a_sequence_that_came_nearer_to_applying_is_preferred_and_one_that_applied_most() -> None:
+    """Guidance as the searches of the benchmarks had it: 100 for all but applied, 1000 for nothing of it."""
+    pairs = ((None, 0.0), (None, 0.5), (None, 1.0), (20.0, 0.0), (20.0, None), (None, None))
+    told = [msgspec.structs.replace(outcome((), 1.0), robustness=one, nearness=near) for one, near in pairs]
+    assert [one.guidance for one in told] == [1000.0, 550.0, 100.0, 20.0, 20.0, None]
+    strategy = Strategy(TEMPLATE, {**OWN, "mutated": 1.0}, ())
+    near, far = (
+        msgspec.structs.replace(outcome((stimulus(name, kind="mode"),), 1.0), robustness=None, nearness=nearness)
+        for name, nearness in (("ACRO", 0.75), ("FLIP", 0.25))
+    )
+    strategy.tell([far, near])
+    parents = Counter(case.origin.parent for case in strategy.ask(200, derive(1, "x")))
+    assert parents[identity(near.test_case)] > parents[identity(far.test_case)] > 0
+
+
 def test_times_end_before_the_flight_does() -> None:
     short = msgspec.structs.replace(TEMPLATE, scenario=Scenario(start=StartState(), time_limit_s=15.0))
     for case in Strategy(short, {"steps_max": 20}, ()).ask(50, derive(1, "short")):

@@ -7,7 +7,7 @@ import pytest
 from saflite.contract.errors import Refused
 from saflite.contract.flight import Ending, Flight, Trace, pack_trace
 from saflite.contract.test_case import Obstacle, Scenario, Stimulus, Target, TestCase, identity
-from saflite.contract.verdict import Judgement
+from saflite.contract.verdict import NEVER_APPLIED, Judgement, Verdict, nearest, vacuous, worst
 from saflite.contract.work import JudgeResult, JudgeWork
 from saflite.oracle.judge import judge
 from saflite.oracle.work import open_service
@@ -107,6 +107,52 @@ def test_a_trace_without_position_is_inconclusive_and_says_why() -> None:
     verdict = judged(case(box(0.0, 20.0)), trace).verdicts[0]
     assert verdict.outcome == "inconclusive"
     assert "obstacle_distance_m" in verdict.message
+
+
+def hovering(mode: float, released: list[float], armed: float = 1.0) -> Trace:
+    """Some seconds in the air; `released` is the parachute's state, one sample a second."""
+    names = {
+        "mode": mode,
+        "armed": armed,
+        "altitude_est_m": 30.0,
+        "climb_est_mps": 0.0,
+        "chute_altitude_min_set_m": 10.0,
+    }
+    signals = {name: packed(np.full(len(released), value)) for name, value in names.items()}
+    return Trace(step_s=1.0, signals={**signals, "chute_released": packed(released)})
+
+
+@pytest.mark.parametrize(
+    ("trace", "policy", "outcome", "robustness", "nearness"),
+    [
+        (hovering(2, [0, 0, 0, 0]), "a-chute", "vacuous", None, 0.0),
+        (hovering(2, [0, 0, 1, 1]), "a-chute", "held", 0.5, 1.0),
+        (hovering(1, [0, 0, 1, 1]), "a-chute", "violated", -1.0, 1.0),
+        (hovering(2, [0, 0, 0, 0]), "a-rtl1", "inconclusive", None, 0.0),
+    ],
+)
+def test_a_rule_that_never_applied_is_vacuous_and_has_no_robustness(
+    trace: Trace, policy: str, outcome: str, robustness: float | None, nearness: float
+) -> None:
+    test_case = TestCase(target=Target(), scenario=Scenario())
+    flight = Flight(test_case=identity(test_case), flight_index=0, ending="completed")
+    verdict = judge(test_case, flight, trace, (policy,)).verdicts[0]
+    assert (verdict.outcome, verdict.robustness, verdict.nearness) == (outcome, robustness, nearness)
+    assert (verdict.message == NEVER_APPLIED) == (outcome == "vacuous")
+
+
+def test_the_nearest_of_the_rules_that_never_applied_counts_and_the_worst_of_those_that_did() -> None:
+    verdicts = (
+        Verdict(policy="a", outcome="vacuous", nearness=0.25),
+        Verdict(policy="b", outcome="vacuous", nearness=0.75),
+        Verdict(policy="c", outcome="inconclusive", nearness=0.0),
+    )
+    nothing = Judgement(test_case="x", flight_index=0, verdicts=verdicts)
+    assert (worst(nothing), nearest(nothing), vacuous(nothing)) == (None, 0.75, ("a", "b"))
+    held = tuple(Verdict(policy=name, outcome="held", robustness=value) for name, value in (("d", 3.0), ("e", 2.0)))
+    both = msgspec.structs.replace(nothing, verdicts=(*verdicts, *held))
+    assert worst(both) == held[1]
+    assert nearest(msgspec.structs.replace(both, verdicts=held)) is None
 
 
 def test_unknown_policy_is_refused() -> None:

@@ -7,6 +7,7 @@ import json
 import math
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 from mcap.reader import make_reader
@@ -16,7 +17,7 @@ from saflite.contract.errors import Refused
 from saflite.contract.flight import Flight, Trace, TraceMessage, pack_trace, trace_digest
 from saflite.contract.rng import derive
 from saflite.contract.test_case import Obstacle, Scenario, Stimulus, Target, TestCase, identity
-from saflite.contract.verdict import Judgement, Verdict
+from saflite.contract.verdict import NEVER_APPLIED, Judgement, Verdict
 from saflite.contract.work import RecordResult, RecordWork
 from saflite.flight.mission import builtin_mission, mission_names
 from saflite.recorder import frames, mcap, recording, scalars
@@ -187,3 +188,16 @@ def test_a_second_recorder_reports_the_first_ones_file(work: RecordWork, tmp_pat
     assert isinstance(first, RecordResult)
     assert first == second
     assert [path.name for path in (tmp_path / "recordings").iterdir()] == [f"{work.flight.test_case}-0.mcap"]
+
+
+def test_a_rule_that_never_applied_is_recorded_without_a_number(work: RecordWork) -> None:
+    verdict = Verdict(policy="a-chute", outcome="vacuous", nearness=0.5, message=NEVER_APPLIED)
+    judgement = msgspec.structs.replace(work.judgement, verdicts=(verdict,), fingerprint="")
+    data = mcap.write(msgspec.structs.replace(work, judgement=judgement), START_UNIX_S)
+    reader = make_reader(io.BytesIO(data), decoder_factories=[DecoderFactory()])
+    told = [line.message for *_, line in reader.iter_decoded_messages(["/log"]) if line.name == "oracle"]
+    assert told == ["a-chute vacuous: the rule never applied"]
+    records = [json.loads(message.data) for _, _, message in make_reader(io.BytesIO(data)).iter_messages(["/verdict"])]
+    assert records == [{"policy": "a-chute", "outcome": "vacuous", "nearness": 0.5}]
+    (metadata,) = list(make_reader(io.BytesIO(data)).iter_metadata())
+    assert (metadata.metadata["policy"], metadata.metadata["robustness"]) == ("", "")

@@ -112,11 +112,72 @@ def test_forest_is_the_same_for_the_same_flights_and_tells_near_from_far() -> No
 
 
 def test_danger_is_half_at_the_border_whatever_the_unit() -> None:
-    cases = [layout(box(0, 20))] * 3
     for unit in (1.0, 1000.0):
-        low, border, high = danger([outcome(case, 0, unit * m) for case, m in zip(cases, (-1, 0, 1), strict=True)])
+        low, border, high = danger([-unit, 0.0, unit])
         assert low > border > high
         assert border == 0.5
+
+
+def switched(value: float, on: bool, place: int) -> TestCase:
+    """A case whose rule applies only where the switch is given; the value decides how near it comes."""
+    given = [Stimulus(at_s=2, kind="parameter", name="MARGIN", values=(value,))]
+    given += [Stimulus(at_s=1, kind="mode", name="FLIP", values=(float(place),))] if on else []
+    return TestCase(target=Target(), scenario=Scenario(start=StartState()), stimuli=tuple(given))
+
+
+def flights_with_a_switch(silent: int) -> list[Outcome]:
+    """Twenty flights in which the rule applied, margins from -1 to 18, and `silent` in which it never did."""
+    applied = [
+        Outcome(
+            test_case=switched(float(place), True, place),
+            round=0,
+            ending="completed",
+            robustness=place - 1.0,
+            violated=("p",) if place < 1 else (),
+        )
+        for place in range(20)
+    ]
+    never = [
+        Outcome(
+            test_case=switched(float(place % 20), False, 0), round=1, ending="completed", robustness=None, nearness=0.5
+        )
+        for place in range(silent)
+    ]
+    return applied + never
+
+
+def test_flights_in_which_no_rule_applied_are_no_evidence_of_safety() -> None:
+    """However many there are, near and far among the applied stay as far apart as they were without them."""
+    near, far, silent = (
+        features([switched(0.5, True, 3), switched(18.0, True, 3), switched(0.5, False, 0)])[n] for n in range(3)
+    )
+    for many in (20, 200):
+        forest = grow(flights_with_a_switch(many), Vectors())
+        alone = grow(flights_with_a_switch(0), Vectors())
+        told = forest.predict(np.stack([near, far, silent]))
+        assert told[0] > 0.8 * alone.predict(near[None])[0] > 0.25
+        assert told[0] - told[1] > 0.1, "near and far are told apart"
+        assert told[2] < told[0], "what never applied cannot break a rule"
+        assert forest.skill is not None
+        assert forest.skill > 0.9
+
+
+def test_before_enough_has_applied_what_comes_nearer_to_applying_is_preferred() -> None:
+    told = [
+        Outcome(
+            test_case=stimulus("HELPS" if place % 2 else "OTHER", 1.0 + place),
+            round=0,
+            ending="completed",
+            robustness=None,
+            nearness=0.9 if place % 2 else 0.1,
+        )
+        for place in range(24)
+    ]
+    forest = grow(told, Vectors())
+    assert forest.dangers is None
+    helps, other = forest.predict(features([stimulus("HELPS", 7.0), stimulus("OTHER", 7.0)]))
+    assert 0.3 > helps > other + 0.1
+    assert forest.skill is None
 
 
 def test_forests_grow_in_steps() -> None:

@@ -105,6 +105,17 @@ def test_values_stand_in_the_prompt_and_planted_defects_do_not() -> None:
     assert "parachute-in-acro" not in text
 
 
+def test_flights_in_which_no_rule_applied_are_told_in_words_not_as_a_margin() -> None:
+    never = Outcome(test_case=STIMULI[1], round=0, ending="completed", robustness=None, nearness=2 / 3)
+    nothing = Outcome(test_case=STIMULI[2], round=0, ending="wedged", robustness=None)
+    text = build(STIMULI[:1], (CHUTE,), (FLOWN[1], never, nothing)).user
+    assert "2 flown, 0 broke a policy, in 1 no policy ever applied." in text
+    assert (
+        "never applied, at best 67 % of a policy's conditions held at once: input 1: at 1 s set parameter ATC" in text
+    )
+    assert text.count("\nmargin ") == 1
+
+
 def test_says_what_sets_test_cases_apart() -> None:
     text = build((*LAYOUTS[:2], layout((-5, 25, 0), (10, 26, 30))), (DISTANCE,)).user
     assert "set apart by: obstacle 2 centre (4.5, 28.12)" in text

@@ -82,11 +82,11 @@ class Trial:
 def violated_verdicts(judgement: Judgement) -> list[Verdict]:
     """Return the violated verdicts, worst first."""
     bad = [verdict for verdict in judgement.verdicts if verdict.outcome == "violated"]
-    return sorted(bad, key=lambda verdict: (verdict.robustness, verdict.policy))
+    return sorted(bad, key=lambda verdict: (verdict.margin, verdict.policy))
 
 
 def worst_robustness(judgement: Judgement) -> float | None:
-    """Return the least robustness over the policies, None if nothing could be said."""
+    """Return the least robustness over the policies, None if no rule applied."""
     verdict = worst(judgement)
     return None if verdict is None else verdict.robustness
 
@@ -117,7 +117,7 @@ def violations_of(trial: Trial, needed: int) -> tuple[Violation, ...]:
                 fingerprint=fingerprint_of(trial.judgement, verdict, place),
                 test_case=trial.name,
                 policy=verdict.policy,
-                robustness=verdict.robustness,
+                robustness=verdict.margin,
                 severity=verdict.severity,
                 confirmation=confirmation_of(len(repeats), again, trial.confirm_max, needed),
                 reflown=len(repeats),

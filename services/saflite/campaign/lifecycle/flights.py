@@ -21,7 +21,7 @@ from saflite.contract import wire
 from saflite.contract.events import Flown, Judged, Quarantined, ViolationFound
 from saflite.contract.flight import FLOWN_ENDINGS, Ending, Flight
 from saflite.contract.test_case import TestCase, identity
-from saflite.contract.verdict import Judgement, Verdict, Violation
+from saflite.contract.verdict import Judgement, Verdict, Violation, nearest, vacuous, worst
 from saflite.contract.work import FlyResult, JudgeResult, Outcome, TargetBuild
 from saflite.flight.novelty import features
 
@@ -215,6 +215,7 @@ class Flights:
                 flight_index=judgement.flight_index,
                 robustness=robustness,
                 violated=policies,
+                vacuous=vacuous(judgement),
             )
         )
         content = wire.encode(judgement)
@@ -229,7 +230,8 @@ class Flights:
             self._record(trial, None)
         else:
             core.let_go_trace(note.flight.trace_digest)
-        self._end(trial, note.flight.ending, "held")
+        assert trial.judgement is not None, f"{trial.name} was not judged"
+        self._end(trial, note.flight.ending, state_of(trial.judgement))
 
     def _if_confirmed(self, trial: Trial) -> None:
         """Give the violations of a test case their confirmation once every re-flight has ended."""
@@ -318,6 +320,13 @@ class Flights:
 _ENCODER = msgspec.msgpack.Encoder(order="deterministic")
 
 
+def state_of(judgement: Judgement) -> str:
+    """Return how a test case without violation ended: held, vacuous if no rule applied, inconclusive if none could."""
+    if worst(judgement) is not None:
+        return "held"
+    return "vacuous" if vacuous(judgement) else "inconclusive"
+
+
 def outcome_of(trial: Trial, ending: Ending) -> Outcome:
     """Return what strategies and learning scorers are told of a test case."""
     judgement = trial.judgement
@@ -328,6 +337,7 @@ def outcome_of(trial: Trial, ending: Ending) -> Outcome:
         round=trial.round,
         ending=ending,
         robustness=worst_robustness(judgement),
+        nearness=nearest(judgement),
         violated=tuple(verdict.policy for verdict in violated_verdicts(judgement)),
         features=judgement.features,
         track=judgement.track,

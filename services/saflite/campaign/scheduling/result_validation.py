@@ -10,6 +10,7 @@ from saflite.campaign.scheduling.work_keys import FlightKey, FlyKey, JudgeKey, M
 from saflite.contract.errors import Refused
 from saflite.contract.flight import AUTOPILOT_ALIVE, matches_digest
 from saflite.contract.score import SCORE_MAX, SCORE_MIN
+from saflite.contract.verdict import Verdict
 from saflite.contract.work import (
     Failure,
     FlyResult,
@@ -55,6 +56,8 @@ def _check_verdicts(core: Core, task: Task, result: JudgeResult) -> None:
     verdicts = result.judgement.verdicts
     judged = sorted(verdict.policy for verdict in verdicts if verdict.policy != AUTOPILOT_ALIVE)
     _same(task, "policies", sorted(core.campaign.policies), judged)
+    for verdict in verdicts:
+        _check_verdict(task, verdict)
 
 
 def _check_mutants(core: Core, task: Task, result: MutateResult) -> None:
@@ -81,6 +84,19 @@ def _check_flight(task: Task, result: FlyResult) -> None:
         _refuse(task, "a trace together with its digest", f"{len(result.trace)} bytes, digest {flight.trace_digest!r}")
     if flight.trace_digest and not matches_digest(result.trace, flight.trace_digest):
         _refuse(task, f"a trace with the digest {flight.trace_digest[:16]!r}...", f"{len(result.trace)} other bytes")
+
+
+def _check_verdict(task: Task, verdict: Verdict) -> None:
+    """Only what held or was violated has a robustness, and its sign says which."""
+    robustness, told = verdict.robustness, f"{verdict.policy} {verdict.outcome}, robustness {verdict.robustness}"
+    if (robustness is not None) != (verdict.outcome in ("held", "violated")):
+        _refuse(task, "a robustness exactly of what held or was violated", told)
+    if robustness is not None and not (
+        math.isfinite(robustness) and (robustness < 0) == (verdict.outcome == "violated")
+    ):
+        _refuse(task, "a finite robustness, negative exactly of what was violated", told)
+    if not 0.0 <= verdict.nearness <= 1.0:
+        _refuse(task, "a nearness from 0 to 1", f"{verdict.policy} {verdict.nearness}")
 
 
 def _same(task: Task, what: str, expected: object, got: object) -> None:

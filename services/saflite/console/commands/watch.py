@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 from saflite.console.io import farm_options
 
 if TYPE_CHECKING:
-    from saflite.contract.events import Event
+    from saflite.contract.events import Event, Judged
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -80,12 +80,19 @@ def _line(event: Event) -> str:
     if isinstance(fact, Flown):
         text = f"flown  {fact.test_case}/{fact.flight_index} {fact.ending} {fact.simulated_s:.0f} s by {fact.worker}"
     elif isinstance(fact, Judged):
-        said = "nothing" if fact.robustness is None else f"{fact.robustness:+.2f}"
-        text = f"judged  {fact.test_case}/{fact.flight_index} {said} {' '.join(fact.violated)}".rstrip()
+        text = f"judged  {fact.test_case}/{fact.flight_index} {_said(fact)} {' '.join(fact.violated)}".rstrip()
     elif not text:
         values = {key: value for key, value in msgspec.to_builtins(fact).items() if key != "type"}
         text = f"{kind_of(fact)}  " + " ".join(f"{key}={_short(value)}" for key, value in values.items() if value != "")
     return f"{event.seq:6d}  {text}"
+
+
+def _said(fact: Judged) -> str:
+    from saflite.contract.verdict import NEVER_APPLIED
+
+    if fact.robustness is not None:
+        return f"{fact.robustness:+.2f}"
+    return f"vacuous: {NEVER_APPLIED}" if fact.vacuous else "inconclusive"
 
 
 def _short(value: object) -> str:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
 from saflite.console.view import out
 from saflite.contract.flight import Flight, unpack_trace
 from saflite.contract.test_case import TestCase, identity
-from saflite.contract.verdict import Judgement, Verdict
+from saflite.contract.verdict import NEVER_APPLIED, Judgement, Ruling, Verdict
 from saflite.contract.work import FlyResult, FlyWork, PolicyTexts
 
 
@@ -51,18 +52,13 @@ def judge(
     return oracle_judge(case, flown.flight, trace, policies or policy_names(), policy_texts)
 
 
-def _telling(verdict: Verdict) -> bool:
-    """Return whether a verdict says something of the flight: the rule could be judged and applied at some moment."""
-    return verdict.outcome == "violated" or (verdict.outcome == "held" and not verdict.message)
-
-
 def exit_code(judgement: Judgement) -> int:
     """Return 1 if a policy was violated, else 0."""
     return int(any(verdict.outcome == "violated" for verdict in judgement.verdicts))
 
 
 def show(case: TestCase, flight: Flight, judgement: Judgement, everything: bool = False) -> None:
-    """Print a flight and its verdicts; those of rules that never applied only if `everything` is asked for."""
+    """Print a flight and its verdicts, those without a robustness one by one only if `everything` is asked for."""
     out.line(f"test case  {identity(case)} on {case.target.name}, {len(case.scenario.obstacles)} boxes")
     if flight.simulated_s:
         speed = (
@@ -71,18 +67,25 @@ def show(case: TestCase, flight: Flight, judgement: Judgement, everything: bool 
         out.line(f"flight     {flight.ending}, {flight.simulated_s:.1f} s{speed}")
     if flight.trace_digest:
         out.line(f"trace      {flight.trace_digest[:16]}")
-    said = [verdict for verdict in judgement.verdicts if everything or _telling(verdict)]
-    silent = len(judgement.verdicts) - len(said)
+    said = [verdict for verdict in judgement.verdicts if everything or verdict.robustness is not None]
     rows = [
         (
             verdict.outcome.upper() if verdict.outcome == "violated" else verdict.outcome,
             verdict.policy,
-            "" if verdict.outcome == "inconclusive" else f"{verdict.robustness:+.3g}",
+            "" if verdict.robustness is None else f"{verdict.robustness:+.3g}",
             verdict.message,
         )
-        for verdict in sorted(said, key=lambda verdict: (verdict.outcome != "violated", verdict.robustness))
+        for verdict in sorted(said, key=_order)
     ]
     out.table(rows, indent="  ")
-    if silent:
-        noun = "policy has" if silent == 1 else "policies have"
-        out.line(f"  {silent} {noun} nothing to say of this flight")
+    left = Counter(verdict.outcome for verdict in judgement.verdicts if verdict not in said)
+    whys: dict[Ruling, str] = {"vacuous": NEVER_APPLIED, "inconclusive": "the rule could not be judged"}
+    for outcome, why in whys.items():
+        if count := left[outcome]:
+            out.line(f"  {count} {'policy' if count == 1 else 'policies'} {outcome}: {why}")
+
+
+def _order(verdict: Verdict) -> tuple[int, float, str]:
+    """Violated first, then held, each by robustness; then those without a robustness by name."""
+    rank = ("violated", "held", "vacuous", "inconclusive").index(verdict.outcome)
+    return rank, verdict.robustness or 0.0, verdict.policy

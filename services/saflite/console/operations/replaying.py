@@ -11,6 +11,7 @@ from saflite.console.operations import judging
 from saflite.console.run_data.run_folder import open_run
 from saflite.contract.errors import Refused
 from saflite.contract.test_case import TestCase, identity
+from saflite.contract.verdict import NEVER_APPLIED, vacuous, worst
 from saflite.contract.work import PolicyTexts
 
 
@@ -36,6 +37,7 @@ class Replayed(NamedTuple):
     trace_digest: str
     bit_equal: bool
     violated: tuple[str, ...]
+    vacuous: tuple[str, ...]
     robustness: float | None
 
 
@@ -89,7 +91,7 @@ def replay(found: Sequence[Entry], times: int, wall_limit_s: float, target_files
                 flown = judging.fly_with(flyer, entry.test_case, wall_limit_s, index)
                 judgement = judging.judge(entry.test_case, flown, entry.policies, entry.policy_texts)
                 violated = tuple(one.policy for one in judgement.verdicts if one.outcome == "violated")
-                said = [one.robustness for one in judgement.verdicts if one.outcome != "inconclusive"]
+                least = worst(judgement)
                 yield Replayed(
                     name=entry.name,
                     test_case=identity(entry.test_case),
@@ -100,7 +102,8 @@ def replay(found: Sequence[Entry], times: int, wall_limit_s: float, target_files
                     trace_digest=flown.flight.trace_digest,
                     bit_equal=bool(digest) and digest == flown.flight.trace_digest,
                     violated=violated,
-                    robustness=min(said, default=None),
+                    vacuous=vacuous(judgement),
+                    robustness=least.robustness if least else None,
                 )
     finally:
         flyer.close()
@@ -109,6 +112,11 @@ def replay(found: Sequence[Entry], times: int, wall_limit_s: float, target_files
 def line(result: Replayed) -> str:
     """Return a repetition in one line."""
     equal = "bit-equal" if result.bit_equal else f"DIFFERS from {result.recorded_digest[:12] or 'no record'}"
-    said = "nothing to judge" if result.robustness is None else f"robustness {result.robustness:+.3f}"
+    return f"{result.name}  {result.ending}  {_said(result)}  trace {result.trace_digest[:12]} {equal}"
+
+
+def _said(result: Replayed) -> str:
+    if result.robustness is None:
+        return f"vacuous: {NEVER_APPLIED}" if result.vacuous else "inconclusive: nothing could be judged"
     word = f"violates {', '.join(result.violated)}" if result.violated else "holds"
-    return f"{result.name}  {result.ending}  {word}, {said}  trace {result.trace_digest[:12]} {equal}"
+    return f"{word}, robustness {result.robustness:+.3f}"

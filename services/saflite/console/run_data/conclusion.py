@@ -11,12 +11,15 @@ from saflite.console.run_data.deduplication import Cause, causes
 from saflite.console.run_data.run_folder import RunFolder, open_run
 from saflite.console.view import live, out
 from saflite.contract.flight import BESIDE_BUDGET
-from saflite.contract.verdict import Violation
+from saflite.contract.verdict import NEVER_APPLIED, Violation
+from saflite.recorder.summary import Rulings
 
 if TYPE_CHECKING:
     from saflite.runtime.campaign_runner import ExitSummary
 
 SHOWN = 12
+FEW = 4
+"""Policies that are told of one by one; of more only those that never applied."""
 
 
 class Conclusion(NamedTuple):
@@ -29,6 +32,7 @@ class Conclusion(NamedTuple):
     set_aside: int
     violations: tuple[Violation, ...]
     causes: tuple[Cause, ...]
+    rulings: dict[str, Rulings]
     minimised: bool
 
     @property
@@ -83,6 +87,7 @@ def _read(run: RunFolder) -> Conclusion:
         set_aside=endings.get("quarantined", 0),
         violations=tuple(run.violations()),
         causes=causes((one.violation, one.test_case) for one in run.findings()),
+        rulings=run.rulings(),
         minimised=run.campaign.search.shrink,
     )
 
@@ -99,6 +104,7 @@ def _plain(found: Conclusion, ended: ExitSummary) -> dict[str, Any]:
         "restarts": ended.restarts,
         "set_aside": found.set_aside,
         "causes": [cause.plain() for cause in found.causes],
+        "policies": {name: ruled._asdict() for name, ruled in found.rulings.items()},
         "violations": found.violations,
     }
 
@@ -119,9 +125,22 @@ def _tell(found: Conclusion, ended: ExitSummary) -> None:
         out.line(f"  {live.violation_line(violation)}")
     if len(good) > SHOWN:
         out.line(f"  ... and {len(good) - SHOWN} more")
+    _tell_rulings(found.rulings)
     if found.exit_code == INFRASTRUCTURE:
         out.line("this says nothing of the vehicle: no test case could be flown and judged; see the faults above")
     if found.causes:
         out.line("what it takes:" if found.minimised else "what it takes, not minimised ([search] shrink = true):")
     for cause in found.causes[:SHOWN]:
         out.line(f"  {cause.policy}, {cause.violations} of them: {cause.words}   (test case {cause.name})")
+
+
+def _tell_rulings(rulings: dict[str, Rulings]) -> None:
+    """Say which rules applied how often; of many only those that never did, for they were not put to the test."""
+    if len(rulings) <= FEW:
+        for name, ruled in rulings.items():
+            out.line(f"policy {name}: {ruled.text()}")
+        return
+    silent = [name for name, ruled in rulings.items() if ruled.judged and ruled.vacuous == ruled.judged]
+    out.line(f"{len(rulings) - len(silent)} of {len(rulings)} policies applied or could be judged in some flight")
+    if silent:
+        out.line(f"vacuous, {NEVER_APPLIED} in any flight: {', '.join(silent)}")

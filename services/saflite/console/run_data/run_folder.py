@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import sqlite3
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
 from typing import NamedTuple, TypeVar
+
+import msgspec
 
 from saflite.campaign.storage.blobs import TraceFiles
 from saflite.campaign.storage.sqlite import connect_reading, damage_named
@@ -17,8 +20,8 @@ from saflite.contract.errors import Refused
 from saflite.contract.events import Event
 from saflite.contract.flight import BESIDE_BUDGET, Purpose, Trace, unpack_trace
 from saflite.contract.test_case import TestCase
-from saflite.contract.verdict import Judgement, Violation
-from saflite.recorder.summary import Finding, PolicyFacts, RunSummary
+from saflite.contract.verdict import Judgement, Ruling, Violation
+from saflite.recorder.summary import Finding, PolicyFacts, Rulings, RunSummary
 
 T = TypeVar("T")
 EVENTS_AT_ONCE = 500
@@ -72,6 +75,19 @@ class UsageRow(NamedTuple):
     faults: int
 
 
+class _Ruled(msgspec.Struct, frozen=True):
+    """What of a verdict is counted."""
+
+    policy: str
+    outcome: Ruling
+
+
+class _Verdicts(msgspec.Struct, frozen=True):
+    """What of a judgement is counted; the rest, its track above all, is skipped."""
+
+    verdicts: tuple[_Ruled, ...]
+
+
 class RunFolder:
     """Read-only view of a run; close it, or use it in a `with`."""
 
@@ -118,6 +134,19 @@ class RunFolder:
         """Return how many test cases ended in each state (held, confirmed, flaky, unconfirmed, quarantined)."""
         return dict(self._rows("SELECT state, count(*) FROM endings GROUP BY state"))
 
+    def rulings(self) -> dict[str, Rulings]:
+        """Return what each of the campaign's policies said of the test cases searched, by their first flights."""
+        query = (
+            "SELECT j.content FROM judgements j JOIN flights f"
+            " ON f.test_case = j.test_case AND f.flight_index = j.flight_index"
+            " WHERE j.flight_index = 0 AND f.purpose = 'search'"
+        )
+        counts: dict[str, Counter[str]] = {name: Counter() for name in self.campaign.policies}
+        for (content,) in self._rows(query):
+            for verdict in wire.decode(content, _Verdicts).verdicts:
+                counts.setdefault(verdict.policy, Counter())[verdict.outcome] += 1
+        return {name: Rulings(**count) for name, count in counts.items()}
+
     def recording(self, name: str) -> str:
         """Return the recording of a test case relative to the run folder, empty if there is none."""
         for (file,) in self._rows("SELECT file FROM recordings WHERE test_case = ? ORDER BY flight_index", name):
@@ -143,11 +172,12 @@ class RunFolder:
             release = version("saflite-farm")
         except PackageNotFoundError:
             release = ""
+        rulings = self.rulings()
         flights = sum(1 for row in self.flights() if row.purpose not in BESIDE_BUDGET)
         (held,) = next(self._rows("SELECT count(*) FROM endings WHERE state = 'held'"))
         return RunSummary(
             campaign=self.campaign,
-            policies=tuple(self._facts(name) for name in self.campaign.policies),
+            policies=tuple(self._facts(name, rulings) for name in self.campaign.policies),
             findings=tuple(self.findings()),
             flights=flights,
             held=int(held),
@@ -155,11 +185,12 @@ class RunFolder:
             version=release,
         )
 
-    def _facts(self, name: str) -> PolicyFacts:
+    def _facts(self, name: str, rulings: dict[str, Rulings]) -> PolicyFacts:
         from saflite.oracle.policy import load_policy
 
         file = load_policy(name, self.campaign.policy_texts).file
-        return PolicyFacts(file.id, file.title, " ".join(file.interestingness.split()), file.source)
+        words = " ".join(file.interestingness.split())
+        return PolicyFacts(file.id, file.title, words, file.source, rulings.get(file.id, Rulings()))
 
     # ---- what was flown ------------------------------------------------------------------------------------------
 

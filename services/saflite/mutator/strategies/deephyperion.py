@@ -78,7 +78,7 @@ class Strategy:
         """Place flown layouts in the archive and credit their parents."""
         for outcome in outcomes:
             layout = outcome.test_case.scenario.obstacles
-            if outcome.ending not in FLOWN_ENDINGS or outcome.robustness is None or len(layout) != BOXES:
+            if outcome.ending not in FLOWN_ENDINGS or outcome.guidance is None or len(layout) != BOXES:
                 continue
             self._flown += 1
             parent = outcome.test_case.origin.parent
@@ -88,8 +88,8 @@ class Strategy:
                 self._placed[parent] = self._placed.get(parent, 0) + placed
 
     def _place(self, outcome: Outcome) -> bool:
-        assert outcome.robustness is not None, "only flights that said something are placed"
-        fitness_m = outcome.features.get("min_distance_m", outcome.robustness)
+        assert outcome.guidance is not None, "only flights that said something are placed"
+        fitness_m = outcome.features.get("min_distance_m", outcome.guidance)
         cell = self.cell(outcome.test_case.scenario.obstacles)
         held = self._archive.get(cell)
         if held is not None and held.fitness_m <= fitness_m:

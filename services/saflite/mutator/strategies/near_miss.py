@@ -72,10 +72,10 @@ class Strategy:
         """Keep near misses; what was broken, and its parent, are done with."""
         for outcome in outcomes:
             layout = outcome.test_case.scenario.obstacles
-            if outcome.ending not in FLOWN_ENDINGS or outcome.robustness is None or not layout:
+            if outcome.ending not in FLOWN_ENDINGS or outcome.guidance is None or not layout:
                 continue
             self._flown += 1
-            self._learn(outcome, outcome.robustness)
+            self._learn(outcome, outcome.guidance)
         excess = sorted(self._kept, key=lambda cell: (self._worth(self._kept[cell]), cell))[
             self._chosen.whole("kept") :
         ]

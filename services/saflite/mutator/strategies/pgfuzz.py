@@ -2,7 +2,8 @@
 
 A test case is a sequence of inputs given from the campaign's start state, one per round of 4 s. The class of an input
 is drawn first (command, parameter, environment), then the input evenly from its list, then its value: fresh, or one
-that brought an earlier flight closer to a violation. Distance is the policies' robustness.
+that brought an earlier flight closer to a violation. Distance is `Outcome.guidance`: the policies' robustness, or how
+far their rules were from applying.
 
 Beyond the published tool: guidance also chooses *inputs* (sequences that came close are kept and changed: add, replace,
 revalue, retime, drop, join), inputs can come in bursts, a share of draws (`focus`) comes from the policy's own
@@ -23,14 +24,16 @@ import numpy as np
 from saflite.contract.errors import Refused
 from saflite.contract.flight import FLOWN_ENDINGS
 from saflite.contract.test_case import Origin, Stimulus, StimulusKind, TestCase, draw_key, identity
-from saflite.contract.work import Outcome
+from saflite.contract.work import GUIDANCE_FAR, Outcome
 from saflite.mutator.operators import inputs, sequences, values
 from saflite.mutator.operators.inputs import Input
 from saflite.mutator.operators.sequences import Rhythm, Stimuli
 from saflite.mutator.strategy import Chosen, Option, Options, Proposes, Settings
 
 POOL_MAX = 24
-FAR = 1000.0 / 1001.0  # the closeness of a flight in which nothing brought a rule nearer to applying
+FAR = GUIDANCE_FAR / (
+    1.0 + GUIDANCE_FAR
+)  # the closeness of a flight in which nothing brought a rule nearer to applying
 WILD, WILD_SHARE = 3.0, 0.2  # cases whose values leave their range this many times as often, and how many do
 TAIL_S = 8.0  # least time left after the last stimulus, for its effect to show
 _CLASS_OF: dict[StimulusKind, str] = {
@@ -58,7 +61,7 @@ class Seed(NamedTuple):
     stimuli: Stimuli
     identity: str
     draw_key: str
-    robustness: float
+    guidance: float
 
 
 class Style(NamedTuple):
@@ -75,9 +78,9 @@ class Kept(NamedTuple):
     closeness: float
 
 
-def closeness(robustness: float) -> float:
-    """Return the robustness on a scale from -1 to 1, so that metres and yes-or-no can be compared."""
-    return robustness / (1.0 + abs(robustness))
+def closeness(guidance: float) -> float:
+    """Return a number that guides on a scale from -1 to 1, so that metres and yes-or-no can be compared."""
+    return guidance / (1.0 + abs(guidance))
 
 
 class Strategy:
@@ -158,15 +161,15 @@ class Strategy:
     def tell(self, outcomes: Sequence[Outcome]) -> None:
         """Keep sequences that came close and values that helped; a violating one is done with."""
         for outcome in outcomes:
-            if outcome.ending not in FLOWN_ENDINGS or outcome.robustness is None or not outcome.test_case.stimuli:
+            if outcome.ending not in FLOWN_ENDINGS or outcome.guidance is None or not outcome.test_case.stimuli:
                 continue
             self._credit(outcome)
             self._keep(outcome)
 
     def _credit(self, outcome: Outcome) -> None:
         """Store the values of a flight closer than its parent (or than half of all), but for those of closer ones."""
-        assert outcome.robustness is not None, "only flights that said something are credited"
-        case, now = outcome.test_case, closeness(outcome.robustness)
+        assert outcome.guidance is not None, "only flights that said something are credited"
+        case, now = outcome.test_case, closeness(outcome.guidance)
         usual = self._ordered[len(self._ordered) // 2] if self._ordered else FAR
         before = self._told.get(case.origin.parent, usual)
         self._told[identity(case)] = now
@@ -180,24 +183,24 @@ class Strategy:
                 self._kept[key] = Kept(stimulus.values, now)
 
     def _keep(self, outcome: Outcome) -> None:
-        assert outcome.robustness is not None, "only flights that said something are kept"
+        assert outcome.guidance is not None, "only flights that said something are kept"
         case = outcome.test_case
         kind_of_sequence = tuple(sorted((stimulus.kind, stimulus.name) for stimulus in case.stimuli))
         held = self._seeds.get(kind_of_sequence)
         if outcome.violated:
             self._seeds.pop(kind_of_sequence, None)
             return
-        if held is None or outcome.robustness < held.robustness:
-            self._seeds[kind_of_sequence] = Seed(case.stimuli, identity(case), draw_key(case), outcome.robustness)
+        if held is None or outcome.guidance < held.guidance:
+            self._seeds[kind_of_sequence] = Seed(case.stimuli, identity(case), draw_key(case), outcome.guidance)
         if len(self._seeds) > POOL_MAX:
-            worst = max(self._seeds, key=lambda key: (self._seeds[key].robustness, key))
+            worst = max(self._seeds, key=lambda key: (self._seeds[key].guidance, key))
             del self._seeds[worst]
 
     # ---- ask ---------------------------------------------------------------------------------------------------
 
     def ask(self, count: int, rng: np.random.Generator) -> list[TestCase]:
         """Return `count` sequences: some changed from close ones, the rest fresh."""
-        pool = sorted(self._seeds.values(), key=lambda seed: (seed.robustness, seed.draw_key))
+        pool = sorted(self._seeds.values(), key=lambda seed: (seed.guidance, seed.draw_key))
         return [self._one(rng, pool) for _ in range(count)]
 
     def _one(self, rng: np.random.Generator, pool: list[Seed]) -> TestCase:

@@ -1,6 +1,7 @@
 """The campaign as JUnit XML for continuous integration: one test per policy and violation, a violation fails it.
 
-A flaky or unconfirmed violation is a skipped test with its rate, so that it shows without breaking a build.
+A flaky or unconfirmed violation is a skipped test with its rate, so that it shows without breaking a build; so is a
+policy whose rule applied in no flight: it was not put to the test.
 """
 
 from __future__ import annotations
@@ -27,20 +28,24 @@ def _suite(summary: RunSummary) -> Xml.Element:
     failed = [finding for finding in summary.findings if finding.violation.confirmation == "confirmed"]
     broken = {finding.violation.policy for finding in summary.findings}
     held = [policy for policy in summary.policies if policy.id not in broken]
+    never = [policy for policy in held if not policy.rulings.applied]
     suite = Xml.Element(
         "testsuite",
         name=_clean(summary.campaign.name),
         tests=str(len(summary.findings) + len(held)),
         failures=str(len(failed)),
         errors="0",
-        skipped=str(len(summary.findings) - len(failed)),
+        skipped=str(len(summary.findings) - len(failed) + len(never)),
         time=f"{summary.elapsed_s:.3f}",
     )
     _properties(suite, summary)
     for finding in summary.findings:
         _add(suite, finding)
     for policy in held:
-        Xml.SubElement(suite, "testcase", classname=_clean(policy.id), name="held on every flight")
+        name = "applied in no flight" if policy in never else "held on every flight it applied in"
+        case = Xml.SubElement(suite, "testcase", classname=_clean(policy.id), name=name)
+        if policy in never:
+            Xml.SubElement(case, "skipped", message=_clean(policy.rulings.text()))
     return suite
 
 

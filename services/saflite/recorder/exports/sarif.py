@@ -52,6 +52,7 @@ def _rule(policy: PolicyFacts) -> dict[str, Any]:
         "shortDescription": {"text": policy.title or policy.id},
         "fullDescription": {"text": words},
         "help": {"text": f"{words}\nSource: {policy.source or 'not stated'}"},
+        "properties": policy.rulings._asdict(),
     }
 
 

@@ -178,22 +178,31 @@ def _environment(case: TestCase) -> str:
 
 
 def _earlier(history: tuple[Outcome, ...]) -> str:
-    told = [outcome for outcome in history if outcome.robustness is not None]
+    told = [(outcome.guidance, outcome) for outcome in history if outcome.guidance is not None]
     if not told:
         return ""
-    broken = sum(bool(outcome.violated) for outcome in told)
-    order = sorted(told, key=lambda outcome: (outcome.robustness or 0.0, draw_key(outcome.test_case)))
+    broken = sum(bool(outcome.violated) for _, outcome in told)
+    silent = sum(outcome.robustness is None for _, outcome in told)
+    ranked = sorted(told, key=lambda pair: (pair[0], draw_key(pair[1].test_case)))
+    order = [outcome for _, outcome in ranked]
     half = SHOWN_MAX // 2
     shown = order[:half] + order[half:][-half:]
     lines = [
-        f"# What earlier flights of this campaign showed\n{len(told)} flown, {broken} broke a policy. "
-        "Margin is the signed distance to a violation (negative: broken)."
+        f"# What earlier flights of this campaign showed\n{len(told)} flown, {broken} broke a policy"
+        + (f", in {silent} no policy ever applied" if silent else "")
+        + ". Margin is the signed distance to a violation (negative: broken)."
     ]
     for outcome in shown:
         what = "; ".join(values_text(outcome.test_case).splitlines())
         geometry = geometry_text(outcome.test_case.scenario)
-        lines.append(f"margin {number(outcome.robustness or 0.0)}: {what}{f' ({geometry})' if geometry else ''}")
+        lines.append(f"{_margin(outcome)}: {what}{f' ({geometry})' if geometry else ''}")
     return "\n".join(lines)
+
+
+def _margin(outcome: Outcome) -> str:
+    if outcome.robustness is not None:
+        return f"margin {number(outcome.robustness)}"
+    return f"never applied, at best {100.0 * (outcome.nearness or 0.0):.0f} % of a policy's conditions held at once"
 
 
 def _mutants(test_cases: tuple[TestCase, ...], names: tuple[str, ...]) -> str:

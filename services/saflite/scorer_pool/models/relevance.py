@@ -11,7 +11,7 @@ from saflite.contract.service import Cancelled
 from saflite.contract.test_case import Stimulus, TestCase
 from saflite.contract.work import Outcome
 from saflite.scorer_pool.labels import no_argument
-from saflite.scorer_pool.learning.forest import danger, telling
+from saflite.scorer_pool.learning.forest import danger
 from saflite.scorer_pool.model import MIDDLE, Job, ModelScore, PolicyBrief, ScoreSheet, Tools
 from saflite.scorer_pool.relevance.knowledge import brief_names_negative, negative, relation
 
@@ -88,15 +88,23 @@ class Model:
 
 
 def learn(history: tuple[Outcome, ...]) -> Lessons:
-    """Return what the flights say of each input, given all outcomes in order."""
-    flown = [outcome for outcome in telling(history) if outcome.test_case.stimuli]
+    """Return what the flights say of each input, given all outcomes in order.
+
+    Only differences between inputs count, so guidance does for danger: an input that brings a rule nearer to applying
+    has moved what the policy watches.
+    """
+    flown = [
+        (outcome.test_case, outcome.guidance)
+        for outcome in history
+        if outcome.guidance is not None and outcome.test_case.stimuli
+    ]
     if not flown:
         return {}
-    dangers = danger(flown)
+    dangers = danger([guidance for _, guidance in flown])
     base = float(dangers.mean())
     sums: dict[Key, tuple[float, int]] = {}
-    for outcome, value in zip(flown, dangers, strict=True):
-        for key in {(stimulus.kind, stimulus.name) for stimulus in outcome.test_case.stimuli}:
+    for (test_case, _), value in zip(flown, dangers, strict=True):
+        for key in {(stimulus.kind, stimulus.name) for stimulus in test_case.stimuli}:
             total, count = sums.get(key, (0.0, 0))
             sums[key] = (total + float(value), count + 1)
     return {

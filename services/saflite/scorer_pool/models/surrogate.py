@@ -51,12 +51,12 @@ class Model:
             seen = self._unlearned.score(job)
             reason = f"fewer than {FLIGHTS_MIN} flights to learn from; gap"
             scores = tuple(mark._replace(reason=f"{reason}: {mark.reason}") for mark in seen.scores)
-            return ScoreSheet(scores, digest=f"surrogate-2+{seen.digest}")
+            return ScoreSheet(scores, digest=f"surrogate-3+{seen.digest}")
         expected = forest.predict(self._vectors.of(list(job.test_cases)))
         reason = f"learned from {forest.flights} flights"
         return ScoreSheet(
             tuple(ModelScore(SCORE_MAX * float(min(1.0, max(0.0, value))), reason) for value in expected),
-            digest=f"surrogate-2-{forest.flights}",
+            digest=f"surrogate-3-{forest.flights}",
         )
 
     def warm(self, cancelled: Cancelled) -> str:

@@ -14,10 +14,10 @@ from saflite.contract.flight import Trace
 from saflite.contract.test_case import TestCase
 from saflite.contract.verdict import Judgement, Violation
 from saflite.contract.work import PolicyTexts
+from saflite.recorder.summary import Rulings
 from saflite.scorer_pool.calibration import Calibration, Row, calibrate_all
 
 FAULTS_SHOWN = 20
-NEVER_APPLIED = 1000.0  # what the oracle tells of a rule that never applied, in place of infinity
 
 
 class Exhibit(NamedTuple):
@@ -54,6 +54,7 @@ class ReportData(NamedTuple):
     usage: tuple[UsageRow, ...]
     faults: tuple[str, ...]
     quarantined: tuple[Quarantined, ...]
+    rulings: dict[str, Rulings]
 
 
 def read(run: RunFolder) -> ReportData:
@@ -93,6 +94,7 @@ def read(run: RunFolder) -> ReportData:
         usage=tuple(run.usage()),
         faults=tuple(faults[-FAULTS_SHOWN:]),
         quarantined=tuple(quarantined),
+        rulings=run.rulings(),
     )
 
 
@@ -124,7 +126,7 @@ def _progress(run: RunFolder) -> Progress:
         elif not (isinstance(fact, Judged) and fact.flight_index == 0):
             continue
         said = fact.robustness if isinstance(fact, Judged) else None
-        robustness = np.nan if said is None or said >= NEVER_APPLIED else said
+        robustness = np.nan if said is None else said
         rows.append((float(flown), robustness, float(found), float(len(fingerprints))))
     table = np.array(rows, dtype=float)
     return Progress(table[:, 0], table[:, 1], table[:, 2], table[:, 3])

@@ -13,6 +13,7 @@ from saflite.console.view.report.style import CSS
 from saflite.contract.flight import BESIDE_BUDGET
 from saflite.contract.interval import Interval
 from saflite.contract.test_case import setting_text
+from saflite.contract.verdict import NEVER_APPLIED
 from saflite.scorer_pool.calibration import Calibration
 
 DRAWN_FROM = 8
@@ -29,6 +30,7 @@ def render(data: ReportData, run_name: str) -> str:
         f'<div class="pictures"><figure>{_finds(data)}</figure><figure>{_search(data)}</figure></div>',
         _table(data),
         _causes(data),
+        _policies(data),
         *(evidence.section(number, exhibit, run_name) for number, exhibit in enumerate(data.exhibits, start=1)),
         _calibration(data),
         _usage(data),
@@ -144,6 +146,23 @@ def _causes(data: ReportData) -> str:
         "<h2>What it takes</h2>"
         '<p class="muted">Violations with the same inputs (by name) behind them count as one here; what only came '
         "along is left out as far as a smaller violation shows it was not needed.</p>" + _html_table(heads, rows)
+    )
+
+
+def _policies(data: ReportData) -> str:
+    if not any(ruled.judged for ruled in data.rulings.values()):
+        return ""
+    rows = []
+    for name, ruled in data.rulings.items():
+        never = ruled.judged > 0 and ruled.vacuous == ruled.judged
+        word = f'<span class="badge flaky">vacuous: {NEVER_APPLIED}</span>' if never else ""
+        cells = (escape(name), ruled.judged, ruled.applied, ruled.violated, ruled.vacuous, ruled.inconclusive, word)
+        rows.append("<tr>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>")
+    heads = ("policy", "test cases judged", "applied in", "violated in", "vacuous in", "inconclusive in", "")
+    return (
+        "<h2>What the policies said</h2>"
+        '<p class="muted">First flights only. A policy is vacuous in a flight in which its rule never applied: such a '
+        "flight is no evidence that the rule is kept.</p>" + _html_table(heads, rows)
     )
 
 
