@@ -43,7 +43,7 @@ except ImportError:  # run by hand, outside a build
     pass
 else:
 
-    class NativeHook(BuildHookInterface):  # type: ignore[type-arg]
+    class NativeHook(BuildHookInterface):  # type: ignore[misc]
         """Put the compiled library into the wheel and mark the wheel as platform-specific."""
 
         PLUGIN_NAME = "custom"

@@ -36,6 +36,7 @@ from saflite.contract.work import (
     ScoreResult,
     ScoreWork,
     Stage,
+    TargetBuild,
     WarmResult,
     Work,
 )
@@ -44,6 +45,9 @@ from saflite.runtime.clock import WallClock
 from saflite.runtime.worker import Key, Worker, WorkerConfig
 
 Doing = Callable[[Work, str], Result]
+
+
+REFERENCE = (TargetBuild("reference"),)
 
 
 class Made(NamedTuple):
@@ -134,7 +138,9 @@ class LoadGenerator:
         self.stopped = False
         self.reported_at_s: dict[str, float] = {}  # test case: when its last fly or judge result went out
 
-    def join(self, stage: Stage, count: int, *, targets: tuple[str, ...] = ("reference",), poll_s: float = 5.0) -> None:
+    def join(
+        self, stage: Stage, count: int, *, targets: tuple[TargetBuild, ...] = REFERENCE, poll_s: float = 5.0
+    ) -> None:
         """Add workers of one stage."""
         for _ in range(count):
             index = len(self._workers)
@@ -162,7 +168,8 @@ class LoadGenerator:
             self._take(reply)
 
     def _take(self, reply: Reply) -> None:
-        index, what = reply.tag  # type: ignore[misc]
+        assert isinstance(reply.tag, tuple)
+        index, what = reply.tag
         now_s = self._clock.monotonic_s()
         if what == "ask":
             grant = None if reply.payload is None else wire.decode(reply.payload, Grant)
@@ -217,7 +224,7 @@ class LoadGenerator:
             wait_s = self._think_s if stage == "fly" else 0.0
             self._timer(now_s + wait_s, index, machine.Done(Key(lease.lease_id, lease.epoch), result))
 
-    def _timer(self, at_s: float, index: int, event: machine.Event) -> None:
+    def _timer(self, at_s: float, index: int, event: machine.Event | None) -> None:
         self._count += 1
         heapq.heappush(self._timers, (at_s, self._count, index, event))
 

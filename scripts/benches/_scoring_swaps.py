@@ -14,6 +14,7 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from contextlib import closing
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -68,9 +69,8 @@ class Swapper:
         self._until(lambda event: isinstance(event.fact, Flown))
         for first in range(0, count, len(SWAP_AMONG)):
             before = self._scored
-            self._stretch(True, lambda first=first: self._swaps(min(len(SWAP_AMONG), count - first)))
-            batches = self._scored - before
-            self._stretch(False, lambda batches=batches: self._batches(batches))
+            self._stretch(True, partial(self._swaps, min(len(SWAP_AMONG), count - first)))
+            self._stretch(False, partial(self._batches, self._scored - before))
         budget = self._client.status().flights + LEFT_TO_FLY
         answer = self._client.order("budget", number=budget)
         assert answer.accepted, answer.message
@@ -85,7 +85,7 @@ class Swapper:
         for model in SWAP_AMONG[:count]:
             ordered_s = time.monotonic()
             assert self._client.order("scorer", model).accepted
-            self._until(lambda event, model=model: _is_settled(event, model))
+            self._until(partial(_is_settled, model=model))
             took = self.refused_s if model == BROKEN else self.settled_s
             took.append(time.monotonic() - ordered_s)
             self._model = self._model if model == BROKEN else model

@@ -13,6 +13,7 @@ import sys
 import tempfile
 import time
 from pathlib import Path
+from typing import Any
 
 HERE = Path(__file__).resolve().parent
 
@@ -42,7 +43,7 @@ def _measure(run_dir: Path, options: argparse.Namespace) -> dict[str, float | in
     from saflite.campaign.storage.store import Store
 
     doubles.padding_kib, doubles.track_points = options.trace_kib, 250
-    search = {"candidates_per_round": 40, "flights_per_round": 8, "lag": 3}
+    search: dict[str, Any] = {"candidates_per_round": 40, "flights_per_round": 8, "lag": 3}
     store = Store.create(run_dir, doubles.campaign(options.flights, batch=10, **search), doubles.TEMPLATE)
     drive = _Drive(store, options.together)
     drive.run()

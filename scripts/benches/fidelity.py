@@ -29,6 +29,7 @@ from _fidelity_score import (
     within_tools,
 )
 from _fidelity_worlds import WORLDS, Flown, World
+from numpy.typing import NDArray
 from scipy.stats import rankdata
 
 from saflite.contract.rng import derive
@@ -68,11 +69,11 @@ def judge_layouts(chosen: list[Layout], flown_m: Array) -> dict[str, object]:
     result: dict[str, object] = {"layouts": len(chosen), "failing": int((real_m < SAFE_M).sum())}
     for name, signal in signals.items():
 
-        def area(index: Array, signal: Array = signal) -> float:
+        def area(index: NDArray[np.intp], signal: Array = signal) -> float:
             found = roc_area(real_m[index] < SAFE_M, -signal[index])
             return float("nan") if found is None else found
 
-        def correlation(index: Array, signal: Array = signal) -> float:
+        def correlation(index: NDArray[np.intp], signal: Array = signal) -> float:
             return rank_correlation(real_m[index], signal[index])
 
         everything = np.arange(len(chosen))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import queue
 import threading
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
 
 import msgspec
 import numpy as np
@@ -31,6 +31,8 @@ from saflite.contract.work import (
     Stage,
 )
 from saflite.runtime.clock import WallClock
+
+T = TypeVar("T")
 
 BURST = 20
 GRAB_S = 5.0
@@ -177,7 +179,7 @@ class ByzantineClient(threading.Thread):
         receipt = self._ask(topics.result(self._campaign, "score"), report, Receipt)
         return "" if receipt is None else receipt.status
 
-    def _ask(self, key: str, message: msgspec.Struct, kind: type[Any]) -> Any:
+    def _ask(self, key: str, message: msgspec.Struct, kind: type[T]) -> T | None:
         data = wire.encode(message)
         reply = self._send(key, data, seal(key, self._name, data))
         return None if reply.payload is None else wire.decode(reply.payload, kind)

@@ -104,11 +104,11 @@ class SoakDriver:
 def run(options: argparse.Namespace) -> dict[str, Any]:
     """Run one soak and return its figures."""
     testbed = Testbed(options.rng_seed, options.fault_share)
-    names = ("liar", "vandal")
-    rogues = [
-        ByzantineClient(name, testbed.endpoint, testbed.campaign.name, derive(options.rng_seed, name)) for name in names
+    liar, vandal = rogues = [
+        ByzantineClient(name, testbed.endpoint, testbed.campaign.name, derive(options.rng_seed, name))
+        for name in ("liar", "vandal")
     ]
-    kit = Kit(testbed, *rogues, derive(options.rng_seed, "soak_driver"), options.freeze_s)
+    kit = Kit(testbed, liar, vandal, derive(options.rng_seed, "soak_driver"), options.freeze_s)
     soak_driver = SoakDriver(testbed, kit, options.faults_per_min)
     try:
         testbed.start()
@@ -183,3 +183,7 @@ def main(argv: list[str]) -> int:
                 print(f"{name:34} {value}")
     sys.stdout.flush()
     leave_process(0 if is_clean(figures) else 1)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

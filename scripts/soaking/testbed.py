@@ -18,6 +18,7 @@ from saflite.contract.control import Status
 from saflite.contract.errors import FarmError
 from saflite.contract.events import Event
 from saflite.contract.test_case import Target
+from saflite.contract.work import Stage
 from saflite.runtime.client import FarmClient
 from saflite.runtime.clock import WallClock
 from saflite.runtime.farm import LocalFarm
@@ -182,7 +183,7 @@ class Testbed:
         Store.create(self.run_dir, self.campaign, template(self.campaign)).close()
         port = free_endpoint().rpartition(":")[2]
         self.endpoint = f"tcp/{'127.0.0.1' if self.network.why_not else HOST_IP}:{port}"
-        stages = ("mutate", "score", "judge", "record", "fly")
+        stages: tuple[Stage, ...] = ("mutate", "score", "judge", "record", "fly")
         workers = [RoleSpec(kind=stage, name=f"{stage}-1") for stage in stages]
         router = RoleSpec(kind="router", name="router", listens=True)
         cast = [router, RoleSpec(kind="books", name="books"), *workers, RoleSpec(kind="fly", name=FAR_FLYER)]

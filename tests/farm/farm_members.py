@@ -6,7 +6,7 @@ Both run the real thing: `BooksService` around the real books, and the real stat
 from __future__ import annotations
 
 from collections.abc import Hashable
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 import numpy as np
 from farm_doubles import Service, babble, is_poison, luck
@@ -16,11 +16,14 @@ from saflite.bus.base import Happening, Reply
 from saflite.bus.memory import MemoryNetwork
 from saflite.campaign.engine.state import Books
 from saflite.contract import topics, wire
+from saflite.contract.flight import Ending, Flight
 from saflite.contract.test_case import identity
 from saflite.contract.work import FlyResult, FlyWork, Grant, Lease, Orders, Receipt, Report, Result, ScoreWork, Stage
 from saflite.runtime import worker as machine
 from saflite.runtime.books_service import BooksService
 from saflite.runtime.worker import Key, Worker, WorkerConfig
+
+T = TypeVar("T")
 
 
 class Watcher(Protocol):
@@ -182,19 +185,19 @@ class WorkerMember:
             self._feed(machine.Received(tag, receipt, refused=bool(happening.refused)))
 
     @staticmethod
-    def _decoded(reply: Reply, kind: type) -> object:
+    def _decoded(reply: Reply, kind: type[T]) -> T | None:
         return None if reply.payload is None else wire.decode(reply.payload, kind)
 
-    def _feed(self, event: object) -> None:
+    def _feed(self, event: machine.Event) -> None:
         if not self.alive:
             return
         self._machine.cursor = self._service.cursor
-        for instruction in self._machine.handle(event, self._network.now_s):  # type: ignore[arg-type]
-            self._obey(instruction)
-            if not self.alive:
-                return
-        self._machine.validate()
-        self._plan_wake()
+        for instruction in self._machine.handle(event, self._network.now_s):
+            if self.alive:  # what was obeyed before may have ended it
+                self._obey(instruction)
+        if self.alive:
+            self._machine.validate()
+            self._plan_wake()
 
     def _plan_wake(self) -> None:
         wake_s = max(self._machine.next_s(), self._network.now_s + 0.001)
@@ -261,11 +264,11 @@ class WorkerMember:
         if isinstance(work, ScoreWork) and chance < self.babbles:
             return babble(work, self._rng)
         if isinstance(work, FlyWork) and chance < self.wedges + self.breaks:
-            ending = "wedged" if chance < self.wedges else "infra"
+            ending: Ending = "wedged" if chance < self.wedges else "infra"
             result = self._service.do(work)
             assert isinstance(result, FlyResult)
-            flight = {"test_case": result.flight.test_case, "flight_index": work.flight_index, "ending": ending}
-            return FlyResult(flight=type(result.flight)(**flight))
+            name = result.flight.test_case
+            return FlyResult(flight=Flight(test_case=name, flight_index=work.flight_index, ending=ending))
         return self._service.do(work)
 
 

@@ -8,7 +8,9 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -46,21 +48,25 @@ def served() -> Iterator[Callable[[str], str]]:
         thread.join(10.0)
 
 
-def wait_for(link: object, kind: str, good: Callable[[object], bool], timeout_s: float = 20.0) -> object:
+def wait_for(link: Any, kind: str, good: Callable[[Any], bool], timeout_s: float = 20.0) -> Any:
     clock = WallClock()
     end_s = clock.monotonic_s() + timeout_s
     while clock.monotonic_s() < end_s:
-        message = link.recv_match(type=kind, blocking=True, timeout=1.0)  # type: ignore[attr-defined]
+        message = link.recv_match(type=kind, blocking=True, timeout=1.0)
         if message is not None and good(message):
             return message
     raise AssertionError(f"no fitting {kind} within {timeout_s} s")
 
 
-def command(link: object, number: int, *values: float) -> int:
+def asks_for(index: int, request: Any) -> bool:
+    return bool(request.seq == index)
+
+
+def command(link: Any, number: int, *values: float) -> int:
     numbers = [*values, *([0.0] * 7)][:7]
-    link.mav.command_long_send(1, 1, number, 0, *numbers)  # type: ignore[attr-defined]
-    answer = wait_for(link, "COMMAND_ACK", lambda ack: ack.command == number)  # type: ignore[attr-defined]
-    return int(answer.result)  # type: ignore[attr-defined]
+    link.mav.command_long_send(1, 1, number, 0, *numbers)
+    answer = wait_for(link, "COMMAND_ACK", lambda ack: ack.command == number)
+    return int(answer.result)
 
 
 @pytest.mark.parametrize("kind", ["tcp", "udp"])
@@ -79,11 +85,11 @@ def test_pymavlink_flies_a_mission(served: Callable[[str], str], kind: str) -> N
     link.mav.mission_count_send(1, 1, len(places) + 1)
     rows = [(16, 47.3977419, 8.5455938, 488.0), *places]
     for index, (number, lat, lon, height) in enumerate(rows):
-        wait_for(link, "MISSION_REQUEST_INT", lambda r, index=index: r.seq == index)
+        wait_for(link, "MISSION_REQUEST_INT", partial(asks_for, index))
         link.mav.mission_item_int_send(
             1, 1, index, 3, number, 0, 1, 0, 0, 0, 0, round(lat * 1e7), round(lon * 1e7), height
         )
-    assert wait_for(link, "MISSION_ACK", lambda ack: True).type == 0  # type: ignore[attr-defined]
+    assert wait_for(link, "MISSION_ACK", lambda ack: True).type == 0
 
     link.set_mode(4)
     wait_for(link, "HEARTBEAT", lambda h: h.custom_mode == 4)
@@ -99,7 +105,7 @@ def test_pymavlink_flies_a_mission(served: Callable[[str], str], kind: str) -> N
     link.close()
 
 
-def insist(process: subprocess.Popen[str], order: str, link: object, kind: str, good: Callable[[object], bool]) -> None:
+def insist(process: subprocess.Popen[str], order: str, link: Any, kind: str, good: Callable[[Any], bool]) -> None:
     """Type an order into MAVProxy until it shows (MAVProxy needs a moment to learn what it talks to)."""
     assert process.stdin is not None
     for _ in range(20):

@@ -69,7 +69,7 @@ class Server:
 @pytest.fixture(scope="module")
 def server() -> Iterator[Server]:
     if not (FOLDER / "bin" / "ollama").exists():
-        pytest.skip(f"no Ollama server in {FOLDER}: run `scripts/ollama build`")
+        pytest.skip(f"no Ollama server in {FOLDER}: run `scripts/ollama_server build`")
     running = Server()
     running.start()
     try:
@@ -159,10 +159,11 @@ def test_campaign_runs_end_to_end_on_the_model(server: Server, tmp_path: Path) -
     run = Run(tmp_path, label, more='shadow = ["constant"]')
     assert run.wait() in {0, 1}
     nothing_is_lost(run, BUDGET)
-    by = dict(run.rows("SELECT scored_by, count(*) FROM scores WHERE shadow = 0 GROUP BY 1"))  # type: ignore[arg-type]
-    assert by[label] > 0.8 * sum(by.values())  # type: ignore[operator]
+    counted = run.rows("SELECT scored_by, count(*) FROM scores WHERE shadow = 0 GROUP BY 1")
+    by = {str(row[0]): int(str(row[1])) for row in counted}
+    assert by[label] > 0.8 * sum(by.values())
     watched = run.rows("SELECT count(*) FROM scores WHERE shadow = 1 AND model = 'constant'")
-    assert watched[0][0] == sum(by.values())  # type: ignore[arg-type]
+    assert watched[0][0] == sum(by.values())
     taken = run.rows("SELECT sum(calls), sum(tokens_in), sum(tokens_out) FROM usage WHERE model LIKE 'ollama:%'")[0]
     assert all(isinstance(value, int) and value > 0 for value in taken)
     digests = run.rows("SELECT DISTINCT model_digest FROM scores WHERE shadow = 0 AND scored_by LIKE 'ollama:%'")

@@ -17,6 +17,7 @@ import pytest
 from saflite.campaign.presets.campaigns import template
 from saflite.campaign.storage.store import Store
 from saflite.contract.config import Campaign, LeaseConfig, ScorerConfig, SearchConfig
+from saflite.contract.control import Status
 from saflite.contract.errors import Refused
 from saflite.contract.events import CampaignChanged, Event, WorkerChanged
 from saflite.contract.test_case import Target
@@ -53,7 +54,7 @@ def _rows(run_dir: Path, sql: str) -> list[tuple[object, ...]]:
 
 def test_a_campaign_runs_to_its_end_and_leaves_nothing_behind(tmp_path: Path) -> None:
     before = children(os.getpid())
-    seen = []
+    seen: list[Status] = []
     summary = run_campaign(_campaign(30), tmp_path / "run", simulators=2, on_status=seen.append, target_files=[TARGET])
     assert summary.ended
     assert summary.status is not None

@@ -112,7 +112,7 @@ def rows(books: Path) -> list[Row]:
         confirmations = database.execute(
             "SELECT test_case, policy, confirmation FROM violations ORDER BY policy"
         ).fetchall()
-    return [_row(*line, confirmations) for line in flown]
+    return [_row(number, rank, name, content, confirmations) for number, rank, name, content in flown]
 
 
 def _row(number: int, rank: int, test_case: str, content: bytes, confirmations: list[tuple[str, str, str]]) -> Row:

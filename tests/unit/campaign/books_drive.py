@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import get_args
+from typing import cast, get_args
 
 from saflite.campaign.engine.state import Books
 from saflite.campaign.storage.store import Store
@@ -16,11 +16,13 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "farm"))
 import farm_doubles as doubles
 from farm_store import MemoryStore
 
+__all__ = ["Driver", "MemoryStore", "doubles", "new_books"]
+
 
 class Driver:
     """One set of books, a store (or none) and the services of the simulated farm."""
 
-    def __init__(self, books: Books, store: Store | MemoryStore | None = None) -> None:
+    def __init__(self, books: Books, store: Store | None = None) -> None:
         self.books, self.store, self.now = books, store, 100.0
         self.service = doubles.Service()
         books.begin(self.now, 1.7e9)
@@ -80,4 +82,4 @@ class Driver:
 def new_books(budget: int = 20, **search: object) -> Driver:
     """Books with a store in memory."""
     store = MemoryStore(doubles.campaign(budget, **search), doubles.TEMPLATE)  # type: ignore[arg-type]
-    return Driver(store.rebuild(), store)
+    return Driver(store.rebuild(), cast(Store, store))

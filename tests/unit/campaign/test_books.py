@@ -29,8 +29,9 @@ from saflite.contract.work import (
 def facts(driver: Driver, kind: type) -> list[object]:
     """All facts of a kind so far."""
     driver.commit()
-    assert isinstance(driver.store, MemoryStore)
-    return [event.fact for event in driver.store.all_events if isinstance(event.fact, kind)]
+    store: object = driver.store
+    assert isinstance(store, MemoryStore)
+    return [event.fact for event in store.all_events if isinstance(event.fact, kind)]
 
 
 def flying(driver: Driver) -> Driver:
@@ -182,13 +183,14 @@ def test_three_lost_attempts_quarantine_and_others_fly_on() -> None:
     driver = flying(new_books())
     (lease,) = driver.ask("fly")
     assert isinstance(lease.work, FlyWork)
+    name = identity(lease.work.test_case)
     for attempt in range(3):
         driver.books.absent(f"w{attempt - 1}" if attempt else "a", "fly", driver.now)
         if attempt < 2:
             (lease,) = driver.ask("fly", f"w{attempt}")
     (fact,) = facts(driver, Quarantined)
     assert isinstance(fact, Quarantined)
-    assert (fact.test_case, fact.attempts, fact.last) == (identity(lease.work.test_case), 3, "lost")
+    assert (fact.test_case, fact.attempts, fact.last) == (name, 3, "lost")
     driver.run()
     assert driver.books.status(driver.now).quarantined == 1
 

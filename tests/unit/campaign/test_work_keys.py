@@ -20,12 +20,11 @@ from saflite.campaign.scheduling.work_keys import (
 NAMES = st.text("0123456789abcdef", min_size=1, max_size=16)
 PURPOSES = st.sampled_from(["search", "confirm", "shrink", "shrunk", "replay"])
 COUNTS = st.integers(0, 10**6)
-FLIGHTS = st.tuples(NAMES, PURPOSES, COUNTS)
 KEYS = st.one_of(
     st.builds(MutateKey, COUNTS),
     st.builds(ScoreKey, COUNTS, COUNTS),
     st.builds(WarmKey, COUNTS, st.text(max_size=30)),
-    *(FLIGHTS.map(lambda parts, kind=kind: kind(*parts)) for kind in (FlyKey, JudgeKey, RecordKey)),
+    *(st.builds(kind, NAMES, PURPOSES, COUNTS) for kind in (FlyKey, JudgeKey, RecordKey)),
 )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import struct
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +25,7 @@ def message(kind: str, body: bytes) -> bytes:
     return struct.pack("<HB", len(body), ord(kind)) + body
 
 
-def ulog(topics: dict[str, list[tuple[str, str]]], rows: list[tuple[str, float, tuple[float, ...]]]) -> bytes:
+def ulog(topics: dict[str, list[tuple[str, str]]], rows: Sequence[tuple[str, float, tuple[float, ...]]]) -> bytes:
     """A ULog file: per topic its fields (format, name), and rows (topic, seconds, values)."""
     data = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 0)
     data += message("B", bytes(40))

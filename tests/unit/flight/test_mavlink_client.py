@@ -108,12 +108,13 @@ def test_orders_lost_on_the_way_are_repeated() -> None:
 def test_deadlines_are_kept_when_nobody_answers() -> None:
     silent = Silent()
     client = Client(silent, silent)
-    for order in (
+    orders: tuple[Callable[[], Answer], ...] = (
         lambda: client.command(ARM, (1,), 2.0),
         lambda: client.set_parameter("RTL_ALT", 1.0, 2.0),
         lambda: client.set_mode(GUIDED, 2.0),
         lambda: client.upload(builtin_mission("mission2"), 2.0),
-    ):
+    )
+    for order in orders:
         began_s = silent.monotonic_s()
         assert order().state == "timed_out"
         assert silent.monotonic_s() - began_s == pytest.approx(2.0, abs=0.05)

@@ -46,7 +46,7 @@ def test_a_child_differs_from_its_parent_in_one_attribute_of_one_box() -> None:
 
 
 def test_children_never_leave_the_area_or_the_size_limits() -> None:
-    layout = (tidy(a_box(-35, 15, rotation_deg=10)), tidy(a_box(19.0, 35, length_m=19.5)))
+    layout: tuple[Obstacle, ...] = (tidy(a_box(-35, 15, rotation_deg=10)), tidy(a_box(19.0, 35, length_m=19.5)))
     rng = derive(2, "walk")
     seen = set()
     for _ in range(400):

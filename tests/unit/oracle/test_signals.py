@@ -106,7 +106,7 @@ def test_a_log_is_told_as_text_and_as_facts() -> None:
     for part in ("Duration 9.9 s", "0.0 s GUIDED", "5.0 s LAND", "error: EKF failsafe", "0.00, 10.00, 20.00 m"):
         assert part in text
     assert (facts.errors, facts.failsafes, facts.mode_changes, facts.sink_max_mps) == (1, 1, 1, 6.0)
-    assert rule_of_thumb(facts) == (pytest.approx(2.5 + 2.5 + 1.5), "1 errors, 1 failsafes, sinks 6.0 m/s")
+    assert tuple(rule_of_thumb(facts)) == (pytest.approx(2.5 + 2.5 + 1.5), "1 errors, 1 failsafes, sinks 6.0 m/s")
     quiet = Trace(step_s=0.1, signals={"altitude_m": np.zeros(50, dtype="<f4").tobytes()})
     assert rule_of_thumb(facts_of(quiet)) == (0.0, "nothing out of the ordinary")
 

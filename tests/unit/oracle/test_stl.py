@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 
@@ -10,17 +12,17 @@ from saflite.contract.signals import MODES
 from saflite.oracle.formula import Node
 from saflite.oracle.parse import parse
 from saflite.oracle.policy import crispened
-from saflite.oracle.stl import Evaluator, find
+from saflite.oracle.stl import Evaluator, Finding, find
 
 
-def over(text: str, **signals: list[float]) -> list[float]:
+def over(text: str, **signals: Sequence[float]) -> list[float]:
     given = {name: np.array(values) for name, values in signals.items()}
     return [float(value) for value in Evaluator(given, 1.0).trace(crispened(parse(text, MODES)))]
 
 
-def found(text: str, step_s: float = 1.0, **signals: list[float]):
+def found(text: str, **signals: Sequence[float]) -> Finding | None:
     given = {name: np.array(values) for name, values in signals.items()}
-    return find(Evaluator(given, step_s), crispened(parse(text, MODES)))
+    return find(Evaluator(given, 1.0), crispened(parse(text, MODES)))
 
 
 INF = float("inf")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import pytest
 
@@ -79,7 +80,7 @@ def pool(monkeypatch: pytest.MonkeyPatch) -> ScorerPool:
     return open_service(lambda name, texts: PolicyBrief(name, "words"), StillClock())
 
 
-def work(model: str, shadow: tuple[str, ...] = (), count: int = 4, **more: object) -> ScoreWork:
+def work(model: str, shadow: tuple[str, ...] = (), count: int = 4, **more: Any) -> ScoreWork:
     return ScoreWork(round=0, model=model, shadow=shadow, policies=("p",), test_cases=cases(count), rng_seed=1, **more)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import AsyncIterator
 from typing import Any
 
 import httpx
@@ -140,11 +141,12 @@ class Part:
     def __init__(self, content: str, done: bool = False, why: str = "") -> None:
         self.message = ollama.Message(role="assistant", content=content)
         self.done, self.done_reason = done, why
-        self.prompt_eval_count, self.eval_count = (5, 2) if done else (None, None)
+        self.prompt_eval_count = 5 if done else None
+        self.eval_count = 2 if done else None
 
 
 def streaming(chat: OllamaChat, parts: list[Part], seen: dict[str, Any]) -> None:
-    async def stream():  # type: ignore[no-untyped-def]
+    async def stream() -> AsyncIterator[Part]:
         for part in parts:
             yield part
 
@@ -152,11 +154,12 @@ def streaming(chat: OllamaChat, parts: list[Part], seen: dict[str, Any]) -> None
         seen.update(asked)
         return stream()
 
-    chat._client.chat = answer
+    chat._client.chat = answer  # type: ignore[method-assign, assignment]
 
 
 def test_ollama_is_asked_with_schema_fixed_context_and_kept_loaded() -> None:
-    chat, seen = OllamaChat("m"), {}
+    chat = OllamaChat("m")
+    seen: dict[str, Any] = {}
     streaming(chat, [Part('{"a"'), Part(": 1}", done=True, why="stop")], seen)
     spoken = asyncio.run(chat.ask(QUESTION))
     assert spoken.reply.content == '{"a": 1}'

@@ -51,7 +51,7 @@ def near_an_edge(points: NDArray[np.float32], eye: NDArray[np.float64]) -> NDArr
 
 def interpolated(row: NDArray[np.float64], step: int) -> NDArray[np.float64]:
     known = list(range(0, COLUMNS, step))
-    return np.interp(np.arange(COLUMNS), [*known, COLUMNS], [*row[known], row[0]])
+    return np.asarray(np.interp(np.arange(COLUMNS), [*known, COLUMNS], [*row[known], row[0]]))
 
 
 def padded(matrix: NDArray[np.float64], radius: int) -> NDArray[np.float64]:
