@@ -20,6 +20,7 @@ THINKING_TOKENS = 2048
 """More room for the answer of a model that thinks before it speaks."""
 
 KEEP_ALIVE = "30m"
+DEFAULT_HOST = "http://127.0.0.1:11434"
 
 
 class _Place(NamedTuple):
@@ -33,7 +34,7 @@ def _place(argument: str) -> _Place:
         raise Refused(
             "scorer model", expected="'ollama:<tag>' or 'ollama:<tag>@<host:port>'", got=f"'ollama:{argument}'"
         )
-    return _Place(tag, host or environment("OLLAMA_HOST", "http://127.0.0.1:11434"))
+    return _Place(tag, host or environment("OLLAMA_HOST", DEFAULT_HOST))
 
 
 class OllamaChat:
@@ -42,9 +43,18 @@ class OllamaChat:
     def __init__(self, argument: str) -> None:
         import ollama
 
+        from saflite.scorer_pool.llm.http import BoundedTransport, may_have_key
+
         logging.getLogger("httpx").setLevel(logging.WARNING)  # it tells of every single request
         self._tag, host = _place(argument)
-        self._client = ollama.AsyncClient(host=host, timeout=None)  # the caller's deadlines hold
+        self._client = ollama.AsyncClient(
+            host=host,
+            timeout=None,  # the caller's deadlines hold
+            follow_redirects=False,
+            transport=BoundedTransport(),
+        )
+        if not may_have_key(host, environment("OLLAMA_HOST", DEFAULT_HOST)):
+            self._client._client.headers.pop("Authorization", None)  # the client's own, from OLLAMA_API_KEY
         self._more_tokens = 0
 
     async def ask(self, question: Question) -> Spoken:

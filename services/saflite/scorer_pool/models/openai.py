@@ -1,6 +1,7 @@
 """A language model on any OpenAI-compatible server (GPT class, vLLM, llama.cpp): `openai:<model>@<base url>`.
 
-The key comes from OPENAI_API_KEY (none is sent if it is empty); prices, in dollars per million tokens, from
+The key comes from OPENAI_API_KEY (none is sent if it is empty, nor to a host that the user's own settings or campaign
+file do not name: `scorer_pool/llm/http.py`); prices, in dollars per million tokens, from
 SAFLITE_PRICES as `<in>,<out>`. Without `@<base url>` the address is OPENAI_BASE_URL or https://api.openai.com/v1.
 """
 
@@ -23,6 +24,9 @@ NO_LIMIT = None
 """Time limit of the client itself: the caller's deadlines hold."""
 
 
+log = logging.getLogger(__name__)
+
+
 class _Unfit(Refused):
     """The server does not take the request as it is put; a simpler one may do."""
 
@@ -38,6 +42,16 @@ def _place(argument: str) -> _Place:
     if not model or not url.startswith(("http://", "https://")) or any(char.isspace() for char in argument):
         raise Refused("scorer model", expected="'openai:<model>@<base url>'", got=f"'openai:{argument}'")
     return _Place(model, url.rstrip("/"))
+
+
+def _key_for(url: str) -> str:
+    from saflite.scorer_pool.llm.http import KEY_HOSTS, host_of, may_have_key
+
+    key = environment("OPENAI_API_KEY")
+    if not key or may_have_key(url, environment("OPENAI_BASE_URL", DEFAULT_URL)):
+        return key
+    log.warning("OPENAI_API_KEY is not sent to %s: your settings do not name it; see %s", host_of(url), KEY_HOSTS)
+    return ""
 
 
 def prices(text: str) -> Prices:
@@ -58,6 +72,7 @@ class OpenAIChat:
         logging.getLogger("httpx").setLevel(logging.WARNING)  # it tells of every single request
         self._model, self._url = _place(argument)
         self._formats = ["json_schema", "json_object", ""]
+        self._key = _key_for(self._url)
 
     async def ask(self, question: Question) -> Spoken:
         """Return the answer; see `Chat`. A server that knows no schema is asked without one from then on."""
@@ -103,10 +118,11 @@ class OpenAIChat:
     async def _request(self, verb: str, path: str, body: dict[str, Any] | None) -> dict[str, Any]:
         import httpx
 
-        key = environment("OPENAI_API_KEY")
-        headers = {"Authorization": f"Bearer {key}"} if key else {}
+        from saflite.scorer_pool.llm.http import BoundedTransport
+
+        headers = {"Authorization": f"Bearer {self._key}"} if self._key else {}
         try:
-            async with httpx.AsyncClient(timeout=NO_LIMIT, headers=headers) as client:
+            async with httpx.AsyncClient(timeout=NO_LIMIT, headers=headers, transport=BoundedTransport()) as client:
                 async with client.stream(verb, f"{self._url}{path}", json=body) as response:
                     text = await _bounded(response)
         except (httpx.HTTPError, httpx.InvalidURL) as fault:

@@ -1,0 +1,102 @@
+"""Keys stay with the hosts their owner named, redirects are not followed, endless answers end."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+
+import httpx
+import pytest
+
+from saflite.contract.errors import FarmError, Unavailable
+from saflite.scorer_pool.llm.chat import Question
+from saflite.scorer_pool.llm.http import ANSWER_BYTES_MAX, LINE_BYTES_MAX, BoundedTransport, host_of, may_have_key
+from saflite.scorer_pool.models.ollama import OllamaChat
+from saflite.scorer_pool.models.openai import OpenAIChat
+
+QUESTION = Question([{"role": "user", "content": "?"}], {"type": "object"}, 100)
+
+
+@pytest.mark.parametrize(
+    ("url", "host"),
+    [
+        ("http://a/v1", "a:80"),
+        ("https://a", "a:443"),
+        ("a:11434", "a:11434"),
+        ("http://u@a:8/x", "a:8"),
+        ("http://", ""),
+    ],
+)
+def test_hosts(url: str, host: str) -> None:
+    assert host_of(url) == host
+
+
+def test_only_named_hosts_may_have_a_key(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SAFLITE_KEY_HOSTS", "gpu.example:8000, api.example")
+    for good in ("http://gpu.example:8000/v1", "https://api.example/v1", "https://api.openai.com/v1"):
+        assert may_have_key(good, "https://api.openai.com/v1")
+    for bad in ("http://gpu.example:8001", "https://api.example.evil.test", "http://api.openai.com/v1", "x"):
+        assert not may_have_key(bad, "https://api.openai.com/v1")
+
+
+class Wire:
+    """Keeps the requests that would have gone out, and answers as told."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, *answers: httpx.Response) -> None:
+        self.sent: list[httpx.Request] = []
+        self.answers = list(answers)
+
+        async def handle(transport: httpx.AsyncHTTPTransport, request: httpx.Request) -> httpx.Response:
+            self.sent.append(request)
+            return self.answers.pop(0)
+
+        monkeypatch.setattr(httpx.AsyncHTTPTransport, "handle_async_request", handle)
+
+
+def elsewhere() -> httpx.Response:
+    return httpx.Response(307, headers={"location": "http://evil.test/"}, stream=Parts())
+
+
+class Parts(httpx.AsyncByteStream):
+    def __init__(self, *parts: bytes) -> None:
+        self.parts, self.read = parts, 0
+
+    async def __aiter__(self) -> AsyncIterator[bytes]:
+        for part in self.parts:
+            self.read += len(part)
+            yield part
+
+
+@pytest.mark.parametrize("url", ["http://evil.test/v1", "http://127.0.0.1:9/v1"])
+def test_a_server_named_over_the_bus_gets_no_key(url: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("OPENAI_API_KEY", "secret")
+    monkeypatch.setenv("OLLAMA_API_KEY", "secret")
+    wire = Wire(monkeypatch, elsewhere(), elsewhere())
+    for chat in (OpenAIChat(f"m@{url}"), OllamaChat(f"m@{url}")):
+        with pytest.raises(FarmError):
+            asyncio.run(chat.ask(QUESTION))
+    assert [request.headers.get("authorization") for request in wire.sent] == [None, None]
+
+
+def test_the_users_own_server_gets_the_key_and_no_redirect_is_followed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("OPENAI_API_KEY", "secret")
+    wire = Wire(monkeypatch, elsewhere())
+    with pytest.raises(Unavailable, match="307"):
+        asyncio.run(OpenAIChat("m").ask(QUESTION))
+    assert [str(request.url.host) for request in wire.sent] == ["api.openai.com"]
+    assert wire.sent[0].headers["authorization"] == "Bearer secret"
+
+
+@pytest.mark.parametrize(("part", "limit"), [(b"x" * 65536, LINE_BYTES_MAX), (b"x" * 65535 + b"\n", ANSWER_BYTES_MAX)])
+def test_endless_answers_end(part: bytes, limit: int) -> None:
+    stream = Parts(*[part] * 1000)
+
+    async def read() -> None:
+        transport = BoundedTransport(httpx.MockTransport(lambda request: httpx.Response(200, stream=stream)))
+        async with httpx.AsyncClient(transport=transport) as client, client.stream("GET", "http://a") as response:
+            async for _ in response.aiter_bytes():
+                pass
+
+    with pytest.raises(httpx.ReadError, match="longer"):
+        asyncio.run(read())
+    assert stream.read <= limit + len(part)
