@@ -10,13 +10,13 @@ import msgspec
 
 from saflite.campaign.lifecycle.minimizer import Minimizer
 from saflite.campaign.presets.campaigns import load_campaign, template
+from saflite.conformance.flying import fly_once
 from saflite.contract.flight import AUTOPILOT_ALIVE, Flight
 from saflite.contract.rng import derive
 from saflite.contract.test_case import Setting, Stimulus, TestCase, identity
 from saflite.flight.autopilots.reference.defects import TABLE, trigger
 from saflite.mutator.strategies.pgfuzz import Strategy
 from saflite.oracle.judge import judge
-from saflite.simulator_worker.targets import reference
 
 INPUTS = 20
 LIMIT_S, FIRST_S, LAST_S = 60.0, 0.5, 30.0  # the trigger begins somewhere between
@@ -41,7 +41,7 @@ class Shrunk(NamedTuple):
 
 def breaks(test_case: TestCase, policy: str) -> bool:
     """Fly the test case on the reference target and say whether it breaks the policy."""
-    record = reference.fly(test_case, lambda: False)
+    record = fly_once(test_case)
     if policy == AUTOPILOT_ALIVE:
         return record.ending == "autopilot_died"
     flight = Flight(test_case=identity(test_case), flight_index=0, ending=record.ending)

@@ -54,10 +54,10 @@ class JSBSim:
 
     def __call__(self, mission: str, obstacles: tuple[Obstacle, ...], rng_seed: int, limit_s: float) -> Flown:
         """Return the flight; its trace is thinned to 2 Hz for the track."""
-        from saflite.simulator_worker.targets import reference
+        from saflite.conformance.flying import fly_once
 
         scenario = Scenario(mission=builtin_mission(mission), obstacles=obstacles, time_limit_s=limit_s)
-        record = reference.fly(TestCase(target=Target(), scenario=scenario, rng_seed=rng_seed), lambda: False)
+        record = fly_once(TestCase(target=Target(), scenario=scenario, rng_seed=rng_seed))
         assert record.trace is not None, record.message
         every = max(1, round(0.5 / record.trace.step_s))
         columns = [record.trace.array(name)[::every].astype(float) for name in ("x_m", "y_m", "altitude_m")]

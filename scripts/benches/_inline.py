@@ -12,6 +12,7 @@ from pathlib import Path
 from saflite.campaign.engine.state import Books
 from saflite.campaign.presets.campaigns import template
 from saflite.campaign.storage.store import Store
+from saflite.conformance.flying import fly_once
 from saflite.contract.config import Campaign
 from saflite.contract.control import Status
 from saflite.contract.flight import Flight, pack_trace, trace_digest
@@ -23,7 +24,6 @@ from saflite.oracle import work as oracle
 from saflite.runtime.clock import WallClock
 from saflite.runtime.stages import brief_of
 from saflite.scorer_pool import work as scorer_pool
-from saflite.simulator_worker.targets import reference
 
 CAST: tuple[tuple[Stage, int], ...] = (("mutate", 1), ("score", 1), ("fly", 1), ("judge", 1), ("fly", 2), ("judge", 1))
 """Who asks in turn. Two take turns flying: a confirmation waits for a worker other than the finder, and were the second
@@ -60,7 +60,7 @@ class Flights:
 
     def _fly(self, work: FlyWork, cancelled: Cancelled) -> tuple[Flight, bytes]:
         self.flown += 1
-        landed = reference.fly(work.test_case, cancelled)
+        landed = fly_once(work.test_case, cancelled)
         assert landed.trace is not None, landed.message
         flight = Flight(
             test_case="",

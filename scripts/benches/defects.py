@@ -35,6 +35,7 @@ from _defect_shrink import INPUTS, shrinks
 
 from saflite.campaign.presets.campaigns import load_campaign, template
 from saflite.campaign.presets.policy_campaigns import policy_campaigns
+from saflite.conformance.flying import fly_once
 from saflite.contract.flight import Flight
 from saflite.contract.rng import derive
 from saflite.contract.test_case import TestCase, identity, told_in_order
@@ -43,7 +44,6 @@ from saflite.mutator.strategies.pgfuzz import Strategy
 from saflite.oracle.judge import judge
 from saflite.oracle.policy import policy_names
 from saflite.simulator_worker.processes import die_with_parent
-from saflite.simulator_worker.targets import reference
 
 PARTS = ("search", "alarms", "shrink")
 MARKS = (8, 16, 32, 64, 128, 256, 512, 1024)
@@ -167,7 +167,7 @@ def alarms(cases: int, rng_seed: int) -> dict[str, Any]:
     start, simulated_s, flown, alarmed = time.perf_counter(), 0.0, 0, 0
     for name in names:
         for case in _mutants(name, -(-cases // len(names)), rng_seed):
-            record = reference.fly(case, lambda: False)
+            record = fly_once(case)
             flight = Flight(test_case=identity(case), flight_index=0, ending=record.ending)
             verdicts = judge(case, flight, record.trace, checked).verdicts
             broken = [verdict for verdict in verdicts if verdict.outcome == "violated"]

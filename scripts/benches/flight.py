@@ -25,13 +25,13 @@ from typing import Any
 
 import numpy as np
 
+from saflite.conformance.flying import fly_once
 from saflite.contract.rng import derive
 from saflite.contract.test_case import Obstacle, Scenario, StartState, Stimulus, Target, TestCase
 from saflite.flight.geometry import boxes_array
 from saflite.flight.mission import builtin_mission, waypoints
 from saflite.flight.planner.kinematic import fly_kinematic
 from saflite.flight.world.jsbsim_world import World
-from saflite.simulator_worker.targets import reference
 
 READY_S, BARE_S = 19.5, 20.0
 Measured = tuple[float, float, float, float]  # simulated, airborne, processor, wall seconds
@@ -100,7 +100,7 @@ def _child(call: str) -> str:
 
 def fly(case: TestCase) -> tuple[float, float]:
     """Fly one test case; return simulated and airborne seconds."""
-    record = reference.fly(case, lambda: False)
+    record = fly_once(case)
     assert record.trace is not None, record
     simulated = record.trace.duration_s
     return simulated, simulated - (READY_S if case.scenario.mission is not None else 0.0)
@@ -160,7 +160,7 @@ def worker_peak_mib() -> float:
 
 def child() -> None:
     """Fly ten layouts as the simulator process does and print its peak memory in MiB."""
-    import saflite.simulator_worker.child  # noqa: F401  (what a simulator process holds)
+    import saflite.runtime.simulator  # noqa: F401  (what a simulator process holds)
 
     for i, boxes in enumerate(layouts(10)):
         fly(mission_case("mission2", boxes, i))

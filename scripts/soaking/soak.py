@@ -19,17 +19,17 @@ from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.flight import FlightRecord, Trace
 from saflite.contract.rng import derive
 from saflite.contract.service import Cancelled
+from saflite.contract.target import Session, Slot
 from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import DEFAULT_TARGET, TestCase, draw_key
+from saflite.simulator_worker.targets import reference
 
 FLY, CRASH, HANG, NO_BRING_UP, REFUSE, BROKEN, STRAY, SLOW, QUIET = range(9)
 SLEEPER = [sys.executable, "-c", "import signal, time; signal.signal(15, signal.SIG_IGN); time.sleep(600)"]
 
 
 def describe() -> TargetInfo:
-    """Say what the reference target says, under this target's name."""
-    from saflite.simulator_worker.targets import reference
-
+    """Say what the reference target says, under another name, and that flights repeat."""
     return msgspec.structs.replace(reference.describe(), name="soak", snapshots=False)
 
 
@@ -37,13 +37,34 @@ def check(test_case: TestCase) -> None:
     """Take everything."""
 
 
-def fly(test_case: TestCase, cancelled: Cancelled) -> FlightRecord:
-    """Fly on the reference target, or misbehave."""
-    fault = int(test_case.target.parameters.get("SOAK_FAULT", FLY)) or _drawn(test_case)
-    if fault == FLY:
-        from saflite.simulator_worker.targets import reference
+def open(slot: Slot) -> SoakSession:  # noqa: A001  (the name that the contract gives it)
+    """Return a session."""
+    return SoakSession(reference.open(slot))
 
-        return reference.fly(_plain(test_case), cancelled)
+
+class SoakSession:
+    """Flies on the reference target, or misbehaves."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+
+    def fly(self, test_case: TestCase, deadline_s: float, cancelled: Cancelled) -> FlightRecord:
+        """Fly on the reference target, or misbehave."""
+        fault = int(test_case.target.parameters.get("SOAK_FAULT", FLY)) or _drawn(test_case)
+        if fault == FLY:
+            return self._session.fly(_plain(test_case), deadline_s, cancelled)
+        _misbehave(fault)
+        while fault == SLOW and not cancelled():
+            time.sleep(0.01)
+        column = np.arange(10, dtype="<f4").tobytes()
+        return FlightRecord("completed", Trace(step_s=0.1, signals=dict.fromkeys(describe().signals, column)))
+
+    def close(self) -> None:
+        """Close the reference session."""
+        self._session.close()
+
+
+def _misbehave(fault: int) -> None:
     if fault == CRASH:
         os.kill(os.getpid(), signal.SIGSEGV)
     if fault == HANG:
@@ -55,10 +76,6 @@ def fly(test_case: TestCase, cancelled: Cancelled) -> FlightRecord:
     assert fault != BROKEN, "our own code broke"
     if fault == STRAY:
         subprocess.Popen(["/bin/sh", "-c", "setsid sleep 600 & exit 0"]).wait()
-    while fault == SLOW and not cancelled():
-        time.sleep(0.01)
-    signals = {"altitude_m": np.arange(10, dtype="<f4").tobytes()}
-    return FlightRecord("completed", Trace(step_s=0.1, signals=signals))
 
 
 def _plain(test_case: TestCase) -> TestCase:

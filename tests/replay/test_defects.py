@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import pytest
 
+from saflite.conformance.flying import fly_once
 from saflite.contract.flight import Flight
 from saflite.contract.ids import short_id
 from saflite.contract.test_case import TestCase, identity
 from saflite.flight.autopilots.reference.defects import DEFECTS, TABLE, trigger
 from saflite.oracle.judge import judge
 from saflite.oracle.policy import load_policy, policy_names
-from saflite.simulator_worker.targets import reference
 
 
 def violated(test_case: TestCase) -> set[str]:
-    record = reference.fly(test_case, lambda: False)
+    record = fly_once(test_case)
     names = tuple(name for name in policy_names() if "reference" not in load_policy(name).file.not_checked_on)
     flight = Flight(test_case=identity(test_case), flight_index=0, ending=record.ending, trace_digest=short_id(b""))
     judgement = judge(test_case, flight, record.trace, names)

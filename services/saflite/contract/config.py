@@ -140,6 +140,11 @@ def read_text(path: Path, what: str) -> str:
         raise Refused(what, where=str(path), expected="a readable UTF-8 text file", got=str(fault)) from fault
 
 
+def environment_with(**variables: str) -> dict[str, str]:
+    """Return the environment for another process, with some variables set."""
+    return {**os.environ, **variables}
+
+
 def environment(name: str, default: str = "") -> str:
     """Return an environment variable; the only reader of the environment."""
     return os.environ.get(name, default)

@@ -61,25 +61,30 @@ class Snapshot(NamedTuple):
 
 
 @runtime_checkable
-class ForkingSession(Protocol):
+class ForkingSession(Session, Protocol):
     """A session that can hold a flight at a moment and fly on from there, any number of times.
 
     The outcome of `fly_from` equals that of `fly` for every test case that agrees with the one the snapshot was taken
-    of in target, scenario, rng_seed and all stimuli given up to `Snapshot.at_s`.
+    of in target, scenario, rng_seed and all stimuli due before `Snapshot.at_s`, also where the snapshot is gone.
     """
 
     def snapshot(self, test_case: TestCase, at_s: float, deadline_s: float, cancelled: Cancelled) -> Snapshot:
-        """Fly up to `at_s` (0 is the start state) and hold there."""
+        """Fly until just before what is due at `at_s` (0 is the start state) and hold there.
+
+        Raises:
+            Refused: the test case cannot be flown on this target.
+            Unavailable: the flight ends before, it took longer than `deadline_s`, or it was cancelled.
+        """
         ...
 
     def fly_from(
         self, snapshot: Snapshot, test_case: TestCase, deadline_s: float, cancelled: Cancelled
     ) -> FlightRecord:
-        """Fly the test case on from the snapshot."""
+        """Fly the test case on from the snapshot; raises what `fly` raises."""
         ...
 
     def drop(self, snapshot: Snapshot) -> None:
-        """Let go of a snapshot; one already gone is fine."""
+        """Let go of a snapshot, and of any held on from it; one already gone is fine."""
         ...
 
 

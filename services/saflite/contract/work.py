@@ -164,10 +164,11 @@ class WarmResult(msgspec.Struct, frozen=True, kw_only=True, tag="warmed"):
 
 
 class FlyResult(msgspec.Struct, frozen=True, kw_only=True, tag="flown"):
-    """The flight and its packed trace (empty if there was none)."""
+    """The flight, its packed trace (empty if there was none) and its artefacts by name."""
 
     flight: Flight
     trace: bytes = b""
+    artefacts: dict[str, bytes] = {}
 
 
 class JudgeResult(msgspec.Struct, frozen=True, kw_only=True, tag="judged"):

@@ -35,7 +35,7 @@ def worker_config(stage: Stage, worker: str, service: Service) -> WorkerConfig:
         from saflite.simulator_worker.work import Flyer
 
         assert isinstance(service, Flyer)
-        targets = tuple(TargetBuild(name) for name in service.targets())
+        targets = tuple(TargetBuild(name, build) for name, build in sorted(service.builds().items()))
     return WorkerConfig(worker, stage, parallel=service.parallel, prefetch=PREFETCH.get(stage, 0), targets=targets)
 
 
@@ -53,7 +53,7 @@ def open_stage(stage: Stage, context: ServiceContext) -> Service:
     if stage == "fly":
         from saflite.simulator_worker import work as flyer
 
-        return flyer.open_service(context.worker, context.clock, context.target_files)
+        return flyer.open_service(context.worker, context.clock, context.target_files, verify=True)
     if stage == "judge":
         from saflite.oracle import work as oracle
 

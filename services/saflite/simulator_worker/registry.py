@@ -1,11 +1,6 @@
-"""Targets are found by their place: one module per target in `targets/`, or a module file named on the command line.
+"""Targets are found by their place: one module per target in `targets/`, an entry point, or a module file given.
 
-A target module holds
-
-    describe() -> TargetInfo                      what it says of itself; raises Unavailable where it cannot even tell
-    fly(test_case, cancelled) -> FlightRecord     fly once; raises Refused (bad input) or Unavailable (bring-up failed)
-    check(test_case) -> None                      raise Refused where this target cannot fly the test case
-    missing() -> str                              optional: why it cannot fly on this machine, empty if it can
+What a target module offers stands in `contract/target.py`.
 """
 
 from __future__ import annotations
@@ -18,32 +13,15 @@ from collections.abc import Sequence
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
-from typing import Protocol, cast
+from typing import cast
 
-from saflite.contract.errors import Refused
-from saflite.contract.flight import FlightRecord
-from saflite.contract.service import Cancelled
+from saflite.contract.errors import Refused, Unavailable
+from saflite.contract.target import TargetModule
 from saflite.contract.target_info import TargetInfo
-from saflite.contract.test_case import TestCase
 from saflite.simulator_worker import targets
 
 ENTRY_POINTS = "saflite.targets"
-
-
-class TargetModule(Protocol):
-    """What a target module offers."""
-
-    def describe(self) -> TargetInfo:
-        """Say what the target is and can do."""
-        ...
-
-    def fly(self, test_case: TestCase, cancelled: Cancelled) -> FlightRecord:
-        """Fly once."""
-        ...
-
-    def check(self, test_case: TestCase) -> None:
-        """Raise Refused where the test case cannot be flown."""
-        ...
+OFFERED = ("describe", "check", "open")
 
 
 def target_names(files: Sequence[Path] = ()) -> tuple[str, ...]:
@@ -54,45 +32,50 @@ def target_names(files: Sequence[Path] = ()) -> tuple[str, ...]:
 
 
 def load_target(name: str, files: Sequence[Path] = ()) -> TargetModule:
-    """Return the target called `name`; raises Refused if there is none."""
+    """Return the target called `name`; raises Refused if there is none, or if its module is no target."""
     for path in files:
         if path.stem == name:
-            return cast(TargetModule, _load_file(path))
+            return _as_target(load_file(path), str(path))
     for point in entry_points(group=ENTRY_POINTS, name=name):
-        return cast(TargetModule, point.load())
+        return _as_target(point.load(), point.value)
     if name not in target_names():
         raise Refused("target", expected=f"one of {', '.join(target_names(files))}", got=repr(name))
-    return cast(TargetModule, importlib.import_module(f"{targets.__name__}.{name}"))
+    return _as_target(importlib.import_module(f"{targets.__name__}.{name}"), name)
 
 
 def describe_target(name: str, files: Sequence[Path] = ()) -> TargetInfo:
-    """Return what a target says of itself.
+    """Return what the target called `name` says of itself.
 
     Raises:
-        Refused: there is no such target, or its module does not describe it.
+        Refused: there is no such target, or it gives itself another name.
         Unavailable: it cannot even tell on this machine.
     """
-    module = load_target(name, files)
-    if not hasattr(module, "describe"):
-        raise Refused("target module", where=name, expected="a function describe()", got="none")
-    return module.describe()
+    info = load_target(name, files).describe()
+    if info.name != name:
+        raise Refused("target", where=name, expected=f"describe() of a target called {name!r}", got=repr(info.name))
+    return info
 
 
-def flyable(files: Sequence[Path] = ()) -> tuple[str, ...]:
-    """Return the names of the targets that can fly on this machine."""
-    return tuple(name for name in target_names(files) if not why_missing(load_target(name, files)))
-
-
-def why_missing(target: TargetModule) -> str:
+def why_missing(name: str, files: Sequence[Path] = ()) -> str:
     """Return why the target cannot fly here, empty if it can."""
-    missing = getattr(target, "missing", None)
-    return str(missing()) if missing is not None else ""
+    try:
+        return describe_target(name, files).missing
+    except Unavailable as fault:
+        return str(fault)
 
 
-def _load_file(path: Path) -> ModuleType:
+def builds_here(files: Sequence[Path] = ()) -> dict[str, str]:
+    """Return the targets that can fly on this machine and the build of each."""
+    ready = (name for name in target_names(files) if not why_missing(name, files))
+    return {name: describe_target(name, files).build for name in ready}
+
+
+def load_file(path: Path) -> ModuleType:
+    """Return the module in a file; raises Refused if there is none."""
     name = f"saflite_target_{path.stem}"
-    if name in sys.modules:
-        return sys.modules[name]
+    known = sys.modules.get(name)
+    if known is not None and known.__file__ == str(path):
+        return known
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None or not path.is_file():
         raise Refused("target module", where=str(path), expected="a Python file", got="none")
@@ -100,3 +83,10 @@ def _load_file(path: Path) -> ModuleType:
     sys.modules[name] = module
     spec.loader.exec_module(module)
     return module
+
+
+def _as_target(module: ModuleType, where: str) -> TargetModule:
+    lacking = [name for name in OFFERED if not callable(getattr(module, name, None))]
+    if lacking:
+        raise Refused("target module", where=where, expected=f"functions {', '.join(OFFERED)}", got=f"no {lacking[0]}")
+    return cast(TargetModule, module)

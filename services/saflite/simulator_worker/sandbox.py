@@ -1,6 +1,7 @@
-"""A simulator in a child process, with deadlines, reaped with everything it started.
+"""A simulator in a process of its own, with deadlines, reaped with everything it started.
 
-The child lives for many flights (starting one costs a good part of a second) and is replaced after `RECYCLE_FLIGHTS`.
+The process opens a target once and flies many test cases on it (bringing one up costs a good part of a second, a real
+autopilot several); it is replaced after `RECYCLE_FLIGHTS`.
 """
 
 from __future__ import annotations
@@ -14,157 +15,251 @@ import sys
 from collections.abc import Sequence
 from multiprocessing.connection import Connection
 from pathlib import Path
+from typing import NamedTuple
 
-from saflite.contract import wire
 from saflite.contract.clock import Clock
+from saflite.contract.config import environment_with
 from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.service import Cancelled
 from saflite.contract.test_case import TestCase
-from saflite.simulator_worker.child import FlightReply, FlightRequest, Ready
+from saflite.simulator_worker.messages import (
+    Cancel,
+    FlightReply,
+    FlightRequest,
+    FromSimulator,
+    Opened,
+    OpenRequest,
+    Ready,
+    Setup,
+    from_simulator,
+    send,
+)
 from saflite.simulator_worker.processes import adopt_orphans, children, kill_strays, signal_group
+from saflite.simulator_worker.slots import HeldSlot, take_slot
 
 log = logging.getLogger(__name__)
 
+PROGRAM = "saflite.runtime.simulator"
+SNAPSHOTS_MAX = 12
 RECYCLE_FLIGHTS = 1000
 BRING_UP_S = 30.0
 POLL_S = 0.05
+OVERTIME_S = 1.0  # a session that keeps its deadline itself has this long to say what it saw
 CANCEL_GRACE_S = 1.0  # a cancelled flight that has not ended by then is killed
+CLOSE_GRACE_S = 1.0  # for a session to close itself
 TERM_GRACE_S = 0.5
 
 
-class Sandbox:
-    """One simulator process at a time. Used from one thread."""
+class SandboxConfig(NamedTuple):
+    """`snapshots_max` bounds the snapshots held to fly on from, 0 for none. `verify`: the first flight of a target that
+    says it repeats bit by bit is flown twice, and compared."""
 
-    def __init__(self, clock: Clock, target_files: Sequence[Path] = ()) -> None:
-        self._clock, self._files = clock, tuple(target_files)
+    target_files: Sequence[Path] = ()
+    snapshots_max: int = SNAPSHOTS_MAX
+    verify: bool = False
+
+
+class Sandbox:
+    """One slot of this host and one simulator process at a time in it. Used from one thread."""
+
+    def __init__(self, clock: Clock, config: SandboxConfig) -> None:
+        self._clock, self._config = clock, config
+        self._slot: HeldSlot | None = None
         self._process: subprocess.Popen[bytes] | None = None
         self._pipe: Connection | None = None
         self._flights = 0
+        self._target, self._opened = "", Opened()
+        self._verified: set[str] = set()
+        self._contradicted: dict[str, str] = {}
         adopt_orphans()
         self._bystanders = set(children(os.getpid()))
 
-    def targets(self) -> tuple[str, ...]:
-        """Return the targets the child can fly, starting it; raises Unavailable if it does not come up."""
-        pipe = self._start()
-        if not pipe.poll(BRING_UP_S):
-            self.kill()
-            raise Unavailable(f"simulator process said nothing for {BRING_UP_S:.0f} s after its start")
-        try:
-            return wire.decode(pipe.recv_bytes(), Ready).targets
-        except (EOFError, OSError) as fault:
-            raise Unavailable(f"simulator process did not come up: {self.kill(has_died=True)}") from fault
+    def builds(self) -> dict[str, str]:
+        """Return the targets that can fly here and their builds; raises Unavailable if no process comes up."""
+        self._start()
+        ready = self._answer(BRING_UP_S, "its start")
+        assert isinstance(ready, Ready), f"expected Ready, got {type(ready).__name__}"
+        return ready.builds
 
-    def fly(self, test_case: TestCase, wall_limit_s: float, cancelled: Cancelled) -> FlightReply:
+    def fly(
+        self, test_case: TestCase, wall_limit_s: float, cancelled: Cancelled, *, share: bool = False
+    ) -> FlightReply:
         """Fly once; `wedged` past `wall_limit_s`, `lost` if the process died, `infra` if it never came up.
 
+        Args:
+            share: it may begin from a snapshot of an earlier flight that began the same.
+
         Raises:
-            Refused: the target cannot fly this test case.
+            Refused: the target cannot fly this test case, or does not do what it says of itself.
             Unavailable: cancelled before it ended.
         """
+        name = test_case.target.name
+        self._check_agreement(name)
         try:
-            pipe = self._running()
+            pipe, opened = self._ready_for(name)
         except Unavailable as fault:
             return FlightReply(number=0, ending="infra", message=str(fault))
         self._flights += 1
+        twice = self._config.verify and opened.repeats and name not in self._verified
+        request = FlightRequest(
+            number=self._flights, test_case=test_case, deadline_s=wall_limit_s, twice=twice, share=share
+        )
         try:
-            pipe.send_bytes(wire.encode(FlightRequest(number=self._flights, test_case=test_case)))
-            reply = self._wait(pipe, wall_limit_s, cancelled)
+            send(pipe, request)
+            reply = self._wait(pipe, (2 if twice else 1) * wall_limit_s, cancelled)
         except (EOFError, OSError):
-            return FlightReply(
-                number=self._flights, ending="lost", message=f"simulator process died: {self.kill(has_died=True)}"
-            )
+            message = f"simulator process died: {self.kill(has_died=True)}"
+            return FlightReply(number=self._flights, ending="lost", message=message, build=opened.build)
         self._tidy()
         if reply.trouble == "refused":
             raise Refused("test case", expected="one the target can fly", got=reply.message)
+        if reply.trouble == "contradicted":
+            self._contradicted[name] = reply.message
+            self._check_agreement(name)
+        if reply.trouble == "none":
+            self._verified.add(name)
         return reply
 
     def close(self) -> None:
-        """End the child."""
-        self.kill()
+        """End the process and leave nothing behind: no process, no port, no file."""
+        self._end()
+        if self._slot is not None:
+            self._slot.release()
+            self._slot = None
 
     # -- one flight -----------------------------------------------------------------------------------------------
 
+    def _check_agreement(self, name: str) -> None:
+        if name in self._contradicted:
+            expected = "flights that agree with what describe() says"
+            raise Refused(f"target {name}", expected=expected, got=self._contradicted[name])
+
     def _wait(self, pipe: Connection, wall_limit_s: float, cancelled: Cancelled) -> FlightReply:
-        deadline_s = self._clock.monotonic_s() + wall_limit_s
+        deadline_s = self._clock.monotonic_s() + wall_limit_s + OVERTIME_S
         while not pipe.poll(POLL_S):
             if cancelled():
                 self._cancel(pipe)
                 raise Unavailable("flight cancelled")
             if self._clock.monotonic_s() >= deadline_s:
                 message = f"no end after {wall_limit_s:.1f} s of wall time: {self.kill()}"
-                return FlightReply(number=self._flights, ending="wedged", message=message)
-        return wire.decode(pipe.recv_bytes(), FlightReply)
+                return FlightReply(number=self._flights, ending="wedged", message=message, build=self._opened.build)
+        reply = from_simulator(pipe)
+        assert isinstance(reply, FlightReply), f"expected FlightReply, got {type(reply).__name__}"
+        return reply
 
     def _cancel(self, pipe: Connection) -> None:
-        pipe.send_bytes(wire.encode(FlightRequest(number=self._flights)))
+        send(pipe, Cancel(number=self._flights))
         if pipe.poll(CANCEL_GRACE_S):
-            pipe.recv_bytes()
+            from_simulator(pipe)
         else:
             self.kill()
 
     def _tidy(self) -> None:
-        """Kill what the flight left behind, and the child itself when it has flown often enough."""
+        """Kill what the flight left behind, and replace the process when it has flown often enough."""
         process = self._process
         strays = kill_strays(self._bystanders | ({process.pid} if process is not None else set()))
         if strays:
             log.warning("flight left %d processes behind; killed", len(strays))
         if self._flights >= RECYCLE_FLIGHTS:
-            self.kill()
+            self._end()
 
-    # -- the child ------------------------------------------------------------------------------------------------
+    # -- the process ----------------------------------------------------------------------------------------------
 
-    @staticmethod
-    def _ending_of(process: subprocess.Popen[bytes]) -> int | None:
-        try:
-            return process.wait(TERM_GRACE_S)
-        except subprocess.TimeoutExpired:
-            return None
+    def _ready_for(self, name: str) -> tuple[Connection, Opened]:
+        """Return the socket of a process with a session of the target open, and what it said when it was opened.
 
-    def _running(self) -> Connection:
+        Raises:
+            Refused: there is no such target, or what it says of itself makes no sense.
+            Unavailable: the process or the session does not come up.
+        """
         if self._process is not None and self._process.poll() is not None:
             self.kill()
         if self._pipe is None:
-            self.targets()
+            self.builds()
         assert self._pipe is not None
-        return self._pipe
+        if self._target != name:
+            self._open(self._pipe, name)
+        return self._pipe, self._opened
 
-    def _start(self) -> Connection:
-        self.kill()
+    def _open(self, pipe: Connection, name: str) -> None:
+        self._target = ""
+        send(pipe, OpenRequest(target=name))
+        opened = self._answer(BRING_UP_S, f"target {name} was opened")
+        assert isinstance(opened, Opened), f"expected Opened, got {type(opened).__name__}"
+        if opened.trouble == "unavailable":
+            raise Unavailable(opened.message)
+        if opened.trouble == "contradicted":
+            self._contradicted[name] = opened.message
+            self._check_agreement(name)
+        if opened.trouble == "refused":
+            raise Refused(f"target {name}", expected="one that can be opened", got=opened.message)
+        self._target, self._opened = name, opened
+
+    def _start(self) -> None:
+        self._end()
+        slot = self._slot = self._slot or take_slot()
+        slot.empty()
         ours, theirs = socket.socketpair()
-        command = [sys.executable, "-m", "saflite.simulator_worker.child", str(theirs.fileno()), str(os.getpid())]
         self._process = subprocess.Popen(
-            [*command, *(str(path) for path in self._files)],
-            pass_fds=[theirs.fileno()],
+            [sys.executable, "-m", PROGRAM, str(theirs.fileno()), str(os.getpid())],
+            pass_fds=[theirs.fileno(), slot.lock],  # the slot is taken until the process, too, is gone
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,  # JSBSim chatters there
             start_new_session=True,
+            env=environment_with(OPENBLAS_NUM_THREADS="1"),  # a process of one thread can be forked, and shares no core
         )
         theirs.close()
         self._pipe = Connection(ours.detach())
         self._flights = 0
-        return self._pipe
+        files = tuple(str(path) for path in self._config.target_files)
+        send(self._pipe, Setup(slot=slot.info, target_files=files, snapshots_max=self._config.snapshots_max))
+
+    def _answer(self, patience_s: float, since: str) -> FromSimulator:
+        """Return the next message of the process; raises Unavailable, with the process ended, if none comes."""
+        assert self._pipe is not None
+        try:
+            if self._pipe.poll(patience_s):
+                return from_simulator(self._pipe)
+        except (EOFError, OSError) as fault:
+            raise Unavailable(f"simulator process did not come up: {self.kill(has_died=True)}") from fault
+        self.kill()
+        raise Unavailable(f"simulator process said nothing for {patience_s:.0f} s after {since}")
+
+    def _end(self) -> None:
+        """Let the process close its session and end by itself; kill what is left."""
+        if self._process is not None and self._pipe is not None:
+            self._pipe.close()
+            self._pipe = None
+            _ending_of(self._process, CLOSE_GRACE_S)
+        self.kill()
 
     def kill(self, *, has_died: bool = False) -> str:
-        """End the child, its process group and its orphans; return in words how the child had ended.
+        """End the process, its group and its orphans; return in words how it had ended.
 
         `has_died` says that its end of the pipe is closed, so that its own ending is about to show.
         """
         process, self._process = self._process, None
+        self._target = ""
         if self._pipe is not None:
             self._pipe.close()
             self._pipe = None
         if process is None:
             return "not running"
-        died = self._ending_of(process) if has_died else process.poll()
+        died = _ending_of(process, TERM_GRACE_S) if has_died else process.poll()
         signal_group(process.pid, signal.SIGTERM)
-        try:
-            process.wait(TERM_GRACE_S)
-        except subprocess.TimeoutExpired:
+        if _ending_of(process, TERM_GRACE_S) is None:
             log.info("simulator process %d ignores SIGTERM", process.pid)
         signal_group(process.pid, signal.SIGKILL)
         process.wait()
         kill_strays(self._bystanders)
         return "killed" if died is None else _words(died)
+
+
+def _ending_of(process: subprocess.Popen[bytes], patience_s: float) -> int | None:
+    try:
+        return process.wait(patience_s)
+    except subprocess.TimeoutExpired:
+        return None
 
 
 def _words(code: int) -> str:

@@ -6,14 +6,21 @@ import logging
 from collections.abc import Sequence
 from pathlib import Path
 
+from saflite.contract.blobs import ref_of
 from saflite.contract.clock import Clock
-from saflite.contract.flight import Flight
+from saflite.contract.config import environment
+from saflite.contract.errors import Refused
+from saflite.contract.flight import Artefact, Flight
 from saflite.contract.service import Cancelled
 from saflite.contract.test_case import identity
 from saflite.contract.work import FlyResult, FlyWork, Result, Stage, Work
-from saflite.simulator_worker.sandbox import Sandbox
+from saflite.simulator_worker.messages import FlightReply
+from saflite.simulator_worker.sandbox import SNAPSHOTS_MAX, Sandbox, SandboxConfig
 
 log = logging.getLogger(__name__)
+
+SHARING = frozenset({"search", "shrink"})
+"""Purposes whose flights may begin from a snapshot; a confirmation or replay is a flight of its own from the start."""
 
 
 class Flyer:
@@ -23,43 +30,62 @@ class Flyer:
     cursor = -1
     parallel = 1
 
-    def __init__(self, worker: str, clock: Clock, target_files: Sequence[Path] = ()) -> None:
+    def __init__(self, worker: str, clock: Clock, config: SandboxConfig) -> None:
         self._worker, self._clock = worker, clock
-        self._sandbox = Sandbox(clock, target_files)
+        self._sandbox = Sandbox(clock, config)
 
-    def targets(self) -> tuple[str, ...]:
-        """Return the targets that can fly here; raises Unavailable if the simulator does not come up."""
-        return self._sandbox.targets()
+    def builds(self) -> dict[str, str]:
+        """Return the targets that can fly here, each with its build; raises Unavailable if no simulator comes up."""
+        return self._sandbox.builds()
 
     def do(self, work: Work, cancelled: Cancelled) -> Result:
         """Fly the test case of the lease once.
 
         Raises:
-            Refused: the target cannot fly it.
+            Refused: the target cannot fly it, or does not do what it says of itself.
             Unavailable: the flight was cancelled.
         """
         assert isinstance(work, FlyWork), f"a simulator worker was given {type(work).__name__}"
         started_s = self._clock.monotonic_s()
-        reply = self._sandbox.fly(work.test_case, work.wall_limit_s, cancelled)
+        reply = self._sandbox.fly(work.test_case, work.wall_limit_s, cancelled, share=work.purpose in SHARING)
         if reply.ending in ("lost", "wedged", "infra"):
             log.warning("flight of %s: %s, %s", identity(work.test_case), reply.ending, reply.message)
+        return self._result(work, reply, self._clock.monotonic_s() - started_s)
+
+    def _result(self, work: FlyWork, reply: FlightReply, wall_s: float) -> FlyResult:
         flight = Flight(
             test_case=identity(work.test_case),
             flight_index=work.flight_index,
             ending=reply.ending,
             simulated_s=reply.simulated_s,
-            wall_s=round(self._clock.monotonic_s() - started_s, 4),
+            wall_s=round(wall_s, 4),
             trace_digest=reply.trace_digest,
             worker=self._worker,
             message=reply.message,
+            build=reply.build,
+            delivered=reply.delivered,
+            artefacts=tuple(Artefact(name=name, blob=ref_of(data)) for name, data in reply.artefacts.items()),
         )
-        return FlyResult(flight=flight, trace=reply.trace)
+        return FlyResult(flight=flight, trace=reply.trace, artefacts=reply.artefacts)
 
     def close(self) -> None:
         """End the simulator process."""
         self._sandbox.close()
 
 
-def open_service(worker: str, clock: Clock, target_files: Sequence[Path] = ()) -> Flyer:
-    """Return a simulator worker called `worker`; `target_files` are target modules from outside the package."""
-    return Flyer(worker, clock, target_files)
+def open_service(worker: str, clock: Clock, target_files: Sequence[Path] = (), *, verify: bool = False) -> Flyer:
+    """Return a simulator worker called `worker`.
+
+    `target_files` are target modules from outside the package; `verify` has the first flight of each target flown twice
+    where the target says that its flights repeat bit by bit. Raises Refused for a `SAFLITE_SNAPSHOTS_MAX` that is no
+    number.
+    """
+    return Flyer(worker, clock, SandboxConfig(target_files, snapshots_max(), verify))
+
+
+def snapshots_max() -> int:
+    """Return how many snapshots a simulator may hold: `SAFLITE_SNAPSHOTS_MAX`, 0 switches them off."""
+    text = environment("SAFLITE_SNAPSHOTS_MAX", str(SNAPSHOTS_MAX))
+    if not text.isdecimal():
+        raise Refused("SAFLITE_SNAPSHOTS_MAX", expected="a whole number, 0 to hold no snapshots", got=repr(text))
+    return int(text)

@@ -8,13 +8,13 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
+from saflite.conformance.flying import fly_once
 from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.flight import FlightRecord, trace_digest
 from saflite.contract.signals import MODES, SIGNALS
 from saflite.contract.test_case import Obstacle, Scenario, StartState, Stimulus, StimulusKind, Target, TestCase, Wind
 from saflite.flight.autopilots.reference import tables
 from saflite.flight.mission import builtin_mission
-from saflite.simulator_worker.targets import reference
 
 Input = tuple[float, StimulusKind, str, tuple[float, ...]]
 
@@ -44,7 +44,7 @@ def case(
 
 
 def fly(test_case: TestCase) -> FlightRecord:
-    record = reference.fly(test_case, never)
+    record = fly_once(test_case)
     assert record.trace is not None
     return record
 
@@ -252,12 +252,12 @@ def test_refusals_name_what_is_wrong() -> None:
     ]
     for test_case, what in wrong:
         with pytest.raises(Refused, match=what):
-            reference.fly(test_case, never)
+            fly_once(test_case)
 
 
 def test_a_cancelled_flight_stops() -> None:
     with pytest.raises(Unavailable):
-        reference.fly(case("LOITER", 20.0, 500.0), lambda: True)
+        fly_once(case("LOITER", 20.0, 500.0), lambda: True)
 
 
 # ---- missions and determinism ---------------------------------------------------------------------------------------

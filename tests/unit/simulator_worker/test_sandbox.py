@@ -15,7 +15,7 @@ from saflite.contract.work import FlyResult, FlyWork
 from saflite.runtime.clock import WallClock
 from saflite.simulator_worker import registry
 from saflite.simulator_worker.processes import children
-from saflite.simulator_worker.work import Flyer
+from saflite.simulator_worker.work import Flyer, open_service
 
 TARGET = Path(__file__).parents[3] / "scripts" / "soaking" / "soak.py"
 CRASH, HANG, NO_BRING_UP, REFUSE, BROKEN, STRAY, SLOW, QUIET = range(1, 9)
@@ -24,7 +24,7 @@ CRASH, HANG, NO_BRING_UP, REFUSE, BROKEN, STRAY, SLOW, QUIET = range(1, 9)
 @pytest.fixture(scope="module")
 def flyer() -> Iterator[Flyer]:
     before = children(os.getpid())
-    flyer = Flyer("fly-1", WallClock(), [TARGET])
+    flyer = open_service("fly-1", WallClock(), [TARGET])
     yield flyer
     flyer.close()
     assert children(os.getpid()) == before
@@ -65,7 +65,7 @@ def test_a_crashed_simulator_is_lost_not_a_finding(flyer: Flyer) -> None:
 def test_a_hang_that_ignores_sigterm_is_killed_with_its_grandchildren(flyer: Flyer) -> None:
     result = _fly(flyer, HANG, wall_limit_s=0.5)
     assert result.flight.ending == "wedged"
-    assert 0.5 <= result.flight.wall_s < 2.5
+    assert 0.5 <= result.flight.wall_s < 3.5
     assert children(os.getpid()) == []
     assert _fly(flyer, QUIET).flight.ending == "completed"
 
@@ -102,6 +102,6 @@ def test_a_cancelled_flight_ends_and_the_process_lives_on(flyer: Flyer) -> None:
 def test_targets_are_found_by_place_and_by_file() -> None:
     assert "soak" in registry.target_names([TARGET])
     assert "soak" not in registry.target_names()
-    assert "soak" in registry.flyable([TARGET])
+    assert registry.builds_here([TARGET]).keys() >= {"soak", "reference"}
     with pytest.raises(Refused, match="target"):
         registry.load_target("no-such-target")

@@ -58,37 +58,83 @@ class ReferenceFlight:
         self._chute_open = False
         self._wind_seen = -1
         self._ended_s: float | None = None
+        self._over_s = -1.0  # the last moment at which nothing but stimuli to come kept the flight from its end
 
     # -- the whole flight -----------------------------------------------------------------------------------------
 
     def run(self, cancelled: Cancelled) -> FlightRecord:
         """Fly to the end and return the record; raises Unavailable when cancelled."""
-        self.bring_up()
-        limit_s = self.scenario.time_limit_s
-        fine = self.scenario.mission is None
-        step_s = TRACE_STEP_FINE_S if fine else TRACE_STEP_S
-        self.vehicle.record(trace_names(), int(limit_s / step_s) + 2, step_s)
-        ending = self._fly(limit_s, cancelled)
-        messages = tuple(message for message in self.autopilot.messages if message.at_s >= 0.0)
-        trace = Trace(step_s=step_s, signals=self.vehicle.columns(), messages=messages)
-        return FlightRecord(ending, trace, self._last_word())
+        self.begin()
+        return self._rest(cancelled)
 
-    def _fly(self, limit_s: float, cancelled: Cancelled) -> Ending:
+    def begin(self) -> None:
+        """Reach the start state and start the trace."""
+        self.bring_up()
+        self.vehicle.record(trace_names(), int(self.scenario.time_limit_s / self.trace_step_s) + 2, self.trace_step_s)
+
+    @property
+    def trace_step_s(self) -> float:
+        """Time between two samples."""
+        return TRACE_STEP_FINE_S if self.scenario.mission is None else TRACE_STEP_S
+
+    @property
+    def time_s(self) -> float:
+        """Time since the start of the trace."""
+        return self.ticks * TICK_S - self.trace_start_s
+
+    def fly_to(self, test_case: TestCase, at_s: float, cancelled: Cancelled) -> bool:
+        """Fly a test case with the same past until just before what is due at `at_s`, whether there is any or not.
+
+        Returns:
+            False if the flight ends before.
+
+        Raises:
+            Unavailable: it was cancelled.
+        """
+        self._follow(test_case)
+        while round(self.time_s, 6) < at_s - 1e-9:
+            ending = self._step(cancelled)
+            if ending not in (None, "completed") or self.time_s >= self.scenario.time_limit_s - 1e-9:
+                return False
+        return True
+
+    def fly_on(self, test_case: TestCase, cancelled: Cancelled) -> FlightRecord | None:
+        """Fly a test case with the same past to its end; None if that flight had ended before this moment.
+
+        Raises:
+            Unavailable: it was cancelled.
+        """
+        self._follow(test_case)
+        if self.inputs.finished and self._over_s >= self.inputs.last_s:
+            return None
+        self._ended_s = None
+        return self._rest(cancelled)
+
+    def _follow(self, test_case: TestCase) -> None:
+        self.inputs.replace(test_case.stimuli)
+        self.test_case = test_case
+
+    def _rest(self, cancelled: Cancelled) -> FlightRecord:
         ending: Ending | None = None
         while ending is None:
-            if self.ticks % 50 == 0 and cancelled():
-                raise Unavailable("flight cancelled")
-            try:
-                self.tick()
-            except ArithmeticError as fault:  # of the stack under test, as its own processor would raise it
-                self.autopilot.say(f"arithmetic exception: {fault}", "error")
-                return "autopilot_died"
-            ending = self._ending(limit_s)
-        return ending
+            ending = self._step(cancelled)
+        messages = tuple(message for message in self.autopilot.messages if message.at_s >= 0.0)
+        trace = Trace(step_s=self.trace_step_s, signals=self.vehicle.columns(), messages=messages)
+        return FlightRecord(ending, trace, self._last_word(), tuple(self.inputs.delivered))
+
+    def _step(self, cancelled: Cancelled) -> Ending | None:
+        if self.ticks % 50 == 0 and cancelled():
+            raise Unavailable("flight cancelled")
+        try:
+            self.tick()
+        except ArithmeticError as fault:  # of the stack under test, as its own processor would raise it
+            self.autopilot.say(f"arithmetic exception: {fault}", "error")
+            return "autopilot_died"
+        return self._ending(self.scenario.time_limit_s)
 
     def tick(self) -> None:
         """One step of 20 ms: inputs, autopilot, weather, physics."""
-        time_s = round(self.ticks * TICK_S - self.trace_start_s, 6)
+        time_s = round(self.time_s, 6)
         self.autopilot.time_s = time_s
         self.inputs.tick(time_s)
         self.autopilot.tick(time_s)
@@ -175,12 +221,14 @@ class ReferenceFlight:
             self.world.set_drag_area(CHUTE_AREA_M2)
 
     def _ending(self, limit_s: float) -> Ending | None:
-        time_s = self.ticks * TICK_S - self.trace_start_s
+        time_s = self.time_s
         state = self.vehicle["world_state"]
         if state == CRASHED:
             return "crashed"
-        over = self.inputs.finished and self._is_over(state)
-        if not over:
+        over = self._is_over(state)
+        if over:
+            self._over_s = time_s
+        if not over or not self.inputs.finished:
             self._ended_s = None
         elif self._ended_s is None:
             self._ended_s = time_s

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
+
+import msgspec
 
 from saflite.contract.errors import Refused
+from saflite.contract.flight import Delivered, DeliveryAnswer
 from saflite.contract.test_case import Stimulus
-from saflite.flight.autopilots.reference.commands import command_number, execute
+from saflite.flight.autopilots.reference.commands import MavResult, command_number, execute
 from saflite.flight.autopilots.reference.sensor_faults import fault_parameter
 
 if TYPE_CHECKING:
@@ -17,30 +20,78 @@ STICKS = {f"RC{number}": number for number in range(1, 9)}
 PULSE_US = (800.0, 2200.0)
 
 
+class _Due(NamedTuple):
+    """Something to be done; `place` is where the stimulus stands in the test case, -1 for the flight's own."""
+
+    at_s: float
+    place: int
+    act: Callable[[], str]
+
+
 class Player:
-    """Gives each stimulus at its time, in order of time and place."""
+    """Gives each stimulus at its time, in order of time and place, and notes what became of it."""
 
     def __init__(self, ap: Autopilot, stimuli: Sequence[Stimulus]) -> None:
         self._ap = ap
-        queue: list[tuple[float, int, Callable[[], None]]] = []
-        for index, stimulus in enumerate(stimuli):
-            check_stimulus(stimulus, f"stimulus {index}")
-            queue.append((stimulus.at_s, index, lambda stimulus=stimulus: give(ap, stimulus)))  # type: ignore[misc]
-        self._queue = sorted(queue, key=lambda entry: entry[:2])
+        self.delivered: list[Delivered] = []
+        self._stimuli = tuple(stimuli)
+        self._queue = [self._due(index) for index in in_order(self._stimuli)]
 
     @property
     def finished(self) -> bool:
         """Whether everything was given."""
         return not self._queue
 
+    @property
+    def last_s(self) -> float:
+        """When the latest stimulus was given, 0 if none was."""
+        return self.delivered[-1].at_s if self.delivered else 0.0
+
     def at(self, at_s: float, act: Callable[[], None]) -> None:
         """Add something of the flight's own to do."""
-        self._queue = sorted([*self._queue, (at_s, -1, act)], key=lambda entry: entry[:2])
+
+        def own() -> str:
+            act()
+            return ""
+
+        self._queue = sorted([*self._queue, _Due(at_s, -1, own)], key=lambda due: due[:2])
 
     def tick(self, time_s: float) -> None:
         """Give what is due."""
-        while self._queue and self._queue[0][0] <= time_s + 1e-9:
-            self._queue.pop(0)[2]()
+        while self._queue and self._queue[0].at_s <= time_s + 1e-9:
+            self._give(self._queue.pop(0), time_s)
+
+    def replace(self, stimuli: Sequence[Stimulus]) -> None:
+        """Give these from now on instead; what was given so far must be the same in both."""
+        order = in_order(stimuli)
+        given = [self._stimuli[index] for index in in_order(self._stimuli)[: len(self.delivered)]]
+        assert given == [stimuli[index] for index in order[: len(given)]], "flown on with another past"
+        self.delivered = [
+            msgspec.structs.replace(one, index=index) for one, index in zip(self.delivered, order, strict=False)
+        ]
+        self._stimuli = tuple(stimuli)
+        own = [due for due in self._queue if due.place < 0]
+        self._queue = sorted([*own, *(self._due(index) for index in order[len(given) :])], key=lambda due: due[:2])
+
+    def _due(self, index: int) -> _Due:
+        stimulus = self._stimuli[index]
+        check_stimulus(stimulus, f"stimulus {index}")
+        return _Due(stimulus.at_s, index, lambda: give(self._ap, stimulus))
+
+    def _give(self, due: _Due, time_s: float) -> None:
+        answer: DeliveryAnswer = "timed_out"  # unless the autopilot lives to answer
+        why = "the autopilot died of it"
+        try:
+            why = due.act()
+            answer = "denied" if why else "accepted"
+        finally:
+            if due.place >= 0:
+                self.delivered.append(Delivered(index=due.place, at_s=time_s, answer=answer, message=why))
+
+
+def in_order(stimuli: Sequence[Stimulus]) -> list[int]:
+    """Return the places of stimuli in the order in which they are given: by time, then by place."""
+    return sorted(range(len(stimuli)), key=lambda index: (stimuli[index].at_s, index))
 
 
 def check_stimulus(stimulus: Stimulus, where: str) -> None:
@@ -57,25 +108,29 @@ def check_stimulus(stimulus: Stimulus, where: str) -> None:
         fault_parameter(stimulus.name, where)
 
 
-def give(ap: Autopilot, stimulus: Stimulus) -> None:
-    """Hand one input to the autopilot; what it makes of it shows in the trace's messages."""
+def give(ap: Autopilot, stimulus: Stimulus) -> str:
+    """Hand one input to the autopilot; return why it did not take it, empty if it did."""
     values = stimulus.values
     if stimulus.kind == "parameter":
         why = ap.parameters.set(stimulus.name, values[0])
         ap.say(f"Parameter {stimulus.name} = {values[0]:g}" + (f" refused: {why}" if why else ""))
-    elif stimulus.kind == "stick":
+        return why
+    if stimulus.kind == "stick":
         ap.radio.stick(STICKS[stimulus.name], min(PULSE_US[1], max(PULSE_US[0], values[0])))
-    elif stimulus.kind == "mode":
+        return ""
+    if stimulus.kind == "mode":
         why = ap.set_mode(stimulus.name, "pilot")
         if why:
             ap.say(f"mode {stimulus.name}: {why}", "warning")
-    elif stimulus.kind == "command":
+        return why
+    if stimulus.kind == "command":
         result = execute(ap, command_number(stimulus.name), values)
         ap.say(f"Command {stimulus.name}: {result.name}")
-    else:
-        name = fault_parameter(stimulus.name, "stimulus")
-        why = ap.parameters.set(name, values[0] if values else 1.0)
-        ap.say(f"Sensor fault {name}" + (f" refused: {why}" if why else ""))
+        return "" if result == MavResult.ACCEPTED else result.name
+    name = fault_parameter(stimulus.name, "stimulus")
+    why = ap.parameters.set(name, values[0] if values else 1.0)
+    ap.say(f"Sensor fault {name}" + (f" refused: {why}" if why else ""))
+    return why
 
 
 def set_parameters(ap: Autopilot, parameters: Mapping[str, float]) -> None:

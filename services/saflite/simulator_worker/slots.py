@@ -1,0 +1,134 @@
+"""Slots: what tells the simulators of one host apart, whichever farm of this user they fly for.
+
+A slot is a lock file in a folder of this user's. The lock is held by the worker and by its simulator process, so the
+kernel frees it when both are gone, however they went. A slot's number gives it ports that no other slot has, below
+those the kernel hands out by itself (32768 and up).
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import shutil
+import stat
+from contextlib import suppress
+from pathlib import Path
+
+from saflite.contract.config import environment
+from saflite.contract.errors import Unavailable
+from saflite.simulator_worker.messages import SlotInfo
+
+SLOTS_MAX = 512
+PORTS_FIRST, PORTS_EACH = 20_000, 20
+LOCK_SUFFIX = ".lock"
+
+
+def slots_folder() -> Path:
+    """Return the folder of this user's slots: `SAFLITE_SLOTS`, or one that is the same for all farms of the host."""
+    given = environment("SAFLITE_SLOTS")
+    return Path(given) if given else Path(f"/tmp/saflite-{os.getuid()}")  # noqa: S108  (checked: ours, nobody else's)
+
+
+class HeldSlot:
+    """A slot that is ours until it is released or its holders' processes are gone."""
+
+    def __init__(self, root: Path, index: int, lock: int) -> None:
+        self.lock, self._root = lock, root
+        folder = _folder(root, index)
+        self.info = SlotInfo(
+            index=index, folder=str(folder), first_port=PORTS_FIRST + index * PORTS_EACH, ports=PORTS_EACH
+        )
+        self.empty()
+
+    def empty(self) -> None:
+        """Leave nothing in the slot's folder; raises Unavailable if the disk does not let us."""
+        folder = Path(self.info.folder)
+        shutil.rmtree(folder, ignore_errors=True)
+        try:
+            folder.mkdir(mode=0o700)
+        except OSError as fault:
+            raise Unavailable(f"folder of slot {self.info.index}: {fault}") from fault
+
+    def release(self) -> None:
+        """Give the slot back and leave no file behind; may be called twice."""
+        if self.lock >= 0:
+            _remove(self._root, self.info.index)
+            os.close(self.lock)
+            self.lock = -1
+        with suppress(OSError):  # others may have slots there
+            self._root.rmdir()
+
+
+def take_slot(root: Path | None = None) -> HeldSlot:
+    """Take the free slot with the lowest number, and clear away what dead holders of others left.
+
+    Raises:
+        Unavailable: all are taken, or their folder cannot be used.
+    """
+    place = root or slots_folder()
+    for index in range(SLOTS_MAX):
+        lock = _lock(place, index)
+        if lock is not None:
+            _sweep(place, index)
+            return HeldSlot(place, index, lock)
+    raise Unavailable(f"all {SLOTS_MAX} slots in {place} are taken")
+
+
+def _sweep(root: Path, own: int) -> None:
+    for path in root.glob(f"*{LOCK_SUFFIX}"):
+        index = int(path.stem) if path.stem.isdigit() else own
+        lock = None if index == own else _lock(root, index)
+        if lock is not None:
+            _remove(root, index)
+            os.close(lock)
+
+
+def _lock(root: Path, index: int) -> int | None:
+    """Return the open lock file of a slot, None if another holds it; raises Unavailable if there is no place for it."""
+    path = _lock_file(root, index)
+    while True:
+        try:
+            _make_private(root)
+            lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
+        except FileNotFoundError:  # the last holder removed the folder between our two steps
+            continue
+        except OSError as fault:
+            raise Unavailable(f"slots in {root}: {fault}") from fault
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            os.close(lock)
+            return None
+        if _is_still(path, lock):
+            return lock
+        os.close(lock)  # its holder released it, and so removed the file, while we waited to lock it
+
+
+def _make_private(root: Path) -> None:
+    root.mkdir(mode=0o700, exist_ok=True)
+    found = root.lstat()
+    if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or found.st_mode & 0o022:
+        raise Unavailable(f"{root} is not a folder that only we may write to; set SAFLITE_SLOTS to another")
+
+
+def _is_still(path: Path, lock: int) -> bool:
+    try:
+        there = path.stat()
+    except FileNotFoundError:
+        return False
+    ours = os.fstat(lock)
+    return (there.st_dev, there.st_ino) == (ours.st_dev, ours.st_ino)
+
+
+def _remove(root: Path, index: int) -> None:
+    """Remove the files of a slot whose lock we hold."""
+    shutil.rmtree(_folder(root, index), ignore_errors=True)
+    _lock_file(root, index).unlink(missing_ok=True)
+
+
+def _folder(root: Path, index: int) -> Path:
+    return root / str(index)
+
+
+def _lock_file(root: Path, index: int) -> Path:
+    return root / f"{index}{LOCK_SUFFIX}"
