@@ -1,32 +1,27 @@
-"""What every bus must do, over the bus in memory and (live) Zenoh."""
+"""The suite of buses over the bus in memory and (live) Zenoh."""
 
 from __future__ import annotations
 
 import queue
-import socket
 import time
-from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
 
 import pytest
 
-from saflite.bus.base import Bus, Presence, Reply, Request, Sample, matches
+from saflite.bus.base import Bus, Reply, matches
+from saflite.bus.endpoints import free_endpoint
 from saflite.bus.memory import MemoryNetwork
+from saflite.conformance.buses import Inbox, Stand, check_bus
+from saflite.conformance.kit import Check, findings, name_of
 
 
-class Stand(NamedTuple):
-    """Two participants, a way to open more, and a way to take the next happening out of an inbox."""
-
-    books: Bus
-    worker: Bus
-    connect: Callable[[str], Bus]
-    take: Callable[[queue.SimpleQueue[Any]], Any]
-
-
-def _memory() -> Iterator[Stand]:
+@contextmanager
+def memory() -> Iterator[Stand]:
     network = MemoryNetwork()
 
-    def take(inbox: queue.SimpleQueue[Any]) -> Any:
+    def take(inbox: Inbox) -> Any:
         while inbox.empty() and network.step():
             pass
         return inbox.get_nowait()
@@ -34,12 +29,11 @@ def _memory() -> Iterator[Stand]:
     yield Stand(network.connect("books"), network.connect("worker"), network.connect, take)
 
 
-def _zenoh() -> Iterator[Stand]:
+@contextmanager
+def zenoh() -> Iterator[Stand]:
     from saflite.bus.zenoh import open_client, open_router
 
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    endpoint = free_endpoint()
     opened = [open_router("books", endpoint), open_client("worker", endpoint)]
 
     def connect(name: str) -> Bus:
@@ -51,108 +45,31 @@ def _zenoh() -> Iterator[Stand]:
         bus.close()
 
 
-KINDS = {"memory": _memory, "zenoh": _zenoh}
+@pytest.mark.parametrize("check", check_bus(memory), ids=name_of)
+def test_the_bus_in_memory(check: Check) -> None:
+    assert findings([check]) == []
 
 
-@pytest.fixture(params=["memory", pytest.param("zenoh", marks=pytest.mark.live)])
-def stand(request: pytest.FixtureRequest) -> Iterator[Stand]:
-    yield from KINDS[request.param]()
+@pytest.mark.live
+@pytest.mark.parametrize("check", check_bus(zenoh), ids=name_of)
+def test_the_bus_over_zenoh(check: Check) -> None:
+    assert findings([check]) == []
 
 
-def _inbox() -> queue.SimpleQueue[Any]:
-    return queue.SimpleQueue()
+def test_a_bus_that_forgets_is_found_out() -> None:
+    @contextmanager
+    def forgetful() -> Iterator[Stand]:
+        with memory() as stand:
+            stand.books.announce = lambda key, payload: None  # type: ignore[method-assign]
+            yield stand
 
-
-def _asked(stand: Stand, payload: bytes = b"question") -> tuple[Request, queue.SimpleQueue[Any]]:
-    served, answers = _inbox(), _inbox()
-    stand.books.serve("farm/work/*", served.put)
-    while True:  # a question may overtake the declaration it is meant for: then nobody answers, and it is asked again
-        stand.worker.ask("farm/work/fly", payload, "tag", answers.put, 3.0)
-        try:
-            return stand.take(served), answers
-        except queue.Empty:
-            continue
-
-
-def test_question_and_answer_arrive_whole(stand: Stand) -> None:
-    request, answers = _asked(stand, bytes(range(256)) * 100)
-    assert (request.key, request.sender, request.payload) == ("farm/work/fly", "worker", bytes(range(256)) * 100)
-    request.reply(b"answer")
-    assert stand.take(answers) == Reply("tag", b"answer")
-
-
-def test_nobody_serving_is_no_reply_not_an_error(stand: Stand) -> None:
-    answers = _inbox()
-    stand.worker.ask("farm/work/fly", b"", 7, answers.put, 1.0)
-    assert stand.take(answers) == Reply(7, None)
-
-
-def test_time_running_out_is_no_reply(stand: Stand) -> None:
-    served, answers = _inbox(), _inbox()
-    stand.books.serve("farm/work/*", served.put)
-    stand.worker.ask("farm/work/fly", b"", 7, answers.put, 0.2)
-    assert stand.take(answers) == Reply(7, None)
-
-
-def test_refusal_carries_the_words(stand: Stand) -> None:
-    request, answers = _asked(stand)
-    request.refuse("expected a valid message")
-    assert stand.take(answers) == Reply("tag", None, "expected a valid message")
-
-
-def test_only_the_first_answer_counts(stand: Stand) -> None:
-    request, answers = _asked(stand)
-    request.reply(b"first")
-    request.reply(b"second")
-    assert stand.take(answers) == Reply("tag", b"first")
-    stand.worker.ask("farm/nobody", b"", "next", answers.put, 0.2)
-    assert stand.take(answers).tag == "next"
-
-
-def test_an_answer_may_come_much_later(stand: Stand) -> None:
-    request, answers = _asked(stand)
-    other = _inbox()
-    stand.worker.ask("farm/nobody", b"", 1, other.put, 0.3)
-    assert stand.take(other) == Reply(1, None)
-    request.reply(b"late")
-    assert stand.take(answers) == Reply("tag", b"late")
-
-
-def test_late_followers_are_given_the_past_in_order(stand: Stand) -> None:
-    for number in range(20):
-        stand.books.announce("farm/event/flown", str(number).encode())
-    facts = _inbox()
-    stand.worker.follow("farm/event/*", facts.put)
-    past = [stand.take(facts) for _ in range(20)]
-    assert past == [Sample("farm/event/flown", str(number).encode()) for number in range(20)]
-    stand.books.announce("farm/event/judged", b"new")
-    assert stand.take(facts) == Sample("farm/event/judged", b"new")
-
-
-def test_tokens_appear_and_vanish(stand: Stand) -> None:
-    seen = _inbox()
-    early = stand.connect("early")
-    early.appear("farm/alive/fly/early")
-    stand.books.watch("farm/alive/**", seen.put)
-    assert stand.take(seen) == Presence("farm/alive/fly/early", True)
-    stand.worker.appear("farm/alive/fly/worker")
-    assert stand.take(seen) == Presence("farm/alive/fly/worker", True)
-    early.close()
-    assert stand.take(seen) == Presence("farm/alive/fly/early", False)
-
-
-def test_big_messages_pass(stand: Stand) -> None:
-    big = b"\x00\xff" * (8 * 2**20)
-    request, answers = _asked(stand, big)
-    assert request.payload == big
-    request.reply(big)
-    assert stand.take(answers).payload == big
+    assert {one.check for one in findings(check_bus(forgetful))} == {"late_followers_are_given_the_past_in_order"}
 
 
 @pytest.mark.live
 def test_a_killed_process_is_noticed_at_once_and_its_asker_told() -> None:
-    for stand in _zenoh():
-        seen, answers, served = _inbox(), _inbox(), _inbox()
+    with zenoh() as stand:
+        seen, answers, served = (queue.SimpleQueue[Any]() for _ in range(3))
         stand.books.watch("farm/alive/**", seen.put)
         dying = stand.connect("dying")
         dying.serve("farm/slow", served.put)
