@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zlib
+from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
 import msgspec
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from saflite.contract.blobs import BlobRef
 from saflite.contract.errors import Refused
 from saflite.contract.ids import digest
+from saflite.contract.test_case import Stimulus
 
 Ending = Literal["completed", "crashed", "timed_out", "autopilot_died", "wedged", "infra", "lost"]
 """How an attempt ended; a closed list.
@@ -147,6 +149,41 @@ class Flight(msgspec.Struct, frozen=True, kw_only=True):
         """All that the flight left behind."""
         trace = () if self.trace is None else (self.trace,)
         return (*trace, *(artefact.blob for artefact in self.artefacts))
+
+
+class Given(NamedTuple):
+    """A stimulus as it was given: `stimulus.at_s` is when, in simulated time."""
+
+    stimulus: Stimulus
+    answer: DeliveryAnswer
+    message: str = ""
+
+    @property
+    def is_cause(self) -> bool:
+        """Whether the autopilot may have acted on it: a denied or timed-out stimulus is no cause of anything."""
+        return self.answer not in ("denied", "timed_out")
+
+
+def given(stimuli: Sequence[Stimulus], delivered: tuple[Delivered, ...] | None) -> tuple[Given, ...]:
+    """Return the stimuli as they were given, in order of time; one that was never given is left out.
+
+    Args:
+        stimuli: the plan, `TestCase.stimuli`.
+        delivered: what became of it, `Flight.delivered`; None where that is not known (logs of others, targets that
+            cannot tell): then the plan stands for it, unanswered.
+
+    Raises:
+        Refused: `delivered` tells of a stimulus that the plan does not hold.
+    """
+    if delivered is None:
+        return tuple(Given(one, "unanswered") for one in sorted(stimuli, key=lambda stimulus: stimulus.at_s))
+    for one in delivered:
+        if not 0 <= one.index < len(stimuli):
+            raise Refused("delivered", expected=f"an index below {len(stimuli)}", got=one.index)
+    return tuple(
+        Given(msgspec.structs.replace(stimuli[one.index], at_s=one.at_s), one.answer, one.message)
+        for one in sorted(delivered, key=lambda entry: entry.at_s)
+    )
 
 
 _ENCODER = msgspec.msgpack.Encoder(order="deterministic")

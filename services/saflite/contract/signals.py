@@ -101,12 +101,16 @@ SIGNALS: dict[str, Signal] = {
     "time_s": Signal("s", "time since the start of the flight"),
     "ground_speed_mps": Signal("m/s", "speed in the plane"),
     "tilt_deg": Signal("deg", "angle between the vehicle's axis and the vertical"),
-    "quiet_s": Signal("s", "time since the last stimulus of the test case (since the start where there was none)"),
+    "quiet_s": Signal(
+        "s", "time since the last stimulus was given and not denied (since the start where there was none)"
+    ),
     "battery_timer_set_s": Signal(
         "s", "time below the low voltage until the failsafe (BATT_LOW_TIMER, by the test case)"
     ),
-    "order_quiet_s": Signal("s", "time since the last command, mode or stick of the test case"),
-    "command_quiet_s": Signal("s", "time since the last command, above 1,000,000 where there was none"),
+    "order_quiet_s": Signal("s", "time since the last command, mode or stick was given and not denied"),
+    "command_quiet_s": Signal(
+        "s", "time since the last command was given and not denied, above 1,000,000 where there was none"
+    ),
     "gps_true": Signal("", "1 until a stimulus falsifies or cuts the GPS", "flag"),
     "baro_true": Signal("", "1 until a stimulus falsifies or cuts the barometer", "flag"),
     "sticks_true": Signal("", "1 until a stimulus changes how sticks are read (RC1_MIN, RC3_TRIM, ...)", "flag"),

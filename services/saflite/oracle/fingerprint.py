@@ -1,15 +1,17 @@
 """Which violation is it? Near-identical finds share a fingerprint; different ones must not.
 
 Avoidance: the policy, which obstacle came too near (its cell of 5 m), on which side and where along the mission, and
-the coarse layout of all obstacles (cells of 10 m). Stimuli: the policy, the mode in which it broke, and the inputs
-that were given before (names, without values), and the settings of the target. Coarse cells overlap nothing: two
-finds a hair apart may fall into neighbouring cells, so counts of distinct violations are slightly generous.
+the coarse layout of all obstacles (cells of 10 m). Stimuli: the policy, the mode in which it broke, the inputs that
+were given before and not denied (names, without values; one that was never answered may be what stopped the
+autopilot), and the settings of the target. Coarse cells overlap nothing: two finds a hair apart may fall into
+neighbouring cells, so counts of distinct violations are slightly generous.
 """
 
 from __future__ import annotations
 
 import math
 
+from saflite.contract.flight import Flight, given
 from saflite.contract.ids import short_id
 from saflite.contract.test_case import TestCase
 from saflite.contract.verdict import Verdict
@@ -21,14 +23,14 @@ PROGRESS_CELLS = 8
 
 
 def fingerprint(
-    test_case: TestCase, verdict: Verdict, features: dict[str, float], signals: FlightSignals | None
+    test_case: TestCase, flight: Flight, verdict: Verdict, features: dict[str, float], signals: FlightSignals | None
 ) -> str:
     """Return a stable name of 16 hexadecimal digits for the violation that `verdict` tells of."""
     parts: list[object] = [verdict.policy]
     if test_case.scenario.obstacles and "closest_obstacle" in features:
         parts += _place(test_case, features)
     if test_case.stimuli or not test_case.scenario.obstacles:
-        parts += _cause(test_case, verdict, signals)
+        parts += _cause(test_case, flight, verdict, signals)
     return short_id("\x1f".join(str(part) for part in parts).encode())
 
 
@@ -49,12 +51,20 @@ def _place(test_case: TestCase, features: dict[str, float]) -> list[object]:
     ]
 
 
-def _cause(test_case: TestCase, verdict: Verdict, signals: FlightSignals | None) -> list[object]:
-    before = sorted({(s.kind, s.name) for s in test_case.stimuli if s.at_s <= verdict.witness_to_s})
-    given = sorted(test_case.target.settings.items())
+def _cause(test_case: TestCase, flight: Flight, verdict: Verdict, signals: FlightSignals | None) -> list[object]:
+    before = sorted(
+        {
+            (stimulus.kind, stimulus.name)
+            for stimulus, answer, _ in given(test_case.stimuli, flight.delivered)
+            if answer != "denied" and stimulus.at_s <= verdict.witness_to_s
+        }
+    )
     mode = -1
     if signals is not None and "mode" in signals and signals.samples:
         at = min(signals.samples - 1, max(0, round(verdict.witness_from_s / signals.step_s)))
         mode = int(signals["mode"][at])
-    settings = [(name, sorted(map(str, value)) if isinstance(value, list) else value) for name, value in given]
+    settings = [
+        (name, sorted(map(str, value)) if isinstance(value, list) else value)
+        for name, value in sorted(test_case.target.settings.items())
+    ]
     return [mode, before, settings]

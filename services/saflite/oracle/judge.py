@@ -66,7 +66,7 @@ def _judgement(
         test_case=flight.test_case,
         flight_index=flight.flight_index,
         verdicts=tuple(verdicts),
-        fingerprint=fingerprint(test_case, worst, features, signals) if worst else "",
+        fingerprint=fingerprint(test_case, flight, worst, features, signals) if worst else "",
         features={name: value for name, value in features.items() if math.isfinite(value)},
         track=track_of(signals) if signals else (),
     )

@@ -1,4 +1,8 @@
-"""From a flight's record to the signals that policies read: what the trace holds and what can be made of the rest."""
+"""From a flight's record to the signals that policies read: what the trace holds and what can be made of the rest.
+
+Signals about stimuli (`quiet_s`, `gps_true`, ...) go by what was delivered, not by what was planned: a late stimulus
+counts from when it was given, a denied or timed-out one not at all. Where a flight does not tell, the plan stands.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +14,7 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from saflite.contract.flight import Flight, Trace
+from saflite.contract.flight import Flight, Trace, given
 from saflite.contract.test_case import Stimulus, StimulusKind, TestCase
 from saflite.flight.geometry import boxes_array, distance_to_boxes
 
@@ -60,6 +64,7 @@ class FlightSignals:
 
     def __init__(self, test_case: TestCase, flight: Flight, trace: Trace) -> None:
         self._test_case, self._flight, self._trace = test_case, flight, trace
+        self._given = tuple(one for one in given(test_case.stimuli, flight.delivered) if one.is_cause)
         self._made: dict[str, Array] = {}
         self.samples, self.step_s, self.written = trace.samples, trace.step_s, frozenset(trace.signals)
         self._makers: dict[str, tuple[tuple[str, ...], Callable[[], Any]]] = {
@@ -106,26 +111,33 @@ class FlightSignals:
     def _time(self) -> NDArray[np.float64]:
         return np.arange(self.samples, dtype=np.float64) * self.step_s
 
+    def _causes(self) -> list[Stimulus]:
+        return [one.stimulus for one in self._given]
+
     def _quiet(self, kinds: tuple[str, ...], *, never_s: float = 0.0) -> NDArray[np.float64]:
         times = self._time()
-        given = sorted(stimulus.at_s for stimulus in self._test_case.stimuli if stimulus.kind in kinds)
-        at = np.array([never_s, *given])
+        at = np.array([never_s, *(one.at_s for one in self._causes() if one.kind in kinds)])
         last = at[np.searchsorted(at, times + 1e-9, side="right") - 1]
         return np.asarray(times - last)
 
     def _true(self, flag: str) -> NDArray[np.float64]:
-        first_s = min((s.at_s for s in self._test_case.stimuli if fault_of(s) == flag), default=np.inf)
+        first_s = min((one.at_s for one in self._causes() if fault_of(one) == flag), default=np.inf)
         return (self._time() < first_s).astype(np.float64)
 
     def _stop_ordered(self) -> NDArray[np.float64]:
-        first_s = min((s.at_s for s in self._test_case.stimuli if stops_motors(s)), default=np.inf)
+        first_s = min((one.at_s for one in self._causes() if stops_motors(one)), default=np.inf)
         return (self._time() >= first_s - self.step_s).astype(np.float64)
 
     def _battery_timer(self) -> NDArray[np.float64]:
-        """The parameter over time: as the target starts, then as stimuli change it; values out of range are refused."""
+        """The parameter over time: as the target starts, then as stimuli change it.
+
+        Where it is not known whether a value was taken, one out of range is held to be refused.
+        """
         held = np.full(self.samples, self._test_case.target.parameters.get("BATT_LOW_TIMER", BATTERY_TIMER_S))
-        for stimulus in sorted(self._test_case.stimuli, key=lambda given: given.at_s):
-            if stimulus.name == "BATT_LOW_TIMER" and stimulus.values and 0 <= stimulus.values[0] <= BATTERY_TIMER_MAX_S:
+        for stimulus, answer, _ in self._given:
+            if stimulus.name != "BATT_LOW_TIMER" or not stimulus.values:
+                continue
+            if answer != "unanswered" or 0 <= stimulus.values[0] <= BATTERY_TIMER_MAX_S:
                 held[self._time() >= stimulus.at_s] = stimulus.values[0]
         return held
 

@@ -25,7 +25,7 @@ from mcap.writer import CompressionType, Writer
 from mcap_protobuf.schema import register_schema
 from numpy.typing import NDArray
 
-from saflite.contract.flight import Trace, unpack_trace
+from saflite.contract.flight import Trace, given, unpack_trace
 from saflite.contract.test_case import TestCase
 from saflite.contract.verdict import Verdict, worst
 from saflite.contract.work import RecordWork
@@ -207,10 +207,12 @@ def _texts(work: RecordWork, trace: Trace, start_ns: int) -> list[_Message]:
         _log(start_ns + round(message.at_s * _NS), _LEVELS[message.severity], "autopilot", message.text)
         for message in trace.messages
     ]
-    for stimulus in work.test_case.stimuli:
-        values = " ".join(f"{value:g}" for value in stimulus.values)
-        text = f"{stimulus.kind} {stimulus.name} {values}".rstrip()
-        messages.append(_log(start_ns + round(stimulus.at_s * _NS), Log.INFO, "stimulus", text))
+    for one in given(work.test_case.stimuli, work.flight.delivered):
+        values = " ".join(f"{value:g}" for value in one.stimulus.values)
+        text = f"{one.stimulus.kind} {one.stimulus.name} {values}".rstrip()
+        if one.answer not in ("accepted", "unanswered"):
+            text += f" ({': '.join(filter(None, (one.answer.replace('_', ' '), one.message)))})"
+        messages.append(_log(start_ns + round(one.stimulus.at_s * _NS), Log.INFO, "stimulus", text))
     for verdict in work.judgement.verdicts:
         messages += _verdict(verdict, start_ns)
     messages.append(_log(end_ns, Log.INFO, "flight", f"{work.flight.ending} {work.flight.message}".strip()))

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from saflite.contract.errors import Refused
-from saflite.contract.flight import Ending, Flight, Trace, pack_trace
+from saflite.contract.flight import Delivered, DeliveryAnswer, Ending, Flight, Trace, pack_trace
 from saflite.contract.test_case import Obstacle, Scenario, Stimulus, Target, TestCase, identity
 from saflite.contract.verdict import NEVER_APPLIED, Judgement, Verdict, nearest, vacuous, worst
 from saflite.contract.work import JudgeResult, JudgeWork
@@ -164,6 +164,49 @@ def test_unknown_policy_is_refused() -> None:
 def test_stimuli_give_quiet_time_and_their_own_fingerprints() -> None:
     test_case = case(box(0.0, 20.0), stimuli=(Stimulus(at_s=5.0, kind="mode", name="LOITER"),))
     assert judged(test_case, straight(2.5)).fingerprint != judged(case(box(0.0, 20.0)), straight(2.5)).fingerprint
+
+
+def delivered_as(*answers: DeliveryAnswer) -> Judgement:
+    """A release of the parachute in FLIP after one input at 1 s and one at 2 s, delivered as told."""
+    stimuli = (
+        Stimulus(at_s=1.0, kind="mode", name="FLIP"),
+        Stimulus(at_s=2.0, kind="command", name="MAV_CMD_DO_PARACHUTE", values=(2.0,)),
+    )
+    test_case = TestCase(target=Target(), scenario=Scenario(), stimuli=stimuli)
+    told = tuple(Delivered(index=index, at_s=1.0 + index, answer=answer) for index, answer in enumerate(answers))
+    flight = Flight(test_case=identity(test_case), flight_index=0, ending="completed", delivered=told or None)
+    return judge(test_case, flight, hovering(14, [0, 0, 0, 1, 1]), ("a-chute",))
+
+
+def test_the_fingerprint_names_what_was_given_and_not_denied() -> None:
+    planned = delivered_as().fingerprint
+    assert delivered_as("accepted", "accepted").fingerprint == planned
+    assert delivered_as("accepted", "timed_out").fingerprint == planned, "it may be what stopped the autopilot"
+    denied = {delivered_as("denied", "accepted").fingerprint, delivered_as("accepted", "denied").fingerprint}
+    assert len({planned, *denied}) == 3
+    assert {verdict.outcome for verdict in delivered_as("denied", "denied").verdicts} == {"violated"}
+
+
+@pytest.mark.parametrize(
+    ("answer", "outcome"), [("accepted", "vacuous"), ("denied", "violated"), ("timed_out", "violated")]
+)
+def test_a_denied_order_to_stop_the_motors_is_no_excuse(answer: DeliveryAnswer, outcome: str) -> None:
+    stop = Stimulus(at_s=2.0, kind="command", name="MAV_CMD_COMPONENT_ARM_DISARM", values=(0.0, 21196.0))
+    test_case = TestCase(target=Target(), scenario=Scenario(), stimuli=(stop,))
+    flight = Flight(
+        test_case=identity(test_case),
+        flight_index=0,
+        ending="completed",
+        delivered=(Delivered(index=0, at_s=2.0, answer=answer),),
+    )
+    columns = {
+        "armed": [1.0] * 3 + [0.0] * 7,
+        "altitude_m": [20.0] * 10,
+        "chute_released": [0.0] * 10,
+    }
+    trace = Trace(step_s=1.0, signals={name: packed(values) for name, values in columns.items()})
+    (verdict,) = judge(test_case, flight, trace, ("armed-in-flight",)).verdicts
+    assert verdict.outcome == outcome, verdict.message
 
 
 def test_the_service_judges_work() -> None:

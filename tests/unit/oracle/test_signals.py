@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import msgspec
 import numpy as np
 import pytest
 
-from saflite.contract.flight import Ending, Flight, Trace, TraceMessage
+from saflite.contract.errors import Refused
+from saflite.contract.flight import Delivered, DeliveryAnswer, Ending, Flight, Trace, TraceMessage
+from saflite.contract.signals import SIGNALS
 from saflite.contract.test_case import Scenario, Stimulus, StimulusKind, Target, TestCase
 from saflite.oracle.log_text import describe, facts_of, rule_of_thumb
 from saflite.oracle.signals import FlightSignals, fault_of, stops_motors
@@ -13,10 +16,15 @@ from saflite.oracle.signals import FlightSignals, fault_of, stops_motors
 STEP_S = 0.5
 
 
-def signals(*stimuli: Stimulus, ending: Ending = "completed", **written: list[float]) -> FlightSignals:
+def signals(
+    *stimuli: Stimulus,
+    ending: Ending = "completed",
+    delivered: tuple[Delivered, ...] | None = None,
+    **written: list[float],
+) -> FlightSignals:
     columns = {name: np.asarray(values, dtype="<f4").tobytes() for name, values in written.items()}
     case = TestCase(target=Target(), scenario=Scenario(), stimuli=stimuli)
-    flight = Flight(test_case="", flight_index=0, ending=ending)
+    flight = Flight(test_case="", flight_index=0, ending=ending, delivered=delivered)
     return FlightSignals(case, flight, Trace(step_s=STEP_S, signals=columns))
 
 
@@ -74,6 +82,61 @@ def test_quiet_times_and_flags_follow_the_stimuli() -> None:
     assert given["order_quiet_s"].tolist() == [0.0, 0.5, 0.0, 0.5, 1.0, 1.5]
     assert given["baro_true"].tolist() == [1.0, 1.0, 1.0, 0.0, 0.0, 0.0]
     assert given["gps_true"].min() == 1.0
+
+
+CAUSES = {
+    "quiet_s": stimulus("parameter", "RTL_ALT", 1.0, at_s=0.5),
+    "order_quiet_s": stimulus("stick", "RC3", 1500.0, at_s=0.5),
+    "command_quiet_s": stimulus("command", "MAV_CMD_NAV_LAND", at_s=0.5),
+    "gps_true": stimulus("sensor_fault", "SIM_GPS_DISABLE", 1.0, at_s=0.5),
+    "baro_true": stimulus("sensor_fault", "SIM_BARO_RND", 1.0, at_s=0.5),
+    "sticks_true": stimulus("parameter", "RC3_MIN", 1100.0, at_s=0.5),
+    "body_true": stimulus("sensor_fault", "SIM_ENGINE_FAIL", 1.0, at_s=0.5),
+    "stop_ordered": stimulus("command", "MAV_CMD_COMPONENT_ARM_DISARM", 0.0, 21196.0, at_s=0.5),
+    "battery_timer_set_s": stimulus("parameter", "BATT_LOW_TIMER", 60.0, at_s=0.5),
+}
+
+
+@pytest.mark.parametrize("name", CAUSES)
+def test_what_was_delivered_counts_and_not_the_plan(name: str) -> None:
+    def seen(*delivered: Delivered) -> list[float]:
+        made: list[float] = signals(CAUSES[name], delivered=delivered, x_m=[0.0] * 6)[name].tolist()
+        return made
+
+    planned = signals(CAUSES[name], x_m=[0.0] * 6)[name].tolist()
+    idle = signals(x_m=[0.0] * 6)[name].tolist()
+    later = signals(msgspec.structs.replace(CAUSES[name], at_s=1.5), x_m=[0.0] * 6)[name].tolist()
+    assert len({tuple(planned), tuple(idle), tuple(later)}) == 3, "the signal depends on the stimulus"
+    assert seen(Delivered(index=0, at_s=0.5)) == planned
+    assert seen(Delivered(index=0, at_s=0.5, answer="unanswered")) == planned
+    assert seen(Delivered(index=0, at_s=1.5, answer="late")) == later
+    answers: tuple[DeliveryAnswer, ...] = ("denied", "timed_out")
+    for answer in answers:
+        assert seen(Delivered(index=0, at_s=0.5, answer=answer)) == idle, answer
+    assert seen() == idle, "never given: the flight ended before"
+
+
+def test_a_signal_made_of_the_plan_does_not_escape_the_test_above() -> None:
+    """Every signal that moves with the stimuli is among the causes."""
+    busy = signals(*CAUSES.values(), x_m=[0.0] * 6)
+    idle = signals(x_m=[0.0] * 6)
+    made = [name for name in SIGNALS if name in idle and name not in ("obstacle_distance_m",)]
+    assert {name for name in made if busy[name].tolist() != idle[name].tolist()} == set(CAUSES)
+
+
+def test_an_accepted_value_out_of_range_is_in_force_a_planned_one_is_held_to_be_refused() -> None:
+    timer = stimulus("parameter", "BATT_LOW_TIMER", 500.0, at_s=0.5)
+    taken = signals(timer, delivered=(Delivered(index=0, at_s=0.5),), x_m=[0.0] * 3)
+    assert taken["battery_timer_set_s"].tolist() == [10.0, 500.0, 500.0]
+    assert signals(timer, x_m=[0.0] * 3)["battery_timer_set_s"].tolist() == [10.0] * 3
+
+
+def test_stimuli_count_in_the_order_given_and_a_stranger_is_refused() -> None:
+    plan = (stimulus("parameter", "BATT_LOW_TIMER", 20.0, at_s=0.5), stimulus("parameter", "BATT_LOW_TIMER", 30.0))
+    turned = (Delivered(index=1, at_s=0.5), Delivered(index=0, at_s=1.0, answer="late"))
+    assert signals(*plan, delivered=turned, x_m=[0.0] * 3)["battery_timer_set_s"].tolist() == [10.0, 30.0, 20.0]
+    with pytest.raises(Refused, match="delivered"):
+        signals(*plan, delivered=(Delivered(index=2, at_s=0.5),), x_m=[0.0])
 
 
 def test_only_a_crash_raises_crashed() -> None:

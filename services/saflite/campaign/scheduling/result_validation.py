@@ -80,6 +80,11 @@ def _check_flight(task: Task, result: FlyResult) -> None:
     flight = result.flight
     if flight.simulated_s < 0 or not math.isfinite(flight.simulated_s) or not math.isfinite(flight.wall_s):
         _refuse(task, "finite times", (flight.simulated_s, flight.wall_s))
+    delivered = flight.delivered or ()
+    if len({one.index for one in delivered}) < len(delivered):
+        _refuse(task, "each stimulus delivered once", [one.index for one in delivered])
+    if not all(math.isfinite(one.at_s) and one.index >= 0 for one in delivered):
+        _refuse(task, "delivered stimuli with a place and a finite time", [(one.index, one.at_s) for one in delivered])
     if bool(flight.trace_digest) != bool(result.trace):
         _refuse(task, "a trace together with its digest", f"{len(result.trace)} bytes, digest {flight.trace_digest!r}")
     if flight.trace_digest and not matches_digest(result.trace, flight.trace_digest):
