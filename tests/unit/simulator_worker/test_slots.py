@@ -1,0 +1,88 @@
+"""Slots: no two holders of one, freed with their holders, nothing left behind."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from saflite.contract.errors import Unavailable
+from saflite.simulator_worker.slots import take_slot
+
+HOLDER = """
+import sys
+from pathlib import Path
+from saflite.simulator_worker.slots import take_slot
+held = take_slot(Path(sys.argv[1]))
+Path(held.info.folder, "log").write_text("x")
+print(held.info.index, flush=True)
+sys.stdin.read()
+"""
+
+
+def test_slots_differ_in_number_folder_and_ports(tmp_path: Path) -> None:
+    root = tmp_path / "slots"
+    held = [take_slot(root) for _ in range(3)]
+    infos = [one.info for one in held]
+    assert [info.index for info in infos] == [0, 1, 2]
+    assert len({info.folder for info in infos}) == 3
+    ports = [port for info in infos for port in range(info.first_port, info.first_port + info.ports)]
+    assert len(set(ports)) == len(ports)
+    held[1].release()
+    assert take_slot(root).info.index == 1
+
+
+def test_a_released_slot_leaves_no_file(tmp_path: Path) -> None:
+    root = tmp_path / "slots"
+    held = take_slot(root)
+    (Path(held.info.folder) / "log").write_text("x")
+    held.release()
+    held.release()
+    assert not root.exists()
+
+
+def test_the_slot_of_a_killed_process_is_free_and_empty(tmp_path: Path) -> None:
+    root = tmp_path / "slots"
+    first = take_slot(root)
+    process = subprocess.Popen(
+        [sys.executable, "-c", HOLDER, str(root)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None
+    assert int(process.stdout.readline()) == 1
+    third = take_slot(root)
+    assert third.info.index == 2
+    process.kill()
+    process.communicate()
+    third.release()
+    again = take_slot(root)
+    assert (again.info.index, list(Path(again.info.folder).iterdir())) == (1, [])
+    again.release()
+    first.release()
+    assert not root.exists()
+
+
+def test_what_dead_holders_left_is_cleared_away(tmp_path: Path) -> None:
+    root = tmp_path / "slots"
+    root.mkdir(mode=0o700)
+    (root / "7.lock").touch()
+    (root / "7").mkdir()
+    (root / "7" / "log").write_text("x")
+    held = take_slot(root)
+    assert sorted(path.name for path in root.iterdir()) == ["0", "0.lock"]
+    held.release()
+
+
+def test_a_folder_that_others_may_write_to_is_not_used(tmp_path: Path) -> None:
+    root = tmp_path / "slots"
+    root.mkdir()
+    root.chmod(0o777)
+    with pytest.raises(Unavailable, match="only we may write"):
+        take_slot(root)
+    link = tmp_path / "link"
+    link.symlink_to(tmp_path)
+    with pytest.raises(Unavailable):
+        take_slot(link)
+    assert os.listdir(root) == []
