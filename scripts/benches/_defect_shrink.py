@@ -15,6 +15,7 @@ from saflite.contract.flight import AUTOPILOT_ALIVE, Flight
 from saflite.contract.rng import derive
 from saflite.contract.test_case import Setting, Stimulus, TestCase, identity
 from saflite.flight.autopilots.reference.defects import TABLE, trigger
+from saflite.flight.autopilots.reference.describe import describe
 from saflite.mutator.strategies.pgfuzz import Strategy
 from saflite.oracle.judge import judge
 
@@ -60,7 +61,7 @@ def padded(defect: str, rng_seed: int) -> Iterator[TestCase]:
         "release": 0.0,
         "mutated": 0.0,
     }
-    noise = Strategy(template(load_campaign("policy-all")), settings, ())
+    noise = Strategy(template(load_campaign("policy-all")), settings, (), describe())
     for found in noise.ask(TRIES, rng):
         later_s = float(rng.uniform(FIRST_S, LAST_S)) - min((one.at_s for one in case.stimuli), default=0.0)
         begun = [msgspec.structs.replace(one, at_s=round(one.at_s + later_s, 2)) for one in case.stimuli]

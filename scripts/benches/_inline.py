@@ -19,6 +19,7 @@ from saflite.contract.flight import Flight, pack_trace, trace_digest
 from saflite.contract.service import Cancelled, Service
 from saflite.contract.test_case import identity
 from saflite.contract.work import Ask, Failure, FlyResult, FlyWork, Report, Result, Stage, Work
+from saflite.flight.autopilots.reference.describe import describe
 from saflite.mutator import work as mutator
 from saflite.oracle import work as oracle
 from saflite.runtime.clock import WallClock
@@ -79,7 +80,7 @@ class Inline:
     """A campaign from its first round to `run`'s end. Services may be shared by several campaigns."""
 
     def __init__(self, campaign: Campaign, run_dir: Path, flights: Flights) -> None:
-        self._store = Store.create(run_dir, campaign, template(campaign))
+        self._store = Store.create(run_dir, campaign, template(campaign), describe())
         self._books: Books = self._store.rebuild()
         self._clock = WallClock()
         self._services: dict[Stage, Service] = {

@@ -44,7 +44,9 @@ def _measure(run_dir: Path, options: argparse.Namespace) -> dict[str, float | in
 
     doubles.padding_kib, doubles.track_points = options.trace_kib, 250
     search: dict[str, Any] = {"candidates_per_round": 40, "flights_per_round": 8, "lag": 3}
-    store = Store.create(run_dir, doubles.campaign(options.flights, batch=10, **search), doubles.TEMPLATE)
+    store = Store.create(
+        run_dir, doubles.campaign(options.flights, batch=10, **search), doubles.TEMPLATE, doubles.TARGET
+    )
     drive = _Drive(store, options.together)
     drive.run()
     database_mb = (run_dir / "books.sqlite").stat().st_size / 1e6

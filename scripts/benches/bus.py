@@ -34,6 +34,7 @@ from saflite.contract.errors import Refused
 from saflite.contract.events import Event, FaultSeen, ViolationFound
 from saflite.contract.rng import derive
 from saflite.contract.work import Ask, Failure, Grant, Heartbeat, Orders, Receipt, Report
+from saflite.flight.autopilots.reference.describe import describe
 from saflite.runtime.clock import WallClock
 
 CAMPAIGN = "bench-bus"
@@ -77,7 +78,7 @@ def books_process(what: Campaign) -> Iterator[BooksProcess]:
     """Run the books in a process of their own for a while."""
     with tempfile.TemporaryDirectory(prefix="saflite-bench-") as folder:
         run_dir = Path(folder) / "run"
-        Store.create(run_dir, what, template(what)).close()
+        Store.create(run_dir, what, template(what), describe()).close()
         endpoint = free_endpoint()
         command = [sys.executable, "-m", "saflite.runtime.serve", "books", "--campaign", what.name]
         command += ["--listen", endpoint, "--run-dir", str(run_dir), "--parent", str(os.getpid())]

@@ -40,6 +40,7 @@ from saflite.contract.flight import Flight
 from saflite.contract.rng import derive
 from saflite.contract.test_case import TestCase, identity, told_in_order
 from saflite.flight.autopilots.reference.defects import TABLE
+from saflite.flight.autopilots.reference.describe import describe
 from saflite.mutator.strategies.pgfuzz import Strategy
 from saflite.oracle.judge import judge
 from saflite.oracle.policy import policy_names
@@ -194,7 +195,7 @@ def alarms(cases: int, rng_seed: int) -> dict[str, Any]:
 
 def _mutants(campaign: str, count: int, rng_seed: int) -> list[TestCase]:
     found = load_campaign(campaign)
-    strategy = Strategy(template(found), found.strategy.settings, found.policies)
+    strategy = Strategy(template(found), found.strategy.settings, found.policies, describe())
     return strategy.ask(count, derive(rng_seed, "bench-alarms", campaign))
 
 

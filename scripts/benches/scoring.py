@@ -74,10 +74,11 @@ def _cases(count: int, seed: int) -> list[Any]:
     """Return layouts as the built-in strategy draws them for mission 2."""
     from saflite.campaign.presets.campaigns import load_campaign, template
     from saflite.contract.rng import derive
+    from saflite.flight.autopilots.reference.describe import describe
     from saflite.mutator.strategies import random_boxes
 
     campaign = load_campaign("avoidance-m2")
-    strategy = random_boxes.Strategy(template(campaign), {}, campaign.policies)
+    strategy = random_boxes.Strategy(template(campaign), {}, campaign.policies, describe())
     return list(strategy.ask(count, derive(seed, "bench scoring")))
 
 

@@ -23,6 +23,7 @@ from saflite.runtime.client import FarmClient
 from saflite.runtime.clock import WallClock
 from saflite.runtime.farm import LocalFarm
 from saflite.runtime.launchers.base import RoleSpec
+from saflite.simulator_worker.registry import describe_target
 
 MARK = "SAFLITE_SOAK"
 DISK = "256m"
@@ -180,7 +181,9 @@ class Testbed:
         self.disk, self.network = Disk(), Network()
         self.run_dir = self.disk.folder / "run"
         self.campaign = campaign(rng_seed, fault_share)
-        Store.create(self.run_dir, self.campaign, template(self.campaign)).close()
+        Store.create(
+            self.run_dir, self.campaign, template(self.campaign), describe_target("soak", [TARGET_FILE])
+        ).close()
         port = free_endpoint().rpartition(":")[2]
         self.endpoint = f"tcp/{'127.0.0.1' if self.network.why_not else HOST_IP}:{port}"
         stages: tuple[Stage, ...] = ("mutate", "score", "judge", "record", "fly")

@@ -13,6 +13,7 @@ from saflite.contract.errors import Refused
 from saflite.contract.rng import derive
 from saflite.contract.test_case import Origin, Scenario, StartState, Target, TestCase, identity
 from saflite.contract.work import MutateResult, MutateWork, Outcome
+from saflite.flight.autopilots.reference.describe import describe
 from saflite.flight.geometry import COMPETITION_AREA, COMPETITION_SIZES, check_layout
 from saflite.flight.mission import builtin_mission, mission_names
 from saflite.mutator import registry
@@ -33,7 +34,7 @@ def template(name: str, mission: str = "mission2") -> TestCase:
 
 def make(name: str, mission: str = "mission2") -> Strategy:
     kind = registry.load_strategy(name)
-    return kind(template(name, mission), {}, POLICIES[kind.proposes])
+    return kind(template(name, mission), {}, POLICIES[kind.proposes], describe())
 
 
 def outcome_of(case: TestCase, round_: int) -> Outcome:
@@ -82,13 +83,13 @@ def test_it_refuses_settings_it_does_not_know_or_that_are_out_of_range(name: str
     kind = registry.load_strategy(name)
     policies = POLICIES[kind.proposes]
     with pytest.raises(Refused, match="'speeed'"):
-        kind(template(name), {"speeed": 3}, policies)
+        kind(template(name), {"speeed": 3}, policies, describe())
     for setting, option in kind.options.items():
         with pytest.raises(Refused, match=setting):
-            kind(template(name), {setting: ["a", "list"]}, policies)
+            kind(template(name), {setting: ["a", "list"]}, policies, describe())
         if isinstance(option.default, int | float) and option.most < float("inf"):
             with pytest.raises(Refused, match=setting):
-                kind(template(name), {setting: type(option.default)(option.most + 1)}, policies)
+                kind(template(name), {setting: type(option.default)(option.most + 1)}, policies, describe())
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -96,7 +97,7 @@ def test_it_refuses_a_template_it_cannot_mutate(name: str) -> None:
     bare = TestCase(target=Target(), scenario=Scenario())
     kind = registry.load_strategy(name)
     with pytest.raises(Refused):
-        kind(bare, {}, POLICIES[kind.proposes])
+        kind(bare, {}, POLICIES[kind.proposes], describe())
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -187,6 +188,7 @@ def test_the_service_restarts_from_zero_and_says_the_same(name: str) -> None:
             settings={},
             rng_seed=2,
             template=base,
+            target=describe(),
             policies=policies,
             outcomes=tuple(outcomes),
             from_cursor=from_cursor,

@@ -226,7 +226,7 @@ def state_of(books: Books) -> dict[str, object]:
 
 def journal_is_the_state(store: MemoryStore, books: Books) -> None:
     """Assert that the books rebuilt from the journal are the books at hand."""
-    again = Books(store.campaign, store.template, run_id="run", read_model=store)
+    again = Books(store.campaign, store.template, store.target, run_id="run", read_model=store)
     for line in store.lines:
         again.replay(line)
     live, replayed = state_of(books), state_of(again)

@@ -13,7 +13,18 @@ from saflite.contract.flight import Ending, Flight, Trace, pack_trace, trace_dig
 from saflite.contract.ids import digest
 from saflite.contract.rng import derive
 from saflite.contract.score import Score
-from saflite.contract.test_case import Obstacle, Origin, Scenario, StartState, Stimulus, Target, TestCase, identity
+from saflite.contract.target_info import TargetInfo
+from saflite.contract.test_case import (
+    DEFAULT_TARGET,
+    Obstacle,
+    Origin,
+    Scenario,
+    StartState,
+    Stimulus,
+    Target,
+    TestCase,
+    identity,
+)
 from saflite.contract.verdict import Judgement, Verdict
 from saflite.contract.work import (
     FlyResult,
@@ -35,6 +46,7 @@ from saflite.contract.work import (
 )
 
 POLICY = "min-obstacle-distance"
+TARGET = TargetInfo(name=DEFAULT_TARGET, build="", repeats="bitwise", inputs=(), signals=("x_m",))
 TEMPLATE = TestCase(target=Target(), scenario=Scenario(start=StartState()))
 
 
@@ -164,6 +176,7 @@ def _dangerous_places() -> list[float]:
         settings={},
         rng_seed=0,
         template=TEMPLATE,
+        target=TARGET,
         policies=(),
         outcomes=(),
         from_cursor=-1,

@@ -8,6 +8,7 @@ from saflite.contract import wire
 from saflite.contract.config import Campaign
 from saflite.contract.errors import Unavailable
 from saflite.contract.events import Event
+from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import TestCase
 from saflite.contract.work import Outcome
 
@@ -19,8 +20,8 @@ class Crash(Exception):
 class MemoryStore:
     """Has the face of `campaign.store.Store` that the service around the books uses."""
 
-    def __init__(self, campaign: Campaign, template: TestCase) -> None:
-        self.campaign, self.template = campaign, template
+    def __init__(self, campaign: Campaign, template: TestCase, target: TargetInfo) -> None:
+        self.campaign, self.template, self.target = campaign, template, target
         self.lines: list[bytes] = []
         self.all_events: list[Event] = []
         self.files: dict[str, bytes] = {}
@@ -30,7 +31,7 @@ class MemoryStore:
 
     def rebuild(self) -> Books:
         """Return the books as last committed."""
-        books = Books(self.campaign, self.template, run_id="run", read_model=self)
+        books = Books(self.campaign, self.template, self.target, run_id="run", read_model=self)
         for line in self.lines:
             books.replay(line)
         self.files = {name: data for name, data in self.files.items() if name in books.wanted_traces}

@@ -114,7 +114,7 @@ class World:
         self.rng = derive(self.seed, "world")
         self.campaign = campaign_of(self.shape)
         self.network = FaultyNetwork(self.seed, self.shape.trouble)
-        self.store = MemoryStore(self.campaign, doubles.TEMPLATE)
+        self.store = MemoryStore(self.campaign, doubles.TEMPLATE, doubles.TARGET)
         self.ghost = Ghost(self.store)
         self.books = BooksMember(self.network, self.store, self.rng)
         self.workers = members(self.network, self.campaign.name, self.shape.simulators, self.ghost, self.rng)

@@ -13,7 +13,7 @@ from farm_world import CALM, World, clean, know_the_clean_finds, run_seed, shape
 
 SEEDS, CHUNKS = 80, 8
 BUG_SEEDS_MAX = 80
-LIKELY = {"anybody_may_report": 58, "planned_on_what_happens_to_be_known": 27, "the_mutator_is_told_too_early": 11}
+LIKELY = {"anybody_may_report": 118, "planned_on_what_happens_to_be_known": 27, "the_mutator_is_told_too_early": 11}
 """Where a bug was seen first when the test was written; only saves time."""
 
 

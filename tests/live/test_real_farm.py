@@ -25,6 +25,7 @@ from saflite.runtime.campaign_runner import resume, run_campaign
 from saflite.runtime.client import FarmClient, read_info
 from saflite.runtime.farm import LocalFarm, roles
 from saflite.simulator_worker.processes import children
+from saflite.simulator_worker.registry import describe_target
 
 pytestmark = pytest.mark.live
 
@@ -79,7 +80,7 @@ def _follow(run_dir: Path, into: list[Event]) -> None:
 def test_books_and_workers_are_killed_and_the_budget_stays_exact(tmp_path: Path) -> None:
     run_dir = tmp_path / "run"
     campaign = _campaign(400)
-    Store.create(run_dir, campaign, template(campaign)).close()
+    Store.create(run_dir, campaign, template(campaign), describe_target("soak", [TARGET])).close()
     farm = LocalFarm("live", run_dir, roles(2), modules=[TARGET])
     farm.start()
     events: list[Event] = []
@@ -124,7 +125,7 @@ def test_a_stopped_run_goes_on_where_it_was(tmp_path: Path) -> None:
 def test_a_frozen_worker_is_noticed_within_four_seconds(tmp_path: Path) -> None:
     run_dir = tmp_path / "run"
     campaign = _campaign(4, fault=SLOW)
-    Store.create(run_dir, campaign, template(campaign)).close()
+    Store.create(run_dir, campaign, template(campaign), describe_target("soak", [TARGET])).close()
     farm = LocalFarm("live", run_dir, roles(1), modules=[TARGET])
     farm.start()
     try:
@@ -164,7 +165,7 @@ def _marked(mark: str) -> list[str]:
 def test_nothing_outlives_a_killed_launcher_and_the_run_goes_on(tmp_path: Path) -> None:
     run_dir = tmp_path / "run"
     campaign = _campaign(300)
-    Store.create(run_dir, campaign, template(campaign)).close()
+    Store.create(run_dir, campaign, template(campaign), describe_target("soak", [TARGET])).close()
     mark = str(tmp_path)
     command = [sys.executable, "-c", LAUNCH, str(run_dir), str(TARGET)]
     launcher = subprocess.Popen(command, env={**os.environ, "LIVE_MARK": mark})

@@ -12,6 +12,7 @@ import msgspec
 
 from saflite.contract.flight import Ending, Flight, Purpose
 from saflite.contract.score import Score, Usage
+from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import Setting, TestCase
 from saflite.contract.verdict import Judgement, Violation
 
@@ -53,7 +54,10 @@ class Outcome(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class MutateWork(msgspec.Struct, frozen=True, kw_only=True, tag="mutate"):
-    """Propose `count` test cases for `round`, given the outcomes since the cursor the worker asked with."""
+    """Propose `count` test cases for `round`, given the outcomes since the cursor the worker asked with.
+
+    `target` says what can be given to the target; no strategy knows any of its own accord.
+    """
 
     round: int
     count: int
@@ -61,6 +65,7 @@ class MutateWork(msgspec.Struct, frozen=True, kw_only=True, tag="mutate"):
     settings: dict[str, Setting]
     rng_seed: int
     template: TestCase
+    target: TargetInfo
     policies: tuple[str, ...]
     outcomes: tuple[Outcome, ...]
     from_cursor: int

@@ -12,6 +12,7 @@ from typing import ClassVar, Literal, NamedTuple, Protocol
 import numpy as np
 
 from saflite.contract.errors import Refused
+from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import Setting, TestCase
 from saflite.contract.work import Outcome
 
@@ -34,13 +35,16 @@ Settings = dict[str, Setting]
 class Strategy(Protocol):
     """One way to search. Its file stands in `mutator/strategies/` and defines `class Strategy`.
 
-    Raises Refused when made with an unknown setting, a value out of range, or a template it cannot mutate.
+    `target` says what can be given to the target. Raises Refused when made with an unknown setting, a value out of
+    range, a template it cannot mutate, or a target that has nothing for it.
     """
 
     proposes: ClassVar[Proposes]
     options: ClassVar[Options]
 
-    def __init__(self, template: TestCase, settings: Settings, policies: tuple[str, ...]) -> None: ...
+    def __init__(
+        self, template: TestCase, settings: Settings, policies: tuple[str, ...], target: TargetInfo
+    ) -> None: ...
 
     def tell(self, outcomes: Sequence[Outcome]) -> None:
         """Learn what became of flown test cases, in (round, index) order."""

@@ -60,7 +60,8 @@ class Mutator:
 
     def _told(self, work: MutateWork) -> Strategy:
         """Return the strategy after it was told the outcomes up to `work.cursor`, no more and no fewer."""
-        parts = (work.strategy, work.settings, work.template, work.policies)  # rng_seed is a new one every round
+        # without rng_seed, a new one every round
+        parts = (work.strategy, work.settings, work.template, work.policies, work.target)
         made_of = msgspec.msgpack.encode(parts, order="deterministic")
         if work.from_cursor == NOTHING_TOLD or made_of != self._made_of:
             self._forget()
@@ -69,7 +70,9 @@ class Mutator:
             self._forget()
             raise Unavailable(f"outcomes {work.from_cursor}..{work.cursor} do not join on to {known}")
         if self._strategy is None:
-            self._strategy = load_strategy(work.strategy)(work.template, dict(work.settings), work.policies)
+            self._strategy = load_strategy(work.strategy)(
+                work.template, dict(work.settings), work.policies, work.target
+            )
             self._made_of = made_of
         self._strategy.tell(work.outcomes)
         self._cursor = work.cursor

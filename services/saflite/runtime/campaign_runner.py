@@ -55,8 +55,10 @@ def run_campaign(
     """
     from saflite.campaign.presets.campaigns import template
     from saflite.campaign.storage.store import Store
+    from saflite.simulator_worker.registry import describe_target
 
-    Store.create(run_dir, campaign, template(campaign)).close()
+    target = describe_target(campaign.target.name, target_files)
+    Store.create(run_dir, campaign, template(campaign, target.build), target).close()
     return resume(run_dir, simulators=simulators, on_status=on_status, target_files=target_files)
 
 

@@ -81,5 +81,5 @@ class Driver:
 
 def new_books(budget: int = 20, **search: object) -> Driver:
     """Books with a store in memory."""
-    store = MemoryStore(doubles.campaign(budget, **search), doubles.TEMPLATE)  # type: ignore[arg-type]
+    store = MemoryStore(doubles.campaign(budget, **search), doubles.TEMPLATE, doubles.TARGET)  # type: ignore[arg-type]
     return Driver(store.rebuild(), cast(Store, store))

@@ -17,7 +17,7 @@ from saflite.contract.errors import Refused
 @pytest.fixture
 def finished(tmp_path: Path) -> Path:
     """A finished run, interrupted once, with lost leases on the way."""
-    store = Store.create(tmp_path / "run", doubles.campaign(15, record="none"), doubles.TEMPLATE)
+    store = Store.create(tmp_path / "run", doubles.campaign(15, record="none"), doubles.TEMPLATE, doubles.TARGET)
     driver = Driver(store.rebuild(), store)
     driver.run(until_flights=6)
     driver.ask("fly", "gone", 2)
@@ -51,7 +51,7 @@ def test_a_finished_run_balances(finished: Path) -> None:
 
 
 def test_a_run_under_way_balances(tmp_path: Path) -> None:
-    store = Store.create(tmp_path / "run", doubles.campaign(15, record="none"), doubles.TEMPLATE)
+    store = Store.create(tmp_path / "run", doubles.campaign(15, record="none"), doubles.TEMPLATE, doubles.TARGET)
     driver = Driver(store.rebuild(), store)
     driver.run(until_flights=6)
     driver.ask("mutate")
@@ -62,7 +62,7 @@ def test_a_run_under_way_balances(tmp_path: Path) -> None:
 
 
 def test_a_stopped_run_balances(tmp_path: Path) -> None:
-    store = Store.create(tmp_path / "run", doubles.campaign(15, record="none"), doubles.TEMPLATE)
+    store = Store.create(tmp_path / "run", doubles.campaign(15, record="none"), doubles.TEMPLATE, doubles.TARGET)
     driver = Driver(store.rebuild(), store)
     driver.run(until_flights=6)
     driver.books.control(Control(verb="stop"), driver.now)
@@ -110,7 +110,7 @@ def test_missing_damaged_and_left_over_traces_are_found(finished: Path) -> None:
 
 
 def test_a_flight_flown_again_for_its_lost_trace_balances(tmp_path: Path) -> None:
-    store = Store.create(tmp_path / "run", doubles.campaign(15, record="none"), doubles.TEMPLATE)
+    store = Store.create(tmp_path / "run", doubles.campaign(15, record="none"), doubles.TEMPLATE, doubles.TARGET)
     driver = Driver(store.rebuild(), store)
     while not driver.books.status(driver.now).queues["judge"]:
         assert any(driver.do(stage, many=9) for stage in ("mutate", "score", "fly"))

@@ -10,6 +10,7 @@ from saflite.campaign.presets.campaigns import builtin_campaigns, load_campaign,
 from saflite.contract.errors import Refused
 from saflite.contract.rng import derive
 from saflite.contract.test_case import StartState
+from saflite.flight.autopilots.reference.describe import describe
 from saflite.flight.mission import builtin_mission, dump_plan, waypoints
 from saflite.mutator.registry import load_strategy
 from saflite.oracle.policy import load_policy, policy_names
@@ -36,7 +37,8 @@ def test_a_built_in_campaign_can_be_run_as_it_stands(name: str) -> None:
         load_policy(policy)
     case = template(campaign)
     check(case)
-    strategy = load_strategy(campaign.strategy.name)(case, dict(campaign.strategy.settings), campaign.policies)
+    make = load_strategy(campaign.strategy.name)
+    strategy = make(case, dict(campaign.strategy.settings), campaign.policies, describe())
     for proposed in strategy.ask(20, derive(1, name)):
         check(proposed)
     assert case.rng_seed == campaign.rng_seed

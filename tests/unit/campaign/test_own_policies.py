@@ -17,6 +17,7 @@ from saflite.contract.errors import Refused
 from saflite.contract.service import Service
 from saflite.contract.test_case import StartState
 from saflite.contract.work import Ask, Failure, Report, Stage
+from saflite.flight.autopilots.reference.describe import describe
 from saflite.mutator import work as mutator
 from saflite.oracle import work as oracle
 from saflite.oracle.policy import load_policy
@@ -98,7 +99,7 @@ def test_a_policy_file_is_looked_for_beside_the_campaign_and_kept_in_it(folder: 
 
 def test_a_campaign_with_a_policy_of_its_own_is_judged_by_it_to_a_confirmed_violation(folder: Path) -> None:
     campaign = load_campaign(str(folder / "mine.toml"))
-    store = Store.create(folder / "run", campaign, template(campaign))
+    store = Store.create(folder / "run", campaign, template(campaign), describe())
     books = store.rebuild()
     services: dict[Stage, Service] = {
         "mutate": mutator.open_service(),

@@ -20,7 +20,7 @@ from saflite.contract.work import ScoreWork
 
 
 def started(run_dir: Path, budget: int = 20, **search: object) -> Driver:
-    store = Store.create(run_dir, doubles.campaign(budget, **search), doubles.TEMPLATE)  # type: ignore[arg-type]
+    store = Store.create(run_dir, doubles.campaign(budget, **search), doubles.TEMPLATE, doubles.TARGET)  # type: ignore[arg-type]
     return Driver(store.rebuild(), store)
 
 
@@ -121,7 +121,7 @@ def test_a_second_opener_is_refused(tmp_path: Path) -> None:
 def test_an_earlier_run_is_not_written_over(tmp_path: Path) -> None:
     closed(started(tmp_path / "run"))
     with pytest.raises(Refused, match="resume"):
-        Store.create(tmp_path / "run", doubles.campaign(), doubles.TEMPLATE)
+        Store.create(tmp_path / "run", doubles.campaign(), doubles.TEMPLATE, doubles.TARGET)
 
 
 @pytest.mark.parametrize("keep", [0, 1000, 0.5, 0.9])
@@ -220,7 +220,7 @@ def test_a_mutator_is_told_old_rounds_from_the_store_in_whole_rounds(
 
 def test_campaign_and_template_come_back_as_given(tmp_path: Path) -> None:
     campaign = doubles.campaign(7)
-    store = Store.create(tmp_path / "run", campaign, doubles.TEMPLATE)
+    store = Store.create(tmp_path / "run", campaign, doubles.TEMPLATE, doubles.TARGET)
     assert msgspec.structs.asdict(store.campaign) == msgspec.structs.asdict(campaign)
     assert store.template == doubles.TEMPLATE
 

@@ -11,6 +11,7 @@ from saflite.campaign.presets.campaigns import load_campaign, template
 from saflite.campaign.storage.store import Store
 from saflite.console.cli import main
 from saflite.contract.test_case import Obstacle, TestCase
+from saflite.flight.autopilots.reference.describe import describe
 from saflite.recorder.exports.aerialist import write_case
 
 REFUSED = 2
@@ -125,7 +126,7 @@ def test_impossible_layouts_are_refused(
 @pytest.fixture
 def run_dir(tmp_path: Path) -> Path:
     campaign = load_campaign("avoidance-m2")
-    Store.create(tmp_path / "run", campaign, template(campaign)).close()
+    Store.create(tmp_path / "run", campaign, template(campaign), describe()).close()
     return tmp_path / "run"
 
 

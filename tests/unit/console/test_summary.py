@@ -19,6 +19,7 @@ from saflite.console.run_data.conclusion import conclude
 from saflite.console.run_data.run_folder import open_run
 from saflite.contract.verdict import NEVER_APPLIED, Verdict
 from saflite.contract.work import Failure, FlyWork, JudgeResult, Result, Work
+from saflite.flight.autopilots.reference.describe import describe
 from saflite.recorder import export
 from saflite.runtime.campaign_runner import ExitSummary
 
@@ -70,7 +71,7 @@ def _ended(
     run_dir: Path, service: doubles.Service, capsys: pytest.CaptureFixture[str], *, as_json: bool = False
 ) -> tuple[int, str]:
     campaign = campaign_options.changed(load_campaign("avoidance-m2"), budget=6)
-    store = Store.create(run_dir, campaign, template(campaign))
+    store = Store.create(run_dir, campaign, template(campaign), describe())
     driver = Driver(store.rebuild(), store)
     driver.service = service
     driver.run()

@@ -10,6 +10,7 @@ from shapely.geometry import Polygon
 from saflite.contract.errors import Refused
 from saflite.contract.rng import derive
 from saflite.contract.test_case import Obstacle, Scenario, Target, TestCase
+from saflite.flight.autopilots.reference.describe import describe
 from saflite.flight.geometry import COMPETITION_AREA, COMPETITION_SIZES, Area, corners, gap, point_distance
 from saflite.flight.mission import Waypoint, builtin_mission
 from saflite.mutator.operators import boxes, layouts
@@ -47,7 +48,7 @@ def test_way_points_are_kept_clear() -> None:
 
 
 def test_gates_stand_astride_the_path_and_random_boxes_spread_over_the_area() -> None:
-    gates = Strategy(TEMPLATE, {"gates": 1}, ()).ask(60, derive(1, "gates"))
+    gates = Strategy(TEMPLATE, {"gates": 1}, (), describe()).ask(60, derive(1, "gates"))
     assert {case.origin.note for case in gates} == {"gate"}
     legs = boxes.legs_in_area(
         [Waypoint("takeoff", 0, 0, 10), Waypoint("waypoint", -6.8, 54, 10), Waypoint("land", -12.3, 0.1, 0)],
@@ -58,7 +59,9 @@ def test_gates_stand_astride_the_path_and_random_boxes_spread_over_the_area() ->
         on_legs = [(x0 + k * (x1 - x0) / 50, y0 + k * (y1 - y0) / 50) for x0, y0, x1, y1 in legs for k in range(51)]
         assert min(point_distance(first, x, y) for x, y in on_legs) <= 5.0
         assert gap(first, second) < 16.0
-    spread = Strategy(TEMPLATE, {"gates": 0, "boxes_min": 4, "boxes_max": 4}, ()).ask(60, derive(1, "spread"))
+    spread = Strategy(TEMPLATE, {"gates": 0, "boxes_min": 4, "boxes_max": 4}, (), describe()).ask(
+        60, derive(1, "spread")
+    )
     middles = [box.x_m for case in spread for box in case.scenario.obstacles]
     assert len(middles) == 240
     assert min(middles) < -30
@@ -68,13 +71,13 @@ def test_gates_stand_astride_the_path_and_random_boxes_spread_over_the_area() ->
 def test_rules_without_room_are_refused() -> None:
     tight = {"x_min_m": 0.0, "x_max_m": 5.0, "y_min_m": 10.0, "y_max_m": 15.0, "side_min_m": 4.0, "gates": 0}
     with pytest.raises(Refused, match="room"):
-        Strategy(TEMPLATE, {**tight, "boxes_min": 4, "boxes_max": 4}, ()).ask(1, derive(1, "tight"))
+        Strategy(TEMPLATE, {**tight, "boxes_min": 4, "boxes_max": 4}, (), describe()).ask(1, derive(1, "tight"))
 
 
 @pytest.mark.parametrize("pair", [{"x_min_m": 50.0}, {"side_min_m": 30.0}, {"height_max_m": 12.0}, {"boxes_min": 4}])
 def test_limits_the_wrong_way_round_are_refused(pair: dict[str, float]) -> None:
     with pytest.raises(Refused, match="at most"):
-        Strategy(TEMPLATE, dict(pair), ())
+        Strategy(TEMPLATE, dict(pair), (), describe())
 
 
 def test_drawing_counts_stay_in_their_limits() -> None:

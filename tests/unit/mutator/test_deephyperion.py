@@ -8,6 +8,7 @@ import pytest
 from saflite.contract.rng import derive
 from saflite.contract.test_case import Obstacle, Origin, Scenario, Target, TestCase, identity
 from saflite.contract.work import Outcome
+from saflite.flight.autopilots.reference.describe import describe
 from saflite.flight.geometry import COMPETITION_AREA, COMPETITION_SIZES
 from saflite.flight.mission import builtin_mission
 from saflite.mutator.operators.boxes import Rules, allowed, tidy
@@ -66,7 +67,7 @@ def test_mutation_gives_up_where_nothing_is_allowed() -> None:
 
 
 def test_cells_are_real_cells() -> None:
-    strategy = Strategy(TEMPLATE, {"population": 1, "cells": 10}, ())
+    strategy = Strategy(TEMPLATE, {"population": 1, "cells": 10}, (), describe())
     near = strategy.cell((a_box(0), a_box(10)))
     assert near == strategy.cell((a_box(0), a_box(10.4))), "a few decimetres are the same kind of layout"
     assert near == strategy.cell((a_box(10), a_box(0))), "the order of the boxes does not matter"
@@ -75,7 +76,7 @@ def test_cells_are_real_cells() -> None:
 
 
 def test_the_archive_keeps_the_closest_flight_of_a_cell_and_credits_parents() -> None:
-    strategy = Strategy(TEMPLATE, {"population": 1, "cells": 10, "rank_share": 1}, ())
+    strategy = Strategy(TEMPLATE, {"population": 1, "cells": 10, "rank_share": 1}, (), describe())
     first = outcome((a_box(0), a_box(10)), 3.0)
     parent = identity(first.test_case)
     better = outcome((a_box(0), a_box(10.2)), 2.0, parent)
@@ -89,7 +90,7 @@ def test_the_archive_keeps_the_closest_flight_of_a_cell_and_credits_parents() ->
 
 
 def test_nothing_is_mutated_before_the_first_population_has_flown() -> None:
-    strategy = Strategy(TEMPLATE, {"population": 3}, ())
+    strategy = Strategy(TEMPLATE, {"population": 3}, (), describe())
     strategy.tell([outcome((a_box(0), a_box(10)), 3.0), outcome((a_box(0), a_box(20)), 3.0)])
     assert {case.origin.parent for case in strategy.ask(10, derive(1, "a"))} == {""}
     strategy.tell([outcome((a_box(0), a_box(-20)), 3.0)])
@@ -107,7 +108,7 @@ def test_ranking_favours_the_first_in_the_published_proportion() -> None:
 
 
 def test_first_layouts_stand_where_the_published_tool_puts_them() -> None:
-    strategy = Strategy(TEMPLATE, {"gates": 0}, ())
+    strategy = Strategy(TEMPLATE, {"gates": 0}, (), describe())
     for case in strategy.ask(50, derive(1, "first")):
         for box in case.scenario.obstacles:
             assert deephyperion.FIRST_PLACE.x_min_m <= box.x_m <= deephyperion.FIRST_PLACE.x_max_m

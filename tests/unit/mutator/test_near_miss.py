@@ -9,6 +9,7 @@ from saflite.contract.errors import Refused
 from saflite.contract.rng import derive
 from saflite.contract.test_case import Obstacle, Origin, Scenario, Target, TestCase, identity
 from saflite.contract.work import Outcome
+from saflite.flight.autopilots.reference.describe import describe
 from saflite.flight.mission import builtin_mission
 from saflite.mutator.strategies.near_miss import Strategy
 
@@ -31,7 +32,7 @@ def parents(strategy: Strategy, count: int = 60) -> set[str]:
 
 
 def test_children_come_from_near_misses_and_stay_near() -> None:
-    strategy = Strategy(TEMPLATE, {"population": 2, "fresh": 0.0}, ())
+    strategy = Strategy(TEMPLATE, {"population": 2, "fresh": 0.0}, (), describe())
     told = [outcome(-30.0, 0.2), outcome(0.0, 3.0)]
     strategy.tell(told)
     layouts = {identity(each.test_case): each.test_case.scenario.obstacles for each in told}
@@ -46,7 +47,7 @@ def test_children_come_from_near_misses_and_stay_near() -> None:
 
 
 def test_a_broken_layout_and_its_parent_are_done_with() -> None:
-    strategy = Strategy(TEMPLATE, {"population": 2, "fresh": 0.0}, ())
+    strategy = Strategy(TEMPLATE, {"population": 2, "fresh": 0.0}, (), describe())
     near, other = outcome(-30.0, 0.2), outcome(0.0, 3.0)
     strategy.tell([near, other])
     strategy.tell([outcome(-24.0, -0.1, parent=identity(near.test_case))])
@@ -56,7 +57,7 @@ def test_a_broken_layout_and_its_parent_are_done_with() -> None:
 
 
 def test_a_parent_whose_children_are_no_better_gives_way() -> None:
-    strategy = Strategy(TEMPLATE, {"population": 1, "fresh": 0.0, "kept": 1}, ())
+    strategy = Strategy(TEMPLATE, {"population": 1, "fresh": 0.0, "kept": 1}, (), describe())
     near, other = outcome(-30.0, 0.2), outcome(0.0, 0.5)
     strategy.tell([near, other])
     assert parents(strategy) == {identity(near.test_case)}
@@ -66,7 +67,7 @@ def test_a_parent_whose_children_are_no_better_gives_way() -> None:
 
 
 def test_fresh_layouts_come_until_the_first_population_has_flown() -> None:
-    strategy = Strategy(TEMPLATE, {"population": 2}, ())
+    strategy = Strategy(TEMPLATE, {"population": 2}, (), describe())
     strategy.tell([outcome(-30.0, 0.2)])
     assert parents(strategy) == {""}
     strategy.tell([outcome(0.0, 3.0)])
@@ -74,7 +75,7 @@ def test_fresh_layouts_come_until_the_first_population_has_flown() -> None:
 
 
 def test_settings_of_the_fresh_layouts_are_taken() -> None:
-    strategy = Strategy(TEMPLATE, {"gates": 0.0, "boxes_min": 4, "boxes_max": 4}, ())
+    strategy = Strategy(TEMPLATE, {"gates": 0.0, "boxes_min": 4, "boxes_max": 4}, (), describe())
     assert {len(case.scenario.obstacles) for case in strategy.ask(10, derive(1, "ask"))} == {4}
     with pytest.raises(Refused, match="gates"):
-        Strategy(TEMPLATE, {"gates": 2.0}, ())
+        Strategy(TEMPLATE, {"gates": 2.0}, (), describe())

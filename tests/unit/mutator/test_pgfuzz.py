@@ -11,6 +11,7 @@ import pytest
 
 from saflite.contract.errors import Refused
 from saflite.contract.rng import derive
+from saflite.contract.target_info import InputInfo, TargetInfo
 from saflite.contract.test_case import (
     Origin,
     Scenario,
@@ -23,6 +24,7 @@ from saflite.contract.test_case import (
     identity,
 )
 from saflite.contract.work import Outcome
+from saflite.flight.autopilots.reference.describe import describe
 from saflite.mutator.operators import inputs, sequences, values
 from saflite.mutator.operators.inputs import Input
 from saflite.mutator.operators.sequences import Rhythm
@@ -34,7 +36,8 @@ OWN: dict[str, Setting] = {
     "modes": ["ACRO", "FLIP"],
     "parameters": ["CHUTE_ENABLED"],
 }
-RHYTHM = Rhythm(start_s=1.0, round_s=4.0, bursts=0.3, release=0.7, last_s=52.0, steps_max=6)
+SLACK = {f"RC{number}": 1500.0 for number in (1, 2, 3, 4)}
+RHYTHM = Rhythm(start_s=1.0, round_s=4.0, bursts=0.3, release=0.7, last_s=52.0, steps_max=6, rest=SLACK)
 
 
 def outcome(stimuli: tuple[Stimulus, ...], robustness: float, parent: str = "") -> Outcome:
@@ -65,19 +68,66 @@ def test_forty_nine_published_lists() -> None:
 
 
 def test_what_the_target_does_not_have_is_left_out() -> None:
-    here = inputs.on_target(inputs.published_inputs("A.CHUTE"), "reference")
+    have = inputs.target_inputs(describe())
+    here = inputs.on_target(inputs.published_inputs("A.CHUTE"), have)
     assert 80 < len(here) < 228
     assert {entry.kind for entry in here} == {"parameter", "command", "stick", "mode", "sensor_fault"}
-    assert all(entry == inputs.target_inputs("reference")[(entry.kind, entry.name)] for entry in here)
+    assert all(entry == have[(entry.kind, entry.name)] for entry in here)
 
 
 def test_inputs_are_named_as_in_the_lists() -> None:
-    modes = inputs.named("command", ["Flight_Mode"], "reference", "commands")
+    have = inputs.target_inputs(describe())
+    modes = inputs.named("command", ["Flight_Mode"], have, "commands")
     assert {entry.kind for entry in modes} == {"mode"}
-    assert inputs.named("command", ["RC3"], "reference", "commands")[0].kind == "stick"
+    assert inputs.named("command", ["RC3"], have, "commands")[0].kind == "stick"
     with pytest.raises(Refused, match="NO_SUCH"):
-        inputs.named("parameter", ["NO_SUCH"], "reference", "parameters")
-    assert inputs.named("parameter", ["EKF2_X"], "px4", "parameters") == (Input("parameter", "EKF2_X"),)
+        inputs.named("parameter", ["NO_SUCH"], have, "parameters")
+    with pytest.raises(Refused, match="it has none"):
+        inputs.named("parameter", ["RTL_ALT"], {}, "parameters")
+
+
+# ---- a target of another kind -------------------------------------------------------------------------------------
+
+MASS = TargetInfo(
+    name="mass",
+    build="1",
+    repeats="bitwise",
+    inputs=(
+        InputInfo(kind="parameter", name="DRAG", unit="1/s", low=0.0, high=2.0, default=0.1),
+        InputInfo(kind="parameter", name="GEAR", type="choice", choices=(3.0, 5.0, 8.0)),
+        InputInfo(kind="parameter", name="LAMP", type="flag"),
+        InputInfo(kind="command", name="JUMP", unit="m", low=1.0, high=4.0),
+        InputInfo(kind="stick", name="PUSH", unit="N", low=-1.0, high=1.0, default=0.0),
+        InputInfo(kind="stick", name="BRAKE", low=0.0, high=1.0),
+    ),
+    signals=("x_m",),
+)
+
+
+def test_a_target_of_another_kind_is_given_its_own_inputs_in_its_own_units() -> None:
+    strategy = Strategy(TEMPLATE, {"beyond": 0.0, "echoed": 0.0, "release": 1.0}, (), MASS)
+    given = [one for case in strategy.ask(200, derive(1, "mass")) for one in case.stimuli]
+    values_of: dict[str, set[float]] = {}
+    for one in given:
+        assert len(one.values) == 1, f"{one.name} takes one number"
+        values_of.setdefault(one.name, set()).add(one.values[0])
+    assert set(values_of) == {entry.name for entry in MASS.inputs}
+    assert values_of["GEAR"] == {3.0, 5.0, 8.0}
+    assert values_of["LAMP"] == {0.0, 1.0}
+    assert all(0.0 <= value <= 2.0 for value in values_of["DRAG"])
+    assert all(1.0 <= value <= 4.0 for value in values_of["JUMP"])
+    assert all(-1.0 <= value <= 1.0 for value in values_of["PUSH"])
+    assert any(not value.is_integer() for value in values_of["PUSH"])
+    assert 0.0 in values_of["PUSH"], "it is let go to its own rest"
+    wild = Strategy(TEMPLATE, {"beyond": 1.0}, (), MASS).ask(200, derive(1, "wild"))
+    pushes = [one.values[0] for case in wild for one in case.stimuli if one.name == "PUSH"]
+    assert min(pushes) < -1.0
+    assert max(pushes) > 1.0
+
+
+def test_a_target_without_inputs_is_refused() -> None:
+    with pytest.raises(Refused, match="mass, which has none"):
+        Strategy(TEMPLATE, {}, (), msgspec.structs.replace(MASS, inputs=()))
 
 
 # ---- values -------------------------------------------------------------------------------------------------------
@@ -135,7 +185,7 @@ def test_commands_get_seven_numbers_and_those_that_mean_something() -> None:
 
 
 def test_sticks_and_heights_go_beyond_as_a_share_of_draws() -> None:
-    stick = inputs.stick("RC3")
+    stick = inputs.target_inputs(describe())["stick", "RC3"]
     assert all(1000.0 <= pulse <= 2000.0 for pulse in drawn(stick, 0.0))
     beyond = drawn(stick, 0.4)
     assert min(beyond) < 975.0, "a throttle below FS_THR_VALUE: the radio failsafe"
@@ -165,7 +215,7 @@ def test_sequences_come_in_rounds_and_bursts_and_let_sticks_go() -> None:
     rng = derive(1, "fresh")
     made = [sequences.fresh(rng, lambda _: stimulus("RC3", 1900.0, kind="stick"), 4, RHYTHM) for _ in range(100)]
     assert all(list(each) == sorted(each, key=lambda one: one.at_s) for each in made)
-    assert {sequences.steps(each) for each in made} == {4}
+    assert {sequences.steps(each, RHYTHM) for each in made} == {4}
     let_go = sum(len(each) - 4 for each in made) / 400
     assert let_go == pytest.approx(0.7, abs=0.08)
     pushes = [[one.at_s for one in each if one.values == (1900.0,)] for each in made]
@@ -240,23 +290,23 @@ def names_of(strategy: Strategy, count: int = 400) -> Counter[str]:
 
 
 def test_focus_draws_from_the_policys_own_inputs() -> None:
-    only = Strategy(TEMPLATE, {**OWN, "focus": 1.0}, ())
+    only = Strategy(TEMPLATE, {**OWN, "focus": 1.0}, (), describe())
     assert set(names_of(only)) == {"MAV_CMD_DO_PARACHUTE", "ACRO", "FLIP", "CHUTE_ENABLED"}
-    broad = names_of(Strategy(TEMPLATE, {**OWN, "focus": 0.0}, ()))
+    broad = names_of(Strategy(TEMPLATE, {**OWN, "focus": 0.0}, (), describe()))
     assert len(broad) > 150
-    half = names_of(Strategy(TEMPLATE, {**OWN, "focus": 0.5}, ()))
+    half = names_of(Strategy(TEMPLATE, {**OWN, "focus": 0.5}, (), describe()))
     assert half["MAV_CMD_DO_PARACHUTE"] > 5 * broad["MAV_CMD_DO_PARACHUTE"]
 
 
 def test_the_policys_own_inputs_are_drawn_evenly_by_kind() -> None:
-    names = names_of(Strategy(TEMPLATE, {**OWN, "focus": 1.0, "mutated": 0.0}, ()), 600)
+    names = names_of(Strategy(TEMPLATE, {**OWN, "focus": 1.0, "mutated": 0.0}, (), describe()), 600)
     total = names.total()
     assert names["MAV_CMD_DO_PARACHUTE"] / total == pytest.approx(1 / 3, abs=0.04)
     assert names["CHUTE_ENABLED"] / total == pytest.approx(1 / 3, abs=0.04)
 
 
 def test_classes_are_drawn_evenly_as_published() -> None:
-    strategy = Strategy(TEMPLATE, {"published": "A.CHUTE", "focus": 0.0, "release": 0.0}, ())
+    strategy = Strategy(TEMPLATE, {"published": "A.CHUTE", "focus": 0.0, "release": 0.0}, (), describe())
     kinds = Counter(one.kind for case in strategy.ask(600, derive(1, "classes")) for one in case.stimuli)
     total = sum(kinds.values())
     assert kinds["parameter"] / total == pytest.approx(1 / 3, abs=0.04)
@@ -264,7 +314,7 @@ def test_classes_are_drawn_evenly_as_published() -> None:
 
 
 def test_values_that_helped_are_used_again() -> None:
-    strategy = Strategy(TEMPLATE, {**OWN, "focus": 1.0, "guided": 1.0, "mutated": 0.0}, ())
+    strategy = Strategy(TEMPLATE, {**OWN, "focus": 1.0, "guided": 1.0, "mutated": 0.0}, (), describe())
     strategy.tell([outcome((stimulus("CHUTE_ENABLED", 0.125),), 3.0)])
     assert strategy.ask(1, derive(1, "x"))
     strategy.tell([outcome((stimulus("CHUTE_ENABLED", 0.375),), 2.0)])
@@ -275,7 +325,7 @@ def test_values_that_helped_are_used_again() -> None:
 
 
 def test_values_of_usual_flights_are_not_credited() -> None:
-    strategy = Strategy(TEMPLATE, {**OWN, "focus": 1.0, "guided": 1.0, "mutated": 0.0}, ())
+    strategy = Strategy(TEMPLATE, {**OWN, "focus": 1.0, "guided": 1.0, "mutated": 0.0}, (), describe())
     strategy.tell([outcome((stimulus("CHUTE_ENABLED", 0.125 * n),), 1000.0) for n in range(1, 8)])
     cases = strategy.ask(100, derive(1, "x"))
     used = {one.values for case in cases for one in case.stimuli if one.name == "CHUTE_ENABLED"}
@@ -283,7 +333,7 @@ def test_values_of_usual_flights_are_not_credited() -> None:
 
 
 def test_close_sequences_are_changed_and_violating_ones_are_done_with() -> None:
-    strategy = Strategy(TEMPLATE, {**OWN, "mutated": 1.0}, ())
+    strategy = Strategy(TEMPLATE, {**OWN, "mutated": 1.0}, (), describe())
     close = outcome((stimulus("CHUTE_ENABLED", 1.0), stimulus("ACRO", kind="mode", at_s=5.0)), 0.5)
     far = outcome((stimulus("FLIP", kind="mode"),), 900.0)
     strategy.tell([close, far])
@@ -299,7 +349,7 @@ def test_a_sequence_that_came_nearer_to_applying_is_preferred_and_one_that_appli
     pairs = ((None, 0.0), (None, 0.5), (None, 1.0), (20.0, 0.0), (20.0, None), (None, None))
     told = [msgspec.structs.replace(outcome((), 1.0), robustness=one, nearness=near) for one, near in pairs]
     assert [one.guidance for one in told] == [1000.0, 550.0, 100.0, 20.0, 20.0, None]
-    strategy = Strategy(TEMPLATE, {**OWN, "mutated": 1.0}, ())
+    strategy = Strategy(TEMPLATE, {**OWN, "mutated": 1.0}, (), describe())
     near, far = (
         msgspec.structs.replace(outcome((stimulus(name, kind="mode"),), 1.0), robustness=None, nearness=nearness)
         for name, nearness in (("ACRO", 0.75), ("FLIP", 0.25))
@@ -311,7 +361,7 @@ def test_a_sequence_that_came_nearer_to_applying_is_preferred_and_one_that_appli
 
 def test_times_end_before_the_flight_does() -> None:
     short = msgspec.structs.replace(TEMPLATE, scenario=Scenario(start=StartState(), time_limit_s=15.0))
-    for case in Strategy(short, {"steps_max": 20}, ()).ask(50, derive(1, "short")):
+    for case in Strategy(short, {"steps_max": 20}, (), describe()).ask(50, derive(1, "short")):
         assert all(one.at_s <= 7.0 for one in case.stimuli)
 
 
@@ -326,7 +376,7 @@ def test_times_end_before_the_flight_does() -> None:
 )
 def test_bad_settings_are_refused(settings: dict[str, Setting], word: str) -> None:
     with pytest.raises(Refused, match=word):
-        Strategy(TEMPLATE, settings, ())
+        Strategy(TEMPLATE, settings, (), describe())
 
 
 def test_closeness_orders_as_robustness_does() -> None:

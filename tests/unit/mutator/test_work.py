@@ -7,6 +7,7 @@ import pytest
 from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.test_case import Scenario, Target, TestCase
 from saflite.contract.work import HandedBack, MutateWork
+from saflite.flight.autopilots.reference.describe import describe
 from saflite.flight.mission import builtin_mission
 from saflite.mutator.work import open_service
 
@@ -21,6 +22,7 @@ def work(from_cursor: int, cursor: int, strategy: str = "random_boxes", rng_seed
         settings={},
         rng_seed=rng_seed,
         template=TEMPLATE,
+        target=describe(),
         policies=(),
         outcomes=(),
         from_cursor=from_cursor,

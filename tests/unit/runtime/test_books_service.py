@@ -20,6 +20,7 @@ from saflite.contract.control import Answer, Control
 from saflite.contract.errors import Unavailable
 from saflite.contract.events import Event, FaultSeen, WorkerChanged
 from saflite.contract.work import Ask, Grant, Heartbeat, MutateResult, Orders, Receipt, Report
+from saflite.flight.autopilots.reference.describe import describe
 from saflite.runtime.books_service import BooksService
 
 T = TypeVar("T")
@@ -77,7 +78,7 @@ class Stand(NamedTuple):
 def stand(tmp_path: Path) -> Iterator[Stand]:
     network = MemoryNetwork()
     clock = _Clock(network)
-    store = Store.create(tmp_path / "run", CAMPAIGN, template(CAMPAIGN))
+    store = Store.create(tmp_path / "run", CAMPAIGN, template(CAMPAIGN), describe())
     books = store.rebuild()
     books.begin(clock.monotonic_s(), clock.unix_s())
     disk = _FullDisk(store)

@@ -15,6 +15,7 @@ from saflite.contract.config import Campaign
 from saflite.contract.events import CampaignChanged, Fact, FaultSeen
 from saflite.contract.flight import Flight
 from saflite.contract.score import Score
+from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import TestCase
 from saflite.contract.verdict import Judgement, Violation
 from saflite.flight.novelty import REFERENCES_MAX, Features
@@ -59,6 +60,7 @@ class Core:
 
     campaign: Campaign
     template: TestCase
+    target: TargetInfo
     out: Outbox
     rounds: Rounds
     tasks: TaskTable = field(default_factory=TaskTable)

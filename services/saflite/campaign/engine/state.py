@@ -46,6 +46,7 @@ from saflite.contract.config import Campaign
 from saflite.contract.control import Answer, Control, Status
 from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.events import FaultSeen, WorkerChanged
+from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import TestCase
 from saflite.contract.work import (
     Ask,
@@ -71,16 +72,23 @@ class Books:
     Args:
         campaign: what flies and how; never changes over the life of the campaign (orders go through `control`).
         template: the test case the strategy varies.
+        target: what the target said of itself when the run was made.
         run_id: names this run of the campaign; part of every lease id, so that results of another run are recognised.
         read_model: where committed traces, outcomes and events are read from; None keeps all of them out of reach,
             which is enough for campaigns shorter than a few rounds in tests.
     """
 
     def __init__(
-        self, campaign: Campaign, template: TestCase, *, run_id: str = "run", read_model: ReadModel | None = None
+        self,
+        campaign: Campaign,
+        template: TestCase,
+        target: TargetInfo,
+        *,
+        run_id: str = "run",
+        read_model: ReadModel | None = None,
     ) -> None:
         self._out = Outbox()
-        self._core = Core(campaign, template, self._out, Rounds(campaign.search, campaign.budget_flights))
+        self._core = Core(campaign, template, target, self._out, Rounds(campaign.search, campaign.budget_flights))
         self._reducer = Reducer(self._core)
         self._trace_cache = TraceCache(self._out, read_model)
         self._work_messages = WorkMessages(self._reducer, self._trace_cache)

@@ -78,8 +78,8 @@ def _found(campaign: Campaign, path: Path) -> Campaign:
     return msgspec.structs.replace(campaign, policies=tuple(names), policy_texts=texts)
 
 
-def template(campaign: Campaign) -> TestCase:
-    """Return the test case all mutants of the campaign start from: no obstacles, no stimuli.
+def template(campaign: Campaign, build: str = "") -> TestCase:
+    """Return the test case all mutants of the campaign start from: no obstacles, no stimuli; to be flown on `build`.
 
     Raises Refused for an unknown or broken mission, or if not exactly one of `mission` and `start` is given.
     """
@@ -88,7 +88,7 @@ def template(campaign: Campaign) -> TestCase:
         where = f"campaign {campaign.name}"
         raise Refused("campaign file", where=where, expected="`mission` or `[start]`, one of them", got=got)
     return TestCase(
-        target=campaign.target,
+        target=msgspec.structs.replace(campaign.target, build=build or campaign.target.build),
         scenario=Scenario(
             mission=find_mission(campaign.mission) if campaign.mission else None,
             start=campaign.start,

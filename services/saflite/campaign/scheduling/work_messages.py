@@ -120,6 +120,7 @@ class WorkMessages:
             settings=strategy.settings,
             rng_seed=derive_seed(core.campaign.rng_seed, "mutate", round_.number),
             template=core.template,
+            target=core.target,
             policies=core.campaign.policies,
             outcomes=told.outcomes,
             from_cursor=told.from_cursor,

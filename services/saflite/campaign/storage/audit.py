@@ -23,6 +23,7 @@ from saflite.contract.config import Campaign
 from saflite.contract.errors import Refused
 from saflite.contract.events import Event
 from saflite.contract.ids import digest
+from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import TestCase
 
 REPLAY_STEP = 2000
@@ -86,7 +87,8 @@ def _audit(run_dir: Path, connection: sqlite3.Connection, path: Path) -> dict[st
 def _books(connection: sqlite3.Connection) -> Books:
     campaign = wire.decode(meta(connection, "campaign"), Campaign)
     template = wire.decode(meta(connection, "template"), TestCase)
-    return Books(campaign, template, run_id=meta(connection, "run_id").decode())
+    target = wire.decode(meta(connection, "target"), TargetInfo)
+    return Books(campaign, template, target, run_id=meta(connection, "run_id").decode())
 
 
 class _Replayed:

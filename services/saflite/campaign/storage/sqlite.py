@@ -16,6 +16,7 @@ from saflite.campaign.storage.projections import CREATE, FORMAT
 from saflite.contract import wire
 from saflite.contract.config import Campaign
 from saflite.contract.errors import Refused, Unavailable
+from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import TestCase
 
 _NOT_TO_BE_HAD = (
@@ -61,13 +62,14 @@ def transaction(connection: sqlite3.Connection) -> Iterator[None]:
         raise
 
 
-def make_tables(connection: sqlite3.Connection, campaign: Campaign, template: TestCase) -> None:
+def make_tables(connection: sqlite3.Connection, campaign: Campaign, template: TestCase, target: TargetInfo) -> None:
     """Write the tables and the first facts of a new run, in one transaction."""
     meta = (
         ("format", str(FORMAT).encode()),
         ("run_id", secrets.token_hex(6).encode()),
         ("campaign", wire.encode(campaign)),
         ("template", wire.encode(template)),
+        ("target", wire.encode(target)),
     )
     with transaction(connection):
         for statement in CREATE:

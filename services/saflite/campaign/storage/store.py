@@ -31,6 +31,7 @@ from saflite.contract import wire
 from saflite.contract.config import Campaign
 from saflite.contract.errors import FarmError, Refused, Unavailable
 from saflite.contract.events import kind_of
+from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import TestCase
 from saflite.contract.work import Outcome
 
@@ -54,6 +55,7 @@ class Store:
         self.traces = TraceFiles(run_dir / TRACES)
         self.campaign = self._decoded("campaign", Campaign)
         self.template = self._decoded("template", TestCase)
+        self.target = self._decoded("target", TargetInfo)
         self.run_id = self._meta("run_id").decode()
         self._lines, self._chain = self._tail("journal", "n")
         self._seq, self._event_chain = self._tail("events", "seq")
@@ -61,8 +63,8 @@ class Store:
     # ---- making and opening --------------------------------------------------------------------------------------
 
     @classmethod
-    def create(cls, run_dir: Path, campaign: Campaign, template: TestCase) -> Store:
-        """Make the store of a new run in `run_dir`.
+    def create(cls, run_dir: Path, campaign: Campaign, template: TestCase, target: TargetInfo) -> Store:
+        """Make the store of a new run in `run_dir`; `target` is what the target says of itself now.
 
         Raises:
             Refused: a run stands there already.
@@ -80,7 +82,7 @@ class Store:
             (run_dir / TRACES).mkdir(parents=True, exist_ok=True)
             lock = lock_run(run_dir)
             connection = connect(store_file(run_dir))
-            make_tables(connection, campaign, template)
+            make_tables(connection, campaign, template, target)
         except (OSError, sqlite3.OperationalError) as fault:
             raise Unavailable(f"no store can be made in {run_dir}: {fault}") from fault
         return cls(run_dir, connection, lock)
@@ -162,7 +164,7 @@ class Store:
         Raises:
             Refused: a line of the journal is damaged.
         """
-        books = Books(self.campaign, self.template, run_id=self.run_id, read_model=self)
+        books = Books(self.campaign, self.template, self.target, run_id=self.run_id, read_model=self)
         for line in self.journal():
             books.replay(line)
         self.traces.keep_only(books.wanted_traces)

@@ -33,18 +33,21 @@ def run(args: argparse.Namespace) -> int:
     from saflite.contract.test_case import identity
     from saflite.contract.work import MutateResult, MutateWork
     from saflite.mutator.work import open_service
+    from saflite.simulator_worker.registry import describe_target
 
     campaign = campaign_options.changed(
         load_campaign(args.campaign), rng_seed=args.rng_seed, strategy=args.strategy, settings=args.set
     )
     campaign_options.at_least("--count", args.count, 1)
+    target = describe_target(campaign.target.name)
     work = MutateWork(
         round=args.round,
         count=args.count,
         strategy=campaign.strategy.name,
         settings=campaign.strategy.settings,
         rng_seed=campaign.rng_seed,
-        template=template(campaign),
+        template=template(campaign, target.build),
+        target=target,
         policies=campaign.policies,
         outcomes=(),
         from_cursor=-1,

@@ -48,6 +48,7 @@ def run(args: argparse.Namespace) -> int:
     from saflite.console.operations import running
     from saflite.console.view import out
     from saflite.runtime import campaign_runner
+    from saflite.simulator_worker.registry import describe_target
 
     farm_options.check(args)
     campaign = campaign_options.changed(
@@ -83,5 +84,5 @@ def run(args: argparse.Namespace) -> int:
             insecure=args.insecure,
         )
 
-    running.create(run_dir, campaign)
+    running.create(run_dir, campaign, describe_target(campaign.target.name, args.target_module))
     return running.follow(run_dir, start, as_json=args.json)

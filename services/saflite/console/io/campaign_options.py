@@ -89,12 +89,12 @@ def check_runnable(campaign: Campaign, target_files: Sequence[Path] = ()) -> Non
     from saflite.campaign.presets.campaigns import template
     from saflite.mutator.registry import load_strategy
     from saflite.oracle.policy import load_policy
-    from saflite.simulator_worker.registry import load_target
+    from saflite.simulator_worker.registry import describe_target, load_target
 
     for name in campaign.policies:
         why = load_policy(name, campaign.policy_texts).file.not_checked_on.get(campaign.target.name)
         if why:
             raise Refused(f"policy {name}", expected=f"one that can be checked on {campaign.target.name}", got=why)
-    base = template(campaign)
-    load_strategy(campaign.strategy.name)(base, campaign.strategy.settings, campaign.policies)
+    base, target = template(campaign), describe_target(campaign.target.name, target_files)
+    load_strategy(campaign.strategy.name)(base, campaign.strategy.settings, campaign.policies, target)
     load_target(campaign.target.name, target_files).check(base)

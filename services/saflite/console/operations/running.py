@@ -11,6 +11,7 @@ from saflite.console.view import live
 from saflite.contract.config import Campaign
 from saflite.contract.control import Status
 from saflite.contract.errors import Refused, Unavailable
+from saflite.contract.target_info import TargetInfo
 
 if TYPE_CHECKING:
     from saflite.runtime.campaign_runner import ExitSummary
@@ -36,7 +37,7 @@ def check_new(folder: Path) -> None:
         raise Refused("--out", where=str(folder), expected="a folder that does not exist", got="one that does", fix=fix)
 
 
-def create(run_dir: Path, campaign: Campaign) -> None:
+def create(run_dir: Path, campaign: Campaign, target: TargetInfo) -> None:
     """Make the run folder: the books, the campaign as it is run, the software that runs it.
 
     Raises:
@@ -48,7 +49,7 @@ def create(run_dir: Path, campaign: Campaign) -> None:
     from saflite.console.io.toml_text import dump
     from saflite.console.run_data import provenance
 
-    Store.create(run_dir, campaign, template(campaign)).close()
+    Store.create(run_dir, campaign, template(campaign, target.build), target).close()
     try:
         (run_dir / "campaign.toml").write_text(dump(campaign), encoding="utf-8")
     except OSError as fault:

@@ -1,4 +1,4 @@
-"""Which inputs may be given: the target's own, and the lists PGFuzz publishes per policy. Pure facts, no drawing."""
+"""Which inputs may be given: those the target describes, and the lists PGFuzz publishes per policy. No drawing."""
 
 from __future__ import annotations
 
@@ -10,30 +10,27 @@ from typing import NamedTuple
 
 from saflite.contract.errors import Refused
 from saflite.contract.signals import MODES
+from saflite.contract.target_info import InputInfo, TargetInfo
 from saflite.contract.test_case import StimulusKind
 
 PUBLISHED_FILE = Path(__file__).parent.parent / "data" / "published_inputs.csv"
-FAULT_PREFIX, COMMAND_PREFIX, MODE_COMMAND = "SIM_", "MAV_CMD_", "Flight_Mode"
+MODE_COMMAND = "Flight_Mode"
 STICKS = ("RC1", "RC2", "RC3", "RC4")
-STICK_LOW_PWM, STICK_HIGH_PWM, STICK_CENTRE_PWM = 1000.0, 2000.0, 1500.0
-COMMANDS_EVERYWHERE = ("MAV_CMD_DO_REPOSITION", "MAV_CMD_NAV_LAND", "MAV_CMD_NAV_TAKEOFF", "MAV_CMD_DO_PARACHUTE")
-REFERENCE = "reference"
-_SWITCHES = (
-    *("_ENABLE", "_ENABLED", "_DISABLE", "_TYPE", "_OPTIONS", "_ACTION", "_BOOST", "_TRAINER", "_SOURCE", "_BHV"),
-    *("_PRIMARY", "_NUMSATS", "_SATS_MIN", "_NAVFILTER", "_FAIL"),
-)
-_WHOLE_UNITS = frozenset({"cm", "cm/s", "ms", "us", "cdeg"})
-NOT_ON_REFERENCE = frozenset({"DRIFT", "SPORT"})
 
 
 class Input(NamedTuple):
-    """One input. Bounds are NaN where none are known; `whole` marks values that are whole numbers."""
+    """One input. Bounds are NaN where none are known; `whole` marks values that are whole numbers.
+
+    `choices` are the only valid values, if there are such; `rest` is what a stick goes back to when it is let go.
+    """
 
     kind: StimulusKind
     name: str
     low: float = math.nan
     high: float = math.nan
     whole: bool = False
+    choices: tuple[float, ...] = ()
+    rest: float = math.nan
 
 
 class Published(NamedTuple):
@@ -100,7 +97,7 @@ def _as_input(row: Published) -> Input:
         names = {number: name for name, number in MODES.items()}
         return Input("mode", names.get(int(row.number or -1), f"MODE_{row.number}"))
     if row.name in STICKS:
-        return stick(row.name)
+        return Input("stick", row.name)
     if row.group == "command":
         return Input("command", row.name)
     kind: StimulusKind = "sensor_fault" if row.group == "environment" else "parameter"
@@ -109,80 +106,48 @@ def _as_input(row: Published) -> Input:
 
 # ---- what the target has ------------------------------------------------------------------------------------------
 
-
-def stick(name: str) -> Input:
-    """Return a stick channel, pulses in microseconds."""
-    return Input("stick", name, STICK_LOW_PWM, STICK_HIGH_PWM, whole=True)
+Have = dict[tuple[StimulusKind, str], Input]
 
 
-@cache
-def target_inputs(target: str) -> dict[tuple[StimulusKind, str], Input]:
-    """Return every input a target has. Targets other than the reference: all that is published for both autopilots."""
-    inputs = [stick(name) for name in STICKS]
-    if target == REFERENCE:
-        inputs += [Input("command", f"{COMMAND_PREFIX}{name}") for name in sorted(_reference_commands())]
-        inputs += _reference_parameters()
-        inputs += [Input("mode", name) for name in MODES if name not in NOT_ON_REFERENCE]
-    else:
-        inputs += [Input("command", name) for name in sorted(_command_names())]
-        inputs += [Input("mode", name) for name in MODES]
-        inputs += [_as_input(row) for row in _rows() if row.group != "command"]
-    return {(entry.kind, entry.name): entry for entry in inputs}
+def target_inputs(target: TargetInfo) -> Have:
+    """Return every input the target describes, in its order."""
+    return {(entry.kind, entry.name): _described(entry) for entry in target.inputs}
 
 
-def _command_names() -> set[str]:
-    published = {row.name for row in _rows() if row.group == "command"}
-    return (published | set(COMMANDS_EVERYWHERE)) - {MODE_COMMAND, *STICKS}
+def _described(entry: InputInfo) -> Input:
+    low, high = (0.0, 1.0) if entry.type == "flag" else (entry.low, entry.high)
+    return Input(
+        kind=entry.kind,
+        name=entry.name,
+        low=math.nan if low is None else low,
+        high=math.nan if high is None else high,
+        whole=entry.type in ("whole", "flag"),
+        choices=entry.choices,
+        rest=entry.default if entry.kind == "stick" and entry.default is not None else math.nan,
+    )
 
 
-def _reference_commands() -> tuple[str, ...]:
-    from saflite.flight.autopilots.reference.command_names import NAMES
-
-    return tuple(NAMES)
-
-
-def _reference_parameters() -> list[Input]:
-    from saflite.flight.autopilots.reference.parameters import parameter_table
-
-    return [
-        Input(
-            "sensor_fault" if row.name.startswith(FAULT_PREFIX) else "parameter",
-            row.name,
-            float(row.low),
-            float(row.high),
-            whole=row.unit in _WHOLE_UNITS or row.name.endswith(_SWITCHES),
-        )
-        for row in parameter_table().values()
-    ]
-
-
-def on_target(wanted: tuple[Input, ...], target: str) -> tuple[Input, ...]:
+def on_target(wanted: tuple[Input, ...], have: Have) -> tuple[Input, ...]:
     """Return those of the wanted inputs the target has, with the target's own ranges."""
-    have = target_inputs(target)
     return tuple(have[(entry.kind, entry.name)] for entry in wanted if (entry.kind, entry.name) in have)
 
 
-def named(kind: StimulusKind, names: list[str], target: str, setting: str) -> tuple[Input, ...]:
+def named(kind: StimulusKind, names: list[str], have: Have, setting: str) -> tuple[Input, ...]:
     """Return the inputs a setting names; raises Refused for one the target does not have.
 
     `Flight_Mode` among commands stands for all modes, `RC1`..`RC4` for sticks, as in the published lists.
     """
-    have = target_inputs(target)
     found: list[Input] = []
     for name in names:
         if kind == "command" and name == MODE_COMMAND:
             found.extend(entry for entry in have.values() if entry.kind == "mode")
-        elif kind == "command" and name in STICKS:
-            found.append(stick(name))
-        elif (kind, name) in have:
-            found.append(have[(kind, name)])
-        elif target == REFERENCE or kind in ("stick", "mode"):
+            continue
+        key: tuple[StimulusKind, str] = ("stick" if kind == "command" and name in STICKS else kind, name)
+        if key not in have:
             known = sorted(known for other, known in have if other == kind)
-            raise Refused(
-                f"strategy setting {setting}", expected=f"{kind}s of {target}: {_some(known)}", got=repr(name)
-            )
-        else:
-            found.append(Input(kind, name))
+            expected = f"a {kind} of the target: {_some(known) or 'it has none'}"
+            raise Refused(f"strategy setting {setting}", expected=expected, got=repr(name))
+        found.append(have[key])
     return tuple(found)
 
 

@@ -9,6 +9,7 @@ import msgspec
 import numpy as np
 
 from saflite.contract.errors import Refused
+from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import Mission, Obstacle
 from saflite.flight.geometry import COMPETITION_AREA, COMPETITION_OBSTACLES_MAX, COMPETITION_SIZES, Area, SizeLimits
 from saflite.flight.mission import waypoints
@@ -128,8 +129,10 @@ def count_between(rng: np.random.Generator, least: int, most: int) -> int:
     return int(rng.integers(least, most + 1))
 
 
-def mission_of(mission: Mission | None) -> Mission:
-    """Return the mission of a template; raises Refused where there is none."""
+def mission_of(mission: Mission | None, target: TargetInfo) -> Mission:
+    """Return the mission of a template; raises Refused where there is none, or the target minds no obstacles."""
+    if not target.obstacles:
+        raise Refused("strategy", expected="a target that minds obstacles", got=target.name)
     if mission is None:
         raise Refused("strategy", expected="a campaign with a mission", got="none", fix="set `mission` in the campaign")
     return mission

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
 from typing import NamedTuple
 
 import msgspec
 import numpy as np
 
 from saflite.contract.test_case import Stimulus
-from saflite.mutator.operators.inputs import STICK_CENTRE_PWM
 
 Rng = np.random.Generator
 Stimuli = tuple[Stimulus, ...]
@@ -25,7 +25,8 @@ NEAR_BURSTS = 0.7  # share of inputs put beside another one that follow (or prec
 class Rhythm(NamedTuple):
     """When stimuli are given: rounds of `round_s`, a share `bursts` of them only 0.1 to 2 s apart.
 
-    A stick is let go (1500) at the end of its round in a share `release` of cases, as PGFuzz does after every round.
+    A stick is let go at the end of its round in a share `release` of cases, as PGFuzz does after every round: it goes
+    back to its value in `rest`, by name; sticks not named there stay.
     """
 
     start_s: float
@@ -34,6 +35,7 @@ class Rhythm(NamedTuple):
     release: float
     last_s: float
     steps_max: int
+    rest: Mapping[str, float] = MappingProxyType({})
 
 
 def in_order(stimuli: Sequence[Stimulus]) -> Stimuli:
@@ -41,13 +43,13 @@ def in_order(stimuli: Sequence[Stimulus]) -> Stimuli:
     return tuple(sorted(stimuli, key=lambda stimulus: stimulus.at_s))
 
 
-def steps(stimuli: Sequence[Stimulus]) -> int:
+def steps(stimuli: Sequence[Stimulus], rhythm: Rhythm) -> int:
     """Return how many stimuli there are, sticks let go not counted."""
-    return sum(not _is_release(stimulus) for stimulus in stimuli)
+    return sum(not _is_release(stimulus, rhythm) for stimulus in stimuli)
 
 
-def _is_release(stimulus: Stimulus) -> bool:
-    return stimulus.kind == "stick" and stimulus.values == (STICK_CENTRE_PWM,)
+def _is_release(stimulus: Stimulus, rhythm: Rhythm) -> bool:
+    return stimulus.kind == "stick" and stimulus.values == (rhythm.rest.get(stimulus.name),)
 
 
 def _pause(rng: Rng, rhythm: Rhythm) -> float:
@@ -63,9 +65,11 @@ def _at(stimulus: Stimulus, at_s: float, rhythm: Rhythm) -> Stimulus:
 
 
 def _with_release(rng: Rng, stimulus: Stimulus, rhythm: Rhythm) -> Stimuli:
-    if stimulus.kind != "stick" or _is_release(stimulus) or rng.random() >= rhythm.release:
+    if stimulus.kind != "stick" or stimulus.name not in rhythm.rest or _is_release(stimulus, rhythm):
         return (stimulus,)
-    let_go = msgspec.structs.replace(stimulus, values=(STICK_CENTRE_PWM,))
+    if rng.random() >= rhythm.release:
+        return (stimulus,)
+    let_go = msgspec.structs.replace(stimulus, values=(rhythm.rest[stimulus.name],))
     return stimulus, _at(let_go, stimulus.at_s + rhythm.round_s, rhythm)
 
 
@@ -132,4 +136,4 @@ def join(rng: Rng, first: Stimuli, second: Stimuli, rhythm: Rhythm) -> Stimuli:
     head = [stimulus for stimulus in first if stimulus.at_s <= cut_s]
     tail = [stimulus for stimulus in second if stimulus.at_s > cut_s]
     joined = in_order([*head, *tail])
-    return joined if joined and steps(joined) <= rhythm.steps_max else first
+    return joined if joined and steps(joined, rhythm) <= rhythm.steps_max else first

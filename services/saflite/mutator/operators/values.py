@@ -18,7 +18,7 @@ Rng = np.random.Generator
 Values = tuple[float, ...]
 
 UNBOUNDED_HIGH = 10_000.0
-STICK_LEAST_PWM, STICK_MOST_PWM = 800.0, 2200.0  # what a receiver can put out
+STICK_BEYOND = 0.2  # how far beyond its ends a failing radio can put a stick, as a share of its range
 COMMAND_NUMBERS = 7
 # the choices that matter, by command and number (from 1): MAVLink's common message set
 _CHOICES: dict[str, dict[int, tuple[float, ...]]] = {
@@ -52,9 +52,11 @@ def draw(rng: Rng, entry: Input, beyond: float) -> Values:
     """Return values for the input; a share `beyond` of bounded ones lies outside the valid range."""
     if entry.kind == "mode":
         return ()
-    if entry.kind == "command":
+    if entry.choices and rng.random() >= beyond:
+        return (entry.choices[int(rng.integers(len(entry.choices)))],)
+    if entry.kind == "command" and math.isnan(entry.low):
         return _command(rng, entry.name, beyond)
-    if entry.kind == "stick":
+    if entry.kind == "stick" and math.isfinite(entry.high - entry.low):
         return (_stick(rng, entry, beyond),)
     if rng.random() < beyond:
         return (_beyond(rng, entry),)
@@ -68,7 +70,9 @@ def jitter(rng: Rng, entry: Input, values: Values) -> Values:
     """
     if entry.kind == "mode" or not values:
         return values
-    if entry.kind == "command":
+    if entry.choices:
+        return draw(rng, entry, 0.2)
+    if entry.kind == "command" and math.isnan(entry.low):
         place, new = int(rng.integers(len(values))), _command(rng, entry.name, 0.2)
         return (*values[:place], new[place], *values[place + 1 :])
     span = entry.high - entry.low
@@ -91,11 +95,12 @@ def _stick(rng: Rng, entry: Input, beyond: float) -> float:
     pick = rng.random()
     if pick < 0.5 * beyond:
         low_end = rng.random() < 0.5
-        low, high = (STICK_LEAST_PWM, entry.low) if low_end else (entry.high, STICK_MOST_PWM)
-        return _whole_or_real(rng, low, high, whole=True)
+        reach = STICK_BEYOND * (entry.high - entry.low)
+        low, high = (entry.low - reach, entry.low) if low_end else (entry.high, entry.high + reach)
+        return _whole_or_real(rng, low, high, entry.whole)
     if pick < 0.5 * beyond + 1 / 3:
         return entry.low if rng.random() < 0.5 else entry.high
-    return _whole_or_real(rng, entry.low, entry.high, whole=True)
+    return _whole_or_real(rng, entry.low, entry.high, entry.whole)
 
 
 def _within(rng: Rng, entry: Input) -> float:

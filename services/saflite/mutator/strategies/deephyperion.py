@@ -20,6 +20,7 @@ import msgspec
 import numpy as np
 
 from saflite.contract.flight import FLOWN_ENDINGS
+from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import Obstacle, Origin, TestCase, draw_key, identity
 from saflite.contract.work import Outcome
 from saflite.flight.geometry import Area
@@ -56,11 +57,11 @@ class Strategy:
         **layouts.RULE_OPTIONS,
     }
 
-    def __init__(self, template: TestCase, settings: Settings, policies: tuple[str, ...]) -> None:
-        """Read the settings; raises Refused for a bad one or a template without mission."""
+    def __init__(self, template: TestCase, settings: Settings, policies: tuple[str, ...], target: TargetInfo) -> None:
+        """Read the settings; raises Refused for a bad one, no mission, or a target that minds no boxes."""
         self._chosen = Chosen(settings, self.options)
         self._template = template
-        self._mission = layouts.mission_of(template.scenario.mission)
+        self._mission = layouts.mission_of(template.scenario.mission, target)
         self._rules = layouts.rules_of(self._chosen, self._mission)
         limits = self._rules.sizes
         side_m = (max(FIRST_SIDE_M[0], limits.side_min_m), min(FIRST_SIDE_M[1], limits.side_max_m))

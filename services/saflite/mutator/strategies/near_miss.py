@@ -16,6 +16,7 @@ import msgspec
 import numpy as np
 
 from saflite.contract.flight import FLOWN_ENDINGS
+from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import Obstacle, Origin, TestCase, draw_key, identity
 from saflite.contract.work import Outcome
 from saflite.mutator.operators import boxes, layouts
@@ -53,13 +54,13 @@ class Strategy:
         **random_boxes.Strategy.options,
     }
 
-    def __init__(self, template: TestCase, settings: Settings, policies: tuple[str, ...]) -> None:
-        """Read the settings; raises Refused for a bad one or a template without mission."""
+    def __init__(self, template: TestCase, settings: Settings, policies: tuple[str, ...], target: TargetInfo) -> None:
+        """Read the settings; raises Refused for a bad one, no mission, or a target that minds no boxes."""
         self._chosen = Chosen(settings, self.options)
         theirs = {name: value for name, value in settings.items() if name in random_boxes.Strategy.options}
-        self._fresh = random_boxes.Strategy(template, theirs, policies)
+        self._fresh = random_boxes.Strategy(template, theirs, policies, target)
         self._template = template
-        self._rules = layouts.rules_of(self._chosen, layouts.mission_of(template.scenario.mission))
+        self._rules = layouts.rules_of(self._chosen, layouts.mission_of(template.scenario.mission, target))
         self._kept: dict[Cell, NearMiss] = {}
         self._in_vain: dict[str, int] = {}
         self._done: set[Cell] = set()

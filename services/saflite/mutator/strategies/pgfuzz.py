@@ -13,6 +13,7 @@ at 0 for want of bounds.
 
 from __future__ import annotations
 
+import math
 from bisect import insort
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -23,10 +24,11 @@ import numpy as np
 
 from saflite.contract.errors import Refused
 from saflite.contract.flight import FLOWN_ENDINGS
+from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import Origin, Stimulus, StimulusKind, TestCase, draw_key, identity
 from saflite.contract.work import GUIDANCE_FAR, Outcome
 from saflite.mutator.operators import inputs, sequences, values
-from saflite.mutator.operators.inputs import Input
+from saflite.mutator.operators.inputs import Have, Input
 from saflite.mutator.operators.sequences import Rhythm, Stimuli
 from saflite.mutator.strategy import Chosen, Option, Options, Proposes, Settings
 
@@ -90,9 +92,9 @@ class Strategy:
     options: ClassVar[Options] = {
         "parameters": Option([], "parameters of the policy's own inputs"),
         "commands": Option([], "commands of the policy's own inputs (MAV_CMD names, Flight_Mode for any mode)"),
-        "sticks": Option([], "sticks of the policy's own inputs (RC1 to RC4)"),
+        "sticks": Option([], "sticks of the policy's own inputs (of the reference: RC1 to RC4)"),
         "modes": Option([], "flight modes of the policy's own inputs"),
-        "sensor_faults": Option([], "sensor faults of the policy's own inputs (SIM_* names)"),
+        "sensor_faults": Option([], "sensor faults of the policy's own inputs (of the reference: SIM_* names)"),
         "published": Option("", "draw the rest from this policy's PGFuzz list, e.g. A.CHUTE; empty: all of the target"),
         "focus": Option(0.5, "share of cases, and of inputs in the others, from the policy's own (0: as PGFuzz)", 0, 1),
         "guided": Option(0.5, "share of values reused from flights that came closer", 0, 1),
@@ -107,7 +109,7 @@ class Strategy:
         "start_s": Option(1.0, "time of the first input", 0, 60),
     }
 
-    def __init__(self, template: TestCase, settings: Settings, policies: tuple[str, ...]) -> None:
+    def __init__(self, template: TestCase, settings: Settings, policies: tuple[str, ...], target: TargetInfo) -> None:
         """Read the settings.
 
         Raises Refused for a bad one, an input the target does not have, or a template without start and mission.
@@ -120,16 +122,19 @@ class Strategy:
             got = f"{self._chosen.whole('steps_min')} and {self._chosen.whole('steps_max')}"
             raise Refused("strategy settings steps_min, steps_max", expected="steps_min at most steps_max", got=got)
         self._template = template
-        self._rhythm = self._read_rhythm(scenario.time_limit_s)
-        self._own = self._read_own(template.target.name)
-        self._broad = self._read_broad(template.target.name)
+        have = inputs.target_inputs(target)
+        if not have:
+            raise Refused("strategy", expected="a target with inputs to give", got=f"{target.name}, which has none")
+        self._rhythm = self._read_rhythm(scenario.time_limit_s, have)
+        self._own = self._read_own(have)
+        self._broad = self._read_broad(have)
         self._inputs = {(entry.kind, entry.name): entry for entry in (*self._broad, *self._own)}
         self._seeds: dict[tuple[Key, ...], Seed] = {}
         self._kept: dict[Key, Kept] = {}
         self._told: dict[str, float] = {}
         self._ordered: list[float] = []
 
-    def _read_rhythm(self, time_limit_s: float) -> Rhythm:
+    def _read_rhythm(self, time_limit_s: float, have: Have) -> Rhythm:
         start_s, round_s = self._chosen.real("start_s"), self._chosen.real("round_s")
         last_s = max(start_s, time_limit_s - TAIL_S)
         return Rhythm(
@@ -139,21 +144,22 @@ class Strategy:
             release=self._chosen.real("release"),
             last_s=last_s,
             steps_max=self._chosen.whole("steps_max"),
+            rest={entry.name: entry.rest for entry in have.values() if not math.isnan(entry.rest)},
         )
 
-    def _read_own(self, target: str) -> tuple[Input, ...]:
+    def _read_own(self, have: Have) -> tuple[Input, ...]:
         found: list[Input] = []
         for setting, kind in _OWN.items():
-            found.extend(inputs.named(kind, self._chosen.words(setting), target, setting))
+            found.extend(inputs.named(kind, self._chosen.words(setting), have, setting))
         return tuple(dict.fromkeys(found))
 
-    def _read_broad(self, target: str) -> tuple[Input, ...]:
+    def _read_broad(self, have: Have) -> tuple[Input, ...]:
         """Return the list everything else is drawn from: the published one as far as the target has it, or all."""
         published = self._chosen.text("published")
-        everything = tuple(inputs.target_inputs(target).values())
+        everything = tuple(have.values())
         if not published:
             return everything
-        found = inputs.on_target(inputs.published_inputs(published), target)
+        found = inputs.on_target(inputs.published_inputs(published), have)
         return found if any(entry.kind == "parameter" for entry in found) else everything
 
     # ---- tell --------------------------------------------------------------------------------------------------
@@ -234,7 +240,7 @@ class Strategy:
     def _change(self, rng: np.random.Generator, parent: Seed, pool: list[Seed], style: Style) -> tuple[str, Stimuli]:
         draw = partial(self._draw, style)
         change, stimuli = _CHANGES[int(rng.integers(len(_CHANGES)))], parent.stimuli
-        count = sequences.steps(stimuli)
+        count = sequences.steps(stimuli, self._rhythm)
         if change == "add" and count < self._rhythm.steps_max:
             return change, sequences.add(rng, stimuli, draw, self._rhythm)
         if change == "retime":

@@ -13,6 +13,7 @@ from typing import ClassVar
 import msgspec
 import numpy as np
 
+from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import Obstacle, Origin, TestCase
 from saflite.contract.work import Outcome
 from saflite.mutator.operators import layouts
@@ -30,12 +31,12 @@ class Strategy:
         **layouts.RULE_OPTIONS,
     }
 
-    def __init__(self, template: TestCase, settings: Settings, policies: tuple[str, ...]) -> None:
-        """Read the settings; raises Refused for a bad one or a template without mission."""
+    def __init__(self, template: TestCase, settings: Settings, policies: tuple[str, ...], target: TargetInfo) -> None:
+        """Read the settings; raises Refused for a bad one, no mission, or a target that minds no boxes."""
         chosen = Chosen(settings, self.options)
         layouts.in_order(chosen, "boxes_min", "boxes_max")
         self._template = template
-        self._mission = layouts.mission_of(template.scenario.mission)
+        self._mission = layouts.mission_of(template.scenario.mission, target)
         self._rules = layouts.rules_of(chosen, self._mission)
         limits = self._rules.sizes
         self._sizes = layouts.Sizes((limits.side_min_m, limits.side_max_m), (limits.height_min_m, limits.height_max_m))
