@@ -157,18 +157,18 @@ def _latencies(events: queue.SimpleQueue[Any], generator: LoadGenerator) -> dict
 def damaged_to_books(count: int) -> dict[str, Any]:
     """Send `count` damaged messages of every kind to real books; none may be taken, the books must live on."""
     with books_process(campaign(1_000, per_round=8)) as books:
-        bus = open_client("vandal", books.endpoint)
+        bus = open_client("damaging", books.endpoint)
         client: queue.SimpleQueue[Any] = queue.SimpleQueue()
         _status(bus, client)
         before = books.resident_mib()
         refused = silent = taken = 0
-        rng = derive(1, "vandal")
+        rng = derive(1, "damaging")
         samples = _samples()
         replies: queue.SimpleQueue[Any] = queue.SimpleQueue()
         under_way = 0
         for number in range(count):
             key, data = samples[number % len(samples)]
-            payload, attachment = _damage(rng, data, seal(key, "vandal", data), number)
+            payload, attachment = _damage(rng, data, seal(key, "damaging", data), number)
             _send_raw(bus, key, payload, attachment, number, replies)
             under_way += 1
             while under_way > 200 or (number == count - 1 and under_way):
@@ -191,7 +191,7 @@ def damaged_to_books(count: int) -> dict[str, Any]:
 
 def damaged_to_workers(count: int) -> dict[str, Any]:
     """Feed `count` damaged answers of every kind through the unsealing and decoding every worker does."""
-    rng = derive(2, "vandal")
+    rng = derive(2, "damaging")
     accepted = 0
     messages: list[msgspec.Struct] = [
         Grant(), Orders(cancel=("a",)), Receipt(lease_id="a", epoch=1, status="accepted"), Answer(accepted=True),
@@ -212,11 +212,11 @@ def damaged_to_workers(count: int) -> dict[str, Any]:
 
 
 def _samples() -> list[tuple[str, bytes]]:
-    report = Report(worker="vandal", lease_id="fly/1", epoch=1, result=Failure(message="x" * 40))
+    report = Report(worker="damaging", lease_id="fly/1", epoch=1, result=Failure(message="x" * 40))
     return [
-        (topics.work(CAMPAIGN, "fly"), wire.encode(Ask(worker="vandal", stage="fly", wait_s=0.0))),
+        (topics.work(CAMPAIGN, "fly"), wire.encode(Ask(worker="damaging", stage="fly", wait_s=0.0))),
         (topics.result(CAMPAIGN, "fly"), wire.encode(report)),
-        (topics.beat(CAMPAIGN, "fly"), wire.encode(Heartbeat(worker="vandal", stage="fly", leases=(("a", 1),)))),
+        (topics.beat(CAMPAIGN, "fly"), wire.encode(Heartbeat(worker="damaging", stage="fly", leases=(("a", 1),)))),
         (topics.control(CAMPAIGN, "stop"), wire.encode(Control(verb="stop"))),
     ]
 
@@ -235,7 +235,7 @@ def _damage(rng: Any, payload: bytes, attachment: bytes, number: int) -> tuple[b
     elif kind == 3:
         body = bytearray(rng.integers(0, 256, int(rng.integers(1, 200)), dtype="uint8").tobytes())
     else:
-        attachment = seal("other/key", "vandal", payload)
+        attachment = seal("other/key", "damaging", payload)
     if kind < 4 and bytes(body) == payload:
         body.append(0)  # the flips undid each other
     return bytes(body), attachment

@@ -1,4 +1,4 @@
-"""A participant that does not keep to the rules: lies as a scorer, sends damaged, oversized and replayed messages."""
+"""A participant that breaks the rules: reports false scores, sends damaged, oversized and replayed messages."""
 
 from __future__ import annotations
 
@@ -40,51 +40,51 @@ GRABS = 6
 
 
 class ByzantineClient(threading.Thread):
-    """Plays one trick at a time in its own thread."""
+    """Commits one kind of fault at a time, in its own thread."""
 
-    LIES: ClassVar[tuple[str, ...]] = (
+    FALSE_RESULTS: ClassVar[tuple[str, ...]] = (
         "scorer answers garbage",
         "scorer hangs",
         "scorer is slow",
         "replayed result",
     )
-    VANDALISM: ClassVar[tuple[str, ...]] = ("flipped messages", "truncated messages", "oversized message")
+    DAMAGE: ClassVar[tuple[str, ...]] = ("flipped messages", "truncated messages", "oversized message")
 
     def __init__(self, name: str, endpoint: str, campaign: str, rng: np.random.Generator) -> None:
         super().__init__(daemon=True)
         self._name = name
         self._endpoint, self._campaign, self._rng, self._clock = endpoint, campaign, rng, WallClock()
-        self._tricks: queue.SimpleQueue[str | None] = queue.SimpleQueue()
+        self._faults: queue.SimpleQueue[str | None] = queue.SimpleQueue()
         self._replies: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._busy = threading.Event()
         self._tag = 0
         self._bus: ZenohBus | None = None
         self.messages = self.damaged_taken = self.garbage_taken = self.replays_taken = self.replays = 0
-        self.played: dict[str, int] = {}
+        self.committed: dict[str, int] = {}
 
-    def start_trick(self, name: str) -> bool:
-        """Play a trick unless another is being played."""
+    def start_fault(self, name: str) -> bool:
+        """Commit a fault unless another is under way; returns whether it began."""
         if self._busy.is_set():
             return False
         self._busy.set()
-        self._tricks.put(name)
+        self._faults.put(name)
         return True
 
     def end(self) -> None:
         """Stop playing."""
-        self._tricks.put(None)
+        self._faults.put(None)
         self.join(GRABS * GRAB_S)
 
     def run(self) -> None:
         """Play what is asked for until the end."""
         self._bus = open_client(self._name, self._endpoint, insecure=True)
-        while (name := self._tricks.get()) is not None:
+        while (name := self._faults.get()) is not None:
             if self._play(name):
-                self.played[name] = self.played.get(name, 0) + 1
+                self.committed[name] = self.committed.get(name, 0) + 1
             self._busy.clear()
         self._bus.close()
 
-    # -- tricks ---------------------------------------------------------------------------------------------------
+    # -- kinds ---------------------------------------------------------------------------------------------------
 
     def _play(self, name: str) -> bool:
         if name == "flipped messages":
@@ -110,7 +110,7 @@ class ByzantineClient(threading.Thread):
     def _garbage(self, work: ScoreWork) -> Result:
         good = _scores(work).scores
         first = good[0]
-        lies: list[Result] = [
+        false_results: list[Result] = [
             ScoreResult(scores=()),
             ScoreResult(scores=good[1:]),
             ScoreResult(scores=(*good, first)),
@@ -119,7 +119,7 @@ class ByzantineClient(threading.Thread):
             ScoreResult(scores=(msgspec.structs.replace(first, value=float("nan")), *good[1:])),
             FlyResult(flight=Flight(test_case=first.test_case, flight_index=0, ending="completed")),
         ]
-        return lies[int(self._rng.integers(len(lies)))]
+        return false_results[int(self._rng.integers(len(false_results)))]
 
     def _replay(self, lease: Lease, work: ScoreWork) -> None:
         result = _scores(work)
@@ -163,7 +163,7 @@ class ByzantineClient(threading.Thread):
             (topics.beat(self._campaign, "fly"), wire.encode(Heartbeat(worker="fly-1", stage="fly"))),
         ]
 
-    # -- talking --------------------------------------------------------------------------------------------------
+    # -- asking --------------------------------------------------------------------------------------------------
 
     def _grab(self, stage: Stage) -> Lease | None:
         for _ in range(GRABS):

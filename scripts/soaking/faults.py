@@ -25,32 +25,32 @@ class Done(NamedTuple):
     after_s: float = 0.0
 
 
-class Kit(NamedTuple):
+class FaultContext(NamedTuple):
     """What faults need."""
 
     testbed: Testbed
-    liar: ByzantineClient
-    vandal: ByzantineClient
+    false_client: ByzantineClient
+    damaging_client: ByzantineClient
     rng: np.random.Generator
     freeze_s: float
 
 
-Fault = Callable[[Kit], Done | None]
+Fault = Callable[[FaultContext], Done | None]
 
 
-def _pick(kit: Kit, kind: str) -> tuple[str, int] | None:
-    names = [name for name in kit.testbed.farm.pids() if name.startswith(kind)]
+def _pick(context: FaultContext, kind: str) -> tuple[str, int] | None:
+    names = [name for name in context.testbed.farm.pids() if name.startswith(kind)]
     if not names:
         return None
-    name = names[int(kit.rng.integers(len(names)))]
-    return name, kit.testbed.farm.pids()[name]
+    name = names[int(context.rng.integers(len(names)))]
+    return name, context.testbed.farm.pids()[name]
 
 
 def killer(kind: str) -> Fault:
     """Return the fault that kills a role of this kind with SIGKILL."""
 
-    def kill(kit: Kit) -> Done | None:
-        found = _pick(kit, kind)
+    def kill(context: FaultContext) -> Done | None:
+        found = _pick(context, kind)
         if found is None:
             return None
         os.kill(found[1], signal.SIGKILL)
@@ -59,15 +59,15 @@ def killer(kind: str) -> Fault:
     return kill
 
 
-def kill_in_commit(kit: Kit) -> Done | None:
+def kill_in_commit(context: FaultContext) -> Done | None:
     """Kill the books the moment their write-ahead log changes: in the middle of a commit, or just after it."""
-    pid = kit.testbed.farm.pids().get("books")
-    log = kit.testbed.run_dir / "books.sqlite-wal"
+    pid = context.testbed.farm.pids().get("books")
+    log = context.testbed.run_dir / "books.sqlite-wal"
     if pid is None or not log.exists():
         return None
     before = log.stat().st_mtime_ns, log.stat().st_size
-    until_s = kit.testbed.clock.monotonic_s() + COMMIT_HUNT_S
-    while kit.testbed.clock.monotonic_s() < until_s:
+    until_s = context.testbed.clock.monotonic_s() + COMMIT_HUNT_S
+    while context.testbed.clock.monotonic_s() < until_s:
         with suppress(FileNotFoundError):
             if (log.stat().st_mtime_ns, log.stat().st_size) != before:
                 os.kill(pid, signal.SIGKILL)
@@ -75,9 +75,9 @@ def kill_in_commit(kit: Kit) -> Done | None:
     return None
 
 
-def kill_simulator(kit: Kit) -> Done | None:
+def kill_simulator(context: FaultContext) -> Done | None:
     """Kill the simulator under a worker."""
-    found = _pick(kit, "fly")
+    found = _pick(context, "fly")
     below = children(found[1]) if found is not None else []
     if found is None or not below:
         return None
@@ -88,44 +88,44 @@ def kill_simulator(kit: Kit) -> Done | None:
 def freezer(kind: str) -> Fault:
     """Return the fault that stops a role of this kind with SIGSTOP for a while."""
 
-    def freeze(kit: Kit) -> Done | None:
-        found = _pick(kit, kind)
+    def freeze(context: FaultContext) -> Done | None:
+        found = _pick(context, kind)
         if found is None:
             return None
         name, pid = found
         os.kill(pid, signal.SIGSTOP)
 
         def thaw() -> None:
-            if kit.testbed.farm.pids().get(name) == pid:
+            if context.testbed.farm.pids().get(name) == pid:
                 os.kill(pid, signal.SIGCONT)
 
-        return Done(name, thaw, kit.freeze_s)
+        return Done(name, thaw, context.freeze_s)
 
     return freeze
 
 
-def cut_network(kit: Kit) -> Done | None:
+def cut_network(context: FaultContext) -> Done | None:
     """Pull the cable of the worker in the namespace."""
-    if kit.testbed.network.why_not:
+    if context.testbed.network.why_not:
         return None
-    kit.testbed.network.cut()
-    return Done("fly-2", kit.testbed.network.join, float(kit.rng.uniform(1.0, 6.0)))
+    context.testbed.network.cut()
+    return Done("fly-2", context.testbed.network.join, float(context.rng.uniform(1.0, 6.0)))
 
 
-def fill_disk(kit: Kit) -> Done | None:
+def fill_disk(context: FaultContext) -> Done | None:
     """Fill the disk of the run folder."""
-    if kit.testbed.disk.why_not:
+    if context.testbed.disk.why_not:
         return None
-    kit.testbed.disk.fill()
-    return Done("disk", kit.testbed.disk.free, float(kit.rng.uniform(0.5, 3.0)))
+    context.testbed.disk.fill()
+    return Done("disk", context.testbed.disk.free, float(context.rng.uniform(0.5, 3.0)))
 
 
-def rogue_fault(name: str) -> Fault:
+def client_fault(name: str) -> Fault:
     """Return the fault of that name a byzantine participant can make, if it is not at something else."""
 
-    def act(kit: Kit) -> Done | None:
-        byzantine_client = kit.liar if name in ByzantineClient.LIES else kit.vandal
-        return Done("byzantine_client") if byzantine_client.start_trick(name) else None
+    def act(context: FaultContext) -> Done | None:
+        client = context.false_client if name in ByzantineClient.FALSE_RESULTS else context.damaging_client
+        return Done("byzantine client") if client.start_fault(name) else None
 
     return act
 
@@ -139,7 +139,7 @@ KINDS: dict[str, Fault] = {
     **{f"freeze {role}": freezer(role) for role in ROLES},
     "cut network": cut_network,
     "fill disk": fill_disk,
-    **{name: rogue_fault(name) for name in (*ByzantineClient.LIES, *ByzantineClient.VANDALISM)},
+    **{name: client_fault(name) for name in (*ByzantineClient.FALSE_RESULTS, *ByzantineClient.DAMAGE)},
 }
 
 HEAVY = ("freeze books", "freeze router", "fill disk", "cut network")

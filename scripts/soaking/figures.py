@@ -24,13 +24,13 @@ CENTRE = ("books", "router", "network", "disk")
 
 
 def figures_of(
-    testbed: Testbed, injected: Sequence[Injected], rogues: Sequence[ByzantineClient], left: list[str], ended: bool
+    testbed: Testbed, injected: Sequence[Injected], clients: Sequence[ByzantineClient], left: list[str], ended: bool
 ) -> dict[str, Any]:
     """Return all figures, the audit's included."""
-    tricks = (*ByzantineClient.LIES, *ByzantineClient.VANDALISM)
-    counts = Counter(fault.kind for fault in injected if fault.kind not in tricks)
-    for byzantine_client in rogues:
-        counts += Counter(byzantine_client.played)
+    kinds = (*ByzantineClient.FALSE_RESULTS, *ByzantineClient.DAMAGE)
+    counts = Counter(fault.kind for fault in injected if fault.kind not in kinds)
+    for client in clients:
+        counts += Counter(client.committed)
     from_cases = _attempts_that(testbed, "lost", "wedged")
     return {
         "faults_injected": counts.total(),
@@ -43,10 +43,10 @@ def figures_of(
         "restarts": testbed.farm.restarts,
         "events_watched": len(testbed.watcher.events),
         "events_without_gap_or_double": testbed.watcher.is_gapless() and not testbed.watcher.trouble,
-        "damaged_messages_taken": sum(byzantine_client.damaged_taken for byzantine_client in rogues),
-        "garbage_scores_taken": sum(byzantine_client.garbage_taken for byzantine_client in rogues),
-        "replays_sent": sum(byzantine_client.replays for byzantine_client in rogues),
-        "replays_taken": sum(byzantine_client.replays_taken for byzantine_client in rogues),
+        "damaged_messages_taken": sum(client.damaged_taken for client in clients),
+        "garbage_scores_taken": sum(client.garbage_taken for client in clients),
+        "replays_sent": sum(client.replays for client in clients),
+        "replays_taken": sum(client.replays_taken for client in clients),
         "frozen_worker_noticed_s": _spread(_noticed(testbed, _alone(injected, "freeze"))),
         "killed_worker_noticed_s": _spread(_noticed(testbed, _alone(injected, "kill"))),
         "work_freed_after_s": _spread(_freed(testbed, _alone(injected, ""))),

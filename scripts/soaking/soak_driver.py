@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from byzantine_client import ByzantineClient
-from faults import HEAVY, KINDS, Done, Kit
+from faults import HEAVY, KINDS, Done, FaultContext
 from figures import CENTRE, figures_of, is_clean
 from testbed import Testbed
 
@@ -41,22 +41,22 @@ class Injected(NamedTuple):
 class SoakDriver:
     """Injects faults in a shuffled order, every kind as often as any other (heavy ones less often)."""
 
-    def __init__(self, testbed: Testbed, kit: Kit, per_minute: float) -> None:
-        self._field, self._kit, self._gap_s = testbed, kit, 60.0 / per_minute
-        self._deck: list[str] = []
+    def __init__(self, testbed: Testbed, context: FaultContext, per_minute: float) -> None:
+        self._testbed, self._context, self._gap_s = testbed, context, 60.0 / per_minute
+        self._next_kinds: list[str] = []
         self._undo: list[tuple[float, str, Done]] = []
         self._passes = 0
         self._only_workers_until_s = 0.0
         self.injected: list[Injected] = []
 
     def run(self, duration_s: float) -> None:
-        """Besiege the farm for a while, then heal everything."""
-        clock = self._field.clock
+        """Inject faults for a while, then undo them all."""
+        clock = self._testbed.clock
         until_s = clock.monotonic_s() + duration_s
         self._only_workers_until_s = clock.monotonic_s() + duration_s * WORKERS_SHARE
         next_s = clock.monotonic_s() + WARM_UP_S
         while (now_s := clock.monotonic_s()) < until_s:
-            self._field.farm.poll()
+            self._testbed.farm.poll()
             self._heal(now_s)
             if now_s >= next_s:
                 self._inject(now_s)
@@ -71,10 +71,10 @@ class SoakDriver:
                 continue
             if not self._may(kind):
                 continue
-            done = KINDS[kind](self._kit)
+            done = KINDS[kind](self._context)
             if done is None:
                 continue
-            clock = self._field.clock
+            clock = self._testbed.clock
             done_s = clock.monotonic_s()  # some faults wait for their moment
             self.injected.append(Injected(kind, done.whom, done_s, clock.unix_s(), done_s + done.after_s))
             if done.undo is not None:
@@ -88,11 +88,11 @@ class SoakDriver:
         return kind not in under_way and not ("freeze" in kind and frozen >= FROZEN_MAX)
 
     def _draw(self) -> str:
-        if not self._deck:
+        if not self._next_kinds:
             self._passes += 1
             kinds = [kind for kind in KINDS if kind not in HEAVY or self._passes % 2]
-            self._deck = [kinds[place] for place in self._kit.rng.permutation(len(kinds))]
-        return self._deck.pop()
+            self._next_kinds = [kinds[place] for place in self._context.rng.permutation(len(kinds))]
+        return self._next_kinds.pop()
 
     def _heal(self, now_s: float) -> None:
         for entry in [entry for entry in self._undo if entry[0] <= now_s]:
@@ -104,22 +104,24 @@ class SoakDriver:
 def run(options: argparse.Namespace) -> dict[str, Any]:
     """Run one soak and return its figures."""
     testbed = Testbed(options.rng_seed, options.fault_share)
-    liar, vandal = rogues = [
+    false_client, damaging_client = clients = [
         ByzantineClient(name, testbed.endpoint, testbed.campaign.name, derive(options.rng_seed, name))
-        for name in ("liar", "vandal")
+        for name in ("false-results", "damage")
     ]
-    kit = Kit(testbed, liar, vandal, derive(options.rng_seed, "soak_driver"), options.freeze_s)
-    soak_driver = SoakDriver(testbed, kit, options.faults_per_min)
+    context = FaultContext(
+        testbed, false_client, damaging_client, derive(options.rng_seed, "soak_driver"), options.freeze_s
+    )
+    soak_driver = SoakDriver(testbed, context, options.faults_per_min)
     try:
         testbed.start()
-        for byzantine_client in rogues:
-            byzantine_client.start()
+        for client in clients:
+            client.start()
         soak_driver.run(60.0 * options.minutes)
-        for byzantine_client in rogues:
-            byzantine_client.end()
+        for client in clients:
+            client.end()
         ended = _let_end(testbed)
         left = testbed.stop()
-        figures = figures_of(testbed, soak_driver.injected, rogues, left, ended)
+        figures = figures_of(testbed, soak_driver.injected, clients, left, ended)
         if options.keep:
             shutil.copytree(testbed.run_dir, options.keep, ignore=shutil.ignore_patterns("ballast"))
         return figures

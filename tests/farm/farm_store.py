@@ -18,7 +18,7 @@ class Crash(Exception):
 
 
 class MemoryStore:
-    """Has the face of `campaign.store.Store` that the service around the books uses."""
+    """Has the methods of `campaign.storage.store.Store` that the service around the books uses."""
 
     def __init__(self, campaign: Campaign, template: TestCase, target: TargetInfo) -> None:
         self.campaign, self.template, self.target = campaign, template, target

@@ -1,4 +1,4 @@
-"""The MAVLink face flown by a real ground station (MAVProxy), by pymavlink over TCP and UDP, and by MAVSDK."""
+"""The MAVLink server flown by a real ground station (MAVProxy), by pymavlink over TCP and UDP, and by MAVSDK."""
 
 from __future__ import annotations
 

@@ -152,7 +152,7 @@ def draw_key(test_case: TestCase) -> str:
     return identity(msgspec.structs.replace(test_case, target=msgspec.structs.replace(test_case.target, build="")))
 
 
-def told(stimulus: Stimulus) -> str:
+def stimulus_text(stimulus: Stimulus) -> str:
     """Return a stimulus in words: what it is, its numbers."""
     numbers = "".join(f" {value:g}" for value in stimulus.values)
     return f"{stimulus.kind} {stimulus.name}{numbers}"
@@ -160,7 +160,7 @@ def told(stimulus: Stimulus) -> str:
 
 def told_in_order(stimuli: tuple[Stimulus, ...]) -> str:
     """Return stimuli in words, each with its time."""
-    return "; ".join(f"{stimulus.at_s:g} s {told(stimulus)}" for stimulus in stimuli)
+    return "; ".join(f"{stimulus.at_s:g} s {stimulus_text(stimulus)}" for stimulus in stimuli)
 
 
 def setting_text(value: Setting) -> str:

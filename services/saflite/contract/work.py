@@ -44,10 +44,10 @@ class Outcome(msgspec.Struct, frozen=True, kw_only=True):
         The robustness where a rule applied; for a rule that never applied GUIDANCE_FAR, less the nearer it came to
         applying, down to GUIDANCE_NEAR. It is no distance to anything and is never shown.
         """
-        told = [] if self.robustness is None else [self.robustness]
+        distances = [] if self.robustness is None else [self.robustness]
         if self.nearness is not None:
-            told.append(GUIDANCE_NEAR + (GUIDANCE_FAR - GUIDANCE_NEAR) * (1.0 - self.nearness))
-        return min(told, default=None)
+            distances.append(GUIDANCE_NEAR + (GUIDANCE_FAR - GUIDANCE_NEAR) * (1.0 - self.nearness))
+        return min(distances, default=None)
 
 
 # ---- work: what is to be done -------------------------------------------------------------------------------------

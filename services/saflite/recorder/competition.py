@@ -247,10 +247,10 @@ def _write_ours(document: dict[str, Any], test_case: TestCase) -> None:
     )
     located = Located(document, "", {})
     simulation = _section(located, "simulation")
-    said = _ours(located)
+    in_document = _ours(located)
     if OURS not in document:
-        said = Ours(wind=_wind(located, simulation), time_limit_s=_time_limit(located, simulation, said))
-    if said == ours:
+        in_document = Ours(wind=_wind(located, simulation), time_limit_s=_time_limit(located, simulation, in_document))
+    if in_document == ours:
         return
     usual, full = msgspec.to_builtins(Ours()), msgspec.to_builtins(ours)
     document[OURS] = {word: value for word, value in full.items() if value != usual[word]}

@@ -222,12 +222,12 @@ def _texts(work: RecordWork, trace: Trace, start_ns: int) -> list[_Message]:
 def _verdict(verdict: Verdict, start_ns: int) -> list[_Message]:
     at_ns = start_ns + round(max(0.0, verdict.witness_from_s) * _NS)
     level = Log.ERROR if verdict.outcome == "violated" else Log.INFO
-    said = f"{verdict.policy} {verdict.outcome}"
+    ruling = f"{verdict.policy} {verdict.outcome}"
     record: dict[str, object] = {"policy": verdict.policy, "outcome": verdict.outcome}
     if verdict.robustness is None:
-        text, record["nearness"] = f"{said}: {verdict.message}", verdict.nearness
+        text, record["nearness"] = f"{ruling}: {verdict.message}", verdict.nearness
     else:
-        text = f"{said}, robustness {verdict.robustness:.3g}. {verdict.message}".strip()
+        text = f"{ruling}, robustness {verdict.robustness:.3g}. {verdict.message}".strip()
         record |= {"witness_to_s": verdict.witness_to_s, "robustness": verdict.robustness}
     return [_log(at_ns, level, "oracle", text), _Message(at_ns, "/verdict", json.dumps(record).encode())]
 

@@ -1,4 +1,4 @@
-"""What every scorer model is: a function from a job to one mark per test case.
+"""What every scorer model is: a function from a job to one score per test case.
 
 A model keeps no memory of its own that could change a score: what it may learn from stands in `Job.history`, so a
 score depends on (model, test case, rng_seed, history up to the cursor) only, never on which worker made it or when.
@@ -17,7 +17,7 @@ from saflite.contract.work import Outcome, PolicyTexts
 from saflite.scorer_pool.llm.transcript import Transcript, silent
 
 MIDDLE = 5.0
-"""The mark of a model that has nothing to say: the middle of the scale, so that order alone is left to others."""
+"""The score of a model that has nothing to say: the middle of the scale, so that order alone is left to others."""
 
 
 class PolicyBrief(NamedTuple):
@@ -64,7 +64,7 @@ class ModelScore(NamedTuple):
 
 
 class ScoreSheet(NamedTuple):
-    """One mark per test case of the job, in order, what it took, and the digest of the model that answered."""
+    """One score per test case of the job, in order, what it took, and the digest of the model that answered."""
 
     scores: tuple[ModelScore, ...]
     usage: Usage = Usage()
@@ -91,7 +91,7 @@ class Model(Protocol):
     parallel: int
 
     def score(self, job: Job) -> ScoreSheet:
-        """Return one mark per test case; never raises for what a model server says or does not say."""
+        """Return one score per test case; never raises for what a model server says or does not say."""
         ...
 
     def warm(self, cancelled: Cancelled) -> str:

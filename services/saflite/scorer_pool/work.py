@@ -149,22 +149,24 @@ class ScorerPool:
         return ScoreResult(scores=tuple(scores), usage=usage)
 
     def _answer(self, label: str, job: Job) -> ScoreSheet:
-        """Return a sheet without gaps: what the model could not mark, the embedded scorer does."""
+        """Return a sheet without gaps: what the model gave no score, the embedded scorer scores."""
         sheet = self._ask(label, job)
-        gaps = [place for place, mark in enumerate(sheet.scores) if mark.fault]
+        gaps = [place for place, score in enumerate(sheet.scores) if score.fault]
         if not gaps:
             return sheet
         stand_in = self._ask(EMBEDDED, job._replace(test_cases=tuple(job.test_cases[place] for place in gaps)))
         scores = list(sheet.scores)
-        for place, mark in zip(gaps, stand_in.scores, strict=True):
-            value = MIDDLE if mark.fault else mark.value
-            scores[place] = mark._replace(value=value, fault=scores[place].fault, scored_by=mark.scored_by or EMBEDDED)
+        for place, score in zip(gaps, stand_in.scores, strict=True):
+            value = MIDDLE if score.fault else score.value
+            scores[place] = score._replace(
+                value=value, fault=scores[place].fault, scored_by=score.scored_by or EMBEDDED
+            )
         return sheet._replace(scores=tuple(scores))
 
     def _watch(self, label: str, job: Job) -> ScoreSheet | None:
-        """Return the sheet of a model that only watches, None if it could mark nothing."""
+        """Return the sheet of a model that only watches, None if it scored nothing."""
         sheet = self._ask(label, job)
-        return None if all(mark.fault for mark in sheet.scores) else sheet
+        return None if all(score.fault for score in sheet.scores) else sheet
 
     def _ask(self, label: str, job: Job) -> ScoreSheet:
         started_s = self._clock.monotonic_s()
@@ -177,7 +179,7 @@ class ScorerPool:
         except Unavailable as fault:
             sheet = _all_faulty(job, "unreachable", str(fault))
         sheet = _checked(sheet, len(job.test_cases))
-        faults = dict(Counter(mark.fault for mark in sheet.scores if mark.fault))
+        faults = dict(Counter(score.fault for score in sheet.scores if score.fault))
         usage = msgspec.structs.replace(
             sheet.usage,
             latency_s=sheet.usage.latency_s or self._clock.monotonic_s() - started_s,
@@ -195,8 +197,8 @@ def _checked(sheet: ScoreSheet, count: int) -> ScoreSheet:
     if len(sheet.scores) != count:
         return sheet._replace(scores=tuple(ModelScore(math.nan, fault="wrong-count") for _ in range(count)))
     scores = tuple(
-        mark if mark.fault or SCORE_MIN <= mark.value <= SCORE_MAX else mark._replace(fault="out-of-range")
-        for mark in sheet.scores
+        score if score.fault or SCORE_MIN <= score.value <= SCORE_MAX else score._replace(fault="out-of-range")
+        for score in sheet.scores
     )
     return sheet._replace(scores=scores)
 
@@ -205,17 +207,17 @@ def _scores(job: Job, label: str, sheet: ScoreSheet, *, shadow: bool) -> list[Sc
     return [
         Score(
             test_case=identity(case),
-            value=mark.value,
+            value=score.value,
             model=label,
-            scored_by=mark.scored_by or label,
+            scored_by=score.scored_by or label,
             model_digest=sheet.digest,
-            prompt_digest=mark.prompt_digest,
-            reason=mark.reason,
-            fault=mark.fault,
+            prompt_digest=score.prompt_digest,
+            reason=score.reason,
+            fault=score.fault,
             shadow=shadow,
         )
-        for case, mark in zip(job.test_cases, sheet.scores, strict=True)
-        if not (shadow and mark.fault)
+        for case, score in zip(job.test_cases, sheet.scores, strict=True)
+        if not (shadow and score.fault)
     ]
 
 

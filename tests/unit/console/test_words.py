@@ -94,10 +94,10 @@ def test_facts_worth_a_line_get_one() -> None:
         failed_again=1,
         bit_equal=True,
     )
-    assert live.told(ViolationFound(violation=violation)).startswith("VIOLATION  ffff")
-    assert "bit-equal" in live.told(ViolationFound(violation=violation))
-    assert "not ready" in live.told(ScorerChanged(model="a", previous="b", ready=False))
-    assert "3 attempts" in live.told(Quarantined(test_case="c", attempts=3, last="wedged"))
+    assert live.fact_text(ViolationFound(violation=violation)).startswith("VIOLATION  ffff")
+    assert "bit-equal" in live.fact_text(ViolationFound(violation=violation))
+    assert "not ready" in live.fact_text(ScorerChanged(model="a", previous="b", ready=False))
+    assert "3 attempts" in live.fact_text(Quarantined(test_case="c", attempts=3, last="wedged"))
 
 
 def test_every_command_asked_for_is_there() -> None:

@@ -16,7 +16,7 @@ from saflite.mutator.operators.inputs import published_inputs
 from saflite.runtime.clock import WallClock
 from saflite.runtime.stages import brief_of
 from saflite.scorer_pool.llm.case_text import values_text
-from saflite.scorer_pool.llm.chat import Question, Spoken
+from saflite.scorer_pool.llm.chat import ChatResult, Question
 from saflite.scorer_pool.llm.parse import Reply
 from saflite.scorer_pool.llm.prompt import build
 from saflite.scorer_pool.llm.scorer import LanguageModel
@@ -79,12 +79,12 @@ def test_gain_is_a_geometric_mean() -> None:
 class ReadingChat:
     """Calls a log interesting where the word crash stands in it; has no answer for one of them."""
 
-    async def ask(self, question: Question) -> Spoken:
+    async def ask(self, question: Question) -> ChatResult:
         text = question.messages[-1]["content"]
         if "ready" in question.schema["properties"] or "silent" in text:
-            return Spoken(Reply("hm"))
+            return ChatResult(Reply("hm"))
         row = {"interpretation": "i", "effect": "e", "score": 9 if "crash" in text else 1}
-        return Spoken(Reply(json.dumps({"test_cases": {"log": row}})))
+        return ChatResult(Reply(json.dumps({"test_cases": {"log": row}})))
 
     async def load(self) -> str:
         return "loaded"

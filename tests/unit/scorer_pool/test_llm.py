@@ -1,4 +1,4 @@
-"""Scoring with a language model that answers, babbles, hangs, is busy, or dies: a mark or a named fault in time."""
+"""Scoring with a language model that answers, babbles, hangs, is busy, or dies: a score or a named fault in time."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from saflite.scorer_pool.llm import transcript
 from saflite.scorer_pool.llm.batch_size import BatchSizer
 from saflite.scorer_pool.llm.cache import Cache
 from saflite.scorer_pool.llm.case_text import keys
-from saflite.scorer_pool.llm.chat import Busy, Question, Spoken
+from saflite.scorer_pool.llm.chat import Busy, ChatResult, Question
 from saflite.scorer_pool.llm.circuit_breaker import FAILURES_MAX, REST_FIRST_S, REST_MAX_S, Breaker
 from saflite.scorer_pool.llm.parse import Reply
 from saflite.scorer_pool.llm.scorer import LanguageModel, Prices
@@ -48,15 +48,15 @@ def asked_keys(question: Question) -> list[str]:
     return found
 
 
-def good(question: Question, **wrong: Any) -> Spoken:
+def good(question: Question, **wrong: Any) -> ChatResult:
     rows = {
         key: {"interpretation": "i", "effect": "e", "score": int(key[1], 16) % 11, **wrong}
         for key in asked_keys(question)
     }
-    return Spoken(Reply(json.dumps({"test_cases": rows})), tokens_in=100, tokens_out=10)
+    return ChatResult(Reply(json.dumps({"test_cases": rows})), tokens_in=100, tokens_out=10)
 
 
-Answerer = Callable[[Question], Spoken]
+Answerer = Callable[[Question], ChatResult]
 
 
 class ScriptedChat:
@@ -69,9 +69,9 @@ class ScriptedChat:
         self.load_fault: BaseException | None = None
         self.load_wait: asyncio.Event | None = None
 
-    async def ask(self, question: Question) -> Spoken:
+    async def ask(self, question: Question) -> ChatResult:
         if "ready" in question.schema["properties"]:
-            return Spoken(Reply('{"ready": true}'))
+            return ChatResult(Reply('{"ready": true}'))
         self.asked.append(question)
         line = self.script.pop(0) if len(self.script) > 1 else self.script[0]
         if line is None:
@@ -103,8 +103,8 @@ def job(count: int = 3, deadline_s: float = 5.0, start: int = 0) -> Job:
 def test_good_answer_is_paired_by_id_and_counted() -> None:
     scorer, _ = model(good)
     sheet = scorer.score(job())
-    assert [mark.value for mark in sheet.scores] == [int(key[1], 16) % 11 for key in keys(cases(3))]
-    assert all(mark.reason == "i e" and mark.prompt_digest for mark in sheet.scores)
+    assert [score.value for score in sheet.scores] == [int(key[1], 16) % 11 for key in keys(cases(3))]
+    assert all(score.reason == "i e" and score.prompt_digest for score in sheet.scores)
     assert (sheet.usage.calls, sheet.usage.tokens_in, sheet.usage.tokens_out, sheet.digest) == (1, 100, 10, "d1")
     assert sheet.usage.cost_usd == pytest.approx(120e-6)
     scorer.close()
@@ -131,14 +131,14 @@ def test_second_time_comes_from_the_cache_but_other_words_do_not() -> None:
 
 
 def test_asks_again_once_with_the_fault_named_and_only_about_what_is_missing() -> None:
-    def partly(question: Question) -> Spoken:
+    def partly(question: Question) -> ChatResult:
         answer = json.loads(good(question).reply.content)
         answer["test_cases"][asked_keys(question)[1]]["score"] = 11
-        return Spoken(Reply(json.dumps(answer)))
+        return ChatResult(Reply(json.dumps(answer)))
 
     scorer, chat = model(partly, good)
     sheet = scorer.score(job())
-    assert not any(mark.fault for mark in sheet.scores)
+    assert not any(score.fault for score in sheet.scores)
     assert asked_keys(chat.asked[1]) == [keys(cases(3))[1]]
     assert "out-of-range" in chat.asked[1].messages[-1]["content"]
     assert sheet.usage.asked_again == 1
@@ -149,10 +149,10 @@ def test_asks_again_once_with_the_fault_named_and_only_about_what_is_missing() -
 @pytest.mark.parametrize(
     ("line", "fault"),
     [
-        (lambda question: Spoken(Reply("I cannot help")), "not-json"),
+        (lambda question: ChatResult(Reply("I cannot help")), "not-json"),
         (lambda question: good(question, id="c0"), "schema"),
         (lambda question: good(question, score="8/10"), "not-a-number"),
-        (lambda question: Spoken(Reply('{"test_cases": [{"id"'), cut=True), "truncated"),
+        (lambda question: ChatResult(Reply('{"test_cases": [{"id"'), cut=True), "truncated"),
         (Unavailable("gone"), "unreachable"),
         (Refused("model", expected="a", got="b"), "refused"),
     ],
@@ -160,7 +160,7 @@ def test_asks_again_once_with_the_fault_named_and_only_about_what_is_missing() -
 def test_what_stays_unusable_is_a_named_fault(line: Any, fault: str) -> None:
     scorer, _ = model(line)
     sheet = scorer.score(job())
-    assert [mark.fault for mark in sheet.scores] == [fault] * 3
+    assert [score.fault for score in sheet.scores] == [fault] * 3
     assert sheet.usage.faults[fault] == 3
     scorer.close()
 
@@ -170,10 +170,10 @@ def test_a_hung_server_costs_no_more_than_the_deadline_and_smaller_questions_fol
     clock = WallClock()
     started_s = clock.monotonic_s()
     sheet = scorer.score(job(8, deadline_s=0.1))
-    assert [mark.fault for mark in sheet.scores] == ["deadline"] * 8
+    assert [score.fault for score in sheet.scores] == ["deadline"] * 8
     assert clock.monotonic_s() - started_s < 2.0
     chat.script = [good]
-    assert not any(mark.fault for mark in scorer.score(job(8)).scores)
+    assert not any(score.fault for score in scorer.score(job(8)).scores)
     assert len(asked_keys(chat.asked[1])) == 4
     scorer.close()
 
@@ -188,7 +188,7 @@ def test_questions_never_outgrow_the_context() -> None:
     )
     scorer, chat = model(good)
     sheet = scorer.score(Job(long, BRIEFS))
-    assert not any(mark.fault for mark in sheet.scores)
+    assert not any(score.fault for score in sheet.scores)
     assert len(chat.asked) > 1
     for question in chat.asked:
         size = sum(len(message["content"]) for message in question.messages)
@@ -200,7 +200,7 @@ def test_busy_server_is_asked_again_after_a_pause(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(llm_scorer, "BACK_OFF_FIRST_S", 0.001)
     scorer, _ = model(Busy("503"), Busy("503"), good)
     sheet = scorer.score(job())
-    assert not any(mark.fault for mark in sheet.scores)
+    assert not any(score.fault for score in sheet.scores)
     assert sheet.usage.faults == {"first:busy": 2}
     assert sheet.usage.calls == 3
     scorer.close()
@@ -212,7 +212,7 @@ def test_dead_server_opens_the_circuit_and_is_left_alone() -> None:
         scorer.score(job(start=10 * start))
     asked = len(chat.asked)
     sheet = scorer.score(job(start=100))
-    assert [mark.fault for mark in sheet.scores] == ["circuit-open"] * 3
+    assert [score.fault for score in sheet.scores] == ["circuit-open"] * 3
     assert len(chat.asked) == asked
     scorer.close()
 
@@ -220,20 +220,20 @@ def test_dead_server_opens_the_circuit_and_is_left_alone() -> None:
 def test_model_that_cannot_be_loaded_is_a_fault_and_warming_says_why() -> None:
     scorer, chat = model(good)
     chat.load_fault = Unavailable("no such host")
-    assert {mark.fault for mark in scorer.score(job()).scores} == {"unreachable"}
+    assert {score.fault for score in scorer.score(job()).scores} == {"unreachable"}
     with pytest.raises(Unavailable, match="no such host"):
         scorer.warm(lambda: False)
     chat.load_fault = None
     assert "loaded" in scorer.warm(lambda: False)
-    assert not any(mark.fault for mark in scorer.score(job()).scores)
+    assert not any(score.fault for score in scorer.score(job()).scores)
     scorer.close()
 
 
 def test_a_server_that_came_back_is_loaded_again() -> None:
     scorer, chat = model(good, Unavailable("restarting"), good)
     scorer.score(job())
-    assert {mark.fault for mark in scorer.score(job(start=10)).scores} == {"unreachable"}
-    assert not any(mark.fault for mark in scorer.score(job(start=20)).scores)
+    assert {score.fault for score in scorer.score(job(start=10)).scores} == {"unreachable"}
+    assert not any(score.fault for score in scorer.score(job(start=20)).scores)
     assert chat.loads == 2
     scorer.close()
 
@@ -241,7 +241,7 @@ def test_a_server_that_came_back_is_loaded_again() -> None:
 def test_cancelled_score_returns_at_once() -> None:
     scorer, _ = model(None)
     sheet = scorer.score(job()._replace(cancelled=lambda: True, deadline_s=60.0))
-    assert {mark.fault for mark in sheet.scores} == {"cancelled"}
+    assert {score.fault for score in sheet.scores} == {"cancelled"}
     scorer.close()
 
 
@@ -314,20 +314,20 @@ def test_the_question_a_hung_server_is_tried_with_keeps_no_batch_waiting() -> No
     started_s = wall.monotonic_s()
     sheets = [scorer.score(job(start=start, deadline_s=20.0)) for start in (50, 60, 70)]
     assert wall.monotonic_s() - started_s < 10.0
-    assert {mark.fault for sheet in sheets for mark in sheet.scores} == {"circuit-open"}
+    assert {score.fault for sheet in sheets for score in sheet.scores} == {"circuit-open"}
     assert len(chat.asked) <= asked + 1
     scorer.close()
 
 
 def test_server_well_again_takes_over_and_its_trial_is_counted_and_not_asked_twice() -> None:
     scorer, chat, clock = opened(good)
-    assert {mark.fault for mark in scorer.score(job(start=50, deadline_s=1e6)).scores} == {"circuit-open"}
+    assert {score.fault for score in scorer.score(job(start=50, deadline_s=1e6)).scores} == {"circuit-open"}
     sheet = once_well(scorer, clock, 60)
-    assert not any(mark.fault for mark in sheet.scores)
+    assert not any(score.fault for score in sheet.scores)
     assert sheet.usage.tokens_in == 200  # its own and the trial's
     asked = len(chat.asked)
     again = scorer.score(job(start=50))
-    assert not any(mark.fault for mark in again.scores)
+    assert not any(score.fault for score in again.scores)
     assert (again.usage.cached, len(chat.asked)) == (3, asked)
     scorer.close()
 
@@ -336,7 +336,7 @@ def test_a_trial_that_hangs_ends_with_its_deadline_and_another_follows() -> None
     scorer, chat, clock = opened(None)
     scorer.score(job(start=50, deadline_s=0.1))
     chat.script = [good]
-    assert not any(mark.fault for mark in once_well(scorer, clock, 70).scores)
+    assert not any(score.fault for score in once_well(scorer, clock, 70).scores)
     scorer.close()
 
 
@@ -344,7 +344,7 @@ def test_a_first_probe_that_waits_for_another_question_does_not_make_more_side_b
     clock = HandClock()
 
     class OneAtATime(ScriptedChat):
-        async def ask(self, question: Question) -> Spoken:
+        async def ask(self, question: Question) -> ChatResult:
             clock.now_s += 1.0 if clock.now_s else 10.0
             return await super().ask(question)
 
@@ -370,13 +370,13 @@ def test_talk_is_kept_word_for_word_up_to_a_size(tmp_path: Path, monkeypatch: py
 
 
 def test_pace_asks_about_as_many_as_fit_into_the_deadline() -> None:
-    pace = BatchSizer()
-    pace.answered(10, 20.0)
-    assert pace.per_question(60.0) == 12
-    assert pace.per_question(10.0) == 2
-    assert pace.per_question(1.0) == 1
-    pace.missed(2)
-    assert pace.per_question(60.0) == 1
+    sizer = BatchSizer()
+    sizer.answered(10, 20.0)
+    assert sizer.per_question(60.0) == 12
+    assert sizer.per_question(10.0) == 2
+    assert sizer.per_question(1.0) == 1
+    sizer.missed(2)
+    assert sizer.per_question(60.0) == 1
 
 
 @pytest.mark.parametrize(
@@ -386,9 +386,9 @@ def test_pace_asks_about_as_many_as_fit_into_the_deadline() -> None:
 def test_pace_puts_questions_side_by_side_only_where_that_answers_more(
     seconds: dict[int, float], expected: int
 ) -> None:
-    pace = BatchSizer()
-    pace.probed(seconds)
-    assert pace.side_by_side == expected
+    sizer = BatchSizer()
+    sizer.probed(seconds)
+    assert sizer.side_by_side == expected
 
 
 def test_cache_is_bounded_and_keeps_no_faults() -> None:

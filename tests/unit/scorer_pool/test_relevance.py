@@ -34,7 +34,7 @@ def _none(label: str) -> Model:
 
 def _scores(*cases: TestCase, brief: PolicyBrief = GPS, history: tuple[Outcome, ...] = ()) -> list[float]:
     model = Model("", Tools(clock=WallClock(), model=_none))
-    return [mark.value for mark in model.score(Job(test_cases=cases, briefs=(brief,), history=history)).scores]
+    return [score.value for score in model.score(Job(test_cases=cases, briefs=(brief,), history=history)).scores]
 
 
 def test_inputs_of_the_policy_score_above_others_and_what_does_not_belong_lowers() -> None:
@@ -71,4 +71,4 @@ def test_a_model_asked_about_other_policies_forgets_what_it_worked_out_for_the_f
     other = PolicyBrief(name="rtl", interestingness="A return climbs to RTL_ALT first.", signals=("altitude_m",))
     seen = [model.score(Job(test_cases=cases, briefs=(brief,))).scores[0].value for brief in (GPS, other, GPS)]
     assert seen[1] > seen[0] == seen[2]
-    assert [mark.value for mark in model.score(Job(test_cases=cases)).scores] == [5.0]
+    assert [score.value for score in model.score(Job(test_cases=cases)).scores] == [5.0]

@@ -63,9 +63,9 @@ def ok(message: dict[str, Any]) -> tuple[int, bytes]:
 
 def test_openai_answer_is_read_with_thoughts_tokens_and_cut() -> None:
     chat = Scripted(ok(GOOD))
-    spoken = asyncio.run(chat.ask(QUESTION))
-    assert spoken.reply == ("{}", "hm")
-    assert (spoken.tokens_in, spoken.tokens_out, spoken.cut) == (7, 3, True)
+    result = asyncio.run(chat.ask(QUESTION))
+    assert result.reply == ("{}", "hm")
+    assert (result.tokens_in, result.tokens_out, result.cut) == (7, 3, True)
     body = chat.bodies[0]
     assert (body["temperature"], body["max_tokens"], body["response_format"]["type"]) == (0, 100, "json_schema")
 
@@ -161,9 +161,9 @@ def test_ollama_is_asked_with_schema_fixed_context_and_kept_loaded() -> None:
     chat = OllamaChat("m")
     seen: dict[str, Any] = {}
     streaming(chat, [Part('{"a"'), Part(": 1}", done=True, why="stop")], seen)
-    spoken = asyncio.run(chat.ask(QUESTION))
-    assert spoken.reply.content == '{"a": 1}'
-    assert (spoken.tokens_in, spoken.tokens_out, spoken.cut) == (5, 2, False)
+    result = asyncio.run(chat.ask(QUESTION))
+    assert result.reply.content == '{"a": 1}'
+    assert (result.tokens_in, result.tokens_out, result.cut) == (5, 2, False)
     assert seen["format"] == QUESTION.schema
     assert seen["options"]["num_ctx"] == CONTEXT_TOKENS
     assert seen["options"]["temperature"] == 0
@@ -174,9 +174,9 @@ def test_ollama_is_asked_with_schema_fixed_context_and_kept_loaded() -> None:
 def test_ollama_answer_without_end_is_cut_off() -> None:
     chat = OllamaChat("m")
     streaming(chat, [Part("x" * 400_000) for _ in range(100)], {})
-    spoken = asyncio.run(chat.ask(QUESTION))
-    assert spoken.cut
-    assert len(spoken.reply.content) <= 1_200_000
+    result = asyncio.run(chat.ask(QUESTION))
+    assert result.cut
+    assert len(result.reply.content) <= 1_200_000
     streaming(chat, [], {})
     with pytest.raises(Unavailable):
         asyncio.run(chat.ask(QUESTION))

@@ -76,7 +76,7 @@ def _line(event: Event) -> str:
     from saflite.contract.events import Flown, Judged, kind_of
 
     fact = event.fact
-    text = live.told(fact)
+    text = live.fact_text(fact)
     if isinstance(fact, Flown):
         text = f"flown  {fact.test_case}/{fact.flight_index} {fact.ending} {fact.simulated_s:.0f} s by {fact.worker}"
     elif isinstance(fact, Judged):

@@ -67,7 +67,7 @@ def show(case: TestCase, flight: Flight, judgement: Judgement, everything: bool 
         out.line(f"flight     {flight.ending}, {flight.simulated_s:.1f} s{speed}")
     if flight.trace_digest:
         out.line(f"trace      {flight.trace_digest[:16]}")
-    said = [verdict for verdict in judgement.verdicts if everything or verdict.robustness is not None]
+    listed = [verdict for verdict in judgement.verdicts if everything or verdict.robustness is not None]
     rows = [
         (
             verdict.outcome.upper() if verdict.outcome == "violated" else verdict.outcome,
@@ -75,10 +75,10 @@ def show(case: TestCase, flight: Flight, judgement: Judgement, everything: bool 
             "" if verdict.robustness is None else f"{verdict.robustness:+.3g}",
             verdict.message,
         )
-        for verdict in sorted(said, key=_order)
+        for verdict in sorted(listed, key=_order)
     ]
     out.table(rows, indent="  ")
-    left = Counter(verdict.outcome for verdict in judgement.verdicts if verdict not in said)
+    left = Counter(verdict.outcome for verdict in judgement.verdicts if verdict not in listed)
     whys: dict[Ruling, str] = {"vacuous": NEVER_APPLIED, "inconclusive": "the rule could not be judged"}
     for outcome, why in whys.items():
         if count := left[outcome]:

@@ -151,11 +151,11 @@ def _inputs(info: TargetInfo, kind: StimulusKind | None = None) -> list[Item]:
 
 
 def _bounds(entry: InputInfo) -> str:
-    said = [
+    limits = [
         f"{entry.low:g} to {entry.high:g}" if entry.low is not None and entry.high is not None else "",
         f"one of {', '.join(f'{value:g}' for value in entry.choices)}" if entry.choices else "",
     ]
-    ranges = f"{' '.join(text for text in said if text)} {entry.unit}".strip()
+    ranges = f"{' '.join(text for text in limits if text)} {entry.unit}".strip()
     default = f"default {entry.default:g}" if entry.default is not None else ""
     parts = [text for text in (ranges, default) if text]
     return f" [{'; '.join(parts)}]" if parts else ""

@@ -47,7 +47,7 @@ class _Quiet:
 
 
 class News:
-    """The facts worth a line of their own, each told once."""
+    """The facts worth a line of their own, each shown once."""
 
     def __init__(self, run_dir: Path) -> None:
         self._run_dir, self._next_seq = run_dir, 1
@@ -61,7 +61,7 @@ class News:
         found = []
         for event in self._run.events(self._next_seq):
             self._next_seq = event.seq + 1
-            text = told(event.fact)
+            text = fact_text(event.fact)
             if text:
                 found.append(text)
         return found
@@ -72,15 +72,15 @@ class News:
             self._run.close()
 
 
-def told(fact: object) -> str:
+def fact_text(fact: object) -> str:
     """Return the line for a fact worth one, empty for the others."""
     if isinstance(fact, ViolationFound):
         return violation_line(fact.violation)
     if isinstance(fact, Quarantined):
         return f"quarantined  {fact.test_case} after {fact.attempts} attempts, last {fact.last} {fact.message}".rstrip()
     if isinstance(fact, ScorerChanged):
-        said = fact.model if fact.ready else f"{fact.model} is not ready, {fact.previous} stays"
-        return f"scorer  {said} {fact.message}".rstrip()
+        change = fact.model if fact.ready else f"{fact.model} is not ready, {fact.previous} stays"
+        return f"scorer  {change} {fact.message}".rstrip()
     if isinstance(fact, FaultSeen):
         return f"fault  {fact.where}: {fact.message}"
     return ""

@@ -21,7 +21,7 @@ def key_of(test_case: TestCase, briefs: tuple[PolicyBrief, ...], model_digest: s
 
 
 class Cache:
-    """A bounded store of marks, the oldest forgotten first. Safe to use from several threads."""
+    """A bounded store of scores, the oldest forgotten first. Safe to use from several threads."""
 
     def __init__(self, kept_max: int = KEPT_MAX) -> None:
         self._kept: OrderedDict[str, ModelScore] = OrderedDict()
@@ -29,15 +29,15 @@ class Cache:
         self._lock = threading.Lock()
 
     def get(self, key: str) -> ModelScore | None:
-        """Return the mark kept under the key, None if there is none."""
+        """Return the score kept under the key, None if there is none."""
         with self._lock:
             return self._kept.get(key)
 
-    def put(self, key: str, mark: ModelScore) -> None:
-        """Keep a mark; faults are never kept."""
-        if mark.fault:
+    def put(self, key: str, score: ModelScore) -> None:
+        """Keep a score; faults are never kept."""
+        if score.fault:
             return
         with self._lock:
-            self._kept[key] = mark
+            self._kept[key] = score
             while len(self._kept) > self._kept_max:
                 self._kept.popitem(last=False)

@@ -1,4 +1,4 @@
-"""What a chat server is to the pool: something that answers a question, in its own time, or says why not."""
+"""The protocol of chat servers: one question, one answer in its own time, or the reason why there is none."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ class Question(NamedTuple):
     tokens_max: int
 
 
-class Spoken(NamedTuple):
-    """What a server said and what it took; `cut` where it stopped at the longest answer allowed."""
+class ChatResult(NamedTuple):
+    """The answer of a server and what it took; `cut` where it stopped at the longest answer allowed."""
 
     reply: Reply
     tokens_in: int = 0
@@ -34,7 +34,7 @@ class Spoken(NamedTuple):
 class Chat(Protocol):
     """A server with one model. Deadlines are the caller's: a call that is cancelled must stop asking."""
 
-    async def ask(self, question: Question) -> Spoken:
+    async def ask(self, question: Question) -> ChatResult:
         """Return the answer; raises Busy, Unavailable, or Refused where the server will never answer this."""
         ...
 

@@ -78,11 +78,11 @@ def _document(reply: Reply) -> dict[str, Any]:
     """Return the one JSON object of the answer; raises _Fault."""
     if len(reply.content) > ANSWER_CHARS_MAX or len(reply.thinking) > ANSWER_CHARS_MAX:
         raise _Fault("too-long")
-    spoken = _THINK.sub("", reply.content).strip()
+    content = _THINK.sub("", reply.content).strip()
     thought = "\n".join([*_THINK.findall(reply.content), reply.thinking]).strip()
-    if not spoken and not thought:
+    if not content and not thought:
         raise _Fault("empty")
-    return _only_object(spoken or thought)
+    return _only_object(content or thought)
 
 
 def _only_object(text: str) -> dict[str, Any]:

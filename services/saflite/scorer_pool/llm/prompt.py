@@ -178,17 +178,17 @@ def _environment(case: TestCase) -> str:
 
 
 def _earlier(history: tuple[Outcome, ...]) -> str:
-    told = [(outcome.guidance, outcome) for outcome in history if outcome.guidance is not None]
-    if not told:
+    known = [(outcome.guidance, outcome) for outcome in history if outcome.guidance is not None]
+    if not known:
         return ""
-    broken = sum(bool(outcome.violated) for _, outcome in told)
-    silent = sum(outcome.robustness is None for _, outcome in told)
-    ranked = sorted(told, key=lambda pair: (pair[0], draw_key(pair[1].test_case)))
+    broken = sum(bool(outcome.violated) for _, outcome in known)
+    silent = sum(outcome.robustness is None for _, outcome in known)
+    ranked = sorted(known, key=lambda pair: (pair[0], draw_key(pair[1].test_case)))
     order = [outcome for _, outcome in ranked]
     half = SHOWN_MAX // 2
     shown = order[:half] + order[half:][-half:]
     lines = [
-        f"# What earlier flights of this campaign showed\n{len(told)} flown, {broken} broke a policy"
+        f"# What earlier flights of this campaign showed\n{len(known)} flown, {broken} broke a policy"
         + (f", in {silent} no policy ever applied" if silent else "")
         + ". Margin is the signed distance to a violation (negative: broken)."
     ]

@@ -1,6 +1,6 @@
 """Scores with a language model behind a chat server: cached, sized, asked again once, guarded by a circuit breaker.
 
-Whatever the server does, every test case gets a mark or a named fault in time: `deadline`, `loading`, `busy`,
+Whatever the server does, every test case gets a score or a named fault in time: `deadline`, `loading`, `busy`,
 `unreachable`, `refused`, `circuit-open`, or a fault of `parse.py`. The pool fills faults with the embedded scorer.
 """
 
@@ -21,7 +21,7 @@ from saflite.contract.test_case import TestCase, identity
 from saflite.scorer_pool.llm.background import Background
 from saflite.scorer_pool.llm.batch_size import BatchSizer
 from saflite.scorer_pool.llm.cache import Cache, key_of
-from saflite.scorer_pool.llm.chat import Busy, Chat, Question, Spoken
+from saflite.scorer_pool.llm.chat import Busy, Chat, ChatResult, Question
 from saflite.scorer_pool.llm.circuit_breaker import Breaker
 from saflite.scorer_pool.llm.parse import Reply, parse
 from saflite.scorer_pool.llm.prompt import Prompt, again, answer_schema, build
@@ -162,13 +162,13 @@ class LanguageModel:
     # ---- scoring -----------------------------------------------------------------------------------------------
 
     def score(self, job: Job) -> ScoreSheet:
-        """Return a mark or a named fault per test case, within the job's deadline; never raises for the server."""
+        """Return a score or a named fault per test case, within the job's deadline; never raises for the server."""
         count = _Count()
         try:
-            marks = self._background.run(self._score(job, count), job.cancelled)
+            scores = self._background.run(self._score(job, count), job.cancelled)
         except CancelledError:
-            marks = [_fault("cancelled") for _ in job.test_cases]
-        count.faults.update(mark.fault for mark in marks if mark.fault)
+            scores = [_fault("cancelled") for _ in job.test_cases]
+        count.faults.update(score.fault for score in scores if score.fault)
         usage = Usage(
             tokens_in=count.tokens_in,
             tokens_out=count.tokens_out,
@@ -178,7 +178,7 @@ class LanguageModel:
             cached=count.cached,
             faults=dict(count.faults),
         )
-        return ScoreSheet(tuple(marks), usage, self._digest)
+        return ScoreSheet(tuple(scores), usage, self._digest)
 
     async def _score(self, job: Job, count: _Count) -> list[ModelScore]:
         ends_s = self._clock.monotonic_s() + job.deadline_s
@@ -193,7 +193,7 @@ class LanguageModel:
         if not self._digest:
             return {}
         kept = {identity(case): self._cache.get(key_of(case, job.briefs, self._digest)) for case in job.test_cases}
-        found = {name: mark for name, mark in kept.items() if mark is not None}
+        found = {name: score for name, score in kept.items() if score is not None}
         count.cached = len(found)
         return found
 
@@ -225,7 +225,7 @@ class LanguageModel:
         except asyncio.CancelledError:
             self._breaker.abandoned()
             raise
-        if all(mark.fault for mark in found.values()):
+        if all(score.fault for score in found.values()):
             self._breaker.failed()
         else:
             self._breaker.succeeded()
@@ -304,22 +304,22 @@ class LanguageModel:
     ) -> dict[str, ModelScore]:
         started_s = self._clock.monotonic_s()
         tokens_max = TOKENS_BESIDES + TOKENS_PER_CASE * len(cases)
-        spoken = await self._patiently(Question(messages, answer_schema(prompt.keys), tokens_max), count)
+        result = await self._patiently(Question(messages, answer_schema(prompt.keys), tokens_max), count)
         self._batch_sizer.answered(len(cases), self._clock.monotonic_s() - started_s)
-        self._transcript(Exchange(self.label, prompt.digest, messages, spoken.reply.content, spoken.reply.thinking))
-        count.tokens_in += spoken.tokens_in
-        count.tokens_out += spoken.tokens_out
-        parsed = parse(spoken.reply, prompt.keys)
-        marks: dict[str, ModelScore] = {}
+        self._transcript(Exchange(self.label, prompt.digest, messages, result.reply.content, result.reply.thinking))
+        count.tokens_in += result.tokens_in
+        count.tokens_out += result.tokens_out
+        parsed = parse(result.reply, prompt.keys)
+        scores: dict[str, ModelScore] = {}
         for case, key in zip(cases, prompt.keys, strict=True):
             if key in parsed.lines:
                 line = parsed.lines[key]
-                marks[identity(case)] = ModelScore(line.value, line.reason, prompt_digest=prompt.digest)
+                scores[identity(case)] = ModelScore(line.value, line.reason, prompt_digest=prompt.digest)
             else:
-                marks[identity(case)] = _fault("truncated" if spoken.cut else parsed.faults[key])
-        return marks
+                scores[identity(case)] = _fault("truncated" if result.cut else parsed.faults[key])
+        return scores
 
-    async def _patiently(self, question: Question, count: _Count) -> Spoken:
+    async def _patiently(self, question: Question, count: _Count) -> ChatResult:
         """Ask, and again after a growing pause while the server is busy; the caller's deadline ends it."""
         pause_s = BACK_OFF_FIRST_S
         while True:

@@ -1,4 +1,4 @@
-"""What was asked of language models and what they said, word for word: one JSON line per exchange, for people."""
+"""Questions to language models and their answers, word for word: one JSON line per exchange, for people."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ class Model:
         self._relevance = tools.model("relevance")
 
     def score(self, job: Job) -> ScoreSheet:
-        """Return one mark per test case."""
+        """Return one score per test case."""
         layouts = [place for place, case in enumerate(job.test_cases) if has_layout(case)]
         others = [place for place, case in enumerate(job.test_cases) if not has_layout(case)]
         scores: dict[int, ModelScore] = {}

@@ -40,7 +40,7 @@ class Model:
         if weight == 0.0:
             return prior
         learned = self._posterior.score(job)
-        scores = tuple(_mixed(mark, other, weight) for mark, other in zip(prior.scores, learned.scores, strict=True))
+        scores = tuple(_mixed(score, other, weight) for score, other in zip(prior.scores, learned.scores, strict=True))
         return ScoreSheet(scores, prior.usage, f"{prior.digest}+{learned.digest}")
 
     def warm(self, cancelled: Cancelled) -> str:

@@ -20,7 +20,7 @@ class Model:
         self.label = "gap"
 
     def score(self, job: Job) -> ScoreSheet:
-        """Return one mark per test case."""
+        """Return one score per test case."""
         return ScoreSheet(tuple(_mark(case) for case in job.test_cases), digest="gap-1")
 
     def warm(self, cancelled: Cancelled) -> str:

@@ -48,7 +48,7 @@ class Model:
         self._lock = threading.Lock()
 
     def score(self, job: Job) -> ScoreSheet:
-        """Return one mark per test case; stops early, with the middle for the rest, once cancelled."""
+        """Return one score per test case; stops early, with the middle for the rest, once cancelled."""
         return ScoreSheet(tuple(self._mark(case, job) for case in job.test_cases), digest="low_fidelity-3")
 
     def warm(self, cancelled: Cancelled) -> str:
@@ -70,12 +70,12 @@ class Model:
         with self._lock:
             if name in self._kept:
                 return self._kept[name]
-        mark = _flown(test_case)
+        score = _flown(test_case)
         with self._lock:
-            self._kept[name] = mark
+            self._kept[name] = score
             if len(self._kept) > KEPT_MAX:
                 self._kept.popitem(last=False)
-        return mark
+        return score
 
 
 def _flown(test_case: TestCase) -> ModelScore:

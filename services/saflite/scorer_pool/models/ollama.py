@@ -11,13 +11,13 @@ from typing import Any, NamedTuple
 
 from saflite.contract.config import environment
 from saflite.contract.errors import Refused, Unavailable
-from saflite.scorer_pool.llm.chat import Busy, Question, Spoken
+from saflite.scorer_pool.llm.chat import Busy, ChatResult, Question
 from saflite.scorer_pool.llm.parse import ANSWER_CHARS_MAX, Reply
 from saflite.scorer_pool.llm.scorer import CONTEXT_TOKENS, LanguageModel
 from saflite.scorer_pool.model import Tools
 
 THINKING_TOKENS = 2048
-"""More room for the answer of a model that thinks before it speaks."""
+"""More room for the answer of a model that thinks first."""
 
 KEEP_ALIVE = "30m"
 DEFAULT_HOST = "http://127.0.0.1:11434"
@@ -57,12 +57,12 @@ class OllamaChat:
             self._client._client.headers.pop("Authorization", None)  # the client's own, from OLLAMA_API_KEY
         self._more_tokens = 0
 
-    async def ask(self, question: Question) -> Spoken:
+    async def ask(self, question: Question) -> ChatResult:
         """Return the answer; see `Chat`."""
         tokens_max = question.tokens_max + self._more_tokens
         options = {"temperature": 0, "num_ctx": CONTEXT_TOKENS, "num_predict": tokens_max, "seed": 0}
-        spoken: Spoken = await self._guarded(self._streamed(question, options))
-        return spoken
+        result: ChatResult = await self._guarded(self._streamed(question, options))
+        return result
 
     async def load(self) -> str:
         """Load the model with the context it will be asked with."""
@@ -84,7 +84,7 @@ class OllamaChat:
                 return str(model.digest or "")
         raise Refused("ollama model", expected="a model the server has", got=repr(self._tag), fix="`ollama pull` it")
 
-    async def _streamed(self, question: Question, options: dict[str, Any]) -> Spoken:
+    async def _streamed(self, question: Question, options: dict[str, Any]) -> ChatResult:
         """Read the answer piece by piece, so that an endless one is cut off instead of filling the memory."""
         content, thinking, last = [], [], None
         length = 0
@@ -105,7 +105,7 @@ class OllamaChat:
                 break
         if last is None:
             raise Unavailable(f"ollama: {self._tag} closed the answer without a word")
-        return Spoken(
+        return ChatResult(
             Reply("".join(content), "".join(thinking)),
             tokens_in=last.prompt_eval_count or 0,
             tokens_out=last.eval_count or 0,

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from saflite.contract.config import environment
 from saflite.contract.errors import Refused, Unavailable
-from saflite.scorer_pool.llm.chat import Busy, Question, Spoken
+from saflite.scorer_pool.llm.chat import Busy, ChatResult, Question
 from saflite.scorer_pool.llm.parse import ANSWER_CHARS_MAX, Reply
 from saflite.scorer_pool.llm.scorer import LanguageModel, Prices
 from saflite.scorer_pool.model import Tools
@@ -74,11 +74,11 @@ class OpenAIChat:
         self._formats = ["json_schema", "json_object", ""]
         self._key = _key_for(self._url)
 
-    async def ask(self, question: Question) -> Spoken:
+    async def ask(self, question: Question) -> ChatResult:
         """Return the answer; see `Chat`. A server that knows no schema is asked without one from then on."""
         while True:
             try:
-                return _spoken(await self._post(self._body(question)))
+                return _result(await self._post(self._body(question)))
             except _Unfit:
                 if len(self._formats) == 1:
                     raise
@@ -159,13 +159,13 @@ async def _bounded(response: Any) -> bytes:
     return b"".join(parts)
 
 
-def _spoken(found: dict[str, Any]) -> Spoken:
+def _result(found: dict[str, Any]) -> ChatResult:
     try:
         choice = found["choices"][0]
         message = choice["message"]
         usage = found.get("usage") or {}
         thinking = message.get("reasoning_content") or message.get("reasoning") or ""
-        return Spoken(
+        return ChatResult(
             Reply(str(message.get("content") or ""), str(thinking)),
             tokens_in=int(usage.get("prompt_tokens") or 0),
             tokens_out=int(usage.get("completion_tokens") or 0),

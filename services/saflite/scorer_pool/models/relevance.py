@@ -66,9 +66,9 @@ class Model:
         self._lock = threading.Lock()
 
     def score(self, job: Job) -> ScoreSheet:
-        """Return one mark per test case."""
+        """Return one score per test case."""
         learned = self._learn(job)
-        return ScoreSheet(tuple(_mark(case, learned) for case in job.test_cases), digest="relevance-3")
+        return ScoreSheet(tuple(_score_of(case, learned) for case in job.test_cases), digest="relevance-3")
 
     def warm(self, cancelled: Cancelled) -> str:
         """Nothing to load."""
@@ -117,7 +117,7 @@ def _key(stimulus: Stimulus) -> Key:
     return stimulus.kind, stimulus.name
 
 
-def _mark(test_case: TestCase, learned: Learned) -> ModelScore:
+def _score_of(test_case: TestCase, learned: Learned) -> ModelScore:
     briefs = learned.priors.briefs
     if not test_case.stimuli or not briefs:
         return ModelScore(MIDDLE, "no stimuli: relevance has nothing to say")
@@ -126,12 +126,12 @@ def _mark(test_case: TestCase, learned: Learned) -> ModelScore:
     best = [weight for weight, _ in ordered[:RULE_INPUTS]]
     together = sum(best) / min(RULE_INPUTS, len(test_case.stimuli))
     whole = sum(weights[_key(one)] for one in test_case.stimuli) / len(test_case.stimuli)
-    told = ", ".join(f"{name} ({weight:.2f})" for weight, name in ordered[:RULE_INPUTS])
+    strongest = ", ".join(f"{name} ({weight:.2f})" for weight, name in ordered[:RULE_INPUTS])
     share = (together + whole) / 2.0
     if any(brief_names_negative(brief) for brief in briefs):
         named = [weights[_key(one)] for one in test_case.stimuli if negative(one)]
         share += VALUE_SHARE * (max(named, default=0.0) - share)
-    return ModelScore(SCORE_MAX * share, f"most relevant: {told}")
+    return ModelScore(SCORE_MAX * share, f"most relevant: {strongest}")
 
 
 def _log_odds(share: float) -> float:

@@ -1,6 +1,6 @@
 """Learns from the flights of this campaign: extremely randomised trees on what the test cases look like.
 
-Until 16 flights are known `gap` answers: the same mark for all would leave the choice to novelty, worse than chance.
+Until 16 flights are known `gap` answers: the same score for all would leave the choice to novelty, worse than chance.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class Model:
         if forest is None:
             seen = self._unlearned.score(job)
             reason = f"fewer than {FLIGHTS_MIN} flights to learn from; gap"
-            scores = tuple(mark._replace(reason=f"{reason}: {mark.reason}") for mark in seen.scores)
+            scores = tuple(score._replace(reason=f"{reason}: {score.reason}") for score in seen.scores)
             return ScoreSheet(scores, digest=f"surrogate-3+{seen.digest}")
         expected = forest.predict(self._vectors.of(list(job.test_cases)))
         reason = f"learned from {forest.flights} flights"

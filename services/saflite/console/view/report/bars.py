@@ -98,7 +98,7 @@ def calibrations(found: Sequence[Calibration]) -> str:
             row += 1
             parts.append(label(LEFT_PX - 8, y + 15, f"{one.model} {name}", "", "end"))
             if figure.value is None or figure.low is None or figure.high is None:
-                parts.append(label(LEFT_PX + 4, y + 15, "cannot be said", "tick"))
+                parts.append(label(LEFT_PX + 4, y + 15, "undefined", "tick"))
                 continue
             parts.append(tag("rect", x=LEFT_PX, y=y + 5, width=span * figure.value, height=ROW_PX - 12, fill="#2563c9"))
             low, high = LEFT_PX + span * figure.low, LEFT_PX + span * figure.high

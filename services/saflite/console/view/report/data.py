@@ -125,8 +125,8 @@ def _progress(run: RunFolder) -> Progress:
             fingerprints.add(fact.violation.fingerprint)
         elif not (isinstance(fact, Judged) and fact.flight_index == 0):
             continue
-        said = fact.robustness if isinstance(fact, Judged) else None
-        robustness = np.nan if said is None else said
+        judged = fact.robustness if isinstance(fact, Judged) else None
+        robustness = np.nan if judged is None else judged
         rows.append((float(flown), robustness, float(found), float(len(fingerprints))))
     table = np.array(rows, dtype=float)
     return Progress(table[:, 0], table[:, 1], table[:, 2], table[:, 3])

@@ -12,7 +12,7 @@ from saflite.console.view.report.data import Exhibit
 from saflite.console.view.report.svg import tag
 from saflite.contract.errors import Refused
 from saflite.contract.flight import Ending, Flight
-from saflite.contract.test_case import Obstacle, Stimulus, setting_text, told
+from saflite.contract.test_case import Obstacle, Stimulus, setting_text, stimulus_text
 from saflite.contract.verdict import Verdict
 
 FAR_M = 12.0  # distances beyond it are cut off in charts: what matters is near the limit
@@ -88,7 +88,7 @@ def _robustness(exhibit: Exhibit, times: NDArray[np.float64], marks: list[charts
 
 
 def _policy_robustness(exhibit: Exhibit) -> tuple[NDArray[np.float64] | None, str]:
-    """Return the robustness of what the policy promises at every moment, None where it cannot be said."""
+    """Return the robustness of what the policy promises at every moment, None where it is undefined."""
     from saflite.oracle.policy import load_policy
     from saflite.oracle.signals import FlightSignals
     from saflite.oracle.stl import Evaluator
@@ -135,7 +135,7 @@ def _facts(exhibit: Exhibit, run_name: str) -> list[tuple[str, str]]:
             ("flight", f"{first.ending}, {first.simulated_s:.1f} s, trace <code>{first.trace_digest[:16]}</code>")
         )
     facts += [(f"box {number}", _box(box)) for number, box in enumerate(case.scenario.obstacles, start=1)]
-    facts += [(f"at {stimulus.at_s:g} s", escape(told(stimulus))) for stimulus in case.stimuli]
+    facts += [(f"at {stimulus.at_s:g} s", escape(stimulus_text(stimulus))) for stimulus in case.stimuli]
     facts += [(escape(name), escape(setting_text(value))) for name, value in case.target.settings.items()]
     if exhibit.recording:
         facts.append(("recording", f'<a href="{escape(exhibit.recording)}">{escape(exhibit.recording)}</a>'))

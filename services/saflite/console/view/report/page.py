@@ -160,7 +160,7 @@ def _policies(data: ReportData) -> str:
         rows.append("<tr>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>")
     heads = ("policy", "test cases judged", "applied in", "violated in", "vacuous in", "inconclusive in", "")
     return (
-        "<h2>What the policies said</h2>"
+        "<h2>Verdicts by policy</h2>"
         '<p class="muted">First flights only. A policy is vacuous in a flight in which its rule never applied: such a '
         "flight is no evidence that the rule is kept.</p>" + _html_table(heads, rows)
     )
