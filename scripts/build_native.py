@@ -1,4 +1,4 @@
-"""Compile `services/saflite/flight/native/*.c` into one shared library beside the sources.
+"""Compile every `native/*.c` under `services/saflite/flight` into one shared library, `flight/native/_native.so`.
 
 Runs as the build hook of the wheel (also for editable installs) and by hand: `python scripts/build_native.py`.
 The system's C compiler is used where there is one, the one in the `ziglang` package otherwise.
@@ -16,7 +16,8 @@ from typing import Any
 
 FLAGS = ["-std=c11", "-O3", "-ffp-contract=off", "-fno-fast-math", "-fPIC", "-shared", "-Wall", "-Wextra", "-Werror"]
 ROOT = Path(__file__).resolve().parent.parent
-NATIVE = ROOT / "services" / "saflite" / "flight" / "native"
+FLIGHT = ROOT / "services" / "saflite" / "flight"
+NATIVE = FLIGHT / "native"
 
 
 def compiler() -> list[str]:
@@ -31,8 +32,8 @@ def build() -> Path:
     """Compile all sources into `_native.so`; raises CalledProcessError with the compiler's own words."""
     target = NATIVE / "_native.so"
     partial = target.with_suffix(f".{os.getpid()}.tmp")
-    sources = sorted(str(path) for path in NATIVE.glob("*.c"))
-    subprocess.run([*compiler(), *FLAGS, "-o", str(partial), *sources, "-lm"], check=True)
+    sources = sorted(str(path) for path in FLIGHT.rglob("native/*.c"))
+    subprocess.run([*compiler(), *FLAGS, f"-I{NATIVE}", "-o", str(partial), *sources, "-lm"], check=True)
     partial.replace(target)
     return target
 

@@ -8,7 +8,7 @@
 
 Factors are simulated seconds per second of processor time (and of wall time) of one core; rounds alternate between the
 kinds so that a busy machine slows all alike, and the median counts. Standing on the ground before arming costs little
-and is left out of `airborne`.
+and is left out of `airborne`. `--against CHECKOUT` measures another checkout in turns with this one.
 """
 
 from __future__ import annotations
@@ -21,8 +21,10 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
+import _flight_against
 import numpy as np
 
 from saflite.conformance.flying import fly_once
@@ -61,8 +63,8 @@ def _timed(work: Callable[[], tuple[float, float]]) -> Measured:
 def bare() -> tuple[float, float]:
     """Step our own file of the aircraft in a hover, nothing else."""
     world = World(30.0)
-    world.set_motors(0.435, 1)
-    return _stepped(world.step)
+    world.spin_up(0.435, 1)
+    return _stepped(world.step_jsbsim)
 
 
 def _stepped(step: Callable[[], object]) -> tuple[float, float]:
@@ -183,12 +185,30 @@ def summary(found: dict[str, list[Measured]], peak_mib: float) -> dict[str, Any]
     return {"kinds": rows, "worker_peak_mib": round(peak_mib, 1), "rounds": len(found["free"])}
 
 
+def against(other: Path, turns: int, rounds: int, least: float | None, *, as_json: bool) -> int:
+    """Compare with another checkout; 1 if a kind of flight is slower than asked for."""
+    compared = _flight_against.compare(other, turns, rounds)
+    if as_json:
+        print(json.dumps({name: row._asdict() for name, row in compared.items()}, indent=1))
+    else:
+        _flight_against.show(compared)
+    slow = _flight_against.slower(compared, least) if least is not None else []
+    if slow:
+        sys.stderr.write(f"slower than {least}: {', '.join(slow)}\n")
+    return 1 if slow else 0
+
+
 def main(argv: list[str]) -> int:
     """Measure and print."""
     parser = argparse.ArgumentParser(prog="scripts/bench flight", description=__doc__.split("\n")[0])
     parser.add_argument("--rounds", type=int, default=10)
     parser.add_argument("--json", action="store_true")
+    parser.add_argument("--against", type=Path, metavar="CHECKOUT", help="measure another checkout in turns with this")
+    parser.add_argument("--turns", type=int, default=10, help="with --against: of --rounds rounds each")
+    parser.add_argument("--least", type=float, help="with --against: exit 1 if a median ratio is below, e.g. 0.97")
     options = parser.parse_args(argv)
+    if options.against is not None:
+        return against(options.against.resolve(), options.turns, options.rounds, options.least, as_json=options.json)
     result = summary(measure(max(1, options.rounds)), worker_peak_mib())
     if options.json:
         print(json.dumps(result, indent=1))

@@ -15,7 +15,7 @@ PACKAGE = ROOT / "services" / "saflite"
 LINES_MAX, FUNCTION_LINES_MAX = 400, 60
 
 SOURCES = sorted(PACKAGE.rglob("*.py"))
-NATIVE = sorted((PACKAGE / "flight" / "native").glob("*.[ch]"))
+NATIVE = sorted((PACKAGE / "flight").rglob("native/*.[ch]"))
 SCRIPTS = sorted((ROOT / "scripts").rglob("*.py"))
 TESTS = sorted((ROOT / "tests").rglob("*.py"))
 SUFFIXES = (".py", ".c", ".h", ".toml", ".md", ".json", ".yaml", ".yml", ".sh", ".txt", ".service", "")

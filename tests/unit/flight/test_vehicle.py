@@ -1,110 +1,91 @@
-"""The world, the sensors and the estimator: rest, noise, faults, wind."""
+"""The reference's blackboard: world, sensors and estimator in one loop; rest, faults, gating, fallbacks."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from saflite.contract.test_case import Wind
-from saflite.flight.vehicle import Vehicle, slots
-from saflite.flight.world.jsbsim_world import World
-from saflite.flight.world.wind import WindField
+from saflite.flight.autopilots.reference.vehicle import Vehicle, slots
+from saflite.flight.sensors.faults import FAULTS
 
 NOTHING = np.zeros((0, 8))
 
 
-def standing(rng_seed: int = 1) -> tuple[World, Vehicle]:
-    world, vehicle = World(), Vehicle(rng_seed, NOTHING)
-    world.read(vehicle)
-    vehicle.set(
-        baro_gain=1.0,
-        fault_gps_sats=10.0,
-        gps_sats_min=4.0,
-        est_gate_m=5.0,
-        est_height_noise=3.0,
-        est_position_noise=1.0,
-    )
+def standing(rng_seed: int = 1) -> Vehicle:
+    vehicle = Vehicle(rng_seed, NOTHING)
+    vehicle.set(baro_gain=1.0, gps_sats_min=4.0, est_gate_m=5.0, est_height_noise=3.0, est_position_noise=1.0)
     vehicle.set(est_velocity_noise=1.0, est_yaw_noise=0.5, est_acc_noise=0.35, compass_use=1.0, k_input_tc=0.15)
     vehicle.align()
-    return world, vehicle
+    return vehicle
 
 
 def test_vehicle_at_rest_reads_gravity_and_the_origin() -> None:
-    world, vehicle = standing()
-    assert abs(vehicle["up_m"]) < 1e-6
-    assert vehicle["force_z"] == pytest.approx(-9.8, abs=0.3)
-    world.run(vehicle, 400)
-    assert vehicle["acc_z"] == pytest.approx(-9.81, abs=0.4)
-
-
-def test_sensor_noise_has_the_size_it_says_and_follows_the_seed() -> None:
-    world, vehicle = standing()
-    readings = []
-    for _ in range(2000):
-        world.run(vehicle, 1)
-        readings.append(vehicle["gyro_x"])
-    assert np.std(readings) == pytest.approx(0.003, rel=0.15)
-    again_world, again = standing()
-    again_world.run(again, 2000)
-    assert again["gyro_x"] == vehicle["gyro_x"]
-    other_world, other = standing(2)
-    other_world.run(other, 2000)
-    assert other["gyro_x"] != vehicle["gyro_x"]
+    vehicle = standing()
+    assert abs(vehicle["altitude_m"]) < 1e-6
+    assert vehicle["force_z_mps2"] == pytest.approx(-9.8, abs=0.3)
+    vehicle.run(400)
+    assert vehicle["acc_z_mps2"] == pytest.approx(-9.81, abs=0.4)
 
 
 def test_estimate_stays_near_the_truth_and_a_gps_offset_pulls_it() -> None:
-    world, vehicle = standing()
-    world.run(vehicle, 4000)
+    vehicle = standing()
+    vehicle.run(4000)
     assert abs(vehicle["est_n"]) < 0.8
     assert abs(vehicle["altitude_est_m"]) < 0.8
-    vehicle["fault_gps_north"] = 3.0
-    world.run(vehicle, 8000)
+    vehicle.sensors.set_fault("gps_offset_north", 3.0)
+    vehicle.run(8000)
     assert vehicle["est_n"] == pytest.approx(3.0, abs=0.8)
 
 
 def test_gps_jump_is_gated_then_believed() -> None:
-    world, vehicle = standing()
-    world.run(vehicle, 2000)
-    vehicle["fault_gps_east"] = 40.0
-    world.run(vehicle, 2000)
+    vehicle = standing()
+    vehicle.run(2000)
+    vehicle["fault_gps_offset_east"] = 40.0
+    vehicle.run(2000)
     assert abs(vehicle["est_e"]) < 1.0
     assert vehicle["innovation_ratio"] > 0.8
-    world.run(vehicle, 4000)
+    vehicle.run(4000)
     assert vehicle["est_e"] == pytest.approx(40.0, abs=1.5)
 
 
 def test_barometer_drift_moves_the_height_and_its_loss_falls_back_on_gps() -> None:
-    world, vehicle = standing()
+    vehicle = standing()
     vehicle["fault_baro_drift"] = 0.5
-    world.run(vehicle, 8000)
+    vehicle.run(8000)
     assert vehicle["altitude_est_m"] == pytest.approx(10.0, abs=1.5)
-    vehicle["fault_baro_off"] = 1.0
-    world.run(vehicle, 8000)
+    vehicle["fault_baro_loss"] = 1.0
+    vehicle.run(8000)
     assert vehicle["baro_ok"] == 0.0
     assert vehicle["height_from"] == 2.0
     assert vehicle["altitude_est_m"] == pytest.approx(0.0, abs=1.5)
 
 
 def test_losing_the_gps_takes_the_position_away() -> None:
-    world, vehicle = standing()
-    world.run(vehicle, 400)
-    vehicle["fault_gps_off"] = 1.0
-    world.run(vehicle, 800)
+    vehicle = standing()
+    vehicle.run(400)
+    vehicle["fault_gps_loss"] = 1.0
+    vehicle.run(800)
     assert vehicle["gps_ok"] == 0.0
     assert vehicle["position_ok"] == 0.0
 
 
-def test_slot_names_are_distinct() -> None:
+def test_slots_are_the_same_memory_from_every_side() -> None:
+    vehicle = standing()
     assert len(slots()) == len(set(slots().values()))
-    assert slots()["p_rps"] == 0
+    vehicle["fault_gps_noise"], vehicle["motor_failed"] = 2.0, 3.0
+    assert vehicle.sensors["fault_gps_noise"] == 2.0
+    assert vehicle.world.state.motor_failed == 3.0
+    assert vehicle.world["altitude_m"] == vehicle["altitude_m"]
 
 
-def test_gusts_have_the_size_asked_for_and_repeat() -> None:
-    wind = Wind(mean_mps=5.0, from_deg=90.0, gust_mps=1.0, gust_period_s=1.0)
-    first, second = WindField(wind, 7), WindField(wind, 7)
-    rows = np.array([first.tick() for _ in range(20_000)])
-    assert np.array_equal(rows[:100], np.array([second.tick() for _ in range(100)]))
-    assert rows[:, 1].mean() == pytest.approx(-5.0, abs=0.3)
-    assert rows[:, 0].std() == pytest.approx(1.0, rel=0.2)
-    assert rows[:, 2].std() == pytest.approx(0.33, rel=0.2)
-    assert WindField(Wind(), 1).still
+def test_every_fault_of_the_sensors_has_a_parameter_and_a_name_all_autopilots_share() -> None:
+    from saflite.flight.autopilots.reference.parameters import parameter_table
+    from saflite.flight.autopilots.reference.sensor_faults import fault_value, shared_names
+
+    names = shared_names()
+    assert set(FAULTS) < set(names)
+    for name, fault in FAULTS.items():
+        row = parameter_table()[names[name]]
+        assert row.default == pytest.approx(fault_value(name, fault.healthy))
+        for size, limit in ((fault.low, row.low), (fault.high, row.high)):
+            assert fault_value(name, size) == pytest.approx(limit, abs=1e-6), name

@@ -1,17 +1,10 @@
 /* Distance and contact between a point and rotated boxes. */
 #include "boxes.h"
 
-#include <math.h>
-
 static double one_distance(const double *box, double x, double y, double z)
 {
-    const double dx = x - box[BOX_X], dy = y - box[BOX_Y];
-    const double along = fabs(dx * box[BOX_COS] + dy * box[BOX_SIN]) - box[BOX_HALF_LENGTH];
-    const double across = fabs(dy * box[BOX_COS] - dx * box[BOX_SIN]) - box[BOX_HALF_WIDTH];
-    if (along <= 0.0 && across <= 0.0)
-        return z > box[BOX_TOP] ? z - box[BOX_TOP] : 0.0;
-    const double u = along > 0.0 ? along : 0.0, v = across > 0.0 ? across : 0.0;
-    return sqrt(u * u + v * v);
+    const double plane = box_plane_distance(box, 1.0, x, y);
+    return plane == 0.0 && z > box[BOX_TOP] ? z - box[BOX_TOP] : plane;
 }
 
 double boxes_distance(const double *boxes, int n_boxes, double x, double y, double z)

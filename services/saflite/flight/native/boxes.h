@@ -5,7 +5,19 @@
 
 enum { BOX_X, BOX_Y, BOX_HALF_LENGTH, BOX_HALF_WIDTH, BOX_COS, BOX_SIN, BOX_BASE, BOX_TOP, BOX_FIELDS };
 
+#include <math.h>
+
 #define NO_OBSTACLE_M 1000.0
+
+/* Distance in the plane to a box with half sides scaled by `scale`; 0 inside. */
+static inline double box_plane_distance(const double *box, double scale, double x, double y)
+{
+    const double dx = x - box[BOX_X], dy = y - box[BOX_Y];
+    const double along = fabs(dx * box[BOX_COS] + dy * box[BOX_SIN]) - scale * box[BOX_HALF_LENGTH];
+    const double across = fabs(dy * box[BOX_COS] - dx * box[BOX_SIN]) - scale * box[BOX_HALF_WIDTH];
+    const double u = along > 0.0 ? along : 0.0, v = across > 0.0 ? across : 0.0;
+    return sqrt(u * u + v * v);
+}
 
 /* The competition's distance of a point: in the plane to the full boxes, or above the top when over a box. */
 double boxes_distance(const double *boxes, int n_boxes, double x, double y, double z);

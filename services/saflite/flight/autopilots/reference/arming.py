@@ -16,9 +16,9 @@ def why_not(ap: FlightStack) -> str:
         return f"mode {ap.mode.name} not armable"
     if p["ARMING_CHECK"] == 0:
         return ""
-    gyro = max(abs(board[f"gyro_{axis}"]) for axis in "xyz")
-    field = sum(board[f"mag_{axis}"] ** 2 for axis in "xyz") ** 0.5
-    apart_m = abs(board["baro_altitude_m"] + board["baro_ground_m"] - board["gps_up"])
+    gyro = max(abs(board[f"gyro_{axis}_rps"] - board[f"cal_gyr_{axis}"]) for axis in "xyz")
+    field = sum((board[f"compass_{axis}_gauss"] + board[f"cal_mag_{axis}"]) ** 2 for axis in "xyz") ** 0.5
+    apart_m = abs(board["baro_altitude_m"] + board["baro_ground_m"] - board["gps_up_m"])
     rules = (
         (ap.mode.needs_position and board["position_ok"] == 0.0, "need position estimate"),
         (ap.mode.needs_position and board["gps_ok"] == 0.0, "GPS: no fix"),

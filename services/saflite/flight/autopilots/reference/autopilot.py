@@ -19,7 +19,7 @@ from saflite.flight.autopilots.reference.modes.table import make_mode
 from saflite.flight.autopilots.reference.parachute import Parachute
 from saflite.flight.autopilots.reference.parameters import ParameterSet
 from saflite.flight.autopilots.reference.radio import Radio
-from saflite.flight.vehicle import Vehicle
+from saflite.flight.autopilots.reference.vehicle import Vehicle
 
 TICK_S = 0.02
 MESSAGES_MAX = 500

@@ -8,10 +8,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from saflite.flight.autopilots.reference.vehicle import Vehicle, slots
 from saflite.flight.planner.follower import Follower
 from saflite.flight.planner.local_planner import LocalPlanner
 from saflite.flight.planner.settings import PlannerSettings
-from saflite.flight.vehicle import Vehicle, slots
 
 Point = tuple[float, float, float]
 FRESH_S = 0.5  # a trajectory not flown for longer starts anew

@@ -138,7 +138,7 @@ class Failsafes:
 
     def _check_battery(self) -> None:
         board, p = self._ap.board, self._ap.parameters
-        left_mah = p["BATT_CAPACITY"] - board["battery_used_mah"]
+        left_mah = p["BATT_CAPACITY"] - board["pack_used_mah"]
         if "battery-failsafe-missing" in self._ap.defects:
             return
         low = (p["BATT_LOW_VOLT"] > 0.0 and board["battery_v"] < p["BATT_LOW_VOLT"]) or (

@@ -15,9 +15,9 @@ from saflite.flight.autopilots.reference import stimuli
 from saflite.flight.autopilots.reference.autopilot import TICK_S, Autopilot
 from saflite.flight.autopilots.reference.avoidance import Avoidance
 from saflite.flight.autopilots.reference.defects import planted_in
+from saflite.flight.autopilots.reference.vehicle import Vehicle, slots
 from saflite.flight.geometry import boxes_array
-from saflite.flight.vehicle import STEP_S, Vehicle, slots
-from saflite.flight.world.jsbsim_world import World
+from saflite.flight.world.state import CRASHED, FLYING, FROZEN, STANDING, STEP_S
 from saflite.flight.world.wind import WindField
 
 STEPS_PER_TICK = round(TICK_S / STEP_S)
@@ -30,7 +30,6 @@ TRACE_STEP_FINE_S = 0.02
 AFTER_S = 2.0  # recorded after the end
 CHUTE_AREA_M2 = 0.9  # sinks this vehicle at 5 m/s
 ORACLE_MADE = {"time_s"}
-STANDING, FLYING, CRASHED, FROZEN = 0.0, 1.0, 2.0, 3.0
 
 
 class ReferenceFlight:
@@ -46,10 +45,10 @@ class ReferenceFlight:
         self.test_case, self.scenario = test_case, scenario
         self.start = scenario.start or StartState()
         on_ground = scenario.mission is not None or self.start.altitude_m <= 0.0
-        self.world = World(0.0 if on_ground else self.start.altitude_m, MISSION_YAW_DEG if scenario.mission else 0.0)
+        altitude_m, yaw_deg = 0.0 if on_ground else self.start.altitude_m, MISSION_YAW_DEG if scenario.mission else 0.0
         self.boxes = boxes_array(scenario.obstacles)
-        self.vehicle = Vehicle(test_case.rng_seed, self.boxes)
-        self.world.read(self.vehicle)
+        self.vehicle = Vehicle(test_case.rng_seed, self.boxes, altitude_m, yaw_deg)
+        self.world = self.vehicle.world
         self.wind = WindField(scenario.wind, test_case.rng_seed)
         self.autopilot = Autopilot(self.vehicle, planted_in(test_case.target))
         self.inputs = stimuli.Player(self.autopilot, test_case.stimuli)
@@ -142,7 +141,7 @@ class ReferenceFlight:
         board = self.vehicle
         if board["world_state"] == STANDING and board["motors_on"] > 0.0:
             board["world_state"] = FLYING
-        self.world.run(board, STEPS_PER_TICK)
+        board.run(STEPS_PER_TICK)
         self.ticks += 1
 
     # -- start ----------------------------------------------------------------------------------------------------
@@ -185,9 +184,7 @@ class ReferenceFlight:
 
     def _start_in_the_air(self) -> None:
         board, autopilot = self.vehicle, self.autopilot
-        self.world.set_motors(0.47, 80)
-        self.world.read(board)
-        board["world_state"] = FLYING
+        self.world.spin_up(0.47, 80)
         board.align()
         autopilot.armed, autopilot.landed, autopilot.taken_off = True, False, True
         autopilot.set_home(0.0, 0.0, 0.0)

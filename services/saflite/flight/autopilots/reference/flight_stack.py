@@ -9,7 +9,7 @@ from saflite.contract.test_case import Mission
 from saflite.flight.autopilots.reference.avoidance import Avoidance
 from saflite.flight.autopilots.reference.parameters import ParameterSet
 from saflite.flight.autopilots.reference.radio import Radio
-from saflite.flight.vehicle import Vehicle
+from saflite.flight.autopilots.reference.vehicle import Vehicle
 
 
 class FlightMode(Protocol):

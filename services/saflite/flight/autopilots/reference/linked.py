@@ -77,15 +77,15 @@ class LinkedReference:
             innovation_ratio=board["innovation_ratio"],
             gps_ok=board["gps_ok"] != 0.0,
             gps_satellites=round(board["gps_satellites"]),
-            gps_position_m=(board["gps_north"], board["gps_east"], board["gps_up"]),
-            gps_speed_mps=(board["gps_vn"], board["gps_ve"]),
+            gps_position_m=(board["gps_north_m"], board["gps_east_m"], board["gps_up_m"]),
+            gps_speed_mps=(board["gps_vn_mps"], board["gps_ve_mps"]),
             baro_ok=board["baro_ok"] != 0.0,
             radio_ok=not ap.failsafes.radio,
             radio_present=radio.present,
             sticks_pwm=radio.received,
             battery_v=board["battery_v"],
             battery_a=board["battery_a"],
-            battery_left=1.0 - board["battery_used_mah"] / CAPACITY_MAH,
+            battery_left=1.0 - board["pack_used_mah"] / CAPACITY_MAH,
         )
 
     def set_parameter(self, name: str, value: float) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from saflite.flight.autopilots.reference.parameters import ParameterSet
-from saflite.flight.vehicle import Vehicle
+from saflite.flight.autopilots.reference.vehicle import Vehicle
 
 CENTRED = {1: 1500.0, 2: 1500.0, 3: 1500.0, 4: 1500.0}
 LOST_THROTTLE_PWM = 900.0

@@ -1,33 +1,32 @@
-"""Sensor faults by name: the `SIM_*` parameters, and short words for the common ones."""
+"""Sensor faults by name: `SIM_*` parameters, and the names that all autopilots share (`flight/sensors/faults.py`)."""
 
 from __future__ import annotations
 
+from functools import cache
+
 from saflite.contract.errors import Refused
 from saflite.flight.autopilots.reference.parameters import parameter_table
+from saflite.flight.sensors.sensors import FAULT
 
-WORDS = {
-    "gps_loss": "SIM_GPS_DISABLE",
-    "gps_satellites": "SIM_GPS_NUMSATS",
-    "gps_noise": "SIM_GPS_NOISE",
-    "gps_offset_north": "SIM_GPS_GLITCH_X",
-    "gps_offset_east": "SIM_GPS_GLITCH_Y",
-    "gps_offset_up": "SIM_GPS_GLITCH_Z",
-    "baro_loss": "SIM_BARO_DISABLE",
-    "baro_offset": "SIM_BARO_GLITCH",
-    "baro_drift": "SIM_BARO_DRIFT",
-    "compass_noise": "SIM_MAG_RND",
-    "radio_loss": "SIM_RC_FAIL",
-    "battery_voltage": "SIM_BATT_VOLTAGE",
-    "engine_failure": "SIM_ENGINE_FAIL",
-    "wind": "SIM_WIND_SPD",
-}
+BEYOND_SENSORS = {"radio_loss": "SIM_RC_FAIL", "engine_failure": "SIM_ENGINE_FAIL", "wind": "SIM_WIND_SPD"}
+
+
+@cache
+def shared_names() -> dict[str, str]:
+    """Return the faults named for all autopilots, and the parameter that makes each."""
+    rows = parameter_table().values()
+    return {row.slot.removeprefix(FAULT): row.name for row in rows if row.slot.startswith(FAULT)} | BEYOND_SENSORS
 
 
 def fault_parameter(name: str, where: str) -> str:
     """Return the parameter that makes the fault; raises Refused for an unknown one."""
-    parameter = WORDS.get(name, name)
+    parameter = shared_names().get(name, name)
     if not parameter.startswith("SIM_") or parameter not in parameter_table():
-        raise Refused(
-            "sensor fault", where=where, expected=f"one of {', '.join(WORDS)} or a SIM_ parameter", got=repr(name)
-        )
+        expected = f"one of {', '.join(shared_names())} or a SIM_ parameter"
+        raise Refused("sensor fault", where=where, expected=expected, got=repr(name))
     return parameter
+
+
+def fault_value(name: str, size: float) -> float:
+    """Return the value of the parameter that makes a fault of this size: shared names count in units of their own."""
+    return size / parameter_table()[shared_names()[name]].scale if name in shared_names() else size

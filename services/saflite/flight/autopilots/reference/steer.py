@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from saflite.flight.vehicle import Vehicle
+from saflite.flight.autopilots.reference.vehicle import Vehicle
 
 XY_NONE, XY_VELOCITY, XY_POSITION = 0, 1, 2
 Z_THROTTLE, Z_CLIMB, Z_ALTITUDE = 0, 1, 2

@@ -11,7 +11,7 @@ from saflite.contract.errors import Refused
 from saflite.contract.flight import Delivered, DeliveryAnswer
 from saflite.contract.test_case import Stimulus
 from saflite.flight.autopilots.reference.commands import MavResult, command_number, execute
-from saflite.flight.autopilots.reference.sensor_faults import fault_parameter
+from saflite.flight.autopilots.reference.sensor_faults import fault_parameter, fault_value
 
 if TYPE_CHECKING:
     from saflite.flight.autopilots.reference.autopilot import Autopilot
@@ -128,7 +128,7 @@ def give(ap: Autopilot, stimulus: Stimulus) -> str:
         ap.say(f"Command {stimulus.name}: {result.name}")
         return "" if result == MavResult.ACCEPTED else result.name
     name = fault_parameter(stimulus.name, "stimulus")
-    why = ap.parameters.set(name, values[0] if values else 1.0)
+    why = ap.parameters.set(name, fault_value(stimulus.name, values[0] if values else 1.0))
     ap.say(f"Sensor fault {name}" + (f" refused: {why}" if why else ""))
     return why
 

@@ -1,54 +1,39 @@
-/* The vehicle's blackboard: every number that sensors, estimator, control and the Python modes share.
+/* The reference autopilot's blackboard: every number that estimator, control and the Python modes share.
  *
- * One struct per flight. `Vehicle.at[]` is mapped into Python as an array of doubles; the names of the slots come from
- * the lists below through `vehicle_slot_name`, so the two sides cannot disagree. Frames: north-east-down and body
- * forward-right-down in here; up-positive only where the name says altitude or climb. SI units, radians unless named.
+ * One struct per flight, with the world and the sensors in it, so that all three are stepped in one native loop
+ * (vehicle.c). Its doubles are mapped into Python; the names come from the lists below and from those of world.h and
+ * sensors.h, so the two sides cannot disagree. Frames: north-east-down and body forward-right-down in here; up-positive
+ * only where the name says altitude or climb. SI units, radians unless named.
  */
 #ifndef SAFLITE_VEHICLE_H
 #define SAFLITE_VEHICLE_H
 
 #include <stdint.h>
 
-#define STEP_S 0.0025
-#define STEPS_PER_STATE 8   /* truth of position, attitude: 50 Hz */
-#define STEPS_PER_GPS 40    /* GPS and compass: 10 Hz */
-#define STEPS_PER_OUTER 4   /* position and velocity loops: 100 Hz */
-#define GRAVITY 9.80665
-#define PI 3.14159265358979323846
+#include "recorder.h"
+#include "sensors.h"
+#include "world.h"
 
-/* Truth, as JSBSim gives it. */
-#define SLOTS_TRUTH(X) \
-    X(p_rps) X(q_rps) X(r_rps) X(force_x) X(force_y) X(force_z) \
-    X(north_m) X(east_m) X(up_m) X(v_north) X(v_east) X(v_down) X(phi) X(theta) X(psi)
-
-/* What the world says, by the names of contract/signals.py. */
-#define SLOTS_WORLD(X) \
-    X(time_s) X(x_m) X(y_m) X(altitude_m) X(vx_mps) X(vy_mps) X(climb_mps) X(roll_deg) X(pitch_deg) X(yaw_deg) \
-    X(roll_rate_dps) X(pitch_rate_dps) X(yaw_rate_dps) X(obstacle_distance_m) X(contact) X(world_state)
+#define STEPS_PER_STATE STEPS_PER_BARO /* truth, height, corrections: 50 Hz */
+#define STEPS_PER_OUTER 4              /* position and velocity loops: 100 Hz */
 
 /* Written by the Python side for the trace. */
 #define SLOTS_MODES(X) \
     X(mode) X(armed) X(landed) X(mission_item) X(altitude_target_m) X(altitude_source) X(home_distance_m) \
     X(circle_radius_m) X(mission_count) X(taken_off) X(takeoff) X(rc1_pwm) X(rc2_pwm) X(rc3_pwm) X(rc4_pwm) \
-    X(rc_present) X(failsafe_gps) X(failsafe_radio) X(failsafe_battery) X(failsafe_fence) X(chute_released) \
+    X(rc_present) X(failsafe_gps) X(failsafe_radio) X(failsafe_battery) X(failsafe_fence) \
     X(rtl_altitude_set_m) X(rtl_altitude_final_set_m) X(land_speed_set_mps) X(land_speed_high_set_mps) \
     X(pilot_speed_up_set_mps) X(takeoff_altitude_set_m) X(takeoff_speed_set_mps) X(chute_altitude_min_set_m) \
     X(fs_throttle_set_pwm) X(fs_throttle_enabled) X(fs_gps_action) X(fs_gps_delay_set_s) X(fence_enabled) \
     X(fence_altitude_max_set_m) X(battery_low_set_v) X(circle_rate_dps) X(land_altitude_low_set_m) \
     X(home_north) X(home_east) X(home_up)
 
-/* Sensors as read by the autopilot, and the faults put on them. */
-#define SLOTS_SENSORS(X) \
-    X(gyro_x) X(gyro_y) X(gyro_z) X(acc_x) X(acc_y) X(acc_z) X(mag_x) X(mag_y) X(mag_z) \
-    X(baro_raw_m) X(baro_altitude_m) X(baro_ok) X(gps_north) X(gps_east) X(gps_up) X(gps_vn) X(gps_ve) X(gps_vd) \
-    X(gps_altitude_m) X(gps_satellites) X(gps_ok) X(rangefinder_m) X(battery_v) X(battery_a) X(battery_used_mah) \
-    X(fault_gps_off) X(fault_gps_sats) X(fault_gps_north) X(fault_gps_east) X(fault_gps_up) X(fault_gps_noise) \
-    X(fault_gps_vdrift) X(fault_baro_off) X(fault_baro_offset) X(fault_baro_drift) X(fault_baro_noise) \
-    X(fault_mag_x) X(fault_mag_y) X(fault_mag_z) X(fault_mag_noise) X(fault_gyro_x) X(fault_gyro_y) X(fault_gyro_z) \
-    X(fault_gyro_noise) X(fault_acc_x) X(fault_acc_y) X(fault_acc_z) X(fault_acc_noise) X(fault_battery_v) \
-    X(fault_engine) X(fault_engine_mul) X(cal_acc_x) X(cal_acc_y) X(cal_acc_z) X(cal_gyr_x) X(cal_gyr_y) \
-    X(cal_gyr_z) X(cal_mag_x) X(cal_mag_y) X(cal_mag_z) X(baro_ground_m) X(baro_alt_offset) X(baro_gain) \
-    X(gps_lever_x) X(gps_lever_y) X(gps_lever_z) X(gps_sats_min) X(battery_amp_scale) X(battery_volt_scale)
+/* What the autopilot makes of its sensors, and how it is told to. */
+#define SLOTS_RECEIVED(X) \
+    X(baro_altitude_m) X(baro_ok) X(gps_altitude_m) X(gps_ok) X(battery_v) X(battery_a) \
+    X(cal_acc_x) X(cal_acc_y) X(cal_acc_z) X(cal_gyr_x) X(cal_gyr_y) X(cal_gyr_z) X(cal_mag_x) X(cal_mag_y) X(cal_mag_z) \
+    X(baro_ground_m) X(baro_alt_offset) X(baro_gain) X(gps_lever_x) X(gps_lever_y) X(gps_lever_z) X(gps_sats_min) \
+    X(battery_amp_scale) X(battery_volt_scale)
 
 /* The estimate and the estimator's settings. */
 #define SLOTS_ESTIMATE(X) \
@@ -68,7 +53,7 @@
 /* What control does. */
 #define SLOTS_CONTROL(X) \
     X(throttle) X(target_roll) X(target_pitch) X(target_yaw) X(target_vn) X(target_ve) X(target_climb) X(target_az) \
-    X(out_roll) X(out_pitch) X(out_yaw) X(motor_1) X(motor_2) X(motor_3) X(motor_4) X(saturated) X(hover)
+    X(out_roll) X(out_pitch) X(out_yaw) X(saturated) X(hover)
 
 /* Settings of the loops: the parameters that act in C. */
 #define SLOTS_SETTINGS(X) \
@@ -81,14 +66,12 @@
     X(k_angle_boost) X(k_mix_min) X(k_mix_max) X(k_mix_man) X(k_spin_min) X(k_spin_max) X(k_expo) X(k_slew_up) \
     X(k_slew_dn) X(k_boost) X(k_gyro_filter) X(k_acc_filter) X(k_thr_filter)
 
-#define SLOTS(X) SLOTS_TRUTH(X) SLOTS_WORLD(X) SLOTS_MODES(X) SLOTS_SENSORS(X) SLOTS_ESTIMATE(X) SLOTS_WANT(X) \
-    SLOTS_CONTROL(X) SLOTS_SETTINGS(X)
+#define SLOTS(X) SLOTS_MODES(X) SLOTS_RECEIVED(X) SLOTS_ESTIMATE(X) SLOTS_WANT(X) SLOTS_CONTROL(X) SLOTS_SETTINGS(X)
 
 #define SLOT_ENUM(name) S_##name,
 enum { SLOTS(SLOT_ENUM) SLOT_COUNT };
 #undef SLOT_ENUM
 
-enum { WORLD_STANDING = 0, WORLD_FLYING = 1, WORLD_CRASHED = 2, WORLD_FROZEN = 3 };
 enum { WANT_XY_NONE = 0, WANT_XY_VELOCITY = 1, WANT_XY_POSITION = 2 };
 enum { WANT_Z_THROTTLE = 0, WANT_Z_CLIMB = 1, WANT_Z_ALTITUDE = 2 };
 enum { WANT_ANGLES = 0, WANT_RATES = 1 };
@@ -97,40 +80,30 @@ enum { WANT_YAW_RATE = 0, WANT_YAW_ANGLE = 1 };
 typedef struct { double sum, last_error, last_target, last_d; } Pid;
 
 typedef struct {
+    World world;
+    Sensors sensors;
     double at[SLOT_COUNT];
     double quat[4];            /* estimate: body to north-east-down */
-    double gyro_bias[3], acc_bias_d, down_acc[3];
-    double true_gyro_bias[3], true_acc_bias[3];
+    double gyro_bias[3], acc_bias_d;
     double baro_offset;        /* BARO_ALT_OFFSET as it creeps in */
-    double baro_walk, gps_walk[3], baro_drifted, gps_drifted;
-    double gps_rejected_s, gps_silent_s, baro_silent_s, range_m;
+    double gps_rejected_s, gps_silent_s, baro_silent_s;
     double attitude_target[3]; /* roll, pitch, yaw after input shaping */
     double vel_sum[2], vel_filtered[2], vel_last[2], accel_out[2], accz_sum, accz_last, climb_set, throttle_filtered;
-    double gyro_filtered[3], acc_z_filtered, motor[4];
+    double gyro_filtered[3], acc_z_filtered, motor[MOTORS];
     Pid roll, pitch, yaw;
-    uint64_t rng_imu, rng_baro, rng_gps, rng_mag;
-    int64_t step;
-    const double *boxes;       /* rows of eight: x, y, half length, half width, cos r, sin r, z base, z top */
-    int32_t box_count;
-    float *rows;               /* the trace being written, row by row */
-    const int32_t *columns;    /* slots of a row */
-    int32_t column_count, row_limit, row_count, steps_per_row;
+    Recorder recorder;
 } Vehicle;
 
-void sensors_start(Vehicle *v);
-void sensors_imu(Vehicle *v);
-void sensors_slow(Vehicle *v);
+#define AT(name) (v->at[S_##name])
+#define TRUTH(name) (v->world.at[WORLD_##name])
+#define READING(name) (v->sensors.at[SENSOR_##name])
+
+static inline int64_t step_of(const Vehicle *v) { return (int64_t)TRUTH(step); }
+
 void estimator_start(Vehicle *v);
 void estimator_step(Vehicle *v);
 void estimator_slow(Vehicle *v);
 void control_start(Vehicle *v);
 void control_step(Vehicle *v);
-void world_state(Vehicle *v);
-void world_contact(Vehicle *v);
-
-static inline double clamp(double value, double low, double high)
-{
-    return value < low ? low : (value > high ? high : value);
-}
 
 #endif

@@ -8,8 +8,6 @@
 
 #include "vehicle.h"
 
-#define AT(name) (v->at[S_##name])
-
 static const double REJECTED_MAX_S = 10.0, GPS_STALE_S = 1.0;
 static const double MAGNETIC_DECLINATION = 0.0602; /* atan2(0.0129, 0.2142) */
 
@@ -65,9 +63,11 @@ static void publish(Vehicle *v, const double r[9])
 
 void estimator_start(Vehicle *v)
 {
-    v->quat[0] = cos(0.5 * AT(psi)), v->quat[1] = 0.0, v->quat[2] = 0.0, v->quat[3] = sin(0.5 * AT(psi));
-    AT(est_n) = AT(north_m), AT(est_e) = AT(east_m), AT(est_d) = -AT(up_m);
-    AT(est_vn) = AT(v_north), AT(est_ve) = AT(v_east), AT(est_vd) = AT(v_down);
+    v->quat[0] = cos(0.5 * TRUTH(yaw_rad)), v->quat[1] = 0.0, v->quat[2] = 0.0, v->quat[3] = sin(0.5 * TRUTH(yaw_rad));
+    AT(est_n) = TRUTH(x_m), AT(est_e) = TRUTH(y_m), AT(est_d) = -TRUTH(altitude_m);
+    AT(est_vn) = TRUTH(vx_mps), AT(est_ve) = TRUTH(vy_mps), AT(est_vd) = -TRUTH(climb_mps);
+    for (int i = 0; i < 3; i++)
+        v->gyro_bias[i] = v->sensors.gyro_at_rest_rps[i];
     v->acc_bias_d = 0.0;
     v->gps_rejected_s = v->gps_silent_s = v->baro_silent_s = 0.0;
     AT(position_ok) = 1.0;
@@ -77,17 +77,26 @@ void estimator_start(Vehicle *v)
     publish(v, r);
 }
 
+/* The accelerometers' readings, calibrated (INS_ACCOFFS_*). */
+static void acceleration(const Vehicle *v, double acc[3])
+{
+    for (int i = 0; i < 3; i++)
+        acc[i] = v->sensors.at[SENSOR_acc_x_mps2 + i] - v->at[S_cal_acc_x + i];
+}
+
 /* Inertial prediction at the physics rate. */
 void estimator_step(Vehicle *v)
 {
     double rate[3], r[9];
     for (int i = 0; i < 3; i++) {
-        rate[i] = v->at[S_gyro_x + i] - v->gyro_bias[i];
+        rate[i] = v->sensors.at[SENSOR_gyro_x_rps + i] - v->at[S_cal_gyr_x + i] - v->gyro_bias[i];
         v->at[S_est_p + i] = rate[i];
     }
     turn_body(v->quat, rate, STEP_S);
     rotation_of(v->quat, r);
-    const double x = AT(acc_x), y = AT(acc_y), z = AT(acc_z);
+    double acc[3];
+    acceleration(v, acc);
+    const double x = acc[0], y = acc[1], z = acc[2];
     const double an = r[0] * x + r[1] * y + r[2] * z, ae = r[3] * x + r[4] * y + r[5] * z;
     const double ad = r[6] * x + r[7] * y + r[8] * z + GRAVITY - v->acc_bias_d;
     if (AT(position_ok) != 0.0) {
@@ -104,9 +113,10 @@ void estimator_step(Vehicle *v)
  * accelerometer reads thrust along its own axis however it leans, so the gyros know better for minutes. */
 static void level_by_gravity(Vehicle *v)
 {
-    double r[9];
+    double r[9], acc[3];
     rotation_of(v->quat, r);
-    const double x = AT(acc_x), y = AT(acc_y), z = AT(acc_z), size = sqrt(x * x + y * y + z * z);
+    acceleration(v, acc);
+    const double x = acc[0], y = acc[1], z = acc[2], size = sqrt(x * x + y * y + z * z);
     if (size < 0.7 * GRAVITY || size > 1.3 * GRAVITY)
         return;
     const double un = (r[0] * x + r[1] * y + r[2] * z) / size, ue = (r[3] * x + r[4] * y + r[5] * z) / size;
@@ -139,14 +149,14 @@ static void antenna(const Vehicle *v, double lever[3])
 static void fuse_gps(Vehicle *v)
 {
     const double every_s = STEPS_PER_GPS * STEP_S;
-    if (AT(gps_ok) == 0.0 || AT(gps_satellites) < 4.0) {
+    if (AT(gps_ok) == 0.0 || READING(gps_satellites) < 4.0) {
         v->gps_silent_s += every_s;
         return;
     }
     double lever[3];
     antenna(v, lever);
-    const double dn = AT(gps_north) - lever[0] - AT(est_n), de = AT(gps_east) - lever[1] - AT(est_e);
-    const double dvn = AT(gps_vn) - AT(est_vn), dve = AT(gps_ve) - AT(est_ve);
+    const double dn = READING(gps_north_m) - lever[0] - AT(est_n), de = READING(gps_east_m) - lever[1] - AT(est_e);
+    const double dvn = READING(gps_vn_mps) - AT(est_vn), dve = READING(gps_ve_mps) - AT(est_ve);
     const double ratio = sqrt(dn * dn + de * de) / AT(est_gate_m);
     AT(innovation_ratio) += 0.3 * (ratio - AT(innovation_ratio));
     if (AT(position_ok) == 0.0 || (ratio > 1.0 && v->gps_rejected_s >= REJECTED_MAX_S)) {
@@ -172,8 +182,11 @@ static void fuse_compass(Vehicle *v)
     if (AT(compass_use) == 0.0)
         return;
     const double cr = cos(AT(est_roll)), sr = sin(AT(est_roll)), cp = cos(AT(est_pitch)), sp = sin(AT(est_pitch));
-    const double x = cp * AT(mag_x) + sr * sp * AT(mag_y) + cr * sp * AT(mag_z);
-    const double y = cr * AT(mag_y) - sr * AT(mag_z);
+    double mag[3];
+    for (int i = 0; i < 3; i++)
+        mag[i] = v->sensors.at[SENSOR_compass_x_gauss + i] + v->at[S_cal_mag_x + i];
+    const double x = cp * mag[0] + sr * sp * mag[1] + cr * sp * mag[2];
+    const double y = cr * mag[1] - sr * mag[2];
     double error = atan2(-y, x) + MAGNETIC_DECLINATION - AT(est_yaw);
     error -= 2.0 * PI * floor((error + PI) / (2.0 * PI));
     const double gain = 0.05 * (0.5 / AT(est_yaw_noise));
@@ -192,12 +205,12 @@ static int height_reading(Vehicle *v, double *up_m)
     double lever[3] = {0, 0, 0};
     antenna(v, lever);
     AT(height_from) = source;
-    if (AT(defect_height_gps) != 0.0 && AT(gps_satellites) >= 4.0) /* planted: says one source, uses another */
-        return *up_m = AT(gps_up) + lever[2], 1;
-    if (source == 2 && AT(gps_satellites) >= 4.0)
-        return *up_m = AT(gps_up) + lever[2], 1;
-    if (source == 1 && AT(rangefinder_m) < 39.0)
-        return *up_m = AT(rangefinder_m) * cos(AT(est_roll)) * cos(AT(est_pitch)), 1;
+    if (AT(defect_height_gps) != 0.0 && READING(gps_satellites) >= 4.0) /* planted: says one source, uses another */
+        return *up_m = READING(gps_up_m) + lever[2], 1;
+    if (source == 2 && READING(gps_satellites) >= 4.0)
+        return *up_m = READING(gps_up_m) + lever[2], 1;
+    if (source == 1 && READING(rangefinder_m) < 39.0)
+        return *up_m = READING(rangefinder_m) * cos(AT(est_roll)) * cos(AT(est_pitch)), 1;
     AT(height_from) = 0.0;
     if (AT(baro_ok) == 0.0)
         return 0;
@@ -210,9 +223,9 @@ static void fuse_height(Vehicle *v)
     double up_m = 0.0;
     if (!height_reading(v, &up_m)) {
         v->baro_silent_s += dt;
-        if (AT(gps_satellites) < 4.0)
+        if (READING(gps_satellites) < 4.0)
             return;
-        up_m = AT(gps_up); /* the last resort, as ArduPilot does */
+        up_m = READING(gps_up_m); /* the last resort, as ArduPilot does */
         AT(height_from) = 2.0;
     } else {
         v->baro_silent_s = 0.0;
@@ -229,7 +242,7 @@ static void fuse_height(Vehicle *v)
 void estimator_slow(Vehicle *v)
 {
     fuse_height(v);
-    if (v->step % STEPS_PER_GPS != 0)
+    if (step_of(v) % STEPS_PER_GPS != 0)
         return;
     fuse_gps(v);
     fuse_compass(v);

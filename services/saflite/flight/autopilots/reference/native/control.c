@@ -9,8 +9,6 @@
 
 #include "vehicle.h"
 
-#define AT(name) (v->at[S_##name])
-
 static const double OUTER_S = STEPS_PER_OUTER * STEP_S;
 
 /* Share of the way a first-order low pass goes in one step; 0 Hz means no filter. */
@@ -264,16 +262,12 @@ static void outputs(Vehicle *v)
     else
         for (int i = 0; i < 4; i++)
             v->motor[i] = AT(motors_on) > 0.0 ? 0.06 : 0.0;
-    for (int i = 0; i < 4; i++)
-        v->at[S_motor_1 + i] = v->motor[i];
-    if (AT(fault_engine) >= 1.0 && AT(fault_engine) <= 4.0)
-        v->at[S_motor_1 + (int)AT(fault_engine) - 1] *= AT(fault_engine_mul);
 }
 
 void control_step(Vehicle *v)
 {
     double rate[3];
-    if (v->step % STEPS_PER_OUTER == 0) {
+    if (step_of(v) % STEPS_PER_OUTER == 0) {
         if (AT(reset_loops) != 0.0)
             reset_outer(v);
         if (AT(want_xy) != WANT_XY_NONE)

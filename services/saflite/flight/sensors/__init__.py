@@ -1,0 +1,1 @@
+"""Sensors of any autopilot, with every fault that can be put on them. Knows no autopilot."""
