@@ -16,8 +16,10 @@ from saflite.conformance.flying import fly_once
 from saflite.contract.config import Campaign
 from saflite.contract.control import Status
 from saflite.contract.flight import Flight, pack_trace, trace_digest
+from saflite.contract.join import Join
 from saflite.contract.service import Cancelled, Service
 from saflite.contract.test_case import identity
+from saflite.contract.topics import PROTOCOL
 from saflite.contract.work import Ask, Failure, FlyResult, FlyWork, Report, Result, Stage, Work
 from saflite.flight.autopilots.reference.describe import describe
 from saflite.mutator import work as mutator
@@ -109,6 +111,7 @@ class Inline:
     def _step(self, stage: Stage, number: int) -> bool:
         service, now_s = self._services[stage], self._clock.monotonic_s()
         ask = Ask(worker=f"{stage}-{number}", stage=stage, leases_max=1, cursor=service.cursor)
+        self._books.join(Join(protocol=PROTOCOL, worker=ask.worker, stage=stage), now_s)
         grant = self._books.ask(ask, now_s)
         self._store.commit(self._books.drain())
         for lease in grant.leases:

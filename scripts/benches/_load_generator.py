@@ -16,6 +16,7 @@ import numpy as np
 from saflite.bus.base import Bus, Reply
 from saflite.contract import topics, wire
 from saflite.contract.flight import Flight, Trace, pack_trace, trace_digest
+from saflite.contract.join import Join, Joined
 from saflite.contract.rng import derive
 from saflite.contract.score import Score
 from saflite.contract.test_case import TestCase, identity
@@ -42,6 +43,7 @@ from saflite.contract.work import (
 )
 from saflite.runtime import worker as machine
 from saflite.runtime.clock import WallClock
+from saflite.runtime.software import card_of
 from saflite.runtime.worker import Key, Worker, WorkerConfig
 
 Doing = Callable[[Work, str], Result]
@@ -127,6 +129,7 @@ class LoadGenerator:
         self._clock = WallClock()
         self._inbox: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._workers: list[Worker] = []
+        self._cards: list[Join] = []
         self._timers: list[tuple[float, int, int, Any]] = []
         self._tick_s: dict[int, float] = {}
         self._count = 0
@@ -146,7 +149,10 @@ class LoadGenerator:
             index = len(self._workers)
             config = WorkerConfig(f"{stage}-{index}", stage, 1, 0, poll_s, targets if stage == "fly" else ())
             self._workers.append(Worker(config, self._clock.monotonic_s()))
-            self._buses[index % len(self._buses)].appear(topics.alive(self._campaign, stage, config.worker))
+            card = card_of(stage, config.worker, self._clock, targets=config.targets)
+            self._cards.append(card)
+            bus = self._buses[index % len(self._buses)]
+            bus.appear(topics.alive(self._campaign, stage, config.worker, card.session))
             self._feed(index, machine.Tick())
 
     def run_for(self, duration_s: float) -> None:
@@ -171,7 +177,11 @@ class LoadGenerator:
         assert isinstance(reply.tag, tuple)
         index, what = reply.tag
         now_s = self._clock.monotonic_s()
-        if what == "ask":
+        if what == "join":
+            joined = None if reply.payload is None else wire.decode(reply.payload, Joined)
+            assert joined is None or joined.accepted, joined
+            self._feed(index, machine.Answered(joined))
+        elif what == "ask":
             grant = None if reply.payload is None else wire.decode(reply.payload, Grant)
             if grant is not None and grant.leases:
                 if self._workers[index].config.stage == "fly":
@@ -201,7 +211,10 @@ class LoadGenerator:
 
     def _obey(self, index: int, worker: Worker, instruction: machine.Instruction, now_s: float) -> None:
         bus, stage = self._buses[index % len(self._buses)], worker.config.stage
-        if isinstance(instruction, machine.SendAsk):
+        if isinstance(instruction, machine.SendJoin):
+            card = wire.encode(self._cards[index])
+            bus.ask(topics.join(self._campaign, stage), card, (index, "join"), self._inbox.put, instruction.timeout_s)
+        elif isinstance(instruction, machine.SendAsk):
             self._asked_s[index] = now_s
             ask = wire.encode(instruction.ask)
             bus.ask(topics.work(self._campaign, stage), ask, (index, "ask"), self._inbox.put, instruction.timeout_s)

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 HERE = Path(__file__).resolve().parent
+WORKERS = ("a", "b")
 
 
 def main(argv: list[str]) -> int:
@@ -77,18 +78,26 @@ class _Drive:
     def __init__(self, store: object, together: int) -> None:
         import farm_doubles as doubles
 
+        from saflite.contract.join import Join
+        from saflite.contract.topics import PROTOCOL, STAGES
+
         self._store, self._together = store, together
         self._books = store.rebuild()  # type: ignore[attr-defined]
         self._service = doubles.Service()
         self._now = 0.0
         self.results, self.books_cpu_s, self.books_wall_s = 0, 0.0, 0.0
         self._books.begin(0.0, 1.7e9)
+        for stage in STAGES:
+            for worker in WORKERS:
+                self._books.join(Join(protocol=PROTOCOL, worker=worker, stage=stage), 0.0)
 
     def run(self) -> None:
         """Run to the end."""
+        from saflite.contract.topics import STAGES
+
         while not self._books.ended:
-            for stage in ("mutate", "score", "fly", "judge", "record"):
-                for worker in ("a", "b"):
+            for stage in STAGES:
+                for worker in WORKERS:
                     self._turn(stage, worker)
             self._now += 0.05
             self._timed(lambda: self._books.tick(self._now))

@@ -13,6 +13,7 @@ from saflite.bus.base import seal
 from saflite.bus.zenoh import ZenohBus, open_client
 from saflite.contract import topics, wire
 from saflite.contract.flight import Flight
+from saflite.contract.join import Joined
 from saflite.contract.score import Score
 from saflite.contract.test_case import identity
 from saflite.contract.work import (
@@ -31,6 +32,7 @@ from saflite.contract.work import (
     Stage,
 )
 from saflite.runtime.clock import WallClock
+from saflite.runtime.software import card_of
 
 T = TypeVar("T")
 
@@ -58,6 +60,7 @@ class ByzantineClient(threading.Thread):
         self._replies: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._busy = threading.Event()
         self._tag = 0
+        self._session = ""
         self._bus: ZenohBus | None = None
         self.messages = self.damaged_taken = self.garbage_taken = self.replays_taken = self.replays = 0
         self.committed: dict[str, int] = {}
@@ -132,7 +135,13 @@ class ByzantineClient(threading.Thread):
     def _hold(self, lease: Lease, duration_s: float) -> None:
         until_s = self._clock.monotonic_s() + duration_s
         while self._clock.monotonic_s() < until_s:
-            beat = Heartbeat(worker=self._name, stage="score", leases=((lease.lease_id, lease.epoch),), state="busy")
+            beat = Heartbeat(
+                worker=self._name,
+                stage="score",
+                session=self._session,
+                leases=((lease.lease_id, lease.epoch),),
+                state="busy",
+            )
             self._ask(topics.beat(self._campaign, "score"), beat, Orders)
             self._clock.sleep_s(0.4)
 
@@ -166,8 +175,11 @@ class ByzantineClient(threading.Thread):
     # -- asking --------------------------------------------------------------------------------------------------
 
     def _grab(self, stage: Stage) -> Lease | None:
+        card = card_of(stage, self._name, self._clock)
         for _ in range(GRABS):
-            ask = Ask(worker=self._name, stage=stage, wait_s=GRAB_S)
+            joined = self._ask(topics.join(self._campaign, stage), card, Joined)
+            self._session = card.session if joined is not None and joined.accepted else ""
+            ask = Ask(worker=self._name, stage=stage, session=self._session, wait_s=GRAB_S)
             grant = self._ask(topics.work(self._campaign, stage), ask, Grant)
             if grant is not None and grant.leases:
                 return grant.leases[0]

@@ -16,6 +16,7 @@ from saflite.campaign.engine.core import Core
 from saflite.campaign.engine.journal import Granted, Line, Pick
 from saflite.campaign.engine.outbox import Outbox
 from saflite.campaign.engine.state import Books
+from saflite.campaign.engine.worker_registry import WorkerRegistry
 from saflite.campaign.lifecycle import confirmation, flights
 from saflite.campaign.lifecycle.proposals import Proposals
 from saflite.campaign.scheduling import result_validation, work_messages
@@ -23,6 +24,7 @@ from saflite.campaign.scheduling.leases import Leases
 from saflite.campaign.scheduling.rounds import Plan, Round, Rounds
 from saflite.campaign.scheduling.tasks import Task
 from saflite.campaign.scheduling.work_keys import FlyKey, MutateKey, ScoreKey, read_key
+from saflite.contract.join import Join
 from saflite.contract.work import Outcome, Report
 from saflite.runtime.books_service import BooksService
 
@@ -208,6 +210,17 @@ def anybody_may_report() -> Any:
     return _patched(Books, "report", report)
 
 
+def anybody_may_ask() -> Any:
+    """Whoever asks for work or sends a heartbeat is taken for one who has joined."""
+
+    def met(self: WorkerRegistry, stage: Any, worker: str, session: str, now_s: float) -> bool:
+        if self.get(stage, worker) is None:
+            self.join(Join(protocol=0, worker=worker, session=session, stage=stage), now_s)
+        return True
+
+    return _patched(WorkerRegistry, "met", met)
+
+
 def a_result_is_counted_each_time_it_comes() -> Any:
     """Work that was reported stays to be done."""
 
@@ -285,6 +298,7 @@ BUGS: dict[str, Bug] = {
         the_trace_goes_too_soon,
         leases_are_forgotten_over_a_restart,
         anybody_may_report,
+        anybody_may_ask,
         a_result_is_counted_each_time_it_comes,
         announced_twice,
         chosen_by_order_of_arrival,

@@ -9,7 +9,7 @@ from collections.abc import Hashable
 from typing import Protocol, TypeVar
 
 import numpy as np
-from farm_doubles import Service, babble, is_poison, luck
+from farm_doubles import TEMPLATE, Service, babble, is_poison, luck
 from farm_store import Crash, MemoryStore
 
 from saflite.bus.base import Happening, Reply
@@ -17,10 +17,24 @@ from saflite.bus.memory import MemoryNetwork
 from saflite.campaign.engine.state import Books
 from saflite.contract import topics, wire
 from saflite.contract.flight import Ending, Flight
+from saflite.contract.join import Join, Joined
 from saflite.contract.test_case import identity
-from saflite.contract.work import FlyResult, FlyWork, Grant, Lease, Orders, Receipt, Report, Result, ScoreWork, Stage
+from saflite.contract.work import (
+    FlyResult,
+    FlyWork,
+    Grant,
+    Lease,
+    Orders,
+    Receipt,
+    Report,
+    Result,
+    ScoreWork,
+    Stage,
+    TargetBuild,
+)
 from saflite.runtime import worker as machine
 from saflite.runtime.books_service import BooksService
+from saflite.runtime.software import software_of
 from saflite.runtime.worker import Key, Worker, WorkerConfig
 
 T = TypeVar("T")
@@ -130,10 +144,19 @@ class WorkerMember:
         self._bus = self._network.connect(self.name)
         self._service = Service()
         self._machine = Worker(self.config, self._network.now_s)
+        targets = (TargetBuild(TEMPLATE.target.name),) if self.config.stage == "fly" else ()
+        self._card = Join(
+            protocol=topics.PROTOCOL,
+            worker=self.name,
+            session=f"life-{self._life}",
+            stage=self.config.stage,
+            software=software_of(self.config.stage),
+            targets=targets,
+        )
         self._asked: dict[Key, Report] = {}
         for report in self._spool.values():
             self._feed(machine.Found(report))
-        self._bus.appear(topics.alive(self._campaign, self.config.stage, self.name))
+        self._bus.appear(topics.alive(self._campaign, self.config.stage, self.name, self._card.session))
         self._feed(machine.Tick())
 
     def die(self) -> None:
@@ -174,7 +197,9 @@ class WorkerMember:
             self._late.append(happening)
             return
         tag = happening.tag
-        if tag == "ask":
+        if tag == "join":
+            self._feed(machine.Answered(self._decoded(happening, Joined)))
+        elif tag == "ask":
             self._feed(machine.Granted(self._decoded(happening, Grant)))
         elif tag == "beat":
             self._feed(machine.Ordered(self._decoded(happening, Orders)))
@@ -218,6 +243,8 @@ class WorkerMember:
     def _obey(self, instruction: machine.Instruction) -> None:
         stage = self.config.stage
         match instruction:
+            case machine.SendJoin():
+                self._send(topics.join(self._campaign, stage), self._card, "join", instruction.timeout_s)
             case machine.SendAsk():
                 self._send(topics.work(self._campaign, stage), instruction.ask, "ask", instruction.timeout_s)
             case machine.SendBeat():

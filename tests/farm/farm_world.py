@@ -16,8 +16,8 @@ from farm_checks import Ghost, at_the_end, at_the_end_of_a_clean_run, journal_is
 from farm_members import BooksMember, members
 from farm_store import MemoryStore
 
+from saflite.bus.base import Happening, Reply
 from saflite.bus.faulty import FaultyNetwork, Trouble
-from saflite.campaign.engine.state import Books
 from saflite.campaign.scheduling.work_keys import FlyKey
 from saflite.contract import topics, wire, work
 from saflite.contract.config import Campaign, LeaseConfig
@@ -196,6 +196,8 @@ class World:
             self._part,
             self._fill_disk,
             self._send_garbage,
+            self._ask_unasked,
+            self._lie,
             self._order,
         )
         actions[int(self.rng.integers(len(actions)))]()
@@ -253,10 +255,6 @@ class World:
         """Bits that mean nothing, and messages of this farm replayed, changed and out of place."""
         stage = str(self.rng.choice(["mutate", "score", "fly", "judge", "record"]))
         key = str(self.rng.choice([topics.work("farm-test", "fly"), f"saflite/2/farm-test/result/{stage}"]))
-        books = self.books.books
-        if books is not None and self.rng.random() < 0.4:
-            self._lie(books)
-            return
         if self.ghost.reports and self.rng.random() < 0.7:
             report = self.ghost.reports[-1 - int(self.rng.integers(min(4, len(self.ghost.reports))))]
             if self.rng.random() < 0.3:
@@ -273,8 +271,24 @@ class World:
             payload = self.rng.bytes(int(self.rng.integers(0, 60)))
         self.enemy.ask(key, payload, "garbage", lambda happening: None, 1.0)
 
-    def _lie(self, books: Books) -> None:
+    def _ask_unasked(self) -> None:
+        """Ask for work without having joined, under a name of its own or that of a worker."""
+        stage = str(self.rng.choice(topics.STAGES))
+        worker = str(self.rng.choice(["enemy", f"{stage}-0"]))
+        ask = work.Ask(worker=worker, stage=stage, session="stolen", leases_max=4, wait_s=0.0)  # type: ignore[arg-type]
+        key = topics.work("farm-test", ask.stage)
+        self.enemy.ask(key, wire.encode(ask), "unasked", self._is_refused, 1.0)
+
+    @staticmethod
+    def _is_refused(happening: Happening) -> None:
+        if isinstance(happening, Reply) and happening.payload is not None:
+            assert not wire.decode(happening.payload, work.Grant).leases, "work was given to who has not joined"
+
+    def _lie(self) -> None:
         """Hand in flights somebody else was asked to fly."""
+        books = self.books.books
+        if books is None:
+            return
         for task in books._core.tasks.leased():
             if isinstance(task.key, FlyKey):
                 flying = work.FlyWork(

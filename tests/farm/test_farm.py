@@ -34,7 +34,7 @@ def test_nothing_is_lost_or_counted_twice_whatever_happens(chunk: int) -> None:
 
 
 def test_faults_of_every_kind_really_happen() -> None:
-    world = World(7, shape_of(7)._replace(chaos_per_s=2.0))
+    world = World(8, shape_of(8)._replace(chaos_per_s=2.0))
     report = world.run()
     assert report.faults > 100
     assert world.books.restarts > 0

@@ -26,7 +26,7 @@ log = logging.getLogger(__name__)
 
 LINK_LEASE_MS = 2000  # a frozen peer is noticed after about 0.75 of it; Zenoh's default of 10 s is too slow for us
 CLOSE_LIMIT_S = 3.0
-OPEN_TRY_MS = 2000
+OPEN_TRY_S = 2.0  # how long one attempt to reach a router takes
 HEARTBEAT_S = 0.5  # how often an announcer says how far it is, so that followers notice a lost last fact
 
 
@@ -36,7 +36,7 @@ def config_of(mode: Literal["router", "client"], endpoint: str) -> dict[str, Any
         "mode": mode,
         "listen/endpoints": [endpoint] if mode == "router" else [],
         "connect/endpoints": [] if mode == "router" else [endpoint],
-        "connect/timeout_ms": OPEN_TRY_MS,
+        "connect/timeout_ms": round(1000 * OPEN_TRY_S),
         "connect/exit_on_failure": True,
         "connect/retry": {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2},
         "scouting/multicast/enabled": False,

@@ -25,10 +25,15 @@ class StrategyConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
 
 
 class ScorerConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Which model scores. `shadow` models score the same batches without deciding."""
+    """Which model scores. `shadow` models score the same batches without deciding.
+
+    `guests` are names of score workers that may run other software than the books, `*` standing for any text: scores
+    only change the order in which things are flown.
+    """
 
     model: str = "blend"
     shadow: tuple[str, ...] = ()
+    guests: tuple[str, ...] = ()
     batch: int = 10
     deadline_s: float = 60.0
     load_deadline_s: float = 300.0

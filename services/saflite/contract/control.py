@@ -28,6 +28,10 @@ class WorkerStatus(msgspec.Struct, frozen=True, kw_only=True):
     busy_share: float
     silent_s: float
     resident_mib: float = 0.0
+    host: str = ""
+    build: str = ""
+    cores: int = 0
+    labels: dict[str, str] = {}
 
 
 class Status(msgspec.Struct, frozen=True, kw_only=True):

@@ -84,11 +84,13 @@ class ScorerChanged(msgspec.Struct, frozen=True, kw_only=True, tag="scorer"):
 
 
 class WorkerChanged(msgspec.Struct, frozen=True, kw_only=True, tag="worker"):
-    """A worker joined or left."""
+    """A worker joined or left; `build` is that of the campaign's target, of a worker that flies."""
 
     worker: str
     stage: str
     present: bool
+    host: str = ""
+    build: str = ""
     message: str = ""
 
 

@@ -1,6 +1,7 @@
 """THE table of topics: key, message types, delivery class, who publishes, who reads.
 
-Keys are `saflite/2/{campaign}/...`. Delivery classes:
+Keys are `saflite/2/{campaign}/...`. Those of joining and of finding a farm hold no protocol number: `saflite/join/...`
+and `saflite/farm/...`, so that who speaks another protocol is told so. Delivery classes:
 
     leased      query with a long poll; work is handed out under a lease
     committed   query answered only after the books have committed
@@ -22,6 +23,7 @@ import msgspec
 from saflite.contract.control import Answer, Control
 from saflite.contract.errors import Refused
 from saflite.contract.events import Event
+from saflite.contract.join import Join, Joined
 from saflite.contract.work import Ask, Grant, Heartbeat, Orders, Receipt, Report, Stage
 
 PROTOCOL = 2
@@ -37,15 +39,25 @@ class Topic(NamedTuple):
     delivery: Delivery
     publisher: str
     readers: str
+    root: str = ""
 
+    @property
+    def key(self) -> str:
+        """The whole key, with `{...}` for what varies."""
+        return f"{self.root or f'saflite/{PROTOCOL}'}/{{campaign}}/{self.pattern}".rstrip("/")
+
+
+JOIN_ROOT, FARM_ROOT = "saflite/join", "saflite/farm"
 
 TOPICS: tuple[Topic, ...] = (
+    Topic("{stage}", Join, Joined, "asked", "workers", "books", JOIN_ROOT),
+    Topic("", None, None, "alive", "books", "anyone", FARM_ROOT),
     Topic("work/{stage}", Ask, Grant, "leased", "workers", "books"),
     Topic("result/{stage}", Report, Receipt, "committed", "workers", "books"),
     Topic("beat/{stage}", Heartbeat, Orders, "asked", "workers", "books"),
     Topic("control/{verb}", Control, Answer, "asked", "console", "books"),
     Topic("event/{kind}", Event, None, "announced", "books", "anyone"),
-    Topic("alive/{stage}/{worker}", None, None, "alive", "workers", "books"),
+    Topic("alive/{stage}/{worker}/{session}", None, None, "alive", "workers", "books"),
 )
 
 STAGES: tuple[Stage, ...] = get_args(Stage)
@@ -53,9 +65,23 @@ STAGES: tuple[Stage, ...] = get_args(Stage)
 
 def prefix(campaign: str) -> str:
     """Return the key all topics of a campaign begin with; raises Refused for a name Zenoh keys cannot hold."""
+    return f"saflite/{PROTOCOL}/{_checked(campaign)}"
+
+
+def _checked(campaign: str) -> str:
     if not campaign or not all(char.isalnum() or char in "-_." for char in campaign):
         raise Refused("campaign name", expected="letters, digits, '-', '_' or '.'", got=repr(campaign))
-    return f"saflite/{PROTOCOL}/{campaign}"
+    return campaign
+
+
+def join(campaign: str, stage: str) -> str:
+    """Return the key on which workers of a stage join; `*` for all stages."""
+    return f"{JOIN_ROOT}/{_checked(campaign)}/{stage}"
+
+
+def farm(campaign: str) -> str:
+    """Return the key of the liveliness token of a campaign's books."""
+    return f"{FARM_ROOT}/{_checked(campaign)}"
 
 
 def work(campaign: str, stage: Stage) -> str:
@@ -83,6 +109,6 @@ def event(campaign: str, kind: str) -> str:
     return f"{prefix(campaign)}/event/{kind}"
 
 
-def alive(campaign: str, stage: str, worker: str) -> str:
-    """Return the key of a worker's liveliness token."""
-    return f"{prefix(campaign)}/alive/{stage}/{worker}"
+def alive(campaign: str, stage: str, worker: str, session: str) -> str:
+    """Return the key of the liveliness token of one life of a worker."""
+    return f"{prefix(campaign)}/alive/{stage}/{worker}/{session}"

@@ -218,7 +218,7 @@ class TargetBuild(msgspec.Struct, frozen=True, order=True):
 
 
 class Ask(msgspec.Struct, frozen=True, kw_only=True):
-    """A worker asks for work.
+    """A worker that has joined asks for work.
 
     `cursor` is the round up to which a mutator or learning scorer has been told outcomes; `targets` are those a
     simulator worker can fly, empty for whatever comes.
@@ -226,6 +226,7 @@ class Ask(msgspec.Struct, frozen=True, kw_only=True):
 
     worker: str
     stage: Stage
+    session: str = ""
     leases_max: int = 1
     wait_s: float = 5.0
     cursor: int = -1
@@ -242,11 +243,15 @@ class Lease(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Grant(msgspec.Struct, frozen=True, kw_only=True):
-    """The answer to `Ask`: leases, or an explicit nothing with the time after which to ask again."""
+    """The answer to `Ask`: leases, or an explicit nothing with the time after which to ask again.
+
+    `refused` says in words why this worker is given nothing until it has joined (again).
+    """
 
     leases: tuple[Lease, ...] = ()
     retry_after_s: float = 0.5
     stop: bool = False
+    refused: str = ""
 
 
 class Report(msgspec.Struct, frozen=True, kw_only=True):
@@ -272,6 +277,7 @@ class Heartbeat(msgspec.Struct, frozen=True, kw_only=True):
 
     worker: str
     stage: Stage
+    session: str = ""
     leases: tuple[tuple[str, int], ...] = ()
     state: Literal["idle", "busy", "draining"] = "idle"
     busy_s: float = 0.0
@@ -282,7 +288,8 @@ class Heartbeat(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Orders(msgspec.Struct, frozen=True, kw_only=True):
-    """The answer to a heartbeat: leases to drop, and whether to stop."""
+    """The answer to a heartbeat: leases to drop, whether to stop, why the worker has to join (again)."""
 
     cancel: tuple[str, ...] = ()
     stop: bool = False
+    refused: str = ""

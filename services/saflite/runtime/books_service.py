@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import logging
 import queue
+from collections.abc import Callable
 from typing import NamedTuple, TypeVar
 
 import msgspec
@@ -22,9 +23,12 @@ from saflite.contract.clock import Clock
 from saflite.contract.control import Answer, Control
 from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.events import kind_of
-from saflite.contract.work import Ask, Grant, Heartbeat, Report
+from saflite.contract.join import Join, Joined
+from saflite.contract.work import Ask, Grant, Heartbeat, Report, Stage
+from saflite.runtime.admission import Terms, objection
 from saflite.runtime.liveness import Liveness
 from saflite.runtime.long_poll_queue import LongPollQueue
+from saflite.runtime.software import software_of, version
 
 log = logging.getLogger(__name__)
 
@@ -77,7 +81,17 @@ class _Complaints:
 class BooksService:
     """Serves one campaign's books on a bus."""
 
-    def __init__(self, bus: Bus, campaign: str, books: Books, store: Store, clock: Clock) -> None:
+    def __init__(
+        self,
+        bus: Bus,
+        campaign: str,
+        books: Books,
+        store: Store,
+        clock: Clock,
+        *,
+        software: Callable[[Stage], str] = software_of,
+    ) -> None:
+        self._terms = Terms(books.target, version(), software, books.campaign.scorer.guests)
         self._bus, self._campaign, self._books, self._store, self._clock = bus, campaign, books, store, clock
         self._prefix = topics.prefix(campaign)
         self._inbox: queue.SimpleQueue[Happening | _Stop] = queue.SimpleQueue()
@@ -101,7 +115,9 @@ class BooksService:
         """Start listening on the bus."""
         for stage_topic in ("work/*", "result/*", "beat/*", "control/*"):
             self._bus.serve(f"{self._prefix}/{stage_topic}", self._inbox.put)
+        self._bus.serve(topics.join(self._campaign, "*"), self._inbox.put)
         self._bus.watch(f"{self._prefix}/alive/**", self._inbox.put)
+        self._bus.appear(topics.farm(self._campaign))
 
     def run(self) -> str:
         """Serve until the campaign is over and everybody was told, or until stopped; returns why."""
@@ -129,9 +145,8 @@ class BooksService:
         for where, words in self._complaints.due(now_s):
             log.warning("from %s: %s", where, words)
             self._books.fault(where, words, now_s)
-        for worker, stage in self._liveness.due(now_s):
-            self._long_polls.forget(worker)
-            self._books.absent(worker, stage, now_s)
+        for worker, stage, session in self._liveness.due(now_s):
+            self._books.absent(worker, stage, now_s, session=session)
         if now_s - self._stepped_s > ASLEEP_S:
             log.warning("this process stood still for %.1f s; leases get their time again", now_s - self._stepped_s)
             self._tick_from_s = now_s + self._lease_s
@@ -160,19 +175,22 @@ class BooksService:
             self._on_request(happening, now_s)
 
     def _on_presence(self, presence: Presence, now_s: float) -> None:
-        stage, _, worker = presence.key.removeprefix(f"{self._prefix}/alive/").partition("/")
+        stage, _, rest = presence.key.removeprefix(f"{self._prefix}/alive/").partition("/")
+        worker, _, session = rest.partition("/")
         if presence.present:
-            self._liveness.back((worker, stage))
-            self._books.present(worker, stage, now_s)
+            self._liveness.back((worker, stage, session))
         else:
-            self._liveness.vanished((worker, stage), now_s)
+            self._liveness.vanished((worker, stage, session), now_s)
 
     def _on_request(self, request: Request, now_s: float) -> None:
-        kind = request.key.removeprefix(f"{self._prefix}/").partition("/")[0]
+        is_join = request.key.startswith(topics.join(self._campaign, ""))
+        kind = "join" if is_join else request.key.removeprefix(f"{self._prefix}/").partition("/")[0]
         try:
             if request.damaged:
                 raise Refused(kind, expected="the message as it was sent", got=request.damaged)
-            if kind == "work":
+            if kind == "join":
+                self._on_join(request, wire.decode(request.payload, Join), now_s)
+            elif kind == "work":
                 self._on_ask(request, wire.decode(request.payload, Ask), now_s)
             elif kind == "beat":
                 self._answer(request, self._books.beat(wire.decode(request.payload, Heartbeat), now_s))
@@ -183,6 +201,28 @@ class BooksService:
         except Refused as fault:
             request.refuse(str(fault))
             self._complaints.add(f"{request.sender[:64]} on {kind}", str(fault)[:500])
+
+    def _on_join(self, request: Request, card: Join, now_s: float) -> None:
+        if self._blocked is not None:  # the worker asks again
+            return
+        words = objection(card, self._terms) or self._books.join(card, now_s, gone=self._is_gone)
+        if words:
+            self._complaints.add(f"{card.worker[:64]!r} joining as {card.stage}", f"refused: {words}"[:500])
+        joined = Joined(
+            accepted=not words,
+            message=words,
+            protocol=topics.PROTOCOL,
+            version=self._terms.version,
+            worker=card.worker,
+            session=card.session,
+            campaign=self._campaign,
+            target=self._books.target.name,
+            lease_s=self._lease_s,
+        )
+        self._answer(request, joined)
+
+    def _is_gone(self, card: Join) -> bool:
+        return self._liveness.is_gone((card.worker, card.stage, card.session))
 
     def _on_ask(self, request: Request, ask: Ask, now_s: float) -> None:
         if self._blocked is not None:
@@ -207,7 +247,7 @@ class BooksService:
 
     def _grant(self, request: Request, ask: Ask, now_s: float) -> bool:
         grant = self._books.ask(ask, now_s)
-        if not grant.leases and not grant.stop:
+        if not grant.leases and not grant.stop and not grant.refused:
             return False
         self._answer(request, grant)
         return True

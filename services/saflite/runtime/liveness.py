@@ -13,7 +13,7 @@ SETTLE_S = 0.15  # tokens that vanish within this time vanished together
 TOGETHER_MIN = 2
 TOGETHER_SHARE = 0.5  # of the workers known
 
-Who = tuple[str, str]  # worker, stage
+Who = tuple[str, str, str]  # worker, stage, session
 
 
 class _Gone(NamedTuple):
@@ -37,6 +37,10 @@ class Liveness:
     def vanished(self, who: Who, now_s: float) -> None:
         """Note that a token vanished."""
         self._gone.setdefault(who, _Gone(now_s, None))
+
+    def is_gone(self, who: Who) -> bool:
+        """Return whether a token has vanished, certain or not."""
+        return who in self._gone
 
     def due(self, now_s: float) -> list[Who]:
         """Return whose absence is certain now; each is returned once."""

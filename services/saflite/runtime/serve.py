@@ -16,12 +16,15 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NoReturn, get_args
 
-from saflite.bus.zenoh import leave_process, open_client, open_router
+from saflite.bus.zenoh import OPEN_TRY_S, leave_process, open_client, open_router
 from saflite.contract.errors import FarmError, Refused
+from saflite.contract.join import check_worker_name
 from saflite.contract.work import Stage
 from saflite.runtime.clock import WallClock
+from saflite.runtime.software import card_of
 from saflite.runtime.spool import Spool
 from saflite.runtime.stages import ServiceContext, open_stage, worker_config
+from saflite.runtime.supervisor import CENTRE
 from saflite.runtime.worker_shell import WorkerShell
 from saflite.simulator_worker.processes import die_with_parent
 
@@ -42,6 +45,8 @@ def parser() -> argparse.ArgumentParser:
     text.add_argument("--run-dir", type=Path, help="run folder (books, record)")
     text.add_argument("--spool", type=Path, help="folder for results not yet acknowledged")
     text.add_argument("--target-module", type=Path, action="append", default=[], help="target from outside (fly)")
+    text.add_argument("--label", action="append", default=[], metavar="NAME=VALUE", help="said of it when it joins")
+    text.add_argument("--patience", type=float, default=0.0, help="seconds without an answer after which it ends")
     text.add_argument("--parent", type=int, default=0, help="end when this process ends")
     return text
 
@@ -70,13 +75,10 @@ def main(argv: list[str]) -> NoReturn:
 
 
 def _run(options: argparse.Namespace) -> int:
-    if options.role == "books":
-        why = _books(options)
-    elif options.role == "router":
-        why = _router(options)
-    else:
-        why = _worker(options)
-    log.info("%s ends: %s", options.worker or options.role, why)
+    if options.role not in CENTRE:
+        return _worker(options)
+    why = _books(options) if options.role == "books" else _router(options)
+    log.info("%s ends: %s", options.role, why)
     return EXIT_FINE
 
 
@@ -115,19 +117,23 @@ def _router(options: argparse.Namespace) -> str:
     return f"signal {signal.Signals(number).name}"
 
 
-def _worker(options: argparse.Namespace) -> str:
+def _worker(options: argparse.Namespace) -> int:
     clock = WallClock()
-    name = options.worker or options.role
+    name = check_worker_name(options.worker or options.role)
     context = ServiceContext(name, clock, options.run_dir, tuple(options.target_module))
     service = open_stage(options.role, context)
-    config = worker_config(options.role, name, service)
-    bus = open_client(name, options.connect, insecure=options.insecure)
-    shell = WorkerShell(bus, options.campaign, service, config, Spool(options.spool), clock)
+    config = worker_config(options.role, name, service)._replace(patience_s=options.patience)
+    labels = dict(text.partition("=")[::2] for text in options.label)
+    card = card_of(options.role, name, clock, targets=config.targets, labels=labels)
+    tries = max(1, round(options.patience / OPEN_TRY_S)) if options.patience else None
+    bus = open_client(name, options.connect, tries=tries, insecure=options.insecure)
+    shell = WorkerShell(bus, options.campaign, service, config, card, Spool(options.spool), clock)
     _on_signals(shell.stop)
-    why = shell.run()
+    left = shell.run()
     bus.close()
     service.close()
-    return why
+    log.log(logging.INFO if left.left_for == "done" else logging.ERROR, "%s", left.why)
+    return {"done": EXIT_FINE, "refused": EXIT_REFUSED, "unanswered": EXIT_UNAVAILABLE}[left.left_for]
 
 
 def _on_signals(stop: Callable[[str], None]) -> None:

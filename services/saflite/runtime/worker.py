@@ -1,16 +1,17 @@
 """The one loop of all pools, as a pure state machine: events in, instructions out. The shell is `worker_shell.py`.
 
-    ask (long poll) -> begin -> work done -> keep on disk -> report until a receipt comes -> forget
+    join -> ask (long poll) -> begin -> work done -> keep on disk -> report until a receipt comes -> forget
     beat in between: names the leases held; orders to cancel or stop come back with the answer
 
-It never waits and never reads a clock: `handle(event, now_s)` answers with what to do, `next_s` says when it wants to
-be woken at the latest.
+Books that were restarted know nobody: the worker joins again and goes on with what it holds. It never waits and never
+reads a clock: `handle(event, now_s)` answers with what to do, `next_s` says when it wants to be woken at the latest.
 """
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
+from saflite.contract.join import Joined
 from saflite.contract.work import (
     Ask,
     Failure,
@@ -20,13 +21,63 @@ from saflite.contract.work import (
     Heartbeat,
     Lease,
     Orders,
-    Receipt,
     Report,
     Result,
     Stage,
     TargetBuild,
 )
+from saflite.runtime.joining import Joining
+from saflite.runtime.worker_events import (
+    Answered,
+    Begin,
+    Cancel,
+    Done,
+    Event,
+    Forget,
+    Found,
+    Granted,
+    Instruction,
+    Keep,
+    Key,
+    Leave,
+    LeftFor,
+    Ordered,
+    Received,
+    SendAsk,
+    SendBeat,
+    SendJoin,
+    SendReport,
+    StopAsked,
+    Tick,
+)
 
+__all__ = [
+    "Answered",
+    "Begin",
+    "Cancel",
+    "Done",
+    "Event",
+    "Forget",
+    "Found",
+    "Granted",
+    "Instruction",
+    "Keep",
+    "Key",
+    "Leave",
+    "LeftFor",
+    "Ordered",
+    "Received",
+    "SendAsk",
+    "SendBeat",
+    "SendJoin",
+    "SendReport",
+    "StopAsked",
+    "Tick",
+    "Worker",
+    "WorkerConfig",
+]
+
+JOIN_TIMEOUT_S = 5.0
 IDLE_BEAT_S = 3.0
 BEATS_PER_LEASE = 5  # a lease outlives the loss of four heartbeats in a row
 REPORT_TIMEOUT_S = 10.0
@@ -35,121 +86,6 @@ RETRY_FIRST_S, RETRY_MAX_S = 0.1, 2.0
 REFUSALS_MAX = 3
 REPORTS_WAITING_MAX = 16  # more than this undelivered and no new work is taken
 STOP_GRACE_S = 5.0
-
-
-class Key(NamedTuple):
-    """A lease and its epoch: one attempt."""
-
-    lease_id: str
-    epoch: int
-
-
-# ---- events -------------------------------------------------------------------------------------------------------
-
-
-class Tick(NamedTuple):
-    """Time has passed."""
-
-    resident_mib: float = 0.0
-
-
-class Granted(NamedTuple):
-    """The answer to an ask; None if nobody answered."""
-
-    grant: Grant | None
-
-
-class Ordered(NamedTuple):
-    """The answer to a heartbeat; None if nobody answered."""
-
-    orders: Orders | None
-
-
-class Received(NamedTuple):
-    """The answer to a report; None if nobody answered, `refused` if the books could not read it."""
-
-    key: Key
-    receipt: Receipt | None
-    refused: bool = False
-
-
-class Done(NamedTuple):
-    """A piece of work has ended."""
-
-    key: Key
-    result: Result
-
-
-class Found(NamedTuple):
-    """A result an earlier life of this worker left in the spool."""
-
-    report: Report
-
-
-class StopAsked(NamedTuple):
-    """Somebody wants this worker to end (signal)."""
-
-    why: str
-
-
-Event = Tick | Granted | Ordered | Received | Done | Found | StopAsked
-
-
-# ---- instructions -------------------------------------------------------------------------------------------------
-
-
-class SendAsk(NamedTuple):
-    """Ask for work."""
-
-    ask: Ask
-    timeout_s: float
-
-
-class SendBeat(NamedTuple):
-    """Send a heartbeat."""
-
-    beat: Heartbeat
-    timeout_s: float
-
-
-class SendReport(NamedTuple):
-    """Hand a result in."""
-
-    report: Report
-    timeout_s: float
-
-
-class Begin(NamedTuple):
-    """Start the work of a lease."""
-
-    lease: Lease
-
-
-class Cancel(NamedTuple):
-    """Tell running work to end early."""
-
-    key: Key
-
-
-class Keep(NamedTuple):
-    """Write a result to the spool, before it is sent."""
-
-    report: Report
-
-
-class Forget(NamedTuple):
-    """Remove a result from the spool."""
-
-    key: Key
-
-
-class Leave(NamedTuple):
-    """End the process."""
-
-    why: str
-
-
-Instruction = SendAsk | SendBeat | SendReport | Begin | Cancel | Keep | Forget | Leave
 
 
 class _Pending:
@@ -161,7 +97,10 @@ class _Pending:
 
 
 class WorkerConfig(NamedTuple):
-    """How this worker works. `prefetch` leases are held ready beyond the `parallel` ones being worked."""
+    """How this worker works. `prefetch` leases are held ready beyond the `parallel` ones being worked.
+
+    With a `patience_s` it leaves once nobody has answered it for so long; 0 is patience without end.
+    """
 
     worker: str
     stage: Stage
@@ -169,6 +108,7 @@ class WorkerConfig(NamedTuple):
     prefetch: int = 0
     poll_s: float = 5.0
     targets: tuple[TargetBuild, ...] = ()
+    patience_s: float = 0.0
 
 
 class Worker:
@@ -179,6 +119,9 @@ class Worker:
         self.cursor = cursor  # the shell keeps it at what the service has been told
         self.parallel = config.parallel  # may grow while running
         self.stopping = ""
+        self._left_for: LeftFor = "done"
+        self._joining = Joining(now_s)
+        self._heard_s = now_s
         self._waiting: list[Lease] = []
         self._running: dict[Key, Lease] = {}
         self._cancelled: set[Key] = set()
@@ -195,7 +138,9 @@ class Worker:
         """Take one event and return what to do, in order."""
         self._account(now_s)
         out: list[Instruction] = []
-        if isinstance(event, Granted):
+        if isinstance(event, Answered):
+            self._on_joined(event.joined, now_s, out)
+        elif isinstance(event, Granted):
             self._on_grant(event.grant, now_s, out)
         elif isinstance(event, Ordered):
             self._on_orders(event.orders, now_s, out)
@@ -214,10 +159,10 @@ class Worker:
 
     def next_s(self) -> float:
         """Return when a `Tick` is wanted at the latest."""
-        times = [self._leave_s]
-        if not self._asking and self._wanted() > 0:
+        times = [self._leave_s, self._joining.next_s(), self._impatient_s()]
+        if self.is_in and not self._asking and self._wanted() > 0:
             times.append(self._ask_s)
-        if not self._beating:
+        if self.is_in and not self._beating:
             times.append(self._beat_s)
         times += [pending.next_s for pending in self._pending.values() if not pending.sending]
         return min(times)
@@ -230,6 +175,11 @@ class Worker:
         assert not (self.stopping and self._waiting), "leases held back while stopping"
 
     @property
+    def is_in(self) -> bool:
+        """Whether the books have let this worker in."""
+        return bool(self._joining.session)
+
+    @property
     def held(self) -> tuple[Key, ...]:
         """The leases this worker holds: waiting, running, and done but not acknowledged."""
         waiting = [Key(lease.lease_id, lease.epoch) for lease in self._waiting]
@@ -238,8 +188,19 @@ class Worker:
 
     # -- events ---------------------------------------------------------------------------------------------------
 
+    def _on_joined(self, joined: Joined | None, now_s: float, out: list[Instruction]) -> None:
+        self._joining.answered(joined, now_s)
+        self._heard_s = self._heard_s if joined is None else now_s
+        if joined is not None and joined.accepted:
+            self._ask_s = self._beat_s = now_s
+        if self._joining.refused:
+            self._stop(self._joining.refused, now_s, out, "refused")
+
     def _on_grant(self, grant: Grant | None, now_s: float, out: list[Instruction]) -> None:
         self._asking = False
+        self._heard_s = self._heard_s if grant is None else now_s
+        if grant is not None and grant.refused:
+            self._joining.lost(now_s)
         if grant is None:
             self._ask_s = now_s + self._ask_wait_s
             self._ask_wait_s = min(2 * self._ask_wait_s, RETRY_MAX_S)
@@ -259,6 +220,9 @@ class Worker:
         self._beating = False
         if orders is None:
             return
+        self._heard_s = now_s
+        if orders.refused:
+            self._joining.lost(now_s)
         for lease_id in orders.cancel:
             self._waiting = [lease for lease in self._waiting if lease.lease_id != lease_id]
             for key in [key for key in self._running if key.lease_id == lease_id and key not in self._cancelled]:
@@ -268,6 +232,7 @@ class Worker:
             self._stop("the books said stop", now_s, out)
 
     def _on_receipt(self, event: Received, now_s: float, out: list[Instruction]) -> None:
+        self._heard_s = self._heard_s if event.receipt is None else now_s
         pending = self._pending.get(event.key)
         if pending is None:
             return
@@ -295,10 +260,10 @@ class Worker:
             self._simulated_s += result.flight.simulated_s
         self._report(event.key, result, now_s, out)
 
-    def _stop(self, why: str, now_s: float, out: list[Instruction]) -> None:
+    def _stop(self, why: str, now_s: float, out: list[Instruction], left_for: LeftFor = "done") -> None:
         if self.stopping:
             return
-        self.stopping = why
+        self.stopping, self._left_for = why, left_for
         self._leave_s = now_s + STOP_GRACE_S
         self._hand_back(now_s, out)
         for key in self._running:
@@ -329,19 +294,28 @@ class Worker:
             lease = self._waiting.pop(0)
             self._running[Key(lease.lease_id, lease.epoch)] = lease
             out.append(Begin(lease))
+        if now_s >= self._impatient_s():
+            self._stop(f"nobody has answered for {now_s - self._heard_s:.0f} s", now_s, out, "unanswered")
+        if self._joining.due(now_s):
+            out.append(SendJoin(JOIN_TIMEOUT_S))
         wanted = self._wanted()
-        if wanted > 0 and not self._asking and self._ask_s <= now_s:
+        if wanted > 0 and self.is_in and not self._asking and self._ask_s <= now_s:
             self._asking = True
             out.append(SendAsk(self._ask(wanted), self.config.poll_s + ASK_MARGIN_S))
-        if not self._beating and self._beat_s <= now_s:
+        if self.is_in and not self._beating and self._beat_s <= now_s:
             self._beating = True
             period_s = self._beat_period_s()
             self._beat_s = now_s + period_s
             out.append(SendBeat(self._beat(), period_s))
-        done = self.stopping and not self._running and not self._pending
+        hopeless = self._left_for != "done" and not self._running  # results stay in the spool
+        done = self.stopping and not self._running and (hopeless or not self._pending)
         if not self._left and (done or now_s >= self._leave_s):
             self._left = True
-            out.append(Leave(self.stopping))
+            out.append(Leave(self.stopping, self._left_for))
+
+    def _impatient_s(self) -> float:
+        patient = not self.config.patience_s or self.stopping
+        return float("inf") if patient else self._heard_s + self.config.patience_s
 
     def _wanted(self) -> int:
         if self.stopping or len(self._pending) > REPORTS_WAITING_MAX:
@@ -354,6 +328,7 @@ class Worker:
         return Ask(
             worker=config.worker,
             stage=config.stage,
+            session=self._joining.session,
             leases_max=wanted,
             wait_s=config.poll_s,
             cursor=self.cursor,
@@ -364,6 +339,7 @@ class Worker:
         return Heartbeat(
             worker=self.config.worker,
             stage=self.config.stage,
+            session=self._joining.session,
             leases=self.held,
             state="draining" if self.stopping else "busy" if self._running else "idle",
             busy_s=round(self._busy_s, 3),

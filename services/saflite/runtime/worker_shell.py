@@ -15,6 +15,7 @@ from saflite.bus.base import Bus, Happening, Reply
 from saflite.contract import topics, wire
 from saflite.contract.clock import Clock
 from saflite.contract.errors import Refused, Unavailable
+from saflite.contract.join import Join, Joined
 from saflite.contract.service import Service
 from saflite.contract.work import Failure, Grant, Lease, Orders, Receipt, Result
 from saflite.runtime import worker as machine
@@ -45,35 +46,43 @@ class WorkerShell:
     """One worker process: a bus, a service, threads to do its work, and the state machine between them."""
 
     def __init__(
-        self, bus: Bus, campaign: str, service: Service, config: machine.WorkerConfig, spool: Spool, clock: Clock
+        self,
+        bus: Bus,
+        campaign: str,
+        service: Service,
+        config: machine.WorkerConfig,
+        card: Join,
+        spool: Spool,
+        clock: Clock,
     ):
+        self._card = card
         self._bus, self._campaign, self._service, self._spool, self._clock = bus, campaign, service, spool, clock
         self._machine = Worker(config, clock.monotonic_s(), service.cursor)
         self._inbox: queue.SimpleQueue[Happening | _Ended | _Stop] = queue.SimpleQueue()
         self._work: queue.SimpleQueue[Lease] = queue.SimpleQueue()
         self._cancelled: dict[Key, threading.Event] = {}
         self._threads = 0
-        self._why_left: str | None = None
+        self._left: machine.Leave | None = None
         self._measured_s = 0.0
 
     def stop(self, why: str) -> None:
         """Ask for a clean end; may be called from a signal handler or another thread."""
         self._inbox.put(_Stop(why))
 
-    def run(self) -> str:
+    def run(self) -> machine.Leave:
         """Work until told to stop; returns why it ended. Raises AssertionError when the service's own code broke."""
         config = self._machine.config
         for report in self._spool.waiting():
             self._feed(machine.Found(report))
-        self._bus.appear(topics.alive(self._campaign, config.stage, config.worker))
+        self._bus.appear(topics.alive(self._campaign, config.stage, config.worker, self._card.session))
         self._feed(machine.Tick())
-        while self._why_left is None:
+        while self._left is None:
             wait_s = max(0.0, min(self._machine.next_s() - self._clock.monotonic_s(), MEASURE_S))
             try:
                 self._take(self._inbox.get(timeout=wait_s))
             except queue.Empty:
                 self._feed(machine.Tick(self._measure()))
-        return self._why_left
+        return self._left
 
     # -- in -------------------------------------------------------------------------------------------------------
 
@@ -88,12 +97,28 @@ class WorkerShell:
             self._take_reply(happening)
 
     def _take_reply(self, reply: Reply) -> None:
-        if reply.tag == "ask":
+        if reply.tag == "join":
+            self._feed(machine.Answered(self._joined(reply)))
+        elif reply.tag == "ask":
             self._feed(machine.Granted(_decoded(reply, Grant)))
         elif reply.tag == "beat":
             self._feed(machine.Ordered(_decoded(reply, Orders)))
         elif isinstance(reply.tag, Key):
             self._feed(machine.Received(reply.tag, _decoded(reply, Receipt), refused=bool(reply.refused)))
+
+    def _joined(self, reply: Reply) -> Joined | None:
+        """Return the answer to joining; one that cannot be read comes from another version, and is a refusal."""
+        if reply.refused:
+            return Joined(accepted=False, message=reply.refused)
+        if reply.payload is None:
+            return None
+        try:
+            joined = wire.decode(reply.payload, Joined)
+        except Refused as fault:
+            return Joined(accepted=False, message=f"the answer of the books is unreadable here: {fault}")
+        if joined.accepted:
+            log.info("joined %s as %s; it flies %s", joined.campaign, joined.worker, joined.target)
+        return joined
 
     def _feed(self, event: machine.Event) -> None:
         self._machine.cursor = self._service.cursor
@@ -105,7 +130,9 @@ class WorkerShell:
 
     def _obey(self, instruction: machine.Instruction) -> None:
         stage, campaign = self._machine.config.stage, self._campaign
-        if isinstance(instruction, machine.SendAsk):
+        if isinstance(instruction, machine.SendJoin):
+            self._send(topics.join(campaign, stage), self._card, "join", instruction.timeout_s)
+        elif isinstance(instruction, machine.SendAsk):
             self._send(topics.work(campaign, stage), instruction.ask, "ask", instruction.timeout_s)
         elif isinstance(instruction, machine.SendBeat):
             self._send(topics.beat(campaign, stage), instruction.beat, "beat", instruction.timeout_s)
@@ -122,7 +149,7 @@ class WorkerShell:
         elif isinstance(instruction, machine.Forget):
             self._spool.forget(*instruction.key)
         else:
-            self._why_left = instruction.why
+            self._left = instruction
 
     def _send(self, key: str, message: msgspec.Struct, tag: str | Key, timeout_s: float) -> None:
         self._bus.ask(key, wire.encode(message), tag, self._inbox.put, timeout_s)

@@ -9,6 +9,8 @@ from typing import cast, get_args
 from saflite.campaign.engine.state import Books
 from saflite.campaign.storage.store import Store
 from saflite.contract import wire
+from saflite.contract.join import Join
+from saflite.contract.topics import PROTOCOL
 from saflite.contract.work import Ask, Grant, Lease, Receipt, Report, Result, Stage
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "farm"))
@@ -36,7 +38,8 @@ class Driver:
         self.books.validate()
 
     def ask(self, stage: Stage, worker: str = "a", leases_max: int = 1, cursor: int | None = None) -> tuple[Lease, ...]:
-        """Ask for work."""
+        """Ask for work, having joined."""
+        assert not self.books.join(Join(protocol=PROTOCOL, worker=worker, stage=stage), self.now)
         known = self.service.cursor_of(stage) if cursor is None else cursor
         grant = self.books.ask(Ask(worker=worker, stage=stage, leases_max=leases_max, cursor=known), self.now)
         self.commit()

@@ -14,8 +14,10 @@ from saflite.console.io import campaign_options
 from saflite.console.io.toml_text import dump
 from saflite.contract.config import Campaign, parse_campaign
 from saflite.contract.errors import Refused
+from saflite.contract.join import Join
 from saflite.contract.service import Service
 from saflite.contract.test_case import StartState
+from saflite.contract.topics import PROTOCOL
 from saflite.contract.work import Ask, Failure, Report, Stage
 from saflite.flight.autopilots.reference.describe import describe
 from saflite.mutator import work as mutator
@@ -111,6 +113,7 @@ def test_a_campaign_with_a_policy_of_its_own_is_judged_by_it_to_a_confirmed_viol
     for turn in range(40):
         for stage, service in services.items():
             worker = f"{stage}-{turn % 2}"
+            assert not books.join(Join(protocol=PROTOCOL, worker=worker, stage=stage), float(turn))
             for lease in books.ask(Ask(worker=worker, stage=stage, cursor=service.cursor), float(turn)).leases:
                 result = service.do(lease.work, lambda: False)
                 assert not isinstance(result, Failure), result

@@ -19,9 +19,11 @@ from saflite.contract.config import Campaign, LeaseConfig
 from saflite.contract.control import Answer, Control
 from saflite.contract.errors import Unavailable
 from saflite.contract.events import Event, FaultSeen, WorkerChanged
+from saflite.contract.join import Join, Joined
 from saflite.contract.work import Ask, Grant, Heartbeat, MutateResult, Orders, Receipt, Report
 from saflite.flight.autopilots.reference.describe import describe
 from saflite.runtime.books_service import BooksService
+from saflite.runtime.software import software_of
 
 T = TypeVar("T")
 CAMPAIGN = Campaign(name="c", mission="mission1", budget_flights=5, lease=LeaseConfig(lease_s=2.0))
@@ -86,12 +88,21 @@ def stand(tmp_path: Path) -> Iterator[Stand]:
     service.open()
     stand = Stand(network, service, disk, network.connect("w"), [])
     stand.turn()
+    for stage in ("mutate", "score"):
+        stand.send(topics.join("c", stage), _card(stage))
+    stand.answers.clear()
     yield stand
     store.close()
 
 
-def _ask(stage: str, wait_s: float = 5.0, worker: str = "w") -> Ask:
-    return msgspec.convert({"worker": worker, "stage": stage, "wait_s": wait_s}, Ask)
+def _ask(stage: str, wait_s: float = 5.0, worker: str = "w", session: str = "life") -> Ask:
+    return msgspec.convert({"worker": worker, "stage": stage, "wait_s": wait_s, "session": session}, Ask)
+
+
+def _card(stage: str, worker: str = "w", session: str = "life", **said: object) -> Join:
+    card = {"protocol": topics.PROTOCOL, "worker": worker, "session": session, "stage": stage, "host": "there"}
+    software = software_of(stage)
+    return msgspec.convert({**card, "software": software, "targets": [{"name": "reference"}], **said}, Join)
 
 
 def _mutated(stand: Stand) -> Report:
@@ -159,7 +170,8 @@ def test_unreadable_messages_are_refused_and_told_but_a_flood_is_told_once_a_sec
 
 def test_a_worker_whose_token_vanishes_loses_its_leases_at_once(stand: Stand) -> None:
     dying = stand._replace(worker=stand.network.connect("dying"), answers=[])
-    dying.worker.appear(topics.alive("c", "mutate", "dying"))
+    dying.worker.appear(topics.alive("c", "mutate", "dying", "life"))
+    dying.send(topics.join("c", "mutate"), _card("mutate", "dying"))
     dying.send(topics.work("c", "mutate"), _ask("mutate", worker="dying"))
     assert len(dying.last(Grant).leases) == 1
     told: list[Event] = []
@@ -173,8 +185,81 @@ def test_a_worker_whose_token_vanishes_loses_its_leases_at_once(stand: Stand) ->
 
 
 def test_heartbeats_for_leases_not_held_are_told_to_drop_them(stand: Stand) -> None:
-    stand.send(topics.beat("c", "fly"), Heartbeat(worker="w", stage="fly", leases=(("old:fly/x/search/0", 1),)))
+    held = (("old:fly/x/search/0", 1),)
+    stand.send(topics.beat("c", "mutate"), Heartbeat(worker="w", stage="mutate", session="life", leases=held))
     assert stand.last(Orders).cancel == ("old:fly/x/search/0",)
+
+
+def test_who_has_not_joined_is_given_nothing(stand: Stand) -> None:
+    for ask in (_ask("mutate", worker="stranger"), _ask("mutate", session="another-life"), _ask("fly")):
+        stand.send(topics.work("c", ask.stage), ask)
+        assert "joined" in stand.last(Grant).refused
+        assert stand.last(Grant).leases == ()
+    stand.send(topics.beat("c", "fly"), Heartbeat(worker="stranger", stage="fly", session="life"))
+    assert "joined" in stand.last(Orders).refused
+
+
+def test_who_joins_is_told_what_the_campaign_flies_and_shows_in_the_status(stand: Stand) -> None:
+    card = _card("fly", "fly-1", targets=[{"name": "reference", "build": "b1"}], cores=4, labels={"site": "lab"})
+    stand.send(topics.join("c", "fly"), card)
+    joined = stand.last(Joined)
+    assert (joined.accepted, joined.worker, joined.session) == (True, "fly-1", "life")
+    assert (joined.campaign, joined.target, joined.lease_s) == ("c", "reference", 2.0)
+    stand.send(topics.control("c", "status"), Control(verb="status"))
+    status = stand.last(Answer).status
+    assert status is not None
+    (worker,) = (one for one in status.workers if one.worker == "fly-1")
+    assert (worker.host, worker.build, worker.cores, worker.labels) == ("there", "b1", 4, {"site": "lab"})
+
+
+def test_a_name_is_held_by_one_life_at_a_time_over_all_stages(stand: Stand) -> None:
+    told: list[Event] = []
+    stand.worker.follow("saflite/2/c/event/fault", lambda fact: told.append(_event(fact)))
+    first = stand._replace(worker=stand.network.connect("first"), answers=[])
+    first.worker.appear(topics.alive("c", "mutate", "m", "one"))
+    first.send(topics.join("c", "mutate"), _card("mutate", "m", "one"))
+    first.send(topics.work("c", "mutate"), _ask("mutate", worker="m", session="one"))
+    assert first.last(Grant).leases
+    for stage in ("mutate", "score"):
+        stand.send(topics.join("c", stage), _card(stage, "m", "two"))
+        assert not stand.last(Joined).accepted
+        assert "in use by a live mutate worker on 'there'" in stand.last(Joined).message
+    assert any(isinstance(event.fact, FaultSeen) and "in use" in event.fact.message for event in told)
+    stand.network.crash("first")
+    stand.network.run_until(stand.network.now_s)
+    stand.send(topics.join("c", "mutate"), _card("mutate", "m", "two"))  # at once: long before it counts as certain
+    assert stand.last(Joined).accepted
+    stand.send(topics.work("c", "mutate"), _ask("mutate"))
+    (lease,) = stand.last(Grant).leases
+    assert lease.epoch == 2, "the lease of the first life was not freed"
+
+
+def test_joining_again_under_the_same_session_changes_nothing(stand: Stand) -> None:
+    report = _mutated(stand)
+    stand.send(topics.join("c", "mutate"), _card("mutate"))
+    assert stand.last(Joined).accepted
+    stand.send(topics.result("c", "mutate"), report)
+    assert stand.last(Receipt).status == "accepted"
+
+
+def test_the_late_end_of_an_earlier_life_does_not_harm_the_one_that_took_its_place(stand: Stand) -> None:
+    stand.service._liveness.vanished(("w", "mutate", "life"), stand.service._clock.monotonic_s())
+    stand.send(topics.join("c", "mutate"), _card("mutate", session="two"))
+    stand.send(topics.work("c", "mutate"), _ask("mutate", session="two"))
+    assert len(stand.last(Grant).leases) == 1
+    stand.turn(20)
+    stand.send(topics.control("c", "status"), Control(verb="status"))
+    status = stand.last(Answer).status
+    assert status is not None
+    assert [one.leases for one in status.workers if one.stage == "mutate"] == [1]
+
+
+def test_an_unreadable_wish_to_join_is_refused_in_words(stand: Stand) -> None:
+    stand.worker.ask(topics.join("c", "fly"), b"\xc1", 99, stand.answers.append, 5.0)
+    stand.turn()
+    reply = stand.answers[-1]
+    assert isinstance(reply, Reply)
+    assert "valid message" in reply.refused
 
 
 def _event(happening: Happening) -> Event:

@@ -8,36 +8,36 @@ from saflite.runtime.liveness import SETTLE_S, Liveness
 def _liveness(count: int) -> Liveness:
     liveness = Liveness(patience_s=2.0)
     for number in range(count):
-        liveness.back((f"w{number}", "fly"))
+        liveness.back((f"w{number}", "fly", "s"))
     return liveness
 
 
 def test_one_of_many_is_gone_at_once() -> None:
     liveness = _liveness(6)
-    liveness.vanished(("w1", "fly"), 10.0)
-    assert liveness.due(10.0 + SETTLE_S) == [("w1", "fly")]
+    liveness.vanished(("w1", "fly", "s"), 10.0)
+    assert liveness.due(10.0 + SETTLE_S) == [("w1", "fly", "s")]
     assert liveness.due(99.0) == []
 
 
 def test_all_at_once_get_a_lease_time_to_come_back() -> None:
     liveness = _liveness(4)
     for number in range(4):
-        liveness.vanished((f"w{number}", "fly"), 10.0 + number * 0.01)
+        liveness.vanished((f"w{number}", "fly", "s"), 10.0 + number * 0.01)
     assert liveness.due(10.0 + SETTLE_S) == []
     for number in range(3):
-        liveness.back((f"w{number}", "fly"))
+        liveness.back((f"w{number}", "fly", "s"))
     assert liveness.due(11.9) == []
-    assert liveness.due(12.1) == [("w3", "fly")]
+    assert liveness.due(12.1) == [("w3", "fly", "s")]
 
 
 def test_the_only_worker_is_gone_at_once() -> None:
     liveness = _liveness(1)
-    liveness.vanished(("w0", "fly"), 10.0)
-    assert liveness.due(10.0 + SETTLE_S) == [("w0", "fly")]
+    liveness.vanished(("w0", "fly", "s"), 10.0)
+    assert liveness.due(10.0 + SETTLE_S) == [("w0", "fly", "s")]
 
 
 def test_a_token_that_comes_back_at_once_was_never_gone() -> None:
     liveness = _liveness(3)
-    liveness.vanished(("w0", "fly"), 10.0)
-    liveness.back(("w0", "fly"))
+    liveness.vanished(("w0", "fly", "s"), 10.0)
+    liveness.back(("w0", "fly", "s"))
     assert liveness.due(20.0) == []

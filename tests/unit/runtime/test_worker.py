@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from saflite.contract.join import Joined
 from saflite.contract.rng import derive
 from saflite.contract.work import Failure, Grant, HandedBack, Lease, Orders, Receipt, Report, WarmResult, WarmWork
 from saflite.runtime import worker as w
@@ -22,21 +23,87 @@ def _of(kind: type, instructions: list[w.Instruction]) -> list[w.Instruction]:
     return [instruction for instruction in instructions if isinstance(instruction, kind)]
 
 
+IN = w.Answered(Joined(accepted=True, worker="fly-1", session="life"))
+
+
 def _worker(parallel: int = 1, prefetch: int = 1) -> Worker:
     worker = Worker(WorkerConfig("fly-1", "fly", parallel, prefetch), 0.0)
     worker.handle(w.Tick(), 0.0)
+    worker.handle(IN, 0.0)
     return worker
 
 
-def test_first_asks_and_beats() -> None:
+def test_first_joins_and_asks_and_beats_only_once_it_is_in() -> None:
     worker = Worker(WorkerConfig("fly-1", "fly"), 0.0)
-    out = worker.handle(w.Tick(), 0.0)
-    assert len(_of(w.SendAsk, out)) == len(_of(w.SendBeat, out)) == 1
+    assert [type(instruction) for instruction in worker.handle(w.Tick(), 0.0)] == [w.SendJoin]
+    assert worker.handle(w.Tick(), 1.0) == []
+    out = worker.handle(IN, 1.0)
+    (ask,), (beat,) = _of(w.SendAsk, out), _of(w.SendBeat, out)
+    assert isinstance(ask, w.SendAsk)
+    assert isinstance(beat, w.SendBeat)
+    assert ask.ask.session == beat.beat.session == "life"
+
+
+def test_joining_is_tried_until_somebody_answers() -> None:
+    worker, now_s, tries = Worker(WorkerConfig("fly-1", "fly"), 0.0), 0.0, 0
+    for _ in range(20):
+        tries += len(_of(w.SendJoin, worker.handle(w.Tick(), now_s)))
+        assert _of(w.SendAsk, worker.handle(w.Answered(None), now_s)) == []
+        now_s = worker.next_s()
+    assert tries == 20
+    assert 20.0 < now_s < 20 * 2.1
+
+
+def test_a_refused_worker_leaves_and_says_why() -> None:
+    worker = Worker(WorkerConfig("fly-1", "fly"), 0.0)
+    worker.handle(w.Tick(), 0.0)
+    out = worker.handle(w.Answered(Joined(accepted=False, message="protocol: expected 2, got 3")), 0.1)
+    assert out == [w.Leave("protocol: expected 2, got 3", "refused")]
+
+
+@pytest.mark.parametrize("by", ["grant", "orders"])
+def test_whom_the_books_do_not_know_any_more_joins_again_and_goes_on_with_its_work(by: str) -> None:
+    worker = _worker()
+    worker.handle(w.Ordered(Orders()), 0.05)
+    worker.handle(w.Granted(Grant(leases=(_lease("a"),))), 0.1)
+    lost = w.Granted(Grant(refused="who?")) if by == "grant" else w.Ordered(Orders(refused="who?"))
+    out = worker.handle(lost, 1.0)
+    assert len(_of(w.SendJoin, out)) == 1
+    assert not _of(w.Cancel, out)
+    assert not worker.is_in
+    assert _of(w.SendBeat, worker.handle(w.Tick(), 1.5)) == []
+    (beat,) = _of(w.SendBeat, worker.handle(IN, 1.6))
+    assert isinstance(beat, w.SendBeat)
+    assert beat.beat.leases == (("a", 1),)
+    assert _of(w.SendReport, worker.handle(_done("a"), 2.0))
+
+
+def test_with_a_patience_it_leaves_once_nobody_has_answered_for_so_long() -> None:
+    worker = Worker(WorkerConfig("fly-1", "fly", patience_s=30.0), 0.0)
+    now_s, out = 0.0, worker.handle(w.Tick(), 0.0)
+    while not _of(w.Leave, out):
+        assert now_s <= 30.0
+        worker.handle(w.Answered(None), now_s)
+        now_s = worker.next_s()
+        out = worker.handle(w.Tick(), now_s)
+    assert now_s == 30.0
+    assert _of(w.Leave, out) == [w.Leave("nobody has answered for 30 s", "unanswered")]
+
+
+def test_any_answer_renews_the_patience() -> None:
+    worker = Worker(WorkerConfig("fly-1", "fly", patience_s=5.0), 0.0)
+    worker.handle(w.Tick(), 0.0)
+    worker.handle(IN, 4.0)
+    assert not _of(w.Leave, worker.handle(w.Tick(), 8.0))
+    worker.handle(w.Ordered(Orders()), 8.5)
+    assert not _of(w.Leave, worker.handle(w.Tick(), 13.0))
+    assert _of(w.Leave, worker.handle(w.Tick(), 13.6))
 
 
 def test_an_idle_worker_asks_for_one_lease_and_for_the_next_while_busy() -> None:
     worker = Worker(WorkerConfig("fly-1", "fly", 1, 1), 0.0)
-    (ask,) = _of(w.SendAsk, worker.handle(w.Tick(), 0.0))
+    worker.handle(w.Tick(), 0.0)
+    (ask,) = _of(w.SendAsk, worker.handle(IN, 0.0))
     assert isinstance(ask, w.SendAsk)
     assert ask.ask.leases_max == 1
     out = worker.handle(w.Granted(Grant(leases=(_lease("a"),))), 0.1)
@@ -136,6 +203,7 @@ def test_a_lease_granted_while_stopping_is_handed_back() -> None:
 
 def test_too_many_undelivered_results_stop_the_asking() -> None:
     worker = Worker(WorkerConfig("fly-1", "fly", 1, 0), 0.0)
+    worker._joining.session = "life"
     for number in range(w.REPORTS_WAITING_MAX + 1):
         report = Report(worker="fly-1", lease_id=str(number), epoch=1, result=Failure(message=""))
         worker.handle(w.Found(report), 0.0)
@@ -156,7 +224,12 @@ def test_against_a_books_double_that_loses_answers(rng_seed: int) -> None:
         if pending and rng.random() < 0.8:
             instruction = pending.pop(int(rng.integers(len(pending))))
             lost = bool(rng.random() < 0.3)
-            if isinstance(instruction, w.SendAsk):
+            if isinstance(instruction, w.SendJoin):
+                event = w.Answered(None) if lost else IN
+            elif rng.random() < 0.03 and isinstance(instruction, w.SendAsk | w.SendBeat):  # the books began anew
+                asked = isinstance(instruction, w.SendAsk)
+                event = w.Granted(Grant(refused="who?")) if asked else w.Ordered(Orders(refused="who?"))
+            elif isinstance(instruction, w.SendAsk):
                 leases = tuple(_lease(f"l{made + extra}") for extra in range(instruction.ask.leases_max))
                 made += 0 if lost or turn > 400 else len(leases)
                 event = w.Granted(None if lost else Grant(leases=() if turn > 400 else leases))
@@ -172,7 +245,7 @@ def test_against_a_books_double_that_loses_answers(rng_seed: int) -> None:
         for instruction in worker.handle(event, now_s):
             if isinstance(instruction, w.Begin):
                 begun.add(Key(instruction.lease.lease_id, 1))
-            if isinstance(instruction, w.SendAsk | w.SendBeat | w.SendReport | w.Begin):
+            if isinstance(instruction, w.SendJoin | w.SendAsk | w.SendBeat | w.SendReport | w.Begin):
                 pending.append(instruction)
         worker.validate()
     assert begun

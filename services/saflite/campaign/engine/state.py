@@ -6,6 +6,7 @@ drains a batch, commits it, and only then sends the answers.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import msgspec
@@ -46,8 +47,9 @@ from saflite.contract.config import Campaign
 from saflite.contract.control import Answer, Control, Status
 from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.events import FaultSeen, WorkerChanged
+from saflite.contract.join import Join
 from saflite.contract.target_info import TargetInfo
-from saflite.contract.test_case import TestCase
+from saflite.contract.test_case import Target, TestCase
 from saflite.contract.work import (
     Ask,
     FlyResult,
@@ -64,6 +66,7 @@ from saflite.contract.work import (
 GRANTS_MAX = 16
 SILENT_LEASES, SILENT_S = 3, 15.0  # a worker not heard of for so many lease times, and so long, has left
 RECORD_PATIENCE_S = 60.0
+NOT_JOINED = "nobody of this name and session has joined since the books were opened"
 
 
 class Books:
@@ -101,6 +104,11 @@ class Books:
     def campaign(self) -> Campaign:
         """The campaign these are the books of."""
         return self._core.campaign
+
+    @property
+    def target(self) -> Target:
+        """What the campaign's test cases fly on."""
+        return self._core.template.target
 
     @property
     def ended(self) -> bool:
@@ -160,10 +168,8 @@ class Books:
 
     def ask(self, ask: Ask, now: float) -> Grant:
         """Hand out work, or nothing. The grant counts once it is committed."""
-        self._meet(ask.worker, ask.stage, now)
-        worker = self._registry.get(ask.stage, ask.worker)
-        assert worker is not None, "met but not there"
-        worker.targets = ask.targets
+        if not self._registry.met(ask.stage, ask.worker, ask.session, now):
+            return Grant(retry_after_s=0.0, refused=NOT_JOINED)
         if self.ended:
             return Grant(stop=True)
         if not self._core.tasks.waiting_count(ask.stage):
@@ -291,7 +297,8 @@ class Books:
 
     def beat(self, beat: Heartbeat, now: float) -> Orders:
         """Extend the leases named that are still the worker's; the others are to be dropped."""
-        self._meet(beat.worker, beat.stage, now)
+        if not self._registry.met(beat.stage, beat.worker, beat.session, now):
+            return Orders(refused=NOT_JOINED)
         self._registry.beat(beat, now)
         until_s = now + self._lease_s
         cancel = []
@@ -301,20 +308,33 @@ class Books:
                 cancel.append(lease_id)
         return Orders(cancel=tuple(cancel), stop=self.ended)
 
-    def present(self, worker: str, stage: str, now: float) -> None:
-        """Note that a worker's liveliness token appeared."""
-        self._meet(worker, stage, now)
+    def join(self, card: Join, now: float, *, gone: Callable[[Join], bool] = lambda _: False) -> str:
+        """Let a worker in; returns why not, empty if it has joined.
 
-    def absent(self, worker: str, stage: str, now: float, why: str = "its token vanished") -> None:
-        """Free the leases of a worker that is gone, at once."""
+        A name in use is free again once `gone` says of the life that holds it that it has ended.
+        """
+        holder = self._registry.named(card.worker)
+        if holder is not None and holder.card.session != card.session:
+            if not gone(holder.card):
+                return f"worker name {card.worker!r} is in use by a live {holder.stage} worker on {holder.card.host!r}"
+            self.absent(holder.worker, holder.stage, now, session=holder.card.session, why="it began anew")
+        if self._registry.join(card, now):
+            build = card.build_of(self.target.name)
+            fact = WorkerChanged(worker=card.worker, stage=card.stage, present=True, host=card.host, build=build)
+            self._do(Noted(fact=fact), now)
+        return ""
+
+    def absent(
+        self, worker: str, stage: str, now: float, *, session: str = "", why: str = "its token vanished"
+    ) -> None:
+        """Free the leases of a worker that is gone, at once; an earlier life of one that is back holds none."""
+        known = self._registry.get(stage, worker)
+        if known is None or known.card.session != session:
+            return
         for place, deadline in enumerate(self._leases.held_by(stage, worker)):
             self._lose(deadline, "lost" if place == 0 else "undelivered", f"{worker}: {why}", now)
-        if self._registry.leave(stage, worker):
-            self._do(Noted(fact=WorkerChanged(worker=worker, stage=stage, present=False, message=why)), now)
-
-    def _meet(self, worker: str, stage: str, now: float) -> None:
-        if self._registry.meet(stage, worker, now):
-            self._do(Noted(fact=WorkerChanged(worker=worker, stage=stage, present=True)), now)
+        self._registry.leave(stage, worker)
+        self._do(Noted(fact=WorkerChanged(worker=worker, stage=stage, present=False, message=why)), now)
 
     def _lose(self, deadline: Deadline, how: How, message: str, now: float) -> None:
         task = self._core.tasks.get(deadline.key)
@@ -336,7 +356,7 @@ class Books:
             how: How = "lost" if deadline.named and deadline.key in begun else "undelivered"
             self._lose(deadline, how, f"{deadline.worker} {why}", now)
         for worker in self._registry.silent(now - max(SILENT_LEASES * self._lease_s, SILENT_S)):
-            self.absent(worker.worker, worker.stage, now, "not heard of")
+            self.absent(worker.worker, worker.stage, now, session=worker.card.session, why="not heard of")
         self._give_up_recordings(now)
         self._rates.tick(now)
 

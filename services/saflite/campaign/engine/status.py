@@ -71,13 +71,14 @@ def overview(reducer: Reducer, registry: WorkerRegistry, leases: Leases, rates: 
         fallbacks=counts.fallbacks,
         queues=queues,
         workers=tuple(
-            _worker(worker, len(leases.held_by(worker.stage, worker.worker)), now) for worker in registry.workers()
+            _worker(worker, len(leases.held_by(worker.stage, worker.worker)), core.template.target.name, now)
+            for worker in registry.workers()
         ),
         seq=core.out.seq,
     )
 
 
-def _worker(worker: Worker, leases: int, now: float) -> WorkerStatus:
+def _worker(worker: Worker, leases: int, target: str, now: float) -> WorkerStatus:
     return WorkerStatus(
         worker=worker.worker,
         stage=worker.stage,
@@ -87,4 +88,8 @@ def _worker(worker: Worker, leases: int, now: float) -> WorkerStatus:
         busy_share=worker.busy_share,
         silent_s=max(0.0, now - worker.seen_s),
         resident_mib=worker.resident_mib,
+        host=worker.card.host,
+        build=worker.card.build_of(target),
+        cores=worker.card.cores,
+        labels=worker.card.labels,
     )

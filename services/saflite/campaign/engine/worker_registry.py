@@ -1,10 +1,11 @@
-"""Which workers are there, by their asks, heartbeats and liveliness tokens. Not kept over a restart."""
+"""Which workers are there: who has joined and was heard of since. Not kept over a restart, they join again."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from saflite.contract.join import Join
 from saflite.contract.work import Heartbeat, TargetBuild
 
 Name = tuple[str, str]  # stage, worker
@@ -13,12 +14,13 @@ REMEMBER_S = 300.0
 
 @dataclass(slots=True)
 class Worker:
-    """One worker as seen by its asks and heartbeats."""
+    """One worker: what it said when it joined, and what its asks and heartbeats showed since."""
 
     worker: str
     stage: str
     seen_s: float
     joined_s: float
+    card: Join
     targets: tuple[TargetBuild, ...] = ()
     state: str = "idle"
     done: int = 0
@@ -52,15 +54,27 @@ class WorkerRegistry:
         self._workers: dict[Name, Worker] = {}
         self._left: dict[Name, Worker] = {}  # gone, but perhaps about to come back
 
-    def meet(self, stage: str, worker: str, now_s: float) -> bool:
-        """Note a sign of life; True if the worker is new."""
+    def join(self, card: Join, now_s: float) -> bool:
+        """Let a worker in; False if this life of it is there already."""
+        known = self._workers.get((card.stage, card.worker))
+        if known is not None and known.card.session == card.session:
+            known.seen_s = now_s
+            return False
+        self._left.pop((card.stage, card.worker), None)
+        self._workers[card.stage, card.worker] = Worker(card.worker, card.stage, now_s, now_s, card, card.targets)
+        return True
+
+    def met(self, stage: str, worker: str, session: str, now_s: float) -> bool:
+        """Note a sign of life; False where nobody of that name and session has joined."""
         known = self._workers.get((stage, worker))
-        if known is None:
-            self._left.pop((stage, worker), None)
-            self._workers[stage, worker] = Worker(worker, stage, now_s, now_s)
-            return True
+        if known is None or known.card.session != session:
+            return False
         known.seen_s = now_s
-        return False
+        return True
+
+    def named(self, worker: str) -> Worker | None:
+        """Return who holds a name, whatever its stage."""
+        return next((one for (_, name), one in self._workers.items() if name == worker), None)
 
     def get(self, stage: str, worker: str) -> Worker | None:
         """Return a worker, None if it is not there."""
@@ -91,8 +105,7 @@ class WorkerRegistry:
         return [worker for worker in self._workers.values() if worker.seen_s < before_s]
 
     def beat(self, beat: Heartbeat, now_s: float) -> None:
-        """Take over what a heartbeat says of its worker."""
-        self.meet(beat.stage, beat.worker, now_s)
+        """Take over what a heartbeat says of its worker, which has joined."""
         worker = self._workers[beat.stage, beat.worker]
         worker.state, worker.done = beat.state, beat.done
         worker.busy_s, worker.idle_s = beat.busy_s, beat.idle_s

@@ -43,7 +43,7 @@ def schema_text(kind: type[msgspec.Struct]) -> str:
 def topics_table() -> str:
     """Return the topic table as Markdown."""
     rows = [
-        f"| `saflite/{topics.PROTOCOL}/{{campaign}}/{topic.pattern}` | {_name(topic.message)} | {_name(topic.answer)} "
+        f"| `{topic.key}` | {_name(topic.message)} | {_name(topic.answer)} "
         f"| {topic.delivery} | {topic.publisher} | {topic.readers} |"
         for topic in topics.TOPICS
     ]

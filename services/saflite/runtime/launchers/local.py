@@ -117,6 +117,9 @@ class LocalLauncher:
         command += ["--campaign", meeting.campaign, "--worker", spec.name, "--parent", str(os.getpid())]
         command += ["--listen", meeting.listen or meeting.connect] if spec.listens else ["--connect", meeting.connect]
         command += ["--insecure"] if meeting.insecure else []
+        command += ["--patience", str(meeting.patience_s)] if meeting.patience_s else []
+        for label, value in spec.labels.items():
+            command += ["--label", f"{label}={value}"]
         command += ["--spool", str(self._folder / "spool" / spec.name)]
         if self._run_dir is not None:
             command += ["--run-dir", str(self._run_dir)]

@@ -1,0 +1,65 @@
+"""Joining a farm: who wants to work says what it is, before any work is asked for; the books accept or refuse it.
+
+The key of this conversation holds no protocol number and its fields stay readable to every version (only fields with
+defaults are added, none is ever taken away), so that a mismatch can be told in words instead of silence.
+"""
+
+from __future__ import annotations
+
+import re
+
+import msgspec
+
+from saflite.contract.errors import Refused
+from saflite.contract.work import Stage, TargetBuild
+
+NAME_EXPECTED = "1 to 64 of A-Z a-z 0-9 . _ - beginning with a letter or digit"
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
+
+
+class Join(msgspec.Struct, frozen=True, kw_only=True):
+    """A worker wants to join.
+
+    `worker` is the name it wants, its own in the farm; `session` names this life of it. `software` is the digest of the
+    code that decides what its stage answers, `version` that of the package. `targets` are those it can
+    fly, with their builds.
+    """
+
+    protocol: int
+    worker: str = ""
+    session: str = ""
+    stage: Stage = "fly"
+    version: str = ""
+    software: str = ""
+    targets: tuple[TargetBuild, ...] = ()
+    host: str = ""
+    cores: int = 0
+    labels: dict[str, str] = {}
+
+    def build_of(self, target: str) -> str:
+        """Return the build of a target this worker can fly, empty if that is not known."""
+        return next((one.build for one in self.targets if one.name == target), "")
+
+
+class Joined(msgspec.Struct, frozen=True, kw_only=True):
+    """The answer: accepted under `worker` and `session`, or refused, and `message` says why.
+
+    `protocol` and `version` are those of the books; `target` is what the campaign flies.
+    """
+
+    accepted: bool
+    message: str = ""
+    protocol: int = 0
+    version: str = ""
+    worker: str = ""
+    session: str = ""
+    campaign: str = ""
+    target: str = ""
+    lease_s: float = 0.0
+
+
+def check_worker_name(name: str) -> str:
+    """Return the name; raises Refused unless it is one that can stand in keys, paths and tables as it is."""
+    if _NAME.fullmatch(name) is None:
+        raise Refused("worker name", expected=NAME_EXPECTED, got=repr(name[:80]))
+    return name

@@ -1,0 +1,73 @@
+"""Who may join: the same protocol, the same software where it decides results, a simulator of what is flown."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from fnmatch import fnmatchcase
+from typing import NamedTuple
+
+from saflite.contract.errors import Refused
+from saflite.contract.join import Join, check_worker_name
+from saflite.contract.test_case import Target
+from saflite.contract.topics import PROTOCOL
+from saflite.contract.work import Stage
+
+FREE_STAGES: frozenset[Stage] = frozenset({"record"})
+"""Stages whose software changes no result: what they make can be made again from the evidence."""
+
+WORD_MAX = 80  # of what a stranger says of itself, in our words
+DIGEST_SHOWN = 12
+
+
+class Terms(NamedTuple):
+    """What the books ask of those who join.
+
+    `software` gives the digest their own code has for a stage; `guests` names scorers that may run another.
+    """
+
+    target: Target
+    version: str
+    software: Callable[[Stage], str]
+    guests: Sequence[str] = ()
+
+
+def objection(card: Join, terms: Terms) -> str:
+    """Return in words why a worker cannot join, empty if it can (unless its name is taken, which others know)."""
+    if card.protocol != PROTOCOL:
+        ours, theirs = f"{PROTOCOL} (version {terms.version})", f"{card.protocol} (version {_said(card.version)})"
+        return f"protocol: expected {ours}, got {theirs}; install the same version on both machines"
+    try:
+        check_worker_name(card.worker)
+        check_worker_name(card.session)
+    except Refused as fault:
+        return str(fault)
+    return _software(card, terms) or (_target(card, terms.target) if card.stage == "fly" else "")
+
+
+def _software(card: Join, terms: Terms) -> str:
+    ours = terms.software(card.stage)
+    if card.software == ours or card.stage in FREE_STAGES:
+        return ""
+    if card.stage == "score" and any(fnmatchcase(card.worker, guest) for guest in terms.guests):
+        return ""
+    wanted, got = f"{ours[:DIGEST_SHOWN]} (version {terms.version})", _said(card.software[:DIGEST_SHOWN])
+    remedy = "install the same version on both machines"
+    if card.stage == "score":
+        remedy += ", or name this worker in scorer.guests of the campaign"
+    return f"software of {card.stage}: expected {wanted}, got {got} (version {_said(card.version)}); {remedy}"
+
+
+def _target(card: Join, target: Target) -> str:
+    known = [one.name for one in card.targets]
+    if target.name not in known:
+        return f"targets: expected {target.name}, which this campaign flies, got {_said(', '.join(known))}"
+    build = card.build_of(target.name)
+    if target.build and build != target.build:
+        wanted, got = target.build[:DIGEST_SHOWN], _said(build[:DIGEST_SHOWN])
+        return f"build of {target.name}: expected {wanted}, which this campaign flies, got {got}"
+    return ""
+
+
+def _said(text: str) -> str:
+    """Return what a stranger said, short and on one line."""
+    return "".join(char if char.isprintable() else "?" for char in text[:WORD_MAX]) or "nothing"
