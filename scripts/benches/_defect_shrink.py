@@ -45,7 +45,8 @@ def breaks(test_case: TestCase, policy: str) -> bool:
     record = fly_once(test_case)
     if policy == AUTOPILOT_ALIVE:
         return record.ending == "autopilot_died"
-    flight = Flight(test_case=identity(test_case), flight_index=0, ending=record.ending)
+    name, delivered = identity(test_case), record.delivered
+    flight = Flight(test_case=name, flight_index=0, ending=record.ending, delivered=delivered)
     return any(verdict.outcome == "violated" for verdict in judge(test_case, flight, record.trace, (policy,)).verdicts)
 
 

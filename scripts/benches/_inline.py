@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+import msgspec
+
 from saflite.campaign.engine.state import Books
 from saflite.campaign.presets.campaigns import template
 from saflite.campaign.storage.store import Store
@@ -51,14 +53,7 @@ class Flights:
         if name not in self._kept:
             self._kept[name] = self._fly(work, cancelled)
         flight, packed = self._kept[name]
-        record = Flight(
-            test_case=name,
-            flight_index=work.flight_index,
-            ending=flight.ending,
-            simulated_s=flight.simulated_s,
-            trace_digest=flight.trace_digest,
-            worker="inline",
-        )
+        record = msgspec.structs.replace(flight, test_case=name, flight_index=work.flight_index)
         return FlyResult(flight=record, trace=packed)
 
     def _fly(self, work: FlyWork, cancelled: Cancelled) -> tuple[Flight, bytes]:
@@ -71,6 +66,8 @@ class Flights:
             ending=landed.ending,
             simulated_s=landed.trace.duration_s,
             trace_digest=trace_digest(landed.trace),
+            worker="inline",
+            delivered=landed.delivered,
         )
         return flight, pack_trace(landed.trace)
 

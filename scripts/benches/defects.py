@@ -169,7 +169,8 @@ def alarms(cases: int, rng_seed: int) -> dict[str, Any]:
     for name in names:
         for case in _mutants(name, -(-cases // len(names)), rng_seed):
             record = fly_once(case)
-            flight = Flight(test_case=identity(case), flight_index=0, ending=record.ending)
+            name, delivered = identity(case), record.delivered
+            flight = Flight(test_case=name, flight_index=0, ending=record.ending, delivered=delivered)
             verdicts = judge(case, flight, record.trace, checked).verdicts
             broken = [verdict for verdict in verdicts if verdict.outcome == "violated"]
             flown, alarmed = flown + 1, alarmed + bool(broken)

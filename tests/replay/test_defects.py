@@ -6,7 +6,6 @@ import pytest
 
 from saflite.conformance.flying import fly_once
 from saflite.contract.flight import Flight
-from saflite.contract.ids import short_id
 from saflite.contract.test_case import TestCase, identity
 from saflite.flight.autopilots.reference.defects import DEFECTS, TABLE, trigger
 from saflite.oracle.judge import judge
@@ -16,7 +15,7 @@ from saflite.oracle.policy import load_policy, policy_names
 def violated(test_case: TestCase) -> set[str]:
     record = fly_once(test_case)
     names = tuple(name for name in policy_names() if "reference" not in load_policy(name).file.not_checked_on)
-    flight = Flight(test_case=identity(test_case), flight_index=0, ending=record.ending, trace_digest=short_id(b""))
+    flight = Flight(test_case=identity(test_case), flight_index=0, ending=record.ending, delivered=record.delivered)
     judgement = judge(test_case, flight, record.trace, names)
     return {verdict.policy for verdict in judgement.verdicts if verdict.outcome == "violated"}
 
