@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 
-from saflite.contract.flight import Flight, given
+from saflite.contract.flight import AUTOPILOT_ALIVE, Flight, given
 from saflite.contract.ids import short_id
 from saflite.contract.test_case import TestCase
 from saflite.contract.verdict import Verdict
@@ -52,11 +52,13 @@ def _place(test_case: TestCase, features: dict[str, float]) -> list[object]:
 
 
 def _cause(test_case: TestCase, flight: Flight, verdict: Verdict, signals: FlightSignals | None) -> list[object]:
+    died = verdict.policy == AUTOPILOT_ALIVE and flight.delivered is not None  # then all that was given came before
+    until_s = math.inf if died else verdict.witness_to_s
     before = sorted(
         {
             (stimulus.kind, stimulus.name)
             for stimulus, answer, _ in given(test_case.stimuli, flight.delivered)
-            if answer != "denied" and stimulus.at_s <= verdict.witness_to_s
+            if answer != "denied" and stimulus.at_s <= until_s
         }
     )
     mode = -1

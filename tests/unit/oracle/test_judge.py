@@ -209,6 +209,17 @@ def test_a_denied_order_to_stop_the_motors_is_no_excuse(answer: DeliveryAnswer, 
     assert verdict.outcome == outcome, verdict.message
 
 
+def test_what_was_given_after_the_last_sample_may_have_stopped_the_autopilot() -> None:
+    fatal = Stimulus(at_s=2.513, kind="parameter", name="RC3_MIN", values=(0.0,))
+    test_case = TestCase(target=Target(), scenario=Scenario(), stimuli=(fatal,))
+
+    def found(*delivered: Delivered) -> str:
+        flight = Flight(test_case="x", flight_index=0, ending="autopilot_died", simulated_s=2.5, delivered=delivered)
+        return judge(test_case, flight, hovering(2, [0, 0, 0]), ("a-chute",)).fingerprint
+
+    assert found(Delivered(index=0, at_s=2.52, answer="timed_out")) != found()
+
+
 def test_the_service_judges_work() -> None:
     test_case = case(box(0.0, 20.0))
     flight = Flight(test_case=identity(test_case), flight_index=2, ending="completed")

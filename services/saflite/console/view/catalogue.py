@@ -109,7 +109,7 @@ def _policies() -> list[Item]:
         if file.published:
             details["published as"] = file.published
         details |= {f"not checked on {target}": why for target, why in file.not_checked_on.items()}
-        details |= {f"mended ({number})": text for number, text in enumerate(file.deviations, 1)}
+        details |= {f"deviation ({number})": text for number, text in enumerate(file.deviations, 1)}
         found.append(Item(name, file.title, details))
     return found
 
