@@ -1,12 +1,16 @@
 """Planted bugs: the books with one thing broken each. If the farm's checks let one through, the checks are at fault.
 
-Each is a context that breaks the code for as long as it is open.
+Each is a context that breaks the code for as long as it is open. One that no longer fits what it breaks is no catch:
+`_patched` asserts that it takes the same parameters, `is_stale` tells a mistake of its own from one that was caught.
 """
 
 from __future__ import annotations
 
+import inspect
+import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -34,11 +38,24 @@ Bug = Callable[[], Any]
 @contextmanager
 def _patched(owner: Any, name: str, new: Any) -> Iterator[None]:
     old = owner.__dict__[name] if isinstance(owner, type) else getattr(owner, name)
+    assert _parameters(old) == _parameters(new), f"{name}{_parameters(old)} is planted as {_parameters(new)}: stale"
     setattr(owner, name, new)
     try:
         yield
     finally:
         setattr(owner, name, old)
+
+
+def _parameters(thing: Any) -> list[str]:
+    function: Any = thing.fget if isinstance(thing, property) else thing
+    return list(inspect.signature(function).parameters)
+
+
+def is_stale(fault: BaseException, file: str = __file__) -> bool:
+    """Return whether it was the planted code itself (in `file`) that broke: it no longer fits the code around it."""
+    frames = traceback.extract_tb(fault.__traceback__)
+    mistaken = isinstance(fault, TypeError | AttributeError | NameError | ImportError)
+    return mistaken and Path(frames[-1].filename) == Path(file)
 
 
 def answers_before_commit() -> Any:
@@ -61,7 +78,7 @@ def reflights_are_free() -> Any:
 
 def leases_never_end() -> Any:
     """A lease whose worker fell silent is not taken back."""
-    return _patched(Leases, "due", lambda self, now: [])
+    return _patched(Leases, "due", lambda self, now_s: [])
 
 
 def every_reflight_counts_as_equal() -> Any:

@@ -6,10 +6,13 @@
 from __future__ import annotations
 
 import logging
+from typing import Any
 
 import pytest
-from farm_bugs import BUGS
+from farm_bugs import BUGS, _patched, is_stale
 from farm_world import CALM, World, clean, know_the_clean_finds, run_seed, shape_of
+
+from saflite.campaign.engine.state import Books
 
 SEEDS, CHUNKS = 80, 8
 BUG_SEEDS_MAX = 80
@@ -66,9 +69,24 @@ def test_a_planted_bug_is_caught(name: str) -> None:
     pytest.fail(f"{name} got through {BUG_SEEDS_MAX} seeds")
 
 
+def test_a_planted_bug_that_no_longer_fits_the_code_is_no_catch() -> None:
+    with pytest.raises(AssertionError, match="stale"), _patched(Books, "ask", lambda self: None):
+        pass
+
+    def calls_what_is_gone(self: Any, ask: Any, now: float) -> Any:
+        return self.a_method_of_last_year(ask, now)
+
+    with _patched(Books, "ask", calls_what_is_gone), pytest.raises(AttributeError) as fault:
+        run_seed(0)
+    assert is_stale(fault.value, __file__)
+    assert not is_stale(fault.value)  # a mistake that lies elsewhere is what the planted bug did
+
+
 def _is_caught(seed: int) -> bool:
     try:
         run_seed(seed)
-    except Exception:  # noqa: BLE001 (whatever a broken farm does is a catch)
-        return True
+    except Exception as fault:
+        if is_stale(fault):
+            raise
+        return True  # whatever a broken farm does is a catch
     return False
