@@ -162,7 +162,7 @@ def plot(figures: dict[str, Any], path: Path) -> None:
 
 def alarms(cases: int, rng_seed: int) -> dict[str, Any]:
     """Fly mutants of all policy campaigns with all defects off and judge them by every policy."""
-    names = sorted(name for name in policy_campaigns() if name != "policy-all")
+    names = sorted(name for name in policy_campaigns(describe()) if name != "policy-all")
     checked, seen, endings = policy_names(), Counter[str](), Counter[str]()
     examples: dict[str, list[str]] = defaultdict(list)
     start, simulated_s, flown, alarmed = time.perf_counter(), 0.0, 0, 0

@@ -9,6 +9,7 @@ from functools import cache
 from pathlib import Path
 
 from saflite.console.view import out
+from saflite.contract.test_case import DEFAULT_TARGET
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "services" / "saflite"
@@ -100,6 +101,24 @@ def test_time_environment_and_randomness_have_one_place() -> None:
         if str(path.relative_to(PACKAGE)) not in places
         for word in sorted({word for word in dotted(path) if rule.match(word)})
     ]
+    assert wrong == []
+
+
+def test_nobody_outside_a_targets_folder_knows_it_by_name() -> None:
+    """The name of the default target stands once; what a target can do, its description says."""
+    places = ("flight/autopilots/reference/", "simulator_worker/targets/")
+    wrong = []
+    for path in SOURCES:
+        place = str(path.relative_to(PACKAGE))
+        if place.startswith(places):
+            continue
+        for node in ast.walk(tree(path)):
+            literal = isinstance(node, ast.Constant) and node.value == DEFAULT_TARGET
+            module = node.module or "" if isinstance(node, ast.ImportFrom) else ""
+            names = [alias.name for alias in node.names] if isinstance(node, ast.Import | ast.ImportFrom) else []
+            imported = any("autopilots.reference" in f"{module}.{one}" for one in names)
+            if imported or (literal and place != "contract/test_case.py"):
+                wrong.append(f"{name(path)} line {getattr(node, 'lineno', 0)}")
     assert wrong == []
 
 

@@ -6,6 +6,7 @@ the take-off point. `*_est_*` is what the autopilot believes, the plain name is 
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import Literal, NamedTuple
 
 Kind = Literal["real", "flag", "code"]
@@ -134,3 +135,23 @@ MODES: dict[str, int] = {
     "FLIP": 14,
     "BRAKE": 17,
 }
+
+MADE_FROM: dict[str, tuple[str, ...]] = {
+    **dict.fromkeys(("time_s", "quiet_s", "order_quiet_s", "command_quiet_s", "crashed", "stop_ordered"), ()),
+    **dict.fromkeys(("gps_true", "baro_true", "body_true", "sticks_true", "battery_timer_set_s"), ()),
+    "ground_speed_mps": ("vx_mps", "vy_mps"),
+    "home_distance_m": ("x_m", "y_m"),
+    "tilt_deg": ("roll_deg", "pitch_deg"),
+    "obstacle_distance_m": ("x_m", "y_m", "altitude_m"),
+    "x_est_m": ("x_m",),
+    "y_est_m": ("y_m",),
+    "altitude_est_m": ("altitude_m",),
+    "climb_est_mps": ("climb_mps",),
+}
+"""What the oracle makes of the rest of a flight where the trace does not hold it, and the signals each is made from."""
+
+
+def can_show(name: str, written: Collection[str]) -> bool:
+    """Return whether a flight whose trace holds `written` can give a signal."""
+    sources = MADE_FROM.get(name)
+    return name in written or (sources is not None and all(can_show(source, written) for source in sources))

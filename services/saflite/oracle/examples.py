@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import msgspec
 import numpy as np
 
 from saflite.contract.errors import Refused
-from saflite.contract.signals import MODES, SIGNALS
+from saflite.contract.signals import MODES, Signal
 from saflite.oracle.windows import Array
 
 _SAMPLES_MAX = 10_000
@@ -39,8 +40,10 @@ class Example(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     applies: bool = True
 
 
-def example_signals(example: Example, wanted: frozenset[str], name: str, where: str) -> dict[str, Array]:
-    """Return the example's signals as arrays of shape (samples,).
+def example_signals(
+    example: Example, wanted: frozenset[str], name: str, where: str, table: Mapping[str, Signal]
+) -> dict[str, Array]:
+    """Return the example's signals as arrays of shape (samples,); `table` has a row for each.
 
     Raises:
         Refused: a wanted signal is missing, one is too many, the times do not rise, or the trace is too long.
@@ -57,17 +60,20 @@ def example_signals(example: Example, wanted: frozenset[str], name: str, where: 
         raise Refused(name, where=where, expected=f"1 to {_SAMPLES_MAX} samples", got=f"{example.duration_s:g} s")
     count = math.floor(example.duration_s / example.step_s + 1e-9) + 1
     times = np.arange(count, dtype=np.float64) * np.float64(example.step_s)
-    made = {signal: _course(signal, course, times, name, where) for signal, course in courses.items()}
+    made = {
+        signal: _course(signal, course, times, table[signal].kind == "real", name, where)
+        for signal, course in courses.items()
+    }
     return {**made, "time_s": times} if "time_s" in wanted else made
 
 
-def _course(signal: str, course: Course, times: Array, name: str, where: str) -> Array:
+def _course(signal: str, course: Course, times: Array, real: bool, name: str, where: str) -> Array:
     points = course if isinstance(course, list) else [(0.0, course)]
     at = np.array([point[0] for point in points], dtype=np.float64)
     values = np.array([_number(signal, point[1], name, where) for point in points], dtype=np.float64)
     if len(at) == 0 or at[0] > 0 or np.any(np.diff(at) < 0):
         raise Refused(f"{name} {signal}", where=where, expected="times that rise from 0", got=at.tolist())
-    if SIGNALS[signal].kind == "real":
+    if real:
         return np.interp(times, at, values)
     return values[np.searchsorted(at, times + 1e-9, side="right") - 1]
 

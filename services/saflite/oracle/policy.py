@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import re
 import tomllib
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from typing import Literal, NamedTuple
@@ -18,7 +19,7 @@ import numpy as np
 
 from saflite.contract.config import read_text
 from saflite.contract.errors import Refused
-from saflite.contract.signals import MODES, SIGNALS
+from saflite.contract.signals import MODES, SIGNALS, Signal
 from saflite.contract.test_case import StartState
 from saflite.contract.work import PolicyTexts
 from saflite.oracle.examples import Example, example_signals
@@ -30,7 +31,6 @@ from saflite.oracle.units import margin_unit
 POLICIES_DIR = Path(__file__).parent / "policies"
 DEFAULT_POLICY = "min-obstacle-distance"
 ID = re.compile(r"[a-z0-9][a-z0-9-]*")
-STICKS = tuple(f"RC{channel}" for channel in range(1, 9))
 
 
 class Inputs(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -61,7 +61,11 @@ class Points(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
 
 
 class PolicyFile(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A policy as it stands in its file."""
+    """A policy as it stands in its file.
+
+    `signals` gives each signal its unit. Names beyond those of `contract/signals.py` are signals of a target's own;
+    `flag` or `code` in place of a unit says that such a one is 0 or 1, or a number from a closed list.
+    """
 
     id: str
     title: str
@@ -182,15 +186,28 @@ def _compiled(file: PolicyFile, text: str, where: str, place: str) -> Policy:
     needed = signals_of(formula)
     used = needed | (signals_of(hard) if hard else frozenset())
     _check_signals(file, used, text, where)
-    crisp = crispened(formula)
-    return Policy(file, crisp, crispened(hard) if hard else None, margin_unit(crisp, place), needed, used)
+    table = signal_table(file)
+    crisp, hard_crisp = crispened(formula, table), crispened(hard, table) if hard else None
+    return Policy(file, crisp, hard_crisp, margin_unit(crisp, place, table), needed, used)
 
 
-def crispened(formula: Node) -> Node:
+def signal_table(file: PolicyFile) -> dict[str, Signal]:
+    """Return the signals a policy may read: the common ones, and those of a target's own that it declares."""
+    own = {name: unit for name, unit in file.signals.items() if name not in SIGNALS}
+    return {**SIGNALS, **{name: _own_signal(unit) for name, unit in own.items()}}
+
+
+def _own_signal(unit: str) -> Signal:
+    if unit == "flag":
+        return Signal("", "", "flag")
+    return Signal("", "", "code") if unit == "code" else Signal(unit, "")
+
+
+def crispened(formula: Node, table: Mapping[str, Signal] = SIGNALS) -> Node:
     """Return the formula with crisp conditions and crisp comparisons of flags and codes."""
 
     def flags_only(node: Node) -> bool:
-        return all(SIGNALS[name].kind != "real" for name in signals_of(node))
+        return all(table[name].kind != "real" for name in signals_of(node))
 
     def visit(node: Node, condition: bool) -> Node:
         if node.op == "latch":
@@ -207,41 +224,31 @@ def crispened(formula: Node) -> Node:
 
 
 def _check_names(file: PolicyFile, text: str, where: str) -> None:
-    """Refuse an id unfit for topics and file names, and modes and sticks that do not exist.
+    """Refuse an id unfit for topics and file names.
 
-    Parameters, commands and faults are the target's: they are checked where a campaign is made of the policy.
+    Modes, sticks, parameters, commands and faults are the target's: they are checked where a campaign is made of the
+    policy.
     """
     if not ID.fullmatch(file.id):
         line = f"{where} line {_line_of(text, 'id')}"
         raise Refused("id", where=line, expected="small letters, digits and '-'", got=repr(file.id))
-    start = (file.start.mode,) if file.start else ()
-    for key, names, known in (
-        ("modes", file.inputs.modes, MODES),
-        ("sticks", file.inputs.sticks, STICKS),
-        ("mode", start, MODES),
-    ):
-        for name in (name for name in names if name not in known):
-            line = f"{where} line {_line_of(text, key)}"
-            raise Refused(key, where=line, expected=f"one of {', '.join(known)}", got=repr(name))
 
 
 def _check_signals(file: PolicyFile, used: frozenset[str], text: str, where: str) -> None:
-    for name in sorted(used):
+    for name in sorted(used - file.signals.keys()):
         line = f"{where} line {_line_of(text, name)}"
-        if name not in SIGNALS:
-            raise Refused(
-                "signal", where=line, expected="one of `saflite list signals`, a mode, or a constant", got=repr(name)
-            )
-        if name not in file.signals:
+        if name in SIGNALS:
             raise Refused("signals", where=line, expected=f"'{name}' with its unit under [signals]", got="nothing")
+        expected = "one of `saflite list signals`, one declared under [signals], a mode, or a constant"
+        raise Refused("signal", where=line, expected=expected, got=repr(name))
     for name, unit in file.signals.items():
         line = f"{where} line {_line_of(text, name)}"
         if name not in used:
             raise Refused("signals", where=line, expected="only signals the formula reads", got=repr(name))
-        if unit != SIGNALS[name].unit:
+        if name in SIGNALS and unit != SIGNALS[name].unit:
             raise Refused(f"unit of {name}", where=line, expected=repr(SIGNALS[name].unit), got=repr(unit))
     for name in file.state:
-        if name not in SIGNALS:
+        if name not in SIGNALS and name not in file.signals:
             raise Refused("state", where=f"{where} line {_line_of(text, 'state')}", expected="signals", got=repr(name))
 
 
@@ -266,7 +273,7 @@ def _check_examples(policy: Policy, text: str, where: str) -> None:
 
 
 def _check_example(policy: Policy, example: Example, name: str, place: str) -> None:
-    signals = example_signals(example, policy.signals, name, place)
+    signals = example_signals(example, policy.signals, name, place, signal_table(policy.file))
     finding = find(Evaluator(signals, example.step_s), policy.formula)
     if finding is None:
         raise Refused(name, where=place, expected="a trace longer than the formula's windows", got="a shorter one")

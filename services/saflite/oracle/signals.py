@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saflite.contract.flight import Flight, Trace, given
+from saflite.contract.signals import MADE_FROM, can_show
 from saflite.contract.test_case import Stimulus, StimulusKind, TestCase
 from saflite.flight.geometry import boxes_array, distance_to_boxes
 
@@ -67,27 +68,25 @@ class FlightSignals:
         self._given = tuple(one for one in given(test_case.stimuli, flight.delivered) if one.is_cause)
         self._made: dict[str, Array] = {}
         self.samples, self.step_s, self.written = trace.samples, trace.step_s, frozenset(trace.signals)
-        self._makers: dict[str, tuple[tuple[str, ...], Callable[[], Any]]] = {
-            "time_s": ((), self._time),
-            "quiet_s": ((), lambda: self._quiet(STIMULI)),
-            "order_quiet_s": ((), lambda: self._quiet(("command", "mode", "stick"))),
-            "command_quiet_s": ((), lambda: self._quiet(("command",), never_s=-NEVER_S)),
-            **{name: ((), partial(self._true, name)) for name in FAULTS},
-            "crashed": ((), self._crashed),
-            "stop_ordered": ((), self._stop_ordered),
-            "ground_speed_mps": (("vx_mps", "vy_mps"), lambda: np.hypot(self["vx_mps"], self["vy_mps"])),
-            "home_distance_m": (("x_m", "y_m"), lambda: np.hypot(self["x_m"], self["y_m"])),
-            "battery_timer_set_s": ((), self._battery_timer),
-            "tilt_deg": (("roll_deg", "pitch_deg"), self._tilt),
-            **{name: ((true,), partial(self.__getitem__, true)) for name, true in ESTIMATES.items()},
-            "obstacle_distance_m": (("x_m", "y_m", "altitude_m"), self._obstacle_distance),
+        self._makers: dict[str, Callable[[], Any]] = {
+            "time_s": self._time,
+            "quiet_s": lambda: self._quiet(STIMULI),
+            "order_quiet_s": lambda: self._quiet(("command", "mode", "stick")),
+            "command_quiet_s": lambda: self._quiet(("command",), never_s=-NEVER_S),
+            **{name: partial(self._true, name) for name in FAULTS},
+            "crashed": self._crashed,
+            "stop_ordered": self._stop_ordered,
+            "ground_speed_mps": lambda: np.hypot(self["vx_mps"], self["vy_mps"]),
+            "home_distance_m": lambda: np.hypot(self["x_m"], self["y_m"]),
+            "battery_timer_set_s": self._battery_timer,
+            "tilt_deg": self._tilt,
+            **{name: partial(self.__getitem__, true) for name, true in ESTIMATES.items()},
+            "obstacle_distance_m": self._obstacle_distance,
         }
+        assert self._makers.keys() == MADE_FROM.keys(), "the table of what is made does not name its makers"
 
     def __contains__(self, name: str) -> bool:
-        if name in self._trace.signals:
-            return True
-        maker = self._makers.get(name)
-        return maker is not None and all(source in self for source in maker[0])
+        return can_show(name, self.written)
 
     def __getitem__(self, name: str) -> Array:
         """Return one signal, shape (samples,); raises Refused if the trace cannot give it."""
@@ -96,7 +95,7 @@ class FlightSignals:
         if name in self._trace.signals or name not in self._makers:
             made = self._trace.array(name)[: self.samples]
         else:
-            made = np.asarray(self._makers[name][1](), dtype=np.float32)
+            made = np.asarray(self._makers[name](), dtype=np.float32)
         self._made[name] = made
         return made
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from saflite.contract.errors import Refused
-from saflite.contract.signals import SIGNALS
+from saflite.contract.signals import SIGNALS, Signal
 from saflite.oracle.formula import COMPARISONS, Node, text_of
 
 _KEEPING = ("neg", "abs", "before", "ago", "mean", "latch", "turn")
@@ -11,17 +13,17 @@ _JOINING = ("+", "-", "min", "max", *COMPARISONS)
 ANY = "any"
 
 
-def unit_of(node: Node, where: str = "") -> str:
+def unit_of(node: Node, where: str = "", table: Mapping[str, Signal] = SIGNALS) -> str:
     """Return the unit of a term ('' for plain numbers with a meaning of their own, 'any' for constants).
 
     Raises:
         Refused: two sides of a sum, a choice or a comparison differ in unit.
     """
-    units = [unit_of(child, where) for child in node.args]
+    units = [unit_of(child, where, table) for child in node.args]
     if node.op == "number":
         return ANY
     if node.op == "signal":
-        return SIGNALS[node.name].unit
+        return table[node.name].unit
     if node.op in _KEEPING:
         return units[0]
     if node.op in _JOINING:
@@ -52,18 +54,18 @@ def _multiplied(op: str, units: list[str]) -> str:
     return "" if op == "/" and left == right else ANY
 
 
-def margin_unit(node: Node, where: str = "") -> str:
+def margin_unit(node: Node, where: str = "", table: Mapping[str, Signal] = SIGNALS) -> str:
     """Return the unit robustness is in: that of the comparisons which are not crisp, '' if they differ or are none.
 
     Raises:
         Refused: as `unit_of`.
     """
-    unit_of(node, where)
-    found = {unit for unit in _margins(node) if unit != ANY}
+    unit_of(node, where, table)
+    found = {unit for unit in _margins(node, table) if unit != ANY}
     return found.pop() if len(found) == 1 else ""
 
 
-def _margins(node: Node) -> set[str]:
+def _margins(node: Node, table: Mapping[str, Signal]) -> set[str]:
     if node.op in COMPARISONS:
-        return {unit_of(arg) for arg in node.args}
-    return {unit for child in node.args for unit in _margins(child)}
+        return {unit_of(arg, "", table) for arg in node.args}
+    return {unit for child in node.args for unit in _margins(child, table)}

@@ -9,7 +9,7 @@ import importlib
 import importlib.util
 import pkgutil
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
@@ -54,6 +54,14 @@ def describe_target(name: str, files: Sequence[Path] = ()) -> TargetInfo:
     if info.name != name:
         raise Refused("target", where=name, expected=f"describe() of a target called {name!r}", got=repr(info.name))
     return info
+
+
+def mavlink_server(name: str) -> Callable[..., None]:
+    """Return what serves a target over MAVLink (`serve` of its module); raises Refused where it cannot be served."""
+    serve = getattr(load_target(name), "serve", None)
+    if serve is None:
+        raise Refused("target", where=name, expected="one that can be served over MAVLink", got="one without serve()")
+    return cast(Callable[..., None], serve)
 
 
 def why_missing(name: str, files: Sequence[Path] = ()) -> str:

@@ -16,29 +16,30 @@ from saflite.campaign.presets.policy_campaigns import (
     is_policy,
     policy_campaigns,
     policy_text,
-    refuse_unchecked,
+    refuse_unfit,
 )
 from saflite.contract.config import Campaign, parse_campaign, read_text
 from saflite.contract.errors import Refused
+from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import Scenario, TestCase
 from saflite.contract.topics import prefix
+from saflite.flight.autopilots.described import default_target
 from saflite.flight.mission import find_mission
 
 BUILTIN_DIR = Path(__file__).parent
 
 
-def builtin_campaigns() -> dict[str, str]:
-    """Return the names of the built-in campaigns and what each is for, sorted by name."""
-    return {name: load_campaign(name).description for name in _names()}
+def builtin_campaigns(target: TargetInfo | None = None) -> dict[str, str]:
+    """Return the names of the built-in campaigns and what each is for, sorted by name; over policies for `target`."""
+    made = {name: campaign.description for name, campaign in policy_campaigns(target or default_target()).items()}
+    files = {path.stem: load_campaign(path.stem).description for path in BUILTIN_DIR.glob("*.toml")}
+    return dict(sorted({**made, **files}.items()))
 
 
-def _names() -> list[str]:
-    return sorted([*(path.stem for path in BUILTIN_DIR.glob("*.toml")), *policy_campaigns()])
-
-
-def load_campaign(name_or_path: str) -> Campaign:
+def load_campaign(name_or_path: str, target: TargetInfo | None = None) -> Campaign:
     """Return a built-in campaign by name, or the one in a `.toml` file.
 
+    Campaigns over policies are made for `target`, the default target if none is given.
     A `.plan` file and policy files named in a campaign file are looked for beside it. A policy file stands for the
     campaign over that policy. Raises Refused naming file, key and what was expected for an unknown name, TOML that is
     none, unknown keys, or values that make no sense.
@@ -47,15 +48,16 @@ def load_campaign(name_or_path: str) -> Campaign:
         path = Path(name_or_path)
         text = read_text(path, "campaign file")
         if is_policy(text):
-            return campaign_over(path, text)
+            return campaign_over(path, text, target or default_target())
         return _found(parse_campaign(text, str(path)), path)
     path = BUILTIN_DIR / f"{name_or_path}.toml"
     if Path(name_or_path).name != name_or_path or not path.is_file():
-        made = policy_campaigns().get(name_or_path)
+        info = target or default_target()
+        made = policy_campaigns(info).get(name_or_path)
         if made is not None:
             return made
-        refuse_unchecked(name_or_path)
-        few = ", ".join(name for name in _names() if not name.startswith(PREFIX))
+        refuse_unfit(name_or_path, info)
+        few = ", ".join(sorted(path.stem for path in BUILTIN_DIR.glob("*.toml")))
         fix = "see `saflite list campaigns`"
         expected = f"one of {few}, {PREFIX}<policy>, or a .toml file"
         raise Refused("campaign", expected=expected, got=repr(name_or_path), fix=fix)

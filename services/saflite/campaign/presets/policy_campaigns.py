@@ -1,4 +1,4 @@
-"""A campaign for every policy that inputs can break on the reference target, and one over all of them at once.
+"""A campaign for every policy that inputs can break on a target, and one over all of them at once.
 
 The policy files are read as data (id, title, inputs, start, preconditions): slices do not import each other, and the
 oracle's own reader checks the same files fully when a campaign runs.
@@ -7,7 +7,6 @@ oracle's own reader checks the same files fully when a campaign runs.
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -16,24 +15,54 @@ import msgspec
 
 from saflite.contract.config import Campaign, ScorerConfig, SearchConfig, StrategyConfig, read_text
 from saflite.contract.errors import Refused
-from saflite.contract.test_case import Setting, StartState, Target
+from saflite.contract.signals import can_show
+from saflite.contract.target_info import TargetInfo
+from saflite.contract.test_case import Setting, StartState, StimulusKind, Target
 from saflite.contract.work import PolicyText
-from saflite.flight.autopilots.reference.parameters import parameter_table
 
 POLICIES_DIR = Path(__file__).parents[2] / "oracle" / "policies"
 PREFIX, ALL = "policy-", "policy-all"
-TARGET = "reference"
 MISSION = "mission2"
 SHORT_S, MISSION_S = 60.0, 150.0
 AIRBORNE_S = 32.0  # with a mission the vehicle leaves the ground after 19.5 s and climbs for 7
-_INPUTS = ("parameters", "commands", "sticks", "modes", "sensor_faults")
+MODE_COMMAND = "Flight_Mode"  # among the commands of a policy: any mode
+_INPUTS: dict[str, StimulusKind] = {
+    "parameters": "parameter",
+    "commands": "command",
+    "sticks": "stick",
+    "modes": "mode",
+    "sensor_faults": "sensor_fault",
+}
 _SEARCH = SearchConfig(candidates_per_round=96, flights_per_round=16, shrink=True)
 
 
-def policy_campaigns() -> dict[str, Campaign]:
-    """Return the generated campaigns by name."""
-    single = {name: _one(data, _known) for name, data in _policies().items()}
-    return {**single, ALL: _all([data for data in _policies().values() if not data.get("needs_mission")])}
+def policy_campaigns(target: TargetInfo) -> dict[str, Campaign]:
+    """Return the generated campaigns for a target by name: those whose signals, inputs and start state it has."""
+    fit = [data for data in _policies() if not why_not(data, target)]
+    single = {PREFIX + data["id"]: _one(data, target, _known(data, target)) for data in fit}
+    together = [data for data in fit if not data.get("needs_mission")]
+    return {**single, ALL: _all(together, target)} if together else single
+
+
+def why_not(data: dict[str, Any], target: TargetInfo) -> str:
+    """Return why there is no campaign over a policy for the target, empty if there is."""
+    if target.name in data.get("not_checked_on", {}):
+        return str(data["not_checked_on"][target.name])
+    if not any(data.get("inputs", {}).get(word) for word in _INPUTS):
+        return "no inputs named in its file; put it into a campaign file of your own"
+    if not any(_known(data, target).values()):
+        return f"{target.name} has none of its inputs"
+    unseen = sorted(name for name in data["signals"] if not can_show(name, target.signals))
+    if unseen:
+        return f"{target.name} does not write {', '.join(unseen)}"
+    if data.get("needs_mission"):
+        return "" if target.missions else f"{target.name} flies no missions"
+    mode = data.get("start", {}).get("mode", "")
+    if mode and mode not in target.modes:
+        return f"{target.name} has no mode {mode} to start in"
+    settable = {entry.name for entry in target.inputs if entry.kind in ("parameter", "sensor_fault")}
+    unset = sorted(name for name in data.get("preconditions", {}) if name not in settable)
+    return f"{target.name} has no parameter {', '.join(unset)}" if unset else ""
 
 
 def is_policy(text: str) -> bool:
@@ -53,23 +82,27 @@ def policy_text(path: Path) -> tuple[str, PolicyText]:
     return name, PolicyText(file=str(path), text=text)
 
 
-def campaign_over(path: Path, text: str) -> Campaign:
-    """Return the campaign over the policy in a file of one's own, from its inputs, start and preconditions."""
+def campaign_over(path: Path, text: str, target: TargetInfo) -> Campaign:
+    """Return the campaign over the policy in a file of one's own, from its inputs, start and preconditions.
+
+    Names stand in it as they do in the file: a policy of one's own is for this target, a wrong name is to be refused.
+    """
     name, kept = policy_text(path)
     try:
-        made = _one(_read(text, str(path)), _listed)
+        data = _read(text, str(path))
+        inputs = data.get("inputs", {})
+        made = _one(data, target, {word: list(inputs.get(word, ())) for word in _INPUTS})
     except (TypeError, ValueError, AttributeError):  # what is wrong is told with its line when the oracle reads it
         made = Campaign(name=PREFIX + name, policies=(name,), start=StartState())
     return msgspec.structs.replace(made, policy_texts={name: kept})
 
 
-def refuse_unchecked(campaign: str) -> None:
-    """Raise Refused if it is the campaign of a policy that ships but cannot be broken on the reference: say why."""
-    path = POLICIES_DIR / f"{campaign.removeprefix(PREFIX)}.toml"
-    if campaign.startswith(PREFIX) and Path(campaign).name == campaign and path.is_file():
-        why = _read(read_text(path, "policy file"), path.name).get("not_checked_on", {}).get(TARGET)
-        got = why or "no inputs named in its file; put it into a campaign file of your own"
-        raise Refused(campaign, expected=f"a policy whose inputs can break it on {TARGET}", got=got)
+def refuse_unfit(campaign: str, target: TargetInfo) -> None:
+    """Raise Refused if it is the campaign of a policy that ships but cannot be broken on the target: say why."""
+    for data in _policies():
+        if campaign == PREFIX + data["id"]:
+            got = why_not(data, target)
+            raise Refused(campaign, expected=f"a policy whose inputs can break it on {target.name}", got=got)
 
 
 def _read(text: str, where: str) -> dict[str, Any]:
@@ -80,31 +113,41 @@ def _read(text: str, where: str) -> dict[str, Any]:
 
 
 @cache
-def _policies() -> dict[str, dict[str, Any]]:
-    """Return what stands in the files of the policies that stimuli can break on the reference target, by campaign."""
-    found = {}
-    for path in sorted(POLICIES_DIR.glob("*.toml")):
-        data = _read(read_text(path, "policy file"), str(path))
-        inputs = data.get("inputs", {})
-        if TARGET not in data.get("not_checked_on", {}) and any(inputs.get(word) for word in _INPUTS):
-            found[PREFIX + data["id"]] = data
-    return found
+def _policies() -> tuple[dict[str, Any], ...]:
+    """Return what stands in the files of the policies that ship."""
+    paths = sorted(POLICIES_DIR.glob("*.toml"))
+    return tuple(_read(read_text(path, "policy file"), str(path)) for path in paths)
 
 
-def _one(data: dict[str, Any], known: Callable[[str, list[str]], list[Any]]) -> Campaign:
+def _known(data: dict[str, Any], target: TargetInfo) -> dict[str, list[Any]]:
+    """Return the inputs of a policy that the target has; a policy file serves every target."""
+    have = {(entry.kind, entry.name) for entry in target.inputs}
+    kinds = {entry.kind for entry in target.inputs}
     inputs = data.get("inputs", {})
-    settings: dict[str, Setting] = {word: known(word, inputs.get(word, ())) for word in _INPUTS}
-    settings["published"] = inputs.get("published", "")
+    return {
+        word: [
+            name
+            for name in inputs.get(word, ())
+            if (kind, name) in have
+            or (kind == "command" and ("stick", name) in have)
+            or (kind == "command" and name == MODE_COMMAND and "mode" in kinds)
+        ]
+        for word, kind in _INPUTS.items()
+    }
+
+
+def _one(data: dict[str, Any], target: TargetInfo, inputs: dict[str, list[Any]]) -> Campaign:
+    settings: dict[str, Setting] = {**inputs, "published": data.get("inputs", {}).get("published", "")}
     needs_mission = data.get("needs_mission", False)
     if needs_mission:
         settings["start_s"] = AIRBORNE_S
-    start = data.get("start", {})
+    preconditions = {name: float(value) for name, value in data.get("preconditions", {}).items()}
     return Campaign(
         name=PREFIX + data["id"],
         description=f"{data.get('title')}: which inputs break this rule? ({data.get('source')})",
-        target=Target(parameters={name: float(value) for name, value in data.get("preconditions", {}).items()}),
+        target=Target(name=target.name, parameters=preconditions),
         mission=MISSION if needs_mission else "",
-        start=None if needs_mission else StartState(**start),
+        start=None if needs_mission else _start(data.get("start", {}), target),
         time_limit_s=MISSION_S if needs_mission else SHORT_S,
         policies=(data["id"],),
         budget_flights=300,
@@ -114,28 +157,24 @@ def _one(data: dict[str, Any], known: Callable[[str, list[str]], list[Any]]) -> 
     )
 
 
-def _listed(word: str, names: list[str]) -> list[float | int | str | bool]:
-    """Return the names as they stand: a policy of one's own is for this target, and a wrong name is to be refused."""
-    return list(names)
+def _start(start: dict[str, Any], target: TargetInfo) -> StartState:
+    """Return the start state a policy asks for, or the target's usual one."""
+    if start or not target.start_states:
+        return StartState(**start)
+    return target.start_states[0]
 
 
-def _known(word: str, names: list[str]) -> list[float | int | str | bool]:
-    """Return the names without parameters that only other targets have; a policy file serves every target."""
-    if word not in ("parameters", "sensor_faults"):
-        return list(names)
-    return [name for name in names if name in parameter_table()]
-
-
-def _all(policies: list[dict[str, Any]]) -> Campaign:
+def _all(policies: list[dict[str, Any]], target: TargetInfo) -> Campaign:
     """Return the campaign that looks for whatever breaks any rule; inputs come from all the target has."""
     preconditions = {
         name: float(value) for data in policies for name, value in sorted(data.get("preconditions", {}).items())
     }
+    loiter = {"mode": "LOITER", "altitude_m": 30.0} if "LOITER" in target.modes else {}
     return Campaign(
         name=ALL,
         description=f"Any input of the vehicle against {len(policies)} policies at once, led by the scorer's interest",
-        target=Target(parameters=preconditions),
-        start=StartState(mode="LOITER", altitude_m=30.0),
+        target=Target(name=target.name, parameters=preconditions),
+        start=_start(loiter, target),
         time_limit_s=SHORT_S,
         policies=tuple(data["id"] for data in policies),
         budget_flights=2000,

@@ -14,6 +14,7 @@ from pathlib import Path
 def configure(parser: argparse.ArgumentParser) -> None:
     """Name the arguments."""
     parser.add_argument("campaign", help="built-in campaign or campaign file, for mission and policies")
+    parser.add_argument("--target", default="", help="for this target (see `saflite list targets`)")
     parser.add_argument("--strategy", default="", help="strategy instead of the campaign's")
     parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="setting of the strategy")
     parser.add_argument("--count", type=int, default=5, help="how many test cases (5)")
@@ -27,7 +28,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Ask the strategy once and print what it proposes."""
-    from saflite.campaign.presets.campaigns import load_campaign, template
+    from saflite.campaign.presets.campaigns import template
     from saflite.console.io import campaign_options, case_files
     from saflite.console.view import out
     from saflite.contract.test_case import identity
@@ -36,7 +37,10 @@ def run(args: argparse.Namespace) -> int:
     from saflite.simulator_worker.registry import describe_target
 
     campaign = campaign_options.changed(
-        load_campaign(args.campaign), rng_seed=args.rng_seed, strategy=args.strategy, settings=args.set
+        campaign_options.load(args.campaign, args.target),
+        rng_seed=args.rng_seed,
+        strategy=args.strategy,
+        settings=args.set,
     )
     campaign_options.at_least("--count", args.count, 1)
     target = describe_target(campaign.target.name)

@@ -5,6 +5,7 @@ The campaign is a built-in one (`saflite list campaigns`) or a TOML file. Ctrl-C
 examples:
   saflite run avoidance-m2
   saflite run avoidance-m3 --budget 300 --rng-seed 7 --workers 4 --out runs/night
+  saflite run policy-a-chute --target reference --defect parachute-in-acro
   saflite run my-campaign.toml --strategy deephyperion --scorer ollama:mistral
 """
 
@@ -27,6 +28,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     from saflite.console.io import arguments
 
     parser.add_argument("campaign", help="built-in campaign or .toml file")
+    parser.add_argument("--target", default="", help="on this target (see `saflite list targets`)")
     parser.add_argument("--out", type=Path, metavar="RUN", help="run folder, must not exist (runs/CAMPAIGN)")
     parser.add_argument("--budget", type=int, metavar="N", help="flights, confirmations included")
     parser.add_argument("--workers", type=int, metavar="N", help="simulator workers (one per core)")
@@ -43,7 +45,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the campaign to its end; 1 if confirmed violations were found."""
-    from saflite.campaign.presets.campaigns import load_campaign
     from saflite.console.io import campaign_options
     from saflite.console.operations import running
     from saflite.console.view import out
@@ -52,7 +53,7 @@ def run(args: argparse.Namespace) -> int:
 
     farm_options.check(args)
     campaign = campaign_options.changed(
-        load_campaign(args.campaign),
+        campaign_options.load(args.campaign, args.target),
         rng_seed=args.rng_seed,
         budget=args.budget,
         strategy=args.strategy,

@@ -1,4 +1,4 @@
-"""Serve the reference vehicle over MAVLink, for a ground station, an SDK, or another fuzzer.
+"""Serve a target over MAVLink, for a ground station, an SDK, or another fuzzer.
 
 Parameters, mission upload, arming, modes, commands, sticks and telemetry streams work as on ArduCopter. Endpoints:
 tcp:HOST:PORT waits for ground stations, udp:HOST:PORT answers whoever writes to it, udpout:HOST:PORT talks to one.
@@ -24,6 +24,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Name the arguments."""
     from saflite.console.io import arguments
 
+    parser.add_argument("--target", default="", help="which target (see `saflite list targets`)")
     parser.add_argument("--endpoint", default="tcp:127.0.0.1:5760", help="tcp:, udp: or udpout:HOST:PORT")
     parser.add_argument("--speed", type=float, default=1.0, help="times real time (1); 0: as fast as it can")
     arguments.add_target_settings(parser)
@@ -35,11 +36,13 @@ def run(args: argparse.Namespace) -> int:
     """Serve until Ctrl-C or SIGTERM."""
     from saflite.console.io import campaign_options
     from saflite.console.view import out
-    from saflite.flight.autopilots.reference.sitl import serve
+    from saflite.contract.test_case import Target
     from saflite.runtime.clock import WallClock
+    from saflite.simulator_worker.registry import mavlink_server
 
     campaign_options.at_least("--speed", args.speed, 0.0)
-    case = _case(args)
+    target = args.target or Target().name
+    serve, case = mavlink_server(target), _case(target, args)
     asked: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda got, _frame: asked.append(got))
@@ -52,13 +55,15 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _case(args: argparse.Namespace) -> TestCase:
+def _case(target: str, args: argparse.Namespace) -> TestCase:
     from saflite.console.io import cases
-    from saflite.flight.autopilots.reference.sitl import on_the_ground
-    from saflite.simulator_worker.registry import load_target
+    from saflite.contract.test_case import Scenario, StartState, Target, TestCase
+    from saflite.simulator_worker.registry import describe_target, load_target
 
+    standing = (start for start in describe_target(target).start_states if not start.armed)
+    start = next(standing, StartState(altitude_m=0.0, armed=False))
     case = cases.with_changes(
-        on_the_ground(),
+        TestCase(target=Target(name=target), scenario=Scenario(start=start), rng_seed=1),
         settings=args.target_set,
         defects=args.defect,
         parameters=args.parameter,

@@ -11,6 +11,8 @@ from saflite.console.io.target_options import assignment, with_settings
 from saflite.contract.config import Campaign, StrategyConfig, check_campaign
 from saflite.contract.errors import Refused
 from saflite.contract.flight import AUTOPILOT_ALIVE
+from saflite.contract.signals import can_show
+from saflite.contract.target_info import TargetInfo
 
 
 def at_least(name: str, number: float, least: float) -> None:
@@ -84,17 +86,39 @@ def remarks(campaign: Campaign, target_files: Sequence[Path] = ()) -> list[str]:
     ]
 
 
+def load(name_or_path: str, target: str = "") -> Campaign:
+    """Return a campaign by name or file, made for or put on `target` if one is named; see `load_campaign`."""
+    from saflite.campaign.presets.campaigns import load_campaign
+    from saflite.simulator_worker.registry import describe_target
+
+    if not target:
+        return load_campaign(name_or_path)
+    campaign = load_campaign(name_or_path, describe_target(target))
+    return msgspec.structs.replace(campaign, target=msgspec.structs.replace(campaign.target, name=target))
+
+
 def check_runnable(campaign: Campaign, target_files: Sequence[Path] = ()) -> None:
     """Raise Refused now for what a worker would refuse later: policies, target, mission, strategy settings."""
     from saflite.campaign.presets.campaigns import template
     from saflite.mutator.registry import load_strategy
-    from saflite.oracle.policy import load_policy
     from saflite.simulator_worker.registry import describe_target, load_target
 
-    for name in campaign.policies:
-        why = load_policy(name, campaign.policy_texts).file.not_checked_on.get(campaign.target.name)
-        if why:
-            raise Refused(f"policy {name}", expected=f"one that can be checked on {campaign.target.name}", got=why)
     base, target = template(campaign), describe_target(campaign.target.name, target_files)
+    for name in campaign.policies:
+        _check_policy(name, campaign, target)
     load_strategy(campaign.strategy.name)(base, campaign.strategy.settings, campaign.policies, target)
     load_target(campaign.target.name, target_files).check(base)
+
+
+def _check_policy(name: str, campaign: Campaign, target: TargetInfo) -> None:
+    """Raise Refused for a policy that nobody could judge a flight of the target by."""
+    from saflite.oracle.policy import load_policy
+
+    policy = load_policy(name, campaign.policy_texts)
+    why = policy.file.not_checked_on.get(target.name, "")
+    if why:
+        raise Refused(f"policy {name}", expected=f"one that can be checked on {target.name}", got=why)
+    unseen = sorted(signal for signal in policy.needed if not can_show(signal, target.signals))
+    if unseen:
+        expected = f"one whose signals {target.name} writes"
+        raise Refused(f"policy {name}", expected=expected, got=f"{', '.join(unseen)}, which it does not write")

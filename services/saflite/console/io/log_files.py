@@ -7,9 +7,9 @@ from pathlib import Path
 import msgspec
 
 from saflite.contract.flight import Flight, Trace, trace_digest
-from saflite.contract.test_case import Scenario, Target, TestCase, identity
+from saflite.contract.test_case import DEFAULT_TARGET, Scenario, Target, TestCase, identity
 
-_TARGETS = {".trace": "reference", ".ulg": "px4", ".bin": "ardupilot", ".BIN": "ardupilot"}
+_TARGETS = {".trace": DEFAULT_TARGET, ".ulg": "px4", ".bin": "ardupilot", ".BIN": "ardupilot"}
 
 
 def empty_case(path: Path) -> TestCase:

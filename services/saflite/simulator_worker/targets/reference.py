@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from saflite.contract.clock import Clock
 from saflite.contract.errors import Unavailable
@@ -36,6 +36,13 @@ def open(slot: Slot) -> ReferenceSession:  # noqa: A001  (the name that the cont
     if missing:
         raise Unavailable(f"target reference: {missing}")
     return ReferenceSession(slot.clock)
+
+
+def serve(endpoint: str, clock: Clock, **options: Any) -> None:
+    """Serve the vehicle over MAVLink; options and troubles as of `flight.autopilots.reference.sitl.serve`."""
+    from saflite.flight.autopilots.reference import sitl
+
+    sitl.serve(endpoint, clock, **options)
 
 
 class ReferenceSession:
