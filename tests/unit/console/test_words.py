@@ -17,6 +17,7 @@ from saflite.contract.config import parse_campaign
 from saflite.contract.control import Status, WorkerStatus
 from saflite.contract.events import Quarantined, ScorerChanged, ViolationFound
 from saflite.contract.flight import Flight
+from saflite.contract.test_case import Obstacle
 from saflite.contract.verdict import NEVER_APPLIED, Judgement, Verdict, Violation
 
 WANTED = "run resume replay fly judge mutate score audit watch list export report doctor scorer evaluate sitl schema"
@@ -121,7 +122,10 @@ def test_a_real_log_is_judged_with_a_competition_test_case(
 
     log = tmp_path / "log.ulg"
     log.write_bytes(px4_flight())
-    case, *_ = write_case(template(load_campaign("avoidance-m2")), tmp_path, "case")
+    bare = template(load_campaign("avoidance-m2"))
+    far = Obstacle(length_m=4.0, width_m=4.0, height_m=10.0, x_m=300.0, y_m=300.0)
+    boxed = msgspec.structs.replace(bare, scenario=msgspec.structs.replace(bare.scenario, obstacles=(far,)))
+    case, *_ = write_case(boxed, tmp_path, "case")
     words = ["judge", str(log), "--test-case", str(case), "--policy", "min-obstacle-distance", "--json"]
     assert main(words) == 0
     assert '"outcome":"held"' in capsys.readouterr().out
