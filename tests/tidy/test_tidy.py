@@ -19,6 +19,7 @@ SOURCES = sorted(PACKAGE.rglob("*.py"))
 NATIVE = sorted((PACKAGE / "flight").rglob("native/*.[ch]"))
 SCRIPTS = sorted((ROOT / "scripts").rglob("*.py"))
 TESTS = sorted((ROOT / "tests").rglob("*.py"))
+PAGES = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md")
 SUFFIXES = (".py", ".c", ".h", ".toml", ".md", ".json", ".yaml", ".yml", ".sh", ".txt", ".service", "")
 
 TIME = re.compile(r"time\.(time|monotonic|perf_counter|sleep)(_ns)?$|datetime\.(now|utcnow|today)$")
@@ -50,7 +51,7 @@ def texts() -> Iterator[Path]:
         for path in sorted((ROOT / folder).rglob("*")):
             if path.is_file() and path.suffix in SUFFIXES and "__pycache__" not in path.parts:
                 yield path
-    yield from (ROOT / "README.md", ROOT / "pyproject.toml")
+    yield from (ROOT / name for name in (*PAGES, "pyproject.toml", ".pre-commit-config.yaml"))
 
 
 def dotted(path: Path) -> Iterator[str]:
@@ -165,7 +166,8 @@ def test_the_pages_name_every_defect_scorer_and_command() -> None:
 
 
 def test_links_of_the_pages_lead_somewhere() -> None:
-    pages = [ROOT / "README.md", *sorted((ROOT / "deploy" / "docs").glob("*.md"))]
+    pages = [*(ROOT / name for name in PAGES), ROOT / "tests" / "README.md"]
+    pages += sorted((ROOT / "deploy" / "docs").glob("*.md"))
     wrong = [
         f"{name(page)}: {link}"
         for page in pages
