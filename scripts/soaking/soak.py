@@ -56,7 +56,7 @@ class SoakSession:
         _misbehave(fault)
         while fault == SLOW and not cancelled():
             time.sleep(0.01)
-        column = np.arange(10, dtype="<f4").tobytes()
+        column = np.full(10, 9.0, dtype="<f4").tobytes()
         return FlightRecord("completed", Trace(step_s=0.1, signals=dict.fromkeys(describe().signals, column)))
 
     def close(self) -> None:

@@ -1,27 +1,27 @@
-"""Checks every launcher passes. They start real roles (routers, and books that are refused) and need a few seconds.
+"""What every launcher promises: roles run, end, and are told of. Starts real ones (routers, books that are refused).
 
-    from saflite.conformance import launchers
+from saflite.conformance.kit import findings
+from saflite.conformance.launchers import check_launcher
 
-    for name, check in launchers.CHECKS.items():
-        check(open_launcher)        # open_launcher(meeting) -> a launcher whose roles run where they reach the endpoint
-
-Each check stops what it started; a launcher that keeps something back fails. AssertionError says what is wrong.
+assert findings(check_launcher(open_launcher)) == []      # open_launcher(meeting) -> a launcher for the roles of it
 """
 
 from __future__ import annotations
 
 import queue
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from functools import partial
 
 from saflite.bus.base import Happening
 from saflite.bus.endpoints import free_endpoint
 from saflite.bus.zenoh import open_client
+from saflite.conformance.kit import Check
 from saflite.contract.errors import Refused, Unavailable
 from saflite.runtime.clock import WallClock
 from saflite.runtime.launchers.base import Condition, Launcher, Meeting, RoleSpec
 
 Factory = Callable[[Meeting], Launcher]
-Check = Callable[[Factory], None]
+Promise = Callable[[Factory], None]
 
 PATIENCE_S = 30.0
 POLL_S = 0.05
@@ -118,9 +118,9 @@ def a_module_nobody_knows_is_refused(factory: Factory) -> None:
     raise AssertionError("a role was started without a module it needs")
 
 
-CHECKS: dict[str, Check] = {
-    check.__name__: check
-    for check in (
+def check_launcher(factory: Factory) -> tuple[Check, ...]:
+    """Return the checks of a launcher; each makes one of its own and stops what it started."""
+    promises: tuple[Promise, ...] = (
         what_runs_does_its_work_and_stop_ends_it,
         a_name_runs_once,
         how_a_role_ended_is_told_and_it_may_start_again,
@@ -128,7 +128,12 @@ CHECKS: dict[str, Check] = {
         stop_is_harmless_where_nothing_runs,
         a_module_nobody_knows_is_refused,
     )
-}
+    return tuple(Check(promise.__name__.replace("_", " "), partial(_kept, promise, factory)) for promise in promises)
+
+
+def _kept(promise: Promise, factory: Factory) -> Iterable[str]:
+    promise(factory)
+    return ()
 
 
 def _meeting() -> Meeting:

@@ -1,7 +1,8 @@
 """One role of the farm as a process: `python -m saflite.runtime.serve ROLE --campaign NAME --connect ENDPOINT ...`.
 
 Roles: books (with the router), router (alone), and the stages mutate, score, fly, judge, record. A role ends with
-code 0 when it was told to stop or the campaign is over, 2 on refused input, 3 where something it needs is missing,
+code 0 when it was told to stop or the campaign is over, 2 on refused input, 3 where something it needs is missing, 4
+where nobody has answered for its patience,
 70 when our own code broke (the launcher starts it again, its leases are freed at once).
 """
 
@@ -17,7 +18,7 @@ from pathlib import Path
 from typing import NoReturn, get_args
 
 from saflite.bus.zenoh import OPEN_TRY_S, leave_process, open_client, open_router
-from saflite.contract.errors import FarmError, Refused
+from saflite.contract.errors import FarmError, Refused, Unavailable
 from saflite.contract.join import check_worker_name
 from saflite.contract.work import Stage
 from saflite.runtime.clock import WallClock
@@ -30,7 +31,7 @@ from saflite.simulator_worker.processes import die_with_parent
 
 log = logging.getLogger(__name__)
 
-EXIT_FINE, EXIT_REFUSED, EXIT_UNAVAILABLE, EXIT_BROKEN = 0, 2, 3, 70
+EXIT_FINE, EXIT_REFUSED, EXIT_UNAVAILABLE, EXIT_UNANSWERED, EXIT_BROKEN = 0, 2, 3, 4, 70
 
 
 def parser() -> argparse.ArgumentParser:
@@ -126,14 +127,18 @@ def _worker(options: argparse.Namespace) -> int:
     labels = dict(text.partition("=")[::2] for text in options.label)
     card = card_of(options.role, name, clock, targets=config.targets, labels=labels)
     tries = max(1, round(options.patience / OPEN_TRY_S)) if options.patience else None
-    bus = open_client(name, options.connect, tries=tries, insecure=options.insecure)
+    try:
+        bus = open_client(name, options.connect, tries=tries, insecure=options.insecure)
+    except Unavailable as fault:
+        log.error("%s", fault)
+        return EXIT_UNANSWERED
     shell = WorkerShell(bus, options.campaign, service, config, card, Spool(options.spool), clock)
     _on_signals(shell.stop)
     left = shell.run()
     bus.close()
     service.close()
     log.log(logging.INFO if left.left_for == "done" else logging.ERROR, "%s", left.why)
-    return {"done": EXIT_FINE, "refused": EXIT_REFUSED, "unanswered": EXIT_UNAVAILABLE}[left.left_for]
+    return {"done": EXIT_FINE, "refused": EXIT_REFUSED, "unanswered": EXIT_UNANSWERED}[left.left_for]
 
 
 def _on_signals(stop: Callable[[str], None]) -> None:

@@ -71,6 +71,8 @@ def run(args: argparse.Namespace) -> int:
         scorer = f"scorer {campaign.scorer.model}, strategy {campaign.strategy.name}"
         out.line(f"campaign {campaign.name}: {campaign.budget_flights} flights, {scorer}, rng_seed {campaign.rng_seed}")
         out.line(f"run folder {run_dir}")
+        if args.listen:
+            out.line(f"others join with `saflite worker --join {args.listen}{' --insecure' if args.insecure else ''}`")
         for remark in campaign_options.remarks(campaign, args.target_module):
             out.line(remark)
         out.flush()

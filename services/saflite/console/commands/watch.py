@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 from saflite.console.io import farm_options
 
 if TYPE_CHECKING:
-    from saflite.contract.events import Event, Judged
+    from saflite.contract.events import Event, Judged, WorkerChanged
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -81,10 +81,19 @@ def _line(event: Event) -> str:
         text = f"flown  {fact.test_case}/{fact.flight_index} {fact.ending} {fact.simulated_s:.0f} s by {fact.worker}"
     elif isinstance(fact, Judged):
         text = f"judged  {fact.test_case}/{fact.flight_index} {_said(fact)} {' '.join(fact.violated)}".rstrip()
+    elif isinstance(fact, WorkerChanged):
+        text = _change(fact)
     elif not text:
         values = {key: value for key, value in msgspec.to_builtins(fact).items() if key != "type"}
         text = f"{kind_of(fact)}  " + " ".join(f"{key}={_short(value)}" for key, value in values.items() if value != "")
     return f"{event.seq:6d}  {text}"
+
+
+def _change(fact: WorkerChanged) -> str:
+    if not fact.present:
+        return f"left  {fact.worker} ({fact.stage}): {fact.message}"
+    build = f", build {fact.build[:12]}" if fact.build else ""
+    return f"joined  {fact.worker} ({fact.stage}) on {fact.host}{build}"
 
 
 def _said(fact: Judged) -> str:

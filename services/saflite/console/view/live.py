@@ -192,11 +192,19 @@ def _drawn(status: Status) -> RenderableType:
     if status.quarantined or status.fallbacks:
         facts.add_row(f"{status.quarantined} quarantined", f"{status.fallbacks} scores by the embedded scorer instead")
     workers = Table(box=None, padding=(0, 2), header_style="dim")
-    for head in ("worker", "state", "done", "busy", "memory", "silent"):
-        workers.add_column(head, justify="left" if head in ("worker", "state") else "right")
+    several = len({worker.host for worker in status.workers}) > 1
+    for head in ("worker", *(("host",) if several else ()), "state", "done", "busy", "memory", "silent"):
+        workers.add_column(head, justify="left" if head in ("worker", "host", "state") else "right")
     for worker in status.workers:
         colour = {"busy": "green", "idle": "dim"}.get(worker.state, "yellow")
-        cells = (worker.worker, f"[{colour}]{worker.state}[/]", str(worker.done), f"{100 * worker.busy_share:.0f} %")
+        host = (worker.host,) if several else ()
+        cells = (
+            worker.worker,
+            *host,
+            f"[{colour}]{worker.state}[/]",
+            str(worker.done),
+            f"{100 * worker.busy_share:.0f} %",
+        )
         workers.add_row(*cells, f"{worker.resident_mib:.0f} MiB", f"{worker.silent_s:.1f} s")
     bar = ProgressBar(total=max(1, status.budget), completed=status.flights, width=None)
     title = f"[b]{status.campaign}[/]  {status.state}  {status.elapsed_s:.0f} s"

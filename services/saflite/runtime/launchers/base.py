@@ -15,9 +15,10 @@ import msgspec
 from saflite.contract.work import Stage
 
 Kind = Stage | Literal["books", "router"]
-Condition = Literal["running", "finished", "refused", "unavailable", "killed", "broken"]
+Condition = Literal["running", "finished", "refused", "unavailable", "unanswered", "killed", "broken"]
 """How a role is: `finished` by itself as it should, `refused` for its input, `unavailable` for want of something it
-needs, `killed` from outside, `broken` by a fault of its own."""
+needs, `unanswered` when its patience with a farm that is away ended, `killed` from outside, `broken` by
+its own fault."""
 
 
 class RoleSpec(msgspec.Struct, frozen=True, kw_only=True):

@@ -26,6 +26,7 @@ _CONDITIONS: dict[int, Condition] = {
     0: "finished",
     2: "refused",
     3: "unavailable",
+    4: "unanswered",
     -signal.SIGKILL: "killed",
     -signal.SIGTERM: "killed",
 }

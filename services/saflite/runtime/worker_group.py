@@ -1,0 +1,167 @@
+"""A group of workers for a farm that runs elsewhere: finds its campaign, starts workers here, keeps them running."""
+
+from __future__ import annotations
+
+import logging
+import queue
+import re
+import shutil
+import socket
+import tempfile
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import NamedTuple
+
+import msgspec
+
+from saflite.bus.base import Bus, Happening, Presence
+from saflite.bus.endpoints import check_endpoint
+from saflite.bus.zenoh import OPEN_TRY_S, open_client
+from saflite.contract import topics
+from saflite.contract.clock import Clock
+from saflite.contract.errors import Refused, Unavailable
+from saflite.contract.ids import short_id
+from saflite.contract.join import check_worker_name
+from saflite.contract.work import Stage
+from saflite.runtime.campaign_runner import POLL_S, interrupts
+from saflite.runtime.clock import WallClock
+from saflite.runtime.launchers.base import Condition, Meeting, RoleSpec, RoleState
+from saflite.runtime.launchers.local import LocalLauncher
+from saflite.runtime.supervisor import GaveUp, Supervisor
+
+log = logging.getLogger(__name__)
+
+OTHERS_S = 0.5  # after the first farm was found, others at the endpoint have this long to show
+FAILURES_MAX = 3  # workers that cannot work here this often in a row end the group
+
+Say = Callable[[str], None]
+
+
+class Group(msgspec.Struct, frozen=True, kw_only=True):
+    """Which workers to run, for which farm. `workers` says how many of each stage; `name` begins all their names.
+
+    `folder` holds their logs and undelivered results; None takes a temporary one.
+    """
+
+    endpoint: str
+    workers: dict[Stage, int]
+    campaign: str = ""
+    name: str = ""
+    folder: Path | None = None
+    modules: tuple[Path, ...] = ()
+    labels: dict[str, str] = {}
+    insecure: bool = False
+    patience_s: float = 60.0
+
+
+class GroupEnd(NamedTuple):
+    """How a group ended: `finished` when the campaign is over or it was stopped, else as the role that gave up."""
+
+    condition: Condition
+    message: str
+
+
+def run(group: Group, say: Say) -> GroupEnd:
+    """Run the group to its end; `say` is told what a person wants to know.
+
+    Raises:
+        Refused: an endpoint that needs `insecure`, illegal names, no campaign or several at the endpoint.
+        Unavailable: nobody answers at the endpoint within the patience.
+    """
+    endpoint = check_endpoint(group.endpoint, insecure=group.insecure, argument="--join").from_here
+    folder = group.folder or Path(tempfile.mkdtemp(prefix="saflite-worker-"))
+    end: GroupEnd | None = None
+    try:
+        specs = _specs(group, group.name or _name_here(folder))
+        with interrupts() as interrupted:
+            campaign = group.campaign or _campaign_at(endpoint, group)
+            meeting = Meeting(campaign=campaign, connect=endpoint, insecure=group.insecure, patience_s=group.patience_s)
+            say(f"joining campaign {campaign} at {endpoint}: {', '.join(spec.name for spec in specs)}")
+            say(f"logs in {folder / 'logs'}")
+            end = _work(LocalLauncher(meeting, folder, modules=group.modules), specs, interrupted)
+    finally:
+        _tidy(group, folder, end)
+    return end
+
+
+def _work(launcher: LocalLauncher, specs: Sequence[RoleSpec], interrupted: list[str]) -> GroupEnd:
+    supervisor = Supervisor(launcher, specs, WallClock(), _gives_up)
+    try:
+        return _follow(supervisor, interrupted, WallClock())
+    finally:
+        supervisor.stop()
+        launcher.stop()
+
+
+def _follow(supervisor: Supervisor, interrupted: list[str], clock: WallClock) -> GroupEnd:
+    supervisor.start()
+    while not supervisor.over:
+        if interrupted:
+            return GroupEnd("finished", f"{interrupted[0]}: leases are handed back")
+        try:
+            supervisor.poll()
+        except GaveUp as fault:
+            return GroupEnd(fault.state.condition, str(fault))
+        clock.sleep_s(POLL_S)
+    return GroupEnd("finished", "the campaign is over")
+
+
+def _gives_up(_: RoleSpec, state: RoleState, failures: int) -> bool:
+    at_once = state.condition in ("refused", "unanswered")
+    return at_once or (state.condition == "unavailable" and failures >= FAILURES_MAX)
+
+
+def _specs(group: Group, name: str) -> list[RoleSpec]:
+    modules = tuple(path.stem for path in group.modules)
+    return [
+        RoleSpec(kind=stage, name=check_worker_name(f"{name}-{stage}-{number}"), modules=modules, labels=group.labels)
+        for stage, count in group.workers.items()
+        for number in range(1, count + 1)
+    ]
+
+
+def _name_here(folder: Path) -> str:
+    """Return a name that is the same for the same host and folder, so that results left there find their worker."""
+    host = re.sub(r"[^A-Za-z0-9-]", "-", socket.gethostname()).strip("-")[:32] or "host"
+    return f"{host}-{short_id(str(folder.absolute()).encode())[:6]}"
+
+
+def _tidy(group: Group, folder: Path, end: GroupEnd | None) -> None:
+    """Remove a temporary folder, unless it holds results nobody took or tells why the group ended."""
+    left = any((folder / "spool").rglob("*.report"))
+    if group.folder is None and not left and (end is None or end.condition == "finished"):
+        with suppress(OSError):
+            shutil.rmtree(folder)
+
+
+def _campaign_at(endpoint: str, group: Group) -> str:
+    tries = max(1, round(group.patience_s / OPEN_TRY_S)) if group.patience_s else None
+    bus = open_client("worker", endpoint, tries=tries, insecure=group.insecure)
+    try:
+        found = campaigns(bus, WallClock(), group.patience_s)
+    finally:
+        bus.close()
+    if not found:
+        raise Unavailable(f"no farm at {endpoint} has shown within {group.patience_s:.0f} s")
+    if len(found) > 1:
+        raise Refused("--campaign", expected=f"one of {', '.join(found)}, which run at {endpoint}", got="nothing")
+    return found[0]
+
+
+def campaigns(bus: Bus, clock: Clock, patience_s: float) -> Sequence[str]:
+    """Return the campaigns whose books are on the bus; waits for the first up to `patience_s` (0: for ever)."""
+    inbox: queue.SimpleQueue[Happening] = queue.SimpleQueue()
+    bus.watch(f"{topics.FARM_ROOT}/*", inbox.put)
+    found: set[str] = set()
+    until_s = clock.monotonic_s() + patience_s if patience_s else float("inf")
+    while (left_s := until_s - clock.monotonic_s()) > 0:
+        try:
+            happening = inbox.get(timeout=min(left_s, OPEN_TRY_S))
+        except queue.Empty:
+            continue
+        if isinstance(happening, Presence):
+            name = happening.key.removeprefix(f"{topics.FARM_ROOT}/")
+            (found.add if happening.present else found.discard)(name)
+            until_s = min(until_s, clock.monotonic_s() + OTHERS_S)
+    return sorted(found)
