@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import logging
 import pkgutil
 import sys
 from collections.abc import Callable, Sequence
@@ -19,6 +20,8 @@ from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.target import TargetModule
 from saflite.contract.target_info import TargetInfo
 from saflite.simulator_worker import targets
+
+log = logging.getLogger(__name__)
 
 ENTRY_POINTS = "saflite.targets"
 OFFERED = ("describe", "check", "open")
@@ -73,9 +76,17 @@ def why_missing(name: str, files: Sequence[Path] = ()) -> str:
 
 
 def builds_here(files: Sequence[Path] = ()) -> dict[str, str]:
-    """Return the targets that can fly on this machine and the build of each."""
-    ready = (name for name in target_names(files) if not why_missing(name, files))
-    return {name: describe_target(name, files).build for name in ready}
+    """Return the targets that can fly on this machine and the build of each; one that is broken is left out."""
+    found = {}
+    for name in target_names(files):
+        try:
+            info = describe_target(name, files)
+        except Exception as fault:  # noqa: BLE001  (whatever ails one target, the others can fly)
+            log.warning("target %s left out: %s: %s", name, type(fault).__name__, fault)
+            continue
+        if not info.missing:
+            found[name] = info.build
+    return found
 
 
 def load_file(path: Path) -> ModuleType:

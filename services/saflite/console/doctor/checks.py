@@ -7,13 +7,13 @@ import platform
 import shutil
 import sqlite3
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 from typing import Literal, NamedTuple
 
-from saflite.contract.errors import FarmError, Refused
+from saflite.contract.errors import FarmError, Refused, Unavailable
 
 DISK_FREE_MIN_GIB = 1.0
 DEFAULT_OLLAMA = "http://127.0.0.1:11434"
@@ -30,8 +30,10 @@ class Finding(NamedTuple):
 Check = Callable[[], Finding]
 
 
-def all_checks(folder: Path, ollama: str) -> list[Check]:
-    """Return the checks in the order in which things are needed."""
+def all_checks(folder: Path, ollama: str, modules: Sequence[Path] = ()) -> list[Check]:
+    """Return the checks in the order in which things are needed; `modules` are files of targets from outside."""
+    from saflite.simulator_worker.registry import target_names
+
     return [
         _python,
         _packages,
@@ -43,6 +45,7 @@ def all_checks(folder: Path, ollama: str) -> list[Check]:
         partial(_disk, folder),
         _policies,
         _flight,
+        *(partial(_target, name, modules) for name in target_names(modules)),
         partial(_ollama, ollama),
         partial(_binary, "ArduPilot", "arducopter"),
         partial(_binary, "PX4", "px4"),
@@ -165,6 +168,19 @@ def _flight() -> Finding:
         return Finding("flight", "bad", f"mission 2 without obstacles ended as {flight.ending}: {flight.message}")
     speed = flight.simulated_s / max(flight.wall_s, 1e-9)
     return Finding("flight", "ok", f"mission 2 in {flight.wall_s:.1f} s, {speed:.0f}x real time with start-up")
+
+
+def _target(name: str, modules: Sequence[Path]) -> Finding:
+    from saflite.console.doctor.target_check import target_words
+
+    what = f"target {name}"
+    try:
+        sound, text = target_words(name, modules)
+    except Unavailable as fault:
+        return Finding(what, "note", f"cannot fly here: {fault}")
+    except Refused as fault:
+        return Finding(what, "bad", str(fault))
+    return Finding(what, "ok" if sound else "bad", text)
 
 
 def _ollama(url: str) -> Finding:

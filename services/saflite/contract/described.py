@@ -1,0 +1,64 @@
+"""Does a test case ask only for what a target says it has? The check most targets need, from their description."""
+
+from __future__ import annotations
+
+import math
+
+from saflite.contract.errors import Refused
+from saflite.contract.target_info import InputInfo, SettingInfo, TargetInfo
+from saflite.contract.test_case import Scenario, Setting, Stimulus, TestCase
+
+
+def check_described(info: TargetInfo, test_case: TestCase) -> None:
+    """Raise Refused for what the description does not name: inputs, settings, modes, missions, time.
+
+    Values of stimuli may lie outside their range (an autopilot is there to refuse them); parameters set before the
+    start may not.
+    """
+    _check_scenario(info, test_case.scenario)
+    inputs = {(one.kind, one.name): one for one in info.inputs}
+    for name, value in test_case.target.parameters.items():
+        _check_parameter(inputs.get(("parameter", name)), name, value)
+    for name, setting in test_case.target.settings.items():
+        _check_setting(info.settings.get(name), name, setting, tuple(info.settings))
+    for number, stimulus in enumerate(test_case.stimuli):
+        _check_stimulus(inputs.get((stimulus.kind, stimulus.name)), stimulus, f"stimulus {number}")
+
+
+def _check_scenario(info: TargetInfo, scenario: Scenario) -> None:
+    if not 0.0 < scenario.time_limit_s <= info.time_limit_max_s:
+        raise Refused("time_limit_s", expected=f"above 0, at most {info.time_limit_max_s:g}", got=scenario.time_limit_s)
+    if scenario.mission is not None and not info.missions:
+        raise Refused("mission", expected=f"none: {info.name} flies from a start state", got=scenario.mission.name)
+    modes = {start.mode for start in info.start_states}
+    if scenario.mission is None and scenario.start is not None and scenario.start.mode not in modes:
+        raise Refused("start mode", expected=f"one of {', '.join(sorted(modes))}", got=repr(scenario.start.mode))
+
+
+def _check_parameter(one: InputInfo | None, name: str, value: float) -> None:
+    if one is None:
+        raise Refused("parameter", expected="one that the target describes", got=repr(name))
+    low = -math.inf if one.low is None else one.low
+    high = math.inf if one.high is None else one.high
+    if not low <= value <= high:
+        raise Refused(f"parameter {name}", expected=f"{low:g} to {high:g} {one.unit}".rstrip(), got=value)
+
+
+def _check_setting(one: SettingInfo | None, name: str, value: Setting, known: tuple[str, ...]) -> None:
+    if one is None:
+        raise Refused("target setting", expected=f"one of {', '.join(known) or 'none'}", got=repr(name))
+    wrong = [part for part in (value if isinstance(value, list) else [value]) if part not in one.choices]
+    if one.choices and wrong:
+        raise Refused(f"target setting {name}", expected=f"of {', '.join(map(str, one.choices))}", got=wrong[0])
+
+
+def _check_stimulus(one: InputInfo | None, stimulus: Stimulus, where: str) -> None:
+    if one is None:
+        got = f"{stimulus.kind} {stimulus.name}"
+        raise Refused("stimulus", where=where, expected="an input that the target describes", got=got)
+    if not stimulus.at_s >= 0.0:
+        raise Refused("stimulus time", where=where, expected="0 or later", got=stimulus.at_s)
+    if stimulus.kind in ("parameter", "stick") and len(stimulus.values) != 1:
+        raise Refused("stimulus values", where=where, expected="one number", got=stimulus.values)
+    if not all(map(math.isfinite, stimulus.values)):
+        raise Refused("stimulus values", where=where, expected="finite numbers", got=stimulus.values)
