@@ -9,6 +9,7 @@ from typing import NamedTuple
 import msgspec
 
 from saflite.campaign.lifecycle.minimizer import Minimizer
+from saflite.campaign.lifecycle.repeats import ONE_FLIGHT
 from saflite.campaign.presets.campaigns import load_campaign, template
 from saflite.conformance.flying import fly_once
 from saflite.contract.flight import AUTOPILOT_ALIVE, Flight
@@ -83,11 +84,11 @@ def shrink(defect: str, rng_seed: int) -> Shrunk | None:
     if large is None:
         return None
     start_s, start_core_s, flights = time.perf_counter(), time.process_time(), 0
-    minimizer = Minimizer(large, FLIGHTS_MAX)
-    while cases := minimizer.ask():
-        for case in cases:
-            minimizer.tell(identity(case), breaks(case, policy))
-        flights += len(cases)
+    minimizer = Minimizer(large, FLIGHTS_MAX, ONE_FLIGHT)
+    while asked := minimizer.ask():
+        for case, number in asked:
+            minimizer.tell(identity(case), number, breaks(case, policy))
+        flights += len(asked)
     wall_s, core_s = time.perf_counter() - start_s, time.process_time() - start_core_s
     left, known = len(minimizer.best.stimuli), len(trigger(defect).stimuli)
     return Shrunk(defect, left, known, flights, wall_s, core_s, exhausted=flights >= FLIGHTS_MAX)

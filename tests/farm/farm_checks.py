@@ -9,6 +9,7 @@ from farm_store import MemoryStore
 
 from saflite.campaign.engine.journal import decode_line
 from saflite.campaign.engine.state import Books
+from saflite.campaign.lifecycle.repeats import confirm_rule
 from saflite.campaign.scheduling.work_keys import FlyKey, JudgeKey, read_key
 from saflite.contract.control import Status
 from saflite.contract.events import (
@@ -44,6 +45,7 @@ class Ghost:
         self.accepted_judged: set[Flight] = set()
         self.reports: list[Report] = []
         self.flown_by: set[tuple[str, int, str]] = set()
+        self._rule = confirm_rule(store.campaign.search, store.target.repeats)
         self._shrinks = store.campaign.search.shrink
         self.budget_max = store.campaign.budget_flights
 
@@ -139,7 +141,7 @@ class Ghost:
         reflown = [flight for flight in self.flown if flight[0] == violation.test_case and flight[1] > 0]
         assert len(reflown) >= violation.reflown, f"{key} claims {violation.reflown} re-flights"
         if violation.confirmation == "confirmed":
-            assert violation.failed_again >= self._store.campaign.search.confirm_needed, f"{key} was never repeated"
+            assert violation.failed_again >= self._rule.needed, f"{key} was never repeated"
             for index in range(2):
                 distance = self._distance(violation.test_case, index)
                 assert distance < 1.5, f"{key} is confirmed, but flight {index} kept {distance:.2f} m away"
@@ -226,7 +228,7 @@ def state_of(books: Books) -> dict[str, object]:
 
 def journal_is_the_state(store: MemoryStore, books: Books) -> None:
     """Assert that the books rebuilt from the journal are the books at hand."""
-    again = Books(store.campaign, store.template, store.target, run_id="run", read_model=store)
+    again = store.empty_books()
     for line in store.lines:
         again.replay(line)
     live, replayed = state_of(books), state_of(again)

@@ -29,9 +29,13 @@ class MemoryStore:
         self.full = False
         self.crash_next = ""  # "before" or "after": die at the next commit
 
+    def empty_books(self) -> Books:
+        """Return books that were never opened."""
+        return Books(self.campaign, self.template, self.target, run_id="run", read_model=self)
+
     def rebuild(self) -> Books:
         """Return the books as last committed."""
-        books = Books(self.campaign, self.template, self.target, run_id="run", read_model=self)
+        books = self.empty_books()
         for line in self.lines:
             books.replay(line)
         self.files = {name: data for name, data in self.files.items() if name in books.wanted_traces}

@@ -44,6 +44,10 @@ class SearchConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
 
     Round r draws on the outcomes of rounds up to r - lag only, so `lag` rounds can be scored, flown and judged at
     once and the campaign still is reproducible at any number of workers.
+
+    A violation is confirmed when `confirm_needed` of `confirm_flights` re-flights violate again. Not given: 1 of 1 on
+    a target that repeats bit by bit, 3 of 5 on others. `shrink_flights_max` bounds the flights spent on making one
+    violation smaller; not given: 60 times the flights it takes to confirm one.
     """
 
     candidates_per_round: int = 40
@@ -51,10 +55,10 @@ class SearchConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     lag: int = 3
     random_share: float = 0.125
     novelty_weight: float = 0.5
-    confirm_flights: int = 1
-    confirm_needed: int = 1
+    confirm_flights: int | None = None
+    confirm_needed: int | None = None
     shrink: bool = False
-    shrink_flights_max: int = 60
+    shrink_flights_max: int | None = None
 
 
 class LeaseConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -127,7 +131,9 @@ def check_campaign(campaign: Campaign, where: str) -> None:
         ("search.flights_per_round", search.flights_per_round, search.flights_per_round >= 1, "1 or more"),
         ("search.lag", search.lag, search.lag >= 1, "1 or more"),
         ("search.random_share", search.random_share, 0 <= search.random_share <= 1, "0 to 1"),
-        ("search.confirm_flights", search.confirm_flights, search.confirm_flights >= 0, "0 or more"),
+        ("search.confirm_flights", search.confirm_flights, (search.confirm_flights or 0) >= 0, "0 or more"),
+        ("search.confirm_needed", search.confirm_needed, _may_be_needed(search), "1 up to search.confirm_flights"),
+        ("search.shrink_flights_max", search.shrink_flights_max, (search.shrink_flights_max or 0) >= 0, "0 or more"),
         ("scorer.batch", campaign.scorer.batch, campaign.scorer.batch >= 1, "1 or more"),
         ("lease.lease_s", campaign.lease.lease_s, campaign.lease.lease_s > 0, "more than 0"),
         ("policies", campaign.policies, len(campaign.policies) > 0, "at least one policy"),
@@ -135,6 +141,11 @@ def check_campaign(campaign: Campaign, where: str) -> None:
     for key, value, good, expected in rules:
         if not good:
             raise Refused(key, where=where, expected=expected, got=value)
+
+
+def _may_be_needed(search: SearchConfig) -> bool:
+    flights, needed = search.confirm_flights, search.confirm_needed
+    return needed is None or (needed >= 1 and (not flights or needed <= flights))
 
 
 def read_text(path: Path, what: str) -> str:

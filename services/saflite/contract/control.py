@@ -49,6 +49,7 @@ class Status(msgspec.Struct, frozen=True, kw_only=True):
     violations_flaky: int
     violations_pending: int
     quarantined: int
+    unequal: int = 0
     flights_per_s: float
     real_time_factor: float
     since_last_find_s: float | None

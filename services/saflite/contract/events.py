@@ -44,6 +44,7 @@ class Flown(msgspec.Struct, frozen=True, kw_only=True, tag="flown"):
     wall_s: float
     worker: str
     purpose: Purpose = "search"
+    build: str = ""
 
 
 class Judged(msgspec.Struct, frozen=True, kw_only=True, tag="judged"):

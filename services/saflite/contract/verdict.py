@@ -57,7 +57,14 @@ class Judgement(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Violation(msgspec.Struct, frozen=True, kw_only=True):
-    """A violation with its stable fingerprint. Reported when re-flown; `flaky` when the re-flight differs."""
+    """A violation with its stable fingerprint.
+
+    `confirmed` when enough of the `reflown` re-flights violated again (`failed_again`), `flaky` when they did not,
+    `unconfirmed` when too few could be flown to say. `rate_low` to `rate_high` is the 95 % interval of the rate at
+    which it violates again (Wilson); None on a target that repeats bit by bit, where chance plays no part. `bit_equal`
+    says that every re-flight was the first flight over again, bit by bit: a fact about the farm, apart.
+    `flight_index` names the flight that shows the violation.
+    """
 
     fingerprint: str
     test_case: str
@@ -67,7 +74,10 @@ class Violation(msgspec.Struct, frozen=True, kw_only=True):
     confirmation: Confirmation
     reflown: int = 0
     failed_again: int = 0
+    rate_low: float | None = None
+    rate_high: float | None = None
     bit_equal: bool = False
+    flight_index: int = 0
     workers: tuple[str, ...] = ()
     message: str = ""
 

@@ -6,12 +6,15 @@ import sys
 from pathlib import Path
 from typing import cast, get_args
 
+import msgspec
+
 from saflite.campaign.engine.state import Books
 from saflite.campaign.storage.store import Store
 from saflite.contract import wire
 from saflite.contract.join import Join
+from saflite.contract.target_info import Repeats
 from saflite.contract.topics import PROTOCOL
-from saflite.contract.work import Ask, Grant, Lease, Receipt, Report, Result, Stage
+from saflite.contract.work import Ask, Grant, Lease, Receipt, Report, Result, Stage, TargetBuild
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "farm"))
 
@@ -27,6 +30,7 @@ class Driver:
     def __init__(self, books: Books, store: Store | None = None) -> None:
         self.books, self.store, self.now = books, store, 100.0
         self.service = doubles.Service()
+        self.targets: dict[str, tuple[TargetBuild, ...]] = {}
         books.begin(self.now, 1.7e9)
         self.commit()
 
@@ -38,10 +42,13 @@ class Driver:
         self.books.validate()
 
     def ask(self, stage: Stage, worker: str = "a", leases_max: int = 1, cursor: int | None = None) -> tuple[Lease, ...]:
-        """Ask for work, having joined."""
-        assert not self.books.join(Join(protocol=PROTOCOL, worker=worker, stage=stage), self.now)
+        """Ask for work, having joined; workers of the fly stage have the targets noted for them."""
         known = self.service.cursor_of(stage) if cursor is None else cursor
-        grant = self.books.ask(Ask(worker=worker, stage=stage, leases_max=leases_max, cursor=known), self.now)
+        targets = self.targets.get(worker, ()) if stage == "fly" else ()
+        card = Join(protocol=PROTOCOL, worker=worker, stage=stage, targets=targets)
+        assert not self.books.join(card, self.now)
+        ask = Ask(worker=worker, stage=stage, leases_max=leases_max, cursor=known, targets=targets)
+        grant = self.books.ask(ask, self.now)
         self.commit()
         return wire.decode(wire.encode(grant), Grant).leases
 
@@ -82,7 +89,8 @@ class Driver:
             assert self.now < 1e5, "the campaign does not end"
 
 
-def new_books(budget: int = 20, **search: object) -> Driver:
+def new_books(budget: int = 20, *, repeats: Repeats = "bitwise", **search: object) -> Driver:
     """Books with a store in memory."""
-    store = MemoryStore(doubles.campaign(budget, **search), doubles.TEMPLATE, doubles.TARGET)  # type: ignore[arg-type]
+    target = msgspec.structs.replace(doubles.TARGET, repeats=repeats)
+    store = MemoryStore(doubles.campaign(budget, **search), doubles.TEMPLATE, target)  # type: ignore[arg-type]
     return Driver(store.rebuild(), cast(Store, store))

@@ -13,7 +13,7 @@ from saflite.contract.config import SearchConfig
 
 def planned(search: SearchConfig, budget: int, luck: int, order: int) -> tuple[list[Plan], int]:
     """Run rounds whose costs depend on `luck` and their round, ending in an `order` of their own."""
-    rounds, shuffle, plans, spent = Rounds(search, budget), random.Random(order), [], 0
+    rounds, shuffle, plans, spent = Rounds(search, budget, search.confirm_flights or 0), random.Random(order), [], 0
     open_rounds: list[int] = []
     while True:
         while rounds.may_plan():

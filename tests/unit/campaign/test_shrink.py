@@ -7,6 +7,7 @@ from collections.abc import Callable
 import pytest
 
 from saflite.campaign.lifecycle.minimizer import Minimizer
+from saflite.campaign.lifecycle.repeats import ONE_FLIGHT
 from saflite.contract.rng import derive
 from saflite.contract.test_case import Scenario, StartState, Stimulus, Target, TestCase, identity
 
@@ -45,13 +46,14 @@ def chute_in_acro(test_case: TestCase) -> bool:
 def shrink(
     start: TestCase, breaks: Breaks, flights_max: int = 200, shuffle: int = 0
 ) -> tuple[Minimizer, list[TestCase]]:
-    minimizer, flown = Minimizer(start, flights_max), []
+    minimizer, flown = Minimizer(start, flights_max, ONE_FLIGHT), []
     rng = derive(shuffle, "order")
     while not minimizer.done:
         batch = list(minimizer.ask())
         for index in rng.permutation(len(batch)) if shuffle else range(len(batch)):
-            flown.append(batch[index])
-            minimizer.tell(identity(batch[index]), breaks(batch[index]))
+            case, number = batch[index]
+            flown.append(case)
+            minimizer.tell(identity(case), number, breaks(case))
     return minimizer, flown
 
 
@@ -93,14 +95,16 @@ def test_it_ends_whatever_the_answers(breaks: Breaks) -> None:
 
 
 def test_answers_that_were_not_asked_for_or_come_twice_are_ignored() -> None:
-    minimizer = Minimizer(twenty(), 50)
+    minimizer = Minimizer(twenty(), 50, ONE_FLIGHT)
     batch = minimizer.ask()
-    minimizer.tell("nobody", True)
-    minimizer.tell(identity(batch[0]), False)
-    minimizer.tell(identity(batch[0]), True)
+    name = identity(batch[0].test_case)
+    minimizer.tell("nobody", 0, True)
+    minimizer.tell(name, 1, True)
+    minimizer.tell(name, 0, False)
+    minimizer.tell(name, 0, True)
     assert minimizer.ask() == batch[1:], "what is left of the generation"
     for each in batch[1:]:
-        minimizer.tell(identity(each), False)
+        minimizer.tell(identity(each.test_case), 0, False)
     assert minimizer.best == twenty()
 
 

@@ -8,6 +8,7 @@ from typing import Literal
 
 from saflite.campaign.engine.outbox import Outbox
 from saflite.campaign.lifecycle.confirmation import Trial
+from saflite.campaign.lifecycle.repeats import RepeatRule
 from saflite.campaign.scheduling.rounds import Rounds
 from saflite.campaign.scheduling.tasks import Task, TaskTable
 from saflite.campaign.scheduling.work_keys import RecordKey
@@ -37,6 +38,7 @@ class Counts:
     flaky: int = 0
     unconfirmed: int = 0
     quarantined: int = 0
+    unequal: int = 0  # re-flights that were no repeat on a target that says it repeats bit by bit
     fallbacks: int = 0
     simulated_s: float = 0.0
     wall_s: float = 0.0
@@ -63,6 +65,7 @@ class Core:
     target: TargetInfo
     out: Outbox
     rounds: Rounds
+    confirm: RepeatRule
     tasks: TaskTable = field(default_factory=TaskTable)
     counts: Counts = field(default_factory=Counts)
     trials: dict[str, Trial] = field(default_factory=dict)

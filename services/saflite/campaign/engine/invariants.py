@@ -13,6 +13,7 @@ def validate(core: Core, leases: Leases) -> None:
     _leases_have_deadlines(core, leases)
     _budget_holds(core)
     _every_trial_goes_on(core)
+    _repeats_are_on_one_build(core)
     _traces_are_held(core)
     _counts_agree(core)
 
@@ -35,7 +36,7 @@ def _budget_holds(core: Core) -> None:
 
 def _every_trial_goes_on(core: Core) -> None:
     for trial in core.trials.values():
-        flights = [trial.fly_key(index) for index in range(trial.confirm_max + 1)]
+        flights = [trial.fly_key(index) for index in (trial.first, *trial.reflights)]
         assert any(core.tasks.get(key) or core.tasks.get(key.judging) for key in flights), (
             f"{trial.name} has not ended, and nothing is to be done for it"
         )
@@ -50,6 +51,13 @@ def _every_trial_goes_on(core: Core) -> None:
         assert round_.open_trials == open_trials, f"round {number}: {round_.open_trials} open, {open_trials} counted"
         assert round_.phase != "flying" or open_trials, f"round {number} flies nothing and is not closed"
         assert set(round_.scores) <= set(round_.candidates), f"round {number}: scores of unknown test cases"
+
+
+def _repeats_are_on_one_build(core: Core) -> None:
+    """A re-flight on another build repeats nothing."""
+    for trial in core.trials.values():
+        builds = {note.flight.build for note in trial.flights.values() if note.said_something or not note.settled}
+        assert len(builds) <= 1, f"{trial.name} is confirmed by flights on several builds: {sorted(builds)}"
 
 
 def _traces_are_held(core: Core) -> None:

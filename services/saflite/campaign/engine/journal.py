@@ -101,7 +101,7 @@ class TraceMissing(msgspec.Struct, frozen=True, kw_only=True, tag="trace_missing
 
 
 class GaveUp(msgspec.Struct, frozen=True, kw_only=True, tag="gave_up"):
-    """A recording nobody came to write was given up."""
+    """Work nobody came to do was given up: a recording, or a re-flight on a build that no worker has any more."""
 
     key: WorkKey
     message: str

@@ -92,8 +92,7 @@ class Reducer:
                 assert isinstance(entry.key, JudgeKey), f"{entry.key} needs no trace to be judged by"
                 self._lifecycle(entry.key).on_trace_missing(self._task(entry.key), entry.key, entry.message)
             case GaveUp():
-                assert isinstance(entry.key, RecordKey), f"{entry.key} cannot be given up"
-                self._give_up_record(entry.key, entry.message)
+                self._given_up(entry.key, entry.message)
 
     def _task(self, key: WorkKey) -> Task:
         task = self.core.tasks.get(key)
@@ -225,6 +224,15 @@ class Reducer:
         else:
             self.core.fault(str(task.key), message)
             self.core.again(task, "failed", message)
+
+    def _given_up(self, key: WorkKey, message: str) -> None:
+        match key:
+            case RecordKey():
+                self._give_up_record(key, message)
+            case FlyKey():
+                self._lifecycle(key).on_nobody(self._task(key), key, message)
+            case _:
+                raise AssertionError(f"{key} cannot be given up")
 
     def _give_up_record(self, key: RecordKey, message: str) -> None:
         del self.core.records[key]

@@ -35,8 +35,10 @@ from saflite.campaign.engine.reducer import Reducer
 from saflite.campaign.engine.status import Rates, overview
 from saflite.campaign.engine.trace_cache import TraceCache
 from saflite.campaign.engine.worker_registry import WorkerRegistry
+from saflite.campaign.lifecycle.repeats import confirm_rule
 from saflite.campaign.scheduling.dispatch import Dispatch
 from saflite.campaign.scheduling.leases import Deadline, Leases
+from saflite.campaign.scheduling.patience import Patience
 from saflite.campaign.scheduling.result_validation import check_result
 from saflite.campaign.scheduling.rounds import Rounds
 from saflite.campaign.scheduling.selection import Rules, select
@@ -65,7 +67,6 @@ from saflite.contract.work import (
 
 GRANTS_MAX = 16
 SILENT_LEASES, SILENT_S = 3, 15.0  # a worker not heard of for so many lease times, and so long, has left
-RECORD_PATIENCE_S = 60.0
 NOT_JOINED = "nobody of this name and session has joined since the books were opened"
 
 
@@ -91,12 +92,15 @@ class Books:
         read_model: ReadModel | None = None,
     ) -> None:
         self._out = Outbox()
-        self._core = Core(campaign, template, target, self._out, Rounds(campaign.search, campaign.budget_flights))
+        confirm = confirm_rule(campaign.search, target.repeats)
+        rounds = Rounds(campaign.search, campaign.budget_flights, confirm.flights)
+        self._core = Core(campaign, template, target, self._out, rounds, confirm)
         self._reducer = Reducer(self._core)
         self._trace_cache = TraceCache(self._out, read_model)
         self._work_messages = WorkMessages(self._reducer, self._trace_cache)
         self._registry, self._leases = WorkerRegistry(), Leases()
         self._dispatch = Dispatch(self._core, self._registry)
+        self._patience = Patience(self._core, self._registry)
         self._rates = Rates()
         self._run_id = run_id
 
@@ -357,20 +361,14 @@ class Books:
             self._lose(deadline, how, f"{deadline.worker} {why}", now)
         for worker in self._registry.silent(now - max(SILENT_LEASES * self._lease_s, SILENT_S)):
             self.absent(worker.worker, worker.stage, now, session=worker.card.session, why="not heard of")
-        self._give_up_recordings(now)
+        self._give_up(now)
         self._rates.tick(now)
 
-    def _give_up_recordings(self, now: float) -> None:
-        """A campaign that has nothing left but recordings does not wait for ever for a recorder that is not there."""
-        core = self._core
-        only_records = bool(core.records) and not core.rounds.under_way and core.rounds.planned > 0
-        if not only_records or any(worker.stage == "record" for worker in self._registry.workers()):
-            self._rates.recorder_missed_s = None
-            return
-        self._rates.recorder_missed_s = self._rates.recorder_missed_s or now
-        if now - self._rates.recorder_missed_s > RECORD_PATIENCE_S:
-            for key in sorted(core.records):
-                self._do(GaveUp(key=key, message="no recorder came"), now)
+    def _give_up(self, now: float) -> None:
+        for entry in self._patience.lost(now):
+            if isinstance(entry, Noted) or self._core.tasks.get(entry.key) is not None:
+                self._do(entry, now)
+                self._choose(now)
 
     # ---- orders and overview -------------------------------------------------------------------------------------
 
@@ -396,3 +394,4 @@ class Books:
     def validate(self) -> None:
         """Assert every invariant of the books; for tests and audits."""
         validate(self._core, self._leases)
+        self._reducer.minimization.validate()

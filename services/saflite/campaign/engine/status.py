@@ -19,7 +19,6 @@ class Rates:
     def __init__(self) -> None:
         self._flights: deque[tuple[float, float]] = deque()
         self._first_s: float | None = None
-        self.recorder_missed_s: float | None = None
 
     def settled(self, result: Result, now: float) -> None:
         """Count a flight."""
@@ -62,6 +61,7 @@ def overview(reducer: Reducer, registry: WorkerRegistry, leases: Leases, rates: 
         violations_flaky=counts.flaky,
         violations_pending=sum(1 for trial in core.trials.values() if trial.judgement is not None),
         quarantined=counts.quarantined,
+        unequal=counts.unequal,
         flights_per_s=flights_per_s,
         real_time_factor=real_time_factor,
         since_last_find_s=None if counts.last_find_s is None else elapsed_s - counts.last_find_s,

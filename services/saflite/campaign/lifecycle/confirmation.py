@@ -6,9 +6,11 @@ from dataclasses import dataclass, field
 
 import msgspec
 
+from saflite.campaign.lifecycle.repeats import RepeatRule
 from saflite.campaign.scheduling.work_keys import FlyKey
 from saflite.contract.flight import Flight, Purpose
 from saflite.contract.ids import short_id
+from saflite.contract.interval import Interval, wilson
 from saflite.contract.score import Score
 from saflite.contract.test_case import TestCase
 from saflite.contract.verdict import Confirmation, Judgement, Verdict, Violation, worst
@@ -23,6 +25,12 @@ class FlightNote:
     bit_equal: bool = False  # re-flights only: the same trace as the first flight
     given_up: bool = False  # it could not be flown or judged
     violated: frozenset[str] = frozenset()
+
+    def same_flight(self, other: Flight) -> bool:
+        """Whether another flight ended the same, was given the same and left a bit-equal trace."""
+        mine = self.flight
+        ends = (mine.ending, mine.delivered, mine.trace_digest)
+        return ends == (other.ending, other.delivered, other.trace_digest)
 
     @property
     def settled(self) -> bool:
@@ -45,6 +53,8 @@ class Trial:
     rank: int
     confirm_max: int
     score: Score | None = None
+    wanted_build: str = ""  # the build its first flight is to be on, empty for any
+    first: int = 0  # the flight that shows the violation, re-flights come after it
     shrunk_from: Violation | None = None  # the violation this one is the smallest form of
     flights: dict[int, FlightNote] = field(default_factory=dict)
     judgement: Judgement | None = None
@@ -54,14 +64,14 @@ class Trial:
         return "shrunk" if self.shrunk_from is not None else "confirm" if index else "search"
 
     def fly_key(self, index: int) -> FlyKey:
-        """Return the key of flight `index`: the first is 0, re-flights count from 1."""
+        """Return the key of a flight."""
         return FlyKey(self.name, self.purpose_of(index), index)
 
     @property
     def build(self) -> str:
-        """The build all its flights are to be on: that of the first flight; before it, that the test case names."""
-        first = self.flights.get(0)
-        return self.test_case.target.build if first is None else first.flight.build
+        """The build its re-flights are to be on: that of the flight that shows the violation, once it is flown."""
+        note = self.flights.get(self.first)
+        return self.wanted_build if note is None else note.flight.build
 
     @property
     def is_selected(self) -> bool:
@@ -74,9 +84,14 @@ class Trial:
         return len(self.flights)
 
     @property
+    def reflights(self) -> range:
+        """Indices of the re-flights asked for."""
+        return range(self.first + 1, self.first + self.confirm_max + 1)
+
+    @property
     def confirmed_all(self) -> bool:
         """Whether every re-flight asked for has ended."""
-        return all(index in self.flights and self.flights[index].settled for index in range(1, self.confirm_max + 1))
+        return all(index in self.flights and self.flights[index].settled for index in self.reflights)
 
 
 def violated_verdicts(judgement: Judgement) -> list[Verdict]:
@@ -104,14 +119,16 @@ def confirmation_of(reflown: int, again: int, asked: int, needed: int) -> Confir
     return "flaky"
 
 
-def violations_of(trial: Trial, needed: int) -> tuple[Violation, ...]:
+def violations_of(trial: Trial, rule: RepeatRule) -> tuple[Violation, ...]:
     """Return the violations of a test case whose re-flights have all ended, worst first, each with its confirmation."""
     assert trial.judgement is not None, f"{trial.name} was not judged"
-    repeats = [note for index, note in sorted(trial.flights.items()) if index > 0 and note.said_something]
-    workers = tuple(note.flight.worker for _, note in sorted(trial.flights.items()) if note.said_something)
+    flights = [note for index, note in sorted(trial.flights.items()) if index >= trial.first]
+    repeats = [note for note in flights[1:] if note.said_something]
+    workers = tuple(note.flight.worker for note in flights if note.said_something)
     found = []
     for place, verdict in enumerate(violated_verdicts(trial.judgement)):
         again = sum(1 for note in repeats if note.bit_equal or verdict.policy in note.violated)
+        rate = wilson(again, len(repeats)) if rule.repeats == "statistically" else Interval()
         found.append(
             Violation(
                 fingerprint=fingerprint_of(trial.judgement, verdict, place),
@@ -119,15 +136,24 @@ def violations_of(trial: Trial, needed: int) -> tuple[Violation, ...]:
                 policy=verdict.policy,
                 robustness=verdict.margin,
                 severity=verdict.severity,
-                confirmation=confirmation_of(len(repeats), again, trial.confirm_max, needed),
+                confirmation=confirmation_of(len(repeats), again, trial.confirm_max, rule.needed),
                 reflown=len(repeats),
                 failed_again=again,
+                rate_low=rate.low,
+                rate_high=rate.high,
                 bit_equal=bool(repeats) and all(note.bit_equal for note in repeats),
+                flight_index=trial.first,
                 workers=workers,
-                message=verdict.message,
+                message="; ".join(filter(None, (verdict.message, _not_reflown(flights[1:])))),
             )
         )
     return tuple(found) if trial.shrunk_from is None else _smallest_form(trial, trial.shrunk_from, found)
+
+
+def _not_reflown(repeats: list[FlightNote]) -> str:
+    """Return in words why re-flights are missing, empty if none is."""
+    missing = [note.flight.message or note.flight.ending for note in repeats if note.given_up]
+    return f"{len(missing)} of {len(repeats)} re-flights could not be flown: {missing[0]}" if missing else ""
 
 
 def _smallest_form(trial: Trial, larger: Violation, found: list[Violation]) -> tuple[Violation, ...]:

@@ -43,6 +43,7 @@ class Flights:
         test_case = round_.candidates[pick.test_case]
         assert pick.test_case not in core.flown, f"{pick.test_case} is selected twice"
         trial = Trial(test_case, pick.test_case, round_.number, rank, round_.plan.confirm_max)
+        trial.wanted_build = test_case.target.build
         trial.score = round_.scores.get(pick.test_case)
         core.flown[trial.name] = trial.round
         core.latest.append(features(test_case))
@@ -59,8 +60,8 @@ class Flights:
         if name == job.minimizer.original or name in core.flown or name in core.shrunk:
             return
         core.shrunk.add(name)
-        trial = Trial(test_case, name, job.trial.round, job.trial.rank, max(1, core.campaign.search.confirm_flights))
-        trial.shrunk_from = job.violation
+        trial = Trial(test_case, name, job.trial.round, job.trial.rank, max(1, core.confirm.flights))
+        trial.shrunk_from, trial.wanted_build = job.violation, job.trial.build
         core.trials[name] = trial
         origin = test_case.origin
         content = wire.encode(test_case)
@@ -96,6 +97,11 @@ class Flights:
         else:
             self.on_failure(task, key, flight.message)
 
+    def on_nobody(self, task: Task, key: FlightKey, message: str) -> None:
+        """Nobody is there who could fly it."""
+        self._core.fault(str(key), message)
+        self._set_aside(task, key, "infra", message)
+
     def on_failure(self, task: Task, key: FlightKey, message: str) -> None:
         """Our side could not fly or judge: elsewhere again, set aside in the end."""
         task.failures += 1
@@ -118,15 +124,26 @@ class Flights:
         core, trial = self._core, self._trial(key)
         core.done(task, flight.ending, flight.message)
         note = self._note(trial, flight)
-        first = trial.flights.get(0)
-        assert first is not None, f"{trial.name}: a re-flight ended before the first flight"
-        is_repeat = flight.flight_index > 0 and bool(flight.trace_digest)
-        if is_repeat and flight.trace_digest == first.flight.trace_digest:
+        if key.index != trial.first and self._is_repeat(trial, key, note):
             note.bit_equal = True
             self._if_confirmed(trial)
             return
         core.hold_trace(flight.trace_digest)
         core.tasks.add(Task(key.judging, (trial.round, trial.rank, key.index, 1)))
+
+    def _is_repeat(self, trial: Trial, key: FlyKey, note: FlightNote) -> bool:
+        """Return whether a re-flight is the first flight over again, so that its verdicts are known.
+
+        One that is not, on a target that says it repeats bit by bit, is told and counted as a fault of that target.
+        """
+        core, first = self._core, trial.flights.get(trial.first)
+        assert first is not None, f"{trial.name}: a re-flight ended before the first flight"
+        assert first.flight.build == note.flight.build, f"{key} is on another build than the first flight"
+        same = first.same_flight(note.flight)
+        if not same and core.confirm.repeats == "bitwise":
+            core.counts.unequal += 1
+            core.fault(str(key), _unequal(trial.test_case.target.name, first.flight, note.flight))
+        return same and bool(note.flight.trace_digest)
 
     def _note(self, trial: Trial, flight: Flight) -> FlightNote:
         core, index = self._core, flight.flight_index
@@ -147,6 +164,7 @@ class Flights:
             flight.trace_digest,
             flight.worker,
             flight.message,
+            flight.build,
         )
         core.tell(
             Flown(
@@ -157,6 +175,7 @@ class Flights:
                 wall_s=flight.wall_s,
                 worker=flight.worker,
                 purpose=purpose,
+                build=flight.build,
             )
         )
         return note
@@ -193,18 +212,29 @@ class Flights:
         bad = violated_verdicts(judgement)
         note.violated = frozenset(verdict.policy for verdict in bad)
         self._tell_judged(judgement, bad)
-        if judgement.flight_index > 0:
+        if key.index != trial.first:
             if not (bad or core.campaign.record == "all"):
                 core.let_go_trace(note.flight.trace_digest)
             self._if_confirmed(trial)
             return
         trial.judgement = judgement
-        if not bad:
+        if self._may_still_show(trial, note):
+            core.let_go_trace(note.flight.trace_digest)
+            trial.first += 1
+            self._fly(trial, trial.first)
+        elif bad:
+            for index in trial.reflights:
+                self._fly(trial, index)
+            self._if_confirmed(trial)  # where none is asked for
+        else:
             self._held(trial, note)
-        elif trial.confirm_max == 0:
-            self._if_confirmed(trial)
-        for index in range(1, trial.confirm_max + 1 if bad else 1):
-            self._fly(trial, index)
+
+    def _may_still_show(self, trial: Trial, note: FlightNote) -> bool:
+        """Whether a smallest form, known to violate by chance, may show so in another flight after one that held."""
+        rule, larger = self._core.confirm, trial.shrunk_from
+        if larger is None or larger.policy in note.violated:
+            return False
+        return rule.repeats == "statistically" and trial.first + 1 < rule.flights
 
     def _tell_judged(self, judgement: Judgement, bad: list[Verdict]) -> None:
         robustness = worst_robustness(judgement)
@@ -235,10 +265,10 @@ class Flights:
 
     def _if_confirmed(self, trial: Trial) -> None:
         """Give the violations of a test case their confirmation once every re-flight has ended."""
-        core, first = self._core, trial.flights[0]
+        core, first = self._core, trial.flights[trial.first]
         if not trial.confirmed_all:
             return
-        found = violations_of(trial, core.campaign.search.confirm_needed)
+        found = violations_of(trial, core.confirm)
         for violation in found:
             self._announce(violation)
         for note in trial.flights.values():
@@ -268,10 +298,10 @@ class Flights:
         core.out.row("violations", *key, violation.confirmation, violation.robustness, violation.severity, content)
 
     def _record(self, trial: Trial, violation: Violation | None) -> None:
-        core, first = self._core, trial.flights[0]
+        core, first = self._core, trial.flights[trial.first]
         assert trial.judgement is not None, f"{trial.name} was not judged"
         scores = () if trial.score is None else (trial.score,)
-        key = RecordKey(trial.name, trial.purpose_of(0), 0)
+        key = RecordKey(trial.name, trial.purpose_of(trial.first), trial.first)
         core.records[key] = RecordJob(trial.test_case, first.flight, trial.judgement, violation, scores)
         core.tasks.add(Task(key, (trial.round, trial.rank, 0, 2)))
 
@@ -291,7 +321,7 @@ class Flights:
             note = trial.flights[index]
             core.let_go_trace(note.flight.trace_digest)
         note.given_up = True
-        if index > 0:
+        if index != trial.first:
             self._if_confirmed(trial)
             return
         if trial.is_selected:
@@ -341,4 +371,13 @@ def outcome_of(trial: Trial, ending: Ending) -> Outcome:
         violated=tuple(verdict.policy for verdict in violated_verdicts(judgement)),
         features=judgement.features,
         track=judgement.track,
+    )
+
+
+def _unequal(target: str, first: Flight, again: Flight) -> str:
+    """Return in words that a re-flight was no repeat."""
+    return (
+        f"{target} says that it repeats bit by bit, but on the same build a re-flight by {again.worker} ended"
+        f" {again.ending} with trace {again.trace_digest[:16] or 'none'}, after {first.ending} with trace"
+        f" {first.trace_digest[:16] or 'none'} by {first.worker}"
     )

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from saflite.campaign.engine.core import Core
 from saflite.campaign.lifecycle.confirmation import Trial
 from saflite.campaign.lifecycle.minimizer import Minimizer
+from saflite.campaign.lifecycle.repeats import shrink_flights_max, shrink_rule
 from saflite.campaign.scheduling.tasks import Task
 from saflite.campaign.scheduling.work_keys import FlightKey, FlyKey, JudgeKey
 from saflite.contract.flight import FLOWN_ENDINGS, Flight
@@ -69,7 +70,8 @@ class Minimization:
         """Begin to make a confirmed violation smaller, if the campaign wants that and there is anything to drop."""
         search = self._core.campaign.search
         if search.shrink and trial.is_selected and trial.test_case.stimuli:
-            minimizer = Minimizer(trial.test_case, search.shrink_flights_max)
+            rule = shrink_rule(self._core.confirm)
+            minimizer = Minimizer(trial.test_case, shrink_flights_max(search, rule), rule)
             self._jobs.append(MinimizationJob(trial, violation, minimizer))
 
     def advance(self) -> list[MinimizationJob]:
@@ -79,15 +81,15 @@ class Minimization:
         return finished
 
     def _is_done(self, job: MinimizationJob) -> bool:
-        while cases := job.minimizer.ask():
-            keys = {FlyKey(identity(case), "shrink", 0): case for case in cases}
+        while asked := job.minimizer.ask():
+            keys = {FlyKey(identity(one.test_case), "shrink", one.number): one.test_case for one in asked}
             known = [key for key in keys if key in self._shown]
             if not known:
                 for key, case in keys.items():
                     self._fly(job, key, case)
                 return False
             for key in known:
-                job.minimizer.tell(key.test_case, job.violation.policy in self._shown[key])
+                job.minimizer.tell(key.test_case, key.index, job.violation.policy in self._shown[key])
         return True
 
     def _fly(self, job: MinimizationJob, key: FlyKey, test_case: TestCase) -> None:
@@ -96,6 +98,17 @@ class Minimization:
         self._under_way[key] = Attempt(test_case, job.trial.build)
         order = (job.trial.round, job.trial.rank, AFTER_REFLIGHTS, 0)
         self._core.tasks.add(Task(key, order, target=TargetBuild(test_case.target.name, job.trial.build)))
+
+    def validate(self) -> None:
+        """Assert that every job rests on as many flights as its rule asks for, each shown by a flight of its own."""
+        for job in self._jobs:
+            job.minimizer.validate()
+            name, policy, rule = identity(job.minimizer.best), job.violation.policy, job.minimizer.rule
+            keys = (FlyKey(name, "shrink", index) for index in range(rule.flights))
+            failed = sum(1 for key in keys if policy in self._shown.get(key, ()))
+            assert name == job.minimizer.original or failed >= rule.needed, (
+                f"{name} is taken to violate {policy} after {failed} flights that did, {rule.needed} are needed"
+            )
 
     # ---- what comes back -----------------------------------------------------------------------------------------
 
@@ -109,7 +122,7 @@ class Minimization:
         core.counts.shrink_flights += 1
         self._under_way[key].flight = flight
         core.hold_trace(flight.trace_digest)
-        facts = (flight.simulated_s, flight.wall_s, flight.trace_digest, flight.worker, flight.message)
+        facts = (flight.simulated_s, flight.wall_s, flight.trace_digest, flight.worker, flight.message, flight.build)
         core.out.row("flights", key.test_case, key.purpose, key.index, flight.ending, *facts)
         core.tasks.add(Task(key.judging, (*task.order[:3], 1)))
 
@@ -122,6 +135,11 @@ class Minimization:
     def on_lost(self, task: Task, key: FlightKey, message: str) -> None:
         """The worker vanished with the work."""
         self._try_again(task, key, "lost", message)
+
+    def on_nobody(self, task: Task, key: FlightKey, message: str) -> None:
+        """Nobody is there who could fly it, so it shows nothing."""
+        self._core.done(task, "infra", message)
+        self._show(_flying(key), frozenset())
 
     def on_failure(self, task: Task, key: FlightKey, message: str) -> None:
         """Our side could not fly or judge."""

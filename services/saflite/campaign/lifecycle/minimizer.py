@@ -1,8 +1,10 @@
 """Makes a violating test case smaller: drops, simplifies and shortens its inputs while it still violates. Pure.
 
-An ask/tell machine. `ask` gives one generation of smaller test cases, all tried against the same best one; once every
-answer is there, the first in order that still violates becomes the best. So the result does not depend on which flight
-came back first, and a generation can be flown in parallel.
+An ask/tell machine. A generation is a few smaller test cases, all tried against the same best one. It is flown in
+waves: `ask` gives for each test case as many flights as it takes at least to decide by the rule (`RepeatRule`) whether
+it still violates; once every answer of a wave is there, the first in order that does becomes the best and the
+generation is over. So the result does not depend on which flight came back first, and a wave is flown in parallel.
+What the flights of a test case showed is kept, so one that comes up again needs only the flights still missing.
 
 Order of work: drop runs of inputs (halves, quarters, ... single ones: Zeller's ddmin), then simplify numbers (0, fewer
 digits), then shorten (earlier inputs, an earlier end); from the start again as long as anything helped.
@@ -10,11 +12,14 @@ digits), then shorten (earlier inputs, an earlier end); from the start again as 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
+from dataclasses import dataclass
 from itertools import islice
+from typing import NamedTuple
 
 import msgspec
 
+from saflite.campaign.lifecycle.repeats import RepeatRule
 from saflite.contract.test_case import Origin, Stimulus, TestCase, identity
 
 Stimuli = tuple[Stimulus, ...]
@@ -22,19 +27,36 @@ Stimuli = tuple[Stimulus, ...]
 TAIL_S = 4.0  # least time a shortened flight goes on after its last input
 PAUSES_S = (0.5, 1.0, 2.0)  # shorter pauses that are tried
 DIGITS = (1, 2)
-BATCH = 8  # test cases of one generation at most
+BATCH = 8  # flights of the first wave of a generation, at most; at least one test case
+
+
+class Asked(NamedTuple):
+    """One flight asked for: the `number`-th of a test case, from 0."""
+
+    test_case: TestCase
+    number: int
+
+
+@dataclass(slots=True)
+class Evidence:
+    """What the flights of one test case showed."""
+
+    flown: int = 0
+    failed: int = 0
 
 
 class Minimizer:
-    """The search for the smallest violating test case. `flights_max` bounds how many test cases are given out."""
+    """The search for the smallest violating test case. `flights_max` bounds the flights asked for."""
 
-    def __init__(self, test_case: TestCase, flights_max: int) -> None:
+    def __init__(self, test_case: TestCase, flights_max: int, rule: RepeatRule) -> None:
         self.original = identity(test_case)
+        self.rule = rule
         self._best = test_case
         self._left = flights_max
-        self._tried = {self.original}
-        self._pending: dict[str, TestCase] = {}
-        self._answers: dict[str, bool] = {}
+        self._decided = {self.original}
+        self._evidence: dict[str, Evidence] = {}
+        self._generation: dict[str, TestCase] = {}  # not decided yet
+        self._wave: dict[tuple[str, int], bool | None] = {}
         self._phase = 0
         self._helped = False
 
@@ -45,41 +67,65 @@ class Minimizer:
 
     @property
     def done(self) -> bool:
-        """Whether nothing smaller is left to try, or the flights are spent; nothing is pending then."""
-        return not self._pending and (self._phase >= len(PHASES) or self._left <= 0)
+        """Whether nothing smaller is left to try, or the flights are spent; nothing is under way then."""
+        return not self._wave and (self._left <= 0 or (not self._generation and self._phase >= len(PHASES)))
 
-    def ask(self) -> tuple[TestCase, ...]:
-        """Return the test cases still to be flown of the generation at hand; empty once `done`."""
-        while not self._pending and not self.done:
-            fresh = (case for case in PHASES[self._phase](self._best) if identity(case) not in self._tried)
-            batch = tuple(islice(_unique(fresh), min(BATCH, self._left)))
-            if batch:
-                self._begin(batch)
-            else:
+    def ask(self) -> tuple[Asked, ...]:
+        """Return the flights of the wave at hand that were not answered yet; empty once `done`."""
+        while not self._wave and not self.done:
+            if not self._generation and not self._begin_generation():
                 self._next_phase()
-        return tuple(case for name, case in self._pending.items() if name not in self._answers)
+            self._begin_wave()
+        return tuple(Asked(self._generation[name], index) for (name, index), told in self._wave.items() if told is None)
 
-    def _begin(self, batch: Sequence[TestCase]) -> None:
-        self._pending = {identity(case): case for case in batch}
-        self._tried |= set(self._pending)
-        self._left -= len(batch)
+    def tell(self, test_case: str, index: int, violates: bool) -> None:
+        """Take the answer of one flight; one that was not asked for, or told before, is ignored."""
+        if self._wave.get((test_case, index), violates) is not None:
+            return
+        self._wave[test_case, index] = violates
+        if all(told is not None for told in self._wave.values()):
+            self._end_wave()
+
+    def validate(self) -> None:
+        """Assert that the best test case is the original or has violated often enough."""
+        name = identity(self._best)
+        assert name == self.original or self._decide(name), f"{name} is taken to violate, but did not often enough"
+
+    # ---- generations and waves -----------------------------------------------------------------------------------
+
+    def _begin_generation(self) -> bool:
+        fresh = (case for case in PHASES[self._phase](self._best) if identity(case) not in self._decided)
+        many = max(1, BATCH // self.rule.least_to_decide(0, 0))
+        self._generation = {identity(case): case for case in islice(_unique(fresh), many)}
+        return bool(self._generation)
 
     def _next_phase(self) -> None:
         self._phase += 1
         if self._phase >= len(PHASES) and self._helped:
             self._phase, self._helped = 0, False
 
-    def tell(self, test_case: str, still_violates: bool) -> None:
-        """Take an answer by the identity of a test case; one that is not pending, or told before, is ignored."""
-        if test_case not in self._pending or test_case in self._answers:
-            return
-        self._answers[test_case] = still_violates
-        if len(self._answers) < len(self._pending):
-            return
-        better = next((case for name, case in self._pending.items() if self._answers[name]), None)
-        self._pending, self._answers = {}, {}
+    def _begin_wave(self) -> None:
+        for name in self._generation:
+            seen = self._evidence.setdefault(name, Evidence())
+            many = min(self.rule.least_to_decide(seen.failed, seen.flown), self._left)
+            self._wave.update({(name, seen.flown + ahead): None for ahead in range(many)})
+            self._left -= many
+
+    def _end_wave(self) -> None:
+        for (name, _), violates in self._wave.items():
+            self._evidence[name].flown += 1
+            self._evidence[name].failed += bool(violates)
+        self._wave = {}
+        answers = {name: self._decide(name) for name in self._generation}
+        self._decided |= {name for name, answer in answers.items() if answer is not None}
+        better = next((case for name, case in self._generation.items() if answers[name]), None)
         if better is not None:
-            self._best, self._helped = better, True
+            self._best, self._helped, self._generation = better, True, {}
+        self._generation = {name: case for name, case in self._generation.items() if answers[name] is None}
+
+    def _decide(self, name: str) -> bool | None:
+        seen = self._evidence.get(name, Evidence())
+        return self.rule.decide(seen.failed, seen.flown)
 
 
 def _unique(cases: Iterator[TestCase]) -> Iterator[TestCase]:

@@ -8,7 +8,7 @@ from saflite.campaign.engine.core import Core
 from saflite.campaign.scheduling.tasks import Task
 from saflite.campaign.scheduling.work_keys import FlightKey, FlyKey, JudgeKey, MutateKey, RecordKey, ScoreKey, WarmKey
 from saflite.contract.errors import Refused
-from saflite.contract.flight import AUTOPILOT_ALIVE, matches_digest
+from saflite.contract.flight import AUTOPILOT_ALIVE, FLOWN_ENDINGS, Flight, matches_digest
 from saflite.contract.score import SCORE_MAX, SCORE_MIN
 from saflite.contract.verdict import Verdict
 from saflite.contract.work import (
@@ -39,6 +39,7 @@ def check_result(core: Core, task: Task, result: Result) -> None:
         case FlyKey(), FlyResult():
             _same_flight(task, task.key, result.flight.test_case, result.flight.flight_index)
             _check_flight(task, result)
+            _check_build(core, task, task.key, result.flight)
         case JudgeKey(), JudgeResult():
             _same_flight(task, task.key, result.judgement.test_case, result.judgement.flight_index)
             _check_verdicts(core, task, result)
@@ -102,6 +103,14 @@ def _check_verdict(task: Task, verdict: Verdict) -> None:
         _refuse(task, "a finite robustness, negative exactly of what was violated", told)
     if not 0.0 <= verdict.nearness <= 1.0:
         _refuse(task, "a nearness from 0 to 1", f"{verdict.policy} {verdict.nearness}")
+
+
+def _check_build(core: Core, task: Task, key: FlyKey, flight: Flight) -> None:
+    """A first flight is on the build its test case names, if it names any; all others on the build of the first."""
+    wanted = task.target.build if task.target else ""
+    is_first = key.purpose != "shrink" and key.index == core.trials[key.test_case].first
+    if flight.ending in FLOWN_ENDINGS and flight.build != wanted and (wanted or not is_first):
+        _refuse(task, f"a flight on build {wanted or 'unknown'!r}", flight.build or "unknown")
 
 
 def _same(task: Task, what: str, expected: object, got: object) -> None:

@@ -57,8 +57,9 @@ class Round:
 class Rounds:
     """All rounds: those under way, and of the closed ones what planning and telling need."""
 
-    def __init__(self, search: SearchConfig, budget: int) -> None:
+    def __init__(self, search: SearchConfig, budget: int, confirm_flights: int) -> None:
         self.search = search
+        self.confirm_flights = confirm_flights
         self.budget = budget
         self.under_way: dict[int, Round] = {}
         self.recent: deque[Round] = deque(maxlen=2 * search.lag + 4)
@@ -80,10 +81,10 @@ class Rounds:
         known = self._known(self.planned - self.search.lag)
         reserved = sum(reserve for number, (reserve, _) in self._costs.items() if number > self._known_upto)
         left = self.budget - known - reserved
-        each = 1 + self.search.confirm_flights
+        each = 1 + self.confirm_flights
         flights = min(self.search.flights_per_round, max(left, 0) // each)
         if flights:
-            return Plan(flights, self.search.confirm_flights)
+            return Plan(flights, self.confirm_flights)
         if reserved:
             return Plan(0, 0)
         return Plan(1, left - 1) if left > 0 else None

@@ -59,6 +59,7 @@ TABLES: dict[str, tuple[str, ...]] = {
         "trace_digest TEXT",
         "worker TEXT",
         "message TEXT",
+        "build TEXT",
         "PRIMARY KEY (test_case, purpose, flight_index)",
     ),
     "judgements": (

@@ -1,0 +1,58 @@
+"""How many flights tell whether a test case violates again: one where flights repeat bit by bit, else k of n. Pure."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from saflite.contract.config import SearchConfig
+from saflite.contract.target_info import Repeats
+
+DEFAULT_FLIGHTS: dict[Repeats, int] = {"bitwise": 1, "statistically": 5}
+"""Re-flights of a violation where the campaign does not say how many."""
+
+
+class RepeatRule(NamedTuple):
+    """A test case violates again if `needed` of `flights` flights do."""
+
+    repeats: Repeats
+    flights: int
+    needed: int
+
+    def decide(self, failed: int, flown: int) -> bool | None:
+        """Return whether it violates again after `failed` of `flown` flights did; None while that is open."""
+        if failed >= self.needed:
+            return True
+        return False if failed + self.flights - flown < self.needed else None
+
+    def least_to_decide(self, failed: int, flown: int) -> int:
+        """Return how many more flights it takes at least until `decide` gives an answer."""
+        return min(self.needed - failed, self.flights - self.needed + 1 - (flown - failed))
+
+
+ONE_FLIGHT = RepeatRule("bitwise", 1, 1)
+"""The rule where flights repeat bit by bit: one of them shows it all."""
+
+
+def confirm_rule(search: SearchConfig, repeats: Repeats) -> RepeatRule:
+    """Return the rule by which violations are confirmed.
+
+    What the campaign leaves open: one flight of one on a target that repeats bit by bit; on others five flights, and
+    more than half of them.
+    """
+    flights = search.confirm_flights
+    if flights is None:
+        flights = max(DEFAULT_FLIGHTS[repeats], search.confirm_needed or 0)
+    needed = search.confirm_needed
+    if needed is None:
+        needed = 1 if repeats == "bitwise" else flights // 2 + 1
+    return RepeatRule(repeats, flights, needed)
+
+
+def shrink_rule(confirm: RepeatRule) -> RepeatRule:
+    """Return the rule by which a smaller test case still violates: one flight tells it all if flights are bit-equal."""
+    return ONE_FLIGHT if confirm.repeats == "bitwise" else confirm
+
+
+def shrink_flights_max(search: SearchConfig, rule: RepeatRule) -> int:
+    """Return how many flights may be spent on making one violation smaller."""
+    return 60 * rule.flights if search.shrink_flights_max is None else search.shrink_flights_max
