@@ -1,6 +1,6 @@
 """The shell around the books: one thread that drains its inbox, handles all, commits once, then answers and announces.
 
-Long polls that find nothing are parked and tried again whenever the books have changed. Nothing is answered before
+Long polls that find nothing wait and are tried again whenever the books have changed. Nothing is answered before
 the commit that covers it; while the disk does not take a commit, nothing new is handed out and results stay with the
 workers.
 """
@@ -227,7 +227,7 @@ class BooksService:
     def _on_ask(self, request: Request, ask: Ask, now_s: float) -> None:
         if self._blocked is not None:
             request.reply(wire.encode(Grant(retry_after_s=BLOCKED_RETRY_S)))
-        elif not self._grant(request, ask, now_s) and not self._long_polls.park(request, ask, now_s):
+        elif not self._grant(request, ask, now_s) and not self._long_polls.add(request, ask, now_s):
             self._answer(request, Grant())
 
     def _on_report(self, request: Request, report: Report, now_s: float) -> None:
@@ -253,16 +253,16 @@ class BooksService:
         return True
 
     def _unpark(self, now_s: float) -> None:
-        """Try the parked polls of each stage, oldest first, until the books have nothing more for that stage."""
+        """Try the waiting polls of each stage, oldest first, until the books have nothing more for that stage."""
         for line in self._long_polls.lines():
-            for parked in self._long_polls.to_try(line):
-                if self._grant(parked.request, parked.ask, now_s):
-                    self._long_polls.granted(line, parked)
-                elif not self._long_polls.passed_over(line, parked):
+            for poll in self._long_polls.to_try(line):
+                if self._grant(poll.request, poll.ask, now_s):
+                    self._long_polls.granted(line, poll)
+                elif not self._long_polls.passed_over(line, poll):
                     break
-        for parked in self._long_polls.expired(now_s):
-            if not self._grant(parked.request, parked.ask, now_s):
-                self._answer(parked.request, Grant(retry_after_s=0.0))
+        for poll in self._long_polls.expired(now_s):
+            if not self._grant(poll.request, poll.ask, now_s):
+                self._answer(poll.request, Grant(retry_after_s=0.0))
 
     # -- out ------------------------------------------------------------------------------------------------------
 

@@ -14,7 +14,7 @@ PASSED_OVER_MAX = 4  # work may exist that the first in line may not have (a re-
 Line = tuple[str, tuple[TargetBuild, ...]]
 
 
-class Parked(NamedTuple):
+class WaitingPoll(NamedTuple):
     """One waiting poll."""
 
     request: Request
@@ -26,21 +26,21 @@ class LongPollQueue:
     """All waiting polls. Trying them stays cheap however many wait: a line is left after a few that got nothing."""
 
     def __init__(self) -> None:
-        self._lines: dict[Line, OrderedDict[str, Parked]] = {}
+        self._lines: dict[Line, OrderedDict[str, WaitingPoll]] = {}
         self._passed: dict[Line, int] = {}
         self._expires_s = float("inf")
 
     def __len__(self) -> int:
         return sum(len(line) for line in self._lines.values())
 
-    def park(self, request: Request, ask: Ask, now_s: float) -> bool:
+    def add(self, request: Request, ask: Ask, now_s: float) -> bool:
         """Let a poll wait; False if it does not want to. A worker's new poll takes the place of its old one."""
         if ask.wait_s <= 0:
             return False
         until_s = now_s + min(ask.wait_s, WAIT_MAX_S)
         line = self._lines.setdefault((ask.stage, ask.targets), OrderedDict())
         line.pop(ask.worker, None)
-        line[ask.worker] = Parked(request, ask, until_s)
+        line[ask.worker] = WaitingPoll(request, ask, until_s)
         self._expires_s = min(self._expires_s, until_s)
         return True
 
@@ -54,28 +54,28 @@ class LongPollQueue:
         self._passed.clear()
         return [name for name, line in self._lines.items() if line]
 
-    def to_try(self, name: Line) -> list[Parked]:
+    def to_try(self, name: Line) -> list[WaitingPoll]:
         """Return the polls of a line in order."""
         return list(self._lines[name].values())
 
-    def granted(self, name: Line, parked: Parked) -> None:
+    def granted(self, name: Line, poll: WaitingPoll) -> None:
         """Take a poll out that was answered."""
-        self._lines[name].pop(parked.ask.worker, None)
+        self._lines[name].pop(poll.ask.worker, None)
 
-    def passed_over(self, name: Line, parked: Parked) -> bool:
+    def passed_over(self, name: Line, poll: WaitingPoll) -> bool:
         """Send a poll that got nothing to the end of its line; True while trying the next is worth it."""
-        self._lines[name].move_to_end(parked.ask.worker)
+        self._lines[name].move_to_end(poll.ask.worker)
         self._passed[name] = self._passed.get(name, 0) + 1
         return self._passed[name] < PASSED_OVER_MAX
 
-    def expired(self, now_s: float) -> list[Parked]:
+    def expired(self, now_s: float) -> list[WaitingPoll]:
         """Take out and return the polls whose time is up."""
         if now_s < self._expires_s:
             return []
-        over = [(name, parked) for name, line in self._lines.items() for parked in line.values()]
-        late = [(name, parked) for name, parked in over if parked.until_s <= now_s]
-        for name, parked in late:
-            self.granted(name, parked)
-        left = [parked.until_s for name, parked in over if parked.until_s > now_s]
+        over = [(name, poll) for name, line in self._lines.items() for poll in line.values()]
+        late = [(name, poll) for name, poll in over if poll.until_s <= now_s]
+        for name, poll in late:
+            self.granted(name, poll)
+        left = [poll.until_s for name, poll in over if poll.until_s > now_s]
         self._expires_s = min(left, default=float("inf"))
-        return [parked for _, parked in late]
+        return [poll for _, poll in late]

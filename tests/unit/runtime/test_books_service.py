@@ -1,4 +1,4 @@
-"""The shell around the books: commit before answer, parked polls, a store that takes no writes, unreadable messages."""
+"""The shell around the books: commit before answer, polls that wait, a store without writes, unreadable messages."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Waiting polls: first come first served, cheap however many wait."""
+"""WaitingPoll polls: first come first served, cheap however many wait."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ class _Request:
 def _long_polls(count: int) -> LongPollQueue:
     polls = LongPollQueue()
     for number in range(count):
-        assert polls.park(_Request(), Ask(worker=f"w{number}", stage="fly", wait_s=5.0), now_s=0.1 * number)
+        assert polls.add(_Request(), Ask(worker=f"w{number}", stage="fly", wait_s=5.0), now_s=0.1 * number)
     return polls
 
 
-def test_a_poll_that_does_not_want_to_wait_is_not_parked() -> None:
-    assert not LongPollQueue().park(_Request(), Ask(worker="w", stage="fly", wait_s=0.0), 0.0)
+def test_a_poll_that_does_not_want_to_wait_is_not_kept() -> None:
+    assert not LongPollQueue().add(_Request(), Ask(worker="w", stage="fly", wait_s=0.0), 0.0)
 
 
 def test_a_worker_waits_once() -> None:
     polls = _long_polls(3)
-    polls.park(_Request(), Ask(worker="w1", stage="fly", wait_s=5.0), 9.0)
+    polls.add(_Request(), Ask(worker="w1", stage="fly", wait_s=5.0), 9.0)
     assert [waiting.ask.worker for waiting in polls.to_try(("fly", ()))] == ["w0", "w2", "w1"]
 
 
