@@ -48,7 +48,7 @@ def overlap(flights: int, lag: int) -> dict[str, float]:
         run_dir = Path(folder) / "run"
         campaign = _slow_campaign(label, flights, lag)
         started_s = time.monotonic()
-        run_campaign(campaign, run_dir, simulators=WORKERS, target_files=(HERE / "targets" / "paced.py",))
+        run_campaign(campaign, run_dir, simulators=WORKERS, modules=(HERE / "targets" / "paced.py",))
         wall_s = time.monotonic() - started_s
         flown = _rows(run_dir, "SELECT count(*), sum(wall_s) FROM flights")[0]
         span = _rows(run_dir, "SELECT min(from_unix_s), max(to_unix_s) FROM attempts WHERE stage = 'fly'")[0]

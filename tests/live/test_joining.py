@@ -170,7 +170,7 @@ def _found(run_dir: Path) -> set[tuple[str, str, str]]:
 def test_workers_in_another_namespace_fly_a_campaign_and_find_what_one_machine_finds(
     tmp_path: Path, network: NetworkNamespace, dart: Path
 ) -> None:
-    run_campaign(_campaign(), tmp_path / "near", simulators=2, target_files=[dart])
+    run_campaign(_campaign(), tmp_path / "near", simulators=2, modules=[dart])
     endpoint, run_dir = _listen(network), _new_run(tmp_path / "far", _campaign())
     group = _join(network, endpoint, dart, "--insecure", "--name", "lab", "--stages", "fly,judge")
     killed: list[int] = []

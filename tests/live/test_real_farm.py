@@ -56,7 +56,7 @@ def _rows(run_dir: Path, sql: str) -> list[tuple[object, ...]]:
 def test_a_campaign_runs_to_its_end_and_leaves_nothing_behind(tmp_path: Path) -> None:
     before = children(os.getpid())
     seen: list[Status] = []
-    summary = run_campaign(_campaign(30), tmp_path / "run", simulators=2, on_status=seen.append, target_files=[TARGET])
+    summary = run_campaign(_campaign(30), tmp_path / "run", simulators=2, on_status=seen.append, modules=[TARGET])
     assert summary.ended
     assert summary.status is not None
     assert (summary.status.state, summary.status.flights) == ("ended", 30)
@@ -65,7 +65,7 @@ def test_a_campaign_runs_to_its_end_and_leaves_nothing_behind(tmp_path: Path) ->
     assert children(os.getpid()) == before
     assert not (tmp_path / "run" / "farm.json").exists()
     with pytest.raises(Refused, match="resume"):
-        run_campaign(_campaign(30), tmp_path / "run", target_files=[TARGET])
+        run_campaign(_campaign(30), tmp_path / "run", modules=[TARGET])
 
 
 def _follow(run_dir: Path, into: list[Event]) -> None:
@@ -112,7 +112,7 @@ def test_a_stopped_run_goes_on_where_it_was(tmp_path: Path) -> None:
         if any(worker.stage == "fly" and worker.state == "busy" for worker in status.workers):
             os.kill(os.getpid(), signal.SIGINT)
 
-    summary = run_campaign(campaign, run_dir, simulators=1, target_files=[TARGET], on_status=stop_in_flight)
+    summary = run_campaign(campaign, run_dir, simulators=1, modules=[TARGET], on_status=stop_in_flight)
     assert not summary.ended
     assert time.monotonic() - began_s < 30
     assert _rows(run_dir, "SELECT count(*) FROM attempts WHERE how = 'lost'") == [(0,)]
@@ -121,7 +121,7 @@ def test_a_stopped_run_goes_on_where_it_was(tmp_path: Path) -> None:
     assert handed_back >= 1
     again = Store.open(run_dir)
     with pytest.raises(Refused, match="use"):
-        resume(run_dir, simulators=1, target_files=[TARGET])
+        resume(run_dir, simulators=1, modules=[TARGET])
     again.close()
 
 
@@ -151,7 +151,7 @@ LAUNCH = """
 import sys
 from pathlib import Path
 from saflite.runtime.campaign_runner import resume
-resume(Path(sys.argv[1]), simulators=2, target_files=[Path(sys.argv[2])])
+resume(Path(sys.argv[1]), simulators=2, modules=[Path(sys.argv[2])])
 """
 
 
@@ -181,5 +181,5 @@ def test_nothing_outlives_a_killed_launcher_and_the_run_goes_on(tmp_path: Path) 
     while _marked(mark) and time.monotonic() < until_s:
         time.sleep(0.05)
     assert _marked(mark) == []
-    assert resume(run_dir, simulators=2, target_files=[TARGET]).ended
+    assert resume(run_dir, simulators=2, modules=[TARGET]).ended
     assert _rows(run_dir, "SELECT count(*), count(DISTINCT test_case || flight_index) FROM flights") == [(300, 300)]

@@ -90,7 +90,12 @@ def _dispatch(words: list[str]) -> int:
         prog=f"saflite {words[0]}", description=module.__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     module.configure(parser)
-    code: int = module.run(parser.parse_args(words[1:]))
+    args = parser.parse_args(words[1:])
+    if getattr(args, "module", ()):
+        from saflite.contract.modules import use
+
+        use(args.module)
+    code: int = module.run(args)
     sys.stdout.flush()
     return code
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 from saflite.contract.errors import Refused
-from saflite.contract.target_info import InputInfo, SettingInfo, TargetInfo
-from saflite.contract.test_case import Scenario, Setting, Stimulus, TestCase
+from saflite.contract.target_info import InputInfo, TargetInfo, check_settings
+from saflite.contract.test_case import Scenario, Stimulus, TestCase
 
 
 def check_described(info: TargetInfo, test_case: TestCase) -> None:
@@ -19,8 +19,7 @@ def check_described(info: TargetInfo, test_case: TestCase) -> None:
     inputs = {(one.kind, one.name): one for one in info.inputs}
     for name, value in test_case.target.parameters.items():
         _check_parameter(inputs.get(("parameter", name)), name, value)
-    for name, setting in test_case.target.settings.items():
-        _check_setting(info.settings.get(name), name, setting, tuple(info.settings))
+    check_settings(test_case.target.settings, info.settings, info.name)
     for number, stimulus in enumerate(test_case.stimuli):
         _check_stimulus(inputs.get((stimulus.kind, stimulus.name)), stimulus, f"stimulus {number}")
 
@@ -42,14 +41,6 @@ def _check_parameter(one: InputInfo | None, name: str, value: float) -> None:
     high = math.inf if one.high is None else one.high
     if not low <= value <= high:
         raise Refused(f"parameter {name}", expected=f"{low:g} to {high:g} {one.unit}".rstrip(), got=value)
-
-
-def _check_setting(one: SettingInfo | None, name: str, value: Setting, known: tuple[str, ...]) -> None:
-    if one is None:
-        raise Refused("target setting", expected=f"one of {', '.join(known) or 'none'}", got=repr(name))
-    wrong = [part for part in (value if isinstance(value, list) else [value]) if part not in one.choices]
-    if one.choices and wrong:
-        raise Refused(f"target setting {name}", expected=f"of {', '.join(map(str, one.choices))}", got=wrong[0])
 
 
 def _check_stimulus(one: InputInfo | None, stimulus: Stimulus, where: str) -> None:

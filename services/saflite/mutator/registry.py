@@ -5,11 +5,14 @@ from __future__ import annotations
 import importlib
 import inspect
 import pkgutil
+import sys
 from functools import cache
 from importlib.metadata import entry_points
+from types import ModuleType
 from typing import cast
 
 from saflite.contract.errors import Refused
+from saflite.contract.modules import given, load_file
 from saflite.mutator import strategies
 from saflite.mutator.strategy import Options, Strategy
 
@@ -21,11 +24,10 @@ def _outside() -> dict[str, str]:
     return {point.name: point.value for point in entry_points(group=ENTRY_POINT_GROUP)}
 
 
-@cache
 def strategy_names() -> tuple[str, ...]:
     """Return the names of the strategies there are, sorted."""
     inside = {info.name for info in pkgutil.iter_modules(strategies.__path__)}
-    return tuple(sorted(inside | set(_outside())))
+    return tuple(sorted(inside | set(_outside()) | set(given("strategy"))))
 
 
 def load_strategy(name: str) -> type[Strategy]:
@@ -33,7 +35,7 @@ def load_strategy(name: str) -> type[Strategy]:
     if name not in strategy_names():
         fix = "see `saflite list strategies`"
         raise Refused("strategy", expected=f"one of {', '.join(strategy_names())}", got=repr(name), fix=fix)
-    module = importlib.import_module(_outside().get(name, f"{strategies.__name__}.{name}").partition(":")[0])
+    module = _module(name)
     found = getattr(module, "Strategy", None)
     if found is None:
         raise Refused("strategy", expected=f"a class Strategy in the file of {name!r}", got="none")
@@ -42,9 +44,15 @@ def load_strategy(name: str) -> type[Strategy]:
 
 def describe(name: str) -> str:
     """Return the text a strategy is listed with: the docstring of its file."""
-    return inspect.getdoc(importlib.import_module(load_strategy(name).__module__)) or ""
+    return inspect.getdoc(sys.modules[load_strategy(name).__module__]) or ""
 
 
 def options_of(name: str) -> Options:
     """Return the settings of a strategy with default, range and meaning."""
     return load_strategy(name).options
+
+
+def _module(name: str) -> ModuleType:
+    if name in given("strategy"):
+        return load_file(given("strategy")[name].path)
+    return importlib.import_module(_outside().get(name, f"{strategies.__name__}.{name}").partition(":")[0])

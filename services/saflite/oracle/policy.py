@@ -19,6 +19,7 @@ import numpy as np
 
 from saflite.contract.config import read_text
 from saflite.contract.errors import Refused
+from saflite.contract.modules import given
 from saflite.contract.signals import MODES, SIGNALS, Signal
 from saflite.contract.test_case import StartState
 from saflite.contract.work import PolicyTexts
@@ -130,6 +131,9 @@ def load_policy(name: str, texts: PolicyTexts | None = None) -> Policy:
     """
     if texts and name in texts:
         return _foreign(texts[name].text, texts[name].file)
+    if name in given("policy"):
+        path = given("policy")[name].path
+        return _foreign(read_text(path, "policy file"), str(path))
     return parse_policy(read_text(Path(name), "policy file"), name) if name.endswith(".toml") else _shipped(name)
 
 

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, NamedTuple
 from saflite.contract.config import Campaign
 from saflite.contract.control import Control, Status
 from saflite.contract.errors import Refused, Unavailable
+from saflite.contract.modules import use
+from saflite.runtime import run_modules
 from saflite.runtime.client import FarmClient
 from saflite.runtime.clock import WallClock
 from saflite.runtime.farm import LocalFarm, default_simulators, roles
@@ -45,7 +47,7 @@ def run_campaign(
     *,
     simulators: int | None = None,
     on_status: OnStatus | None = None,
-    target_files: Sequence[Path] = (),
+    modules: Sequence[Path] = (),
 ) -> ExitSummary:
     """Run a new campaign to its end on this machine.
 
@@ -57,9 +59,11 @@ def run_campaign(
     from saflite.campaign.storage.store import Store
     from saflite.simulator_worker.registry import describe_target
 
-    target = describe_target(campaign.target.name, target_files)
+    used = use(modules)
+    target = describe_target(campaign.target.name)
     Store.create(run_dir, campaign, template(campaign, target.build), target).close()
-    return resume(run_dir, simulators=simulators, on_status=on_status, target_files=target_files)
+    run_modules.note(run_dir, used)
+    return resume(run_dir, simulators=simulators, on_status=on_status)
 
 
 def resume(
@@ -67,26 +71,30 @@ def resume(
     *,
     simulators: int | None = None,
     on_status: OnStatus | None = None,
-    target_files: Sequence[Path] = (),
+    modules: Sequence[Path] = (),
     budget: int | None = None,
     listen: str = "",
     insecure: bool = False,
 ) -> ExitSummary:
     """Continue the campaign in `run_dir` to its end on this machine, with a new budget if one is given.
 
-    `simulators` 0 leaves the flying to workers that join at `listen` (see `LocalFarm`).
+    `modules` are files from outside, besides those the run was made with, or in place of them where they have the same
+    name. `simulators` 0 leaves the flying to workers that join at `listen` (see `LocalFarm`).
 
     Raises:
         Refused: no run folder, one in use, a damaged store, or an endpoint that needs `insecure`.
         Unavailable: the farm cannot start.
     """
     store = _open(run_dir)
-    campaign = store.campaign
+    campaign, used = store.campaign, run_modules.use(run_dir, modules)
+    run_modules.note(run_dir, used)
     if budget is not None:
         _raise_budget(store, budget)
     store.close()
     cast = roles(default_simulators() if simulators is None else simulators, record=campaign.record != "none")
-    farm = LocalFarm(campaign.name, run_dir, cast, modules=target_files, listen=listen, insecure=insecure)
+    farm = LocalFarm(
+        campaign.name, run_dir, cast, modules=[module.path for module in used], listen=listen, insecure=insecure
+    )
     with interrupts() as interrupted:
         try:
             farm.start()

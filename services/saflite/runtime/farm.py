@@ -7,11 +7,13 @@ import os
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import get_args
 
 import msgspec
 
 from saflite.bus.endpoints import check_endpoint, free_endpoint
 from saflite.contract.errors import Unavailable
+from saflite.contract.work import Stage
 from saflite.runtime.client import FARM_FILE, FarmInfo, write_info
 from saflite.runtime.clock import WallClock
 from saflite.runtime.launchers.base import Meeting, RoleSpec, RoleState
@@ -49,7 +51,7 @@ class LocalFarm:
         campaign: its name.
         run_dir: its run folder.
         cast: the roles.
-        modules: files of modules from outside, for the roles that fly.
+        modules: files of modules from outside, for every role that works.
         listen: the endpoint others may join at; one on the loopback interface if left out.
         insecure: allow an endpoint that other machines can reach.
         prefix_of: gives the words put before a role's command.
@@ -70,8 +72,10 @@ class LocalFarm:
         self.campaign, self.run_dir, self.endpoint, self.insecure = campaign, run_dir, endpoint.from_here, insecure
         meeting = Meeting(campaign=campaign, connect=endpoint.from_here, listen=endpoint.text, insecure=insecure)
         self._launcher = LocalLauncher(meeting, run_dir, run_dir=run_dir, modules=modules, prefix_of=prefix_of)
-        names = tuple(path.stem for path in modules)
-        specs = [msgspec.structs.replace(spec, modules=names) if spec.kind == "fly" else spec for spec in cast]
+        names = tuple(path.name for path in modules)
+        specs = [
+            msgspec.structs.replace(spec, modules=names) if spec.kind in get_args(Stage) else spec for spec in cast
+        ]
         self._supervisor = Supervisor(self._launcher, specs, WallClock(), _gives_up)
 
     @property

@@ -20,6 +20,7 @@ from typing import NoReturn, get_args
 from saflite.bus.zenoh import OPEN_TRY_S, leave_process, open_client, open_router
 from saflite.contract.errors import FarmError, Refused, Unavailable
 from saflite.contract.join import check_worker_name
+from saflite.contract.modules import use
 from saflite.contract.work import Stage
 from saflite.runtime.clock import WallClock
 from saflite.runtime.software import card_of
@@ -45,7 +46,7 @@ def parser() -> argparse.ArgumentParser:
     text.add_argument("--worker", default="", help="name of this worker, its own in the farm")
     text.add_argument("--run-dir", type=Path, help="run folder (books, record)")
     text.add_argument("--spool", type=Path, help="folder for results not yet acknowledged")
-    text.add_argument("--target-module", type=Path, action="append", default=[], help="target from outside (fly)")
+    text.add_argument("--module", type=Path, action="append", default=[], help="target, strategy, ... from outside")
     text.add_argument("--label", action="append", default=[], metavar="NAME=VALUE", help="said of it when it joins")
     text.add_argument("--patience", type=float, default=0.0, help="seconds without an answer after which it ends")
     text.add_argument("--parent", type=int, default=0, help="end when this process ends")
@@ -119,9 +120,10 @@ def _router(options: argparse.Namespace) -> str:
 
 
 def _worker(options: argparse.Namespace) -> int:
+    use(options.module)
     clock = WallClock()
     name = check_worker_name(options.worker or options.role)
-    context = ServiceContext(name, clock, options.run_dir, tuple(options.target_module))
+    context = ServiceContext(name, clock, options.run_dir)
     service = open_stage(options.role, context)
     config = worker_config(options.role, name, service)._replace(patience_s=options.patience)
     labels = dict(text.partition("=")[::2] for text in options.label)

@@ -25,7 +25,6 @@ class ServiceContext(NamedTuple):
     worker: str
     clock: Clock
     run_dir: Path | None
-    target_files: tuple[Path, ...] = ()
 
 
 def worker_config(stage: Stage, worker: str, service: Service) -> WorkerConfig:
@@ -53,7 +52,7 @@ def open_stage(stage: Stage, context: ServiceContext) -> Service:
     if stage == "fly":
         from saflite.simulator_worker import work as flyer
 
-        return flyer.open_service(context.worker, context.clock, context.target_files, verify=True)
+        return flyer.open_service(context.worker, context.clock, verify=True)
     if stage == "judge":
         from saflite.oracle import work as oracle
 

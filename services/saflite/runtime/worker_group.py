@@ -113,7 +113,7 @@ def _gives_up(_: RoleSpec, state: RoleState, failures: int) -> bool:
 
 
 def _specs(group: Group, name: str) -> list[RoleSpec]:
-    modules = tuple(path.stem for path in group.modules)
+    modules = tuple(path.name for path in group.modules)
     return [
         RoleSpec(kind=stage, name=check_worker_name(f"{name}-{stage}-{number}"), modules=modules, labels=group.labels)
         for stage, count in group.workers.items()

@@ -11,6 +11,7 @@ from types import ModuleType
 from typing import cast
 
 from saflite.contract.errors import Refused
+from saflite.contract.modules import given, load_file
 from saflite.scorer_pool import models
 from saflite.scorer_pool.labels import split_label
 from saflite.scorer_pool.model import Model, Tools
@@ -23,11 +24,10 @@ def _outside() -> dict[str, str]:
     return {point.name: point.value for point in entry_points(group=ENTRY_POINT_GROUP)}
 
 
-@cache
 def model_names() -> tuple[str, ...]:
     """Return the kinds of models there are, sorted."""
     inside = {info.name for info in pkgutil.iter_modules(models.__path__)}
-    return tuple(sorted(inside | set(_outside())))
+    return tuple(sorted(inside | set(_outside()) | set(given("scorer"))))
 
 
 def describe(kind: str) -> str:
@@ -77,4 +77,6 @@ def _check_kind(kind: str) -> None:
 
 def _module(kind: str) -> ModuleType:
     _check_kind(kind)
+    if kind in given("scorer"):
+        return load_file(given("scorer")[kind].path)
     return importlib.import_module(_outside().get(kind, f"{models.__name__}.{kind}").partition(":")[0])

@@ -6,10 +6,8 @@ What a target module offers stands in `contract/target.py`.
 from __future__ import annotations
 
 import importlib
-import importlib.util
 import logging
 import pkgutil
-import sys
 from collections.abc import Callable, Sequence
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -17,6 +15,7 @@ from types import ModuleType
 from typing import cast
 
 from saflite.contract.errors import Refused, Unavailable
+from saflite.contract.modules import OFFERED, given, load_file
 from saflite.contract.target import TargetModule
 from saflite.contract.target_info import TargetInfo
 from saflite.simulator_worker import targets
@@ -24,14 +23,13 @@ from saflite.simulator_worker import targets
 log = logging.getLogger(__name__)
 
 ENTRY_POINTS = "saflite.targets"
-OFFERED = ("describe", "check", "open")
 
 
 def target_names(files: Sequence[Path] = ()) -> tuple[str, ...]:
     """Return the names of all targets: by place, by entry point, and the module files given."""
     placed = {info.name for info in pkgutil.iter_modules(targets.__path__) if not info.name.startswith("_")}
     outside = {point.name for point in entry_points(group=ENTRY_POINTS)}
-    return tuple(sorted(placed | outside | {path.stem for path in files}))
+    return tuple(sorted(placed | outside | set(given("target")) | {path.stem for path in files}))
 
 
 def load_target(name: str, files: Sequence[Path] = ()) -> TargetModule:
@@ -39,6 +37,9 @@ def load_target(name: str, files: Sequence[Path] = ()) -> TargetModule:
     for path in files:
         if path.stem == name:
             return _as_target(load_file(path), str(path))
+    if name in given("target"):
+        path = given("target")[name].path
+        return _as_target(load_file(path), str(path))
     for point in entry_points(group=ENTRY_POINTS, name=name):
         return _as_target(point.load(), point.value)
     if name not in target_names():
@@ -89,23 +90,10 @@ def builds_here(files: Sequence[Path] = ()) -> dict[str, str]:
     return found
 
 
-def load_file(path: Path) -> ModuleType:
-    """Return the module in a file; raises Refused if there is none."""
-    name = f"saflite_target_{path.stem}"
-    known = sys.modules.get(name)
-    if known is not None and known.__file__ == str(path):
-        return known
-    spec = importlib.util.spec_from_file_location(name, path)
-    if spec is None or spec.loader is None or not path.is_file():
-        raise Refused("target module", where=str(path), expected="a Python file", got="none")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
-    spec.loader.exec_module(module)
-    return module
-
-
 def _as_target(module: ModuleType, where: str) -> TargetModule:
-    lacking = [name for name in OFFERED if not callable(getattr(module, name, None))]
+    lacking = [name for name in OFFERED["target"] if not callable(getattr(module, name, None))]
     if lacking:
-        raise Refused("target module", where=where, expected=f"functions {', '.join(OFFERED)}", got=f"no {lacking[0]}")
+        raise Refused(
+            "target module", where=where, expected=f"functions {', '.join(OFFERED['target'])}", got=f"no {lacking[0]}"
+        )
     return cast(TargetModule, module)

@@ -11,6 +11,7 @@ from saflite.contract.clock import Clock
 from saflite.contract.config import environment
 from saflite.contract.errors import Refused
 from saflite.contract.flight import Artefact, Flight
+from saflite.contract.modules import given
 from saflite.contract.service import Cancelled
 from saflite.contract.test_case import identity
 from saflite.contract.work import FlyResult, FlyWork, Result, Stage, Work
@@ -76,11 +77,12 @@ class Flyer:
 def open_service(worker: str, clock: Clock, target_files: Sequence[Path] = (), *, verify: bool = False) -> Flyer:
     """Return a simulator worker called `worker`.
 
-    `target_files` are target modules from outside the package; `verify` has the first flight of each target flown twice
-    where the target says that its flights repeat bit by bit. Raises Refused for a `SAFLITE_SNAPSHOTS_MAX` that is no
-    number.
+    `target_files` are target modules from outside the package, besides those the process was given; `verify` has
+    the first flight of each target flown twice where the target says that its flights repeat bit by bit. Raises
+    Refused for a `SAFLITE_SNAPSHOTS_MAX` that is no number.
     """
-    return Flyer(worker, clock, SandboxConfig(target_files, snapshots_max(), verify))
+    files = (*target_files, *(module.path for module in given("target").values()))
+    return Flyer(worker, clock, SandboxConfig(files, snapshots_max(), verify))
 
 
 def snapshots_max() -> int:

@@ -20,6 +20,7 @@ from saflite.campaign.presets.policy_campaigns import (
 )
 from saflite.contract.config import Campaign, parse_campaign, read_text
 from saflite.contract.errors import Refused
+from saflite.contract.modules import given
 from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import Scenario, TestCase
 from saflite.contract.topics import prefix
@@ -53,6 +54,9 @@ def load_campaign(name_or_path: str, target: TargetInfo | None = None) -> Campai
     path = BUILTIN_DIR / f"{name_or_path}.toml"
     if Path(name_or_path).name != name_or_path or not path.is_file():
         info = target or default_target()
+        outside = given("policy").get(name_or_path.removeprefix(PREFIX)) if name_or_path.startswith(PREFIX) else None
+        if outside is not None:
+            return campaign_over(outside.path, read_text(outside.path, "policy file"), info)
         made = policy_campaigns(info).get(name_or_path)
         if made is not None:
             return made
@@ -76,6 +80,8 @@ def _found(campaign: Campaign, path: Path) -> Campaign:
     for name in campaign.policies:
         if name.endswith(".toml"):
             name, texts[name] = policy_text(path.parent / name)
+        elif name in given("policy"):
+            _, texts[name] = policy_text(given("policy")[name].path)
         names.append(name)
     return msgspec.structs.replace(campaign, policies=tuple(names), policy_texts=texts)
 

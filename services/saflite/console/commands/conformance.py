@@ -20,9 +20,11 @@ if TYPE_CHECKING:
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Name the arguments."""
+    from saflite.console.io import arguments
+
     parser.add_argument("kind", choices=sorted(SUITES), help="what it is")
     parser.add_argument("name", help="its name")
-    parser.add_argument("--module", type=Path, action="append", default=[], help="file it stands in")
+    arguments.add_modules(parser)
     parser.add_argument("--json", action="store_true", help="print as JSON")
 
 

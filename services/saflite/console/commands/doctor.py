@@ -13,9 +13,11 @@ from pathlib import Path
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Name the arguments."""
+    from saflite.console.io import arguments
+
     parser.add_argument("--dir", type=Path, default=Path("."), help="where runs will be written (.)")
+    arguments.add_modules(parser)
     parser.add_argument("--ollama", default="", metavar="URL", help="model server to look for")
-    parser.add_argument("--module", type=Path, action="append", default=[], help="file of a target from outside")
     parser.add_argument("--json", action="store_true", help="print as JSON")
 
 
@@ -26,7 +28,7 @@ def run(args: argparse.Namespace) -> int:
 
     marks = {"ok": "ok  ", "note": "note", "bad": "BAD "}
     findings = []
-    for check in checks.all_checks(args.dir, args.ollama, args.module):
+    for check in checks.all_checks(args.dir, args.ollama):
         finding = check()
         findings.append(finding)
         if not args.json:

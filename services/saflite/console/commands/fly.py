@@ -31,7 +31,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--parameter", action="append", default=[], metavar="NAME=NUMBER", help="set before take-off")
     parser.add_argument("--rng-seed", type=int, help="random seed of noise and gusts")
     parser.add_argument("--wall-limit", type=float, default=300.0, metavar="S", help="give up after so many seconds")
-    parser.add_argument("--target-module", type=Path, action="append", default=[], help="target from outside")
+    arguments.add_modules(parser)
     parser.add_argument("--out", type=Path, help="write a recording (.mcap)")
     parser.add_argument("--anywhere", action="store_true", help="allow boxes outside the competition's area and count")
     parser.add_argument("--all", action="store_true", help="show policies that have nothing to say of this flight, too")
@@ -55,10 +55,9 @@ def run(args: argparse.Namespace) -> int:
         defects=args.defect,
         parameters=args.parameter,
         rng_seed=args.rng_seed,
-        target_files=args.target_module,
     )
     cases.check_layout(case, str(args.case), args.anywhere)
-    flown = judging.fly(case, args.wall_limit, args.target_module)
+    flown = judging.fly(case, args.wall_limit)
     if flown.flight.ending not in FLOWN_ENDINGS:
         raise Unavailable(f"the flight ended as {flown.flight.ending}: {flown.flight.message}")
     judgement = judging.judge(case, flown, tuple(args.policy))

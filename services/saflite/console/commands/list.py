@@ -14,7 +14,10 @@ import argparse
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Name the arguments."""
+    from saflite.console.io import arguments
+
     parser.add_argument("kind", nargs="?", default="", help="what to list; nothing: how many there are of each kind")
+    arguments.add_modules(parser)
     parser.add_argument("--target", default="", help="whose inputs, signals and settings (the default target's)")
     parser.add_argument("-v", "--verbose", action="store_true", help="show settings and details")
     parser.add_argument("--json", action="store_true", help="print as JSON")

@@ -13,10 +13,13 @@ from pathlib import Path
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Name the arguments."""
+    from saflite.console.io import arguments
+
     parser.add_argument("campaign", help="built-in campaign or campaign file, for mission and policies")
     parser.add_argument("--target", default="", help="for this target (see `saflite list targets`)")
     parser.add_argument("--strategy", default="", help="strategy instead of the campaign's")
     parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="setting of the strategy")
+    arguments.add_modules(parser)
     parser.add_argument("--count", type=int, default=5, help="how many test cases (5)")
     parser.add_argument("--round", type=int, default=0, help="round to draw for (0)")
     parser.add_argument("--rng-seed", type=int, help="random seed instead of the campaign's")

@@ -18,6 +18,8 @@ from pathlib import Path
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Name the arguments."""
+    from saflite.console.io import arguments
+
     parser.add_argument("what", type=Path, help="run folder, recording (.mcap) or test case (.yaml, .json)")
     parser.add_argument(
         "--violation", default="", metavar="ID", help="only this fingerprint or test case (or its start)"
@@ -26,7 +28,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--policy", action="append", default=[], help="judge a test case by this policy")
     parser.add_argument("--times", type=int, default=1, help="how often to fly each (1)")
     parser.add_argument("--wall-limit", type=float, default=300.0, metavar="S", help="give a flight up after so long")
-    parser.add_argument("--target-module", type=Path, action="append", default=[], help="target from outside")
+    arguments.add_modules(parser)
     parser.add_argument("--json", action="store_true", help="print one JSON object per flight")
 
 
@@ -36,11 +38,14 @@ def run(args: argparse.Namespace) -> int:
     from saflite.console.operations import replaying
     from saflite.console.run_data import provenance
     from saflite.console.view import out
+    from saflite.runtime import run_modules
 
     campaign_options.at_least("--times", args.times, 1)
+    if args.what.is_dir():
+        run_modules.use(args.what, args.module)
     entries = replaying.entries(args.what, args.violation, args.all, tuple(args.policy))
     results = []
-    for result in replaying.replay(entries, args.times, args.wall_limit, args.target_module):
+    for result in replaying.replay(entries, args.times, args.wall_limit):
         results.append(result)
         out.json(result._asdict()) if args.json else out.line(replaying.line(result))
         out.flush()

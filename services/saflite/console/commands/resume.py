@@ -21,10 +21,12 @@ if TYPE_CHECKING:
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Name the arguments."""
+    from saflite.console.io import arguments
+
     parser.add_argument("run", type=Path, help="run folder")
     parser.add_argument("--budget", type=int, metavar="N", help="new number of flights, those flown included")
     parser.add_argument("--workers", type=int, metavar="N", help="simulator workers (one per core)")
-    parser.add_argument("--target-module", type=Path, action="append", default=[], help="target from outside")
+    arguments.add_modules(parser)
     farm_options.listening(parser)
     parser.add_argument("--json", action="store_true", help="print the result as JSON, and nothing else")
 
@@ -46,7 +48,7 @@ def run(args: argparse.Namespace) -> int:
             args.run,
             simulators=args.workers,
             on_status=on_status,
-            target_files=args.target_module,
+            modules=args.module,
             budget=args.budget,
             listen=args.listen,
             insecure=args.insecure,

@@ -38,7 +38,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--scorer", default="", help="see `saflite list scorers`; e.g. ollama:mistral")
     parser.add_argument("--shadow", action="append", default=[], metavar="MODEL", help="score with it too, undecided")
     arguments.add_target_settings(parser)
-    parser.add_argument("--target-module", type=Path, action="append", default=[], help="target from outside")
+    arguments.add_modules(parser)
     farm_options.listening(parser)
     parser.add_argument("--json", action="store_true", help="print the result as JSON, and nothing else")
 
@@ -62,9 +62,8 @@ def run(args: argparse.Namespace) -> int:
         shadow=args.shadow,
         target_settings=args.target_set,
         defects=args.defect,
-        target_files=args.target_module,
     )
-    campaign_options.check_runnable(campaign, args.target_module)
+    campaign_options.check_runnable(campaign)
     run_dir = args.out or running.free_folder(campaign.name)
     running.check_new(run_dir)
     if not args.json:
@@ -73,7 +72,7 @@ def run(args: argparse.Namespace) -> int:
         out.line(f"run folder {run_dir}")
         if args.listen:
             out.line(f"others join with `saflite worker --join {args.listen}{' --insecure' if args.insecure else ''}`")
-        for remark in campaign_options.remarks(campaign, args.target_module):
+        for remark in campaign_options.remarks(campaign):
             out.line(remark)
         out.flush()
 
@@ -82,10 +81,9 @@ def run(args: argparse.Namespace) -> int:
             run_dir,
             simulators=args.workers,
             on_status=on_status,
-            target_files=args.target_module,
             listen=args.listen,
             insecure=args.insecure,
         )
 
-    running.create(run_dir, campaign, describe_target(campaign.target.name, args.target_module))
+    running.create(run_dir, campaign, describe_target(campaign.target.name))
     return running.follow(run_dir, start, as_json=args.json)

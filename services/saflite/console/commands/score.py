@@ -17,9 +17,12 @@ if TYPE_CHECKING:
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Name the arguments."""
+    from saflite.console.io import arguments
+
     parser.add_argument("cases", type=Path, nargs="+", help="test cases: .yaml, .json or .mcap")
     parser.add_argument("--scorer", default="blend", help="scorer model (see `saflite list scorers`)")
     parser.add_argument("--policy", action="append", default=[], help="policy to score for (min-obstacle-distance)")
+    arguments.add_modules(parser)
     parser.add_argument("--deadline", type=float, default=60.0, metavar="S", help="seconds to answer in")
     parser.add_argument("--rng-seed", type=int, default=1, help="random seed")
     parser.add_argument("--json", action="store_true", help="print scores and usage as JSON")

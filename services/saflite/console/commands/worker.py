@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Name the arguments."""
-    from saflite.console.io import farm_options
+    from saflite.console.io import arguments, farm_options
 
     parser.add_argument("--join", required=True, metavar="ENDPOINT", help="where the farm listens")
     parser.add_argument("--stages", default="fly", help="any of mutate,score,fly,judge,record (fly)")
@@ -31,7 +31,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--workers", type=int, metavar="N", help="workers of each stage (fly: one per core, others: 1)")
     parser.add_argument("--name", default="", help="begins the workers' names (host and folder)")
     parser.add_argument("--state", type=Path, metavar="DIR", help="folder for logs and undelivered results (temporary)")
-    parser.add_argument("--module", type=Path, action="append", default=[], metavar="FILE", help="module from outside")
+    arguments.add_modules(parser)
     parser.add_argument("--label", action="append", default=[], metavar="NAME=VALUE", help="shown in the farm's status")
     parser.add_argument(
         "--patience", type=float, default=60.0, metavar="S", help="end after so long unanswered (60; 0: never)"

@@ -7,7 +7,7 @@ import platform
 import shutil
 import sqlite3
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
@@ -30,8 +30,8 @@ class Finding(NamedTuple):
 Check = Callable[[], Finding]
 
 
-def all_checks(folder: Path, ollama: str, modules: Sequence[Path] = ()) -> list[Check]:
-    """Return the checks in the order in which things are needed; `modules` are files of targets from outside."""
+def all_checks(folder: Path, ollama: str) -> list[Check]:
+    """Return the checks in the order in which things are needed."""
     from saflite.simulator_worker.registry import target_names
 
     return [
@@ -45,7 +45,7 @@ def all_checks(folder: Path, ollama: str, modules: Sequence[Path] = ()) -> list[
         partial(_disk, folder),
         _policies,
         _flight,
-        *(partial(_target, name, modules) for name in target_names(modules)),
+        *(partial(_target, name) for name in target_names()),
         partial(_ollama, ollama),
         partial(_binary, "ArduPilot", "arducopter"),
         partial(_binary, "PX4", "px4"),
@@ -170,12 +170,12 @@ def _flight() -> Finding:
     return Finding("flight", "ok", f"mission 2 in {flight.wall_s:.1f} s, {speed:.0f}x real time with start-up")
 
 
-def _target(name: str, modules: Sequence[Path]) -> Finding:
+def _target(name: str) -> Finding:
     from saflite.console.doctor.target_check import target_words
 
     what = f"target {name}"
     try:
-        sound, text = target_words(name, modules)
+        sound, text = target_words(name)
     except Unavailable as fault:
         return Finding(what, "note", f"cannot fly here: {fault}")
     except Refused as fault:

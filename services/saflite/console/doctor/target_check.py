@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from pathlib import Path
-
 from saflite.contract.errors import Unavailable
 from saflite.contract.flight import FLOWN_ENDINGS
 from saflite.contract.target_info import TargetInfo
@@ -13,7 +10,7 @@ from saflite.contract.work import FlyResult, FlyWork
 WALL_LIMIT_S = 120.0
 
 
-def target_words(name: str, files: Sequence[Path]) -> tuple[bool, str]:
+def target_words(name: str) -> tuple[bool, str]:
     """Return whether a target is sound, and what was seen.
 
     Raises:
@@ -22,22 +19,22 @@ def target_words(name: str, files: Sequence[Path]) -> tuple[bool, str]:
     """
     from saflite.simulator_worker.registry import describe_target
 
-    info = describe_target(name, files)
+    info = describe_target(name)
     if info.missing:
         raise Unavailable(info.missing)
-    flown = _flown(info, files).flight
+    flown = _flown(info).flight
     if flown.ending not in FLOWN_ENDINGS:
         return False, f"a flight of {flown.simulated_s:g} s ended as {flown.ending}: {flown.message}"
     again = "flown twice, equal bit by bit" if info.repeats == "bitwise" else "repeats statistically"
     return True, f"build {info.build[:12]}, {len(info.inputs)} inputs, {len(info.signals)} signals, {again}"
 
 
-def _flown(info: TargetInfo, files: Sequence[Path]) -> FlyResult:
+def _flown(info: TargetInfo) -> FlyResult:
     from saflite.conformance.target_cases import default_cases
     from saflite.runtime.clock import WallClock
     from saflite.simulator_worker.work import open_service
 
-    flyer = open_service("doctor", WallClock(), files, verify=True)
+    flyer = open_service("doctor", WallClock(), verify=True)
     try:
         case = default_cases(info)[0]
         work = FlyWork(test_case=case, flight_index=0, purpose="replay", wall_limit_s=WALL_LIMIT_S)

@@ -3,6 +3,13 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
+
+
+def add_modules(parser: argparse.ArgumentParser) -> None:
+    """Name the argument that gives modules from outside; the command line lets the process find them."""
+    text = "file with a target, strategy, scorer (.py) or policy (.toml) from outside (may be repeated)"
+    parser.add_argument("--module", type=Path, action="append", default=[], metavar="FILE", help=text)
 
 
 def add_target_settings(parser: argparse.ArgumentParser) -> None:

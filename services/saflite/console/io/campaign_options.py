@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import msgspec
 
@@ -32,7 +31,6 @@ def changed(
     shadow: Sequence[str] = (),
     target_settings: Sequence[str] = (),
     defects: Sequence[str] = (),
-    target_files: Sequence[Path] = (),
 ) -> Campaign:
     """Return the campaign with the changes given; raises Refused for unknown strategies, scorers and settings.
 
@@ -52,7 +50,7 @@ def changed(
     )
     target = campaign.target
     if target_settings or defects:
-        target = with_settings(target, describe_target(target.name, target_files), target_settings, defects)
+        target = with_settings(target, describe_target(target.name), target_settings, defects)
     new = msgspec.structs.replace(
         campaign,
         strategy=found,
@@ -68,11 +66,11 @@ def changed(
     return new
 
 
-def remarks(campaign: Campaign, target_files: Sequence[Path] = ()) -> list[str]:
+def remarks(campaign: Campaign) -> list[str]:
     """Return what a campaign may be started with but its user may not have meant."""
     from saflite.simulator_worker.registry import describe_target
 
-    known = describe_target(campaign.target.name, target_files).settings
+    known = describe_target(campaign.target.name).settings
     chosen = [
         (name, str(part))
         for name, value in campaign.target.settings.items()
@@ -97,17 +95,17 @@ def load(name_or_path: str, target: str = "") -> Campaign:
     return msgspec.structs.replace(campaign, target=msgspec.structs.replace(campaign.target, name=target))
 
 
-def check_runnable(campaign: Campaign, target_files: Sequence[Path] = ()) -> None:
+def check_runnable(campaign: Campaign) -> None:
     """Raise Refused now for what a worker would refuse later: policies, target, mission, strategy settings."""
     from saflite.campaign.presets.campaigns import template
     from saflite.mutator.registry import load_strategy
     from saflite.simulator_worker.registry import describe_target, load_target
 
-    base, target = template(campaign), describe_target(campaign.target.name, target_files)
+    base, target = template(campaign), describe_target(campaign.target.name)
     for name in campaign.policies:
         _check_policy(name, campaign, target)
     load_strategy(campaign.strategy.name)(base, campaign.strategy.settings, campaign.policies, target)
-    load_target(campaign.target.name, target_files).check(base)
+    load_target(campaign.target.name).check(base)
 
 
 def _check_policy(name: str, campaign: Campaign, target: TargetInfo) -> None:

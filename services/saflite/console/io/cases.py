@@ -59,7 +59,6 @@ def with_changes(
     defects: Sequence[str] = (),
     parameters: Iterable[str] = (),
     rng_seed: int | None = None,
-    target_files: Sequence[Path] = (),
 ) -> TestCase:
     """Return the test case with what the command line changes; raises Refused for a parameter without a number."""
     import msgspec
@@ -78,6 +77,6 @@ def with_changes(
     build = case.target.build if name == case.target.name else ""
     changed = msgspec.structs.replace(case.target, name=name, parameters=values, build=build)
     if settings or defects:
-        changed = with_settings(changed, describe_target(changed.name, target_files), settings, defects)
+        changed = with_settings(changed, describe_target(changed.name), settings, defects)
     seed = case.rng_seed if rng_seed is None else rng_seed
     return msgspec.structs.replace(case, target=changed, rng_seed=seed)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
-from pathlib import Path
 
 from saflite.console.view import out
 from saflite.contract.flight import Flight, unpack_trace
@@ -13,7 +11,7 @@ from saflite.contract.verdict import NEVER_APPLIED, Judgement, Ruling, Verdict
 from saflite.contract.work import FlyResult, FlyWork, PolicyTexts
 
 
-def fly(case: TestCase, wall_limit_s: float, target_files: Sequence[Path] = (), flight_index: int = 0) -> FlyResult:
+def fly(case: TestCase, wall_limit_s: float, flight_index: int = 0) -> FlyResult:
     """Fly the test case once in a sandbox.
 
     Raises:
@@ -23,7 +21,7 @@ def fly(case: TestCase, wall_limit_s: float, target_files: Sequence[Path] = (), 
     from saflite.runtime.clock import WallClock
     from saflite.simulator_worker.work import open_service
 
-    flyer = open_service("console", WallClock(), target_files)
+    flyer = open_service("console", WallClock())
     try:
         return fly_with(flyer, case, wall_limit_s, flight_index)
     finally:

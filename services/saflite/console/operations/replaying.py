@@ -76,12 +76,12 @@ def _of_run(run_dir: Path, wanted: str, everything: bool, policies: tuple[str, .
     return list(found.values())
 
 
-def replay(found: Sequence[Entry], times: int, wall_limit_s: float, target_files: Sequence[Path]) -> Iterator[Replayed]:
+def replay(found: Sequence[Entry], times: int, wall_limit_s: float) -> Iterator[Replayed]:
     """Yield each repetition as it lands; a test case without a record is flown once more and compared with itself."""
     from saflite.runtime.clock import WallClock
     from saflite.simulator_worker.work import open_service
 
-    flyer = open_service("replay", WallClock(), target_files)
+    flyer = open_service("replay", WallClock())
     try:
         for entry in found:
             digest, rounds = entry.trace_digest, times

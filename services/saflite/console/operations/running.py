@@ -48,6 +48,8 @@ def create(run_dir: Path, campaign: Campaign, target: TargetInfo) -> None:
     from saflite.campaign.storage.store import Store
     from saflite.console.io.toml_text import dump
     from saflite.console.run_data import provenance
+    from saflite.contract.modules import all_given
+    from saflite.runtime import run_modules
 
     Store.create(run_dir, campaign, template(campaign, target.build), target).close()
     try:
@@ -55,6 +57,7 @@ def create(run_dir: Path, campaign: Campaign, target: TargetInfo) -> None:
     except OSError as fault:
         raise Unavailable(f"{run_dir}: {fault}") from fault
     provenance.note(run_dir)
+    run_modules.note(run_dir, all_given())
 
 
 def follow(run_dir: Path, start: Start, *, as_json: bool) -> int:

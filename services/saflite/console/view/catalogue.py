@@ -100,10 +100,11 @@ def _target(info: TargetInfo) -> Item:
 
 
 def _policies() -> list[Item]:
+    from saflite.contract.modules import given
     from saflite.oracle.policy import family, load_policy, policy_names
 
     found = []
-    for name in policy_names():
+    for name in (*policy_names(), *given("policy")):
         file = load_policy(name).file
         details = {"source": file.source, "formula": " ".join(file.formula.split()), "family": family(file)}
         if file.published:

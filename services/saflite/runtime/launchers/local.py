@@ -42,7 +42,7 @@ class LocalLauncher:
         meeting: where the roles meet.
         folder: where logs and undelivered results go.
         run_dir: the run folder, for roles that need it; None where it lies on another machine.
-        modules: files of modules from outside, known by their stem.
+        modules: files of modules from outside, known by the name of the file.
         prefix_of: gives the words put before a role's command (a network namespace, a limit).
     """
 
@@ -56,7 +56,7 @@ class LocalLauncher:
         prefix_of: PrefixOf = lambda _: (),
     ) -> None:
         self._meeting, self._folder, self._run_dir, self._prefix_of = meeting, folder, run_dir, prefix_of
-        self._modules = {path.stem: path for path in modules}
+        self._modules = {path.name: path for path in modules}
         self._clock = WallClock()
         self._running: dict[str, subprocess.Popen[bytes]] = {}
         self._ended: dict[str, RoleState] = {}
@@ -125,7 +125,7 @@ class LocalLauncher:
         if self._run_dir is not None:
             command += ["--run-dir", str(self._run_dir)]
         for name in spec.modules:
-            command += ["--target-module", str(self._module(name))]
+            command += ["--module", str(self._module(name))]
         return command
 
     def _module(self, name: str) -> Path:

@@ -1,0 +1,128 @@
+"""Modules from outside the package: files named with `--module`, given to a process once, at its start.
+
+What a file is, what it offers says: a target (`describe`, `check`, `open`), a strategy (class `Strategy`), a scorer
+(class `Model`), or a policy (TOML with a formula). It goes by the name of its file, a policy by its id.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+import tomllib
+from collections.abc import Iterable
+from pathlib import Path
+from types import ModuleType
+from typing import Literal
+
+import msgspec
+
+from saflite.contract.config import read_text
+from saflite.contract.errors import Refused
+from saflite.contract.ids import digest
+
+Kind = Literal["target", "strategy", "scorer", "policy"]
+KINDS = "a target (describe, check, open), a strategy (class Strategy), a scorer (class Model) or a policy (.toml)"
+OFFERED: dict[Kind, tuple[str, ...]] = {
+    "target": ("describe", "check", "open"),
+    "strategy": ("proposes", "options", "tell", "ask"),
+    "scorer": ("score", "warm", "close"),
+}
+_MAIN: dict[str, Kind] = {"describe": "target", "open": "target", "Strategy": "strategy", "Model": "scorer"}
+
+
+class Outside(msgspec.Struct, frozen=True, kw_only=True):
+    """A module from outside: what it is, its name, where it lies, and the SHA-256 of its content."""
+
+    kind: Kind
+    name: str
+    file: str
+    digest: str
+
+    @property
+    def path(self) -> Path:
+        """Where it lies."""
+        return Path(self.file)
+
+
+_given: dict[tuple[Kind, str], Outside] = {}
+
+
+def use(files: Iterable[Path]) -> tuple[Outside, ...]:
+    """Let this process find the modules in `files`; the later of two of one kind and name counts.
+
+    Raises:
+        Refused: one cannot be read or run, is none of the kinds, or lacks what its kind needs.
+    """
+    found = tuple(_read(path.resolve()) for path in files)
+    _given.update({(module.kind, module.name): module for module in found})
+    return found
+
+
+def given(kind: Kind) -> dict[str, Outside]:
+    """Return the modules of a kind this process was given, by name."""
+    return {name: module for (its_kind, name), module in _given.items() if its_kind == kind}
+
+
+def all_given() -> tuple[Outside, ...]:
+    """Return every module this process was given."""
+    return tuple(_given.values())
+
+
+def forget() -> None:
+    """Find none of them any more (tests)."""
+    _given.clear()
+
+
+def load_file(path: Path) -> ModuleType:
+    """Return the Python module in a file, run once per content; raises Refused if there is none or it does not run."""
+    content = digest(_bytes(path))
+    name = f"saflite_module_{path.stem}_{content[:16]}"
+    known = sys.modules.get(name)
+    if known is not None and known.__file__ == str(path):
+        return known
+    spec = importlib.util.spec_from_file_location(name, path)
+    if spec is None or spec.loader is None:
+        raise Refused("module", where=str(path), expected="a Python file", got=path.suffix or "no suffix")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    try:
+        spec.loader.exec_module(module)
+    except Exception as fault:
+        del sys.modules[name]
+        got = f"{type(fault).__name__}: {fault}"
+        raise Refused("module", where=str(path), expected="Python that runs", got=got) from fault
+    return module
+
+
+def _bytes(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as fault:
+        raise Refused("module", where=str(path), expected="a file", got=str(fault)) from fault
+
+
+def _read(path: Path) -> Outside:
+    if path.suffix == ".toml":
+        return Outside(kind="policy", name=_policy_id(path), file=str(path), digest=digest(_bytes(path)))
+    module = load_file(path)
+    kind = next((kind for name, kind in _MAIN.items() if hasattr(module, name)), None)
+    if kind is None:
+        raise Refused("module", where=str(path), expected=KINDS, got="none of these in it")
+    owner = module if kind == "target" else getattr(module, "Strategy" if kind == "strategy" else "Model")
+    lacking = [name for name in OFFERED[kind] if not hasattr(owner, name)]
+    if lacking:
+        expected = f"a {kind} with {', '.join(OFFERED[kind])}"
+        raise Refused("module", where=str(path), expected=expected, got=f"one without {', '.join(lacking)}")
+    return Outside(kind=kind, name=path.stem, file=str(path), digest=digest(_bytes(path)))
+
+
+def _policy_id(path: Path) -> str:
+    try:
+        data = tomllib.loads(read_text(path, "module"))
+    except tomllib.TOMLDecodeError as fault:
+        raise Refused("module", where=str(path), expected="TOML", got=str(fault)) from fault
+    if "formula" not in data or not isinstance(data.get("id"), str):
+        raise Refused(
+            "module", where=str(path), expected="a policy, with an id and a formula", got="a TOML file without"
+        )
+    return str(data["id"])

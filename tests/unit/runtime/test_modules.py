@@ -1,0 +1,111 @@
+"""Modules from outside: known by what they offer, refused in one line, found again by resume and replay."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from saflite.contract import modules
+from saflite.contract.errors import Refused
+from saflite.mutator.registry import load_strategy, options_of, strategy_names
+from saflite.oracle.policy import POLICIES_DIR, load_policy
+from saflite.runtime import run_modules
+from saflite.scorer_pool.registry import check_label, model_names
+from saflite.simulator_worker.registry import describe_target, load_target, target_names
+
+TARGET = """
+from saflite.contract.target_info import TargetInfo
+def describe():
+    return TargetInfo(name="cart", build="1", repeats="bitwise", inputs=(), signals=("x_m",))
+def check(test_case): pass
+def open(slot): pass
+"""
+STRATEGY = '''"""Proposes nothing at all, at great length, so that its text is long enough."""
+class Strategy:
+    proposes, options = "stimuli", {}
+    def tell(self, outcomes): pass
+    def ask(self, count, rng): return []
+'''
+SCORER = """
+class Model:
+    def __init__(self, argument, tools): pass
+    def score(self, job): pass
+    def warm(self, cancelled): pass
+    def close(self): pass
+"""
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> Iterator[list[Path]]:
+    """One module of each kind, all of one stem where they may be."""
+    policy = (POLICIES_DIR / "upright.toml").read_text().replace('id = "upright"', 'id = "own-upright"')
+    texts = {"cart.py": TARGET, "nothing.py": STRATEGY, "flat.py": SCORER, "cart.toml": policy}
+    for name, text in texts.items():
+        (tmp_path / name).write_text(text)
+    yield [tmp_path / name for name in texts]
+    modules.forget()
+
+
+def test_each_kind_is_found_by_what_the_file_offers(files: list[Path]) -> None:
+    found = modules.use(files)
+    kinds = [("target", "cart"), ("strategy", "nothing"), ("scorer", "flat"), ("policy", "own-upright")]
+    assert [(module.kind, module.name) for module in found] == kinds
+    assert "cart" in target_names()
+    assert describe_target("cart").build == "1"
+    assert load_target("cart").describe() == describe_target("cart")
+    assert "nothing" in strategy_names()
+    assert load_strategy("nothing").proposes == "stimuli"
+    assert options_of("nothing") == {}
+    assert "flat" in model_names()
+    check_label("flat")
+    assert load_policy("own-upright").id == "own-upright"
+    modules.forget()
+    assert "cart" not in target_names()
+    assert "nothing" not in strategy_names()
+    assert "flat" not in model_names()
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "said"),
+    [
+        ("a.py", "x = 1", "class Strategy"),
+        ("a.py", "import no_such_package", "ModuleNotFoundError"),
+        ("a.py", "def describe(): pass", "target with describe, check, open, got one without check, open"),
+        ("a.py", "class Strategy:\n    proposes, options = 'stimuli', {}", "without tell, ask"),
+        ("a.py", "class Model:\n    pass", "without score, warm, close"),
+        ("a.toml", "a = 1", "an id and a formula"),
+        ("a.toml", "a = ", "TOML"),
+        ("a.txt", "hello", "Python file"),
+    ],
+)
+def test_what_is_no_module_is_refused_in_one_line(tmp_path: Path, name: str, text: str, said: str) -> None:
+    (tmp_path / name).write_text(text)
+    with pytest.raises(Refused, match=said) as refusal:
+        modules.use([tmp_path / name])
+    assert "\n" not in str(refusal.value)
+    with pytest.raises(Refused, match="a file"):
+        modules.use([tmp_path / "gone.py"])
+
+
+def test_a_run_finds_its_modules_again_and_refuses_changed_ones(files: list[Path], tmp_path: Path) -> None:
+    used = modules.use(files)
+    run_modules.note(tmp_path, used)
+    modules.forget()
+    assert run_modules.use(tmp_path) == used
+    assert "cart" in target_names()
+    files[0].write_text(TARGET.replace('build="1"', 'build="2"'))
+    with pytest.raises(Refused, match=r"another content.*--module"):
+        run_modules.use(tmp_path)
+    again = run_modules.use(tmp_path, [files[0]])
+    assert {module.name for module in again} == {module.name for module in used}
+    assert describe_target("cart").build == "2"
+
+
+def test_a_run_without_modules_has_none(tmp_path: Path) -> None:
+    run_modules.note(tmp_path, ())
+    assert run_modules.use(tmp_path) == ()
+    (tmp_path / run_modules.FILE).write_text("{")
+    with pytest.raises(Refused, match="list of modules"):
+        run_modules.use(tmp_path)
