@@ -6,13 +6,12 @@ The only place that reads the environment (`environment`).
 from __future__ import annotations
 
 import os
-import tomllib
-from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import msgspec
 
 from saflite.contract.errors import Refused
+from saflite.contract.outside import check_plain, parse_toml
 from saflite.contract.test_case import Setting, StartState, Target, Wind
 from saflite.contract.work import PolicyTexts
 
@@ -98,10 +97,8 @@ class Campaign(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 def parse_campaign(text: str, where: str) -> Campaign:
     """Return the campaign in TOML `text`; raises Refused naming `where`, the key and what was expected."""
     try:
-        data = tomllib.loads(text)
+        data = parse_toml(text, "campaign file", where)
         campaign = msgspec.convert(data, Campaign, strict=False)
-    except tomllib.TOMLDecodeError as fault:
-        raise Refused("campaign file", where=where, expected="TOML", got=str(fault)) from fault
     except msgspec.ValidationError as fault:
         raise Refused("campaign file", where=where, expected="a valid campaign", got=str(fault)) from fault
     for table, part in (("target", Target), ("start", StartState), ("wind", Wind)):  # messages, too: lenient there
@@ -116,44 +113,52 @@ def parse_campaign(text: str, where: str) -> Campaign:
     return campaign
 
 
+_RANGES: dict[str, tuple[float, float]] = {
+    "budget_flights": (1, 10**8),
+    "rng_seed": (-(2**63), 2**63 - 1),
+    "time_limit_s": (0.1, 86_400),
+    "wind.mean_mps": (0, 100),
+    "wind.gust_mps": (0, 100),
+    "wind.gust_period_s": (0.01, 3_600),
+    "search.candidates_per_round": (1, 10_000),
+    "search.flights_per_round": (1, 10_000),
+    "search.lag": (1, 100),
+    "search.random_share": (0, 1),
+    "search.novelty_weight": (0, 1_000),
+    "search.confirm_flights": (0, 1_000),
+    "search.confirm_needed": (1, 1_000),
+    "search.shrink_flights_max": (0, 100_000),
+    "scorer.batch": (1, 1_000),
+    "scorer.deadline_s": (0.01, 86_400),
+    "scorer.load_deadline_s": (0.01, 86_400),
+    "lease.lease_s": (0.1, 86_400),
+    "lease.heartbeat_s": (0.01, 86_400),
+    "lease.attempts_max": (1, 1_000),
+    "lease.wall_limit_s": (0.1, 86_400),
+}
+"""What each number of a campaign may be; one that may be left out is checked where it is given."""
+
+
 def check_campaign(campaign: Campaign, where: str) -> None:
-    """Raise Refused where a number makes no sense (negative budget, empty rounds, shares outside 0..1)."""
+    """Raise Refused where a number makes no sense (negative budget, empty rounds, shares outside 0..1, no number)."""
+    for key, (low, high) in _RANGES.items():
+        value: Any = campaign
+        for part in key.split("."):
+            value = getattr(value, part)
+        if value is not None and not low <= value <= high:
+            raise Refused(key, where=where, expected=f"{low:g} to {high:g}", got=value)
     search = campaign.search
-    rules = (
-        ("budget_flights", campaign.budget_flights, campaign.budget_flights >= 1, "1 or more"),
-        ("time_limit_s", campaign.time_limit_s, campaign.time_limit_s > 0, "more than 0"),
-        (
-            "search.candidates_per_round",
-            search.candidates_per_round,
-            search.candidates_per_round >= 1,
-            "1 or more",
-        ),
-        ("search.flights_per_round", search.flights_per_round, search.flights_per_round >= 1, "1 or more"),
-        ("search.lag", search.lag, search.lag >= 1, "1 or more"),
-        ("search.random_share", search.random_share, 0 <= search.random_share <= 1, "0 to 1"),
-        ("search.confirm_flights", search.confirm_flights, (search.confirm_flights or 0) >= 0, "0 or more"),
-        ("search.confirm_needed", search.confirm_needed, _may_be_needed(search), "1 up to search.confirm_flights"),
-        ("search.shrink_flights_max", search.shrink_flights_max, (search.shrink_flights_max or 0) >= 0, "0 or more"),
-        ("scorer.batch", campaign.scorer.batch, campaign.scorer.batch >= 1, "1 or more"),
-        ("lease.lease_s", campaign.lease.lease_s, campaign.lease.lease_s > 0, "more than 0"),
-        ("policies", campaign.policies, len(campaign.policies) > 0, "at least one policy"),
-    )
-    for key, value, good, expected in rules:
-        if not good:
-            raise Refused(key, where=where, expected=expected, got=value)
+    if not _may_be_needed(search):
+        expected = f"1 up to search.confirm_flights ({search.confirm_flights})"
+        raise Refused("search.confirm_needed", where=where, expected=expected, got=search.confirm_needed)
+    if not campaign.policies:
+        raise Refused("policies", where=where, expected="at least one policy", got=campaign.policies)
+    check_plain(msgspec.to_builtins(campaign), "campaign", where)
 
 
 def _may_be_needed(search: SearchConfig) -> bool:
     flights, needed = search.confirm_flights, search.confirm_needed
     return needed is None or (needed >= 1 and (not flights or needed <= flights))
-
-
-def read_text(path: Path, what: str) -> str:
-    """Return a text file; raises Refused if it is missing or is no UTF-8 text."""
-    try:
-        return path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as fault:
-        raise Refused(what, where=str(path), expected="a readable UTF-8 text file", got=str(fault)) from fault
 
 
 def environment_with(**variables: str) -> dict[str, str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import zlib
 from collections.abc import Sequence
 from typing import Literal, NamedTuple
@@ -208,9 +209,20 @@ def unpack_trace(data: bytes) -> Trace:
         content = inflate.decompress(data, TRACE_BYTES_MAX)
         if inflate.unconsumed_tail or not inflate.eof:
             raise Refused("trace", expected="a whole packed trace of at most 64 MiB", got=f"{len(data)} bytes")
-        return _DECODER.decode(content)
+        trace: Trace = _DECODER.decode(content)
     except (zlib.error, msgspec.MsgspecError) as fault:
         raise Refused("trace", expected="a packed trace", got=str(fault)) from fault
+    check_trace(trace)
+    return trace
+
+
+def check_trace(trace: Trace) -> None:
+    """Raise Refused unless samples are evenly spaced in time and all signals have the same number of them."""
+    if not (math.isfinite(trace.step_s) and trace.step_s > 0.0):
+        raise Refused("trace", expected="a finite step above 0 s", got=trace.step_s)
+    sizes = {len(data) for data in trace.signals.values()}
+    if len(sizes) > 1 or any(size % 4 for size in sizes):
+        raise Refused("trace", expected="signals of one length, four bytes a sample", got=f"{sorted(sizes)[:4]} bytes")
 
 
 def matches_digest(data: bytes, trace_digest: str) -> bool:

@@ -82,10 +82,10 @@ def parse_json(text: str, what: str, where: str) -> Any:
     return _parsed(json.loads, text, what, where, "JSON")
 
 
-def check_plain(data: Any, what: str, where: str) -> None:
+def check_plain(data: Any, what: str, where: str, *, finite: bool = True) -> None:
     """Raise Refused where plain data nests deeper than `DEPTH_MAX`, or holds a number that is none or none we can hold.
 
-    Iterative, so that no depth of the data can exhaust the stack.
+    `finite` False leaves numbers that are none to the caller. Iterative, so that no depth can exhaust the stack.
     """
     left: list[tuple[Any, int]] = [(data, 0)]
     while left:
@@ -96,7 +96,7 @@ def check_plain(data: Any, what: str, where: str) -> None:
             left += [(part, depth + 1) for part in value.values()]
         elif isinstance(value, list):
             left += [(part, depth + 1) for part in value]
-        elif isinstance(value, float) and not math.isfinite(value):
+        elif finite and isinstance(value, float) and not math.isfinite(value):
             raise Refused(what, where=where, expected="finite numbers", got=value)
         elif isinstance(value, int) and not isinstance(value, bool) and abs(value) > WHOLE_MAX:
             raise Refused(

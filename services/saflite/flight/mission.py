@@ -12,8 +12,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
-from saflite.contract.config import read_text
 from saflite.contract.errors import Refused
+from saflite.contract.outside import parse_json, read_text
 from saflite.contract.test_case import Mission, MissionItem
 
 EARTH_RADIUS_M = 6_371_000.0
@@ -84,16 +84,7 @@ def parse_plan(text: str, where: str, name: str = "mission") -> Mission:
 
 
 def _read_json(text: str, where: str) -> dict[str, Any]:
-    def refuse_constant(constant: str) -> Any:
-        raise Refused("mission plan", where=where, expected="finite numbers", got=constant)
-
-    try:
-        document = json.loads(text, parse_constant=refuse_constant)
-    except json.JSONDecodeError as fault:
-        place = f"{where}, line {fault.lineno}" if where else f"line {fault.lineno}"
-        raise Refused("mission plan", where=place, expected="JSON", got=fault.msg) from fault
-    except RecursionError as fault:
-        raise Refused("mission plan", where=where, expected="JSON", got="nesting beyond all bounds") from fault
+    document = parse_json(text, "mission plan", where)
     if not isinstance(document, dict):
         raise Refused("mission plan", where=where, expected="a JSON object", got=type(document).__name__)
     return document

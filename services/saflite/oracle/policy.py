@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 import re
-import tomllib
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
@@ -17,9 +16,9 @@ from typing import Literal, NamedTuple
 import msgspec
 import numpy as np
 
-from saflite.contract.config import read_text
 from saflite.contract.errors import Refused
 from saflite.contract.modules import given
+from saflite.contract.outside import parse_toml, read_text
 from saflite.contract.signals import MODES, SIGNALS, Signal
 from saflite.contract.test_case import StartState
 from saflite.contract.work import PolicyTexts
@@ -164,9 +163,7 @@ def parse_policy(text: str, where: str) -> Policy:
             example that contradicts the formula.
     """
     try:
-        file = msgspec.convert(tomllib.loads(text), PolicyFile)
-    except tomllib.TOMLDecodeError as fault:
-        raise Refused("policy file", where=where, expected="TOML", got=str(fault)) from fault
+        file = msgspec.convert(parse_toml(text, "policy file", where), PolicyFile)
     except msgspec.ValidationError as fault:
         raise Refused(
             "policy file", where=_near(text, where, str(fault)), expected="a policy", got=str(fault)

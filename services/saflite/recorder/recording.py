@@ -11,6 +11,7 @@ import msgspec
 
 from saflite.contract.errors import Refused
 from saflite.contract.flight import Flight, Trace, unpack_trace
+from saflite.contract.outside import LOG_BYTES_MAX, read_bytes
 from saflite.contract.test_case import TestCase
 from saflite.contract.verdict import Judgement
 
@@ -81,9 +82,7 @@ def _check_sums(path: Path) -> None:
     The reader checks chunks and attachments only. Layout after the MCAP specification: DataEnd (13 bytes, checksum of
     all before it), summary, footer (29 bytes, checksum of the summary and of the footer before it), magic.
     """
-    if not path.is_file():
-        raise Refused("recording", where=str(path), expected="a readable file", got="none")
-    data = path.read_bytes()
+    data = read_bytes(path, "recording", LOG_BYTES_MAX)
     if len(data) < _TAIL + len(_MAGIC) or not data.startswith(_MAGIC) or not data.endswith(_MAGIC):
         raise ValueError("it does not begin and end as MCAP files do")
     opcode, _, summary, _, summary_sum = _FOOTER.unpack_from(data, len(data) - _TAIL)

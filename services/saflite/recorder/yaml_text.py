@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import yaml
 
 from saflite.contract.errors import Refused
+from saflite.contract.outside import check_plain
 
 TEXT_MAX = 1_000_000
 _DATE = "tag:yaml.org,2002:timestamp"
@@ -64,6 +65,7 @@ def read(text: str, where: str) -> Located:
     located = Located(data if isinstance(data, dict) else {}, where, lines)
     if not isinstance(data, dict):
         raise Refused("YAML", where=located.at(()), expected="a mapping", got=type(data).__name__)
+    check_plain(data, "YAML", where, finite=False)  # parsers of documents name the line
     return located
 
 

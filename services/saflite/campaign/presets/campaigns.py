@@ -18,9 +18,10 @@ from saflite.campaign.presets.policy_campaigns import (
     policy_text,
     refuse_unfit,
 )
-from saflite.contract.config import Campaign, parse_campaign, read_text
+from saflite.contract.config import Campaign, parse_campaign
 from saflite.contract.errors import Refused
 from saflite.contract.modules import given
+from saflite.contract.outside import read_text
 from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import Scenario, TestCase
 from saflite.contract.topics import prefix

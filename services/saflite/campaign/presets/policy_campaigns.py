@@ -6,15 +6,15 @@ oracle's own reader checks the same files fully when a campaign runs.
 
 from __future__ import annotations
 
-import tomllib
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
-from saflite.contract.config import Campaign, ScorerConfig, SearchConfig, StrategyConfig, read_text
+from saflite.contract.config import Campaign, ScorerConfig, SearchConfig, StrategyConfig
 from saflite.contract.errors import Refused
+from saflite.contract.outside import parse_toml, read_text
 from saflite.contract.signals import can_show
 from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import Setting, StartState, StimulusKind, Target
@@ -68,8 +68,8 @@ def why_not(data: dict[str, Any], target: TargetInfo) -> str:
 def is_policy(text: str) -> bool:
     """Return whether a TOML text is a policy: it has a formula."""
     try:
-        return "formula" in tomllib.loads(text)
-    except tomllib.TOMLDecodeError:
+        return "formula" in parse_toml(text, "policy file", "")
+    except Refused:
         return False
 
 
@@ -106,10 +106,7 @@ def refuse_unfit(campaign: str, target: TargetInfo) -> None:
 
 
 def _read(text: str, where: str) -> dict[str, Any]:
-    try:
-        return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as fault:
-        raise Refused("policy file", where=where, expected="TOML", got=str(fault)) from fault
+    return parse_toml(text, "policy file", where)
 
 
 @cache

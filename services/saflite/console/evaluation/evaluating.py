@@ -11,9 +11,9 @@ from saflite.console.evaluation.bugs import BugResult, evaluate_bugs, gain
 from saflite.console.evaluation.logs import LogCase, LogReport, evaluate_logs
 from saflite.console.view import out
 from saflite.console.view.report import bars
-from saflite.contract.config import read_text
 from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.interval import Interval
+from saflite.contract.outside import read_text
 from saflite.flight.logs.files import READERS, read_trace
 from saflite.scorer_pool.calibration import Calibration
 

@@ -17,7 +17,7 @@ def load_case(path: Path) -> TestCase:
     """Return the test case in a file; raises Refused if it is missing, malformed or of an unknown kind."""
     import msgspec
 
-    from saflite.contract.config import read_text
+    from saflite.contract.outside import parse_json, read_text
 
     if path.suffix == ".mcap":
         from saflite.recorder.recording import read
@@ -25,8 +25,9 @@ def load_case(path: Path) -> TestCase:
         return read(path).test_case
     if path.suffix == ".json":
         text = read_text(path, "test case")
+        data = parse_json(text, "test case", str(path))
         try:
-            return msgspec.json.decode(text, type=TestCase)
+            return msgspec.convert(data, TestCase)
         except msgspec.MsgspecError as fault:
             raise Refused("test case", where=str(path), expected="a saflite test case", got=str(fault)) from fault
     if path.suffix in (".yaml", ".yml"):

@@ -7,8 +7,8 @@ import io
 from collections.abc import Callable
 from pathlib import Path
 
-from saflite.contract.errors import Refused
-from saflite.contract.flight import Trace, unpack_trace
+from saflite.contract.flight import TRACE_BYTES_MAX, Trace, unpack_trace
+from saflite.contract.outside import check_file, read_bytes
 
 
 def read_trace(path: Path, *, placed: bool = True) -> Trace:
@@ -17,16 +17,12 @@ def read_trace(path: Path, *, placed: bool = True) -> Trace:
     Raises:
         Refused: the file is missing or damaged, or has no position (if `placed`).
     """
-    if not path.is_file():
-        raise Refused("flight log", where=str(path), expected="a readable file", got="none")
+    check_file(path, "flight log")
     return READERS[path.suffix](path, placed=placed)
 
 
 def _packed(path: Path, *, placed: bool = True) -> Trace:
-    try:
-        return unpack_trace(path.read_bytes())
-    except OSError as fault:
-        raise Refused("trace", where=str(path), expected="a readable file", got=str(fault)) from fault
+    return unpack_trace(read_bytes(path, "trace", TRACE_BYTES_MAX))
 
 
 def _ulog(path: Path, *, placed: bool = True) -> Trace:

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from saflite.contract.config import read_text
 from saflite.contract.errors import Refused
+from saflite.contract.outside import read_text
 from saflite.contract.test_case import Mission, TestCase, identity
 from saflite.flight.mission import dump_plan, load_plan
 from saflite.recorder import competition, yaml_text
