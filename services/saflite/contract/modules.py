@@ -16,9 +16,9 @@ from typing import Literal
 
 import msgspec
 
-from saflite.contract.config import read_text
 from saflite.contract.errors import Refused
 from saflite.contract.ids import digest
+from saflite.contract.outside import read_text
 
 Kind = Literal["target", "strategy", "scorer", "policy"]
 KINDS = "a target (describe, check, open), a strategy (class Strategy), a scorer (class Model) or a policy (.toml)"
