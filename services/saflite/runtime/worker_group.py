@@ -74,11 +74,11 @@ def run(group: Group, say: Say) -> GroupEnd:
     end: GroupEnd | None = None
     try:
         specs = _specs(group, group.name or _name_here(folder))
+        campaign = group.campaign or _campaign_at(endpoint, group)
+        meeting = Meeting(campaign=campaign, connect=endpoint, insecure=group.insecure, patience_s=group.patience_s)
+        say(f"joining campaign {campaign} at {endpoint}: {', '.join(spec.name for spec in specs)}")
+        say(f"logs in {folder / 'logs'}")
         with interrupts() as interrupted:
-            campaign = group.campaign or _campaign_at(endpoint, group)
-            meeting = Meeting(campaign=campaign, connect=endpoint, insecure=group.insecure, patience_s=group.patience_s)
-            say(f"joining campaign {campaign} at {endpoint}: {', '.join(spec.name for spec in specs)}")
-            say(f"logs in {folder / 'logs'}")
             end = _work(LocalLauncher(meeting, folder, modules=group.modules), specs, interrupted)
     finally:
         _tidy(group, folder, end)
