@@ -65,7 +65,7 @@ class CountedFlights(Flights):
         flight, packed = self._recent[name]
         self.simulated_s += flight.simulated_s
         changed = {"test_case": name, "flight_index": work.flight_index, "worker": "inline"}
-        return FlyResult(flight=msgspec.structs.replace(flight, **changed), trace=packed)
+        return FlyResult(flight=msgspec.structs.replace(flight, trace=self.blobs.put(packed), **changed))
 
 
 def campaign_of(defect: str, arm: str, rng_seed: int, flights: int) -> Campaign:

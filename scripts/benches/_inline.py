@@ -15,6 +15,7 @@ from saflite.campaign.engine.state import Books
 from saflite.campaign.presets.campaigns import template
 from saflite.campaign.storage.store import Store
 from saflite.conformance.flying import fly_once
+from saflite.contract.blobs import Blobs
 from saflite.contract.config import Campaign
 from saflite.contract.control import Status
 from saflite.contract.flight import Flight, pack_trace, trace_digest
@@ -23,6 +24,7 @@ from saflite.contract.service import Cancelled, Service
 from saflite.contract.test_case import identity
 from saflite.contract.topics import PROTOCOL
 from saflite.contract.work import Ask, Failure, FlyResult, FlyWork, Report, Result, Stage, Work
+from saflite.evidence.memory import MemoryBlobs
 from saflite.flight.autopilots.reference.describe import describe
 from saflite.mutator import work as mutator
 from saflite.oracle import work as oracle
@@ -43,6 +45,7 @@ class Flights:
     parallel = 1
 
     def __init__(self) -> None:
+        self.blobs: Blobs = MemoryBlobs()  # those of the campaign at hand
         self._kept: dict[str, tuple[Flight, bytes]] = {}
         self.flown = 0
 
@@ -53,8 +56,9 @@ class Flights:
         if name not in self._kept:
             self._kept[name] = self._fly(work, cancelled)
         flight, packed = self._kept[name]
-        record = msgspec.structs.replace(flight, test_case=name, flight_index=work.flight_index)
-        return FlyResult(flight=record, trace=packed)
+        trace = self.blobs.put(packed)
+        record = msgspec.structs.replace(flight, test_case=name, flight_index=work.flight_index, trace=trace)
+        return FlyResult(flight=record)
 
     def _fly(self, work: FlyWork, cancelled: Cancelled) -> tuple[Flight, bytes]:
         self.flown += 1
@@ -81,12 +85,13 @@ class Inline:
     def __init__(self, campaign: Campaign, run_dir: Path, flights: Flights) -> None:
         self._store = Store.create(run_dir, campaign, template(campaign), describe())
         self._books: Books = self._store.rebuild()
+        flights.blobs = self._store.blobs
         self._clock = WallClock()
         self._services: dict[Stage, Service] = {
             "mutate": mutator.open_service(),
             "score": scorer_pool.open_service(brief_of, self._clock),
             "fly": flights,
-            "judge": oracle.open_service(),
+            "judge": oracle.open_service(self._store.blobs),
         }
         self._books.begin(self._clock.monotonic_s(), self._clock.unix_s())
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from saflite.bus.base import Bus, Reply
 from saflite.contract import topics, wire
+from saflite.contract.blobs import Blobs
 from saflite.contract.flight import Flight, Trace, pack_trace, trace_digest
 from saflite.contract.join import Join, Joined
 from saflite.contract.rng import derive
@@ -53,8 +54,9 @@ REFERENCE = (TargetBuild("reference"),)
 
 
 class Made(NamedTuple):
-    """Made-up work: how large traces are and what share of the flights violates."""
+    """Made-up work: how large traces are and what share of the flights violates, and where blobs of a worker go."""
 
+    blobs: Callable[[str], Blobs]
     trace_samples: int = 200
     violation_share: float = 0.02
 
@@ -76,7 +78,7 @@ class Made(NamedTuple):
             return self._judge(work)
         if isinstance(work, RecordWork):
             name, index = work.flight.test_case, work.flight.flight_index
-            return RecordResult(test_case=name, flight_index=index, file="none", digest="", size_bytes=0)
+            return RecordResult(test_case=name, flight_index=index, blob=self.blobs(worker).put(name.encode()))
         return WarmResult(model=work.model, ready=True)
 
     def _fly(self, work: FlyWork, worker: str) -> FlyResult:
@@ -90,9 +92,10 @@ class Made(NamedTuple):
             simulated_s=trace.duration_s,
             wall_s=0.1,
             trace_digest=trace_digest(trace),
+            trace=self.blobs(worker).put(pack_trace(trace)),
             worker=worker,
         )
-        return FlyResult(flight=flight, trace=pack_trace(trace))
+        return FlyResult(flight=flight)
 
     def _judge(self, work: JudgeWork) -> JudgeResult:
         name = work.flight.test_case

@@ -2,6 +2,7 @@
 
 The services are the scripted ones of the simulated farm (`tests/farm`); every message is encoded and decoded, traces
 are those of real flights in size (`--trace-kib`), each result is committed on its own or in batches of `--together`.
+Blobs are looked at by a thread of the books' process beside the books; what that costs is told apart.
 """
 
 from __future__ import annotations
@@ -13,8 +14,14 @@ import sys
 import tempfile
 import time
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import msgspec
+
+if TYPE_CHECKING:
+    from saflite.campaign.storage.store import Store
+
+LEAVES = "all"  # the folder in which all made-up workers leave their blobs
 HERE = Path(__file__).resolve().parent
 WORKERS = ("a", "b")
 
@@ -48,7 +55,7 @@ def _measure(run_dir: Path, options: argparse.Namespace) -> dict[str, float | in
     store = Store.create(
         run_dir, doubles.campaign(options.flights, batch=10, **search), doubles.TEMPLATE, doubles.TARGET
     )
-    drive = _Drive(store, options.together)
+    drive = _Drive(store, run_dir, options.together)
     drive.run()
     database_mb = (run_dir / "books.sqlite").stat().st_size / 1e6
     store.close()
@@ -65,9 +72,12 @@ def _measure(run_dir: Path, options: argparse.Namespace) -> dict[str, float | in
         "results_per_cpu_s": drive.results / drive.books_cpu_s,
         "core_share_at_500_per_s": 500.0 * drive.books_cpu_s / drive.results,
         "results_per_wall_s": drive.results / drive.books_wall_s,
+        "blobs_core_share_at_500_per_s": 500.0 * drive.blobs_cpu_s / drive.results,
+        "results_per_cpu_s_with_blobs": drive.results / (drive.books_cpu_s + drive.blobs_cpu_s),
         "open_and_check_s": opened_s,
         "open_and_rebuild_s": rebuilt_s,
         "database_mb": database_mb,
+        "database_kb_per_flight": 1000.0 * database_mb / status.flights,
         "peak_memory_mib": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0,
     }
 
@@ -75,17 +85,18 @@ def _measure(run_dir: Path, options: argparse.Namespace) -> dict[str, float | in
 class _Drive:
     """Runs a campaign; only the time inside the books, their messages and their store is counted."""
 
-    def __init__(self, store: object, together: int) -> None:
+    def __init__(self, store: Store, run_dir: Path, together: int) -> None:
         import farm_doubles as doubles
 
         from saflite.contract.join import Join
         from saflite.contract.topics import PROTOCOL, STAGES
+        from saflite.evidence.folder import WorkerFolder
 
         self._store, self._together = store, together
-        self._books = store.rebuild()  # type: ignore[attr-defined]
-        self._service = doubles.Service()
+        self._books = store.rebuild()
+        self._service = doubles.Service(WorkerFolder(run_dir, LEAVES))
         self._now = 0.0
-        self.results, self.books_cpu_s, self.books_wall_s = 0, 0.0, 0.0
+        self.results, self.books_cpu_s, self.books_wall_s, self.blobs_cpu_s = 0, 0.0, 0.0, 0.0
         self._books.begin(0.0, 1.7e9)
         for stage in STAGES:
             for worker in WORKERS:
@@ -116,7 +127,8 @@ class _Drive:
             for lease in grant.leases
         ]
         if reports:
-            self._timed(lambda: self._reported(reports))
+            damage = self._looked_at(reports)
+            self._timed(lambda: self._reported(reports, damage))
             self.results += len(reports)
 
     def _asked(self, ask: bytes) -> bytes:
@@ -124,15 +136,27 @@ class _Drive:
         from saflite.contract.work import Ask
 
         grant = self._books.ask(wire.decode(ask, Ask), self._now)
-        self._store.commit(self._books.drain())  # type: ignore[attr-defined]
+        self._store.commit(self._books.drain())
         return wire.encode(grant)
 
-    def _reported(self, reports: list[bytes]) -> bytes:
+    def _looked_at(self, reports: list[bytes]) -> list[str]:
+        from saflite.contract import wire
+        from saflite.contract.work import Report
+        from saflite.runtime.evidence import look
+
+        cpu_s = time.process_time()
+        decoded = [msgspec.structs.replace(wire.decode(report, Report), worker=LEAVES) for report in reports]
+        found = [look(self._store.blobs, report) or "" for report in decoded]
+        self.blobs_cpu_s += time.process_time() - cpu_s
+        return found
+
+    def _reported(self, reports: list[bytes], damage: list[str]) -> bytes:
         from saflite.contract import wire
         from saflite.contract.work import Report
 
-        receipts = [self._books.report(wire.decode(report, Report), self._now) for report in reports]
-        self._store.commit(self._books.drain())  # type: ignore[attr-defined]
+        pairs = zip(reports, damage, strict=True)
+        receipts = [self._books.report(wire.decode(report, Report), self._now, found) for report, found in pairs]
+        self._store.commit(self._books.drain())
         return b"".join(wire.encode(receipt) for receipt in receipts)
 
     def _timed(self, action: object) -> bytes:

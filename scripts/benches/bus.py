@@ -34,6 +34,7 @@ from saflite.contract.errors import Refused
 from saflite.contract.events import Event, FaultSeen, ViolationFound
 from saflite.contract.rng import derive
 from saflite.contract.work import Ask, Failure, Grant, Heartbeat, Orders, Receipt, Report
+from saflite.evidence.folder import WorkerFolder
 from saflite.flight.autopilots.reference.describe import describe
 from saflite.runtime.clock import WallClock
 
@@ -99,7 +100,8 @@ def throughput(seconds: float, workers: int, rate: float) -> dict[str, Any]:
         follower = open_client("follower", books.endpoint)
         events: queue.SimpleQueue[Any] = queue.SimpleQueue()
         follower.follow(topics.event(CAMPAIGN, "violation"), _stamped(events))
-        generator = LoadGenerator(buses, CAMPAIGN, Made(), think_s)
+        made = Made(lambda worker: WorkerFolder(books.run_dir, worker))
+        generator = LoadGenerator(buses, CAMPAIGN, made, think_s)
         _fill(generator, workers, think_s)
         generator.grant_s, generator.receipt_s, generator.reports = [], [], 0
         cpu_s, began_s = books.cpu_s(), WallClock().monotonic_s()

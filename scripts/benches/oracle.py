@@ -20,6 +20,7 @@ from saflite.contract.rng import derive
 from saflite.contract.signals import MODES, SIGNALS
 from saflite.contract.test_case import Obstacle, Scenario, Stimulus, Target, TestCase, identity
 from saflite.contract.work import JudgeWork
+from saflite.evidence.memory import MemoryBlobs
 from saflite.oracle.formula import signals_of, text_of
 from saflite.oracle.judge import judge
 from saflite.oracle.parse import parse
@@ -98,11 +99,13 @@ def by_rtamt(text: str, signals: dict[str, Any]) -> Callable[[], Any]:
 def measure(repeats: int) -> dict[str, Any]:
     """Return all figures."""
     trace, case = made_trace(), made_case()
-    flight = Flight(test_case=identity(case), flight_index=0, ending="completed")
+    blobs = MemoryBlobs()
+    packed = blobs.put(pack_trace(trace))
+    flight = Flight(test_case=identity(case), flight_index=0, ending="completed", trace=packed)
     checked = tuple(name for name in policy_names() if "reference" not in load_policy(name).file.not_checked_on)
     assert len(checked) >= POLICIES
     busiest = tuple(sorted(checked, key=lambda name: -len(text_of(load_policy(name).formula)))[:POLICIES])
-    work = JudgeWork(test_case=case, flight=flight, policies=busiest, trace=pack_trace(trace))
+    work = JudgeWork(test_case=case, flight=flight, policies=busiest)
     outcomes = [verdict.outcome for verdict in judge(case, flight, trace, busiest).verdicts]
     assert "inconclusive" not in outcomes, "the made-up trace lacks a signal"
     node = parse(RTAMT_FORMULA)
@@ -116,8 +119,8 @@ def measure(repeats: int) -> dict[str, Any]:
         "aim_ms": 20.0,
         "all_policies": len(checked),
         "judge_all_policies_ms": median_ms(lambda: judge(case, flight, trace, checked), repeats),
-        "with_unpacking_30_ms": median_ms(lambda: open_service().do(work, lambda: False), repeats),
-        "packed_trace_kib": round(len(work.trace) / 1024, 1),
+        "with_unpacking_30_ms": median_ms(lambda: open_service(blobs).do(work, lambda: False), repeats),
+        "packed_trace_kib": round(packed.size_bytes / 1024, 1),
         "violated": outcomes.count("violated"),
         "one_formula_ms": ours_ms,
         "one_formula_rtamt_ms": rtamt_ms,

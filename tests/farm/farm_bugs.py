@@ -28,6 +28,7 @@ from saflite.campaign.scheduling.leases import Leases
 from saflite.campaign.scheduling.rounds import Plan, Round, Rounds
 from saflite.campaign.scheduling.tasks import Task
 from saflite.campaign.scheduling.work_keys import FlyKey, MutateKey, ScoreKey, read_key
+from saflite.contract.blobs import BlobRef
 from saflite.contract.join import Join
 from saflite.contract.work import Outcome, Report
 from saflite.runtime.books_service import BooksService
@@ -193,12 +194,13 @@ def facts_are_numbered_anew_after_a_restart() -> Any:
 def the_trace_goes_too_soon() -> Any:
     """A trace is dropped when its flight is taken, not when it was judged."""
 
-    def hold(self: Core, trace_digest: str) -> None:
-        original(self, trace_digest)
-        self.out.drop_trace(trace_digest)
+    def hold(self: Core, *blobs: BlobRef) -> None:
+        original(self, *blobs)
+        for blob in blobs:
+            self.out.drop_blob(blob.digest)
 
-    original = Core.hold_trace
-    return _patched(Core, "hold_trace", hold)
+    original = Core.hold
+    return _patched(Core, "hold", hold)
 
 
 def leases_are_forgotten_over_a_restart() -> Any:
@@ -216,15 +218,15 @@ def leases_are_forgotten_over_a_restart() -> Any:
 def anybody_may_report() -> Any:
     """A result is taken from whoever sends it, under whatever epoch."""
 
-    def report(self: Books, report: Report, now: float) -> Any:
+    def report(self: Books, report: Report, now: float, damage: str = "") -> Any:
         key = read_key(report.lease_id.partition(":")[2])
         task = None if key is None else self._core.tasks.get(key)
         if task is None or task.waiting:
-            return original(self, report, now)
-        return self._take(task, msgspec.structs.replace(report, epoch=task.epoch), now)
+            return original(self, report, now, damage)
+        return self._take(task, msgspec.structs.replace(report, epoch=task.epoch), now, damage)
 
-    original = Books.report
-    return _patched(Books, "report", report)
+    original = Books._report
+    return _patched(Books, "_report", report)
 
 
 def anybody_may_ask() -> Any:

@@ -23,6 +23,7 @@ from saflite.contract.events import (
     ViolationFound,
 )
 from saflite.contract.flight import FLOWN_ENDINGS
+from saflite.contract.ids import digest
 from saflite.contract.work import FlyResult, JudgeResult, Receipt, Report
 
 Flight = tuple[str, int]
@@ -33,6 +34,7 @@ class Ghost:
 
     def __init__(self, store: MemoryStore) -> None:
         self._store = store
+        self.spoiled: set[tuple[str, int]] = set()  # flights whose trace was damaged before it was judged
         self._seen = 0
         self.flown: dict[Flight, Flown] = {}
         self.judged: dict[Flight, Judged] = {}
@@ -99,7 +101,7 @@ class Ghost:
         match fact:
             case Flown():
                 flight = (fact.test_case, fact.flight_index)
-                assert flight not in self.flown, f"{flight} was flown twice"
+                assert flight not in self.flown or flight in self.spoiled, f"{flight} was flown twice"
                 assert fact.test_case in self.planted or self._shrinks, f"{fact.test_case} was flown, never proposed"
                 assert fact.flight_index == 0 or (fact.test_case, 0) in self.judged, f"{flight} re-flown before judged"
                 by = (*flight, fact.worker)
@@ -200,7 +202,7 @@ def at_the_end(ghost: Ghost, store: MemoryStore, books: Books, status: Status) -
     )
     assert dry or status.flights == status.budget, f"{status.flights} of {status.budget} flights were flown"
     _replay_agrees(store, status)
-    _no_orphan_traces(store, ghost)
+    _no_orphan_blobs(store, ghost, books)
 
 
 def state_of(books: Books) -> dict[str, object]:
@@ -214,7 +216,13 @@ def state_of(books: Books) -> dict[str, object]:
     trials = {name: sorted(trial.flights) for name, trial in core.trials.items()}
     counts = {name: getattr(core.counts, name) for name in core.counts.__slots__ if name != "last_find_s"}
     scorers = (books._reducer.scorers.model, books._reducer.scorers.shadow, sorted(books._reducer.scorers.pending))
-    plain = (core.state, core.rounds.planned, core.rounds.budget, sorted(core.flown), sorted(core.holds.items()))
+    plain = (
+        core.state,
+        core.rounds.planned,
+        core.rounds.budget,
+        sorted(core.flown),
+        {blob.digest: count for blob, count in core.holds.items()},
+    )
     return {
         "tasks": tasks,
         "rounds": rounds,
@@ -252,12 +260,16 @@ def _replay_agrees(store: MemoryStore, status: Status) -> None:
         assert live == replayed, f"{field}: {live} live, {replayed} after a replay"
 
 
-def _no_orphan_traces(store: MemoryStore, ghost: Ghost) -> None:
+def _no_orphan_blobs(store: MemoryStore, ghost: Ghost, books: Books) -> None:
     violated = {name for name, _ in ghost.violations}
-    kept = {doubles.flown(name, 0)[1] for name in violated}
-    may_stay = {doubles.flown(name, index)[1] for name, index in ghost.flown if name in violated}
-    assert kept <= set(store.files), "the trace of a violation is gone"
-    assert set(store.files) <= may_stay, "a trace nobody needs was left"
+    traces = {digest(doubles.flown(name, 0)[2]) for name in violated}
+    kept, wanted = set(store.blobs.kept), {blob.digest for blob in books.wanted_blobs}
+    assert traces <= kept, "the trace of a violation is gone"
+    assert wanted <= kept, "a blob the books name is gone"
+    assert kept <= wanted, "a blob nobody needs was left"
+    flights = {index for name, index in ghost.flown if name in violated}
+    most = len(violated) * (2 * len(flights) + 1)  # trace and log of each flight, the recording
+    assert len(kept) <= most, f"{len(kept)} blobs for {len(violated)} violations"
 
 
 def at_the_end_of_a_clean_run(ghost: Ghost, simulators: int, books: Books) -> None:

@@ -8,11 +8,12 @@ import msgspec
 import numpy as np
 
 from saflite.contract import wire
+from saflite.contract.blobs import Blobs
 from saflite.contract.config import Campaign, LeaseConfig, ScorerConfig, SearchConfig
-from saflite.contract.flight import Ending, Flight, Trace, pack_trace, trace_digest
+from saflite.contract.flight import Artefact, Ending, Flight, Trace, pack_trace, trace_digest
 from saflite.contract.ids import digest
 from saflite.contract.rng import derive
-from saflite.contract.score import Score
+from saflite.contract.score import Score, Usage
 from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import (
     DEFAULT_TARGET,
@@ -44,6 +45,7 @@ from saflite.contract.work import (
     WarmWork,
     Work,
 )
+from saflite.evidence.memory import MemoryBlobs
 
 POLICY = "min-obstacle-distance"
 TARGET = TargetInfo(name=DEFAULT_TARGET, build="", repeats="bitwise", inputs=(), signals=("x_m",))
@@ -211,7 +213,7 @@ class Scorer:
             scores.extend(
                 Score(test_case=name, value=1.0, model=shadow, scored_by=shadow, shadow=True) for shadow in work.shadow
             )
-        return ScoreResult(scores=tuple(scores))
+        return ScoreResult(scores=tuple(scores), usage={work.model: Usage(calls=1, tokens_in=len(scores))})
 
 
 def babble(work: ScoreWork, rng: np.random.Generator) -> ScoreResult:
@@ -230,8 +232,8 @@ def babble(work: ScoreWork, rng: np.random.Generator) -> ScoreResult:
     return ScoreResult(scores=bad[int(rng.integers(len(bad)))])
 
 
-def fly(work: FlyWork) -> FlyResult:
-    """Fly a test case."""
+def fly(work: FlyWork, blobs: Blobs) -> FlyResult:
+    """Fly a test case; every third one leaves a log, too."""
     name = identity(work.test_case)
     ending, trace_name, trace = flown(name, work.flight_index)
     flight = Flight(
@@ -241,15 +243,17 @@ def fly(work: FlyWork) -> FlyResult:
         simulated_s=60.0,
         wall_s=0.3,
         trace_digest=trace_name,
+        trace=blobs.put(trace),
+        artefacts=(Artefact(name="log.txt", blob=blobs.put(name.encode())),) if luck(name) < 0.33 else (),
     )
-    return FlyResult(flight=flight, trace=trace)
+    return FlyResult(flight=flight)
 
 
-def judge(work: JudgeWork) -> JudgeResult:
+def judge(work: JudgeWork, blobs: Blobs) -> JudgeResult:
     """Violated below 1.5 m."""
     name, index = identity(work.test_case), work.flight.flight_index
     _, trace_name, trace = flown(name, index)
-    assert (work.flight.trace_digest, work.trace) == (trace_name, trace), "the trace of another flight"
+    _check_trace(work, trace_name, trace, blobs)
     distance = 4.0 * luck(name) if not is_flaky(name) else 4.0 * luck(f"{name} {index}")
     verdict = Verdict(
         policy=POLICY,
@@ -272,13 +276,17 @@ def judge(work: JudgeWork) -> JudgeResult:
     )
 
 
-def record(work: RecordWork) -> RecordResult:
-    """Pretend no more than the name of the file."""
-    assert flown(identity(work.test_case), work.flight.flight_index)[2] == work.trace, "the trace of another flight"
-    name = identity(work.test_case)
-    return RecordResult(
-        test_case=name, flight_index=work.flight.flight_index, file=f"recordings/{name}.mcap", digest="0", size_bytes=1
-    )
+def _check_trace(work: JudgeWork | RecordWork, trace_name: str, trace: bytes, blobs: Blobs) -> None:
+    assert work.flight.trace is not None
+    found = blobs.get(work.flight.trace)
+    assert (work.flight.trace_digest, found) == (trace_name, trace), "the trace of another flight"
+
+
+def record(work: RecordWork, blobs: Blobs) -> RecordResult:
+    """Pretend no more than a recording."""
+    name, index = identity(work.test_case), work.flight.flight_index
+    _check_trace(work, *flown(name, index)[1:], blobs)
+    return RecordResult(test_case=name, flight_index=index, blob=blobs.put(f"recording of {name} {index}".encode()))
 
 
 def warm(work: WarmWork) -> WarmResult:
@@ -287,10 +295,11 @@ def warm(work: WarmWork) -> WarmResult:
 
 
 class Service:
-    """One stage of the farm."""
+    """One stage of the farm, which leaves and finds blobs in `blobs`."""
 
-    def __init__(self) -> None:
+    def __init__(self, blobs: Blobs | None = None) -> None:
         self._mutator, self._scorer = Mutator(), Scorer()
+        self._blobs = blobs or MemoryBlobs()
 
     @property
     def cursor(self) -> int:
@@ -309,10 +318,10 @@ class Service:
             case ScoreWork():
                 return self._scorer.do(work)
             case FlyWork():
-                return fly(work)
+                return fly(work, self._blobs)
             case JudgeWork():
-                return judge(work)
+                return judge(work, self._blobs)
             case RecordWork():
-                return record(work)
+                return record(work, self._blobs)
             case WarmWork():
                 return warm(work)

@@ -9,6 +9,7 @@ from collections.abc import Hashable
 from typing import Protocol, TypeVar
 
 import numpy as np
+from farm_blobs import FarmBlobs, FarmWorkerBlobs
 from farm_doubles import TEMPLATE, Service, babble, is_poison, luck
 from farm_store import Crash, MemoryStore
 
@@ -16,10 +17,12 @@ from saflite.bus.base import Happening, Reply
 from saflite.bus.memory import MemoryNetwork
 from saflite.campaign.engine.state import Books
 from saflite.contract import topics, wire
+from saflite.contract.blobs import BlobMissing
 from saflite.contract.flight import Ending, Flight
 from saflite.contract.join import Join, Joined
 from saflite.contract.test_case import identity
 from saflite.contract.work import (
+    Failure,
     FlyResult,
     FlyWork,
     Grant,
@@ -31,6 +34,7 @@ from saflite.contract.work import (
     ScoreWork,
     Stage,
     TargetBuild,
+    blobs_left,
 )
 from saflite.runtime import worker as machine
 from saflite.runtime.books_service import BooksService
@@ -116,8 +120,15 @@ class WorkerMember:
     """The process of a worker. Its spool survives it; its memory does not."""
 
     def __init__(
-        self, network: MemoryNetwork, campaign: str, config: WorkerConfig, watcher: Watcher, rng: np.random.Generator
+        self,
+        network: MemoryNetwork,
+        campaign: str,
+        config: WorkerConfig,
+        watcher: Watcher,
+        rng: np.random.Generator,
+        blobs: FarmBlobs,
     ) -> None:
+        self._blobs = blobs
         self._network, self._campaign, self.config, self._watcher, self._rng = network, campaign, config, watcher, rng
         self._spool: dict[Key, Report] = {}
         self._life = 0
@@ -142,7 +153,9 @@ class WorkerMember:
         self._life += 1
         self.alive, self._wake_s = True, float("inf")
         self._bus = self._network.connect(self.name)
-        self._service = Service()
+        kept = [blob.digest for report in self._spool.values() for blob in blobs_left(report.result)]
+        self._blobs.forget_but(self.name, kept)
+        self._service = Service(FarmWorkerBlobs(self._blobs, self.name))
         self._machine = Worker(self.config, self._network.now_s)
         targets = (TargetBuild(TEMPLATE.target.name),) if self.config.stage == "fly" else ()
         self._card = Join(
@@ -296,11 +309,19 @@ class WorkerMember:
             assert isinstance(result, FlyResult)
             name = result.flight.test_case
             return FlyResult(flight=Flight(test_case=name, flight_index=work.flight_index, ending=ending))
-        return self._service.do(work)
+        try:
+            return self._service.do(work)
+        except BlobMissing as fault:
+            return Failure(message=str(fault), unread=(fault.ref,))
 
 
 def members(
-    network: MemoryNetwork, campaign: str, simulators: int, watcher: Watcher, rng: np.random.Generator
+    network: MemoryNetwork,
+    campaign: str,
+    simulators: int,
+    watcher: Watcher,
+    rng: np.random.Generator,
+    blobs: FarmBlobs,
 ) -> list[WorkerMember]:
     """One worker of each stage, two scorers, and `simulators` that fly."""
     stages: list[tuple[Stage, int]] = [("mutate", 1), ("score", 2), ("fly", simulators), ("judge", 1), ("record", 1)]
@@ -311,6 +332,7 @@ def members(
             WorkerConfig(f"{stage}-{number}", stage, prefetch=1 if stage == "fly" else 0, poll_s=2.0),
             watcher,
             rng,
+            blobs,
         )
         for stage, many in stages
         for number in range(many)

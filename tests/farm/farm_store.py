@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+import sqlite3
+
+from farm_blobs import FarmBlobs
+
 from saflite.campaign.engine.outbox import Batch
 from saflite.campaign.engine.state import Books
+from saflite.campaign.storage.contents import Contents
+from saflite.campaign.storage.projections import CREATE, Tables
 from saflite.contract import wire
+from saflite.contract.blobs import BlobRef
 from saflite.contract.config import Campaign
 from saflite.contract.errors import Unavailable
 from saflite.contract.events import Event
@@ -24,10 +31,11 @@ class MemoryStore:
         self.campaign, self.template, self.target = campaign, template, target
         self.lines: list[bytes] = []
         self.all_events: list[Event] = []
-        self.files: dict[str, bytes] = {}
-        self.outcome_rows: dict[tuple[int, int], Outcome] = {}
+        self.blobs = FarmBlobs()
         self.full = False
         self.crash_next = ""  # "before" or "after": die at the next commit
+        self._batches: list[Batch] = []  # committed, not in the tables yet
+        self._db: sqlite3.Connection | None = None
 
     def empty_books(self) -> Books:
         """Return books that were never opened."""
@@ -38,7 +46,7 @@ class MemoryStore:
         books = self.empty_books()
         for line in self.lines:
             books.replay(line)
-        self.files = {name: data for name, data in self.files.items() if name in books.wanted_traces}
+        self.blobs.keep_only(frozenset(blob.digest for blob in books.wanted_blobs))
         return books
 
     def commit(self, batch: Batch) -> None:
@@ -48,39 +56,42 @@ class MemoryStore:
         if self.full and batch.lines:
             raise Unavailable("the disk is full")
         if self.crash_next == "before" and batch.lines:
-            self.files.update(batch.traces)  # files may be there already when the commit never happens
             raise Crash
         assert batch.first_line == len(self.lines), "a batch was left out or committed twice"
-        self.files.update(batch.traces)
+        assert set(batch.flushed) <= set(self.blobs.kept), "a blob that is to be kept is not there"
         self.lines += batch.lines
         for event in batch.events:
             assert event.seq == len(self.all_events) + 1, f"event {event.seq} after {len(self.all_events)}"
             self.all_events.append(event)
-        for row in batch.rows:
-            if row.table == "outcomes":
-                number, rank, _, content = row.values
-                assert isinstance(number, int)
-                assert isinstance(rank, int)
-                assert isinstance(content, bytes)
-                self.outcome_rows[number, rank] = wire.decode(content, Outcome)
-        for name in batch.dropped:
-            self.files.pop(name, None)
+        self._batches.append(batch)
+        self.blobs.drop(batch.dropped)
         if self.crash_next == "after" and batch.lines:
             raise Crash
 
-    def trace(self, trace_digest: str) -> bytes | None:
-        """See `ReadModel.trace`."""
-        return self.files.get(trace_digest)
+    def blob_fault(self, blob: BlobRef, *, deep: bool = False) -> str:
+        """See `ReadModel.blob_fault`."""
+        return self.blobs.fault(blob, deep=deep)
 
     def outcomes(self, after_round: int, upto_round: int, limit: int) -> tuple[Outcome, ...]:
         """See `ReadModel.outcomes`."""
         found: list[Outcome] = []
-        for number, rank in sorted(self.outcome_rows):
-            if after_round < number <= upto_round:
-                if len(found) >= limit and number != found[-1].round:
-                    break
-                found.append(self.outcome_rows[number, rank])
+        for outcome in Contents(self._tables()).outcomes(after_round, upto_round):
+            if len(found) >= limit and outcome.round != found[-1].round:
+                break
+            found.append(outcome)
         return tuple(found)
+
+    def _tables(self) -> sqlite3.Connection:
+        """Return the tables of the real store, brought up to date; hardly anyone asks for them."""
+        if self._db is None:
+            self._db = sqlite3.connect(":memory:")
+            for statement in CREATE:
+                self._db.execute(statement)
+        tables = Tables(self._db)
+        for batch in self._batches:
+            tables.tails = tables.add(batch)
+        self._batches.clear()
+        return self._db
 
     def events(self, from_seq: int, limit: int) -> tuple[bytes, ...]:
         """See `ReadModel.events`."""

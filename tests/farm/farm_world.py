@@ -12,13 +12,14 @@ from typing import NamedTuple
 import farm_doubles as doubles
 import msgspec
 import numpy as np
+from farm_blobs import FarmWorkerBlobs
 from farm_checks import Ghost, at_the_end, at_the_end_of_a_clean_run, journal_is_the_state
 from farm_members import BooksMember, members
 from farm_store import MemoryStore
 
 from saflite.bus.base import Happening, Reply
 from saflite.bus.faulty import FaultyNetwork, Trouble
-from saflite.campaign.scheduling.work_keys import FlyKey
+from saflite.campaign.scheduling.work_keys import FlyKey, JudgeKey
 from saflite.contract import topics, wire, work
 from saflite.contract.config import Campaign, LeaseConfig
 from saflite.contract.control import Control
@@ -117,7 +118,8 @@ class World:
         self.store = MemoryStore(self.campaign, doubles.TEMPLATE, doubles.TARGET)
         self.ghost = Ghost(self.store)
         self.books = BooksMember(self.network, self.store, self.rng)
-        self.workers = members(self.network, self.campaign.name, self.shape.simulators, self.ghost, self.rng)
+        simulators, blobs = self.shape.simulators, self.store.blobs
+        self.workers = members(self.network, self.campaign.name, simulators, self.ghost, self.rng, blobs)
         self.enemy = self.network.connect("enemy")
 
     def run(self) -> Report:
@@ -195,6 +197,7 @@ class World:
             self._freeze_books,
             self._part,
             self._fill_disk,
+            self._damage_blob,
             self._send_garbage,
             self._ask_unasked,
             self._lie,
@@ -251,6 +254,23 @@ class World:
     def _empty_disk(self) -> None:
         self.store.full = False
 
+    def _damage_blob(self) -> None:
+        """Damage or remove a trace that waits to be judged, or what a worker has left and not reported."""
+        blobs, books = self.store.blobs, self.books.books
+        waiting = [] if books is None else [task.key for task in books._core.tasks if isinstance(task.key, JudgeKey)]
+        flights = [books._reducer.flight_of(key) for key in waiting] if books is not None else []
+        traces = [flight.trace for flight in flights if flight.trace is not None and flight.trace.digest in blobs.kept]
+        if traces and self.rng.random() < 0.6:
+            name = traces[int(self.rng.integers(len(traces)))].digest
+            spoiled = [flight for flight in flights if flight.trace is not None and flight.trace.digest == name]
+            self.ghost.spoiled.update((flight.test_case, flight.flight_index) for flight in spoiled)
+            if self.rng.random() < 0.5:
+                del blobs.kept[name]
+            else:
+                blobs.kept[name] = b"\0" + blobs.kept[name][1:]
+        elif blobs.left:
+            del blobs.left[list(blobs.left)[int(self.rng.integers(len(blobs.left)))]]
+
     def _send_garbage(self) -> None:
         """Bits that mean nothing, and messages of this farm replayed, changed and out of place."""
         stage = str(self.rng.choice(["mutate", "score", "fly", "judge", "record"]))
@@ -297,9 +317,8 @@ class World:
                     purpose=task.key.purpose,
                     wall_limit_s=1.0,
                 )
-                lie = work.Report(
-                    worker="enemy", lease_id=f"run:{task.key}", epoch=task.epoch, result=doubles.fly(flying)
-                )
+                flown = doubles.fly(flying, FarmWorkerBlobs(self.store.blobs, "enemy"))
+                lie = work.Report(worker="enemy", lease_id=f"run:{task.key}", epoch=task.epoch, result=flown)
                 key = topics.result("farm-test", "fly")
                 self.enemy.ask(key, wire.encode(lie), "lie", lambda happening: None, 1.0)
 

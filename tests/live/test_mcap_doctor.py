@@ -23,7 +23,7 @@ def test_recordings_pass_mcap_doctor(tmp_path: Path) -> None:
     from test_mcap import START_UNIX_S, record_work
 
     path = tmp_path / "flight.mcap"
-    path.write_bytes(mcap.write(record_work(60.0), START_UNIX_S))
+    path.write_bytes(mcap.write(*record_work(60.0), START_UNIX_S))
     done = subprocess.run([TOOL, "doctor", str(path)], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "error" not in (done.stdout + done.stderr).lower()

@@ -22,9 +22,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "scripts" / "benche
 from _inline import Flights, Inline
 
 from saflite.campaign.presets.campaigns import load_campaign
-from saflite.contract import wire
+from saflite.campaign.storage.contents import Contents
 from saflite.contract.config import Campaign, ScorerConfig, SearchConfig, StrategyConfig
-from saflite.contract.test_case import Setting, Target, TestCase
+from saflite.contract.test_case import Setting, Target, TestCase, identity
 from saflite.contract.work import Outcome
 
 BOXES, CHUTE = "avoidance-m1", "policy-a-chute"
@@ -108,15 +108,16 @@ def finds(name: str) -> list[Row]:
 def rows(books: Path) -> list[Row]:
     """Return what the books say of each flight: what was flown, how close it came, what was violated."""
     with closing(sqlite3.connect(books)) as database:
-        flown = database.execute("SELECT round, rank, test_case, content FROM outcomes ORDER BY round, rank").fetchall()
+        flown = database.execute("SELECT round, rank FROM outcomes ORDER BY round, rank").fetchall()
+        outcomes = list(Contents(database).outcomes(-1, 10**9))
         confirmations = database.execute(
             "SELECT test_case, policy, confirmation FROM violations ORDER BY policy"
         ).fetchall()
-    return [_row(number, rank, name, content, confirmations) for number, rank, name, content in flown]
+    return [_row(number, rank, outcome, confirmations) for (number, rank), outcome in zip(flown, outcomes, strict=True)]
 
 
-def _row(number: int, rank: int, test_case: str, content: bytes, confirmations: list[tuple[str, str, str]]) -> Row:
-    outcome = wire.decode(content, Outcome)
+def _row(number: int, rank: int, outcome: Outcome, confirmations: list[tuple[str, str, str]]) -> Row:
+    test_case = identity(outcome.test_case)
     return {
         "round": number,
         "rank": rank,

@@ -22,7 +22,6 @@ BLOB_BYTES_MAX = 256 * 2**20
 CHUNK_BYTES_MAX = 2**20
 BLOBS_PER_RESULT_MAX = 64
 DIGEST_DIGITS = 64
-WORKER_CHARS_MAX = 64
 
 
 class BlobRef(msgspec.Struct, frozen=True, kw_only=True):
@@ -78,14 +77,6 @@ def check_ref(ref: BlobRef) -> None:
         )
     if not 0 <= ref.size_bytes <= BLOB_BYTES_MAX:
         raise Refused("blob", expected=f"a size of 0 to {BLOB_BYTES_MAX} bytes", got=ref.size_bytes)
-
-
-def check_worker(worker: str) -> None:
-    """Raise Refused unless a worker's name can be the name of a folder."""
-    plain = worker.isascii() and all(char.isalnum() or char in "-_." for char in worker)
-    if not plain or worker.startswith(".") or not 1 <= len(worker) <= WORKER_CHARS_MAX:
-        expected = f"1 to {WORKER_CHARS_MAX} letters, digits, '-', '_' or '.', not beginning with '.'"
-        raise Refused("worker name", expected=expected, got=repr(worker[:80]))
 
 
 # ---- over the bus -------------------------------------------------------------------------------------------------

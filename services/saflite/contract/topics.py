@@ -20,6 +20,7 @@ from typing import Literal, NamedTuple, get_args
 
 import msgspec
 
+from saflite.contract.blobs import BlobChunk, BlobGet, BlobOpen, BlobOpened, BlobPut, BlobTaken
 from saflite.contract.control import Answer, Control
 from saflite.contract.errors import Refused
 from saflite.contract.events import Event
@@ -55,6 +56,9 @@ TOPICS: tuple[Topic, ...] = (
     Topic("work/{stage}", Ask, Grant, "leased", "workers", "books"),
     Topic("result/{stage}", Report, Receipt, "committed", "workers", "books"),
     Topic("beat/{stage}", Heartbeat, Orders, "asked", "workers", "books"),
+    Topic("blob/open", BlobOpen, BlobOpened, "asked", "workers", "books"),
+    Topic("blob/get", BlobGet, BlobChunk, "asked", "workers", "books"),
+    Topic("blob/put", BlobPut, BlobTaken, "asked", "workers", "books"),
     Topic("control/{verb}", Control, Answer, "asked", "console", "books"),
     Topic("event/{kind}", Event, None, "announced", "books", "anyone"),
     Topic("alive/{stage}/{worker}/{session}", None, None, "alive", "workers", "books"),
@@ -97,6 +101,11 @@ def result(campaign: str, stage: Stage) -> str:
 def beat(campaign: str, stage: Stage) -> str:
     """Return the key on which workers of a stage send heartbeats."""
     return f"{prefix(campaign)}/beat/{stage}"
+
+
+def blob(campaign: str, verb: Literal["open", "get", "put"]) -> str:
+    """Return the key on which blobs are read and left in chunks."""
+    return f"{prefix(campaign)}/blob/{verb}"
 
 
 def control(campaign: str, verb: str) -> str:

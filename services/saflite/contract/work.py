@@ -10,6 +10,7 @@ from typing import Literal
 
 import msgspec
 
+from saflite.contract.blobs import BlobRef
 from saflite.contract.flight import Ending, Flight, Purpose
 from saflite.contract.score import Score, Usage
 from saflite.contract.target_info import TargetInfo
@@ -120,22 +121,20 @@ class FlyWork(msgspec.Struct, frozen=True, kw_only=True, tag="fly"):
 
 
 class JudgeWork(msgspec.Struct, frozen=True, kw_only=True, tag="judge"):
-    """Judge the flight against the policies. `trace` is a packed trace (`contract.flight`)."""
+    """Judge the flight against the policies. Its trace is the blob that `flight.trace` names."""
 
     test_case: TestCase
     flight: Flight
     policies: tuple[str, ...]
     policy_texts: PolicyTexts = {}
-    trace: bytes
 
 
 class RecordWork(msgspec.Struct, frozen=True, kw_only=True, tag="record"):
-    """Write the recording of one flight."""
+    """Make the recording of one flight. Its trace is the blob that `flight.trace` names."""
 
     test_case: TestCase
     flight: Flight
     judgement: Judgement
-    trace: bytes
     violation: Violation | None = None
     scores: tuple[Score, ...] = ()
 
@@ -169,11 +168,9 @@ class WarmResult(msgspec.Struct, frozen=True, kw_only=True, tag="warmed"):
 
 
 class FlyResult(msgspec.Struct, frozen=True, kw_only=True, tag="flown"):
-    """The flight, its packed trace (empty if there was none) and its artefacts by name."""
+    """The flight; the blobs it names were left where the books can read them."""
 
     flight: Flight
-    trace: bytes = b""
-    artefacts: dict[str, bytes] = {}
 
 
 class JudgeResult(msgspec.Struct, frozen=True, kw_only=True, tag="judged"):
@@ -183,19 +180,21 @@ class JudgeResult(msgspec.Struct, frozen=True, kw_only=True, tag="judged"):
 
 
 class RecordResult(msgspec.Struct, frozen=True, kw_only=True, tag="recorded"):
-    """Where the recording stands, relative to the run folder, and the SHA-256 of its bytes."""
+    """The recording of a flight, left as a blob where the books can read it."""
 
     test_case: str
     flight_index: int
-    file: str
-    digest: str
-    size_bytes: int
+    blob: BlobRef
 
 
 class Failure(msgspec.Struct, frozen=True, kw_only=True, tag="failed"):
-    """The worker could not do the work; it is leased again, elsewhere if possible, and counted."""
+    """The worker could not do the work; it is leased again, elsewhere if possible, and counted.
+
+    `unread` names blobs the work needs that were not there, or damaged.
+    """
 
     message: str
+    unread: tuple[BlobRef, ...] = ()
 
 
 class HandedBack(msgspec.Struct, frozen=True, kw_only=True, tag="handed_back"):
@@ -205,6 +204,13 @@ class HandedBack(msgspec.Struct, frozen=True, kw_only=True, tag="handed_back"):
 
 
 Result = MutateResult | ScoreResult | WarmResult | FlyResult | JudgeResult | RecordResult | Failure | HandedBack
+
+
+def blobs_left(result: Result) -> tuple[BlobRef, ...]:
+    """Return the blobs a result names as left behind."""
+    if isinstance(result, FlyResult):
+        return result.flight.blobs
+    return (result.blob,) if isinstance(result, RecordResult) else ()
 
 
 # ---- the conversation ---------------------------------------------------------------------------------------------

@@ -17,8 +17,9 @@ from contextlib import suppress
 from pathlib import Path
 from shutil import rmtree
 
-from saflite.contract.blobs import BlobRef, check_ref, check_worker, ref_of
+from saflite.contract.blobs import BlobRef, check_ref, ref_of
 from saflite.contract.errors import Unavailable
+from saflite.contract.join import check_worker_name
 from saflite.evidence import files
 
 BLOBS = "blobs"
@@ -39,8 +40,7 @@ class BlobFolder:
 
     def incoming(self, worker: str) -> Path:
         """Return the folder of what a worker leaves; raises Refused for a name that cannot be one."""
-        check_worker(worker)
-        return self._folder / INCOMING / worker
+        return self._folder / INCOMING / check_worker_name(worker)
 
     # ---- for workers in the same process, and for readers --------------------------------------------------------
 

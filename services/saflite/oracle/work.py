@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from saflite.contract.blobs import Blobs
 from saflite.contract.flight import unpack_trace
 from saflite.contract.service import Cancelled
 from saflite.contract.work import JudgeResult, JudgeWork, Result, Stage, Work
@@ -9,9 +10,12 @@ from saflite.oracle.judge import judge
 
 
 class Oracle:
-    """One replica of the oracle."""
+    """One replica of the oracle, which finds traces in `blobs`."""
 
     stage: Stage = "judge"
+
+    def __init__(self, blobs: Blobs) -> None:
+        self._blobs = blobs
 
     @property
     def cursor(self) -> int:
@@ -24,15 +28,16 @@ class Oracle:
         return 1
 
     def do(self, work: Work, cancelled: Cancelled) -> Result:
-        """Judge one flight; raises Refused for a damaged trace or an unknown policy."""
+        """Judge one flight; raises Refused for what is no trace or an unknown policy, BlobMissing for no trace."""
         assert isinstance(work, JudgeWork), f"the oracle was given {type(work).__name__}"
-        trace = unpack_trace(work.trace) if work.trace else None
+        blob = work.flight.trace
+        trace = unpack_trace(self._blobs.get(blob)) if blob is not None else None
         return JudgeResult(judgement=judge(work.test_case, work.flight, trace, work.policies, work.policy_texts))
 
     def close(self) -> None:
         """Nothing is held."""
 
 
-def open_service() -> Oracle:
+def open_service(blobs: Blobs) -> Oracle:
     """Return the service of the judge stage."""
-    return Oracle()
+    return Oracle(blobs)

@@ -46,22 +46,23 @@ class _Message(NamedTuple):
     content: Any  # a protobuf message, or bytes of JSON
 
 
-def write(work: RecordWork, start_unix_s: float) -> bytes:
+def write(work: RecordWork, packed: bytes, start_unix_s: float) -> bytes:
     """Return the recording of one flight as the bytes of an MCAP file.
 
     Args:
-        work: the flight, its test case, verdicts and packed trace.
+        work: the flight, its test case and verdicts.
+        packed: the packed trace.
         start_unix_s: when the flight began, for the time stamps; viewers refuse stamps near zero.
 
     Raises:
         Refused: the trace is damaged.
     """
-    trace = unpack_trace(work.trace)
+    trace = unpack_trace(packed)
     start_ns = int(start_unix_s * _NS)
     buffer = io.BytesIO()
     writer = Writer(buffer, compression=CompressionType.ZSTD, enable_data_crcs=True)
     writer.start(profile="", library="saflite-farm")
-    _attach(writer, work, start_ns)
+    _attach(writer, work, packed, start_ns)
     at = _sampled(trace)
     messages = _geometry(work, trace, at, start_ns) + _texts(work, trace, start_ns)
     channels = _Channels(writer, {topic: scalars.schema(names) for topic, names in scalars.groups(trace).items()})
@@ -95,13 +96,13 @@ class _Channels:
         return int(self._writer.register_channel(message.topic, "protobuf", schema))
 
 
-def _attach(writer: Writer, work: RecordWork, start_ns: int) -> None:
+def _attach(writer: Writer, work: RecordWork, packed: bytes, start_ns: int) -> None:
     parts: dict[str, tuple[str, bytes]] = {
         "test_case.json": ("application/json", msgspec.json.encode(work.test_case)),
         "flight.json": ("application/json", msgspec.json.encode(work.flight)),
         "judgement.json": ("application/json", msgspec.json.encode(work.judgement)),
         "scores.json": ("application/json", msgspec.json.encode(work.scores)),
-        "trace.bin": ("application/octet-stream", work.trace),
+        "trace.bin": ("application/octet-stream", packed),
     }
     if work.violation is not None:
         parts["violation.json"] = ("application/json", msgspec.json.encode(work.violation))

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import logging
 import queue
+from collections import Counter
 from collections.abc import Callable
 from typing import NamedTuple, TypeVar
 
@@ -24,8 +25,9 @@ from saflite.contract.control import Answer, Control
 from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.events import kind_of
 from saflite.contract.join import Join, Joined
-from saflite.contract.work import Ask, Grant, Heartbeat, Report, Stage
+from saflite.contract.work import Ask, Grant, Heartbeat, Report, Stage, blobs_left
 from saflite.runtime.admission import Terms, objection
+from saflite.runtime.evidence import Evidence, InlineEvidence
 from saflite.runtime.liveness import Liveness
 from saflite.runtime.long_poll_queue import LongPollQueue
 from saflite.runtime.software import software_of, version
@@ -48,6 +50,14 @@ class _Stop(NamedTuple):
     """A signal asked for the end."""
 
     why: str
+
+
+class _Inspected(NamedTuple):
+    """The blobs of a result were looked at; `damage` None means that this could not be told."""
+
+    request: Request
+    report: Report
+    damage: str | None
 
 
 class _Complaints:
@@ -88,13 +98,18 @@ class BooksService:
         books: Books,
         store: Store,
         clock: Clock,
+        evidence: Evidence | None = None,
         *,
         software: Callable[[Stage], str] = software_of,
     ) -> None:
+        """Serve `books` out of `store`; `evidence` looks at blobs, in this thread if none is given."""
         self._terms = Terms(books.target, version(), software, books.campaign.scorer.guests)
         self._bus, self._campaign, self._books, self._store, self._clock = bus, campaign, books, store, clock
+        self._evidence = evidence or InlineEvidence(store.blobs)
+        self._inspecting: Counter[str] = Counter()  # blobs of results being looked at: not to be dropped meanwhile
+        self._answered: list[Report] = []
         self._prefix = topics.prefix(campaign)
-        self._inbox: queue.SimpleQueue[Happening | _Stop] = queue.SimpleQueue()
+        self._inbox: queue.SimpleQueue[Happening | _Stop | _Inspected] = queue.SimpleQueue()
         self._long_polls = LongPollQueue()
         self._lease_s = books.campaign.lease.lease_s
         self._liveness = Liveness(self._lease_s)
@@ -154,8 +169,8 @@ class BooksService:
         if now_s >= self._tick_from_s:  # before that, heartbeats that waited meanwhile come in and extend the leases
             self._books.tick(now_s)
 
-    def _drained(self, wait_s: float) -> list[Happening | _Stop]:
-        happenings: list[Happening | _Stop] = []
+    def _drained(self, wait_s: float) -> list[Happening | _Stop | _Inspected]:
+        happenings: list[Happening | _Stop | _Inspected] = []
         try:
             happenings.append(self._inbox.get(timeout=wait_s))
             while len(happenings) < DRAIN_MAX:
@@ -166,11 +181,13 @@ class BooksService:
 
     # -- in -------------------------------------------------------------------------------------------------------
 
-    def _take(self, happening: Happening | _Stop, now_s: float) -> None:
+    def _take(self, happening: Happening | _Stop | _Inspected, now_s: float) -> None:
         if isinstance(happening, _Stop):
             self._stopping = happening.why
         elif isinstance(happening, Presence):
             self._on_presence(happening, now_s)
+        elif isinstance(happening, _Inspected):
+            self._on_inspected(happening, now_s)
         elif not isinstance(happening, tuple):
             self._on_request(happening, now_s)
 
@@ -231,8 +248,21 @@ class BooksService:
             self._answer(request, Grant())
 
     def _on_report(self, request: Request, report: Report, now_s: float) -> None:
-        if self._blocked is None:  # otherwise the worker keeps it and sends it again
+        if self._blocked is not None:
+            return  # the worker keeps it and sends it again
+        if not (blobs_left(report.result) or getattr(report.result, "unread", ())):
             self._answer(request, self._books.report(report, now_s))
+            return
+        self._inspecting.update(blob.digest for blob in blobs_left(report.result))
+        self._evidence.inspect(report, lambda damage: self._inbox.put(_Inspected(request, report, damage)))
+
+    def _on_inspected(self, inspected: _Inspected, now_s: float) -> None:
+        report, damage = inspected.report, inspected.damage
+        self._inspecting.subtract(blob.digest for blob in blobs_left(report.result))
+        self._inspecting += Counter()  # forgets those at zero
+        if self._blocked is None and damage is not None:
+            self._answer(inspected.request, self._books.report(report, now_s, damage))
+            self._answered.append(report)
 
     def _on_control(self, request: Request, control: Control, now_s: float) -> None:
         if self._blocked is None:
@@ -274,8 +304,9 @@ class BooksService:
         if self._blocked is not None and now_s < self._commit_s:
             return
         batch = self._blocked if self._blocked is not None else self._books.drain()
+        dropped = tuple(digest for digest in batch.dropped if digest not in self._inspecting)
         try:
-            self._store.commit(batch)
+            self._store.commit(batch._replace(dropped=dropped))
         except Unavailable as fault:
             if self._blocked is None:
                 log.error("nothing is handed out until the store takes writes again: %s", fault)
@@ -287,6 +318,9 @@ class BooksService:
         outbox, self._outbox = self._outbox, []
         for request, message in outbox:
             request.reply(wire.encode(message))
+        answered, self._answered = self._answered, []
+        for report in answered:
+            self._evidence.answered(report)
         for event in batch.events:
             self._bus.announce(topics.event(self._campaign, kind_of(event.fact)), wire.encode(event))
         if self._ended_s is None and self._books.ended:

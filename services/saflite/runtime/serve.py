@@ -22,6 +22,7 @@ from saflite.contract.errors import FarmError, Refused, Unavailable
 from saflite.contract.join import check_worker_name
 from saflite.contract.modules import use
 from saflite.contract.work import Stage
+from saflite.runtime.blob_client import BusBlobs, WorkerBlobs
 from saflite.runtime.clock import WallClock
 from saflite.runtime.software import card_of
 from saflite.runtime.spool import Spool
@@ -44,7 +45,7 @@ def parser() -> argparse.ArgumentParser:
     text.add_argument("--listen", default="", help="where the router listens (books, router)")
     text.add_argument("--insecure", action="store_true", help="allow endpoints that other machines can reach")
     text.add_argument("--worker", default="", help="name of this worker, its own in the farm")
-    text.add_argument("--run-dir", type=Path, help="run folder (books, record)")
+    text.add_argument("--run-dir", type=Path, help="run folder (books; others, if they can see it)")
     text.add_argument("--spool", type=Path, help="folder for results not yet acknowledged")
     text.add_argument("--module", type=Path, action="append", default=[], help="target, strategy, ... from outside")
     text.add_argument("--label", action="append", default=[], metavar="NAME=VALUE", help="said of it when it joins")
@@ -87,6 +88,7 @@ def _run(options: argparse.Namespace) -> int:
 def _books(options: argparse.Namespace) -> str:
     from saflite.campaign.storage.store import Store
     from saflite.runtime.books_service import BooksService
+    from saflite.runtime.evidence import EvidenceService
 
     if options.run_dir is None:
         raise Refused("--run-dir", expected="the run folder", got="nothing")
@@ -101,10 +103,14 @@ def _books(options: argparse.Namespace) -> str:
         bus = open_router("books", options.listen, insecure=insecure)
     else:
         bus = open_client("books", options.connect, insecure=insecure)
-    service = BooksService(bus, options.campaign, books, store, clock)
+    evidence = EvidenceService(bus, options.campaign, store.blobs)
+    service = BooksService(bus, options.campaign, books, store, clock, evidence)
     _on_signals(service.stop)
     why = service.run()
     bus.close()
+    evidence.close()
+    if books.ended:
+        store.blobs.forget_all()
     store.close()
     return why
 
@@ -123,18 +129,21 @@ def _worker(options: argparse.Namespace) -> int:
     use(options.module)
     clock = WallClock()
     name = check_worker_name(options.worker or options.role)
-    context = ServiceContext(name, clock, options.run_dir)
-    service = open_stage(options.role, context)
-    config = worker_config(options.role, name, service)._replace(patience_s=options.patience)
-    labels = dict(text.partition("=")[::2] for text in options.label)
-    card = card_of(options.role, name, clock, targets=config.targets, labels=labels)
     tries = max(1, round(options.patience / OPEN_TRY_S)) if options.patience else None
     try:
         bus = open_client(name, options.connect, tries=tries, insecure=options.insecure)
     except Unavailable as fault:
         log.error("%s", fault)
         return EXIT_UNANSWERED
-    shell = WorkerShell(bus, options.campaign, service, config, card, Spool(options.spool), clock)
+    spool = Spool(options.spool)
+    over_bus = BusBlobs(bus, options.campaign, name, clock)
+    blobs = WorkerBlobs(over_bus, name, options.run_dir, spool.waiting())
+    context = ServiceContext(name, clock, options.run_dir, blobs)
+    service = open_stage(options.role, context)
+    config = worker_config(options.role, name, service)._replace(patience_s=options.patience)
+    labels = dict(text.partition("=")[::2] for text in options.label)
+    card = card_of(options.role, name, clock, targets=config.targets, labels=labels)
+    shell = WorkerShell(bus, options.campaign, service, config, card, spool, clock)
     _on_signals(shell.stop)
     left = shell.run()
     bus.close()

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+from saflite.contract.blobs import Blobs
 from saflite.contract.clock import Clock
-from saflite.contract.errors import Refused
 from saflite.contract.service import Service
 from saflite.contract.work import PolicyTexts, Stage, TargetBuild
 from saflite.runtime.worker import WorkerConfig
@@ -25,6 +25,7 @@ class ServiceContext(NamedTuple):
     worker: str
     clock: Clock
     run_dir: Path | None
+    blobs: Blobs
 
 
 def worker_config(stage: Stage, worker: str, service: Service) -> WorkerConfig:
@@ -39,7 +40,7 @@ def worker_config(stage: Stage, worker: str, service: Service) -> WorkerConfig:
 
 
 def open_stage(stage: Stage, context: ServiceContext) -> Service:
-    """Return the service of a stage, importing only what it needs; raises Refused if it lacks a setting."""
+    """Return the service of a stage, importing only what it needs."""
     if stage == "mutate":
         from saflite.mutator import work as mutator
 
@@ -52,20 +53,14 @@ def open_stage(stage: Stage, context: ServiceContext) -> Service:
     if stage == "fly":
         from saflite.simulator_worker import work as flyer
 
-        return flyer.open_service(context.worker, context.clock, verify=True)
+        return flyer.open_service(context.worker, context.clock, context.blobs, verify=True)
     if stage == "judge":
         from saflite.oracle import work as oracle
 
-        return oracle.open_service()
-    return _recorder(context)
-
-
-def _recorder(context: ServiceContext) -> Service:
+        return oracle.open_service(context.blobs)
     from saflite.recorder import work as recorder
 
-    if context.run_dir is None:
-        raise Refused("--run-dir", expected="the run folder, where recordings go", got="nothing")
-    return recorder.open_service(context.run_dir, context.clock)
+    return recorder.open_service(context.blobs, context.clock)
 
 
 def brief_of(name: str, texts: PolicyTexts | None = None) -> PolicyBrief:

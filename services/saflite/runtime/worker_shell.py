@@ -13,6 +13,7 @@ import msgspec
 
 from saflite.bus.base import Bus, Happening, Reply
 from saflite.contract import topics, wire
+from saflite.contract.blobs import BlobMissing
 from saflite.contract.clock import Clock
 from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.join import Join, Joined
@@ -184,7 +185,8 @@ class WorkerShell:
             return self._service.do(lease.work, cancelled)
         except (Refused, Unavailable) as fault:
             log.warning("lease %s: %s", lease.lease_id, fault)
-            return Failure(message=str(fault))
+            unread = (fault.ref,) if isinstance(fault, BlobMissing) else ()
+            return Failure(message=str(fault), unread=unread)
 
     def _measure(self) -> float:
         now_s = self._clock.monotonic_s()

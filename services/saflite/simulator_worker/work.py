@@ -6,7 +6,7 @@ import logging
 from collections.abc import Sequence
 from pathlib import Path
 
-from saflite.contract.blobs import ref_of
+from saflite.contract.blobs import Blobs
 from saflite.contract.clock import Clock
 from saflite.contract.config import environment
 from saflite.contract.errors import Refused
@@ -31,8 +31,8 @@ class Flyer:
     cursor = -1
     parallel = 1
 
-    def __init__(self, worker: str, clock: Clock, config: SandboxConfig) -> None:
-        self._worker, self._clock = worker, clock
+    def __init__(self, worker: str, clock: Clock, blobs: Blobs, config: SandboxConfig) -> None:
+        self._worker, self._clock, self._blobs = worker, clock, blobs
         self._sandbox = Sandbox(clock, config)
 
     def builds(self) -> dict[str, str]:
@@ -44,7 +44,7 @@ class Flyer:
 
         Raises:
             Refused: the target cannot fly it, or does not do what it says of itself.
-            Unavailable: the flight was cancelled.
+            Unavailable: the flight was cancelled, or what it left behind cannot be put anywhere.
         """
         assert isinstance(work, FlyWork), f"a simulator worker was given {type(work).__name__}"
         started_s = self._clock.monotonic_s()
@@ -61,28 +61,31 @@ class Flyer:
             simulated_s=reply.simulated_s,
             wall_s=round(wall_s, 4),
             trace_digest=reply.trace_digest,
+            trace=self._blobs.put(reply.trace) if reply.trace else None,
             worker=self._worker,
             message=reply.message,
             build=reply.build,
             delivered=reply.delivered,
-            artefacts=tuple(Artefact(name=name, blob=ref_of(data)) for name, data in reply.artefacts.items()),
+            artefacts=tuple(Artefact(name=name, blob=self._blobs.put(data)) for name, data in reply.artefacts.items()),
         )
-        return FlyResult(flight=flight, trace=reply.trace, artefacts=reply.artefacts)
+        return FlyResult(flight=flight)
 
     def close(self) -> None:
         """End the simulator process."""
         self._sandbox.close()
 
 
-def open_service(worker: str, clock: Clock, target_files: Sequence[Path] = (), *, verify: bool = False) -> Flyer:
-    """Return a simulator worker called `worker`.
+def open_service(
+    worker: str, clock: Clock, blobs: Blobs, target_files: Sequence[Path] = (), *, verify: bool = False
+) -> Flyer:
+    """Return a simulator worker called `worker` that leaves what flights leave behind in `blobs`.
 
     `target_files` are target modules from outside the package, besides those the process was given; `verify` has
     the first flight of each target flown twice where the target says that its flights repeat bit by bit. Raises
     Refused for a `SAFLITE_SNAPSHOTS_MAX` that is no number.
     """
     files = (*target_files, *(module.path for module in given("target").values()))
-    return Flyer(worker, clock, SandboxConfig(files, snapshots_max(), verify))
+    return Flyer(worker, clock, blobs, SandboxConfig(files, snapshots_max(), verify))
 
 
 def snapshots_max() -> int:

@@ -29,8 +29,8 @@ class Driver:
 
     def __init__(self, books: Books, store: Store | None = None) -> None:
         self.books, self.store, self.now = books, store, 100.0
-        self.service = doubles.Service()
         self.targets: dict[str, tuple[TargetBuild, ...]] = {}
+        self.service = doubles.Service(None if store is None else store.blobs)
         books.begin(self.now, 1.7e9)
         self.commit()
 

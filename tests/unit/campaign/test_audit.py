@@ -12,6 +12,7 @@ from saflite.campaign.storage.audit import audit
 from saflite.campaign.storage.store import Store, store_file
 from saflite.contract.control import Control
 from saflite.contract.errors import Refused
+from saflite.evidence.folder import BlobFolder
 
 
 @pytest.fixture
@@ -32,6 +33,15 @@ def finished(tmp_path: Path) -> Path:
     return tmp_path / "run"
 
 
+@pytest.fixture
+def recorded(tmp_path: Path) -> Path:
+    """A finished run with recordings."""
+    store = Store.create(tmp_path / "recorded", doubles.campaign(15), doubles.TEMPLATE, doubles.TARGET)
+    Driver(store.rebuild(), store).run()
+    store.close()
+    return tmp_path / "recorded"
+
+
 def change(run_dir: Path, statement: str) -> None:
     database = sqlite3.connect(store_file(run_dir))
     assert database.execute(statement).rowcount
@@ -46,7 +56,7 @@ def test_a_finished_run_balances(finished: Path) -> None:
     assert figures["flights"] == figures["budget"] == 15
     assert figures["attempts_issued"] == figures["attempts_ended"] > 30
     assert figures["test_cases_selected"] == figures["test_cases_ended"]
-    assert figures["traces_orphan"] == figures["traces_missing"] == 0
+    assert figures["blobs_orphan"] == figures["blobs_missing"] == 0
     assert sum(figures["violations"].values()) > 0
 
 
@@ -97,16 +107,30 @@ def test_whatever_is_changed_is_found(finished: Path, statement: str) -> None:
     assert figures["problems"]
 
 
-def test_missing_damaged_and_left_over_traces_are_found(finished: Path) -> None:
-    names = sorted((finished / "traces").glob("*.trace"))
-    names[0].unlink()
-    data = bytearray(names[1].read_bytes())
+def test_missing_damaged_and_left_over_blobs_are_found(finished: Path) -> None:
+    folder = BlobFolder(finished)
+    names = list(folder.digests())
+    folder.path(names[0]).unlink()
+    data = bytearray(folder.path(names[1]).read_bytes())
     data[len(data) // 2] ^= 1
-    names[1].write_bytes(bytes(data))
-    (finished / "traces" / f"{'0' * 64}.trace").write_bytes(b"nobody's")
-    figures = audit(finished)
-    assert (figures["traces_missing"], figures["traces_damaged"], figures["traces_orphan"]) == (1, 1, 1)
-    assert not figures["clean"]
+    folder.path(names[1]).write_bytes(bytes(data))
+    orphan = folder.put(b"nobody's")
+    quick, deep = audit(finished, quick=True), audit(finished)
+    assert (quick["blobs_missing"], quick["blobs_damaged"], quick["blobs_orphan"]) == (1, 0, 1)
+    assert (deep["blobs_missing"], deep["blobs_damaged"], deep["blobs_orphan"]) == (1, 1, 1)
+    assert not quick["clean"]
+    assert not deep["clean"]
+    assert any(names[1][:16] in problem for problem in deep["problems"])
+    assert orphan.digest not in names
+
+
+def test_a_recording_is_damaged_together_with_its_blob(recorded: Path) -> None:
+    assert audit(recorded)["problems"] == []
+    file = next((recorded / "recordings").glob("*.mcap"))
+    file.write_bytes(b"x" + file.read_bytes()[1:])
+    figures = audit(recorded)
+    assert (figures["recordings_damaged"], figures["blobs_damaged"]) == (1, 1)
+    assert audit(recorded, quick=True)["clean"]
 
 
 def test_a_flight_flown_again_for_its_lost_trace_balances(tmp_path: Path) -> None:
@@ -115,8 +139,9 @@ def test_a_flight_flown_again_for_its_lost_trace_balances(tmp_path: Path) -> Non
     while not driver.books.status(driver.now).queues["judge"]:
         assert any(driver.do(stage, many=9) for stage in ("mutate", "score", "fly"))
     store.close()
-    for path in (tmp_path / "run" / "traces").glob("*.trace"):
-        path.unlink()
+    folder = BlobFolder(tmp_path / "run")
+    for name in list(folder.digests()):
+        folder.path(name).unlink()
     store = Store.open(tmp_path / "run")
     driver = Driver(store.rebuild(), store)
     assert audit(tmp_path / "run")["problems"] == []

@@ -9,6 +9,7 @@ import pytest
 from books_drive import Driver, MemoryStore, doubles, new_books
 
 from saflite.campaign.storage.store import Store
+from saflite.contract.blobs import Blobs
 from saflite.contract.events import FaultSeen, Flown, ViolationFound
 from saflite.contract.verdict import Violation
 from saflite.contract.work import FlyResult, FlyWork, Lease, Receipt, Result, TargetBuild, Work
@@ -19,15 +20,15 @@ ONE, OTHER = (TargetBuild("reference", "one"),), (TargetBuild("reference", "othe
 class Builder(doubles.Service):
     """Flies on a build."""
 
-    def __init__(self, build: str) -> None:
-        super().__init__()
+    def __init__(self, build: str, blobs: Blobs) -> None:
+        super().__init__(blobs)
         self.build = build
 
     def do(self, work: Work) -> Result:
         """See `Service.do`."""
         result = super().do(work)
         if isinstance(result, FlyResult):
-            return FlyResult(flight=msgspec.structs.replace(result.flight, build=self.build), trace=result.trace)
+            return FlyResult(flight=msgspec.structs.replace(result.flight, build=self.build))
         return result
 
 
@@ -45,7 +46,8 @@ def reflying(**search: object) -> tuple[Driver, Lease]:
     """Bring a campaign to its first re-flight, leased to `a`, which has the build; everything was flown on it."""
     driver = new_books(40, repeats="bitwise", **search)
     driver.targets = {"a": ONE}
-    driver.service = Builder("one")
+    assert driver.store is not None
+    driver.service = Builder("one", driver.store.blobs)
     while True:
         for stage in ("mutate", "score", "judge"):
             driver.do(stage, many=9)
@@ -58,7 +60,8 @@ def reflying(**search: object) -> tuple[Driver, Lease]:
 
 
 def fly_on(driver: Driver, lease: Lease, build: str, worker: str = "a") -> Receipt:
-    result = Builder(build).do(lease.work)
+    assert driver.store is not None
+    result = Builder(build, driver.store.blobs).do(lease.work)
     return driver.report(lease, result, worker)
 
 
@@ -139,7 +142,8 @@ def test_a_test_case_that_names_a_build_is_flown_on_it_only() -> None:
         driver.books.tick(driver.now)
     told = [fact.message for fact in facts(driver, FaultSeen) if isinstance(fact, FaultSeen)]
     assert sum("first flights wait: no worker has build one" in message for message in told) == 1
-    driver.service = Builder("one")
+    assert driver.store is not None
+    driver.service = Builder("one", driver.store.blobs)
     driver.run(("a",))
     assert driver.books.status(driver.now).flights == 6
     assert {fact.build for fact in facts(driver, Flown) if isinstance(fact, Flown)} == {"one"}

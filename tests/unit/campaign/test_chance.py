@@ -12,6 +12,7 @@ from test_shrink import case, chute_in_acro, twenty
 
 from saflite.campaign.lifecycle.minimizer import Minimizer
 from saflite.campaign.lifecycle.repeats import RepeatRule
+from saflite.contract.blobs import Blobs
 from saflite.contract.events import FaultSeen, ViolationFound
 from saflite.contract.flight import Flight, Trace, pack_trace, trace_digest, unpack_trace
 from saflite.contract.rng import derive
@@ -25,8 +26,8 @@ THREE_OF_FIVE = RepeatRule("statistically", 5, 3)
 class Chancy(doubles.Service):
     """Test cases with A and B among their inputs violate in a share `rate` of their flights, others never."""
 
-    def __init__(self, rate: float, inputs: str = "AB") -> None:
-        super().__init__()
+    def __init__(self, rate: float, inputs: str = "AB", blobs: Blobs | None = None) -> None:
+        super().__init__(blobs)
         self.rate, self.inputs = rate, inputs
 
     def do(self, work: Work) -> Result:
@@ -37,7 +38,7 @@ class Chancy(doubles.Service):
             return MutateResult(round=work.round, test_cases=cases)
         if isinstance(work, FlyWork):
             return self._fly(work)
-        return _judged(work) if isinstance(work, JudgeWork) else super().do(work)
+        return _judged(work, self._blobs) if isinstance(work, JudgeWork) else super().do(work)
 
     def _case(self, work: MutateWork, index: int) -> TestCase:
         names = derive(work.rng_seed, "order", index).permutation(list(self.inputs)).tolist()
@@ -56,11 +57,12 @@ class Chancy(doubles.Service):
         flight = Flight(
             test_case=name, flight_index=work.flight_index, ending="completed", trace_digest=trace_digest(trace)
         )
-        return FlyResult(flight=flight, trace=pack_trace(trace))
+        return FlyResult(flight=msgspec.structs.replace(flight, trace=self._blobs.put(pack_trace(trace))))
 
 
-def _judged(work: JudgeWork) -> JudgeResult:
-    bad = unpack_trace(work.trace).signals["mode"].rstrip(b".").endswith(b" 1")
+def _judged(work: JudgeWork, blobs: Blobs) -> JudgeResult:
+    assert work.flight.trace is not None
+    bad = unpack_trace(blobs.get(work.flight.trace)).signals["mode"].rstrip(b".").endswith(b" 1")
     verdict = Verdict(policy=doubles.POLICY, outcome="violated" if bad else "held", robustness=-1.0 if bad else 1.0)
     name, index = identity(work.test_case), work.flight.flight_index
     fingerprint = "f" * 16 if bad else ""
@@ -72,7 +74,8 @@ def _judged(work: JudgeWork) -> JudgeResult:
 def run(rate: float, budget: int, inputs: str = "AB", **search: object) -> tuple[Driver, list[Violation]]:
     """Run a campaign to its end; returns it and all violations decided upon."""
     driver = new_books(budget, repeats="statistically", record="none", **search)
-    driver.service = Chancy(rate, inputs)
+    assert driver.store is not None
+    driver.service = Chancy(rate, inputs, driver.store.blobs)
     driver.run()
     assert isinstance(driver.store, MemoryStore)
     facts = [event.fact for event in driver.store.all_events]

@@ -106,8 +106,8 @@ def test_a_campaign_with_a_policy_of_its_own_is_judged_by_it_to_a_confirmed_viol
     services: dict[Stage, Service] = {
         "mutate": mutator.open_service(),
         "score": scorer_pool.open_service(brief_of, WallClock()),
-        "fly": simulator.open_service("inline", WallClock()),
-        "judge": oracle.open_service(),
+        "fly": simulator.open_service("inline", WallClock(), store.blobs),
+        "judge": oracle.open_service(store.blobs),
     }
     books.begin(0.0, 0.0)
     for turn in range(40):

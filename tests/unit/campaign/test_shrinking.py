@@ -10,8 +10,10 @@ import pytest
 from books_drive import Driver, doubles
 
 from saflite.campaign.storage.audit import audit
+from saflite.campaign.storage.contents import Contents
 from saflite.campaign.storage.store import Store, store_file
 from saflite.contract import wire
+from saflite.contract.blobs import Blobs
 from saflite.contract.events import Event, ViolationFound
 from saflite.contract.flight import Flight, Trace, pack_trace, trace_digest
 from saflite.contract.rng import derive
@@ -32,7 +34,7 @@ class Stimulated(doubles.Service):
             cases = tuple(self._case(work, index) for index in range(work.count))
             return MutateResult(round=work.round, test_cases=cases)
         if isinstance(work, FlyWork):
-            return _flown(work)
+            return _flown(work, self._blobs)
         return _judged(work) if isinstance(work, JudgeWork) else super().do(work)
 
     def _case(self, work: MutateWork, index: int) -> TestCase:
@@ -45,7 +47,7 @@ class Stimulated(doubles.Service):
         return msgspec.structs.replace(work.template, stimuli=stimuli, origin=Origin(strategy="test", index=index))
 
 
-def _flown(work: FlyWork) -> FlyResult:
+def _flown(work: FlyWork, blobs: Blobs) -> FlyResult:
     name = identity(work.test_case)
     trace = Trace(step_s=0.1, signals={"mode": name.encode() + b"0000"})
     flight = Flight(
@@ -54,8 +56,9 @@ def _flown(work: FlyWork) -> FlyResult:
         ending="completed",
         simulated_s=30.0,
         trace_digest=trace_digest(trace),
+        trace=blobs.put(pack_trace(trace)),
     )
-    return FlyResult(flight=flight, trace=pack_trace(trace))
+    return FlyResult(flight=flight)
 
 
 def _judged(work: JudgeWork) -> JudgeResult:
@@ -89,12 +92,9 @@ def smallest(run_dir: Path) -> list[tuple[Violation, TestCase]]:
     database = sqlite3.connect(store_file(run_dir))
     facts = [wire.decode(row[0], Event).fact for row in database.execute("SELECT event FROM events ORDER BY seq")]
     found = [fact.violation for fact in facts if isinstance(fact, ViolationFound)]
-    query = "SELECT content FROM test_cases WHERE test_case = ?"
-    return [
-        (violation, wire.decode(database.execute(query, (violation.test_case,)).fetchone()[0], TestCase))
-        for violation in found
-        if violation.message.startswith("smallest form of")
-    ]
+    forms = [violation for violation in found if violation.message.startswith("smallest form of")]
+    cases = [Contents(database).test_case(violation.test_case) for violation in forms]
+    return [(violation, test_case) for violation, test_case in zip(forms, cases, strict=True) if test_case is not None]
 
 
 @pytest.fixture(scope="module")
@@ -131,7 +131,7 @@ def test_interruptions_and_the_number_of_workers_change_nothing(run_dir: Path, t
         driver.store.close()
         store = Store.open(tmp_path / "parts")
         driver = Driver(store.rebuild(), store)
-        driver.service = Stimulated()
+        driver.service = Stimulated(store.blobs)
     finish(driver, ("solo",))
     expected = {violation.test_case for violation, _ in smallest(run_dir)}
     assert {violation.test_case for violation, _ in smallest(tmp_path / "parts")} == expected

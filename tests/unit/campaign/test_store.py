@@ -9,13 +9,13 @@ import msgspec
 import pytest
 from books_drive import Driver, doubles
 
-from saflite.campaign.storage import blobs
 from saflite.campaign.storage.projections import FORMAT
 from saflite.campaign.storage.store import Store, store_file
 from saflite.contract import wire
 from saflite.contract.control import Control, Status
 from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.events import Event, FaultSeen
+from saflite.contract.ids import digest
 from saflite.contract.work import ScoreWork
 
 
@@ -78,10 +78,27 @@ def test_traces_of_violations_stay_and_others_go(tmp_path: Path) -> None:
     assert driver.store is not None
     database = sqlite3.connect(store_file(tmp_path / "run"))
     violated = {row[0] for row in database.execute("SELECT test_case FROM violations")}
-    kept = {doubles.flown(name, 0)[1] for name in violated}
-    assert kept <= set(driver.store.traces.digests())
-    wanted = {doubles.flown(name, index)[1] for name in violated for index in (0, 1)}
-    assert set(driver.store.traces.digests()) <= wanted
+    traces = {digest(doubles.flown(name, 0)[2]) for name in violated}
+    kept = set(driver.store.blobs.digests())
+    assert traces <= kept
+    assert kept == {blob.digest for blob in driver.books.wanted_blobs}
+    assert len(kept) <= 5 * len(violated)  # two flights with trace and log, one recording
+
+
+def test_a_recording_has_a_name_for_people_that_comes_back(tmp_path: Path) -> None:
+    driver = started(tmp_path / "run")
+    driver.run()
+    closed(driver)
+    database = sqlite3.connect(store_file(tmp_path / "run"))
+    rows = database.execute("SELECT test_case, file, digest FROM recordings").fetchall()
+    assert rows
+    for name, file, named in rows:
+        assert file == f"recordings/{name}-0.mcap"
+        assert digest((tmp_path / "run" / file).read_bytes()) == named
+        (tmp_path / "run" / file).unlink()
+    store = Store.open(tmp_path / "run")
+    store.rebuild()
+    assert all((tmp_path / "run" / file).is_file() for _, file, _ in rows)
 
 
 def test_a_trace_lost_before_its_judgement_is_flown_again(tmp_path: Path) -> None:
@@ -93,8 +110,8 @@ def test_a_trace_lost_before_its_judgement_is_flown_again(tmp_path: Path) -> Non
     waiting = driver.books.status(driver.now).queues["judge"]
     assert waiting
     assert closed(driver).flights
-    for digest in driver.store.traces.digests():
-        driver.store.traces.path(digest).write_bytes(b"torn")
+    for name in driver.store.blobs.digests():
+        driver.store.blobs.path(name).write_bytes(b"torn")
     store = Store.open(tmp_path / "run")
     driver = Driver(store.rebuild(), store)
     assert driver.books.status(driver.now).queues["judge"] == 0
@@ -179,12 +196,6 @@ def test_a_full_disk_refuses_the_batch_whole_and_takes_it_later(
     assert exact(Store.open(tmp_path / "run").rebuild().status(driver.now)) == exact(status)
 
 
-def test_a_trace_that_cannot_be_written_is_unavailable(tmp_path: Path) -> None:
-    files = blobs.TraceFiles(tmp_path / "nowhere")
-    with pytest.raises(Unavailable, match="cannot be written"):
-        files.write({"a" * 64: b"data"})
-
-
 def test_another_format_is_refused(tmp_path: Path) -> None:
     closed(started(tmp_path / "run"))
     database = sqlite3.connect(store_file(tmp_path / "run"))
@@ -213,7 +224,8 @@ def test_a_mutator_is_told_old_rounds_from_the_store_in_whole_rounds(
     monkeypatch.setattr("saflite.campaign.scheduling.work_messages.OUTCOMES_MAX", 4)
     driver = started(tmp_path / "run", 60)
     driver.run(until_flights=40)
-    driver.service = doubles.Service()  # a new mutator knows nothing and is told in several leases
+    assert driver.store is not None
+    driver.service = doubles.Service(driver.store.blobs)  # a new mutator knows nothing and is told in several leases
     driver.run()
     assert closed(driver).flights == 60
 

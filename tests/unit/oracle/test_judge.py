@@ -4,11 +4,13 @@ import msgspec
 import numpy as np
 import pytest
 
+from saflite.contract.blobs import BlobMissing
 from saflite.contract.errors import Refused
 from saflite.contract.flight import Delivered, DeliveryAnswer, Ending, Flight, Trace, pack_trace
 from saflite.contract.test_case import Obstacle, Scenario, Stimulus, Target, TestCase, identity
 from saflite.contract.verdict import NEVER_APPLIED, Judgement, Verdict, nearest, vacuous, worst
 from saflite.contract.work import JudgeResult, JudgeWork
+from saflite.evidence.memory import MemoryBlobs
 from saflite.oracle.judge import judge
 from saflite.oracle.work import open_service
 
@@ -222,11 +224,17 @@ def test_what_was_given_after_the_last_sample_may_have_stopped_the_autopilot() -
 
 def test_the_service_judges_work() -> None:
     test_case = case(box(0.0, 20.0))
-    flight = Flight(test_case=identity(test_case), flight_index=2, ending="completed")
-    work = JudgeWork(test_case=test_case, flight=flight, policies=POLICIES, trace=pack_trace(straight(2.5)))
-    service = open_service()
+    blobs = MemoryBlobs()
+    trace = blobs.put(pack_trace(straight(2.5)))
+    flight = Flight(test_case=identity(test_case), flight_index=2, ending="completed", trace=trace)
+    work = JudgeWork(test_case=test_case, flight=flight, policies=POLICIES)
+    service = open_service(blobs)
     result = service.do(work, lambda: False)
     assert isinstance(result, JudgeResult)
     assert result.judgement == judge(test_case, flight, straight(2.5), POLICIES)
+    nonsense = msgspec.structs.replace(flight, trace=blobs.put(b"nonsense"))
     with pytest.raises(Refused, match="trace"):
-        service.do(msgspec.structs.replace(work, trace=b"nonsense"), lambda: False)
+        service.do(msgspec.structs.replace(work, flight=nonsense), lambda: False)
+    blobs.kept.clear()
+    with pytest.raises(BlobMissing, match="is missing"):
+        service.do(work, lambda: False)

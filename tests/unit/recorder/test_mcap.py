@@ -13,12 +13,14 @@ import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
+from saflite.contract.blobs import BlobMissing, ref_of
 from saflite.contract.errors import Refused
 from saflite.contract.flight import Flight, Trace, TraceMessage, pack_trace, trace_digest
 from saflite.contract.rng import derive
 from saflite.contract.test_case import Obstacle, Scenario, Stimulus, Target, TestCase, identity
 from saflite.contract.verdict import NEVER_APPLIED, Judgement, Verdict
 from saflite.contract.work import RecordResult, RecordWork
+from saflite.evidence.memory import MemoryBlobs
 from saflite.flight.mission import builtin_mission, mission_names
 from saflite.recorder import frames, mcap, recording, scalars
 from saflite.recorder.work import open_service
@@ -38,7 +40,8 @@ def signal(values: np.ndarray) -> bytes:
     return values.astype("<f4").tobytes()
 
 
-def record_work(seconds: float = 10.0) -> RecordWork:
+def record_work(seconds: float = 10.0) -> tuple[RecordWork, bytes]:
+    """A flight to be recorded and its packed trace."""
     times = np.arange(0.0, seconds, 0.02)
     trace = Trace(
         step_s=0.02,
@@ -67,20 +70,26 @@ def record_work(seconds: float = 10.0) -> RecordWork:
         ending="completed",
         simulated_s=seconds,
         trace_digest=trace_digest(trace),
+        trace=ref_of(pack_trace(trace)),
     )
     verdict = Verdict(policy="min-obstacle-distance", outcome="violated", robustness=-1.0, witness_from_s=5.0)
     judgement = Judgement(test_case=flight.test_case, flight_index=0, verdicts=(verdict,), fingerprint="ab")
-    return RecordWork(test_case=case, flight=flight, judgement=judgement, trace=pack_trace(trace))
+    return RecordWork(test_case=case, flight=flight, judgement=judgement), pack_trace(trace)
 
 
 @pytest.fixture(scope="module")
-def work() -> RecordWork:
+def made() -> tuple[RecordWork, bytes]:
     return record_work()
 
 
 @pytest.fixture(scope="module")
-def data(work: RecordWork) -> bytes:
-    return mcap.write(work, START_UNIX_S)
+def work(made: tuple[RecordWork, bytes]) -> RecordWork:
+    return made[0]
+
+
+@pytest.fixture(scope="module")
+def data(made: tuple[RecordWork, bytes]) -> bytes:
+    return mcap.write(*made, START_UNIX_S)
 
 
 def test_what_is_recorded_is_read_back_bit_for_bit(work: RecordWork, data: bytes, tmp_path: Path) -> None:
@@ -178,22 +187,11 @@ def test_flipped_bytes_are_noticed(data: bytes, tmp_path: Path) -> None:
             recording.read(path)
 
 
-def test_a_second_recorder_reports_the_first_ones_file(work: RecordWork, tmp_path: Path) -> None:
-    class Later(FixedClock):
-        def unix_s(self) -> float:
-            return START_UNIX_S + 60.0
-
-    first = open_service(tmp_path, FixedClock()).do(work, lambda: False)
-    second = open_service(tmp_path, Later()).do(work, lambda: False)
-    assert isinstance(first, RecordResult)
-    assert first == second
-    assert [path.name for path in (tmp_path / "recordings").iterdir()] == [f"{work.flight.test_case}-0.mcap"]
-
-
-def test_a_rule_that_never_applied_is_recorded_without_a_number(work: RecordWork) -> None:
+def test_a_rule_that_never_applied_is_recorded_without_a_number(made: tuple[RecordWork, bytes]) -> None:
+    work, packed = made
     verdict = Verdict(policy="a-chute", outcome="vacuous", nearness=0.5, message=NEVER_APPLIED)
     judgement = msgspec.structs.replace(work.judgement, verdicts=(verdict,), fingerprint="")
-    data = mcap.write(msgspec.structs.replace(work, judgement=judgement), START_UNIX_S)
+    data = mcap.write(msgspec.structs.replace(work, judgement=judgement), packed, START_UNIX_S)
     reader = make_reader(io.BytesIO(data), decoder_factories=[DecoderFactory()])
     told = [line.message for *_, line in reader.iter_decoded_messages(["/log"]) if line.name == "oracle"]
     assert told == ["a-chute vacuous: the rule never applied"]
@@ -201,3 +199,19 @@ def test_a_rule_that_never_applied_is_recorded_without_a_number(work: RecordWork
     assert records == [{"policy": "a-chute", "outcome": "vacuous", "nearness": 0.5}]
     (metadata,) = list(make_reader(io.BytesIO(data)).iter_metadata())
     assert (metadata.metadata["policy"], metadata.metadata["robustness"]) == ("", "")
+
+
+def test_a_recorder_leaves_a_blob(made: tuple[RecordWork, bytes], data: bytes) -> None:
+    work, packed = made
+    blobs = MemoryBlobs()
+    recorder = open_service(blobs, FixedClock())
+    with pytest.raises(BlobMissing):
+        recorder.do(work, lambda: False)
+    assert blobs.put(packed) == work.flight.trace
+    result = recorder.do(work, lambda: False)
+    assert isinstance(result, RecordResult)
+    assert (result.test_case, result.flight_index) == (work.flight.test_case, 0)
+    assert len(blobs.get(result.blob)) == pytest.approx(len(data), abs=64)
+    without = msgspec.structs.replace(work.flight, trace=None)
+    with pytest.raises(Refused, match="trace"):
+        recorder.do(msgspec.structs.replace(work, flight=without), lambda: False)

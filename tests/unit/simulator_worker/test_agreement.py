@@ -16,6 +16,7 @@ from saflite.contract.errors import Refused
 from saflite.contract.ids import digest
 from saflite.contract.test_case import Scenario, StartState, Stimulus, Target, TestCase
 from saflite.contract.work import FlyResult, FlyWork
+from saflite.evidence.memory import MemoryBlobs
 from saflite.runtime.clock import WallClock
 from saflite.simulator_worker import agreement
 from saflite.simulator_worker.work import Flyer, open_service
@@ -48,7 +49,7 @@ def fly(flyer: Flyer, test_case: TestCase) -> FlyResult:
 
 @pytest.fixture
 def flyer() -> Iterator[Flyer]:
-    flyer = open_service("fly-1", WallClock(), [TARGET], verify=True)
+    flyer = open_service("fly-1", WallClock(), MemoryBlobs(), [TARGET], verify=True)
     yield flyer
     flyer.close()
 

@@ -12,19 +12,21 @@ from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.flight import unpack_trace
 from saflite.contract.test_case import Scenario, Target, TestCase, identity
 from saflite.contract.work import FlyResult, FlyWork
+from saflite.evidence.memory import MemoryBlobs
 from saflite.runtime.clock import WallClock
 from saflite.simulator_worker import registry
 from saflite.simulator_worker.processes import children
 from saflite.simulator_worker.work import Flyer, open_service
 
 TARGET = Path(__file__).parents[3] / "scripts" / "soaking" / "soak.py"
+BLOBS = MemoryBlobs()
 CRASH, HANG, NO_BRING_UP, REFUSE, BROKEN, STRAY, SLOW, QUIET = range(1, 9)
 
 
 @pytest.fixture(scope="module")
 def flyer() -> Iterator[Flyer]:
     before = children(os.getpid())
-    flyer = open_service("fly-1", WallClock(), [TARGET])
+    flyer = open_service("fly-1", WallClock(), BLOBS, [TARGET])
     yield flyer
     flyer.close()
     assert children(os.getpid()) == before
@@ -43,7 +45,8 @@ def _fly(flyer: Flyer, fault: int, wall_limit_s: float = 20.0, cancelled_after: 
 def test_a_flight_comes_back_with_its_trace(flyer: Flyer) -> None:
     result = _fly(flyer, QUIET)
     assert (result.flight.ending, result.flight.flight_index, result.flight.worker) == ("completed", 2, "fly-1")
-    assert unpack_trace(result.trace).samples == 10
+    assert result.flight.trace is not None
+    assert unpack_trace(BLOBS.get(result.flight.trace)).samples == 10
     assert result.flight.simulated_s == pytest.approx(0.9)
     assert _fly(flyer, QUIET).flight.trace_digest == result.flight.trace_digest
 

@@ -12,9 +12,10 @@ from saflite.campaign.lifecycle.repeats import RepeatRule
 from saflite.campaign.scheduling.rounds import Rounds
 from saflite.campaign.scheduling.tasks import Task, TaskTable
 from saflite.campaign.scheduling.work_keys import RecordKey
+from saflite.contract.blobs import BlobRef
 from saflite.contract.config import Campaign
 from saflite.contract.events import CampaignChanged, Fact, FaultSeen
-from saflite.contract.flight import Flight
+from saflite.contract.flight import Flight, Purpose
 from saflite.contract.score import Score
 from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import TestCase
@@ -73,7 +74,7 @@ class Core:
     flown: dict[str, int] = field(default_factory=dict)  # every test case ever selected: its round
     shrunk: set[str] = field(default_factory=set)  # smallest forms of violations, flown besides
     latest: deque[Features] = field(default_factory=lambda: deque(maxlen=REFERENCES_MAX))
-    holds: dict[str, int] = field(default_factory=dict)  # trace digest: how many flights need it
+    holds: dict[BlobRef, int] = field(default_factory=dict)  # how many flights or recordings need it
     state: State = "running"
     stopped: bool = False  # ended by an operator, so opening the books again goes on
     incarnation: int = 0
@@ -118,16 +119,31 @@ class Core:
             task.avoid |= {task.worker}
         self.tasks.requeue(task)
 
-    def hold_trace(self, trace_digest: str) -> None:
-        """Note that one more flight needs the trace."""
-        if trace_digest:
-            self.holds[trace_digest] = self.holds.get(trace_digest, 0) + 1
+    def note_flight(self, flight: Flight, purpose: Purpose) -> None:
+        """Write a flight down, and what it left behind."""
+        key, trace = (flight.test_case, purpose, flight.flight_index), flight.trace
+        blob = ("", 0) if trace is None else (trace.digest, trace.size_bytes)
+        numbers = (flight.simulated_s, flight.wall_s, flight.trace_digest, *blob)
+        self.out.row("flights", *key, flight.ending, *numbers, flight.worker, flight.message, flight.build)
+        for artefact in flight.artefacts:
+            self.out.row("artefacts", *key, artefact.name, artefact.blob.digest, artefact.blob.size_bytes)
 
-    def let_go_trace(self, trace_digest: str) -> None:
-        """Note that one flight less needs the trace; drop it with the last."""
-        if not trace_digest:
-            return
-        self.holds[trace_digest] -= 1
-        if not self.holds[trace_digest]:
-            del self.holds[trace_digest]
-            self.out.drop_trace(trace_digest)
+    def hold(self, *blobs: BlobRef) -> None:
+        """Note that blobs are needed once more."""
+        for blob in blobs:
+            self.holds[blob] = self.holds.get(blob, 0) + 1
+            self.out.keep_blob(blob.digest)
+
+    def let_go(self, *blobs: BlobRef) -> None:
+        """Note that blobs are needed once less; drop each with the last need of it."""
+        for blob in blobs:
+            self.holds[blob] -= 1
+            if not self.holds[blob]:
+                del self.holds[blob]
+                self.out.drop_blob(blob.digest)
+
+    def flush(self, *blobs: BlobRef) -> None:
+        """Have those of the blobs that are still needed safe on disk: they are kept for good."""
+        for blob in blobs:
+            if blob in self.holds:
+                self.out.flush_blob(blob.digest)

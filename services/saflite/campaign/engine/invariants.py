@@ -61,14 +61,14 @@ def _repeats_are_on_one_build(core: Core) -> None:
 
 
 def _traces_are_held(core: Core) -> None:
-    assert all(count > 0 for count in core.holds.values()), "a trace is held by nobody"
+    assert all(count > 0 for count in core.holds.values()), "a blob is held by nobody"
     for trial in core.trials.values():
         for note in trial.flights.values():
-            digest = note.flight.trace_digest
-            assert note.settled or not digest or digest in core.holds, f"{trial.name}: a trace to be judged was dropped"
+            held = all(blob in core.holds for blob in note.flight.blobs)
+            assert note.settled or held, f"{trial.name}: a trace to be judged was dropped"
     for job in core.records.values():
-        digest = job.flight.trace_digest
-        assert not digest or digest in core.holds, f"{job.flight.test_case}: a trace to be recorded was dropped"
+        held = all(blob in core.holds for blob in job.flight.blobs)
+        assert held, f"{job.flight.test_case}: a trace to be recorded was dropped"
 
 
 def _counts_agree(core: Core) -> None:

@@ -1,4 +1,4 @@
-"""What the books hand to the store: journal lines, facts, rows for people, traces. One batch is one transaction."""
+"""What the books hand to the store: journal lines, facts, rows, what becomes of blobs. One batch is one transaction."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ class Row(NamedTuple):
 class Batch(NamedTuple):
     """All that changed since the last batch.
 
-    `lines` are encoded journal lines, `first_line` of them came before; `traces` are to be written and `flushed` ones
-    to be safe on disk before the commit, `dropped` ones may go after it.
+    `lines` are encoded journal lines, `first_line` of them came before. Of blobs (by digest), `flushed` ones are to be
+    safe on disk before the commit, `dropped` ones may go after it, `published` ones get a name for people besides.
     """
 
     first_line: int
     lines: tuple[bytes, ...]
     events: tuple[Event, ...]
     rows: tuple[Row, ...]
-    traces: dict[str, bytes]
     dropped: tuple[str, ...]
     flushed: tuple[str, ...] = ()
+    published: tuple[tuple[str, str], ...] = ()
 
     def __bool__(self) -> bool:
         return any(self[1:])
@@ -46,9 +46,9 @@ class Outbox:
         self._lines: list[bytes] = []
         self._events: list[Event] = []
         self._rows: list[Row] = []
-        self._traces: dict[str, bytes] = {}
         self._dropped: dict[str, None] = {}
         self._flushed: dict[str, None] = {}
+        self._published: dict[str, str] = {}
 
     def set_wall_time(self, at_s: float, unix_s: float) -> None:
         """Say what wall time the books' clock stands for."""
@@ -75,30 +75,29 @@ class Outbox:
         if not self.replaying:
             self._rows.append(Row(table, values))
 
-    def keep_trace(self, trace_digest: str, data: bytes) -> None:
-        """Have a trace written."""
-        self._dropped.pop(trace_digest, None)
-        self._traces[trace_digest] = data
+    def keep_blob(self, digest: str) -> None:
+        """Have a blob not removed after all."""
+        self._dropped.pop(digest, None)
 
-    def drop_trace(self, trace_digest: str) -> None:
-        """Have a trace removed, or not written in the first place."""
+    def drop_blob(self, digest: str) -> None:
+        """Have a blob removed."""
         if not self.replaying:
-            self._traces.pop(trace_digest, None)
-            self._dropped[trace_digest] = None
+            self._dropped[digest] = None
 
-    def flush_trace(self, trace_digest: str) -> None:
-        """Have a trace safe on disk with the next batch: it is kept."""
-        if trace_digest and not self.replaying:
-            self._flushed[trace_digest] = None
+    def flush_blob(self, digest: str) -> None:
+        """Have a blob safe on disk with the next batch: it is kept."""
+        if not self.replaying:
+            self._flushed[digest] = None
+
+    def publish_blob(self, file: str, digest: str) -> None:
+        """Let a blob stand under a name for people, too, relative to the run folder."""
+        if not self.replaying:
+            self._published[file] = digest
 
     @property
     def waiting(self) -> bool:
         """Whether something waits for the next batch."""
-        return bool(self._lines or self._events or self._rows or self._traces or self._dropped)
-
-    def pending_trace(self, trace_digest: str) -> bytes | None:
-        """Return a trace that is not with the store yet."""
-        return self._traces.get(trace_digest)
+        return bool(self._lines or self._events or self._rows or self._dropped)
 
     def drain(self) -> Batch:
         """Return all that was collected and begin anew."""
@@ -107,9 +106,10 @@ class Outbox:
             tuple(self._lines),
             tuple(self._events),
             tuple(self._rows),
-            self._traces,
             tuple(self._dropped),
             tuple(self._flushed),
+            tuple(self._published.items()),
         )
-        self._lines, self._events, self._rows, self._traces, self._dropped, self._flushed = [], [], [], {}, {}, {}
+        self._lines, self._events, self._rows = [], [], []
+        self._dropped, self._flushed, self._published = {}, {}, {}
         return batch

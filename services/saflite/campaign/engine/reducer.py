@@ -215,7 +215,11 @@ class Reducer:
         core = self.core
         del core.records[key]
         core.done(task, "recorded")
-        core.out.row("recordings", result.test_case, result.flight_index, result.file, result.digest, result.size_bytes)
+        file, blob = f"recordings/{result.test_case}-{result.flight_index}.mcap", result.blob
+        core.hold(blob)
+        core.flush(blob)
+        core.out.publish_blob(file, blob.digest)
+        core.out.row("recordings", result.test_case, result.flight_index, file, blob.digest, blob.size_bytes)
 
     def _record_failed(self, task: Task, key: RecordKey, message: str) -> None:
         task.failures += 1

@@ -30,10 +30,9 @@ from saflite.campaign.engine.journal import (
     encode_line,
 )
 from saflite.campaign.engine.outbox import Batch, Outbox
-from saflite.campaign.engine.read_model import ReadModel
+from saflite.campaign.engine.read_model import NothingToRead, ReadModel
 from saflite.campaign.engine.reducer import Reducer
 from saflite.campaign.engine.status import Rates, overview
-from saflite.campaign.engine.trace_cache import TraceCache
 from saflite.campaign.engine.worker_registry import WorkerRegistry
 from saflite.campaign.lifecycle.repeats import confirm_rule
 from saflite.campaign.scheduling.dispatch import Dispatch
@@ -43,8 +42,9 @@ from saflite.campaign.scheduling.result_validation import check_result
 from saflite.campaign.scheduling.rounds import Rounds
 from saflite.campaign.scheduling.selection import Rules, select
 from saflite.campaign.scheduling.tasks import Task
-from saflite.campaign.scheduling.work_keys import JudgeKey, WorkKey, read_key
+from saflite.campaign.scheduling.work_keys import JudgeKey, RecordKey, WorkKey, read_key
 from saflite.campaign.scheduling.work_messages import GRANT_MAX_BYTES, WorkMessages, weight_bytes
+from saflite.contract.blobs import BlobRef
 from saflite.contract.config import Campaign
 from saflite.contract.control import Answer, Control, Status
 from saflite.contract.errors import Refused, Unavailable
@@ -54,6 +54,7 @@ from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import Target, TestCase
 from saflite.contract.work import (
     Ask,
+    Failure,
     FlyResult,
     Grant,
     HandedBack,
@@ -63,6 +64,7 @@ from saflite.contract.work import (
     Orders,
     Receipt,
     Report,
+    blobs_left,
 )
 
 GRANTS_MAX = 16
@@ -78,8 +80,8 @@ class Books:
         template: the test case the strategy varies.
         target: what the target said of itself when the run was made.
         run_id: names this run of the campaign; part of every lease id, so that results of another run are recognised.
-        read_model: where committed traces, outcomes and events are read from; None keeps all of them out of reach,
-            which is enough for campaigns shorter than a few rounds in tests.
+        read_model: where committed blobs, outcomes and events are read from; None keeps all of them out of reach,
+            which is enough for replays and for campaigns shorter than a few rounds in tests.
     """
 
     def __init__(
@@ -96,8 +98,8 @@ class Books:
         rounds = Rounds(campaign.search, campaign.budget_flights, confirm.flights)
         self._core = Core(campaign, template, target, self._out, rounds, confirm)
         self._reducer = Reducer(self._core)
-        self._trace_cache = TraceCache(self._out, read_model)
-        self._work_messages = WorkMessages(self._reducer, self._trace_cache)
+        self._read_model: ReadModel = read_model or NothingToRead()
+        self._work_messages = WorkMessages(self._reducer, self._read_model)
         self._registry, self._leases = WorkerRegistry(), Leases()
         self._dispatch = Dispatch(self._core, self._registry)
         self._patience = Patience(self._core, self._registry)
@@ -120,8 +122,8 @@ class Books:
         return self._core.state == "ended"
 
     @property
-    def wanted_traces(self) -> frozenset[str]:
-        """Digests of the traces some flight still needs; any other file is left over from an interrupted commit."""
+    def wanted_blobs(self) -> frozenset[BlobRef]:
+        """The blobs some flight or recording needs; any other is left over from an interrupted commit."""
         return frozenset(self._core.holds)
 
     def overview_of_audit(self) -> dict[str, Any]:
@@ -158,13 +160,13 @@ class Books:
 
     def _fly_again_what_left_no_trace(self, now: float) -> None:
         for key in [task.key for task in self._core.tasks if isinstance(task.key, JudgeKey)]:
-            digest = self._reducer.flight_of(key).trace_digest
-            if digest and self._trace_cache.trace(digest) is None:
-                self._leases.end(key)
+            trace = self._reducer.flight_of(key).trace
+            if trace is not None and self._read_model.blob_fault(trace, deep=True):
                 self._without_its_trace(key, "its trace was not on disk", now)
 
     def _without_its_trace(self, key: WorkKey, message: str, now: float) -> None:
         """Fly again what cannot be judged; give up a recording that cannot be written."""
+        self._leases.end(key)
         lost = TraceMissing if isinstance(key, JudgeKey) else GaveUp
         self._do(lost(key=key, message=message), now)
 
@@ -222,8 +224,15 @@ class Books:
 
     # ---- results in ----------------------------------------------------------------------------------------------
 
-    def report(self, report: Report, now: float) -> Receipt:
-        """Take a result. Whatever the receipt says, the worker may forget the result once it has it."""
+    def report(self, report: Report, now: float, damage: str = "") -> Receipt:
+        """Take a result; the worker may forget it once it has the receipt. `damage`: what is wrong with its blobs."""
+        receipt = self._report(report, now, damage)
+        for blob in blobs_left(report.result):
+            if blob not in self._core.holds:
+                self._out.drop_blob(blob.digest)
+        return receipt
+
+    def _report(self, report: Report, now: float, damage: str) -> Receipt:
         run_id, key = self._key_of(report.lease_id)
         if run_id != self._run_id:
             return self._receipt(report, "refused", f"the lease is of run {run_id[:32]!r}, this is {self._run_id!r}")
@@ -235,12 +244,12 @@ class Books:
         held = task.holders.get(report.epoch) == report.worker
         if not current and not (held and self._dispatch.may_merge(report.result)):
             return self._receipt(report, "stale")
-        return self._take(task, report, now)
+        return self._take(task, report, now, damage)
 
-    def _take(self, task: Task, report: Report, now: float) -> Receipt:
+    def _take(self, task: Task, report: Report, now: float, damage: str) -> Receipt:
         key = task.key
         try:
-            check_result(self._core, task, report.result)
+            check_result(self._core, task, report.result, damage)
         except Refused as fault:
             if task.epoch == report.epoch:
                 self._give_back(task, "refused", str(fault), now)
@@ -249,27 +258,18 @@ class Books:
             self._give_back(task, "handed_back", report.result.message, now)
         elif isinstance(report.result, MutateResult) and task.catching_up:
             self._give_back(task, "caught_up", "", now)
+        elif isinstance(report.result, Failure) and damage and isinstance(key, JudgeKey | RecordKey):
+            self._without_its_trace(key, damage, now)
+            self._choose(now)
         else:
             result = report.result
             if isinstance(result, FlyResult):
-                result = self._without_trace(result, report.worker)
+                result = FlyResult(flight=msgspec.structs.replace(result.flight, worker=report.worker))
             self._leases.end(key)
             self._do(Settled(key=key, epoch=report.epoch, worker=report.worker, result=result), now)
             self._rates.settled(result, now)
-            self._drop_unwanted(result)
             self._choose(now)
         return self._receipt(report, "accepted")
-
-    def _without_trace(self, result: FlyResult, worker: str) -> FlyResult:
-        flight = msgspec.structs.replace(result.flight, worker=worker)
-        if result.trace:
-            self._trace_cache.put(flight.trace_digest, result.trace)
-        return FlyResult(flight=flight)
-
-    def _drop_unwanted(self, result: object) -> None:
-        digest = result.flight.trace_digest if isinstance(result, FlyResult) else ""
-        if digest and digest not in self._core.holds:
-            self._out.drop_trace(digest)
 
     def _give_back(self, task: Task, how: How, message: str, now: float) -> None:
         self._leases.end(task.key)
@@ -377,7 +377,7 @@ class Books:
         if control.verb == "status":
             return Answer(accepted=True, status=self.status(now))
         if control.verb == "events":
-            events = self._trace_cache.events(max(1, control.number), 1000)
+            events = self._read_model.events(max(1, control.number), 1000)
             return Answer(accepted=True, status=self.status(now), events=events)
         objection = self._dispatch.objection(control, self._reducer.scorers.model)
         if objection:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import msgspec
-
 from saflite.campaign.engine.core import Core, RecordJob
 from saflite.campaign.engine.journal import Pick
 from saflite.campaign.lifecycle.confirmation import (
@@ -14,6 +12,7 @@ from saflite.campaign.lifecycle.confirmation import (
     worst_robustness,
 )
 from saflite.campaign.lifecycle.minimization import Minimization, MinimizationJob
+from saflite.campaign.lifecycle.outcomes import outcome_of
 from saflite.campaign.scheduling.rounds import Round
 from saflite.campaign.scheduling.tasks import Task
 from saflite.campaign.scheduling.work_keys import FlightKey, FlyKey, JudgeKey, RecordKey
@@ -21,8 +20,8 @@ from saflite.contract import wire
 from saflite.contract.events import Flown, Judged, Quarantined, ViolationFound
 from saflite.contract.flight import FLOWN_ENDINGS, Ending, Flight
 from saflite.contract.test_case import TestCase, identity
-from saflite.contract.verdict import Judgement, Verdict, Violation, nearest, vacuous, worst
-from saflite.contract.work import FlyResult, JudgeResult, Outcome, TargetBuild
+from saflite.contract.verdict import Judgement, Verdict, Violation, vacuous, worst
+from saflite.contract.work import FlyResult, JudgeResult, TargetBuild
 from saflite.flight.novelty import features
 
 INFRA_PER_ATTEMPT = 3
@@ -65,7 +64,7 @@ class Flights:
         core.trials[name] = trial
         origin = test_case.origin
         content = wire.encode(test_case)
-        core.out.row("test_cases", name, trial.round, -1, origin.strategy, origin.parent, content)
+        core.out.row("test_cases", name, trial.round, -1, origin.strategy, origin.parent, None, content)
         self._fly(trial, 0)
 
     def _fly(self, trial: Trial, index: int) -> None:
@@ -128,7 +127,7 @@ class Flights:
             note.bit_equal = True
             self._if_confirmed(trial)
             return
-        core.hold_trace(flight.trace_digest)
+        core.hold(*flight.blobs)
         core.tasks.add(Task(key.judging, (trial.round, trial.rank, key.index, 1)))
 
     def _is_repeat(self, trial: Trial, key: FlyKey, note: FlightNote) -> bool:
@@ -153,19 +152,7 @@ class Flights:
         core.counts.simulated_s += flight.simulated_s
         core.counts.wall_s += flight.wall_s
         purpose = trial.purpose_of(index)
-        numbers = (flight.simulated_s, flight.wall_s)
-        core.out.row(
-            "flights",
-            trial.name,
-            purpose,
-            index,
-            flight.ending,
-            *numbers,
-            flight.trace_digest,
-            flight.worker,
-            flight.message,
-            flight.build,
-        )
+        core.note_flight(flight, purpose)
         core.tell(
             Flown(
                 test_case=trial.name,
@@ -198,7 +185,7 @@ class Flights:
         self._charge(trial, index, -1)
         core.counts.simulated_s -= note.flight.simulated_s
         core.counts.wall_s -= note.flight.wall_s
-        core.let_go_trace(note.flight.trace_digest)
+        core.let_go(*note.flight.blobs)
         self._fly(trial, index)
 
     # ---- judged --------------------------------------------------------------------------------------------------
@@ -214,12 +201,12 @@ class Flights:
         self._tell_judged(judgement, bad)
         if key.index != trial.first:
             if not (bad or core.campaign.record == "all"):
-                core.let_go_trace(note.flight.trace_digest)
+                core.let_go(*note.flight.blobs)
             self._if_confirmed(trial)
             return
         trial.judgement = judgement
         if self._may_still_show(trial, note):
-            core.let_go_trace(note.flight.trace_digest)
+            core.let_go(*note.flight.blobs)
             trial.first += 1
             self._fly(trial, trial.first)
         elif bad:
@@ -248,18 +235,18 @@ class Flights:
                 vacuous=vacuous(judgement),
             )
         )
-        content = wire.encode(judgement)
+        line = self._core.out.line_count
         self._core.out.row(
-            "judgements", judgement.test_case, judgement.flight_index, robustness, ",".join(policies), content
+            "judgements", judgement.test_case, judgement.flight_index, robustness, ",".join(policies), line
         )
 
     def _held(self, trial: Trial, note: FlightNote) -> None:
         core = self._core
         if core.campaign.record == "all":
-            core.out.flush_trace(note.flight.trace_digest)
+            core.flush(*note.flight.blobs)
             self._record(trial, None)
         else:
-            core.let_go_trace(note.flight.trace_digest)
+            core.let_go(*note.flight.blobs)
         assert trial.judgement is not None, f"{trial.name} was not judged"
         self._end(trial, note.flight.ending, state_of(trial.judgement))
 
@@ -272,8 +259,7 @@ class Flights:
         for violation in found:
             self._announce(violation)
         for note in trial.flights.values():
-            if note.flight.trace_digest in core.holds:
-                core.out.flush_trace(note.flight.trace_digest)
+            core.flush(*note.flight.blobs)
         if core.campaign.record != "none":
             self._record(trial, found[0] if found else None)
         self._end(trial, first.flight.ending, found[0].confirmation if found else "held")
@@ -319,7 +305,7 @@ class Flights:
             )
         else:
             note = trial.flights[index]
-            core.let_go_trace(note.flight.trace_digest)
+            core.let_go(*note.flight.blobs)
         note.given_up = True
         if index != trial.first:
             self._if_confirmed(trial)
@@ -337,8 +323,8 @@ class Flights:
             return
         core.counts.ended += 1
         round_ = core.rounds.under_way[trial.round]
-        round_.outcomes[trial.rank] = outcome_of(trial, ending)
-        core.out.row("outcomes", trial.round, trial.rank, trial.name, _ENCODER.encode(round_.outcomes[trial.rank]))
+        round_.outcomes[trial.rank] = outcome_of(trial.test_case, trial.round, ending, trial.judgement)
+        core.out.row("outcomes", trial.round, trial.rank, trial.name, ending, trial.first)
         round_.open_trials -= 1
         if round_.open_trials == 0:
             core.rounds.close(trial.round)
@@ -347,31 +333,11 @@ class Flights:
         return self._core.trials[key.test_case]
 
 
-_ENCODER = msgspec.msgpack.Encoder(order="deterministic")
-
-
 def state_of(judgement: Judgement) -> str:
     """Return how a test case without violation ended: held, vacuous if no rule applied, inconclusive if none could."""
     if worst(judgement) is not None:
         return "held"
     return "vacuous" if vacuous(judgement) else "inconclusive"
-
-
-def outcome_of(trial: Trial, ending: Ending) -> Outcome:
-    """Return what strategies and learning scorers are told of a test case."""
-    judgement = trial.judgement
-    if judgement is None:
-        return Outcome(test_case=trial.test_case, round=trial.round, ending=ending, robustness=None)
-    return Outcome(
-        test_case=trial.test_case,
-        round=trial.round,
-        ending=ending,
-        robustness=worst_robustness(judgement),
-        nearness=nearest(judgement),
-        violated=tuple(verdict.policy for verdict in violated_verdicts(judgement)),
-        features=judgement.features,
-        track=judgement.track,
-    )
 
 
 def _unequal(target: str, first: Flight, again: Flight) -> str:

@@ -121,9 +121,8 @@ class Minimization:
         core.done(task, flight.ending, flight.message)
         core.counts.shrink_flights += 1
         self._under_way[key].flight = flight
-        core.hold_trace(flight.trace_digest)
-        facts = (flight.simulated_s, flight.wall_s, flight.trace_digest, flight.worker, flight.message, flight.build)
-        core.out.row("flights", key.test_case, key.purpose, key.index, flight.ending, *facts)
+        core.hold(*flight.blobs)
+        core.note_flight(flight, key.purpose)
         core.tasks.add(Task(key.judging, (*task.order[:3], 1)))
 
     def on_judged(self, task: Task, key: JudgeKey, result: JudgeResult) -> None:
@@ -170,7 +169,7 @@ class Minimization:
     def _let_go(self, key: FlyKey) -> None:
         attempt = self._under_way[key]
         if attempt.flight is not None:
-            self._core.let_go_trace(attempt.flight.trace_digest)
+            self._core.let_go(*attempt.flight.blobs)
             attempt.flight = None
 
 

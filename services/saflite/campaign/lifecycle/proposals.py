@@ -10,7 +10,6 @@ from saflite.campaign.lifecycle.flights import Flights
 from saflite.campaign.scheduling.rounds import Round
 from saflite.campaign.scheduling.tasks import Task
 from saflite.campaign.scheduling.work_keys import MutateKey, ScoreKey
-from saflite.contract import wire
 from saflite.contract.events import Proposed, Scored
 from saflite.contract.score import Score
 from saflite.contract.test_case import identity
@@ -69,8 +68,8 @@ class Proposals:
                 continue
             origin = msgspec.structs.replace(test_case.origin, round=round_.number, index=index)
             round_.candidates[name] = msgspec.structs.replace(test_case, origin=origin)
-            content = wire.encode(round_.candidates[name])
-            core.out.row("test_cases", name, round_.number, index, origin.strategy, origin.parent, content)
+            line = core.out.line_count
+            core.out.row("test_cases", name, round_.number, index, origin.strategy, origin.parent, line, None)
         core.counts.candidates += len(round_.candidates)
         core.tell(Proposed(round=round_.number, test_cases=tuple(round_.candidates)))
         self._ask_scores(round_)

@@ -7,8 +7,9 @@ import math
 from saflite.campaign.engine.core import Core
 from saflite.campaign.scheduling.tasks import Task
 from saflite.campaign.scheduling.work_keys import FlightKey, FlyKey, JudgeKey, MutateKey, RecordKey, ScoreKey, WarmKey
+from saflite.contract.blobs import BLOBS_PER_RESULT_MAX
 from saflite.contract.errors import Refused
-from saflite.contract.flight import AUTOPILOT_ALIVE, FLOWN_ENDINGS, Flight, matches_digest
+from saflite.contract.flight import AUTOPILOT_ALIVE, FLOWN_ENDINGS, Flight
 from saflite.contract.score import SCORE_MAX, SCORE_MIN
 from saflite.contract.verdict import Verdict
 from saflite.contract.work import (
@@ -24,11 +25,16 @@ from saflite.contract.work import (
 )
 
 
-def check_result(core: Core, task: Task, result: Result) -> None:
-    """Raise Refused if the result is of another kind, for another test case, or says what cannot be."""
+def check_result(core: Core, task: Task, result: Result, damage: str = "") -> None:
+    """Raise Refused if the result is of another kind, for another test case, or says what cannot be.
+
+    `damage`: in words, how the blobs it names are not those that were left.
+    """
     match task.key, result:
         case _, Failure() | HandedBack():
             pass
+        case _ if damage:
+            _refuse(task, "blobs that are there and whole", damage)
         case MutateKey(), MutateResult():
             _same(task, "round", task.key.round, result.round)
             _check_mutants(core, task, result)
@@ -86,10 +92,10 @@ def _check_flight(task: Task, result: FlyResult) -> None:
         _refuse(task, "each stimulus delivered once", [one.index for one in delivered])
     if not all(math.isfinite(one.at_s) and one.index >= 0 for one in delivered):
         _refuse(task, "delivered stimuli with a place and a finite time", [(one.index, one.at_s) for one in delivered])
-    if bool(flight.trace_digest) != bool(result.trace):
-        _refuse(task, "a trace together with its digest", f"{len(result.trace)} bytes, digest {flight.trace_digest!r}")
-    if flight.trace_digest and not matches_digest(result.trace, flight.trace_digest):
-        _refuse(task, f"a trace with the digest {flight.trace_digest[:16]!r}...", f"{len(result.trace)} other bytes")
+    if bool(flight.trace_digest) != (flight.trace is not None):
+        _refuse(task, "a trace together with its digest", f"{flight.trace}, digest {flight.trace_digest!r}")
+    if len(flight.blobs) > BLOBS_PER_RESULT_MAX:
+        _refuse(task, f"at most {BLOBS_PER_RESULT_MAX} blobs", len(flight.blobs))
 
 
 def _check_verdict(task: Task, verdict: Verdict) -> None:

@@ -12,6 +12,7 @@ from saflite.campaign.scheduling.tasks import Task
 from saflite.campaign.scheduling.work_keys import FlyKey, JudgeKey, MutateKey, RecordKey, ScoreKey, WarmKey
 from saflite.contract.config import SearchConfig
 from saflite.contract.errors import Unavailable
+from saflite.contract.flight import Flight
 from saflite.contract.rng import derive_seed
 from saflite.contract.work import FlyWork, JudgeWork, MutateWork, Outcome, RecordWork, ScoreWork, WarmWork, Work
 
@@ -79,34 +80,30 @@ class WorkMessages:
 
     def _judge(self, key: JudgeKey) -> JudgeWork:
         flight = self._reducer.flight_of(key)
-        trace = self._trace(flight.trace_digest)
+        self._check_trace(flight)
         campaign = self._core.campaign
         return JudgeWork(
             test_case=self._reducer.test_case_of(key),
             flight=flight,
             policies=campaign.policies,
             policy_texts=campaign.policy_texts,
-            trace=trace,
         )
 
     def _record(self, key: RecordKey) -> RecordWork:
         job = self._core.records[key]
+        self._check_trace(job.flight)
         return RecordWork(
             test_case=job.test_case,
             flight=job.flight,
             judgement=job.judgement,
-            trace=self._trace(job.flight.trace_digest),
             violation=job.violation,
             scores=job.scores,
         )
 
-    def _trace(self, trace_digest: str) -> bytes:
-        if not trace_digest:
-            return b""
-        data = self._read_model.trace(trace_digest)
-        if data is None:
-            raise Unavailable(f"trace {trace_digest[:16]} is not in the store")
-        return data
+    def _check_trace(self, flight: Flight) -> None:
+        fault = "" if flight.trace is None else self._read_model.blob_fault(flight.trace)
+        if fault:
+            raise Unavailable(f"trace {flight.trace_digest[:16]} is {fault}")
 
     def _mutate(self, key: MutateKey, cursor: int) -> MutateWork:
         core, strategy = self._core, self._core.campaign.strategy
@@ -173,7 +170,7 @@ def weight_bytes(work: Work) -> int:
         return 12_000 * len(work.outcomes)
     if isinstance(work, ScoreWork):
         return 2_500 * len(work.recent) + 2_500 * len(work.test_cases)
-    return len(work.trace) + 40_000 if isinstance(work, JudgeWork | RecordWork) else 4_000
+    return 40_000 if isinstance(work, JudgeWork | RecordWork) else 4_000
 
 
 def _candidates(search: SearchConfig, flights: int) -> int:

@@ -13,25 +13,25 @@ from typing import Any
 
 from saflite.campaign.engine.outbox import Row
 from saflite.campaign.engine.state import Books
-from saflite.campaign.storage.blobs import TraceFiles
 from saflite.campaign.storage.journal_audit import Recount
 from saflite.campaign.storage.projections import KEYS, TABLES
-from saflite.campaign.storage.sqlite import check_file, checked_chain, connect_reading, damage_named, in_use, meta
-from saflite.campaign.storage.store import TRACES, store_file
+from saflite.campaign.storage.rebuild import books_of
+from saflite.campaign.storage.sqlite import check_file, checked_chain, connect_reading, damage_named, in_use
+from saflite.campaign.storage.store import store_file
 from saflite.contract import wire
-from saflite.contract.config import Campaign
+from saflite.contract.blobs import BlobRef
 from saflite.contract.errors import Refused
 from saflite.contract.events import Event
-from saflite.contract.ids import digest
-from saflite.contract.target_info import TargetInfo
-from saflite.contract.test_case import TestCase
+from saflite.evidence.files import fault_of
+from saflite.evidence.folder import BlobFolder
 
 REPLAY_STEP = 2000
 
 
-def audit(run_dir: Path) -> dict[str, Any]:
+def audit(run_dir: Path, *, quick: bool = False) -> dict[str, Any]:
     """Return the figures of a run; `clean` says whether the books balance, `problems` what does not, in words.
 
+    Every blob the books name is read and its digest checked; `quick` only looks whether it is there in full length.
     Works on a finished, an interrupted and a running campaign; what is still under way is counted and is no problem.
 
     Raises:
@@ -43,15 +43,16 @@ def audit(run_dir: Path) -> dict[str, Any]:
         with damage_named(path):
             check_file(connection, path)
             connection.execute("BEGIN")
-            return _audit(run_dir, connection, path)
+            return _audit(run_dir, connection, path, quick)
     finally:
         connection.close()
 
 
-def _audit(run_dir: Path, connection: sqlite3.Connection, path: Path) -> dict[str, Any]:
-    problems = [f"SQLite: {row[0]}" for row in connection.execute("PRAGMA integrity_check(20)") if row[0] != "ok"]
+def _audit(run_dir: Path, connection: sqlite3.Connection, path: Path, quick: bool) -> dict[str, Any]:
+    check = "quick_check" if quick else "integrity_check"
+    problems = [f"SQLite: {row[0]}" for row in connection.execute(f"PRAGMA {check}(20)") if row[0] != "ok"]
     recount = Recount()
-    replayed = _Replayed(_books(connection))
+    replayed = _Replayed(books_of(connection))
     try:
         for line in checked_chain(connection.execute("SELECT n, chain, line FROM journal ORDER BY n"), "journal", path):
             recount.add(line)
@@ -67,8 +68,9 @@ def _audit(run_dir: Path, connection: sqlite3.Connection, path: Path) -> dict[st
     core = replayed.books.overview_of_audit()
     if core["over"]:
         problems += recount.left_open()
-    traces = _traces(run_dir, replayed.books, problems, in_use(run_dir))
-    recordings = _recordings(run_dir, connection, problems)
+    running = in_use(run_dir)
+    blobs = _blobs(run_dir, replayed.books, problems, running=running, deep=not quick)
+    recordings = _recordings(run_dir, connection, problems, running=running, deep=not quick)
     if recount.charged > core["budget"]:
         problems.append(f"budget: {recount.charged} flights with a budget of {core['budget']}")
     return {
@@ -78,17 +80,10 @@ def _audit(run_dir: Path, connection: sqlite3.Connection, path: Path) -> dict[st
         **recount.figures(),
         "events": len(events),
         "journal_lines": recount.lines,
-        **traces,
+        **blobs,
         **recordings,
         "problems": problems,
     }
-
-
-def _books(connection: sqlite3.Connection) -> Books:
-    campaign = wire.decode(meta(connection, "campaign"), Campaign)
-    template = wire.decode(meta(connection, "template"), TestCase)
-    target = wire.decode(meta(connection, "target"), TargetInfo)
-    return Books(campaign, template, target, run_id=meta(connection, "run_id").decode())
 
 
 class _Replayed:
@@ -134,29 +129,36 @@ def _key(row: Row) -> tuple[object, ...]:
     return tuple(row.values[place] for place in KEYS[row.table])
 
 
-def _traces(run_dir: Path, books: Books, problems: list[str], running: bool) -> dict[str, int]:
-    files = TraceFiles(run_dir / TRACES)
-    there, wanted = set(files.digests()), set(books.wanted_traces)
-    missing = sorted(wanted - there) if not running else []
-    damaged = sorted(name for name in wanted & there if files.read_checked(name) is None)
-    orphans = sorted(there - wanted) if not running else []
-    problems += [f"trace {name[:16]} is missing" for name in missing[:20]]
-    problems += [f"trace {name[:16]} is damaged" for name in damaged[:20]]
+def _blobs(run_dir: Path, books: Books, problems: list[str], *, running: bool, deep: bool) -> dict[str, int]:
+    """Check all the books name; while the farm works, what is missing may just have been dropped."""
+    folder, wanted = BlobFolder(run_dir), books.wanted_blobs
+    faults = {blob.digest: folder.fault(blob, deep=deep) for blob in wanted}
+    bad = {name: fault for name, fault in sorted(faults.items()) if fault and not (running and fault == "missing")}
+    problems += [f"blob {name[:16]} is {fault}" for name, fault in list(bad.items())[:20]]
+    counts = Counter(bad.values())
+    orphans = set() if running else set(folder.digests()) - set(faults)
     return {
-        "traces_kept": len(wanted),
-        "traces_missing": len(missing),
-        "traces_damaged": len(damaged),
-        "traces_orphan": len(orphans),  # left by an interrupted commit, removed when the run is taken up again
+        "blobs_kept": len(wanted),
+        "blobs_kept_bytes": sum(blob.size_bytes for blob in wanted),
+        "blobs_missing": counts["missing"],
+        "blobs_damaged": counts["damaged"],
+        "blobs_orphan": len(orphans),  # left by an interrupted commit, removed when the run is taken up again
     }
 
 
-def _recordings(run_dir: Path, connection: sqlite3.Connection, problems: list[str]) -> dict[str, int]:
+def _recordings(
+    run_dir: Path, connection: sqlite3.Connection, problems: list[str], *, running: bool, deep: bool
+) -> dict[str, int]:
+    """Check the names for people that blobs have besides."""
     counts: Counter[str] = Counter()
-    for file, expected in connection.execute("SELECT file, digest FROM recordings ORDER BY file"):
-        path = run_dir / str(file)
-        state = "missing" if not path.is_file() else "fine" if digest(path.read_bytes()) == expected else "damaged"
-        counts[state] += 1
-        if state != "fine":
-            problems.append(f"recording {file} is {state}")
-    names = ("fine", "missing", "damaged")
-    return {f"recordings_{name}" if name != "fine" else "recordings": counts[name] for name in names}
+    for file, digest, size_bytes in connection.execute("SELECT file, digest, size_bytes FROM recordings ORDER BY file"):
+        fault = fault_of(run_dir / str(file), BlobRef(digest=digest, size_bytes=size_bytes), deep=deep)
+        fault = "" if running and fault == "missing" else fault  # it gets its name after the commit
+        counts[fault] += 1
+        if fault:
+            problems.append(f"recording {file} is {fault}")
+    return {
+        "recordings": counts[""],
+        "recordings_missing": counts["missing"],
+        "recordings_damaged": counts["damaged"],
+    }

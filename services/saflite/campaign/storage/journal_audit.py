@@ -6,7 +6,16 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
-from saflite.campaign.engine.journal import Granted, Line, Returned, Selected, Settled, TraceMissing, decode_line
+from saflite.campaign.engine.journal import (
+    GaveUp,
+    Granted,
+    Line,
+    Returned,
+    Selected,
+    Settled,
+    TraceMissing,
+    decode_line,
+)
 from saflite.campaign.scheduling.work_keys import FlyKey, JudgeKey, ScoreKey, WarmKey, WorkKey
 from saflite.contract.events import Fact, Flown, Judged, Proposed, Quarantined, Scored, ViolationFound
 from saflite.contract.flight import FLOWN_ENDINGS
@@ -51,6 +60,8 @@ class Recount:
                 self._settled(line.entry)
             case Selected(picks=picks):
                 self._selected.update(pick.test_case for pick in picks)
+            case GaveUp(key=key):
+                self._open.pop(key, None)
             case TraceMissing(key=key):
                 self._open.pop(key, None)
                 if isinstance(key, JudgeKey) and key.purpose != "shrink":

@@ -1,18 +1,32 @@
-"""Tables of the store. `journal` is the truth; the others say the same for people, queries and reports."""
+"""Tables of the store. `journal` is the truth; the others are made of it, for people, queries and reports.
+
+What the journal holds in full (a judgement, a proposed test case) is not told twice: its row names the journal `line`
+it stands in, and `contents.py` reads it there.
+"""
 
 from __future__ import annotations
+
+import sqlite3
+import zlib
+from typing import NamedTuple
+
+from saflite.campaign.engine.outbox import Batch, Value
+from saflite.contract import wire
+from saflite.contract.events import kind_of
 
 FORMAT = 3
 """Version of the store; a store of another version is refused."""
 
 TABLES: dict[str, tuple[str, ...]] = {
     "test_cases": (
-        "test_case TEXT PRIMARY KEY",
+        "test_case TEXT",
         "round INTEGER",
-        "place INTEGER",
+        "place INTEGER",  # among those proposed for the round; -1 for the smallest form of a violation
         "strategy TEXT",
         "parent TEXT",
+        "line INTEGER",  # of its proposal; NULL where it was made here, then `content` holds it
         "content BLOB",
+        "PRIMARY KEY (test_case, round, place)",
     ),
     "scores": (
         "test_case TEXT",
@@ -56,18 +70,29 @@ TABLES: dict[str, tuple[str, ...]] = {
         "ending TEXT",
         "simulated_s REAL",
         "wall_s REAL",
-        "trace_digest TEXT",
+        "trace_digest TEXT",  # of the trace's content
+        "trace_blob TEXT",
+        "trace_bytes INTEGER",
         "worker TEXT",
         "message TEXT",
         "build TEXT",
         "PRIMARY KEY (test_case, purpose, flight_index)",
+    ),
+    "artefacts": (
+        "test_case TEXT",
+        "purpose TEXT",
+        "flight_index INTEGER",
+        "name TEXT",
+        "blob TEXT",
+        "size_bytes INTEGER",
+        "PRIMARY KEY (test_case, purpose, flight_index, name)",
     ),
     "judgements": (
         "test_case TEXT",
         "flight_index INTEGER",
         "robustness REAL",
         "violated TEXT",
-        "content BLOB",
+        "line INTEGER",
         "PRIMARY KEY (test_case, flight_index)",
     ),
     "violations": (
@@ -85,7 +110,8 @@ TABLES: dict[str, tuple[str, ...]] = {
         "round INTEGER",
         "rank INTEGER",
         "test_case TEXT",
-        "content BLOB",
+        "ending TEXT",
+        "flight_index INTEGER",  # of the flight whose verdicts count
         "PRIMARY KEY (round, rank)",
     ),
     "recordings": (
@@ -136,3 +162,52 @@ INSERT: dict[str, str] = {
     table: f"INSERT OR REPLACE INTO {table} VALUES ({', '.join('?' * _columns(table))})"  # noqa: S608 (our own names)
     for table in TABLES
 }
+
+
+class Tails(NamedTuple):
+    """Where the two chained tables end: how many entries they hold, and the running checksum of each."""
+
+    lines: int = 0
+    chain: int = 0
+    events: int = 0
+    event_chain: int = 0
+
+
+class Tables:
+    """Writes batches into the tables of a store; inside a transaction of whoever calls."""
+
+    def __init__(self, connection: sqlite3.Connection) -> None:
+        self._db = connection
+        self.tails = Tails(*self._tail("journal", "n"), *self._tail("events", "seq"))
+
+    def add(self, batch: Batch) -> Tails:
+        """Write a batch; returns where the tables end then, to be set as `tails` once it is committed."""
+        assert batch.first_line == self.tails.lines or not batch.lines, "a batch was left out or committed twice"
+        rows: dict[str, list[tuple[Value, ...]]] = {}
+        for row in batch.rows:
+            rows.setdefault(row.table, []).append(row.values)
+        lines, events = self._chained(batch)
+        self._db.executemany("INSERT INTO journal VALUES (?, ?, ?)", lines)
+        self._db.executemany("INSERT INTO events VALUES (?, ?, ?, ?, ?)", events)
+        for table, values in rows.items():
+            self._db.executemany(INSERT[table], values)
+        tails = self.tails
+        if lines:
+            tails = tails._replace(lines=lines[-1][0], chain=lines[-1][1])
+        return tails._replace(events=events[-1][0], event_chain=events[-1][3]) if events else tails
+
+    def _chained(self, batch: Batch) -> tuple[list[tuple[int, int, bytes]], list[tuple[int, str, float, int, bytes]]]:
+        chain, event_chain = self.tails.chain, self.tails.event_chain
+        lines, events = [], []
+        for number, line in enumerate(batch.lines, self.tails.lines + 1):
+            chain = zlib.crc32(line, chain)
+            lines.append((number, chain, line))
+        for event in batch.events:
+            data = wire.encode(event)
+            event_chain = zlib.crc32(data, event_chain)
+            events.append((event.seq, kind_of(event.fact), event.at_unix_s, event_chain, data))
+        return lines, events
+
+    def _tail(self, table: str, column: str) -> tuple[int, int]:
+        row = self._db.execute(f"SELECT {column}, chain FROM {table} ORDER BY {column} DESC LIMIT 1").fetchone()  # noqa: S608
+        return (0, 0) if row is None else (int(row[0]), int(row[1]))

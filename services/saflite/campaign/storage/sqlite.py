@@ -27,7 +27,7 @@ _NOT_TO_BE_HAD = (
     sqlite3.SQLITE_CANTOPEN,
     sqlite3.SQLITE_IOERR,
 )
-FIX = "restore the run folder from a copy, or start a new run; `saflite export` still reads what is intact"
+FIX = "`saflite audit RUN --rebuild` makes all but the journal anew; else restore the run folder from a copy"
 
 
 def connect(path: Path) -> sqlite3.Connection:

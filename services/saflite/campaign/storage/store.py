@@ -1,22 +1,20 @@
-"""The books on disk: one SQLite file (WAL, synchronous FULL) and a folder of traces. One batch is one transaction.
+"""The books on disk: one SQLite file (WAL, synchronous FULL), blobs beside it. One batch is one transaction.
 
 Every journal line and event carries a running checksum, so a flipped bit is found when the books are opened.
 """
 
 from __future__ import annotations
 
+import logging
 import sqlite3
-import zlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import IO, TypeVar
 
-import msgspec
-
-from saflite.campaign.engine.outbox import Batch, Value
+from saflite.campaign.engine.outbox import Batch
 from saflite.campaign.engine.state import Books
-from saflite.campaign.storage.blobs import TraceFiles
-from saflite.campaign.storage.projections import INSERT
+from saflite.campaign.storage.contents import Contents
+from saflite.campaign.storage.projections import Tables
 from saflite.campaign.storage.sqlite import (
     check_file,
     checked_chain,
@@ -28,18 +26,20 @@ from saflite.campaign.storage.sqlite import (
     transaction,
 )
 from saflite.contract import wire
+from saflite.contract.blobs import BlobRef
 from saflite.contract.config import Campaign
 from saflite.contract.errors import FarmError, Refused, Unavailable
-from saflite.contract.events import kind_of
 from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import TestCase
 from saflite.contract.work import Outcome
+from saflite.evidence.files import put_in_place
+from saflite.evidence.folder import BlobFolder
 
 __all__ = ["Batch", "Store", "store_file"]
 
-TRACES = "traces"
+log = logging.getLogger(__name__)
+
 T = TypeVar("T")
-_OUTCOME = msgspec.msgpack.Decoder(Outcome)
 
 
 def store_file(run_dir: Path) -> Path:
@@ -51,14 +51,14 @@ class Store:
     """The store of one run, open for writing by one process at a time. Also the read model the books read from."""
 
     def __init__(self, run_dir: Path, connection: sqlite3.Connection, lock: IO[bytes]) -> None:
-        self._path, self._db, self._lock = store_file(run_dir), connection, lock
-        self.traces = TraceFiles(run_dir / TRACES)
+        self._run_dir, self._path, self._db, self._lock = run_dir, store_file(run_dir), connection, lock
+        self.blobs = BlobFolder(run_dir)
         self.campaign = self._decoded("campaign", Campaign)
         self.template = self._decoded("template", TestCase)
         self.target = self._decoded("target", TargetInfo)
         self.run_id = self._meta("run_id").decode()
-        self._lines, self._chain = self._tail("journal", "n")
-        self._seq, self._event_chain = self._tail("events", "seq")
+        self._tables = Tables(connection)
+        self._contents = Contents(connection)
 
     # ---- making and opening --------------------------------------------------------------------------------------
 
@@ -79,7 +79,7 @@ class Store:
                 fix=f"`saflite resume {run_dir}` goes on with it; or choose another folder",
             )
         try:
-            (run_dir / TRACES).mkdir(parents=True, exist_ok=True)
+            run_dir.mkdir(parents=True, exist_ok=True)
             lock = lock_run(run_dir)
             connection = connect(store_file(run_dir))
             make_tables(connection, campaign, template, target)
@@ -116,7 +116,7 @@ class Store:
     # ---- writing -------------------------------------------------------------------------------------------------
 
     def commit(self, batch: Batch) -> None:
-        """Make a batch durable: traces first, then everything else in one transaction.
+        """Make a batch durable: blobs that are kept first, then everything else in one transaction.
 
         Raises:
             Unavailable: the disk is full or fails; nothing of the batch counts, and the same batch may be
@@ -124,37 +124,23 @@ class Store:
         """
         if not batch:
             return
-        assert batch.first_line == self._lines or not batch.lines, "a batch was left out or committed twice"
-        self.traces.write(batch.traces)
-        self.traces.flush(batch.flushed)
-        chain, event_chain = self._chain, self._event_chain
-        lines: list[tuple[Value, ...]] = []
-        events: list[tuple[Value, ...]] = []
-        for number, line in enumerate(batch.lines, self._lines + 1):
-            chain = zlib.crc32(line, chain)
-            lines.append((number, chain, line))
-        for event in batch.events:
-            data = wire.encode(event)
-            event_chain = zlib.crc32(data, event_chain)
-            events.append((event.seq, kind_of(event.fact), event.at_unix_s, event_chain, data))
-        self._write(batch, lines, events)
-        self._chain, self._event_chain = chain, event_chain
-        self._lines += len(lines)
-        self._seq += len(events)
-        self.traces.drop(batch.dropped)
-
-    def _write(self, batch: Batch, lines: list[tuple[Value, ...]], events: list[tuple[Value, ...]]) -> None:
-        rows: dict[str, list[tuple[Value, ...]]] = {}
-        for row in batch.rows:
-            rows.setdefault(row.table, []).append(row.values)
+        self.blobs.flush(batch.flushed)
         try:
             with transaction(self._db):
-                self._db.executemany("INSERT INTO journal VALUES (?, ?, ?)", lines)
-                self._db.executemany("INSERT INTO events VALUES (?, ?, ?, ?, ?)", events)
-                for table, values in rows.items():
-                    self._db.executemany(INSERT[table], values)
+                tails = self._tables.add(batch)
         except sqlite3.OperationalError as fault:
             raise Unavailable(f"{self._path} takes no writes: {fault}") from fault
+        self._tables.tails = tails
+        self._publish(batch.published)
+        self.blobs.drop(batch.dropped)
+
+    def _publish(self, files: Iterable[tuple[str, str]]) -> None:
+        """Let blobs stand under names for people; what fails now is done when the run is opened again."""
+        for file, digest in files:
+            try:
+                put_in_place(self.blobs.path(digest), self._run_dir / file)
+            except Unavailable as fault:
+                log.warning("%s", fault)
 
     # ---- reading -------------------------------------------------------------------------------------------------
 
@@ -167,7 +153,8 @@ class Store:
         books = Books(self.campaign, self.template, self.target, run_id=self.run_id, read_model=self)
         for line in self.journal():
             books.replay(line)
-        self.traces.keep_only(books.wanted_traces)
+        self.blobs.keep_only(frozenset(blob.digest for blob in books.wanted_blobs))
+        self._publish(self._db.execute("SELECT file, digest FROM recordings").fetchall())
         return books
 
     def journal(self) -> Iterator[bytes]:
@@ -176,18 +163,17 @@ class Store:
             rows = self._db.execute("SELECT n, chain, line FROM journal ORDER BY n")
             yield from checked_chain(rows, "journal", self._path)
 
-    def trace(self, trace_digest: str) -> bytes | None:
-        """Return a packed trace whose content fits its digest, None if it is missing or damaged."""
-        return self.traces.read_checked(trace_digest)
+    def blob_fault(self, blob: BlobRef, *, deep: bool = False) -> str:
+        """See `ReadModel.blob_fault`."""
+        return self.blobs.fault(blob, deep=deep)
 
     def outcomes(self, after_round: int, upto_round: int, limit: int) -> tuple[Outcome, ...]:
         """Return the outcomes of whole rounds in (after, upto], in order, up to about `limit` of them."""
         found: list[Outcome] = []
-        query = "SELECT round, content FROM outcomes WHERE round > ? AND round <= ? ORDER BY round, rank"
-        for number, content in self._db.execute(query, (after_round, upto_round)):
-            if len(found) >= limit and number != found[-1].round:
+        for outcome in self._contents.outcomes(after_round, upto_round):
+            if len(found) >= limit and outcome.round != found[-1].round:
                 break
-            found.append(_OUTCOME.decode(content))
+            found.append(outcome)
         return tuple(found)
 
     def events(self, from_seq: int, limit: int) -> tuple[bytes, ...]:
@@ -200,7 +186,3 @@ class Store:
 
     def _decoded(self, key: str, kind: type[T]) -> T:
         return wire.decode(self._meta(key), kind)
-
-    def _tail(self, table: str, column: str) -> tuple[int, int]:
-        row = self._db.execute(f"SELECT {column}, chain FROM {table} ORDER BY {column} DESC LIMIT 1").fetchone()  # noqa: S608
-        return (0, 0) if row is None else (int(row[0]), int(row[1]))

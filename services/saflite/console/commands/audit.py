@@ -1,10 +1,13 @@
 """Check the books of a run: everything issued has ended, nothing was counted twice, nothing acknowledged is missing.
 
+The journal is the one truth. What is audited is that all other tables say what it says, and that every blob the books
+name (traces, artefacts, recordings) is there with the bytes its digest names. `--rebuild` makes the tables anew first.
 Exit code 0 if the books balance, 3 if they do not.
 
 examples:
   saflite audit runs/avoidance-m2
-  saflite audit runs/avoidance-m2 --json
+  saflite audit runs/avoidance-m2 --quick --json
+  saflite audit runs/avoidance-m2 --rebuild
 """
 
 from __future__ import annotations
@@ -16,6 +19,8 @@ from pathlib import Path
 def configure(parser: argparse.ArgumentParser) -> None:
     """Name the arguments."""
     parser.add_argument("run", type=Path, help="run folder")
+    parser.add_argument("--quick", action="store_true", help="only look whether blobs are there in full length")
+    parser.add_argument("--rebuild", action="store_true", help="first make all tables anew from the journal")
     parser.add_argument("--json", action="store_true", help="print the figures as JSON")
 
 
@@ -26,7 +31,13 @@ def run(args: argparse.Namespace) -> int:
     from saflite.campaign.storage.audit import audit
     from saflite.console.view import out
 
-    figures = msgspec.to_builtins(audit(args.run))
+    if args.rebuild:
+        from saflite.campaign.storage.rebuild import rebuild
+
+        lines = rebuild(args.run)
+        if not args.json:
+            out.line(f"all tables were made anew from {lines} journal entries")
+    figures = msgspec.to_builtins(audit(args.run, quick=args.quick))
     if args.json:
         out.json(figures)
         return 0 if figures["clean"] else 3

@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from saflite.console.operations.judging import Flown
     from saflite.contract.test_case import TestCase
     from saflite.contract.verdict import Judgement
-    from saflite.contract.work import FlyResult
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -72,14 +72,14 @@ def run(args: argparse.Namespace) -> int:
     return judging.exit_code(judgement)
 
 
-def _record(path: Path, case: TestCase, flown: FlyResult, judgement: Judgement) -> None:
+def _record(path: Path, case: TestCase, flown: Flown, judgement: Judgement) -> None:
     from saflite.contract.errors import Unavailable
     from saflite.contract.work import RecordWork
     from saflite.recorder import mcap
     from saflite.runtime.clock import WallClock
 
-    work = RecordWork(test_case=case, flight=flown.flight, judgement=judgement, trace=flown.trace)
+    work = RecordWork(test_case=case, flight=flown.flight, judgement=judgement)
     try:
-        path.write_bytes(mcap.write(work, WallClock().unix_s() - flown.flight.wall_s))
+        path.write_bytes(mcap.write(work, flown.packed, WallClock().unix_s() - flown.flight.wall_s))
     except OSError as fault:
         raise Unavailable(f"recording {path}: {fault}") from fault

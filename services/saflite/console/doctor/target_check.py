@@ -31,10 +31,11 @@ def target_words(name: str) -> tuple[bool, str]:
 
 def _flown(info: TargetInfo) -> FlyResult:
     from saflite.conformance.target_cases import default_cases
+    from saflite.evidence.memory import MemoryBlobs
     from saflite.runtime.clock import WallClock
     from saflite.simulator_worker.work import open_service
 
-    flyer = open_service("doctor", WallClock(), verify=True)
+    flyer = open_service("doctor", WallClock(), MemoryBlobs(), verify=True)
     try:
         case = default_cases(info)[0]
         work = FlyWork(test_case=case, flight_index=0, purpose="replay", wall_limit_s=WALL_LIMIT_S)

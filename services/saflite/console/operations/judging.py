@@ -3,50 +3,70 @@
 from __future__ import annotations
 
 from collections import Counter
+from typing import NamedTuple
 
 from saflite.console.view import out
 from saflite.contract.flight import Flight, unpack_trace
 from saflite.contract.test_case import TestCase, identity
 from saflite.contract.verdict import NEVER_APPLIED, Judgement, Ruling, Verdict
 from saflite.contract.work import FlyResult, FlyWork, PolicyTexts
+from saflite.evidence.memory import MemoryBlobs
 
 
-def fly(case: TestCase, wall_limit_s: float, flight_index: int = 0) -> FlyResult:
-    """Fly the test case once in a sandbox.
+class Flown(NamedTuple):
+    """A flight and its packed trace, empty if there is none."""
 
-    Raises:
-        Refused: the target is unknown or cannot fly it.
-        Unavailable: the simulator does not come up.
-    """
-    from saflite.runtime.clock import WallClock
-    from saflite.simulator_worker.work import open_service
+    flight: Flight
+    packed: bytes
 
-    flyer = open_service("console", WallClock())
+
+class OwnSimulator:
+    """A simulator worker of one's own, for flights outside a campaign."""
+
+    def __init__(self) -> None:
+        from saflite.runtime.clock import WallClock
+        from saflite.simulator_worker.work import open_service
+
+        self._blobs = MemoryBlobs()
+        self._flyer = open_service("console", WallClock(), self._blobs)
+
+    def fly(self, case: TestCase, wall_limit_s: float, flight_index: int = 0) -> Flown:
+        """Fly the test case once.
+
+        Raises:
+            Refused: the target is unknown or cannot fly it.
+            Unavailable: the simulator does not come up.
+        """
+        work = FlyWork(test_case=case, flight_index=flight_index, purpose="replay", wall_limit_s=wall_limit_s)
+        result = self._flyer.do(work, lambda: False)
+        assert isinstance(result, FlyResult)
+        trace = result.flight.trace
+        packed = b"" if trace is None else self._blobs.get(trace)
+        self._blobs.kept.clear()
+        return Flown(result.flight, packed)
+
+    def close(self) -> None:
+        """End the simulator."""
+        self._flyer.close()
+
+
+def fly(case: TestCase, wall_limit_s: float) -> Flown:
+    """Fly the test case once in a sandbox; raises as `OwnSimulator.fly` does."""
+    simulator = OwnSimulator()
     try:
-        return fly_with(flyer, case, wall_limit_s, flight_index)
+        return simulator.fly(case, wall_limit_s)
     finally:
-        flyer.close()
-
-
-def fly_with(flyer: object, case: TestCase, wall_limit_s: float, flight_index: int = 0) -> FlyResult:
-    """Fly with an open simulator worker."""
-    from saflite.simulator_worker.work import Flyer
-
-    assert isinstance(flyer, Flyer)
-    work = FlyWork(test_case=case, flight_index=flight_index, purpose="replay", wall_limit_s=wall_limit_s)
-    result = flyer.do(work, lambda: False)
-    assert isinstance(result, FlyResult)
-    return result
+        simulator.close()
 
 
 def judge(
-    case: TestCase, flown: FlyResult, policies: tuple[str, ...], policy_texts: PolicyTexts | None = None
+    case: TestCase, flown: Flown, policies: tuple[str, ...], policy_texts: PolicyTexts | None = None
 ) -> Judgement:
     """Judge a flight by the policies named; by all there are if none is."""
     from saflite.oracle.judge import judge as oracle_judge
     from saflite.oracle.policy import policy_names
 
-    trace = unpack_trace(flown.trace) if flown.trace else None
+    trace = unpack_trace(flown.packed) if flown.packed else None
     return oracle_judge(case, flown.flight, trace, policies or policy_names(), policy_texts)
 
 

@@ -78,17 +78,14 @@ def _of_run(run_dir: Path, wanted: str, everything: bool, policies: tuple[str, .
 
 def replay(found: Sequence[Entry], times: int, wall_limit_s: float) -> Iterator[Replayed]:
     """Yield each repetition as it lands; a test case without a record is flown once more and compared with itself."""
-    from saflite.runtime.clock import WallClock
-    from saflite.simulator_worker.work import open_service
-
-    flyer = open_service("replay", WallClock())
+    simulator = judging.OwnSimulator()
     try:
         for entry in found:
             digest, rounds = entry.trace_digest, times
             if not digest:
-                digest, rounds = judging.fly_with(flyer, entry.test_case, wall_limit_s).flight.trace_digest, times
+                digest, rounds = simulator.fly(entry.test_case, wall_limit_s).flight.trace_digest, times
             for index in range(rounds):
-                flown = judging.fly_with(flyer, entry.test_case, wall_limit_s, index)
+                flown = simulator.fly(entry.test_case, wall_limit_s, index)
                 judgement = judging.judge(entry.test_case, flown, entry.policies, entry.policy_texts)
                 violated = tuple(one.policy for one in judgement.verdicts if one.outcome == "violated")
                 least = worst(judgement)
@@ -106,7 +103,7 @@ def replay(found: Sequence[Entry], times: int, wall_limit_s: float) -> Iterator[
                     robustness=least.robustness if least else None,
                 )
     finally:
-        flyer.close()
+        simulator.close()
 
 
 def line(result: Replayed) -> str:

@@ -11,16 +11,18 @@ from typing import NamedTuple, TypeVar
 
 import msgspec
 
-from saflite.campaign.storage.blobs import TraceFiles
+from saflite.campaign.storage.contents import Contents
 from saflite.campaign.storage.sqlite import connect_reading, damage_named
-from saflite.campaign.storage.store import TRACES, store_file
+from saflite.campaign.storage.store import store_file
 from saflite.contract import wire
+from saflite.contract.blobs import BlobMissing, BlobRef
 from saflite.contract.config import Campaign
 from saflite.contract.errors import Refused
 from saflite.contract.events import Event
 from saflite.contract.flight import BESIDE_BUDGET, Purpose, Trace, unpack_trace
 from saflite.contract.test_case import TestCase
 from saflite.contract.verdict import Judgement, Ruling, Violation
+from saflite.evidence.folder import BlobFolder
 from saflite.recorder.summary import Finding, PolicyFacts, Rulings, RunSummary
 
 T = TypeVar("T")
@@ -95,7 +97,7 @@ class RunFolder:
         self.path = run_dir
         self._file = store_file(run_dir)
         self._db = connect_reading(self._file)
-        self._traces = TraceFiles(run_dir / TRACES)
+        self._blobs, self._contents = BlobFolder(run_dir), Contents(self._db)
         self.campaign = self._meta("campaign", Campaign)
         self.template = self._meta("template", TestCase)
 
@@ -119,16 +121,16 @@ class RunFolder:
 
     def test_case(self, name: str) -> TestCase:
         """Return a test case by its identity; raises Refused if the run holds none of that name."""
-        for (content,) in self._rows("SELECT content FROM test_cases WHERE test_case = ?", name):
-            return wire.decode(content, TestCase)
+        with damage_named(self._file):
+            test_case = self._contents.test_case(name)
+        if test_case is not None:
+            return test_case
         raise Refused("test case", where=str(self.path), expected="one of this run", got=repr(name))
 
     def judgement(self, name: str, flight_index: int = 0) -> Judgement | None:
         """Return the judgement on a flight, None if it was not judged."""
-        query = "SELECT content FROM judgements WHERE test_case = ? AND flight_index = ?"
-        for (content,) in self._rows(query, name, flight_index):
-            return wire.decode(content, Judgement)
-        return None
+        with damage_named(self._file):
+            return self._contents.judgement(name, flight_index)
 
     def endings(self) -> dict[str, int]:
         """Return how many test cases ended in each state (held, confirmed, flaky, unconfirmed, quarantined)."""
@@ -209,8 +211,13 @@ class RunFolder:
 
     def trace(self, digest: str) -> Trace | None:
         """Return a trace that was kept, None if it was not or is damaged."""
-        data = self._traces.read_checked(digest) if digest else None
-        return unpack_trace(data) if data is not None else None
+        query = "SELECT trace_blob, trace_bytes FROM flights WHERE trace_digest = ? AND trace_blob <> ''"
+        for blob, size_bytes in self._rows(query, digest):
+            try:
+                return unpack_trace(self._blobs.get(BlobRef(digest=blob, size_bytes=size_bytes)))
+            except BlobMissing:
+                continue
+        return None
 
     # ---- scores --------------------------------------------------------------------------------------------------
 

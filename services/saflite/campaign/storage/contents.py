@@ -1,0 +1,75 @@
+"""Reads in the journal what the rows of the other tables only name: test cases, judgements, outcomes."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterator
+
+import msgspec
+
+from saflite.campaign.engine.journal import Line, Settled, decode_line
+from saflite.campaign.lifecycle.outcomes import outcome_of
+from saflite.contract import wire
+from saflite.contract.errors import Refused
+from saflite.contract.test_case import TestCase
+from saflite.contract.verdict import Judgement
+from saflite.contract.work import JudgeResult, MutateResult, Outcome, Result
+
+_CASE = "SELECT line, place, round, content FROM test_cases WHERE test_case = ? ORDER BY rowid DESC"
+_FLOWN = "SELECT line, place, round, content FROM test_cases WHERE test_case = ? AND round = ? AND place >= 0"
+_JUDGEMENT = "SELECT line FROM judgements WHERE test_case = ? AND flight_index = ?"
+_OUTCOMES = (
+    "SELECT round, test_case, ending, flight_index FROM outcomes WHERE round > ? AND round <= ? ORDER BY round, rank"
+)
+
+
+class Contents:
+    """One connection's view of what was proposed and judged."""
+
+    def __init__(self, connection: sqlite3.Connection) -> None:
+        self._db = connection
+        self._held: tuple[int, Result] | None = None  # the test cases of a round stand in one line
+
+    def test_case(self, name: str) -> TestCase | None:
+        """Return a test case by its identity, as it was proposed last; None if there is none of that name."""
+        row = self._db.execute(_CASE, (name,)).fetchone()
+        return None if row is None else self._test_case(*row)
+
+    def _test_case(self, line: int | None, place: int, round_: int, content: bytes) -> TestCase:
+        if line is None:
+            return wire.decode(content, TestCase)
+        result = self._result(line)
+        assert isinstance(result, MutateResult), f"journal entry {line} proposes nothing"
+        proposed = result.test_cases[place]
+        origin = msgspec.structs.replace(proposed.origin, round=round_, index=place)
+        return msgspec.structs.replace(proposed, origin=origin)
+
+    def judgement(self, name: str, flight_index: int = 0) -> Judgement | None:
+        """Return the judgement on a flight, None if it was not judged."""
+        row = self._db.execute(_JUDGEMENT, (name, flight_index)).fetchone()
+        if row is None:
+            return None
+        result = self._result(row[0])
+        assert isinstance(result, JudgeResult), f"journal entry {row[0]} judges nothing"
+        return result.judgement
+
+    def outcomes(self, after_round: int, upto_round: int) -> Iterator[Outcome]:
+        """Yield the outcomes of the rounds in (after, upto], in order."""
+        for round_, name, ending, flight_index in self._db.execute(_OUTCOMES, (after_round, upto_round)).fetchall():
+            proposal = self._db.execute(_FLOWN, (name, round_)).fetchone()
+            yield outcome_of(self._test_case(*proposal), round_, ending, self.judgement(name, flight_index))
+
+    def _result(self, number: int) -> Result:
+        if self._held is None or self._held[0] != number:
+            self._held = number, self._read(number)
+        return self._held[1]
+
+    def _read(self, number: int) -> Result:
+        row = self._db.execute("SELECT line FROM journal WHERE n = ?", (number,)).fetchone()
+        try:
+            line: Line | None = None if row is None else decode_line(row[0])
+        except msgspec.MsgspecError:
+            line = None
+        if line is None or not isinstance(line.entry, Settled):
+            raise Refused("books", expected=f"a result in journal entry {number}", got="none; the journal is damaged")
+        return line.entry.result

@@ -1,0 +1,140 @@
+"""Blobs in chunks, for who cannot see the folder: the serving side, and the two ways through for the asking side.
+
+All are plain state machines over the messages of `contract.blobs`; who sends those, and how often, is not their
+matter. Either way can be taken up again where it stopped: the asking side says from where, the serving side how far
+it is.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from saflite.contract.blobs import (
+    CHUNK_BYTES_MAX,
+    BlobChunk,
+    BlobGet,
+    BlobMissing,
+    BlobPut,
+    BlobRef,
+    BlobTaken,
+    check_ref,
+)
+from saflite.contract.errors import Refused, Unavailable
+from saflite.contract.ids import digest
+from saflite.evidence import files
+from saflite.evidence.folder import BlobFolder
+
+RESTARTS_MAX = 3
+
+
+class ChunkServer:
+    """Answers `BlobGet` and `BlobPut` from a folder; holds one chunk in memory at most."""
+
+    def __init__(self, blobs: BlobFolder) -> None:
+        self._blobs = blobs
+
+    def get(self, ask: BlobGet) -> BlobChunk:
+        """Return a stretch of a blob; raises Refused for a question that makes no sense."""
+        check_ref(BlobRef(digest=ask.digest, size_bytes=0))
+        if ask.offset < 0 or not 0 < ask.length <= CHUNK_BYTES_MAX:
+            expected = f"an offset of 0 or more and a length of 1 to {CHUNK_BYTES_MAX}"
+            raise Refused("blob", expected=expected, got=(ask.offset, ask.length))
+        try:
+            with self._blobs.path(ask.digest).open("rb") as file:
+                size_bytes = file.seek(0, 2)
+                file.seek(ask.offset)
+                return BlobChunk(size_bytes=size_bytes, data=file.read(ask.length))
+        except OSError:
+            return BlobChunk(size_bytes=-1)
+
+    def put(self, ask: BlobPut) -> BlobTaken:
+        """Take a stretch of a blob; the digest is checked with the last one.
+
+        Raises:
+            Refused: the stretch makes no sense, or all of them together are not the blob.
+            Unavailable: the disk does not take it.
+        """
+        check_ref(ask.ref)
+        whole = self._blobs.incoming(ask.worker) / ask.ref.digest
+        if not 0 <= ask.offset <= ask.offset + len(ask.data) <= ask.ref.size_bytes or len(ask.data) > CHUNK_BYTES_MAX:
+            expected = f"at most {CHUNK_BYTES_MAX} bytes within the {ask.ref.size_bytes} of the blob"
+            raise Refused("blob", expected=expected, got=f"{len(ask.data)} bytes from {ask.offset} on")
+        if not files.fault_of(whole, ask.ref, deep=False):
+            return BlobTaken(have_bytes=ask.ref.size_bytes)
+        try:
+            return BlobTaken(have_bytes=_append(whole, ask))
+        except OSError as fault:
+            raise Unavailable(f"{whole.parent} takes no blob: {fault}") from fault
+
+
+def _append(whole: Path, ask: BlobPut) -> int:
+    part = whole.with_name(whole.name + files.PART)
+    part.parent.mkdir(parents=True, exist_ok=True)
+    with part.open("ab") as file:
+        have = file.tell()
+        if have == ask.offset:
+            have += file.write(ask.data)
+    if have < ask.ref.size_bytes:
+        return have
+    if files.fault_of(part, ask.ref, deep=True):
+        part.unlink()
+        raise Refused("blob", expected=f"bytes with the digest {ask.ref.digest[:16]!r}...", got="other bytes")
+    part.replace(whole)
+    return have
+
+
+class Upload:
+    """Leaves a blob: send what `ask` returns and `take` the answer, until `ask` returns None."""
+
+    def __init__(self, worker: str, ref: BlobRef, data: bytes) -> None:
+        self._worker, self._ref, self._data = worker, ref, memoryview(data)
+        self._have_bytes = -1
+        self._restarts = 0
+
+    def ask(self) -> BlobPut | None:
+        """Return the next stretch; the first question only is how much is there already."""
+        if self._have_bytes == self._ref.size_bytes:
+            return None
+        at = max(0, self._have_bytes)
+        data = b"" if self._have_bytes < 0 else bytes(self._data[at : at + CHUNK_BYTES_MAX])
+        return BlobPut(worker=self._worker, ref=self._ref, offset=at, data=data)
+
+    def take(self, answer: BlobTaken) -> None:
+        """Go on from where the other side is; raises Unavailable if that falls back again and again."""
+        self._restarts += answer.have_bytes < self._have_bytes
+        if self._restarts > RESTARTS_MAX or not 0 <= answer.have_bytes <= self._ref.size_bytes:
+            raise Unavailable(
+                f"blob {self._ref.digest[:16]} is not taken: {answer.have_bytes} bytes are said to be there"
+            )
+        self._have_bytes = answer.have_bytes
+
+
+class Download:
+    """Gets a blob: send what `ask` returns and `take` the answer, until `ask` returns None."""
+
+    def __init__(self, ref: BlobRef) -> None:
+        check_ref(ref)
+        self._ref, self._data = ref, bytearray()
+        self._begun = False
+
+    def ask(self) -> BlobGet | None:
+        """Return the next question; a blob of no bytes is asked for once, too."""
+        if self._begun and len(self._data) == self._ref.size_bytes:
+            return None
+        return BlobGet(digest=self._ref.digest, offset=len(self._data))
+
+    def take(self, answer: BlobChunk) -> None:
+        """Take a stretch; raises BlobMissing where the other side has no such blob."""
+        self._begun = True
+        if answer.size_bytes < 0:
+            raise BlobMissing(self._ref, "is missing")
+        if answer.size_bytes != self._ref.size_bytes or (not answer.data and self.ask() is not None):
+            raise BlobMissing(self._ref, "is damaged")
+        self._data += answer.data
+
+    def result(self) -> bytes:
+        """Return the whole blob; raises BlobMissing if its digest is another."""
+        data = bytes(self._data)
+        if digest(data) != self._ref.digest:
+            raise BlobMissing(self._ref, "is damaged")
+        return data
