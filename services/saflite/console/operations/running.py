@@ -56,7 +56,7 @@ def create(run_dir: Path, campaign: Campaign, target: TargetInfo) -> None:
         (run_dir / "campaign.toml").write_text(dump(campaign), encoding="utf-8")
     except OSError as fault:
         raise Unavailable(f"{run_dir}: {fault}") from fault
-    provenance.note(run_dir)
+    provenance.note(run_dir, target)
     run_modules.note(run_dir, all_given())
 
 

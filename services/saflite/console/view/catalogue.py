@@ -25,10 +25,10 @@ class Item(NamedTuple):
     details: Mapping[str, str] = MappingProxyType({})
 
 
-def _campaigns() -> list[Item]:
+def _campaigns(info: TargetInfo) -> list[Item]:
     from saflite.campaign.presets.campaigns import builtin_campaigns
 
-    return [Item(name, text) for name, text in builtin_campaigns().items()]
+    return [Item(name, text) for name, text in builtin_campaigns(info).items()]
 
 
 def _missions() -> list[Item]:
@@ -184,7 +184,6 @@ def _signals(info: TargetInfo) -> list[Item]:
 
 
 KINDS: dict[str, Callable[[], list[Item]]] = {
-    "campaigns": _campaigns,
     "missions": _missions,
     "strategies": _strategies,
     "scorers": _scorers,
@@ -194,6 +193,7 @@ KINDS: dict[str, Callable[[], list[Item]]] = {
     "commands": _commands,
 }
 OF_TARGET: dict[str, Callable[[TargetInfo], list[Item]]] = {
+    "campaigns": _campaigns,
     "settings": _settings,
     "defects": _defects,
     "signals": _signals,
