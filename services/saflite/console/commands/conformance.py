@@ -5,6 +5,8 @@ The suites are importable, too: `saflite.conformance`. Exit code 1 if a check do
 examples:
   saflite conformance target reference
   saflite conformance target point_mass --module point_mass.py
+  saflite conformance strategy my_strategy --module my_strategy.py
+  saflite conformance scorer gap
 """
 
 from __future__ import annotations
@@ -53,4 +55,25 @@ def _target(name: str, modules: Sequence[Path]) -> Sequence[Check]:
     return checks_of(load_target(name, modules))
 
 
-SUITES: dict[str, Callable[[str, Sequence[Path]], Sequence[Check]]] = {"target": _target}
+def _strategy(name: str, modules: Sequence[Path]) -> Sequence[Check]:
+    from saflite.conformance.strategies import Setup, check_strategy
+    from saflite.contract.test_case import DEFAULT_TARGET
+    from saflite.mutator.registry import load_strategy
+    from saflite.simulator_worker.registry import describe_target
+
+    return check_strategy(Setup(name, load_strategy(name), describe_target(DEFAULT_TARGET)))
+
+
+def _scorer(name: str, modules: Sequence[Path]) -> Sequence[Check]:
+    from saflite.conformance.scorers import check_scorer, open_model
+    from saflite.scorer_pool.registry import check_label
+
+    check_label(name)
+    return check_scorer(lambda: open_model(name))
+
+
+SUITES: dict[str, Callable[[str, Sequence[Path]], Sequence[Check]]] = {
+    "target": _target,
+    "strategy": _strategy,
+    "scorer": _scorer,
+}
