@@ -134,9 +134,9 @@ class Books:
 
     # ---- opening and closing -------------------------------------------------------------------------------------
 
-    def replay(self, line: bytes, *, aloud: bool = False) -> None:
-        """Apply one committed journal line again; `aloud`, what it says is there to be drained. Before `begin` only."""
-        self._out.replaying = not aloud
+    def replay(self, line: bytes, *, announce: bool = False) -> None:
+        """Apply a committed journal line again; with `announce` its facts can be drained. Before `begin` only."""
+        self._out.replaying = not announce
         self._out.line(line)
         self._reducer.apply(decode_line(line))
         self._out.replaying = False

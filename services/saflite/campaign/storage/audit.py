@@ -13,7 +13,7 @@ from typing import Any
 
 from saflite.campaign.engine.outbox import Row
 from saflite.campaign.engine.state import Books
-from saflite.campaign.storage.journal_audit import Recount
+from saflite.campaign.storage.journal_audit import JournalAudit
 from saflite.campaign.storage.projections import KEYS, TABLES
 from saflite.campaign.storage.rebuild import books_of
 from saflite.campaign.storage.sqlite import check_file, checked_chain, connect_reading, damage_named, in_use
@@ -51,11 +51,11 @@ def audit(run_dir: Path, *, quick: bool = False) -> dict[str, Any]:
 def _audit(run_dir: Path, connection: sqlite3.Connection, path: Path, quick: bool) -> dict[str, Any]:
     check = "quick_check" if quick else "integrity_check"
     problems = [f"SQLite: {row[0]}" for row in connection.execute(f"PRAGMA {check}(20)") if row[0] != "ok"]
-    recount = Recount()
+    counted = JournalAudit()
     replayed = _Replayed(books_of(connection))
     try:
         for line in checked_chain(connection.execute("SELECT n, chain, line FROM journal ORDER BY n"), "journal", path):
-            recount.add(line)
+            counted.add(line)
             replayed.add(line)
         stored = connection.execute("SELECT seq, chain, event FROM events ORDER BY seq")
         events = list(checked_chain(stored, "event", path))
@@ -63,23 +63,23 @@ def _audit(run_dir: Path, connection: sqlite3.Connection, path: Path, quick: boo
         return {"clean": False, "problems": [*problems, str(fault)]}
     replayed.finish()
     told = [wire.decode(data, Event) for data in events]
-    problems += recount.problems + recount.compare_told([event.fact for event in told])
+    problems += counted.problems + counted.compare_told([event.fact for event in told])
     problems += replayed.compare(events, connection)
     core = replayed.books.overview_of_audit()
     if core["over"]:
-        problems += recount.left_open()
+        problems += counted.left_open()
     running = in_use(run_dir)
     blobs = _blobs(run_dir, replayed.books, problems, running=running, deep=not quick)
     recordings = _recordings(run_dir, connection, problems, running=running, deep=not quick)
-    if recount.charged > core["budget"]:
-        problems.append(f"budget: {recount.charged} flights with a budget of {core['budget']}")
+    if counted.charged > core["budget"]:
+        problems.append(f"budget: {counted.charged} flights with a budget of {core['budget']}")
     return {
         "clean": not problems,
         "state": core["state"],
         "budget": core["budget"],
-        **recount.figures(),
+        **counted.figures(),
         "events": len(events),
-        "journal_lines": recount.lines,
+        "journal_lines": counted.lines,
         **blobs,
         **recordings,
         "problems": problems,
@@ -97,7 +97,7 @@ class _Replayed:
 
     def add(self, line: bytes) -> None:
         """Replay one line."""
-        self.books.replay(line, aloud=True)
+        self.books.replay(line, announce=True)
         self._lines += 1
         if self._lines % REPLAY_STEP == 0:
             self.finish()

@@ -24,7 +24,7 @@ from saflite.contract.work import FlyResult, JudgeResult, MutateResult, ScoreRes
 Flight = tuple[str, int]
 
 
-class Recount:
+class JournalAudit:
     """Feed it every line of the journal in order."""
 
     def __init__(self) -> None:

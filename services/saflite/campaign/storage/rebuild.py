@@ -70,7 +70,7 @@ def _replay(old: sqlite3.Connection, new: sqlite3.Connection, path: Path) -> int
     tables = Tables(new)
     lines = checked_chain(old.execute("SELECT n, chain, line FROM journal ORDER BY n"), "journal", path)
     for number, line in enumerate(lines, 1):
-        books.replay(line, aloud=True)
+        books.replay(line, announce=True)
         if number % REPLAY_STEP == 0:
             tables.tails = tables.add(books.drain())
     tables.tails = tables.add(books.drain())
