@@ -12,7 +12,7 @@ from saflite.campaign.lifecycle.minimizer import Minimizer
 from saflite.campaign.lifecycle.repeats import ONE_FLIGHT
 from saflite.campaign.presets.campaigns import load_campaign, template
 from saflite.conformance.flying import fly_once
-from saflite.contract.flight import AUTOPILOT_ALIVE, Flight
+from saflite.contract.flight import AUTOPILOT_ALIVE, Flight, FlightRecord
 from saflite.contract.rng import derive
 from saflite.contract.test_case import Setting, Stimulus, TestCase, identity
 from saflite.flight.autopilots.reference.defects import TABLE, trigger
@@ -43,7 +43,11 @@ class Shrunk(NamedTuple):
 
 def breaks(test_case: TestCase, policy: str) -> bool:
     """Fly the test case on the reference target and say whether it breaks the policy."""
-    record = fly_once(test_case)
+    return violates(test_case, policy, fly_once(test_case))
+
+
+def violates(test_case: TestCase, policy: str, record: FlightRecord) -> bool:
+    """Return whether a flight broke the policy."""
     if policy == AUTOPILOT_ALIVE:
         return record.ending == "autopilot_died"
     name, delivered = identity(test_case), record.delivered
