@@ -185,9 +185,9 @@ def summary(found: dict[str, list[Measured]], peak_mib: float) -> dict[str, Any]
     return {"kinds": rows, "worker_peak_mib": round(peak_mib, 1), "rounds": len(found["free"])}
 
 
-def against(other: Path, turns: int, rounds: int, least: float | None, *, as_json: bool) -> int:
+def against(other: Path, turns: int, least: float | None, *, as_json: bool) -> int:
     """Compare with another checkout; 1 if a kind of flight is slower than asked for."""
-    compared = _flight_against.compare(other, turns, rounds)
+    compared = _flight_against.compare(_flight_against.HERE, other, max(1, turns))
     if as_json:
         print(json.dumps({name: row._asdict() for name, row in compared.items()}, indent=1))
     else:
@@ -204,11 +204,11 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--rounds", type=int, default=10)
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--against", type=Path, metavar="CHECKOUT", help="measure another checkout in turns with this")
-    parser.add_argument("--turns", type=int, default=10, help="with --against: of --rounds rounds each")
+    parser.add_argument("--turns", type=int, default=20, help="with --against: flights of each kind")
     parser.add_argument("--least", type=float, help="with --against: exit 1 if a median ratio is below, e.g. 0.97")
     options = parser.parse_args(argv)
     if options.against is not None:
-        return against(options.against.resolve(), options.turns, options.rounds, options.least, as_json=options.json)
+        return against(options.against.resolve(), options.turns, options.least, as_json=options.json)
     result = summary(measure(max(1, options.rounds)), worker_peak_mib())
     if options.json:
         print(json.dumps(result, indent=1))
