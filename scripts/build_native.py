@@ -8,6 +8,7 @@ Contraction and host-specific instructions stay off: a trace must be bit-equal o
 from __future__ import annotations
 
 import os
+import runpy
 import shutil
 import subprocess
 import sys
@@ -32,8 +33,10 @@ def build() -> Path:
     """Compile all sources into `_native.so`; raises CalledProcessError with the compiler's own words."""
     target = NATIVE / "_native.so"
     partial = target.with_suffix(f".{os.getpid()}.tmp")
-    sources = sorted(str(path) for path in FLIGHT.rglob("native/*.c"))
-    subprocess.run([*compiler(), *FLAGS, f"-I{NATIVE}", "-o", str(partial), *sources, "-lm"], check=True)
+    native = runpy.run_path(str(FLIGHT / "native_sources.py"))
+    sources = [str(path) for path in native["sources"]("c")]
+    defined = [f"-I{NATIVE}", f'-DNATIVE_SOURCES="{native["digest"]()}"']
+    subprocess.run([*compiler(), *FLAGS, *defined, "-o", str(partial), *sources, "-lm"], check=True)
     partial.replace(target)
     return target
 

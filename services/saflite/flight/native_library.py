@@ -7,11 +7,27 @@ from collections.abc import Iterator, Mapping
 from functools import cache
 from itertools import count
 from pathlib import Path
+from typing import TypeVar
 
 from saflite.contract.errors import Unavailable
+from saflite.flight.native_sources import digest
 
 LIBRARY = Path(__file__).parent / "native" / "_native.so"
+AnyLibrary = TypeVar("AnyLibrary", bound=ctypes.CDLL)
 Memory = ctypes.Array[ctypes.c_char]
+
+
+BUILD = "build it with `python scripts/build_native.py`"
+
+
+@cache
+def native_library() -> ctypes.CDLL:
+    """Return the library.
+
+    Raises:
+        Unavailable: it was not built, for another machine, or from sources other than those beside it.
+    """
+    return _loaded(ctypes.CDLL)
 
 
 @cache
@@ -19,12 +35,27 @@ def python_library() -> ctypes.PyDLL:
     """Return the library for functions that call back into Python objects (the interpreter lock stays held).
 
     Raises:
-        Unavailable: it was not built, or for another machine.
+        Unavailable: as by `native_library`.
     """
+    return _loaded(ctypes.PyDLL)
+
+
+def _loaded(kind: type[AnyLibrary]) -> AnyLibrary:
     try:
-        return ctypes.PyDLL(str(LIBRARY))
+        library = kind(str(LIBRARY))
     except OSError as fault:
-        raise Unavailable(f"native library: {fault}; build it with `python scripts/build_native.py`") from fault
+        raise Unavailable(f"native library: {fault}; {BUILD}") from fault
+    if built_from(library) != digest():
+        raise Unavailable(f"native library: built from other sources than those beside it; {BUILD}")
+    return library
+
+
+def built_from(library: ctypes.CDLL) -> str:
+    """Return the digest of the sources a library was built from, empty for one that does not tell."""
+    if not hasattr(library, "native_sources"):
+        return ""
+    library.native_sources.restype = ctypes.c_char_p
+    return str(library.native_sources().decode())
 
 
 def slot_names(prefix: str) -> tuple[str, ...]:

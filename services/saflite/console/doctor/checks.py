@@ -85,16 +85,13 @@ def _machine() -> Finding:
 
 
 def _native() -> Finding:
-    from saflite.flight import native
+    from saflite.flight.native_library import LIBRARY, native_library
 
-    folder = Path(next(iter(native.__path__)))
-    library = folder / "_native.so"
-    if not library.exists():
-        return Finding("compiled code", "bad", f"{library} is missing; run `python scripts/build_native.py`")
-    newer = [path.name for path in folder.glob("*.[ch]") if path.stat().st_mtime > library.stat().st_mtime]
-    if newer:
-        return Finding("compiled code", "note", f"older than {', '.join(newer)}; run `python scripts/build_native.py`")
-    return Finding("compiled code", "ok", f"{library.stat().st_size // 1024} KiB")
+    try:
+        native_library()
+    except Unavailable as fault:
+        return Finding("compiled code", "bad", str(fault))
+    return Finding("compiled code", "ok", f"{LIBRARY.stat().st_size // 1024} KiB")
 
 
 def _jsbsim() -> Finding:

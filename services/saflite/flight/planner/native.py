@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import ctypes
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from saflite.contract.errors import Unavailable
+from saflite.flight.native_library import native_library
 
-LIBRARY = Path(__file__).resolve().parent.parent / "native" / "_native.so"
 POINTER = ctypes.c_void_p
 INT = ctypes.c_int
 
@@ -36,11 +34,8 @@ _SIGNATURES: dict[str, tuple[object, tuple[object, ...]]] = {
 
 @cache
 def library() -> ctypes.CDLL:
-    """Return the compiled library; raises Unavailable if it was never built."""
-    try:
-        loaded = ctypes.CDLL(str(LIBRARY))
-    except OSError as fault:
-        raise Unavailable(f"{LIBRARY.name}: {fault}; build it with scripts/build_native.py") from fault
+    """Return the compiled library; raises Unavailable if it was not built from the sources beside it."""
+    loaded = native_library()
     for name, (result, arguments) in _SIGNATURES.items():
         function = getattr(loaded, name)
         function.restype, function.argtypes = result, arguments
