@@ -202,13 +202,19 @@ def trace_digest(trace: Trace) -> str:
     return digest(_ENCODER.encode(trace))
 
 
-def unpack_trace(data: bytes) -> Trace:
-    """Return the trace in `data`; raises Refused if it is damaged or larger than 64 MiB unpacked."""
+def unpack_trace(data: bytes, trace_digest: str = "") -> Trace:
+    """Return the trace in `data`.
+
+    Raises:
+        Refused: it is damaged, larger than 64 MiB unpacked, or not the one with this digest, if one is given.
+    """
     inflate = zlib.decompressobj()
     try:
         content = inflate.decompress(data, TRACE_BYTES_MAX)
         if inflate.unconsumed_tail or not inflate.eof:
             raise Refused("trace", expected="a whole packed trace of at most 64 MiB", got=f"{len(data)} bytes")
+        if trace_digest and digest(content) != trace_digest:
+            raise Refused("trace", expected=f"the one with the digest {trace_digest[:16]!r}...", got="another trace")
         trace: Trace = _DECODER.decode(content)
     except (zlib.error, msgspec.MsgspecError) as fault:
         raise Refused("trace", expected="a packed trace", got=str(fault)) from fault

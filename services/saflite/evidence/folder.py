@@ -80,7 +80,7 @@ class BlobFolder:
         if fault:
             return self.fault(ref, deep=True)  # a result sent twice: it was adopted the first time
         if self.fault(ref, deep=True):
-            self.path(ref.digest).unlink(missing_ok=True)
+            self.drop([ref.digest])
             files.put_in_place(left, self.path(ref.digest))
         return ""
 

@@ -30,9 +30,9 @@ class Oracle:
     def do(self, work: Work, cancelled: Cancelled) -> Result:
         """Judge one flight; raises Refused for what is no trace or an unknown policy, BlobMissing for no trace."""
         assert isinstance(work, JudgeWork), f"the oracle was given {type(work).__name__}"
-        blob = work.flight.trace
-        trace = unpack_trace(self._blobs.get(blob)) if blob is not None else None
-        return JudgeResult(judgement=judge(work.test_case, work.flight, trace, work.policies, work.policy_texts))
+        flight = work.flight
+        trace = None if flight.trace is None else unpack_trace(self._blobs.get(flight.trace), flight.trace_digest)
+        return JudgeResult(judgement=judge(work.test_case, flight, trace, work.policies, work.policy_texts))
 
     def close(self) -> None:
         """Nothing is held."""

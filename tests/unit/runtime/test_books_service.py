@@ -33,7 +33,7 @@ class _FullDisk:
     """The real store, on a disk that can be filled."""
 
     def __init__(self, store: Store) -> None:
-        self.store, self.full = store, False
+        self.store, self.full, self.blobs = store, False, store.blobs
 
     def commit(self, batch: Batch) -> None:
         if self.full and batch:

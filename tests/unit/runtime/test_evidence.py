@@ -1,0 +1,178 @@
+"""What results name is looked at before the books take them; who cannot see the folder gets there in chunks."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from saflite.bus.base import Bus, Happening, Inbox
+from saflite.bus.faulty import FaultyNetwork, Trouble
+from saflite.bus.memory import MemoryNetwork
+from saflite.contract.blobs import CHUNK_BYTES_MAX, BlobMissing, Blobs, ref_of
+from saflite.contract.errors import Unavailable
+from saflite.contract.flight import Artefact, Flight, Trace, pack_trace, trace_digest, unpack_trace
+from saflite.contract.rng import derive
+from saflite.contract.wire import MESSAGE_BYTES_MAX
+from saflite.contract.work import Failure, FlyResult, Report
+from saflite.evidence.folder import BlobFolder, WorkerFolder
+from saflite.runtime.blob_client import BusBlobs, WorkerBlobs
+from saflite.runtime.evidence import BlobRequests, look
+
+TRACE = Trace(step_s=0.1, signals={"x_m": derive(1, "x").random(50, dtype=np.float32).tobytes()})
+MIB = 2**20
+
+
+class SteppedBus:
+    """A bus in memory whose questions are answered before `ask` returns; for code that waits."""
+
+    def __init__(self, network: MemoryNetwork, name: str) -> None:
+        self._network, self._bus = network, network.connect(name)
+        self.name = name
+        self.largest_bytes = self.questions = 0
+
+    def ask(self, key: str, payload: bytes, tag: Hashable, inbox: Inbox, timeout_s: float) -> None:
+        self.largest_bytes, self.questions = max(self.largest_bytes, len(payload)), self.questions + 1
+        got: list[Happening] = []
+        self._bus.ask(key, payload, tag, got.append, timeout_s)
+        while not got:
+            assert self._network.step(), "nothing is under way, and no answer came"
+        inbox(got[0])
+
+    def monotonic_s(self) -> float:
+        return self._network.now_s
+
+    def sleep_s(self, duration_s: float) -> None:
+        self._network.run_until(self._network.now_s + duration_s)
+
+
+def connected(network: MemoryNetwork, store: BlobFolder, worker: str = "fly-1") -> tuple[BusBlobs, SteppedBus]:
+    """Serve a store and connect a worker to it."""
+    network.connect("books").serve("saflite/2/c/blob/*", BlobRequests(store).answer)
+    bus = SteppedBus(network, worker)
+    face: Bus = bus  # type: ignore[assignment]
+    return BusBlobs(face, "c", worker, bus), bus
+
+
+def report(blobs: Blobs, flown: Trace = TRACE, **changed: object) -> Report:
+    """A flight of `fly-1` that left its trace and a log."""
+    flight = Flight(
+        test_case="x",
+        flight_index=1,
+        ending="completed",
+        trace_digest=trace_digest(flown),
+        trace=blobs.put(pack_trace(flown)),
+        artefacts=(Artefact(name="log", blob=blobs.put(b"log")),),
+    )
+    result = FlyResult(flight=msgspec.structs.replace(flight, **changed))
+    return Report(worker="fly-1", lease_id="x", epoch=1, result=result)
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> BlobFolder:
+    return BlobFolder(tmp_path / "run")
+
+
+@pytest.fixture
+def left(tmp_path: Path) -> WorkerFolder:
+    return WorkerFolder(tmp_path / "run", "fly-1")
+
+
+def test_whole_blobs_are_in_the_store_once_looked_at(store: BlobFolder, left: WorkerFolder) -> None:
+    told = report(left)
+    assert look(store, told) == ""
+    assert isinstance(told.result, FlyResult)
+    assert all(store.get(blob) for blob in told.result.flight.blobs)
+    assert look(store, told) == "", "a result sent again"
+
+
+def test_what_is_wrong_is_said(store: BlobFolder, left: WorkerFolder) -> None:
+    assert "is missing" in str(look(store, report(left, artefacts=(Artefact(name="log", blob=ref_of(b"never")),))))
+    assert "not the one with the digest" in str(look(store, report(left, trace_digest="0" * 64)))
+    assert "expected a digest" in str(
+        look(store, report(left, trace=msgspec.structs.replace(ref_of(b""), digest="..")))
+    )
+    stranger = msgspec.structs.replace(report(left), worker="../fly-1")
+    assert "worker name" in str(look(store, stranger))
+
+
+def test_what_a_worker_could_not_read_is_looked_for(store: BlobFolder) -> None:
+    there, gone = store.put(b"there"), ref_of(b"gone")
+    told = Report(worker="judge-1", lease_id="x", epoch=1, result=Failure(message="", unread=(there, gone)))
+    assert look(store, told) == f"blob {gone.digest[:16]} is missing"
+    only = msgspec.structs.replace(told, result=Failure(message="", unread=(there,)))
+    assert look(store, only) == "", "it is there: the worker is at fault"
+
+
+def test_a_disk_that_takes_nothing_is_no_fault_of_the_result(store: BlobFolder, left: WorkerFolder) -> None:
+    told = report(left)
+    assert isinstance(told.result, FlyResult)
+    assert told.result.flight.trace is not None
+    store.path(told.result.flight.trace.digest).parent.write_text("a file where the folder should be")
+    assert look(store, told) is None
+
+
+@pytest.mark.parametrize("trouble", [None, Trouble(loss=0.2, duplicate=0.2, delay_max_s=0.5)])
+def test_blobs_get_over_the_bus_both_ways(store: BlobFolder, trouble: Trouble | None) -> None:
+    network = MemoryNetwork() if trouble is None else FaultyNetwork(3, trouble)
+    blobs, bus = connected(network, store)
+    data = derive(2, "blob").bytes(5 * MIB + 17)
+    ref = blobs.put(data)
+    assert store.adopt("fly-1", ref) == ""
+    assert blobs.get(ref) == data
+    assert bus.questions >= 2 * 6
+    with pytest.raises(BlobMissing):
+        blobs.get(ref_of(b"never left"))
+
+
+def test_a_trace_larger_than_a_message_travels_in_chunks(store: BlobFolder) -> None:
+    blobs, bus = connected(MemoryNetwork(), store)
+    noise = derive(3, "noise").random(10 * MIB, dtype=np.float32).tobytes()
+    big = Trace(step_s=0.01, signals={"x_m": noise})
+    told = report(blobs, big)
+    assert isinstance(told.result, FlyResult)
+    trace = told.result.flight.trace
+    assert trace is not None
+    assert trace.size_bytes > MESSAGE_BYTES_MAX
+    assert look(store, told) == ""
+    assert unpack_trace(blobs.get(trace), told.result.flight.trace_digest).signals["x_m"] == noise
+    assert bus.largest_bytes < CHUNK_BYTES_MAX + 1000
+
+
+def test_books_that_refuse_or_are_silent_make_it_unavailable(store: BlobFolder) -> None:
+    blobs, _ = connected(MemoryNetwork(), store, worker="..")
+    with pytest.raises(Unavailable, match="refused by the books"):
+        blobs.put(b"x")
+    network = MemoryNetwork()
+    bus = SteppedBus(network, "fly-1")
+    with pytest.raises(Unavailable, match="did not answer"):
+        BusBlobs(bus, "c", "fly-1", bus).get(ref_of(b"x"))  # type: ignore[arg-type]
+
+
+def test_a_worker_that_sees_the_folder_uses_it_and_others_the_bus(store: BlobFolder, tmp_path: Path) -> None:
+    blobs, bus = connected(MemoryNetwork(), store)
+    beside = WorkerBlobs(blobs, "fly-1", tmp_path / "run", ())
+    assert bus.questions == 0, "nothing is asked before a lease needs it"
+    first = beside.put(b"in the folder")
+    asked = bus.questions
+    assert store.adopt("fly-1", first) == ""
+    assert beside.get(first) == b"in the folder"
+    assert bus.questions == asked == 1
+    BlobFolder(tmp_path / "elsewhere").make_probe()
+    for place in (None, tmp_path / "nowhere", tmp_path / "elsewhere"):
+        away = WorkerBlobs(blobs, "fly-1", place, ())
+        assert away.get(first) == b"in the folder"
+    assert bus.questions > asked + 3
+
+
+def test_a_new_life_keeps_only_what_is_still_to_be_reported(store: BlobFolder, tmp_path: Path) -> None:
+    blobs, _ = connected(MemoryNetwork(), store)
+    before = WorkerBlobs(blobs, "fly-1", tmp_path / "run", ())
+    told, lost = report(before), before.put(b"of a flight never reported")
+    again = WorkerBlobs(blobs, "fly-1", tmp_path / "run", (told,))
+    again.put(b"new")
+    assert look(store, told) == ""
+    assert store.adopt("fly-1", lost) == "missing"
