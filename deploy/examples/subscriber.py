@@ -1,4 +1,4 @@
-"""Hear of every violation of a farm, past and future: `python subscriber.py tcp/127.0.0.1:7447` (see RUN/farm.json)."""
+"""Hear of every violation of a farm, past and future: `python subscriber.py ENDPOINT` (see RUN/farm.json)."""
 
 import json
 import sys

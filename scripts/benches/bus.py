@@ -23,7 +23,7 @@ import msgspec
 from _load_generator import LoadGenerator, Made, percentile_ms
 
 from saflite.bus.base import Bus, Reply, Sample, seal, unseal
-from saflite.bus.endpoints import free_endpoint
+from saflite.bus.private_socket import PrivateSocket
 from saflite.bus.zenoh import ZenohBus, leave_process, open_client
 from saflite.campaign.presets.campaigns import template
 from saflite.campaign.storage.store import Store
@@ -77,10 +77,10 @@ def campaign(budget: int, per_round: int) -> Campaign:
 @contextmanager
 def books_process(what: Campaign) -> Iterator[BooksProcess]:
     """Run the books in a process of their own for a while."""
-    with tempfile.TemporaryDirectory(prefix="saflite-bench-") as folder:
+    with tempfile.TemporaryDirectory(prefix="saflite-bench-") as folder, PrivateSocket() as socket:
         run_dir = Path(folder) / "run"
         Store.create(run_dir, what, template(what), describe()).close()
-        endpoint = free_endpoint()
+        endpoint = socket.endpoint
         command = [sys.executable, "-m", "saflite.runtime.serve", "books", "--campaign", what.name]
         command += ["--listen", endpoint, "--run-dir", str(run_dir), "--parent", str(os.getpid())]
         with (Path(folder) / "books.log").open("wb") as sink:

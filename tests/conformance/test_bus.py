@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 
 from saflite.bus.base import Bus, Reply, matches
-from saflite.bus.endpoints import free_endpoint
 from saflite.bus.memory import MemoryNetwork
+from saflite.bus.private_socket import PrivateSocket
 from saflite.conformance.buses import Inbox, Stand, check_bus
 from saflite.conformance.kit import Check, findings, name_of
 
@@ -33,7 +33,8 @@ def memory() -> Iterator[Stand]:
 def zenoh() -> Iterator[Stand]:
     from saflite.bus.zenoh import open_client, open_router
 
-    endpoint = free_endpoint()
+    socket = PrivateSocket()
+    endpoint = socket.endpoint
     opened = [open_router("books", endpoint), open_client("worker", endpoint)]
 
     def connect(name: str) -> Bus:
@@ -43,6 +44,7 @@ def zenoh() -> Iterator[Stand]:
     yield Stand(opened[0], opened[1], connect, lambda inbox: inbox.get(timeout=5))
     for bus in reversed(opened):
         bus.close()
+    socket.close()
 
 
 @pytest.mark.parametrize("check", check_bus(memory), ids=name_of)

@@ -23,6 +23,7 @@ from network_namespace import NetworkNamespace, why_not
 
 import saflite
 from saflite.bus.endpoints import free_endpoint
+from saflite.bus.private_socket import PrivateSocket
 from saflite.bus.zenoh import open_router
 from saflite.campaign.presets.campaigns import template
 from saflite.campaign.storage.store import Store
@@ -279,13 +280,14 @@ def test_a_farm_that_never_answers_ends_with_3(dart: Path, network: NetworkNames
 
 
 def test_where_several_farms_are_at_an_endpoint_the_campaign_has_to_be_named(dart: Path) -> None:
-    endpoint = free_endpoint()
-    router = open_router("router", endpoint)
+    socket = PrivateSocket()
+    router = open_router("router", socket.endpoint)
     for name in ("day", "night"):
         router.appear(topics.farm(name))
-    command = [sys.executable, "-m", "saflite", "worker", "--join", endpoint]
+    command = [sys.executable, "-m", "saflite", "worker", "--join", socket.endpoint]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
     router.close()
+    socket.close()
     assert done.returncode == 2
     assert "--campaign: expected one of day, night" in done.stderr
 

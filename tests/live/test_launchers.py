@@ -55,7 +55,9 @@ def test_who_does_not_stop_when_asked_is_killed_with_what_it_started(
 ) -> None:
     monkeypatch.setattr(local, "STOP_GRACE_S", 0.5)
     stubborn = ("sh", "-c", 'trap "" TERM; sleep 1000 & while :; do wait; done', "sh")
-    launcher = LocalLauncher(Meeting(campaign="c", connect="tcp/127.0.0.1:9"), tmp_path, prefix_of=lambda _: stubborn)
+    launcher = LocalLauncher(
+        Meeting(campaign="c", connect="tcp/127.0.0.1:9", insecure=True), tmp_path, prefix_of=lambda _: stubborn
+    )
     before = children(os.getpid())
     launcher.start(NO_BOOKS)
     group = next(iter(launcher.pids().values()))

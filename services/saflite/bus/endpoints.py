@@ -1,4 +1,4 @@
-"""Endpoints: where a router listens and clients connect. Which of them only this machine can reach."""
+"""Endpoints: where a router listens and clients connect. Which of them others can reach, too."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ class Endpoint(NamedTuple):
     port: int
 
     @property
-    def is_local(self) -> bool:
-        """Whether only this machine can reach it. Other names than `localhost` may mean anything, so they do not."""
-        return not self.host or self.host == "localhost" or bool((ip := _ip(self.host)) and ip.is_loopback)
+    def is_closed(self) -> bool:
+        """Whether the system keeps other users out: on a Unix socket. Loopback is open to all users of the machine."""
+        return not self.host
 
     @property
     def from_here(self) -> str:
@@ -53,14 +53,14 @@ def parse_endpoint(text: str, argument: str = "endpoint") -> Endpoint:
 
 
 def check_endpoint(text: str, *, insecure: bool, argument: str = "endpoint") -> Endpoint:
-    """Return the endpoint; raises Refused where other machines could reach it and `insecure` does not allow that."""
+    """Return the endpoint; raises Refused where others could reach it, too, and `insecure` does not allow that."""
     endpoint = parse_endpoint(text, argument)
-    if not endpoint.is_local and not insecure:
+    if not endpoint.is_closed and not insecure:
         raise Refused(
             argument,
-            expected="a loopback address or a Unix socket: nothing on the bus is encrypted or authenticated",
+            expected="a Unix socket: TCP, loopback included, is neither encrypted nor authenticated",
             got=repr(text),
-            fix="add --insecure on a network where everybody may be trusted",
+            fix="leave it out for a private socket, or add --insecure where everybody who reaches it may be trusted",
         )
     return endpoint
 

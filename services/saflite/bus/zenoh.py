@@ -10,7 +10,8 @@ import json
 import logging
 import os
 import threading
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Iterator
+from contextlib import contextmanager
 from typing import Any, Literal, NoReturn
 
 import zenoh
@@ -226,12 +227,13 @@ def open_router(name: str, endpoint: str, *, insecure: bool = False) -> ZenohBus
     """Return a bus that is also the router everybody connects to.
 
     Raises:
-        Refused: other machines can reach the endpoint and `insecure` does not allow that.
+        Refused: others can reach the endpoint and `insecure` does not allow that.
         Unavailable: it cannot listen there.
     """
     place = check_endpoint(endpoint, insecure=insecure, argument="--listen")
     try:
-        return _open(name, config_of("router", place.text))
+        with _private_files():
+            return _open(name, config_of("router", place.text))
     except zenoh.ZError as fault:
         raise Unavailable(f"cannot listen on {endpoint}: {_words(fault)}") from fault
 
@@ -240,7 +242,7 @@ def open_client(name: str, endpoint: str, *, tries: int | None = None, insecure:
     """Return a bus connected to the router at `endpoint`; tries without end and says so, or `tries` times.
 
     Raises:
-        Refused: other machines can reach the endpoint and `insecure` does not allow that.
+        Refused: others can reach the endpoint and `insecure` does not allow that.
         Unavailable: the router was not reached in `tries` attempts of about 2 s.
     """
     place = check_endpoint(endpoint, insecure=insecure)
@@ -254,6 +256,16 @@ def open_client(name: str, endpoint: str, *, tries: int | None = None, insecure:
                 text = f"no router at {endpoint}, or wrong credentials (tried {attempt} times): {_words(fault)}"
                 raise Unavailable(text) from fault
             log.warning("no router at %s yet (try %d), trying on", endpoint, attempt)
+
+
+@contextmanager
+def _private_files() -> Iterator[None]:
+    """Have the socket made so that only this user can connect, whatever folder it lies in."""
+    before = os.umask(0o077)
+    try:
+        yield
+    finally:
+        os.umask(before)
 
 
 def leave_process(code: int) -> NoReturn:

@@ -6,15 +6,11 @@ defaults are added, none is ever taken away), so that a mismatch can be told in 
 
 from __future__ import annotations
 
-import re
-
 import msgspec
 
 from saflite.contract.errors import Refused
+from saflite.contract.names import NAME_EXPECTED, is_name
 from saflite.contract.work import Stage, TargetBuild
-
-NAME_EXPECTED = "1 to 64 of A-Z a-z 0-9 . _ - beginning with a letter or digit"
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 
 
 class Join(msgspec.Struct, frozen=True, kw_only=True):
@@ -60,6 +56,6 @@ class Joined(msgspec.Struct, frozen=True, kw_only=True):
 
 def check_worker_name(name: str) -> str:
     """Return the name; raises Refused unless it is one that can stand in keys, paths and tables as it is."""
-    if _NAME.fullmatch(name) is None:
+    if not is_name(name):
         raise Refused("worker name", expected=NAME_EXPECTED, got=repr(name[:80]))
     return name

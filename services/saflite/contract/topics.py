@@ -25,6 +25,7 @@ from saflite.contract.control import Answer, Control
 from saflite.contract.errors import Refused
 from saflite.contract.events import Event
 from saflite.contract.join import Join, Joined
+from saflite.contract.names import NAME_EXPECTED, is_name
 from saflite.contract.work import Ask, Grant, Heartbeat, Orders, Receipt, Report, Stage
 
 PROTOCOL = 2
@@ -68,13 +69,13 @@ STAGES: tuple[Stage, ...] = get_args(Stage)
 
 
 def prefix(campaign: str) -> str:
-    """Return the key all topics of a campaign begin with; raises Refused for a name Zenoh keys cannot hold."""
+    """Return the key all topics of a campaign begin with; raises Refused for a name that keys and paths cannot hold."""
     return f"saflite/{PROTOCOL}/{_checked(campaign)}"
 
 
 def _checked(campaign: str) -> str:
-    if not campaign or not all(char.isalnum() or char in "-_." for char in campaign):
-        raise Refused("campaign name", expected="letters, digits, '-', '_' or '.'", got=repr(campaign))
+    if not is_name(campaign):
+        raise Refused("campaign name", expected=NAME_EXPECTED, got=repr(campaign[:80]))
     return campaign
 
 

@@ -18,6 +18,7 @@ from saflite.runtime import run_modules
 from saflite.runtime.client import FarmClient
 from saflite.runtime.clock import WallClock
 from saflite.runtime.farm import LocalFarm, default_simulators, roles
+from saflite.scorer_pool.key_hosts import hosts_named_by
 
 if TYPE_CHECKING:
     from saflite.campaign.storage.store import Store
@@ -93,7 +94,13 @@ def resume(
     store.close()
     cast = roles(default_simulators() if simulators is None else simulators, record=campaign.record != "none")
     farm = LocalFarm(
-        campaign.name, run_dir, cast, modules=[module.path for module in used], listen=listen, insecure=insecure
+        campaign.name,
+        run_dir,
+        cast,
+        modules=[module.path for module in used],
+        listen=listen,
+        insecure=insecure,
+        key_hosts=hosts_named_by(campaign.scorer),
     )
     with interrupts() as interrupted:
         try:

@@ -38,8 +38,10 @@ class FarmInfo(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def write_info(run_dir: Path, info: FarmInfo) -> None:
-    """Write `farm.json`, whole or not at all."""
+    """Write `farm.json`, whole or not at all, for this user only."""
     part = run_dir / f"{FARM_FILE}.part"
+    part.unlink(missing_ok=True)
+    part.touch(mode=0o600)
     part.write_bytes(msgspec.json.format(msgspec.json.encode(info)))
     part.replace(run_dir / FARM_FILE)
 
@@ -68,7 +70,7 @@ class FarmClient:
         """Return a client of the farm at `endpoint`.
 
         Raises:
-            Refused: other machines can reach the endpoint and `insecure` does not allow that.
+            Refused: others can reach the endpoint and `insecure` does not allow that.
             Unavailable: nobody is reached there.
         """
         from saflite.bus.zenoh import open_client

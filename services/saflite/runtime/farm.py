@@ -11,7 +11,8 @@ from typing import get_args
 
 import msgspec
 
-from saflite.bus.endpoints import check_endpoint, free_endpoint
+from saflite.bus.endpoints import check_endpoint
+from saflite.bus.private_socket import PrivateSocket
 from saflite.contract.errors import Unavailable
 from saflite.contract.work import Stage
 from saflite.runtime.client import FARM_FILE, FarmInfo, write_info
@@ -19,6 +20,7 @@ from saflite.runtime.clock import WallClock
 from saflite.runtime.launchers.base import Meeting, RoleSpec, RoleState
 from saflite.runtime.launchers.local import LocalLauncher, PrefixOf
 from saflite.runtime.supervisor import GaveUp, Supervisor
+from saflite.scorer_pool.key_hosts import with_key_hosts
 
 log = logging.getLogger(__name__)
 
@@ -52,8 +54,9 @@ class LocalFarm:
         run_dir: its run folder.
         cast: the roles.
         modules: files of modules from outside, for every role that works.
-        listen: the endpoint others may join at; one on the loopback interface if left out.
-        insecure: allow an endpoint that other machines can reach.
+        listen: the endpoint others may join at; a Unix socket that only this user reaches if left out.
+        insecure: allow an endpoint that others can reach.
+        key_hosts: hosts of model servers that scorers may send keys to, beside those of the environment.
         prefix_of: gives the words put before a role's command.
     """
 
@@ -66,12 +69,22 @@ class LocalFarm:
         modules: Sequence[Path] = (),
         listen: str = "",
         insecure: bool = False,
+        key_hosts: Sequence[str] = (),
         prefix_of: PrefixOf = lambda _: (),
     ) -> None:
-        endpoint = check_endpoint(listen or free_endpoint(), insecure=insecure, argument="--listen")
+        self._socket = None if listen else PrivateSocket()
+        text = self._socket.endpoint if self._socket else listen
+        endpoint = check_endpoint(text, insecure=insecure, argument="--listen")
         self.campaign, self.run_dir, self.endpoint, self.insecure = campaign, run_dir, endpoint.from_here, insecure
         meeting = Meeting(campaign=campaign, connect=endpoint.from_here, listen=endpoint.text, insecure=insecure)
-        self._launcher = LocalLauncher(meeting, run_dir, run_dir=run_dir, modules=modules, prefix_of=prefix_of)
+        self._launcher = LocalLauncher(
+            meeting,
+            run_dir,
+            run_dir=run_dir,
+            modules=modules,
+            prefix_of=prefix_of,
+            variables_of=lambda spec: with_key_hosts(key_hosts) if spec.kind == "score" else {},
+        )
         names = tuple(path.name for path in modules)
         specs = [
             msgspec.structs.replace(spec, modules=names) if spec.kind in get_args(Stage) else spec for spec in cast
@@ -116,6 +129,8 @@ class LocalFarm:
         self._launcher.stop()
         with suppress(OSError):
             (self.run_dir / FARM_FILE).unlink()
+        if self._socket is not None:
+            self._socket.close()
 
     def _write_info(self) -> None:
         info = FarmInfo(

@@ -23,6 +23,7 @@ from saflite.contract.clock import Clock
 from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.ids import short_id
 from saflite.contract.join import check_worker_name
+from saflite.contract.names import is_name
 from saflite.contract.work import Stage
 from saflite.runtime.campaign_runner import POLL_S, interrupts
 from saflite.runtime.clock import WallClock
@@ -162,6 +163,8 @@ def campaigns(bus: Bus, clock: Clock, patience_s: float) -> Sequence[str]:
             continue
         if isinstance(happening, Presence):
             name = happening.key.removeprefix(f"{topics.FARM_ROOT}/")
+            if not is_name(name):
+                continue
             (found.add if happening.present else found.discard)(name)
             until_s = min(until_s, clock.monotonic_s() + OTHERS_S)
     return sorted(found)

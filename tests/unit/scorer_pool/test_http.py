@@ -8,9 +8,11 @@ from collections.abc import AsyncIterator
 import httpx
 import pytest
 
+from saflite.contract.config import ScorerConfig
 from saflite.contract.errors import FarmError, Unavailable
+from saflite.scorer_pool.key_hosts import host_of, hosts_named_by, may_have_key, with_key_hosts
 from saflite.scorer_pool.llm.chat import Question
-from saflite.scorer_pool.llm.http import ANSWER_BYTES_MAX, LINE_BYTES_MAX, BoundedTransport, host_of, may_have_key
+from saflite.scorer_pool.llm.http import ANSWER_BYTES_MAX, LINE_BYTES_MAX, BoundedTransport
 from saflite.scorer_pool.models.ollama import OllamaChat
 from saflite.scorer_pool.models.openai import OpenAIChat
 
@@ -37,6 +39,23 @@ def test_only_named_hosts_may_have_a_key(monkeypatch: pytest.MonkeyPatch) -> Non
         assert may_have_key(good, "https://api.openai.com/v1")
     for bad in ("http://gpu.example:8001", "https://api.example.evil.test", "http://api.openai.com/v1", "x"):
         assert not may_have_key(bad, "https://api.openai.com/v1")
+
+
+def test_a_campaign_adds_the_hosts_its_labels_name_and_no_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SAFLITE_KEY_HOSTS", "api.example")
+    scorer = ScorerConfig(
+        model="openai:m@https://gpu.example/v1",
+        shadow=("ollama:mistral:7b@box:11434", "gap", "openai:gpt", "openai:m@"),
+    )
+    assert hosts_named_by(scorer) == ("gpu.example:443", "box:11434")
+    set_there = with_key_hosts(hosts_named_by(scorer))
+    assert set_there == {"SAFLITE_KEY_HOSTS": "api.example,gpu.example:443,box:11434"}
+    monkeypatch.setenv("SAFLITE_KEY_HOSTS", set_there["SAFLITE_KEY_HOSTS"])
+    for good in ("https://gpu.example/v2", "http://box:11434", "https://api.example"):
+        assert may_have_key(good, "https://api.openai.com/v1")
+    assert not may_have_key("https://evil.test/v1", "https://api.openai.com/v1")
+    monkeypatch.delenv("SAFLITE_KEY_HOSTS")
+    assert with_key_hosts(hosts_named_by(ScorerConfig())) == {}
 
 
 class Wire:

@@ -4,7 +4,7 @@ The farm must listen where this machine reaches it: `saflite run CAMPAIGN --list
 needed here. Who joins must run the same version; the farm refuses others in words. Ctrl-C hands back what is held.
 
 examples:
-  saflite worker --join tcp/127.0.0.1:7447
+  saflite worker --join runs/night
   saflite worker --join tcp/10.0.0.5:7447 --insecure --stages fly,judge --workers 8 --name lab2
   saflite worker --join unixsock-stream//run/farm.sock --state ~/.saflite/worker --module my_target.py
 
@@ -25,7 +25,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Name the arguments."""
     from saflite.console.io import arguments, farm_options
 
-    parser.add_argument("--join", required=True, metavar="ENDPOINT", help="where the farm listens")
+    parser.add_argument(
+        "--join", required=True, metavar="ENDPOINT|RUN", help="where the farm listens, or its run folder"
+    )
     parser.add_argument("--stages", default="fly", help="any of mutate,score,fly,judge,record (fly)")
     parser.add_argument("--campaign", default="", help="its campaign (asked for if only one runs there)")
     parser.add_argument("--workers", type=int, metavar="N", help="workers of each stage (fly: one per core, others: 1)")
@@ -43,16 +45,18 @@ def run(args: argparse.Namespace) -> int:
     """Work until the campaign is over."""
     from saflite.console.view import out
     from saflite.runtime import worker_group
+    from saflite.runtime.client import read_info
 
+    farm = read_info(Path(args.join)) if Path(args.join).is_dir() else None
     group = worker_group.Group(
-        endpoint=args.join,
+        endpoint=farm.endpoint if farm else args.join,
         workers=_workers(args.stages, args.workers),
-        campaign=args.campaign,
+        campaign=args.campaign or (farm.campaign if farm else ""),
         name=args.name,
         folder=args.state,
         modules=tuple(args.module),
         labels=_labels(args.label),
-        insecure=args.insecure,
+        insecure=args.insecure or (farm is not None and farm.insecure),
         patience_s=args.patience,
     )
 

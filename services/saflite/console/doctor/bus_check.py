@@ -12,15 +12,15 @@ ANSWER_S = 3.0
 
 def round_trip() -> float:
     """Return how long a question and its answer took on a router of our own, milliseconds; raises Unavailable."""
-    from saflite.bus.endpoints import free_endpoint
+    from saflite.bus.private_socket import PrivateSocket
     from saflite.bus.zenoh import open_client, open_router
     from saflite.runtime.clock import WallClock
 
-    endpoint, clock = free_endpoint(), WallClock()
+    socket, clock = PrivateSocket(), WallClock()
     asked: queue.SimpleQueue[Happening] = queue.SimpleQueue()
     answered: queue.SimpleQueue[Happening] = queue.SimpleQueue()
-    router = open_router("doctor-router", endpoint)
-    client = open_client("doctor", endpoint, tries=3)
+    router = open_router("doctor-router", socket.endpoint)
+    client = open_client("doctor", socket.endpoint, tries=3)
     try:
         router.serve("saflite/doctor", asked.put)
         began_s = clock.monotonic_s()
@@ -33,6 +33,7 @@ def round_trip() -> float:
     finally:
         client.close()
         router.close()
+        socket.close()
 
 
 def _question(inbox: queue.SimpleQueue[Happening]) -> Request:

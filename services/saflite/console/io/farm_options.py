@@ -6,18 +6,18 @@ import argparse
 
 from saflite.console.run_data.farm_lookup import Where
 
-INSECURE = "allow an endpoint that other machines can reach: nothing is encrypted or authenticated"
+INSECURE = "allow an endpoint that others can reach (TCP): nothing is encrypted or authenticated"
 
 
 def listening(parser: argparse.ArgumentParser) -> None:
     """Name the arguments of a command that starts a farm."""
-    parser.add_argument("--listen", default="", metavar="ENDPOINT", help="where `saflite worker` may join (loopback)")
+    parser.add_argument("--listen", default="", metavar="ENDPOINT", help="where others may join (a private socket)")
     parser.add_argument("--insecure", action="store_true", help=INSECURE)
 
 
 def connecting(parser: argparse.ArgumentParser) -> None:
     """Name the arguments of a command that talks to a running farm, maybe one on another machine."""
-    parser.add_argument("--connect", default="", metavar="ENDPOINT", help="farm on another machine")
+    parser.add_argument("--connect", default="", metavar="ENDPOINT", help="farm without a run folder here")
     parser.add_argument("--campaign", default="", help="its campaign, with --connect")
     parser.add_argument("--insecure", action="store_true", help=INSECURE)
 

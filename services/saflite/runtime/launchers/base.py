@@ -38,7 +38,7 @@ class RoleSpec(msgspec.Struct, frozen=True, kw_only=True):
 class Meeting(msgspec.Struct, frozen=True, kw_only=True):
     """Where the roles of one farm meet: the campaign, and the endpoints at which the router is reached and listens.
 
-    `insecure` allows endpoints that other machines can reach. Workers end by themselves after `patience_s` without
+    `insecure` allows endpoints that others can reach. Workers end by themselves after `patience_s` without
     an answer of the books; 0 lets them try without end.
     """
 

@@ -8,11 +8,12 @@ import re
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import IO
 
+from saflite.contract.config import environment_with
 from saflite.contract.errors import Refused, Unavailable
 from saflite.runtime.clock import WallClock
 from saflite.runtime.launchers.base import Condition, Meeting, RoleSpec, RoleState
@@ -33,6 +34,7 @@ _CONDITIONS: dict[int, Condition] = {
 _LOG_HEAD = re.compile(r"^\d{4}-\d\d-\d\d [\d:,]+ [A-Z] [\w.]+: ")
 
 PrefixOf = Callable[[RoleSpec], Sequence[str]]
+VariablesOf = Callable[[RoleSpec], Mapping[str, str]]
 
 
 class LocalLauncher:
@@ -44,6 +46,7 @@ class LocalLauncher:
         run_dir: the run folder, for roles that need it; None where it lies on another machine.
         modules: files of modules from outside, known by the name of the file.
         prefix_of: gives the words put before a role's command (a network namespace, a limit).
+        variables_of: gives what is set in a role's environment, beside what is there.
     """
 
     def __init__(
@@ -54,8 +57,10 @@ class LocalLauncher:
         run_dir: Path | None = None,
         modules: Sequence[Path] = (),
         prefix_of: PrefixOf = lambda _: (),
+        variables_of: VariablesOf = lambda _: {},
     ) -> None:
         self._meeting, self._folder, self._run_dir, self._prefix_of = meeting, folder, run_dir, prefix_of
+        self._variables_of = variables_of
         self._modules = {path.name: path for path in modules}
         self._clock = WallClock()
         self._running: dict[str, subprocess.Popen[bytes]] = {}
@@ -68,11 +73,16 @@ class LocalLauncher:
         """See `Launcher.start`."""
         if spec.name in self._running:
             raise Refused("role", where=spec.name, expected="one that does not run", got="one that does")
-        command = self._command(spec)
+        command, variables = self._command(spec), environment_with(**self._variables_of(spec))
         with self._sink(spec.name) as sink:
             try:
                 self._running[spec.name] = subprocess.Popen(
-                    command, stdin=subprocess.DEVNULL, stdout=sink, stderr=sink, start_new_session=True
+                    command,
+                    stdin=subprocess.DEVNULL,
+                    stdout=sink,
+                    stderr=sink,
+                    start_new_session=True,
+                    env=variables,
                 )
             except OSError as fault:
                 raise Unavailable(f"{spec.name} cannot be started: {fault}") from fault

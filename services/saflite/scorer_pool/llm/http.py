@@ -1,41 +1,13 @@
-"""What every model server is asked through: keys for trusted hosts only, no redirects, answers of bounded size.
-
-The address of a server may come over the bus, from whoever may order another scorer. So a key is sent only where the
-user's own settings name the host: the default server of its kind, or `SAFLITE_KEY_HOSTS` (comma-separated
-`host[:port]`), to which `saflite run` adds the hosts that the user's campaign file names.
-"""
+"""What every model server is asked through: answers of bounded size."""
 
 from __future__ import annotations
 
 from collections.abc import AsyncIterator
-from urllib.parse import urlsplit
 
 import httpx
 
-from saflite.contract.config import environment
-
-KEY_HOSTS = "SAFLITE_KEY_HOSTS"
 ANSWER_BYTES_MAX = 16 * 2**20
 LINE_BYTES_MAX = 2 * 2**20
-_PORTS = {"http": 80, "https": 443}
-
-
-def host_of(url: str) -> str:
-    """Return `host:port` of an address, empty if it has none; an address without a scheme counts as http."""
-    try:
-        parts = urlsplit(url if "://" in url else f"http://{url}")
-        port = parts.port or _PORTS.get(parts.scheme, 0)
-    except ValueError:
-        return ""
-    return f"{parts.hostname}:{port}" if parts.hostname else ""
-
-
-def may_have_key(url: str, default_url: str) -> bool:
-    """Return whether a key may be sent to `url`: it is the user's default server or one of `SAFLITE_KEY_HOSTS`."""
-    named = [part.strip() for part in environment(KEY_HOSTS).split(",") if part.strip()]
-    trusted = {host_of(default_url), *(host_of(name) for name in named)}
-    trusted |= {host_of(f"https://{name}") for name in named if "://" not in name}
-    return host_of(url) in trusted - {""}
 
 
 class BoundedTransport(httpx.AsyncBaseTransport):

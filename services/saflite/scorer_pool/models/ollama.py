@@ -43,7 +43,8 @@ class OllamaChat:
     def __init__(self, argument: str) -> None:
         import ollama
 
-        from saflite.scorer_pool.llm.http import BoundedTransport, may_have_key
+        from saflite.scorer_pool.key_hosts import may_have_key
+        from saflite.scorer_pool.llm.http import BoundedTransport
 
         logging.getLogger("httpx").setLevel(logging.WARNING)  # it tells of every single request
         self._tag, host = _place(argument)

@@ -1,7 +1,7 @@
 """A language model on any OpenAI-compatible server (GPT class, vLLM, llama.cpp): `openai:<model>@<base url>`.
 
 The key comes from OPENAI_API_KEY (none is sent if it is empty, nor to a host that the user's own settings or campaign
-file do not name: `scorer_pool/llm/http.py`); prices, in dollars per million tokens, from
+file do not name: `scorer_pool/key_hosts.py`); prices, in dollars per million tokens, from
 SAFLITE_PRICES as `<in>,<out>`. Without `@<base url>` the address is OPENAI_BASE_URL or https://api.openai.com/v1.
 """
 
@@ -45,7 +45,7 @@ def _place(argument: str) -> _Place:
 
 
 def _key_for(url: str) -> str:
-    from saflite.scorer_pool.llm.http import KEY_HOSTS, host_of, may_have_key
+    from saflite.scorer_pool.key_hosts import KEY_HOSTS, host_of, may_have_key
 
     key = environment("OPENAI_API_KEY")
     if not key or may_have_key(url, environment("OPENAI_BASE_URL", DEFAULT_URL)):

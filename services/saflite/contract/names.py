@@ -1,0 +1,29 @@
+"""Alphabets of what comes in messages and becomes a path, a key or a word on a terminal.
+
+The types are checked whenever a message is decoded; `is_name` is for what does not come in one.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Annotated
+
+from msgspec import Meta
+
+_END = r"(?![\s\S])"  # `$` would let a line break follow
+NAME = r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}"
+NAME_EXPECTED = "1 to 64 of A-Z a-z 0-9 . _ - beginning with a letter or digit"
+
+Name = Annotated[str, Meta(pattern=f"^{NAME}{_END}")]
+NameOrNone = Annotated[str, Meta(pattern=f"^(?:{NAME})?{_END}")]
+ShortId = Annotated[str, Meta(pattern=f"^[0-9a-f]{{16}}{_END}")]
+ShortIdOrNone = Annotated[str, Meta(pattern=f"^(?:[0-9a-f]{{16}})?{_END}")]
+Digest = Annotated[str, Meta(pattern=f"^[0-9a-f]{{64}}{_END}")]
+DigestOrNone = Annotated[str, Meta(pattern=f"^(?:[0-9a-f]{{64}})?{_END}")]
+Label = Annotated[str, Meta(pattern=f"^[!-~]{{0,500}}{_END}")]
+"""Names a model and maybe its server: printable ASCII without spaces."""
+
+
+def is_name(text: str) -> bool:
+    """Return whether a text can stand in keys, paths and tables as it is."""
+    return re.fullmatch(NAME, text) is not None
