@@ -9,8 +9,6 @@ from pathlib import Path
 from types import TracebackType
 from typing import NamedTuple, TypeVar
 
-import msgspec
-
 from saflite.campaign.storage.contents import Contents
 from saflite.campaign.storage.sqlite import connect_reading, damage_named
 from saflite.campaign.storage.store import store_file
@@ -21,7 +19,7 @@ from saflite.contract.errors import Refused
 from saflite.contract.events import Event
 from saflite.contract.flight import BESIDE_BUDGET, Purpose, Trace, unpack_trace
 from saflite.contract.test_case import TestCase
-from saflite.contract.verdict import Judgement, Ruling, Violation
+from saflite.contract.verdict import Judgement, Violation
 from saflite.evidence.folder import BlobFolder
 from saflite.recorder.summary import Finding, PolicyFacts, Rulings, RunSummary
 
@@ -77,19 +75,6 @@ class UsageRow(NamedTuple):
     faults: int
 
 
-class _Ruled(msgspec.Struct, frozen=True):
-    """What of a verdict is counted."""
-
-    policy: str
-    outcome: Ruling
-
-
-class _Verdicts(msgspec.Struct, frozen=True):
-    """What of a judgement is counted; the rest, its track above all, is skipped."""
-
-    verdicts: tuple[_Ruled, ...]
-
-
 class RunFolder:
     """Read-only view of a run; close it, or use it in a `with`."""
 
@@ -139,13 +124,14 @@ class RunFolder:
     def rulings(self) -> dict[str, Rulings]:
         """Return what each of the campaign's policies said of the test cases searched, by their first flights."""
         query = (
-            "SELECT j.content FROM judgements j JOIN flights f"
+            "SELECT j.test_case FROM judgements j JOIN flights f"
             " ON f.test_case = j.test_case AND f.flight_index = j.flight_index"
             " WHERE j.flight_index = 0 AND f.purpose = 'search'"
         )
         counts: dict[str, Counter[str]] = {name: Counter() for name in self.campaign.policies}
-        for (content,) in self._rows(query):
-            for verdict in wire.decode(content, _Verdicts).verdicts:
+        for (test_case,) in self._rows(query):
+            judgement = self.judgement(test_case)
+            for verdict in judgement.verdicts if judgement is not None else ():
                 counts.setdefault(verdict.policy, Counter())[verdict.outcome] += 1
         return {name: Rulings(**count) for name, count in counts.items()}
 
