@@ -96,12 +96,18 @@ unanswered  no answer was asked for or is known
 
 
 class Delivered(msgspec.Struct, frozen=True, kw_only=True):
-    """How one stimulus of the test case was given: `index` into `TestCase.stimuli`, simulated time, the answer."""
+    """How one stimulus of the test case was given: `index` into `TestCase.stimuli`, simulated time, the answer.
+
+    `changed` names the signals that it changed at once, with their new values: what a sample taken right after it would
+    hold, before the next stimulus and before the autopilot went on. So the oracle knows what held between two stimuli
+    of one instant, of which the trace shows only what was left in the end. Empty where the target cannot tell.
+    """
 
     index: int
     at_s: float
     answer: DeliveryAnswer = "accepted"
     message: str = ""
+    changed: dict[str, float] = {}
 
 
 class Artefact(msgspec.Struct, frozen=True, kw_only=True):

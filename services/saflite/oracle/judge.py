@@ -46,7 +46,8 @@ def judge(
     signals = FlightSignals(test_case, flight, trace)
     features = features_of(test_case, signals)
     wanted = frozenset[str]().union(*(policy.signals for policy in loaded))
-    evaluator = Evaluator(signals.pick(wanted), trace.step_s)
+    judged = FlightSignals(test_case, flight, trace, between=True)
+    evaluator = Evaluator(judged.pick(wanted), trace.step_s, judged.moments.row)
     verdicts = [_verdict(policy, test_case, flight, evaluator, signals, features) for policy in loaded]
     return _judgement(test_case, flight, verdicts, features, signals)
 

@@ -2,6 +2,16 @@
 
 Signals about stimuli (`quiet_s`, `gps_true`, ...) go by what was delivered, not by what was planned: a late stimulus
 counts from when it was given, a denied or timed-out one not at all. Where a flight does not tell, the plan stands.
+
+What holds at the sample of time t at which a stimulus is given (a target reads its inputs, goes on, then writes the
+next sample):
+
+* signals of state (`mode`, `armed`, settings) show what held just before it; what it did shows at the next sample;
+* events (`rise`, `fall`) are seen at the first sample after them, with `prev` for what held just before;
+* what is made of stimuli (`quiet_s`, `gps_true`, ...) counts it from the sample at t on, so before anything it causes.
+
+Stimuli of one instant take effect in the order of the test case, before the autopilot goes on by itself; what held
+between them is shown by moments of their own (`moments.py`).
 """
 
 from __future__ import annotations
@@ -18,6 +28,7 @@ from saflite.contract.flight import Flight, Trace, given
 from saflite.contract.signals import MADE_FROM, can_show
 from saflite.contract.test_case import Stimulus, StimulusKind, TestCase
 from saflite.flight.geometry import boxes_array, distance_to_boxes
+from saflite.oracle.moments import moments_of, samples_of
 
 Array = NDArray[np.float32]
 BATTERY_TIMER_S, BATTERY_TIMER_MAX_S = 10.0, 120.0  # ArduPilot's BATT_LOW_TIMER: default and limit
@@ -61,13 +72,21 @@ def fault_of(stimulus: Stimulus) -> str:
 
 
 class FlightSignals:
-    """The signals of one flight by name; those the oracle makes itself are made on demand."""
+    """The signals of one flight by name; those the oracle makes itself are made on demand.
 
-    def __init__(self, test_case: TestCase, flight: Flight, trace: Trace) -> None:
+    Args:
+        test_case: what was flown.
+        flight: how it went; its `delivered` tells what was given.
+        trace: the samples.
+        between: show what held between stimuli of one instant, too (`moments.py`); otherwise samples alone.
+    """
+
+    def __init__(self, test_case: TestCase, flight: Flight, trace: Trace, *, between: bool = False) -> None:
         self._test_case, self._flight, self._trace = test_case, flight, trace
+        self.moments = moments_of(trace, flight.delivered) if between else samples_of(trace)
         self._given = tuple(one for one in given(test_case.stimuli, flight.delivered) if one.is_cause)
         self._made: dict[str, Array] = {}
-        self.samples, self.step_s, self.written = trace.samples, trace.step_s, frozenset(trace.signals)
+        self.samples, self.step_s, self.written = len(self.moments.row), trace.step_s, frozenset(trace.signals)
         self._makers: dict[str, Callable[[], Any]] = {
             "time_s": self._time,
             "quiet_s": lambda: self._quiet(STIMULI),
@@ -89,11 +108,11 @@ class FlightSignals:
         return can_show(name, self.written)
 
     def __getitem__(self, name: str) -> Array:
-        """Return one signal, shape (samples,); raises Refused if the trace cannot give it."""
+        """Return one signal, shape (moments,); raises Refused if the trace cannot give it."""
         if name in self._made:
             return self._made[name]
         if name in self._trace.signals or name not in self._makers:
-            made = self._trace.array(name)[: self.samples]
+            made = self.moments.held(name, self._trace.array(name)[: self._trace.samples])
         else:
             made = np.asarray(self._makers[name](), dtype=np.float32)
         self._made[name] = made
@@ -108,7 +127,7 @@ class FlightSignals:
         return np.stack([self["x_m"], self["y_m"], self["altitude_m"]], axis=1).astype(np.float64)
 
     def _time(self) -> NDArray[np.float64]:
-        return np.arange(self.samples, dtype=np.float64) * self.step_s
+        return self.moments.time_s
 
     def _causes(self) -> list[Stimulus]:
         return [one.stimulus for one in self._given]

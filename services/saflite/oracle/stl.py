@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from saflite.contract.errors import Refused
 from saflite.oracle import windows
 from saflite.oracle.formula import CRISP, TEMPORAL, Node, reach_s
+from saflite.oracle.moments import Rows, Uneven
 from saflite.oracle.windows import Array
 
 
@@ -65,12 +66,20 @@ _CRISP: dict[str, Callable[[Any, Any], Any]] = {
     "==": np.equal,
     "!=": np.not_equal,
 }
-_WINDOWED = {
-    "always": windows.least_ahead,
-    "eventually": windows.greatest_ahead,
-    "historically": windows.least_behind,
-    "once": windows.greatest_behind,
-}
+
+
+class _Windows(Protocol):
+    """Extremes over windows of samples, as the functions in `windows`."""
+
+    def least_ahead(self, values: Array, low: int, high: int | None) -> Array: ...
+    def greatest_ahead(self, values: Array, low: int, high: int | None) -> Array: ...
+    def least_behind(self, values: Array, low: int, high: int | None) -> Array: ...
+    def greatest_behind(self, values: Array, low: int, high: int | None) -> Array: ...
+    def until(self, left: Array, right: Array, low: int, high: int | None) -> Array: ...
+    def since(self, left: Array, right: Array, low: int, high: int | None) -> Array: ...
+
+
+_EVEN: _Windows = windows
 
 
 class Evaluator:
@@ -79,11 +88,17 @@ class Evaluator:
     Args:
         signals: name to values, each of shape (n,); any float type.
         step_s: time between samples.
+        row: the sample at or before each of the n moments, where some samples have further moments after them
+            (`moments.py`); None where all are samples. `prev`, `rise` and the like go by moments, times by samples.
     """
 
-    def __init__(self, signals: Mapping[str, Any], step_s: float) -> None:
+    def __init__(self, signals: Mapping[str, Any], step_s: float, row: Rows | None = None) -> None:
         self._signals, self.step_s = signals, step_s
         self.samples = min((len(values) for values in signals.values()), default=0)
+        even = np.arange(self.samples, dtype=np.intp)
+        self.row = even if row is None else row[: self.samples]
+        self._even = len(self.row) == 0 or self.row[-1] == even[-1]
+        self._windows: _Windows = _EVEN if self._even else Uneven(self.row)
         self._known: dict[Node, Any] = {}
 
     def trace(self, node: Node) -> Array:
@@ -124,12 +139,16 @@ class Evaluator:
         high = None if math.isinf(node.high_s) else self._count(node.high_s)
         if node.op == "lasting":
             assert high is not None, "lasting has a length"
-            return np.concatenate(
-                [np.full(min(high, self.samples), -np.inf), windows.least_behind(args[0], 0, high)[high:]]
-            )
-        if node.op in _WINDOWED:
-            return _WINDOWED[node.op](args[0], low, high)
-        joined = windows.until if node.op == "until" else windows.since
+            return np.where(self.row < high, -np.inf, self._windows.least_behind(args[0], 0, high))
+        if node.op == "always":
+            return self._windows.least_ahead(args[0], low, high)
+        if node.op == "eventually":
+            return self._windows.greatest_ahead(args[0], low, high)
+        if node.op == "historically":
+            return self._windows.least_behind(args[0], low, high)
+        if node.op == "once":
+            return self._windows.greatest_behind(args[0], low, high)
+        joined = self._windows.until if node.op == "until" else self._windows.since
         return joined(args[0], args[1], low, high)
 
     def _over_time(self, node: Node, args: list[Array]) -> Array:
@@ -143,10 +162,21 @@ class Evaluator:
             return np.concatenate([values[1:], [np.inf]])
         if op == "latch":
             return _latch(values, args[1])
-        if op == "mean":
+        if op == "before":
+            return _shifted(values, 1)
+        return (
+            self._by_samples(node, values) if self._even else self._by_samples(node, self._at_samples(values))[self.row]
+        )
+
+    def _at_samples(self, values: Array) -> Array:
+        return values[np.searchsorted(self.row, np.arange(self.row[-1] + 1))]
+
+    def _by_samples(self, node: Node, values: Array) -> Array:
+        """Return a term that looks back by a time, shape (samples,): further moments see what their sample sees."""
+        if node.op == "mean":
             return _mean(values, self._count(node.value))
-        past: Array = _shifted(values, 1 if op in ("before", "rate") else self._count(node.value))
-        return np.asarray((values - past) / self.step_s) if op == "rate" else past
+        past = _shifted(values, 1 if node.op == "rate" else self._count(node.value))
+        return np.asarray((values - past) / self.step_s) if node.op == "rate" else past
 
     def _signal(self, name: str) -> Array:
         if name not in self._signals:
@@ -204,26 +234,28 @@ def find(evaluator: Evaluator, formula: Node) -> Finding | None:
     A formula `always body` is judged only where the body's windows lie wholly inside the trace, so a promise that
     could still be kept when the flight ended is no violation.
     """
-    step_s = evaluator.step_s
+    step_s, row = evaluator.step_s, evaluator.row
+    samples = int(row[-1]) + 1 if len(row) else 0
     body = formula.args[0] if formula.op == "always" and math.isinf(formula.high_s) else None
     judged = body if body is not None else formula
     ahead = reach_s(judged)
-    last = evaluator.samples - (math.ceil(ahead / step_s - 1e-9) if math.isfinite(ahead) else 0)
-    first = round(formula.low_s / step_s) if body is not None else 0
+    last_row = samples - (math.ceil(ahead / step_s - 1e-9) if math.isfinite(ahead) else 0)
+    first_row = round(formula.low_s / step_s) if body is not None else 0
+    first, last = (int(place) for place in np.searchsorted(row, (first_row, last_row)))
     last = last if body is not None else min(last, 1)
     if last <= first:
         return None
     values = evaluator.trace(judged)[first:last]
     at = int(np.argmin(values))
     start, end = _stretch(values, at)
-    window = ahead if math.isfinite(ahead) else (evaluator.samples - 1) * step_s
+    window = ahead if math.isfinite(ahead) else (samples - 1) * step_s
     applied = _applied(evaluator, judged, first, last)
     return Finding(
         robustness=float(values[at]),
-        witness_from_s=(first + start) * step_s,
-        witness_to_s=min((first + end) * step_s + window, (evaluator.samples - 1) * step_s),
+        witness_from_s=float(row[first + start]) * step_s,
+        witness_to_s=min(float(row[first + end]) * step_s + window, (samples - 1) * step_s),
         applied_share=applied,
-        judged_s=(last - first) * step_s,
+        judged_s=float(row[last - 1] + 1 - row[first]) * step_s,
         nearness=1.0 if applied > 0 else _nearness(evaluator, judged, first, last),
     )
 

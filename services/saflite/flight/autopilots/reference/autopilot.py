@@ -140,7 +140,7 @@ class Autopilot(FlightStack):
         self.mode.run()
         self.landing.tick()
         self.parachute.tick()
-        self._publish()
+        self.publish()
 
     def _follow_reset(self) -> None:
         """Where the estimate was set anew, places held move with it: the vehicle must not chase them."""
@@ -149,7 +149,8 @@ class Autopilot(FlightStack):
             self.mode.shift(reset[0] - self._reset_seen[0], reset[1] - self._reset_seen[1])
             self._reset_seen = reset
 
-    def _publish(self) -> None:
+    def publish(self) -> None:
+        """Write to the board what policies look at and no control loop does."""
         board = self.board
         board["armed"] = 1.0 if self.armed else 0.0
         board["landed"] = 1.0 if self.landed else 0.0

@@ -51,7 +51,7 @@ class ReferenceFlight:
         self.world = self.vehicle.world
         self.wind = WindField(scenario.wind, test_case.rng_seed)
         self.autopilot = Autopilot(self.vehicle, planted_in(test_case.target))
-        self.inputs = stimuli.Player(self.autopilot, test_case.stimuli)
+        self.inputs = stimuli.Player(self.autopilot, test_case.stimuli, trace_names())
         self.ticks = 0
         self.trace_start_s = 0.0
         self._chute_open = False

@@ -29,10 +29,16 @@ class _Due(NamedTuple):
 
 
 class Player:
-    """Gives each stimulus at its time, in order of time and place, and notes what became of it."""
+    """Gives each stimulus at its time, in order of time and place, and notes what became of it.
 
-    def __init__(self, ap: Autopilot, stimuli: Sequence[Stimulus]) -> None:
-        self._ap = ap
+    Args:
+        ap: the autopilot.
+        stimuli: what is given.
+        shown: signals of the trace; those that a stimulus changes at once are noted with it.
+    """
+
+    def __init__(self, ap: Autopilot, stimuli: Sequence[Stimulus], shown: Sequence[str] = ()) -> None:
+        self._ap, self._shown = ap, shown
         self.delivered: list[Delivered] = []
         self._stimuli = tuple(stimuli)
         self._queue = [self._due(index) for index in in_order(self._stimuli)]
@@ -80,13 +86,21 @@ class Player:
 
     def _give(self, due: _Due, time_s: float) -> None:
         answer: DeliveryAnswer = "timed_out"  # unless the autopilot lives to answer
-        why = "the autopilot died of it"
+        why, changed = "the autopilot died of it", {}
+        before = self._show()
         try:
             why = due.act()
             answer = "denied" if why else "accepted"
+            changed = {name: value for name, value in self._show().items() if value != before[name]}
         finally:
             if due.place >= 0:
-                self.delivered.append(Delivered(index=due.place, at_s=time_s, answer=answer, message=why))
+                one = Delivered(index=due.place, at_s=time_s, answer=answer, message=why, changed=changed)
+                self.delivered.append(one)
+
+    def _show(self) -> dict[str, float]:
+        """Return what a sample taken now would hold."""
+        self._ap.publish()
+        return {name: self._ap.board[name] for name in self._shown}
 
 
 def in_order(stimuli: Sequence[Stimulus]) -> list[int]:

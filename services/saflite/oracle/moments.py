@@ -1,0 +1,131 @@
+"""The moments at which a flight is judged: its samples, and what held between stimuli of one instant.
+
+A sample at time t shows what held just before the stimuli of t were given; what they did first shows at the next one.
+Where several are given at once, the trace holds only what was left in the end, so `Flight.delivered` tells what each of
+them changed: after each comes a moment of its own, later than the sample before it, earlier than the one after it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saflite.contract.flight import Delivered, Trace
+from saflite.oracle.windows import Array
+
+Rows = NDArray[np.intp]
+
+
+class Moments(NamedTuple):
+    """When a flight is judged. All arrays have the shape (moments,).
+
+    `row` is the latest sample at or before each moment, `time_s` its time; `changes` are places in these arrays and the
+    signals that a stimulus changed there.
+    """
+
+    row: Rows
+    time_s: Array
+    changes: tuple[tuple[int, Mapping[str, float]], ...] = ()
+
+    def held(self, name: str, values: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return a signal of shape (samples,) at every moment: a change holds until the next sample."""
+        if not self.changes:
+            return values
+        found = values[self.row]
+        for place, changed in self.changes:
+            if name in changed:
+                found[place : np.searchsorted(self.row, self.row[place], side="right")] = changed[name]
+        return found
+
+
+def samples_of(trace: Trace) -> Moments:
+    """Return the samples alone."""
+    row = np.arange(trace.samples, dtype=np.intp)
+    return Moments(row, row * np.float64(trace.step_s))
+
+
+def moments_of(trace: Trace, delivered: Sequence[Delivered] | None) -> Moments:
+    """Return the samples and a moment after each stimulus that changed a signal at once, but for the last sample's."""
+    samples = samples_of(trace)
+    told = [one for one in delivered or () if one.changed.keys() & trace.signals.keys()]
+    after = [int(np.searchsorted(samples.time_s, one.at_s + 1e-9, side="right")) - 1 for one in told]
+    kept = sorted(
+        ((row, one) for row, one in zip(after, told, strict=True) if 0 <= row < trace.samples - 1),
+        key=lambda pair: pair[0],
+    )
+    if not kept:
+        return samples
+    before = np.array([row + 1 for row, _ in kept])  # inserted before the next sample, in the order given
+    return Moments(
+        np.insert(samples.row, before, [row for row, _ in kept]),
+        np.insert(samples.time_s, before, [one.at_s for _, one in kept]),
+        tuple((row + 1 + number, one.changed) for number, (row, one) in enumerate(kept)),
+    )
+
+
+class Uneven:
+    """Extremes over windows of time where some samples have further moments after them; see `windows`.
+
+    A window from and to counts of samples holds the moments of those samples; one that begins now begins at the very
+    moment.
+    """
+
+    def __init__(self, row: Rows) -> None:
+        self._row = row
+        self._mirrored = (row[-1] - row)[::-1] if len(row) else row
+
+    def least_ahead(self, values: Array, low: int, high: int | None) -> Array:
+        """Return at each moment the least over the window ahead, shape (moments,); infinity where it is empty."""
+        return _least_within(values, *_ahead(self._row, low, high))
+
+    def greatest_ahead(self, values: Array, low: int, high: int | None) -> Array:
+        """Return at each moment the greatest over the window ahead."""
+        return -self.least_ahead(-values, low, high)
+
+    def least_behind(self, values: Array, low: int, high: int | None) -> Array:
+        """Return at each moment the least over the window behind."""
+        return _least_within(values[::-1], *_ahead(self._mirrored, low, high))[::-1]
+
+    def greatest_behind(self, values: Array, low: int, high: int | None) -> Array:
+        """Return at each moment the greatest over the window behind."""
+        return -self.least_behind(-values, low, high)
+
+    def until(self, left: Array, right: Array, low: int, high: int | None) -> Array:
+        """Return the robustness of `left until[low:high] right` at each moment."""
+        return _until(left, right, *_ahead(self._row, low, high))
+
+    def since(self, left: Array, right: Array, low: int, high: int | None) -> Array:
+        """Return the robustness of `left since[low:high] right` at each moment."""
+        return _until(left[::-1], right[::-1], *_ahead(self._mirrored, low, high))[::-1]
+
+
+def _ahead(row: Rows, low: int, high: int | None) -> tuple[Rows, Rows]:
+    """First and last place of each moment's window; the last before the first where it is empty."""
+    first = np.searchsorted(row, row + low) if low else np.arange(len(row))
+    last = np.full(len(row), len(row)) if high is None else np.searchsorted(row, row + high, side="right")
+    return first, last - 1
+
+
+def _least_within(values: Array, first: Rows, last: Rows) -> Array:
+    """Least of values[first[i] .. last[i]]: any range is covered by two of a length that is a power of two."""
+    found = np.full(len(values), np.inf)
+    length = last - first + 1
+    covered, width = values, 1
+    while len(covered):
+        fits = (length >= width) & (length < 2 * width)
+        found[fits] = np.minimum(covered[first[fits]], covered[last[fits] - width + 1])
+        covered = np.minimum(covered[: max(0, len(covered) - width)], covered[width:])
+        width *= 2
+    return found
+
+
+def _until(left: Array, right: Array, first: Rows, last: Rows) -> Array:
+    found = np.full(len(left), -np.inf)
+    for i in range(len(left)):
+        if first[i] <= last[i]:
+            kept = np.minimum.accumulate(np.concatenate([[np.inf], left[i : last[i]]]))[first[i] - i :]
+            found[i] = np.minimum(kept, right[first[i] : last[i] + 1]).max()
+    return found

@@ -1,0 +1,56 @@
+"""Moments between samples: what held between stimuli of one instant, and windows over them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from saflite.contract.flight import Delivered, Trace
+from saflite.contract.rng import derive
+from saflite.oracle import windows
+from saflite.oracle.moments import Uneven, moments_of, samples_of
+from saflite.oracle.parse import parse
+from saflite.oracle.stl import Evaluator
+
+
+def trace(**signals: list[float]) -> Trace:
+    return Trace(step_s=0.5, signals={name: np.asarray(held, "<f4").tobytes() for name, held in signals.items()})
+
+
+def test_each_change_has_a_moment_in_the_order_given() -> None:
+    flown = trace(mode=[4, 4, 14, 14], armed=[1, 1, 1, 1])
+    told = [Delivered(index=0, at_s=0.5, changed={"mode": 2.0}), Delivered(index=1, at_s=0.5, changed={"mode": 14.0})]
+    moments = moments_of(flown, told)
+    assert moments.row.tolist() == [0, 1, 1, 1, 2, 3]
+    assert moments.time_s.tolist() == [0.0, 0.5, 0.5, 0.5, 1.0, 1.5]
+    assert moments.held("mode", flown.array("mode")).tolist() == [4, 4, 2, 14, 14, 14]
+    assert moments.held("armed", flown.array("armed")).tolist() == [1] * 6
+
+
+def test_nothing_told_or_nothing_shown_leaves_the_samples() -> None:
+    flown = trace(mode=[4, 4])
+    for told in (None, [Delivered(index=0, at_s=0.0)], [Delivered(index=0, at_s=0.5, changed={"mode": 2.0})]):
+        assert moments_of(flown, told).row.tolist() == samples_of(flown).row.tolist()
+
+
+@pytest.mark.parametrize(("low", "high"), [(0, 0), (0, 3), (2, 5), (1, None), (0, None), (30, 40)])
+def test_windows_over_even_moments_are_those_over_samples(low: int, high: int | None) -> None:
+    rng = derive(1, "test-moments")
+    left, right = rng.normal(size=(2, 25))
+    uneven = Uneven(np.arange(25))
+    for name in ("least_ahead", "greatest_ahead", "least_behind", "greatest_behind"):
+        found, known = getattr(uneven, name)(left, low, high), getattr(windows, name)(left, low, high)
+        assert found.tolist() == known.tolist(), name
+    for name in ("until", "since"):
+        found, known = getattr(uneven, name)(left, right, low, high), getattr(windows, name)(left, right, low, high)
+        assert found.tolist() == known.tolist(), name
+
+
+def test_windows_go_by_time_and_events_by_moments() -> None:
+    row = np.array([0, 1, 1, 2, 3])
+    evaluator = Evaluator({"altitude_m": np.array([5.0, 5.0, 1.0, 5.0, 5.0])}, 1.0, row)
+    assert evaluator.trace(parse("always[0:1] (altitude_m >= 0)")).tolist() == [1.0, 1.0, 1.0, 5.0, 5.0]
+    assert evaluator.trace(parse("historically[0:1] (altitude_m >= 0)")).tolist() == [5.0, 5.0, 1.0, 1.0, 5.0]
+    assert evaluator.trace(parse("lasting[1] (altitude_m >= 0)")).tolist() == [-np.inf, 5.0, 1.0, 1.0, 5.0]
+    assert evaluator.trace(parse("rise(altitude_m >= 3)")).tolist() == [2.0, -2.0, -2.0, 2.0, -2.0]
+    assert evaluator.trace(parse("ago(altitude_m, 1) >= 0")).tolist() == [5.0, 5.0, 5.0, 5.0, 5.0]
