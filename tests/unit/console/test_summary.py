@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sqlite3
 import sys
+from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from saflite.console.cli import FOUND, INFRASTRUCTURE, NOTHING_FOUND, main
 from saflite.console.io import campaign_options
 from saflite.console.run_data.conclusion import conclude
 from saflite.console.run_data.run_folder import open_run
+from saflite.contract.blobs import Blobs
 from saflite.contract.verdict import NEVER_APPLIED, Verdict
 from saflite.contract.work import Failure, FlyWork, JudgeResult, Result, Work
 from saflite.flight.autopilots.reference.describe import describe
@@ -28,11 +30,14 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "campaign"))
 from books_drive import Driver, doubles
 
 
+Farm = Callable[[Blobs], doubles.Service]
+
+
 class CannotFly(doubles.Service):
     """A farm whose simulators fail on our side, all of them or all but one test case in so many."""
 
-    def __init__(self, spared: int) -> None:
-        super().__init__()
+    def __init__(self, blobs: Blobs, spared: int) -> None:
+        super().__init__(blobs)
         self.spared, self._seen = spared, list[str]()
 
     def do(self, work: Work) -> Result:
@@ -48,8 +53,8 @@ class CannotFly(doubles.Service):
 class NeverApplies(doubles.Service):
     """A farm whose policy never applies, but to one test case in so many."""
 
-    def __init__(self, every: int) -> None:
-        super().__init__()
+    def __init__(self, blobs: Blobs, every: int) -> None:
+        super().__init__(blobs)
         self._every, self._judged = every, 0
 
     def do(self, work: Work) -> Result:
@@ -68,12 +73,16 @@ class NeverApplies(doubles.Service):
 
 
 def _ended(
-    run_dir: Path, service: doubles.Service, capsys: pytest.CaptureFixture[str], *, as_json: bool = False
+    run_dir: Path,
+    farm: Callable[[Blobs], doubles.Service],
+    capsys: pytest.CaptureFixture[str],
+    *,
+    as_json: bool = False,
 ) -> tuple[int, str]:
     campaign = campaign_options.changed(load_campaign("avoidance-m2"), budget=6)
     store = Store.create(run_dir, campaign, template(campaign), describe())
     driver = Driver(store.rebuild(), store)
-    driver.service = service
+    driver.service = farm(store.blobs)
     driver.run()
     store.close()
     code = conclude(run_dir, ExitSummary(True, "the budget is spent", None, 0), as_json=as_json)
@@ -83,7 +92,7 @@ def _ended(
 def test_a_run_in_which_nothing_could_be_flown_is_no_success(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    code, said = _ended(tmp_path / "run", CannotFly(0), capsys)
+    code, said = _ended(tmp_path / "run", lambda blobs: CannotFly(blobs, 0), capsys)
     assert code == INFRASTRUCTURE
     assert "test cases set aside" in said
     assert "says nothing of the vehicle" in said
@@ -92,7 +101,7 @@ def test_a_run_in_which_nothing_could_be_flown_is_no_success(
 def test_a_run_in_which_something_was_flown_says_what_was_set_aside(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    code, said = _ended(tmp_path / "run", CannotFly(2), capsys)
+    code, said = _ended(tmp_path / "run", lambda blobs: CannotFly(blobs, 2), capsys)
     assert code in (NOTHING_FOUND, FOUND)
     assert "test cases set aside" in said
     assert "says nothing of the vehicle" not in said
@@ -102,7 +111,7 @@ def test_a_run_in_which_the_rule_never_applied_says_so_and_no_number(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run_dir = tmp_path / "run"
-    code, said = _ended(run_dir, NeverApplies(1000), capsys)
+    code, said = _ended(run_dir, lambda blobs: NeverApplies(blobs, 1000), capsys)
     assert code == NOTHING_FOUND
     assert "policy min-obstacle-distance: vacuous: the rule never applied in 6 flights" in said
     with closing(sqlite3.connect(run_dir / "books.sqlite")) as database:
@@ -123,6 +132,6 @@ def test_a_run_in_which_the_rule_never_applied_says_so_and_no_number(
 def test_the_summary_counts_in_how_many_flights_each_rule_applied(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    _, said = _ended(tmp_path / "run", NeverApplies(3), capsys, as_json=True)
+    _, said = _ended(tmp_path / "run", lambda blobs: NeverApplies(blobs, 3), capsys, as_json=True)
     counts = {"held": 2, "violated": 0, "vacuous": 4, "inconclusive": 0}
     assert json.loads(said)["policies"] == {"min-obstacle-distance": counts}
