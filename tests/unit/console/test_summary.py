@@ -29,7 +29,6 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "campaign"))
 
 from books_drive import Driver, doubles
 
-
 Farm = Callable[[Blobs], doubles.Service]
 
 
