@@ -138,6 +138,27 @@ def _raise_budget(store: Store, budget: int) -> None:
     store.commit(books.drain())
 
 
+def accept_loss(run_dir: Path, words: str) -> None:
+    """Take what is left of a run for all there is; `words`, what is lost, are noted in its books.
+
+    Raises:
+        Refused: the run is in use, or its journal is damaged.
+        Unavailable: the disk fails.
+    """
+    from saflite.campaign.storage.witness import accept_loss as begin_anew
+
+    begin_anew(run_dir)
+    clock = WallClock()
+    store = _open(run_dir)
+    try:
+        books = store.rebuild()
+        books.begin(clock.monotonic_s(), clock.unix_s())
+        books.fault("books", f"loss accepted: {words}"[:500], clock.monotonic_s())
+        store.commit(books.drain())
+    finally:
+        store.close()
+
+
 def _follow(farm: LocalFarm, on_status: OnStatus | None, interrupted: list[str]) -> ExitSummary:
     clock = WallClock()
     status: Status | None = None

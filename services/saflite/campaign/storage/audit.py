@@ -18,37 +18,42 @@ from saflite.campaign.storage.projections import KEYS, TABLES
 from saflite.campaign.storage.rebuild import books_of
 from saflite.campaign.storage.sqlite import check_file, checked_chain, connect_reading, damage_named, in_use
 from saflite.campaign.storage.store import store_file
+from saflite.campaign.storage.witness import loss
 from saflite.contract import wire
 from saflite.contract.blobs import BlobRef
 from saflite.contract.errors import Refused
-from saflite.contract.events import Event
+from saflite.contract.events import Event, kind_of
 from saflite.evidence.files import fault_of
 from saflite.evidence.folder import BlobFolder
 
 REPLAY_STEP = 2000
 
 
-def audit(run_dir: Path, *, quick: bool = False) -> dict[str, Any]:
+def audit(run_dir: Path, *, quick: bool = False, blobs: bool = True) -> dict[str, Any]:
     """Return the figures of a run; `clean` says whether the books balance, `problems` what does not, in words.
 
-    Every blob the books name is read and its digest checked; `quick` only looks whether it is there in full length.
+    Every blob the books name is read and its digest checked; `quick` only looks whether it is there in full length,
+    without `blobs` nothing is looked for but the books themselves.
     Works on a finished, an interrupted and a running campaign; what is still under way is counted and is no problem.
 
     Raises:
         Refused: there is no run, or its store cannot be read at all.
     """
     path = store_file(run_dir)
+    lost = loss(run_dir)
     connection = connect_reading(path)
     try:
         with damage_named(path):
             check_file(connection, path)
             connection.execute("BEGIN")
-            return _audit(run_dir, connection, path, quick)
+            figures = _audit(run_dir, connection, path, quick, blobs)
     finally:
         connection.close()
+    problems = [lost, *figures["problems"]] if lost else figures["problems"]
+    return {**figures, "clean": not problems, "problems": problems}
 
 
-def _audit(run_dir: Path, connection: sqlite3.Connection, path: Path, quick: bool) -> dict[str, Any]:
+def _audit(run_dir: Path, connection: sqlite3.Connection, path: Path, quick: bool, blobs: bool) -> dict[str, Any]:
     check = "quick_check" if quick else "integrity_check"
     problems = [f"SQLite: {row[0]}" for row in connection.execute(f"PRAGMA {check}(20)") if row[0] != "ok"]
     counted = JournalAudit()
@@ -60,28 +65,33 @@ def _audit(run_dir: Path, connection: sqlite3.Connection, path: Path, quick: boo
         stored = connection.execute("SELECT seq, chain, event FROM events ORDER BY seq")
         events = list(checked_chain(stored, "event", path))
     except Refused as fault:
-        return {"clean": False, "problems": [*problems, str(fault)]}
+        return {"problems": [*problems, str(fault)]}
     replayed.finish()
     told = [wire.decode(data, Event) for data in events]
     problems += counted.problems + counted.compare_told([event.fact for event in told])
     problems += replayed.compare(events, connection)
+    columns = connection.execute("SELECT kind, at_unix_s FROM events ORDER BY seq")
+    wrong = [
+        event.seq for event, row in zip(told, columns, strict=True) if (kind_of(event.fact), event.at_unix_s) != row
+    ]
+    problems += [f"event {seq} stands under another kind or time" for seq in wrong[:20]]
     core = replayed.books.overview_of_audit()
     if core["over"]:
         problems += counted.left_open()
     running = in_use(run_dir)
-    blobs = _blobs(run_dir, replayed.books, problems, running=running, deep=not quick)
-    recordings = _recordings(run_dir, connection, problems, running=running, deep=not quick)
+    beside: dict[str, int] = {}
+    if blobs:
+        beside |= _blobs(run_dir, replayed.books, problems, running=running, deep=not quick)
+        beside |= _recordings(run_dir, connection, problems, running=running, deep=not quick)
     if counted.charged > core["budget"]:
         problems.append(f"budget: {counted.charged} flights with a budget of {core['budget']}")
     return {
-        "clean": not problems,
         "state": core["state"],
         "budget": core["budget"],
         **counted.figures(),
         "events": len(events),
         "journal_lines": counted.lines,
-        **blobs,
-        **recordings,
+        **beside,
         "problems": problems,
     }
 

@@ -38,7 +38,7 @@ def rebuild(run_dir: Path) -> int:
     with lock_run(run_dir):
         try:
             _remove(beside)
-            with damage_named(path), closing(connect(path)) as old:
+            with damage_named(path), closing(sqlite3.connect(path, isolation_level=None)) as old:
                 lines = _write(old, beside, path)
                 _fold_in(old, path)
             _put_in_place(beside, path)

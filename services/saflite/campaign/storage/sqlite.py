@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import logging
 import os
 import secrets
 import sqlite3
@@ -19,6 +20,8 @@ from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import TestCase
 
+log = logging.getLogger(__name__)
+
 _NOT_TO_BE_HAD = (
     sqlite3.SQLITE_FULL,
     sqlite3.SQLITE_BUSY,
@@ -28,6 +31,10 @@ _NOT_TO_BE_HAD = (
     sqlite3.SQLITE_IOERR,
 )
 FIX = "`saflite audit RUN --rebuild` makes all but the journal anew; else restore the run folder from a copy"
+
+
+FIRST_FACTS = ("format", "run_id", "campaign", "template", "target")
+"""What of `meta` never changes."""
 
 
 def connect(path: Path) -> sqlite3.Connection:
@@ -49,6 +56,27 @@ def connect_reading(path: Path) -> sqlite3.Connection:
     return connection
 
 
+def fold_in(connection: sqlite3.Connection) -> None:
+    """Empty the write-ahead log into the file, unless somebody reads just now: then the next time does it."""
+    connection.execute("PRAGMA busy_timeout = 0")
+    try:
+        connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+    finally:
+        connection.execute("PRAGMA busy_timeout = 5000")
+
+
+def make_one_file(path: Path) -> None:
+    """Leave a store that nobody works on as one file, without a write-ahead log; not while somebody reads it."""
+    connection = sqlite3.connect(path, isolation_level=None, timeout=0.0)
+    try:
+        connection.execute("PRAGMA synchronous = FULL")
+        connection.execute("PRAGMA journal_mode = DELETE")
+    except sqlite3.OperationalError as fault:
+        log.info("%s keeps its write-ahead log: %s", path, fault)
+    finally:
+        connection.close()
+
+
 @contextmanager
 def transaction(connection: sqlite3.Connection) -> Iterator[None]:
     """Commit what is done inside, or nothing of it."""
@@ -64,17 +92,18 @@ def transaction(connection: sqlite3.Connection) -> Iterator[None]:
 
 def make_tables(connection: sqlite3.Connection, campaign: Campaign, template: TestCase, target: TargetInfo) -> None:
     """Write the tables and the first facts of a new run, in one transaction."""
-    meta = (
+    facts = (
         ("format", str(FORMAT).encode()),
         ("run_id", secrets.token_hex(6).encode()),
         ("campaign", wire.encode(campaign)),
         ("template", wire.encode(template)),
         ("target", wire.encode(target)),
+        ("commits", b"0"),
     )
     with transaction(connection):
         for statement in CREATE:
             connection.execute(statement)
-        connection.executemany("INSERT INTO meta VALUES (?, ?)", meta)
+        connection.executemany("INSERT INTO meta VALUES (?, ?)", facts)
 
 
 @contextmanager
@@ -89,12 +118,17 @@ def damage_named(path: Path) -> Iterator[None]:
         raise Refused("books", where=str(path), expected="an intact store", got=str(fault), fix=FIX) from fault
 
 
-def check_file(connection: sqlite3.Connection, path: Path) -> None:
-    """Raise Refused unless the file is a whole store of this version."""
+def check_version(connection: sqlite3.Connection, path: Path) -> None:
+    """Raise Refused unless the file is a store of this version."""
     row = connection.execute("SELECT value FROM meta WHERE key = 'format'").fetchone()
     version = "none" if row is None else _text(row[0])
     if version != str(FORMAT):
         raise Refused("books", where=str(path), expected=f"store format {FORMAT}", got=f"format {version}")
+
+
+def check_file(connection: sqlite3.Connection, path: Path) -> None:
+    """Raise Refused unless the file is a whole store of this version."""
+    check_version(connection, path)
     said = connection.execute("PRAGMA quick_check(1)").fetchone()[0]
     if said != "ok":
         raise Refused("books", where=str(path), expected="an intact store", got=said, fix=FIX)

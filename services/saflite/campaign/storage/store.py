@@ -20,11 +20,14 @@ from saflite.campaign.storage.sqlite import (
     checked_chain,
     connect,
     damage_named,
+    fold_in,
     lock_run,
+    make_one_file,
     make_tables,
     meta,
     transaction,
 )
+from saflite.campaign.storage.witness import Mark, Witness, check_loss, mark_of, start_of
 from saflite.contract import wire
 from saflite.contract.blobs import BlobRef
 from saflite.contract.config import Campaign
@@ -40,6 +43,7 @@ __all__ = ["Batch", "Store", "store_file"]
 log = logging.getLogger(__name__)
 
 T = TypeVar("T")
+CHECKPOINT_COMMITS = 256
 
 
 def store_file(run_dir: Path) -> Path:
@@ -59,6 +63,9 @@ class Store:
         self.run_id = self._meta("run_id").decode()
         self._tables = Tables(connection)
         self._contents = Contents(connection)
+        self._commits = mark_of(connection).commits
+        self._witness = Witness(run_dir, start_of(connection), self._mark())
+        self._unwitnessed = False
 
     # ---- making and opening --------------------------------------------------------------------------------------
 
@@ -92,13 +99,15 @@ class Store:
         """Open the store of an earlier run to go on with it.
 
         Raises:
-            Refused: there is none, it is in use, damaged, or of another version; the text says what to do.
+            Refused: there is none, it is in use, damaged, of another version, or lost commits; the text says what
+                to do.
         """
         path = store_file(run_dir)
         if not path.is_file():
             raise Refused("run folder", where=str(run_dir), expected="a run with a books.sqlite", got="none")
         lock = lock_run(run_dir)
         try:
+            check_loss(run_dir)  # before anything is opened for writing: that gives up what SQLite does not take
             with damage_named(path):
                 connection = connect(path)
                 check_file(connection, path)
@@ -109,30 +118,56 @@ class Store:
         return store
 
     def close(self) -> None:
-        """Close the store and let others open it."""
+        """Close the store and let others open it; leaves one SQLite file and its witness."""
+        self._checkpoint()
         self._db.close()
+        make_one_file(self._path)
+        self._witness.close()
         self._lock.close()
 
     # ---- writing -------------------------------------------------------------------------------------------------
 
     def commit(self, batch: Batch) -> None:
-        """Make a batch durable: blobs that are kept first, then everything else in one transaction.
+        """Make a batch durable: blobs that are kept first, then everything else in one transaction, then its witness.
 
         Raises:
-            Unavailable: the disk is full or fails; nothing of the batch counts, and the same batch may be
-                committed again later. Nothing may be answered before.
+            Unavailable: the disk is full or fails; nothing of the batch counts, and the same batch has to be
+                committed again later, before any other. Nothing may be answered before.
         """
         if not batch:
             return
         self.blobs.flush(batch.flushed)
+        if not self._unwitnessed:
+            self._write(batch)
+        assert not batch.lines or batch.first_line + len(batch.lines) == self._tables.tails.lines, "another batch"
+        self._witness.append(self._mark())
+        self._unwitnessed = False
+        self._publish(batch.published)
+        self.blobs.drop(batch.dropped)
+        if self._commits % CHECKPOINT_COMMITS == 0:
+            self._checkpoint()
+
+    def _write(self, batch: Batch) -> None:
+        commits = self._commits + 1
         try:
             with transaction(self._db):
                 tails = self._tables.add(batch)
+                self._db.execute("UPDATE meta SET value = ? WHERE key = 'commits'", (str(commits).encode(),))
         except sqlite3.OperationalError as fault:
             raise Unavailable(f"{self._path} takes no writes: {fault}") from fault
-        self._tables.tails = tails
-        self._publish(batch.published)
-        self.blobs.drop(batch.dropped)
+        self._tables.tails, self._commits, self._unwitnessed = tails, commits, True
+
+    def _mark(self) -> Mark:
+        return Mark(self._commits, *self._tables.tails)
+
+    def _checkpoint(self) -> None:
+        """Fold the write-ahead log in and shorten the witness; what fails now is done the next time."""
+        try:
+            fold_in(self._db)
+            if not self._unwitnessed:
+                self._witness.restart(self._mark())
+        except (sqlite3.Error, Unavailable) as fault:
+            log.warning("%s is not folded in: %s", self._path, fault)
 
     def _publish(self, files: Iterable[tuple[str, str]]) -> None:
         """Let blobs stand under names for people; what fails now is done when the run is opened again."""

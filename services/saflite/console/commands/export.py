@@ -21,10 +21,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Write the files; 0 once they are written, whatever they tell."""
-    from saflite.console.run_data.run_folder import open_run
+    from saflite.console.run_data.run_folder import open_run, tell_loss
     from saflite.console.view import out
     from saflite.recorder.export import export
 
+    tell_loss(args.run)
     folder = args.out or args.run / f"export-{args.format}"
     with open_run(args.run) as run_folder:
         summary = run_folder.summary()

@@ -37,11 +37,13 @@ def run(args: argparse.Namespace) -> int:
     from saflite.console.io import campaign_options
     from saflite.console.operations import replaying
     from saflite.console.run_data import provenance
+    from saflite.console.run_data.run_folder import tell_loss
     from saflite.console.view import out
     from saflite.runtime import run_modules
 
     campaign_options.at_least("--times", args.times, 1)
     if args.what.is_dir():
+        tell_loss(args.what)
         run_modules.use(args.what, args.module)
     entries = replaying.entries(args.what, args.violation, args.all, tuple(args.policy))
     results = []

@@ -21,8 +21,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Write the report; 0 once it is written, whatever it tells."""
     from saflite.console.run_data import reporting
+    from saflite.console.run_data.run_folder import tell_loss
     from saflite.console.view import out
 
+    tell_loss(args.run)
     path, confirmed = reporting.write(args.run, args.out)
     if args.json:
         out.json({"report": str(path), "confirmed": confirmed})

@@ -3,6 +3,7 @@
 examples:
   saflite resume runs/avoidance-m2
   saflite resume runs/avoidance-m2 --budget 500
+  saflite resume runs/avoidance-m2 --accept-loss
 """
 
 from __future__ import annotations
@@ -26,6 +27,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("run", type=Path, help="run folder")
     parser.add_argument("--budget", type=int, metavar="N", help="new number of flights, those flown included")
     parser.add_argument("--workers", type=int, metavar="N", help="simulator workers (one per core)")
+    parser.add_argument(
+        "--accept-loss", action="store_true", help="go on with what is left of damaged books, and say what is lost"
+    )
     arguments.add_modules(parser)
     farm_options.listening(parser)
     parser.add_argument("--json", action="store_true", help="print the result as JSON, and nothing else")
@@ -42,6 +46,7 @@ def run(args: argparse.Namespace) -> int:
     if args.budget is not None:
         campaign_options.at_least("--budget", args.budget, 1)
     open_run(args.run).close()
+    _check(args.run, accept_loss=args.accept_loss)
 
     def start(on_status: Callable[[Status], None]) -> ExitSummary:
         return campaign_runner.resume(
@@ -55,3 +60,26 @@ def run(args: argparse.Namespace) -> int:
         )
 
     return running.follow(args.run, start, as_json=args.json)
+
+
+def _check(run_dir: Path, *, accept_loss: bool) -> None:
+    """Raise Refused unless the books balance, or what is wrong with them is accepted; a run in use is not looked at."""
+    from saflite.campaign.storage.audit import audit
+    from saflite.campaign.storage.sqlite import in_use
+    from saflite.campaign.storage.witness import FIX
+    from saflite.console.view import out
+    from saflite.contract.errors import Refused
+    from saflite.runtime import campaign_runner
+
+    if in_use(run_dir):
+        return
+    problems = audit(run_dir, quick=True, blobs=False)["problems"]
+    if not problems:
+        return
+    more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
+    if not accept_loss:
+        where = str(run_dir / "books.sqlite")
+        raise Refused("books", where=where, expected="books that balance", got=problems[0] + more, fix=FIX)
+    for problem in problems:
+        out.complain("warning", f"accepted: {problem}")
+    campaign_runner.accept_loss(run_dir, problems[0] + more)

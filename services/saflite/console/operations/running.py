@@ -62,9 +62,14 @@ def create(run_dir: Path, campaign: Campaign, target: TargetInfo) -> None:
 
 def follow(run_dir: Path, start: Start, *, as_json: bool) -> int:
     """Run a farm with its progress shown; returns the exit code."""
+    from saflite.campaign.storage.sqlite import in_use, make_one_file
+    from saflite.campaign.storage.store import store_file
+
     view = live.open_view(run_dir, quiet=as_json)
     try:
         ended = start(view.update)
     finally:
-        view.close()
+        view.close()  # whoever reads keeps the write-ahead log there
+    if not in_use(run_dir):
+        make_one_file(store_file(run_dir))
     return conclude(run_dir, ended, as_json=as_json)

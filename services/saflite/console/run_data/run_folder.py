@@ -12,6 +12,8 @@ from typing import NamedTuple, TypeVar
 from saflite.campaign.storage.contents import Contents
 from saflite.campaign.storage.sqlite import connect_reading, damage_named
 from saflite.campaign.storage.store import store_file
+from saflite.campaign.storage.witness import told_of
+from saflite.console.view import out
 from saflite.contract import wire
 from saflite.contract.blobs import BlobMissing, BlobRef
 from saflite.contract.config import Campaign
@@ -254,6 +256,13 @@ class RunFolder:
         for (value,) in self._rows("SELECT value FROM meta WHERE key = ?", key):
             return wire.decode(bytes(value), kind)
         raise Refused("books", where=str(self._file), expected=f"a store that names its {key}", got="nothing")
+
+
+def tell_loss(run_dir: Path) -> None:
+    """Say on stderr, before anything else is told of a run, what of its books is lost or damaged."""
+    words = told_of(run_dir)
+    if words:
+        out.complain("warning", f"what follows is not the whole run: {words}; see `saflite audit {run_dir}`")
 
 
 def open_run(run_dir: Path) -> RunFolder:

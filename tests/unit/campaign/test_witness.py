@@ -1,0 +1,114 @@
+"""Lost commits are told: by the audit, by opening, before anything is reported."""
+
+from __future__ import annotations
+
+import errno
+import os
+from pathlib import Path
+
+import pytest
+from books_corruption import copied, faults, journal, outcome_of, small_run
+from books_drive import Driver, doubles
+
+from saflite.campaign.storage.audit import audit
+from saflite.campaign.storage.store import Store
+from saflite.campaign.storage.witness import RECORD_BYTES, accept_loss, told_of
+from saflite.console.cli import main
+from saflite.contract.errors import Refused, Unavailable
+
+SAMPLE = 30
+
+
+@pytest.fixture(scope="module")
+def ended(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return small_run(tmp_path_factory.mktemp("ended") / "run")
+
+
+@pytest.fixture(scope="module")
+def killed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return small_run(tmp_path_factory.mktemp("killed") / "run", killed=True)
+
+
+def test_a_finished_run_is_one_file_and_a_witness_of_one_record(ended: Path) -> None:
+    assert sorted(path.name for path in ended.glob("books.*")) == ["books.lock", "books.sqlite", "books.witness"]
+    assert (ended / "books.witness").stat().st_size == RECORD_BYTES
+    assert audit(ended)["problems"] == []
+    assert sorted(path.name for path in ended.glob("books.*")) == ["books.lock", "books.sqlite", "books.witness"]
+
+
+@pytest.mark.parametrize("state", ["ended", "killed"])
+def test_no_flipped_or_cut_block_is_silent(state: str, tmp_path: Path, request: pytest.FixtureRequest) -> None:
+    run_dir: Path = request.getfixturevalue(state)
+    whole, every = journal(run_dir), list(faults(run_dir))
+    step = len(every) // SAMPLE | 1  # odd: flips and cuts by turns
+    outcomes = {fault: outcome_of(fault, run_dir, tmp_path / "run", whole) for fault in every[::step]}
+    assert [fault for fault, outcome in outcomes.items() if outcome == "silent"] == []
+    assert "told" in outcomes.values()
+
+
+def test_a_run_copied_without_its_log_is_told_everywhere(
+    killed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run_dir = tmp_path / "run"
+    copied(killed, run_dir)
+    assert audit(run_dir, quick=True, blobs=False)["problems"] == []
+    Store.open(run_dir).close()  # what the log held stands in the file now
+    store = Store.open(run_dir)
+    driver = Driver(store.rebuild(), store)
+    driver.books.fault("test", "one more commit", driver.now)
+    driver.commit()
+    copied(run_dir, tmp_path / "copy")
+    (tmp_path / "copy" / "books.sqlite-wal").unlink()
+    store.close()
+    assert "commits are lost" in audit(tmp_path / "copy", quick=True, blobs=False)["problems"][0]
+    with pytest.raises(Refused, match="commits are lost"):
+        Store.open(tmp_path / "copy")
+    for words in (["report"], ["export", "--format", "csv"], ["replay", "--violation", "none"]):
+        main([words[0], str(tmp_path / "copy"), *words[1:]])
+        assert capsys.readouterr().err.startswith("saflite: warning: what follows is not the whole run")
+    assert main(["resume", str(tmp_path / "copy")]) == 2
+    assert "--accept-loss" in capsys.readouterr().err
+    accept_loss(tmp_path / "copy")
+    assert told_of(tmp_path / "copy") == ""
+    Store.open(tmp_path / "copy").close()
+
+
+@pytest.mark.parametrize("keep", [0, 1, 3])
+def test_a_missing_or_shortened_witness_is_told(killed: Path, tmp_path: Path, keep: int) -> None:
+    copied(killed, tmp_path / "run")
+    path = tmp_path / "run" / "books.witness"
+    path.write_bytes(path.read_bytes()[: keep * RECORD_BYTES])
+    assert "books.witness" in told_of(tmp_path / "run")
+
+
+def test_a_crash_between_commit_and_witness_loses_nothing_and_is_no_loss(killed: Path, tmp_path: Path) -> None:
+    copied(killed, tmp_path / "run")
+    path = tmp_path / "run" / "books.witness"
+    path.write_bytes(path.read_bytes()[: -RECORD_BYTES // 2])
+    assert told_of(tmp_path / "run") == ""
+    store = Store.open(tmp_path / "run")
+    store.close()
+    assert journal(tmp_path / "run") == journal(killed)
+
+
+def test_a_witness_that_takes_no_writes_is_a_failed_commit_taken_later(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store = Store.create(tmp_path / "run", doubles.campaign(5, record="none"), doubles.TEMPLATE, doubles.TARGET)
+    driver = Driver(store.rebuild(), store)
+    driver.run(until_flights=2)
+    driver.books.fault("test", "no room", driver.now)
+    batch = driver.books.drain()
+
+    def full(file: int, data: bytes, place: int) -> int:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "pwrite", full)
+        for _ in range(2):
+            with pytest.raises(Unavailable, match=r"books\.witness takes no writes"):
+                store.commit(batch)
+    store.commit(batch)
+    driver.run()
+    store.close()
+    assert audit(tmp_path / "run")["problems"] == []
