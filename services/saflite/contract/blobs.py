@@ -11,10 +11,11 @@ result that names it.
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Annotated, Protocol
 
 import msgspec
 
+from saflite.contract.bounds import ITEMS_MAX, Count, Place
 from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.ids import digest
 
@@ -28,7 +29,7 @@ class BlobRef(msgspec.Struct, frozen=True, kw_only=True):
     """A blob named: SHA-256 of its bytes, in hexadecimal, and how many they are."""
 
     digest: str
-    size_bytes: int
+    size_bytes: Count
 
 
 class BlobMissing(Unavailable):
@@ -86,7 +87,7 @@ class BlobOpen(msgspec.Struct, frozen=True, kw_only=True):
     """Said once by a worker before it uses blobs: of what it left earlier, all but `keep` (digests) may go."""
 
     worker: str
-    keep: tuple[str, ...] = ()
+    keep: Annotated[tuple[str, ...], msgspec.Meta(max_length=ITEMS_MAX)] = ()
 
 
 class BlobOpened(msgspec.Struct, frozen=True, kw_only=True):
@@ -99,14 +100,14 @@ class BlobGet(msgspec.Struct, frozen=True, kw_only=True):
     """Asks for up to `length` bytes of a blob from `offset` on."""
 
     digest: str
-    offset: int
-    length: int = CHUNK_BYTES_MAX
+    offset: Count
+    length: Count = CHUNK_BYTES_MAX
 
 
 class BlobChunk(msgspec.Struct, frozen=True, kw_only=True):
     """A stretch of a blob. `size_bytes` is that of the whole blob, -1 where there is none of that digest."""
 
-    size_bytes: int
+    size_bytes: Place
     data: bytes = b""
 
 
@@ -115,11 +116,11 @@ class BlobPut(msgspec.Struct, frozen=True, kw_only=True):
 
     worker: str
     ref: BlobRef
-    offset: int = 0
-    data: bytes = b""
+    offset: Count = 0
+    data: Annotated[bytes, msgspec.Meta(max_length=CHUNK_BYTES_MAX)] = b""
 
 
 class BlobTaken(msgspec.Struct, frozen=True, kw_only=True):
     """How many bytes of the blob are there from its start: go on from here. All of them once its digest was checked."""
 
-    have_bytes: int
+    have_bytes: Count

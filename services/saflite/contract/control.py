@@ -6,6 +6,8 @@ from typing import Literal
 
 import msgspec
 
+from saflite.contract.bounds import Count, Text
+
 Verb = Literal["pause", "resume", "stop", "budget", "scorer", "shadow", "status", "events"]
 
 
@@ -13,8 +15,8 @@ class Control(msgspec.Struct, frozen=True, kw_only=True):
     """An order. `text` holds the scorer model, `number` the new budget or the sequence number to send from."""
 
     verb: Verb
-    text: str = ""
-    number: int = 0
+    text: Text = ""
+    number: Count = 0
 
 
 class WorkerStatus(msgspec.Struct, frozen=True, kw_only=True):

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 import zlib
 from collections.abc import Sequence
-from typing import Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from saflite.contract.blobs import BlobRef
+from saflite.contract.blobs import BLOBS_PER_RESULT_MAX, BlobRef
+from saflite.contract.bounds import ITEMS_MAX, Count, Features, Number, Seconds, Text
 from saflite.contract.errors import Refused
 from saflite.contract.ids import digest
 from saflite.contract.test_case import Stimulus
@@ -51,8 +52,8 @@ FLOWN_ENDINGS: frozenset[Ending] = frozenset({"completed", "crashed", "timed_out
 class TraceMessage(msgspec.Struct, frozen=True, kw_only=True):
     """A text the autopilot or the world gave during the flight."""
 
-    at_s: float
-    text: str
+    at_s: Number
+    text: Text
     severity: Literal["info", "warning", "error"] = "info"
 
 
@@ -103,11 +104,11 @@ class Delivered(msgspec.Struct, frozen=True, kw_only=True):
     of one instant, of which the trace shows only what was left in the end. Empty where the target cannot tell.
     """
 
-    index: int
-    at_s: float
+    index: Count
+    at_s: Number
     answer: DeliveryAnswer = "accepted"
-    message: str = ""
-    changed: dict[str, float] = {}
+    message: Text = ""
+    changed: Features = {}
 
 
 class Artefact(msgspec.Struct, frozen=True, kw_only=True):
@@ -139,17 +140,17 @@ class Flight(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     test_case: str
-    flight_index: int
+    flight_index: Count
     ending: Ending
-    simulated_s: float = 0.0
-    wall_s: float = 0.0
+    simulated_s: Seconds = 0.0
+    wall_s: Seconds = 0.0
     trace_digest: str = ""
     trace: BlobRef | None = None
     worker: str = ""
-    message: str = ""
+    message: Text = ""
     build: str = ""
-    delivered: tuple[Delivered, ...] | None = None
-    artefacts: tuple[Artefact, ...] = ()
+    delivered: Annotated[tuple[Delivered, ...], msgspec.Meta(max_length=ITEMS_MAX)] | None = None
+    artefacts: Annotated[tuple[Artefact, ...], msgspec.Meta(max_length=BLOBS_PER_RESULT_MAX)] = ()
 
     @property
     def blobs(self) -> tuple[BlobRef, ...]:

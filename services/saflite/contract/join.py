@@ -6,11 +6,14 @@ defaults are added, none is ever taken away), so that a mismatch can be told in 
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import msgspec
 
+from saflite.contract.bounds import Count, Labels, Word
 from saflite.contract.errors import Refused
 from saflite.contract.names import NAME_EXPECTED, is_name
-from saflite.contract.work import Stage, TargetBuild
+from saflite.contract.work import TARGETS_MAX, Stage, TargetBuild
 
 
 class Join(msgspec.Struct, frozen=True, kw_only=True):
@@ -21,16 +24,16 @@ class Join(msgspec.Struct, frozen=True, kw_only=True):
     fly, with their builds.
     """
 
-    protocol: int
+    protocol: Count
     worker: str = ""
     session: str = ""
     stage: Stage = "fly"
-    version: str = ""
-    software: str = ""
-    targets: tuple[TargetBuild, ...] = ()
-    host: str = ""
-    cores: int = 0
-    labels: dict[str, str] = {}
+    version: Word = ""
+    software: Word = ""
+    targets: Annotated[tuple[TargetBuild, ...], msgspec.Meta(max_length=TARGETS_MAX)] = ()
+    host: Word = ""
+    cores: Count = 0
+    labels: Labels = {}
 
     def build_of(self, target: str) -> str:
         """Return the build of a target this worker can fly, empty if that is not known."""

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
 import msgspec
+
+from saflite.contract.bounds import Count, Number, Quantity, Seconds, Text, Word
 
 SCORE_MIN, SCORE_MAX = 0.0, 10.0
 DULL_BELOW, INTERESTING_ABOVE = 4.0, 7.0  # bands of the paper (section IV-C); 4..7 is middling
@@ -19,14 +21,14 @@ class Usage(msgspec.Struct, frozen=True, kw_only=True):
     could not be used, by name.
     """
 
-    tokens_in: int = 0
-    tokens_out: int = 0
-    latency_s: float = 0.0
-    cost_usd: float = 0.0
-    calls: int = 0
-    asked_again: int = 0
-    cached: int = 0
-    faults: dict[str, int] = {}
+    tokens_in: Count = 0
+    tokens_out: Count = 0
+    latency_s: Seconds = 0.0
+    cost_usd: Quantity = 0.0
+    calls: Count = 0
+    asked_again: Count = 0
+    cached: Count = 0
+    faults: Annotated[dict[Word, Count], msgspec.Meta(max_length=1_000)] = {}
 
 
 class Score(msgspec.Struct, frozen=True, kw_only=True):
@@ -37,13 +39,13 @@ class Score(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     test_case: str
-    value: float
+    value: Number
     model: str
     scored_by: str
     model_digest: str = ""
     prompt_digest: str = ""
-    reason: str = ""
-    fault: str = ""
+    reason: Text = ""
+    fault: Word = ""
     shadow: bool = False
 
 

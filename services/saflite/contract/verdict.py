@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
 import msgspec
+
+from saflite.contract.bounds import Count, Features, Number, Share, Text, Track
 
 Ruling = Literal["held", "violated", "vacuous", "inconclusive"]
 """held, violated; vacuous: the rule never applied in this flight; inconclusive: it could not be judged."""
@@ -26,13 +28,13 @@ class Verdict(msgspec.Struct, frozen=True, kw_only=True):
 
     policy: str
     outcome: Ruling
-    robustness: float | None = None
-    nearness: float = 1.0
-    witness_from_s: float = 0.0
-    witness_to_s: float = 0.0
+    robustness: Number | None = None
+    nearness: Share = 1.0
+    witness_from_s: Number = 0.0
+    witness_to_s: Number = 0.0
     severity: Literal["none", "soft", "hard"] = "none"
-    points: float = 0.0
-    message: str = ""
+    points: Number = 0.0
+    message: Text = ""
 
     @property
     def margin(self) -> float:
@@ -49,11 +51,11 @@ class Judgement(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     test_case: str
-    flight_index: int
-    verdicts: tuple[Verdict, ...]
+    flight_index: Count
+    verdicts: Annotated[tuple[Verdict, ...], msgspec.Meta(max_length=1_000)]
     fingerprint: str = ""
-    features: dict[str, float] = {}
-    track: tuple[tuple[float, float, float, float], ...] = ()
+    features: Features = {}
+    track: Track = ()
 
 
 class Violation(msgspec.Struct, frozen=True, kw_only=True):

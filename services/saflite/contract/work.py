@@ -6,11 +6,12 @@ under an old epoch is recognised, merged or ignored, never counted twice.
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
 import msgspec
 
-from saflite.contract.blobs import BlobRef
+from saflite.contract.blobs import BLOBS_PER_RESULT_MAX, BlobRef
+from saflite.contract.bounds import ITEMS_MAX, Count, Number, Place, Quantity, Text, Word
 from saflite.contract.flight import Ending, Flight, Purpose
 from saflite.contract.score import Score, Usage
 from saflite.contract.target_info import TargetInfo
@@ -18,6 +19,7 @@ from saflite.contract.test_case import Setting, TestCase
 from saflite.contract.verdict import Judgement, Violation
 
 Stage = Literal["mutate", "score", "fly", "judge", "record"]
+TARGETS_MAX = 256  # that one worker can fly
 GUIDANCE_NEAR, GUIDANCE_FAR = 100.0, 1000.0
 
 
@@ -148,15 +150,15 @@ Work = MutateWork | ScoreWork | WarmWork | FlyWork | JudgeWork | RecordWork
 class MutateResult(msgspec.Struct, frozen=True, kw_only=True, tag="mutated"):
     """The test cases proposed for `round`, in order."""
 
-    round: int
-    test_cases: tuple[TestCase, ...]
+    round: Count
+    test_cases: Annotated[tuple[TestCase, ...], msgspec.Meta(max_length=ITEMS_MAX)]
 
 
 class ScoreResult(msgspec.Struct, frozen=True, kw_only=True, tag="scored"):
     """One deciding score per test case asked, shadow scores besides, and what the calls took per model."""
 
-    scores: tuple[Score, ...]
-    usage: dict[str, Usage] = {}
+    scores: Annotated[tuple[Score, ...], msgspec.Meta(max_length=ITEMS_MAX)]
+    usage: Annotated[dict[Word, Usage], msgspec.Meta(max_length=1_000)] = {}
 
 
 class WarmResult(msgspec.Struct, frozen=True, kw_only=True, tag="warmed"):
@@ -164,7 +166,7 @@ class WarmResult(msgspec.Struct, frozen=True, kw_only=True, tag="warmed"):
 
     model: str
     ready: bool
-    message: str = ""
+    message: Text = ""
 
 
 class FlyResult(msgspec.Struct, frozen=True, kw_only=True, tag="flown"):
@@ -183,7 +185,7 @@ class RecordResult(msgspec.Struct, frozen=True, kw_only=True, tag="recorded"):
     """The recording of a flight, left as a blob where the books can read it."""
 
     test_case: str
-    flight_index: int
+    flight_index: Count
     blob: BlobRef
 
 
@@ -193,14 +195,14 @@ class Failure(msgspec.Struct, frozen=True, kw_only=True, tag="failed"):
     `unread` names blobs the work needs that were not there, or damaged.
     """
 
-    message: str
-    unread: tuple[BlobRef, ...] = ()
+    message: Text
+    unread: Annotated[tuple[BlobRef, ...], msgspec.Meta(max_length=BLOBS_PER_RESULT_MAX)] = ()
 
 
 class HandedBack(msgspec.Struct, frozen=True, kw_only=True, tag="handed_back"):
     """The worker gives the lease back untouched (it is stopping); leased again at once, counted as no attempt."""
 
-    message: str = ""
+    message: Text = ""
 
 
 Result = MutateResult | ScoreResult | WarmResult | FlyResult | JudgeResult | RecordResult | Failure | HandedBack
@@ -233,10 +235,10 @@ class Ask(msgspec.Struct, frozen=True, kw_only=True):
     worker: str
     stage: Stage
     session: str = ""
-    leases_max: int = 1
-    wait_s: float = 5.0
-    cursor: int = -1
-    targets: tuple[TargetBuild, ...] = ()
+    leases_max: Count = 1
+    wait_s: Number = 5.0
+    cursor: Place = -1
+    targets: Annotated[tuple[TargetBuild, ...], msgspec.Meta(max_length=TARGETS_MAX)] = ()
 
 
 class Lease(msgspec.Struct, frozen=True, kw_only=True):
@@ -265,7 +267,7 @@ class Report(msgspec.Struct, frozen=True, kw_only=True):
 
     worker: str
     lease_id: str
-    epoch: int
+    epoch: Count
     result: Result
 
 
@@ -284,13 +286,13 @@ class Heartbeat(msgspec.Struct, frozen=True, kw_only=True):
     worker: str
     stage: Stage
     session: str = ""
-    leases: tuple[tuple[str, int], ...] = ()
+    leases: Annotated[tuple[tuple[str, Count], ...], msgspec.Meta(max_length=1_000)] = ()
     state: Literal["idle", "busy", "draining"] = "idle"
-    busy_s: float = 0.0
-    idle_s: float = 0.0
-    done: int = 0
-    simulated_s: float = 0.0
-    resident_mib: float = 0.0
+    busy_s: Quantity = 0.0
+    idle_s: Quantity = 0.0
+    done: Count = 0
+    simulated_s: Quantity = 0.0
+    resident_mib: Quantity = 0.0
 
 
 class Orders(msgspec.Struct, frozen=True, kw_only=True):

@@ -35,11 +35,11 @@ class LongPollQueue:
 
     def add(self, request: Request, ask: Ask, now_s: float) -> bool:
         """Let a poll wait; False if it does not want to. A worker's new poll takes the place of its old one."""
-        if ask.wait_s <= 0:
+        if not ask.wait_s > 0:
             return False
         until_s = now_s + min(ask.wait_s, WAIT_MAX_S)
+        self.forget(ask.worker)
         line = self._lines.setdefault((ask.stage, ask.targets), OrderedDict())
-        line.pop(ask.worker, None)
         line[ask.worker] = WaitingPoll(request, ask, until_s)
         self._expires_s = min(self._expires_s, until_s)
         return True
@@ -48,6 +48,7 @@ class LongPollQueue:
         """Drop the polls of a worker that is gone."""
         for line in self._lines.values():
             line.pop(worker, None)
+        self._lines = {name: line for name, line in self._lines.items() if line}
 
     def lines(self) -> list[Line]:
         """Return the lines in which somebody waits."""

@@ -14,6 +14,7 @@ import msgspec
 from saflite.bus.base import Bus, Happening, Reply
 from saflite.contract import topics, wire
 from saflite.contract.blobs import BlobMissing
+from saflite.contract.bounds import told
 from saflite.contract.clock import Clock
 from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.join import Join, Joined
@@ -186,7 +187,7 @@ class WorkerShell:
         except (Refused, Unavailable) as fault:
             log.warning("lease %s: %s", lease.lease_id, fault)
             unread = (fault.ref,) if isinstance(fault, BlobMissing) else ()
-            return Failure(message=str(fault), unread=unread)
+            return Failure(message=told(str(fault)), unread=unread)
 
     def _measure(self) -> float:
         now_s = self._clock.monotonic_s()

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import msgspec
 
+from saflite.contract.bounds import told
 from saflite.contract.clock import Clock
 from saflite.contract.errors import FarmError, Refused, Unavailable
 from saflite.contract.score import SCORE_MAX, SCORE_MIN, Score
@@ -92,8 +93,8 @@ class ScorerPool:
             message = model.warm(cancelled)
         except FarmError as fault:
             self._forget(work.model)
-            return WarmResult(model=work.model, ready=False, message=str(fault))
-        return WarmResult(model=work.model, ready=True, message=message)
+            return WarmResult(model=work.model, ready=False, message=told(str(fault)))
+        return WarmResult(model=work.model, ready=True, message=told(message))
 
     def _model(self, label: str) -> Model:
         with self._lock:
@@ -210,10 +211,10 @@ def _scores(job: Job, label: str, sheet: ScoreSheet, *, shadow: bool) -> list[Sc
             value=score.value,
             model=label,
             scored_by=score.scored_by or label,
-            model_digest=sheet.digest,
+            model_digest=told(sheet.digest),
             prompt_digest=score.prompt_digest,
-            reason=score.reason,
-            fault=score.fault,
+            reason=told(score.reason),
+            fault=told(score.fault),
             shadow=shadow,
         )
         for case, score in zip(job.test_cases, sheet.scores, strict=True)

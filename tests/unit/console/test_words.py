@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from io import StringIO
 from pathlib import Path
 
 import msgspec
 import pytest
+from rich.console import Console
 
 from saflite.campaign.presets.campaigns import builtin_campaigns, load_campaign, template
 from saflite.console.cli import command_names, main
@@ -64,6 +66,17 @@ def status() -> Status:
         workers=(worker,),
         seq=9,
     )
+
+
+def test_a_screen_shows_what_others_call_themselves_as_they_say_it() -> None:
+    odd = "[/] [bold]"
+    workers = tuple(msgspec.structs.replace(worker, worker=odd, host=f"{odd}{place}", state=odd)
+                    for place, worker in enumerate(status().workers * 2))  # fmt: skip
+    told = msgspec.structs.replace(status(), campaign=odd, scorer=odd, scorer_pending=odd, workers=workers)
+    console = Console(width=200, file=StringIO(), record=True)
+    console.print(live._drawn(told))
+    shown = console.export_text()
+    assert shown.count(odd) == 3 + 3 * len(workers)
 
 
 def test_a_progress_line_says_what_users_look_for() -> None:

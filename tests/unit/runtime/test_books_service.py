@@ -12,6 +12,7 @@ import pytest
 from saflite.bus.base import Happening, Reply, Sample
 from saflite.bus.memory import MemoryBus, MemoryNetwork
 from saflite.campaign.engine.outbox import Batch
+from saflite.campaign.engine.worker_registry import WORKERS_MAX
 from saflite.campaign.presets.campaigns import template
 from saflite.campaign.storage.store import Store
 from saflite.contract import topics, wire
@@ -260,6 +261,43 @@ def test_an_unreadable_wish_to_join_is_refused_in_words(stand: Stand) -> None:
     reply = stand.answers[-1]
     assert isinstance(reply, Reply)
     assert "valid message" in reply.refused
+
+
+def _journal_lines(stand: Stand) -> int:
+    return sum(1 for _ in stand.store.store.journal())
+
+
+def test_an_order_with_a_number_beyond_reason_is_refused_and_the_books_live_on(stand: Stand) -> None:
+    for number in (2**63, 2**64 - 1, -1):
+        stand.send(topics.control("c", "events"), Control(verb="events", number=number))
+        reply = stand.answers[-1]
+        assert isinstance(reply, Reply)
+        assert "$.number" in reply.refused
+    stand.send(topics.control("c", "status"), Control(verb="status"))
+    assert stand.last(Answer).accepted
+
+
+def test_two_thousand_strangers_leave_nothing_in_the_journal(stand: Stand) -> None:
+    before = _journal_lines(stand)
+    for number in range(2000):
+        name = f"stranger-{number}"
+        ask, beat = _ask("fly", worker=name), Heartbeat(worker=name, stage="fly", session="life")
+        stand.worker.ask(topics.work("c", "fly"), wire.encode(ask), number, stand.answers.append, 5.0)
+        stand.worker.ask(topics.beat("c", "fly"), wire.encode(beat), number, stand.answers.append, 5.0)
+    stand.turn(10)
+    assert _journal_lines(stand) == before
+
+
+def test_no_more_workers_may_join_than_a_farm_can_have(stand: Stand) -> None:
+    before = _journal_lines(stand)
+    for number in range(WORKERS_MAX + 500):
+        card = _card("mutate", f"m-{number}")
+        stand.worker.ask(topics.join("c", "mutate"), wire.encode(card), number, stand.answers.append, 5.0)
+    stand.turn(10)
+    assert "as many workers as" in stand.last(Joined).message
+    assert _journal_lines(stand) - before <= WORKERS_MAX + 20
+    stand.send(topics.work("c", "mutate"), _ask("mutate"))
+    assert len(stand.last(Grant).leases) == 1
 
 
 def _event(happening: Happening) -> Event:

@@ -397,3 +397,22 @@ def test_cache_is_bounded_and_keeps_no_faults() -> None:
         cache.put(key, ModelScore(1.0))
     cache.put("d", ModelScore(1.0, fault="schema"))
     assert [cache.get(key) is not None for key in "abcd"] == [False, True, True, False]
+
+
+def test_words_that_no_message_can_hold_do_not_stop_the_scorer() -> None:
+    def torn(question: Question) -> ChatResult:
+        answer = good(question, interpretation="\ud800", effect="\udfff")
+        return answer._replace(reply=answer.reply._replace(thinking="\ud800"))
+
+    scorer, chat = model(torn)
+    chat.digest = lambda: _said("\ud800")  # type: ignore[method-assign]
+    scorer.warm(lambda: False)
+    sheet = scorer.score(job())
+    assert not any(score.fault for score in sheet.scores)
+    assert {score.reason for score in sheet.scores} == {"? ?"}
+    assert sheet.digest == "?"
+    scorer.close()
+
+
+async def _said(text: str) -> str:
+    return text

@@ -33,7 +33,7 @@ from saflite.campaign.engine.outbox import Batch, Outbox
 from saflite.campaign.engine.read_model import NothingToRead, ReadModel
 from saflite.campaign.engine.reducer import Reducer
 from saflite.campaign.engine.status import Rates, overview
-from saflite.campaign.engine.worker_registry import WorkerRegistry
+from saflite.campaign.engine.worker_registry import WORKERS_MAX, WorkerRegistry
 from saflite.campaign.lifecycle.repeats import confirm_rule
 from saflite.campaign.scheduling.dispatch import Dispatch
 from saflite.campaign.scheduling.leases import Deadline, Leases
@@ -322,6 +322,8 @@ class Books:
             if not gone(holder.card):
                 return f"worker name {card.worker!r} is in use by a live {holder.stage} worker on {holder.card.host!r}"
             self.absent(holder.worker, holder.stage, now, session=holder.card.session, why="it began anew")
+        elif holder is None and self._registry.is_full:
+            return f"there are as many workers as a farm can have: {WORKERS_MAX}"
         if self._registry.join(card, now):
             build = card.build_of(self.target.name)
             fact = WorkerChanged(worker=card.worker, stage=card.stage, present=True, host=card.host, build=build)

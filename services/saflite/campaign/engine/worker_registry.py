@@ -10,6 +10,7 @@ from saflite.contract.work import Heartbeat, TargetBuild
 
 Name = tuple[str, str]  # stage, worker
 REMEMBER_S = 300.0
+WORKERS_MAX = 1_000  # at a time; each that comes or goes is a line of the journal
 
 
 @dataclass(slots=True)
@@ -53,6 +54,11 @@ class WorkerRegistry:
     def __init__(self) -> None:
         self._workers: dict[Name, Worker] = {}
         self._left: dict[Name, Worker] = {}  # gone, but perhaps about to come back
+
+    @property
+    def is_full(self) -> bool:
+        """Whether no more can join."""
+        return len(self._workers) >= WORKERS_MAX
 
     def join(self, card: Join, now_s: float) -> bool:
         """Let a worker in; False if this life of it is there already."""

@@ -171,13 +171,14 @@ def _styled(text: str) -> str:
 
 def _drawn(status: Status) -> RenderableType:
     from rich.console import Group
+    from rich.markup import escape
     from rich.panel import Panel
     from rich.progress_bar import ProgressBar
     from rich.table import Table
 
     facts = Table.grid(padding=(0, 3))
     last = "none yet" if status.since_last_find_s is None else f"{status.since_last_find_s:.0f} s ago"
-    pending = f" (warming {status.scorer_pending})" if status.scorer_pending else ""
+    pending = f" (warming {escape(status.scorer_pending)})" if status.scorer_pending else ""
     facts.add_row(
         f"[b]{status.flights}[/] of {status.budget} flights, {status.reflown} of them re-flights",
         f"[b red]{status.violations_confirmed}[/] violations, {status.violations_flaky} flaky, "
@@ -188,7 +189,7 @@ def _drawn(status: Status) -> RenderableType:
         f"last find {last}",
     )
     queues = ", ".join(f"{name} {count}" for name, count in status.queues.items())
-    facts.add_row(f"round {status.round}, scorer {status.scorer}{pending}", f"waiting: {queues}")
+    facts.add_row(f"round {status.round}, scorer {escape(status.scorer)}{pending}", f"waiting: {queues}")
     if status.quarantined or status.fallbacks:
         facts.add_row(f"{status.quarantined} quarantined", f"{status.fallbacks} scores by the embedded scorer instead")
     workers = Table(box=None, padding=(0, 2), header_style="dim")
@@ -197,15 +198,15 @@ def _drawn(status: Status) -> RenderableType:
         workers.add_column(head, justify="left" if head in ("worker", "host", "state") else "right")
     for worker in status.workers:
         colour = {"busy": "green", "idle": "dim"}.get(worker.state, "yellow")
-        host = (worker.host,) if several else ()
+        host = (escape(worker.host),) if several else ()
         cells = (
-            worker.worker,
+            escape(worker.worker),
             *host,
-            f"[{colour}]{worker.state}[/]",
+            f"[{colour}]{escape(worker.state)}[/]",
             str(worker.done),
             f"{100 * worker.busy_share:.0f} %",
         )
         workers.add_row(*cells, f"{worker.resident_mib:.0f} MiB", f"{worker.silent_s:.1f} s")
     bar = ProgressBar(total=max(1, status.budget), completed=status.flights, width=None)
-    title = f"[b]{status.campaign}[/]  {status.state}  {status.elapsed_s:.0f} s"
+    title = f"[b]{escape(status.campaign)}[/]  {status.state}  {status.elapsed_s:.0f} s"
     return Panel(Group(bar, facts, workers), title=title, title_align="left", border_style="blue")

@@ -12,6 +12,7 @@ import re
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+from saflite.contract.bounds import told
 from saflite.contract.score import SCORE_MAX, SCORE_MIN
 
 ANSWER_CHARS_MAX = 1_000_000
@@ -194,4 +195,4 @@ def _finite(value: float) -> bool:
 def _reason(row: dict[str, Any]) -> str:
     words = [row.get(part) for part in ("interpretation", "effect")]
     text = " ".join(word for word in words if isinstance(word, str))
-    return " ".join(text.split())[:REASON_CHARS_MAX]
+    return told(" ".join(text.split())[:REASON_CHARS_MAX])

@@ -13,6 +13,7 @@ from collections.abc import Iterable, Mapping
 from concurrent.futures import CancelledError, Future
 from dataclasses import dataclass, field
 
+from saflite.contract.bounds import told
 from saflite.contract.clock import Clock
 from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.score import Usage
@@ -124,7 +125,7 @@ class LanguageModel:
         try:
             async with asyncio.timeout(self._load_deadline_s):
                 about = await self._chat.load()
-                self._digest = await self._chat.digest()
+                self._digest = told(await self._chat.digest())
                 seconds = {count: await self._probe(count) for count in PROBES}
                 seconds[1] = min(seconds[1], await self._probe(1))  # the first may have waited for another's question
         except TimeoutError as fault:

@@ -1,0 +1,66 @@
+"""What no message may hold is refused when it is decoded, with the path of the fault."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+import pytest
+
+from saflite.contract import wire
+from saflite.contract.blobs import BlobGet
+from saflite.contract.bounds import TEXT_CHARS_MAX, told
+from saflite.contract.control import Control
+from saflite.contract.errors import Refused
+from saflite.contract.join import Join
+from saflite.contract.score import Score, Usage
+from saflite.contract.verdict import Judgement
+from saflite.contract.work import Ask, Heartbeat, Report
+
+SCORE = {"test_case": "t", "value": 1.0, "model": "m", "scored_by": "m"}
+BEAT = {"worker": "w", "stage": "fly"}
+
+
+def _flown(**said: Any) -> dict[str, Any]:
+    flight = {"test_case": "t", "flight_index": 0, "ending": "completed", **said}
+    return {"worker": "w", "lease_id": "l", "epoch": 1, "result": {"type": "flown", "flight": flight}}
+
+
+@pytest.mark.parametrize(
+    ("kind", "fields", "path"),
+    [
+        (Control, {"verb": "events", "number": 2**63}, "$.number"),
+        (Control, {"verb": "budget", "number": -1}, "$.number"),
+        (Control, {"verb": "scorer", "text": "x" * (TEXT_CHARS_MAX + 1)}, "$.text"),
+        (Join, {"protocol": 2, "cores": -1}, "$.cores"),
+        (Join, {"protocol": 2, "labels": {str(place): "" for place in range(65)}}, "$.labels"),
+        (Ask, {**BEAT, "wait_s": float("nan")}, "$.wait_s"),
+        (Ask, {**BEAT, "leases_max": 2**63}, "$.leases_max"),
+        (Heartbeat, {**BEAT, "busy_s": float("nan")}, "$.busy_s"),
+        (Heartbeat, {**BEAT, "done": 2**64 - 1}, "$.done"),
+        (Score, {**SCORE, "value": float("inf")}, "$.value"),
+        (Usage, {"tokens_in": 2**63}, "$.tokens_in"),
+        (Judgement, {"test_case": "t", "flight_index": 2**63, "verdicts": []}, "$.flight_index"),
+        (BlobGet, {"digest": "d", "offset": 2**63}, "$.offset"),
+        (Report, _flown(simulated_s=float("nan")), "$.result.flight.simulated_s"),
+        (Report, _flown(trace={"digest": "d", "size_bytes": 2**63}), "$.result.flight.trace.size_bytes"),
+    ],
+)
+def test_a_field_out_of_bounds_is_refused_by_name(kind: type[Any], fields: dict[str, Any], path: str) -> None:
+    with pytest.raises(Refused, match=path.replace("$", r"\$")):
+        wire.decode(msgspec.msgpack.encode(fields), kind)
+
+
+@pytest.mark.parametrize("opening", [b"\x91", b"\x81\xa1a"])
+def test_deep_nesting_is_refused(opening: bytes) -> None:
+    for depth in (100, 10_000, 1_000_000):
+        with pytest.raises(Refused):
+            wire.decode(opening * depth + b"\xc0", Control)
+        with pytest.raises(Refused):  # an unknown field is skipped, but not without end
+            wire.decode(b"\x82\xa4verb\xa6status\xa1x" + opening * depth, Control)
+
+
+def test_words_of_others_are_made_fit_for_a_message() -> None:
+    assert told("\ud800 and so on") == "? and so on"
+    assert len(told("x" * (TEXT_CHARS_MAX + 1))) == TEXT_CHARS_MAX
+    assert told("schön") == "schön"
