@@ -10,7 +10,6 @@ For simulators that live in the session's process and run one thread.
 from __future__ import annotations
 
 import os
-import signal
 import socket
 import traceback
 from collections.abc import Callable
@@ -220,17 +219,23 @@ def _obey(flight: HeldFlight, order: _Order, pipe: Connection) -> None:
 
 def _hold(flight: HeldFlight, pipe: Connection) -> None:
     """Wait for orders, each for a fork of this process; end with the socket, after all forks."""
-    signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # nobody asks how they ended
     while True:
         try:
             order = _ORDERS.decode(pipe.recv_bytes())
             handle = recv_handle(pipe)
         except (EOFError, OSError):
             break
+        _reap(os.WNOHANG)
         _fork(handle, partial(_obey, flight, order))
         os.close(handle)
+    _reap(0)
+
+
+def _reap(options: int) -> None:
+    """Take leave of the forks that have ended (WNOHANG), or of all once they have (0)."""
     with suppress(ChildProcessError):
-        os.waitpid(-1, 0)  # returns when no fork is left
+        while os.waitpid(-1, options)[0]:
+            pass
 
 
 def _close_all_but(handle: int) -> None:
