@@ -1,11 +1,13 @@
 """Planted bugs: the books with one thing broken each. If the farm's checks let one through, the checks are at fault.
 
 Each is a context that breaks the code for as long as it is open. One that no longer fits what it breaks is no catch:
-`_patched` asserts that it takes the same parameters, `is_stale` tells a mistake of its own from one that was caught.
+`_patched` asserts that it takes the same parameters, `is_stale` tells a mistake of its own from one that was caught,
+`never_ran` tells what nothing calls any more.
 """
 
 from __future__ import annotations
 
+import functools
 import inspect
 import traceback
 from collections.abc import Callable, Iterator
@@ -22,6 +24,7 @@ from saflite.campaign.engine.outbox import Outbox
 from saflite.campaign.engine.state import Books
 from saflite.campaign.engine.worker_registry import WorkerRegistry
 from saflite.campaign.lifecycle import confirmation, flights
+from saflite.campaign.lifecycle.minimization import Minimization
 from saflite.campaign.lifecycle.proposals import Proposals
 from saflite.campaign.scheduling import result_validation, work_messages
 from saflite.campaign.scheduling.leases import Leases
@@ -35,16 +38,37 @@ from saflite.runtime.books_service import BooksService
 
 Bug = Callable[[], Any]
 
+RAN: dict[str, int] = {}
+"""How often the code of each bug planted at the moment has run."""
+
 
 @contextmanager
 def _patched(owner: Any, name: str, new: Any) -> Iterator[None]:
     old = owner.__dict__[name] if isinstance(owner, type) else getattr(owner, name)
     assert _parameters(old) == _parameters(new), f"{name}{_parameters(old)} is planted as {_parameters(new)}: stale"
-    setattr(owner, name, new)
+    RAN[name] = 0
+    setattr(owner, name, _counted(name, new))
     try:
         yield
     finally:
         setattr(owner, name, old)
+        RAN.pop(name, None)
+
+
+def _counted(name: str, new: Any) -> Any:
+    function: Any = new.fget if isinstance(new, property) else new
+
+    @functools.wraps(function)
+    def counted(*args: Any) -> Any:
+        RAN[name] = RAN.get(name, 0) + 1
+        return function(*args)
+
+    return property(counted) if isinstance(new, property) else counted
+
+
+def never_ran() -> list[str]:
+    """Return which planted code has not run since it was planted: nothing calls it any more, so it broke nothing."""
+    return sorted(name for name, runs in RAN.items() if not runs)
 
 
 def _parameters(thing: Any) -> list[str]:
@@ -95,6 +119,30 @@ def every_reflight_counts_as_equal() -> Any:
     return _patched(flights.Flights, "_take", take)
 
 
+def a_reflight_on_another_build_counts() -> Any:
+    """Which build a re-flight was on is not looked at."""
+
+    def take(self: flights.Flights, task: Task, key: FlyKey, flight: Any) -> None:
+        trial = self._trial(key)
+        if key.index > trial.first:
+            flight = msgspec.structs.replace(flight, build=trial.build)
+        original(self, task, key, flight)
+
+    original = flights.Flights._take
+    unchecked = _patched(result_validation, "_check_build", lambda core, task, key, flight: None)
+    return _both(unchecked, _patched(flights.Flights, "_take", take))
+
+
+def one_flight_of_a_smaller_test_case_is_remembered_as_truth() -> Any:
+    """What the first flight of a smaller test case showed stands for all others of it."""
+
+    def known(self: Minimization, key: FlyKey) -> frozenset[str] | None:
+        return original(self, msgspec.structs.replace(key, index=0))
+
+    original = Minimization._known
+    return _patched(Minimization, "_known", known)
+
+
 def one_flight_is_proof_enough() -> Any:
     """Every violation is called confirmed."""
 
@@ -104,10 +152,7 @@ def one_flight_is_proof_enough() -> Any:
 def attempts_without_end() -> Any:
     """A test case that takes workers down is never set aside."""
 
-    def on_lost(self: flights.Flights, task: Task, key: FlyKey, message: str) -> None:
-        self._try_again(task, key, "lost", message, False)
-
-    return _patched(flights.Flights, "on_lost", on_lost)
+    return _patched(flights, "is_enough", lambda task, limits: False)
 
 
 def the_mutator_is_told_too_early() -> Any:
@@ -306,6 +351,8 @@ BUGS: dict[str, Bug] = {
         leases_never_end,
         every_reflight_counts_as_equal,
         one_flight_is_proof_enough,
+        a_reflight_on_another_build_counts,
+        one_flight_of_a_smaller_test_case_is_remembered_as_truth,
         attempts_without_end,
         the_mutator_is_told_too_early,
         outcomes_in_order_of_arrival,

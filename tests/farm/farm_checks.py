@@ -9,7 +9,8 @@ from farm_store import MemoryStore
 
 from saflite.campaign.engine.journal import decode_line
 from saflite.campaign.engine.state import Books
-from saflite.campaign.lifecycle.repeats import confirm_rule
+from saflite.campaign.lifecycle.confirmation import violated_verdicts
+from saflite.campaign.lifecycle.repeats import confirm_rule, shrink_rule
 from saflite.campaign.scheduling.work_keys import FlyKey, JudgeKey, read_key
 from saflite.contract.control import Status
 from saflite.contract.events import (
@@ -46,7 +47,8 @@ class Ghost:
         self.accepted: dict[Flight, Report] = {}
         self.accepted_judged: set[Flight] = set()
         self.reports: list[Report] = []
-        self.flown_by: set[tuple[str, int, str]] = set()
+        self.flown_by: set[tuple[str, int, str, str]] = set()
+        self.tried: dict[str, set[int]] = {}  # flights of smaller test cases that violated
         self._rule = confirm_rule(store.campaign.search, store.target.repeats)
         self._shrinks = store.campaign.search.shrink
         self.budget_max = store.campaign.budget_flights
@@ -63,7 +65,12 @@ class Ghost:
         self.reports.append(report)
         result = report.result
         if isinstance(result, FlyResult):
-            self.flown_by.add((result.flight.test_case, result.flight.flight_index, report.worker))
+            flight = result.flight
+            self.flown_by.add((flight.test_case, flight.flight_index, report.worker, flight.build))
+        key = read_key(report.lease_id.partition(":")[2])
+        violates = isinstance(result, JudgeResult) and violated_verdicts(result.judgement)
+        if violates and isinstance(key, JudgeKey) and key.purpose == "shrink":
+            self.tried.setdefault(key.test_case, set()).add(key.index)
 
     def received(self, report: Report, receipt: Receipt) -> None:
         """A receipt reached its worker: what it accepts must be committed, for good."""
@@ -104,9 +111,9 @@ class Ghost:
                 assert flight not in self.flown or flight in self.spoiled, f"{flight} was flown twice"
                 assert fact.test_case in self.planted or self._shrinks, f"{fact.test_case} was flown, never proposed"
                 assert fact.flight_index == 0 or (fact.test_case, 0) in self.judged, f"{flight} re-flown before judged"
-                by = (*flight, fact.worker)
+                by = (*flight, fact.worker, fact.build)
                 assert fact.ending in ("lost", "infra") or by in self.flown_by, (
-                    f"{flight} was not flown by {fact.worker}"
+                    f"{flight} was not flown by {fact.worker} on build {fact.build!r}"
                 )
                 self.flown[flight] = fact
                 self.budget_max = max(self.budget_max, self._budget())
@@ -137,16 +144,22 @@ class Ghost:
         key = (violation.test_case, violation.policy)
         assert key not in self.violations, f"{key} was announced twice"
         self.violations[key] = fact
-        first = self.judged.get((violation.test_case, 0))
+        place = violation.flight_index
+        first = self.judged.get((violation.test_case, place))
         assert first is not None, f"{key} was announced without a judgement"
         assert violation.policy in first.violated, f"{key} was announced, but the first flight held"
-        reflown = [flight for flight in self.flown if flight[0] == violation.test_case and flight[1] > 0]
-        assert len(reflown) >= violation.reflown, f"{key} claims {violation.reflown} re-flights"
+        mine = {index: self.flown[name, index] for name, index in self.flown if name == violation.test_case}
+        again = {index for index, flown in mine.items() if index > place and flown.ending in FLOWN_ENDINGS}
+        assert len(again) >= violation.reflown, f"{key} claims {violation.reflown} re-flights"
+        close = sum(1 for index in again if self._distance(violation.test_case, index) < 1.5)
+        assert close >= violation.failed_again, f"{key} claims that {violation.failed_again} failed, {close} did"
+        builds = {mine[index].build for index in (place, *again)}
+        assert len(builds) == 1, f"{key} is repeated on several builds: {sorted(builds)}"
         if violation.confirmation == "confirmed":
             assert violation.failed_again >= self._rule.needed, f"{key} was never repeated"
-            for index in range(2):
-                distance = self._distance(violation.test_case, index)
-                assert distance < 1.5, f"{key} is confirmed, but flight {index} kept {distance:.2f} m away"
+        if violation.test_case not in self.planted:
+            tried, needed = len(self.tried.get(violation.test_case, ())), shrink_rule(self._rule).needed
+            assert tried >= needed, f"{key} is a smallest form after {tried} flights that violated"
         if violation.confirmation == "flaky":
             assert doubles.is_flaky(violation.test_case), f"{key} is called flaky, but repeats every time"
         if violation.bit_equal:
@@ -173,16 +186,18 @@ class Ghost:
     def set_aside(self) -> int:
         """Return how many flights trouble alone kept from being flown or judged (poison is set aside in any run)."""
         innocent = [name for name in self.quarantined if not doubles.is_poison(name)]
-        return len(innocent) + sum(
-            1 for flight, fact in self.flown.items() if flight[1] and fact.ending not in FLOWN_ENDINGS
-        )
+        smaller = (fault.where for fault in self.faults if fault.message.startswith("given up"))  # ones tried
+        given_up = sum(1 for where in smaller if not doubles.is_poison(where.split("/")[1]))
+        reflights = (fact for flight, fact in self.flown.items() if flight[1])
+        return len(innocent) + given_up + sum(1 for fact in reflights if fact.ending not in FLOWN_ENDINGS)
 
 
 def at_the_end(ghost: Ghost, store: MemoryStore, books: Books, status: Status) -> None:
     """Assert that every flown test case ended in exactly one recorded way, and that a replay comes to the same."""
+    shown_by = {fact.violation.test_case: fact.violation.flight_index for fact in ghost.violations.values()}
     for name in {name for name, index in ghost.flown if index == 0} | set(ghost.quarantined):
         ways = ["quarantined"] if name in ghost.quarantined else []
-        first = ghost.judged.get((name, 0))
+        first = ghost.judged.get((name, shown_by.get(name, 0)))
         if first is not None and not ways:
             ways.append("violated" if any(key[0] == name for key in ghost.violations) else "held")
             assert bool(first.violated) == (ways[-1] == "violated"), f"{name}: judged {first.violated}, ended {ways}"
@@ -262,7 +277,8 @@ def _replay_agrees(store: MemoryStore, status: Status) -> None:
 
 def _no_orphan_blobs(store: MemoryStore, ghost: Ghost, books: Books) -> None:
     violated = {name for name, _ in ghost.violations}
-    traces = {digest(doubles.flown(name, 0)[2]) for name in violated}
+    shown = {(fact.violation.test_case, fact.violation.flight_index) for fact in ghost.violations.values()}
+    traces = {digest(doubles.flown(name, index)[2]) for name, index in shown}
     kept, wanted = set(store.blobs.kept), {blob.digest for blob in books.wanted_blobs}
     assert traces <= kept, "the trace of a violation is gone"
     assert wanted <= kept, "a blob the books name is gone"

@@ -76,7 +76,7 @@ def luck(name: str) -> float:
 
 def is_poison(name: str) -> bool:
     """Some test cases take the worker down, every time."""
-    return luck(f"poison {name}") < 0.03
+    return luck(f"poison {name}") < 0.06
 
 
 def is_flaky(name: str) -> bool:

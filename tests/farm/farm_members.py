@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Hashable
 from typing import Protocol, TypeVar
 
+import msgspec
 import numpy as np
 from farm_blobs import FarmBlobs, FarmWorkerBlobs
 from farm_doubles import TEMPLATE, Service, babble, is_poison, luck
@@ -137,6 +138,7 @@ class WorkerMember:
         self.frozen_until_s = 0.0
         self._late: list[Happening] = []
         self.babbles = self.wedges = self.breaks = 0.0  # chances
+        self.build, self.tells_build = "", True
         self._wake_s = float("inf")
 
     @property
@@ -157,7 +159,8 @@ class WorkerMember:
         self._blobs.forget_but(self.name, kept)
         self._service = Service(FarmWorkerBlobs(self._blobs, self.name))
         self._machine = Worker(self.config, self._network.now_s)
-        targets = (TargetBuild(TEMPLATE.target.name),) if self.config.stage == "fly" else ()
+        here = (TargetBuild(TEMPLATE.target.name, self.build),)
+        targets = here if self.config.stage == "fly" and self.tells_build else ()
         self._card = Join(
             protocol=topics.PROTOCOL,
             worker=self.name,
@@ -310,22 +313,42 @@ class WorkerMember:
             name = result.flight.test_case
             return FlyResult(flight=Flight(test_case=name, flight_index=work.flight_index, ending=ending))
         try:
-            return self._service.do(work)
+            result = self._service.do(work)
         except BlobMissing as fault:
             return Failure(message=str(fault), unread=(fault.ref,))
+        if isinstance(result, FlyResult):
+            return FlyResult(flight=msgspec.structs.replace(result.flight, build=self.build))
+        return result
+
+
+class Crew(Protocol):
+    """What the workers of a farm are like."""
+
+    @property
+    def simulators(self) -> int:
+        """How many fly."""
+        ...
+
+    @property
+    def builds(self) -> bool:
+        """Whether they fly on different builds."""
+        ...
 
 
 def members(
     network: MemoryNetwork,
     campaign: str,
-    simulators: int,
+    crew: Crew,
     watcher: Watcher,
     rng: np.random.Generator,
     blobs: FarmBlobs,
 ) -> list[WorkerMember]:
-    """One worker of each stage, two scorers, and `simulators` that fly."""
-    stages: list[tuple[Stage, int]] = [("mutate", 1), ("score", 2), ("fly", simulators), ("judge", 1), ("record", 1)]
-    return [
+    """One worker of each stage, two scorers, and those that fly.
+
+    With `builds` the first and third fly on one build, the second on another, and the third says nothing of it.
+    """
+    many_of: dict[Stage, int] = {"mutate": 1, "score": 2, "fly": crew.simulators, "judge": 1, "record": 1}
+    all_of_them = [
         WorkerMember(
             network,
             campaign,
@@ -334,9 +357,13 @@ def members(
             rng,
             blobs,
         )
-        for stage, many in stages
+        for stage, many in many_of.items()
         for number in range(many)
     ]
+    for number, worker in enumerate(worker for worker in all_of_them if worker.config.stage == "fly"):
+        if crew.builds:
+            worker.build, worker.tells_build = ("one", "other", "one")[number % 3], number % 3 < 2
+    return all_of_them
 
 
 __all__ = ["BooksMember", "Watcher", "WorkerMember", "luck", "members"]

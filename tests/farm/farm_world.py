@@ -25,6 +25,7 @@ from saflite.contract.config import Campaign, LeaseConfig
 from saflite.contract.control import Control
 from saflite.contract.errors import Refused
 from saflite.contract.rng import derive
+from saflite.contract.target_info import Repeats
 
 CHAOS_S = 40.0
 """Until when, in virtual seconds, faults are made; after that the farm must come to its end by itself."""
@@ -49,6 +50,12 @@ class Shape(NamedTuple):
     babbles: float
     wedges: float
     breaks: float
+    builds: bool
+
+    @property
+    def repeats(self) -> Repeats:
+        """What the target says of its repeats: part of the search."""
+        return "statistically" if self.search_seed % 3 == 0 else "bitwise"
 
 
 class Report(NamedTuple):
@@ -77,17 +84,21 @@ def shape_of(seed: int) -> Shape:
         babbles=float(rng.choice([0.0, 0.0, 0.3])),
         wedges=float(rng.choice([0.0, 0.0, 0.1])),
         breaks=float(rng.choice([0.0, 0.0, 0.1])),
+        builds=bool(rng.choice([False, True])),
     )
 
 
 def clean(shape: Shape) -> Shape:
     """Return the same search without any trouble, on two simulators."""
-    return shape._replace(simulators=2, trouble=CALM, chaos_per_s=0.0, babbles=0.0, wedges=0.0, breaks=0.0)
+    return shape._replace(
+        simulators=2, trouble=CALM, chaos_per_s=0.0, babbles=0.0, wedges=0.0, breaks=0.0, builds=False
+    )
 
 
 def campaign_of(shape: Shape) -> Campaign:
     """Return the campaign of a farm."""
     lease = LeaseConfig(lease_s=2.0, heartbeat_s=0.4, wall_limit_s=20.0)
+    by_chance = shape.repeats == "statistically"
     return doubles.campaign(
         shape.budget,
         rng_seed=shape.search_seed,
@@ -95,7 +106,9 @@ def campaign_of(shape: Shape) -> Campaign:
         candidates_per_round=5,
         flights_per_round=2,
         shrink=shape.search_seed % 4 == 0,
-        shrink_flights_max=10,
+        shrink_flights_max=30 if by_chance else 10,
+        confirm_flights=3 if by_chance else None,
+        confirm_needed=2 if by_chance else None,
         batch=3,
     )
 
@@ -115,11 +128,12 @@ class World:
         self.rng = derive(self.seed, "world")
         self.campaign = campaign_of(self.shape)
         self.network = FaultyNetwork(self.seed, self.shape.trouble)
-        self.store = MemoryStore(self.campaign, doubles.TEMPLATE, doubles.TARGET)
+        target = msgspec.structs.replace(doubles.TARGET, repeats=self.shape.repeats)
+        self.store = MemoryStore(self.campaign, doubles.TEMPLATE, target)
         self.ghost = Ghost(self.store)
         self.books = BooksMember(self.network, self.store, self.rng)
-        simulators, blobs = self.shape.simulators, self.store.blobs
-        self.workers = members(self.network, self.campaign.name, simulators, self.ghost, self.rng, blobs)
+        blobs = self.store.blobs
+        self.workers = members(self.network, self.campaign.name, self.shape, self.ghost, self.rng, blobs)
         self.enemy = self.network.connect("enemy")
 
     def run(self) -> Report:
@@ -200,6 +214,7 @@ class World:
             self._damage_blob,
             self._send_garbage,
             self._ask_unasked,
+            self._lie,
             self._lie,
             self._order,
         )
@@ -318,7 +333,9 @@ class World:
                     wall_limit_s=1.0,
                 )
                 flown = doubles.fly(flying, FarmWorkerBlobs(self.store.blobs, "enemy"))
-                lie = work.Report(worker="enemy", lease_id=f"run:{task.key}", epoch=task.epoch, result=flown)
+                flight = msgspec.structs.replace(flown.flight, build=task.target.build if task.target else "")
+                result = work.FlyResult(flight=flight)
+                lie = work.Report(worker="enemy", lease_id=f"run:{task.key}", epoch=task.epoch, result=result)
                 key = topics.result("farm-test", "fly")
                 self.enemy.ask(key, wire.encode(lie), "lie", lambda happening: None, 1.0)
 

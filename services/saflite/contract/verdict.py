@@ -84,6 +84,14 @@ class Violation(msgspec.Struct, frozen=True, kw_only=True):
     message: str = ""
 
 
+def failed_again(violation: Violation) -> str:
+    """Return in words how often it violated again, with the interval of its rate where chance plays a part."""
+    count = f"{violation.failed_again} of {violation.reflown}"
+    if violation.rate_low is None or violation.rate_high is None:
+        return count
+    return f"{count}, rate {violation.rate_low:.2f} to {violation.rate_high:.2f}"
+
+
 def worst(judgement: Judgement) -> Verdict | None:
     """Return the verdict with the least robustness among those held or violated, None if there is none."""
     conclusive = [verdict for verdict in judgement.verdicts if verdict.robustness is not None]

@@ -139,8 +139,8 @@ def violations_of(trial: Trial, rule: RepeatRule) -> tuple[Violation, ...]:
                 confirmation=confirmation_of(len(repeats), again, trial.confirm_max, rule.needed),
                 reflown=len(repeats),
                 failed_again=again,
-                rate_low=rate.low,
-                rate_high=rate.high,
+                rate_low=_rounded(rate.low),
+                rate_high=_rounded(rate.high),
                 bit_equal=bool(repeats) and all(note.bit_equal for note in repeats),
                 flight_index=trial.first,
                 workers=workers,
@@ -148,6 +148,11 @@ def violations_of(trial: Trial, rule: RepeatRule) -> tuple[Violation, ...]:
             )
         )
     return tuple(found) if trial.shrunk_from is None else _smallest_form(trial, trial.shrunk_from, found)
+
+
+def _rounded(rate: float | None) -> float | None:
+    """Return a rate without the digits in which versions of a library may differ: a replay comes to the same."""
+    return None if rate is None else round(rate, 6)
 
 
 def _not_reflown(repeats: list[FlightNote]) -> str:

@@ -14,7 +14,7 @@ from saflite.campaign.lifecycle.confirmation import (
 from saflite.campaign.lifecycle.minimization import Minimization, MinimizationJob
 from saflite.campaign.lifecycle.outcomes import outcome_of
 from saflite.campaign.scheduling.rounds import Round
-from saflite.campaign.scheduling.tasks import Task
+from saflite.campaign.scheduling.tasks import Task, is_enough
 from saflite.campaign.scheduling.work_keys import FlightKey, FlyKey, JudgeKey, RecordKey
 from saflite.contract import wire
 from saflite.contract.events import Flown, Judged, Quarantined, ViolationFound
@@ -23,9 +23,6 @@ from saflite.contract.test_case import TestCase, identity
 from saflite.contract.verdict import Judgement, Verdict, Violation, vacuous, worst
 from saflite.contract.work import FlyResult, JudgeResult, TargetBuild
 from saflite.flight.novelty import features
-
-INFRA_PER_ATTEMPT = 3
-"""A test case our side could not run is set aside after this many times `attempts_max` tries."""
 
 
 class Flights:
@@ -85,16 +82,13 @@ class Flights:
 
     def on_flown(self, task: Task, key: FlyKey, result: FlyResult) -> None:
         """Take the record of a flight."""
-        flight, limits = result.flight, self._core.campaign.lease
+        flight = result.flight
         if flight.ending in FLOWN_ENDINGS:
             self._take(task, key, flight)
-        elif flight.ending == "wedged":
-            task.losses += 1
-            self._try_again(task, key, "wedged", flight.message, task.losses >= limits.attempts_max)
-        elif flight.ending == "lost":  # the simulator process died under the worker
-            self.on_lost(task, key, flight.message)
-        else:
+        elif flight.ending == "infra":
             self.on_failure(task, key, flight.message)
+        else:
+            self.on_lost(task, key, flight.message, flight.ending)
 
     def on_nobody(self, task: Task, key: FlightKey, message: str) -> None:
         """Nobody is there who could fly it."""
@@ -104,17 +98,16 @@ class Flights:
     def on_failure(self, task: Task, key: FlightKey, message: str) -> None:
         """Our side could not fly or judge: elsewhere again, set aside in the end."""
         task.failures += 1
-        limit = INFRA_PER_ATTEMPT * self._core.campaign.lease.attempts_max
-        self._try_again(task, key, "infra", message, task.failures >= limit)
+        self._try_again(task, key, "infra", message)
 
-    def on_lost(self, task: Task, key: FlightKey, message: str) -> None:
-        """The worker vanished with the work."""
+    def on_lost(self, task: Task, key: FlightKey, message: str, ending: Ending = "lost") -> None:
+        """The worker vanished with the work, or the flight came to no end in time."""
         task.losses += 1
-        self._try_again(task, key, "lost", message, task.losses >= self._core.campaign.lease.attempts_max)
+        self._try_again(task, key, ending, message)
 
-    def _try_again(self, task: Task, key: FlightKey, ending: Ending, message: str, is_enough: bool) -> None:
-        self._core.fault(str(task.key), f"{ending}: {message}" if message else ending)
-        if is_enough:
+    def _try_again(self, task: Task, key: FlightKey, ending: Ending, message: str) -> None:
+        self._core.fault(str(key), f"{ending}: {message}" if message else ending)
+        if is_enough(task, self._core.campaign.lease):
             self._set_aside(task, key, ending, message)
         else:
             self._core.again(task, ending, message)

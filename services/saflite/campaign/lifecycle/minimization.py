@@ -11,7 +11,7 @@ from saflite.campaign.engine.core import Core
 from saflite.campaign.lifecycle.confirmation import Trial
 from saflite.campaign.lifecycle.minimizer import Minimizer
 from saflite.campaign.lifecycle.repeats import shrink_flights_max, shrink_rule
-from saflite.campaign.scheduling.tasks import Task
+from saflite.campaign.scheduling.tasks import Task, is_enough
 from saflite.campaign.scheduling.work_keys import FlightKey, FlyKey, JudgeKey
 from saflite.contract.flight import FLOWN_ENDINGS, Flight
 from saflite.contract.test_case import TestCase, identity
@@ -83,14 +83,18 @@ class Minimization:
     def _is_done(self, job: MinimizationJob) -> bool:
         while asked := job.minimizer.ask():
             keys = {FlyKey(identity(one.test_case), "shrink", one.number): one.test_case for one in asked}
-            known = [key for key in keys if key in self._shown]
-            if not known:
+            shown = {key: violated for key in keys if (violated := self._known(key)) is not None}
+            if not shown:
                 for key, case in keys.items():
                     self._fly(job, key, case)
                 return False
-            for key in known:
-                job.minimizer.tell(key.test_case, key.index, job.violation.policy in self._shown[key])
+            for key, violated in shown.items():
+                job.minimizer.tell(key.test_case, key.index, job.violation.policy in violated)
         return True
+
+    def _known(self, key: FlyKey) -> frozenset[str] | None:
+        """Return the policies this very flight violated, None while it has shown nothing."""
+        return self._shown.get(key)
 
     def _fly(self, job: MinimizationJob, key: FlyKey, test_case: TestCase) -> None:
         if key in self._under_way:
@@ -116,7 +120,8 @@ class Minimization:
         """Have a flight judged."""
         core, flight = self._core, result.flight
         if flight.ending not in FLOWN_ENDINGS:
-            self._try_again(task, key, flight.ending, flight.message)
+            again = self.on_failure if flight.ending == "infra" else self.on_lost
+            again(task, key, flight.message or flight.ending)
             return
         core.done(task, flight.ending, flight.message)
         core.counts.shrink_flights += 1
@@ -132,26 +137,30 @@ class Minimization:
         self._show(key.flying, frozenset(bad))
 
     def on_lost(self, task: Task, key: FlightKey, message: str) -> None:
-        """The worker vanished with the work."""
+        """The worker vanished with the work, or nothing came of it in time."""
+        task.losses += 1
         self._try_again(task, key, "lost", message)
 
     def on_nobody(self, task: Task, key: FlightKey, message: str) -> None:
-        """Nobody is there who could fly it, so it shows nothing."""
-        self._core.done(task, "infra", message)
-        self._show(_flying(key), frozenset())
+        """Nobody is there who could fly it."""
+        self._give_up(task, key, "infra", message)
 
     def on_failure(self, task: Task, key: FlightKey, message: str) -> None:
         """Our side could not fly or judge."""
+        task.failures += 1
         self._try_again(task, key, "infra", message)
 
     def _try_again(self, task: Task, key: FlightKey, how: str, message: str) -> None:
-        """Try again; what cannot be flown or judged shows nothing."""
-        task.failures += 1
-        if task.failures < self._core.campaign.lease.attempts_max:
-            self._core.again(task, how, message)
+        if is_enough(task, self._core.campaign.lease):
+            self._give_up(task, key, how, message)
         else:
-            self._core.done(task, how, message)
-            self._show(_flying(key), frozenset())
+            self._core.again(task, how, message)
+
+    def _give_up(self, task: Task, key: FlightKey, how: str, message: str) -> None:
+        """What cannot be flown or judged is taken as held: it shows no violation."""
+        self._core.fault(str(key), f"given up, taken as held: {message or how}")
+        self._core.done(task, how, message)
+        self._show(_flying(key), frozenset())
 
     def on_trace_missing(self, task: Task, key: JudgeKey, message: str) -> None:
         """Fly again what left no trace to be judged by."""

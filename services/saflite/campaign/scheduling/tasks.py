@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from saflite.campaign.scheduling.work_keys import WorkKey
+from saflite.contract.config import LeaseConfig
 from saflite.contract.work import Stage, TargetBuild
 
 Order = tuple[int, int, int, int]
@@ -40,6 +41,15 @@ class Task:
     def waiting(self) -> bool:
         """Whether it may be lent out."""
         return not self.worker
+
+
+INFRA_PER_ATTEMPT = 3
+"""What our side could not run is given up after this many times `attempts_max` tries."""
+
+
+def is_enough(task: Task, limits: LeaseConfig) -> bool:
+    """Return whether a flight was lost, or could not be run, too often to be tried again."""
+    return task.losses >= limits.attempts_max or task.failures >= INFRA_PER_ATTEMPT * limits.attempts_max
 
 
 class TaskTable:

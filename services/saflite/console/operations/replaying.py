@@ -67,7 +67,7 @@ def _of_run(run_dir: Path, wanted: str, everything: bool, policies: tuple[str, .
             raise Refused("--violation", where=str(run_dir), expected=f"one of {known}", got=repr(wanted))
         found: dict[str, Entry] = {}
         for violation in chosen:
-            digest = next((row.trace_digest for row in run.flights(violation.test_case) if row.is_first), "")
+            digest = next((row.trace_digest for row in run.flights(violation.test_case) if row.shows(violation)), "")
             case = run.test_case(violation.test_case)
             entry = Entry(
                 violation.fingerprint, case, policies or run.campaign.policies, digest, run.campaign.policy_texts

@@ -43,10 +43,10 @@ class FlightRow(NamedTuple):
     robustness: float | None
     violated: tuple[str, ...]
 
-    @property
-    def is_first(self) -> bool:
-        """Whether it is the flight that was judged first and recorded, neither a re-flight nor a smaller one tried."""
-        return self.flight_index == 0 and self.purpose != "shrink"
+    def shows(self, violation: Violation) -> bool:
+        """Whether it is the flight that shows a violation, neither a re-flight nor that of a smaller one tried."""
+        same = self.test_case == violation.test_case and self.flight_index == violation.flight_index
+        return same and self.purpose != "shrink"
 
 
 class ScoreRow(NamedTuple):
@@ -150,7 +150,12 @@ class RunFolder:
             self.violations(), key=lambda one: (order.get(one.confirmation, 3), one.robustness, one.test_case)
         )
         return [
-            Finding(one, self.test_case(one.test_case), self.judgement(one.test_case), self.recording(one.test_case))
+            Finding(
+                one,
+                self.test_case(one.test_case),
+                self.judgement(one.test_case, one.flight_index),
+                self.recording(one.test_case),
+            )
             for one in ranked
         ]
 

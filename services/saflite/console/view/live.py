@@ -10,7 +10,7 @@ from saflite.console.run_data.run_folder import RunFolder, open_run
 from saflite.console.view import out
 from saflite.contract.control import Status
 from saflite.contract.events import FaultSeen, Quarantined, ScorerChanged, ViolationFound
-from saflite.contract.verdict import Violation
+from saflite.contract.verdict import Violation, failed_again
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -89,7 +89,7 @@ def fact_text(fact: object) -> str:
 def violation_line(violation: Violation) -> str:
     """Return a violation in one line."""
     word = "VIOLATION" if violation.confirmation == "confirmed" else violation.confirmation
-    again = f"failed again {violation.failed_again}/{violation.reflown}"
+    again = f"failed again {failed_again(violation)}"
     equal = ", bit-equal" if violation.bit_equal else ""
     return (
         f"{word}  {violation.fingerprint}  {violation.policy} {violation.robustness:+.3f} ({violation.severity})"

@@ -13,7 +13,8 @@ from saflite.recorder.summary import Finding, RunSummary
 FILE = "violations.csv"
 COLUMNS = (
     *("test_case", "policy", "confirmation", "severity", "robustness", "fingerprint", "reflown", "failed_again"),
-    *("bit_equal", "strategy", "round", "parent", "min_distance_m", "duration_s", "inputs", "recording"),
+    *("rate_low", "rate_high", "bit_equal", "strategy", "round", "parent", "min_distance_m", "duration_s"),
+    *("inputs", "recording"),
 )
 
 
@@ -33,7 +34,8 @@ def _row(finding: Finding) -> tuple[object, ...]:
     features = finding.judgement.features if finding.judgement is not None else {}
     return (
         *(violation.test_case, violation.policy, violation.confirmation, violation.severity, violation.robustness),
-        *(violation.fingerprint, violation.reflown, violation.failed_again, violation.bit_equal),
+        *(violation.fingerprint, violation.reflown, violation.failed_again),
+        *(violation.rate_low, violation.rate_high, violation.bit_equal),
         *(origin.strategy, origin.round, origin.parent),
         *(features.get("min_distance_m", ""), features.get("duration_s", "")),
         *(_inputs(finding.test_case), finding.recording),

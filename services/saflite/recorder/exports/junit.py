@@ -9,6 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 from xml.etree import ElementTree as Xml
 
+from saflite.contract.verdict import failed_again
 from saflite.recorder.files import write_file
 from saflite.recorder.summary import Finding, RunSummary
 
@@ -69,7 +70,7 @@ def _add(suite: Xml.Element, finding: Finding) -> None:
     )
     text = (
         f"{violation.severity} violation, robustness {violation.robustness:.3f}, failed again in "
-        f"{violation.failed_again} of {violation.reflown} re-flights. {violation.message}".strip()
+        f"{failed_again(violation)} re-flights. {violation.message}".strip()
     )
     kind = "failure" if violation.confirmation == "confirmed" else "skipped"
     node = Xml.SubElement(case, kind, message=_clean(f"{violation.confirmation}: {text}"))

@@ -9,6 +9,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+from saflite.contract.verdict import failed_again
 from saflite.recorder.files import write_file
 from saflite.recorder.summary import Finding, PolicyFacts, RunSummary
 
@@ -62,7 +63,7 @@ def _result(finding: Finding, index: dict[str, int]) -> dict[str, Any]:
     uri = f"test_cases/{violation.test_case}.yaml"
     text = (
         f"{violation.confirmation} {violation.severity} violation of {violation.policy}: robustness "
-        f"{violation.robustness:.3f}, failed again in {violation.failed_again} of {violation.reflown} re-flights"
+        f"{violation.robustness:.3f}, failed again in {failed_again(violation)} re-flights"
     )
     return {
         "ruleId": violation.policy,
@@ -74,6 +75,7 @@ def _result(finding: Finding, index: dict[str, int]) -> dict[str, Any]:
         "properties": {
             "robustness": violation.robustness,
             "bitEqual": violation.bit_equal,
+            "rate": None if violation.rate_low is None else [violation.rate_low, violation.rate_high],
             "recording": finding.recording,
             "features": finding.judgement.features if finding.judgement is not None else {},
         },

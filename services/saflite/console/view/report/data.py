@@ -69,7 +69,7 @@ def read(run: RunFolder) -> ReportData:
             finding.test_case,
             finding.judgement,
             finding.recording,
-            run.trace(_digest(by_case.get(finding.violation.test_case, []))),
+            run.trace(_digest(by_case.get(finding.violation.test_case, []), finding.violation)),
             tuple(by_case.get(finding.violation.test_case, ())),
             run.campaign.policy_texts,
         )
@@ -108,8 +108,8 @@ def calibrations(run: RunFolder) -> tuple[Calibration, ...]:
     return calibrate_all(rows)
 
 
-def _digest(rows: list[FlightRow]) -> str:
-    return next((row.trace_digest for row in rows if row.is_first), "")
+def _digest(rows: list[FlightRow], violation: Violation) -> str:
+    return next((row.trace_digest for row in rows if row.shows(violation)), "")
 
 
 def _progress(run: RunFolder) -> Progress:

@@ -13,7 +13,7 @@ from saflite.console.view.report.svg import tag
 from saflite.contract.errors import Refused
 from saflite.contract.flight import Ending, Flight
 from saflite.contract.test_case import Obstacle, Stimulus, setting_text, stimulus_text
-from saflite.contract.verdict import Verdict
+from saflite.contract.verdict import Verdict, failed_again
 
 FAR_M = 12.0  # distances beyond it are cut off in charts: what matters is near the limit
 
@@ -124,7 +124,7 @@ def _flight_of(exhibit: Exhibit) -> Flight:
 
 def _facts(exhibit: Exhibit, run_name: str) -> list[tuple[str, str]]:
     violation, case = exhibit.violation, exhibit.test_case
-    first = next((row for row in exhibit.flights if row.is_first), None)
+    first = next((row for row in exhibit.flights if row.shows(violation)), None)
     proposer = f"{case.origin.strategy or '?'}, round {case.origin.round}"
     origin = f"<code>{escape(violation.test_case)}</code> by {escape(proposer)}"
     if case.origin.parent:
@@ -148,7 +148,7 @@ def _again(exhibit: Exhibit) -> str:
     violation = exhibit.violation
     equal = ", traces bit-equal" if violation.bit_equal else ""
     workers = f" (workers {escape(', '.join(violation.workers))})" if violation.workers else ""
-    return f"failed again in {violation.failed_again} of {violation.reflown}{equal}{workers}"
+    return f"failed again in {failed_again(violation)}{equal}{workers}"
 
 
 def _box(box: Obstacle) -> str:

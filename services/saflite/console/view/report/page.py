@@ -13,7 +13,7 @@ from saflite.console.view.report.style import CSS
 from saflite.contract.flight import BESIDE_BUDGET
 from saflite.contract.interval import Interval
 from saflite.contract.test_case import setting_text
-from saflite.contract.verdict import NEVER_APPLIED
+from saflite.contract.verdict import NEVER_APPLIED, failed_again
 from saflite.scorer_pool.calibration import Calibration
 
 DRAWN_FROM = 8
@@ -121,7 +121,7 @@ def _table(data: ReportData) -> str:
             f"{violation.robustness:+.3f}",
             f'<span class="badge {violation.severity}">{violation.severity}</span>',
             f'<span class="badge {violation.confirmation}">{violation.confirmation}</span>',
-            f"{violation.failed_again}/{violation.reflown}{' bit-equal' if violation.bit_equal else ''}",
+            f"{failed_again(violation)}{' bit-equal' if violation.bit_equal else ''}",
             f"{len(exhibit.test_case.scenario.obstacles)} boxes"
             if exhibit.test_case.scenario.obstacles
             else f"{len(exhibit.test_case.stimuli)} stimuli",
