@@ -127,7 +127,7 @@ def test_a_rule_that_never_applied_is_told_as_such_and_is_no_success() -> None:
     (told,) = [fact for fact in facts(driver, Judged) if isinstance(fact, Judged)]
     assert (told.robustness, told.violated, told.vacuous) == (None, (), (verdict.policy,))
     assert isinstance(driver.store, MemoryStore)
-    (outcome,) = driver.store.outcome_rows.values()
+    (outcome,) = driver.store.outcomes(-1, 10**6, 10**6)
     assert (outcome.robustness, outcome.nearness, outcome.guidance) == (None, 0.5, 550.0)
 
 

@@ -77,7 +77,7 @@ def started(run_dir: Path) -> Driver:
     campaign = doubles.campaign(8, record="none", shrink=True, shrink_flights_max=60)
     store = Store.create(run_dir, campaign, doubles.TEMPLATE, doubles.TARGET)
     driver = Driver(store.rebuild(), store)
-    driver.service = Stimulated()
+    driver.service = Stimulated(store.blobs)
     return driver
 
 
