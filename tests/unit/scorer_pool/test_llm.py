@@ -16,15 +16,13 @@ from saflite.flight.mission import builtin_mission
 from saflite.runtime.clock import WallClock
 from saflite.scorer_pool.llm import scorer as llm_scorer
 from saflite.scorer_pool.llm import transcript
-from saflite.scorer_pool.llm.batch_size import BatchSizer
-from saflite.scorer_pool.llm.cache import Cache
 from saflite.scorer_pool.llm.case_text import keys
 from saflite.scorer_pool.llm.chat import Busy, ChatResult, Question
 from saflite.scorer_pool.llm.circuit_breaker import FAILURES_MAX, REST_FIRST_S, REST_MAX_S, Breaker
 from saflite.scorer_pool.llm.parse import Reply
 from saflite.scorer_pool.llm.scorer import LanguageModel, Prices
 from saflite.scorer_pool.llm.transcript import Exchange, TranscriptFile
-from saflite.scorer_pool.model import Job, ModelScore, PolicyBrief, ScoreSheet
+from saflite.scorer_pool.model import Job, PolicyBrief, ScoreSheet
 
 BRIEFS = (PolicyBrief("p", "keep away"),)
 
@@ -367,36 +365,6 @@ def test_talk_is_kept_word_for_word_up_to_a_size(tmp_path: Path, monkeypatch: py
     full(Exchange("m", "d", [], "x" * 100))
     assert len(path.read_text().splitlines()) == 1
     TranscriptFile(tmp_path / "no" / "folder")(Exchange("m", "d", [], "x"))
-
-
-def test_pace_asks_about_as_many_as_fit_into_the_deadline() -> None:
-    sizer = BatchSizer()
-    sizer.answered(10, 20.0)
-    assert sizer.per_question(60.0) == 12
-    assert sizer.per_question(10.0) == 2
-    assert sizer.per_question(1.0) == 1
-    sizer.missed(2)
-    assert sizer.per_question(60.0) == 1
-
-
-@pytest.mark.parametrize(
-    ("seconds", "expected"),
-    [({1: 1.0, 2: 2.0, 4: 4.0}, 1), ({1: 1.0, 2: 1.1, 4: 2.2}, 2), ({1: 1.0, 2: 1.1, 4: 1.3}, 4), ({}, 1)],
-)
-def test_pace_puts_questions_side_by_side_only_where_that_answers_more(
-    seconds: dict[int, float], expected: int
-) -> None:
-    sizer = BatchSizer()
-    sizer.probed(seconds)
-    assert sizer.side_by_side == expected
-
-
-def test_cache_is_bounded_and_keeps_no_faults() -> None:
-    cache = Cache(kept_max=2)
-    for key in "abc":
-        cache.put(key, ModelScore(1.0))
-    cache.put("d", ModelScore(1.0, fault="schema"))
-    assert [cache.get(key) is not None for key in "abcd"] == [False, True, True, False]
 
 
 def test_words_that_no_message_can_hold_do_not_stop_the_scorer() -> None:

@@ -84,5 +84,7 @@ def _plain(info: Any, place: int) -> Any:
     if isinstance(info, inspect.LiteralType):
         return info.values[0]
     if type(info) not in makers:
-        raise AssertionError(f"no example for {info!r}: teach console/examples.py")
+        raise AssertionError(f"no example for {info!r}: teach {__name__}")
+    if isinstance(info, inspect.FloatType) and info.le is not None:
+        return min(place + 0.5, float(info.le))
     return makers[type(info)]
