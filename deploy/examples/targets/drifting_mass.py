@@ -1,7 +1,7 @@
 """A mass in a wind that is never the same twice: the smallest target whose outcomes repeat only statistically.
 
-The wind comes from the operating system's entropy, so no seed repeats a flight. Told to lean far into it (`LEAN`), the
-mass leaves its corridor in most flights, told to lean a little in few: a finding is a matter of k of n.
+The wind comes from the operating system's entropy, so no seed repeats a flight. Told to lean 14 m or more (`LEAN`), the
+mass always leaves its corridor of 10 m, below 6 m never, and between them by chance: a finding is a matter of k of n.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from saflite.contract.target_info import InputInfo, SignalInfo, TargetInfo
 from saflite.contract.test_case import StartState, TestCase
 
 STEP_S, GUST_M = 0.1, 4.0
-LEAN = InputInfo(kind="parameter", name="LEAN", unit="m", low=0, high=12, default=0, meaning="how far it leans")
+LEAN = InputInfo(kind="parameter", name="LEAN", unit="m", low=0, high=20, default=0, meaning="how far it leans")
 
 
 def describe() -> TargetInfo:
@@ -60,7 +60,7 @@ class Session:
         lean_m = np.full(len(times), test_case.target.parameters.get("LEAN", 0.0))
         given = []
         for index, one in sorted(enumerate(test_case.stimuli), key=lambda pair: pair[1].at_s):
-            taken = 0.0 <= one.values[0] <= 12.0
+            taken = 0.0 <= one.values[0] <= 20.0
             if taken:
                 lean_m[times >= one.at_s - 1e-9] = one.values[0]
             given.append(Delivered(index=index, at_s=one.at_s, answer="accepted" if taken else "denied"))
