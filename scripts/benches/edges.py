@@ -2,9 +2,9 @@
 
     scripts/bench edges [--policies NAME ...] [--cases 200] [--rng-seed 1] [--json]
 
-For each policy `--cases` flights with all defects off (half of them inputs that meet, half inputs that meet a change of
-state of the autopilot's own), judged by all policies; every violation is a false alarm. Cases stand in
-tests/replay/edge_cases.py.
+For each policy at most `--cases` flights with all defects off (half of them inputs that meet, half inputs that meet a
+change of state of the autopilot's own, fewer where it makes few), judged by all policies; every violation is a false
+alarm. Cases stand in tests/replay/edge_cases.py.
 """
 
 from __future__ import annotations

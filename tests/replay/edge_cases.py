@@ -118,11 +118,11 @@ def meetings(campaign: str, rng_seed: int = 1) -> Iterator[TestCase]:
 
 
 def reactions(campaign: str, rng_seed: int = 1) -> Iterator[TestCase]:
-    """Yield inputs given around what the autopilot does by itself after another input; without end."""
+    """Yield inputs given around what the autopilot does by itself after another, four to each input that makes it."""
     rng = derive(rng_seed, "edges-reactions", campaign)
     inputs, at_s = inputs_of(campaign), start_s(campaign)
-    while True:
-        cause = inputs[rng.integers(len(inputs))].at(at_s)
+    for place in rng.permutation(len(inputs)):
+        cause = inputs[place].at(at_s)
         trace = fly_once(case_of(campaign, (cause,))).trace
         ticks = [] if trace is None else own_changes(trace, at_s + 2 * TICK_S)
         if not ticks:
