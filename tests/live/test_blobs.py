@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from saflite.bus.endpoints import free_endpoint
+from saflite.bus.private_socket import PrivateSocket
 from saflite.bus.zenoh import open_client, open_router
 from saflite.contract.flight import Flight, Trace, pack_trace, trace_digest, unpack_trace
 from saflite.contract.rng import derive
@@ -22,10 +22,10 @@ pytestmark = pytest.mark.live
 
 
 def test_a_trace_larger_than_a_message_gets_to_the_books_and_to_another_worker(tmp_path: Path) -> None:
-    endpoint, store = free_endpoint(), BlobFolder(tmp_path / "run")
-    router = open_router("books", endpoint)
+    socket, store = PrivateSocket(), BlobFolder(tmp_path / "run")
+    router = open_router("books", socket.endpoint)
     evidence = EvidenceService(router, "c", store)
-    buses = [open_client(name, endpoint) for name in ("fly-1", "judge-1")]
+    buses = [open_client(name, socket.endpoint) for name in ("fly-1", "judge-1")]
     flyer, judge = (WorkerBlobs(BusBlobs(bus, "c", bus.name, WallClock()), bus.name, None, ()) for bus in buses)
     noise = derive(1, "noise").random(10 * 2**20, dtype=np.float32).tobytes()
     trace = Trace(step_s=0.01, signals={"x_m": noise})
@@ -42,3 +42,4 @@ def test_a_trace_larger_than_a_message_gets_to_the_books_and_to_another_worker(t
     assert not list((tmp_path / "run" / "blobs" / "incoming" / "fly-1").iterdir())
     for bus in (*buses, router):
         bus.close()
+    socket.close()
