@@ -43,7 +43,7 @@ class Server:
         self.process: subprocess.Popen[bytes] | None = None
 
     def start(self) -> None:
-        command = [sys.executable, str(ROOT / "scripts" / "ollama"), "serve", "--folder", str(FOLDER)]
+        command = [sys.executable, str(ROOT / "scripts" / "ollama_server"), "serve", "--folder", str(FOLDER)]
         self.process = subprocess.Popen(
             [*command, "--port", self.host.split(":")[1]],
             stdout=subprocess.DEVNULL,
