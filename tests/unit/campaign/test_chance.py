@@ -12,6 +12,7 @@ from test_shrink import case, chute_in_acro, twenty
 
 from saflite.campaign.lifecycle.minimizer import Minimizer
 from saflite.campaign.lifecycle.repeats import RepeatRule
+from saflite.campaign.storage.journal_audit import JournalAudit
 from saflite.contract.blobs import Blobs
 from saflite.contract.events import FaultSeen, ViolationFound
 from saflite.contract.flight import Flight, Trace, pack_trace, trace_digest, unpack_trace
@@ -197,3 +198,15 @@ def test_a_campaign_makes_its_violations_smaller_by_chance() -> None:
     confirmed = sum(1 for one in forms if one.confirmation == "confirmed")
     assert confirmed >= len(forms) / 2
     assert driver.books.status(driver.now).flights == 60
+
+
+def test_books_balance_where_smallest_forms_held_in_their_first_flight() -> None:
+    driver, found = run(0.7, 60, "ABCDEF", shrink=True)
+    assert any(one.flight_index for one in found), "no smallest form held in its first flight"
+    assert isinstance(driver.store, MemoryStore)
+    counted = JournalAudit()
+    for line in driver.store.lines:
+        counted.add(line)
+    assert not counted.compare_told([event.fact for event in driver.store.all_events])
+    assert not counted.left_open()
+    assert not counted.problems

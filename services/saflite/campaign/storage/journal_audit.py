@@ -111,7 +111,8 @@ class JournalAudit:
                     self._flown.setdefault((fact.test_case, fact.flight_index), 1)
                 case Judged():
                     told_judged[fact.test_case, fact.flight_index] += 1
-                    if fact.flight_index == 0 and not fact.violated:
+                    is_last = fact.flight_index == 0 and not fact.violated
+                    if is_last and fact.test_case in self._selected:  # a smallest form may be flown on
                         self._ended_cases[fact.test_case] += 1
                 case Quarantined():
                     self._ended_cases[fact.test_case] += 1
