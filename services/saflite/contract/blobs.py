@@ -18,6 +18,7 @@ import msgspec
 from saflite.contract.bounds import ITEMS_MAX, Count, Place
 from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.ids import digest
+from saflite.contract.names import Digest, Name
 
 BLOB_BYTES_MAX = 256 * 2**20
 CHUNK_BYTES_MAX = 2**20
@@ -28,7 +29,7 @@ DIGEST_DIGITS = 64
 class BlobRef(msgspec.Struct, frozen=True, kw_only=True):
     """A blob named: SHA-256 of its bytes, in hexadecimal, and how many they are."""
 
-    digest: str
+    digest: Digest
     size_bytes: Count
 
 
@@ -86,8 +87,8 @@ def check_ref(ref: BlobRef) -> None:
 class BlobOpen(msgspec.Struct, frozen=True, kw_only=True):
     """Said once by a worker before it uses blobs: of what it left earlier, all but `keep` (digests) may go."""
 
-    worker: str
-    keep: Annotated[tuple[str, ...], msgspec.Meta(max_length=ITEMS_MAX)] = ()
+    worker: Name
+    keep: Annotated[tuple[Digest, ...], msgspec.Meta(max_length=ITEMS_MAX)] = ()
 
 
 class BlobOpened(msgspec.Struct, frozen=True, kw_only=True):
@@ -99,7 +100,7 @@ class BlobOpened(msgspec.Struct, frozen=True, kw_only=True):
 class BlobGet(msgspec.Struct, frozen=True, kw_only=True):
     """Asks for up to `length` bytes of a blob from `offset` on."""
 
-    digest: str
+    digest: Digest
     offset: Count
     length: Count = CHUNK_BYTES_MAX
 
@@ -114,7 +115,7 @@ class BlobChunk(msgspec.Struct, frozen=True, kw_only=True):
 class BlobPut(msgspec.Struct, frozen=True, kw_only=True):
     """Leaves a stretch of a blob. Without data it only asks how much is there already."""
 
-    worker: str
+    worker: Name
     ref: BlobRef
     offset: Count = 0
     data: Annotated[bytes, msgspec.Meta(max_length=CHUNK_BYTES_MAX)] = b""

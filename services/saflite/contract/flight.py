@@ -15,6 +15,7 @@ from saflite.contract.blobs import BLOBS_PER_RESULT_MAX, BlobRef
 from saflite.contract.bounds import ITEMS_MAX, Count, Features, Number, Seconds, Text
 from saflite.contract.errors import Refused
 from saflite.contract.ids import digest
+from saflite.contract.names import DigestOrNone, NameOrNone, ShortId
 from saflite.contract.test_case import Stimulus
 
 Ending = Literal["completed", "crashed", "timed_out", "autopilot_died", "wedged", "infra", "lost"]
@@ -139,14 +140,14 @@ class Flight(msgspec.Struct, frozen=True, kw_only=True):
     each stimulus was given, None where that is not known.
     """
 
-    test_case: str
+    test_case: ShortId
     flight_index: Count
     ending: Ending
     simulated_s: Seconds = 0.0
     wall_s: Seconds = 0.0
-    trace_digest: str = ""
+    trace_digest: DigestOrNone = ""
     trace: BlobRef | None = None
-    worker: str = ""
+    worker: NameOrNone = ""
     message: Text = ""
     build: str = ""
     delivered: Annotated[tuple[Delivered, ...], msgspec.Meta(max_length=ITEMS_MAX)] | None = None

@@ -10,6 +10,8 @@ from typing import Annotated
 
 from msgspec import Meta
 
+from saflite.contract.errors import Refused
+
 _END = r"(?![\s\S])"  # `$` would let a line break follow
 NAME = r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}"
 NAME_EXPECTED = "1 to 64 of A-Z a-z 0-9 . _ - beginning with a letter or digit"
@@ -27,3 +29,14 @@ Label = Annotated[str, Meta(pattern=f"^[!-~]{{0,500}}{_END}")]
 def is_name(text: str) -> bool:
     """Return whether a text can stand in keys, paths and tables as it is."""
     return re.fullmatch(NAME, text) is not None
+
+
+def recording_file(test_case: str, flight_index: int) -> str:
+    """Return where the recording of a flight stands in a run folder: derived, never told by anybody.
+
+    Raises:
+        Refused: the identity cannot be one.
+    """
+    if re.fullmatch(r"[0-9a-f]{16}", test_case) is None or flight_index < 0:
+        raise Refused("recording", expected="a test case by its 16 hexadecimal digits", got=repr(test_case[:80]))
+    return f"recordings/{test_case}-{flight_index}.mcap"

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 import msgspec
 
 from saflite.contract.bounds import Count, Number, Quantity, Seconds, Text, Word
+from saflite.contract.names import Label, ShortId
 
 SCORE_MIN, SCORE_MAX = 0.0, 10.0
 DULL_BELOW, INTERESTING_ABOVE = 4.0, 7.0  # bands of the paper (section IV-C); 4..7 is middling
@@ -38,10 +39,10 @@ class Score(msgspec.Struct, frozen=True, kw_only=True):
     scorer step in, and `fault` then names it (`deadline`, `unreachable`, `schema`, `wrong-ids`, ...).
     """
 
-    test_case: str
+    test_case: ShortId
     value: Number
-    model: str
-    scored_by: str
+    model: Label
+    scored_by: Label
     model_digest: str = ""
     prompt_digest: str = ""
     reason: Text = ""

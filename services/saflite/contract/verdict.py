@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 import msgspec
 
 from saflite.contract.bounds import Count, Features, Number, Share, Text, Track
+from saflite.contract.names import Name, ShortId, ShortIdOrNone
 
 Ruling = Literal["held", "violated", "vacuous", "inconclusive"]
 """held, violated; vacuous: the rule never applied in this flight; inconclusive: it could not be judged."""
@@ -26,7 +27,7 @@ class Verdict(msgspec.Struct, frozen=True, kw_only=True):
     that decided the outcome.
     """
 
-    policy: str
+    policy: Name
     outcome: Ruling
     robustness: Number | None = None
     nearness: Share = 1.0
@@ -50,10 +51,10 @@ class Judgement(msgspec.Struct, frozen=True, kw_only=True):
     `features` are named numbers of the flight (`min_distance_m`, `duration_s`, ...).
     """
 
-    test_case: str
+    test_case: ShortId
     flight_index: Count
     verdicts: Annotated[tuple[Verdict, ...], msgspec.Meta(max_length=1_000)]
-    fingerprint: str = ""
+    fingerprint: ShortIdOrNone = ""
     features: Features = {}
     track: Track = ()
 
@@ -68,9 +69,9 @@ class Violation(msgspec.Struct, frozen=True, kw_only=True):
     `flight_index` names the flight that shows the violation.
     """
 
-    fingerprint: str
-    test_case: str
-    policy: str
+    fingerprint: ShortId
+    test_case: ShortId
+    policy: Name
     robustness: float
     severity: Literal["none", "soft", "hard"]
     confirmation: Confirmation
@@ -80,7 +81,7 @@ class Violation(msgspec.Struct, frozen=True, kw_only=True):
     rate_high: float | None = None
     bit_equal: bool = False
     flight_index: int = 0
-    workers: tuple[str, ...] = ()
+    workers: tuple[Name, ...] = ()
     message: str = ""
 
 

@@ -13,6 +13,7 @@ import msgspec
 from saflite.contract.blobs import BLOBS_PER_RESULT_MAX, BlobRef
 from saflite.contract.bounds import ITEMS_MAX, Count, Number, Place, Quantity, Text, Word
 from saflite.contract.flight import Ending, Flight, Purpose
+from saflite.contract.names import Label, Name, NameOrNone, ShortId
 from saflite.contract.score import Score, Usage
 from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import Setting, TestCase
@@ -164,7 +165,7 @@ class ScoreResult(msgspec.Struct, frozen=True, kw_only=True, tag="scored"):
 class WarmResult(msgspec.Struct, frozen=True, kw_only=True, tag="warmed"):
     """Whether the model answered its probe."""
 
-    model: str
+    model: Label
     ready: bool
     message: Text = ""
 
@@ -184,7 +185,7 @@ class JudgeResult(msgspec.Struct, frozen=True, kw_only=True, tag="judged"):
 class RecordResult(msgspec.Struct, frozen=True, kw_only=True, tag="recorded"):
     """The recording of a flight, left as a blob where the books can read it."""
 
-    test_case: str
+    test_case: ShortId
     flight_index: Count
     blob: BlobRef
 
@@ -232,9 +233,9 @@ class Ask(msgspec.Struct, frozen=True, kw_only=True):
     simulator worker can fly, empty for whatever comes.
     """
 
-    worker: str
+    worker: Name
     stage: Stage
-    session: str = ""
+    session: NameOrNone = ""
     leases_max: Count = 1
     wait_s: Number = 5.0
     cursor: Place = -1
@@ -265,7 +266,7 @@ class Grant(msgspec.Struct, frozen=True, kw_only=True):
 class Report(msgspec.Struct, frozen=True, kw_only=True):
     """A result, kept by the worker until a receipt for it arrives."""
 
-    worker: str
+    worker: Name
     lease_id: str
     epoch: Count
     result: Result
@@ -283,9 +284,9 @@ class Receipt(msgspec.Struct, frozen=True, kw_only=True):
 class Heartbeat(msgspec.Struct, frozen=True, kw_only=True):
     """Extends the leases named and says how the worker is."""
 
-    worker: str
+    worker: Name
     stage: Stage
-    session: str = ""
+    session: NameOrNone = ""
     leases: Annotated[tuple[tuple[str, Count], ...], msgspec.Meta(max_length=1_000)] = ()
     state: Literal["idle", "busy", "draining"] = "idle"
     busy_s: Quantity = 0.0

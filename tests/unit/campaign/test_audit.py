@@ -91,7 +91,7 @@ def test_a_stopped_run_balances(tmp_path: Path) -> None:
         "UPDATE scores SET value = value + 1 WHERE rowid = 5",
         "DELETE FROM violations WHERE rowid = 1",
         "UPDATE violations SET content = x'00' WHERE rowid = 1",
-        "INSERT INTO recordings VALUES ('x', 0, 'recordings/x.mcap', 'y', 1)",
+        "INSERT INTO recordings VALUES ('../../x', 0, 'y', 1)",
         "UPDATE attempts SET how = 'lost' WHERE rowid = 4",
         "DELETE FROM events WHERE seq = 9",
         "UPDATE events SET event = x'80' WHERE seq = 9",

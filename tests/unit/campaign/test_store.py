@@ -16,6 +16,7 @@ from saflite.contract.control import Control, Status
 from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.events import Event, FaultSeen
 from saflite.contract.ids import digest
+from saflite.contract.names import recording_file
 from saflite.contract.work import ScoreWork
 
 
@@ -90,15 +91,15 @@ def test_a_recording_has_a_name_for_people_that_comes_back(tmp_path: Path) -> No
     driver.run()
     closed(driver)
     database = sqlite3.connect(store_file(tmp_path / "run"))
-    rows = database.execute("SELECT test_case, file, digest FROM recordings").fetchall()
+    rows = database.execute("SELECT test_case, flight_index, digest FROM recordings").fetchall()
     assert rows
-    for name, file, named in rows:
-        assert file == f"recordings/{name}-0.mcap"
+    for name, index, named in rows:
+        file = recording_file(name, index)
         assert digest((tmp_path / "run" / file).read_bytes()) == named
         (tmp_path / "run" / file).unlink()
     store = Store.open(tmp_path / "run")
     store.rebuild()
-    assert all((tmp_path / "run" / file).is_file() for _, file, _ in rows)
+    assert all((tmp_path / "run" / recording_file(name, index)).is_file() for name, index, _ in rows)
 
 
 def test_a_trace_lost_before_its_judgement_is_flown_again(tmp_path: Path) -> None:

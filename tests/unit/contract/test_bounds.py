@@ -17,12 +17,13 @@ from saflite.contract.score import Score, Usage
 from saflite.contract.verdict import Judgement, Verdict
 from saflite.contract.work import Ask, Heartbeat, Report
 
-SCORE = {"test_case": "t", "value": 1.0, "model": "m", "scored_by": "m"}
+ID = "0123456789abcdef"
+SCORE = {"test_case": ID, "value": 1.0, "model": "m", "scored_by": "m"}
 BEAT = {"worker": "w", "stage": "fly"}
 
 
 def _flown(**said: Any) -> dict[str, Any]:
-    flight = {"test_case": "t", "flight_index": 0, "ending": "completed", **said}
+    flight = {"test_case": ID, "flight_index": 0, "ending": "completed", **said}
     return {"worker": "w", "lease_id": "l", "epoch": 1, "result": {"type": "flown", "flight": flight}}
 
 
@@ -41,12 +42,12 @@ def _flown(**said: Any) -> dict[str, Any]:
         (Score, {**SCORE, "value": float("inf")}, "$.value"),
         (Score, {**SCORE, "value": float("nan")}, "$.value"),
         (Usage, {"tokens_in": 2**63}, "$.tokens_in"),
-        (Judgement, {"test_case": "t", "flight_index": 2**63, "verdicts": []}, "$.flight_index"),
+        (Judgement, {"test_case": ID, "flight_index": 2**63, "verdicts": []}, "$.flight_index"),
         (Verdict, {"policy": "p", "outcome": "violated", "robustness": float("-inf")}, "$.robustness"),
         (Verdict, {"policy": "p", "outcome": "vacuous", "nearness": 1.5}, "$.nearness"),
-        (BlobGet, {"digest": "d", "offset": 2**63}, "$.offset"),
+        (BlobGet, {"digest": 4 * ID, "offset": 2**63}, "$.offset"),
         (Report, _flown(simulated_s=float("nan")), "$.result.flight.simulated_s"),
-        (Report, _flown(trace={"digest": "d", "size_bytes": 2**63}), "$.result.flight.trace.size_bytes"),
+        (Report, _flown(trace={"digest": 4 * ID, "size_bytes": 2**63}), "$.result.flight.trace.size_bytes"),
     ],
 )
 def test_a_field_out_of_bounds_is_refused_by_name(kind: type[Any], fields: dict[str, Any], path: str) -> None:

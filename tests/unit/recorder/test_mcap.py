@@ -73,7 +73,7 @@ def record_work(seconds: float = 10.0) -> tuple[RecordWork, bytes]:
         trace=ref_of(pack_trace(trace)),
     )
     verdict = Verdict(policy="min-obstacle-distance", outcome="violated", robustness=-1.0, witness_from_s=5.0)
-    judgement = Judgement(test_case=flight.test_case, flight_index=0, verdicts=(verdict,), fingerprint="ab")
+    judgement = Judgement(test_case=flight.test_case, flight_index=0, verdicts=(verdict,), fingerprint=16 * "a")
     return RecordWork(test_case=case, flight=flight, judgement=judgement), pack_trace(trace)
 
 

@@ -34,6 +34,7 @@ from saflite.campaign.scheduling.work_keys import (
 from saflite.contract.control import Control
 from saflite.contract.events import CampaignChanged
 from saflite.contract.flight import Flight
+from saflite.contract.names import recording_file
 from saflite.contract.test_case import TestCase
 from saflite.contract.work import (
     Failure,
@@ -215,11 +216,11 @@ class Reducer:
         core = self.core
         del core.records[key]
         core.done(task, "recorded")
-        file, blob = f"recordings/{result.test_case}-{result.flight_index}.mcap", result.blob
+        file, blob = recording_file(key.test_case, key.index), result.blob
         core.hold(blob)
         core.flush(blob)
         core.out.publish_blob(file, blob.digest)
-        core.out.row("recordings", result.test_case, result.flight_index, file, blob.digest, blob.size_bytes)
+        core.out.row("recordings", key.test_case, key.index, blob.digest, blob.size_bytes)
 
     def _record_failed(self, task: Task, key: RecordKey, message: str) -> None:
         task.failures += 1

@@ -23,6 +23,7 @@ from saflite.contract import wire
 from saflite.contract.blobs import BlobRef
 from saflite.contract.errors import Refused
 from saflite.contract.events import Event, kind_of
+from saflite.contract.names import recording_file
 from saflite.evidence.files import fault_of
 from saflite.evidence.folder import BlobFolder
 
@@ -161,8 +162,14 @@ def _recordings(
 ) -> dict[str, int]:
     """Check the names for people that blobs have besides."""
     counts: Counter[str] = Counter()
-    for file, digest, size_bytes in connection.execute("SELECT file, digest, size_bytes FROM recordings ORDER BY file"):
-        fault = fault_of(run_dir / str(file), BlobRef(digest=digest, size_bytes=size_bytes), deep=deep)
+    query = "SELECT test_case, flight_index, digest, size_bytes FROM recordings ORDER BY test_case, flight_index"
+    for test_case, index, digest, size_bytes in connection.execute(query):
+        try:
+            file = recording_file(test_case, index)
+        except Refused as refused:
+            problems.append(str(refused))
+            continue
+        fault = fault_of(run_dir / file, BlobRef(digest=digest, size_bytes=size_bytes), deep=deep)
         fault = "" if running and fault == "missing" else fault  # it gets its name after the commit
         counts[fault] += 1
         if fault:

@@ -117,7 +117,6 @@ TABLES: dict[str, tuple[str, ...]] = {
     "recordings": (
         "test_case TEXT",
         "flight_index INTEGER",
-        "file TEXT",
         "digest TEXT",
         "size_bytes INTEGER",
         "PRIMARY KEY (test_case, flight_index)",

@@ -32,6 +32,7 @@ from saflite.contract import wire
 from saflite.contract.blobs import BlobRef
 from saflite.contract.config import Campaign
 from saflite.contract.errors import FarmError, Refused, Unavailable
+from saflite.contract.names import recording_file
 from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import TestCase
 from saflite.contract.work import Outcome
@@ -189,7 +190,8 @@ class Store:
         for line in self.journal():
             books.replay(line)
         self.blobs.keep_only(frozenset(blob.digest for blob in books.wanted_blobs))
-        self._publish(self._db.execute("SELECT file, digest FROM recordings").fetchall())
+        recordings = self._db.execute("SELECT test_case, flight_index, digest FROM recordings").fetchall()
+        self._publish([(recording_file(test_case, index), digest) for test_case, index, digest in recordings])
         return books
 
     def journal(self) -> Iterator[bytes]:

@@ -72,7 +72,7 @@ def _events(args: argparse.Namespace) -> Iterator[Event]:
 def _line(event: Event) -> str:
     import msgspec
 
-    from saflite.console.view import live
+    from saflite.console.view import live, out
     from saflite.contract.events import Flown, Judged, kind_of
 
     fact = event.fact
@@ -86,7 +86,7 @@ def _line(event: Event) -> str:
     elif not text:
         values = {key: value for key, value in msgspec.to_builtins(fact).items() if key != "type"}
         text = f"{kind_of(fact)}  " + " ".join(f"{key}={_short(value)}" for key, value in values.items() if value != "")
-    return f"{event.seq:6d}  {text}"
+    return f"{event.seq:6d}  {out.word(text)}"
 
 
 def _change(fact: WorkerChanged) -> str:

@@ -5,6 +5,7 @@ Golden bytes are made of them, so a new message or field is covered without anyo
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import msgspec
@@ -85,6 +86,15 @@ def _plain(info: Any, place: int) -> Any:
         return info.values[0]
     if type(info) not in makers:
         raise AssertionError(f"no example for {info!r}: teach {__name__}")
+    if isinstance(info, inspect.StrType) and info.pattern is not None:
+        return _fitting(info.pattern, place)
     if isinstance(info, inspect.FloatType) and info.le is not None:
         return min(place + 0.5, float(info.le))
     return makers[type(info)]
+
+
+def _fitting(pattern: str, place: int) -> str:
+    """Return a text of the alphabet asked for (`contract/names.py`)."""
+    digit = f"{place % 16:x}"
+    fitting = (text for text in (f"text{place}", 16 * digit, 64 * digit) if re.search(pattern, text))
+    return next(fitting)

@@ -20,6 +20,7 @@ from saflite.contract.config import Campaign
 from saflite.contract.errors import Refused
 from saflite.contract.events import Event
 from saflite.contract.flight import BESIDE_BUDGET, Purpose, Trace, unpack_trace
+from saflite.contract.names import recording_file
 from saflite.contract.test_case import TestCase
 from saflite.contract.verdict import Judgement, Violation
 from saflite.evidence.folder import BlobFolder
@@ -139,8 +140,10 @@ class RunFolder:
 
     def recording(self, name: str) -> str:
         """Return the recording of a test case relative to the run folder, empty if there is none."""
-        for (file,) in self._rows("SELECT file FROM recordings WHERE test_case = ? ORDER BY flight_index", name):
-            return str(file)
+        for (index,) in self._rows(
+            "SELECT flight_index FROM recordings WHERE test_case = ? ORDER BY flight_index", name
+        ):
+            return recording_file(name, index)
         return ""
 
     def findings(self) -> list[Finding]:

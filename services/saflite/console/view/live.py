@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
+
+import msgspec
 
 from saflite.console.run_data.run_folder import RunFolder, open_run
 from saflite.console.view import out
@@ -74,6 +76,10 @@ class News:
 
 def fact_text(fact: object) -> str:
     """Return the line for a fact worth one, empty for the others."""
+    return out.word(_fact_text(fact))
+
+
+def _fact_text(fact: object) -> str:
     if isinstance(fact, ViolationFound):
         return violation_line(fact.violation)
     if isinstance(fact, Quarantined):
@@ -169,6 +175,15 @@ def _styled(text: str) -> str:
     return f"[{colour}]{escape(text)}[/]" if colour else escape(text)
 
 
+def _shown(value: Any) -> Any:
+    """Return a status whose texts, told by workers, hold no control characters."""
+    if isinstance(value, dict):
+        return {_shown(key): _shown(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_shown(one) for one in value]
+    return out.word(value) if isinstance(value, str) else value
+
+
 def _drawn(status: Status) -> RenderableType:
     from rich.console import Group
     from rich.markup import escape
@@ -176,6 +191,7 @@ def _drawn(status: Status) -> RenderableType:
     from rich.progress_bar import ProgressBar
     from rich.table import Table
 
+    status = msgspec.convert(_shown(msgspec.to_builtins(status)), Status, strict=False)
     facts = Table.grid(padding=(0, 3))
     last = "none yet" if status.since_last_find_s is None else f"{status.since_last_find_s:.0f} s ago"
     pending = f" (warming {escape(status.scorer_pending)})" if status.scorer_pending else ""
@@ -188,7 +204,7 @@ def _drawn(status: Status) -> RenderableType:
         f"[b]{status.flights_per_s:.2f}[/] flights/s, [b]{status.real_time_factor:.0f}x[/] real time",
         f"last find {last}",
     )
-    queues = ", ".join(f"{name} {count}" for name, count in status.queues.items())
+    queues = escape(", ".join(f"{name} {count}" for name, count in status.queues.items()))
     facts.add_row(f"round {status.round}, scorer {escape(status.scorer)}{pending}", f"waiting: {queues}")
     if status.quarantined or status.fallbacks:
         facts.add_row(f"{status.quarantined} quarantined", f"{status.fallbacks} scores by the embedded scorer instead")

@@ -22,7 +22,7 @@ def section(number: int, exhibit: Exhibit, run_name: str) -> str:
     """Return the section of one violation."""
     violation = exhibit.violation
     verdict = _verdict(exhibit)
-    title = f"{number}. {violation.policy} <small>{escape(violation.fingerprint)}</small>"
+    title = f"{number}. {escape(violation.policy)} <small>{escape(violation.fingerprint)}</small>"
     pictures = [f"<figure>{drawn}</figure>" for drawn in (_picture(exhibit), *_charts(exhibit, verdict)) if drawn]
     facts = "".join(f"<tr><th>{escape(key)}</th><td>{text}</td></tr>" for key, text in _facts(exhibit, run_name))
     badge = f'<span class="badge {violation.confirmation}">{violation.confirmation}</span>'
@@ -132,7 +132,10 @@ def _facts(exhibit: Exhibit, run_name: str) -> list[tuple[str, str]]:
     facts = [("robustness", f"{violation.robustness:+.3f}"), ("flown again", _again(exhibit)), ("test case", origin)]
     if first is not None:
         facts.append(
-            ("flight", f"{first.ending}, {first.simulated_s:.1f} s, trace <code>{first.trace_digest[:16]}</code>")
+            (
+                "flight",
+                f"{first.ending}, {first.simulated_s:.1f} s, trace <code>{escape(first.trace_digest[:16])}</code>",
+            )
         )
     facts += [(f"box {number}", _box(box)) for number, box in enumerate(case.scenario.obstacles, start=1)]
     facts += [(f"at {stimulus.at_s:g} s", escape(stimulus_text(stimulus))) for stimulus in case.stimuli]
