@@ -1,6 +1,7 @@
 """Speed and memory of flights, with bare JSBSim at the same step beside them in the same run.
 
     bare        JSBSim alone at 400 Hz: the F450 it ships, and our own file of the same aircraft
+    seam        world and sensors hovering without an autopilot: in one native loop, and step by step from Python
     free        missions 1 to 3 without boxes
     avoidance   mission 2 among boxes: sensors, control, planner, distance, trace
     policy      60 s from a start state with sticks, modes and faults, trace at 50 Hz
@@ -25,6 +26,7 @@ from pathlib import Path
 from typing import Any
 
 import _flight_against
+import _flight_seam
 import numpy as np
 
 from saflite.conformance.flying import fly_once
@@ -36,6 +38,7 @@ from saflite.flight.planner.kinematic import fly_kinematic
 from saflite.flight.world.jsbsim_world import World
 
 READY_S, BARE_S = 19.5, 20.0
+SEAMS = ("seam, one loop", "seam, from Python")
 Measured = tuple[float, float, float, float]  # simulated, airborne, processor, wall seconds
 
 
@@ -141,9 +144,12 @@ def kinematic(boxes: tuple[Obstacle, ...], rng_seed: int) -> tuple[float, float]
 def measure(rounds: int) -> dict[str, list[Measured]]:
     """Run everything `rounds` times, taking turns."""
     found: dict[str, list[Measured]] = {}
+    _flight_seam.native_loop()
     for i, boxes in enumerate(layouts(rounds)):
         kinds: dict[str, Callable[[], tuple[float, float]]] = {
             "bare, our file": bare,
+            "seam, one loop": _flight_seam.fused,
+            "seam, from Python": _flight_seam.apart,
             "free": lambda i=i: fly(mission_case(f"mission{1 + i % 3}")),  # type: ignore[misc]
             "avoidance": lambda i=i, boxes=boxes: fly(mission_case("mission2", boxes, i)),  # type: ignore[misc]
             "policy": lambda i=i: fly(policy_case(i)),  # type: ignore[misc]
@@ -182,7 +188,14 @@ def summary(found: dict[str, list[Measured]], peak_mib: float) -> dict[str, Any]
             "of_bare_shipped": round(whole / base, 3),
             "simulated_s": round(sum(simulated for simulated, _, _, _ in runs), 1),
         }
-    return {"kinds": rows, "worker_peak_mib": round(peak_mib, 1), "rounds": len(found["free"])}
+    seam = {name: _of_bare(found, name) for name in SEAMS}
+    return {"kinds": rows, "of_bare_ours": seam, "worker_peak_mib": round(peak_mib, 1), "rounds": len(found["free"])}
+
+
+def _of_bare(found: dict[str, list[Measured]], name: str) -> float:
+    """Return the median over the rounds of a kind's speed as a share of bare JSBSim's in the same round."""
+    pairs = zip(found[name], found["bare, our file"], strict=True)
+    return round(statistics.median((row[0] / row[2]) / (bare[0] / bare[2]) for row, bare in pairs), 3)
 
 
 def against(other: Path, turns: int, least: float | None, *, as_json: bool) -> int:
@@ -217,5 +230,8 @@ def main(argv: list[str]) -> int:
     for name, row in result["kinds"].items():
         factors = f"{row['real_time_factor']:12.1f} {row['airborne_factor']:9.1f} {row['wall_factor']:8.1f}"
         print(f"{name:20} {factors} {row['of_bare_shipped']:13.3f} {row['simulated_s']:12.1f}")
+    shares = ", ".join(f"{name.removeprefix('seam, ')} {share:.3f}" for name, share in result["of_bare_ours"].items())
+    print(f"through the seam of the world, of our bare aircraft's speed: {shares}")
+    print("no older checkout beside this one (--against CHECKOUT flies both in turns)")
     print(f"peak memory of a simulator process: {result['worker_peak_mib']} MiB (aim 150); rounds: {result['rounds']}")
     return 0

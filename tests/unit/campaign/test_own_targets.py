@@ -9,6 +9,7 @@ import msgspec
 import pytest
 
 from saflite.campaign.presets.campaigns import load_campaign, template
+from saflite.campaign.storage.audit import audit
 from saflite.campaign.storage.store import Store
 from saflite.console.operations import replaying
 from saflite.console.run_data.run_folder import open_run
@@ -80,11 +81,14 @@ def test_a_campaign_finds_confirms_makes_small_and_replays(name: str, bitwise: b
         violations = found.violations("confirmed")
         small = [one for one in violations if found.test_case(one.test_case).origin.note.startswith("shrunk")]
         inputs = {len(found.test_case(one.test_case).stimuli) for one in small}
+    assert audit(tmp_path)["problems"] == []
     assert violations
     assert small
     assert min(inputs) == (3 if bitwise else 1)  # AIM, GAIN and WEAK; LEAN
     entries = replaying.entries(tmp_path, small[0].test_case, everything=False, policies=())
-    (again,) = replaying.replay(entries, 1, WALL_LIMIT_S)
-    assert again.bit_equal == bitwise
-    if bitwise:
-        assert again.violated
+    flown = list(replaying.replay(entries, None, WALL_LIMIT_S))
+    assert len(flown) == (1 if bitwise else 5)
+    assert [again.bit_equal for again in flown] == [bitwise] * len(flown)
+    assert not any(replaying.differs(again) for again in flown)
+    assert any(again.violated for again in flown)
+    assert ("bit-equal" in replaying.conclusion(flown)) == bitwise

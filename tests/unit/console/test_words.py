@@ -186,6 +186,7 @@ def test_a_replay_says_what_the_policies_said(
         wall_s=0.1,
         recorded_digest="d",
         trace_digest="d",
+        repeats="bitwise",
         bit_equal=True,
         violated=violated,
         vacuous=vacuous,

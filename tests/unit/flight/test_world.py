@@ -24,20 +24,7 @@ from saflite.flight.world.wind import WindField
 
 HOVER, OFF = (0.435,) * 4, (0.0,) * 4
 ROOT = Path(__file__).resolve().parents[3]
-BRIDGE = """
-#include "sensors.h"
-#include "world.h"
-int hover(World *w, Sensors *s, double throttle, int steps)
-{
-    const double throttles[MOTORS] = {throttle, throttle, throttle, throttle};
-    for (int i = 0; i < steps; i++) {
-        if (world_step(w, throttles))
-            return -1;
-        sensors_read(s, w->at);
-    }
-    return 0;
-}
-"""
+BRIDGE = ROOT / "scripts" / "benches" / "_hover.c"
 
 
 def stepped(world: World, throttles: tuple[float, ...], steps: int) -> WorldState:
@@ -190,11 +177,10 @@ def test_unknown_faults_and_sizes_are_refused() -> None:
 
 def compiled(folder: Path) -> ctypes.PyDLL:
     """A bridge in C as a target of its own would bring one, linked to the library of the world."""
-    source, library = folder / "bridge.c", folder / "bridge.so"
-    source.write_text(BRIDGE)
+    library = folder / "bridge.so"
     headers, builder = LIBRARY.parent, build_native()
     command = [*builder.compiler(), "-std=c11", "-O2", "-fPIC", "-shared", f"-I{headers}", "-o", str(library)]
-    subprocess.run([*command, str(source), str(LIBRARY)], check=True)
+    subprocess.run([*command, str(BRIDGE), str(LIBRARY)], check=True)
     return ctypes.PyDLL(str(library))
 
 

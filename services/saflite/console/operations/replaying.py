@@ -6,13 +6,16 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from saflite.campaign.lifecycle.repeats import DEFAULT_FLIGHTS
 from saflite.console.io import cases
 from saflite.console.operations import judging
 from saflite.console.run_data.run_folder import open_run
 from saflite.contract.errors import Refused
+from saflite.contract.target_info import Repeats
 from saflite.contract.test_case import TestCase, identity
 from saflite.contract.verdict import NEVER_APPLIED, vacuous, worst
 from saflite.contract.work import PolicyTexts
+from saflite.simulator_worker.registry import describe_target
 
 
 class Entry(NamedTuple):
@@ -35,6 +38,7 @@ class Replayed(NamedTuple):
     wall_s: float
     recorded_digest: str
     trace_digest: str
+    repeats: Repeats
     bit_equal: bool
     violated: tuple[str, ...]
     vacuous: tuple[str, ...]
@@ -76,15 +80,18 @@ def _of_run(run_dir: Path, wanted: str, everything: bool, policies: tuple[str, .
     return list(found.values())
 
 
-def replay(found: Sequence[Entry], times: int, wall_limit_s: float) -> Iterator[Replayed]:
-    """Yield each repetition as it lands; a test case without a record is flown once more and compared with itself."""
+def replay(found: Sequence[Entry], times: int | None, wall_limit_s: float) -> Iterator[Replayed]:
+    """Yield each repetition as it lands; a test case without a record is flown once more and compared with itself.
+
+    `times` None flies each as often as violations of its target are confirmed with by default.
+    """
     simulator = judging.OwnSimulator()
     try:
         for entry in found:
-            digest, rounds = entry.trace_digest, times
-            if not digest:
-                digest, rounds = simulator.fly(entry.test_case, wall_limit_s).flight.trace_digest, times
-            for index in range(rounds):
+            repeats, digest = describe_target(entry.test_case.target.name).repeats, entry.trace_digest
+            if not digest and repeats == "bitwise":
+                digest = simulator.fly(entry.test_case, wall_limit_s).flight.trace_digest
+            for index in range(times or DEFAULT_FLIGHTS[repeats]):
                 flown = simulator.fly(entry.test_case, wall_limit_s, index)
                 judgement = judging.judge(entry.test_case, flown, entry.policies, entry.policy_texts)
                 violated = tuple(one.policy for one in judgement.verdicts if one.outcome == "violated")
@@ -97,6 +104,7 @@ def replay(found: Sequence[Entry], times: int, wall_limit_s: float) -> Iterator[
                     wall_s=flown.flight.wall_s,
                     recorded_digest=digest,
                     trace_digest=flown.flight.trace_digest,
+                    repeats=repeats,
                     bit_equal=bool(digest) and digest == flown.flight.trace_digest,
                     violated=violated,
                     vacuous=vacuous(judgement),
@@ -108,8 +116,31 @@ def replay(found: Sequence[Entry], times: int, wall_limit_s: float) -> Iterator[
 
 def line(result: Replayed) -> str:
     """Return a repetition in one line."""
-    equal = "bit-equal" if result.bit_equal else f"DIFFERS from {result.recorded_digest[:12] or 'no record'}"
-    return f"{result.name}  {result.ending}  {_said(result)}  trace {result.trace_digest[:12]} {equal}"
+    return f"{result.name}  {result.ending}  {_said(result)}  trace {result.trace_digest[:12]}{_compared(result)}"
+
+
+def differs(result: Replayed) -> bool:
+    """Return whether a flight is not the one on record though its target repeats bit by bit."""
+    return result.repeats == "bitwise" and not result.bit_equal
+
+
+def conclusion(results: Sequence[Replayed]) -> str:
+    """Return all repetitions in one line, and one for each test case whose flights differ by nature."""
+    lines = []
+    for name in dict.fromkeys(result.test_case for result in results if result.repeats == "statistically"):
+        flights = [result for result in results if result.test_case == name]
+        again = sum(1 for result in flights if result.violated)
+        lines.append(f"{flights[0].name}  test case {name}: violated in {again} of {len(flights)} flights")
+    exact = [result for result in results if result.repeats == "bitwise"]
+    equal = f" {sum(1 for result in exact if result.bit_equal)} bit-equal," if exact else ""
+    violated = sum(1 for result in results if result.violated)
+    return "\n".join([*lines, f"{len(results)} flights:{equal} {violated} violated"])
+
+
+def _compared(result: Replayed) -> str:
+    if result.repeats == "statistically":
+        return ""
+    return " bit-equal" if result.bit_equal else f" DIFFERS from {result.recorded_digest[:12] or 'no record'}"
 
 
 def _said(result: Replayed) -> str:
