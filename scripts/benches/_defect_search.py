@@ -12,12 +12,14 @@ import msgspec
 from _inline import Flights, Inline
 
 from saflite.campaign.presets.campaigns import load_campaign
+from saflite.campaign.presets.policy_campaigns import pgfuzz_settings
 from saflite.contract.config import Campaign, ScorerConfig, StrategyConfig
 from saflite.contract.flight import Flight
 from saflite.contract.service import Cancelled
 from saflite.contract.test_case import Setting, StartState, Target, identity
 from saflite.contract.work import FlyResult, FlyWork, Result
 from saflite.flight.autopilots.reference.defects import TABLE
+from saflite.flight.autopilots.reference.describe import describe
 
 FLIGHTS_PER_ROUND, CANDIDATES_PER_ROUND = 8, 48
 KEPT = 64
@@ -75,7 +77,10 @@ def campaign_of(defect: str, arm: str, rng_seed: int, flights: int) -> Campaign:
     """
     base = load_campaign(f"policy-{TABLE[defect].policy}")
     parameters = {**TABLE[defect].parameters, **base.target.parameters}
-    settings = {**base.strategy.settings, **(PUBLISHED if arm == "published" else {})}
+    own = base.strategy.settings
+    if base.strategy.name != "pgfuzz":
+        own = pgfuzz_settings(TABLE[defect].policy, describe())
+    settings = {**own, **(PUBLISHED if arm == "published" else {})}
     chosen = arm not in ("pgfuzz", "published")
     model = {"shipped": base.scorer.model, "pgfuzz": "constant", "published": "constant"}.get(arm, arm)
     candidates = CANDIDATES_PER_ROUND if chosen else FLIGHTS_PER_ROUND

@@ -93,7 +93,12 @@ class Inline:
             "fly": flights,
             "judge": oracle.open_service(self._store.blobs),
         }
+        self._watch: dict[Stage, Callable[[Result], None]] = {}
         self._books.begin(self._clock.monotonic_s(), self._clock.unix_s())
+
+    def watch(self, stage: Stage, saw: Callable[[Result], None]) -> None:
+        """Show every result of a stage to `saw`."""
+        self._watch[stage] = saw
 
     def run(self, enough: Callable[[Status], bool]) -> Status:
         """Work until `enough` says so or the campaign ends; returns the last status."""
@@ -119,6 +124,8 @@ class Inline:
         for lease in grant.leases:
             result = service.do(lease.work, lambda: False)
             assert not isinstance(result, Failure), result
+            if stage in self._watch:
+                self._watch[stage](result)
             report = Report(worker=ask.worker, lease_id=lease.lease_id, epoch=lease.epoch, result=result)
             receipt = self._books.report(report, self._clock.monotonic_s())
             assert receipt.status == "accepted", receipt

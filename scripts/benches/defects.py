@@ -41,7 +41,7 @@ from saflite.contract.rng import derive
 from saflite.contract.test_case import TestCase, identity, told_in_order
 from saflite.flight.autopilots.reference.defects import TABLE
 from saflite.flight.autopilots.reference.describe import describe
-from saflite.mutator.strategies.pgfuzz import Strategy
+from saflite.mutator.registry import load_strategy
 from saflite.oracle.judge import judge
 from saflite.oracle.policy import policy_names
 from saflite.simulator_worker.processes import die_with_parent
@@ -196,7 +196,9 @@ def alarms(cases: int, rng_seed: int) -> dict[str, Any]:
 
 def _mutants(campaign: str, count: int, rng_seed: int) -> list[TestCase]:
     found = load_campaign(campaign)
-    strategy = Strategy(template(found), found.strategy.settings, found.policies, describe())
+    strategy = load_strategy(found.strategy.name)(
+        template(found), dict(found.strategy.settings), found.policies, describe()
+    )
     return strategy.ask(count, derive(rng_seed, "bench-alarms", campaign))
 
 

@@ -1,8 +1,9 @@
 """One small campaign per strategy, in one process without the bus, and what each of its flights came to.
 
 Draws and ties by the identity of a test case move a search when identities change: the noise of `low_fidelity` (in
-`blend`), the random picks, and ties among the parents of `deephyperion` (`rank_share`) and `pgfuzz` (`mutated`). So
-each strategy is run twice: as users run it, and with all of that off, where the rows hold whatever identities are.
+`blend`), the random picks, and ties among the parents of `deephyperion` (`rank_share`), `pgfuzz` (`mutated`) and
+`exposure` (`kept`). So each strategy is run twice: as users run it, and with all of that off, where the rows hold
+whatever identities are.
 """
 
 from __future__ import annotations
@@ -22,10 +23,12 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "scripts" / "benche
 from _inline import Flights, Inline
 
 from saflite.campaign.presets.campaigns import load_campaign
+from saflite.campaign.presets.policy_campaigns import pgfuzz_settings
 from saflite.campaign.storage.contents import Contents
 from saflite.contract.config import Campaign, ScorerConfig, SearchConfig, StrategyConfig
 from saflite.contract.test_case import Setting, Target, TestCase, identity
 from saflite.contract.work import Outcome
+from saflite.flight.autopilots.reference.describe import describe
 
 BOXES, CHUTE = "avoidance-m1", "policy-a-chute"
 TIME_LIMIT_S = {BOXES: 120.0, CHUTE: 40.0}  # mission 1 takes 85 s; a vehicle that finds no way would fly for 500 s
@@ -52,12 +55,14 @@ SEARCHES: dict[str, Search] = {
     "deephyperion": Search(BOXES, "deephyperion", {"population": 4}, "blend"),
     "near_miss": Search(BOXES, "near_miss", {"population": 4}, "blend"),
     "pgfuzz": Search(CHUTE, "pgfuzz", {"focus": 0.9}, "relevance", budget=12, rng_seed=3),
+    "exposure": Search(CHUTE, "exposure", {}, "relevance", budget=16),
     f"random_boxes{FREE}": Search(BOXES, "random_boxes", {}, "gap", True, budget=8),
     f"deephyperion{FREE}": Search(
         BOXES, "deephyperion", {"population": 4, "rank_share": 0.0}, "gap", True, budget=8, rng_seed=2
     ),
     f"near_miss{FREE}": Search(BOXES, "near_miss", {"population": 4}, "gap", True, budget=8),
     f"pgfuzz{FREE}": Search(CHUTE, "pgfuzz", {"focus": 0.9, "mutated": 0.0}, "relevance", True, budget=10, rng_seed=3),
+    f"exposure{FREE}": Search(CHUTE, "exposure", {"kept": 0.0}, "relevance", True, budget=10),
 }
 
 
@@ -70,13 +75,17 @@ def campaign_of(search: Search) -> Campaign:
         name="golden",
         time_limit_s=TIME_LIMIT_S[search.campaign],
         target=planted(base.target) if search.campaign == CHUTE else base.target,
-        strategy=StrategyConfig(name=search.strategy, settings={**base.strategy.settings, **search.settings}),
+        strategy=StrategyConfig(name=search.strategy, settings={**_settings(search, base), **search.settings}),
         scorer=ScorerConfig(model=search.scorer, batch=16),
         search=msgspec.structs.replace(rhythm, random_share=0.0) if search.free else rhythm,
         budget_flights=search.budget,
         rng_seed=search.rng_seed,
         record="none",
     )
+
+
+def _settings(search: Search, base: Campaign) -> dict[str, Setting]:
+    return pgfuzz_settings("a-chute", describe()) if search.strategy == "pgfuzz" else base.strategy.settings
 
 
 def planted(target: Target) -> Target:

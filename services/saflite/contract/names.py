@@ -25,6 +25,9 @@ DigestOrNone = Annotated[str, Meta(pattern=f"^(?:[0-9a-f]{{64}})?{_END}")]
 Label = Annotated[str, Meta(pattern=f"^[!-~]{{0,500}}{_END}")]
 """Names a model and maybe its server: printable ASCII without spaces."""
 
+StateWords = Annotated[str, Meta(pattern=f"^[A-Za-z0-9_]+(?: [A-Za-z0-9_]+){{0,15}}{_END}", max_length=200)]
+"""Names a state of a target: its mode and what else holds, in words."""
+
 
 def is_name(text: str) -> bool:
     """Return whether a text can stand in keys, paths and tables as it is."""

@@ -6,8 +6,8 @@ from typing import Annotated, Literal
 
 import msgspec
 
-from saflite.contract.bounds import Count, Features, Number, Share, Text, Track
-from saflite.contract.names import Name, ShortId, ShortIdOrNone
+from saflite.contract.bounds import Count, Features, Number, Place, Share, Text, Track
+from saflite.contract.names import Name, ShortId, ShortIdOrNone, StateWords
 
 Ruling = Literal["held", "violated", "vacuous", "inconclusive"]
 """held, violated; vacuous: the rule never applied in this flight; inconclusive: it could not be judged."""
@@ -44,11 +44,29 @@ class Verdict(msgspec.Struct, frozen=True, kw_only=True):
         return self.robustness
 
 
+TRANSITIONS_MAX = 256
+
+
+class Transition(msgspec.Struct, frozen=True, array_like=True):
+    """One step of a flight through the target's states, in words: mode, standing, disarmed, failsafes raised.
+
+    `stimulus` is the place in `TestCase.stimuli` of the input given in the state `before`, -1 where the target changed
+    by itself; `preceding` that of the input given last before, -1 for none. `after` equals `before` where nothing
+    changed until the next input.
+    """
+
+    before: StateWords
+    after: StateWords
+    stimulus: Place = -1
+    preceding: Place = -1
+
+
 class Judgement(msgspec.Struct, frozen=True, kw_only=True):
     """All verdicts on one flight and the short form of it that strategies and scorers learn from.
 
     `track` holds (t_s, x_m, y_m, z_m) about once a second; `fingerprint` names the violation found, empty if none;
-    `features` are named numbers of the flight (`min_distance_m`, `duration_s`, ...).
+    `features` are named numbers of the flight (`min_distance_m`, `duration_s`, ...); `transitions` are its steps
+    through the target's states, in order.
     """
 
     test_case: ShortId
@@ -57,6 +75,7 @@ class Judgement(msgspec.Struct, frozen=True, kw_only=True):
     fingerprint: ShortIdOrNone = ""
     features: Features = {}
     track: Track = ()
+    transitions: Annotated[tuple[Transition, ...], msgspec.Meta(max_length=TRANSITIONS_MAX)] = ()
 
 
 class Violation(msgspec.Struct, frozen=True, kw_only=True):

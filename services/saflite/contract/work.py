@@ -17,11 +17,20 @@ from saflite.contract.names import Label, Name, NameOrNone, ShortId
 from saflite.contract.score import Score, Usage
 from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import Setting, TestCase
-from saflite.contract.verdict import Judgement, Violation
+from saflite.contract.verdict import Judgement, Ruling, Transition, Violation
 
 Stage = Literal["mutate", "score", "fly", "judge", "record"]
 TARGETS_MAX = 256  # that one worker can fly
 GUIDANCE_NEAR, GUIDANCE_FAR = 100.0, 1000.0
+
+
+class RuleOutcome(msgspec.Struct, frozen=True, array_like=True):
+    """What one flight said of one policy; see `Verdict`."""
+
+    policy: str
+    outcome: Ruling
+    nearness: float = 1.0
+    robustness: float | None = None
 
 
 class Outcome(msgspec.Struct, frozen=True, kw_only=True):
@@ -29,7 +38,8 @@ class Outcome(msgspec.Struct, frozen=True, kw_only=True):
 
     `robustness` is the worst over the campaign's policies, None if none of their rules applied (or the flight said
     nothing: wedged, quarantined). `nearness` tells how near the nearest of the rules that never applied came to
-    applying, 0 to 1; None where there is none.
+    applying, 0 to 1; None where there is none. `rules` tells both policy by policy, `transitions` the steps of the
+    flight through the target's states.
     """
 
     test_case: TestCase
@@ -40,6 +50,8 @@ class Outcome(msgspec.Struct, frozen=True, kw_only=True):
     violated: tuple[str, ...] = ()
     features: dict[str, float] = {}
     track: tuple[tuple[float, float, float, float], ...] = ()
+    rules: tuple[RuleOutcome, ...] = ()
+    transitions: tuple[Transition, ...] = ()
 
     @property
     def guidance(self) -> float | None:

@@ -12,6 +12,7 @@ from saflite.oracle.features import features_of, track_of
 from saflite.oracle.fingerprint import fingerprint
 from saflite.oracle.policy import Policy, load_policy
 from saflite.oracle.signals import FlightSignals
+from saflite.oracle.states import transitions_of
 from saflite.oracle.stl import Evaluator, Finding, find
 
 ROBUSTNESS_MAX = 1000.0
@@ -70,6 +71,7 @@ def _judgement(
         fingerprint=fingerprint(test_case, flight, worst, features, signals) if worst else "",
         features={name: value for name, value in features.items() if math.isfinite(value)},
         track=track_of(signals) if signals else (),
+        transitions=transitions_of(test_case, flight, signals) if signals else (),
     )
 
 

@@ -59,8 +59,12 @@ def test_a_policy_campaign_is_made_for_any_target_that_has_what_it_needs() -> No
     campaign = load_campaign("policy-a-chute", OTHER)
     assert campaign.target.name == "other"
     assert set(campaign.target.parameters) == {entry.name for entry in SETTABLE}
-    settings = campaign.strategy.settings
-    assert (settings["commands"], settings["sticks"], settings["modes"]) == (["MAV_CMD_DO_PARACHUTE"], [], [])
+    given = campaign.strategy.settings["hints"]
+    assert isinstance(given, list)
+    hinted = str(given[0]).split()
+    assert [word for word in hinted if word.startswith(("command:", "stick:", "mode:"))] == [
+        "command:MAV_CMD_DO_PARACHUTE"
+    ]
 
 
 @pytest.mark.parametrize(

@@ -133,7 +133,7 @@ def test_a_policy_file_stands_for_the_campaign_over_it(folder: Path, monkeypatch
     assert (campaign.name, campaign.policies) == ("policy-stay-low", ("stay-low",))
     assert campaign.start == StartState(mode="ALT_HOLD", altitude_m=30.0)
     assert campaign.target.parameters == {"PILOT_SPEED_UP": 300.0}
-    assert campaign.strategy.settings["sticks"] == ["RC3"]
+    assert campaign.strategy.settings["hints"] == ["stay-low start:ALT_HOLD@30 parameter:PILOT_SPEED_UP stick:RC3"]
     assert campaign.search.shrink
     campaign_options.check_runnable(campaign)
 
@@ -145,7 +145,7 @@ def test_a_policy_file_stands_for_the_campaign_over_it(folder: Path, monkeypatch
         ('id = "stay-low"', 'id = "upright"', r"id \(.*low.toml line 1\): expected one that no shipped policy has"),
         ('id = "stay-low"\n', "", "expected an id"),
         ('mode = "ALT_HOLD"', 'mode = "LOITERR"', r"start mode: expected one of .*'LOITERR'"),
-        ('"RC3"', '"RC99"', r"strategy setting sticks: .*RC1.*'RC99'"),
+        ('"RC3"', '"RC99"', r"strategy setting hints: .*RC1.*'RC99'"),
         ('parameters = ["PILOT_SPEED_UP"]', 'parameters = ["PILOT_SPEEDUP"]', "PILOT_SPEEDUP"),
         ("PILOT_SPEED_UP = 300", "FOO_BAR = 300", "FOO_BAR"),
         ("PILOT_SPEED_UP = 300", 'PILOT_SPEED_UP = "fast"', r"low.toml line .*float"),

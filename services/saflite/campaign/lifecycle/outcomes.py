@@ -6,7 +6,7 @@ from saflite.campaign.lifecycle.confirmation import violated_verdicts, worst_rob
 from saflite.contract.flight import Ending
 from saflite.contract.test_case import TestCase
 from saflite.contract.verdict import Judgement, nearest
-from saflite.contract.work import Outcome
+from saflite.contract.work import Outcome, RuleOutcome
 
 
 def outcome_of(test_case: TestCase, round_: int, ending: Ending, judgement: Judgement | None) -> Outcome:
@@ -22,4 +22,9 @@ def outcome_of(test_case: TestCase, round_: int, ending: Ending, judgement: Judg
         violated=tuple(verdict.policy for verdict in violated_verdicts(judgement)),
         features=judgement.features,
         track=judgement.track,
+        rules=tuple(
+            RuleOutcome(verdict.policy, verdict.outcome, verdict.nearness, verdict.robustness)
+            for verdict in judgement.verdicts
+        ),
+        transitions=judgement.transitions,
     )

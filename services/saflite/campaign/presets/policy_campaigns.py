@@ -24,6 +24,7 @@ POLICIES_DIR = Path(__file__).parents[2] / "oracle" / "policies"
 PREFIX, ALL = "policy-", "policy-all"
 MISSION = "mission2"
 SHORT_S, MISSION_S = 60.0, 150.0
+MISSION_SHARE = 0.08  # of the flights of the campaign over all, where rules need a mission
 AIRBORNE_S = 32.0  # with a mission the vehicle leaves the ground after 19.5 s and climbs for 7
 MODE_COMMAND = "Flight_Mode"  # among the commands of a policy: any mode
 _INPUTS: dict[str, StimulusKind] = {
@@ -33,15 +34,14 @@ _INPUTS: dict[str, StimulusKind] = {
     "modes": "mode",
     "sensor_faults": "sensor_fault",
 }
-_SEARCH = SearchConfig(candidates_per_round=96, flights_per_round=16, shrink=True)
+_SEARCH = SearchConfig(candidates_per_round=24, flights_per_round=12, lag=2, shrink=True)
 
 
 def policy_campaigns(target: TargetInfo) -> dict[str, Campaign]:
     """Return the generated campaigns for a target by name: those whose signals, inputs and start state it has."""
     fit = [data for data in _policies() if not why_not(data, target)]
     single = {PREFIX + data["id"]: _one(data, target, _known(data, target)) for data in fit}
-    together = [data for data in fit if not data.get("needs_mission")]
-    return {**single, ALL: _all(together, target)} if together else single
+    return {**single, ALL: _all(fit, target)} if fit else single
 
 
 def why_not(data: dict[str, Any], target: TargetInfo) -> str:
@@ -63,6 +63,13 @@ def why_not(data: dict[str, Any], target: TargetInfo) -> str:
     settable = {entry.name for entry in target.inputs if entry.kind in ("parameter", "sensor_fault")}
     unset = sorted(name for name in data.get("preconditions", {}) if name not in settable)
     return f"{target.name} has no parameter {', '.join(unset)}" if unset else ""
+
+
+def pgfuzz_settings(policy: str, target: TargetInfo) -> dict[str, Setting]:
+    """Return the settings with which the strategy `pgfuzz` searches a policy that ships, for comparisons."""
+    data = next(one for one in _policies() if one["id"] == policy)
+    known: dict[str, Setting] = dict(_known(data, target))
+    return {**known, "published": data.get("inputs", {}).get("published", "")}
 
 
 def is_policy(text: str) -> bool:
@@ -134,7 +141,8 @@ def _known(data: dict[str, Any], target: TargetInfo) -> dict[str, list[Any]]:
 
 
 def _one(data: dict[str, Any], target: TargetInfo, inputs: dict[str, list[Any]]) -> Campaign:
-    settings: dict[str, Setting] = {**inputs, "published": data.get("inputs", {}).get("published", "")}
+    start = data.get("start", {})
+    settings: dict[str, Setting] = {"hints": [_hint(data, start, inputs, target)]}
     needs_mission = data.get("needs_mission", False)
     if needs_mission:
         settings["start_s"] = AIRBORNE_S
@@ -144,14 +152,35 @@ def _one(data: dict[str, Any], target: TargetInfo, inputs: dict[str, list[Any]])
         description=f"{data.get('title')}: which inputs break this rule? ({data.get('source')})",
         target=Target(name=target.name, parameters=preconditions),
         mission=MISSION if needs_mission else "",
-        start=None if needs_mission else _start(data.get("start", {}), target),
+        start=None if needs_mission else _start(start, target),
         time_limit_s=MISSION_S if needs_mission else SHORT_S,
         policies=(data["id"],),
         budget_flights=300,
-        strategy=StrategyConfig(name="pgfuzz", settings=settings),
+        strategy=StrategyConfig(name="exposure", settings=settings),
         scorer=ScorerConfig(model="relevance", batch=16),
         search=_SEARCH,
     )
+
+
+def _hint(data: dict[str, Any], start: dict[str, Any], inputs: dict[str, list[Any]], target: TargetInfo) -> str:
+    """Return what the strategy is told of a policy: its id, start state and inputs, one word each.
+
+    Commands that are sticks or stand for any mode, as in the published lists, are told as such.
+    """
+    kinds = {(entry.kind, entry.name) for entry in target.inputs}
+    words = ["".join(str(data["id"]).split())]  # an id that is none is refused by the oracle
+    if start and not data.get("needs_mission"):
+        state = StartState(**start)
+        words.append(f"start:{state.mode}@{state.altitude_m:g}")
+    for word, kind in _INPUTS.items():
+        for name in inputs.get(word, ()):
+            if kind == "command" and name == MODE_COMMAND:
+                words += [f"mode:{entry.name}" for entry in target.inputs if entry.kind == "mode"]
+            elif kind == "command" and (kind, name) not in kinds and ("stick", name) in kinds:
+                words.append(f"stick:{name}")
+            else:
+                words.append(f"{kind}:{name}")
+    return " ".join(words)
 
 
 def _start(start: dict[str, Any], target: TargetInfo) -> StartState:
@@ -167,15 +196,17 @@ def _all(policies: list[dict[str, Any]], target: TargetInfo) -> Campaign:
         name: float(value) for data in policies for name, value in sorted(data.get("preconditions", {}).items())
     }
     loiter = {"mode": "LOITER", "altitude_m": 30.0} if "LOITER" in target.modes else {}
+    hints: list[Any] = [_hint(data, data.get("start", {}), _known(data, target), target) for data in policies]
+    missions = MISSION_SHARE if any(data.get("needs_mission") for data in policies) else 0.0
     return Campaign(
         name=ALL,
-        description=f"Any input of the vehicle against {len(policies)} policies at once, led by the scorer's interest",
+        description=f"Any input of the vehicle against {len(policies)} policies at once, attention rotating over them",
         target=Target(name=target.name, parameters=preconditions),
         start=_start(loiter, target),
         time_limit_s=SHORT_S,
         policies=tuple(data["id"] for data in policies),
         budget_flights=2000,
-        strategy=StrategyConfig(name="pgfuzz", settings={"focus": 0.0}),
+        strategy=StrategyConfig(name="exposure", settings={"hints": hints, "missions": missions}),
         scorer=ScorerConfig(model="relevance", batch=16),
         search=_SEARCH,
     )

@@ -43,6 +43,11 @@ HOME_LAT_DEG, HOME_LON_DEG = 47.3977419, 8.5455938  # where flights without a mi
 NEAR_DEG = 0.0005  # about 50 m
 
 
+def has_choices(command: str) -> bool:
+    """Return whether numbers that mean something are known for a command."""
+    return command in _CHOICES or command in _PLACES
+
+
 def neat(value: float) -> float:
     """Return the number with six digits, so that it reads well and survives every text form."""
     return float(f"{value:.6g}")

@@ -1,0 +1,199 @@
+"""One search for faults that are on together: a campaign in one process, finds told apart by flying them again."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections import Counter
+from pathlib import Path
+from typing import NamedTuple
+
+import msgspec
+from _blind_faults import Site, planted
+from _inline import Flights, Inline
+
+from saflite.campaign.presets.campaigns import load_campaign
+from saflite.conformance.flying import fly_once
+from saflite.console.run_data.run_folder import RunFolder
+from saflite.contract.config import Campaign, ScorerConfig, SearchConfig, StrategyConfig
+from saflite.contract.control import Status
+from saflite.contract.flight import AUTOPILOT_ALIVE, Flight
+from saflite.contract.service import Cancelled
+from saflite.contract.test_case import Setting, StartState, TestCase, identity
+from saflite.contract.work import JudgeResult, Result, Work
+from saflite.flight.autopilots.reference.defects import SETTING, TABLE
+from saflite.oracle.judge import judge
+
+OLD_SEARCH = SearchConfig(candidates_per_round=96, flights_per_round=16, lag=3)
+UNIFORM: dict[str, Setting] = {"own": 0.0, "kept": 0.0, "routed": 0.0, "starts": 0.9, "missions": 0.1, "swarm": 1.0}
+ARMS: dict[str, str] = {
+    "all": "policy-all as it ships",
+    "own": "the campaign of the fault's own policy as it ships (planted defects only)",
+    "pgfuzz": "policy-all as it was before: one start, PGFuzz's draws over all inputs, the scorer chooses 16 of 96",
+    "random": "the vocabulary, starts and phases of policy-all drawn evenly; no hints, no memory, no scorer",
+    "unscored": "policy-all, its proposals flown as they come",
+}
+
+
+class Job(NamedTuple):
+    """One search: defects by name, or a blind fault."""
+
+    arm: str
+    defects: tuple[str, ...]
+    site: Site | None
+    rng_seed: int
+    budget: int
+
+
+class Row(NamedTuple):
+    """What it came to. `found` gives by fault the flights spent when it was confirmed; one not there was not found."""
+
+    arm: str
+    faults: tuple[str, ...]
+    rng_seed: int
+    budget: int
+    flights: int
+    found: dict[str, int]
+    by_policy: dict[str, list[str]]
+    false_alarms: dict[str, int]
+    judged: int
+    applied_share: float
+    spoke_share: float
+    silent: list[str]
+    states: int
+    wall_s: float
+
+
+class Faulty(Flights):
+    """Flies with a blind fault planted; one that stops the autopilot's own code with another fault is found by that."""
+
+    def __init__(self, site: Site | None) -> None:
+        super().__init__()
+        self._site = site
+
+    def do(self, work: Work, cancelled: Cancelled) -> Result:
+        """Fly the test case of the lease."""
+        with planted(self._site):
+            return super().do(work, cancelled)
+
+
+class Watch:
+    """Looks over the shoulder of a campaign: what was judged, which faults its confirmed violations are from."""
+
+    def __init__(self, job: Job, campaign: Campaign) -> None:
+        self._job, self._campaign = job, campaign
+        self.found: dict[str, int] = {}
+        self.by_policy: dict[str, set[str]] = {}
+        self.false_alarms: Counter[str] = Counter()
+        self.spoke: Counter[str] = Counter()
+        self.states: set[str] = set()
+        self.judged = self.any_spoke = 0
+        self._seen: set[tuple[str, str]] = set()
+
+    @property
+    def faults(self) -> tuple[str, ...]:
+        """The faults that are on."""
+        return self._job.defects if self._job.site is None else (self._job.site.name,)
+
+    def saw(self, result: Result) -> None:
+        """Count what rules said of a first flight."""
+        if not isinstance(result, JudgeResult) or result.judgement.flight_index:
+            return
+        spoke = [one.policy for one in result.judgement.verdicts if one.outcome in ("held", "violated")]
+        self.judged += 1
+        self.spoke.update(spoke)
+        self.any_spoke += bool(spoke)
+        self.states |= {step.after for step in result.judgement.transitions}
+
+    def look(self, run_dir: Path, status: Status) -> bool:
+        """Take the new confirmed violations; return whether all faults are found."""
+        if status.violations_confirmed > len(self._seen):
+            for case, policy in confirmed(run_dir):
+                if (identity(case), policy) not in self._seen:
+                    self._seen.add((identity(case), policy))
+                    self._attribute(case, policy, status.flights)
+        return len(self.found) == len(self.faults)
+
+    def _attribute(self, case: TestCase, policy: str, flights: int) -> None:
+        left = [fault for fault in self.faults if fault not in self.found]
+        if not left:
+            return
+        if self._breaks(case, (), None, policy):
+            self.false_alarms[policy] += 1
+            return
+        for fault in left:
+            if len(self.faults) == 1 or self._breaks(case, (fault,), None, policy):
+                self.found[fault] = flights
+                self.by_policy.setdefault(fault, set()).add(policy)
+
+    def _breaks(self, case: TestCase, defects: tuple[str, ...], site: Site | None, policy: str) -> bool:
+        settings: dict[str, Setting] = {SETTING: list(defects)} if defects else {}
+        target = msgspec.structs.replace(case.target, settings=settings)
+        changed = msgspec.structs.replace(case, target=target)
+        with planted(site):
+            record = fly_once(changed)
+        flight = Flight(test_case="", flight_index=0, ending=record.ending, delivered=record.delivered)
+        wanted = () if policy == AUTOPILOT_ALIVE else (policy,)
+        verdicts = judge(changed, flight, record.trace, wanted, self._campaign.policy_texts).verdicts
+        return any(verdict.policy == policy and verdict.outcome == "violated" for verdict in verdicts)
+
+
+def confirmed(run_dir: Path) -> list[tuple[TestCase, str]]:
+    """Return the confirmed violations of the books so far: test case and policy."""
+    with RunFolder(run_dir) as run:
+        return [(run.test_case(one.test_case), one.policy) for one in run.violations("confirmed")]
+
+
+def campaign_of(job: Job) -> Campaign:
+    """Return the campaign of an arm with the defects planted."""
+    base = load_campaign(f"policy-{TABLE[job.defects[0]].policy}" if job.arm == "own" else "policy-all")
+    target = msgspec.structs.replace(base.target, settings={SETTING: list(job.defects)} if job.defects else {})
+    search, strategy, scorer = base.search, base.strategy, base.scorer
+    if job.arm == "pgfuzz":
+        search, strategy = OLD_SEARCH, StrategyConfig(name="pgfuzz", settings={"focus": 0.0})
+        base = msgspec.structs.replace(base, start=StartState(mode="LOITER", altitude_m=30.0))
+    if job.arm in ("random", "unscored"):
+        search = msgspec.structs.replace(search, candidates_per_round=search.flights_per_round)
+        scorer = ScorerConfig(model="constant", batch=16)
+    if job.arm == "random":
+        strategy = StrategyConfig(name=strategy.name, settings=UNIFORM)
+    return msgspec.structs.replace(
+        base,
+        name="bench-search",
+        target=target,
+        strategy=strategy,
+        scorer=scorer,
+        search=msgspec.structs.replace(search, shrink=False),
+        budget_flights=job.budget,
+        rng_seed=job.rng_seed,
+        record="none",
+    )
+
+
+def search(job: Job) -> Row:
+    """Search until every fault is found or the flights are spent."""
+    campaign, start = campaign_of(job), time.perf_counter()
+    watch, flights = Watch(job, campaign), Faulty(job.site)
+    with tempfile.TemporaryDirectory(prefix="saflite-search-") as folder:
+        run_dir = Path(folder) / "run"
+        inline = Inline(campaign, run_dir, flights)
+        inline.watch("judge", watch.saw)
+        status = inline.run(lambda now: watch.look(run_dir, now))
+        inline.close()
+    judged = max(1, watch.judged)
+    return Row(
+        arm=job.arm,
+        faults=watch.faults,
+        rng_seed=job.rng_seed,
+        budget=job.budget,
+        flights=status.flights,
+        found=watch.found,
+        by_policy={fault: sorted(policies) for fault, policies in sorted(watch.by_policy.items())},
+        false_alarms=dict(watch.false_alarms),
+        judged=watch.judged,
+        applied_share=round(sum(watch.spoke.values()) / judged / len(campaign.policies), 4),
+        spoke_share=round(watch.any_spoke / judged, 4),
+        silent=[policy for policy in campaign.policies if not watch.spoke[policy]],
+        states=len(watch.states),
+        wall_s=round(time.perf_counter() - start, 1),
+    )

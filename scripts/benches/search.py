@@ -1,0 +1,154 @@
+"""`scripts/bench search`: how many faults does a search find that nobody told it of, and what did it expose?
+
+    scripts/bench search [--set fit report blind clean ...] [--arms all own pgfuzz random unscored] [--together 1]
+                         [--rng-seeds 1 2 3] [--budget 200] [--blind-faults 12] [--blind-seed 1] [--jobs 1]
+                         [--out FILE.jsonl] [--json]
+
+Ground truth: a fault is found by a confirmed violation that its test case shows again with this fault alone and not
+without any. `fit` and `report` are the planted defects, parted by a hash of their names: settings may be fitted on the
+first, figures are given for the second. `blind`: faults drawn blindly from the lines of the reference autopilot
+(`_blind_faults.py`); `clean`: no fault, for exposure and false alarms. `--together` plants so many defects at once; a
+search ends when all are found, or with its budget of flights, re-flights included; what is not found counts as such.
+Searches that stand in the `--out` file already are not run again. In-process campaigns, real books, flights, oracle.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from multiprocessing import get_context
+from pathlib import Path
+from statistics import fmean
+from typing import Any
+
+import numpy as np
+from _blind_faults import drawn
+from _bootstrap import bootstrap_95
+from _search_run import ARMS, Job, Row, search
+
+from saflite.contract.rng import derive
+from saflite.flight.autopilots.reference.defects import TABLE
+from saflite.simulator_worker.processes import die_with_parent
+
+SETS = ("fit", "report", "blind", "clean")
+RESULTS = Path(__file__).parent / "results"
+
+
+def half(name: str) -> str:
+    """Return the set a planted defect belongs to, by a fixed hash of its name."""
+    return SETS[hashlib.sha256(name.encode()).digest()[0] % 2]
+
+
+def members(which: str, options: argparse.Namespace) -> Iterator[Job]:
+    """Yield the searches of a set for every arm and seed."""
+    for arm in options.arms:
+        for rng_seed in options.rng_seeds:
+            if which == "clean":
+                yield Job(arm, (), None, rng_seed, options.budget)
+            elif which == "blind":
+                for site in drawn(options.blind_seed, options.blind_faults):
+                    yield Job(arm, (), site, rng_seed, options.budget)
+            else:
+                names = sorted((name for name in TABLE if half(name) == which), key=_mixed)
+                size = 1 if arm == "own" else options.together
+                for first in range(0, len(names), size):
+                    group = tuple(names[first : first + size])
+                    if arm != "own" or TABLE[group[0]].policy != "autopilot-alive":
+                        yield Job(arm, group, None, rng_seed, options.budget)
+
+
+def _mixed(name: str) -> str:
+    return hashlib.sha256(f"order {name}".encode()).hexdigest()
+
+
+def key_of(job: Job) -> tuple[Any, ...]:
+    """Return what a row of the file goes by."""
+    faults = job.defects if job.site is None else (job.site.name,)
+    return job.arm, tuple(faults), job.rng_seed, job.budget
+
+
+def rows_of(path: Path | None) -> dict[tuple[Any, ...], Row]:
+    """Return the searches that stand in a file."""
+    if path is None or not path.exists():
+        return {}
+    rows = [Row(**json.loads(line)) for line in path.read_text(encoding="utf-8").splitlines()]
+    return {(row.arm, tuple(row.faults), row.rng_seed, row.budget): row for row in rows}
+
+
+def run(options: argparse.Namespace) -> list[Row]:
+    """Run what is not in the file yet; return all rows asked for."""
+    jobs = [job for which in options.set for job in members(which, options)]
+    known = rows_of(options.out)
+    todo = [job for job in jobs if key_of(job) not in known]
+    with get_context("spawn").Pool(options.jobs, die_with_parent, (os.getpid(),)) as pool:
+        for row in pool.imap_unordered(search, todo):
+            known[row.arm, tuple(row.faults), row.rng_seed, row.budget] = row
+            sys.stderr.write(f"{row.arm} {' '.join(row.faults)} {row.rng_seed}: {row.found} of {row.flights}\n")
+            if options.out:
+                with options.out.open("a", encoding="utf-8") as file:
+                    file.write(json.dumps(row._asdict()) + "\n")
+    return [known[key_of(job)] for job in jobs]
+
+
+def table(rows: Sequence[Row]) -> dict[str, Any]:
+    """Return per arm: faults found of those planted, with an interval over searches, and what was exposed."""
+    return {arm: figures([row for row in rows if row.arm == arm]) for arm in dict.fromkeys(row.arm for row in rows)}
+
+
+def figures(rows: Sequence[Row]) -> dict[str, Any]:
+    """Return the figures of one arm; every search counts alike, unfinished ones included."""
+    planted = sum(len(row.faults) for row in rows)
+    shares = np.array([len(row.found) / len(row.faults) for row in rows if row.faults])
+    low, high = bootstrap_95(lambda index: float(shares[index].mean()), len(shares), derive(1, "bench search"))
+    return {
+        "searches": len(rows),
+        "faults": planted,
+        "found": sum(len(row.found) for row in rows),
+        "share": round(float(shares.mean()), 3) if len(shares) else None,
+        "share_95": [round(low, 3), round(high, 3)],
+        "applied_share": round(fmean(row.applied_share for row in rows), 3),
+        "flights_a_rule_spoke_in": round(fmean(row.spoke_share for row in rows), 3),
+        "silent_rules": round(fmean(len(row.silent) for row in rows), 1),
+        "states": round(fmean(row.states for row in rows), 1),
+        "false_alarms": sum(sum(row.false_alarms.values()) for row in rows),
+        "flights": sum(row.flights for row in rows),
+        "by_fault": {
+            fault: f"{sum(fault in row.found for row in mine)}/{len(mine)}"
+            for fault in sorted({fault for row in rows for fault in row.faults})
+            for mine in [[row for row in rows if fault in row.faults]]
+        },
+    }
+
+
+def main(argv: list[str]) -> int:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(prog="scripts/bench search", description=__doc__.splitlines()[0])
+    parser.add_argument("--set", nargs="+", choices=SETS, default=["report"])
+    parser.add_argument("--arms", nargs="+", choices=list(ARMS), default=["all", "pgfuzz", "random"])
+    parser.add_argument("--together", type=int, default=1, help="planted defects that are on at once")
+    parser.add_argument("--rng-seeds", type=int, nargs="+", default=[1, 2, 3])
+    parser.add_argument("--budget", type=int, default=200)
+    parser.add_argument("--blind-faults", type=int, default=12)
+    parser.add_argument("--blind-seed", type=int, default=1)
+    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--out", type=Path, help="one JSON line a search; those in it are not repeated")
+    parser.add_argument("--json", action="store_true")
+    options = parser.parse_args(argv)
+    result = table(run(options))
+    if options.json:
+        print(json.dumps(result, indent=2))
+        return 0
+    for arm, group in result.items():
+        share = "" if group["share"] is None else f"{group['found']} of {group['faults']} found ({group['share']:.0%}"
+        interval = f", 95 % {group['share_95'][0]:.0%} to {group['share_95'][1]:.0%}); " if share else ""
+        print(
+            f"{arm:9} {share}{interval}rules applied in {group['applied_share']:.1%} of verdicts, "
+            f"{group['silent_rules']} rules silent, {group['states']} states, {group['false_alarms']} false alarms"
+        )
+        for fault, found in group["by_fault"].items():
+            print(f"    {fault:60} {found}")
+    return 0

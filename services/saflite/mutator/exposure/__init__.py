@@ -1,0 +1,1 @@
+"""What the strategy `exposure` is made of: hints, vocabulary, state model, corpus, attention, phases."""

@@ -1,0 +1,74 @@
+"""Which policies the next test cases are for: those attended least, those whose rule never spoke before others."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from saflite.contract.test_case import TestCase
+from saflite.mutator.exposure.progress import APPLIED
+
+Rng = np.random.Generator
+SILENT, NEAR_MISS, FOUND = 2.0, 1.5, 0.25
+"""How many times as much attention a policy gets whose rule never applied, that came close, that was broken before."""
+NEAR = 0.8  # progress from which on a flight counts as a near miss
+EASED = 4.0  # flights for a policy after which it gets half the attention
+MARK = "for "
+
+
+class Standing(NamedTuple):
+    """What the flights so far made of one policy."""
+
+    attended: int = 0
+    applied: int = 0
+    best: float = 0.0
+    found: bool = False
+
+    @property
+    def weight(self) -> float:
+        """Its share of the attention."""
+        state = FOUND if self.found else SILENT if not self.applied else NEAR_MISS if self.best >= NEAR else 1.0
+        return state / (1.0 + self.attended / EASED)
+
+
+class Attention:
+    """Standing of all policies of a campaign."""
+
+    def __init__(self, policies: tuple[str, ...]) -> None:
+        self._standing = {policy: Standing() for policy in policies}
+
+    def tell(self, case: TestCase, progress: Mapping[str, float]) -> None:
+        """Take what a flight said of each policy; its origin names those it was made for."""
+        wanted = set(read_note(case.origin.note))
+        for policy, old in self._standing.items():
+            value = progress.get(policy)
+            self._standing[policy] = Standing(
+                attended=old.attended + (policy in wanted),
+                applied=old.applied + (value is not None and value >= APPLIED),
+                best=max(old.best, value if value is not None and value < 1.0 else 0.0),
+                found=old.found or value == 1.0,
+            )
+
+    def rotation(self, rng: Rng, count: int) -> list[str]:
+        """Return `count` policies in mixed order: each as often as its weight asks, to within one.
+
+        Source: Kitagawa 1996, systematic resampling.
+        """
+        names = list(self._standing)
+        edges = np.cumsum([self._standing[name].weight for name in names])
+        places = (np.arange(count) + rng.random()) / count * edges[-1]
+        drawn = np.minimum(np.searchsorted(edges, places, side="right"), len(names) - 1)
+        return [names[place] for place in rng.permutation(drawn)]
+
+
+def note(policies: tuple[str, ...], how: str) -> str:
+    """Return the note of an origin: how a test case was made, and for which policies."""
+    return f"{how} {MARK}{' '.join(dict.fromkeys(policies))}"
+
+
+def read_note(text: str) -> tuple[str, ...]:
+    """Return the policies a note names."""
+    _, mark, names = text.partition(f" {MARK}")
+    return tuple(names.split()) if mark else ()

@@ -1,0 +1,60 @@
+"""What is known of each policy before any flight: the start state its file names, and inputs that bear on it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple, get_args
+
+from saflite.contract.errors import Refused
+from saflite.contract.test_case import StartState, StimulusKind
+from saflite.mutator.operators.inputs import Have, Input, named
+
+KINDS: tuple[StimulusKind, ...] = get_args(StimulusKind)
+START = "start"
+SHAPE = "'<policy> start:<mode>@<metres> <kind>:<input> ...'"
+
+
+class Hint(NamedTuple):
+    """One policy: where its flights may begin, None for where the campaign begins, and its own inputs."""
+
+    policy: str
+    start: StartState | None = None
+    inputs: tuple[Input, ...] = ()
+
+    def kinds(self) -> tuple[StimulusKind, ...]:
+        """Return the kinds of its inputs, sorted."""
+        return tuple(sorted({entry.kind for entry in self.inputs}))
+
+
+def read_hints(texts: list[str], policies: tuple[str, ...], have: Have) -> tuple[Hint, ...]:
+    """Return one hint for every policy of the campaign, an empty one where no text names it.
+
+    Raises Refused for a text of another shape, or an input the target does not have.
+    """
+    read = [_read(text, have) for text in texts]
+    known = {hint.policy: hint for hint in read}
+    return tuple(known.get(policy, Hint(policy)) for policy in policies)
+
+
+def _read(text: str, have: Have) -> Hint:
+    policy, *words = text.split() or [""]
+    start: StartState | None = None
+    inputs: list[Input] = []
+    for word in words:
+        kind, _, name = word.partition(":")
+        if kind == START:
+            start = _start(name, text)
+        elif kind in KINDS:
+            inputs.extend(named(kind, [name], have, "hints"))
+        else:
+            raise Refused("strategy setting hints", expected=SHAPE, got=repr(word), where=repr(policy))
+    if not policy:
+        raise Refused("strategy setting hints", expected=SHAPE, got=repr(text))
+    return Hint(policy, start, tuple(dict.fromkeys(inputs)))
+
+
+def _start(word: str, text: str) -> StartState:
+    mode, _, height = word.partition("@")
+    try:
+        return StartState(mode=mode, altitude_m=float(height))
+    except ValueError as fault:
+        raise Refused("strategy setting hints", expected=SHAPE, got=repr(text)) from fault

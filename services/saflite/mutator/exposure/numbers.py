@@ -1,0 +1,58 @@
+"""Drawing the values of an input over sizes as well as ranges: near the default, on a log scale, at an end, beyond."""
+
+from __future__ import annotations
+
+import math
+
+import msgspec
+import numpy as np
+
+from saflite.contract.test_case import Stimulus
+from saflite.mutator.operators import values
+from saflite.mutator.operators.inputs import Input
+
+Rng = np.random.Generator
+DECADES = 3.0  # how far below its upper end a value on the log scale may lie
+NEAR_DEFAULT, ON_LOG_SCALE = 0.3, 0.3
+ORDINALS = 4  # the first number of a command often says which of a few things to do
+STEPS = (0.003, 0.3)  # local search: least and greatest change, as a share of the value or the range
+
+
+def draw(rng: Rng, entry: Input, default: float | None, beyond: float) -> values.Values:
+    """Return values for an input; a share `beyond` of bounded ones lies outside the valid range."""
+    if entry.kind == "mode" or entry.kind == "stick" or entry.choices:
+        return values.draw(rng, entry, beyond)
+    if entry.kind == "command":
+        return _command(rng, entry, beyond)
+    if rng.random() < beyond or not math.isfinite(entry.high - entry.low):
+        return values.draw(rng, entry, 1.0 if math.isfinite(entry.high - entry.low) else beyond)
+    way = rng.random()
+    if default and way < NEAR_DEFAULT:
+        return (_fit(entry, default * 10.0 ** rng.uniform(-1.0, 1.0)),)
+    if entry.high > 0.0 and way < NEAR_DEFAULT + ON_LOG_SCALE:
+        return (_fit(entry, entry.high * 10.0 ** -rng.uniform(0.0, DECADES)),)
+    return values.draw(rng, entry, 0.0)
+
+
+def _command(rng: Rng, entry: Input, beyond: float) -> values.Values:
+    numbers = values.draw(rng, entry, beyond)
+    if numbers and math.isnan(entry.low) and not values.has_choices(entry.name) and rng.random() < 0.5:
+        return (float(rng.integers(ORDINALS)), *numbers[1:])
+    return numbers
+
+
+def _fit(entry: Input, value: float) -> float:
+    kept = min(max(value, entry.low), entry.high)
+    return float(round(kept)) if entry.whole else values.neat(kept)
+
+
+def nudge(rng: Rng, entry: Input, stimulus: Stimulus) -> Stimulus:
+    """Return a stimulus with its value moved by a step of any size, for local search around a near miss."""
+    if entry.kind in ("mode", "command") or entry.choices or not stimulus.values:
+        return msgspec.structs.replace(stimulus, values=values.jitter(rng, entry, stimulus.values))
+    low, high = (math.log(share) for share in STEPS)
+    value, share = stimulus.values[0], math.exp(rng.uniform(low, high))
+    span = entry.high - entry.low
+    scale = span if entry.kind == "stick" and math.isfinite(span) else max(abs(value), 1e-3)
+    moved = value + share * scale * (1.0 if rng.random() < 0.5 else -1.0)
+    return msgspec.structs.replace(stimulus, values=(float(round(moved)) if entry.whole else values.neat(moved),))

@@ -1,0 +1,29 @@
+"""How far one flight came towards breaking one rule, on one scale: not applying, applying, near a violation."""
+
+from __future__ import annotations
+
+from saflite.contract.work import Outcome, RuleOutcome
+
+APPLIED = 0.5
+CRISP_HELD = 1.0
+"""The robustness of a rule that held with yes-or-no parts alone: it tells no distance."""
+
+
+def progress(rule: RuleOutcome) -> float | None:
+    """Return 0 to 1: below APPLIED the rule was silent (an antecedent nearer to true is more), 1 it was violated.
+
+    None where it could not be judged.
+    """
+    if rule.outcome == "violated":
+        return 1.0
+    if rule.outcome == "vacuous":
+        return APPLIED * rule.nearness
+    if rule.outcome == "inconclusive" or rule.robustness is None:
+        return None
+    return APPLIED + 0.5 * APPLIED / (0.5 + max(0.0, rule.robustness))
+
+
+def by_policy(outcome: Outcome) -> dict[str, float]:
+    """Return the progress of every policy that the flight said something of."""
+    told = ((rule.policy, progress(rule)) for rule in outcome.rules)
+    return {policy: value for policy, value in told if value is not None}

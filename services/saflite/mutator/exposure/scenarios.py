@@ -1,0 +1,98 @@
+"""Where flights begin: the campaign's or a policy's start state, any mode at any height, on the ground, a mission."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import msgspec
+import numpy as np
+
+from saflite.contract.target_info import TargetInfo
+from saflite.contract.test_case import Mission, MissionItem, Scenario, StartState
+from saflite.mutator.operators.values import HOME_LAT_DEG, HOME_LON_DEG, NEAR_DEG
+
+Rng = np.random.Generator
+HEIGHT_M = (3.0, 120.0)
+GROUND_SHARE = 0.15
+MISSION_HEIGHT_M = (4.0, 40.0)
+MISSION_LONGER = 2.0  # a mission begins with half a minute on the ground
+TAKEOFF, WAYPOINT, WAIT, LAND, RETURN, DELAY, YAW, SPEED = 22, 16, 19, 21, 20, 112, 115, 178
+
+
+class Scenarios(NamedTuple):
+    """The campaign's own scenario and the modes of the target a flight may begin in."""
+
+    own: Scenario
+    modes: tuple[str, ...]
+    missions: bool
+
+    def begin(self, start: StartState) -> Scenario:
+        """Return the campaign's scenario with another start."""
+        return msgspec.structs.replace(self.own, start=start, mission=None)
+
+    def anywhere(self, rng: Rng) -> Scenario:
+        """Return a start in any mode, on the ground or at a height with all sizes alike."""
+        if not self.modes:
+            return self.own
+        mode = self.modes[int(rng.integers(len(self.modes)))]
+        on_ground = rng.random() < GROUND_SHARE
+        height_m = 0.0 if on_ground else round(_log_uniform(rng, *HEIGHT_M), 1)
+        return self.begin(StartState(mode=mode, altitude_m=height_m))
+
+    def elsewhere(self, rng: Rng, start: StartState) -> Scenario:
+        """Return a start in the same mode at another height; what begins on the ground stays there."""
+        if start.altitude_m <= 0.0:
+            return self.begin(start)
+        height_m = round(start.altitude_m * _log_uniform(rng, 0.25, 2.0), 1)
+        return self.begin(msgspec.structs.replace(start, altitude_m=height_m))
+
+    def mission(self, rng: Rng) -> Scenario:
+        """Return a short mission near home: take-off, one to three items, an end or none."""
+        height_m = round(_log_uniform(rng, *MISSION_HEIGHT_M), 1)
+        items = [_item(TAKEOFF, place=(HOME_LAT_DEG, HOME_LON_DEG, height_m))]
+        items += [_leg(rng, height_m) for _ in range(int(rng.integers(1, 4)))]
+        end = (LAND, RETURN, 0)[int(rng.integers(3))]
+        if end == LAND:
+            items.append(_item(LAND, place=_near(rng, 0.0)))
+        elif end == RETURN:
+            items.append(_item(RETURN))
+        plan = Mission(
+            name="drawn", home_lat_deg=HOME_LAT_DEG, home_lon_deg=HOME_LON_DEG, home_alt_m=0.0, items=tuple(items)
+        )
+        limit_s = MISSION_LONGER * self.own.time_limit_s
+        return msgspec.structs.replace(self.own, start=None, mission=plan, time_limit_s=limit_s)
+
+
+def scenarios_of(own: Scenario, target: TargetInfo) -> Scenarios:
+    """Return what may be drawn for a target: the modes of its example start states."""
+    modes = tuple(dict.fromkeys(start.mode for start in target.start_states))
+    return Scenarios(own, modes if own.mission is None else (), target.missions)
+
+
+def _log_uniform(rng: Rng, low: float, high: float) -> float:
+    return math.exp(rng.uniform(math.log(low), math.log(high)))
+
+
+def _leg(rng: Rng, height_m: float) -> MissionItem:
+    way = rng.random()
+    if way < 0.6:
+        hold_s = float(rng.integers(0, 6)) if rng.random() < 0.3 else 0.0
+        up_m = round(height_m * _log_uniform(rng, 0.5, 2.0), 1)
+        return _item(WAIT if hold_s else WAYPOINT, hold_s, place=_near(rng, up_m))
+    if way < 0.75:
+        return _item(SPEED, 1.0, float(rng.integers(1, 11)))
+    if way < 0.9:
+        return _item(YAW, float(rng.integers(0, 360)))
+    return _item(DELAY, float(rng.integers(1, 6)))
+
+
+def _near(rng: Rng, up_m: float) -> tuple[float, float, float]:
+    north, east = rng.uniform(-NEAR_DEG / 2, NEAR_DEG / 2, size=2)
+    return round(HOME_LAT_DEG + float(north), 7), round(HOME_LON_DEG + float(east), 7), up_m
+
+
+def _item(command: int, *numbers: float, place: tuple[float, float, float] | None = None) -> MissionItem:
+    params = [*numbers, *([0.0] * 4)][:4]
+    where: tuple[float | None, ...] = place if place is not None else (0.0, 0.0, 0.0)
+    return MissionItem(command=command, params=(*params, *where))

@@ -1,0 +1,100 @@
+"""The target's states as flights showed them: which input in which state led where, and what was never tried."""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from saflite.contract.test_case import Scenario, Stimulus, StimulusKind, TestCase
+from saflite.contract.verdict import Transition
+
+Rng = np.random.Generator
+Coverage = tuple[str, str, str, str]
+"""State before, state after, kind of the input given (empty: changed by itself), kind of the one before it."""
+
+
+class Leg(NamedTuple):
+    """One step of a route: the input, None where the target changes by itself, and the state it leads to."""
+
+    stimulus: Stimulus | None
+    state: str
+
+
+class Origin(NamedTuple):
+    """A scenario whose flights begin in a known state."""
+
+    scenario: Scenario
+    state: str
+
+
+class StateModel:
+    """States, steps between them, and how often each kind of input was given in each."""
+
+    def __init__(self) -> None:
+        self.covered: Counter[Coverage] = Counter()
+        self._legs: dict[str, dict[str, Leg]] = {}
+        self._origins: dict[str, Origin] = {}
+        self._given: dict[str, Counter[str]] = {}
+
+    def tell(self, case: TestCase, transitions: Sequence[Transition]) -> int:
+        """Add a flight; return how many (state, state, kind, preceding kind) were new in it."""
+        new = 0
+        for number, step in enumerate(transitions):
+            if number == 0:
+                self._origins.setdefault(step.before, Origin(case.scenario, step.before))
+            stimulus = _at(case, step.stimulus)
+            seen = coverage(case, step)
+            new += seen not in self.covered
+            self.covered[seen] += 1
+            self._given.setdefault(step.after, Counter())
+            self._given.setdefault(step.before, Counter())[stimulus.kind if stimulus else ""] += 1
+            if step.after != step.before:
+                self._legs.setdefault(step.before, {}).setdefault(step.after, Leg(stimulus, step.after))
+        return new
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """The states seen so far, sorted."""
+        return tuple(sorted(self._given))
+
+    def goal(self, rng: Rng, kinds: Sequence[StimulusKind]) -> tuple[str, StimulusKind] | None:
+        """Return a state and a kind of input that was seldom or never given in it; None before any flight."""
+        pairs = [(state, kind) for state in self.states for kind in kinds]
+        if not pairs:
+            return None
+        weights = np.array([1.0 / (1.0 + self._given[state][kind]) ** 2 for state, kind in pairs])
+        edges = np.cumsum(weights)
+        return pairs[min(int(np.searchsorted(edges, rng.random() * edges[-1], side="right")), len(pairs) - 1)]
+
+    def route(self, goal: str) -> tuple[Scenario, list[Stimulus]] | None:
+        """Return a scenario and the fewest inputs known to lead from its start to the state, None if none do."""
+        if goal in self._origins:
+            return self._origins[goal].scenario, []
+        ways: dict[str, tuple[Scenario, list[Stimulus]]] = {
+            state: (origin.scenario, []) for state, origin in sorted(self._origins.items())
+        }
+        waiting = deque(ways)
+        while waiting:
+            state = waiting.popleft()
+            scenario, inputs = ways[state]
+            for leg in self._legs.get(state, {}).values():
+                if leg.state in ways:
+                    continue
+                ways[leg.state] = (scenario, [*inputs, leg.stimulus] if leg.stimulus else inputs)
+                if leg.state == goal:
+                    return ways[goal]
+                waiting.append(leg.state)
+        return None
+
+
+def coverage(case: TestCase, step: Transition) -> Coverage:
+    """Return what a step covers."""
+    stimulus, preceding = _at(case, step.stimulus), _at(case, step.preceding)
+    return (step.before, step.after, stimulus.kind if stimulus else "", preceding.kind if preceding else "")
+
+
+def _at(case: TestCase, place: int) -> Stimulus | None:
+    return case.stimuli[place] if 0 <= place < len(case.stimuli) else None

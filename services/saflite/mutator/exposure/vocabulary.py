@@ -1,0 +1,88 @@
+"""Which input is drawn: a kind first, then a name by what is known and learnt of its relevance to a policy."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from saflite.contract.test_case import StimulusKind, TestCase
+from saflite.mutator.exposure.hints import Hint
+from saflite.mutator.operators.inputs import Have, Input
+
+Rng = np.random.Generator
+Key = tuple[StimulusKind, str]
+TRUST = 4.0
+"""Flights with an input after which what was seen weighs as much as the mean of all flights."""
+SHARPNESS = 4.0
+"""Power of the learnt ratio: an input whose flights came 20 % further is drawn twice as often."""
+
+
+class Seen(NamedTuple):
+    """Flights with an input and the sum of their progress."""
+
+    flights: int = 0
+    progress: float = 0.0
+
+    def more(self, progress: float) -> Seen:
+        """Return it with one more flight."""
+        return Seen(self.flights + 1, self.progress + progress)
+
+
+class Vocabulary:
+    """All inputs of the target by kind, and per policy how far the flights with each input came."""
+
+    def __init__(self, have: Have) -> None:
+        self._by_kind: dict[StimulusKind, tuple[Input, ...]] = {}
+        for kind in sorted({kind for kind, _ in have}):
+            self._by_kind[kind] = tuple(entry for (other, _), entry in have.items() if other == kind)
+        self._seen: dict[str, dict[Key, Seen]] = defaultdict(dict)
+        self._all: dict[str, Seen] = {}
+
+    @property
+    def kinds(self) -> tuple[StimulusKind, ...]:
+        """The kinds there are, sorted."""
+        return tuple(self._by_kind)
+
+    def tell(self, case: TestCase, progress: Mapping[str, float]) -> None:
+        """Learn how far a flight with these inputs came for every policy."""
+        keys = sorted({(stimulus.kind, stimulus.name) for stimulus in case.stimuli})
+        for policy, value in progress.items():
+            self._all[policy] = self._all.get(policy, Seen()).more(value)
+            seen = self._seen[policy]
+            for key in keys:
+                seen[key] = seen.get(key, Seen()).more(value)
+
+    def relevance(self, policy: str, key: Key) -> float:
+        """Return how much further flights with an input came for a policy than the mean flight, 1 for no farther."""
+        every = self._all.get(policy)
+        seen = self._seen[policy].get(key) if policy in self._seen else None
+        if every is None or seen is None or every.progress <= 0.0:
+            return 1.0
+        mean = every.progress / every.flights
+        return float((seen.progress + TRUST * mean) / ((seen.flights + TRUST) * mean))
+
+    def draw(self, rng: Rng, policy: str, kinds: Sequence[StimulusKind]) -> Input:
+        """Return any input of the target: its kind evenly among `kinds`, its name by learnt relevance."""
+        kind = kinds[int(rng.integers(len(kinds)))]
+        entries = self._by_kind[kind]
+        return pick(rng, entries, [self.relevance(policy, (kind, entry.name)) ** SHARPNESS for entry in entries])
+
+    def draw_own(self, rng: Rng, hint: Hint, kinds: Iterable[StimulusKind]) -> Input | None:
+        """Return one of the policy's own inputs, drawn alike; None if it has none of these kinds."""
+        mine = [kind for kind in hint.kinds() if kind in set(kinds)]
+        if not mine:
+            return None
+        kind = mine[int(rng.integers(len(mine)))]
+        entries = [entry for entry in hint.inputs if entry.kind == kind]
+        weights = [self.relevance(hint.policy, (kind, entry.name)) ** SHARPNESS for entry in entries]
+        return pick(rng, entries, weights)
+
+
+def pick(rng: Rng, entries: Sequence[Input], weights: Sequence[float]) -> Input:
+    """Return one of the entries with a chance proportional to its weight."""
+    edges = np.cumsum(weights)
+    place = int(np.searchsorted(edges, rng.random() * edges[-1], side="right"))
+    return entries[min(place, len(entries) - 1)]

@@ -1,0 +1,275 @@
+"""Exposure search over timed inputs: attention rotates over the policies, a model of the target's states is covered.
+
+A test case is a start (a policy's own, any mode at any height, the ground, a short mission) and a few phases: into a
+state, some inputs close together, quiet. The kind of an input is drawn before its name; names come from the policy's
+own list or from all the target has, weighted by how far earlier flights with them came (learnt relevance). A random
+part of the kinds is left out of each phase (swarm testing, Groce et al. 2012). A rule whose antecedent comes nearer to
+true is progress, as is coverage of (state before, state after, kind of input, kind of the one before). What came
+furthest for a policy or covered something new is kept in a corpus and changed: values and times by steps of any size,
+spliced, extended. Routes to states seldom tried are read from the state model.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from functools import partial
+from typing import ClassVar, NamedTuple
+
+import msgspec
+import numpy as np
+
+from saflite.contract.errors import Refused
+from saflite.contract.flight import FLOWN_ENDINGS
+from saflite.contract.target_info import TargetInfo
+from saflite.contract.test_case import Origin, Scenario, Stimulus, StimulusKind, TestCase
+from saflite.contract.work import Outcome
+from saflite.mutator.exposure import numbers
+from saflite.mutator.exposure.attention import Attention, note
+from saflite.mutator.exposure.corpus import Corpus, Entry
+from saflite.mutator.exposure.hints import Hint, read_hints
+from saflite.mutator.exposure.phases import TAIL_S, Draw, Script, Stimuli, Tempo, cut, shifted
+from saflite.mutator.exposure.progress import by_policy
+from saflite.mutator.exposure.scenarios import Scenarios, scenarios_of
+from saflite.mutator.exposure.state_model import StateModel
+from saflite.mutator.exposure.vocabulary import Vocabulary
+from saflite.mutator.operators import inputs
+from saflite.mutator.strategy import Chosen, Option, Options, Proposes, Settings
+
+Rng = np.random.Generator
+AIRBORNE_S = (20.0, 40.0)  # a mission takes off after about 20 s
+SETTLE_LEAST_S = 1.5
+SHIFT_S = (0.05, 15.0)
+
+
+class Style(NamedTuple):
+    """What the inputs of one test case have in common: whose they are, and the kinds that are not left out."""
+
+    hint: Hint
+    kinds: tuple[StimulusKind, ...]
+
+
+class Strategy:
+    """The parts in `mutator/exposure`, told in order, and the draws from them."""
+
+    proposes: ClassVar[Proposes] = "stimuli"
+    options: ClassVar[Options] = {
+        "hints": Option([], "what is known of each policy: '<policy> start:<mode>@<metres> <kind>:<input> ...'"),
+        "own": Option(0.7, "share of inputs from the policy's own list; the rest from all the target has", 0, 1),
+        "starts": Option(0.3, "share of fresh test cases that begin in any mode at any height", 0, 1),
+        "missions": Option(0.0, "share of fresh test cases that fly a short mission", 0, 1),
+        "kept": Option(0.3, "share of test cases that change one of the corpus", 0, 1),
+        "routed": Option(0.1, "share of test cases that go to a state and a kind of input seldom tried there", 0, 1),
+        "swarm": Option(0.65, "chance of each kind of input to be in a test case at all", 0.05, 1),
+        "beyond": Option(0.15, "share of values outside their valid range", 0, 1),
+        "phases_max": Option(4, "greatest number of phases in a test case", 1, 20),
+        "settle_max_s": Option(25.0, "longest quiet at the end of a phase", 2, 600),
+        "start_s": Option(0.5, "time of the first input", 0, 600),
+    }
+
+    def __init__(self, template: TestCase, settings: Settings, policies: tuple[str, ...], target: TargetInfo) -> None:
+        """Read the settings.
+
+        Raises Refused for a bad one, an input the target does not have, or a template without start and mission.
+        """
+        self._chosen = Chosen(settings, self.options)
+        if template.scenario.start is None and template.scenario.mission is None:
+            raise Refused("strategy", expected="a campaign with a start state or a mission", got="neither")
+        self._have = inputs.target_inputs(target)
+        if not self._have:
+            raise Refused("strategy", expected="a target with inputs to give", got=f"{target.name}, which has none")
+        self._template = template
+        hints = read_hints(self._chosen.words("hints"), policies, self._have)
+        self._hints = {hint.policy: hint for hint in hints}
+        self._rest = {(entry.kind, entry.name): entry.default for entry in target.inputs if entry.default is not None}
+        self._scenarios: Scenarios = scenarios_of(template.scenario, target)
+        self._vocabulary = Vocabulary(self._have)
+        self._attention = Attention(policies)
+        self._states = StateModel()
+        self._corpus = Corpus()
+
+    # ---- tell --------------------------------------------------------------------------------------------------
+
+    def tell(self, outcomes: Sequence[Outcome]) -> None:
+        """Learn from flights that said something."""
+        for outcome in outcomes:
+            if outcome.ending not in FLOWN_ENDINGS:
+                continue
+            case, progress = outcome.test_case, by_policy(outcome)
+            self._vocabulary.tell(case, progress)
+            self._attention.tell(case, progress)
+            self._corpus.tell(case, progress, self._states.tell(case, outcome.transitions))
+
+    # ---- ask ---------------------------------------------------------------------------------------------------
+
+    def ask(self, count: int, rng: Rng) -> list[TestCase]:
+        """Return `count` test cases; each is for a policy or two."""
+        wanted = self._attention.rotation(rng, 2 * count)
+        return [self._one(rng, (wanted[2 * place], wanted[2 * place + 1])) for place in range(count)]
+
+    def _one(self, rng: Rng, policies: tuple[str, ...]) -> TestCase:
+        way = rng.random()
+        if way < self._chosen.real("kept"):
+            parent = self._parent(rng, policies[0])
+            if parent is not None:
+                how, stimuli = self._change(rng, parent, policies)
+                return self._made(parent.scenario, stimuli, note(policies[:1], how), parent.identity)
+        elif way < self._chosen.real("kept") + self._chosen.real("routed"):
+            routed = self._routed(rng, policies[0])
+            if routed is not None:
+                return routed
+        scenario = self._scenario(rng, self._hints[policies[0]])
+        return self._made(scenario, self._fresh(rng, scenario, policies), note(policies, "fresh"))
+
+    def _made(self, scenario: Scenario, stimuli: Stimuli, text: str, parent: str = "") -> TestCase:
+        origin = Origin(strategy="exposure", parent=parent, note=text)
+        return msgspec.structs.replace(self._template, scenario=scenario, stimuli=stimuli, origin=origin)
+
+    # ---- fresh test cases --------------------------------------------------------------------------------------
+
+    def _scenario(self, rng: Rng, hint: Hint) -> Scenario:
+        scenarios, way = self._scenarios, rng.random()
+        if scenarios.own.mission is not None:
+            return scenarios.own
+        if way < self._chosen.real("missions") and scenarios.missions:
+            return scenarios.mission(rng)
+        if way < self._chosen.real("missions") + self._chosen.real("starts"):
+            return scenarios.anywhere(rng)
+        if hint.start is None:
+            return scenarios.own
+        return scenarios.elsewhere(rng, hint.start) if rng.random() < 0.5 else scenarios.begin(hint.start)
+
+    def _fresh(self, rng: Rng, scenario: Scenario, policies: Sequence[str]) -> Stimuli:
+        script = Script(self._tempo(rng, scenario))
+        for number in range(self._chosen.whole("phases_max")):
+            hint = self._hints[policies[min(number, len(policies) - 1)]]
+            mode = scenario.start.mode if number == 0 and scenario.start is not None else ""
+            self._phase(rng, script, hint, mode)
+            if script.is_full:
+                break
+        return script.stimuli()
+
+    def _phase(self, rng: Rng, script: Script, hint: Hint, mode: str) -> None:
+        script.phase(rng, self._entry(rng, hint, mode), partial(self._draw, self._style(rng, hint)))
+
+    def _entry(self, rng: Rng, hint: Hint, mode: str) -> list[Stimulus]:
+        """Return what enters a state a policy is about: one of its modes, seldom any; nothing where it is in it."""
+        own = [entry.name for entry in hint.inputs if entry.kind == "mode"]
+        if hint.start is not None and ("mode", hint.start.mode) in self._have:
+            own.append(hint.start.mode)
+        every = [name for kind, name in self._have if kind == "mode"]
+        names = own if own and rng.random() < 0.85 else every
+        if not names or (mode in own and rng.random() < 0.5):
+            return []
+        name = names[int(rng.integers(len(names)))]
+        return [] if name == mode else [Stimulus(at_s=0.0, kind="mode", name=name)]
+
+    def _tempo(self, rng: Rng, scenario: Scenario) -> Tempo:
+        first_s = self._chosen.real("start_s")
+        if scenario.mission is not None and self._template.scenario.mission is None:
+            first_s = float(rng.uniform(*AIRBORNE_S))
+        last_s = max(first_s, scenario.time_limit_s - TAIL_S)
+        return Tempo(first_s, last_s, (SETTLE_LEAST_S, self._chosen.real("settle_max_s")), self._rest)
+
+    # ---- drawing -----------------------------------------------------------------------------------------------
+
+    def _style(self, rng: Rng, hint: Hint) -> Style:
+        kinds = self._vocabulary.kinds
+        kept = tuple(kind for kind in kinds if rng.random() < self._chosen.real("swarm"))
+        return Style(hint, kept or (kinds[int(rng.integers(len(kinds)))],))
+
+    def _draw(self, style: Style, rng: Rng) -> Stimulus:
+        entry = None
+        if rng.random() < self._chosen.real("own"):
+            entry = self._vocabulary.draw_own(rng, style.hint, style.kinds)
+        entry = entry or self._vocabulary.draw(rng, style.hint.policy, style.kinds)
+        default = self._rest.get((entry.kind, entry.name))
+        given = numbers.draw(rng, entry, default, self._chosen.real("beyond"))
+        return Stimulus(at_s=0.0, kind=entry.kind, name=entry.name, values=given)
+
+    # ---- changing what is kept ---------------------------------------------------------------------------------
+
+    def _parent(self, rng: Rng, policy: str) -> Entry | None:
+        best = self._corpus.best(policy)
+        return best if best is not None and rng.random() < 0.7 else self._corpus.covering(rng)
+
+    def _change(self, rng: Rng, parent: Entry, policies: Sequence[str]) -> tuple[str, Stimuli]:
+        """Return one or two changes of a kept sequence, in words and as stimuli."""
+        tempo, stimuli, names = self._tempo(rng, parent.scenario), parent.stimuli, []
+        for _ in range(1 if rng.random() < 0.6 else 2):
+            way = ("value", "value", "time", "splice", "extend", "replace", "drop")[int(rng.integers(7))]
+            if not stimuli or (way == "drop" and len(stimuli) == 1):
+                way = "extend"
+            stimuli = self._changed(rng, way, stimuli, tempo, policies)
+            names.append(way)
+        return "+".join(names), stimuli
+
+    def _changed(self, rng: Rng, way: str, stimuli: Stimuli, tempo: Tempo, policies: Sequence[str]) -> Stimuli:
+        place = int(rng.integers(len(stimuli))) if stimuli else 0
+        draw = partial(self._draw, self._style(rng, self._hints[policies[0]]))
+        match way:
+            case "value":
+                return self._nudged(rng, stimuli, place)
+            case "time":
+                low, high = (math.log(shift_s) for shift_s in SHIFT_S)
+                by_s = math.exp(rng.uniform(low, high)) * (1.0 if rng.random() < 0.5 else -1.0)
+                return shifted(stimuli, place, by_s, tempo) or stimuli
+            case "splice":
+                return self._spliced(rng, stimuli)
+            case "replace":
+                new = msgspec.structs.replace(draw(rng), at_s=stimuli[place].at_s)
+                return (*stimuli[:place], new, *stimuli[place + 1 :])
+            case "drop":
+                return (*stimuli[:place], *stimuli[place + 1 :])
+            case _:
+                return self._extended(rng, stimuli, tempo, draw)
+
+    def _nudged(self, rng: Rng, stimuli: Stimuli, place: int) -> Stimuli:
+        old = stimuli[place]
+        entry = self._have.get((old.kind, old.name))
+        if entry is None:
+            return stimuli
+        new = numbers.nudge(rng, entry, old)
+        if rng.random() < 0.4:
+            given = numbers.draw(rng, entry, self._rest.get((old.kind, old.name)), self._chosen.real("beyond"))
+            new = msgspec.structs.replace(old, values=given)
+        return (*stimuli[:place], new, *stimuli[place + 1 :])
+
+    def _spliced(self, rng: Rng, stimuli: Stimuli) -> Stimuli:
+        """Return the beginning of one kept sequence with the end of another, cut at one moment."""
+        other = self._corpus.any(rng)
+        if other is None or not other.stimuli:
+            return stimuli
+        at_s = stimuli[int(rng.integers(len(stimuli)))].at_s
+        return (*cut(stimuli, at_s), *(one for one in other.stimuli if one.at_s > at_s))
+
+    def _extended(self, rng: Rng, stimuli: Stimuli, tempo: Tempo, draw: Draw) -> Stimuli:
+        """Return the sequence up to some input, with a new phase after it."""
+        if not stimuli:
+            first_s = tempo.first_s
+        else:
+            end = len(stimuli) if rng.random() < 0.6 else int(rng.integers(len(stimuli))) + 1
+            stimuli = stimuli[:end]
+            first_s = min(tempo.last_s, stimuli[-1].at_s + float(rng.uniform(0.1, 8.0)))
+        script = Script(tempo, stimuli, first_s)
+        script.phase(rng, [], draw)
+        return script.stimuli()
+
+    def _routed(self, rng: Rng, policy: str) -> TestCase | None:
+        """Return a test case that goes to a state and gives a kind of input seldom or never given there."""
+        goal = self._states.goal(rng, self._vocabulary.kinds)
+        way = self._states.route(goal[0]) if goal is not None else None
+        if goal is None or way is None:
+            return None
+        scenario, route = way
+        if scenario.mission is not None and self._template.scenario.mission is None:
+            return None
+        script = Script(self._tempo(rng, scenario))
+        for stimulus in route:
+            script.give(stimulus)
+            script.pause(rng, 1.0, 6.0)
+        hint = self._hints[policy]
+        script.phase(rng, [], partial(self._draw, Style(hint, (goal[1],))))
+        while not script.is_full:
+            self._phase(rng, script, hint, "")
+        return self._made(scenario, script.stimuli(), note((policy,), f"to {goal[0].replace(' ', '-')}"))
