@@ -1,0 +1,190 @@
+"""The parts of the strategy `exposure`: hints, attention, learnt relevance, the state model, the corpus, phases."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import msgspec
+import numpy as np
+import pytest
+
+from saflite.contract.errors import Refused
+from saflite.contract.rng import derive
+from saflite.contract.test_case import Origin, Scenario, StartState, Stimulus, Target, TestCase, identity
+from saflite.contract.verdict import Transition
+from saflite.contract.work import Outcome, RuleOutcome
+from saflite.flight.autopilots.reference.check import check_test_case
+from saflite.flight.autopilots.reference.describe import describe
+from saflite.mutator.exposure import numbers
+from saflite.mutator.exposure.attention import Attention, note
+from saflite.mutator.exposure.corpus import Corpus
+from saflite.mutator.exposure.hints import Hint, read_hints
+from saflite.mutator.exposure.phases import Script, Tempo, shifted
+from saflite.mutator.exposure.progress import APPLIED, progress
+from saflite.mutator.exposure.state_model import StateModel
+from saflite.mutator.exposure.vocabulary import Vocabulary
+from saflite.mutator.operators.inputs import target_inputs
+from saflite.mutator.strategies.exposure import Strategy
+
+HAVE = target_inputs(describe())
+START = StartState(mode="LOITER", altitude_m=30.0)
+TEMPLATE = TestCase(target=Target(), scenario=Scenario(start=START, time_limit_s=60.0), rng_seed=5)
+POLICIES = ("a-rtl1", "a-chute", "upright")
+HINTS = ["a-rtl1 start:GUIDED@12 mode:RTL parameter:RTL_ALT", "a-chute start:ALT_HOLD@50 command:MAV_CMD_DO_PARACHUTE"]
+
+
+def case(*stimuli: Stimulus, text: str = "", parent: str = "", altitude_m: float = 30.0) -> TestCase:
+    start = StartState(mode="LOITER", altitude_m=altitude_m)
+    scenario = Scenario(start=start, time_limit_s=60.0)
+    origin = Origin(strategy="exposure", note=text, parent=parent)
+    return msgspec.structs.replace(TEMPLATE, scenario=scenario, stimuli=stimuli, origin=origin)
+
+
+def given(kind: str, name: str, *values: float, at_s: float = 1.0) -> Stimulus:
+    return Stimulus(at_s=at_s, kind=kind, name=name, values=values)  # type: ignore[arg-type]
+
+
+def strategy(**settings: object) -> Strategy:
+    return Strategy(TEMPLATE, {"hints": list(HINTS), **settings}, POLICIES, describe())  # type: ignore[arg-type,dict-item]
+
+
+def test_progress_ranks_silent_applied_near_and_violated() -> None:
+    far = progress(RuleOutcome("p", "vacuous", 0.3))
+    near = progress(RuleOutcome("p", "vacuous", 0.9))
+    held = progress(RuleOutcome("p", "held", 1.0, 5.0))
+    close = progress(RuleOutcome("p", "held", 1.0, 0.1))
+    broken = progress(RuleOutcome("p", "violated", 1.0, -0.1))
+    ranked = [far, near, held, close, broken]
+    assert None not in ranked
+    assert ranked == sorted(ranked, key=lambda value: value or 0.0)
+    assert (near or 1.0) < APPLIED < (held or 0.0)
+    assert progress(RuleOutcome("p", "inconclusive", 0.0)) is None
+
+
+@pytest.mark.parametrize("text", ["", "p start:LOITER@high", "p nonsense", "p parameter:NO_SUCH", "p kind:RTL_ALT"])
+def test_a_wrong_hint_is_refused(text: str) -> None:
+    with pytest.raises(Refused, match="hints"):
+        read_hints([text], ("p",), HAVE)
+
+
+def test_attention_goes_to_every_policy_and_most_to_those_attended_least_and_silent() -> None:
+    attention = Attention(POLICIES)
+    rng = derive(1, "test")
+    assert set(Counter(attention.rotation(rng, 30)).values()) == {10}
+    for _ in range(12):
+        attention.tell(case(text=note(("a-chute",), "fresh")), {"a-chute": 1.0, "upright": 0.6})
+    counts = Counter(attention.rotation(rng, 100))
+    assert counts["a-rtl1"] > counts["upright"] > counts["a-chute"] > 0
+
+
+def test_names_that_bring_a_policy_further_are_drawn_more_often() -> None:
+    vocabulary = Vocabulary(HAVE)
+    good, bad = given("parameter", "RTL_ALT", 1.0), given("parameter", "WPNAV_SPEED", 1.0)
+    for number in range(20):
+        vocabulary.tell(case(good if number % 2 else bad), {"a-rtl1": 0.9 if number % 2 else 0.1})
+    assert vocabulary.relevance("a-rtl1", ("parameter", "RTL_ALT")) > 1.2
+    assert vocabulary.relevance("a-rtl1", ("parameter", "WPNAV_SPEED")) < 0.8
+    assert vocabulary.relevance("a-chute", ("parameter", "RTL_ALT")) == 1.0
+    rng = derive(1, "test")
+    drawn = Counter(vocabulary.draw(rng, "a-rtl1", ("parameter",)).name for _ in range(3000))
+    assert drawn["RTL_ALT"] > 3 * max(1, drawn["WPNAV_SPEED"])
+    assert len(drawn) > 100, "every name of the target can be drawn"
+
+
+def test_the_state_model_counts_what_is_new_and_knows_the_way_to_a_state() -> None:
+    model = StateModel()
+    rtl, chute = given("mode", "RTL"), given("command", "MAV_CMD_DO_PARACHUTE", 2.0)
+    flown = case(rtl)
+    there = (Transition("LOITER", "RTL", 0, -1), Transition("RTL", "RTL standing", -1, 0))
+    assert model.tell(flown, there) == 2
+    assert model.tell(flown, there) == 0
+    assert model.tell(case(rtl, chute), (*there[:1], Transition("RTL", "RTL", 1, 0))) == 1
+    scenario, route = model.route("RTL standing") or (None, None)
+    assert scenario == flown.scenario
+    assert route == [rtl]
+    assert model.route("ACRO") is None
+    goals = {model.goal(derive(1, number), ("mode", "stick")) for number in range(60)}
+    assert {goal[0] for goal in goals if goal} == {"LOITER", "RTL", "RTL standing"}
+
+
+def test_the_corpus_keeps_the_best_and_what_covers_and_lets_go_of_what_is_changed_in_vain() -> None:
+    corpus, rng = Corpus(), derive(1, "test")
+    first, second = case(given("mode", "RTL")), case(given("mode", "LAND"))
+    corpus.tell(first, {"a-rtl1": 0.4}, 1)
+    corpus.tell(second, {"a-rtl1": 0.3}, 0)
+    best = corpus.best("a-rtl1")
+    assert best is not None
+    assert best.identity == identity(first)
+    assert corpus.covering(rng) is not None
+    for number in range(20):
+        corpus.tell(case(given("stick", "RC1", 1500.0 + number), parent=identity(first)), {"a-rtl1": 0.1}, 0)
+    corpus.tell(second, {"a-rtl1": 0.3}, 0)
+    best = corpus.best("a-rtl1")
+    assert best is not None
+    assert best.identity == identity(second)
+    corpus.tell(case(given("mode", "BRAKE")), {"a-rtl1": 1.0, "upright": 0.6}, 3)
+    assert corpus.best("a-rtl1") == best, "what broke a rule is done with"
+
+
+def test_phases_leave_quiet_and_stay_in_time() -> None:
+    tempo = Tempo(0.5, 54.0, (2.0, 20.0), {("stick", "RC1"): 1500.0})
+    for number in range(40):
+        rng, script = derive(number, "script"), Script(tempo)
+        while not script.is_full:
+            script.phase(rng, [given("mode", "RTL")], lambda _: given("stick", "RC1", 1700.0))
+        stimuli = script.stimuli()
+        times = [stimulus.at_s for stimulus in stimuli]
+        assert times == sorted(times)
+        assert min(times) >= 0.5
+        assert times[-1] <= 54.0
+        assert max(np.diff([*times, 60.0])) >= 2.0
+        later = shifted(stimuli, 0, 10.0, tempo)
+        assert all(0.5 <= stimulus.at_s <= 54.0 for stimulus in later)
+
+
+@pytest.mark.parametrize("kind", ["parameter", "sensor_fault", "command", "stick"])
+def test_numbers_reach_small_and_great_sizes_and_nudges_stay_near(kind: str) -> None:
+    rng = derive(1, "numbers")
+    for entry in [entry for entry in HAVE.values() if entry.kind == kind][:40]:
+        drawn = [numbers.draw(rng, entry, 1.0, 0.0) for _ in range(20)]
+        assert all(np.isfinite(values).all() for values in drawn)
+        if kind == "parameter":
+            assert all(entry.low <= values[0] <= entry.high for values in drawn), entry.name
+        moved = numbers.nudge(rng, entry, given(kind, entry.name, *drawn[0]))
+        assert np.isfinite(moved.values).all()
+
+
+def test_every_proposal_can_be_flown_and_starts_kinds_and_modes_vary() -> None:
+    found = strategy(missions=0.1).ask(200, derive(1, "ask"))
+    for one in found:
+        check_test_case(one)
+    starts = [one.scenario.start for one in found if one.scenario.start]
+    assert len({start.mode for start in starts}) >= 8
+    assert any(start.altitude_m == 0.0 for start in starts)
+    assert sum(one.scenario.mission is not None for one in found) >= 5
+    kinds = Counter(stimulus.kind for one in found for stimulus in one.stimuli)
+    assert min(kinds.values()) > 0.05 * sum(kinds.values())
+    assert len({stimulus.name for one in found for stimulus in one.stimuli}) > 150
+
+
+def test_told_flights_are_changed_and_routes_to_states_are_taken() -> None:
+    searching = strategy(kept=0.5, routed=0.5)
+    flown = case(given("mode", "RTL"), given("stick", "RC1", 1700.0, at_s=5.0), text=note(("a-rtl1",), "fresh"))
+    searching.tell(
+        [
+            Outcome(
+                test_case=flown,
+                round=0,
+                ending="completed",
+                robustness=1.0,
+                rules=(RuleOutcome("a-rtl1", "held", 1.0, 0.2),),
+                transitions=(Transition("LOITER", "RTL", 0, -1), Transition("RTL", "RTL", 1, 0)),
+            )
+        ]
+    )
+    found = searching.ask(100, derive(1, "ask"))
+    children = [one for one in found if one.origin.parent == identity(flown)]
+    assert len(children) > 30
+    assert all(one.scenario.start == flown.scenario.start for one in children)
+    assert any(one.origin.note.startswith("to RTL") for one in found)
+    assert Hint("upright") in searching._hints.values()

@@ -1,0 +1,78 @@
+"""Steps through a target's states: inputs and changes in order, failsafes raised and recovered, denied inputs."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from saflite.contract.flight import Delivered, Flight, Trace
+from saflite.contract.signals import MODES
+from saflite.contract.test_case import Scenario, Stimulus, Target, TestCase
+from saflite.contract.verdict import Transition
+from saflite.oracle.signals import FlightSignals
+from saflite.oracle.states import transitions_of
+
+STEP_S = 0.1
+LOITER, RTL = "LOITER", "RTL"
+
+
+def trace(**signals: list[tuple[float, float]]) -> Trace:
+    """Ten seconds of signals, each given as (from second, value)."""
+    times = np.arange(100) * STEP_S
+    made = {}
+    for name, steps in signals.items():
+        values = np.zeros(len(times), dtype="<f4")
+        for from_s, value in steps:
+            values[times >= from_s - 1e-9] = value
+        made[name] = values.tobytes()
+    return Trace(step_s=STEP_S, signals=made)
+
+
+def steps(
+    stimuli: list[Stimulus], delivered: tuple[Delivered, ...] | None = None, **signals: object
+) -> list[Transition]:
+    case = TestCase(target=Target(), scenario=Scenario(), stimuli=tuple(stimuli))
+    flight = Flight(test_case="", flight_index=0, ending="completed", delivered=delivered)
+    return list(transitions_of(case, flight, FlightSignals(case, flight, trace(**signals))))  # type: ignore[arg-type]
+
+
+def stick(at_s: float) -> Stimulus:
+    return Stimulus(at_s=at_s, kind="stick", name="RC1", values=(1600.0,))
+
+
+def test_an_input_leads_to_the_next_state_and_later_changes_have_none() -> None:
+    mode = [(0.0, MODES[LOITER]), (2.1, MODES[RTL]), (5.0, MODES["LAND"])]
+    rtl = Stimulus(at_s=2.0, kind="mode", name=RTL)
+    found = steps([stick(1.0), rtl], mode=mode)
+    assert found == [
+        Transition(LOITER, LOITER, 0, -1),
+        Transition(LOITER, RTL, 1, 0),
+        Transition(RTL, "LAND", -1, 1),
+    ]
+
+
+def test_failsafes_standing_and_disarmed_are_told_when_raised_and_when_recovered() -> None:
+    signals = {
+        "mode": [(0.0, MODES[LOITER])],
+        "armed": [(0.0, 1.0), (8.0, 0.0)],
+        "landed": [(0.0, 0.0), (7.0, 1.0)],
+        "failsafe_gps": [(0.0, 0.0), (3.0, 1.0), (5.0, 0.0)],
+    }
+    found = steps([], **signals)
+    assert [step.after for step in found] == ["LOITER gps", LOITER, "LOITER standing", "LOITER standing disarmed"]
+    assert all(step.stimulus == -1 for step in found)
+
+
+def test_a_denied_input_is_no_step_and_two_of_one_instant_come_in_order() -> None:
+    stimuli = [stick(1.0), stick(2.0), stick(2.0)]
+    answers = (
+        Delivered(index=0, at_s=1.0, answer="denied"),
+        Delivered(index=1, at_s=2.0),
+        Delivered(index=2, at_s=2.0),
+    )
+    found = steps(stimuli, answers, mode=[(0.0, MODES[LOITER]), (2.1, MODES[RTL])])
+    assert found == [Transition(LOITER, LOITER, 1, -1), Transition(LOITER, RTL, 2, 1)]
+
+
+def test_a_trace_without_modes_has_no_steps_and_an_unknown_mode_keeps_its_number() -> None:
+    assert steps([stick(1.0)], x_m=[(0.0, 1.0)]) == []
+    assert steps([stick(1.0)], mode=[(0.0, 99.0)]) == [Transition("mode 99", "mode 99", 0, -1)]
