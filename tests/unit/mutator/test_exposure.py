@@ -45,7 +45,7 @@ def given(kind: str, name: str, *values: float, at_s: float = 1.0) -> Stimulus:
 
 
 def strategy(**settings: object) -> Strategy:
-    return Strategy(TEMPLATE, {"hints": list(HINTS), **settings}, POLICIES, describe())  # type: ignore[arg-type,dict-item]
+    return Strategy(TEMPLATE, {"hints": list(HINTS), **settings}, POLICIES, describe())  # type: ignore[dict-item]
 
 
 def test_progress_ranks_silent_applied_near_and_violated() -> None:

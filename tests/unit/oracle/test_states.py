@@ -57,7 +57,7 @@ def test_failsafes_standing_and_disarmed_are_told_when_raised_and_when_recovered
         "landed": [(0.0, 0.0), (7.0, 1.0)],
         "failsafe_gps": [(0.0, 0.0), (3.0, 1.0), (5.0, 0.0)],
     }
-    found = steps([], **signals)
+    found = steps([], None, **signals)
     assert [step.after for step in found] == ["LOITER gps", LOITER, "LOITER standing", "LOITER standing disarmed"]
     assert all(step.stimulus == -1 for step in found)
 
