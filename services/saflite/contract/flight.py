@@ -15,7 +15,7 @@ from saflite.contract.blobs import BLOBS_PER_RESULT_MAX, BlobRef
 from saflite.contract.bounds import ITEMS_MAX, Count, Features, Number, Seconds, Text
 from saflite.contract.errors import Refused
 from saflite.contract.ids import digest
-from saflite.contract.names import DigestOrNone, NameOrNone, ShortId
+from saflite.contract.names import DigestOrNone, Name, NameOrNone, ShortId
 from saflite.contract.test_case import Stimulus
 
 Ending = Literal["completed", "crashed", "timed_out", "autopilot_died", "wedged", "infra", "lost"]
@@ -115,7 +115,7 @@ class Delivered(msgspec.Struct, frozen=True, kw_only=True):
 class Artefact(msgspec.Struct, frozen=True, kw_only=True):
     """A named file a flight left behind (autopilot log, console text, core reason): its name and its blob."""
 
-    name: str
+    name: Name
     blob: BlobRef
 
 

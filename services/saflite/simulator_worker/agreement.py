@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from typing import get_args
 
 from saflite.contract.flight import DeliveryAnswer, Ending, FlightRecord, Trace
+from saflite.contract.names import NAME_EXPECTED, is_name
 from saflite.contract.signals import SIGNALS
 from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import TestCase
@@ -52,6 +53,9 @@ def contradictions(info: TargetInfo, test_case: TestCase, record: FlightRecord) 
     names = [name for name, _ in record.artefacts]
     if len(set(names)) < len(names):
         yield f"two artefacts of one name among {_few(names)}"
+    odd = [repr(name[:80]) for name in names if not is_name(name)]
+    if odd:
+        yield f"artefacts called {_few(odd)}: expected {NAME_EXPECTED}"
 
 
 def _of_trace(info: TargetInfo, trace: Trace) -> Iterator[str]:

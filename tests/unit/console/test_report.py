@@ -3,24 +3,29 @@
 from __future__ import annotations
 
 from html.parser import HTMLParser
+from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 from shapely.geometry import Point, Polygon
 
 from saflite.campaign.presets.campaigns import load_campaign, template
-from saflite.console.run_data.run_folder import FlightRow
-from saflite.console.view.report import bars, charts, layout, page
+from saflite.console.run_data.run_folder import ArtefactRow, FlightRow
+from saflite.console.view.report import bars, charts, evidence, layout, page
 from saflite.console.view.report.data import Exhibit, Progress, ReportData
 from saflite.console.view.report.svg import nice_step
+from saflite.contract.blobs import BlobRef
 from saflite.contract.events import Quarantined
-from saflite.contract.flight import Trace
-from saflite.contract.test_case import Obstacle, Scenario, TestCase
+from saflite.contract.flight import Delivered, Flight, Trace
+from saflite.contract.test_case import Obstacle, Scenario, StartState, Stimulus, TestCase
 from saflite.contract.verdict import Judgement, Verdict, Violation
+from saflite.contract.work import PolicyText
 from saflite.flight.geometry import corner_points
 from saflite.recorder.summary import Rulings
 from saflite.scorer_pool.calibration import Row, calibrate_all
 
+STAYS = Path(__file__).parents[3] / "deploy" / "examples" / "targets" / "point-mass-stays.toml"
 EVIL = '<script>alert("x")</script>'
 
 
@@ -70,6 +75,50 @@ def exhibit(fingerprint: str) -> Exhibit:
         "0123456789abcdef", 0, "search", "completed", 60.0, 0.3, "ab" * 32, "fly-1", -1.2, (verdict.policy,)
     )
     return Exhibit(violation, case(), judgement, "recordings/x.mcap", trace(), (row,))
+
+
+def test_inputs_stand_where_they_were_given_with_what_became_of_them() -> None:
+    one = exhibit("f" * 16)
+    plan = tuple(
+        Stimulus(at_s=at_s, kind="parameter", name=name, values=(1.0,))
+        for at_s, name in ((5.0, "LATE"), (6.0, "NO"), (59.0, "NEVER"))
+    )
+    delivered = (Delivered(index=0, at_s=7.5, answer="late"), Delivered(index=1, at_s=8.0, answer="denied"))
+    flight = Flight(test_case="0123456789abcdef", flight_index=0, ending="completed", delivered=delivered)
+    log = ArtefactRow("0123456789abcdef", "search", 0, "autopilot.log", BlobRef(digest="a" * 64, size_bytes=12))
+    case = msgspec.structs.replace(one.test_case, stimuli=plan)
+    drawn = evidence.section(1, one._replace(test_case=case, flight=flight, artefacts=(log,)), "runs/x")
+    told = "at 7.5 s|LATE 1, late|at 8 s|NO 1, denied|NO (denied)|1 of 3 inputs|autopilot.log"
+    assert [words for words in told.split("|") if words not in drawn] == []
+    assert "NEVER" not in drawn
+    assert "at 5 s" not in drawn
+    planned = evidence.section(1, one._replace(test_case=case), "runs/x")
+    assert "at 5 s" in planned
+    assert "NEVER" in planned
+
+
+def test_robustness_is_drawn_where_several_inputs_fall_on_one_instant() -> None:
+    steps = 40
+    made = Trace(step_s=0.5, signals={"place_m": signal(np.where(np.arange(steps) < 20, 1.0, 3.0))})
+    places = (40.0, 3.0)
+    plan = tuple(Stimulus(at_s=9.5, kind="parameter", name="PLACE", values=(value,)) for value in places)
+    changes = tuple(
+        Delivered(index=place, at_s=9.5, changed={"place_m": one.values[0]}) for place, one in enumerate(plan)
+    )
+    flight = Flight(test_case="0123456789abcdef", flight_index=0, ending="completed", delivered=changes)
+    one = exhibit("f" * 16)
+    scenario = Scenario(start=StartState(), time_limit_s=20.0)
+    shown = one._replace(
+        test_case=msgspec.structs.replace(one.test_case, scenario=scenario, stimuli=plan),
+        violation=msgspec.structs.replace(one.violation, policy="point-mass-stays"),
+        trace=made,
+        flight=flight,
+        policy_texts={"point-mass-stays": PolicyText(file=STAYS.name, text=STAYS.read_text())},
+    )
+    values, _ = evidence._policy_robustness(shown)
+    assert values is not None
+    assert len(values) == steps
+    assert (values[18], values[19], values[20]) == (29.0, -10.0, 27.0)
 
 
 def data(count: int) -> ReportData:

@@ -31,6 +31,7 @@ WRONG = {
     contrary.EARLY: "before it was due",
     contrary.NO_TRACE: "without a trace",
     contrary.NEW_SIGNAL: "holds y_m",
+    contrary.FILE_NAME: "artefacts called '../console.txt'",
 }
 
 

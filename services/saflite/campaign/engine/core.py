@@ -15,7 +15,7 @@ from saflite.campaign.scheduling.work_keys import RecordKey
 from saflite.contract.blobs import BlobRef
 from saflite.contract.config import Campaign
 from saflite.contract.events import CampaignChanged, Fact, FaultSeen
-from saflite.contract.flight import Flight, Purpose
+from saflite.contract.flight import FLOWN_ENDINGS, Flight, Purpose
 from saflite.contract.score import Score
 from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import TestCase
@@ -120,11 +120,12 @@ class Core:
         self.tasks.requeue(task)
 
     def note_flight(self, flight: Flight, purpose: Purpose) -> None:
-        """Write a flight down, and what it left behind."""
+        """Write a flight down, the line its record stands in if a worker handed one in, and what it left behind."""
         key, trace = (flight.test_case, purpose, flight.flight_index), flight.trace
         blob = ("", 0) if trace is None else (trace.digest, trace.size_bytes)
+        line = self.out.line_count if flight.ending in FLOWN_ENDINGS else None
         numbers = (flight.simulated_s, flight.wall_s, flight.trace_digest, *blob)
-        self.out.row("flights", *key, flight.ending, *numbers, flight.worker, flight.message, flight.build)
+        self.out.row("flights", *key, flight.ending, *numbers, flight.worker, flight.message, flight.build, line)
         for artefact in flight.artefacts:
             self.out.row("artefacts", *key, artefact.name, artefact.blob.digest, artefact.blob.size_bytes)
 

@@ -1,4 +1,4 @@
-"""Reads in the journal what the rows of the other tables only name: test cases, judgements, outcomes."""
+"""Reads in the journal what the rows of the other tables only name: test cases, flights, judgements, outcomes."""
 
 from __future__ import annotations
 
@@ -11,13 +11,15 @@ from saflite.campaign.engine.journal import Line, Settled, decode_line
 from saflite.campaign.lifecycle.outcomes import outcome_of
 from saflite.contract import wire
 from saflite.contract.errors import Refused
+from saflite.contract.flight import Flight, Purpose
 from saflite.contract.test_case import TestCase
 from saflite.contract.verdict import Judgement
-from saflite.contract.work import JudgeResult, MutateResult, Outcome, Result
+from saflite.contract.work import FlyResult, JudgeResult, MutateResult, Outcome, Result
 
 _CASE = "SELECT line, place, round, content FROM test_cases WHERE test_case = ? ORDER BY rowid DESC"
 _FLOWN = "SELECT line, place, round, content FROM test_cases WHERE test_case = ? AND round = ? AND place >= 0"
 _JUDGEMENT = "SELECT line FROM judgements WHERE test_case = ? AND flight_index = ?"
+_FLIGHT = "SELECT line FROM flights WHERE test_case = ? AND purpose = ? AND flight_index = ? AND line IS NOT NULL"
 _OUTCOMES = (
     "SELECT round, test_case, ending, flight_index FROM outcomes WHERE round > ? AND round <= ? ORDER BY round, rank"
 )
@@ -52,6 +54,15 @@ class Contents:
         result = self._result(row[0])
         assert isinstance(result, JudgeResult), f"journal entry {row[0]} judges nothing"
         return result.judgement
+
+    def flight(self, name: str, purpose: Purpose, flight_index: int) -> Flight | None:
+        """Return the record of a flight as a worker handed it in, None if there is none."""
+        row = self._db.execute(_FLIGHT, (name, purpose, flight_index)).fetchone()
+        if row is None:
+            return None
+        result = self._result(row[0])
+        assert isinstance(result, FlyResult), f"journal entry {row[0]} tells of no flight"
+        return result.flight
 
     def outcomes(self, after_round: int, upto_round: int) -> Iterator[Outcome]:
         """Yield the outcomes of the rounds in (after, upto], in order."""

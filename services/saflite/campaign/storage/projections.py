@@ -1,7 +1,7 @@
 """Tables of the store. `journal` is the truth; the others are made of it, for people, queries and reports.
 
-What the journal holds in full (a judgement, a proposed test case) is not told twice: its row names the journal `line`
-it stands in, and `contents.py` reads it there.
+What the journal holds in full (a flight, a judgement, a proposed test case) is not told twice: its row names the
+journal `line` it stands in, and `contents.py` reads it there.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from saflite.campaign.engine.outbox import Batch, Value
 from saflite.contract import wire
 from saflite.contract.events import kind_of
 
-FORMAT = 4
+FORMAT = 5
 """Version of the store; a store of another version is refused."""
 
 TABLES: dict[str, tuple[str, ...]] = {
@@ -76,6 +76,7 @@ TABLES: dict[str, tuple[str, ...]] = {
         "worker TEXT",
         "message TEXT",
         "build TEXT",
+        "line INTEGER",  # of its record; NULL where no worker handed one in
         "PRIMARY KEY (test_case, purpose, flight_index)",
     ),
     "artefacts": (

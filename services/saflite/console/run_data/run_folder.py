@@ -19,7 +19,7 @@ from saflite.contract.blobs import BlobMissing, BlobRef
 from saflite.contract.config import Campaign
 from saflite.contract.errors import Refused
 from saflite.contract.events import Event
-from saflite.contract.flight import BESIDE_BUDGET, Purpose, Trace, unpack_trace
+from saflite.contract.flight import BESIDE_BUDGET, Flight, Purpose, Trace, unpack_trace
 from saflite.contract.names import recording_file
 from saflite.contract.test_case import TestCase
 from saflite.contract.verdict import Judgement, Violation
@@ -48,6 +48,16 @@ class FlightRow(NamedTuple):
         """Whether it is the flight that shows a violation, neither a re-flight nor that of a smaller one tried."""
         same = self.test_case == violation.test_case and self.flight_index == violation.flight_index
         return same and self.purpose != "shrink"
+
+
+class ArtefactRow(NamedTuple):
+    """A named file that a flight left behind and the run has kept."""
+
+    test_case: str
+    purpose: Purpose
+    flight_index: int
+    name: str
+    blob: BlobRef
 
 
 class ScoreRow(NamedTuple):
@@ -204,6 +214,21 @@ class RunFolder:
             FlightRow._make((*row[:9], tuple(word for word in row[9].split(",") if word)))
             for row in self._rows(query, name)
         ]
+
+    def flight(self, row: FlightRow) -> Flight | None:
+        """Return the whole record of a flight, with what was delivered; None where no worker handed one in."""
+        with damage_named(self._file):
+            return self._contents.flight(row.test_case, row.purpose, row.flight_index)
+
+    def artefacts(self, name: str = "") -> list[ArtefactRow]:
+        """Return the named files that flights left, those of one test case if named."""
+        query = "SELECT * FROM artefacts WHERE ?1 = '' OR test_case = ?1 ORDER BY rowid"
+        rows = (ArtefactRow(*row[:4], BlobRef(digest=row[4], size_bytes=row[5])) for row in self._rows(query, name))
+        return [row for row in rows if not self._blobs.fault(row.blob)]
+
+    def content(self, blob: BlobRef) -> bytes:
+        """Return what a blob of the run holds; raises BlobMissing if it is not there or damaged."""
+        return self._blobs.get(blob)
 
     def trace(self, digest: str) -> Trace | None:
         """Return a trace that was kept, None if it was not or is damaged."""

@@ -7,21 +7,21 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from saflite.console.run_data.run_folder import FlightRow, RunFolder, UsageRow
+from saflite.console.run_data.run_folder import ArtefactRow, FlightRow, RunFolder, UsageRow
 from saflite.contract.config import Campaign
 from saflite.contract.events import CampaignChanged, FaultSeen, Flown, Judged, Quarantined, ViolationFound
-from saflite.contract.flight import Trace
+from saflite.contract.flight import Flight, Trace
 from saflite.contract.test_case import TestCase
 from saflite.contract.verdict import Judgement, Violation
 from saflite.contract.work import PolicyTexts
-from saflite.recorder.summary import Rulings
+from saflite.recorder.summary import Finding, Rulings
 from saflite.scorer_pool.calibration import Calibration, Row, calibrate_all
 
 FAULTS_SHOWN = 20
 
 
 class Exhibit(NamedTuple):
-    """One violation with its evidence. `trace` is None where it was not kept."""
+    """One violation with its evidence. `trace` is None where it was not kept; `flight` is the one that shows it."""
 
     violation: Violation
     test_case: TestCase
@@ -30,6 +30,8 @@ class Exhibit(NamedTuple):
     trace: Trace | None
     flights: tuple[FlightRow, ...]
     policy_texts: PolicyTexts | None = None
+    flight: Flight | None = None
+    artefacts: tuple[ArtefactRow, ...] = ()
 
 
 class Progress(NamedTuple):
@@ -63,18 +65,7 @@ def read(run: RunFolder) -> ReportData:
     by_case: dict[str, list[FlightRow]] = {}
     for row in flights:
         by_case.setdefault(row.test_case, []).append(row)
-    exhibits = tuple(
-        Exhibit(
-            finding.violation,
-            finding.test_case,
-            finding.judgement,
-            finding.recording,
-            run.trace(_digest(by_case.get(finding.violation.test_case, []), finding.violation)),
-            tuple(by_case.get(finding.violation.test_case, ())),
-            run.campaign.policy_texts,
-        )
-        for finding in run.findings()
-    )
+    exhibits = tuple(_exhibit(run, finding, by_case.get(finding.violation.test_case, [])) for finding in run.findings())
     state, faults, quarantined = "running", [], []
     for event in run.events():
         if isinstance(event.fact, CampaignChanged):
@@ -108,8 +99,20 @@ def calibrations(run: RunFolder) -> tuple[Calibration, ...]:
     return calibrate_all(rows)
 
 
-def _digest(rows: list[FlightRow], violation: Violation) -> str:
-    return next((row.trace_digest for row in rows if row.shows(violation)), "")
+def _exhibit(run: RunFolder, finding: Finding, rows: list[FlightRow]) -> Exhibit:
+    violation = finding.violation
+    shown = next((row for row in rows if row.shows(violation)), None)
+    return Exhibit(
+        violation,
+        finding.test_case,
+        finding.judgement,
+        finding.recording,
+        run.trace(shown.trace_digest) if shown else None,
+        tuple(rows),
+        run.campaign.policy_texts,
+        run.flight(shown) if shown else None,
+        tuple(row for row in run.artefacts(violation.test_case) if row.flight_index == violation.flight_index),
+    )
 
 
 def _progress(run: RunFolder) -> Progress:

@@ -11,8 +11,8 @@ from saflite.console.view.report import charts, layout
 from saflite.console.view.report.data import Exhibit
 from saflite.console.view.report.svg import tag
 from saflite.contract.errors import Refused
-from saflite.contract.flight import Ending, Flight
-from saflite.contract.test_case import Obstacle, Stimulus, setting_text, stimulus_text
+from saflite.contract.flight import Ending, Flight, Given, given
+from saflite.contract.test_case import Obstacle, setting_text, stimulus_text
 from saflite.contract.verdict import Verdict, failed_again
 
 FAR_M = 12.0  # distances beyond it are cut off in charts: what matters is near the limit
@@ -58,7 +58,7 @@ def _charts(exhibit: Exhibit, verdict: Verdict | None) -> list[str]:
         return []
     times = np.arange(trace.samples, dtype=np.float64) * trace.step_s
     marks = [charts.Mark(verdict.witness_from_s, until=verdict.witness_to_s)]
-    marks += [charts.Mark(stimulus.at_s, _short(stimulus)) for stimulus in exhibit.test_case.stimuli]
+    marks += [charts.Mark(one.stimulus.at_s, _short(one)) for one in _given(exhibit)]
     drawn = [_robustness(exhibit, times, marks)]
     if "altitude_m" in trace.signals:
         curves = [charts.Curve(times, trace.array("altitude_m"), "curve1", "altitude [m]")]
@@ -97,22 +97,33 @@ def _policy_robustness(exhibit: Exhibit) -> tuple[NDArray[np.float64] | None, st
     assert trace is not None, "asked for with a trace only"
     try:
         policy = load_policy(exhibit.violation.policy, exhibit.policy_texts)
-        signals = FlightSignals(exhibit.test_case, _flight_of(exhibit), trace).pick(policy.needed)
+        signals = FlightSignals(exhibit.test_case, _flight_of(exhibit), trace, between=True)
+        picked = signals.pick(policy.needed)
     except Refused:
         return None, ""
     body = policy.formula.args[0] if policy.formula.op == "always" else policy.formula
-    if not policy.needed <= set(signals):
+    if not policy.needed <= set(picked):
         return None, ""
-    values = np.asarray(Evaluator(signals, trace.step_s).trace(body), dtype=float)
+    moments = signals.moments
+    at_moments = np.asarray(Evaluator(picked, trace.step_s, moments.row).trace(body), dtype=float)
+    values = np.full(trace.samples, np.inf)  # of the moments of a sample the worst
+    np.minimum.at(values, moments.row[: len(at_moments)], at_moments)
     finite = values[np.isfinite(values)]
     if not len(finite):
         return np.sign(values), "(holds or not)"
     return np.clip(values, finite.min() - 1.0, finite.max() + 1.0), f"[{policy.unit}]" if policy.unit else ""
 
 
+def _given(exhibit: Exhibit) -> tuple[Given, ...]:
+    """Return the stimuli as they were given; as planned where that is not known."""
+    return given(exhibit.test_case.stimuli, exhibit.flight.delivered if exhibit.flight else None)
+
+
 def _flight_of(exhibit: Exhibit) -> Flight:
     from typing import cast
 
+    if exhibit.flight is not None:
+        return exhibit.flight
     row = exhibit.flights[0]
     return Flight(
         test_case=row.test_case,
@@ -138,8 +149,14 @@ def _facts(exhibit: Exhibit, run_name: str) -> list[tuple[str, str]]:
             )
         )
     facts += [(f"box {number}", _box(box)) for number, box in enumerate(case.scenario.obstacles, start=1)]
-    facts += [(f"at {stimulus.at_s:g} s", escape(stimulus_text(stimulus))) for stimulus in case.stimuli]
+    facts += [(f"at {one.stimulus.at_s:g} s", escape(_given_text(one))) for one in _given(exhibit)]
     facts += [(escape(name), escape(setting_text(value))) for name, value in case.target.settings.items()]
+    if never := len(case.stimuli) - len(_given(exhibit)):
+        facts.append(("never given", f"{never} of {len(case.stimuli)} inputs: the flight was over before"))
+    if exhibit.artefacts:
+        names = ", ".join(f"{escape(one.name)} ({one.blob.size_bytes} bytes)" for one in exhibit.artefacts)
+        command = f"saflite artefacts {run_name} --test-case {violation.test_case} --out DIR"
+        facts.append(("files left", f"{names}: <code>{escape(command)}</code>"))
     if exhibit.recording:
         facts.append(("recording", f'<a href="{escape(exhibit.recording)}">{escape(exhibit.recording)}</a>'))
     replay = f"saflite replay {run_name} --violation {violation.fingerprint}"
@@ -159,8 +176,14 @@ def _box(box: Obstacle) -> str:
     return f"{size} at ({box.x_m:.2f}, {box.y_m:.2f}), turned {box.rotation_deg:.1f}°"
 
 
-def _short(stimulus: Stimulus) -> str:
-    return stimulus.name[:14]
+def _given_text(one: Given) -> str:
+    """Return a stimulus with what became of it, where that is not as usual."""
+    answer = "" if one.answer in ("accepted", "unanswered") else f", {one.answer}"
+    return stimulus_text(one.stimulus) + answer + (f": {one.message}" if one.message else "")
+
+
+def _short(one: Given) -> str:
+    return one.stimulus.name[:14] + (f" ({one.answer.replace('_', ' ')})" if not one.is_cause else "")
 
 
 def anchor(number: int, text: str) -> str:

@@ -1,0 +1,56 @@
+"""List the files that flights left behind (autopilot logs, console texts, core reasons), or write them to a folder.
+
+examples:
+  saflite artefacts runs/night
+  saflite artefacts runs/night --test-case 8c1d2f --out logs/
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Name the arguments."""
+    parser.add_argument("run", type=Path, help="run folder")
+    parser.add_argument("--test-case", default="", metavar="ID", help="of this test case (or the start of its name)")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="write them to this folder, one below it per flight")
+    parser.add_argument("--json", action="store_true", help="print the list as JSON")
+
+
+def run(args: argparse.Namespace) -> int:
+    """List or write them; 0 also where there are none."""
+    from saflite.console.run_data.run_folder import open_run, tell_loss
+    from saflite.console.view import out
+
+    tell_loss(args.run)
+    with open_run(args.run) as folder:
+        rows = [row for row in folder.artefacts() if row.test_case.startswith(args.test_case)]
+        listed = []
+        for row in rows:
+            flight = f"{row.test_case}-{row.purpose}-{row.flight_index}"
+            entry = {"flight": flight, "name": row.name, "size_bytes": row.blob.size_bytes, "sha256": row.blob.digest}
+            if args.out is not None:
+                entry["file"] = str(_write(args.out / flight, row.name, folder.content(row.blob)))
+            listed.append(entry)
+    if args.json:
+        out.json(listed)
+        return 0
+    out.table([(str(one["flight"]), str(one["name"]), f"{one['size_bytes']} bytes") for one in listed])
+    out.line(f"{len(listed)} files" + (f" in {args.out}" if args.out is not None else ""))
+    return 0
+
+
+def _write(folder: Path, name: str, data: bytes) -> Path:
+    from saflite.contract.errors import Unavailable
+    from saflite.contract.names import is_name
+
+    assert is_name(name), "names of artefacts are checked when a flight is reported"
+    path = folder / name
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(data)
+    except OSError as fault:
+        raise Unavailable(f"{path}: {fault}") from fault
+    return path
