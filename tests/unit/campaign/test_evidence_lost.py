@@ -2,21 +2,30 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import cast
 
+import pytest
 from books_drive import Driver, MemoryStore, doubles, new_books
 
+from saflite.campaign.storage.audit import audit
+from saflite.campaign.storage.store import Store
+from saflite.console.run_data.run_folder import open_run
 from saflite.contract.blobs import BlobRef
-from saflite.contract.events import FaultSeen
+from saflite.contract.events import FaultSeen, Quarantined
+from saflite.contract.flight import Purpose
 from saflite.contract.work import (
     Failure,
     FlyResult,
+    FlyWork,
     JudgeWork,
     Lease,
     Receipt,
     RecordWork,
     Report,
+    Result,
     Stage,
+    Work,
 )
 
 
@@ -120,3 +129,44 @@ def test_blobs_of_a_result_that_comes_too_late_are_dropped_unless_held() -> None
     driver.service.do(lease.work)
     assert driver.report(lease, result).status == "duplicate"
     assert set(store.blobs.kept) == {blob.digest for blob in driver.books.wanted_blobs}
+
+
+class Losing(doubles.Service):
+    """Loses what a flight of `unlucky` left, every time; `unlucky` begins as the first test case of a purpose."""
+
+    def __init__(self, store: Store, purpose: Purpose) -> None:
+        super().__init__(store.blobs)
+        self._store, self._purpose, self.unlucky = store, purpose, ""
+
+    def do(self, work: Work) -> Result:
+        """See `Service.do`."""
+        result = super().do(work)
+        if isinstance(work, FlyWork) and isinstance(result, FlyResult) and work.purpose == self._purpose:
+            self.unlucky = self.unlucky or result.flight.test_case
+            if result.flight.test_case == self.unlucky:
+                for blob in result.flight.blobs:
+                    self._store.blobs.path(blob.digest).unlink(missing_ok=True)
+        return result
+
+
+@pytest.mark.parametrize("purpose", ["search", "shrink"])
+def test_a_flight_that_loses_its_trace_again_and_again_is_given_up(tmp_path: Path, purpose: Purpose) -> None:
+    campaign = doubles.campaign(30, record="none", shrink=purpose == "shrink")
+    store = Store.create(tmp_path / "run", campaign, doubles.TEMPLATE, doubles.TARGET)
+    driver = Driver(store.rebuild(), store)
+    driver.service = losing = Losing(store, purpose)
+    driver.run()
+    assert driver.books.status(driver.now).flights == 30
+    store.close()
+    assert losing.unlucky
+    with open_run(tmp_path / "run") as run:
+        told = [event.fact for event in run.events() if isinstance(event.fact, FaultSeen)]
+        given_up = [event.fact for event in run.events() if isinstance(event.fact, Quarantined)]
+    lost = [fact for fact in told if "is missing" in fact.message]
+    assert len(lost) == (campaign.lease.attempts_max if purpose == "search" else 1)  # tries to shrink tell of the end
+    assert [one.test_case for one in given_up] == ([losing.unlucky] if purpose == "search" else [])
+    if purpose == "search":
+        assert (given_up[0].attempts, given_up[0].last) == (3, "infra")
+        assert "its trace was lost 3 times" in given_up[0].message
+    figures = audit(tmp_path / "run")
+    assert (figures["problems"], figures["flights"]) == ([], 30)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, field
 
 import msgspec
@@ -57,6 +58,7 @@ class Trial:
     first: int = 0  # the flight that shows the violation, re-flights come after it
     shrunk_from: Violation | None = None  # the violation this one is the smallest form of
     flights: dict[int, FlightNote] = field(default_factory=dict)
+    traces_lost: Counter[int] = field(default_factory=Counter)  # by flight: before it was judged
     judgement: Judgement | None = None
 
     def purpose_of(self, index: int) -> Purpose:

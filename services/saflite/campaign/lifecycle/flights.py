@@ -170,16 +170,21 @@ class Flights:
         self._core.rounds.under_way[trial.round].cost += sign
 
     def on_trace_missing(self, task: Task, key: JudgeKey, message: str) -> None:
-        """Fly a flight again whose trace was lost before it was judged."""
+        """Fly a flight again whose trace was lost before it was judged; set it aside where that goes on."""
         core, trial, index = self._core, self._trial(key), key.index
         core.fault(str(task.key), message)
-        core.done(task, "trace_missing", message)
         note = trial.flights.pop(index)
         self._charge(trial, index, -1)
         core.counts.simulated_s -= note.flight.simulated_s
         core.counts.wall_s -= note.flight.wall_s
         core.let_go(*note.flight.blobs)
-        self._fly(trial, index)
+        trial.traces_lost[index] += 1
+        if trial.traces_lost[index] < core.campaign.lease.attempts_max:
+            core.done(task, "trace_missing", message)
+            self._fly(trial, index)
+        else:
+            task.losses = trial.traces_lost[index]
+            self._set_aside(task, key.flying, "infra", f"its trace was lost {task.losses} times: {message}")
 
     # ---- judged --------------------------------------------------------------------------------------------------
 

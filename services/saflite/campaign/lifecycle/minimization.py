@@ -38,6 +38,7 @@ class Attempt:
     test_case: TestCase
     build: str
     flight: Flight | None = None
+    traces_lost: int = 0  # before they were judged
 
 
 class Minimization:
@@ -163,10 +164,14 @@ class Minimization:
         self._show(_flying(key), frozenset())
 
     def on_trace_missing(self, task: Task, key: JudgeKey, message: str) -> None:
-        """Fly again what left no trace to be judged by."""
-        self._core.done(task, "trace_missing", message)
+        """Fly again what left no trace to be judged by, unless that happens again and again."""
         self._let_go(key.flying)
         attempt = self._under_way[key.flying]
+        attempt.traces_lost += 1
+        if attempt.traces_lost >= self._core.campaign.lease.attempts_max:
+            self._give_up(task, key, "infra", f"its trace was lost {attempt.traces_lost} times: {message}")
+            return
+        self._core.done(task, "trace_missing", message)
         target = TargetBuild(attempt.test_case.target.name, attempt.build)
         self._core.tasks.add(Task(key.flying, (*task.order[:3], 0), target=target))
 

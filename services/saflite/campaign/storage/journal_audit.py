@@ -108,7 +108,8 @@ class JournalAudit:
                     self._told_flown[fact.test_case, fact.flight_index] += 1
                     if fact.ending in FLOWN_ENDINGS:
                         continue
-                    self._flown.setdefault((fact.test_case, fact.flight_index), 1)
+                    flight = fact.test_case, fact.flight_index  # given up, maybe after its trace was lost
+                    self._flown[flight] = self._flown.get(flight) or 1
                 case Judged():
                     told_judged[fact.test_case, fact.flight_index] += 1
                     is_last = fact.flight_index == 0 and not fact.violated

@@ -223,7 +223,9 @@ class RunFolder:
     def artefacts(self, name: str = "") -> list[ArtefactRow]:
         """Return the named files that flights left, those of one test case if named."""
         query = "SELECT * FROM artefacts WHERE ?1 = '' OR test_case = ?1 ORDER BY rowid"
-        rows = (ArtefactRow(*row[:4], BlobRef(digest=row[4], size_bytes=row[5])) for row in self._rows(query, name))
+        rows = (
+            ArtefactRow._make((*row[:4], BlobRef(digest=row[4], size_bytes=row[5]))) for row in self._rows(query, name)
+        )
         return [row for row in rows if not self._blobs.fault(row.blob)]
 
     def content(self, blob: BlobRef) -> bytes:
