@@ -57,6 +57,11 @@ class Request(Protocol):
         ...
 
     @property
+    def peer(self) -> str:
+        """The name the asker's certificate proves; empty where none is needed: it is the farm's own user."""
+        ...
+
+    @property
     def damaged(self) -> str:
         """In words, how the question differs from what was sent; empty if it arrived whole."""
         ...

@@ -11,9 +11,9 @@ from typing import NamedTuple
 from saflite.contract.errors import Refused
 
 UNIX_PATH_BYTES_MAX = 107  # sockaddr_un
-_TCP = re.compile(r"tcp/(?:\[(?P<six>[0-9A-Fa-f:.]+)\]|(?P<host>[A-Za-z0-9.-]+)):(?P<port>\d{1,5})")
+_TCP = re.compile(r"(?P<link>tcp|tls)/(?:\[(?P<six>[0-9A-Fa-f:.]+)\]|(?P<host>[A-Za-z0-9.-]+)):(?P<port>\d{1,5})")
 _UNIX = re.compile(r"unixsock-stream/(?P<path>[^?#]+)")
-EXPECTED = "tcp/HOST:PORT or unixsock-stream/PATH"
+EXPECTED = "tls/HOST:PORT, tcp/HOST:PORT or unixsock-stream/PATH"
 
 
 class Endpoint(NamedTuple):
@@ -29,12 +29,17 @@ class Endpoint(NamedTuple):
         return not self.host
 
     @property
+    def is_tls(self) -> bool:
+        """Whether both ends prove who they are, and nobody between reads along."""
+        return self.text.startswith("tls/")
+
+    @property
     def from_here(self) -> str:
         """The endpoint at which a process of this machine reaches a router that listens here."""
         ip = _ip(self.host)
         if ip is None or not ip.is_unspecified:
             return self.text
-        return f"tcp/{'127.0.0.1' if ip.version == 4 else '[::1]'}:{self.port}"
+        return f"{self.text.partition('/')[0]}/{'127.0.0.1' if ip.version == 4 else '[::1]'}:{self.port}"
 
 
 def parse_endpoint(text: str, argument: str = "endpoint") -> Endpoint:
@@ -52,15 +57,25 @@ def parse_endpoint(text: str, argument: str = "endpoint") -> Endpoint:
     return Endpoint(text, host, port)
 
 
-def check_endpoint(text: str, *, insecure: bool, argument: str = "endpoint") -> Endpoint:
-    """Return the endpoint; raises Refused where others could reach it, too, and `insecure` does not allow that."""
+def check_endpoint(text: str, *, insecure: bool, keys: bool = False, argument: str = "endpoint") -> Endpoint:
+    """Return the endpoint; `keys` says whether there are any to prove oneself with.
+
+    Raises:
+        Refused: it needs keys, or others could reach it, too, and `insecure` does not allow that.
+    """
     endpoint = parse_endpoint(text, argument)
-    if not endpoint.is_closed and not insecure:
+    if endpoint.is_tls != keys:
+        wanted, got = (
+            ("--keys FOLDER with it", "none") if endpoint.is_tls else ("an endpoint tls/HOST:PORT", repr(text))
+        )
+        raise Refused("--keys" if endpoint.is_tls else argument, expected=wanted, got=got)
+    if not endpoint.is_closed and not endpoint.is_tls and not insecure:
         raise Refused(
             argument,
             expected="a Unix socket: TCP, loopback included, is neither encrypted nor authenticated",
             got=repr(text),
-            fix="leave it out for a private socket, or add --insecure where everybody who reaches it may be trusted",
+            fix="leave it out for a private socket, use tls/HOST:PORT with --keys (see `saflite keys --help`), "
+            "or add --insecure where everybody who reaches it may be trusted",
         )
     return endpoint
 

@@ -101,6 +101,7 @@ class MemoryRequest:
 
     def __init__(self, key: str, payload: bytes, sender: str, answer: Callable[[bytes | None, str], None]) -> None:
         self.key, self.payload, self.sender = key, payload, sender
+        self.peer = ""
         self._answer = answer
 
     def reply(self, payload: bytes) -> None:

@@ -12,14 +12,17 @@ import os
 import threading
 from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager
-from typing import Any, Literal, NoReturn
+from typing import Any, Literal, NamedTuple, NoReturn
 
 import zenoh
 from zenoh import ext
 
+from saflite.bus.access import ACCESS_KEY, BY, access_control, split
 from saflite.bus.base import Inbox, Presence, Reply, Sample, seal, unseal
 from saflite.bus.endpoints import check_endpoint
+from saflite.bus.keyring import Credentials, Register
 from saflite.bus.memory import HISTORY
+from saflite.bus.reach import why_unreached
 from saflite.contract.errors import Unavailable
 from saflite.contract.wire import MESSAGE_BYTES_MAX
 
@@ -28,15 +31,16 @@ log = logging.getLogger(__name__)
 LINK_LEASE_MS = 2000  # a frozen peer is noticed after about 0.75 of it; Zenoh's default of 10 s is too slow for us
 CLOSE_LIMIT_S = 3.0
 OPEN_TRY_S = 2.0  # how long one attempt to reach a router takes
+ACCESS_S = 2.0
 HEARTBEAT_S = 0.5  # how often an announcer says how far it is, so that followers notice a lost last fact
 
 
-def config_of(mode: Literal["router", "client"], endpoint: str) -> dict[str, Any]:
-    """Return Zenoh's configuration: a router listening on `endpoint`, or a client connected to it."""
+def config_of(mode: Literal["router", "client"], *endpoints: str) -> dict[str, Any]:
+    """Return Zenoh's configuration: a router listening on `endpoints`, or a client connected to one."""
     return {
         "mode": mode,
-        "listen/endpoints": [endpoint] if mode == "router" else [],
-        "connect/endpoints": [] if mode == "router" else [endpoint],
+        "listen/endpoints": list(endpoints) if mode == "router" else [],
+        "connect/endpoints": [] if mode == "router" else list(endpoints),
         "connect/timeout_ms": round(1000 * OPEN_TRY_S),
         "connect/exit_on_failure": True,
         "connect/retry": {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2},
@@ -55,7 +59,8 @@ class ZenohRequest:
     def __init__(self, query: zenoh.Query, name: str) -> None:
         self._query: zenoh.Query | None = query
         self._name = name
-        self.key = str(query.key_expr)
+        self._asked = str(query.key_expr)
+        self.peer, self.key = split(self._asked)
         self.payload = query.payload.to_bytes() if query.payload is not None else b""
         self.sender, self.damaged = unseal(self.key, _attached(query), self.payload)
 
@@ -64,7 +69,7 @@ class ZenohRequest:
         query, self._query = self._query, None
         if query is not None:
             try:
-                query.reply(self.key, payload, attachment=seal(self.key, self._name, payload))
+                query.reply(self._asked, payload, attachment=seal(self.key, self._name, payload))
                 query.drop()  # type: ignore[no-untyped-call]
             except zenoh.ZError as fault:
                 log.info("answer on %s not delivered: %s", self.key, fault)
@@ -92,7 +97,7 @@ class _Question:
         sample = reply.ok
         if sample is not None:
             payload = sample.payload.to_bytes()
-            _, damaged = unseal(str(sample.key_expr), _attached(sample), payload)
+            _, damaged = unseal(split(str(sample.key_expr))[1], _attached(sample), payload)
             self._settle(None if damaged else payload, "")
             return
         text = reply.err.payload.to_bytes().decode(errors="replace") if reply.err is not None else ""
@@ -108,10 +113,14 @@ class _Question:
 
 
 class ZenohBus:
-    """One participant's end of the bus: a Zenoh session and what it declared."""
+    """One participant's end of the bus: a Zenoh session and what it declared.
 
-    def __init__(self, name: str, session: zenoh.Session) -> None:
-        self.name = name
+    `peer` is the name its certificate proves, empty without one. A router that `admits` such participants serves their
+    keys beside its own.
+    """
+
+    def __init__(self, name: str, session: zenoh.Session, *, peer: str = "", admits: bool = False) -> None:
+        self.name, self._peer, self._admits = name, peer, admits
         self._session = session
         self._announcers: dict[str, Any] = {}
         self._declared: list[Any] = []
@@ -119,7 +128,8 @@ class ZenohBus:
     def serve(self, pattern: str, inbox: Inbox) -> None:
         """See `Bus.serve`."""
         handler = _direct(lambda query: inbox(ZenohRequest(query, self.name)))
-        self._declared.append(self._session.declare_queryable(pattern, handler, complete=True))
+        for served in (pattern, f"{BY}/*/{pattern}") if self._admits else (pattern,):
+            self._declared.append(self._session.declare_queryable(served, handler, complete=True))
 
     def ask(
         self,
@@ -135,7 +145,7 @@ class ZenohBus:
         question = _Question(tag, inbox)
         try:
             self._session.get(
-                key,
+                f"{BY}/{self._peer}/{key}" if self._peer else key,
                 _direct(question.on_reply, question.on_drop),
                 target=zenoh.QueryTarget.BEST_MATCHING,
                 consolidation=zenoh.ConsolidationMode.NONE,
@@ -149,6 +159,25 @@ class ZenohBus:
         except zenoh.ZError as fault:
             log.warning("question on %s not sent: %s", key, fault)
             question.on_drop()
+
+    def tell_access(self, register: Register) -> None:
+        """Tell whoever has a certificate what its name may do: denials themselves are silent."""
+
+        def tell(query: zenoh.Query) -> None:
+            asked = split(str(query.key_expr))[0]
+            peer = register.named(asked)
+            words = peer.in_words() if peer is not None else f"{asked} has no key in this farm's register"
+            query.reply(str(query.key_expr), words.encode())
+            query.drop()  # type: ignore[no-untyped-call]
+
+        self._declared.append(self._session.declare_queryable(f"{BY}/*/{ACCESS_KEY}", _direct(tell), complete=True))
+
+    def access(self) -> str:
+        """Return in words what this participant may do, empty where nobody says."""
+        for reply in self._session.get(f"{BY}/{self._peer}/{ACCESS_KEY}", timeout=ACCESS_S) if self._peer else ():
+            if reply.ok is not None:
+                return reply.ok.payload.to_bytes().decode(errors="replace")[:500]
+        return ""
 
     def announce(self, key: str, payload: bytes) -> None:
         """See `Bus.announce`."""
@@ -216,46 +245,68 @@ def _words(fault: zenoh.ZError) -> str:
     return str(fault).partition(" at /")[0]
 
 
-def _open(name: str, config: dict[str, Any]) -> ZenohBus:
+def _open(config: dict[str, Any]) -> zenoh.Session:
     settings = zenoh.Config()
     for key, value in config.items():
         settings.insert_json5(key, json.dumps(value))
-    return ZenohBus(name, zenoh.open(settings))
+    return zenoh.open(settings)
 
 
-def open_router(name: str, endpoint: str, *, insecure: bool = False) -> ZenohBus:
+class Gate(NamedTuple):
+    """A second place where a router listens, for those who prove their name; `register` says what they may do."""
+
+    endpoint: str
+    credentials: Credentials
+    register: Register
+
+
+def open_router(name: str, endpoint: str, *, insecure: bool = False, gate: Gate | None = None) -> ZenohBus:
     """Return a bus that is also the router everybody connects to.
 
     Raises:
         Refused: others can reach the endpoint and `insecure` does not allow that.
         Unavailable: it cannot listen there.
     """
-    place = check_endpoint(endpoint, insecure=insecure, argument="--listen")
+    places = [check_endpoint(endpoint, insecure=insecure, argument="--listen").text]
+    more: dict[str, Any] = {}
+    if gate is not None:
+        places.append(check_endpoint(gate.endpoint, insecure=False, keys=True, argument="--listen").text)
+        more["transport/link/tls"] = gate.credentials.tls()
+        more["access_control"] = access_control(gate.register.peers)
     try:
         with _private_files():
-            return _open(name, config_of("router", place.text))
+            session = _open({**config_of("router", *places), **more})
     except zenoh.ZError as fault:
-        raise Unavailable(f"cannot listen on {endpoint}: {_words(fault)}") from fault
+        raise Unavailable(f"cannot listen on {' and '.join(places)}: {_words(fault)}") from fault
+    bus = ZenohBus(name, session, admits=gate is not None)
+    if gate is not None:
+        bus.tell_access(gate.register)
+    return bus
 
 
-def open_client(name: str, endpoint: str, *, tries: int | None = None, insecure: bool = False) -> ZenohBus:
+def open_client(
+    name: str, endpoint: str, *, tries: int | None = None, insecure: bool = False, keys: Credentials | None = None
+) -> ZenohBus:
     """Return a bus connected to the router at `endpoint`; tries without end and says so, or `tries` times.
 
     Raises:
-        Refused: others can reach the endpoint and `insecure` does not allow that.
+        Refused: it needs keys, or others can reach the endpoint and `insecure` does not allow that.
         Unavailable: the router was not reached in `tries` attempts of about 2 s.
     """
-    place = check_endpoint(endpoint, insecure=insecure)
+    place = check_endpoint(endpoint, insecure=insecure, keys=keys is not None)
+    config = config_of("client", place.text)
+    if keys is not None:
+        config["transport/link/tls"] = keys.tls()
     attempt = 0
     while True:
         attempt += 1
         try:
-            return _open(name, config_of("client", place.text))
+            return ZenohBus(name, _open(config), peer=keys.peer.name if keys is not None and keys.peer else "")
         except zenoh.ZError as fault:
+            why = why_unreached(place, keys) or _words(fault)
             if tries is not None and attempt >= tries:
-                text = f"no router at {endpoint}, or wrong credentials (tried {attempt} times): {_words(fault)}"
-                raise Unavailable(text) from fault
-            log.warning("no router at %s yet (try %d), trying on", endpoint, attempt)
+                raise Unavailable(f"no router at {endpoint} (tried {attempt} times): {why}") from fault
+            log.warning("no router at %s yet (try %d), trying on: %s", endpoint, attempt, why)
 
 
 @contextmanager

@@ -17,6 +17,7 @@ NAME = r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}"
 NAME_EXPECTED = "1 to 64 of A-Z a-z 0-9 . _ - beginning with a letter or digit"
 
 Name = Annotated[str, Meta(pattern=f"^{NAME}{_END}")]
+NameOrAny = Annotated[str, Meta(pattern=f"^(?:{NAME}|[*]){_END}")]
 NameOrNone = Annotated[str, Meta(pattern=f"^(?:{NAME})?{_END}")]
 ShortId = Annotated[str, Meta(pattern=f"^[0-9a-f]{{16}}{_END}")]
 ShortIdOrNone = Annotated[str, Meta(pattern=f"^(?:[0-9a-f]{{16}})?{_END}")]

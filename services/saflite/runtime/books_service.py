@@ -15,6 +15,7 @@ from typing import NamedTuple, TypeVar
 
 import msgspec
 
+from saflite.bus.access import speaks_for
 from saflite.bus.base import Bus, Happening, Presence, Request
 from saflite.campaign.engine.outbox import Batch
 from saflite.campaign.engine.state import Books
@@ -208,15 +209,15 @@ class BooksService:
             if request.damaged:
                 raise Refused(kind, expected="the message as it was sent", got=request.damaged)
             if kind == "join":
-                self._on_join(request, wire.decode(request.payload, Join), now_s)
+                self._on_join(request, _read(request, Join), now_s)
             elif kind == "work":
-                self._on_ask(request, wire.decode(request.payload, Ask), now_s)
+                self._on_ask(request, _read(request, Ask), now_s)
             elif kind == "beat":
-                self._answer(request, self._books.beat(wire.decode(request.payload, Heartbeat), now_s))
+                self._answer(request, self._books.beat(_read(request, Heartbeat), now_s))
             elif kind == "result":
-                self._on_report(request, wire.decode(request.payload, Report), now_s)
+                self._on_report(request, _read(request, Report), now_s)
             elif kind == "control":
-                self._on_control(request, wire.decode(request.payload, Control), now_s)
+                self._on_control(request, _read(request, Control), now_s)
         except Refused as fault:
             request.refuse(str(fault))
             self._complaints.add(f"{request.sender[:64]} on {kind}", str(fault)[:500])
@@ -327,3 +328,16 @@ class BooksService:
             self._bus.announce(topics.event(self._campaign, kind_of(event.fact)), wire.encode(event))
         if self._ended_s is None and self._books.ended:
             self._ended_s = now_s
+
+
+def _read(request: Request, kind: type[T]) -> T:
+    """Return the message of a request; raises Refused unless it says what its key and the asker's certificate say."""
+    message = wire.decode(request.payload, kind)
+    place = request.key.rpartition("/")[2]
+    said = getattr(message, "stage", getattr(message, "verb", place))
+    if said != place:
+        raise Refused("key", expected=f"one that ends in {said}, as the message says", got=place[:80])
+    worker = getattr(message, "worker", request.peer)
+    if not speaks_for(request.peer, worker):
+        raise Refused("worker", expected=f"{request.peer} or {request.peer}-..., as its key is named", got=worker)
+    return message

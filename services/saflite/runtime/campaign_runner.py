@@ -75,6 +75,7 @@ def resume(
     modules: Sequence[Path] = (),
     budget: int | None = None,
     listen: str = "",
+    keys: Path | None = None,
     insecure: bool = False,
 ) -> ExitSummary:
     """Continue the campaign in `run_dir` to its end on this machine, with a new budget if one is given.
@@ -99,6 +100,7 @@ def resume(
         cast,
         modules=[module.path for module in used],
         listen=listen,
+        keys=keys,
         insecure=insecure,
         key_hosts=hosts_named_by(campaign.scorer),
     )

@@ -5,13 +5,15 @@ from __future__ import annotations
 import itertools
 import json
 import queue
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TypeVar
 
 import msgspec
 
+from saflite.bus.access import Peer
 from saflite.bus.base import Bus, Happening, Reply, Sample
+from saflite.bus.keyring import Credentials
 from saflite.contract import topics, wire
 from saflite.contract.clock import Clock
 from saflite.contract.control import Answer, Control, Status, Verb
@@ -58,16 +60,33 @@ def read_info(run_dir: Path) -> FarmInfo:
 class FarmClient:
     """A connection to a running farm. Not for use from several threads."""
 
-    def __init__(self, bus: Bus, campaign: str, clock: Clock | None = None) -> None:
-        self._bus, self._campaign = bus, campaign
+    def __init__(
+        self,
+        bus: Bus,
+        campaign: str,
+        clock: Clock | None = None,
+        *,
+        peer: Peer | None = None,
+        access: Callable[[], str] = str,
+    ) -> None:
+        """`peer` is whose key opened the bus; `access` asks the farm what it may do, for when nobody answers."""
+        self._bus, self._campaign, self._peer, self._access = bus, campaign, peer, access
         self._clock: Clock = clock or WallClock()
         self._inbox: queue.SimpleQueue[Happening] = queue.SimpleQueue()
         self._facts: queue.SimpleQueue[Happening] = queue.SimpleQueue()
         self._count = itertools.count()
 
     @classmethod
-    def connect(cls, endpoint: str, campaign: str, *, tries: int | None = 3, insecure: bool = False) -> FarmClient:
-        """Return a client of the farm at `endpoint`.
+    def connect(
+        cls,
+        endpoint: str,
+        campaign: str,
+        *,
+        tries: int | None = 3,
+        insecure: bool = False,
+        keys: Credentials | None = None,
+    ) -> FarmClient:
+        """Return a client of the farm at `endpoint`; `keys` prove who asks, where the endpoint wants that.
 
         Raises:
             Refused: others can reach the endpoint and `insecure` does not allow that.
@@ -75,7 +94,11 @@ class FarmClient:
         """
         from saflite.bus.zenoh import open_client
 
-        return cls(open_client("console", endpoint, tries=tries, insecure=insecure), campaign)
+        bus = open_client("console", endpoint, tries=tries, insecure=insecure, keys=keys)
+        if keys is not None and keys.peer is not None and not keys.peer.may(campaign):
+            bus.close()
+            raise Refused("--campaign", expected=f"one the key is for: {keys.peer.in_words()}", got=repr(campaign))
+        return cls(bus, campaign, peer=keys.peer if keys is not None else None, access=bus.access)
 
     @classmethod
     def of_run(cls, run_dir: Path) -> FarmClient:
@@ -87,8 +110,12 @@ class FarmClient:
         """Give an order and return the answer; asks again while nobody answers.
 
         Raises:
+            Refused: the key is not for that, or the books cannot read it.
             Unavailable: no answer within `within_s`.
         """
+        if self._peer is not None and not self._peer.may_order(verb):
+            raise Refused("key", expected=f"one that may `{verb}`", got=self._peer.in_words())
+        access = ""
         payload = wire.encode(Control(verb=verb, text=text, number=number))
         until_s = self._clock.monotonic_s() + within_s
         while True:
@@ -100,7 +127,9 @@ class FarmClient:
             if reply.refused:
                 raise Refused("order", expected="one the books can read", got=reply.refused)
             if self._clock.monotonic_s() >= until_s:
-                raise Unavailable(f"the books of {self._campaign} did not answer for {within_s:.0f} s")
+                words = f"the books of {self._campaign} did not answer for {within_s:.0f} s"
+                raise Unavailable(f"{words}; {access}" if access else words)
+            access = access or self._access()
             self._pause(RETRY_S)
 
     def status(self, *, within_s: float = 30.0) -> Status:

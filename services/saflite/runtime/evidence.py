@@ -15,6 +15,7 @@ from typing import NamedTuple, Protocol
 
 import msgspec
 
+from saflite.bus.access import speaks_for
 from saflite.bus.base import Bus, Happening, Request
 from saflite.contract import topics, wire
 from saflite.contract.blobs import BlobGet, BlobMissing, BlobOpen, BlobOpened, BlobPut
@@ -171,9 +172,17 @@ class BlobRequests:
         if verb == "get":
             return self._chunks.get(wire.decode(request.payload, BlobGet))
         if verb == "put":
-            return self._chunks.put(wire.decode(request.payload, BlobPut))
+            put = wire.decode(request.payload, BlobPut)
+            _check_speaker(request, put.worker)
+            return self._chunks.put(put)
         if verb == "open":
             opened = wire.decode(request.payload, BlobOpen)
+            _check_speaker(request, opened.worker)
             self._blobs.forget_but(opened.worker, opened.keep)
             return BlobOpened(probe=self._probe)
         raise Refused("blob", expected="open, get or put", got=verb)
+
+
+def _check_speaker(request: Request, worker: str) -> None:
+    if not speaks_for(request.peer, worker):
+        raise Refused("worker", expected=f"{request.peer} or {request.peer}-..., as its key is named", got=worker)

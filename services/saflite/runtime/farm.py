@@ -55,6 +55,8 @@ class LocalFarm:
         cast: the roles.
         modules: files of modules from outside, for every role that works.
         listen: the endpoint others may join at; a Unix socket that only this user reaches if left out.
+        keys: the folder of the farm's keys, for an endpoint `tls/HOST:PORT`: those with a key join there, the
+            farm's own roles meet on a private socket.
         insecure: allow an endpoint that others can reach.
         key_hosts: hosts of model servers that scorers may send keys to, beside those of the environment.
         prefix_of: gives the words put before a role's command.
@@ -68,20 +70,27 @@ class LocalFarm:
         *,
         modules: Sequence[Path] = (),
         listen: str = "",
+        keys: Path | None = None,
         insecure: bool = False,
         key_hosts: Sequence[str] = (),
         prefix_of: PrefixOf = lambda _: (),
     ) -> None:
-        self._socket = None if listen else PrivateSocket()
+        gate = listen if keys is not None else ""
+        if gate:
+            check_endpoint(gate, insecure=False, keys=True, argument="--listen")
+        self._socket = None if listen and not gate else PrivateSocket()
         text = self._socket.endpoint if self._socket else listen
         endpoint = check_endpoint(text, insecure=insecure, argument="--listen")
         self.campaign, self.run_dir, self.endpoint, self.insecure = campaign, run_dir, endpoint.from_here, insecure
-        meeting = Meeting(campaign=campaign, connect=endpoint.from_here, listen=endpoint.text, insecure=insecure)
+        meeting = Meeting(
+            campaign=campaign, connect=endpoint.from_here, listen=endpoint.text, gate=gate, insecure=insecure
+        )
         self._launcher = LocalLauncher(
             meeting,
             run_dir,
             run_dir=run_dir,
             modules=modules,
+            keys=keys,
             prefix_of=prefix_of,
             variables_of=lambda spec: with_key_hosts(key_hosts) if spec.kind == "score" else {},
         )

@@ -2,7 +2,7 @@
 
 Roles: books (with the router), router (alone), and the stages mutate, score, fly, judge, record. A role ends with
 code 0 when it was told to stop or the campaign is over, 2 on refused input, 3 where something it needs is missing, 4
-where nobody has answered for its patience,
+where nobody has answered for its patience, 5 where it wants to be started anew,
 70 when our own code broke (the launcher starts it again, its leases are freed at once).
 """
 
@@ -12,12 +12,14 @@ import argparse
 import logging
 import signal
 import sys
+import threading
 import traceback
 from collections.abc import Callable
 from pathlib import Path
 from typing import NoReturn, get_args
 
-from saflite.bus.zenoh import OPEN_TRY_S, leave_process, open_client, open_router
+from saflite.bus.keyring import REGISTER, farm_credentials, peer_credentials, read_register
+from saflite.bus.zenoh import OPEN_TRY_S, Gate, leave_process, open_client, open_router
 from saflite.contract.errors import FarmError, Refused, Unavailable
 from saflite.contract.join import check_worker_name
 from saflite.contract.modules import use
@@ -33,7 +35,9 @@ from saflite.simulator_worker.processes import die_with_parent
 
 log = logging.getLogger(__name__)
 
-EXIT_FINE, EXIT_REFUSED, EXIT_UNAVAILABLE, EXIT_UNANSWERED, EXIT_BROKEN = 0, 2, 3, 4, 70
+EXIT_FINE, EXIT_REFUSED, EXIT_UNAVAILABLE, EXIT_UNANSWERED, EXIT_AGAIN, EXIT_BROKEN = 0, 2, 3, 4, 5, 70
+KEYS_CHANGED = "the register of keys has changed"
+REGISTER_LOOK_S = 1.0
 
 
 def parser() -> argparse.ArgumentParser:
@@ -43,6 +47,8 @@ def parser() -> argparse.ArgumentParser:
     text.add_argument("--campaign", required=True, help="name of the campaign")
     text.add_argument("--connect", default="", help="router to connect to, e.g. unixsock-stream/PATH")
     text.add_argument("--listen", default="", help="where the router listens (books, router)")
+    text.add_argument("--gate", default="", help="second endpoint of the router, tls/HOST:PORT, for those with keys")
+    text.add_argument("--keys", type=Path, help="keys of the farm (with --gate), or of this worker")
     text.add_argument("--insecure", action="store_true", help="allow endpoints that others can reach")
     text.add_argument("--worker", default="", help="name of this worker, its own in the farm")
     text.add_argument("--run-dir", type=Path, help="run folder (books; others, if they can see it)")
@@ -82,7 +88,7 @@ def _run(options: argparse.Namespace) -> int:
         return _worker(options)
     why = _books(options) if options.role == "books" else _router(options)
     log.info("%s ends: %s", options.role, why)
-    return EXIT_FINE
+    return EXIT_AGAIN if why == KEYS_CHANGED else EXIT_FINE
 
 
 def _books(options: argparse.Namespace) -> str:
@@ -100,12 +106,14 @@ def _books(options: argparse.Namespace) -> str:
     log.info("books of %s rebuilt in %.2f s", options.campaign, clock.monotonic_s() - started_s)
     insecure = options.insecure
     if options.listen:
-        bus = open_router("books", options.listen, insecure=insecure)
+        bus = open_router("books", options.listen, insecure=insecure, gate=_gate(options, clock))
     else:
         bus = open_client("books", options.connect, insecure=insecure)
     evidence = EvidenceService(bus, options.campaign, store.blobs)
     service = BooksService(bus, options.campaign, books, store, clock, evidence)
     _on_signals(service.stop)
+    if options.gate:
+        _on_change(options.keys / REGISTER, clock, service.stop)
     why = service.run()
     bus.close()
     evidence.close()
@@ -119,7 +127,7 @@ def _router(options: argparse.Namespace) -> str:
     waiting = signal.sigwait  # nothing to do but wait for a signal
     signals = {signal.SIGTERM, signal.SIGINT}
     signal.pthread_sigmask(signal.SIG_BLOCK, signals)
-    bus = open_router("router", options.listen, insecure=options.insecure)
+    bus = open_router("router", options.listen, insecure=options.insecure, gate=_gate(options, WallClock()))
     number = waiting(signals)
     bus.close()
     return f"signal {signal.Signals(number).name}"
@@ -131,7 +139,8 @@ def _worker(options: argparse.Namespace) -> int:
     name = check_worker_name(options.worker or options.role)
     tries = max(1, round(options.patience / OPEN_TRY_S)) if options.patience else None
     try:
-        bus = open_client(name, options.connect, tries=tries, insecure=options.insecure)
+        keys = peer_credentials(options.keys, clock.unix_s()) if options.keys is not None else None
+        bus = open_client(name, options.connect, tries=tries, insecure=options.insecure, keys=keys)
     except Unavailable as fault:
         log.error("%s", fault)
         return EXIT_UNANSWERED
@@ -150,6 +159,32 @@ def _worker(options: argparse.Namespace) -> int:
     service.close()
     log.log(logging.INFO if left.left_for == "done" else logging.ERROR, "%s", left.why)
     return {"done": EXIT_FINE, "refused": EXIT_REFUSED, "unanswered": EXIT_UNANSWERED}[left.left_for]
+
+
+def _gate(options: argparse.Namespace, clock: WallClock) -> Gate | None:
+    if not options.gate:
+        return None
+    if options.keys is None:
+        raise Refused("--keys", expected="the farm's keys, with --gate", got="nothing")
+    return Gate(options.gate, farm_credentials(options.keys, clock.unix_s()), read_register(options.keys))
+
+
+def _on_change(path: Path, clock: WallClock, stop: Callable[[str], None]) -> None:
+    """Stop when the register of keys changes: access is settled when a router starts, so it has to start anew."""
+    began = path.read_bytes()
+
+    def look() -> None:
+        while True:
+            clock.sleep_s(REGISTER_LOOK_S)
+            try:
+                changed = path.read_bytes() != began
+            except OSError:
+                continue
+            if changed:
+                stop(KEYS_CHANGED)
+                return
+
+    threading.Thread(target=look, name="register", daemon=True).start()
 
 
 def _on_signals(stop: Callable[[str], None]) -> None:

@@ -15,8 +15,10 @@ from typing import NamedTuple
 
 import msgspec
 
+from saflite.bus.access import STAGE_OF, Peer, speaks_for
 from saflite.bus.base import Bus, Happening, Presence
 from saflite.bus.endpoints import check_endpoint
+from saflite.bus.keyring import Credentials, peer_credentials
 from saflite.bus.zenoh import OPEN_TRY_S, open_client
 from saflite.contract import topics
 from saflite.contract.clock import Clock
@@ -42,6 +44,7 @@ Say = Callable[[str], None]
 class Group(msgspec.Struct, frozen=True, kw_only=True):
     """Which workers to run, for which farm. `workers` says how many of each stage; `name` begins all their names.
 
+    `keys` is the folder that proves who they are, where the endpoint wants that: its name begins theirs, then.
     `folder` holds their logs and undelivered results; None takes a temporary one.
     """
 
@@ -52,6 +55,7 @@ class Group(msgspec.Struct, frozen=True, kw_only=True):
     folder: Path | None = None
     modules: tuple[Path, ...] = ()
     labels: dict[str, str] = {}
+    keys: Path | None = None
     insecure: bool = False
     patience_s: float = 60.0
 
@@ -70,17 +74,25 @@ def run(group: Group, say: Say) -> GroupEnd:
         Refused: an endpoint that needs `insecure`, illegal names, no campaign or several at the endpoint.
         Unavailable: nobody answers at the endpoint within the patience.
     """
-    endpoint = check_endpoint(group.endpoint, insecure=group.insecure, argument="--join").from_here
+    endpoint = check_endpoint(
+        group.endpoint, insecure=group.insecure, keys=group.keys is not None, argument="--join"
+    ).from_here
+    keys = peer_credentials(group.keys, WallClock().unix_s()) if group.keys is not None else None
+    peer = keys.peer if keys is not None else None
+    if peer is not None:
+        _check_key(peer, group)
     folder = group.folder or Path(tempfile.mkdtemp(prefix="saflite-worker-"))
     end: GroupEnd | None = None
     try:
-        specs = _specs(group, group.name or _name_here(folder))
-        campaign = group.campaign or _campaign_at(endpoint, group)
+        specs = _specs(group, group.name or _name_here(folder, peer.name if peer is not None else ""))
+        campaign = group.campaign or _campaign_at(endpoint, group, keys)
+        if peer is not None and not peer.may(campaign):
+            raise Refused("campaign", expected=f"one the key is for: {peer.in_words()}", got=repr(campaign))
         meeting = Meeting(campaign=campaign, connect=endpoint, insecure=group.insecure, patience_s=group.patience_s)
         say(f"joining campaign {campaign} at {endpoint}: {', '.join(spec.name for spec in specs)}")
         say(f"logs in {folder / 'logs'}")
         with interrupts() as interrupted:
-            end = _work(LocalLauncher(meeting, folder, modules=group.modules), specs, interrupted)
+            end = _work(LocalLauncher(meeting, folder, modules=group.modules, keys=group.keys), specs, interrupted)
     finally:
         _tidy(group, folder, end)
     return end
@@ -122,9 +134,19 @@ def _specs(group: Group, name: str) -> list[RoleSpec]:
     ]
 
 
-def _name_here(folder: Path) -> str:
+def _check_key(peer: Peer, group: Group) -> None:
+    """Raise Refused for what the key is not for: the farm would not answer."""
+    allowed = [STAGE_OF[role] for role in peer.roles if role in STAGE_OF]
+    wrong = [stage for stage in group.workers if stage not in allowed]
+    if wrong:
+        raise Refused("--stages", expected=f"{','.join(allowed) or 'none'}: {peer.in_words()}", got=",".join(wrong))
+    if group.name and not speaks_for(peer.name, group.name):
+        raise Refused("--name", expected=f"{peer.name} or {peer.name}-..., as the key is named", got=repr(group.name))
+
+
+def _name_here(folder: Path, peer: str = "") -> str:
     """Return a name that is the same for the same host and folder, so that results left there find their worker."""
-    host = re.sub(r"[^A-Za-z0-9-]", "-", socket.gethostname()).strip("-")[:32] or "host"
+    host = peer or re.sub(r"[^A-Za-z0-9-]", "-", socket.gethostname()).strip("-")[:32] or "host"
     return f"{host}-{short_id(str(folder.absolute()).encode())[:6]}"
 
 
@@ -136,15 +158,16 @@ def _tidy(group: Group, folder: Path, end: GroupEnd | None) -> None:
             shutil.rmtree(folder)
 
 
-def _campaign_at(endpoint: str, group: Group) -> str:
+def _campaign_at(endpoint: str, group: Group, keys: Credentials | None) -> str:
     tries = max(1, round(group.patience_s / OPEN_TRY_S)) if group.patience_s else None
-    bus = open_client("worker", endpoint, tries=tries, insecure=group.insecure)
+    bus = open_client("worker", endpoint, tries=tries, insecure=group.insecure, keys=keys)
     try:
         found = campaigns(bus, WallClock(), group.patience_s)
+        words = "" if found else bus.access()
     finally:
         bus.close()
     if not found:
-        raise Unavailable(f"no farm at {endpoint} has shown within {group.patience_s:.0f} s")
+        raise Unavailable(f"no farm at {endpoint} has shown within {group.patience_s:.0f} s{words and '; '}{words}")
     if len(found) > 1:
         raise Refused("--campaign", expected=f"one of {', '.join(found)}, which run at {endpoint}", got="nothing")
     return found[0]

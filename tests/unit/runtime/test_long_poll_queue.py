@@ -7,7 +7,7 @@ from saflite.runtime.long_poll_queue import PASSED_OVER_MAX, LongPollQueue
 
 
 class _Request:
-    key, payload, sender, damaged = "k", b"", "s", ""
+    key, payload, sender, peer, damaged = "k", b"", "s", "", ""
 
     def reply(self, payload: bytes) -> None:
         raise AssertionError

@@ -56,6 +56,7 @@ def run(args: argparse.Namespace) -> int:
             modules=args.module,
             budget=args.budget,
             listen=args.listen,
+            keys=args.keys,
             insecure=args.insecure,
         )
 

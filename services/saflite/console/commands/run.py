@@ -71,7 +71,8 @@ def run(args: argparse.Namespace) -> int:
         out.line(f"campaign {campaign.name}: {campaign.budget_flights} flights, {scorer}, rng_seed {campaign.rng_seed}")
         out.line(f"run folder {run_dir}")
         if args.listen:
-            out.line(f"others join with `saflite worker --join {args.listen}{' --insecure' if args.insecure else ''}`")
+            how = " --keys FOLDER" if args.keys else " --insecure" if args.insecure else ""
+            out.line(f"others join with `saflite worker --join {args.listen}{how}`")
         for remark in campaign_options.remarks(campaign):
             out.line(remark)
         out.flush()
@@ -82,6 +83,7 @@ def run(args: argparse.Namespace) -> int:
             simulators=args.workers,
             on_status=on_status,
             listen=args.listen,
+            keys=args.keys,
             insecure=args.insecure,
         )
 

@@ -73,7 +73,7 @@ def _line(event: Event) -> str:
     import msgspec
 
     from saflite.console.view import live, out
-    from saflite.contract.events import Flown, Judged, kind_of
+    from saflite.contract.events import Flown, Judged, WorkerChanged, kind_of
 
     fact = event.fact
     text = live.fact_text(fact)

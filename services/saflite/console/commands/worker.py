@@ -5,6 +5,7 @@ needed here. Who joins must run the same version; the farm refuses others in wor
 
 examples:
   saflite worker --join runs/night
+  saflite worker --join tls/10.0.0.5:7447 --keys lab2 --stages fly --workers 8
   saflite worker --join tcp/10.0.0.5:7447 --insecure --stages fly,judge --workers 8 --name lab2
   saflite worker --join unixsock-stream//run/farm.sock --state ~/.saflite/worker --module my_target.py
 
@@ -38,6 +39,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--patience", type=float, default=60.0, metavar="S", help="end after so long unanswered (60; 0: never)"
     )
+    parser.add_argument("--keys", type=Path, metavar="FOLDER", help=farm_options.KEYS)
     parser.add_argument("--insecure", action="store_true", help=farm_options.INSECURE)
 
 
@@ -56,6 +58,7 @@ def run(args: argparse.Namespace) -> int:
         folder=args.state,
         modules=tuple(args.module),
         labels=_labels(args.label),
+        keys=args.keys,
         insecure=args.insecure or (farm is not None and farm.insecure),
         patience_s=args.patience,
     )

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
 from saflite.console.run_data.farm_lookup import Where
+from saflite.contract.errors import Refused
 
+KEYS = "folder of a key, for an endpoint tls/HOST:PORT (`saflite keys add` makes one)"
 INSECURE = "allow an endpoint that others can reach (TCP): nothing is encrypted or authenticated"
 
 
 def listening(parser: argparse.ArgumentParser) -> None:
     """Name the arguments of a command that starts a farm."""
     parser.add_argument("--listen", default="", metavar="ENDPOINT", help="where others may join (a private socket)")
+    keys = "folder of the farm's keys, for --listen tls/HOST:PORT (see `saflite keys`)"
+    parser.add_argument("--keys", type=Path, metavar="FOLDER", help=keys)
     parser.add_argument("--insecure", action="store_true", help=INSECURE)
 
 
@@ -19,12 +24,13 @@ def connecting(parser: argparse.ArgumentParser) -> None:
     """Name the arguments of a command that talks to a running farm, maybe one on another machine."""
     parser.add_argument("--connect", default="", metavar="ENDPOINT", help="farm without a run folder here")
     parser.add_argument("--campaign", default="", help="its campaign, with --connect")
+    parser.add_argument("--keys", type=Path, metavar="FOLDER", help=KEYS)
     parser.add_argument("--insecure", action="store_true", help=INSECURE)
 
 
 def where(args: argparse.Namespace) -> Where:
     """Return the farm the arguments of `connecting` and `--run` name."""
-    return Where(args.run, args.connect, args.campaign, args.insecure)
+    return Where(args.run, args.connect, args.campaign, args.insecure, args.keys)
 
 
 def check(args: argparse.Namespace) -> None:
@@ -35,4 +41,11 @@ def check(args: argparse.Namespace) -> None:
     if args.workers is not None:
         campaign_options.at_least("--workers", args.workers, 0 if args.listen else 1)
     if args.listen:
-        check_endpoint(args.listen, insecure=args.insecure, argument="--listen")
+        check_endpoint(args.listen, insecure=args.insecure, keys=args.keys is not None, argument="--listen")
+    if args.keys is not None:
+        from saflite.bus.keyring import farm_credentials
+        from saflite.runtime.clock import WallClock
+
+        if not args.listen:
+            raise Refused("--keys", expected="--listen tls/HOST:PORT with it", got="none")
+        farm_credentials(args.keys, WallClock().unix_s())

@@ -47,16 +47,20 @@ class Where(NamedTuple):
     endpoint: str = ""
     campaign: str = ""
     insecure: bool = False
+    keys: Path | None = None
 
 
 def connect(where: Where) -> FarmClient:
     """Return a client of the farm meant; raises Refused if none is named or running, Unavailable if not reached."""
+    from saflite.bus.keyring import peer_credentials
     from saflite.runtime.client import FarmClient
+    from saflite.runtime.clock import WallClock
 
     if where.endpoint:
         if not where.campaign:
             raise Refused("--campaign", expected="the campaign's name, with --connect", got="nothing")
-        return FarmClient.connect(where.endpoint, where.campaign, insecure=where.insecure)
+        keys = peer_credentials(where.keys, WallClock().unix_s()) if where.keys is not None else None
+        return FarmClient.connect(where.endpoint, where.campaign, insecure=where.insecure, keys=keys)
     place = where.run_dir or newest_running()
     if not is_running(place):
         fix = f"`saflite resume {place}` goes on with it"

@@ -15,10 +15,10 @@ import msgspec
 from saflite.contract.work import Stage
 
 Kind = Stage | Literal["books", "router"]
-Condition = Literal["running", "finished", "refused", "unavailable", "unanswered", "killed", "broken"]
+Condition = Literal["running", "finished", "refused", "unavailable", "unanswered", "killed", "again", "broken"]
 """How a role is: `finished` by itself as it should, `refused` for its input, `unavailable` for want of something it
-needs, `unanswered` when its patience with a farm that is away ended, `killed` from outside, `broken` by
-its own fault."""
+needs, `unanswered` when its patience with a farm that is away ended, `killed` from outside,
+`again` when it asks to be started anew, `broken` by its own fault."""
 
 
 class RoleSpec(msgspec.Struct, frozen=True, kw_only=True):
@@ -38,6 +38,7 @@ class RoleSpec(msgspec.Struct, frozen=True, kw_only=True):
 class Meeting(msgspec.Struct, frozen=True, kw_only=True):
     """Where the roles of one farm meet: the campaign, and the endpoints at which the router is reached and listens.
 
+    `gate` is a second endpoint at which the router listens, for those who prove their name by a key.
     `insecure` allows endpoints that others can reach. Workers end by themselves after `patience_s` without
     an answer of the books; 0 lets them try without end.
     """
@@ -45,6 +46,7 @@ class Meeting(msgspec.Struct, frozen=True, kw_only=True):
     campaign: str
     connect: str
     listen: str = ""
+    gate: str = ""
     insecure: bool = False
     patience_s: float = 0.0
 

@@ -28,6 +28,7 @@ _CONDITIONS: dict[int, Condition] = {
     2: "refused",
     3: "unavailable",
     4: "unanswered",
+    5: "again",
     -signal.SIGKILL: "killed",
     -signal.SIGTERM: "killed",
 }
@@ -45,6 +46,7 @@ class LocalLauncher:
         folder: where logs and undelivered results go.
         run_dir: the run folder, for roles that need it; None where it lies on another machine.
         modules: files of modules from outside, known by the name of the file.
+        keys: the farm's keys where it has a gate, otherwise what its roles prove themselves with.
         prefix_of: gives the words put before a role's command (a network namespace, a limit).
         variables_of: gives what is set in a role's environment, beside what is there.
     """
@@ -56,11 +58,12 @@ class LocalLauncher:
         *,
         run_dir: Path | None = None,
         modules: Sequence[Path] = (),
+        keys: Path | None = None,
         prefix_of: PrefixOf = lambda _: (),
         variables_of: VariablesOf = lambda _: {},
     ) -> None:
         self._meeting, self._folder, self._run_dir, self._prefix_of = meeting, folder, run_dir, prefix_of
-        self._variables_of = variables_of
+        self._variables_of, self._keys = variables_of, keys
         self._modules = {path.name: path for path in modules}
         self._clock = WallClock()
         self._running: dict[str, subprocess.Popen[bytes]] = {}
@@ -127,6 +130,9 @@ class LocalLauncher:
         command = [*self._prefix_of(spec), sys.executable, "-m", "saflite.runtime.serve", spec.kind]
         command += ["--campaign", meeting.campaign, "--worker", spec.name, "--parent", str(os.getpid())]
         command += ["--listen", meeting.listen or meeting.connect] if spec.listens else ["--connect", meeting.connect]
+        command += ["--gate", meeting.gate] if spec.listens and meeting.gate else []
+        if self._keys is not None and bool(meeting.gate) == spec.listens:
+            command += ["--keys", str(self._keys)]
         command += ["--insecure"] if meeting.insecure else []
         command += ["--patience", str(meeting.patience_s)] if meeting.patience_s else []
         for label, value in spec.labels.items():

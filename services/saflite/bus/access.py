@@ -1,0 +1,158 @@
+"""Who may do what on a bus that is open to a network: a table of roles, as Zenoh's access control on the router.
+
+A participant proves its name by its certificate (mTLS; the common name is the name). What it asks travels on keys that
+begin with `by/NAME/`, and the router lets through only those with the name of the certificate: a name in such a key is
+proven. Everything not listed is denied. Participants on the farm's private Unix socket are the user who runs
+the farm, and may do everything.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Literal, NamedTuple, get_args
+
+import msgspec
+
+from saflite.contract.control import Verb
+from saflite.contract.names import Name, NameOrAny
+from saflite.contract.topics import FARM_ROOT, JOIN_ROOT, PROTOCOL
+from saflite.contract.work import Stage
+
+Role = Literal["worker", "scorer", "oracle", "mutator", "recorder", "viewer", "operator"]
+ROLES: tuple[Role, ...] = get_args(Role)
+STAGE_OF: Mapping[Role, Stage] = {
+    "worker": "fly",
+    "scorer": "score",
+    "oracle": "judge",
+    "mutator": "mutate",
+    "recorder": "record",
+}
+VERBS_OF: Mapping[Role, tuple[Verb, ...]] = {"viewer": ("status", "events"), "operator": get_args(Verb)}
+ANY_CAMPAIGN = "*"
+BY = "by"
+ACCESS_KEY = "saflite/access"
+"""On `by/NAME/saflite/access` anybody with a certificate of the farm may ask what NAME may do, to tell denial from
+silence."""
+
+_MESSAGES = (
+    "put",
+    "delete",
+    "query",
+    "reply",
+    "declare_subscriber",
+    "declare_queryable",
+    "liveliness_token",
+    "liveliness_query",
+    "declare_liveliness_subscriber",
+)
+
+
+class Peer(msgspec.Struct, frozen=True, kw_only=True):
+    """Somebody with a certificate of the farm's authority, and what they may do, in which campaigns (`*`: in all)."""
+
+    name: Name
+    roles: tuple[Role, ...]
+    campaigns: tuple[NameOrAny, ...] = (ANY_CAMPAIGN,)
+    expires: str = ""
+    revoked: bool = False
+
+    def may(self, campaign: str) -> bool:
+        """Return whether any of its roles counts in a campaign."""
+        return not self.revoked and (ANY_CAMPAIGN in self.campaigns or campaign in self.campaigns)
+
+    def may_order(self, verb: Verb) -> bool:
+        """Return whether any of its roles may give an order."""
+        return any(verb in VERBS_OF.get(role, ()) for role in self.roles)
+
+    def in_words(self) -> str:
+        """Return what it may do."""
+        if self.revoked:
+            return f"the key of {self.name} is revoked"
+        where = "every campaign" if ANY_CAMPAIGN in self.campaigns else ", ".join(self.campaigns)
+        return f"the key of {self.name} is for {', '.join(self.roles)} in {where}"
+
+
+def speaks_for(peer: str, worker: str) -> bool:
+    """Return whether a proven name may use a worker's name; on the private socket, where none is, anybody may."""
+    return not peer or worker == peer or worker.startswith(f"{peer}-")
+
+
+def split(key: str) -> tuple[str, str]:
+    """Return the proven name in a key, empty without one, and the key without it."""
+    if not key.startswith(f"{BY}/"):
+        return "", key
+    peer, _, rest = key.removeprefix(f"{BY}/").partition("/")
+    return peer, rest
+
+
+def access_control(peers: Sequence[Peer]) -> dict[str, Any]:
+    """Return the router's `access_control`: default deny, the socket's users allow, each peer what its roles list."""
+    everything = [_Grant(flow, _MESSAGES, ["**"]) for flow in ("ingress", "egress")]
+    asking = [f"{BY}/*/{ACCESS_KEY}"]
+    table: list[tuple[dict[str, Any], list[_Grant]]] = [
+        ({"id": "socket:", "link_protocols": ["unixsock-stream"]}, everything),
+        (
+            {"id": "network:", "link_protocols": ["tls"]},
+            [_Grant("ingress", ("query",), asking), _Grant("egress", ("reply",), asking)],
+        ),
+    ]
+    table += [
+        ({"id": peer.name, "cert_common_names": [peer.name]}, list(_grants(peer))) for peer in peers if not peer.revoked
+    ]
+    rules, policies = [], []
+    for subject, grants in table:
+        ids = [f"{subject['id']}/{number}" for number in range(len(grants))]
+        rules += [_rule(name, grant) for name, grant in zip(ids, grants, strict=True)]
+        policies.append({"rules": ids, "subjects": [subject["id"]]})
+    subjects = [subject for subject, _ in table]
+    return {"enabled": True, "default_permission": "deny", "rules": rules, "subjects": subjects, "policies": policies}
+
+
+class _Grant(NamedTuple):
+    flow: str
+    messages: Sequence[str]
+    keys: list[str]
+
+
+def _grants(peer: Peer) -> Iterator[_Grant]:
+    asked, tokens, facts = [], [], []
+    for campaign in [ANY_CAMPAIGN] if ANY_CAMPAIGN in peer.campaigns else peer.campaigns:
+        for role in peer.roles:
+            asked += [f"{BY}/{peer.name}/{key}" for key in _asked(role, campaign)]
+            if role in STAGE_OF:
+                alive = f"saflite/{PROTOCOL}/{campaign}/alive/{STAGE_OF[role]}"
+                tokens += [f"{alive}/{peer.name}/*", f"{alive}/{peer.name}-$*/*"]
+            else:
+                event = f"saflite/{PROTOCOL}/{campaign}/event"
+                facts += [f"{event}/*", f"{event}/*/@adv/**"]
+    yield _Grant("ingress", ("query",), asked)
+    yield _Grant("egress", ("reply",), asked)
+    yield _Grant("ingress", ("liveliness_query", "declare_liveliness_subscriber"), [f"{FARM_ROOT}/*"])
+    yield _Grant("egress", ("liveliness_token",), [f"{FARM_ROOT}/*"])
+    if tokens:
+        yield _Grant("ingress", ("liveliness_token",), tokens)
+    if facts:
+        yield _Grant("ingress", ("declare_subscriber", "query", "liveliness_query"), facts)
+        yield _Grant("ingress", ("declare_liveliness_subscriber",), facts)
+        yield _Grant("egress", ("put", "reply", "liveliness_token"), facts)
+
+
+def _asked(role: Role, campaign: str) -> Iterator[str]:
+    """Yield the keys on which a role may ask."""
+    root = f"saflite/{PROTOCOL}/{campaign}"
+    if role in STAGE_OF:
+        stage = STAGE_OF[role]
+        yield f"{JOIN_ROOT}/{campaign}/{stage}"
+        yield from (f"{root}/{topic}/{stage}" for topic in ("work", "result", "beat"))
+        yield from (f"{root}/blob/{verb}" for verb in ("open", "get", "put"))
+    yield from (f"{root}/control/{verb}" for verb in VERBS_OF.get(role, ()))
+
+
+def _rule(name: str, grant: _Grant) -> dict[str, Any]:
+    return {
+        "id": name,
+        "permission": "allow",
+        "flows": [grant.flow],
+        "messages": list(grant.messages),
+        "key_exprs": grant.keys,
+    }

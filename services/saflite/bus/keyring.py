@@ -1,0 +1,245 @@
+"""Keys of a farm on disk: the farm's own folder, and the folder each participant is given.
+
+    KEYS/authority.key, authority.pem    signs certificates; needed only by `saflite keys`, never by a farm
+    KEYS/register.toml                   who has a key, for what, until when, and whose is revoked
+    KEYS/farm/                           what the router shows: ca.pem, cert.pem, key.pem
+    KEYS/peers/NAME/                     what the participant NAME is given: ca.pem, cert.pem, key.pem, peer.toml
+
+All of it is for its user only (mode 0700 and 0600).
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Sequence
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
+
+import msgspec
+import tomli_w
+
+from saflite.bus.access import ANY_CAMPAIGN, Peer, Role
+from saflite.bus.certificates import Pair, expiry, make_authority, make_certificate
+from saflite.contract.errors import Refused
+from saflite.contract.names import NAME_EXPECTED, is_name
+from saflite.contract.outside import parse_toml, read_bytes, read_text
+
+REGISTER, FARM, PEERS, PEER = "register.toml", "farm", "peers", "peer.toml"
+AUTHORITY_KEY, AUTHORITY = "authority.key", "authority.pem"
+CA, CERTIFICATE, KEY = "ca.pem", "cert.pem", "key.pem"
+DAYS_MAX = 3650
+KEY_BYTES_MAX = 65536
+_HOST = re.compile(r"[A-Za-z0-9]([A-Za-z0-9.-]{0,251}[A-Za-z0-9])?|[0-9A-Fa-f:.]+")
+
+T = TypeVar("T", bound=msgspec.Struct)
+
+
+class Register(msgspec.Struct, frozen=True, kw_only=True):
+    """Who has a key. `hosts` are the names and addresses the router is reached by."""
+
+    hosts: tuple[str, ...]
+    peers: tuple[Peer, ...] = ()
+
+    def named(self, name: str) -> Peer | None:
+        """Return the participant of a name."""
+        return next((peer for peer in self.peers if peer.name == name), None)
+
+
+class Credentials(NamedTuple):
+    """What one end of the bus proves itself with. `peer` is None for the router's own."""
+
+    folder: Path
+    peer: Peer | None = None
+
+    def tls(self) -> dict[str, Any]:
+        """Return Zenoh's `transport/link/tls`: both sides show a certificate, and a link ends when one expires."""
+        key, certificate = str(self.folder / KEY), str(self.folder / CERTIFICATE)
+        return {
+            "root_ca_certificate": str(self.folder / CA),
+            "enable_mtls": True,
+            "listen_private_key": key,
+            "listen_certificate": certificate,
+            "connect_private_key": key,
+            "connect_certificate": certificate,
+            "verify_name_on_connect": True,
+            "close_link_on_expiration": True,
+        }
+
+
+def init(folder: Path, hosts: Sequence[str], *, now_s: float, days: int = 365) -> Register:
+    """Make a farm's authority and the router's certificate for the names and addresses it is reached by.
+
+    Raises:
+        Refused: there are keys already, or a host is none.
+    """
+    now = _instant(now_s)
+    _check_days(days)
+    for host in hosts:
+        if not _HOST.fullmatch(host):
+            raise Refused("--host", expected="a host name or an address", got=repr(host))
+    if (folder / REGISTER).exists():
+        raise Refused("keys folder", where=str(folder), expected="no keys in it yet", got=f"{REGISTER}")
+    _private_folder(folder)
+    authority = make_authority(now, DAYS_MAX)
+    _write(folder / AUTHORITY_KEY, authority.key)
+    _write(folder / AUTHORITY, authority.certificate)
+    names = tuple(dict.fromkeys([*hosts, "localhost", "127.0.0.1"]))
+    _write_bundle(folder / FARM, authority, make_certificate(authority, "farm", now, days, names))
+    register = Register(hosts=names)
+    _write_register(folder, register)
+    return register
+
+
+def add(
+    folder: Path,
+    name: str,
+    roles: Sequence[Role],
+    *,
+    campaigns: Sequence[str] = (ANY_CAMPAIGN,),
+    now_s: float,
+    days: int = 90,
+) -> Path:
+    """Make a key for a participant and return the folder to give to it; one that was revoked is made anew.
+
+    Raises:
+        Refused: no keys here, a name that is taken or reads as another's, a campaign name that is none.
+    """
+    now = _instant(now_s)
+    _check_days(days)
+    register = read_register(folder)
+    _check_name(register, name)
+    for campaign in campaigns:
+        if campaign != ANY_CAMPAIGN and not is_name(campaign):
+            raise Refused("--campaign", expected=NAME_EXPECTED, got=repr(campaign[:80]))
+    authority = Pair(_read(folder / AUTHORITY_KEY), _read(folder / AUTHORITY))
+    pair = make_certificate(authority, name, now, days)
+    until = (now + timedelta(days=days)).strftime("%Y-%m-%dT%H:%M:%SZ")
+    peer = Peer(name=name, roles=tuple(dict.fromkeys(roles)), campaigns=tuple(campaigns), expires=until)
+    bundle = folder / PEERS / name
+    _private_folder(folder / PEERS)
+    _write_bundle(bundle, authority, pair)
+    _write(bundle / PEER, tomli_w.dumps(msgspec.to_builtins(peer)).encode())
+    others = tuple(one for one in register.peers if one.name != name)
+    _write_register(folder, msgspec.structs.replace(register, peers=(*others, peer)))
+    return bundle
+
+
+def revoke(folder: Path, name: str) -> None:
+    """Let a key count no more; farms that run take notice by themselves. Raises Refused for a name without a key."""
+    register = read_register(folder)
+    if register.named(name) is None:
+        known = ", ".join(peer.name for peer in register.peers) or "none"
+        raise Refused("key", expected=f"one of {known}", got=repr(name[:80]))
+    peers = tuple(msgspec.structs.replace(one, revoked=True) if one.name == name else one for one in register.peers)
+    _write_register(folder, msgspec.structs.replace(register, peers=peers))
+
+
+def read_register(folder: Path) -> Register:
+    """Return who has a key; raises Refused where there are no keys or the register is damaged."""
+    if not (folder / REGISTER).is_file():
+        fix = f"`saflite keys init --keys {folder} --host NAME` makes them"
+        raise Refused("keys folder", where=str(folder), expected="the keys of a farm", got=f"no {REGISTER}", fix=fix)
+    return _toml(folder / REGISTER, Register)
+
+
+def farm_credentials(folder: Path, now_s: float) -> Credentials:
+    """Return what a router shows; raises Refused where it has nothing that counts."""
+    read_register(folder)
+    return _checked(Credentials(folder / FARM), now_s)
+
+
+def peer_credentials(folder: Path, now_s: float) -> Credentials:
+    """Return what a participant shows, out of the folder it was given.
+
+    Raises:
+        Refused: it is no such folder, others can read its key, or it has expired.
+    """
+    if not (folder / PEER).is_file():
+        fix = "`saflite keys add NAME --role ROLE` makes one, on the machine of the farm"
+        raise Refused("--keys", where=str(folder), expected="the folder of one key", got=f"no {PEER}", fix=fix)
+    return _checked(Credentials(folder, _toml(folder / PEER, Peer)), now_s)
+
+
+def _checked(credentials: Credentials, now_s: float) -> Credentials:
+    for name in (CA, CERTIFICATE, KEY):
+        path = credentials.folder / name
+        if not path.is_file():
+            raise Refused(
+                "key", where=str(credentials.folder), expected=f"{CA}, {CERTIFICATE}, {KEY}", got=f"no {name}"
+            )
+    key = credentials.folder / KEY
+    if key.stat().st_mode & 0o077:
+        raise Refused(
+            "key", where=str(key), expected="mode 0600", got="one that others can read", fix=f"chmod 600 {key}"
+        )
+    until = expiry(_read(credentials.folder / CERTIFICATE))
+    if until <= _instant(now_s):
+        fix = "make a new one where the farm's keys are"
+        raise Refused(
+            "certificate",
+            where=str(credentials.folder),
+            expected="one that is good",
+            got=f"one that expired at {until:%Y-%m-%d %H:%M} UTC",
+            fix=fix,
+        )
+    return credentials
+
+
+def _check_name(register: Register, name: str) -> None:
+    if not is_name(name) or name == FARM:
+        raise Refused("key name", expected=f"{NAME_EXPECTED}, not {FARM!r}", got=repr(name[:80]))
+    for other in register.peers:
+        if other.name == name and not other.revoked:
+            raise Refused("key name", expected="a new one", got=f"{name!r}, which has a key", fix="revoke it first")
+        if other.name != name and (other.name.startswith(f"{name}-") or name.startswith(f"{other.name}-")):
+            got = f"{name!r} beside {other.name!r}"
+            raise Refused("key name", expected="none that begins with another's and a dash", got=got)
+
+
+def _check_days(days: int) -> None:
+    if not 1 <= days <= DAYS_MAX:
+        raise Refused("--days", expected=f"1 to {DAYS_MAX}", got=days)
+
+
+def _instant(now_s: float) -> datetime:
+    return datetime.fromtimestamp(now_s, UTC)
+
+
+def _read(path: Path) -> bytes:
+    return read_bytes(path, "key", KEY_BYTES_MAX)
+
+
+def _toml(path: Path, kind: type[T]) -> T:
+    try:
+        return msgspec.convert(parse_toml(read_text(path, "keys"), "keys", str(path)), kind)
+    except msgspec.ValidationError as fault:
+        raise Refused("keys", where=str(path), expected="what `saflite keys` writes", got=str(fault)) from fault
+
+
+def _write_register(folder: Path, register: Register) -> None:
+    _write(folder / REGISTER, tomli_w.dumps(msgspec.to_builtins(register)).encode())
+
+
+def _write_bundle(folder: Path, authority: Pair, pair: Pair) -> None:
+    _private_folder(folder)
+    _write(folder / CA, authority.certificate)
+    _write(folder / CERTIFICATE, pair.certificate)
+    _write(folder / KEY, pair.key)
+
+
+def _private_folder(folder: Path) -> None:
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    folder.chmod(0o700)
+
+
+def _write(path: Path, data: bytes) -> None:
+    """Write a file whole or not at all, for this user only."""
+    part = path.with_name(f"{path.name}.part")
+    part.unlink(missing_ok=True)
+    with os.fdopen(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
+        file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
+    part.replace(path)

@@ -1,0 +1,101 @@
+"""Make and withdraw the keys by which machines and people reach a farm over a network: certificates, one per name.
+
+`init` makes a farm's own authority, once, on the machine that will run farms; `--host` is how others reach it. `add`
+makes a folder for one name: copy it to where it is used, over a channel you trust. `revoke` withdraws a key; farms that
+run take notice within seconds. What a key may do is settled by its roles: worker (flies), scorer, oracle, mutator,
+recorder, viewer (reads), operator (reads and orders).
+
+examples:
+  saflite keys init --host lab.example.org --host 10.0.0.5
+  saflite keys add lab2 --role worker --role recorder
+  saflite keys add ana --role viewer --campaign night --days 30
+  saflite keys revoke lab2
+  saflite run night.toml --listen tls/0.0.0.0:7447 --keys keys
+  saflite worker --join tls/10.0.0.5:7447 --keys lab2
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+FOLDER = Path("keys")
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Name the arguments."""
+    verbs = parser.add_subparsers(dest="verb", required=True, metavar="init|add|list|revoke")
+    init = verbs.add_parser("init", help="make a farm's authority and the certificate of its router")
+    init.add_argument("--host", action="append", default=[], metavar="NAME", help="name or address others reach it by")
+    init.add_argument("--days", type=int, default=365, help="how long the router's certificate is good (365)")
+    add = verbs.add_parser("add", help="make a key")
+    add.add_argument("name", help="whose it is; names of its workers begin with it")
+    add.add_argument("--role", action="append", default=[], required=True, metavar="ROLE", help="may be repeated")
+    add.add_argument("--campaign", action="append", default=[], help="only for this campaign (may be repeated)")
+    add.add_argument("--days", type=int, default=90, help="how long it is good (90)")
+    listing = verbs.add_parser("list", help="who has a key, for what, until when")
+    listing.add_argument("--json", action="store_true", help="print as JSON")
+    revoke = verbs.add_parser("revoke", help="let a key count no more")
+    revoke.add_argument("name", help="whose")
+    for verb in (init, add, listing, revoke):
+        verb.add_argument("--keys", type=Path, default=FOLDER, metavar="FOLDER", help=f"the farm's keys ({FOLDER}/)")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Do it and say what to do next."""
+    from saflite.bus import keyring
+    from saflite.console.view import out
+    from saflite.contract.errors import Unavailable
+    from saflite.runtime.clock import WallClock
+
+    now_s = WallClock().unix_s()
+    try:
+        if args.verb == "init":
+            register = keyring.init(args.keys, args.host, now_s=now_s, days=args.days)
+            out.line(f"keys in {args.keys}; the router is reached by {', '.join(register.hosts)}")
+            out.line(f"next: saflite keys add NAME --role ROLE --keys {args.keys}")
+        elif args.verb == "add":
+            _add(args, now_s)
+        elif args.verb == "revoke":
+            keyring.revoke(args.keys, args.name)
+            out.line(f"the key of {args.name} counts no more")
+        else:
+            _list(args)
+    except OSError as fault:
+        raise Unavailable(f"{args.keys} cannot be written: {fault.strerror or fault}") from fault
+    return 0
+
+
+def _add(args: argparse.Namespace, now_s: float) -> None:
+    from saflite.bus import keyring
+    from saflite.bus.access import ANY_CAMPAIGN, ROLES
+    from saflite.console.view import out
+    from saflite.contract.errors import Refused
+
+    unknown = [role for role in args.role if role not in ROLES]
+    if unknown:
+        raise Refused("--role", expected=f"any of {', '.join(ROLES)}", got=repr(unknown[0]))
+    bundle = keyring.add(
+        args.keys,
+        args.name,
+        args.role,
+        campaigns=args.campaign or [ANY_CAMPAIGN],
+        now_s=now_s,
+        days=args.days,
+    )
+    out.line(f"{bundle}: copy this folder to where {args.name} works, and keep it as secret as a password")
+    out.line("there: --keys FOLDER with `saflite worker --join`, `watch`, `control` and `scorer`")
+
+
+def _list(args: argparse.Namespace) -> None:
+    from saflite.bus import keyring
+    from saflite.console.view import out
+
+    register = keyring.read_register(args.keys)
+    if args.json:
+        out.json(register)
+        return
+    out.line(f"reached by {', '.join(register.hosts)}")
+    for peer in register.peers:
+        state = "revoked" if peer.revoked else f"until {peer.expires}"
+        out.line(f"  {peer.name:<16} {', '.join(peer.roles):<24} {', '.join(peer.campaigns):<16} {state}")

@@ -1,0 +1,127 @@
+"""Keys on disk: who is given one, who is refused one, and what is told when one is damaged, open or expired."""
+
+from __future__ import annotations
+
+import stat
+from pathlib import Path
+
+import pytest
+
+from saflite.bus import keyring
+from saflite.bus.access import ROLES, Peer, Role, access_control, speaks_for, split
+from saflite.bus.endpoints import check_endpoint
+from saflite.contract.errors import Refused
+
+NOW_S = 1_800_000_000.0
+DAY_S = 86_400.0
+
+
+@pytest.fixture
+def keys(tmp_path: Path) -> Path:
+    keyring.init(tmp_path / "keys", ["10.0.0.5", "lab.example.org"], now_s=NOW_S)
+    return tmp_path / "keys"
+
+
+def test_everything_written_is_for_its_user_only(keys: Path) -> None:
+    keyring.add(keys, "lab2", ["worker"], now_s=NOW_S)
+    modes = {path: stat.S_IMODE(path.stat().st_mode) for path in [keys, *keys.rglob("*")]}
+    assert {mode for path, mode in modes.items() if path.is_dir()} == {0o700}
+    assert {mode for path, mode in modes.items() if path.is_file()} == {0o600}
+
+
+def test_the_folder_given_away_holds_no_key_of_the_authority(keys: Path) -> None:
+    bundle = keyring.add(keys, "lab2", ["worker"], now_s=NOW_S)
+    assert {path.name for path in bundle.iterdir()} == {"ca.pem", "cert.pem", "key.pem", "peer.toml"}
+    assert (keys / "authority.key").read_bytes() not in {path.read_bytes() for path in bundle.iterdir()}
+
+
+def test_a_farm_runs_without_the_key_of_the_authority(keys: Path) -> None:
+    (keys / "authority.key").unlink()
+    assert keyring.farm_credentials(keys, NOW_S).tls()["enable_mtls"] is True
+
+
+def test_a_key_says_whose_it_is_what_for_and_until_when(keys: Path) -> None:
+    bundle = keyring.add(keys, "ana", ["viewer"], campaigns=["night"], now_s=NOW_S, days=30)
+    peer = keyring.peer_credentials(bundle, NOW_S).peer
+    assert peer == keyring.read_register(keys).named("ana")
+    assert peer is not None
+    assert (peer.may("night"), peer.may("day"), peer.expires) == (True, False, "2027-02-14T08:00:00Z")
+
+
+def test_a_revoked_key_may_nothing_and_can_be_made_anew(keys: Path) -> None:
+    keyring.add(keys, "lab2", ["worker"], now_s=NOW_S)
+    keyring.revoke(keys, "lab2")
+    (peer,) = keyring.read_register(keys).peers
+    assert not peer.may("night")
+    assert "cert_common_names" not in str(access_control([peer]))
+    keyring.add(keys, "lab2", ["worker"], now_s=NOW_S)
+    assert [one.revoked for one in keyring.read_register(keys).peers] == [False]
+
+
+@pytest.mark.parametrize("name", ["", "../up", "a b", "farm", "lab2", "lab2-b", "x" * 65, "by/lab", "lab\n", "*"])
+def test_a_name_that_could_be_another_s_is_refused(keys: Path, name: str) -> None:
+    keyring.add(keys, "lab2", ["worker"], now_s=NOW_S)
+    with pytest.raises(Refused, match="key name"):
+        keyring.add(keys, name, ["worker"], now_s=NOW_S)
+
+
+def test_a_name_that_begins_another_s_is_refused(keys: Path) -> None:
+    keyring.add(keys, "lab2-b", ["worker"], now_s=NOW_S)
+    with pytest.raises(Refused, match="none that begins"):
+        keyring.add(keys, "lab2", ["worker"], now_s=NOW_S)
+
+
+def test_faults_of_a_folder_are_told_by_name(keys: Path, tmp_path: Path) -> None:
+    bundle = keyring.add(keys, "lab2", ["worker"], now_s=NOW_S)
+    with pytest.raises(Refused, match="expired"):
+        keyring.peer_credentials(bundle, NOW_S + 91 * DAY_S)
+    (bundle / "key.pem").chmod(0o644)
+    with pytest.raises(Refused, match="mode 0600"):
+        keyring.peer_credentials(bundle, NOW_S)
+    (bundle / "key.pem").unlink()
+    with pytest.raises(Refused, match=r"no key\.pem"):
+        keyring.peer_credentials(bundle, NOW_S)
+    (bundle / "peer.toml").write_text("name = 3")
+    with pytest.raises(Refused, match=r"peer\.toml"):
+        keyring.peer_credentials(bundle, NOW_S)
+    with pytest.raises(Refused, match=r"no peer\.toml"):
+        keyring.peer_credentials(tmp_path, NOW_S)
+    with pytest.raises(Refused, match="saflite keys init"):
+        keyring.read_register(tmp_path)
+    with pytest.raises(Refused, match="no keys in it yet"):
+        keyring.init(keys, [], now_s=NOW_S)
+    with pytest.raises(Refused, match="one of lab2"):
+        keyring.revoke(keys, "lab3")
+
+
+def test_endpoints_with_and_without_keys() -> None:
+    assert check_endpoint("tls/0.0.0.0:7447", insecure=False, keys=True).from_here == "tls/127.0.0.1:7447"
+    for text, has_keys in [("tls/10.0.0.5:7447", False), ("tcp/10.0.0.5:7447", True), ("unixsock-stream//a", True)]:
+        with pytest.raises(Refused, match="keys" if not has_keys else "endpoint"):
+            check_endpoint(text, insecure=True, keys=has_keys)
+
+
+def test_a_name_speaks_only_for_workers_named_after_it() -> None:
+    assert speaks_for("lab2", "lab2-fly-1")
+    assert speaks_for("", "whoever")
+    assert not speaks_for("lab2", "lab22-fly-1")
+    assert not speaks_for("lab2", "lab3-fly-1")
+
+
+def test_a_key_holds_the_proven_name_before_the_rest() -> None:
+    assert split("by/lab2/saflite/2/night/work/fly") == ("lab2", "saflite/2/night/work/fly")
+    assert split("saflite/2/night/work/fly") == ("", "saflite/2/night/work/fly")
+
+
+@pytest.mark.parametrize("role", ROLES)
+def test_every_rule_of_a_role_names_its_holder_or_is_for_reading(role: Role) -> None:
+    peer = Peer(name="lab2", roles=(role,), campaigns=("night",))
+    rules = [rule for rule in access_control([peer])["rules"] if rule["id"].startswith("lab2/")]
+    assert rules
+    for rule in rules:
+        for key in rule["key_exprs"]:
+            if rule["flows"] == ["ingress"] and set(rule["messages"]) & {"put", "delete", "declare_queryable"}:
+                pytest.fail(f"{role} may publish on {key}")
+            if "query" in rule["messages"] and rule["flows"] == ["ingress"]:
+                assert key.startswith("by/lab2/") or "/event/" in key
+                assert "night" in key
