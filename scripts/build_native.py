@@ -1,5 +1,7 @@
 """Compile every `native/*.c` under `services/saflite/flight` into one shared library, `flight/native/_native.so`.
 
+Each folder `preload/` becomes a library of its own beside its sources, to be loaded into other programs.
+
 Runs as the build hook of the wheel (also for editable installs) and by hand: `python scripts/build_native.py`.
 The system's C compiler is used where there is one, the one in the `ziglang` package otherwise.
 Contraction and host-specific instructions stay off: a trace must be bit-equal on every machine of a farm.
@@ -31,12 +33,24 @@ def compiler() -> list[str]:
 
 def build() -> Path:
     """Compile all sources into `_native.so`; raises CalledProcessError with the compiler's own words."""
-    target = NATIVE / "_native.so"
-    partial = target.with_suffix(f".{os.getpid()}.tmp")
     native = runpy.run_path(str(FLIGHT / "native_sources.py"))
     sources = [str(path) for path in native["sources"]("c")]
     defined = [f"-I{NATIVE}", f'-DNATIVE_SOURCES="{native["digest"]()}"']
-    subprocess.run([*compiler(), *FLAGS, *defined, "-o", str(partial), *sources, "-lm"], check=True)
+    return _link(NATIVE / "_native.so", [*defined, *sources, "-lm"])
+
+
+def build_preloads() -> list[Path]:
+    """Compile each `preload/` folder into `preload/_clock.so`; raises CalledProcessError as `build`."""
+    folders = sorted({path.parent for path in FLIGHT.rglob("preload/*.c")})
+    return [
+        _link(folder / "_clock.so", ["-fvisibility=hidden", *map(str, sorted(folder.glob("*.c")))])
+        for folder in folders
+    ]
+
+
+def _link(target: Path, arguments: list[str]) -> Path:
+    partial = target.with_suffix(f".{os.getpid()}.tmp")
+    subprocess.run([*compiler(), *FLAGS, "-o", str(partial), *arguments], check=True)
     partial.replace(target)
     return target
 
@@ -58,11 +72,11 @@ else:
 
         def initialize(self, version: str, build_data: dict[str, Any]) -> None:
             """Compile before the wheel is packed."""
-            target = build()
-            build_data["artifacts"].append(str(target.relative_to(ROOT)))
+            for target in (build(), *build_preloads()):
+                build_data["artifacts"].append(str(target.relative_to(ROOT)))
             build_data["pure_python"] = False
             build_data["infer_tag"] = True
 
 
 if __name__ == "__main__":
-    print(build())
+    print(build(), *build_preloads())

@@ -21,6 +21,7 @@ class InputInfo(msgspec.Struct, frozen=True, kw_only=True):
     """One thing that can be given to a target, before the start (parameters) or during the flight.
 
     `low` and `high` bound the documented range, None where none is known; `choices` are the values of a `choice`.
+    `at_start`: it acts when the flight starts only, and is given at 0 s.
     """
 
     kind: StimulusKind
@@ -32,6 +33,7 @@ class InputInfo(msgspec.Struct, frozen=True, kw_only=True):
     choices: tuple[float, ...] = ()
     default: float | None = None
     meaning: str = ""
+    at_start: bool = False
 
 
 class SettingInfo(msgspec.Struct, frozen=True, kw_only=True):

@@ -12,7 +12,7 @@ from __future__ import annotations
 import os
 import socket
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from contextlib import suppress
 from functools import partial
 from multiprocessing.connection import Connection
@@ -34,7 +34,16 @@ BROKEN = 70
 
 
 class HeldFlight(Protocol):
-    """A flight that can stop at a moment and go on."""
+    """A flight that can stop at a moment and go on. `files` are open files that a fork of it needs."""
+
+    @property
+    def files(self) -> Collection[int]:
+        """Open files that it goes on with; all others are closed in a fork."""
+        ...
+
+    def close(self) -> None:
+        """End what it started; it goes on no more."""
+        ...
 
     def fly_to(self, test_case: TestCase, at_s: float, cancelled: Cancelled) -> bool:
         """Fly a test case with the same past until just before what is due at `at_s`; False if it ends before."""
@@ -186,8 +195,8 @@ def _let_go(pipe: Connection, pid: int) -> None:
 # ---- in the forks -------------------------------------------------------------------------------------------------
 
 
-def _fork(handle: int, act: Callable[[Connection], None]) -> int:
-    """Fork a process that does `act` with the socket `handle` as its only open file, and ends; return its id."""
+def _fork(handle: int, act: Callable[[Connection], None], files: Collection[int] = ()) -> int:
+    """Fork a process that does `act` with no open files but the socket `handle` and `files`; return its id."""
     parent = os.getpid()
     pid = os.fork()
     if pid:
@@ -195,7 +204,7 @@ def _fork(handle: int, act: Callable[[Connection], None]) -> int:
     code = BROKEN
     try:
         die_with_parent(parent)
-        _close_all_but(handle)
+        _close_all_but({handle, *files})
         act(Connection(handle))
         code = 0
     except (FarmError, EOFError, BrokenPipeError):  # said again by the flight from the start that takes our place
@@ -224,9 +233,10 @@ def _hold(flight: HeldFlight, pipe: Connection) -> None:
             order = _ORDERS.decode(pipe.recv_bytes())
             handle = recv_handle(pipe)
         except (EOFError, OSError):
+            flight.close()
             break
         _reap(os.WNOHANG)
-        _fork(handle, partial(_obey, flight, order))
+        _fork(handle, partial(_obey, flight, order), flight.files)
         os.close(handle)
     _reap(0)
 
@@ -238,8 +248,8 @@ def _reap(options: int) -> None:
             pass
 
 
-def _close_all_but(handle: int) -> None:
+def _close_all_but(kept: Collection[int]) -> None:
     for name in os.listdir("/proc/self/fd"):
-        if int(name) not in (0, 1, 2, handle):
+        if int(name) > 2 and int(name) not in kept:
             with suppress(OSError):  # the listing's own
                 os.close(int(name))

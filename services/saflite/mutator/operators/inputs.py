@@ -21,7 +21,8 @@ STICKS = ("RC1", "RC2", "RC3", "RC4")
 class Input(NamedTuple):
     """One input. Bounds are NaN where none are known; `whole` marks values that are whole numbers.
 
-    `choices` are the only valid values, if there are such; `rest` is what a stick goes back to when it is let go.
+    `choices` are the only valid values, if there are such; `rest` is what a stick goes back to when it is let go;
+    `at_start` marks what is given at 0 s only.
     """
 
     kind: StimulusKind
@@ -31,6 +32,7 @@ class Input(NamedTuple):
     whole: bool = False
     choices: tuple[float, ...] = ()
     rest: float = math.nan
+    at_start: bool = False
 
 
 class Published(NamedTuple):
@@ -124,6 +126,7 @@ def _described(entry: InputInfo) -> Input:
         whole=entry.type in ("whole", "flag"),
         choices=entry.choices,
         rest=entry.default if entry.kind == "stick" and entry.default is not None else math.nan,
+        at_start=entry.at_start,
     )
 
 

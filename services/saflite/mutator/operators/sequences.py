@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -41,6 +41,16 @@ class Rhythm(NamedTuple):
 def in_order(stimuli: Sequence[Stimulus]) -> Stimuli:
     """Return the stimuli by time; equal times keep their order."""
     return tuple(sorted(stimuli, key=lambda stimulus: stimulus.at_s))
+
+
+def moved_to_start(stimuli: Sequence[Stimulus], which: Collection[tuple[str, str]]) -> Stimuli:
+    """Return the sequence with the inputs of these kinds and names given at 0 s."""
+    return in_order(
+        [
+            msgspec.structs.replace(one, at_s=0.0) if one.at_s and (one.kind, one.name) in which else one
+            for one in stimuli
+        ]
+    )
 
 
 def steps(stimuli: Sequence[Stimulus], rhythm: Rhythm) -> int:

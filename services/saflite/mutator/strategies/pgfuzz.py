@@ -129,6 +129,7 @@ class Strategy:
         self._own = self._read_own(have)
         self._broad = self._read_broad(have)
         self._inputs = {(entry.kind, entry.name): entry for entry in (*self._broad, *self._own)}
+        self._at_start = frozenset(key for key, entry in self._inputs.items() if entry.at_start)
         self._seeds: dict[tuple[Key, ...], Seed] = {}
         self._kept: dict[Key, Kept] = {}
         self._told: dict[str, float] = {}
@@ -234,6 +235,8 @@ class Strategy:
     def _made(self, rng: np.random.Generator, stimuli: Stimuli, parent: str, note: str) -> TestCase:
         if rng.random() < self._chosen.real("echoed"):
             stimuli = sequences.echo(rng, stimuli)
+        if self._at_start:
+            stimuli = sequences.moved_to_start(stimuli, self._at_start)
         origin = Origin(strategy="pgfuzz", parent=parent, note=note)
         return msgspec.structs.replace(self._template, stimuli=stimuli, origin=origin)
 

@@ -40,6 +40,8 @@ class ReferenceFlight:
         Refused: the test case asks for what this target does not have.
     """
 
+    files: frozenset[int] = frozenset()  # that a fork of it needs
+
     def __init__(self, test_case: TestCase) -> None:
         scenario = test_case.scenario
         self.test_case, self.scenario = test_case, scenario
@@ -143,6 +145,9 @@ class ReferenceFlight:
             board["world_state"] = FLYING
         board.run(STEPS_PER_TICK)
         self.ticks += 1
+
+    def close(self) -> None:
+        """Nothing was started that would have to end."""
 
     # -- start ----------------------------------------------------------------------------------------------------
 

@@ -1,0 +1,1 @@
+"""Betaflight in lockstep with our world: its own simulator build as an external program, none of its code in here."""

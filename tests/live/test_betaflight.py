@@ -1,0 +1,139 @@
+"""The real firmware in lockstep: hover, link loss, rescue, forks that fly on as from power-up, settings, faults."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from typing import cast
+
+import pytest
+
+from saflite.conformance.flying import opened
+from saflite.contract.errors import Refused
+from saflite.contract.flight import FlightRecord, trace_digest
+from saflite.contract.rng import derive
+from saflite.contract.test_case import Scenario, StartState, Stimulus, Target, TestCase
+from saflite.simulator_worker.agreement import differences
+from saflite.simulator_worker.processes import children
+from saflite.simulator_worker.registry import load_target, why_missing
+from saflite.simulator_worker.targets._betaflight import BetaflightSession
+
+pytestmark = [
+    pytest.mark.live,
+    pytest.mark.skipif(bool(why_missing("betaflight")), reason=f"betaflight: {why_missing('betaflight')}"),
+]
+DEADLINE_S = 60.0
+LOST = Stimulus(at_s=1.0, kind="sensor_fault", name="radio_loss", values=(1.0,))
+
+
+def case(*stimuli: Stimulus, mode: str = "ANGLE", limit_s: float = 6.0, **parameters: float) -> TestCase:
+    return TestCase(
+        target=Target(name="betaflight", parameters=parameters),
+        scenario=Scenario(start=StartState(mode=mode, altitude_m=20.0), time_limit_s=limit_s),
+        stimuli=stimuli,
+        rng_seed=1,
+    )
+
+
+def random_case(number: int) -> TestCase:
+    """A test case with three inputs of any kind but settings, one in three with a setting."""
+    rng = derive(number, "betaflight", "cases")
+    inputs = load_target("betaflight").describe().inputs
+    live = [one for one in inputs if not one.at_start]
+    stimuli = []
+    for at_s in sorted(rng.uniform(0.2, 3.5, 3)):
+        one = live[int(rng.integers(len(live)))]
+        low, high = one.low or 0.0, one.high or 0.0
+        values = () if one.low is None else (float(round(rng.uniform(low, high), 3)),)
+        stimuli.append(Stimulus(at_s=round(float(at_s), 2), kind=one.kind, name=one.name, values=values))
+    gains = {"p_roll": float(rng.integers(30, 60))} if number % 3 == 0 else {}
+    return case(*stimuli, mode="ALTHOLD" if number % 2 else "ANGLE", limit_s=4.0, **gains)
+
+
+@pytest.fixture
+def session() -> Iterator[BetaflightSession]:
+    with opened(load_target("betaflight")) as found:
+        yield cast(BetaflightSession, found)
+
+
+def fly(session: BetaflightSession, test_case: TestCase) -> FlightRecord:
+    return session.fly(test_case, DEADLINE_S, lambda: False)
+
+
+def last(record: FlightRecord, signal: str) -> float:
+    assert record.trace is not None
+    return float(record.trace.array(signal)[-1])
+
+
+def test_it_hovers_and_repeats_bit_by_bit(session: BetaflightSession) -> None:
+    for mode in ("ANGLE", "ALTHOLD"):
+        first, again = fly(session, case(mode=mode)), fly(session, case(mode=mode))
+        assert first.ending == "completed"
+        assert first.trace is not None
+        assert again.trace is not None
+        assert abs(first.trace.array("altitude_m") - 20.0).max() < 1.0
+        assert abs(first.trace.array("roll_deg")).max() < 1.0
+        assert trace_digest(first.trace) == trace_digest(again.trace)
+
+
+def test_a_lost_link_cuts_the_motors_and_rescue_brings_it_home(session: BetaflightSession) -> None:
+    dropped = fly(session, case(LOST))
+    assert dropped.ending == "crashed"
+    assert last(dropped, "armed") == 0.0
+    assert last(dropped, "failsafe_radio") == 1.0
+    rescued = fly(session, case(LOST, limit_s=90.0, failsafe_procedure=2.0))
+    assert rescued.ending == "completed"
+    assert rescued.trace is not None
+    assert rescued.trace.array("box_rescue").max() == 1.0
+    assert last(rescued, "armed") == 0.0
+    assert last(rescued, "home_distance_m") < 5.0
+
+
+def test_forks_fly_as_from_power_up(session: BetaflightSession) -> None:
+    for number in range(12):
+        one = random_case(number)
+        cold = session.fly_cold(one, DEADLINE_S, lambda: False)
+        assert list(differences(cold, fly(session, one))) == [], number
+
+
+def test_forks_leave_nothing(session: BetaflightSession) -> None:
+    fly(session, case(limit_s=0.2))
+    files, processes = len(os.listdir("/proc/self/fd")), len(children(os.getpid()))
+    for number in range(30):
+        fly(session, case(Stimulus(at_s=0.1, kind="stick", name="RC1", values=(1500.0 + number,)), limit_s=0.2))
+    assert len(os.listdir("/proc/self/fd")) == files
+    assert len(children(os.getpid())) == processes
+
+
+def test_settings_act_and_bad_ones_are_told(session: BetaflightSession) -> None:
+    early = Stimulus(at_s=0.0, kind="parameter", name="angle_limit", values=(30.0,))
+    lean = Stimulus(at_s=1.0, kind="stick", name="RC1", values=(2000.0,))
+    record = fly(session, case(early, lean, limit_s=2.5))
+    assert record.trace is not None
+    assert 20.0 < record.trace.array("roll_deg").max() < 40.0
+    assert record.delivered is not None
+    assert [one.answer for one in record.delivered] == ["accepted", "accepted"]
+    beyond = Stimulus(at_s=0.0, kind="parameter", name="angle_limit", values=(900.0,))
+    denied = fly(session, case(beyond, limit_s=0.5))
+    assert denied.delivered is not None
+    assert denied.delivered[0].answer == "denied"
+    with pytest.raises(Refused, match="angle_limit"):
+        fly(session, case(angle_limit=900.0))
+    with pytest.raises(Refused, match="no_such"):
+        fly(session, case(no_such=1.0))
+
+
+def test_messages_are_answered(session: BetaflightSession) -> None:
+    ask = Stimulus(at_s=0.5, kind="command", name="MSP", values=(1.0,))  # the API's version
+    unknown = Stimulus(at_s=1.0, kind="command", name="MSP", values=(251.0, 1.0, 2.0))
+    noise = Stimulus(at_s=1.5, kind="command", name="SERIAL_BYTES", values=(36.0, 77.0, 60.0, 200.0))
+    record = fly(session, case(ask, unknown, noise, limit_s=2.5))
+    assert record.delivered is not None
+    assert [one.answer for one in record.delivered] == ["accepted", "denied", "unanswered"]
+
+
+def test_a_gyro_that_sticks_and_a_motor_that_fails_end_in_a_crash(session: BetaflightSession) -> None:
+    for name, size in (("gyro_stuck", 1.0), ("motor_failed", 2.0)):
+        fault = Stimulus(at_s=0.5, kind="sensor_fault", name=name, values=(size,))
+        push = Stimulus(at_s=1.0, kind="stick", name="RC1", values=(1800.0,))
+        assert fly(session, case(fault, push, limit_s=20.0)).ending == "crashed", name

@@ -1,0 +1,120 @@
+"""Betaflight's parts that need no firmware: messages, settings as its command line lists them, missing builds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from saflite.contract.errors import Unavailable
+from saflite.contract.test_case import Scenario, StartState, Target, TestCase
+from saflite.flight.autopilots.betaflight import install, msp
+from saflite.flight.autopilots.betaflight.firmware import VARIANTS, why_missing
+from saflite.flight.autopilots.betaflight.settings import read_settings
+from saflite.flight.autopilots.betaflight.signals import SHOWN_SETTINGS, trace_names
+from saflite.flight.autopilots.betaflight.switches import MODES, SWITCHES, mode_channels, pilot_modes, switch_lines
+from saflite.flight.autopilots.betaflight.vehicle import Vehicle, slots
+from saflite.simulator_worker.agreement import own_contradictions
+from saflite.simulator_worker.registry import describe_target, load_target
+
+LISTING = """get
+gyro_lpf1_type = PT1
+Allowed values: PT1, BIQUAD, PT2, PT3
+
+p_roll = 45
+profile 0
+Allowed range: 0 - 250
+
+offset_yaw = -3
+Allowed range: -1000 - 1000
+
+acc_calibration = 0,0,0,0
+Array length: 4
+
+craft_name = -
+String length: 1 - 16
+
+# """
+
+
+@pytest.fixture
+def empty_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("SAFLITE_CACHE", str(tmp_path))
+    return tmp_path
+
+
+def test_settings_are_read_with_range_or_words() -> None:
+    found = {setting.name: setting for setting in read_settings(LISTING)}
+    assert sorted(found) == ["gyro_lpf1_type", "offset_yaw", "p_roll"]
+    assert (found["p_roll"].low, found["p_roll"].high, found["p_roll"].default) == (0.0, 250.0, 45.0)
+    assert found["gyro_lpf1_type"].value_text(2.0) == "PT2"
+    assert found["offset_yaw"].value_text(-17.4) == "-17"
+    assert found["gyro_lpf1_type"].why_not(4.0) == "0 to 3 (PT1, BIQUAD, PT2, PT3)"
+    assert found["p_roll"].why_not(250.4) == ""
+
+
+@pytest.mark.parametrize("version", [1, 2])
+def test_an_answer_is_found_among_other_bytes(version: int) -> None:
+    request = msp.frame(119, bytes(range(40)), version)
+    answer = request.replace(b"<", b">", 1)
+    assert list(msp.answers(b"noise $M" + answer + b"$")) == [msp.Answer(119, bytes(range(40)), True)]
+    assert list(msp.answers(request.replace(b"<", b"!", 1))) == [msp.Answer(119, bytes(range(40)), False)]
+
+
+def test_a_spoilt_answer_is_none() -> None:
+    answer = msp.frame(119, b"abc").replace(b"<", b">")
+    assert list(msp.answers(answer[:-1])) == []
+    assert list(msp.answers(answer[:-1] + bytes((answer[-1] ^ 1,)))) == []
+
+
+def test_each_box_has_a_channel_of_its_own() -> None:
+    assert len({switch.channel for switch in SWITCHES.values()}) == len(SWITCHES)
+    assert all(5 <= switch.channel <= 16 for switch in SWITCHES.values())
+    assert len(switch_lines(gps=True)) == len(SWITCHES) > len(switch_lines(gps=False))
+    assert set(pilot_modes(gps=True)) < set(MODES)
+    assert set(mode_channels("ACRO").values()) == {1000.0}
+
+
+def test_every_signal_and_setting_has_its_slot() -> None:
+    assert set(trace_names()) <= set(slots())
+    assert set(SHOWN_SETTINGS) <= set(slots())
+
+
+def test_a_link_that_nobody_holds_is_told() -> None:
+    vehicle = Vehicle(rng_seed=1)
+    assert vehicle.run(1) != 0
+    assert not vehicle.say(0, bytes(70_000))
+
+
+@pytest.mark.parametrize("name", ["betaflight", "betaflight_stock", "betaflight_sanitized"])
+def test_without_a_build_it_says_how_to_get_one(name: str, empty_cache: Path) -> None:
+    info = describe_target(name)
+    assert "scripts/setup betaflight" in info.missing
+    assert list(own_contradictions(info)) == []
+    case = TestCase(target=Target(name=name), scenario=Scenario(start=StartState(mode="ANGLE"), time_limit_s=1.0))
+    with pytest.raises(Unavailable, match="scripts/setup betaflight"):
+        load_target(name).check(case)
+
+
+def test_a_binary_that_was_changed_is_not_flown(empty_cache: Path) -> None:
+    variant = VARIANTS["gps"]
+    variant.binary.parent.mkdir()
+    variant.binary.write_bytes(b"another")
+    variant.listing.write_text('{"binary": "0", "version": "Betaflight 4.6.0", "settings": []}')
+    assert "is not the binary that was built" in why_missing(variant)
+
+
+@pytest.mark.parametrize(("arguments", "code", "words"), [(["no_such"], 2, "one of gps, stock"), ([], 3, "apt-get")])
+def test_what_is_missing_is_said_in_one_line(
+    arguments: list[str],
+    code: int,
+    words: str,
+    empty_cache: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setenv("PATH", str(empty_cache))  # neither gcc nor make
+    assert install.main(arguments) == code
+    said = capsys.readouterr().err
+    assert words in said
+    assert said.count("\n") == 1
