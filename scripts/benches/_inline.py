@@ -21,7 +21,7 @@ from saflite.contract.control import Status
 from saflite.contract.flight import Flight, pack_trace, trace_digest
 from saflite.contract.join import Join
 from saflite.contract.service import Cancelled, Service
-from saflite.contract.test_case import identity
+from saflite.contract.test_case import identity, under_noise
 from saflite.contract.topics import PROTOCOL
 from saflite.contract.work import Ask, Failure, FlyResult, FlyWork, Report, Result, Stage, Work
 from saflite.evidence.memory import MemoryBlobs
@@ -46,23 +46,23 @@ class Flights:
 
     def __init__(self) -> None:
         self.blobs: Blobs = MemoryBlobs()  # those of the campaign at hand
-        self._kept: dict[str, tuple[Flight, bytes]] = {}
+        self._kept: dict[tuple[str, int], tuple[Flight, bytes]] = {}
         self.flown = 0
 
     def do(self, work: Work, cancelled: Cancelled) -> Result:
         """Fly the test case of the lease, or hand out what it did the last time."""
         assert isinstance(work, FlyWork)
         name = identity(work.test_case)
-        if name not in self._kept:
-            self._kept[name] = self._fly(work, cancelled)
-        flight, packed = self._kept[name]
+        if (name, work.noise) not in self._kept:
+            self._kept[name, work.noise] = self._fly(work, cancelled)
+        flight, packed = self._kept[name, work.noise]
         trace = self.blobs.put(packed)
         record = msgspec.structs.replace(flight, test_case=name, flight_index=work.flight_index, trace=trace)
         return FlyResult(flight=record)
 
     def _fly(self, work: FlyWork, cancelled: Cancelled) -> tuple[Flight, bytes]:
         self.flown += 1
-        landed = fly_once(work.test_case, cancelled)
+        landed = fly_once(under_noise(work.test_case, work.noise), cancelled)
         assert landed.trace is not None, landed.message
         flight = Flight(
             test_case="",

@@ -23,7 +23,7 @@ from saflite.campaign.engine.journal import Granted, Line, Pick
 from saflite.campaign.engine.outbox import Outbox
 from saflite.campaign.engine.state import Books
 from saflite.campaign.engine.worker_registry import WorkerRegistry
-from saflite.campaign.lifecycle import confirmation, flights
+from saflite.campaign.lifecycle import confirmation, flights, repeat_checks
 from saflite.campaign.lifecycle.minimization import Minimization
 from saflite.campaign.lifecycle.proposals import Proposals
 from saflite.campaign.scheduling import result_validation, work_messages
@@ -96,9 +96,9 @@ def answers_before_commit() -> Any:
     return _patched(BooksService, "_settle", early)
 
 
-def reflights_are_free() -> Any:
-    """The budget does not reserve flights for confirmation."""
-    return _patched(Plan, "reserved", property(lambda self: self.flights))
+def rounds_under_way_cost_nothing() -> Any:
+    """The budget does not reserve flights for rounds that have not ended."""
+    return _patched(Plan, "reserved", property(lambda self: 0))
 
 
 def leases_never_end() -> Any:
@@ -106,17 +106,19 @@ def leases_never_end() -> Any:
     return _patched(Leases, "due", lambda self, now_s: [])
 
 
-def every_reflight_counts_as_equal() -> Any:
-    """A re-flight is taken as a repeat without comparing traces."""
+def every_flight_counts_as_a_repeat() -> Any:
+    """A flight flown over again is taken as a repeat without comparing traces."""
+    return _patched(repeat_checks, "same_flight", lambda first, again: True)
 
-    def take(self: flights.Flights, task: Task, key: FlyKey, flight: Any) -> None:
-        trial = self._trial(key)
-        if flight.flight_index > 0:
-            flight = msgspec.structs.replace(flight, trace_digest=trial.flights[0].flight.trace_digest)
-        original(self, task, key, flight)
 
-    original = flights.Flights._take
-    return _patched(flights.Flights, "_take", take)
+def reflights_fly_the_same_noise() -> Any:
+    """A violation is confirmed by flying the same flight over and over."""
+
+    def fly(self: work_messages.WorkMessages, key: FlyKey) -> Any:
+        return msgspec.structs.replace(original(self, key), noise=0)
+
+    original = work_messages.WorkMessages._fly
+    return _patched(work_messages.WorkMessages, "_fly", fly)
 
 
 def a_reflight_on_another_build_counts() -> Any:
@@ -347,9 +349,10 @@ BUGS: dict[str, Bug] = {
     bug.__name__: bug
     for bug in (
         answers_before_commit,
-        reflights_are_free,
+        rounds_under_way_cost_nothing,
         leases_never_end,
-        every_reflight_counts_as_equal,
+        every_flight_counts_as_a_repeat,
+        reflights_fly_the_same_noise,
         one_flight_is_proof_enough,
         a_reflight_on_another_build_counts,
         one_flight_of_a_smaller_test_case_is_remembered_as_truth,

@@ -23,7 +23,7 @@ from saflite.contract.events import (
     Scored,
     ViolationFound,
 )
-from saflite.contract.flight import FLOWN_ENDINGS
+from saflite.contract.flight import FLOWN_ENDINGS, UNTOLD
 from saflite.contract.ids import digest
 from saflite.contract.work import FlyResult, JudgeResult, Receipt, Report
 
@@ -46,6 +46,7 @@ class Ghost:
         self.faults: list[FaultSeen] = []
         self.accepted: dict[Flight, Report] = {}
         self.accepted_judged: set[Flight] = set()
+        self.checked: dict[str, str] = {}  # digest of the flight that checked a first flight
         self.reports: list[Report] = []
         self.flown_by: set[tuple[str, int, str, str]] = set()
         self.tried: dict[str, set[int]] = {}  # flights of smaller test cases that violated
@@ -55,8 +56,13 @@ class Ghost:
 
     @property
     def charged(self) -> int:
-        """Flights that count against the budget: not those of the smallest forms of violations."""
-        return sum(1 for name, _ in self.flown if name in self.planted)
+        """Flights that count against the budget: first flights, not those of the smallest forms of violations."""
+        return sum(1 for name, index in self.flown if name in self.planted and not index)
+
+    @property
+    def flown_names(self) -> set[str]:
+        """Every test case that was flown."""
+        return {name for name, _ in self.flown}
 
     # ---- what workers were told ----------------------------------------------------------------------------------
 
@@ -79,7 +85,10 @@ class Ghost:
             return
         result = report.result
         key = read_key(report.lease_id.partition(":")[2])
-        if isinstance(key, FlyKey | JudgeKey) and key.purpose == "shrink":
+        match key, result:
+            case FlyKey(purpose="check"), FlyResult(flight=again) if again.ending in FLOWN_ENDINGS:
+                self.checked[key.test_case] = again.trace_digest
+        if isinstance(key, FlyKey | JudgeKey) and key.purpose in UNTOLD:
             return
         if isinstance(result, FlyResult) and result.flight.ending in FLOWN_ENDINGS:
             flight = (result.flight.test_case, result.flight.flight_index)
@@ -162,8 +171,6 @@ class Ghost:
             assert tried >= needed, f"{key} is a smallest form after {tried} flights that violated"
         if violation.confirmation == "flaky":
             assert doubles.is_flaky(violation.test_case), f"{key} is called flaky, but repeats every time"
-        if violation.bit_equal:
-            assert not doubles.is_flaky(violation.test_case), f"{key} is called bit-equal, but is not"
 
     @staticmethod
     def _distance(name: str, index: int) -> float:
@@ -207,6 +214,10 @@ def at_the_end(ghost: Ghost, store: MemoryStore, books: Books, status: Status) -
     for flight in ghost.accepted_judged:
         assert flight in ghost.judged, f"the judgement of {flight} was acknowledged and is missing"
     assert status.flights == ghost.charged, f"{status.flights} flights counted, {ghost.charged} told"
+    unlike = [name for name, found in ghost.checked.items() if found != doubles.flown(name, 0)[1]]
+    assert status.checked >= len(ghost.checked), "checks were lost"
+    assert status.unequal >= len(unlike), f"{status.unequal} flights were no repeats, {len(unlike)} were not"
+    assert status.unequal == 0 or any(map(doubles.is_untrue, ghost.flown_names)), "a repeat was called none"
     firm = [
         fact.violation.test_case for fact in ghost.violations.values() if fact.violation.confirmation == "confirmed"
     ]

@@ -330,6 +330,7 @@ class World:
                     test_case=books._reducer.test_case_of(task.key),
                     flight_index=task.key.index,
                     purpose=task.key.purpose,
+                    noise=task.key.index,
                     wall_limit_s=1.0,
                 )
                 flown = doubles.fly(flying, FarmWorkerBlobs(self.store.blobs, "enemy"))

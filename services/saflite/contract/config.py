@@ -44,9 +44,11 @@ class SearchConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     Round r draws on the outcomes of rounds up to r - lag only, so `lag` rounds can be scored, flown and judged at
     once and the campaign still is reproducible at any number of workers.
 
-    A violation is confirmed when `confirm_needed` of `confirm_flights` re-flights violate again. Not given: 1 of 1 on
-    a target that repeats bit by bit, 3 of 5 on others. `shrink_flights_max` bounds the flights spent on making one
-    violation smaller; not given: 60 times the flights it takes to confirm one.
+    A violation is confirmed when `confirm_needed` of `confirm_flights` re-flights, each under noise of its own, violate
+    again. Not given: 2 of 3 on a target that repeats bit by bit, 3 of 5 on others. `shrink_flights_max` bounds the
+    flights spent on making one violation smaller. On a target that says it repeats bit by bit, about a share
+    `check_share` of the first flights is flown over again and compared. Of all these only first flights count against
+    the budget.
     """
 
     candidates_per_round: int = 40
@@ -58,6 +60,7 @@ class SearchConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     confirm_needed: int | None = None
     shrink: bool = False
     shrink_flights_max: int | None = None
+    check_share: float = 0.04
 
 
 class LeaseConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -85,7 +88,7 @@ class Campaign(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     time_limit_s: float = 500.0
     policies: tuple[str, ...] = ("min-obstacle-distance",)
     policy_texts: PolicyTexts = {}
-    budget_flights: int = 100
+    budget_flights: int = 100  # first flights, one for each test case
     rng_seed: int = 1
     strategy: StrategyConfig = StrategyConfig()
     scorer: ScorerConfig = ScorerConfig()
@@ -128,6 +131,7 @@ _RANGES: dict[str, tuple[float, float]] = {
     "search.confirm_flights": (0, 1_000),
     "search.confirm_needed": (1, 1_000),
     "search.shrink_flights_max": (0, 100_000),
+    "search.check_share": (0, 1),
     "scorer.batch": (1, 1_000),
     "scorer.deadline_s": (0.01, 86_400),
     "scorer.load_deadline_s": (0.01, 86_400),

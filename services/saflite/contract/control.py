@@ -37,7 +37,11 @@ class WorkerStatus(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Status(msgspec.Struct, frozen=True, kw_only=True):
-    """The campaign at a glance. All counts are exact; rates are over the last minute."""
+    """The campaign at a glance. All counts are exact; rates are over the last minute.
+
+    `flights` are first flights, which alone count against `budget`; beside them are those `reflown` to confirm,
+    `checked` for repeating bit by bit (`unequal` did not), and flown to make violations smaller.
+    """
 
     campaign: str
     state: str
@@ -45,6 +49,8 @@ class Status(msgspec.Struct, frozen=True, kw_only=True):
     budget: int
     flights: int
     reflown: int
+    checked: int = 0
+    shrink_flights: int = 0
     test_cases: int
     candidates: int
     violations_confirmed: int

@@ -30,18 +30,19 @@ infra           our side could not run it (bring-up, disk): retried, never a vio
 lost            the worker vanished with it: retried, never a violation
 """
 
-Purpose = Literal["search", "confirm", "shrink", "shrunk", "replay"]
+Purpose = Literal["search", "confirm", "check", "shrink", "shrunk", "replay"]
 """Why a test case is flown.
 
-search   the first flight of a selected test case
-confirm  a re-flight of one that violated
-shrink   a smaller test case is tried; beside the budget
-shrunk   the smallest one found is flown and re-flown; beside the budget
+search   the first flight of a selected test case; the only one that counts against the budget
+confirm  a re-flight of one that violated, under noise of its own
+check    a first flight flown over again, to see that the farm repeats it bit by bit
+shrink   a smaller test case is tried
+shrunk   the smallest one found is flown and re-flown
 replay   an earlier flight is flown again, outside of any campaign
 """
 
-BESIDE_BUDGET: frozenset[Purpose] = frozenset({"shrink", "shrunk"})
-"""Purposes whose flights do not count against a campaign's budget."""
+UNTOLD: frozenset[Purpose] = frozenset({"check", "shrink"})
+"""Purposes whose flights are counted and written down, but not announced one by one."""
 
 AUTOPILOT_ALIVE = "autopilot-alive"
 """The policy that a flight ending as `autopilot_died` breaks, whatever else a campaign checks; it has no file."""

@@ -11,6 +11,7 @@ from typing import Literal
 import msgspec
 
 from saflite.contract.ids import short_id
+from saflite.contract.rng import derive_seed
 
 DEFAULT_TARGET = "reference"  # the target that is always there
 StimulusKind = Literal["parameter", "command", "stick", "mode", "sensor_fault"]
@@ -150,6 +151,13 @@ def draw_key(test_case: TestCase) -> str:
     So two builds of a target are searched with the same draws, and can be compared.
     """
     return identity(msgspec.structs.replace(test_case, target=msgspec.structs.replace(test_case.target, build="")))
+
+
+def under_noise(test_case: TestCase, number: int) -> TestCase:
+    """Return the test case with the `number`-th random seed for what is noise in a flight; 0 is the test case's own."""
+    if not number:
+        return test_case
+    return msgspec.structs.replace(test_case, rng_seed=derive_seed(test_case.rng_seed, "noise", number))
 
 
 def stimulus_text(stimulus: Stimulus) -> str:

@@ -81,11 +81,10 @@ class Judgement(msgspec.Struct, frozen=True, kw_only=True):
 class Violation(msgspec.Struct, frozen=True, kw_only=True):
     """A violation with its stable fingerprint.
 
-    `confirmed` when enough of the `reflown` re-flights violated again (`failed_again`), `flaky` when they did not,
-    `unconfirmed` when too few could be flown to say. `rate_low` to `rate_high` is the 95 % interval of the rate at
-    which it violates again (Wilson); None on a target that repeats bit by bit, where chance plays no part. `bit_equal`
-    says that every re-flight was the first flight over again, bit by bit: a fact about the farm, apart.
-    `flight_index` names the flight that shows the violation.
+    `confirmed` when enough of the `reflown` re-flights, each under noise of its own, violated again (`failed_again`),
+    `flaky` when they did not, `unconfirmed` when too few could be flown to say. `rate_low` to `rate_high` is the 95 %
+    interval of the rate at which it violates under other noise (Wilson); None without a re-flight. `flight_index` names
+    the flight that shows the violation.
     """
 
     fingerprint: ShortId
@@ -98,18 +97,18 @@ class Violation(msgspec.Struct, frozen=True, kw_only=True):
     failed_again: int = 0
     rate_low: float | None = None
     rate_high: float | None = None
-    bit_equal: bool = False
     flight_index: int = 0
     workers: tuple[Name, ...] = ()
     message: str = ""
 
 
 def failed_again(violation: Violation) -> str:
-    """Return in words how often it violated again, with the interval of its rate where chance plays a part."""
+    """Return in words how often it violated again, with the interval of its rate where there is one."""
     count = f"{violation.failed_again} of {violation.reflown}"
     if violation.rate_low is None or violation.rate_high is None:
         return count
-    return f"{count}, rate {violation.rate_low:.2f} to {violation.rate_high:.2f}"
+    alone = "" if violation.failed_again else ", only under its own noise"
+    return f"{count}{alone}, rate {violation.rate_low:.2f} to {violation.rate_high:.2f}"
 
 
 def worst(judgement: Judgement) -> Verdict | None:

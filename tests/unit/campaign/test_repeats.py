@@ -48,9 +48,10 @@ def test_no_fewer_flights_can_decide(flights: int, needed: int) -> None:
 @pytest.mark.parametrize(
     ("repeats", "flights", "needed", "expected"),
     [
-        ("bitwise", None, None, (1, 1)),
-        ("bitwise", 3, None, (3, 1)),
+        ("bitwise", None, None, (3, 2)),
+        ("bitwise", 1, None, (1, 1)),
         ("bitwise", 0, None, (0, 1)),
+        ("bitwise", None, 4, (4, 4)),
         ("statistically", None, None, (5, 3)),
         ("statistically", 4, None, (4, 3)),
         ("statistically", None, 8, (8, 8)),

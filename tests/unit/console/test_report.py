@@ -63,7 +63,6 @@ def exhibit(fingerprint: str) -> Exhibit:
         confirmation="confirmed",
         reflown=1,
         failed_again=1,
-        bit_equal=True,
         workers=("fly-1", "fly-2"),
         message=EVIL,
     )

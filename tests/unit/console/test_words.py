@@ -104,12 +104,13 @@ def test_facts_worth_a_line_get_one() -> None:
         robustness=-0.5,
         severity="hard",
         confirmation="confirmed",
-        reflown=1,
-        failed_again=1,
-        bit_equal=True,
+        reflown=3,
+        failed_again=2,
+        rate_low=0.21,
+        rate_high=0.94,
     )
     assert live.fact_text(ViolationFound(violation=violation)).startswith("VIOLATION  ffff")
-    assert "bit-equal" in live.fact_text(ViolationFound(violation=violation))
+    assert "violates again 2 of 3, rate 0.21 to 0.94" in live.fact_text(ViolationFound(violation=violation))
     assert "not ready" in live.fact_text(ScorerChanged(model="a", previous="b", ready=False))
     assert "3 attempts" in live.fact_text(Quarantined(test_case="c", attempts=3, last="wedged"))
 

@@ -27,10 +27,11 @@ State = Literal["running", "paused", "ended"]
 
 @dataclass(slots=True)
 class Counts:
-    """Exact counts of the campaign. `flights` counts against the budget, re-flights included; shrinking does not."""
+    """Exact counts of the campaign. `flights` are first flights: they alone count against the budget."""
 
     flights: int = 0
-    reflown: int = 0
+    reflown: int = 0  # to confirm violations
+    checked: int = 0  # first flights flown over again, to see that the farm repeats them
     shrink_flights: int = 0
     selected: int = 0
     ended: int = 0
@@ -39,7 +40,7 @@ class Counts:
     flaky: int = 0
     unconfirmed: int = 0
     quarantined: int = 0
-    unequal: int = 0  # re-flights that were no repeat on a target that says it repeats bit by bit
+    unequal: int = 0  # flights flown over again that were no repeat on a target that says it repeats bit by bit
     fallbacks: int = 0
     simulated_s: float = 0.0
     wall_s: float = 0.0

@@ -5,6 +5,7 @@ from __future__ import annotations
 from saflite.campaign.engine.core import Core
 from saflite.campaign.scheduling.leases import Leases
 from saflite.campaign.scheduling.work_keys import FlyKey, JudgeKey, RecordKey
+from saflite.contract.flight import UNTOLD
 
 
 def validate(core: Core, leases: Leases) -> None:
@@ -41,7 +42,7 @@ def _every_trial_goes_on(core: Core) -> None:
             f"{trial.name} has not ended, and nothing is to be done for it"
         )
     for key in (task.key for task in core.tasks):
-        if isinstance(key, FlyKey | JudgeKey) and key.purpose != "shrink":
+        if isinstance(key, FlyKey | JudgeKey) and key.purpose not in UNTOLD:
             assert key.test_case in core.trials, f"{key} is to be done for a test case that has ended"
             purpose = core.trials[key.test_case].purpose_of(key.index)
             assert key.purpose == purpose, f"{key} has another purpose than its test case"
@@ -56,7 +57,7 @@ def _every_trial_goes_on(core: Core) -> None:
 def _repeats_are_on_one_build(core: Core) -> None:
     """A re-flight on another build repeats nothing."""
     for trial in core.trials.values():
-        builds = {note.flight.build for note in trial.flights.values() if note.said_something or not note.settled}
+        builds = {note.flight.build for note in trial.flights.values() if note.judged or not note.settled}
         assert len(builds) <= 1, f"{trial.name} is confirmed by flights on several builds: {sorted(builds)}"
 
 

@@ -19,6 +19,7 @@ from saflite.campaign.engine.journal import (
 from saflite.campaign.lifecycle.flights import Flights
 from saflite.campaign.lifecycle.minimization import Minimization
 from saflite.campaign.lifecycle.proposals import Proposals
+from saflite.campaign.lifecycle.repeat_checks import RepeatChecks
 from saflite.campaign.lifecycle.scorer_swap import Scorers
 from saflite.campaign.scheduling.tasks import Task
 from saflite.campaign.scheduling.work_keys import (
@@ -58,7 +59,8 @@ class Reducer:
     def __init__(self, core: Core) -> None:
         self.core = core
         self.minimization = Minimization(core)
-        self.flights = Flights(core, self.minimization)
+        self.checks = RepeatChecks(core)
+        self.flights = Flights(core, self.minimization, self.checks)
         self.proposals = Proposals(core, self.flights)
         self.scorers = Scorers(core)
 
@@ -100,8 +102,10 @@ class Reducer:
         assert task is not None, f"{key} is not to be done"
         return task
 
-    def _lifecycle(self, key: FlightKey) -> Flights | Minimization:
+    def _lifecycle(self, key: FlightKey) -> Flights | Minimization | RepeatChecks:
         """Return who decides on a flight."""
+        if key.purpose == "check":
+            return self.checks
         return self.minimization if key.purpose == "shrink" else self.flights
 
     def test_case_of(self, key: FlightKey) -> TestCase:

@@ -95,7 +95,7 @@ class Books:
     ) -> None:
         self._out = Outbox()
         confirm = confirm_rule(campaign.search, target.repeats)
-        rounds = Rounds(campaign.search, campaign.budget_flights, confirm.flights)
+        rounds = Rounds(campaign.search, campaign.budget_flights)
         self._core = Core(campaign, template, target, self._out, rounds, confirm)
         self._reducer = Reducer(self._core)
         self._read_model: ReadModel = read_model or NothingToRead()

@@ -55,6 +55,8 @@ def overview(reducer: Reducer, registry: WorkerRegistry, leases: Leases, rates: 
         budget=core.rounds.budget,
         flights=counts.flights,
         reflown=counts.reflown,
+        checked=counts.checked,
+        shrink_flights=counts.shrink_flights,
         test_cases=counts.selected,
         candidates=counts.candidates,
         violations_confirmed=counts.confirmed,

@@ -11,7 +11,7 @@ from saflite.campaign.lifecycle.repeats import RepeatRule
 from saflite.campaign.scheduling.work_keys import FlyKey
 from saflite.contract.flight import Flight, Purpose
 from saflite.contract.ids import short_id
-from saflite.contract.interval import Interval, wilson
+from saflite.contract.interval import wilson
 from saflite.contract.score import Score
 from saflite.contract.test_case import TestCase
 from saflite.contract.verdict import Confirmation, Judgement, Verdict, Violation, worst
@@ -23,25 +23,13 @@ class FlightNote:
 
     flight: Flight
     judged: bool = False
-    bit_equal: bool = False  # re-flights only: the same trace as the first flight
     given_up: bool = False  # it could not be flown or judged
     violated: frozenset[str] = frozenset()
-
-    def same_flight(self, other: Flight) -> bool:
-        """Whether another flight ended the same, was given the same and left a bit-equal trace."""
-        mine = self.flight
-        ends = (mine.ending, mine.delivered, mine.trace_digest)
-        return ends == (other.ending, other.delivered, other.trace_digest)
 
     @property
     def settled(self) -> bool:
         """Whether nothing more is to be learned from it."""
-        return self.judged or self.bit_equal or self.given_up
-
-    @property
-    def said_something(self) -> bool:
-        """Whether it counts as a re-flight."""
-        return self.judged or self.bit_equal
+        return self.judged or self.given_up
 
 
 @dataclass(slots=True)
@@ -79,11 +67,6 @@ class Trial:
     def is_selected(self) -> bool:
         """Whether a round selected it; otherwise it is the smallest form of a violation, beside the budget."""
         return self.shrunk_from is None
-
-    @property
-    def cost(self) -> int:
-        """Flights that count against the budget."""
-        return len(self.flights)
 
     @property
     def reflights(self) -> range:
@@ -125,12 +108,12 @@ def violations_of(trial: Trial, rule: RepeatRule) -> tuple[Violation, ...]:
     """Return the violations of a test case whose re-flights have all ended, worst first, each with its confirmation."""
     assert trial.judgement is not None, f"{trial.name} was not judged"
     flights = [note for index, note in sorted(trial.flights.items()) if index >= trial.first]
-    repeats = [note for note in flights[1:] if note.said_something]
-    workers = tuple(note.flight.worker for note in flights if note.said_something)
+    repeats = [note for note in flights[1:] if note.judged]
+    workers = tuple(note.flight.worker for note in flights if note.judged)
     found = []
     for place, verdict in enumerate(violated_verdicts(trial.judgement)):
-        again = sum(1 for note in repeats if note.bit_equal or verdict.policy in note.violated)
-        rate = wilson(again, len(repeats)) if rule.repeats == "statistically" else Interval()
+        again = sum(1 for note in repeats if verdict.policy in note.violated)
+        rate = wilson(again, len(repeats))
         found.append(
             Violation(
                 fingerprint=fingerprint_of(trial.judgement, verdict, place),
@@ -143,7 +126,6 @@ def violations_of(trial: Trial, rule: RepeatRule) -> tuple[Violation, ...]:
                 failed_again=again,
                 rate_low=_rounded(rate.low),
                 rate_high=_rounded(rate.high),
-                bit_equal=bool(repeats) and all(note.bit_equal for note in repeats),
                 flight_index=trial.first,
                 workers=workers,
                 message="; ".join(filter(None, (verdict.message, _not_reflown(flights[1:])))),

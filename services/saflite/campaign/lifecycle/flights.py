@@ -13,6 +13,7 @@ from saflite.campaign.lifecycle.confirmation import (
 )
 from saflite.campaign.lifecycle.minimization import Minimization, MinimizationJob
 from saflite.campaign.lifecycle.outcomes import outcome_of
+from saflite.campaign.lifecycle.repeat_checks import RepeatChecks
 from saflite.campaign.scheduling.rounds import Round
 from saflite.campaign.scheduling.tasks import Task, is_enough
 from saflite.campaign.scheduling.work_keys import FlightKey, FlyKey, JudgeKey, RecordKey
@@ -28,8 +29,8 @@ from saflite.flight.novelty import features
 class Flights:
     """Flies, judges and re-flies every selected test case until it has ended in one recorded way."""
 
-    def __init__(self, core: Core, minimization: Minimization) -> None:
-        self._core, self._minimization = core, minimization
+    def __init__(self, core: Core, minimization: Minimization, checks: RepeatChecks) -> None:
+        self._core, self._minimization, self._checks = core, minimization, checks
 
     # ---- beginning -----------------------------------------------------------------------------------------------
 
@@ -38,7 +39,7 @@ class Flights:
         core = self._core
         test_case = round_.candidates[pick.test_case]
         assert pick.test_case not in core.flown, f"{pick.test_case} is selected twice"
-        trial = Trial(test_case, pick.test_case, round_.number, rank, round_.plan.confirm_max)
+        trial = Trial(test_case, pick.test_case, round_.number, rank, core.confirm.flights)
         trial.wanted_build = test_case.target.build
         trial.score = round_.scores.get(pick.test_case)
         core.flown[trial.name] = trial.round
@@ -115,27 +116,15 @@ class Flights:
     def _take(self, task: Task, key: FlyKey, flight: Flight) -> None:
         core, trial = self._core, self._trial(key)
         core.done(task, flight.ending, flight.message)
-        note = self._note(trial, flight)
-        if key.index != trial.first and self._is_repeat(trial, key, note):
-            note.bit_equal = True
-            self._if_confirmed(trial)
-            return
+        self._note(trial, flight)
         core.hold(*flight.blobs)
         core.tasks.add(Task(key.judging, (trial.round, trial.rank, key.index, 1)))
-
-    def _is_repeat(self, trial: Trial, key: FlyKey, note: FlightNote) -> bool:
-        """Return whether a re-flight is the first flight over again, so that its verdicts are known.
-
-        One that is not, on a target that says it repeats bit by bit, is told and counted as a fault of that target.
-        """
-        core, first = self._core, trial.flights.get(trial.first)
+        if key.index == 0:
+            self._checks.offer(trial, flight)
+            return
+        first = trial.flights.get(trial.first)
         assert first is not None, f"{trial.name}: a re-flight ended before the first flight"
-        assert first.flight.build == note.flight.build, f"{key} is on another build than the first flight"
-        same = first.same_flight(note.flight)
-        if not same and core.confirm.repeats == "bitwise":
-            core.counts.unequal += 1
-            core.fault(str(key), _unequal(trial.test_case.target.name, first.flight, note.flight))
-        return same and bool(note.flight.trace_digest)
+        assert first.flight.build == flight.build, f"{key} is on another build than the first flight"
 
     def _note(self, trial: Trial, flight: Flight) -> FlightNote:
         core, index = self._core, flight.flight_index
@@ -165,8 +154,10 @@ class Flights:
         if not trial.is_selected:
             counts.shrink_flights += sign
             return
+        if index:
+            counts.reflown += sign
+            return
         counts.flights += sign
-        counts.reflown += sign if index else 0
         self._core.rounds.under_way[trial.round].cost += sign
 
     def on_trace_missing(self, task: Task, key: JudgeKey, message: str) -> None:
@@ -316,7 +307,7 @@ class Flights:
     def _end(self, trial: Trial, ending: Ending, state: str) -> None:
         core = self._core
         del core.trials[trial.name]
-        core.out.row("endings", trial.name, state, ending, trial.cost)
+        core.out.row("endings", trial.name, state, ending, len(trial.flights))
         if not trial.is_selected:
             return
         core.counts.ended += 1
@@ -336,12 +327,3 @@ def state_of(judgement: Judgement) -> str:
     if worst(judgement) is not None:
         return "held"
     return "vacuous" if vacuous(judgement) else "inconclusive"
-
-
-def _unequal(target: str, first: Flight, again: Flight) -> str:
-    """Return in words that a re-flight was no repeat."""
-    return (
-        f"{target} says that it repeats bit by bit, but on the same build a re-flight by {again.worker} ended"
-        f" {again.ending} with trace {again.trace_digest[:16] or 'none'}, after {first.ending} with trace"
-        f" {first.trace_digest[:16] or 'none'} by {first.worker}"
-    )

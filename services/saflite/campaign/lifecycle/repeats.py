@@ -1,4 +1,4 @@
-"""How many flights tell whether a test case violates again: one where flights repeat bit by bit, else k of n. Pure."""
+"""How many flights tell whether a test case violates again: k of n, for noise plays a part on every target. Pure."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import NamedTuple
 from saflite.contract.config import SearchConfig
 from saflite.contract.target_info import Repeats
 
-DEFAULT_FLIGHTS: dict[Repeats, int] = {"bitwise": 1, "statistically": 5}
+DEFAULT_FLIGHTS: dict[Repeats, int] = {"bitwise": 3, "statistically": 5}
 """Re-flights of a violation where the campaign does not say how many."""
 
 
@@ -30,26 +30,29 @@ class RepeatRule(NamedTuple):
 
 
 ONE_FLIGHT = RepeatRule("bitwise", 1, 1)
-"""The rule where flights repeat bit by bit: one of them shows it all."""
+"""The rule where one and the same noise is flown over and over, and flights repeat bit by bit."""
 
 
 def confirm_rule(search: SearchConfig, repeats: Repeats) -> RepeatRule:
     """Return the rule by which violations are confirmed.
 
-    What the campaign leaves open: one flight of one on a target that repeats bit by bit; on others five flights, and
-    more than half of them.
+    What the campaign leaves open: three flights on a target that repeats bit by bit, where only the noise we know of
+    differs; on others five; and more than half of them.
     """
     flights = search.confirm_flights
     if flights is None:
         flights = max(DEFAULT_FLIGHTS[repeats], search.confirm_needed or 0)
     needed = search.confirm_needed
     if needed is None:
-        needed = 1 if repeats == "bitwise" else flights // 2 + 1
+        needed = flights // 2 + 1
     return RepeatRule(repeats, flights, needed)
 
 
 def shrink_rule(confirm: RepeatRule) -> RepeatRule:
-    """Return the rule by which a smaller test case still violates: one flight tells it all if flights are bit-equal."""
+    """Return the rule by which a smaller test case still violates: under its own noise one bit-equal flight tells it.
+
+    Whether the smallest form does so under other noise is confirmed in the end, as for any violation.
+    """
     return ONE_FLIGHT if confirm.repeats == "bitwise" else confirm
 
 

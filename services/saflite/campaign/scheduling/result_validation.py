@@ -9,7 +9,7 @@ from saflite.campaign.scheduling.tasks import Task
 from saflite.campaign.scheduling.work_keys import FlightKey, FlyKey, JudgeKey, MutateKey, RecordKey, ScoreKey, WarmKey
 from saflite.contract.blobs import BLOBS_PER_RESULT_MAX
 from saflite.contract.errors import Refused
-from saflite.contract.flight import AUTOPILOT_ALIVE, FLOWN_ENDINGS, Flight
+from saflite.contract.flight import AUTOPILOT_ALIVE, FLOWN_ENDINGS, UNTOLD, Flight
 from saflite.contract.score import SCORE_MAX, SCORE_MIN
 from saflite.contract.verdict import Verdict
 from saflite.contract.work import (
@@ -114,7 +114,7 @@ def _check_verdict(task: Task, verdict: Verdict) -> None:
 def _check_build(core: Core, task: Task, key: FlyKey, flight: Flight) -> None:
     """A first flight is on the build its test case names, if it names any; all others on the build of the first."""
     wanted = task.target.build if task.target else ""
-    is_first = key.purpose != "shrink" and key.index == core.trials[key.test_case].first
+    is_first = key.purpose not in UNTOLD and key.index == core.trials[key.test_case].first
     if flight.ending in FLOWN_ENDINGS and flight.build != wanted and (wanted or not is_first):
         _refuse(task, f"a flight on build {wanted or 'unknown'!r}", flight.build or "unknown")
 

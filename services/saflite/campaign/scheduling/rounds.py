@@ -1,8 +1,9 @@
 """Rounds: how many flights each may have, so that the budget is spent to the end and never exceeded. Pure.
 
-A search flight may turn out to cost 1 + confirm_flights. Round r is planned on the exact costs of the rounds up to
-r - lag and on that reservation for the rounds in between, whatever has ended by then: so the plan does not depend on
-timing. Where the reservation leaves nothing over, a round stays empty until exact costs are known.
+The budget counts first flights, one for each test case; re-flights, checks and shrinking are counted beside it. A round
+may fly fewer than it was planned with (too few candidates). Round r is planned on the exact costs of the rounds up to
+r - lag and on the plans of those in between, whatever has ended by then: so the plan does not depend on timing. Where
+these leave nothing over, a round stays empty until exact costs are known.
 """
 
 from __future__ import annotations
@@ -20,15 +21,14 @@ Phase = Literal["mutating", "scoring", "scored", "flying", "closed"]
 
 
 class Plan(NamedTuple):
-    """What a round may spend: `flights` search flights and up to `confirm_max` re-flights of each violated one."""
+    """What a round may spend: `flights` first flights."""
 
     flights: int
-    confirm_max: int
 
     @property
     def reserved(self) -> int:
         """The most the round can cost."""
-        return self.flights * (1 + self.confirm_max)
+        return self.flights
 
 
 @dataclass(slots=True)
@@ -57,9 +57,8 @@ class Round:
 class Rounds:
     """All rounds: those under way, and of the closed ones what planning and telling need."""
 
-    def __init__(self, search: SearchConfig, budget: int, confirm_flights: int) -> None:
+    def __init__(self, search: SearchConfig, budget: int) -> None:
         self.search = search
-        self.confirm_flights = confirm_flights
         self.budget = budget
         self.under_way: dict[int, Round] = {}
         self.recent: deque[Round] = deque(maxlen=2 * search.lag + 4)
@@ -80,14 +79,10 @@ class Rounds:
         """Return the plan of the next round; None if the budget leaves none, whatever the rounds under way cost."""
         known = self._known(self.planned - self.search.lag)
         reserved = sum(reserve for number, (reserve, _) in self._costs.items() if number > self._known_upto)
-        left = self.budget - known - reserved
-        each = 1 + self.confirm_flights
-        flights = min(self.search.flights_per_round, max(left, 0) // each)
-        if flights:
-            return Plan(flights, self.confirm_flights)
-        if reserved:
-            return Plan(0, 0)
-        return Plan(1, left - 1) if left > 0 else None
+        flights = min(self.search.flights_per_round, self.budget - known - reserved)
+        if flights > 0:
+            return Plan(flights)
+        return Plan(0) if reserved else None
 
     def open(self, plan: Plan) -> Round:
         """Begin the next round."""

@@ -76,7 +76,10 @@ class WorkMessages:
     def _fly(self, key: FlyKey) -> FlyWork:
         limit_s = self._core.campaign.lease.wall_limit_s
         test_case = self._reducer.test_case_of(key)
-        return FlyWork(test_case=test_case, flight_index=key.index, purpose=key.purpose, wall_limit_s=limit_s)
+        noise = key.index  # every flight of a test case has its own, but one that checks the first over again
+        return FlyWork(
+            test_case=test_case, flight_index=key.index, purpose=key.purpose, wall_limit_s=limit_s, noise=noise
+        )
 
     def _judge(self, key: JudgeKey) -> JudgeWork:
         flight = self._reducer.flight_of(key)

@@ -18,7 +18,7 @@ from saflite.campaign.engine.journal import (
 )
 from saflite.campaign.scheduling.work_keys import FlyKey, JudgeKey, ScoreKey, WarmKey, WorkKey
 from saflite.contract.events import Fact, Flown, Judged, Proposed, Quarantined, Scored, ViolationFound
-from saflite.contract.flight import FLOWN_ENDINGS
+from saflite.contract.flight import FLOWN_ENDINGS, UNTOLD
 from saflite.contract.work import FlyResult, JudgeResult, MutateResult, ScoreResult
 
 Flight = tuple[str, int]
@@ -30,7 +30,8 @@ class JournalAudit:
     def __init__(self) -> None:
         self.lines = 0
         self.problems: list[str] = []
-        self.issued = self.candidates = 0
+        self.issued = 0
+        self.untold: Counter[str] = Counter()  # flights that are not announced, by purpose
         self.ended: Counter[str] = Counter()
         self._open: dict[WorkKey, int] = {}  # work: attempt under way
         self._selected: Counter[str] = Counter()
@@ -64,7 +65,7 @@ class JournalAudit:
                 self._open.pop(key, None)
             case TraceMissing(key=key):
                 self._open.pop(key, None)
-                if isinstance(key, JudgeKey) and key.purpose != "shrink":
+                if isinstance(key, JudgeKey) and key.purpose not in UNTOLD:
                     self._flown[key.test_case, key.index] -= 1
                     self._flown_anew[key.test_case, key.index] += 1
             case _:
@@ -83,8 +84,8 @@ class JournalAudit:
         else:
             self.ended["settled late"] += 1
         result = entry.result
-        if isinstance(entry.key, FlyKey | JudgeKey) and entry.key.purpose == "shrink":
-            self.candidates += isinstance(result, FlyResult)
+        if isinstance(entry.key, FlyKey | JudgeKey) and entry.key.purpose in UNTOLD:
+            self.untold[entry.key.purpose] += isinstance(result, FlyResult)
         elif isinstance(result, FlyResult) and result.flight.ending in FLOWN_ENDINGS:
             flight = (result.flight.test_case, result.flight.flight_index)
             self._flown[flight] = self._flown.get(flight, 0) + 1
@@ -156,7 +157,8 @@ class JournalAudit:
     @property
     def charged(self) -> int:
         """Flights that count against the budget."""
-        return sum(1 for (name, _), count in self._flown.items() if count > 0 and name in self._selected)
+        flown = (flight for flight, count in self._flown.items() if count > 0)
+        return sum(1 for name, index in flown if name in self._selected and not index)
 
     def figures(self) -> dict[str, Any]:
         """Return the counts."""
@@ -168,7 +170,9 @@ class JournalAudit:
             "test_cases_selected": sum(self._selected.values()),
             "test_cases_ended": len(set(self._ended_cases) & set(self._selected)),
             "flights": self.charged,
-            "shrink_experiments": self.candidates,
+            "reflights": sum(1 for (_, index), count in self._flown.items() if count > 0 and index),
+            "check_flights": self.untold["check"],
+            "shrink_experiments": self.untold["shrink"],
             "flights_counted_twice": sum(1 for count in self._flown.values() if count > 1),
             "results_missing": sum(1 for key, count in self._flown.items() if count > 0 and not self._told_flown[key]),
             "violations": dict(sorted(self._confirmations.items())),

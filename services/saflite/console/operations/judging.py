@@ -30,14 +30,16 @@ class OwnSimulator:
         self._blobs = MemoryBlobs()
         self._flyer = open_service("console", WallClock(), self._blobs)
 
-    def fly(self, case: TestCase, wall_limit_s: float, flight_index: int = 0) -> Flown:
-        """Fly the test case once.
+    def fly(self, case: TestCase, wall_limit_s: float, flight_index: int = 0, noise: int = 0) -> Flown:
+        """Fly the test case once, under its own noise or another (`under_noise`).
 
         Raises:
             Refused: the target is unknown or cannot fly it.
             Unavailable: the simulator does not come up.
         """
-        work = FlyWork(test_case=case, flight_index=flight_index, purpose="replay", wall_limit_s=wall_limit_s)
+        work = FlyWork(
+            test_case=case, flight_index=flight_index, purpose="replay", wall_limit_s=wall_limit_s, noise=noise
+        )
         result = self._flyer.do(work, lambda: False)
         assert isinstance(result, FlyResult)
         trace = result.flight.trace

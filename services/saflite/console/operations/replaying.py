@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from saflite.campaign.lifecycle.repeats import DEFAULT_FLIGHTS
 from saflite.console.io import cases
 from saflite.console.operations import judging
 from saflite.console.run_data.run_folder import open_run
@@ -17,15 +16,22 @@ from saflite.contract.verdict import NEVER_APPLIED, vacuous, worst
 from saflite.contract.work import PolicyTexts
 from saflite.simulator_worker.registry import describe_target
 
+REPLAYS: dict[Repeats, int] = {"bitwise": 1, "statistically": 5}
+"""How often each is flown if nothing else is asked for."""
+
 
 class Entry(NamedTuple):
-    """One flight to be repeated. `trace_digest` is empty where the first repetition sets what is to be met."""
+    """One flight to be repeated, under the `noise` it had (`under_noise`).
+
+    `trace_digest` is empty where the first repetition sets what is to be met.
+    """
 
     name: str
     test_case: TestCase
     policies: tuple[str, ...]
     trace_digest: str
     policy_texts: PolicyTexts | None = None
+    noise: int = 0
 
 
 class Replayed(NamedTuple):
@@ -54,7 +60,16 @@ def entries(what: Path, wanted: str, everything: bool, policies: tuple[str, ...]
 
         found = read(what)
         judged = tuple(verdict.policy for verdict in found.judgement.verdicts)
-        return [Entry(what.name, found.test_case, policies or judged, found.flight.trace_digest)]
+        return [
+            Entry(
+                what.name,
+                found.test_case,
+                policies or judged,
+                found.flight.trace_digest,
+                None,
+                found.flight.flight_index,
+            )
+        ]
     case = cases.load_case(what)
     return [Entry(what.name, case, policies or ("min-obstacle-distance",), "")]
 
@@ -73,9 +88,8 @@ def _of_run(run_dir: Path, wanted: str, everything: bool, policies: tuple[str, .
         for violation in chosen:
             digest = next((row.trace_digest for row in run.flights(violation.test_case) if row.shows(violation)), "")
             case = run.test_case(violation.test_case)
-            entry = Entry(
-                violation.fingerprint, case, policies or run.campaign.policies, digest, run.campaign.policy_texts
-            )
+            judged, texts = policies or run.campaign.policies, run.campaign.policy_texts
+            entry = Entry(violation.fingerprint, case, judged, digest, texts, violation.flight_index)
             found.setdefault(violation.test_case, entry)
     return list(found.values())
 
@@ -83,16 +97,16 @@ def _of_run(run_dir: Path, wanted: str, everything: bool, policies: tuple[str, .
 def replay(found: Sequence[Entry], times: int | None, wall_limit_s: float) -> Iterator[Replayed]:
     """Yield each repetition as it lands; a test case without a record is flown once more and compared with itself.
 
-    `times` None flies each as often as violations of its target are confirmed with by default.
+    `times` None flies each once where flights repeat bit by bit, five times on other targets.
     """
     simulator = judging.OwnSimulator()
     try:
         for entry in found:
             repeats, digest = describe_target(entry.test_case.target.name).repeats, entry.trace_digest
             if not digest and repeats == "bitwise":
-                digest = simulator.fly(entry.test_case, wall_limit_s).flight.trace_digest
-            for index in range(times or DEFAULT_FLIGHTS[repeats]):
-                flown = simulator.fly(entry.test_case, wall_limit_s, index)
+                digest = simulator.fly(entry.test_case, wall_limit_s, noise=entry.noise).flight.trace_digest
+            for index in range(times or REPLAYS[repeats]):
+                flown = simulator.fly(entry.test_case, wall_limit_s, index, entry.noise)
                 judgement = judging.judge(entry.test_case, flown, entry.policies, entry.policy_texts)
                 violated = tuple(one.policy for one in judgement.verdicts if one.outcome == "violated")
                 least = worst(judgement)

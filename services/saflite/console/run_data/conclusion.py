@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -10,7 +11,7 @@ from saflite.console.run_data import reporting
 from saflite.console.run_data.deduplication import Cause, causes
 from saflite.console.run_data.run_folder import RunFolder, open_run
 from saflite.console.view import live, out
-from saflite.contract.flight import BESIDE_BUDGET
+from saflite.contract.flight import Purpose
 from saflite.contract.verdict import NEVER_APPLIED, Violation
 from saflite.recorder.summary import Rulings
 
@@ -23,10 +24,12 @@ FEW = 4
 
 
 class Conclusion(NamedTuple):
-    """What a run came to. `set_aside` counts test cases that we could not fly or judge, of `cases` ended."""
+    """What a run came to. `set_aside` counts test cases that we could not fly or judge, of `cases` ended.
 
-    flights: int
-    shrink_flights: int
+    `flown` counts flights by what they were flown for.
+    """
+
+    flown: Counter[Purpose]
     elapsed_s: float
     cases: int
     set_aside: int
@@ -77,11 +80,9 @@ def conclude(run_dir: Path, ended: ExitSummary, *, as_json: bool) -> int:
 
 
 def _read(run: RunFolder) -> Conclusion:
-    flights, endings = run.flights(), run.endings()
-    shrinking = sum(1 for row in flights if row.purpose in BESIDE_BUDGET)
+    endings = run.endings()
     return Conclusion(
-        flights=len(flights) - shrinking,
-        shrink_flights=shrinking,
+        flown=Counter(row.purpose for row in run.flights()),
         elapsed_s=run.elapsed_s(),
         cases=sum(endings.values()),
         set_aside=endings.get("quarantined", 0),
@@ -96,8 +97,10 @@ def _plain(found: Conclusion, ended: ExitSummary) -> dict[str, Any]:
     return {
         "ended": ended.ended,
         "why": ended.why,
-        "flights": found.flights,
-        "shrink_flights": found.shrink_flights,
+        "flights": found.flown["search"],
+        "confirm_flights": found.flown["confirm"],
+        "check_flights": found.flown["check"],
+        "shrink_flights": found.flown["shrink"] + found.flown["shrunk"],
         "elapsed_s": found.elapsed_s,
         "confirmed": len(found.confirmed),
         "distinct": found.distinct,
@@ -114,11 +117,10 @@ def _tell(found: Conclusion, ended: ExitSummary) -> None:
     out.line()
     out.line(f"{'ended' if ended.ended else 'stopped'}: {ended.why}")
     out.line(
-        f"{found.flights} flights in {found.elapsed_s:.0f} s; "
+        f"{found.flown['search']} flights in {found.elapsed_s:.0f} s ({_beside(found.flown)}); "
         f"{len(good)} violations confirmed, {found.distinct} distinct"
         + (f", {flaky} flaky" if flaky else "")
         + (f"; {found.set_aside} test cases set aside, we could not fly or judge them" if found.set_aside else "")
-        + (f"; {found.shrink_flights} flights more to shrink them" if found.shrink_flights else "")
         + (f"; {ended.restarts} processes started again" if ended.restarts else "")
     )
     for violation in good[:SHOWN]:
@@ -132,6 +134,13 @@ def _tell(found: Conclusion, ended: ExitSummary) -> None:
         out.line("what it takes:" if found.minimised else "what it takes, not minimised ([search] shrink = true):")
     for cause in found.causes[:SHOWN]:
         out.line(f"  {cause.policy}, {cause.violations} of them: {cause.words}   (test case {cause.name})")
+
+
+def _beside(flown: Counter[Purpose]) -> str:
+    """Return in words the flights that do not count against the budget."""
+    shrinking = flown["shrink"] + flown["shrunk"]
+    words = f"and {flown['confirm']} to confirm, {flown['check']} to check the farm"
+    return words + (f", {shrinking} to shrink" if shrinking else "")
 
 
 def _tell_rulings(rulings: dict[str, Rulings]) -> None:

@@ -19,7 +19,7 @@ from saflite.contract.blobs import BlobMissing, BlobRef
 from saflite.contract.config import Campaign
 from saflite.contract.errors import Refused
 from saflite.contract.events import Event
-from saflite.contract.flight import BESIDE_BUDGET, Flight, Purpose, Trace, unpack_trace
+from saflite.contract.flight import UNTOLD, Flight, Purpose, Trace, unpack_trace
 from saflite.contract.names import recording_file
 from saflite.contract.test_case import TestCase
 from saflite.contract.verdict import Judgement, Violation
@@ -45,9 +45,9 @@ class FlightRow(NamedTuple):
     violated: tuple[str, ...]
 
     def shows(self, violation: Violation) -> bool:
-        """Whether it is the flight that shows a violation, neither a re-flight nor that of a smaller one tried."""
+        """Whether it is the flight that shows a violation: no re-flight, check, or flight of a smaller one tried."""
         same = self.test_case == violation.test_case and self.flight_index == violation.flight_index
-        return same and self.purpose != "shrink"
+        return same and self.purpose not in UNTOLD
 
 
 class ArtefactRow(NamedTuple):
@@ -181,7 +181,7 @@ class RunFolder:
         except PackageNotFoundError:
             release = ""
         rulings = self.rulings()
-        flights = sum(1 for row in self.flights() if row.purpose not in BESIDE_BUDGET)
+        flights = sum(1 for row in self.flights() if row.purpose == "search")
         (held,) = next(self._rows("SELECT count(*) FROM endings WHERE state = 'held'"))
         return RunSummary(
             campaign=self.campaign,
@@ -207,7 +207,7 @@ class RunFolder:
         query = (
             "SELECT f.test_case, f.flight_index, f.purpose, f.ending, f.simulated_s, f.wall_s, f.trace_digest,"
             " f.worker, j.robustness, coalesce(j.violated, '') FROM flights f LEFT JOIN judgements j"
-            " ON f.purpose <> 'shrink' AND j.test_case = f.test_case AND j.flight_index = f.flight_index"
+            " ON f.purpose NOT IN ('check', 'shrink') AND j.test_case = f.test_case AND j.flight_index = f.flight_index"
             " WHERE ?1 = '' OR f.test_case = ?1 ORDER BY f.rowid"
         )
         return [

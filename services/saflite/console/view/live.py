@@ -95,11 +95,10 @@ def _fact_text(fact: object) -> str:
 def violation_line(violation: Violation) -> str:
     """Return a violation in one line."""
     word = "VIOLATION" if violation.confirmation == "confirmed" else violation.confirmation
-    again = f"failed again {failed_again(violation)}"
-    equal = ", bit-equal" if violation.bit_equal else ""
+    again = f"violates again {failed_again(violation)}"
     return (
         f"{word}  {violation.fingerprint}  {violation.policy} {violation.robustness:+.3f} ({violation.severity})"
-        f"  {again}{equal}  test case {violation.test_case}"
+        f"  {again}  test case {violation.test_case}"
     )
 
 
@@ -114,6 +113,13 @@ def one_line(status: Status) -> str:
         f"  {status.real_time_factor:.0f}x real time  {status.violations_confirmed} violations{last}"
         f"  workers {busy}/{len(status.workers)} busy" + (f"  waiting: {queues}" if queues else "") + instead
     )
+
+
+def _beside(status: Status) -> str:
+    """Return in words the flights that do not count against the budget."""
+    unequal = f" ({status.unequal} differ)" if status.unequal else ""
+    parts = (f"{status.reflown} to confirm", f"{status.checked} to check the farm{unequal}")
+    return ", ".join((*parts, f"{status.shrink_flights} to shrink") if status.shrink_flights else parts)
 
 
 class _Lines:
@@ -196,7 +202,7 @@ def _drawn(status: Status) -> RenderableType:
     last = "none yet" if status.since_last_find_s is None else f"{status.since_last_find_s:.0f} s ago"
     pending = f" (warming {escape(status.scorer_pending)})" if status.scorer_pending else ""
     facts.add_row(
-        f"[b]{status.flights}[/] of {status.budget} flights, {status.reflown} of them re-flights",
+        f"[b]{status.flights}[/] of {status.budget} flights, beside them {_beside(status)}",
         f"[b red]{status.violations_confirmed}[/] violations, {status.violations_flaky} flaky, "
         f"{status.violations_pending} being confirmed",
     )

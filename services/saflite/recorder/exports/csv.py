@@ -13,7 +13,7 @@ from saflite.recorder.summary import Finding, RunSummary
 FILE = "violations.csv"
 COLUMNS = (
     *("test_case", "policy", "confirmation", "severity", "robustness", "fingerprint", "reflown", "failed_again"),
-    *("rate_low", "rate_high", "bit_equal", "strategy", "round", "parent", "min_distance_m", "duration_s"),
+    *("rate_low", "rate_high", "strategy", "round", "parent", "min_distance_m", "duration_s"),
     *("inputs", "recording"),
 )
 
@@ -35,7 +35,7 @@ def _row(finding: Finding) -> tuple[object, ...]:
     return (
         *(violation.test_case, violation.policy, violation.confirmation, violation.severity, violation.robustness),
         *(violation.fingerprint, violation.reflown, violation.failed_again),
-        *(violation.rate_low, violation.rate_high, violation.bit_equal),
+        *(violation.rate_low, violation.rate_high),
         *(origin.strategy, origin.round, origin.parent),
         *(features.get("min_distance_m", ""), features.get("duration_s", "")),
         *(_inputs(finding.test_case), finding.recording),

@@ -63,7 +63,7 @@ def _result(finding: Finding, index: dict[str, int]) -> dict[str, Any]:
     uri = f"test_cases/{violation.test_case}.yaml"
     text = (
         f"{violation.confirmation} {violation.severity} violation of {violation.policy}: robustness "
-        f"{violation.robustness:.3f}, failed again in {failed_again(violation)} re-flights"
+        f"{violation.robustness:.3f}, violates again in {failed_again(violation)} under other noise"
     )
     return {
         "ruleId": violation.policy,
@@ -74,7 +74,6 @@ def _result(finding: Finding, index: dict[str, int]) -> dict[str, Any]:
         "partialFingerprints": {"saflite/v1": violation.fingerprint or violation.test_case},
         "properties": {
             "robustness": violation.robustness,
-            "bitEqual": violation.bit_equal,
             "rate": None if violation.rate_low is None else [violation.rate_low, violation.rate_high],
             "recording": finding.recording,
             "features": finding.judgement.features if finding.judgement is not None else {},

@@ -166,9 +166,8 @@ def _facts(exhibit: Exhibit, run_name: str) -> list[tuple[str, str]]:
 
 def _again(exhibit: Exhibit) -> str:
     violation = exhibit.violation
-    equal = ", traces bit-equal" if violation.bit_equal else ""
     workers = f" (workers {escape(', '.join(violation.workers))})" if violation.workers else ""
-    return f"failed again in {failed_again(violation)}{equal}{workers}"
+    return f"violates again in {failed_again(violation)}{workers}"
 
 
 def _box(box: Obstacle) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from html import escape
 
 import numpy as np
@@ -10,7 +11,6 @@ from saflite.console.run_data.deduplication import causes
 from saflite.console.view.report import bars, charts, evidence
 from saflite.console.view.report.data import ReportData
 from saflite.console.view.report.style import CSS
-from saflite.contract.flight import BESIDE_BUDGET
 from saflite.contract.interval import Interval
 from saflite.contract.test_case import setting_text
 from saflite.contract.verdict import NEVER_APPLIED, failed_again
@@ -62,20 +62,21 @@ def _tiles(data: ReportData) -> str:
     flaky = sum(1 for exhibit in data.exhibits if exhibit.violation.confirmation == "flaky")
     distinct = len({exhibit.violation.fingerprint for exhibit in confirmed})
     simulated_s = sum(row.simulated_s for row in data.flights)
-    charged = [row for row in data.flights if row.purpose not in BESIDE_BUDGET]
-    again = sum(1 for row in charged if row.flight_index > 0)
+    flown = Counter(row.purpose for row in data.flights)
     elapsed_s = max(data.elapsed_s, 1e-9)
     tiles = [
         (str(len(confirmed)), "violations confirmed", "bad" if confirmed else "good"),
         (str(distinct), "of them distinct", ""),
         (str(flaky), "flaky", "warn" if flaky else ""),
-        (f"{len(charged)}", f"flights of {data.campaign.budget_flights} ({again} re-flown)", ""),
+        (f"{flown['search']}", f"flights of {data.campaign.budget_flights}", ""),
+        (f"{flown['confirm']}", "flights more to confirm what was found", ""),
+        (f"{flown['check']}", "flown over again to check the farm", ""),
         (f"{simulated_s / 3600:.2f} h", "flown in simulated time", ""),
         (_duration(data.elapsed_s), f"wall time, {len(data.flights) / elapsed_s:.2f} flights/s", ""),
         (f"{simulated_s / elapsed_s:.0f}×", "real time, all workers", ""),
     ]
-    if len(data.flights) > len(charged):
-        tiles.append((str(len(data.flights) - len(charged)), "flights more to shrink what was found", ""))
+    if shrinking := flown["shrink"] + flown["shrunk"]:
+        tiles.append((str(shrinking), "flights more to shrink what was found", ""))
     if data.quarantined:
         tiles.append((str(len(data.quarantined)), "set aside (quarantine)", "warn"))
     drawn = "".join(f'<div class="tile {css}"><b>{value}</b><span>{text}</span></div>' for value, text, css in tiles)
@@ -121,7 +122,7 @@ def _table(data: ReportData) -> str:
             f"{violation.robustness:+.3f}",
             f'<span class="badge {violation.severity}">{violation.severity}</span>',
             f'<span class="badge {violation.confirmation}">{violation.confirmation}</span>',
-            f"{failed_again(violation)}{' bit-equal' if violation.bit_equal else ''}",
+            failed_again(violation),
             f"{len(exhibit.test_case.scenario.obstacles)} boxes"
             if exhibit.test_case.scenario.obstacles
             else f"{len(exhibit.test_case.stimuli)} stimuli",
