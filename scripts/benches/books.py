@@ -1,15 +1,16 @@
-"""What the books cost: results per second and their share of a core with every commit on disk, rebuilding, memory.
+"""What the books cost: results per second and their share of a core with every commit on disk, memory, store, resume.
 
-The services are the scripted ones of the simulated farm (`tests/farm`); every message is encoded and decoded, traces
-are those of real flights in size (`--trace-kib`), each result is committed on its own or in batches of `--together`.
-Blobs are looked at by a thread of the books' process beside the books; what that costs is told apart.
+The services are the scripted ones of the simulated farm (`tests/farm`), in a process of their own; every message is
+encoded and decoded, traces are those of real flights in size (`--trace-kib`), each result is committed on its own or in
+batches of `--together`. Blobs are looked at by a thread of the books' process beside the books; what that costs is
+told apart. `resume` is a new process that opens the run, with and without its snapshot.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import resource
+import subprocess
 import sys
 import tempfile
 import time
@@ -17,12 +18,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import msgspec
+from _books_services import FARM, LEAVES, Services
 
 if TYPE_CHECKING:
     from saflite.campaign.storage.store import Store
 
-LEAVES = "all"  # the folder in which all made-up workers leave their blobs
-HERE = Path(__file__).resolve().parent
 WORKERS = ("a", "b")
 
 
@@ -32,16 +32,20 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--flights", type=int, default=2000, help="budget of the campaign")
     parser.add_argument("--together", type=int, default=4, help="leases taken and results committed together")
     parser.add_argument("--trace-kib", type=int, default=100, help="size of a packed trace")
+    parser.add_argument("--resume", type=Path, help="only open this run and work out its books")
     parser.add_argument("--json", action="store_true", help="print JSON")
     options = parser.parse_args(argv)
-    sys.path.insert(0, str(HERE.parents[1] / "tests" / "farm"))
-    with tempfile.TemporaryDirectory() as folder:
-        figures = _measure(Path(folder) / "run", options)
+    sys.path.insert(0, str(FARM))
+    if options.resume:
+        figures = _resumed(options.resume)
+    else:
+        with tempfile.TemporaryDirectory() as folder:
+            figures = _measure(Path(folder) / "run", options)
     if options.json:
         print(json.dumps(figures))
     else:
         for name, value in figures.items():
-            print(f"{name:28} {value:,.2f}" if isinstance(value, float) else f"{name:28} {value:,}")
+            print(f"{name:32} {value:,.2f}" if isinstance(value, float) else f"{name:32} {value:,}")
     return 0
 
 
@@ -50,57 +54,86 @@ def _measure(run_dir: Path, options: argparse.Namespace) -> dict[str, float | in
 
     from saflite.campaign.storage.store import Store
 
-    doubles.padding_kib, doubles.track_points = options.trace_kib, 250
+    services = Services(run_dir, options.trace_kib)
     search: dict[str, Any] = {"candidates_per_round": 40, "flights_per_round": 8, "lag": 3}
-    store = Store.create(
-        run_dir, doubles.campaign(options.flights, batch=10, **search), doubles.TEMPLATE, doubles.TARGET
-    )
-    drive = _Drive(store, run_dir, options.together)
+    campaign = doubles.campaign(options.flights, batch=10, **search)
+    store = Store.create(run_dir, campaign, doubles.TEMPLATE, doubles.TARGET)
+    drive = _Drive(store, services, options.together)
+    begun_mib = _memory_mib("VmRSS")
     drive.run()
+    services.close()
+    store.close()
     database_mb = (run_dir / "books.sqlite").stat().st_size / 1e6
-    store.close()
-    started_s = time.perf_counter()
-    store = Store.open(run_dir)
-    opened_s = time.perf_counter() - started_s
-    books = store.rebuild()
-    rebuilt_s = time.perf_counter() - started_s
-    status = books.status(0.0)
-    store.close()
     return {
-        "flights": status.flights,
+        "flights": drive.flights,
         "results": drive.results,
+        "together": options.together,
+        "trace_kib": options.trace_kib,
         "results_per_cpu_s": drive.results / drive.books_cpu_s,
         "core_share_at_500_per_s": 500.0 * drive.books_cpu_s / drive.results,
         "results_per_wall_s": drive.results / drive.books_wall_s,
         "blobs_core_share_at_500_per_s": 500.0 * drive.blobs_cpu_s / drive.results,
         "results_per_cpu_s_with_blobs": drive.results / (drive.books_cpu_s + drive.blobs_cpu_s),
-        "open_and_check_s": opened_s,
-        "open_and_rebuild_s": rebuilt_s,
+        "memory_begun_mib": begun_mib,
+        "memory_peak_mib": _memory_mib("VmHWM"),
         "database_mb": database_mb,
-        "database_kb_per_flight": 1000.0 * database_mb / status.flights,
-        "peak_memory_mib": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0,
+        "database_kb_per_flight": 1000.0 * database_mb / drive.flights,
+        **_in_a_new_process(run_dir, "resume"),
+        **_without_snapshot(run_dir),
     }
+
+
+def _without_snapshot(run_dir: Path) -> dict[str, float | int]:
+    for name in ("books.snapshot",):
+        (run_dir / name).unlink(missing_ok=True)
+    return _in_a_new_process(run_dir, "replay")
+
+
+def _in_a_new_process(run_dir: Path, name: str) -> dict[str, float | int]:
+    command = [sys.executable, sys.argv[0], "books", "--json", "--resume", str(run_dir)]
+    answer = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+    return {f"{name}_{key}": value for key, value in json.loads(answer).items()}
+
+
+def _resumed(run_dir: Path) -> dict[str, float | int]:
+    from saflite.campaign.storage.store import Store
+
+    started_s = time.perf_counter()
+    store = Store.open(run_dir)
+    opened_s = time.perf_counter() - started_s
+    books = store.rebuild()
+    rebuilt_s = time.perf_counter() - started_s
+    flights = books.status(0.0).flights
+    store.close()
+    return {"open_s": opened_s, "s": rebuilt_s, "memory_peak_mib": _memory_mib("VmHWM"), "flights": flights}
+
+
+def _memory_mib(name: str) -> float:
+    """Return `VmRSS` (now) or `VmHWM` (the most so far) of this process."""
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return next(int(line.split()[1]) for line in lines if line.startswith(name)) / 1024.0
 
 
 class _Drive:
     """Runs a campaign; only the time inside the books, their messages and their store is counted."""
 
-    def __init__(self, store: Store, run_dir: Path, together: int) -> None:
-        import farm_doubles as doubles
-
+    def __init__(self, store: Store, services: Services, together: int) -> None:
         from saflite.contract.join import Join
         from saflite.contract.topics import PROTOCOL, STAGES
-        from saflite.evidence.folder import WorkerFolder
 
-        self._store, self._together = store, together
+        self._store, self._services, self._together = store, services, together
         self._books = store.rebuild()
-        self._service = doubles.Service(WorkerFolder(run_dir, LEAVES))
         self._now = 0.0
         self.results, self.books_cpu_s, self.books_wall_s, self.blobs_cpu_s = 0, 0.0, 0.0, 0.0
         self._books.begin(0.0, 1.7e9)
         for stage in STAGES:
             for worker in WORKERS:
                 self._books.join(Join(protocol=PROTOCOL, worker=worker, stage=stage), 0.0)
+
+    @property
+    def flights(self) -> int:
+        """How many were flown."""
+        return self._books.status(self._now).flights
 
     def run(self) -> None:
         """Run to the end."""
@@ -115,17 +148,11 @@ class _Drive:
 
     def _turn(self, stage: str, worker: str) -> None:
         from saflite.contract import wire
-        from saflite.contract.work import Ask, Grant, Report
+        from saflite.contract.work import Ask
 
-        cursor = self._service.cursor_of(stage)  # type: ignore[arg-type]
+        cursor = self._services.cursor if stage in ("mutate", "score") else -1
         ask = wire.encode(Ask(worker=worker, stage=stage, leases_max=self._together, cursor=cursor))  # type: ignore[arg-type]
-        grant = wire.decode(self._timed(lambda: self._asked(ask)), Grant)
-        reports = [
-            wire.encode(
-                Report(worker=worker, lease_id=lease.lease_id, epoch=lease.epoch, result=self._service.do(lease.work))
-            )
-            for lease in grant.leases
-        ]
+        reports = self._services.do(self._timed(lambda: self._asked(ask)), worker)
         if reports:
             damage = self._looked_at(reports)
             self._timed(lambda: self._reported(reports, damage))
