@@ -6,7 +6,7 @@ import multiprocessing
 import sys
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from saflite.contract.work import JudgeResult
@@ -69,14 +69,14 @@ def _serve(end: Connection, run_dir: Path, trace_kib: int) -> None:
         end.send(([wire.encode(report) for report in reports], service.cursor))
 
 
-def _forgetful(doubles: object) -> type:
+def _forgetful(doubles: Any) -> type:
     """Return the service of the simulated farm, with a mutator and a scorer whose cost does not grow with the run."""
     from saflite.contract.rng import derive
     from saflite.contract.score import Score, Usage
     from saflite.contract.test_case import identity
     from saflite.contract.work import JudgeResult, MutateResult, MutateWork, Result, ScoreResult, ScoreWork, Work
 
-    class Forgetful(doubles.Service):  # type: ignore[attr-defined, misc, name-defined]
+    class Forgetful(doubles.Service):  # type: ignore[misc]
         told = -1
 
         @property
@@ -92,7 +92,7 @@ def _forgetful(doubles: object) -> type:
                 return MutateResult(round=work.round, test_cases=cases)
             if isinstance(work, ScoreWork):
                 names = [identity(one) for one in work.test_cases]
-                values = [10.0 - 10.0 * doubles.luck(name) for name in names]  # type: ignore[attr-defined]
+                values = [10.0 - 10.0 * doubles.luck(name) for name in names]
                 scores = [
                     Score(test_case=name, value=value, model=work.model, scored_by=work.model)
                     for name, value in zip(names, values, strict=True)

@@ -62,6 +62,7 @@ def _measure(run_dir: Path, options: argparse.Namespace) -> dict[str, float | in
     begun_mib = _memory_mib("VmRSS")
     drive.run()
     services.close()
+    drive.keep()
     store.close()
     database_mb = (run_dir / "books.sqlite").stat().st_size / 1e6
     return {
@@ -84,8 +85,7 @@ def _measure(run_dir: Path, options: argparse.Namespace) -> dict[str, float | in
 
 
 def _without_snapshot(run_dir: Path) -> dict[str, float | int]:
-    for name in ("books.snapshot",):
-        (run_dir / name).unlink(missing_ok=True)
+    (run_dir / "books.snapshot").unlink(missing_ok=True)
     return _in_a_new_process(run_dir, "replay")
 
 
@@ -135,6 +135,10 @@ class _Drive:
         """How many were flown."""
         return self._books.status(self._now).flights
 
+    def keep(self) -> None:
+        """Keep the state of the books, as their service does now and then."""
+        self._store.keep(self._books.snapshot())
+
     def run(self) -> None:
         """Run to the end."""
         from saflite.contract.topics import STAGES
@@ -144,7 +148,14 @@ class _Drive:
                 for worker in WORKERS:
                     self._turn(stage, worker)
             self._now += 0.05
-            self._timed(lambda: self._books.tick(self._now))
+            self._timed(self._pass_time)
+
+    def _pass_time(self) -> bytes:
+        self._books.tick(self._now)
+        self._store.commit(self._books.drain())
+        if self._store.snapshot_due:
+            self.keep()
+        return b""
 
     def _turn(self, stage: str, worker: str) -> None:
         from saflite.contract import wire

@@ -265,6 +265,7 @@ def journal_is_the_state(store: MemoryStore, books: Books) -> None:
     again = store.empty_books()
     for line in store.lines:
         again.replay(line)
+    assert books.snapshot() == again.snapshot(), "a snapshot is not what comes of the journal"
     live, replayed = state_of(books), state_of(again)
     for part, value in live.items():
         assert value == replayed[part], f"{part} live: {value}; after a replay: {replayed[part]}"

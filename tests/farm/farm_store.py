@@ -19,6 +19,8 @@ from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import TestCase
 from saflite.contract.work import Outcome
 
+SNAPSHOT_LINES = 40
+
 
 class Crash(Exception):
     """The process of the books dies here."""
@@ -36,6 +38,7 @@ class MemoryStore:
         self.crash_next = ""  # "before" or "after": die at the next commit
         self._batches: list[Batch] = []  # committed, not in the tables yet
         self._db: sqlite3.Connection | None = None
+        self._kept: tuple[int, bytes] = (0, b"")
 
     def empty_books(self) -> Books:
         """Return books that were never opened."""
@@ -43,11 +46,22 @@ class MemoryStore:
 
     def rebuild(self) -> Books:
         """Return the books as last committed."""
-        books = self.empty_books()
-        for line in self.lines:
+        books, (so_far, state) = self.empty_books(), self._kept
+        if so_far:
+            books.restore(state)
+        for line in self.lines[so_far:]:
             books.replay(line)
         self.blobs.keep_only(frozenset(blob.digest for blob in books.wanted_blobs))
         return books
+
+    @property
+    def snapshot_due(self) -> bool:
+        """See `Store`: often, so that most books opened again come of one."""
+        return len(self.lines) >= self._kept[0] + SNAPSHOT_LINES
+
+    def keep(self, state: bytes) -> None:
+        """See `Store`."""
+        self._kept = len(self.lines), state
 
     def commit(self, batch: Batch) -> None:
         """Make a batch durable, or not."""

@@ -142,10 +142,11 @@ class BooksService:
         self.open()
         while True:
             self.step(TICK_S)
-            if self._stopping:
-                return self._stopping
-            if self._ended_s is not None and self._clock.monotonic_s() > self._ended_s + LINGER_S:
-                return "the campaign is over"
+            lingered = self._ended_s is not None and self._clock.monotonic_s() > self._ended_s + LINGER_S
+            if self._stopping or lingered:
+                if self._blocked is None:
+                    self._store.keep(self._books.snapshot())
+                return self._stopping or "the campaign is over"
 
     def step(self, wait_s: float) -> int:
         """Handle what is in the inbox, waiting up to `wait_s` for the first of it; returns how much there was."""
@@ -326,6 +327,8 @@ class BooksService:
             self._evidence.answered(report)
         for event in batch.events:
             self._bus.announce(topics.event(self._campaign, kind_of(event.fact)), wire.encode(event))
+        if self._store.snapshot_due:
+            self._store.keep(self._books.snapshot())
         if self._ended_s is None and self._books.ended:
             self._ended_s = now_s
 

@@ -16,7 +16,7 @@ from saflite.campaign.storage.store import Store, store_file
 from saflite.contract.errors import FarmError
 
 BLOCK_BYTES = 512
-FILES = ("books.sqlite", "books.sqlite-wal", "books.witness")
+FILES = ("books.sqlite", "books.sqlite-wal", "books.witness", "books.snapshot")
 
 
 class Fault(NamedTuple):
@@ -31,7 +31,9 @@ def small_run(run_dir: Path, *, killed: bool = False, flights: int = 5) -> Path:
     """Make a run that ended; if `killed`, a copy of one whose books were never closed. Returns its folder."""
     own = run_dir.with_name(run_dir.name + "-running") if killed else run_dir
     store = Store.create(own, doubles.campaign(flights, record="none"), doubles.TEMPLATE, doubles.TARGET)
-    Driver(store.rebuild(), store).run()
+    driver = Driver(store.rebuild(), store)
+    driver.run()
+    store.keep(driver.books.snapshot())
     if killed:
         copied(own, run_dir)
     store.close()

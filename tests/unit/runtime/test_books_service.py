@@ -35,6 +35,7 @@ class _FullDisk:
 
     def __init__(self, store: Store) -> None:
         self.store, self.full, self.blobs = store, False, store.blobs
+        self.snapshot_due, self.keep = True, store.keep
 
     def commit(self, batch: Batch) -> None:
         if self.full and batch:

@@ -87,6 +87,10 @@ class Core:
         """Return the time the books have been open, over all incarnations."""
         return self.elapsed_before_s + max(0.0, now_s - self.opened_s)
 
+    def was_flown(self, name: str) -> bool:
+        """Whether a test case was ever selected, or flown as the smallest form of a violation."""
+        return name in self.flown or name in self.shrunk
+
     def tell(self, fact: Fact) -> None:
         """Announce a fact."""
         self.out.fact(fact, self.at_s)

@@ -11,6 +11,7 @@ from typing import Any
 
 import msgspec
 
+from saflite.campaign.engine import snapshot
 from saflite.campaign.engine.core import Core
 from saflite.campaign.engine.invariants import validate
 from saflite.campaign.engine.journal import (
@@ -127,12 +128,9 @@ class Books:
         return frozenset(self._core.holds)
 
     def overview_of_audit(self) -> dict[str, Any]:
-        """Return what an audit needs to know of the campaign; `over`: ended for good, not by an operator's order."""
-        core = self._core
-        over = core.state == "ended" and not core.stopped
+        """Return what an audit needs to know; `over`: ended for good, not by an operator's order."""
+        core, over = self._core, self.ended and not self._core.stopped
         return {"state": core.state, "over": over, "budget": core.rounds.budget}
-
-    # ---- opening and closing -------------------------------------------------------------------------------------
 
     def replay(self, line: bytes, *, announce: bool = False) -> None:
         """Apply a committed journal line again; with `announce` its facts can be drained. Before `begin` only."""
@@ -140,6 +138,14 @@ class Books:
         self._out.line(line)
         self._reducer.apply(decode_line(line))
         self._out.replaying = False
+
+    def snapshot(self) -> bytes:
+        """Return the state of the fold, once all was drained. Equal journals give equal bytes."""
+        return snapshot.take(self._reducer)
+
+    def restore(self, data: bytes) -> None:
+        """Take a snapshot's state in place of a replay up to it; raises ValueError if it is none of these books."""
+        snapshot.put_back(self._reducer, data)
 
     def begin(self, now: float, unix_s: float) -> None:
         """Open the books at `now` on their clock: leases under way get their full time again."""
@@ -182,7 +188,7 @@ class Books:
             return Grant()
         leases: list[Lease] = []
         for task in self._dispatch.choose(ask, min(ask.leases_max, GRANTS_MAX), now):
-            leases.extend(self._lend(task, ask, now))
+            leases += self._lend(task, ask, now)
             if sum(weight_bytes(lease.work) for lease in leases) > GRANT_MAX_BYTES:
                 break
         return Grant(leases=tuple(leases))
@@ -286,11 +292,7 @@ class Books:
         """Choose the flights of every round whose turn it is."""
         core = self._core
         while (round_ := core.rounds.next_to_select()) is not None:
-            candidates = {
-                name: case
-                for name, case in round_.candidates.items()
-                if name not in core.flown and name not in core.shrunk
-            }
+            candidates = {name: case for name, case in round_.candidates.items() if not core.was_flown(name)}
             scores = {name: round_.scores[name].value for name in candidates}
             search, rng_seed = core.rounds.search, core.campaign.rng_seed
             rules = Rules(round_.plan.flights, search.random_share, search.novelty_weight, rng_seed, round_.number)
@@ -325,9 +327,8 @@ class Books:
         elif holder is None and self._registry.is_full:
             return f"there are as many workers as a farm can have: {WORKERS_MAX}"
         if self._registry.join(card, now):
-            build = card.build_of(self.target.name)
-            fact = WorkerChanged(worker=card.worker, stage=card.stage, present=True, host=card.host, build=build)
-            self._do(Noted(fact=fact), now)
+            told = {"host": card.host, "build": card.build_of(self.target.name)}
+            self._do(Noted(fact=WorkerChanged(worker=card.worker, stage=card.stage, present=True, **told)), now)
         return ""
 
     def absent(

@@ -54,7 +54,7 @@ class Flights:
         """Fly the smallest form of a violation as a test case of its own, if it is one and was not flown already."""
         core, test_case = self._core, job.minimizer.best
         name = identity(test_case)
-        if name == job.minimizer.original or name in core.flown or name in core.shrunk:
+        if name == job.minimizer.original or core.was_flown(name):
             return
         core.shrunk.add(name)
         trial = Trial(test_case, name, job.trial.round, job.trial.rank, max(1, core.confirm.flights))

@@ -99,6 +99,13 @@ class TaskTable:
             task.worker = ""
             self._enqueue(task)
 
+    def enqueue_all(self) -> None:
+        """Let all that waits stand in its queue, after the tasks were put there as a whole."""
+        self._queues, self._waiting = {}, {}
+        for task in self._tasks.values():
+            if task.waiting:
+                self._enqueue(task)
+
     def waiting(self, stage: Stage) -> Iterator[Task]:
         """Yield what waits at a stage, in order, cheaply for the first few. Nothing may be added while it runs."""
         queue = self._queues.get(stage, [])

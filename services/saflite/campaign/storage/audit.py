@@ -16,9 +16,10 @@ from saflite.campaign.engine.state import Books
 from saflite.campaign.storage.journal_audit import JournalAudit
 from saflite.campaign.storage.projections import KEYS, TABLES
 from saflite.campaign.storage.rebuild import books_of
+from saflite.campaign.storage.snapshot_file import Kept, kept
 from saflite.campaign.storage.sqlite import check_file, checked_chain, connect_reading, damage_named, in_use
 from saflite.campaign.storage.store import store_file
-from saflite.campaign.storage.witness import loss
+from saflite.campaign.storage.witness import loss, start_of
 from saflite.contract import wire
 from saflite.contract.blobs import BlobRef
 from saflite.contract.errors import Refused
@@ -58,7 +59,7 @@ def _audit(run_dir: Path, connection: sqlite3.Connection, path: Path, quick: boo
     check = "quick_check" if quick else "integrity_check"
     problems = [f"SQLite: {row[0]}" for row in connection.execute(f"PRAGMA {check}(20)") if row[0] != "ok"]
     counted = JournalAudit()
-    replayed = _Replayed(books_of(connection))
+    replayed = _Replayed(books_of(connection), kept(run_dir, start_of(connection), connection))
     try:
         for line in checked_chain(connection.execute("SELECT n, chain, line FROM journal ORDER BY n"), "journal", path):
             counted.add(line)
@@ -70,7 +71,7 @@ def _audit(run_dir: Path, connection: sqlite3.Connection, path: Path, quick: boo
     replayed.finish()
     told = [wire.decode(data, Event) for data in events]
     problems += counted.problems + counted.compare_told([event.fact for event in told])
-    problems += replayed.compare(events, connection)
+    problems += replayed.compare(events, connection) + replayed.problems
     columns = connection.execute("SELECT kind, at_unix_s FROM events ORDER BY seq")
     wrong = [
         event.seq for event, row in zip(told, columns, strict=True) if (kind_of(event.fact), event.at_unix_s) != row
@@ -100,8 +101,9 @@ def _audit(run_dir: Path, connection: sqlite3.Connection, path: Path, quick: boo
 class _Replayed:
     """Fresh books fed with the journal, and all they say on the way."""
 
-    def __init__(self, books: Books) -> None:
-        self.books = books
+    def __init__(self, books: Books, snapshot: Kept | None) -> None:
+        self.books, self._snapshot = books, snapshot
+        self.problems: list[str] = []
         self._lines = 0
         self._events: list[bytes] = []
         self._rows: dict[str, dict[tuple[object, ...], int]] = {table: {} for table in TABLES}  # hashes of rows
@@ -110,8 +112,11 @@ class _Replayed:
         """Replay one line."""
         self.books.replay(line, announce=True)
         self._lines += 1
-        if self._lines % REPLAY_STEP == 0:
+        is_kept = self._snapshot is not None and self._snapshot.line == self._lines
+        if self._lines % REPLAY_STEP == 0 or is_kept:
             self.finish()
+        if is_kept and self._snapshot is not None and self.books.snapshot() != self._snapshot.state:
+            self.problems.append(f"books.snapshot is not the state after journal entry {self._lines}; remove it")
 
     def finish(self) -> None:
         """Take in what the books said since the last time."""

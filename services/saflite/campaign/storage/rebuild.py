@@ -11,6 +11,7 @@ from contextlib import closing
 from pathlib import Path
 
 from saflite.campaign.engine.state import Books
+from saflite.campaign.storage import snapshot_file
 from saflite.campaign.storage.projections import CREATE, Tables
 from saflite.campaign.storage.sqlite import checked_chain, connect, damage_named, lock_run, meta, transaction
 from saflite.campaign.storage.store import store_file
@@ -42,6 +43,7 @@ def rebuild(run_dir: Path) -> int:
                 lines = _write(old, beside, path)
                 _fold_in(old, path)
             _put_in_place(beside, path)
+            snapshot_file.remove(run_dir)
         except OSError as fault:
             raise Unavailable(f"{beside} cannot be written: {fault}") from fault
         finally:

@@ -13,6 +13,7 @@ from typing import IO, TypeVar
 
 from saflite.campaign.engine.outbox import Batch
 from saflite.campaign.engine.state import Books
+from saflite.campaign.storage import snapshot_file
 from saflite.campaign.storage.contents import Contents
 from saflite.campaign.storage.projections import Tables
 from saflite.campaign.storage.sqlite import (
@@ -65,8 +66,10 @@ class Store:
         self._tables = Tables(connection)
         self._contents = Contents(connection)
         self._commits = mark_of(connection).commits
-        self._witness = Witness(run_dir, start_of(connection), self._mark())
+        self._start = start_of(connection)
+        self._witness = Witness(run_dir, self._start, self._mark())
         self._unwitnessed = False
+        self._kept_line = 0  # the last journal entry in the snapshot
 
     # ---- making and opening --------------------------------------------------------------------------------------
 
@@ -170,6 +173,18 @@ class Store:
         except (sqlite3.Error, Unavailable) as fault:
             log.warning("%s is not folded in: %s", self._path, fault)
 
+    @property
+    def snapshot_due(self) -> bool:
+        """Whether there is enough new in the journal to keep the state of the books again."""
+        return self._tables.tails.lines - self._kept_line >= snapshot_file.LINES_MAX
+
+    def keep(self, state: bytes) -> None:
+        """Keep the state of the books, as it is after the last commit, for who opens the run next."""
+        tails = self._tables.tails
+        if tails.lines > self._kept_line and not self._unwitnessed:
+            snapshot_file.keep(self._run_dir, self._start, tails.lines, tails.chain, state)
+            self._kept_line = tails.lines
+
     def _publish(self, files: Iterable[tuple[str, str]]) -> None:
         """Let blobs stand under names for people; what fails now is done when the run is opened again."""
         for file, digest in files:
@@ -183,16 +198,44 @@ class Store:
     def rebuild(self) -> Books:
         """Return the books as last committed, rebuilt from the journal; `Books.begin` then opens them.
 
+        What is in the snapshot, if there is one that fits, is not replayed, but every entry is read and checked.
+
         Raises:
             Refused: a line of the journal is damaged.
         """
-        books = Books(self.campaign, self.template, self.target, run_id=self.run_id, read_model=self)
-        for line in self.journal():
-            books.replay(line)
+        books, self._kept_line = self._books_so_far()
+        for number, line in enumerate(self.journal(), 1):
+            if number > self._kept_line:
+                books.replay(line)
         self.blobs.keep_only(frozenset(blob.digest for blob in books.wanted_blobs))
-        recordings = self._db.execute("SELECT test_case, flight_index, digest FROM recordings").fetchall()
-        self._publish([(recording_file(test_case, index), digest) for test_case, index, digest in recordings])
+        self._publish(self._unpublished())
         return books
+
+    def _books_so_far(self) -> tuple[Books, int]:
+        """Return the books of the snapshot and how many journal entries are in it; empty ones and 0 without one."""
+        kept = snapshot_file.kept(self._run_dir, self._start, self._db)
+        if kept is not None:
+            books = self._empty_books()
+            try:
+                books.restore(kept.state)
+            except ValueError as fault:
+                log.warning("the snapshot is not used: %s", fault)
+            else:
+                return books, kept.line
+        return self._empty_books(), 0
+
+    def _empty_books(self) -> Books:
+        return Books(self.campaign, self.template, self.target, run_id=self.run_id, read_model=self)
+
+    def _unpublished(self) -> list[tuple[str, str]]:
+        """Return the recordings that have no name for people yet, by name and digest."""
+        try:
+            there = {f"recordings/{path.name}" for path in (self._run_dir / "recordings").iterdir()}
+        except OSError:
+            there = set()
+        rows = self._db.execute("SELECT test_case, flight_index, digest FROM recordings")
+        named = ((recording_file(test_case, index), digest) for test_case, index, digest in rows)
+        return [(file, digest) for file, digest in named if file not in there]
 
     def journal(self) -> Iterator[bytes]:
         """Yield the journal lines in order, each checked; raises Refused at the first damaged one."""

@@ -1,0 +1,181 @@
+"""The state of the books as bytes and back: a cache of the fold, so that a long journal need not be replayed whole.
+
+What is kept is named by the annotations of the dataclasses, and for the other classes by `FIELDS`. Whatever has no
+order of its own is sorted, whatever has one keeps it: equal journals give equal bytes, so that an audit can tell a
+snapshot that does not come of its journal.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections import Counter, deque
+from functools import cache
+from types import NoneType, UnionType
+from typing import Any, Union, get_args, get_origin, get_type_hints
+
+import msgspec
+import numpy as np
+
+from saflite.campaign.engine.core import Core
+from saflite.campaign.engine.outbox import Outbox
+from saflite.campaign.engine.reducer import Reducer
+from saflite.campaign.lifecycle.minimization import Attempt, Minimization, MinimizationJob
+from saflite.campaign.lifecycle.minimizer import Evidence, Minimizer
+from saflite.campaign.lifecycle.repeats import RepeatRule
+from saflite.campaign.lifecycle.scorer_swap import Scorers
+from saflite.campaign.scheduling.rounds import Round, Rounds
+from saflite.campaign.scheduling.tasks import Task, TaskTable
+from saflite.campaign.scheduling.work_keys import FlyKey, WarmKey, WorkKey
+from saflite.contract.test_case import TestCase
+from saflite.flight.novelty import Features
+
+FIELDS: dict[type, dict[str, Any]] = {
+    Outbox: {"seq": int, "line_count": int, "_unix_offset_s": float},
+    Rounds: {
+        "budget": int,
+        "under_way": dict[int, Round],
+        "recent": deque[Round],
+        "planned": int,
+        "closed_upto": int,
+        "dry": int,
+        "_known_cost": int,
+        "_known_upto": int,
+        "_costs": dict[int, tuple[int, int]],
+    },
+    TaskTable: {"_tasks": dict[WorkKey, Task]},
+    Scorers: {
+        "model": str,
+        "shadow": tuple[str, ...],
+        "pending": dict[WarmKey, tuple[bool, tuple[str, ...]]],
+        "_count": int,
+    },
+    Minimization: {
+        "_jobs": list[MinimizationJob],
+        "_under_way": dict[FlyKey, Attempt],
+        "_shown": dict[FlyKey, frozenset[str]],
+    },
+    Minimizer: {
+        "original": str,
+        "rule": RepeatRule,
+        "_best": TestCase,
+        "_left": int,
+        "_decided": set[str],
+        "_evidence": dict[str, Evidence],
+        "_generation": dict[str, TestCase],
+        "_wave": dict[tuple[str, int], bool | None],
+        "_phase": int,
+        "_helped": bool,
+    },
+}
+"""What of the classes that are no dataclasses makes their state; `UNKEPT` is worked out again of what is kept."""
+
+UNKEPT = {"search", "confirm_flights", "selected_upto", "_queues", "_waiting", "_core"}
+
+GIVEN = {"campaign", "template", "target", "confirm"}
+"""What of the core comes of the campaign."""
+
+
+def take(reducer: Reducer) -> bytes:
+    """Return the state of the fold; nothing may wait in its outbox, which is not kept."""
+    assert not reducer.core.out.waiting, "a snapshot between a change and its commit"
+    core = {name: _pack(kind, getattr(reducer.core, name)) for name, kind in _core().items()}
+    return msgspec.msgpack.encode((core, _pack(Minimization, reducer.minimization), _pack(Scorers, reducer.scorers)))
+
+
+def put_back(reducer: Reducer, data: bytes) -> None:
+    """Give fresh books the state of a snapshot.
+
+    Raises:
+        ValueError: it is none, or one of other books; the state is then undefined.
+    """
+    try:
+        core, minimization, scorers = msgspec.msgpack.decode(data)
+        for name, kind in _core().items():
+            _put(reducer.core, name, kind, core[name])
+        _restore(reducer.minimization, minimization)
+        _restore(reducer.scorers, scorers)
+        reducer.core.tasks.enqueue_all()
+    except (msgspec.MsgspecError, ValueError, LookupError, TypeError, AttributeError) as fault:
+        raise ValueError(f"not a snapshot of these books: {fault}") from fault
+
+
+@cache
+def _hints(kind: type) -> dict[str, Any]:
+    return FIELDS.get(kind) or get_type_hints(kind)
+
+
+def _core() -> dict[str, Any]:
+    return {name: kind for name, kind in _hints(Core).items() if name not in GIVEN}
+
+
+@cache
+def _is_plain(kind: Any) -> bool:
+    """Whether msgspec encodes such a value as it is, and in an order that is the same in every process."""
+    if kind is Features or dataclasses.is_dataclass(kind) or kind in FIELDS:
+        return False
+    origin = get_origin(kind)
+    return origin not in (dict, Counter, set, frozenset, deque) and all(_is_plain(part) for part in _parts(kind))
+
+
+def _parts(kind: Any) -> tuple[Any, ...]:
+    """Return the kinds a kind is made of; the words of a literal are none."""
+    return tuple(part for part in get_args(kind) if part not in (Ellipsis, NoneType) and not isinstance(part, str))
+
+
+def _pack(kind: Any, value: Any) -> Any:
+    if value is None or _is_plain(kind):
+        return value
+    if kind is Features:
+        return value.points.tolist(), value.labels.tolist()
+    if kind in FIELDS or dataclasses.is_dataclass(kind):
+        return [_pack(hint, getattr(value, name)) for name, hint in _hints(kind).items()]
+    origin, parts = get_origin(kind), _parts(kind)
+    if origin is dict:
+        plain = _is_plain(parts[1])
+        return [(key, one if plain else _pack(parts[1], one)) for key, one in value.items()]
+    if origin is Counter:
+        return list(value.items())
+    if origin in (set, frozenset):
+        return sorted(value)
+    return _pack(parts[0], value) if origin in (Union, UnionType) else [_pack(parts[0], one) for one in value]
+
+
+def _unpack(kind: Any, value: Any) -> Any:
+    if kind is Features:
+        points, labels = value
+        return Features(np.asarray(points, dtype=np.float64), np.asarray(labels, dtype=np.int64))
+    if value is None or _is_plain(kind):
+        return msgspec.convert(value, kind)
+    if kind is Minimizer:
+        return _restore(Minimizer.__new__(Minimizer), value)
+    if dataclasses.is_dataclass(kind):
+        fields = zip(_hints(kind).items(), value, strict=True)  # type: ignore[arg-type]
+        return kind(**{name: _unpack(hint, one) for (name, hint), one in fields})  # type: ignore[operator]
+    origin, parts = get_origin(kind), _parts(kind)
+    if origin is dict:
+        if all(map(_is_plain, parts)):
+            return dict(msgspec.convert(value, list[tuple[parts[0], parts[1]]]))  # type: ignore[valid-type]
+        return {msgspec.convert(key, parts[0]): _unpack(parts[1], one) for key, one in value}
+    if origin is Counter:
+        return Counter(dict(msgspec.convert(value, list[tuple[parts[0], int]])))  # type: ignore[valid-type]
+    if origin in (set, frozenset):
+        return origin(msgspec.convert(value, list[parts[0]]))  # type: ignore[valid-type]
+    if origin in (Union, UnionType):
+        return _unpack(parts[0], value)
+    return [_unpack(parts[0], one) for one in value]
+
+
+def _put(whole: Any, name: str, kind: Any, value: Any) -> None:
+    """Set one attribute: parts that others hold a reference to are changed, not replaced."""
+    if kind in FIELDS:
+        _restore(getattr(whole, name), value)
+    elif get_origin(kind) is deque:
+        getattr(whole, name).extend(_unpack(list[_parts(kind)[0]], value))  # type: ignore[misc]
+    else:
+        setattr(whole, name, _unpack(kind, value))
+
+
+def _restore(whole: Any, values: Any) -> Any:
+    for (name, kind), value in zip(FIELDS[type(whole)].items(), values, strict=True):
+        _put(whole, name, kind, value)
+    return whole

@@ -1,0 +1,91 @@
+"""The state of the books beside their journal, `books.snapshot`: a cache, so that a long run is taken up again soon.
+
+It names the run, the journal entry it stands behind with that entry's running checksum, and the code it was made by;
+whatever does not fit, or is damaged, is not used, and the journal is replayed from its beginning instead. An audit
+compares it with the state that comes of the journal.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import os
+import sqlite3
+import struct
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+log = logging.getLogger(__name__)
+
+LINES_MAX = 20_000  # so many journal entries later the next one is due: replayed in about a second
+_HEAD = struct.Struct(">32s32sQI")
+_CHECK_BYTES = hashlib.sha256().digest_size
+_CODE = ("contract", "campaign/engine", "campaign/lifecycle", "campaign/scheduling")
+
+
+class Kept(NamedTuple):
+    """A state of the books, and the number of the last journal entry in it."""
+
+    line: int
+    state: bytes
+
+
+def snapshot_file(run_dir: Path) -> Path:
+    """Return the snapshot of a run folder."""
+    return run_dir / "books.snapshot"
+
+
+def keep(run_dir: Path, start: bytes, line: int, chain: int, state: bytes) -> None:
+    """Write a snapshot in place of the last one. Where the disk does not take it there is none: it is only a cache."""
+    path = snapshot_file(run_dir)
+    beside = path.with_suffix(".snapshot.part")
+    head = _HEAD.pack(_code(), start, line, chain)
+    try:
+        with beside.open("wb") as file:
+            file.writelines((head, state, _check(head, state)))
+        os.replace(beside, path)
+    except OSError as fault:
+        log.warning("no snapshot of the books is kept: %s", fault)
+        with suppress(OSError):
+            beside.unlink(missing_ok=True)
+
+
+def kept(run_dir: Path, start: bytes, connection: sqlite3.Connection) -> Kept | None:
+    """Return the snapshot if it is whole, of this run, of this code, and stands behind an entry of this journal."""
+    try:
+        data = snapshot_file(run_dir).read_bytes()
+    except OSError:
+        return None
+    head, state, check = data[: _HEAD.size], data[_HEAD.size : -_CHECK_BYTES], data[-_CHECK_BYTES:]
+    if len(head) < _HEAD.size or check != _check(head, state):
+        log.warning("%s is damaged and not used", snapshot_file(run_dir))
+        return None
+    code, run, line, chain = _HEAD.unpack(head)
+    if (code, run) != (_code(), start):
+        return None
+    row = connection.execute("SELECT chain FROM journal WHERE n = ?", (line,)).fetchone()
+    return Kept(line, state) if row == (chain,) else None
+
+
+def remove(run_dir: Path) -> None:
+    """Have no snapshot."""
+    snapshot_file(run_dir).unlink(missing_ok=True)
+
+
+def _check(head: bytes, state: bytes) -> bytes:
+    found = hashlib.sha256(head)
+    found.update(state)
+    return found.digest()
+
+
+@cache
+def _code() -> bytes:
+    """Return the digest of the code that makes the state of the journal."""
+    package = Path(__file__).resolve().parents[2]
+    found = hashlib.sha256()
+    for room in _CODE:
+        for path in sorted((package / room).rglob("*.py")):
+            found.update(path.relative_to(package).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
+    return found.digest()
