@@ -11,6 +11,8 @@ from itertools import pairwise
 from typing import Literal, NamedTuple
 
 import msgspec
+import numpy as np
+from numpy.typing import NDArray
 
 from saflite.contract.test_case import Obstacle
 from saflite.flight.geometry import Area, corner_points, gap, inside, overlap
@@ -22,7 +24,7 @@ LENGTH_M, WIDTH_M, HEIGHT_M = (7.0, 12.0), (5.0, 8.0), (15.0, 25.0)
 LEFT_M, RIGHT_M, ALONG_M = (-15.0, -5.0), (0.0, 3.0), (-5.0, 5.0)  # of the centres, from the point of the way
 GAP_M = (5.6, 7.8)  # between the two boxes
 AVOIDED_M = (2.8, 3.9)  # no box at such a distance from the way: it would be passed at leisure
-BOX_TRIES, PAIR_TRIES = 1000, 50
+BOX_TRIES, BATCH, PAIR_TRIES = 1000, 50, 50
 INWARDS_M, OUTWARDS_M, TURN_DEG, GROWTH_M = 0.3, 1.0, 10.0, 1.5
 LONG_M = 10.5  # a box this long is turned, not lengthened
 ROWS = 5  # points of the way to either side that count as near
@@ -81,36 +83,46 @@ def _box(
     rng: Rng, anchor: Anchor, side: int, near: Track, area: Area, rules: Rules | None, others: tuple[Obstacle, ...]
 ) -> Obstacle | None:
     first_deg = 0.0 if leans(side, anchor.up) < 0 else 90.0
-    for _ in range(BOX_TRIES):
-        box = Obstacle(
-            length_m=float(rng.uniform(*LENGTH_M)),
-            width_m=float(rng.uniform(*WIDTH_M)),
-            height_m=float(rng.uniform(*HEIGHT_M)),
-            x_m=anchor.x_m + float(rng.uniform(*(RIGHT_M if side else LEFT_M))),
-            y_m=anchor.y_m + float(rng.uniform(*ALONG_M)),
-            rotation_deg=first_deg + float(rng.uniform(0.0, 90.0)),
-        )
-        if accepted(box, others, near, area) and (rules is None or fits((box, *others), rules)):
-            return box
+    x_m, y_m = anchor.x_m, anchor.y_m
+    least, most = np.array(
+        [LENGTH_M, WIDTH_M, HEIGHT_M, RIGHT_M if side else LEFT_M, ALONG_M, (first_deg, first_deg + 90.0)]
+    ).T
+    offset = np.array([0.0, 0.0, 0.0, x_m, y_m, 0.0])
+    for _ in range(BOX_TRIES // BATCH):
+        drawn = rng.uniform(least, most, size=(BATCH, 6)) + offset
+        for row in drawn[_may_be_accepted(drawn, others, area)].tolist():
+            length_m, width_m, height_m, x_m, y_m, rotation_deg = row
+            box = Obstacle(
+                length_m=length_m, width_m=width_m, height_m=height_m, x_m=x_m, y_m=y_m, rotation_deg=rotation_deg
+            )
+            if accepted(box, others, near, area) and (rules is None or fits((box, *others), rules)):
+                return box
     return None
+
+
+def _may_be_accepted(drawn: NDArray[np.float64], others: tuple[Obstacle, ...], area: Area) -> NDArray[np.bool_]:
+    """Return which boxes (n, 6) lie in the area and may stand at a gap that is allowed, by circles: most do not."""
+    length_m, width_m, _, x_m, y_m, rotation_deg = drawn.T
+    turn = np.radians(rotation_deg)
+    along_m = 0.5 * (length_m * np.abs(np.cos(turn)) + width_m * np.abs(np.sin(turn)))
+    across_m = 0.5 * (length_m * np.abs(np.sin(turn)) + width_m * np.abs(np.cos(turn)))
+    may: NDArray[np.bool_] = (x_m - along_m >= area.x_min_m) & (x_m + along_m <= area.x_max_m)
+    may &= (y_m - across_m >= area.y_min_m) & (y_m + across_m <= area.y_max_m)
+    for other in others:
+        apart_m = np.hypot(x_m - other.x_m, y_m - other.y_m)
+        within_m = 0.5 * (np.minimum(length_m, width_m) + min(other.length_m, other.width_m))
+        about_m = 0.5 * (np.hypot(length_m, width_m) + math.hypot(other.length_m, other.width_m))
+        may &= (apart_m - within_m >= GAP_M[0]) & (apart_m - about_m <= GAP_M[1])
+    return may
 
 
 def accepted(box: Obstacle, others: tuple[Obstacle, ...], near: Track, area: Area) -> bool:
     """Return whether a box may be placed by the published rules."""
     return (
-        all(_may_stand_apart(box, other) for other in others)
-        and inside(box, area)
+        inside(box, area)
         and all(not overlap(box, other) and GAP_M[0] <= gap(box, other) <= GAP_M[1] for other in others)
         and not AVOIDED_M[0] < distance(box, near) < AVOIDED_M[1]
     )
-
-
-def _may_stand_apart(box: Obstacle, other: Obstacle) -> bool:
-    """Return whether the gap can be one allowed, by the circles in and about the boxes: most draws end here."""
-    apart_m = math.hypot(box.x_m - other.x_m, box.y_m - other.y_m)
-    within_m = 0.5 * (min(box.length_m, box.width_m) + min(other.length_m, other.width_m))
-    about_m = 0.5 * (math.hypot(box.length_m, box.width_m) + math.hypot(other.length_m, other.width_m))
-    return apart_m - within_m >= GAP_M[0] and apart_m - about_m <= GAP_M[1]
 
 
 def fits(layout: tuple[Obstacle, ...], rules: Rules) -> bool:
