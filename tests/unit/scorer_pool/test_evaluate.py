@@ -5,10 +5,11 @@ from __future__ import annotations
 import json
 import math
 
+import msgspec
 import pytest
 
 from saflite.console.evaluation import logs as logs_module
-from saflite.console.evaluation.bugs import bugs, evaluate_bug, gain, question, value_of
+from saflite.console.evaluation.bugs import BugResult, bugs, evaluate_bug, gain, question, value_of
 from saflite.console.evaluation.logs import RULE, LogCase, evaluate_logs
 from saflite.contract.errors import Refused
 from saflite.contract.rng import derive
@@ -71,9 +72,25 @@ def test_figures_of_a_bug_add_up(model: str) -> None:
         assert got.chance_weighted == pytest.approx(got.chance_uniform)
 
 
-def test_gain_is_a_geometric_mean() -> None:
+def test_gain_counts_bugs_of_one_trigger_as_one() -> None:
     one = evaluate_bug(bugs()[0], "constant", published_inputs, brief_of, CLOCK)
-    assert gain([one]) == pytest.approx(one.chance_weighted / one.chance_pgfuzz)
+
+    def worth(trigger: str, times: float) -> BugResult:
+        changed: BugResult = msgspec.structs.replace(
+            one, trigger=trigger, chance_pgfuzz=0.01, chance_weighted=0.01 * times
+        )
+        return changed
+
+    assert gain([worth("a", 4.0), worth("a", 1.0)]).value == pytest.approx(2.0)
+    assert gain([worth("a", 4.0), worth("a", 1.0)]).low is None, "one trigger says nothing of others"
+    found = gain([worth("a", 8.0), worth("a", 8.0), worth("a", 8.0), worth("b", 2.0)])
+    assert found.value == pytest.approx(4.0), "not the mean over four bugs, 5.7"
+    assert found.low is not None
+    assert found.high is not None
+    # logarithms 3 ln 2 and ln 2: standard error ln 2, Student's factor for one degree of freedom 12.706
+    assert found.high / 4.0 == pytest.approx(math.exp(12.706 * math.log(2)), rel=1e-3)
+    assert found.low * found.high == pytest.approx(16.0)
+    assert gain([]).value is None
 
 
 class ReadingChat:

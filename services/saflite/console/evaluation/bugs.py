@@ -5,7 +5,8 @@ value of the report, and all are scored. Told are the bands, the rank and band o
 it in a round: by PGFuzz (class first, then uniform), uniformly, and with the scores.
 
 The Definition of Interestingness is that of our policy files, which name inputs that matter, or with `words="paper"`
-the paper's own, which says less; without any words little is left to go by. Say which when you quote a figure.
+the paper's own, which says less; without any words little is left to go by. Say which when you quote a figure: the
+paper's words are the fair ones, ours were written by people who knew the bugs.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ import numpy as np
 
 from saflite.contract.clock import Clock
 from saflite.contract.errors import Refused
+from saflite.contract.interval import Interval
 from saflite.contract.rng import derive
 from saflite.contract.score import Band, Score, band
 from saflite.contract.test_case import Scenario, StartState, Stimulus, StimulusKind, Target, TestCase, identity
@@ -270,7 +272,22 @@ def evaluate_bugs(
     )
 
 
-def gain(results: Sequence[BugResult]) -> float:
-    """Return by how much drawing by score beats PGFuzz's own draw: geometric mean over the bugs."""
-    ratios = [max(result.chance_weighted, 1e-9) / result.chance_pgfuzz for result in results]
-    return float(np.exp(np.mean(np.log(ratios)))) if ratios else 1.0
+def gain(results: Sequence[BugResult]) -> Interval:
+    """Return by how much drawing by score beats PGFuzz's own draw: geometric mean over the triggers.
+
+    Ten bugs have six triggers: bugs of one trigger are no independent evidence and count as one. The interval is
+    Student's on the logarithms; with one trigger there is none.
+    """
+    from scipy.stats import t
+
+    by_trigger: dict[str, list[float]] = {}
+    for one in results:
+        by_trigger.setdefault(one.trigger, []).append(float(np.log(max(one.chance_weighted, 1e-9) / one.chance_pgfuzz)))
+    if not by_trigger:
+        return Interval()
+    logs = np.array([np.mean(ratios) for ratios in by_trigger.values()])
+    value = float(np.exp(logs.mean()))
+    if len(logs) < 2:
+        return Interval(value=value)
+    half = float(t.ppf(0.975, len(logs) - 1) * logs.std(ddof=1) / np.sqrt(len(logs)))
+    return Interval(value=value, low=value / float(np.exp(half)), high=value * float(np.exp(half)))

@@ -3,85 +3,81 @@
 from __future__ import annotations
 
 import argparse
-import csv
 from collections.abc import Sequence
 from pathlib import Path
 
 from saflite.console.evaluation.bugs import BugResult, evaluate_bugs, gain
-from saflite.console.evaluation.logs import LogCase, LogReport, evaluate_logs
+from saflite.console.evaluation.labels import Labels, read_labels
+from saflite.console.evaluation.logs import LogCase, LogReport, Missing, evaluate_logs
 from saflite.console.view import out
 from saflite.console.view.report import bars
 from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.interval import Interval
-from saflite.contract.outside import read_text
 from saflite.flight.logs.files import READERS, read_trace
 from saflite.scorer_pool.calibration import Calibration
 
-YES, NO = ("yes", "true", "1", "interesting"), ("no", "false", "0", "dull")
+POSITION = ("x_m", "y_m", "altitude_m")
 
 
 # ---- logs -------------------------------------------------------------------------------------------------------
 
 
 def logs(args: argparse.Namespace) -> int:
-    """Judge the logs of a folder and print how well that meets the labels."""
+    """Judge the logs of a folder and print how well that meets the labels.
+
+    Raises:
+        Unavailable: the model cannot be asked; everything else is printed first.
+    """
     from saflite.runtime.clock import WallClock
 
-    cases = _cases(args.folder, _labels(args.labels) if args.labels else {}, args.text)
-    report = evaluate_logs(cases, args.model, WallClock(), deadline_s=args.deadline)
+    cases, missing = read_cases(args.folder, read_labels(args.labels) if args.labels else Labels({}), args.text)
+    report = evaluate_logs(cases, args.model, WallClock(), deadline_s=args.deadline, missing=missing)
     if args.plot is not None:
         _write(args.plot, bars.calibrations(report.calibrations))
     if args.json:
         out.json(report)
     else:
         _show_logs(report)
+    if report.unavailable:
+        raise Unavailable(f"{args.model} answered nothing: {report.unavailable}")
     return 0
 
 
-def _cases(folder: Path, labels: dict[str, bool], text_folder: Path | None) -> list[LogCase]:
+def read_cases(folder: Path, labels: Labels, text_folder: Path | None = None) -> tuple[list[LogCase], Missing]:
+    """Return the logs of a folder as text with their labels, and what of labels and logs could not be read."""
     from saflite.oracle.log_text import describe, facts_of, rule_of_thumb
     from saflite.recorder import recording
+
+    paths = _logs_in(folder)
+    found, unreadable, without_position = [], [], []
+    for path in paths:
+        try:
+            trace = recording.read(path).trace if path.suffix == ".mcap" else read_trace(path, placed=False)
+        except Refused as fault:  # one bad log does not spoil the others; it is named and counted
+            out.complain("left out", str(fault))
+            unreadable.append(path.name)
+            continue
+        if not all(name in trace.signals for name in POSITION):
+            without_position.append(path.name)
+        text = describe(trace)
+        if text_folder is not None:
+            _write(text_folder / f"{path.stem}.txt", text)
+        label = labels.answers.get(labels.name_for(path))
+        found.append(LogCase(path.name, text, label, *rule_of_thumb(facts_of(trace))))
+    return found, Missing(labels.without_log(paths), tuple(unreadable), tuple(without_position))
+
+
+def _logs_in(folder: Path) -> list[Path]:
+    from saflite.flight.logs.extract import is_extract
 
     if not folder.is_dir():
         raise Refused("logs", where=str(folder), expected="a folder with flight logs", got="none")
     known = {".mcap", *READERS}
-    paths = sorted(path for path in folder.rglob("*") if path.suffix in known and path.is_file())
+    files = sorted(path for path in folder.rglob("*") if path.suffix in known and path.is_file())
+    paths = [path for path in files if path.suffix != ".csv" or is_extract(path)]
     if not paths:
         raise Refused("logs", where=str(folder), expected=f"files ending in {', '.join(sorted(known))}", got="none")
-    found = []
-    for path in paths:
-        try:
-            trace = recording.read(path).trace if path.suffix == ".mcap" else read_trace(path, placed=False)
-        except Refused as fault:  # one bad log does not spoil the others; it is named and left out
-            out.complain("left out", str(fault))
-            continue
-        text = describe(trace)
-        if text_folder is not None:
-            _write(text_folder / f"{path.stem}.txt", text)
-        found.append(LogCase(path.name, text, _label(path, labels), *rule_of_thumb(facts_of(trace))))
-    return found
-
-
-def _labels(path: Path) -> dict[str, bool]:
-    """Return the labels of a CSV by log name; raises Refused for other columns or answers."""
-    rows = list(csv.DictReader(read_text(path, "labels").splitlines()))
-    labels = {}
-    for number, row in enumerate(rows, start=2):
-        where = f"{path} line {number}"
-        if "log" not in row or "interesting" not in row:
-            raise Refused("labels", where=where, expected="columns log, interesting", got=", ".join(map(str, row)))
-        word = str(row["interesting"]).strip().lower()
-        if word not in YES + NO:
-            raise Refused("interesting", where=where, expected="yes or no", got=repr(row["interesting"]))
-        labels[str(row["log"])] = word in YES
-    return labels
-
-
-def _label(path: Path, labels: dict[str, bool]) -> bool | None:
-    for name, interesting in labels.items():
-        if name and (path.name == name or path.stem.startswith(name)):
-            return interesting
-    return None
+    return paths
 
 
 def _show_logs(report: LogReport) -> None:
@@ -93,29 +89,36 @@ def _show_logs(report: LogReport) -> None:
     ]  # fmt: skip
     out.table(rows, ("log", "answered by", "score", "called", "label", "because"))
     out.line()
+    missing = report.missing
     out.line(f"{report.labelled} labelled logs, {report.unlabelled} without label; 95 % intervals")
+    out.line(
+        f"in no figure: {len(missing.without_log)} labels without a log, {len(missing.unreadable)} logs that cannot be "
+        f"read; without a position, told by what else they hold: {len(missing.without_position)}"
+    )
     if report.labelled:
         heads = (
             "answered by",
             "N",
+            "no answer",
             "TP/FP/FN/TN",
             "accuracy",
             "precision",
             "recall",
             "F1",
             "ROC area",
-            "always",
-            "never",
+            "always: F1",
+            "accuracy",
+            "never: accuracy",
         )
-        out.table([_figures(one) for one in report.calibrations], heads)
+        out.table([_figures(one, report.unanswered[one.model]) for one in report.calibrations], heads)
 
 
-def _figures(one: Calibration) -> tuple[object, ...]:
+def _figures(one: Calibration, unanswered: int) -> tuple[object, ...]:
     counts, metrics = one.metrics.confusion, one.metrics
     four = f"{counts.true_positive}/{counts.false_positive}/{counts.false_negative}/{counts.true_negative}"
     figures = (metrics.accuracy, metrics.precision, metrics.recall, metrics.f1, one.roc_area)
-    constants = (one.always.accuracy.value, one.never.accuracy.value)
-    return (one.model, one.flights, four, *map(_interval, figures), *(_number(value) for value in constants))
+    constants = (one.always.f1.value, one.always.accuracy.value, one.never.accuracy.value)
+    return (one.model, one.flights, unanswered, four, *map(_interval, figures), *map(_number, constants))
 
 
 def _interval(figure: Interval) -> str:
@@ -144,7 +147,13 @@ def bugs(args: argparse.Namespace) -> int:
 
     check_label(args.model)
     results = evaluate_bugs(
-        args.model, published_inputs, brief_of, WallClock(), rng_seed=args.rng_seed, deadline_s=args.deadline
+        args.model,
+        published_inputs,
+        brief_of,
+        WallClock(),
+        rng_seed=args.rng_seed,
+        deadline_s=args.deadline,
+        words=args.words,
     )
     if args.plot is not None:
         _write(args.plot, bars.bugs(results))
@@ -177,7 +186,9 @@ def _show_bugs(results: Sequence[BugResult], model: str) -> None:
     answered = sorted({name for one in results for name in one.scored_by})
     faults = sum(sum(one.faults.values()) for one in results)
     out.line(f"asked {model}, answered by {', '.join(answered)}, {faults} faults")
-    out.line(f"chance per round of drawing the trigger: {gain(results):.2f} x PGFuzz's own (geometric mean)")
+    triggers = len({one.trigger for one in results})
+    told = f"{_interval(gain(results))} x PGFuzz's own (geometric mean over {triggers} triggers, 95 %)"
+    out.line(f"chance per round of drawing the trigger: {told}")
 
 
 def _write(path: Path, text: str) -> None:

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import msgspec
 
 from saflite.contract.clock import Clock
-from saflite.contract.errors import Refused
+from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.rng import derive
 from saflite.contract.score import SCORE_MAX
 from saflite.contract.service import Cancelled
@@ -71,14 +71,28 @@ class LogAnswer(msgspec.Struct, frozen=True, kw_only=True):
     fault: str = ""
 
 
+class Missing(NamedTuple):
+    """What could not be counted: labels without a log, logs that could not be read, logs without position."""
+
+    without_log: tuple[str, ...] = ()
+    unreadable: tuple[str, ...] = ()
+    without_position: tuple[str, ...] = ()
+
+
 class LogReport(msgspec.Struct, frozen=True, kw_only=True):
-    """All answers, and per answerer how well they meet the labels (logs without label or answer are left out)."""
+    """All answers, and per answerer how well they meet the labels.
+
+    Logs without label or answer are in no figure, and counted: `unlabelled`, `unanswered` by answerer, `missing`;
+    `unavailable` says why a model could not be asked at all.
+    """
 
     answers: tuple[LogAnswer, ...]
     calibrations: tuple[Calibration, ...]
     labelled: int
     unlabelled: int
     unanswered: dict[str, int]
+    missing: Missing = Missing()
+    unavailable: str = ""
 
 
 def question(text: str) -> Question:
@@ -102,6 +116,7 @@ def evaluate_logs(
     cancelled: Cancelled = lambda: False,
     *,
     deadline_s: float = 120.0,
+    missing: Missing | None = None,
 ) -> LogReport:
     """Return what a language model, the rule of thumb and chance say of the logs, beside the labels.
 
@@ -111,17 +126,22 @@ def evaluate_logs(
         clock: for deadlines.
         cancelled: polled between logs.
         deadline_s: for one answer.
+        missing: what could not be counted, to be told with the report.
 
     Raises:
         Refused: no logs, or the model is none that can read.
-        Unavailable: the model cannot be loaded.
     """
     if not logs:
         raise Refused("logs", expected="at least one flight log", got="none")
     answers = [_answer(log, RULE, log.rule, log.rule_reason) for log in logs]
     answers += [_answer(log, "random", _chance(log), "drawn at random") for log in logs]
+    unavailable = ""
     if model != RULE:
-        answers += _asked(logs, model, clock, cancelled, deadline_s)
+        try:
+            answers += _asked(logs, model, clock, cancelled, deadline_s)
+        except Unavailable as fault:  # a model that is not there has no answer to any log: told, and counted
+            unavailable = str(fault)
+            answers += [_unanswered(log, model, "unavailable") for log in logs]
     rows = [
         Row(answer.answerer, answer.score, bool(answer.label))
         for answer in answers
@@ -134,6 +154,8 @@ def evaluate_logs(
         labelled=sum(log.interesting is not None for log in logs),
         unlabelled=sum(log.interesting is None for log in logs),
         unanswered={one: sum(a.score is None for a in answers if a.answerer == one) for one in names},
+        missing=missing or Missing(),
+        unavailable=unavailable,
     )
 
 
@@ -159,13 +181,12 @@ def _ask(model: LanguageModel, log: LogCase, deadline_s: float, cancelled: Cance
     if KEY in parsed.lines:
         line = parsed.lines[KEY]
         return _answer(log, model.label, line.value, line.reason)
+    return _unanswered(log, model.label, fault or parsed.faults[KEY])
+
+
+def _unanswered(log: LogCase, answerer: str, fault: str) -> LogAnswer:
     return LogAnswer(
-        log=name(log.name),
-        answerer=model.label,
-        score=None,
-        interesting=None,
-        label=log.interesting,
-        fault=fault or parsed.faults[KEY],
+        log=name(log.name), answerer=answerer, score=None, interesting=None, label=log.interesting, fault=fault
     )
 
 

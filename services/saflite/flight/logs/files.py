@@ -1,4 +1,4 @@
-"""Flight logs by the ending of their names: our traces, PX4's ULog, ArduPilot's dataflash logs."""
+"""Flight logs by the ending of their names: our traces, PX4's ULog and extracts of it, ArduPilot's dataflash logs."""
 
 from __future__ import annotations
 
@@ -32,10 +32,22 @@ def _ulog(path: Path, *, placed: bool = True) -> Trace:
         return read_ulog(path, placed=placed)
 
 
+def _extract(path: Path, *, placed: bool = True) -> Trace:
+    from saflite.flight.logs.extract import read_extract
+
+    return read_extract(path, placed=placed)
+
+
 def _dataflash(path: Path, *, placed: bool = True) -> Trace:
     from saflite.flight.logs.dataflash import read_dataflash
 
     return read_dataflash(path, placed=placed)
 
 
-READERS: dict[str, Callable[..., Trace]] = {".trace": _packed, ".ulg": _ulog, ".bin": _dataflash, ".BIN": _dataflash}
+READERS: dict[str, Callable[..., Trace]] = {
+    ".trace": _packed,
+    ".ulg": _ulog,
+    ".bin": _dataflash,
+    ".BIN": _dataflash,
+    ".csv": _extract,
+}

@@ -19,7 +19,7 @@ from saflite.contract.signals import MODES
 from saflite.flight.logs.resample import Columns
 
 _MAGIC = b"ULog\x01\x12\x35"
-_MODES: dict[int, str] = {
+MODE_NAMES: dict[int, str] = {
     0: "STABILIZE",
     1: "ALT_HOLD",
     2: "LOITER",
@@ -36,10 +36,10 @@ _MODES: dict[int, str] = {
     20: "LAND",
     21: "CIRCLE",
 }
-_OTHER_MODE = -1.0
+OTHER_MODE = -1.0
 _TAKEOFF = 17
-_ARMED = 2
-_FIX_3D = 3
+ARMED = 2
+FIX_3D = 3
 _LOCAL = {"x": ("x_m", 1.0), "y": ("y_m", 1.0), "z": ("altitude_m", -1.0)}
 _SPEED = {"vx": ("vx_mps", 1.0), "vy": ("vy_mps", 1.0), "vz": ("climb_mps", -1.0)}
 _RATES = ("roll_rate_dps", "pitch_rate_dps", "yaw_rate_dps")
@@ -125,11 +125,11 @@ def _status(topics: Mapping[str, Topic], columns: Columns) -> None:
     if topic is None:
         return
     states = [int(state) for state in topic["nav_state"]]
-    named = [float(MODES[_MODES[state]]) if state in _MODES else _OTHER_MODE for state in states]
+    named = [float(MODES[MODE_NAMES[state]]) if state in MODE_NAMES else OTHER_MODE for state in states]
     columns.add("mode", _times(topic), named)
     columns.add("takeoff", _times(topic), [float(state == _TAKEOFF) for state in states])
     if "arming_state" in topic:
-        columns.add("armed", _times(topic), np.asarray(topic["arming_state"]) == _ARMED)
+        columns.add("armed", _times(topic), np.asarray(topic["arming_state"]) == ARMED)
     if "rc_signal_lost" in topic:
         columns.add("rc_present", _times(topic), np.asarray(topic["rc_signal_lost"]) == 0)
     if "mission_result" in topics and "seq_current" in topics["mission_result"]:
@@ -149,7 +149,7 @@ def _gps(topics: Mapping[str, Topic], columns: Columns) -> None:
     if topic is None:
         return
     columns.add("gps_satellites", _times(topic), topic["satellites_used"])
-    columns.add("gps_ok", _times(topic), np.asarray(topic["fix_type"]) >= _FIX_3D)
+    columns.add("gps_ok", _times(topic), np.asarray(topic["fix_type"]) >= FIX_3D)
 
 
 def _sticks(topics: Mapping[str, Topic], columns: Columns) -> None:
