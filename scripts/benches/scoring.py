@@ -1,12 +1,11 @@
 """`scripts/bench scoring`: what scoring costs, how well it overlaps with flying, swaps, and what each model is worth.
 
-    scripts/bench scoring [--part surrogate cheap overlap swaps first bugs] [--seeds 20] [--jobs 2] [--json]
+    scripts/bench scoring [--part surrogate cheap overlap swaps first] [--seeds 20] [--jobs 2] [--json]
 
 Parts: `surrogate` learning and scoring times; `cheap` screens and kinematic flights a second; `overlap` a scorer of ten
 seconds a batch, beside the serial loop of the paper (at most 60 flights: its rounds are all alike); `swaps` fifty
-changes of the scorer under load; `first` flights to the first confirmed violation per embedded model; `bugs` the
-paper's bugs. `first` takes long: about half a minute per mission and seed on one core; its counts do not depend on how
-busy the machine is.
+changes of the scorer under load; `first` flights to the first confirmed violation per embedded model: it takes about
+half a minute per mission and seed on one core, and its counts do not depend on how busy the machine is.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from typing import Any
 import numpy as np
 
 SERIAL_FLIGHTS_MAX = 60
-PARTS = ("surrogate", "cheap", "overlap", "swaps", "bugs", "first")
+PARTS = ("surrogate", "cheap", "overlap", "swaps", "first")
 
 
 def main(argv: list[str]) -> int:
@@ -52,8 +51,6 @@ def _measure(part: str, options: argparse.Namespace) -> Any:
         return surrogate()
     if part == "cheap":
         return cheap()
-    if part == "bugs":
-        return bugs()
     if part == "first":
         from _scoring_first import MODELS, table
 
@@ -133,41 +130,6 @@ def cheap() -> dict[str, float]:
         "kinematic_missions_per_s": len(flights) / flown_s,
         "kinematic_times_real_time": sum(flight.duration_s for flight in flights) / flown_s,
     }
-
-
-def bugs() -> list[dict[str, object]]:
-    """Return what models make of the paper's ten bugs, told the words of our policies, the paper's, or none."""
-    from saflite.console.evaluation.bugs import Words, evaluate_bugs, gain
-    from saflite.mutator.operators.inputs import published_inputs
-    from saflite.runtime.clock import WallClock
-    from saflite.runtime.stages import brief_of
-
-    rows: list[dict[str, object]] = []
-    arms: tuple[tuple[str, Words], ...] = (
-        ("relevance", "policy"),
-        ("relevance", "paper"),
-        ("relevance", "none"),
-        ("random", "policy"),
-        ("constant", "policy"),
-    )
-    for model, words in arms:
-        results = evaluate_bugs(model, published_inputs, brief_of, WallClock(), words=words)
-        rows += [
-            {
-                "model": model,
-                "words": words,
-                "bug": one.bug,
-                "trigger": one.trigger,
-                "rank": one.trigger_rank,
-                "of": one.inputs,
-                "band": one.trigger_band,
-                "chance_pgfuzz": one.chance_pgfuzz,
-                "chance_weighted": one.chance_weighted,
-            }
-            for one in results
-        ]
-        rows.append({"model": model, "words": words, "bug": "all", "gain_over_pgfuzz": gain(results)})
-    return rows
 
 
 def _print(part: str, figures: Any) -> None:

@@ -1,0 +1,172 @@
+"""The page deploy/docs/rq3.md: the words of `pages/rq3.md` with the figures of the rows of `scripts/bench rq3`."""
+
+from __future__ import annotations
+
+import csv
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from statistics import median
+from string import Template
+
+import numpy as np
+from _bootstrap import bootstrap_95
+from _markdown import table
+from _paired import Paired, compare, holm
+from _rq3_cell import CHOOSERS, MISSIONS, MUTANTS, POPULATION, STRATEGIES, Row
+
+from saflite.contract.rng import derive
+
+SEEDS, FLIGHTS = 5, 40
+HERE = Path(__file__).resolve().parent
+PAPER, TEMPLATE = HERE / "data" / "paper_rq3.csv", HERE / "pages" / "rq3.md"
+NO_LLM = "No language model has a row: each `ollama:TAG` is a column of its own, all of it missing."
+
+Figure = Callable[[Row], float]
+
+
+def page(rows: Sequence[Row]) -> str:
+    """Return the page in Markdown."""
+    rows = [row for row in rows if row.cell.flights == FLIGHTS]
+    columns = _choosers(rows)
+    enough_s = float(np.quantile([row.core_s[-1] for row in rows], 0.1)) if rows else 0.0
+    choosers = [(name, "random") for name in columns if name != "random"]
+    strategies = [(name, "random_boxes") for name in STRATEGIES if name != "random_boxes"]
+    figures = {
+        "mutants": MUTANTS,
+        "flights": FLIGHTS,
+        "population": POPULATION,
+        "seeds": SEEDS,
+        "done": len(rows),
+        "asked": len(STRATEGIES) * len(MISSIONS) * len(columns) * SEEDS,
+        "blocks": _blocks(rows),
+        "builds": len({row.build for row in rows}),
+        "others": sum(row.answered_by_others for row in rows),
+        "llm": "" if set(columns) - set(CHOOSERS) else NO_LLM,
+        "coverage": _coverage(rows, columns),
+        "violations": _grid(rows, lambda cells: _mean(cells, violations)),
+        "behaviours": _grid(rows, lambda cells: _mean(cells, behaviours)),
+        "firsts": _grid(rows, _first),
+        "minutes": f"{enough_s / 60:.1f}",
+        "short": sum(row.core_s[-1] < enough_s for row in rows),
+        "within": _grid(rows, lambda cells: _mean(cells, lambda row: within(row, enough_s))),
+        "choosers": _compared(rows, choosers, "chooser"),
+        "strategies": _compared(rows, strategies, "strategy"),
+        "paper": _paper(),
+    }
+    return Template(TEMPLATE.read_text(encoding="utf-8")).substitute(figures)
+
+
+# ---- what is there ------------------------------------------------------------------------------------------------
+
+
+def _choosers(rows: Iterable[Row]) -> list[str]:
+    return [*CHOOSERS, *sorted({row.cell.chooser for row in rows} - set(CHOOSERS))]
+
+
+def _blocks(rows: Sequence[Row]) -> str:
+    counts = Counter((row.cell.mission, row.cell.rng_seed) for row in rows)
+    return ", ".join(f"{count} of mission {mission} seed {seed}" for (mission, seed), count in sorted(counts.items()))
+
+
+def _coverage(rows: Sequence[Row], columns: Sequence[str]) -> str:
+    done = Counter((row.cell.strategy, row.cell.chooser) for row in rows)
+    whole = len(MISSIONS) * SEEDS
+    lines = [(name, *(f"{done[name, chooser]} of {whole}" for chooser in columns)) for name in STRATEGIES]
+    return table(("strategy", *columns), lines)
+
+
+# ---- what was found -----------------------------------------------------------------------------------------------
+
+
+def violations(row: Row) -> float:
+    """Return how many flights violated."""
+    return float(len(row.found))
+
+
+def behaviours(row: Row) -> float:
+    """Return how many different violations there were."""
+    return float(len({one.behaviour for one in row.found}))
+
+
+def first(row: Row) -> float:
+    """Return the flight of the first violation, infinite where there was none."""
+    return float(row.found[0].flight) if row.found else float("inf")
+
+
+def within(row: Row, core_s: float) -> float:
+    """Return how many flights violated before so much processor time was spent."""
+    return float(sum(row.core_s[one.flight - 1] <= core_s for one in row.found))
+
+
+def _grid(rows: Sequence[Row], told: Callable[[list[Row]], str]) -> str:
+    columns = _choosers(rows)
+    lines = []
+    for strategy in STRATEGIES:
+        cells = [[row for row in rows if (row.cell.strategy, row.cell.chooser) == (strategy, one)] for one in columns]
+        lines.append((strategy, *(told(cell) if cell else "missing" for cell in cells)))
+    return table(("strategy", *columns), lines)
+
+
+def _mean(cells: list[Row], figure: Figure) -> str:
+    values = np.array([figure(row) for row in cells])
+    low, high = bootstrap_95(lambda index: float(values[index].mean()), len(values), derive(1, "rq3", len(values)))
+    interval = "" if np.isnan(low) else f" [{low:.1f}, {high:.1f}]"
+    return f"{values.mean():.1f}{interval}, n {len(values)}"
+
+
+def _first(cells: list[Row]) -> str:
+    firsts = [first(row) for row in cells]
+    never = sum(np.isinf(value) for value in firsts)
+    middle = median(firsts)
+    return f"{'none' if np.isinf(middle) else f'{middle:g}'} ({never} of {len(cells)})"
+
+
+# ---- tests -------------------------------------------------------------------------------------------------------
+
+
+def _compared(rows: Sequence[Row], arms: Sequence[tuple[str, str]], word: str) -> str:
+    found = [_paired(rows, one, other, word) for one, other in arms]
+    lines = [
+        (f"`{one}` - `{other}`", paired.pairs, *_numbers(paired, p))
+        for (one, other), paired, p in zip(arms, found, holm([paired.p for paired in found]), strict=True)
+    ]
+    return table(("comparison", "pairs", "difference", "p (Holm)", "effect", "detectable"), lines)
+
+
+def _paired(rows: Sequence[Row], one: str, other: str, word: str) -> Paired:
+    def arm(name: str) -> dict[tuple[object, ...], float]:
+        mine = [row for row in rows if getattr(row.cell, word) == name]
+        rest = "strategy" if word == "chooser" else "chooser"
+        return {(row.cell.rng_seed, row.cell.mission, getattr(row.cell, rest)): violations(row) for row in mine}
+
+    here, there = arm(one), arm(other)
+    tasks = sorted(here.keys() & there.keys(), key=str)
+    return compare([here[task] for task in tasks], [there[task] for task in tasks], derive(1, "rq3", one, other))
+
+
+def _numbers(paired: Paired, p: float) -> tuple[str, ...]:
+    if paired.pairs == 0:
+        return ("missing",) * 4
+    interval = "" if np.isnan(paired.low) else f" [{paired.low:+.1f}, {paired.high:+.1f}]"
+    return (
+        f"{paired.difference:+.1f}{interval}",
+        *("-" if np.isnan(value) else f"{value:.2f}" for value in (p, paired.effect)),
+        "-" if np.isnan(paired.detectable) else f"{paired.detectable:.1f}",
+    )
+
+
+# ---- the paper ----------------------------------------------------------------------------------------------------
+
+
+def _paper() -> str:
+    with PAPER.open(newline="", encoding="utf-8") as file:
+        counts = [
+            (row["tool"], row["llm"], int(row["mission"]), int(row["valid_tests"])) for row in csv.DictReader(file)
+        ]
+    arms = list(dict.fromkeys((tool, llm) for tool, llm, *_ in counts))
+    lines = []
+    for arm in arms:
+        mine = {mission: tests for tool, llm, mission, tests in counts if (tool, llm) == arm}
+        lines.append((arm[0], arm[1], *(mine[mission] for mission in MISSIONS), sum(mine.values())))
+    return table(("tool", "model", *map(str, MISSIONS), "sum"), lines)

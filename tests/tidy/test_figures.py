@@ -1,0 +1,86 @@
+"""Every figure on a page has a command that gives it, and the pages made from rows are those the rows give."""
+
+from __future__ import annotations
+
+import importlib
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+BENCHES = ROOT / "scripts" / "benches"
+PAGES = [ROOT / "README.md", BENCHES / "FIDELITY.md", *sorted((ROOT / "deploy" / "docs").glob("*.md"))]
+MADE = ("rq1", "rq2", "rq3")
+
+MADE_OF_ROWS = re.compile(r"This page\s+is\s+made\s+of.{1,600}?scripts/bench \w+ +--page", re.DOTALL)
+RESULT = re.compile(
+    r"\bmedians?\b[^|\n]{0,20}\d"  # median 6
+    r"|\d+(?:\.\d+)? ?(?:%|×)(?!\s*(?:interval|confidence|inter))"  # 81 %, 454 ×
+    r"|\b\d+ of \d+\b"  # 28 of 28
+    r"|\b\d+\.\d+ ?\[\d"  # 0.76 [0.7, 0.8]
+)
+COMMAND = re.compile(
+    r"scripts/(?:bench \w+|demo|soak|farm|test|golden)|saflite (?:evaluate|conformance|audit|scorer|run|fly)"
+)
+BENCH = re.compile(r"scripts/bench (\w+)((?:[^\S\n]+(?:--?[\w-]+|[\w.:/=]+))*)")
+OPTION = re.compile(r"(?<!\S)--[a-z][\w-]*")
+
+
+def sections(text: str) -> list[tuple[str, str]]:
+    """Return heading and text of each part of a page, tables and words with it."""
+    parts = re.split(r"^(?=#{1,2} )", text, flags=re.MULTILINE)
+    return [(part.partition("\n")[0], part) for part in parts if part.strip()]
+
+
+def without_command(text: str) -> list[str]:
+    """Return the parts of a page that give figures and name no command that gives them, with the figures.
+
+    A page made of rows names its command once; a part under `###` may lean on the command of the part it belongs to.
+    """
+    if MADE_OF_ROWS.search(text):
+        return []
+    found = []
+    for heading, part in sections(text):
+        figures = [match.group().strip() for match in RESULT.finditer(part)]
+        if figures and not COMMAND.search(part):
+            found.append(f"{heading}: {', '.join(figures[:6])}")
+    return found
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_figures_stand_beside_a_command_that_gives_them(page: Path) -> None:
+    assert without_command(page.read_text()) == []
+
+
+def test_a_figure_without_a_command_is_found() -> None:
+    assert without_command("# A\n\nwords\n\n## B\n\nIt found 28 of 28, median 6.\n") == ["## B: 28 of 28, median 6"]
+    assert without_command("## B\n\nIt found 28 of 28 (`scripts/bench defects`).\n") == []
+    assert without_command("## B\n\nA lease of 10 s, 95 % interval, at most 20 tests.\n") == []
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_commands_on_a_page_are_there_with_their_options(page: Path) -> None:
+    wrong = []
+    for name, rest in BENCH.findall(page.read_text()):
+        file = BENCHES / f"{name}.py"
+        if not file.is_file():
+            wrong.append(f"scripts/bench {name}")
+            continue
+        known = file.read_text()
+        wrong += [f"scripts/bench {name} {option}" for option in OPTION.findall(rest) if f'"{option}"' not in known]
+    assert wrong == []
+
+
+@pytest.mark.parametrize("name", MADE)
+def test_a_page_is_what_its_rows_give(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(BENCHES))
+    module = importlib.import_module(name)
+    try:
+        made = (module if hasattr(module, "page") else importlib.import_module(f"_{name}_page")).page(
+            module.rows(module.ROWS)
+        )
+        assert module.PAGE.read_text() == made, f"run scripts/bench {name} --page"
+    finally:
+        sys.modules.pop(name, None)
