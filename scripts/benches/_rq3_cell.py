@@ -94,7 +94,7 @@ class Memory:
     """
 
     def __init__(self) -> None:
-        self.flights: dict[str, tuple[Flight, bytes]] = {}
+        self.flights: dict[tuple[str, int], tuple[Flight, bytes]] = {}
         self.cheap: dict[tuple[str, int], KinematicFlight] = {}
         self.cost_s: dict[object, float] = {}
         self.owed_s = 0.0
@@ -121,7 +121,9 @@ class Timed(Flights):
 
     def _fly(self, work: FlyWork, cancelled: Cancelled) -> tuple[Flight, bytes]:
         fly = super()._fly
-        flight, packed = self._memory.of(self._memory.flights, identity(work.test_case), lambda: fly(work, cancelled))
+        flight, packed = self._memory.of(
+            self._memory.flights, (identity(work.test_case), work.noise), lambda: fly(work, cancelled)
+        )
         self.simulated_s += flight.simulated_s
         self.core_s.append(time.process_time() + self._memory.owed_s)
         return flight, packed
@@ -159,6 +161,7 @@ def campaign_of(cell: Cell) -> Campaign:
         "novelty_weight": 0.0,
         "confirm_flights": 0,
         "confirm_needed": 1,
+        "check_share": 0.0,
         "shrink": False,
     }
     return msgspec.structs.replace(
