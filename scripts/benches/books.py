@@ -22,6 +22,7 @@ from _books_services import FARM, LEAVES, Services
 
 if TYPE_CHECKING:
     from saflite.campaign.storage.store import Store
+    from saflite.contract.control import Status
 
 WORKERS = ("a", "b")
 
@@ -29,7 +30,7 @@ WORKERS = ("a", "b")
 def main(argv: list[str]) -> int:
     """Measure and print; 0."""
     parser = argparse.ArgumentParser(prog="scripts/bench books", description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--flights", type=int, default=2000, help="budget of the campaign")
+    parser.add_argument("--flights", type=int, default=2000, help="flights flown, re-flights included")
     parser.add_argument("--together", type=int, default=4, help="leases taken and results committed together")
     parser.add_argument("--trace-kib", type=int, default=100, help="size of a packed trace")
     parser.add_argument("--resume", type=Path, help="only open this run and work out its books")
@@ -60,7 +61,7 @@ def _measure(run_dir: Path, options: argparse.Namespace) -> dict[str, float | in
     store = Store.create(run_dir, campaign, doubles.TEMPLATE, doubles.TARGET)
     drive = _Drive(store, services, options.together)
     begun_mib = _memory_mib("VmRSS")
-    drive.run()
+    drive.run(options.flights)
     services.close()
     drive.keep()
     store.close()
@@ -103,9 +104,13 @@ def _resumed(run_dir: Path) -> dict[str, float | int]:
     opened_s = time.perf_counter() - started_s
     books = store.rebuild()
     rebuilt_s = time.perf_counter() - started_s
-    flights = books.status(0.0).flights
+    flights = _flown(books.status(0.0))
     store.close()
     return {"open_s": opened_s, "s": rebuilt_s, "memory_peak_mib": _memory_mib("VmHWM"), "flights": flights}
+
+
+def _flown(status: Status) -> int:
+    return status.flights + status.reflown
 
 
 def _memory_mib(name: str) -> float:
@@ -132,18 +137,18 @@ class _Drive:
 
     @property
     def flights(self) -> int:
-        """How many were flown."""
-        return self._books.status(self._now).flights
+        """How many were flown, re-flights included."""
+        return _flown(self._books.status(self._now))
 
     def keep(self) -> None:
         """Keep the state of the books, as their service does now and then."""
         self._store.keep(self._books.snapshot())
 
-    def run(self) -> None:
-        """Run to the end."""
+    def run(self, flights: int) -> None:
+        """Run until so many flights were flown."""
         from saflite.contract.topics import STAGES
 
-        while not self._books.ended:
+        while not self._books.ended and self.flights < flights:
             for stage in STAGES:
                 for worker in WORKERS:
                     self._turn(stage, worker)

@@ -30,7 +30,7 @@ def replayed(store: MemoryStore) -> Books:
 
 @pytest.mark.parametrize(("repeats", "shrink"), [("bitwise", False), ("bitwise", True), ("statistically", True)])
 def test_a_snapshot_is_what_a_replay_gives_and_what_was_put_back(repeats: Repeats, shrink: bool) -> None:
-    driver = new_books(10 if shrink else 25, repeats=repeats, shrink=shrink, record="none" if shrink else "violations")
+    driver = new_books(3 if shrink else 25, repeats=repeats, shrink=shrink, record="none" if shrink else "violations")
     assert isinstance(driver.store, MemoryStore)
     if shrink:
         driver.service = Chancy(0.7, "ABC", driver.store.blobs)
@@ -42,7 +42,7 @@ def test_a_snapshot_is_what_a_replay_gives_and_what_was_put_back(repeats: Repeat
         driver.books.tick(driver.now)
         driver.commit()
         taken += 1
-        if taken % 4 and not driver.books.ended:
+        if taken % 8 and not driver.books.ended:
             continue
         state, again = driver.books.snapshot(), driver.store.empty_books()
         again.restore(state)
@@ -55,12 +55,12 @@ def test_whatever_the_parts_remember_is_kept_or_named_as_not() -> None:
     core: Core = driver.books._core
     reducer = driver.books._reducer
     minimizer = Minimizer(doubles.TEMPLATE, 10, ONE_FLIGHT)
-    for part in (core.rounds, core.tasks, reducer.scorers, reducer.minimization, minimizer):
+    for part in (core.rounds, core.tasks, reducer.scorers, reducer.minimization, reducer.checks, minimizer):
         kept = set(snapshot.FIELDS[type(part)])
         assert set(vars(part)) - snapshot.UNKEPT == kept, f"{type(part).__name__} remembers what no snapshot keeps"
-    assert set(vars(reducer)) == {"core", "minimization", "flights", "proposals", "scorers"}
+    assert set(vars(reducer)) == {"core", "minimization", "checks", "flights", "proposals", "scorers"}
     for stateless in (reducer.flights, reducer.proposals):
-        assert set(vars(stateless)) <= {"_core", "_minimization", "_flights"}
+        assert set(vars(stateless)) <= {"_core", "_minimization", "_checks", "_flights"}
 
 
 @pytest.mark.parametrize("data", [b"", b"\x00", b"\x93\x80\x90\x90", b"\x93\x01\x02\x03", b"\xc1", b"\x91\x80"])

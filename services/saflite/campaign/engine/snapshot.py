@@ -21,11 +21,13 @@ from saflite.campaign.engine.outbox import Outbox
 from saflite.campaign.engine.reducer import Reducer
 from saflite.campaign.lifecycle.minimization import Attempt, Minimization, MinimizationJob
 from saflite.campaign.lifecycle.minimizer import Evidence, Minimizer
+from saflite.campaign.lifecycle.repeat_checks import RepeatChecks
 from saflite.campaign.lifecycle.repeats import RepeatRule
 from saflite.campaign.lifecycle.scorer_swap import Scorers
 from saflite.campaign.scheduling.rounds import Round, Rounds
 from saflite.campaign.scheduling.tasks import Task, TaskTable
 from saflite.campaign.scheduling.work_keys import FlyKey, WarmKey, WorkKey
+from saflite.contract.flight import Flight
 from saflite.contract.test_case import TestCase
 from saflite.flight.novelty import Features
 
@@ -49,6 +51,7 @@ FIELDS: dict[type, dict[str, Any]] = {
         "pending": dict[WarmKey, tuple[bool, tuple[str, ...]]],
         "_count": int,
     },
+    RepeatChecks: {"_under_way": dict[FlyKey, tuple[TestCase, Flight]]},
     Minimization: {
         "_jobs": list[MinimizationJob],
         "_under_way": dict[FlyKey, Attempt],
@@ -79,7 +82,7 @@ def take(reducer: Reducer) -> bytes:
     """Return the state of the fold; nothing may wait in its outbox, which is not kept."""
     assert not reducer.core.out.waiting, "a snapshot between a change and its commit"
     core = {name: _pack(kind, getattr(reducer.core, name)) for name, kind in _core().items()}
-    return msgspec.msgpack.encode((core, _pack(Minimization, reducer.minimization), _pack(Scorers, reducer.scorers)))
+    return msgspec.msgpack.encode((core, [_pack(type(part), part) for part in _beside(reducer)]))
 
 
 def put_back(reducer: Reducer, data: bytes) -> None:
@@ -89,14 +92,18 @@ def put_back(reducer: Reducer, data: bytes) -> None:
         ValueError: it is none, or one of other books; the state is then undefined.
     """
     try:
-        core, minimization, scorers = msgspec.msgpack.decode(data)
+        core, beside = msgspec.msgpack.decode(data)
         for name, kind in _core().items():
             _put(reducer.core, name, kind, core[name])
-        _restore(reducer.minimization, minimization)
-        _restore(reducer.scorers, scorers)
+        for part, values in zip(_beside(reducer), beside, strict=True):
+            _restore(part, values)
         reducer.core.tasks.enqueue_all()
     except (msgspec.MsgspecError, ValueError, LookupError, TypeError, AttributeError) as fault:
         raise ValueError(f"not a snapshot of these books: {fault}") from fault
+
+
+def _beside(reducer: Reducer) -> tuple[Minimization, RepeatChecks, Scorers]:
+    return reducer.minimization, reducer.checks, reducer.scorers
 
 
 @cache
