@@ -25,7 +25,15 @@ from saflite.flight.autopilots.reference.defects import SETTING, TABLE
 from saflite.oracle.judge import judge
 
 OLD_SEARCH = SearchConfig(candidates_per_round=96, flights_per_round=16, lag=3)
-UNIFORM: dict[str, Setting] = {"own": 0.0, "kept": 0.0, "routed": 0.0, "starts": 0.9, "missions": 0.1, "swarm": 1.0}
+UNIFORM: dict[str, Setting] = {
+    "own": 0.0,
+    "kept": 0.0,
+    "routed": 0.0,
+    "starts": 0.9,
+    "missions": 0.1,
+    "swarm": 1.0,
+    "faults": 1.0,
+}
 ARMS: dict[str, str] = {
     "all": "policy-all as it ships",
     "own": "the campaign of the fault's own policy as it ships (planted defects only)",

@@ -6,6 +6,7 @@ oracle's own reader checks the same files fully when a campaign runs.
 
 from __future__ import annotations
 
+import re
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ import msgspec
 from saflite.contract.config import Campaign, ScorerConfig, SearchConfig, StrategyConfig
 from saflite.contract.errors import Refused
 from saflite.contract.outside import parse_toml, read_text
-from saflite.contract.signals import can_show
+from saflite.contract.signals import SIGNALS, can_show
 from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import Setting, StartState, StimulusKind, Target
 from saflite.contract.work import PolicyText
@@ -27,6 +28,10 @@ SHORT_S, MISSION_S = 60.0, 150.0
 MISSION_SHARE = 0.08  # of the flights of the campaign over all, where rules need a mission
 AIRBORNE_S = 32.0  # with a mission the vehicle leaves the ground after 19.5 s and climbs for 7
 MODE_COMMAND = "Flight_Mode"  # among the commands of a policy: any mode
+_MODE_NAMED = re.compile(r"\bmode\s*==\s*([A-Z_0-9]+)")
+_EXCUSED = re.compile(r"\b(gps|baro|body)_true\b")  # the rule is silent after a fault of these sensors
+_STICK_SIGNAL = re.compile(r"rc(\d+)_pwm$")
+_SETTING_NAMED = re.compile(r"\b[A-Z][A-Z0-9]*_[A-Z0-9_]+\b")
 _INPUTS: dict[str, StimulusKind] = {
     "parameters": "parameter",
     "commands": "command",
@@ -163,24 +168,40 @@ def _one(data: dict[str, Any], target: TargetInfo, inputs: dict[str, list[Any]])
 
 
 def _hint(data: dict[str, Any], start: dict[str, Any], inputs: dict[str, list[Any]], target: TargetInfo) -> str:
-    """Return what the strategy is told of a policy: its id, start state and inputs, one word each.
+    """Return what the strategy is told of a policy: its id, start state, modes its formula names, inputs: a word each.
 
-    Commands that are sticks or stand for any mode, as in the published lists, are told as such.
+    Commands that are sticks, as in the published lists, are told as such; any mode can be given in any case.
     """
     kinds = {(entry.kind, entry.name) for entry in target.inputs}
     words = ["".join(str(data["id"]).split())]  # an id that is none is refused by the oracle
     if start and not data.get("needs_mission"):
         state = StartState(**start)
         words.append(f"start:{state.mode}@{state.altitude_m:g}")
+    formula = str(data.get("formula", ""))
+    words += [f"in:{mode}" for mode in dict.fromkeys(_MODE_NAMED.findall(formula)) if ("mode", mode) in kinds]
+    words += [f"reads:{kind}:{name}" for kind, name in _read_by(data, target)]
     for word, kind in _INPUTS.items():
-        for name in inputs.get(word, ()):
+        for name in () if kind == "sensor_fault" and _EXCUSED.search(formula) else inputs.get(word, ()):
             if kind == "command" and name == MODE_COMMAND:
-                words += [f"mode:{entry.name}" for entry in target.inputs if entry.kind == "mode"]
-            elif kind == "command" and (kind, name) not in kinds and ("stick", name) in kinds:
+                continue
+            if kind == "command" and (kind, name) not in kinds and ("stick", name) in kinds:
                 words.append(f"stick:{name}")
             else:
                 words.append(f"{kind}:{name}")
     return " ".join(words)
+
+
+def _read_by(data: dict[str, Any], target: TargetInfo) -> list[tuple[StimulusKind, str]]:
+    """Return the inputs whose values the policy's signals show: sticks, and settings by the table of signals."""
+    kinds: dict[str, StimulusKind] = {entry.name: entry.kind for entry in target.inputs}
+    found = []
+    for signal in data.get("signals", {}):
+        stick, meaning = _STICK_SIGNAL.match(signal), SIGNALS[signal].meaning if signal in SIGNALS else ""
+        if signal.endswith("_true"):
+            continue  # what excuses a rule
+        names = [f"RC{stick[1]}"] if stick else _SETTING_NAMED.findall(meaning)
+        found += [(kinds[name], name) for name in names if name in kinds]
+    return list(dict.fromkeys(found))
 
 
 def _start(start: dict[str, Any], target: TargetInfo) -> StartState:

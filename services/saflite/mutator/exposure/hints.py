@@ -9,20 +9,25 @@ from saflite.contract.test_case import StartState, StimulusKind
 from saflite.mutator.operators.inputs import Have, Input, named
 
 KINDS: tuple[StimulusKind, ...] = get_args(StimulusKind)
-START = "start"
-SHAPE = "'<policy> start:<mode>@<metres> <kind>:<input> ...'"
+START, IN, READS = "start", "in", "reads"
+SHAPE = "'<policy> start:<mode>@<metres> in:<mode> reads:<kind>:<input> <kind>:<input> ...'"
 
 
 class Hint(NamedTuple):
-    """One policy: where its flights may begin, None for where the campaign begins, and its own inputs."""
+    """One policy: where its flights may begin (None: where the campaign does), its own inputs.
+
+    `modes` are those its formula names, `read` the inputs whose values its formula reads.
+    """
 
     policy: str
     start: StartState | None = None
     inputs: tuple[Input, ...] = ()
+    modes: tuple[str, ...] = ()
+    read: tuple[Input, ...] = ()
 
     def kinds(self) -> tuple[StimulusKind, ...]:
         """Return the kinds of its inputs, sorted."""
-        return tuple(sorted({entry.kind for entry in self.inputs}))
+        return tuple(sorted({entry.kind for entry in (*self.inputs, *self.read)}))
 
 
 def read_hints(texts: list[str], policies: tuple[str, ...], have: Have) -> tuple[Hint, ...]:
@@ -39,17 +44,29 @@ def _read(text: str, have: Have) -> Hint:
     policy, *words = text.split() or [""]
     start: StartState | None = None
     inputs: list[Input] = []
+    modes: list[str] = []
+    read: list[Input] = []
     for word in words:
         kind, _, name = word.partition(":")
         if kind == START:
             start = _start(name, text)
-        elif kind in KINDS:
-            inputs.extend(named(kind, [name], have, "hints"))
+        elif kind == IN:
+            modes.extend(entry.name for entry in named("mode", [name], have, "hints"))
+        elif kind == READS:
+            kind, _, name = name.partition(":")
+            read.extend(named(_kind(kind, text), [name], have, "hints"))
         else:
-            raise Refused("strategy setting hints", expected=SHAPE, got=repr(word), where=repr(policy))
+            inputs.extend(named(_kind(kind, text), [name], have, "hints"))
     if not policy:
         raise Refused("strategy setting hints", expected=SHAPE, got=repr(text))
-    return Hint(policy, start, tuple(dict.fromkeys(inputs)))
+    return Hint(policy, start, tuple(dict.fromkeys(inputs)), tuple(modes), tuple(read))
+
+
+def _kind(word: str, text: str) -> StimulusKind:
+    for kind in KINDS:
+        if kind == word:
+            return kind
+    raise Refused("strategy setting hints", expected=SHAPE, got=repr(text))
 
 
 def _start(word: str, text: str) -> StartState:

@@ -13,6 +13,7 @@ from saflite.mutator.operators.inputs import Input
 
 Rng = np.random.Generator
 DECADES = 3.0  # how far below its upper end a value on the log scale may lie
+STICK_ENDS = 0.35  # more sticks at an end, where they do most
 NEAR_DEFAULT, ON_LOG_SCALE = 0.3, 0.3
 ORDINALS = 4  # the first number of a command often says which of a few things to do
 STEPS = (0.003, 0.3)  # local search: least and greatest change, as a share of the value or the range
@@ -20,7 +21,9 @@ STEPS = (0.003, 0.3)  # local search: least and greatest change, as a share of t
 
 def draw(rng: Rng, entry: Input, default: float | None, beyond: float) -> values.Values:
     """Return values for an input; a share `beyond` of bounded ones lies outside the valid range."""
-    if entry.kind == "mode" or entry.kind == "stick" or entry.choices:
+    if entry.kind == "stick" and rng.random() < STICK_ENDS and math.isfinite(entry.high - entry.low):
+        return (entry.low if rng.random() < 0.5 else entry.high,)
+    if entry.kind in ("mode", "stick") or entry.choices:
         return values.draw(rng, entry, beyond)
     if entry.kind == "command":
         return _command(rng, entry, beyond)

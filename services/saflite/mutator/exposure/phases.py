@@ -18,8 +18,8 @@ Draw = Callable[[Rng], Stimulus]
 
 PAUSE_S = (0.1, 4.0)  # between the inputs of one phase; all sizes alike
 TAIL_S = 6.0  # least time left after the last input, for its effect to show
-MORE = 0.55  # chance of one more input in a phase
-INPUTS_MAX = 5
+MORE = 0.65  # chance of one more input in a phase
+INPUTS_MAX = 6
 RECOVER: dict[StimulusKind, float] = {"stick": 0.6, "sensor_fault": 0.35, "parameter": 0.1}
 """Chance that an input is taken back at the end of its phase: sticks let go, faults mended, settings reset."""
 

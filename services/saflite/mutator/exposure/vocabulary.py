@@ -16,6 +16,7 @@ Rng = np.random.Generator
 Key = tuple[StimulusKind, str]
 TRUST = 4.0
 """Flights with an input after which what was seen weighs as much as the mean of all flights."""
+READ_SHARE = 0.3  # of a policy's own inputs, those whose values its formula reads
 SHARPNESS = 4.0
 """Power of the learnt ratio: an input whose flights came 20 % further is drawn twice as often."""
 
@@ -71,12 +72,13 @@ class Vocabulary:
         return pick(rng, entries, [self.relevance(policy, (kind, entry.name)) ** SHARPNESS for entry in entries])
 
     def draw_own(self, rng: Rng, hint: Hint, kinds: Iterable[StimulusKind]) -> Input | None:
-        """Return one of the policy's own inputs, drawn alike; None if it has none of these kinds."""
-        mine = [kind for kind in hint.kinds() if kind in set(kinds)]
+        """Return an input the policy reads, or of its own list; None if it has none of these kinds."""
+        every = hint.read if hint.read and rng.random() < READ_SHARE else hint.inputs
+        mine = sorted({entry.kind for entry in every if entry.kind in set(kinds)})
         if not mine:
             return None
         kind = mine[int(rng.integers(len(mine)))]
-        entries = [entry for entry in hint.inputs if entry.kind == kind]
+        entries = [entry for entry in every if entry.kind == kind]
         weights = [self.relevance(hint.policy, (kind, entry.name)) ** SHARPNESS for entry in entries]
         return pick(rng, entries, weights)
 

@@ -27,7 +27,7 @@ from saflite.contract.work import Outcome
 from saflite.mutator.exposure import numbers
 from saflite.mutator.exposure.attention import Attention, note
 from saflite.mutator.exposure.corpus import Corpus, Entry
-from saflite.mutator.exposure.hints import Hint, read_hints
+from saflite.mutator.exposure.hints import SHAPE, Hint, read_hints
 from saflite.mutator.exposure.phases import TAIL_S, Draw, Script, Stimuli, Tempo, cut, shifted
 from saflite.mutator.exposure.progress import by_policy
 from saflite.mutator.exposure.scenarios import Scenarios, scenarios_of
@@ -39,6 +39,7 @@ from saflite.mutator.strategy import Chosen, Option, Options, Proposes, Settings
 Rng = np.random.Generator
 AIRBORNE_S = (20.0, 40.0)  # a mission takes off after about 20 s
 SETTLE_LEAST_S = 1.5
+MODES_WITHIN = 0.15  # share of test cases that change the mode within a phase, too
 SHIFT_S = (0.05, 15.0)
 
 
@@ -54,16 +55,20 @@ class Strategy:
 
     proposes: ClassVar[Proposes] = "stimuli"
     options: ClassVar[Options] = {
-        "hints": Option([], "what is known of each policy: '<policy> start:<mode>@<metres> <kind>:<input> ...'"),
-        "own": Option(0.7, "share of inputs from the policy's own list; the rest from all the target has", 0, 1),
+        "hints": Option(
+            [],
+            f"what is known of each policy before any flight: {SHAPE}",
+        ),
+        "own": Option(0.75, "share of inputs from the policy's own list; the rest from all the target has", 0, 1),
         "starts": Option(0.3, "share of fresh test cases that begin in any mode at any height", 0, 1),
         "missions": Option(0.0, "share of fresh test cases that fly a short mission", 0, 1),
-        "kept": Option(0.3, "share of test cases that change one of the corpus", 0, 1),
+        "kept": Option(0.4, "share of test cases that change one of the corpus", 0, 1),
         "routed": Option(0.1, "share of test cases that go to a state and a kind of input seldom tried there", 0, 1),
-        "swarm": Option(0.65, "chance of each kind of input to be in a test case at all", 0.05, 1),
+        "swarm": Option(0.8, "chance of a kind of the policy's own inputs; half that for others", 0.05, 1),
+        "faults": Option(0.15, "the same for sensor faults beyond the policy's own: a fault excuses most rules", 0, 1),
         "beyond": Option(0.15, "share of values outside their valid range", 0, 1),
-        "phases_max": Option(4, "greatest number of phases in a test case", 1, 20),
-        "settle_max_s": Option(25.0, "longest quiet at the end of a phase", 2, 600),
+        "phases_max": Option(5, "greatest number of phases in a test case", 1, 20),
+        "settle_max_s": Option(20.0, "longest quiet at the end of a phase", 2, 600),
         "start_s": Option(0.5, "time of the first input", 0, 600),
     }
 
@@ -141,25 +146,24 @@ class Strategy:
 
     def _fresh(self, rng: Rng, scenario: Scenario, policies: Sequence[str]) -> Stimuli:
         script = Script(self._tempo(rng, scenario))
+        styles = [self._style(rng, self._hints[policy]) for policy in policies]
         for number in range(self._chosen.whole("phases_max")):
-            hint = self._hints[policies[min(number, len(policies) - 1)]]
             mode = scenario.start.mode if number == 0 and scenario.start is not None else ""
-            self._phase(rng, script, hint, mode)
+            self._phase(rng, script, styles[number % len(styles)], mode)
             if script.is_full:
                 break
         return script.stimuli()
 
-    def _phase(self, rng: Rng, script: Script, hint: Hint, mode: str) -> None:
-        script.phase(rng, self._entry(rng, hint, mode), partial(self._draw, self._style(rng, hint)))
+    def _phase(self, rng: Rng, script: Script, style: Style, mode: str) -> None:
+        script.phase(rng, self._entry(rng, style.hint, mode), partial(self._draw, style))
 
     def _entry(self, rng: Rng, hint: Hint, mode: str) -> list[Stimulus]:
-        """Return what enters a state a policy is about: one of its modes, seldom any; nothing where it is in it."""
+        """Return what enters a state a policy is about: a mode its formula names, of its inputs, seldom any."""
+        way, about = rng.random(), list(hint.modes)
         own = [entry.name for entry in hint.inputs if entry.kind == "mode"]
-        if hint.start is not None and ("mode", hint.start.mode) in self._have:
-            own.append(hint.start.mode)
         every = [name for kind, name in self._have if kind == "mode"]
-        names = own if own and rng.random() < 0.85 else every
-        if not names or (mode in own and rng.random() < 0.5):
+        names = (about or own or every) if way < 0.7 else (own or about or every) if way < 0.9 else every
+        if not names or (mode in names and rng.random() < 0.5):
             return []
         name = names[int(rng.integers(len(names)))]
         return [] if name == mode else [Stimulus(at_s=0.0, kind="mode", name=name)]
@@ -174,8 +178,13 @@ class Strategy:
     # ---- drawing -----------------------------------------------------------------------------------------------
 
     def _style(self, rng: Rng, hint: Hint) -> Style:
-        kinds = self._vocabulary.kinds
-        kept = tuple(kind for kind in kinds if rng.random() < self._chosen.real("swarm"))
+        """Draw which kinds of input a test case has (modes aside, which begin its phases)."""
+        kinds, swarm = self._vocabulary.kinds, self._chosen.real("swarm")
+        chances = {kind: swarm if kind in hint.kinds() else swarm / 2.0 for kind in kinds}
+        if "sensor_fault" not in hint.kinds():
+            chances["sensor_fault"] = swarm * self._chosen.real("faults")
+        chances["mode"] = MODES_WITHIN
+        kept = tuple(kind for kind in kinds if rng.random() < chances[kind])
         return Style(hint, kept or (kinds[int(rng.integers(len(kinds)))],))
 
     def _draw(self, style: Style, rng: Rng) -> Stimulus:
@@ -271,5 +280,5 @@ class Strategy:
         hint = self._hints[policy]
         script.phase(rng, [], partial(self._draw, Style(hint, (goal[1],))))
         while not script.is_full:
-            self._phase(rng, script, hint, "")
+            self._phase(rng, script, self._style(rng, hint), "")
         return self._made(scenario, script.stimuli(), note((policy,), f"to {goal[0].replace(' ', '-')}"))
