@@ -36,6 +36,20 @@ class WorkerStatus(msgspec.Struct, frozen=True, kw_only=True):
     labels: dict[str, str] = {}
 
 
+class Exposed(msgspec.Struct, frozen=True, kw_only=True):
+    """What the flights put to the test: policies whose rule ever applied, the share of verdicts in which it did.
+
+    `silent` names the policies that never applied; `states` and `steps` count the target's states seen, and the
+    different (state, next state, kind of input, kind of the one before).
+    """
+
+    spoke: int = 0
+    silent: tuple[str, ...] = ()
+    applied_share: float = 0.0
+    states: int = 0
+    steps: int = 0
+
+
 class Status(msgspec.Struct, frozen=True, kw_only=True):
     """The campaign at a glance. All counts are exact; rates are over the last minute.
 
@@ -68,6 +82,7 @@ class Status(msgspec.Struct, frozen=True, kw_only=True):
     queues: dict[str, int]
     workers: tuple[WorkerStatus, ...]
     seq: int
+    exposure: Exposed = Exposed()
 
 
 class Answer(msgspec.Struct, frozen=True, kw_only=True):

@@ -140,6 +140,8 @@ def data(count: int) -> ReportData:
             EVIL: Rulings(inconclusive=5),
         },
         quarantined=(Quarantined(test_case="abc", attempts=3, last="wedged", message=EVIL),),
+        states={"AUTO": 4, EVIL: 1},
+        modes_unseen=("FLIP",),
     )
 
 

@@ -6,6 +6,7 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import Literal
 
+from saflite.campaign.engine.exposure import Exposure
 from saflite.campaign.engine.outbox import Outbox
 from saflite.campaign.lifecycle.confirmation import Trial
 from saflite.campaign.lifecycle.repeats import RepeatRule
@@ -70,6 +71,7 @@ class Core:
     confirm: RepeatRule
     tasks: TaskTable = field(default_factory=TaskTable)
     counts: Counts = field(default_factory=Counts)
+    exposure: Exposure = field(default_factory=Exposure)
     trials: dict[str, Trial] = field(default_factory=dict)
     records: dict[RecordKey, RecordJob] = field(default_factory=dict)
     flown: dict[str, int] = field(default_factory=dict)  # every test case ever selected: its round

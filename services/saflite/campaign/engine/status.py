@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections import deque
 
+from saflite.campaign.engine.core import Core
 from saflite.campaign.engine.reducer import Reducer
 from saflite.campaign.engine.worker_registry import Worker, WorkerRegistry
 from saflite.campaign.scheduling.leases import Leases
-from saflite.contract.control import Status, WorkerStatus
+from saflite.contract.control import Exposed, Status, WorkerStatus
 from saflite.contract.work import FlyResult, Result
 
 WINDOW_S = 60.0
@@ -38,6 +39,18 @@ class Rates:
         over_s = max(now - since_s, 1e-3)
         recent = [simulated_s for at_s, simulated_s in self._flights if at_s >= since_s]
         return len(recent) / over_s, sum(recent) / over_s
+
+
+def _exposed(core: Core) -> Exposed:
+    exposure, policies = core.exposure, core.campaign.policies
+    silent = tuple(name for name in policies if not exposure.applied[name])
+    return Exposed(
+        spoke=len(policies) - len(silent),
+        silent=silent,
+        applied_share=round(exposure.applied_share(policies), 4),
+        states=len(exposure.states),
+        steps=len(exposure.steps),
+    )
 
 
 def overview(reducer: Reducer, registry: WorkerRegistry, leases: Leases, rates: Rates, now: float) -> Status:
@@ -77,6 +90,7 @@ def overview(reducer: Reducer, registry: WorkerRegistry, leases: Leases, rates: 
             for worker in registry.workers()
         ),
         seq=core.out.seq,
+        exposure=_exposed(core),
     )
 
 

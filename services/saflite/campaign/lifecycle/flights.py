@@ -311,6 +311,8 @@ class Flights:
         if not trial.is_selected:
             return
         core.counts.ended += 1
+        if trial.judgement is not None:
+            core.exposure.add(trial.test_case, trial.judgement)
         round_ = core.rounds.under_way[trial.round]
         round_.outcomes[trial.rank] = outcome_of(trial.test_case, trial.round, ending, trial.judgement)
         core.out.row("outcomes", trial.round, trial.rank, trial.name, ending, trial.first)

@@ -21,6 +21,7 @@ from saflite.contract.errors import Refused
 from saflite.contract.events import Event
 from saflite.contract.flight import UNTOLD, Flight, Purpose, Trace, unpack_trace
 from saflite.contract.names import recording_file
+from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import TestCase
 from saflite.contract.verdict import Judgement, Violation
 from saflite.evidence.folder import BlobFolder
@@ -98,6 +99,7 @@ class RunFolder:
         self._blobs, self._contents = BlobFolder(run_dir), Contents(self._db)
         self.campaign = self._meta("campaign", Campaign)
         self.template = self._meta("template", TestCase)
+        self.target = self._meta("target", TargetInfo)
 
     def __enter__(self) -> RunFolder:
         return self
@@ -134,19 +136,31 @@ class RunFolder:
         """Return how many test cases ended in each state (held, confirmed, flaky, unconfirmed, quarantined)."""
         return dict(self._rows("SELECT state, count(*) FROM endings GROUP BY state"))
 
+    def states(self) -> dict[str, int]:
+        """Return the states of the target that test cases reached in their first flights, most often reached first."""
+        found: Counter[str] = Counter()
+        for judgement in self._first_judgements():
+            found.update({state for one in judgement.transitions for state in (one.before, one.after)})
+        return dict(sorted(found.items(), key=lambda pair: (-pair[1], pair[0])))
+
     def rulings(self) -> dict[str, Rulings]:
         """Return what each of the campaign's policies said of the test cases searched, by their first flights."""
+        counts: dict[str, Counter[str]] = {name: Counter() for name in self.campaign.policies}
+        for judgement in self._first_judgements():
+            for verdict in judgement.verdicts:
+                counts.setdefault(verdict.policy, Counter())[verdict.outcome] += 1
+        return {name: Rulings(**count) for name, count in counts.items()}
+
+    def _first_judgements(self) -> Iterator[Judgement]:
         query = (
             "SELECT j.test_case FROM judgements j JOIN flights f"
             " ON f.test_case = j.test_case AND f.flight_index = j.flight_index"
             " WHERE j.flight_index = 0 AND f.purpose = 'search'"
         )
-        counts: dict[str, Counter[str]] = {name: Counter() for name in self.campaign.policies}
         for (test_case,) in self._rows(query):
             judgement = self.judgement(test_case)
-            for verdict in judgement.verdicts if judgement is not None else ():
-                counts.setdefault(verdict.policy, Counter())[verdict.outcome] += 1
-        return {name: Rulings(**count) for name, count in counts.items()}
+            if judgement is not None:
+                yield judgement
 
     def recording(self, name: str) -> str:
         """Return the recording of a test case relative to the run folder, empty if there is none."""

@@ -10,7 +10,7 @@ import msgspec
 
 from saflite.console.run_data.run_folder import RunFolder, open_run
 from saflite.console.view import out
-from saflite.contract.control import Status
+from saflite.contract.control import Exposed, Status
 from saflite.contract.events import FaultSeen, Quarantined, ScorerChanged, ViolationFound
 from saflite.contract.verdict import Violation, failed_again
 
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from rich.live import Live
 
 PLAIN_EVERY_S = 5.0
+SILENT_SHOWN = 4
 
 
 class View(Protocol):
@@ -111,7 +112,10 @@ def one_line(status: Status) -> str:
     return (
         f"{status.elapsed_s:6.1f} s  {status.flights}/{status.budget} flights  {status.flights_per_s:.2f}/s"
         f"  {status.real_time_factor:.0f}x real time  {status.violations_confirmed} violations{last}"
-        f"  workers {busy}/{len(status.workers)} busy" + (f"  waiting: {queues}" if queues else "") + instead
+        f"  rules {status.exposure.spoke}/{status.exposure.spoke + len(status.exposure.silent)}"
+        f"  states {status.exposure.states}  workers {busy}/{len(status.workers)} busy"
+        + (f"  waiting: {queues}" if queues else "")
+        + instead
     )
 
 
@@ -120,6 +124,17 @@ def _beside(status: Status) -> str:
     unequal = f" ({status.unequal} differ)" if status.unequal else ""
     parts = (f"{status.reflown} to confirm", f"{status.checked} to check the farm{unequal}")
     return ", ".join((*parts, f"{status.shrink_flights} to shrink") if status.shrink_flights else parts)
+
+
+def exposed(exposure: Exposed) -> tuple[str, str]:
+    """Return in words which rules were put to the test, and how much of the target was seen."""
+    rules = exposure.spoke + len(exposure.silent)
+    few = ", ".join(exposure.silent[:SILENT_SHOWN]) + (" ..." if len(exposure.silent) > SILENT_SHOWN else "")
+    never = f"; never: {few}" if exposure.silent else ""
+    return (
+        f"{exposure.spoke} of {rules} rules applied, in {exposure.applied_share:.0%} of verdicts{never}",
+        f"{exposure.states} states, {exposure.steps} steps",
+    )
 
 
 class _Lines:
@@ -214,6 +229,7 @@ def _drawn(status: Status) -> RenderableType:
     facts.add_row(f"round {status.round}, scorer {escape(status.scorer)}{pending}", f"waiting: {queues}")
     if status.quarantined or status.fallbacks:
         facts.add_row(f"{status.quarantined} quarantined", f"{status.fallbacks} scores by the embedded scorer instead")
+    facts.add_row(*exposed(status.exposure))
     workers = Table(box=None, padding=(0, 2), header_style="dim")
     several = len({worker.host for worker in status.workers}) > 1
     for head in ("worker", *(("host",) if several else ()), "state", "done", "busy", "memory", "silent"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +12,7 @@ from saflite.console.run_data.run_folder import ArtefactRow, FlightRow, RunFolde
 from saflite.contract.config import Campaign
 from saflite.contract.events import CampaignChanged, FaultSeen, Flown, Judged, Quarantined, ViolationFound
 from saflite.contract.flight import Flight, Trace
+from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import TestCase
 from saflite.contract.verdict import Judgement, Violation
 from saflite.contract.work import PolicyTexts
@@ -57,11 +59,13 @@ class ReportData(NamedTuple):
     faults: tuple[str, ...]
     quarantined: tuple[Quarantined, ...]
     rulings: dict[str, Rulings]
+    states: dict[str, int]
+    modes_unseen: tuple[str, ...]
 
 
 def read(run: RunFolder) -> ReportData:
     """Read everything the report shows."""
-    flights = tuple(run.flights())
+    flights, states = tuple(run.flights()), run.states()
     by_case: dict[str, list[FlightRow]] = {}
     for row in flights:
         by_case.setdefault(row.test_case, []).append(row)
@@ -86,7 +90,15 @@ def read(run: RunFolder) -> ReportData:
         faults=tuple(faults[-FAULTS_SHOWN:]),
         quarantined=tuple(quarantined),
         rulings=run.rulings(),
+        states=states,
+        modes_unseen=modes_unseen(run.target, states),
     )
+
+
+def modes_unseen(target: TargetInfo, states: Iterable[str]) -> tuple[str, ...]:
+    """Return the modes of the target that no state seen is in."""
+    seen = {state.split()[0] for state in states}
+    return tuple(name for name in target.modes if name not in seen) if seen else ()
 
 
 def calibrations(run: RunFolder) -> tuple[Calibration, ...]:

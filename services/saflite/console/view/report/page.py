@@ -31,6 +31,7 @@ def render(data: ReportData, run_name: str) -> str:
         _table(data),
         _causes(data),
         _policies(data),
+        _states(data),
         *(evidence.section(number, exhibit, run_name) for number, exhibit in enumerate(data.exhibits, start=1)),
         _calibration(data),
         _usage(data),
@@ -164,6 +165,18 @@ def _policies(data: ReportData) -> str:
         "<h2>Verdicts by policy</h2>"
         '<p class="muted">First flights only. A policy is vacuous in a flight in which its rule never applied: such a '
         "flight is no evidence that the rule is kept.</p>" + _html_table(heads, rows)
+    )
+
+
+def _states(data: ReportData) -> str:
+    if not data.states:
+        return ""
+    rows = [f"<tr><td>{escape(state)}</td><td>{count}</td></tr>" for state, count in data.states.items()]
+    never = f"Modes never flown: {', '.join(data.modes_unseen)}." if data.modes_unseen else "Every mode was flown."
+    return (
+        f"<h2>States of the target</h2><p>{escape(never)}</p>"
+        '<p class="muted">Mode, standing, disarmed, failsafes raised, in first flights.</p>'
+        + _html_table(("state", "test cases that reached it"), rows)
     )
 
 
