@@ -101,7 +101,7 @@ def add(
     now_s: float,
     days: int = 90,
 ) -> Path:
-    """Make a key for a participant and return the folder to give to it; one that was revoked is made anew.
+    """Make a key for a participant and return the folder to give to it, also where an earlier one counts no more.
 
     Raises:
         Refused: no keys here, a name that is taken or reads as another's, a campaign name that is none.
@@ -109,13 +109,13 @@ def add(
     now = _instant(now_s)
     _check_days(days)
     register = read_register(folder)
-    _check_name(register, name)
+    _check_name(register, name, now)
     for campaign in campaigns:
         if campaign != ANY_CAMPAIGN and not is_name(campaign):
             raise Refused("--campaign", expected=NAME_EXPECTED, got=repr(campaign[:80]))
     authority = Pair(_read(folder / AUTHORITY_KEY), _read(folder / AUTHORITY))
     pair = make_certificate(authority, name, now, days)
-    until = (now + timedelta(days=days)).strftime("%Y-%m-%dT%H:%M:%SZ")
+    until = _written(now + timedelta(days=days))
     peer = Peer(name=name, roles=tuple(dict.fromkeys(roles)), campaigns=tuple(campaigns), expires=until)
     bundle = folder / PEERS / name
     _private_folder(folder / PEERS)
@@ -187,11 +187,15 @@ def _checked(credentials: Credentials, now_s: float) -> Credentials:
     return credentials
 
 
-def _check_name(register: Register, name: str) -> None:
+def _written(instant: datetime) -> str:
+    return instant.strftime("%Y-%m-%dT%H:%M:%SZ")
+
+
+def _check_name(register: Register, name: str, now: datetime) -> None:
     if not is_name(name) or name == FARM:
         raise Refused("key name", expected=f"{NAME_EXPECTED}, not {FARM!r}", got=repr(name[:80]))
     for other in register.peers:
-        if other.name == name and not other.revoked:
+        if other.name == name and not other.revoked and other.expires > _written(now):
             raise Refused("key name", expected="a new one", got=f"{name!r}, which has a key", fix="revoke it first")
         if other.name != name and (other.name.startswith(f"{name}-") or name.startswith(f"{other.name}-")):
             got = f"{name!r} beside {other.name!r}"

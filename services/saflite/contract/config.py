@@ -170,6 +170,11 @@ def environment_with(**variables: str) -> dict[str, str]:
     return {**os.environ, **variables}
 
 
+def set_environment(name: str, value: str) -> None:
+    """Set an environment variable of this process, for a library that takes its settings from there."""
+    os.environ[name] = value
+
+
 def environment(name: str, default: str = "") -> str:
     """Return an environment variable; the only reader of the environment."""
     return os.environ.get(name, default)

@@ -18,6 +18,7 @@ from saflite.runtime import run_modules
 from saflite.runtime.client import FarmClient
 from saflite.runtime.clock import WallClock
 from saflite.runtime.farm import LocalFarm, default_simulators, roles
+from saflite.runtime.on_ray import HERE, workers_on
 from saflite.scorer_pool.key_hosts import hosts_named_by
 
 if TYPE_CHECKING:
@@ -77,11 +78,13 @@ def resume(
     listen: str = "",
     keys: Path | None = None,
     insecure: bool = False,
+    on: str = HERE,
 ) -> ExitSummary:
     """Continue the campaign in `run_dir` to its end on this machine, with a new budget if one is given.
 
     `modules` are files from outside, besides those the run was made with, or in place of them where they have the same
-    name. `simulators` 0 leaves the flying to workers that join at `listen` (see `LocalFarm`).
+    name. `simulators` 0 leaves the flying to workers that join at `listen` (see `LocalFarm`). `on` says where the
+    workers run: here, or `ray` (see `runtime/on_ray.py`).
 
     Raises:
         Refused: no run folder, one in use, a damaged store, or an endpoint that needs `insecure`.
@@ -93,16 +96,20 @@ def resume(
     if budget is not None:
         _raise_budget(store, budget)
     store.close()
-    cast = roles(default_simulators() if simulators is None else simulators, record=campaign.record != "none")
+    record, hosts = campaign.record != "none", hosts_named_by(campaign.scorer)
+    paths = [module.path for module in used]
+    workers = None if on == HERE else workers_on(on, campaign.name, modules=paths, keys=keys, key_hosts=hosts)
+    count = (workers.cores if workers else default_simulators()) if simulators is None else simulators
     farm = LocalFarm(
         campaign.name,
         run_dir,
-        cast,
-        modules=[module.path for module in used],
+        roles(count, record=record, prefix=workers.prefix if workers else ""),
+        modules=paths,
         listen=listen,
         keys=keys,
         insecure=insecure,
-        key_hosts=hosts_named_by(campaign.scorer),
+        elsewhere=workers.launcher if workers else None,
+        key_hosts=hosts,
     )
     with interrupts() as interrupted:
         try:

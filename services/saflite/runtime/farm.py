@@ -4,26 +4,31 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import get_args
 
 import msgspec
 
-from saflite.bus.endpoints import check_endpoint
+from saflite.bus.endpoints import check_endpoint, parse_endpoint
+from saflite.bus.keyring import read_register
 from saflite.bus.private_socket import PrivateSocket
 from saflite.contract.errors import Unavailable
 from saflite.contract.work import Stage
 from saflite.runtime.client import FARM_FILE, FarmInfo, write_info
 from saflite.runtime.clock import WallClock
-from saflite.runtime.launchers.base import Meeting, RoleSpec, RoleState
+from saflite.runtime.launchers.base import Launcher, Meeting, RoleSpec, RoleState
 from saflite.runtime.launchers.local import LocalLauncher, PrefixOf
+from saflite.runtime.launchers.split import SplitLauncher
 from saflite.runtime.supervisor import GaveUp, Supervisor
 from saflite.scorer_pool.key_hosts import with_key_hosts
 
 log = logging.getLogger(__name__)
 
+Elsewhere = Callable[[Meeting], Launcher]
+
+ELSEWHERE_PATIENCE_S = 60.0
 BOOKS_FAILURES_MAX = 5  # books that cannot even start this often in a row end the farm
 
 
@@ -32,18 +37,23 @@ def default_simulators() -> int:
     return len(os.sched_getaffinity(0))
 
 
-def roles(simulators: int, *, record: bool = True) -> tuple[RoleSpec, ...]:
-    """Return the roles of a local farm: books with the router, mutator, scorers, oracle, recorder, simulators.
+def roles(simulators: int, *, record: bool = True, prefix: str = "") -> tuple[RoleSpec, ...]:
+    """Return the roles of a farm: books with the router, mutator, scorers, oracle, recorder, simulators.
+
+    `prefix` begins the names of all but the books.
 
     A round costs about as much to score as to fly, so one scorer for every two simulators and one more: a single one
     would let them wait.
     """
     books = RoleSpec(kind="books", name="books", listens=True)
-    scorers = [RoleSpec(kind="score", name=f"score-{number}") for number in range(1, simulators // 2 + 2)]
-    others = [RoleSpec(kind="mutate", name="mutate-1"), *scorers, RoleSpec(kind="judge", name="judge-1")]
-    recorders = [RoleSpec(kind="record", name="record-1")] if record else []
-    flyers = [RoleSpec(kind="fly", name=f"fly-{number}") for number in range(1, simulators + 1)]
-    return (books, *others, *recorders, *flyers)
+    counts: dict[Stage, int] = {"mutate": 1, "score": simulators // 2 + 1, "judge": 1}
+    counts |= {"record": int(record), "fly": simulators}
+    workers = (
+        RoleSpec(kind=stage, name=f"{prefix}{stage}-{number}")
+        for stage, count in counts.items()
+        for number in range(1, count + 1)
+    )
+    return (books, *workers)
 
 
 class LocalFarm:
@@ -58,6 +68,7 @@ class LocalFarm:
         keys: the folder of the farm's keys, for an endpoint `tls/HOST:PORT`: those with a key join there, the
             farm's own roles meet on a private socket.
         insecure: allow an endpoint that others can reach.
+        elsewhere: gives the launcher of all workers, told where they meet; this machine's own if left out.
         key_hosts: hosts of model servers that scorers may send keys to, beside those of the environment.
         prefix_of: gives the words put before a role's command.
     """
@@ -72,6 +83,7 @@ class LocalFarm:
         listen: str = "",
         keys: Path | None = None,
         insecure: bool = False,
+        elsewhere: Elsewhere | None = None,
         key_hosts: Sequence[str] = (),
         prefix_of: PrefixOf = lambda _: (),
     ) -> None:
@@ -85,7 +97,8 @@ class LocalFarm:
         meeting = Meeting(
             campaign=campaign, connect=endpoint.from_here, listen=endpoint.text, gate=gate, insecure=insecure
         )
-        self._launcher = LocalLauncher(
+        self._elsewhere = elsewhere(_met_elsewhere(meeting, keys)) if elsewhere is not None else None
+        self._local = LocalLauncher(
             meeting,
             run_dir,
             run_dir=run_dir,
@@ -94,6 +107,7 @@ class LocalFarm:
             prefix_of=prefix_of,
             variables_of=lambda spec: with_key_hosts(key_hosts) if spec.kind == "score" else {},
         )
+        self._launcher = SplitLauncher(self._local, self._elsewhere) if self._elsewhere is not None else self._local
         names = tuple(path.name for path in modules)
         specs = [
             msgspec.structs.replace(spec, modules=names) if spec.kind in get_args(Stage) else spec for spec in cast
@@ -111,8 +125,8 @@ class LocalFarm:
         self._write_info()
 
     def pids(self) -> dict[str, int]:
-        """Return the process ids of the roles that run."""
-        return self._launcher.pids()
+        """Return the process ids of the roles that run on this machine."""
+        return self._local.pids()
 
     def poll(self) -> None:
         """Start again what died, after its back-off; a role that ended with code 0 has finished.
@@ -153,6 +167,17 @@ class LocalFarm:
             write_info(self.run_dir, info)
         except OSError as fault:  # tools that look for the farm find the older file; the farm goes on
             log.warning("%s not written: %s", FARM_FILE, fault)
+
+
+def _met_elsewhere(meeting: Meeting, keys: Path | None) -> Meeting:
+    """Return where workers of other machines meet: at the gate, by a name the router's certificate has."""
+    connect = meeting.connect
+    if meeting.gate and keys is not None:
+        gate = parse_endpoint(meeting.gate)
+        connect = gate.text if gate.text == gate.from_here else f"tls/{read_register(keys).hosts[0]}:{gate.port}"
+    return Meeting(
+        campaign=meeting.campaign, connect=connect, insecure=meeting.insecure, patience_s=ELSEWHERE_PATIENCE_S
+    )
 
 
 def _gives_up(spec: RoleSpec, state: RoleState, failures: int) -> bool:

@@ -57,6 +57,7 @@ def run(args: argparse.Namespace) -> int:
             budget=args.budget,
             listen=args.listen,
             keys=args.keys,
+            on=args.on,
             insecure=args.insecure,
         )
 

@@ -84,6 +84,7 @@ def run(args: argparse.Namespace) -> int:
             on_status=on_status,
             listen=args.listen,
             keys=args.keys,
+            on=args.on,
             insecure=args.insecure,
         )
 

@@ -15,6 +15,8 @@ INSECURE = "allow an endpoint that others can reach (TCP): nothing is encrypted 
 def listening(parser: argparse.ArgumentParser) -> None:
     """Name the arguments of a command that starts a farm."""
     parser.add_argument("--listen", default="", metavar="ENDPOINT", help="where others may join (a private socket)")
+    where = "where the workers run: here (default), ray, ray:ADDRESS (books stay here)"
+    parser.add_argument("--on", default="here", metavar="PLACE", help=where)
     keys = "folder of the farm's keys, for --listen tls/HOST:PORT (see `saflite keys`)"
     parser.add_argument("--keys", type=Path, metavar="FOLDER", help=keys)
     parser.add_argument("--insecure", action="store_true", help=INSECURE)
@@ -42,6 +44,10 @@ def check(args: argparse.Namespace) -> None:
         campaign_options.at_least("--workers", args.workers, 0 if args.listen else 1)
     if args.listen:
         check_endpoint(args.listen, insecure=args.insecure, keys=args.keys is not None, argument="--listen")
+    if args.on != "here":
+        from saflite.runtime.on_ray import check_place
+
+        check_place(args.on, listen=args.listen)
     if args.keys is not None:
         from saflite.bus.keyring import farm_credentials
         from saflite.runtime.clock import WallClock

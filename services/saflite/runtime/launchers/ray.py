@@ -1,0 +1,237 @@
+"""The launcher of a Ray cluster: one actor per role, placed where there is room, again elsewhere when its node dies.
+
+Ray only places processes and tells when they are gone. An actor starts its role as a process of its node, which opens
+its own session on the bus; no work, no result and no state of the campaign passes through Ray, so an outage of it costs
+capacity and nothing else. Nothing is taken for granted of the nodes but that the same package is installed on them:
+modules and keys travel with the actor, traces over the bus.
+"""
+
+from __future__ import annotations
+
+import logging
+import secrets
+import signal
+import socket
+import tempfile
+from collections.abc import Callable, Collection, Mapping, Sequence
+from pathlib import Path
+from shutil import rmtree
+from typing import Any, NamedTuple
+
+import ray
+from ray.exceptions import GetTimeoutError, RayActorError, RayError
+
+from saflite.contract.config import environment, set_environment
+from saflite.contract.errors import Refused, Unavailable
+from saflite.runtime.launchers.base import Meeting, RoleSpec, RoleState
+from saflite.runtime.launchers.local import STOP_GRACE_S, LocalLauncher
+
+log = logging.getLogger(__name__)
+
+STOP_WAIT_S = STOP_GRACE_S + 4.0
+CPUS_OF = {"fly": 0.8}  # so that one simulator per core leaves room for the small roles wherever they are placed
+CPUS_OTHERWISE = 0.02  # not 0: a node with such roles alone would count as idle
+REACH_S = 3.0
+OBJECT_STORE_BYTES = 100 * 2**20  # nothing of ours goes through it
+
+
+class Luggage(NamedTuple):
+    """What a role needs and may not find where it is placed: files by name, for modules and for keys."""
+
+    modules: dict[str, bytes]
+    keys: dict[str, bytes]
+    variables: dict[str, str]
+
+
+class Place:
+    """An actor: the process of one role, on whatever node it was placed."""
+
+    def __init__(self, meeting: Meeting, spec: RoleSpec, luggage: Luggage) -> None:
+        signal.signal(signal.SIGCHLD, signal.SIG_DFL)  # Ray may ignore it: then a killed process would read as finished
+        self._folder = Path(tempfile.mkdtemp(prefix=f"saflite-{spec.name}-"))  # mode 0700
+        modules = [_unpacked(self._folder / "modules", name, data) for name, data in luggage.modules.items()]
+        keys = [_unpacked(self._folder / "keys", name, data) for name, data in luggage.keys.items()]
+        self._launcher = LocalLauncher(
+            meeting,
+            self._folder,
+            modules=modules,
+            keys=keys[0].parent if keys else None,
+            variables_of=lambda _: luggage.variables,
+        )
+        self._name = spec.name
+        self._launcher.start(spec)
+
+    def state(self) -> tuple[str, str]:
+        """Return the role's condition and last words."""
+        state = self._launcher.poll()[self._name]
+        return state.condition, state.message
+
+    def stop(self) -> None:
+        """End the role, and leave nothing behind."""
+        self._launcher.stop()
+        rmtree(self._folder, ignore_errors=True)
+
+
+class _Placed:
+    """An actor as the launcher sees it: the question under way and what it said last."""
+
+    def __init__(self, actor: Any) -> None:
+        self.actor = actor
+        self.asked = actor.state.remote()
+        self.state = RoleState("running", "not placed yet")
+
+    def look(self) -> RoleState:
+        """Take the answer if it is there, and ask again; never waits."""
+        ready, _ = ray.wait([self.asked], timeout=0)
+        if ready:
+            try:
+                condition, message = ray.get(self.asked)
+                self.state = RoleState(condition, message)
+            except RayActorError as fault:
+                self.state = RoleState("killed", _first_line(fault))
+            except RayError as fault:
+                self.state = RoleState("unavailable", _first_line(fault))
+            if self.state.condition == "running":
+                self.asked = self.actor.state.remote()
+        return self.state
+
+    def end(self) -> None:
+        """Drop the actor, and with it whatever it started."""
+        ray.kill(self.actor, no_restart=True)
+
+
+class RayLauncher:
+    """Roles as actors of a Ray cluster.
+
+    Args:
+        meeting: where the roles meet; its `connect` must be reached from every node.
+        address: of the cluster; `auto` for the one this machine belongs to, empty to start one here.
+        modules: files of modules from outside, sent along.
+        keys: the folder of the key that all roles show, where the endpoint wants one.
+        variables_of: gives what is set in a role's environment.
+
+    Raises:
+        Unavailable: no cluster is reached.
+    """
+
+    def __init__(
+        self,
+        meeting: Meeting,
+        address: str = "",
+        *,
+        modules: Sequence[Path] = (),
+        keys: Path | None = None,
+        variables_of: Callable[[RoleSpec], Mapping[str, str]] = lambda _: {},
+    ) -> None:
+        self._meeting, self._variables_of = meeting, variables_of
+        self._modules = {path.name: path for path in modules}
+        self._keys = {path.name: path.read_bytes() for path in sorted(keys.iterdir())} if keys is not None else {}
+        self._placed: dict[str, _Placed] = {}
+        self._ended: dict[str, RoleState] = {}
+        connect(address)
+        self._place = ray.remote(Place)
+
+    def start(self, spec: RoleSpec) -> None:
+        """See `Launcher.start`. A role waits for room; nothing is told of it meanwhile."""
+        if spec.name in self._placed:
+            raise Refused("role", where=spec.name, expected="one that does not run", got="one that does")
+        luggage = Luggage(
+            {name: self._module(name) for name in spec.modules}, self._keys, dict(self._variables_of(spec))
+        )
+        options = self._place.options(
+            num_cpus=CPUS_OF.get(spec.kind, CPUS_OTHERWISE), max_restarts=0, max_task_retries=0, name=None
+        )
+        self._placed[spec.name] = _Placed(options.remote(self._meeting, spec, luggage))
+        self._ended.pop(spec.name, None)
+
+    def poll(self) -> dict[str, RoleState]:
+        """See `Launcher.poll`."""
+        for name, placed in list(self._placed.items()):
+            state = placed.look()
+            if state.condition != "running":
+                placed.end()
+                del self._placed[name]
+                self._ended[name] = state
+        return {**{name: RoleState("running") for name in self._placed}, **self._ended}
+
+    def stop(self, names: Collection[str] | None = None) -> None:
+        """See `Launcher.stop`."""
+        chosen = set(self._placed) | set(self._ended) if names is None else set(names)
+        ending = [self._placed.pop(name) for name in chosen if name in self._placed]
+        stops = [placed.actor.stop.remote() for placed in ending]
+        if stops:
+            _, late = ray.wait(stops, num_returns=len(stops), timeout=STOP_WAIT_S)
+            if late:
+                log.warning("%d of %d roles do not stop; killed", len(late), len(stops))
+        for placed in ending:
+            placed.end()
+        for name in chosen:
+            self._ended.pop(name, None)
+
+    def close(self) -> None:
+        """Leave the cluster; one that was started here ends."""
+        self.stop()
+        ray.shutdown()
+
+    def _module(self, name: str) -> bytes:
+        if name not in self._modules:
+            known = ", ".join(sorted(self._modules)) or "none"
+            raise Refused("module", expected=f"one this launcher was given ({known})", got=repr(name))
+        return self._modules[name].read_bytes()
+
+
+def connect(address: str = "") -> int:
+    """Join the cluster, or start one on this machine, closed to others by a token and without a dashboard.
+
+    Returns how many cores it has. Harmless where this process has joined already.
+
+    Raises:
+        Unavailable: no cluster is reached.
+    """
+    if not ray.is_initialized():
+        _knock(address)
+        _begin(address)
+    return int(ray.cluster_resources().get("CPU", 0))
+
+
+def _knock(address: str) -> None:
+    """Raise Unavailable at once where nobody listens: Ray itself would try for minutes."""
+    host, _, port = address.removeprefix("ray://").rpartition(":")
+    if not host or not port.isdigit():
+        return
+    try:
+        socket.create_connection((host.strip("[]"), int(port)), REACH_S).close()
+    except (OSError, OverflowError) as fault:
+        raise Unavailable(f"no Ray cluster at {address}: {fault}") from fault
+
+
+def _begin(address: str) -> None:
+    try:
+        if address:
+            ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR)
+            return
+        if not environment("RAY_AUTH_MODE"):
+            set_environment("RAY_AUTH_MODE", "token")
+            set_environment("RAY_AUTH_TOKEN", secrets.token_hex(32))
+        ray.init(
+            include_dashboard=False,
+            log_to_driver=False,
+            logging_level=logging.ERROR,
+            object_store_memory=OBJECT_STORE_BYTES,
+        )
+    except (ConnectionError, RuntimeError, ValueError, RayError, GetTimeoutError) as fault:
+        where = f"at {address}" if address else "on this machine"
+        raise Unavailable(f"no Ray cluster {where}: {_first_line(fault)}") from fault
+
+
+def _unpacked(folder: Path, name: str, data: bytes) -> Path:
+    folder.mkdir(mode=0o700, exist_ok=True)
+    path = folder / Path(name).name
+    path.touch(mode=0o600)
+    path.write_bytes(data)
+    return path
+
+
+def _first_line(fault: Exception) -> str:
+    lines = [line.strip() for line in str(fault).splitlines() if line.strip()]
+    return lines[0][:300] if lines else type(fault).__name__

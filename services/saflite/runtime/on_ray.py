@@ -1,0 +1,84 @@
+"""Where the workers of a campaign run: on this machine, or on a Ray cluster; the books stay with the run folder."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from typing import NamedTuple
+
+from saflite.bus.access import STAGE_OF
+from saflite.bus.keyring import AUTHORITY_KEY, PEERS, add, read_register
+from saflite.contract.errors import Refused, Unavailable
+from saflite.runtime.clock import WallClock
+from saflite.runtime.farm import Elsewhere
+from saflite.scorer_pool.key_hosts import with_key_hosts
+
+HERE, RAY = "here", "ray"
+KEY_NAME = "ray"
+KEY_DAYS = 30
+EXPECTED = "here, ray (a cluster started on this machine), ray:auto or ray:ADDRESS"
+
+
+class Workers(NamedTuple):
+    """Workers of a cluster: how many cores it has, how their names begin, and what starts them."""
+
+    cores: int
+    prefix: str
+    launcher: Elsewhere
+
+
+def check_place(place: str, *, listen: str) -> None:
+    """Raise Refused for a place that is none, or one whose workers could not reach the farm."""
+    kind, _, address = place.partition(":")
+    if place == HERE:
+        return
+    if kind != RAY or (":" in place and not address):
+        raise Refused("--on", expected=EXPECTED, got=repr(place))
+    if find_spec("ray") is None:
+        raise Unavailable("Ray is not installed: pip install 'saflite-farm[ray]'")
+    if address and not listen:
+        fix = "add --listen tls/HOST:PORT --keys FOLDER (see `saflite keys`)"
+        raise Refused(
+            "--on", expected="--listen with a cluster: its nodes have to reach the farm", got=repr(place), fix=fix
+        )
+
+
+def workers_on(
+    place: str, campaign: str, *, modules: Sequence[Path], keys: Path | None, key_hosts: Sequence[str]
+) -> Workers:
+    """Join the cluster and return what starts workers there.
+
+    Raises:
+        Refused: there are keys, but none for the cluster's workers.
+        Unavailable: no cluster is reached.
+    """
+    from saflite.runtime.launchers.base import Meeting
+    from saflite.runtime.launchers.ray import RayLauncher, connect
+
+    address = place.partition(":")[2]
+    key = _key(keys, campaign) if keys is not None else None
+    cores = connect(address)
+
+    def launcher(meeting: Meeting) -> RayLauncher:
+        return RayLauncher(
+            meeting,
+            address,
+            modules=modules,
+            keys=key,
+            variables_of=lambda spec: with_key_hosts(key_hosts) if spec.kind == "score" else {},
+        )
+
+    return Workers(max(1, cores), f"{KEY_NAME}-", launcher)
+
+
+def _key(keys: Path, campaign: str) -> Path:
+    """Return the folder of the key that the cluster's workers show; made where the authority's key is at hand."""
+    peer = read_register(keys).named(KEY_NAME)
+    if peer is not None and peer.may(campaign):
+        return keys / PEERS / KEY_NAME
+    if not (keys / AUTHORITY_KEY).exists():
+        roles = " ".join(f"--role {role}" for role in STAGE_OF)
+        fix = f"`saflite keys add {KEY_NAME} {roles}` where the authority's key is"
+        raise Refused("--keys", where=str(keys), expected=f"a key named {KEY_NAME}", got="none that counts", fix=fix)
+    return add(keys, KEY_NAME, tuple(STAGE_OF), now_s=WallClock().unix_s(), days=KEY_DAYS)

@@ -1,0 +1,132 @@
+"""Ray as the place where workers run: the launcher's promises, and a campaign on two nodes of which one dies."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import socket
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from test_joining import BUDGET, _campaign, _facts, _found, _new_run, dart  # noqa: F401 (a fixture)
+
+from saflite.bus import keyring
+from saflite.conformance.kit import findings
+from saflite.conformance.launchers import check_launcher
+from saflite.contract.control import Status
+from saflite.contract.errors import Refused, Unavailable
+from saflite.contract.events import Flown, WorkerChanged
+from saflite.runtime.campaign_runner import resume, run_campaign
+from saflite.runtime.launchers.base import Meeting, RoleSpec
+from saflite.runtime.on_ray import check_place
+
+pytestmark = [
+    pytest.mark.live,
+    pytest.mark.skipif(importlib.util.find_spec("ray") is None, reason="the extra [ray] is not installed"),
+]
+STORE_BYTES = 100 * 2**20
+
+
+@pytest.fixture
+def one_node() -> Iterator[None]:
+    import ray
+
+    ray.init(include_dashboard=False, log_to_driver=False, num_cpus=2, object_store_memory=STORE_BYTES)
+    yield
+    ray.shutdown()
+
+
+def test_the_ray_launcher_keeps_the_promises_of_launchers(one_node: None) -> None:
+    from saflite.runtime.launchers.ray import RayLauncher
+
+    assert findings(check_launcher(RayLauncher)) == []
+
+
+def test_a_role_whose_process_dies_of_a_signal_is_told_as_killed(one_node: None) -> None:
+    from saflite.runtime.launchers.ray import RayLauncher
+
+    launcher = RayLauncher(Meeting(campaign="c", connect="tcp/127.0.0.1:9", insecure=True))
+    launcher.start(RoleSpec(kind="judge", name="judge-1"))
+    pid = 0
+    until_s = time.monotonic() + 60
+    while not pid and time.monotonic() < until_s:
+        found = [path for path in Path("/proc").glob("[0-9]*/cmdline") if b"\0judge-1\0" in _content(path)]
+        pid = int(found[0].parent.name) if found else 0
+    os.kill(pid, 8)  # SIGFPE: where SIGCHLD is ignored, Python reads that end as exit code 0
+    while (state := launcher.poll()["judge-1"]).condition == "running" and time.monotonic() < until_s:
+        time.sleep(0.05)
+    launcher.stop()
+    assert state.condition == "broken"
+
+
+def _content(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError:
+        return b""
+
+
+def test_a_campaign_on_two_nodes_finds_what_one_machine_finds_though_a_node_is_killed(
+    tmp_path: Path,
+    dart: Path,  # noqa: F811
+) -> None:
+    import ray
+    from ray.cluster_utils import Cluster
+
+    run_campaign(_campaign(), tmp_path / "near", simulators=2, modules=[dart])
+    cluster = Cluster(
+        initialize_head=True,
+        head_node_args={"num_cpus": 1, "include_dashboard": False, "object_store_memory": STORE_BYTES},
+    )
+    other = cluster.add_node(num_cpus=1, object_store_memory=STORE_BYTES)
+    keyring.init(tmp_path / "keys", ["127.0.0.1"], now_s=time.time())
+    run_dir = _new_run(tmp_path / "far", _campaign())
+    killed: list[int] = []
+
+    def kill_a_node_once(status: Status) -> None:
+        if status.flights >= BUDGET // 3 and not killed:
+            killed.append(status.flights)
+            cluster.remove_node(other, allow_graceful=False)
+
+    try:
+        summary = resume(
+            run_dir,
+            simulators=2,
+            modules=[dart],
+            listen=f"tls/127.0.0.1:{_free_port()}",
+            keys=tmp_path / "keys",
+            on=f"ray:{cluster.address}",
+            on_status=kill_a_node_once,
+        )
+    finally:
+        ray.shutdown()
+        cluster.shutdown()
+    assert summary.ended
+    assert killed
+    assert _found(run_dir) == _found(tmp_path / "near")
+    facts = _facts(run_dir)
+    flew = {fact.worker for fact in facts if isinstance(fact, Flown)}
+    assert flew == {"ray-fly-1", "ray-fly-2"}
+    assert [fact for fact in facts if isinstance(fact, WorkerChanged) and not fact.present], "nobody was missed"
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+        return port
+
+
+@pytest.mark.parametrize("place", ["", "there", "ray:", "rays", "ray:auto"])
+def test_a_place_that_is_none_is_refused(place: str) -> None:
+    with pytest.raises(Refused, match="--on"):
+        check_place(place, listen="")
+
+
+def test_a_cluster_that_is_not_there_is_told() -> None:
+    from saflite.runtime.launchers.ray import connect
+
+    with pytest.raises(Unavailable, match=r"no Ray cluster at 127\.0\.0\.1:9"):
+        connect("127.0.0.1:9")
