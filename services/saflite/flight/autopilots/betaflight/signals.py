@@ -18,6 +18,9 @@ OWN_SIGNALS: dict[str, SignalInfo] = {
         meaning="1 while any arming flag but the latch of the switch is raised", kind="flag"
     ),
     "rc_valid": SignalInfo(meaning="1 while the link delivers pulses of flight channels within range", kind="flag"),
+    "arm_switch": SignalInfo(meaning="1 while the pilot's arm switch is on", kind="flag"),
+    "failsafe_switch": SignalInfo(meaning="1 while the pilot's failsafe switch is on", kind="flag"),
+    "rescue_switch": SignalInfo(meaning="1 while the pilot's rescue switch is on", kind="flag"),
     "rx_roll_us": SignalInfo(unit="us", meaning="roll channel as the firmware uses it"),
     "rx_pitch_us": SignalInfo(unit="us", meaning="pitch channel as the firmware uses it"),
     "rx_throttle_us": SignalInfo(unit="us", meaning="throttle channel as the firmware uses it"),

@@ -6,7 +6,8 @@
 #include <sys/socket.h>
 
 enum { STEPS_PER_FRAME = 8, SERIAL_PER_STEP = 64 }; /* RC and telemetry at 50 Hz; a link of 205 kbit/s */
-static const double LANDED_M = 0.1, LANDED_MPS = 0.2;
+static const double LANDED_M = 0.1, LANDED_MPS = 0.2, SWITCHED_ON_US = 1700.0, ASKED_S = 1.0;
+static const double UPRIGHT = 0.93, SETTLED_MPS = 1.5; /* cosine of 21 degrees */
 
 static const char *const NAMES[] = {
 #define SLOT_NAME(name) #name,
@@ -77,6 +78,9 @@ static void send_radio(Bridge *b)
         b->down.rc[i] = pulse;
         payload[2 * i] = (uint8_t)pulse, payload[2 * i + 1] = (uint8_t)(pulse >> 8);
     }
+    AT(arm_switch) = AT(rc_5) >= SWITCHED_ON_US, AT(rescue_switch) = AT(rc_10) >= SWITCHED_ON_US;
+    b->rescue_asked_s = AT(rescue_switch) != 0.0 ? ASKED_S : b->rescue_asked_s - STEPS_PER_FRAME * STEP_S;
+    AT(failsafe_switch) = AT(rc_11) >= SWITCHED_ON_US;
     if (AT(rc_link) == 2.0)
         b->down.has |= LINK_HAS_RC;
     if (AT(rc_link) == 1.0)
@@ -147,6 +151,17 @@ static void show(Bridge *b)
     AT(telemetry_age_s) += STEP_S;
 }
 
+/* A vehicle that came down upright and slow with motors off stands: the gear's contact would go on to tip it over. */
+static void settle(Bridge *b, const double throttles[MOTORS])
+{
+    const double running = throttles[0] + throttles[1] + throttles[2] + throttles[3];
+    const double speed_mps = fabs(TRUTH(vx_mps)) + fabs(TRUTH(vy_mps)) + fabs(TRUTH(climb_mps));
+    const int upright = cos(TRUTH(roll_rad)) * cos(TRUTH(pitch_rad)) > UPRIGHT;
+    if (TRUTH(world_state) == WORLD_FLYING && running == 0.0 && TRUTH(altitude_m) < LANDED_M && upright
+        && speed_mps < SETTLED_MPS)
+        TRUTH(world_state) = WORLD_STANDING;
+}
+
 static int step(Bridge *b)
 {
     double throttles[MOTORS];
@@ -160,6 +175,7 @@ static int step(Bridge *b)
     packet_motors(b, b->up.motors, throttles);
     if (world_step(&b->world, throttles))
         return BRIDGE_PYTHON;
+    settle(b, throttles);
     show(b);
     recorder_step(&b->recorder, (const double *)b, (int64_t)TRUTH(step));
     return BRIDGE_OK;

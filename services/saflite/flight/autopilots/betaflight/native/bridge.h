@@ -28,7 +28,7 @@
 
 /* Made for the trace. */
 #define BRIDGE_SHOWN(X) \
-    X(rc_present) X(rc_valid) X(throttle) X(home_distance_m) X(gps_altitude_m) X(baro_altitude_m) X(firmware_s) X(landed)
+    X(rc_present) X(rc_valid) X(arm_switch) X(failsafe_switch) X(rescue_switch) X(throttle) X(home_distance_m) X(gps_altitude_m) X(baro_altitude_m) X(firmware_s) X(landed)
 
 /* Settings the flight began with, for policies: Python writes them. */
 #define BRIDGE_SETTINGS(X) \
@@ -59,7 +59,8 @@ typedef struct {
     World world;
     Sensors sensors;
     double at[BRIDGE_SLOT_COUNT];
-    double gyro_held[3], acc_held[3], gps_held[6], gps_drifted_m[2], lag[MOTORS];
+    double gyro_held[3], acc_held[3], gps_held[6], gps_drifted_m[2], lag[MOTORS], pressure_pa;
+    double rescue_asked_s; /* how long a rescue may still be the pilot's after its switch */
     Recorder recorder;
     int32_t box_bits[BOX_COUNT];
     int32_t fd, listening, polls, firmware_code, firmware_pid, motor_messages;

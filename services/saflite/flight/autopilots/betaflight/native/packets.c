@@ -61,7 +61,9 @@ void packet_state(Bridge *b, double state[LINK_STATE])
     put_inertial(b, state + 1, state + 4);
     put_attitude(b, state + 7);
     put_gps(b, state + 11, state + 14);
-    state[17] = pressure_pa(HOME_ALT_M + READING(baro_m));
+    if (AT(baro_altitude_m) != READING(baro_m) || b->pressure_pa == 0.0)
+        b->pressure_pa = pressure_pa(HOME_ALT_M + READING(baro_m));
+    state[17] = b->pressure_pa;
     AT(baro_altitude_m) = READING(baro_m);
 }
 

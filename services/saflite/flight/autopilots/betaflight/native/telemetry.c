@@ -5,7 +5,6 @@
 
 enum { MSP_STATUS_EX = 150, MSP_ALTITUDE = 109, MSP_RC = 105 };
 enum { ARM_SWITCH_FLAG = 29 }; /* the last arming flag only says that others latched it */
-enum { RESCUE_CHANNEL = 10, SWITCHED_ON_US = 1700 }; /* switches.py */
 enum { IDLE, DOLLAR, M, DIRECTION, SIZE, COMMAND, PAYLOAD };
 enum { MODE_ANGLE = 0, MODE_ACRO = 1, MODE_ALTITUDE_HOLD = 2, MODE_RESCUE = 6, MODE_POSITION_HOLD = 16,
        MODE_HORIZON = 30, MODE_FAILSAFE = 31 };
@@ -72,8 +71,8 @@ static void read_status(Bridge *b, const uint8_t *p, int size)
     AT(box_altitude_hold) = box(b, BOX_ALTITUDE_HOLD, low, high, high_bytes);
     AT(box_position_hold) = box(b, BOX_POSITION_HOLD, low, high, high_bytes);
     AT(box_rescue) = box(b, BOX_RESCUE, low, high, high_bytes);
-    const int by_pilot = b->at[B_rc_1 + RESCUE_CHANNEL - 1] >= SWITCHED_ON_US; /* else the failsafe called for it */
-    AT(failsafe_radio) = box(b, BOX_FAILSAFE, low, high, high_bytes) || (AT(box_rescue) != 0.0 && !by_pilot);
+    const int called_for = AT(box_rescue) != 0.0 && b->rescue_asked_s <= 0.0; /* by the failsafe, not by the pilot */
+    AT(failsafe_radio) = box(b, BOX_FAILSAFE, low, high, high_bytes) || called_for;
     AT(mode) = mode_of(b);
     const uint32_t forbidden = little(p + flags + 1, 4), latch = 1u << (p[flags] > 0 ? p[flags] - 1 : 0);
     AT(arming_flags) = forbidden;

@@ -1,7 +1,8 @@
 /* The firmware's clock: it moves with what the firmware does, so that the same steps always take the same time.
  *
  * A reading costs READ_NS; a loop that reads without ever sleeping gets POLL_NS more for each reading after POLLS, or a
- * wait for a moment would never end. A sleep takes as long as asked and, as on Linux, SLACK_NS longer.
+ * wait for a moment would never end. A sleep takes as long as asked and SLACK_NS longer: Linux's timer slack of
+ * 50 us and a wake-up.
  */
 #define _GNU_SOURCE
 #include <sys/time.h>
@@ -9,7 +10,7 @@
 
 #include "preload.h"
 
-enum { READ_NS = 200, POLL_NS = 2000, POLLS = 24, SLACK_NS = 50000 };
+enum { READ_NS = 1000, POLL_NS = 4000, POLLS = 12, SLACK_NS = 60000 };
 
 static const uint64_t SECOND_NS = 1000000000u;
 static uint64_t now_ns, gate_ns;

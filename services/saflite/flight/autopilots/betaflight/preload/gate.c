@@ -16,8 +16,6 @@
 
 enum { CPU_LIMIT_S = 120, SIGNALS = 6 };
 
-extern uint64_t clock_now_ns(void);
-
 static int link_fd = -1;
 static LinkUp up;
 static LinkDown down;

@@ -5,6 +5,7 @@
 #define SAFLITE_PRELOAD_H
 
 #include <stdint.h>
+#include <sys/select.h>
 
 #include "../native/link.h"
 
@@ -13,10 +14,14 @@
 /* threads.c: helper threads as coroutines of the main thread. */
 enum { MAIN_THREAD = -1 };
 int current_thread(void);
-void wait_in_main(void);    /* from a helper: let the main thread go on until the helper is resumed */
-void resume_helpers(void);  /* from the main thread: each helper runs until it waits again */
+void wait_in_main(uint64_t until_ns, int limit, const fd_set *read); /* from a helper: until then, or data for it */
+void resume_helpers(void);  /* from the main thread: each helper whose wait is over runs until it waits again */
+
+/* clock.c */
+uint64_t clock_now_ns(void);
 
 /* sockets.c: what the firmware sends and receives. */
+int sockets_readable(int limit, const fd_set *read);
 void sockets_deliver(const LinkDown *down);
 void sockets_collect(LinkUp *up);
 

@@ -202,20 +202,24 @@ static int keep(int fd, fd_set *set, int (*ready)(const Socket *))
     return 0;
 }
 
+int sockets_readable(int limit, const fd_set *read)
+{
+    for (int fd = FIRST; read != NULL && fd < limit; fd++)
+        if (FD_ISSET(fd, read) && readable(&sockets[fd - FIRST]))
+            return 1;
+    return 0;
+}
+
 static int always(const Socket *socket) { return socket->kind != FREE; }
 static int never(const Socket *socket) { return (void)socket, 0; }
 
-/* Waits for the next gate; a helper that serves one datagram socket, for a datagram. */
+/* A helper waits for data or as long as it says; data comes at gates only. */
 EXPORT int select(int limit, fd_set *restrict read, fd_set *restrict write, fd_set *restrict except,
                   struct timeval *restrict patience)
 {
-    (void)patience;
-    const Socket *only = limit > FIRST && read != NULL && FD_ISSET(limit - 1, read) ? ours(limit - 1) : NULL;
-    const int one_datagram = only != NULL && only->kind == DATAGRAM;
+    const uint64_t wait_ns = (uint64_t)patience->tv_sec * 1000000000u + (uint64_t)patience->tv_usec * 1000u;
     if (current_thread() != MAIN_THREAD)
-        do
-            wait_in_main();
-        while (one_datagram && !readable(only));
+        wait_in_main(clock_now_ns() + wait_ns, limit, read);
     int found = 0;
     for (int fd = FIRST; fd < limit; fd++)
         found += keep(fd, read, readable) + keep(fd, write, always) + keep(fd, except, never);

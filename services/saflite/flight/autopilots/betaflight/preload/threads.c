@@ -13,7 +13,9 @@ typedef struct {
     ucontext_t context;
     void *(*run)(void *);
     void *argument;
-    int done;
+    uint64_t until_ns; /* of its wait, which data for these sockets ends earlier */
+    const fd_set *read;
+    int limit, done;
 } Helper;
 
 static Helper helpers[HELPERS];
@@ -27,7 +29,7 @@ static void begin(void)
     Helper *helper = &helpers[running];
     helper->run(helper->argument);
     helper->done = 1;
-    wait_in_main();
+    wait_in_main(0, 0, NULL);
 }
 
 static void resume(int which)
@@ -37,12 +39,22 @@ static void resume(int which)
     running = MAIN_THREAD;
 }
 
-void wait_in_main(void) { swapcontext(&helpers[running].context, &main_context); }
+void wait_in_main(uint64_t until_ns, int limit, const fd_set *read)
+{
+    Helper *helper = &helpers[running];
+    helper->until_ns = until_ns, helper->limit = limit, helper->read = read;
+    swapcontext(&helper->context, &main_context);
+}
+
+static int is_over(const Helper *helper)
+{
+    return clock_now_ns() >= helper->until_ns || sockets_readable(helper->limit, helper->read);
+}
 
 void resume_helpers(void)
 {
     for (int i = 0; i < helper_count; i++)
-        if (!helpers[i].done)
+        if (!helpers[i].done && is_over(&helpers[i]))
             resume(i);
 }
 
