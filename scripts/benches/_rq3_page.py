@@ -13,7 +13,8 @@ import numpy as np
 from _bootstrap import bootstrap_95
 from _markdown import table
 from _paired import Paired, compare, holm
-from _rq3_cell import CHOOSERS, MISSIONS, MUTANTS, POPULATION, STRATEGIES, Row
+from _rq3_cell import CHOOSERS, MISSIONS, MUTANTS, POPULATION, STRATEGIES, Cell, Row
+from _rq3_reflights import Reflown, confirmed
 
 from saflite.contract.rng import derive
 
@@ -25,7 +26,7 @@ NO_LLM = "No language model has a row: each `ollama:TAG` is a column of its own,
 Figure = Callable[[Row], float]
 
 
-def page(rows: Sequence[Row]) -> str:
+def page(rows: Sequence[Row], reflown: Sequence[Reflown]) -> str:
     """Return the page in Markdown."""
     rows = [row for row in rows if row.cell.flights == FLIGHTS]
     columns = _choosers(rows)
@@ -45,6 +46,10 @@ def page(rows: Sequence[Row]) -> str:
         "llm": "" if set(columns) - set(CHOOSERS) else NO_LLM,
         "coverage": _coverage(rows, columns),
         "violations": _grid(rows, lambda cells: _mean(cells, violations)),
+        "confirmed": _grid(rows, lambda cells: _confirmed(cells, {(one.cell, one.flight): one for one in reflown})),
+        "flown_again": len(reflown),
+        "held_again": sum(not one.is_confirmed for one in reflown),
+        "found": sum(len(row.found) for row in rows),
         "behaviours": _grid(rows, lambda cells: _mean(cells, behaviours)),
         "firsts": _grid(rows, _first),
         "minutes": f"{enough_s / 60:.1f}",
@@ -113,6 +118,14 @@ def _mean(cells: list[Row], figure: Figure) -> str:
     low, high = bootstrap_95(lambda index: float(values[index].mean()), len(values), derive(1, "rq3", len(values)))
     interval = "" if np.isnan(low) else f" [{low:.1f}, {high:.1f}]"
     return f"{values.mean():.1f}{interval}, n {len(values)}"
+
+
+def _confirmed(cells: list[Row], reflown: dict[tuple[Cell, int], Reflown]) -> str:
+    known = [(row, count) for row in cells if (count := confirmed(row, reflown)) is not None]
+    if not known:
+        return "not flown again"
+    counts = {row.cell: count for row, count in known}
+    return _mean([row for row, _ in known], lambda row: counts[row.cell])
 
 
 def _first(cells: list[Row]) -> str:

@@ -5,7 +5,8 @@
 
 search: for each defect, arm and seed the campaign of the defect's policy runs to its first confirmed violation, or
 until `--hours` of simulated time are spent (a flight counts as its full minute). Told are rounds, flights, simulated
-and wall time, and survival curves (the share not yet found after so many flights), censored searches counted as such.
+and wall time, and survival curves (the share not yet found after so many flights), censored searches counted as such;
+beside them figures with every defect counted once, as easy ones are searched with more seeds.
 Searches that stand in the `--out` file already are not run again, so a long table can be made in pieces.
 alarms: mutants of all policy campaigns flown with all defects off and judged by all policies; every violation is a
 false alarm.
@@ -27,7 +28,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from itertools import product
 from multiprocessing import get_context
 from pathlib import Path
-from statistics import median
+from statistics import mean, median
 from typing import Any
 
 from _defect_search import ARMS, Found, search
@@ -115,11 +116,24 @@ def table(found: Sequence[Found]) -> dict[str, Any]:
         arms[one.arm].append(one)
         cells[one.defect][one.arm].append(one)
     return {
-        "arms": {arm: _figures(group) for arm, group in arms.items()},
+        "arms": {
+            arm: _figures(group) | equal_weight([cell[arm] for cell in cells.values() if arm in cell])
+            for arm, group in arms.items()
+        },
         "defects": {
             defect: {arm: _figures(group) for arm, group in groups.items()} for defect, groups in cells.items()
         },
     }
+
+
+def equal_weight(groups: Sequence[Sequence[Found]]) -> dict[str, float]:
+    """Return share found and median flights with every defect counted once, however many seeds it was searched with.
+
+    A search that spent its budget counts as one that takes longer than any other, infinitely long.
+    """
+    shares = [sum(one.found for one in group) / len(group) for group in groups]
+    medians = [median(one.flights if one.found else math.inf for one in group) for group in groups]
+    return {"defects": len(groups), "share_equal_weight": mean(shares), "median_flights_equal_weight": median(medians)}
 
 
 def _figures(group: Sequence[Found]) -> dict[str, Any]:
@@ -250,6 +264,8 @@ def _print_search(figures: dict[str, Any]) -> None:
     for arm, group in figures["arms"].items():
         steps = " ".join(f"{mark}:{share:.0%}" for mark, share in group["found_by_flights"].items())
         print(f"  {arm:10} {group['found']:4}/{group['searches']:<4} {group['median_flights']:7.0f}   {steps}")
+        told = f"{group['share_equal_weight']:.0%} found, median {group['median_flights_equal_weight']:.1f} flights"
+        print(f"  {'':10} each of {group['defects']} defects counted once: {told}")
     arms = list(figures["arms"])
     print("  found of searches, medians of flights, rounds (r) and wall time (s)")
     print(f"{'':30}" + "".join(f"{arm:>24}" for arm in arms))

@@ -2,6 +2,7 @@
 
     scripts/bench rq3 [--strategies NAME ...] [--missions 2 ...] [--choosers NAME|ollama:TAG ...] [--seeds 5]
                       [--flights 40] [--minutes M] [--out FILE.jsonl]
+    scripts/bench rq3 --confirm         # flies what violated again under other noise, where that was not done yet
     scripts/bench rq3 --page            # writes deploy/docs/rq3.md from the rows
     scripts/bench rq3 --farm            # the same campaign in a real farm with its bus: the same finds?
 
@@ -22,7 +23,9 @@ import msgspec
 from _rq3_cell import CHOOSERS, MISSIONS, STRATEGIES, Cell, Memory, Row, check_chooser, run
 
 HERE = Path(__file__).resolve().parent
+REFLIGHTS = "rq3_reflights.jsonl"
 ROWS = HERE / "results" / "rq3.jsonl"
+REFLIGHT_ROWS = ROWS.with_name(REFLIGHTS)
 PAGE = HERE.parents[1] / "deploy" / "docs" / "rq3.md"
 SEEDS = 5
 
@@ -73,6 +76,26 @@ def measure(options: argparse.Namespace) -> Iterator[Row]:
             yield row
 
 
+def confirm(path: Path, minutes: float) -> None:
+    """Fly again what has not been, until the time is up."""
+    from _rq3_reflights import read, reflights
+
+    notes, end_s = path.with_name(REFLIGHTS), time.monotonic() + 60.0 * minutes
+    for one in reflights(rows(path), read(notes)):
+        with notes.open("ab") as file:
+            file.write(msgspec.json.encode(one) + b"\n")
+        if time.monotonic() > end_s:
+            return
+
+
+def page(found: Sequence[Row], reflown: Path = REFLIGHT_ROWS) -> str:
+    """Return the page of the rows and of what was flown again."""
+    from _rq3_page import page as made
+    from _rq3_reflights import read
+
+    return made(found, read(reflown))
+
+
 def main(argv: list[str]) -> int:
     """Run cells, or write the page."""
     parser = argparse.ArgumentParser(prog="scripts/bench rq3", description=__doc__)
@@ -84,12 +107,14 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--minutes", type=float, default=float("inf"), help="begin no cell after so long")
     parser.add_argument("--out", type=Path, default=ROWS)
     parser.add_argument("--page", action="store_true", help="write deploy/docs/rq3.md from the rows")
+    parser.add_argument("--confirm", action="store_true", help="fly again what violated, under other noise")
     parser.add_argument("--farm", action="store_true", help="compare one campaign with the same in a real farm")
     options = parser.parse_args(argv)
     if options.page:
-        from _rq3_page import page
-
-        PAGE.write_text(page(rows(options.out)), encoding="utf-8")
+        PAGE.write_text(page(rows(options.out), options.out.with_name(REFLIGHTS)), encoding="utf-8")
+        return 0
+    if options.confirm:
+        confirm(options.out, options.minutes)
         return 0
     if options.farm:
         from _rq3_farm import compare

@@ -1,0 +1,69 @@
+"""What the measurements make of their rows: pairs, corrections, every defect counted once."""
+
+from __future__ import annotations
+
+import math
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[3] / "scripts" / "benches"))
+from _defect_search import Found
+from _paired import compare, holm
+from defects import equal_weight
+
+from saflite.contract.rng import derive
+
+
+def test_pairs_are_compared_one_by_one() -> None:
+    first, second = [5.0, 7.0, 6.0, 9.0, 8.0, 7.0, 9.0], [3.0, 7.0, 5.0, 5.0, 3.0, 4.0, 3.0]
+    found = compare(first, second, derive(1, "pairs"))
+    assert found.pairs == 7
+    assert found.difference == pytest.approx(3.0)
+    assert found.low < 3.0 < found.high
+    assert found.effect == 1.0, "never worse"
+    assert found.p == pytest.approx(2 / 2**6), "six pairs that differ, all one way"
+    # differences 2 0 1 4 5 3 6: standard deviation sqrt(28 / 6)
+    assert found.detectable == pytest.approx(2.8 * math.sqrt(28 / 6 / 7))
+
+
+def test_equal_arms_differ_in_nothing() -> None:
+    found = compare([1.0, 2.0], [1.0, 2.0], derive(1, "pairs"))
+    assert (found.difference, found.p, found.effect) == (0.0, 1.0, 0.0)
+
+
+@pytest.mark.parametrize("count", [0, 1])
+def test_too_few_pairs_say_nothing(count: int) -> None:
+    found = compare([3.0] * count, [1.0] * count, derive(1, "pairs"))
+    assert found.pairs == count
+    assert np.isnan(found.p)
+    assert np.isnan(found.detectable)
+
+
+def test_p_values_are_corrected_for_their_number() -> None:
+    corrected = holm([0.01, float("nan"), 0.04, 0.03])
+    assert corrected[0] == pytest.approx(0.03)
+    assert np.isnan(corrected[1])
+    assert corrected[2:] == pytest.approx([0.06, 0.06]), "never below one that ranks before"
+
+
+def searched(defect: str, *flights: int | None) -> list[Found]:
+    return [
+        Found(defect, "shipped", number, flown is not None, 1, flown or 100, 0.0, 0.0)
+        for number, flown in enumerate(flights)
+    ]
+
+
+def test_every_defect_counts_once_and_unfinished_searches_count() -> None:
+    easy, hard, never = (
+        searched("easy", 1, 1, 1, 1, 1, 1),
+        searched("hard", 50, None, 70),
+        searched("never", None, None),
+    )
+    found = equal_weight([easy, hard, never])
+    assert found["defects"] == 3
+    assert found["share_equal_weight"] == pytest.approx((1 + 2 / 3 + 0) / 3)
+    assert found["median_flights_equal_weight"] == 70.0
+    assert equal_weight([hard, never])["median_flights_equal_weight"] == math.inf
