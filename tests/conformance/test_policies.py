@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 
 from saflite.contract.signals import MODES
@@ -16,6 +18,33 @@ PX.HOLD1 PX.HOLD2 PX.POSITION1 PX.TAKEOFF1 PX.TAKEOFF2 PX.LAND1 PX.ORBIT1 PX.ORB
 PX.ORBIT6 PX.GPS.FS1 PX.GPS.FS2 PX.GPS.FS3
 """
 KNOWN_MODES = set(MODES) | set(BETAFLIGHT_MODES)
+
+
+NAMED_IN_THE_RULE = {
+    "EK2_ALT_SOURCE": {"a-alt-hold1"},
+    "CHUTE_ALT_MIN": {"a-chute", "px-chute"},
+    "FS_EKF_ACTION": {"a-drift1", "gps-failsafe-action"},
+    "LAND_ALT_LOW": {"a-land1", "a-land2", "px-land1"},
+    "LAND_SPEED": {"a-land2", "px-land1"},
+    "LAND_SPEED_HIGH": {"a-land1"},
+    "WPNAV_SPEED_DN": {"a-land1"},
+    "FS_THR_VALUE": {"a-rc-fs1", "a-rc-fs2"},
+    "RTL_ALT_FINAL": {"a-rtl3"},
+    "RTL_DESCEND_ALT": {"px-rtl3", "px-rtl4"},
+    "PILOT_SPEED_UP": {"a-sport1"},
+    "BATT_LOW_VOLT": {"battery-failsafe"},
+    "BATT_LOW_TIMER": {"battery-failsafe"},
+    "FENCE_ALT_MAX": {"fence-ceiling"},
+    "COM_POS_FS_DELAY": {"px-gps-fs1"},
+    "MIS_LTRMIN_ALT": {"px-hold2"},
+}
+"""Inputs that a rule cannot be said without. Scorers read these texts: any other name in one would be a give-away."""
+
+
+@pytest.mark.parametrize("name", policy_names())
+def test_a_text_names_no_input_but_those_of_its_rule(name: str) -> None:
+    named = set(re.findall(r"\b[A-Z][A-Z0-9]*_[A-Z0-9_]+\b", load_policy(name).file.interestingness)) - set(MODES)
+    assert {word for word in named if name not in NAMED_IN_THE_RULE.get(word, set())} == set()
 
 
 def test_all_49_published_policies_are_there() -> None:
