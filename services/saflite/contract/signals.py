@@ -105,18 +105,43 @@ SIGNALS: dict[str, Signal] = {
     "quiet_s": Signal(
         "s", "time since the last stimulus was given and not denied (since the start where there was none)"
     ),
-    "battery_timer_set_s": Signal(
-        "s", "time below the low voltage until the failsafe (BATT_LOW_TIMER, by the test case)"
-    ),
+    "battery_timer_set_s": Signal("s", "time below the low voltage until the failsafe (BATT_LOW_TIMER)"),
+    "battery_low_action_set": Signal("", "low battery: 0 warn, 1 LAND, 2 RTL (BATT_FS_LOW_ACT)", "code"),
+    "battery_critical_set_v": Signal("V", "voltage that counts as critical, 0 off (BATT_CRT_VOLT)"),
+    "battery_low_charge_set_mah": Signal("mAh", "charge left that counts as low, 0 off (BATT_LOW_MAH)"),
+    "fence_action_set": Signal("", "breach: 0 report, 1 RTL or LAND, 2 LAND, 4 BRAKE (FENCE_ACTION)", "code"),
+    "fence_on_set": Signal("", "1 while fences are on (FENCE_ENABLE)", "flag"),
+    "fence_type_set": Signal("", "bits: 1 ceiling, 2 circle about home (FENCE_TYPE)", "code"),
+    "fence_radius_set_m": Signal("m", "radius of the circle about home (FENCE_RADIUS)"),
+    "arming_checks_set": Signal("", "checks before arming, 0 none (ARMING_CHECK)", "code"),
+    "angle_max_set_deg": Signal("deg", "greatest lean angle (ANGLE_MAX)"),
+    "pilot_speed_down_set_mps": Signal("m/s", "greatest descent rate a pilot may ask (PILOT_SPEED_DN)"),
+    "cruise_speed_set_mps": Signal("m/s", "speed of autonomous modes (WPNAV_SPEED, DO_CHANGE_SPEED)"),
+    "return_speed_set_mps": Signal("m/s", "speed of a return (RTL_SPEED, or that of autonomous modes if 0)"),
+    "return_climb_min_set_m": Signal("m", "least climb before a return (RTL_CLIMB_MIN)"),
+    "loiter_speed_set_mps": Signal("m/s", "greatest speed in LOITER (LOIT_SPEED)"),
+    "disarm_delay_set_s": Signal("s", "time on the ground before disarming, 0 never (DISARM_DELAY)"),
+    "circle_radius_set_m": Signal("m", "radius of CIRCLE when it is entered (CIRCLE_RADIUS)"),
     "order_quiet_s": Signal("s", "time since the last command, mode or stick was given and not denied"),
     "command_quiet_s": Signal(
         "s", "time since the last command was given and not denied, above 1,000,000 where there was none"
     ),
-    "gps_true": Signal("", "1 until a stimulus falsifies or cuts the GPS", "flag"),
-    "baro_true": Signal("", "1 until a stimulus falsifies or cuts the barometer", "flag"),
-    "sticks_true": Signal("", "1 until a stimulus changes how sticks are read (RC1_MIN, RC3_TRIM, ...)", "flag"),
+    "calm_s": Signal("s", "time since the last input that can move the vehicle or what it believes"),
+    "home_quiet_s": Signal("s", "time since another home was given, above 1,000,000 where none was"),
+    "place_order_s": Signal("s", "time since the last order to go to a place, above 1,000,000 where none was given"),
+    "ordered_x_m": Signal("m", "north of the place ordered last"),
+    "ordered_y_m": Signal("m", "east of the place ordered last"),
+    "ordered_altitude_m": Signal("m", "height of the place ordered last, above home"),
+    "yaw_order_s": Signal("s", "time since the last order to turn, above 1,000,000 where none was given"),
+    "ordered_yaw_deg": Signal("deg", "heading ordered last"),
+    "gps_true": Signal("", "0 while a stimulus falsifies the GPS", "flag"),
+    "gps_settled": Signal("", "0 until the estimate has followed what a stimulus did to the GPS", "flag"),
+    "baro_true": Signal("", "0 while a stimulus falsifies the barometer", "flag"),
+    "baro_settled": Signal("", "0 until the estimate has followed what a stimulus did to the barometer", "flag"),
+    "sticks_true": Signal("", "0 while the centre or sense of a stick is set otherwise (RC1_TRIM, ...)", "flag"),
     "stop_ordered": Signal("", "1 from the first order to stop the motors come what may", "flag"),
-    "body_true": Signal("", "1 until a stimulus falsifies inertial sensors or compass, hurts motors, or blows", "flag"),
+    "arming_forced": Signal("", "1 from the first order to arm without checks", "flag"),
+    "body_true": Signal("", "0 while inertial sensors or compass are falsified, motors hurt, or it storms", "flag"),
     "crashed": Signal("", "1 at the last sample of a flight that ended as crashed", "flag"),
 }
 
@@ -136,9 +161,19 @@ MODES: dict[str, int] = {
     "BRAKE": 17,
 }
 
+_OF_STIMULI = """
+time_s quiet_s order_quiet_s command_quiet_s calm_s home_quiet_s crashed stop_ordered arming_forced
+gps_true gps_settled baro_true baro_settled body_true sticks_true place_order_s ordered_x_m ordered_y_m
+ordered_altitude_m battery_timer_set_s battery_low_action_set battery_critical_set_v battery_low_charge_set_mah
+fence_action_set fence_on_set fence_type_set fence_radius_set_m arming_checks_set angle_max_set_deg
+cruise_speed_set_mps return_speed_set_mps return_climb_min_set_m loiter_speed_set_mps disarm_delay_set_s
+circle_radius_set_m
+"""
 MADE_FROM: dict[str, tuple[str, ...]] = {
-    **dict.fromkeys(("time_s", "quiet_s", "order_quiet_s", "command_quiet_s", "crashed", "stop_ordered"), ()),
-    **dict.fromkeys(("gps_true", "baro_true", "body_true", "sticks_true", "battery_timer_set_s"), ()),
+    **dict.fromkeys(_OF_STIMULI.split(), ()),
+    "pilot_speed_down_set_mps": ("pilot_speed_up_set_mps",),
+    "yaw_order_s": ("yaw_deg",),
+    "ordered_yaw_deg": ("yaw_deg",),
     "ground_speed_mps": ("vx_mps", "vy_mps"),
     "home_distance_m": ("x_m", "y_m"),
     "tilt_deg": ("roll_deg", "pitch_deg"),

@@ -3,41 +3,68 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import msgspec
 import numpy as np
 
 from saflite.contract.errors import Refused
 from saflite.contract.signals import MODES, Signal
+from saflite.oracle.effects import FLAGS
+from saflite.oracle.orders import SETTINGS
 from saflite.oracle.windows import Array
 
 _SAMPLES_MAX = 10_000
 _QUIET: dict[str, float] = {
-    **dict.fromkeys(("quiet_s", "order_quiet_s"), 100.0),
-    **dict.fromkeys(("gps_true", "baro_true", "body_true", "sticks_true"), 1.0),
-    "stop_ordered": 0.0,
-    "battery_timer_set_s": 10.0,
+    **dict.fromkeys(("quiet_s", "order_quiet_s", "calm_s"), 100.0),
+    **dict.fromkeys(("home_quiet_s", "command_quiet_s"), 1e6),
+    **dict.fromkeys(FLAGS, 1.0),
+    **dict.fromkeys(("stop_ordered", "arming_forced"), 0.0),
+    **{name: row.default * row.unit for name, row in SETTINGS.items()},
+    "return_speed_set_mps": SETTINGS["cruise_speed_set_mps"].default * SETTINGS["cruise_speed_set_mps"].unit,
 }
 """Examples need not say that nothing was done lately and nothing is broken; `time_s` is always made."""
 Value = float | str
-Course = Value | list[tuple[float, Value]]
+
+
+class Wave(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A signal that swings: mean + size * sin(2 pi t / period_s)."""
+
+    mean: float
+    size: float
+    period_s: float
+
+
+Course = Value | Wave | list[tuple[float, Value]]
 
 
 class Example(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A trace and what the formula must say of it.
 
     `signals` gives each signal a constant or a list of [time, value]: real signals run in straight lines between the
-    points, flags and codes keep a value until the next. Modes may be given by name. `applies` is false for examples
-    that show where the rule does not apply.
+    points, flags and codes keep a value until the next; `{mean, size, period_s}` swings. Modes may be given by name.
+    `like` is the number of an earlier example, from 1, whose signals are taken over but for those given. `applies` is
+    false for examples that show where the rule does not apply.
     """
 
     holds: bool
     why: str
     duration_s: float
-    signals: dict[str, Course]
+    signals: dict[str, Course] = {}
+    like: int = 0
     step_s: float = 0.1
     applies: bool = True
+
+
+def completed(examples: Sequence[Example], number: int, where: str) -> Example:
+    """Return example `number`, from 1, with what it takes over; raises Refused if that is no earlier one."""
+    example = examples[number - 1]
+    if not 0 <= example.like < number:
+        raise Refused(f"example {number} like", where=where, expected="the number of an earlier one", got=example.like)
+    if not example.like:
+        return example
+    model = completed(examples, example.like, where)
+    return msgspec.structs.replace(example, signals={**model.signals, **example.signals})
 
 
 def example_signals(
@@ -68,6 +95,8 @@ def example_signals(
 
 
 def _course(signal: str, course: Course, times: Array, real: bool, name: str, where: str) -> Array:
+    if isinstance(course, Wave):
+        return course.mean + course.size * np.sin(2.0 * math.pi / course.period_s * times)
     points = course if isinstance(course, list) else [(0.0, course)]
     at = np.array([point[0] for point in points], dtype=np.float64)
     values = np.array([_number(signal, point[1], name, where) for point in points], dtype=np.float64)

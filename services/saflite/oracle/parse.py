@@ -41,19 +41,21 @@ class Fault(Exception):
         self.offset, self.expected, self.got = offset, expected, got
 
 
-def parse(text: str, names: Mapping[str, float] | None = None, where: str = "") -> Node:
+def parse(text: str, names: Mapping[str, float | Node] | None = None, where: str = "", *, whole: bool = True) -> Node:
     """Return the formula in `text`.
 
     Args:
         text: the formula; line breaks count as spaces.
-        names: named constants; every other name is a signal.
+        names: named constants and named parts; every other name is a signal.
         where: file or argument, for the message.
+        whole: it must have a truth value; a part of a formula may be a number too.
 
     Raises:
         Refused: with line and column of the fault.
     """
     try:
-        return _Parser(text, names or {}).whole()
+        parser = _Parser(text, names or {})
+        return parser.formula() if whole else parser.part()
     except RecursionError as fault:
         raise Refused("formula", where=where, expected=f"at most {_DEPTH_MAX} levels", got="more") from fault
     except Fault as fault:
@@ -82,11 +84,16 @@ def _tokens(text: str) -> list[tuple[str, str, int]]:
 class _Parser:
     """Recursive descent, one method per level of binding."""
 
-    def __init__(self, text: str, names: Mapping[str, float]) -> None:
+    def __init__(self, text: str, names: Mapping[str, float | Node]) -> None:
         self._tokens, self._at, self._names, self._depth = _tokens(text), 0, names, 0
 
-    def whole(self) -> Node:
-        node = self._truth(self._iff, self._offset)
+    def formula(self) -> Node:
+        return self._ended(self._truth(self._iff, self._offset))
+
+    def part(self) -> Node:
+        return self._ended(self._iff())
+
+    def _ended(self, node: Node) -> Node:
         if self._kind != "end":
             raise Fault(self._offset, "an operator or the end", repr(self._token))
         return node
@@ -202,11 +209,12 @@ class _Parser:
         if self._kind == "number":
             value = float(self._token)
             self._at += 1
-        elif self._kind == "word" and self._token in self._names:
-            value = self._names[self._token]
-            self._at += 1
         else:
-            raise Fault(offset, "a time in seconds", repr(self._token))
+            named = self._names.get(self._token) if self._kind == "word" else None
+            if named is None or isinstance(named, Node):
+                raise Fault(offset, "a time in seconds", repr(self._token))
+            value = named
+            self._at += 1
         unit = self._take(*_UNITS)
         if value < 0:
             raise Fault(offset, "a time of 0 or more", f"{value:g}")
@@ -269,7 +277,8 @@ class _Parser:
         if self._take("("):
             return self._call(token, offset)
         if token in self._names:
-            return number(self._names[token])
+            named = self._names[token]
+            return named if isinstance(named, Node) else number(named)
         return Node("signal", name=token)
 
     def _call(self, name: str, offset: int) -> Node:

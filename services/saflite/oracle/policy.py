@@ -22,9 +22,11 @@ from saflite.contract.outside import parse_toml, read_text
 from saflite.contract.signals import MODES, SIGNALS, Signal
 from saflite.contract.test_case import StartState
 from saflite.contract.work import PolicyTexts
-from saflite.oracle.examples import Example, example_signals
+from saflite.oracle.effects import silencing
+from saflite.oracle.examples import Example, completed, example_signals
 from saflite.oracle.formula import FUTURE, Node, harden, reach_s, signals_of, walk
 from saflite.oracle.parse import parse
+from saflite.oracle.silence import is_silenced
 from saflite.oracle.stl import Evaluator, find
 from saflite.oracle.units import margin_unit
 
@@ -63,6 +65,7 @@ class Points(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
 class PolicyFile(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A policy as it stands in its file.
 
+    `terms` are named parts of the formula; each may use those above it.
     `signals` gives each signal its unit. Names beyond those of `contract/signals.py` are signals of a target's own;
     `flag` or `code` in place of a unit says that such a one is 0 or 1, or a number from a closed list.
     """
@@ -72,6 +75,7 @@ class PolicyFile(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     source: str
     interestingness: str
     formula: str
+    terms: dict[str, str] = {}
     signals: dict[str, str]
     published: str = ""
     constants: dict[str, float] = {}
@@ -172,12 +176,15 @@ def parse_policy(text: str, where: str) -> Policy:
     place = f"{where} line {_line_of(text, 'formula')}"
     policy = _compiled(file, text, where, place)
     _check_windows(policy.formula, place)
+    _check_inputs(policy, text, where)
     _check_examples(policy, text, where)
     return policy
 
 
 def _compiled(file: PolicyFile, text: str, where: str, place: str) -> Policy:
-    names = {**MODES, **file.constants}
+    names: dict[str, float | Node] = {**MODES, **file.constants}
+    for name, part in file.terms.items():
+        names[name] = parse(part, names, f"{where} line {_line_of(text, name)}", whole=False)
     formula = parse(file.formula, names, place)
     hard = (
         parse(file.severity.hard_when, names, f"{where} line {_line_of(text, 'hard_when')}")
@@ -212,7 +219,8 @@ def crispened(formula: Node, table: Mapping[str, Signal] = SIGNALS) -> Node:
 
     def visit(node: Node, condition: bool) -> Node:
         if node.op == "latch":
-            return node._replace(args=(visit(node.args[0], condition), harden(node.args[1], lambda _: True)))
+            when = harden(visit(node.args[1], True), lambda _: True)
+            return node._replace(args=(visit(node.args[0], condition), when))
         if node.op == "implies":
             left, right = node.args
             return node._replace(args=(harden(visit(left, True), lambda _: True), visit(right, condition)))
@@ -263,14 +271,27 @@ def _check_windows(formula: Node, place: str) -> None:
             )
 
 
+def _check_inputs(policy: Policy, text: str, where: str) -> None:
+    """Refuse an input that keeps the rule silent for the rest of a flight: it could only hide what it should find."""
+    inputs = policy.file.inputs
+    for kind, names in (("parameter", inputs.parameters), ("sensor_fault", inputs.sensor_faults)):
+        for name in names:
+            flags = frozenset(silencing(kind, name))
+            if flags and is_silenced(policy.formula, flags):
+                told = f"{name}, in force, holds {', '.join(sorted(flags & policy.needed))} at 0: the rule never speaks"
+                place = f"{where} line {_line_of(text, kind)}"
+                raise Refused("inputs", where=place, expected="inputs that leave the rule a time to speak", got=told)
+
+
 def _check_examples(policy: Policy, text: str, where: str) -> None:
     kinds = {example.holds for example in policy.file.examples}
     if kinds != {True, False}:
         line = f"{where} line {_line_of(text, 'examples')}"
         raise Refused("examples", where=line, expected="one that holds and one that violates at least", got=len(kinds))
-    for number, example in enumerate(policy.file.examples, start=1):
+    for number in range(1, len(policy.file.examples) + 1):
         place = f"{where} line {_line_of(text, 'examples', number)}"
-        _check_example(policy, example, f"example {number}", place)
+        whole = completed(policy.file.examples, number, place)
+        _check_example(policy, whole, f"example {number}", place)
 
 
 def _check_example(policy: Policy, example: Example, name: str, place: str) -> None:

@@ -16,7 +16,6 @@ between them is shown by moments of their own (`moments.py`).
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from functools import partial
 from typing import Any, get_args
@@ -27,48 +26,21 @@ from numpy.typing import NDArray
 from saflite.contract.flight import Flight, Trace, given
 from saflite.contract.signals import MADE_FROM, can_show
 from saflite.contract.test_case import Stimulus, StimulusKind, TestCase
+from saflite.flight.autopilots.described import setting_ranges
 from saflite.flight.geometry import boxes_array, distance_to_boxes
+from saflite.oracle import orders
+from saflite.oracle.effects import FLAGS, undisturbed
 from saflite.oracle.moments import moments_of, samples_of
+from saflite.oracle.orders import NEVER_S, SETTINGS
 
 Array = NDArray[np.float32]
-BATTERY_TIMER_S, BATTERY_TIMER_MAX_S = 10.0, 120.0  # ArduPilot's BATT_LOW_TIMER: default and limit
 STIMULI: tuple[str, ...] = get_args(StimulusKind)
-NEVER_S = 1e6
 ESTIMATES = {"x_est_m": "x_m", "y_est_m": "y_m", "altitude_est_m": "altitude_m", "climb_est_mps": "climb_mps"}
 """Logs of real autopilots hold estimates only, so the estimate stands for the truth and the other way round."""
-
-FAULTS = ("gps_true", "baro_true", "body_true", "sticks_true")
-_HARMLESS = ("rc_", "radio", "batt", "para_", "speedup", "pin_mask")
-
-
-_STICK_SETTING = re.compile(r"rc\d+_|rcmap_|thr_dz")
-_FORCE = (21196.0, 2989.0)  # magic numbers with which MAVLink forces motors off or on
-
-
-def stops_motors(stimulus: Stimulus) -> bool:
-    """Say whether the stimulus orders the motors off without regard to flight."""
-    if stimulus.kind != "command":
-        return False
-    values = (*stimulus.values, *(0.0,) * 7)
-    if stimulus.name.endswith("DO_FLIGHTTERMINATION"):
-        return values[0] > 0.5
-    return stimulus.name.endswith("COMPONENT_ARM_DISARM") and values[0] < 0.5 and values[1] in _FORCE
-
-
-def fault_of(stimulus: Stimulus) -> str:
-    """Return which of FAULTS the stimulus ends, empty for none: by its name, `SIM_GPS_NOISE` as well as `gps_noise`.
-
-    A fault counts for the rest of the flight, even if it is taken back: an estimator may never recover.
-    """
-    name = stimulus.name.lower()
-    if stimulus.kind == "parameter" and _STICK_SETTING.match(name):
-        return "sticks_true"
-    if stimulus.kind != "sensor_fault" and not name.startswith("sim_"):
-        return ""
-    name = name.removeprefix("sim_")
-    if name.startswith(("gps", "baro")):
-        return f"{name.split('_')[0]}_true"
-    return "" if name.startswith(_HARMLESS) else "body_true"
+_INSTEAD_OF_0 = {
+    "return_speed_set_mps": "cruise_speed_set_mps",
+    "pilot_speed_down_set_mps": "pilot_speed_up_set_mps",
+}
 
 
 class FlightSignals:
@@ -92,12 +64,21 @@ class FlightSignals:
             "quiet_s": lambda: self._quiet(STIMULI),
             "order_quiet_s": lambda: self._quiet(("command", "mode", "stick")),
             "command_quiet_s": lambda: self._quiet(("command",), never_s=-NEVER_S),
-            **{name: partial(self._true, name) for name in FAULTS},
+            "calm_s": lambda: self._since(orders.moves),
+            "home_quiet_s": lambda: self._since(orders.moves_home, never_s=-NEVER_S),
+            **{name: partial(self._undisturbed, name) for name in FLAGS},
             "crashed": self._crashed,
-            "stop_ordered": self._stop_ordered,
+            "stop_ordered": lambda: self._ordered_from(orders.stops_motors),
+            "arming_forced": lambda: self._ordered_from(orders.forces_arming),
+            **{name: partial(self._setting, name) for name in SETTINGS},
+            "place_order_s": lambda: orders.since([one.at_s for one in self._places()], self._time(), -NEVER_S),
+            "ordered_x_m": lambda: self._last_place("x_m"),
+            "ordered_y_m": lambda: self._last_place("y_m"),
+            "ordered_altitude_m": lambda: self._last_place("altitude_m"),
+            "yaw_order_s": lambda: orders.since([at_s for at_s, _ in self._headings()], self._time(), -NEVER_S),
+            "ordered_yaw_deg": lambda: orders.held(self._headings(), self._time()),
             "ground_speed_mps": lambda: np.hypot(self["vx_mps"], self["vy_mps"]),
             "home_distance_m": lambda: np.hypot(self["x_m"], self["y_m"]),
-            "battery_timer_set_s": self._battery_timer,
             "tilt_deg": self._tilt,
             **{name: partial(self.__getitem__, true) for name, true in ESTIMATES.items()},
             "obstacle_distance_m": self._obstacle_distance,
@@ -133,31 +114,36 @@ class FlightSignals:
         return [one.stimulus for one in self._given]
 
     def _quiet(self, kinds: tuple[str, ...], *, never_s: float = 0.0) -> NDArray[np.float64]:
-        times = self._time()
-        at = np.array([never_s, *(one.at_s for one in self._causes() if one.kind in kinds)])
-        last = at[np.searchsorted(at, times + 1e-9, side="right") - 1]
-        return np.asarray(times - last)
+        return self._since(lambda one: one.kind in kinds, never_s=never_s)
 
-    def _true(self, flag: str) -> NDArray[np.float64]:
-        first_s = min((one.at_s for one in self._causes() if fault_of(one) == flag), default=np.inf)
-        return (self._time() < first_s).astype(np.float64)
+    def _since(self, wanted: Callable[[Stimulus], bool], *, never_s: float = 0.0) -> NDArray[np.float64]:
+        return orders.since([one.at_s for one in self._causes() if wanted(one)], self._time(), never_s)
 
-    def _stop_ordered(self) -> NDArray[np.float64]:
-        first_s = min((one.at_s for one in self._causes() if stops_motors(one)), default=np.inf)
+    def _undisturbed(self, flag: str) -> NDArray[np.float64]:
+        target = self._test_case.target
+        return undisturbed(flag, self._causes(), target.parameters, self._time(), setting_ranges(target.name))
+
+    def _ordered_from(self, wanted: Callable[[Stimulus], bool]) -> NDArray[np.float64]:
+        first_s = min((one.at_s for one in self._causes() if wanted(one)), default=np.inf)
         return (self._time() >= first_s - self.step_s).astype(np.float64)
 
-    def _battery_timer(self) -> NDArray[np.float64]:
-        """The parameter over time: as the target starts, then as stimuli change it.
+    def _setting(self, name: str) -> NDArray[np.float64]:
+        """A setting in force; a speed set to 0 is another one, as the manual says of each."""
+        own = orders.setting_over_time(name, self._test_case, self._given, self._time())
+        if name == "cruise_speed_set_mps":
+            return orders.speed_ordered(self._given, own, self._time())
+        if name in _INSTEAD_OF_0:
+            return np.where(own == 0.0, self[_INSTEAD_OF_0[name]], own)
+        return own
 
-        Where it is not known whether a value was taken, one out of range is held to be refused.
-        """
-        held = np.full(self.samples, self._test_case.target.parameters.get("BATT_LOW_TIMER", BATTERY_TIMER_S))
-        for stimulus, answer, _ in self._given:
-            if stimulus.name != "BATT_LOW_TIMER" or not stimulus.values:
-                continue
-            if answer != "unanswered" or 0 <= stimulus.values[0] <= BATTERY_TIMER_MAX_S:
-                held[self._time() >= stimulus.at_s] = stimulus.values[0]
-        return held
+    def _places(self) -> list[orders.Place]:
+        return orders.places(self._test_case, self._given)
+
+    def _last_place(self, part: str) -> NDArray[np.float64]:
+        return orders.held([(one.at_s, getattr(one, part)) for one in self._places()], self._time())
+
+    def _headings(self) -> list[tuple[float, float]]:
+        return orders.headings(self._given, self["yaw_deg"], self._time())
 
     def _crashed(self) -> Array:
         flags = np.zeros(self.samples, dtype=np.float32)

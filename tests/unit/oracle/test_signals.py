@@ -11,7 +11,8 @@ from saflite.contract.flight import Delivered, DeliveryAnswer, Ending, Flight, T
 from saflite.contract.signals import SIGNALS
 from saflite.contract.test_case import Scenario, Stimulus, StimulusKind, Target, TestCase
 from saflite.oracle.log_text import describe, facts_of, rule_of_thumb
-from saflite.oracle.signals import FlightSignals, fault_of, stops_motors
+from saflite.oracle.orders import SETTINGS, stops_motors
+from saflite.oracle.signals import FlightSignals
 
 STEP_S = 0.5
 
@@ -30,29 +31,6 @@ def signals(
 
 def stimulus(kind: StimulusKind, name: str, *values: float, at_s: float = 1.0) -> Stimulus:
     return Stimulus(at_s=at_s, kind=kind, name=name, values=values)
-
-
-@pytest.mark.parametrize(
-    ("kind", "name", "flag"),
-    [
-        ("sensor_fault", "SIM_GPS_NOISE", "gps_true"),
-        ("sensor_fault", "gps_loss", "gps_true"),
-        ("parameter", "SIM_GPS_GLITCH_X", "gps_true"),
-        ("sensor_fault", "SIM_BARO_DRIFT", "baro_true"),
-        ("sensor_fault", "baro_offset", "baro_true"),
-        ("sensor_fault", "SIM_ENGINE_FAIL", "body_true"),
-        ("sensor_fault", "SIM_WIND_SPD", "body_true"),
-        ("sensor_fault", "SIM_RC_FAIL", ""),
-        ("sensor_fault", "radio_loss", ""),
-        ("sensor_fault", "SIM_BATT_VOLTAGE", ""),
-        ("parameter", "RC3_MIN", "sticks_true"),
-        ("parameter", "RTL_ALT", ""),
-        ("stick", "RC3", ""),
-        ("mode", "LOITER", ""),
-    ],
-)
-def test_which_faults_excuse_what(kind: StimulusKind, name: str, flag: str) -> None:
-    assert fault_of(stimulus(kind, name, 1.0)) == flag
 
 
 @pytest.mark.parametrize(
@@ -80,32 +58,49 @@ def test_quiet_times_and_flags_follow_the_stimuli() -> None:
     assert given["time_s"].tolist() == [0.0, 0.5, 1.0, 1.5, 2.0, 2.5]
     assert given["quiet_s"].tolist() == [0.0, 0.0, 0.0, 0.0, 0.5, 1.0]
     assert given["order_quiet_s"].tolist() == [0.0, 0.5, 0.0, 0.5, 1.0, 1.5]
+    assert given["calm_s"].tolist() == [0.0, 0.5, 0.0, 0.0, 0.5, 1.0], "RTL_ALT moves nothing by itself"
     assert given["baro_true"].tolist() == [1.0, 1.0, 1.0, 0.0, 0.0, 0.0]
     assert given["gps_true"].min() == 1.0
 
 
+REPOSITION = stimulus("command", "MAV_CMD_DO_REPOSITION", -1, 1, 0, 0, 47.4, 8.55, 25.0, at_s=0.5)
+TURN = stimulus("command", "MAV_CMD_CONDITION_YAW", 90.0, at_s=0.5)
 CAUSES = {
     "quiet_s": stimulus("parameter", "RTL_ALT", 1.0, at_s=0.5),
     "order_quiet_s": stimulus("stick", "RC3", 1500.0, at_s=0.5),
     "command_quiet_s": stimulus("command", "MAV_CMD_NAV_LAND", at_s=0.5),
+    "calm_s": stimulus("parameter", "PSC_POSXY_P", 1.0, at_s=0.5),
+    "home_quiet_s": stimulus("command", "MAV_CMD_DO_SET_HOME", 1.0, at_s=0.5),
     "gps_true": stimulus("sensor_fault", "SIM_GPS_DISABLE", 1.0, at_s=0.5),
+    "gps_settled": stimulus("sensor_fault", "SIM_GPS_GLITCH_X", 9.0, at_s=0.5),
     "baro_true": stimulus("sensor_fault", "SIM_BARO_RND", 1.0, at_s=0.5),
+    "baro_settled": stimulus("parameter", "GND_ALT_OFFSET", 5.0, at_s=0.5),
     "sticks_true": stimulus("parameter", "RC3_MIN", 1100.0, at_s=0.5),
-    "body_true": stimulus("sensor_fault", "SIM_ENGINE_FAIL", 1.0, at_s=0.5),
+    "body_true": stimulus("sensor_fault", "SIM_ENGINE_MUL", 0.5, at_s=0.5),
     "stop_ordered": stimulus("command", "MAV_CMD_COMPONENT_ARM_DISARM", 0.0, 21196.0, at_s=0.5),
-    "battery_timer_set_s": stimulus("parameter", "BATT_LOW_TIMER", 60.0, at_s=0.5),
+    "arming_forced": stimulus("command", "MAV_CMD_COMPONENT_ARM_DISARM", 1.0, 21196.0, at_s=0.5),
+    **dict.fromkeys(("place_order_s", "ordered_x_m", "ordered_y_m", "ordered_altitude_m"), REPOSITION),
+    **dict.fromkeys(("yaw_order_s", "ordered_yaw_deg"), TURN),
+    **{
+        name: stimulus("parameter", row.parameter, row.high if row.high < 1e5 else 7.0, at_s=0.5)
+        for name, row in SETTINGS.items()
+        if name not in ("fence_type_set",)
+    },
+    "arming_checks_set": stimulus("parameter", "ARMING_CHECK", 0.0, at_s=0.5),
+    "fence_type_set": stimulus("parameter", "FENCE_TYPE", 1.0, at_s=0.5),
 }
+ROWS = {"x_m": [0.0] * 6, "yaw_deg": [10.0] * 6, "pilot_speed_up_set_mps": [2.5] * 6}
 
 
 @pytest.mark.parametrize("name", CAUSES)
 def test_what_was_delivered_counts_and_not_the_plan(name: str) -> None:
     def seen(*delivered: Delivered) -> list[float]:
-        made: list[float] = signals(CAUSES[name], delivered=delivered, x_m=[0.0] * 6)[name].tolist()
+        made: list[float] = signals(CAUSES[name], delivered=delivered, **ROWS)[name].tolist()
         return made
 
-    planned = signals(CAUSES[name], x_m=[0.0] * 6)[name].tolist()
-    idle = signals(x_m=[0.0] * 6)[name].tolist()
-    later = signals(msgspec.structs.replace(CAUSES[name], at_s=1.5), x_m=[0.0] * 6)[name].tolist()
+    planned = signals(CAUSES[name], **ROWS)[name].tolist()
+    idle = signals(**ROWS)[name].tolist()
+    later = signals(msgspec.structs.replace(CAUSES[name], at_s=1.5), **ROWS)[name].tolist()
     assert len({tuple(planned), tuple(idle), tuple(later)}) == 3, "the signal depends on the stimulus"
     assert seen(Delivered(index=0, at_s=0.5)) == planned
     assert seen(Delivered(index=0, at_s=0.5, answer="unanswered")) == planned
@@ -118,8 +113,8 @@ def test_what_was_delivered_counts_and_not_the_plan(name: str) -> None:
 
 def test_a_signal_made_of_the_plan_does_not_escape_the_test_above() -> None:
     """Every signal that moves with the stimuli is among the causes."""
-    busy = signals(*CAUSES.values(), x_m=[0.0] * 6)
-    idle = signals(x_m=[0.0] * 6)
+    busy = signals(*CAUSES.values(), **ROWS)
+    idle = signals(**ROWS)
     made = [name for name in SIGNALS if name in idle and name not in ("obstacle_distance_m",)]
     assert {name for name in made if busy[name].tolist() != idle[name].tolist()} == set(CAUSES)
 
@@ -127,14 +122,16 @@ def test_a_signal_made_of_the_plan_does_not_escape_the_test_above() -> None:
 def test_an_accepted_value_out_of_range_is_in_force_a_planned_one_is_held_to_be_refused() -> None:
     timer = stimulus("parameter", "BATT_LOW_TIMER", 500.0, at_s=0.5)
     taken = signals(timer, delivered=(Delivered(index=0, at_s=0.5),), x_m=[0.0] * 3)
-    assert taken["battery_timer_set_s"].tolist() == [10.0, 500.0, 500.0]
-    assert signals(timer, x_m=[0.0] * 3)["battery_timer_set_s"].tolist() == [10.0] * 3
+    assert taken["battery_timer_set_s"].tolist() == [5.0, 500.0, 500.0]
+    assert signals(timer, x_m=[0.0] * 3)["battery_timer_set_s"].tolist() == [5.0] * 3, (
+        "the target's own default, not the manual's"
+    )
 
 
 def test_stimuli_count_in_the_order_given_and_a_stranger_is_refused() -> None:
     plan = (stimulus("parameter", "BATT_LOW_TIMER", 20.0, at_s=0.5), stimulus("parameter", "BATT_LOW_TIMER", 30.0))
     turned = (Delivered(index=1, at_s=0.5), Delivered(index=0, at_s=1.0, answer="late"))
-    assert signals(*plan, delivered=turned, x_m=[0.0] * 3)["battery_timer_set_s"].tolist() == [10.0, 30.0, 20.0]
+    assert signals(*plan, delivered=turned, x_m=[0.0] * 3)["battery_timer_set_s"].tolist() == [5.0, 30.0, 20.0]
     with pytest.raises(Refused, match="delivered"):
         signals(*plan, delivered=(Delivered(index=2, at_s=0.5),), x_m=[0.0])
 

@@ -1,0 +1,133 @@
+"""Excuses: which stimuli falsify what the vehicle senses or can do, and for how long.
+
+A flag such as `baro_settled` is 0 while a stimulus disturbs what it stands for. An effect that passes (a jump of the
+barometer, a lost receiver, a calibration) counts until the estimator has followed it; one that goes on (noise, drift, a
+dead motor) counts while it is in force, and then until the vehicle has recovered. Only causes that can bring the effect
+about count: not a low battery, not a motor "failed" at full output, not a breeze.
+
+Times: a GPS position beyond the gate is rejected for 10 s, then believed (ArduPilot, EKF2 `EK2_POS_I_GATE`, reset after
+10 s); a change of height is flown off at 1 m/s or faster (PILOT_SPEED_UP and WPNAV_SPEED_UP are 0.5 m/s at least, their
+defaults 2.5).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saflite.contract.test_case import Stimulus
+
+FLAGS = ("gps_true", "gps_settled", "baro_true", "baro_settled", "body_true", "sticks_true")
+"""`*_true`: the reading is the truth. `*_settled`: the estimate has come to terms with the reading, true or not."""
+
+SETTLE_S = 20.0
+WIND_STOOD_MPS, GUSTS_STOOD_MPS = 8.0, 2.0  # a small multirotor holds its place in that much
+_STICK_USUAL = {"trim": 1500.0, "min": 1000.0, "max": 2000.0, "dz": 20.0, "thr_dz": 100.0}
+
+
+class Effect(NamedTuple):
+    """What a stimulus does: the flags it ends until it has settled, those it ends while it is in force, the value at
+    which it does nothing, and the seconds that each unit of a change takes to settle beyond `SETTLE_S`."""
+
+    passing: tuple[str, ...] = ()
+    lasting: tuple[str, ...] = ()
+    healthy: float = 0.0
+    per_unit_s: float = 0.0
+
+
+_GPS, _BARO = ("gps_true", "gps_settled"), ("baro_true", "baro_settled")
+_FAULTS: tuple[tuple[str, Effect], ...] = (
+    (r"rc_|radio|batt|para|speedup|pin_mask|engine_fail$", Effect()),  # a motor fails by engine_mul
+    (r"gps\w*(noise|rnd)", Effect(lasting=_GPS)),
+    (r"gps\w*(drift|glitch_z|offset_up)", Effect(lasting=("gps_true",))),
+    (r"gps\w*(loss|disable)", Effect(passing=_GPS)),
+    (r"gps\w*sat", Effect(passing=_GPS, healthy=10.0)),
+    (r"gps", Effect(passing=("gps_settled",), lasting=("gps_true",))),
+    (r"baro\w*(noise|rnd|drift)", Effect(lasting=_BARO)),
+    (r"baro\w*(loss|disable)", Effect(passing=_BARO)),
+    (r"baro", Effect(passing=("baro_settled",), lasting=("baro_true",), per_unit_s=1.0)),
+    (r"engine_mul", Effect(lasting=("body_true",), healthy=1.0)),
+    (r"wind_dir", Effect(passing=("body_true",))),
+    (r"", Effect(lasting=("body_true",))),
+)
+_SETTINGS: tuple[tuple[str, Effect], ...] = (
+    (r"gnd_alt_offset|gnd_temp|gnd_primary|ek\d_alt_source|baro", Effect(passing=("baro_settled",), per_unit_s=1.0)),
+    (r"gps_(pos|type|primary)", Effect(passing=("gps_settled",))),
+    (r"rc\d+_(trim|dz|option|reversed?)|rc3_|rcmap_|thr_dz", Effect(lasting=("sticks_true",))),
+)
+"""RC1_MIN and the like only scale a stick: its centre and its sense stay. The throttle has no other centre. A setting out
+of its documented range excuses nothing: it should have been refused."""
+
+
+def effect_of(stimulus: Stimulus) -> Effect:
+    """Return what a stimulus falsifies, by its name: `SIM_GPS_NOISE` as well as `gps_noise`."""
+    name = stimulus.name.lower()
+    fault = stimulus.kind == "sensor_fault" or name.startswith("sim_")
+    if not fault and stimulus.kind != "parameter":
+        return Effect()
+    name = name.removeprefix("sim_")
+    effect = next((found for pattern, found in (_FAULTS if fault else _SETTINGS) if re.match(pattern, name)), Effect())
+    if effect.lasting == ("sticks_true",):
+        return effect._replace(healthy=_STICK_USUAL.get(name, _STICK_USUAL.get(name.rpartition("_")[2], 0.0)))
+    if fault and _stood(name, stimulus.values):
+        return Effect(passing=("body_true",))
+    return effect
+
+
+def _stood(name: str, values: tuple[float, ...]) -> bool:
+    """Say whether it is a wind that a vehicle flies on in."""
+    if not name.startswith("wind") or not values:
+        return False
+    return abs(values[0]) <= (GUSTS_STOOD_MPS if "turb" in name else WIND_STOOD_MPS)
+
+
+def silencing(kind: str, name: str) -> tuple[str, ...]:
+    """Return the flags that an input of this name holds at 0 while it is in force, whatever its value."""
+    if kind not in ("parameter", "sensor_fault") or name.lower().removeprefix("sim_").startswith("wind"):
+        return ()
+    return effect_of(Stimulus(at_s=0.0, kind=kind, name=name)).lasting  # type: ignore[arg-type]
+
+
+def undisturbed(
+    flag: str,
+    given: Iterable[Stimulus],
+    before: Mapping[str, float],
+    times: NDArray[np.float64],
+    ranges: Mapping[str, tuple[float, float]] | None = None,
+) -> NDArray[np.float64]:
+    """Return a flag over time, shape (moments,): 0 while a stimulus disturbs what it stands for.
+
+    Args:
+        flag: one of FLAGS.
+        given: the stimuli, in the order given.
+        before: parameters set before the start; what is in force then is in force from the start.
+        times: when, shape (moments,).
+        ranges: least and greatest value of settings, as documented, by name; others may take any.
+    """
+    down = np.zeros(len(times), dtype=bool)
+    preset = [Stimulus(at_s=-np.inf, kind="parameter", name=name, values=(value,)) for name, value in before.items()]
+    held: dict[str, tuple[float, Effect]] = {}
+    since: dict[str, float] = {}
+    for one in (*preset, *given):
+        effect, name = effect_of(one), one.name.lower().removeprefix("sim_")
+        value = one.values[0] if one.values else effect.healthy + 1.0
+        low, high = (ranges or {}).get(one.name, (-np.inf, np.inf))
+        if not low <= value <= high:
+            continue
+        old, old_effect = held.get(name, (effect.healthy, effect))
+        if value == old or flag not in {*effect.passing, *effect.lasting, *old_effect.lasting}:
+            continue
+        settled_s = one.at_s + SETTLE_S + abs(value - old) * effect.per_unit_s
+        down |= (times >= one.at_s - 1e-9) & (times < settled_s)
+        if name in since:
+            down |= (times >= since.pop(name) - 1e-9) & (times < settled_s)
+        if flag in effect.lasting and value != effect.healthy:
+            since[name] = one.at_s
+        held[name] = (value, effect)
+    for start_s in since.values():
+        down |= times >= start_s - 1e-9
+    return (~down).astype(np.float64)

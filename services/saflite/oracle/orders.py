@@ -1,0 +1,173 @@
+"""What was ordered and set, as signals: calm, orders under way, settings in force. Made of what was delivered."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saflite.contract.flight import Given
+from saflite.contract.test_case import DEFAULT_TARGET, Stimulus, TestCase
+from saflite.flight.autopilots.described import default_settings
+from saflite.flight.mission import to_local
+from saflite.flight.world.jsbsim_world import HOME_LAT_DEG, HOME_LON_DEG
+
+Array = NDArray[np.float64]
+NEVER_S = 1e6
+FORCE = (21196.0, 2989.0)  # magic numbers with which MAVLink forces motors off or on
+
+_MOVING = re.compile(
+    r"(sim_(?!batt|rc_|para))|(ahrs|atc|psc|ek\d|ins|compass|gnd|gps|mot|pilot|angle|loit|wpnav|wp|acro|thr|rc\d|baro"
+    r"|mc|mpc)_"
+)
+_STILL = ("DO_SEND_BANNER", "DO_CHANGE_SPEED", "DO_FENCE_ENABLE")
+
+
+class Setting(NamedTuple):
+    """A parameter that policies read: its name, the manual's default and limits, the size of its unit in SI."""
+
+    parameter: str
+    default: float
+    low: float = -np.inf
+    high: float = np.inf
+    unit: float = 1.0
+
+
+SETTINGS: dict[str, Setting] = {
+    "battery_timer_set_s": Setting("BATT_LOW_TIMER", 10.0, 0.0, 120.0),
+    "battery_low_action_set": Setting("BATT_FS_LOW_ACT", 0.0, 0.0, 7.0),
+    "battery_critical_set_v": Setting("BATT_CRT_VOLT", 0.0, 0.0),
+    "battery_low_charge_set_mah": Setting("BATT_LOW_MAH", 0.0, 0.0),
+    "fence_action_set": Setting("FENCE_ACTION", 1.0, 0.0, 5.0),
+    "fence_on_set": Setting("FENCE_ENABLE", 0.0, 0.0, 1.0),
+    "fence_type_set": Setting("FENCE_TYPE", 7.0, 0.0, 15.0),
+    "fence_radius_set_m": Setting("FENCE_RADIUS", 300.0, 30.0, 10_000.0),
+    "arming_checks_set": Setting("ARMING_CHECK", 1.0),
+    "angle_max_set_deg": Setting("ANGLE_MAX", 3000.0, 1000.0, 8000.0, 0.01),
+    "pilot_speed_down_set_mps": Setting("PILOT_SPEED_DN", 0.0, 0.0, 500.0, 0.01),
+    "cruise_speed_set_mps": Setting("WPNAV_SPEED", 1000.0, 20.0, 2000.0, 0.01),
+    "return_speed_set_mps": Setting("RTL_SPEED", 0.0, 0.0, 2000.0, 0.01),
+    "return_climb_min_set_m": Setting("RTL_CLIMB_MIN", 0.0, 0.0, 3000.0, 0.01),
+    "loiter_speed_set_mps": Setting("LOIT_SPEED", 1250.0, 20.0, 3500.0, 0.01),
+    "disarm_delay_set_s": Setting("DISARM_DELAY", 10.0, 0.0, 127.0),
+    "circle_radius_set_m": Setting("CIRCLE_RADIUS", 1000.0, 0.0, 200_000.0, 0.01),
+}
+
+
+def moves(stimulus: Stimulus) -> bool:
+    """Say whether an input can move a vehicle, or what it believes of itself, by itself."""
+    if stimulus.kind == "command":
+        return not stimulus.name.upper().endswith(_STILL)
+    if stimulus.kind in ("parameter", "sensor_fault"):
+        shared = stimulus.kind == "sensor_fault" and not stimulus.name.lower().startswith(("sim_", "batt", "radio"))
+        return shared or _MOVING.match(stimulus.name.lower()) is not None
+    return True
+
+
+def stops_motors(stimulus: Stimulus) -> bool:
+    """Say whether the stimulus orders the motors off without regard to flight."""
+    values = _numbers(stimulus)
+    if _is(stimulus, "DO_FLIGHTTERMINATION"):
+        return values[0] > 0.5
+    return _is(stimulus, "COMPONENT_ARM_DISARM") and values[0] < 0.5 and values[1] in FORCE
+
+
+def forces_arming(stimulus: Stimulus) -> bool:
+    """Say whether the stimulus orders the motors on without checks."""
+    values = _numbers(stimulus)
+    return _is(stimulus, "COMPONENT_ARM_DISARM") and values[0] == 1.0 and values[1] in FORCE
+
+
+def moves_home(stimulus: Stimulus) -> bool:
+    """Say whether the stimulus gives another place as home."""
+    return _is(stimulus, "DO_SET_HOME")
+
+
+def _is(stimulus: Stimulus, command: str) -> bool:
+    return stimulus.kind == "command" and stimulus.name.upper().endswith(command)
+
+
+def _numbers(stimulus: Stimulus) -> tuple[float, ...]:
+    return (*stimulus.values, *(0.0,) * 7)[:7]
+
+
+def setting_over_time(name: str, test_case: TestCase, given: Sequence[Given], times: Array) -> Array:
+    """Return a setting in force in SI units, shape (moments,): as the target starts, then as stimuli change it.
+
+    Where it is not known whether a value was taken, one out of range is held to be refused.
+    """
+    row = SETTINGS[name]
+    usual = default_settings(test_case.target.name).get(row.parameter, row.default)
+    held = np.full(len(times), test_case.target.parameters.get(row.parameter, usual))
+    for stimulus, answer, _ in given:
+        if stimulus.name != row.parameter or not stimulus.values:
+            continue
+        if answer != "unanswered" or row.low <= stimulus.values[0] <= row.high:
+            held[times >= stimulus.at_s] = stimulus.values[0]
+    return held * row.unit
+
+
+def speed_ordered(given: Sequence[Given], usual_mps: Array, times: Array) -> Array:
+    """Return the speed of autonomous modes, shape (moments,): as set, or as DO_CHANGE_SPEED last ordered it."""
+    held = usual_mps.copy()
+    for stimulus, _, _ in given:
+        if _is(stimulus, "DO_CHANGE_SPEED") and _numbers(stimulus)[1] > 0.0:
+            held[times >= stimulus.at_s] = _numbers(stimulus)[1]
+    return held
+
+
+class Place(NamedTuple):
+    """An order to go to a place, metres from the origin of the track, height above home."""
+
+    at_s: float
+    x_m: float
+    y_m: float
+    altitude_m: float
+
+
+def places(test_case: TestCase, given: Sequence[Given]) -> list[Place]:
+    """Return the orders to go somewhere (DO_REPOSITION); NaN where the origin of the track is not known."""
+    origin = _origin(test_case)
+    found = []
+    for stimulus, _, _ in given:
+        if _is(stimulus, "DO_REPOSITION"):
+            values = _numbers(stimulus)
+            x_m, y_m = to_local(values[4], values[5], *origin) if origin else (np.nan, np.nan)
+            found.append(Place(stimulus.at_s, x_m, y_m, values[6]))
+    return found
+
+
+def _origin(test_case: TestCase) -> tuple[float, float] | None:
+    mission = test_case.scenario.mission
+    if mission is not None:
+        return mission.home_lat_deg, mission.home_lon_deg
+    return (HOME_LAT_DEG, HOME_LON_DEG) if test_case.target.name == DEFAULT_TARGET else None
+
+
+def headings(given: Sequence[Given], yaw_deg: NDArray[np.float32], times: Array) -> list[tuple[float, float]]:
+    """Return (time, heading ordered) of each CONDITION_YAW; a relative one counts from the heading at its time."""
+    found = []
+    for stimulus, _, _ in given:
+        if _is(stimulus, "CONDITION_YAW"):
+            angle, _, way, relative = _numbers(stimulus)[:4]
+            if relative:
+                at = min(int(np.searchsorted(times, stimulus.at_s)), len(yaw_deg) - 1)
+                angle = float(yaw_deg[at]) + (-angle if way < 0 else angle)
+            found.append((stimulus.at_s, angle % 360.0))
+    return found
+
+
+def since(at_s: Sequence[float], times: Array, never_s: float = 0.0) -> Array:
+    """Return the time since the last of some moments, shape (moments,); counted from `never_s` before the first."""
+    at = np.array([never_s, *at_s])
+    return np.asarray(times - at[np.searchsorted(at, times + 1e-9, side="right") - 1])
+
+
+def held(orders: Sequence[tuple[float, float]], times: Array) -> Array:
+    """Return the value ordered last at each moment, 0 before the first, shape (moments,)."""
+    values = np.array([0.0, *(value for _, value in orders)])
+    at = np.array([at_s for at_s, _ in orders])
+    return np.asarray(values[np.searchsorted(at, times + 1e-9, side="right")])

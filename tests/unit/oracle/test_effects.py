@@ -1,0 +1,99 @@
+"""Excuses: which stimuli end which flags, for how long; and policies whose inputs would silence them for good."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from saflite.contract.errors import Refused
+from saflite.contract.test_case import Stimulus, StimulusKind
+from saflite.oracle.effects import FLAGS, SETTLE_S, effect_of, silencing, undisturbed
+from saflite.oracle.policy import POLICIES_DIR, parse_policy, policy_names
+
+TIMES = np.arange(0.0, 300.0, 0.5)
+
+
+def given(kind: StimulusKind, name: str, *values: float, at_s: float = 10.0) -> Stimulus:
+    return Stimulus(at_s=at_s, kind=kind, name=name, values=values)
+
+
+def down(flag: str, *stimuli: Stimulus, before: dict[str, float] | None = None) -> list[float]:
+    """Return the times at which the flag is 0."""
+    return TIMES[undisturbed(flag, stimuli, before or {}, TIMES) == 0].tolist()
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "value", "flags"),
+    [
+        ("sensor_fault", "SIM_GPS_NOISE", 5.0, {"gps_true", "gps_settled"}),
+        ("sensor_fault", "gps_loss", 1.0, {"gps_true", "gps_settled"}),
+        ("parameter", "SIM_GPS_GLITCH_X", 50.0, {"gps_true", "gps_settled"}),
+        ("sensor_fault", "SIM_GPS_GLITCH_Z", 50.0, {"gps_true"}),
+        ("sensor_fault", "SIM_BARO_DRIFT", 1.0, {"baro_true", "baro_settled"}),
+        ("sensor_fault", "baro_offset", 10.0, {"baro_true", "baro_settled"}),
+        ("parameter", "GND_ALT_OFFSET", 10.0, {"baro_settled"}),
+        ("sensor_fault", "SIM_ENGINE_FAIL", 2.0, set()),
+        ("sensor_fault", "SIM_ENGINE_MUL", 0.5, {"body_true"}),
+        ("sensor_fault", "SIM_ENGINE_MUL", 1.0, set()),
+        ("sensor_fault", "SIM_GYR_RND", 5.0, {"body_true"}),
+        ("sensor_fault", "SIM_RC_FAIL", 1.0, set()),
+        ("sensor_fault", "radio_loss", 1.0, set()),
+        ("sensor_fault", "SIM_BATT_VOLTAGE", 9.0, set()),
+        ("parameter", "RC3_MIN", 1100.0, {"sticks_true"}),
+        ("parameter", "RC1_MIN", 1100.0, set()),
+        ("parameter", "RC1_TRIM", 1500.0, set()),
+        ("parameter", "RTL_ALT", 3000.0, set()),
+        ("stick", "RC3", 1500.0, set()),
+        ("mode", "LOITER", 0.0, set()),
+    ],
+)
+def test_only_what_can_cause_an_effect_excuses(kind: StimulusKind, name: str, value: float, flags: set[str]) -> None:
+    assert {flag for flag in FLAGS if down(flag, given(kind, name, value))} == flags
+
+
+def test_a_passing_effect_is_over_when_the_estimate_has_followed() -> None:
+    times = down("baro_settled", given("sensor_fault", "SIM_BARO_GLITCH", 30.0))
+    assert (times[0], times[-1]) == (10.0, 10.0 + SETTLE_S + 30.0 - 0.5), "a second for each metre to be flown off"
+    assert down("baro_true", given("sensor_fault", "SIM_BARO_GLITCH", 30.0))[-1] == TIMES[-1], "it still tells a lie"
+    gps = down("gps_settled", given("sensor_fault", "SIM_GPS_GLITCH_X", 80.0))
+    assert (gps[0], gps[-1]) == (10.0, 10.0 + SETTLE_S - 0.5)
+
+
+def test_a_lasting_effect_is_over_when_it_was_taken_back_and_recovered_from() -> None:
+    noise = given("sensor_fault", "SIM_BARO_RND", 3.0)
+    assert down("baro_settled", noise)[-1] == TIMES[-1]
+    times = down("baro_settled", noise, given("sensor_fault", "SIM_BARO_RND", 0.0, at_s=40.0))
+    assert (times[0], times[-1]) == (10.0, 40.0 + SETTLE_S - 0.5)
+    assert down("gps_settled", given("sensor_fault", "SIM_GPS_NOISE", 0.0)) == [], "it was off and stays off"
+
+
+def test_what_was_set_before_the_start_is_in_force_from_the_start() -> None:
+    assert down("baro_settled", before={"SIM_BARO_RND": 2.0}) == TIMES.tolist()
+    assert down("baro_settled", before={"SIM_BARO_GLITCH": 2.0}) == [], "settled long before"
+
+
+def test_a_breeze_excuses_for_a_moment_and_a_storm_while_it_blows() -> None:
+    assert down("body_true", given("sensor_fault", "SIM_WIND_SPD", 5.0))[-1] < 40.0
+    assert down("body_true", given("sensor_fault", "SIM_WIND_SPD", 14.0))[-1] == TIMES[-1]
+
+
+def test_no_policy_lists_an_input_that_silences_it() -> None:
+    """Loading refuses it (below); what still is in force for good is told here."""
+    assert silencing("sensor_fault", "SIM_BARO_RND") == ("baro_true", "baro_settled")
+    assert silencing("sensor_fault", "SIM_WIND_SPD") == ()
+    assert effect_of(given("sensor_fault", "SIM_GPS_DISABLE", 1.0)).lasting == ()
+    assert len(policy_names()) > 60
+
+
+@pytest.mark.parametrize(("name", "fault"), [("a-brake1", "SIM_GPS_NOISE"), ("a-land1", "SIM_BARO_DRIFT")])
+def test_a_policy_whose_inputs_silence_it_is_refused_with_the_input_named(name: str, fault: str) -> None:
+    text = (POLICIES_DIR / f"{name}.toml").read_text(encoding="utf-8")
+    parse_policy(text, "mine.toml")
+    with pytest.raises(Refused, match=f"(?s)inputs.*{fault}.*never speaks"):
+        parse_policy(text.replace("sensor_faults = [", f'sensor_faults = ["{fault}", '), "mine.toml")
+
+
+def test_a_setting_out_of_its_documented_range_excuses_nothing() -> None:
+    offset, ranges = given("parameter", "GND_ALT_OFFSET", 300.0), {"GND_ALT_OFFSET": (-10.0, 10.0)}
+    assert undisturbed("baro_settled", [offset], {}, TIMES).min() == 0.0, "nothing is known of its range"
+    assert undisturbed("baro_settled", [offset], {}, TIMES, ranges).min() == 1.0
