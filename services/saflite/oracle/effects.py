@@ -59,8 +59,8 @@ _SETTINGS: tuple[tuple[str, Effect], ...] = (
     (r"gps_(pos|type|primary)", Effect(passing=("gps_settled",))),
     (r"rc\d+_(trim|dz|option|reversed?)|rc3_|rcmap_|thr_dz", Effect(lasting=("sticks_true",))),
 )
-"""RC1_MIN and the like only scale a stick: its centre and its sense stay. The throttle has no other centre. A setting out
-of its documented range excuses nothing: it should have been refused."""
+"""RC1_MIN and the like only scale a stick: its centre and its sense stay. The throttle has no other centre. A setting
+out of its documented range excuses nothing: it should have been refused."""
 
 
 def effect_of(stimulus: Stimulus) -> Effect:

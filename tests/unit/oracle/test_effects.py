@@ -19,7 +19,7 @@ def given(kind: StimulusKind, name: str, *values: float, at_s: float = 10.0) -> 
 
 def down(flag: str, *stimuli: Stimulus, before: dict[str, float] | None = None) -> list[float]:
     """Return the times at which the flag is 0."""
-    return TIMES[undisturbed(flag, stimuli, before or {}, TIMES) == 0].tolist()
+    return [float(at_s) for at_s in TIMES[undisturbed(flag, stimuli, before or {}, TIMES) == 0]]
 
 
 @pytest.mark.parametrize(

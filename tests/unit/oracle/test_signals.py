@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import msgspec
 import numpy as np
 import pytest
@@ -89,7 +91,7 @@ CAUSES = {
     "arming_checks_set": stimulus("parameter", "ARMING_CHECK", 0.0, at_s=0.5),
     "fence_type_set": stimulus("parameter", "FENCE_TYPE", 1.0, at_s=0.5),
 }
-ROWS = {"x_m": [0.0] * 6, "yaw_deg": [10.0] * 6, "pilot_speed_up_set_mps": [2.5] * 6}
+ROWS: dict[str, Any] = {"x_m": [0.0] * 6, "yaw_deg": [10.0] * 6, "pilot_speed_up_set_mps": [2.5] * 6}
 
 
 @pytest.mark.parametrize("name", CAUSES)
