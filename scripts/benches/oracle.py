@@ -21,11 +21,12 @@ from saflite.contract.signals import MODES, SIGNALS
 from saflite.contract.test_case import Obstacle, Scenario, Stimulus, Target, TestCase, identity
 from saflite.contract.work import JudgeWork
 from saflite.evidence.memory import MemoryBlobs
+from saflite.oracle.effects import FLAGS
 from saflite.oracle.formula import signals_of, text_of
 from saflite.oracle.judge import judge
 from saflite.oracle.parse import parse
 from saflite.oracle.policy import load_policy, policy_names
-from saflite.oracle.signals import FAULTS, FlightSignals
+from saflite.oracle.signals import FlightSignals
 from saflite.oracle.stl import Evaluator
 from saflite.oracle.work import open_service
 
@@ -38,7 +39,7 @@ MADE_BY_ORACLE = frozenset(
         "quiet_s",
         "order_quiet_s",
         "crashed",
-        *FAULTS,
+        *FLAGS,
         "stop_ordered",
         "battery_timer_set_s",
     )
