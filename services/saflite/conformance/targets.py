@@ -16,15 +16,17 @@ from saflite.conformance.flying import DEADLINE_S, opened
 from saflite.conformance.kit import Check
 from saflite.conformance.target_cases import default_cases, scenario
 from saflite.contract.errors import Refused, Unavailable
-from saflite.contract.flight import FLOWN_ENDINGS, FlightRecord
+from saflite.contract.flight import FLOWN_ENDINGS, DeliveryAnswer, FlightRecord
 from saflite.contract.target import ForkingSession, Session, TargetModule
 from saflite.contract.target_info import TargetInfo
-from saflite.contract.test_case import Scenario, StartState, Stimulus, Target, TestCase
+from saflite.contract.test_case import Scenario, StartState, Stimulus, StimulusKind, Target, TestCase
 from saflite.simulator_worker import agreement
 from saflite.simulator_worker.processes import children
 
 Cases = Sequence[TestCase] | None
 FLIGHTS = 5  # of one test case on a target that repeats statistically
+CAN_BE_TAKEN: tuple[StimulusKind, ...] = ("parameter", "stick", "sensor_fault")
+"""Kinds of which some value in range can be taken at any time; commands and modes may be out of place at a start."""
 SHARES = (0.0, 0.3, 0.7)  # of the time limit: where snapshots are taken
 
 
@@ -77,8 +79,6 @@ def _says(target: TargetModule, repeats: str) -> Iterator[str]:
 def _description(target: TargetModule) -> Iterator[str]:
     info = target.describe()
     yield from agreement.own_contradictions(info)
-    if not info.name:
-        yield "describe() gives no name"
     if msgspec.msgpack.decode(msgspec.msgpack.encode(info), type=TargetInfo) != info:
         yield "describe() does not survive the way over the wire"
     if target.describe() != info:
@@ -128,6 +128,7 @@ def _refuses(target: TargetModule) -> Iterator[str]:
 
 def _flies(target: TargetModule, cases: Cases) -> Iterator[str]:
     info = target.describe()
+    tried: set[tuple[StimulusKind, DeliveryAnswer]] = set()
     with opened(target) as session:
         for number, case in enumerate(cases or default_cases(info)):
             record = _fly(session, case)
@@ -135,6 +136,17 @@ def _flies(target: TargetModule, cases: Cases) -> Iterator[str]:
                 yield f"test case {number}: {wrong}"
             if record.ending not in FLOWN_ENDINGS:
                 yield f"test case {number} ended as {record.ending}: {record.message}"
+            tried.update(_answers(case, record))
+    for kind in CAN_BE_TAKEN:
+        answers = {answer for other, answer in tried if other == kind}
+        if answers == {"denied"}:
+            yield f"denied every {kind.replace('_', ' ')} that describe() names"
+
+
+def _answers(case: TestCase, record: FlightRecord) -> Iterator[tuple[StimulusKind, DeliveryAnswer]]:
+    for one in record.delivered or ():
+        if 0 <= one.index < len(case.stimuli):
+            yield case.stimuli[one.index].kind, one.answer
 
 
 def _again_and_again(target: TargetModule, cases: Cases) -> Iterator[str]:

@@ -26,8 +26,7 @@ def _outside() -> dict[str, str]:
 
 def strategy_names() -> tuple[str, ...]:
     """Return the names of the strategies there are, sorted."""
-    inside = {info.name for info in pkgutil.iter_modules(strategies.__path__)}
-    return tuple(sorted(inside | set(_outside()) | set(given("strategy"))))
+    return tuple(sorted(_placed() | set(_outside()) | set(given("strategy"))))
 
 
 def load_strategy(name: str) -> type[Strategy]:
@@ -54,5 +53,12 @@ def options_of(name: str) -> Options:
 
 def _module(name: str) -> ModuleType:
     if name in given("strategy"):
-        return load_file(given("strategy")[name].path)
+        path = given("strategy")[name].path
+        if name in _placed():
+            raise Refused("module", where=str(path), expected="a name no strategy of ours has", got=repr(name))
+        return load_file(path)
     return importlib.import_module(_outside().get(name, f"{strategies.__name__}.{name}").partition(":")[0])
+
+
+def _placed() -> set[str]:
+    return {info.name for info in pkgutil.iter_modules(strategies.__path__)}

@@ -26,8 +26,7 @@ def _outside() -> dict[str, str]:
 
 def model_names() -> tuple[str, ...]:
     """Return the kinds of models there are, sorted."""
-    inside = {info.name for info in pkgutil.iter_modules(models.__path__)}
-    return tuple(sorted(inside | set(_outside()) | set(given("scorer"))))
+    return tuple(sorted(_placed() | set(_outside()) | set(given("scorer"))))
 
 
 def describe(kind: str) -> str:
@@ -78,5 +77,12 @@ def _check_kind(kind: str) -> None:
 def _module(kind: str) -> ModuleType:
     _check_kind(kind)
     if kind in given("scorer"):
-        return load_file(given("scorer")[kind].path)
+        path = given("scorer")[kind].path
+        if kind in _placed():
+            raise Refused("module", where=str(path), expected="a name no scorer model of ours has", got=repr(kind))
+        return load_file(path)
     return importlib.import_module(_outside().get(kind, f"{models.__name__}.{kind}").partition(":")[0])
+
+
+def _placed() -> set[str]:
+    return {info.name for info in pkgutil.iter_modules(models.__path__)}

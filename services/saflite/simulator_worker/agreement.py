@@ -9,7 +9,7 @@ from typing import get_args
 from saflite.contract.flight import DeliveryAnswer, Ending, FlightRecord, Trace
 from saflite.contract.names import NAME_EXPECTED, is_name
 from saflite.contract.signals import SIGNALS
-from saflite.contract.target_info import TargetInfo
+from saflite.contract.target_info import InputInfo, TargetInfo
 from saflite.contract.test_case import TestCase
 
 ENDINGS: frozenset[str] = frozenset(get_args(Ending))
@@ -21,6 +21,8 @@ SHOWN = 5
 
 def own_contradictions(info: TargetInfo) -> Iterator[str]:
     """Yield where a description contradicts itself."""
+    if not is_name(info.name):
+        yield f"describe() names the target {info.name[:80]!r}: expected {NAME_EXPECTED}"
     nameless = [name for name in info.signals if name not in SIGNALS and name not in info.own_signals]
     if nameless:
         yield f"describe() names {_few(nameless)}, neither a common signal nor one of own_signals"
@@ -36,13 +38,29 @@ def own_contradictions(info: TargetInfo) -> Iterator[str]:
     for one in info.inputs:
         if one.low is not None and one.high is not None and one.low > one.high:
             yield f"input {one.name}: its range goes from {one.low:g} down to {one.high:g}"
+        elif one.default is not None and not _within(one, one.default):
+            yield f"input {one.name}: its default {one.default:g} is not in its range"
     names = [(one.kind, one.name) for one in info.inputs]
     for kind, name in sorted({pair for pair in names if names.count(pair) > 1}):
         yield f"input {kind} {name} is described more than once"
 
 
-def contradictions(info: TargetInfo, test_case: TestCase, record: FlightRecord) -> Iterator[str]:
+def _within(one: InputInfo, value: float) -> bool:
+    return not (one.low is not None and value < one.low) and not (one.high is not None and value > one.high)
+
+
+def session_lacks(session: object) -> Iterator[str]:
+    """Yield what a session does not have that every session has."""
+    for name in ("fly", "close"):
+        if not callable(getattr(session, name, None)):
+            yield f"open() gave a {type(session).__name__} without {name}()"
+
+
+def contradictions(info: TargetInfo, test_case: TestCase, record: object) -> Iterator[str]:
     """Yield where one flight contradicts the description of its target."""
+    if not isinstance(record, FlightRecord):
+        yield f"fly() returned a {type(record).__name__}, no FlightRecord"
+        return
     if record.ending not in ENDINGS:
         yield f"ending {record.ending!r}, none of {', '.join(sorted(ENDINGS))}"
     if record.trace is not None:

@@ -8,11 +8,15 @@ from __future__ import annotations
 import importlib
 import logging
 import pkgutil
+import queue
+import threading
 from collections.abc import Callable, Sequence
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
 from typing import cast
+
+import msgspec
 
 from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.modules import OFFERED, given, load_file
@@ -23,22 +27,22 @@ from saflite.simulator_worker import targets
 log = logging.getLogger(__name__)
 
 ENTRY_POINTS = "saflite.targets"
+DESCRIBE_S = 20.0  # a target that has not described itself by then is broken
 
 
 def target_names(files: Sequence[Path] = ()) -> tuple[str, ...]:
     """Return the names of all targets: by place, by entry point, and the module files given."""
-    placed = {info.name for info in pkgutil.iter_modules(targets.__path__) if not info.name.startswith("_")}
     outside = {point.name for point in entry_points(group=ENTRY_POINTS)}
-    return tuple(sorted(placed | outside | set(given("target")) | {path.stem for path in files}))
+    return tuple(sorted(_placed() | outside | set(given("target")) | {path.stem for path in files}))
 
 
 def load_target(name: str, files: Sequence[Path] = ()) -> TargetModule:
-    """Return the target called `name`; raises Refused if there is none, or if its module is no target."""
-    for path in files:
-        if path.stem == name:
-            return _as_target(load_file(path), str(path))
-    if name in given("target"):
-        path = given("target")[name].path
+    """Return the target called `name`; raises Refused if there is none, two, or if its module is no target."""
+    outside = {path.stem: path for path in files} | {key: module.path for key, module in given("target").items()}
+    if name in outside:
+        path = outside[name]
+        if name in _placed():
+            raise Refused("module", where=str(path), expected="a name no target of ours has", got=repr(name))
         return _as_target(load_file(path), str(path))
     for point in entry_points(group=ENTRY_POINTS, name=name):
         return _as_target(point.load(), point.value)
@@ -51,13 +55,46 @@ def describe_target(name: str, files: Sequence[Path] = ()) -> TargetInfo:
     """Return what the target called `name` says of itself.
 
     Raises:
-        Refused: there is no such target, or it gives itself another name.
+        Refused: there is no such target, its `describe` fails, does not end or returns no `TargetInfo`, or it gives
+            itself another name.
         Unavailable: it cannot even tell on this machine.
     """
-    info = load_target(name, files).describe()
+    info = _described(load_target(name, files), name)
     if info.name != name:
         raise Refused("target", where=name, expected=f"describe() of a target called {name!r}", got=repr(info.name))
     return info
+
+
+def _described(target: TargetModule, name: str) -> TargetInfo:
+    answers: queue.SimpleQueue[object] = queue.SimpleQueue()
+
+    def ask() -> None:
+        try:
+            answers.put(target.describe())
+        except BaseException as fault:  # noqa: BLE001  (code from outside: whatever it raises is told as its fault)
+            answers.put(fault)
+
+    threading.Thread(target=ask, name=f"describe {name}", daemon=True).start()
+    try:
+        said = answers.get(timeout=DESCRIBE_S)
+    except queue.Empty:
+        said = TimeoutError(f"no answer for {DESCRIBE_S:.0f} s")
+    if isinstance(said, Refused | Unavailable):
+        raise said
+    if isinstance(said, BaseException):
+        raise Refused(
+            "target", where=name, expected="describe() that answers", got=f"{type(said).__name__}: {said}"
+        ) from said
+    if not isinstance(said, TargetInfo):
+        raise Refused("target", where=name, expected="describe() that returns a TargetInfo", got=type(said).__name__)
+    try:
+        return msgspec.convert(msgspec.to_builtins(said), TargetInfo)
+    except (msgspec.ValidationError, TypeError) as fault:
+        raise Refused("target", where=name, expected="describe() with fields of their types", got=str(fault)) from fault
+
+
+def _placed() -> set[str]:
+    return {info.name for info in pkgutil.iter_modules(targets.__path__) if not info.name.startswith("_")}
 
 
 def mavlink_server(name: str) -> Callable[..., None]:

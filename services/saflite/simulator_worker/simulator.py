@@ -96,7 +96,9 @@ class Simulator:
             return Opened(trouble="refused", message=str(fault))
         except Unavailable as fault:
             return Opened(trouble="unavailable", message=str(fault))
-        wrong = list(agreement.own_contradictions(opened.info))
+        wrong = [*agreement.own_contradictions(opened.info), *agreement.session_lacks(opened.session)]
+        if describe_target(name, self._files) != opened.info:
+            wrong.append("describe() says something else each time")
         if wrong:
             return Opened(build=opened.info.build, trouble="contradicted", message="; ".join(wrong))
         return Opened(build=opened.info.build, repeats=opened.info.repeats == "bitwise")

@@ -27,20 +27,23 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("kind", choices=sorted(SUITES), help="what it is")
     parser.add_argument("name", help="its name")
     arguments.add_modules(parser)
+    parser.add_argument("--limit", type=float, default=120.0, metavar="S", help="a check ends within so long (120)")
     parser.add_argument("--json", action="store_true", help="print as JSON")
 
 
 def run(args: argparse.Namespace) -> int:
     """Run every check of the suite and print what does not hold."""
-    from saflite.conformance.kit import findings
+    from saflite.conformance.apart import findings_apart
+    from saflite.console.io import campaign_options
     from saflite.console.view import out
 
+    campaign_options.at_least("--limit", args.limit, 1)
     found = {}
-    for check in SUITES[args.kind](args.name, args.module):
-        found[check.name] = [finding.text for finding in findings([check])]
+    for name, wrong in findings_apart(SUITES[args.kind](args.name, args.module), args.limit):
+        found[name] = wrong
         if not args.json:
-            out.line(f"{'ok  ' if not found[check.name] else 'BAD '}  {check.name.replace('_', ' ')}")
-            for text in found[check.name]:
+            out.line(f"{'ok  ' if not wrong else 'BAD '}  {name.replace('_', ' ')}")
+            for text in wrong:
                 out.line(f"        {text}")
             out.flush()
     if args.json:
@@ -50,8 +53,9 @@ def run(args: argparse.Namespace) -> int:
 
 def _target(name: str, modules: Sequence[Path]) -> Sequence[Check]:
     from saflite.conformance.targets import checks_of
-    from saflite.simulator_worker.registry import load_target
+    from saflite.simulator_worker.registry import describe_target, load_target
 
+    describe_target(name, modules)
     return checks_of(load_target(name, modules))
 
 
