@@ -54,7 +54,8 @@ class Status(msgspec.Struct, frozen=True, kw_only=True):
     """The campaign at a glance. All counts are exact; rates are over the last minute.
 
     `flights` are first flights, which alone count against `budget`; beside them are those `reflown` to confirm,
-    `checked` for repeating bit by bit (`unequal` did not), and flown to make violations smaller.
+    `checked` for repeating bit by bit (`unequal` did not), and flown to make violations smaller. `trouble`, if there is
+    any: why nothing is taken or handed out just now, such as a full disk.
     """
 
     campaign: str
@@ -83,6 +84,7 @@ class Status(msgspec.Struct, frozen=True, kw_only=True):
     workers: tuple[WorkerStatus, ...]
     seq: int
     exposure: Exposed = Exposed()
+    trouble: Text = ""
 
 
 class Answer(msgspec.Struct, frozen=True, kw_only=True):

@@ -41,6 +41,7 @@ COMMIT_RETRY_S = 0.5
 LINGER_S = 3.0  # how long the books of an ended campaign still answer
 BLOCKED_RETRY_S = 1.0
 COMPLAINT_S = 1.0
+TROUBLE_S = 3.0  # so long trouble is told after it was met last
 ASLEEP_S = 1.0  # steps are 0.1 s apart; after a longer gap this process was frozen, not the workers
 SENDERS_MAX = 10  # told apart: each is a line of the journal a second
 
@@ -120,6 +121,7 @@ class BooksService:
         self._tick_from_s = 0.0
         self._outbox: list[tuple[Request, msgspec.Struct]] = []
         self._blocked: Batch | None = None
+        self._trouble, self._trouble_until_s = "", 0.0
         self._commit_s = 0.0
         self._complaints = _Complaints()
         self._ended_s: float | None = None
@@ -264,18 +266,29 @@ class BooksService:
         report, damage = inspected.report, inspected.damage
         self._inspecting.subtract(blob.digest for blob in blobs_left(report.result))
         self._inspecting += Counter()  # forgets those at zero
-        if self._blocked is None and damage is not None:
+        if damage is None:
+            self._in_trouble("the store of blobs takes no writes: no results are taken until it does", now_s)
+        elif self._blocked is None:
             self._answer(inspected.request, self._books.report(report, now_s, damage))
             self._answered.append(report)
 
     def _on_control(self, request: Request, control: Control, now_s: float) -> None:
         if self._blocked is None:
-            self._answer(request, self._books.control(control, now_s))
+            self._answer(request, self._with_trouble(self._books.control(control, now_s), now_s))
         elif control.verb == "status":
-            status = self._books.status(now_s)
-            request.reply(wire.encode(Answer(accepted=True, status=status, message="the store takes no writes")))
+            answer = Answer(accepted=True, status=self._books.status(now_s), message="the store takes no writes")
+            request.reply(wire.encode(self._with_trouble(answer, now_s)))
         else:
             request.reply(wire.encode(Answer(accepted=False, message="the store takes no writes; try again")))
+
+    def _in_trouble(self, words: str, now_s: float) -> None:
+        self._trouble, self._trouble_until_s = words[:500], now_s + TROUBLE_S
+
+    def _with_trouble(self, answer: Answer, now_s: float) -> Answer:
+        """Say in the status what stands in the way, until it has not been met for a while."""
+        if answer.status is None or now_s >= self._trouble_until_s:
+            return answer
+        return msgspec.structs.replace(answer, status=msgspec.structs.replace(answer.status, trouble=self._trouble))
 
     # -- long polls -----------------------------------------------------------------------------------------------
 
@@ -315,10 +328,11 @@ class BooksService:
             if self._blocked is None:
                 log.error("nothing is handed out until the store takes writes again: %s", fault)
             self._blocked, self._commit_s = batch, now_s + COMMIT_RETRY_S
+            self._in_trouble(f"nothing is saved or handed out: {fault}", now_s)
             return
         if self._blocked is not None:
             log.warning("the store takes writes again")
-            self._blocked = None
+            self._blocked, self._trouble_until_s = None, 0.0
         outbox, self._outbox = self._outbox, []
         for request, message in outbox:
             request.reply(wire.encode(message))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import signal
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -199,15 +200,25 @@ def _follow(farm: LocalFarm, on_status: OnStatus | None, interrupted: list[str])
 
 @contextmanager
 def interrupts() -> Iterator[list[str]]:
-    """Turn Ctrl-C and SIGTERM into a note instead of an end, while the farm runs."""
+    """Turn Ctrl-C, SIGTERM and a closed terminal into a note instead of an end, while the farm runs."""
     noted: list[str] = []
 
     def note(number: int, _frame: FrameType | None) -> None:
         noted.append(f"signal {signal.Signals(number).name}")
+        if number == signal.SIGHUP:
+            _write_nowhere()
 
-    before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
     try:
         yield noted
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def _write_nowhere() -> None:
+    """Lead standard output and errors away from a terminal that is gone: what is written there would fail."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    for descriptor in (1, 2):
+        os.dup2(nowhere, descriptor)
+    os.close(nowhere)

@@ -136,6 +136,12 @@ def test_a_poll_that_waited_long_enough_is_told_so(stand: Stand) -> None:
     assert stand.last(Grant).leases == ()
 
 
+def trouble_of(stand: Stand) -> str:
+    status = stand.last(Answer).status
+    assert status is not None
+    return status.trouble
+
+
 def test_while_the_store_takes_no_writes_nothing_is_handed_out_or_acknowledged(stand: Stand) -> None:
     report = _mutated(stand)
     stand.store.full = True
@@ -147,10 +153,13 @@ def test_while_the_store_takes_no_writes_nothing_is_handed_out_or_acknowledged(s
     assert stand.last(Grant).leases == ()
     stand.send(topics.control("c", "status"), Control(verb="status"))
     assert "no writes" in stand.last(Answer).message
+    assert "no space left" in trouble_of(stand)
     stand.send(topics.control("c", "pause"), Control(verb="pause"))
     assert not stand.last(Answer).accepted
     stand.store.full = False
     stand.turn(15)
+    stand.send(topics.control("c", "status"), Control(verb="status"))
+    assert not trouble_of(stand)
     stand.send(topics.result("c", "mutate"), report)
     assert stand.last(Receipt).status in ("accepted", "duplicate")
     stand.send(topics.work("c", "score"), _ask("score"))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -67,9 +68,20 @@ def follow(run_dir: Path, start: Start, *, as_json: bool) -> int:
 
     view = live.open_view(run_dir, quiet=as_json)
     try:
-        ended = start(view.update)
+        ended = start(_unless_gone(view.update))
     finally:
-        view.close()  # whoever reads keeps the write-ahead log there
+        with suppress(OSError):
+            view.close()  # whoever reads keeps the write-ahead log there
     if not in_use(run_dir):
         make_one_file(store_file(run_dir))
     return conclude(run_dir, ended, as_json=as_json)
+
+
+def _unless_gone(show: Callable[[Status], None]) -> Callable[[Status], None]:
+    """Return what shows nothing to a terminal or reader that has gone: the campaign goes on, or ends, all the same."""
+
+    def shown(status: Status) -> None:
+        with suppress(OSError):
+            show(status)
+
+    return shown

@@ -109,6 +109,7 @@ def one_line(status: Status) -> str:
     queues = " ".join(f"{name} {count}" for name, count in status.queues.items() if count)
     busy = sum(1 for worker in status.workers if worker.state == "busy")
     instead = f"  {status.fallbacks} scores by the embedded scorer instead" if status.fallbacks else ""
+    trouble = f"  nothing goes on: {status.trouble}" if status.trouble else ""
     return (
         f"{status.elapsed_s:6.1f} s  {status.flights}/{status.budget} flights  {status.flights_per_s:.2f}/s"
         f"  {status.real_time_factor:.0f}x real time  {status.violations_confirmed} violations{last}"
@@ -116,6 +117,7 @@ def one_line(status: Status) -> str:
         f"  states {status.exposure.states}  workers {busy}/{len(status.workers)} busy"
         + (f"  waiting: {queues}" if queues else "")
         + instead
+        + trouble
     )
 
 
@@ -148,7 +150,8 @@ class _Lines:
         """Write what is new."""
         for text in self._news.lines(status.seq):
             out.line(text)
-        if status.elapsed_s >= self._next_s:
+        is_new = status.trouble and not (self._last and self._last.trouble)
+        if status.elapsed_s >= self._next_s or is_new:
             out.line(one_line(status))
             self._next_s = status.elapsed_s + PLAIN_EVERY_S
         self._last = status
@@ -227,6 +230,8 @@ def _drawn(status: Status) -> RenderableType:
     )
     queues = escape(", ".join(f"{name} {count}" for name, count in status.queues.items()))
     facts.add_row(f"round {status.round}, scorer {escape(status.scorer)}{pending}", f"waiting: {queues}")
+    if status.trouble:
+        facts.add_row("[b red]nothing goes on[/]", f"[red]{escape(status.trouble)}[/]")
     if status.quarantined or status.fallbacks:
         facts.add_row(f"{status.quarantined} quarantined", f"{status.fallbacks} scores by the embedded scorer instead")
     facts.add_row(*exposed(status.exposure))
