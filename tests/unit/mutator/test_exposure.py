@@ -188,3 +188,16 @@ def test_told_flights_are_changed_and_routes_to_states_are_taken() -> None:
     assert all(one.scenario.start == flown.scenario.start for one in children)
     assert any(one.origin.note.startswith("to RTL") for one in found)
     assert Hint("upright") in searching._hints.values()
+
+
+def test_a_corpus_is_sown_as_it_was_kept_and_texts_that_are_none_are_refused() -> None:
+    corpus = Corpus()
+    flown = case(given("mode", "RTL"))
+    corpus.tell(flown, {"a-rtl1": 0.7}, 2)
+    texts = corpus.sown()
+    searching = strategy(corpus=texts, kept=1.0)
+    assert searching._corpus.sown() == texts
+    parents = {one.origin.parent for one in searching.ask(40, derive(1, "ask"))}
+    assert parents == {identity(flown)}
+    with pytest.raises(Refused, match="strategy setting corpus"):
+        strategy(corpus=["{}"])

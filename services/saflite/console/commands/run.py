@@ -35,6 +35,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--rng-seed", type=int, metavar="N", help="start of every random draw")
     parser.add_argument("--strategy", default="", help="see `saflite list strategies`")
     parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="setting of the strategy")
+    parser.add_argument("--corpus", type=Path, metavar="RUN", help="begin with what an earlier run of it kept")
     parser.add_argument("--scorer", default="", help="see `saflite list scorers`; e.g. ollama:mistral")
     parser.add_argument("--shadow", action="append", default=[], metavar="MODEL", help="score with it too, undecided")
     arguments.add_target_settings(parser)
@@ -47,6 +48,7 @@ def run(args: argparse.Namespace) -> int:
     """Run the campaign to its end; 1 if confirmed violations were found."""
     from saflite.console.io import campaign_options
     from saflite.console.operations import running
+    from saflite.console.run_data import corpus
     from saflite.console.view import out
     from saflite.runtime import campaign_runner
     from saflite.simulator_worker.registry import describe_target
@@ -63,6 +65,8 @@ def run(args: argparse.Namespace) -> int:
         target_settings=args.target_set,
         defects=args.defect,
     )
+    if args.corpus is not None:
+        campaign = corpus.with_corpus(campaign, args.corpus, describe_target(campaign.target.name))
     campaign_options.check_runnable(campaign)
     run_dir = args.out or running.free_folder(campaign.name)
     running.check_new(run_dir)

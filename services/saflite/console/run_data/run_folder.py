@@ -24,11 +24,13 @@ from saflite.contract.names import recording_file
 from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import TestCase
 from saflite.contract.verdict import Judgement, Violation
+from saflite.contract.work import Outcome
 from saflite.evidence.folder import BlobFolder
 from saflite.recorder.summary import Finding, PolicyFacts, Rulings, RunSummary
 
 T = TypeVar("T")
 EVENTS_AT_ONCE = 500
+ROUNDS_MAX = 10**9
 
 
 class FlightRow(NamedTuple):
@@ -135,6 +137,11 @@ class RunFolder:
     def endings(self) -> dict[str, int]:
         """Return how many test cases ended in each state (held, confirmed, flaky, unconfirmed, quarantined)."""
         return dict(self._rows("SELECT state, count(*) FROM endings GROUP BY state"))
+
+    def outcomes(self) -> Iterator[Outcome]:
+        """Yield what became of the test cases of all rounds, in order."""
+        with damage_named(self._file):
+            yield from self._contents.outcomes(-1, ROUNDS_MAX)
 
     def states(self) -> dict[str, int]:
         """Return the states of the target that test cases reached in their first flights, most often reached first."""

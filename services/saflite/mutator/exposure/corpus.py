@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple
 
+import msgspec
 import numpy as np
 
+from saflite.contract.errors import Refused
 from saflite.contract.test_case import Scenario, Stimulus, TestCase, draw_key, identity
 
 Rng = np.random.Generator
@@ -22,6 +24,23 @@ class Entry(NamedTuple):
     identity: str
     draw_key: str
     progress: float
+
+
+class Sown(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """An entry as the setting `corpus` holds it: how far it came for which policies, how many steps it covered."""
+
+    scenario: Scenario
+    stimuli: tuple[Stimulus, ...]
+    progress: dict[str, float] = {}
+    new: int = 0
+
+
+def read_sown(texts: list[str]) -> tuple[Sown, ...]:
+    """Return the entries in the setting `corpus`; raises Refused for a text that is none."""
+    try:
+        return tuple(msgspec.json.decode(text, type=Sown) for text in texts)
+    except msgspec.MsgspecError as fault:
+        raise Refused("strategy setting corpus", expected="entries of a corpus as JSON", got=str(fault)) from fault
 
 
 class Corpus:
@@ -51,6 +70,18 @@ class Corpus:
 
     def _worth(self, entry: Entry) -> float:
         return entry.progress - PATIENCE * self._in_vain.get(entry.identity, 0)
+
+    def sown(self) -> list[str]:
+        """Return what is kept as texts for the setting `corpus`, in the order of their draw keys."""
+        entries = {entry.identity: entry for entry in (*self._best.values(), *self._covering.values())}
+        texts = []
+        for entry in sorted(entries.values(), key=lambda one: one.draw_key):
+            reached = {name: one.progress for name, one in self._best.items() if one.identity == entry.identity}
+            covered = self._covering.get(entry.identity)
+            new = int(covered.progress) if covered else 0
+            kept = Sown(scenario=entry.scenario, stimuli=entry.stimuli, progress=reached, new=new)
+            texts.append(msgspec.json.encode(kept, order="deterministic").decode())
+        return texts
 
     def best(self, policy: str) -> Entry | None:
         """Return the flight that came furthest for a policy."""

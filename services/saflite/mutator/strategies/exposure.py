@@ -26,7 +26,7 @@ from saflite.contract.test_case import Origin, Scenario, Stimulus, StimulusKind,
 from saflite.contract.work import Outcome
 from saflite.mutator.exposure import numbers
 from saflite.mutator.exposure.attention import Attention, note
-from saflite.mutator.exposure.corpus import Corpus, Entry
+from saflite.mutator.exposure.corpus import Corpus, Entry, read_sown
 from saflite.mutator.exposure.hints import SHAPE, Hint, read_hints
 from saflite.mutator.exposure.phases import TAIL_S, Draw, Script, Stimuli, Tempo, cut, shifted
 from saflite.mutator.exposure.progress import by_policy
@@ -69,6 +69,7 @@ class Strategy:
         "beyond": Option(0.15, "share of values outside their valid range", 0, 1),
         "phases_max": Option(5, "greatest number of phases in a test case", 1, 20),
         "settle_max_s": Option(20.0, "longest quiet at the end of a phase", 2, 600),
+        "corpus": Option([], "kept flights of an earlier run to begin with (`saflite run --corpus RUN`)"),
         "start_s": Option(0.5, "time of the first input", 0, 600),
     }
 
@@ -92,6 +93,9 @@ class Strategy:
         self._attention = Attention(policies)
         self._states = StateModel()
         self._corpus = Corpus()
+        for sown in read_sown(self._chosen.words("corpus")):
+            case = msgspec.structs.replace(template, scenario=sown.scenario, stimuli=sown.stimuli)
+            self._corpus.tell(case, sown.progress, sown.new)
 
     # ---- tell --------------------------------------------------------------------------------------------------
 
