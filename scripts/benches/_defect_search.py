@@ -1,4 +1,4 @@
-"""One search for one planted defect: the campaign of its policy, in one process, to the first confirmed violation."""
+"""One search for one planted defect: its policy's campaign with `pgfuzz`, in one process, to the first confirmed find."""
 
 from __future__ import annotations
 
