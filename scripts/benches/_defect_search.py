@@ -1,4 +1,4 @@
-"""One search for one planted defect: its policy's campaign with `pgfuzz`, in one process, to the first confirmed find."""
+"""One search for one planted defect: its policy's campaign with `pgfuzz`, in one process, to the first find."""
 
 from __future__ import annotations
 
