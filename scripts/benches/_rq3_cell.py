@@ -21,17 +21,13 @@ from _inline import Flights, Inline
 from saflite.campaign.presets.campaigns import load_campaign
 from saflite.campaign.storage.contents import Contents
 from saflite.contract.config import Campaign, ScorerConfig, StrategyConfig
-from saflite.contract.errors import Unavailable
 from saflite.contract.flight import Flight
 from saflite.contract.service import Cancelled
 from saflite.contract.test_case import Obstacle, TestCase, identity
 from saflite.contract.work import FlyWork, Outcome
 from saflite.flight.autopilots.reference.describe import describe
 from saflite.flight.planner.kinematic import KinematicFlight
-from saflite.runtime.clock import WallClock
-from saflite.scorer_pool.model import Tools
 from saflite.scorer_pool.models import low_fidelity
-from saflite.scorer_pool.registry import make
 
 STRATEGIES = ("deephyperion", "camba", "tumb", "random_boxes", "near_miss")
 MISSIONS = (2, 3, 4, 5, 6, 7)
@@ -174,23 +170,6 @@ def campaign_of(cell: Cell) -> Campaign:
         rng_seed=cell.rng_seed,
         record="none",
     )
-
-
-def check_chooser(chooser: str) -> str:
-    """Return why a chooser cannot be had here, empty if it can: a server is asked for one answer."""
-    clock = WallClock()
-
-    def tools() -> Tools:
-        return Tools(clock, lambda label: make(label, tools()))
-
-    model = make(scorer_of(chooser), tools())
-    try:
-        model.warm(lambda: False)
-    except Unavailable as fault:
-        return str(fault)
-    finally:
-        model.close()
-    return ""
 
 
 def run(cell: Cell, memory: Memory) -> Row:

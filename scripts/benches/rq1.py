@@ -10,13 +10,13 @@ labels without a log and models that cannot be had have rows too, so that they a
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from string import Template
 
 import msgspec
 from _markdown import table
+from _models import check_none
 
 from saflite.console.evaluation.evaluating import read_cases
 from saflite.console.evaluation.labels import read_labels
@@ -55,13 +55,16 @@ def rows(path: Path) -> list[Answer]:
 
 
 def measure(folder: Path, labels_file: Path, models: Sequence[str]) -> Iterator[Answer]:
-    """Yield the answers of the rule of thumb, of chance and of the models, and what is missing."""
+    """Yield the answers of the rule of thumb, of chance and of the models, and what is missing.
+
+    Raises Unavailable at the end for a model that is not there.
+    """
     labels = read_labels(labels_file)
     cases, missing = read_cases(folder, labels)
+    lacking: dict[str, str] = {}
     for number, model in enumerate([RULE, *models]):
         report = evaluate_logs(cases, model, WallClock())
-        if report.unavailable:
-            sys.stderr.write(f"missing: every answer of {model}: {report.unavailable}\n")
+        lacking |= {model: report.unavailable} if report.unavailable else {}
         for one in report.answers:
             if number == 0 or one.answerer == model:
                 placed = one.log not in missing.without_position
@@ -72,6 +75,7 @@ def measure(folder: Path, labels_file: Path, models: Sequence[str]) -> Iterator[
         yield Answer(log=name, label=labels.answers[name], fault="no log")
     for name in missing.unreadable:
         yield Answer(log=name, label=None, fault="unreadable")
+    check_none(lacking)
 
 
 # ---- the page -----------------------------------------------------------------------------------------------------
@@ -144,7 +148,8 @@ def main(argv: list[str]) -> int:
         return 0
     if options.logs is None or options.labels is None:
         parser.error("name the folder with the logs and --labels FILE")
-    found = list(measure(options.logs, options.labels, options.models))
     options.out.parent.mkdir(parents=True, exist_ok=True)
-    options.out.write_bytes(b"".join(msgspec.json.encode(one) + b"\n" for one in found))
+    with options.out.open("wb") as file:
+        for one in measure(options.logs, options.labels, options.models):
+            file.write(msgspec.json.encode(one) + b"\n")
     return 0

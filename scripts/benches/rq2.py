@@ -10,7 +10,6 @@ be had is told, and stays missing.
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Iterator, Sequence
 from itertools import groupby
 from pathlib import Path
@@ -20,15 +19,13 @@ from typing import Any
 import msgspec
 import numpy as np
 from _markdown import table
+from _models import check_none, missing
 
 from saflite.console.evaluation.bugs import BugResult, Words, bugs, evaluate_bug, gain
-from saflite.contract.errors import Unavailable
 from saflite.contract.interval import Interval
 from saflite.mutator.operators.inputs import published_inputs
 from saflite.runtime.clock import WallClock
 from saflite.runtime.stages import brief_of
-from saflite.scorer_pool.model import Tools
-from saflite.scorer_pool.registry import make
 
 HERE = Path(__file__).resolve().parent
 ROWS, TEMPLATE = HERE / "results" / "rq2.jsonl", HERE / "pages" / "rq2.md"
@@ -59,13 +56,10 @@ def rows(path: Path) -> list[Row]:
 
 
 def measure(models: Sequence[str], seeds: int, path: Path) -> Iterator[Row]:
-    """Ask what has not been asked yet."""
+    """Ask what has not been asked yet; raises Unavailable at the end for a model that is not there."""
     done = {(row.result.model, row.arm, row.rng_seed, row.result.bug) for row in rows(path)}
-    for model in models:
-        trouble = unavailable(model)
-        if trouble:
-            sys.stderr.write(f"missing: every row of {model}: {trouble}\n")
-            continue
+    lacking = missing(models)
+    for model in [model for model in models if model not in lacking]:
         for arm, (words, valued) in ARMS.items():
             for rng_seed in range(1, seeds + 1):
                 for bug in bugs():
@@ -76,22 +70,7 @@ def measure(models: Sequence[str], seeds: int, path: Path) -> Iterator[Row]:
                         asked, model, published_inputs, brief_of, WallClock(), rng_seed=rng_seed, words=words
                     )
                     yield Row(arm=arm, rng_seed=rng_seed, result=result)
-
-
-def unavailable(label: str) -> str:
-    """Return why a model cannot be had here, empty if it can."""
-
-    def tools() -> Tools:
-        return Tools(WallClock(), lambda other: make(other, tools()))
-
-    model = make(label, tools())
-    try:
-        model.warm(lambda: False)
-    except Unavailable as fault:
-        return str(fault)
-    finally:
-        model.close()
-    return ""
+    check_none(lacking)
 
 
 # ---- the page -----------------------------------------------------------------------------------------------------

@@ -20,7 +20,8 @@ from itertools import groupby, product
 from pathlib import Path
 
 import msgspec
-from _rq3_cell import CHOOSERS, MISSIONS, STRATEGIES, Cell, Memory, Row, check_chooser, run
+from _models import check_none, missing
+from _rq3_cell import CHOOSERS, MISSIONS, STRATEGIES, Cell, Memory, Row, run, scorer_of
 
 HERE = Path(__file__).resolve().parent
 REFLIGHTS = "rq3_reflights.jsonl"
@@ -44,29 +45,17 @@ def wanted(options: argparse.Namespace) -> list[Cell]:
     return [Cell(*place, options.flights) for place in places]
 
 
-def had(choosers: Sequence[str]) -> list[str]:
-    """Return the choosers that answer; the others are told, and their cells stay missing."""
-    answering = []
-    for chooser in choosers:
-        trouble = check_chooser(chooser)
-        if trouble:
-            sys.stderr.write(f"missing: every cell of {chooser}: {trouble}\n")
-        else:
-            answering.append(chooser)
-    return answering
-
-
 def measure(options: argparse.Namespace) -> Iterator[Row]:
-    """Run the cells that have no row, until the time is up."""
+    """Run the cells that have no row, until the time is up; raises Unavailable at the end for a chooser not there."""
     done = {row.cell for row in rows(options.out)}
     cells = [cell for cell in wanted(options) if cell not in done]
-    answering = set(had(list(dict.fromkeys(cell.chooser for cell in cells))))
+    lacking = missing([scorer_of(cell.chooser) for cell in cells])
     end_s = time.monotonic() + 60.0 * options.minutes
     options.out.parent.mkdir(parents=True, exist_ok=True)
     for _, group in groupby(cells, key=lambda cell: (cell.rng_seed, cell.mission, cell.strategy)):
         memory = Memory()
         for cell in group:
-            if cell.chooser not in answering:
+            if scorer_of(cell.chooser) in lacking:
                 continue
             if time.monotonic() > end_s:
                 return
@@ -74,6 +63,7 @@ def measure(options: argparse.Namespace) -> Iterator[Row]:
             with options.out.open("ab") as file:
                 file.write(msgspec.json.encode(row) + b"\n")
             yield row
+    check_none(lacking)
 
 
 def confirm(path: Path, minutes: float) -> None:

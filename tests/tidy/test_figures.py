@@ -21,7 +21,7 @@ RESULT = re.compile(
     r"|\b\d+\.\d+ ?\[\d"  # 0.76 [0.7, 0.8]
 )
 COMMAND = re.compile(
-    r"scripts/(?:bench \w+|demo|soak|farm|test|golden)|saflite (?:evaluate|conformance|audit|scorer|run|fly)"
+    r"scripts/(?:bench \w+|demo|soak|farm|test|golden)|saflite (?:evaluate|conformance|audit|scorer|run|fly|list)"
 )
 BENCH = re.compile(r"scripts/bench (\w+)((?:[^\S\n]+(?:--?[\w-]+|[\w.:/=]+))*)")
 OPTION = re.compile(r"(?<!\S)--[a-z][\w-]*")
@@ -51,6 +51,13 @@ def without_command(text: str) -> list[str]:
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_figures_stand_beside_a_command_that_gives_them(page: Path) -> None:
     assert without_command(page.read_text()) == []
+
+
+def test_every_line_of_the_first_page_names_its_command() -> None:
+    (part,) = (part for heading, part in sections((ROOT / "README.md").read_text()) if heading == "## Measured")
+    lines = [line for line in part.splitlines() if line.startswith("|")][2:]
+    assert len(lines) > 10
+    assert [line for line in lines if not COMMAND.search(line) and not line.endswith("| the same |")] == []
 
 
 def test_a_figure_without_a_command_is_found() -> None:

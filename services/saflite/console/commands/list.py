@@ -45,6 +45,8 @@ def run(args: argparse.Namespace) -> int:
         out.line(f"{item.name:<{width}}  {item.summary}")
         for key, text in item.details.items() if args.verbose else ():
             out.line(f"{'':<{width}}    {key}: {text}")
+    if args.kind == "policies":
+        out.line(catalogue.policies_told(target))
     return 0
 
 

@@ -115,6 +115,16 @@ def _policies() -> list[Item]:
     return found
 
 
+def policies_told(target: str) -> str:
+    """Return how many policies there are, how many can be checked on the target, and by how many different rules."""
+    from saflite.oracle.policy import load_policy, policy_names
+
+    every = [load_policy(name) for name in policy_names()]
+    checkable = [policy for policy in every if target not in policy.file.not_checked_on]
+    rules = len({str(policy.formula) for policy in checkable})
+    return f"{len(every)} policies, {len(checkable)} of them can be checked on {target}, by {rules} different rules"
+
+
 def _exports() -> list[Item]:
     from saflite.recorder.export import describe, format_names
 
