@@ -21,7 +21,8 @@ class Join(msgspec.Struct, frozen=True, kw_only=True):
 
     `worker` is the name it wants, its own in the farm; `session` names this life of it. `software` is the digest of the
     code that decides what its stage answers, `version` that of the package. `targets` are those it can
-    fly, with their builds.
+    fly, with their builds; `modules` the modules from outside it was given, as `Outside.key` names them, each with
+    the SHA-256 of its content.
     """
 
     protocol: Count
@@ -31,6 +32,7 @@ class Join(msgspec.Struct, frozen=True, kw_only=True):
     version: Word = ""
     software: Word = ""
     targets: Annotated[tuple[TargetBuild, ...], msgspec.Meta(max_length=TARGETS_MAX)] = ()
+    modules: Labels = {}
     host: Word = ""
     cores: Count = 0
     labels: Labels = {}

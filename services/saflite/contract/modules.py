@@ -39,6 +39,11 @@ class Outside(msgspec.Struct, frozen=True, kw_only=True):
     digest: str
 
     @property
+    def key(self) -> str:
+        """What it is, in two words: kind and name."""
+        return f"{self.kind} {self.name}"
+
+    @property
     def path(self) -> Path:
         """Where it lies."""
         return Path(self.file)

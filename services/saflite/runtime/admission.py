@@ -8,12 +8,16 @@ from typing import NamedTuple
 
 from saflite.contract.errors import Refused
 from saflite.contract.join import Join, check_worker_name
+from saflite.contract.modules import Kind, Outside
 from saflite.contract.test_case import Target
 from saflite.contract.topics import PROTOCOL
 from saflite.contract.work import Stage
 
 FREE_STAGES: frozenset[Stage] = frozenset({"record"})
 """Stages whose software changes no result: what they make can be made again from the evidence."""
+
+DECIDES: dict[Stage, Kind] = {"mutate": "strategy", "score": "scorer", "fly": "target"}
+"""Kinds of modules from outside that decide what a stage answers; the text of policies travels with the campaign."""
 
 WORD_MAX = 80  # of what a stranger says of itself, in our words
 DIGEST_SHOWN = 12
@@ -22,13 +26,15 @@ DIGEST_SHOWN = 12
 class Terms(NamedTuple):
     """What the books ask of those who join.
 
-    `software` gives the digest their own code has for a stage; `guests` names scorers that may run another.
+    `software` gives the digest their own code has for a stage; `guests` names scorers that may run another. `modules`
+    are those from outside whose content decides results, too.
     """
 
     target: Target
     version: str
     software: Callable[[Stage], str]
     guests: Sequence[str] = ()
+    modules: Sequence[Outside] = ()
 
 
 def objection(card: Join, terms: Terms) -> str:
@@ -41,7 +47,9 @@ def objection(card: Join, terms: Terms) -> str:
         check_worker_name(card.session)
     except Refused as fault:
         return str(fault)
-    return _software(card, terms) or (_target(card, terms.target) if card.stage == "fly" else "")
+    return (
+        _software(card, terms) or _modules(card, terms) or (_target(card, terms.target) if card.stage == "fly" else "")
+    )
 
 
 def _software(card: Join, terms: Terms) -> str:
@@ -55,6 +63,18 @@ def _software(card: Join, terms: Terms) -> str:
     if card.stage == "score":
         remedy += ", or name this worker in scorer.guests of the campaign"
     return f"software of {card.stage}: expected {wanted}, got {got} (version {_said(card.version)}); {remedy}"
+
+
+def _modules(card: Join, terms: Terms) -> str:
+    if any(card.stage == "score" and fnmatchcase(card.worker, guest) for guest in terms.guests):
+        return ""
+    for module in terms.modules:
+        got = card.modules.get(module.key, "")
+        if DECIDES.get(card.stage) == module.kind and got != module.digest:
+            wanted = f"{module.digest[:DIGEST_SHOWN]} ({module.path.name})"
+            remedy = "hand the same file to both machines with --module"
+            return f"module {module.key}: expected {wanted}, got {_said(got[:DIGEST_SHOWN])}; {remedy}"
+    return ""
 
 
 def _target(card: Join, target: Target) -> str:

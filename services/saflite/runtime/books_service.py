@@ -10,7 +10,7 @@ from __future__ import annotations
 import logging
 import queue
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple, TypeVar
 
 import msgspec
@@ -26,6 +26,7 @@ from saflite.contract.control import Answer, Control
 from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.events import kind_of
 from saflite.contract.join import Join, Joined
+from saflite.contract.modules import Outside
 from saflite.contract.work import Ask, Grant, Heartbeat, Report, Stage, blobs_left
 from saflite.runtime.admission import Terms, objection
 from saflite.runtime.evidence import Evidence, InlineEvidence
@@ -105,9 +106,13 @@ class BooksService:
         evidence: Evidence | None = None,
         *,
         software: Callable[[Stage], str] = software_of,
+        modules: Sequence[Outside] = (),
     ) -> None:
-        """Serve `books` out of `store`; `evidence` looks at blobs, in this thread if none is given."""
-        self._terms = Terms(books.target, version(), software, books.campaign.scorer.guests)
+        """Serve `books` out of `store`; `evidence` looks at blobs, in this thread if none is given.
+
+        `modules` are those from outside that workers have to have been given.
+        """
+        self._terms = Terms(books.target, version(), software, books.campaign.scorer.guests, modules)
         self._bus, self._campaign, self._books, self._store, self._clock = bus, campaign, books, store, clock
         self._evidence = evidence or InlineEvidence(store.blobs)
         self._inspecting: Counter[str] = Counter()  # blobs of results being looked at: not to be dropped meanwhile

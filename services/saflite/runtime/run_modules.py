@@ -1,24 +1,36 @@
-"""Which modules from outside a run was made with: noted in its folder, so that `resume` and `replay` find them."""
+"""Which modules from outside a run was made with: noted and copied into its folder, for `resume` and `replay`.
+
+The file a run was made with is used while it is as it was; otherwise the copy, so that a run can go on elsewhere.
+"""
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from pathlib import Path
 
 import msgspec
 
 from saflite.contract import modules
+from saflite.contract.config import Campaign
 from saflite.contract.errors import Refused, Unavailable
+from saflite.contract.ids import digest
 from saflite.contract.modules import Outside
 
-FILE = "modules.json"
+log = logging.getLogger(__name__)
+
+FILE, FOLDER = "modules.json", "modules"
 
 
 def note(run_dir: Path, used: Sequence[Outside]) -> None:
-    """Leave in the run folder where its modules lie and the digests of their contents."""
+    """Leave in the run folder where its modules lie, the digests of their contents, and a copy of each."""
     if not used:
         return
     try:
+        for module in used:
+            data = module.path.read_bytes()
+            if digest(data) == module.digest:
+                _copy(data, _copy_of(run_dir, module))
         (run_dir / FILE).write_bytes(msgspec.json.format(msgspec.json.encode(used)) + b"\n")
     except OSError as fault:
         raise Unavailable(f"{run_dir}: {fault}") from fault
@@ -28,18 +40,52 @@ def use(run_dir: Path, files: Sequence[Path] = ()) -> tuple[Outside, ...]:
     """Let this process find the modules of a run; `files` stand for those of the same name, and are added.
 
     Raises:
-        Refused: one has gone or changed since the run was made and nothing stands for it.
+        Refused: one has gone or changed since the run was made, its copy, too, and nothing stands for it.
     """
     now = modules.use(files)
-    named = {(module.kind, module.name) for module in now}
-    kept = [module for module in _noted(run_dir) if (module.kind, module.name) not in named]
-    for module in kept:
-        (found,) = modules.use([module.path])
-        if found.digest != module.digest:
-            fix = "restore it, or name the file that is to stand for it with --module"
-            expected = f"the {module.kind} as it was when the run was made"
-            raise Refused("module", where=module.file, expected=expected, got="another content", fix=fix)
-    return (*kept, *now)
+    named = {module.key for module in now}
+    kept = [_intact(run_dir, module) for module in _noted(run_dir) if module.key not in named]
+    return (*modules.use(kept), *now)
+
+
+def needed(run_dir: Path, campaign: Campaign) -> tuple[Outside, ...]:
+    """Return the modules of a run without which a campaign cannot go on: its target, its strategy, and all scorers."""
+    names = {"target": campaign.target.name, "strategy": campaign.strategy.name}
+    return tuple(module for module in _noted(run_dir) if names.get(module.kind, module.name) == module.name)
+
+
+def _intact(run_dir: Path, module: Outside) -> Path:
+    """Return the file a module was read from, or its copy; raises Refused where neither is as it was."""
+    copy = _copy_of(run_dir, module)
+    if _is(module.path, module):
+        return module.path
+    if _is(copy, module):
+        why = "has changed" if module.path.exists() else "has gone"
+        log.warning(
+            "%s %s since the run was made: its copy %s is used (--module takes another)", module.path, why, copy
+        )
+        return copy
+    fix = "restore it, or name the file that is to stand for it with --module"
+    expected = f"the {module.kind} as it was when the run was made"
+    got = "another content" if module.path.exists() else "no such file"
+    raise Refused("module", where=module.file, expected=expected, got=f"{got}, and no copy in {FOLDER}/", fix=fix)
+
+
+def _is(path: Path, module: Outside) -> bool:
+    try:
+        return digest(path.read_bytes()) == module.digest
+    except OSError:
+        return False
+
+
+def _copy_of(run_dir: Path, module: Outside) -> Path:
+    return run_dir / FOLDER / module.digest[:16] / module.path.name
+
+
+def _copy(data: bytes, path: Path) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if not path.exists() or path.read_bytes() != data:
+        path.write_bytes(data)
 
 
 def _noted(run_dir: Path) -> tuple[Outside, ...]:

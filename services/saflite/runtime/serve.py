@@ -93,6 +93,7 @@ def _run(options: argparse.Namespace) -> int:
 
 def _books(options: argparse.Namespace) -> str:
     from saflite.campaign.storage.store import Store
+    from saflite.runtime import run_modules
     from saflite.runtime.books_service import BooksService
     from saflite.runtime.evidence import EvidenceService
 
@@ -110,7 +111,8 @@ def _books(options: argparse.Namespace) -> str:
     else:
         bus = open_client("books", options.connect, insecure=insecure)
     evidence = EvidenceService(bus, options.campaign, store.blobs)
-    service = BooksService(bus, options.campaign, books, store, clock, evidence)
+    modules = run_modules.needed(options.run_dir, books.campaign)
+    service = BooksService(bus, options.campaign, books, store, clock, evidence, modules=modules)
     _on_signals(service.stop)
     if options.gate:
         _on_change(options.keys / REGISTER, clock, service.stop)

@@ -11,6 +11,7 @@ from pathlib import Path
 from saflite.contract.clock import Clock
 from saflite.contract.ids import short_id
 from saflite.contract.join import Join
+from saflite.contract.modules import all_given
 from saflite.contract.topics import PROTOCOL
 from saflite.contract.work import Stage, TargetBuild
 from saflite.flight.build import library_version
@@ -65,6 +66,7 @@ def card_of(
         version=version(),
         software=software_of(stage),
         targets=targets,
+        modules={module.key: module.digest for module in all_given()},
         host=host,
         cores=len(os.sched_getaffinity(0)),
         labels=labels or {},

@@ -8,10 +8,11 @@ import msgspec
 import pytest
 
 from saflite.contract.join import Join
+from saflite.contract.modules import Kind, Outside
 from saflite.contract.test_case import Target
 from saflite.contract.topics import PROTOCOL, STAGES
 from saflite.contract.work import Stage, TargetBuild
-from saflite.runtime.admission import Terms, objection
+from saflite.runtime.admission import DECIDES, Terms, objection
 from saflite.runtime.software import software_of
 
 OURS = {stage: f"{stage}-code" for stage in STAGES}
@@ -93,3 +94,19 @@ def test_each_stage_has_a_digest_of_its_own_that_stays() -> None:
     assert len(set(digests.values())) == len(STAGES)
     software_of.cache_clear()
     assert {stage: software_of(stage) for stage in STAGES} == digests
+
+
+def test_modules_that_decide_what_a_stage_answers_must_be_the_same() -> None:
+    kinds: tuple[Kind, ...] = ("strategy", "scorer", "target", "policy")
+    own = tuple(Outside(kind=kind, name="own", file=f"/here/own_{kind}.py", digest="a" * 64) for kind in kinds)
+    terms = TERMS._replace(modules=own)
+    mine = {module.key: module.digest for module in own}
+    for stage, kind in DECIDES.items():
+        assert objection(_card(stage, modules=mine), terms) == ""
+        words = objection(_card(stage, modules=mine | {f"{kind} own": "e" * 64}), terms)
+        assert f"module {kind} own: expected" in words
+        assert "eeee" in words
+        assert f"own_{kind}.py" in objection(_card(stage), terms)
+        assert "\n" not in words
+    assert objection(_card("judge"), terms) == objection(_card("record"), terms) == ""
+    assert objection(_card("score", worker="gpu-1"), terms) == ""

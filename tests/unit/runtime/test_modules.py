@@ -8,13 +8,16 @@ from pathlib import Path
 import pytest
 
 from saflite.contract import modules
+from saflite.contract.config import Campaign, StrategyConfig
 from saflite.contract.errors import Refused
+from saflite.contract.test_case import Target
 from saflite.mutator.registry import load_strategy, options_of, strategy_names
 from saflite.oracle.policy import POLICIES_DIR, load_policy
 from saflite.runtime import run_modules
 from saflite.scorer_pool.registry import check_label, model_names
 from saflite.simulator_worker.registry import describe_target, load_target, target_names
 
+POLICY = "policy own-upright"
 TARGET = """
 from saflite.contract.target_info import TargetInfo
 def describe():
@@ -89,18 +92,55 @@ def test_what_is_no_module_is_refused_in_one_line(tmp_path: Path, name: str, tex
         modules.use([tmp_path / "gone.py"])
 
 
-def test_a_run_finds_its_modules_again_and_refuses_changed_ones(files: list[Path], tmp_path: Path) -> None:
+def test_a_run_finds_its_modules_again_and_goes_on_with_its_copy_of_changed_ones(
+    files: list[Path], tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    run_dir = tmp_path / "run"
+    run_dir.mkdir()
     used = modules.use(files)
-    run_modules.note(tmp_path, used)
+    run_modules.note(run_dir, used)
     modules.forget()
-    assert run_modules.use(tmp_path) == used
+    assert run_modules.use(run_dir) == used
     assert "cart" in target_names()
     files[0].write_text(TARGET.replace('build="1"', 'build="2"'))
-    with pytest.raises(Refused, match=r"another content.*--module"):
-        run_modules.use(tmp_path)
-    again = run_modules.use(tmp_path, [files[0]])
+    files[1].unlink()
+    for _ in range(2):  # a second time after what was used is noted again
+        modules.forget()
+        kept = run_modules.use(run_dir)
+        run_modules.note(run_dir, kept)
+        assert [(one.key, one.digest) for one in kept] == [(one.key, one.digest) for one in used]
+        assert describe_target("cart").build == "1"
+        assert load_strategy("nothing").proposes == "stimuli"
+    assert "cart.py has changed" in caplog.text
+    assert "nothing.py has gone" in caplog.text
+    again = run_modules.use(run_dir, [files[0]])
     assert {module.name for module in again} == {module.name for module in used}
     assert describe_target("cart").build == "2"
+
+
+def test_a_run_that_was_moved_brings_its_modules_and_says_when_they_are_damaged(
+    files: list[Path], tmp_path: Path
+) -> None:
+    run_dir, moved = tmp_path / "run", tmp_path / "elsewhere"
+    run_dir.mkdir()
+    run_modules.note(run_dir, modules.use(files))
+    modules.forget()
+    run_dir.rename(moved)
+    for file in files:
+        file.unlink()
+    run_modules.use(moved)
+    assert describe_target("cart").build == "1"
+    (copy,) = (moved / run_modules.FOLDER).rglob("cart.py")
+    copy.write_text("x = 1")
+    modules.forget()
+    with pytest.raises(Refused, match=r"no such file, and no copy in modules/.*--module"):
+        run_modules.use(moved)
+
+
+def test_a_campaign_needs_its_target_and_strategy_and_all_scorers(files: list[Path], tmp_path: Path) -> None:
+    run_modules.note(tmp_path, modules.use(files))
+    own = Campaign(name="c", target=Target(name="cart"), strategy=StrategyConfig(name="pgfuzz"))
+    assert [module.key for module in run_modules.needed(tmp_path, own)] == ["target cart", "scorer flat", POLICY]
 
 
 def test_a_run_without_modules_has_none(tmp_path: Path) -> None:
