@@ -169,6 +169,12 @@ class Ghost:
         if violation.test_case not in self.planted:
             tried, needed = len(self.tried.get(violation.test_case, ())), shrink_rule(self._rule).needed
             assert tried >= needed, f"{key} is a smallest form after {tried} flights that violated"
+        if violation.confirmation == "similar":
+            assert not violation.reflown, f"{key} was re-flown, though its behaviour is confirmed"
+            stands = self.violations.get((violation.representative, violation.policy))
+            assert stands is not None, f"{key} is similar to {violation.representative}, which was not announced"
+            assert stands.violation.confirmation == "confirmed", f"{key} is similar to what was not confirmed"
+            assert stands.violation.fingerprint == violation.fingerprint, f"{key} is of another behaviour"
         if violation.confirmation == "flaky":
             assert doubles.is_flaky(violation.test_case), f"{key} is called flaky, but repeats every time"
 
@@ -227,6 +233,12 @@ def at_the_end(ghost: Ghost, store: MemoryStore, books: Books, status: Status) -
         "nothing new" in getattr(e.fact, "why", "") for e in store.all_events if isinstance(e.fact, CampaignChanged)
     )
     assert dry or status.flights == status.budget, f"{status.flights} of {status.budget} flights were flown"
+    shown = {
+        fact.violation.fingerprint
+        for name, fact in ((key[0], fact) for key, fact in ghost.violations.items())
+        if fact.violation.confirmation == "confirmed" and name in ghost.planted
+    }
+    assert status.behaviours == len(shown), f"{status.behaviours} behaviours counted, {len(shown)} told"
     _replay_agrees(store, status)
     _no_orphan_blobs(store, ghost, books)
 
@@ -290,7 +302,8 @@ def _replay_agrees(store: MemoryStore, status: Status) -> None:
 def _no_orphan_blobs(store: MemoryStore, ghost: Ghost, books: Books) -> None:
     violated = {name for name, _ in ghost.violations}
     shown = {(fact.violation.test_case, fact.violation.flight_index) for fact in ghost.violations.values()}
-    traces = {digest(doubles.flown(name, index)[2]) for name, index in shown}
+    similar = {fact.violation.test_case for fact in ghost.violations.values() if not fact.violation.reflown}
+    traces = {digest(doubles.flown(name, index)[2]) for name, index in shown if name not in similar}
     kept, wanted = set(store.blobs.kept), {blob.digest for blob in books.wanted_blobs}
     assert traces <= kept, "the trace of a violation is gone"
     assert wanted <= kept, "a blob the books name is gone"

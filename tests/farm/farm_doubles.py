@@ -85,6 +85,10 @@ def is_flaky(name: str) -> bool:
     return luck(f"flaky {name}") < 0.15
 
 
+WAYS = 4
+"""In how many ways a test case can violate; two in the same way are one behaviour."""
+
+
 def is_untrue(name: str) -> bool:
     """Some test cases fly another flight when they are flown over again, under the very same noise."""
     return luck(f"untrue {name}") < 0.1
@@ -270,6 +274,7 @@ def judge(work: JudgeWork, blobs: Blobs) -> JudgeResult:
         outcome="violated" if distance < 1.5 else "held",
         robustness=distance - 1.5,
         severity="soft" if distance < 1.5 else "none",
+        behaviour=f"{POLICY}, way {int(WAYS * luck(f'way {name}'))}" if distance < 1.5 else "",
     )
     fingerprint = digest(f"{POLICY} {name}".encode())[:16] if distance < 1.5 else ""
     features = {"min_distance_m": distance}

@@ -53,6 +53,8 @@ class Exposed(msgspec.Struct, frozen=True, kw_only=True):
 class Status(msgspec.Struct, frozen=True, kw_only=True):
     """The campaign at a glance. All counts are exact; rates are over the last minute.
 
+    `processor_s` is the processor time of the books and all workers with their simulators in this sitting.
+
     `flights` are first flights, which alone count against `budget`; beside them are those `reflown` to confirm,
     `checked` for repeating bit by bit (`unequal` did not), and flown to make violations smaller. `trouble`, if there is
     any: why nothing is taken or handed out just now, such as a full disk.
@@ -68,13 +70,16 @@ class Status(msgspec.Struct, frozen=True, kw_only=True):
     shrink_flights: int = 0
     test_cases: int
     candidates: int
+    behaviours: int = 0
     violations_confirmed: int
+    violations_similar: int = 0
     violations_flaky: int
     violations_pending: int
     quarantined: int
     unequal: int = 0
     flights_per_s: float
     real_time_factor: float
+    processor_s: float = 0.0
     since_last_find_s: float | None
     elapsed_s: float
     scorer: str
@@ -85,6 +90,11 @@ class Status(msgspec.Struct, frozen=True, kw_only=True):
     seq: int
     exposure: Exposed = Exposed()
     trouble: Text = ""
+
+    @property
+    def behaviours_per_core_minute(self) -> float | None:
+        """New behaviours per minute of processor time; None before any was told of."""
+        return 60.0 * self.behaviours / self.processor_s if self.processor_s else None
 
 
 class Answer(msgspec.Struct, frozen=True, kw_only=True):

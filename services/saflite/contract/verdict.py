@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 import msgspec
 
-from saflite.contract.bounds import Count, Features, Number, Place, Share, Text, Track
+from saflite.contract.bounds import Count, Features, Number, Place, Share, Text, Track, Word
 from saflite.contract.names import Name, ShortId, ShortIdOrNone, StateWords
 
 Ruling = Literal["held", "violated", "vacuous", "inconclusive"]
@@ -15,7 +15,7 @@ Ruling = Literal["held", "violated", "vacuous", "inconclusive"]
 NEVER_APPLIED = "the rule never applied"
 """What people are told of a vacuous verdict."""
 
-Confirmation = Literal["candidate", "confirmed", "flaky", "unconfirmed"]
+Confirmation = Literal["candidate", "confirmed", "flaky", "unconfirmed", "similar"]
 
 
 class Verdict(msgspec.Struct, frozen=True, kw_only=True):
@@ -24,7 +24,8 @@ class Verdict(msgspec.Struct, frozen=True, kw_only=True):
     `robustness` is the signed distance to violation in the policy's own unit: negative means violated; None unless
     the rule held or was violated. `nearness`, 0 to 1, is the greatest share of the rule's conditions that were true at
     once: 1 where the rule applied, 0 where it could not be judged. The witness window is the stretch of simulated time
-    that decided the outcome.
+    that decided the outcome. `behaviour` says in words in which way the rule was violated, as far as one flight tells;
+    `cause` names the inputs that may be behind it. Both are empty where it was not violated, or nobody can tell.
     """
 
     policy: Name
@@ -36,6 +37,8 @@ class Verdict(msgspec.Struct, frozen=True, kw_only=True):
     severity: Literal["none", "soft", "hard"] = "none"
     points: Number = 0.0
     message: Text = ""
+    behaviour: Text = ""
+    cause: Annotated[tuple[Word, ...], msgspec.Meta(max_length=1_000)] = ()
 
     @property
     def margin(self) -> float:
@@ -79,8 +82,9 @@ class Judgement(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Violation(msgspec.Struct, frozen=True, kw_only=True):
-    """A violation with its stable fingerprint.
+    """A violation. Those of one behaviour share its `fingerprint`; `behaviour` tells it in words.
 
+    `similar` is a find of a behaviour that its `representative`, another test case, has confirmed: it was not re-flown.
     `confirmed` when enough of the `reflown` re-flights, each under noise of its own, violated again (`failed_again`),
     `flaky` when they did not, `unconfirmed` when too few could be flown to say. `rate_low` to `rate_high` is the 95 %
     interval of the rate at which it violates under other noise (Wilson); None without a re-flight. `flight_index` names
@@ -98,6 +102,8 @@ class Violation(msgspec.Struct, frozen=True, kw_only=True):
     rate_low: float | None = None
     rate_high: float | None = None
     flight_index: int = 0
+    behaviour: str = ""
+    representative: ShortIdOrNone = ""
     workers: tuple[Name, ...] = ()
     message: str = ""
 

@@ -39,7 +39,8 @@ class Outcome(msgspec.Struct, frozen=True, kw_only=True):
     `robustness` is the worst over the campaign's policies, None if none of their rules applied (or the flight said
     nothing: wedged, quarantined). `nearness` tells how near the nearest of the rules that never applied came to
     applying, 0 to 1; None where there is none. `rules` tells both policy by policy, `transitions` the steps of the
-    flight through the target's states.
+    flight through the target's states. `behaviours` are the fingerprints of the ways in which it violated, of which it
+    was the first to show `founded`; `points` are those of the competition.
     """
 
     test_case: TestCase
@@ -52,6 +53,9 @@ class Outcome(msgspec.Struct, frozen=True, kw_only=True):
     track: tuple[tuple[float, float, float, float], ...] = ()
     rules: tuple[RuleOutcome, ...] = ()
     transitions: tuple[Transition, ...] = ()
+    behaviours: tuple[str, ...] = ()
+    founded: int = 0
+    points: float = 0.0
 
     @property
     def guidance(self) -> float | None:
@@ -311,6 +315,7 @@ class Heartbeat(msgspec.Struct, frozen=True, kw_only=True):
     done: Count = 0
     simulated_s: Quantity = 0.0
     resident_mib: Quantity = 0.0
+    processor_s: Quantity = 0.0
 
 
 class Orders(msgspec.Struct, frozen=True, kw_only=True):

@@ -8,6 +8,7 @@ import numpy as np
 
 from saflite.contract.test_case import TestCase
 from saflite.flight.geometry import NO_OBSTACLE_M, boxes_array, distances_to_boxes
+from saflite.oracle.behaviour import place_of
 from saflite.oracle.signals import FlightSignals
 
 STALL_MPS = 0.3  # slower than this in the plane while up in the air counts as stalled
@@ -21,7 +22,8 @@ def features_of(test_case: TestCase, signals: FlightSignals) -> dict[str, float]
     """Return named numbers of a flight; those whose signals are missing are left out.
 
     duration_s, min_distance_m, closest_time_s, closest_obstacle (index), closest_x_m, closest_y_m, closest_progress
-    (share of the path flown before), path_length_m, stall_s, altitude_max_m, altitude_min_m, climb_max_mps,
+    (share of the path flown before), closest_leg, closest_passed and closest_side (`behaviour.py`), path_length_m,
+    stall_s, altitude_max_m, altitude_min_m, climb_max_mps,
     speed_max_mps, tilt_max_deg.
     """
     found = {"duration_s": max(0, signals.samples - 1) * signals.step_s}
@@ -70,6 +72,7 @@ def _closest(test_case: TestCase, signals: FlightSignals) -> dict[str, float]:
         "closest_x_m": float(point[0, 0]),
         "closest_y_m": float(point[0, 1]),
         "closest_progress": float(np.sum(steps[:at], dtype=np.float64)) / whole if whole > 0 else 0.0,
+        **place_of(test_case, signals, at),
     }
 
 

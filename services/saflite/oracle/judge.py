@@ -1,15 +1,17 @@
-"""Judges a flight against policies: one verdict each, the fingerprint of the worst, the short form of the flight."""
+"""Judges a flight against policies: one verdict each, the behaviour of the violated, the short form of the flight."""
 
 from __future__ import annotations
 
 import math
 
+import msgspec
+
 from saflite.contract.flight import AUTOPILOT_ALIVE, FLOWN_ENDINGS, Flight, Trace
 from saflite.contract.test_case import TestCase
 from saflite.contract.verdict import NEVER_APPLIED, Judgement, Verdict
 from saflite.contract.work import PolicyTexts
+from saflite.oracle.behaviour import behaviour_of, cause_of, fingerprint
 from saflite.oracle.features import features_of, track_of
-from saflite.oracle.fingerprint import fingerprint
 from saflite.oracle.policy import Policy, load_policy
 from saflite.oracle.signals import FlightSignals
 from saflite.oracle.states import transitions_of
@@ -62,13 +64,23 @@ def _judgement(
 ) -> Judgement:
     if flight.ending == "autopilot_died":
         verdicts.append(_died(flight))
-    broken = [verdict for verdict in verdicts if verdict.outcome == "violated"]
+    told = [
+        msgspec.structs.replace(
+            verdict,
+            behaviour=behaviour_of(test_case, verdict, features, signals),
+            cause=cause_of(test_case, flight, verdict),
+        )
+        if verdict.outcome == "violated"
+        else verdict
+        for verdict in verdicts
+    ]
+    broken = [verdict for verdict in told if verdict.outcome == "violated"]
     worst = min(broken, key=lambda verdict: (verdict.margin, verdict.policy), default=None)
     return Judgement(
         test_case=flight.test_case,
         flight_index=flight.flight_index,
-        verdicts=tuple(verdicts),
-        fingerprint=fingerprint(test_case, flight, worst, features, signals) if worst else "",
+        verdicts=tuple(told),
+        fingerprint=fingerprint(worst) if worst else "",
         features={name: value for name, value in features.items() if math.isfinite(value)},
         track=track_of(signals) if signals else (),
         transitions=transitions_of(test_case, flight, signals) if signals else (),

@@ -8,6 +8,7 @@ workers.
 from __future__ import annotations
 
 import logging
+import os
 import queue
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -33,6 +34,7 @@ from saflite.runtime.evidence import Evidence, InlineEvidence
 from saflite.runtime.liveness import Liveness
 from saflite.runtime.long_poll_queue import LongPollQueue
 from saflite.runtime.software import software_of, version
+from saflite.simulator_worker.processes import processor_s
 
 log = logging.getLogger(__name__)
 
@@ -279,10 +281,11 @@ class BooksService:
 
     def _on_control(self, request: Request, control: Control, now_s: float) -> None:
         if self._blocked is None:
-            self._answer(request, self._with_trouble(self._books.control(control, now_s), now_s))
+            answer = _with_own_time(self._books.control(control, now_s))
+            self._answer(request, self._with_trouble(answer, now_s))
         elif control.verb == "status":
             answer = Answer(accepted=True, status=self._books.status(now_s), message="the store takes no writes")
-            request.reply(wire.encode(self._with_trouble(answer, now_s)))
+            request.reply(wire.encode(self._with_trouble(_with_own_time(answer), now_s)))
         else:
             request.reply(wire.encode(Answer(accepted=False, message="the store takes no writes; try again")))
 
@@ -363,3 +366,11 @@ def _read(request: Request, kind: type[T]) -> T:
     if not speaks_for(request.peer, worker):
         raise Refused("worker", expected=f"{request.peer} or {request.peer}-..., as its key is named", got=worker)
     return message
+
+
+def _with_own_time(answer: Answer) -> Answer:
+    """Return the answer with the processor time of the books' own process in its status."""
+    if answer.status is None:
+        return answer
+    spent_s = answer.status.processor_s + processor_s(os.getpid())
+    return msgspec.structs.replace(answer, status=msgspec.structs.replace(answer.status, processor_s=spent_s))

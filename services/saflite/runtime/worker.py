@@ -131,6 +131,7 @@ class Worker:
         self._ask_wait_s = RETRY_FIRST_S
         self._seen_s, self._busy_s, self._idle_s = now_s, 0.0, 0.0
         self._done, self._simulated_s, self._resident_mib = 0, 0.0, 0.0
+        self._processor_s = 0.0
 
     # -- in -------------------------------------------------------------------------------------------------------
 
@@ -154,6 +155,7 @@ class Worker:
             self._stop(event.why, now_s, out)
         else:
             self._resident_mib = event.resident_mib or self._resident_mib
+            self._processor_s = event.processor_s or self._processor_s
         self._proceed(now_s, out)
         return out
 
@@ -347,6 +349,7 @@ class Worker:
             done=self._done,
             simulated_s=round(self._simulated_s, 3),
             resident_mib=self._resident_mib,
+            processor_s=self._processor_s,
         )
 
     def _beat_period_s(self) -> float:

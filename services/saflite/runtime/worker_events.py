@@ -25,6 +25,7 @@ class Tick(NamedTuple):
     """Time has passed."""
 
     resident_mib: float = 0.0
+    processor_s: float = 0.0
 
 
 class Answered(NamedTuple):

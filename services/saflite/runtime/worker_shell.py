@@ -23,7 +23,7 @@ from saflite.contract.work import Failure, Grant, Lease, Orders, Receipt, Result
 from saflite.runtime import worker as machine
 from saflite.runtime.spool import Spool
 from saflite.runtime.worker import Key, Worker
-from saflite.simulator_worker.processes import resident_mib
+from saflite.simulator_worker.processes import processor_s, resident_mib
 
 log = logging.getLogger(__name__)
 
@@ -83,7 +83,7 @@ class WorkerShell:
             try:
                 self._take(self._inbox.get(timeout=wait_s))
             except queue.Empty:
-                self._feed(machine.Tick(self._measure()))
+                self._feed(self._measure())
         return self._left
 
     # -- in -------------------------------------------------------------------------------------------------------
@@ -189,12 +189,12 @@ class WorkerShell:
             unread = (fault.ref,) if isinstance(fault, BlobMissing) else ()
             return Failure(message=told(str(fault)), unread=unread)
 
-    def _measure(self) -> float:
+    def _measure(self) -> machine.Tick:
         now_s = self._clock.monotonic_s()
         if now_s - self._measured_s < MEASURE_S:
-            return 0.0
+            return machine.Tick()
         self._measured_s = now_s
-        return resident_mib(os.getpid())
+        return machine.Tick(resident_mib(os.getpid()), processor_s(os.getpid()))
 
 
 def _decoded(reply: Reply, kind: type[T]) -> T | None:

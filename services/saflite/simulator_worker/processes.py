@@ -54,6 +54,19 @@ def resident_mib(pid: int) -> float:
     return round(own + sum(resident_mib(child) for child in children(pid)), 1)
 
 
+def processor_s(pid: int) -> float:
+    """Return the processor time of a process, its descendants and those it has reaped, seconds; 0 for one that is gone.
+
+    That of a descendant killed and reaped by somebody else is lost.
+    """
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return 0.0
+    own = sum(int(ticks) for ticks in fields[11:15]) / os.sysconf("SC_CLK_TCK")  # user, system, both of the reaped
+    return round(own + sum(processor_s(child) for child in children(pid)), 2)
+
+
 def signal_group(group: int, number: signal.Signals) -> None:
     """Send a signal to every process of a group; none being left is fine."""
     with suppress(ProcessLookupError, PermissionError):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import msgspec
 import pytest
-from books_drive import Driver, MemoryStore, new_books
+from books_drive import Driver, MemoryStore, doubles, new_books
 
 from saflite.contract.control import Control
 from saflite.contract.events import Judged, Quarantined, ScorerChanged, ViolationFound
@@ -71,7 +71,8 @@ def test_what_the_last_flight_of_the_budget_found_is_confirmed_beside_the_budget
     pytest.fail("no search found anything with its first flight")
 
 
-def test_a_violation_that_holds_only_under_its_own_noise_is_shown_as_such() -> None:
+def test_a_violation_that_holds_only_under_its_own_noise_is_shown_as_such(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(doubles, "WAYS", 10**9)
     driver = new_books(60, flights_per_round=8)
     driver.run()
     found = [fact.violation for fact in facts(driver, ViolationFound) if isinstance(fact, ViolationFound)]

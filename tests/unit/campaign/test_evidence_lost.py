@@ -151,7 +151,7 @@ class Losing(doubles.Service):
 
 @pytest.mark.parametrize("purpose", ["search", "shrink"])
 def test_a_flight_that_loses_its_trace_again_and_again_is_given_up(tmp_path: Path, purpose: Purpose) -> None:
-    campaign = doubles.campaign(30, record="none", shrink=purpose == "shrink")
+    campaign = doubles.campaign(30, record="none", shrink=purpose == "shrink", check_share=0.0)
     store = Store.create(tmp_path / "run", campaign, doubles.TEMPLATE, doubles.TARGET)
     driver = Driver(store.rebuild(), store)
     driver.service = losing = Losing(store, purpose)

@@ -55,12 +55,13 @@ def test_whatever_the_parts_remember_is_kept_or_named_as_not() -> None:
     core: Core = driver.books._core
     reducer = driver.books._reducer
     minimizer = Minimizer(doubles.TEMPLATE, 10, ONE_FLIGHT)
-    for part in (core.rounds, core.tasks, reducer.scorers, reducer.minimization, reducer.checks, minimizer):
+    parts = (reducer.scorers, reducer.minimization, reducer.behaviours, reducer.checks)
+    for part in (core.rounds, core.tasks, *parts, minimizer):
         kept = set(snapshot.FIELDS[type(part)])
         assert set(vars(part)) - snapshot.UNKEPT == kept, f"{type(part).__name__} remembers what no snapshot keeps"
-    assert set(vars(reducer)) == {"core", "minimization", "checks", "flights", "proposals", "scorers"}
+    assert set(vars(reducer)) == {*("core", "minimization", "flights", "proposals", "scorers", "behaviours", "checks")}
     for stateless in (reducer.flights, reducer.proposals):
-        assert set(vars(stateless)) <= {"_core", "_minimization", "_checks", "_flights"}
+        assert set(vars(stateless)) <= {"_core", "_minimization", "_flights", "_behaviours", "_checks"}
 
 
 @pytest.mark.parametrize("data", [b"", b"\x00", b"\x93\x80\x90\x90", b"\x93\x01\x02\x03", b"\xc1", b"\x91\x80"])

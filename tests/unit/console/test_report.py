@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -134,6 +135,7 @@ def data(count: int) -> ReportData:
         calibrations=calibrate_all(rows),
         usage=(),
         faults=(f"worker: {EVIL}",),
+        finds=Counter("f"),
         rulings={
             "min-obstacle-distance": Rulings(held=3, violated=2),
             "a-chute": Rulings(vacuous=5),

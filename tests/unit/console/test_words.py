@@ -82,7 +82,7 @@ def test_a_screen_shows_what_others_call_themselves_as_they_say_it() -> None:
 def test_a_progress_line_says_what_users_look_for() -> None:
     assert live.one_line(msgspec.structs.replace(status(), trouble="disk full")).endswith("nothing goes on: disk full")
     shown = live.one_line(status())
-    words = ("12/100 flights", "2.50/s", "310x real time", "2 violations", "4 s ago", "1/1 busy", "fly 4")
+    words = ("12/100 flights", "2.50/s", "310x real time", "2 finds", "4 s ago", "1/1 busy", "fly 4")
     for word in (*words, "3 scores by the embedded scorer instead"):
         assert word in shown
 

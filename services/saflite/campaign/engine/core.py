@@ -37,7 +37,9 @@ class Counts:
     selected: int = 0
     ended: int = 0
     candidates: int = 0
+    behaviours: int = 0  # ways to violate that a find has confirmed
     confirmed: int = 0
+    similar: int = 0  # finds of behaviours that another has confirmed
     flaky: int = 0
     unconfirmed: int = 0
     quarantined: int = 0

@@ -38,7 +38,7 @@ def _budget_holds(core: Core) -> None:
 def _every_trial_goes_on(core: Core) -> None:
     for trial in core.trials.values():
         flights = [trial.fly_key(index) for index in (trial.first, *trial.reflights)]
-        assert any(core.tasks.get(key) or core.tasks.get(key.judging) for key in flights), (
+        assert trial.waiting or any(core.tasks.get(key) or core.tasks.get(key.judging) for key in flights), (
             f"{trial.name} has not ended, and nothing is to be done for it"
         )
     for key in (task.key for task in core.tasks):
@@ -47,6 +47,8 @@ def _every_trial_goes_on(core: Core) -> None:
             purpose = core.trials[key.test_case].purpose_of(key.index)
             assert key.purpose == purpose, f"{key} has another purpose than its test case"
     searched = [trial for trial in core.trials.values() if trial.is_selected]
+    first = min(searched, key=lambda trial: (trial.round, trial.rank), default=None)
+    assert first is None or not first.waiting, f"{first and first.name} waits for nobody"
     for number, round_ in core.rounds.under_way.items():
         open_trials = sum(1 for trial in searched if trial.round == number)
         assert round_.open_trials == open_trials, f"round {number}: {round_.open_trials} open, {open_trials} counted"

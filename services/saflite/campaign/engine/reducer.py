@@ -16,6 +16,7 @@ from saflite.campaign.engine.journal import (
     Settled,
     TraceMissing,
 )
+from saflite.campaign.lifecycle.behaviours import Behaviours
 from saflite.campaign.lifecycle.flights import Flights
 from saflite.campaign.lifecycle.minimization import Minimization
 from saflite.campaign.lifecycle.proposals import Proposals
@@ -60,7 +61,8 @@ class Reducer:
         self.core = core
         self.minimization = Minimization(core)
         self.checks = RepeatChecks(core)
-        self.flights = Flights(core, self.minimization, self.checks)
+        self.behaviours = Behaviours(core)
+        self.flights = Flights(core, self.minimization, self.checks, self.behaviours)
         self.proposals = Proposals(core, self.flights)
         self.scorers = Scorers(core)
 
@@ -70,6 +72,7 @@ class Reducer:
             self._change_clock(line.at_s)
         self.core.at_s = line.at_s
         self._apply(line.entry)
+        self.flights.settle()
         for job in self.minimization.advance() if self.minimization.jobs else ():
             self.flights.fly_smallest(job)
         self.proposals.advance()

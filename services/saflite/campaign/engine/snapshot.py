@@ -19,6 +19,7 @@ import numpy as np
 from saflite.campaign.engine.core import Core
 from saflite.campaign.engine.outbox import Outbox
 from saflite.campaign.engine.reducer import Reducer
+from saflite.campaign.lifecycle.behaviours import Behaviour, Behaviours
 from saflite.campaign.lifecycle.minimization import Attempt, Minimization, MinimizationJob
 from saflite.campaign.lifecycle.minimizer import Evidence, Minimizer
 from saflite.campaign.lifecycle.repeat_checks import RepeatChecks
@@ -51,6 +52,7 @@ FIELDS: dict[type, dict[str, Any]] = {
         "pending": dict[WarmKey, tuple[bool, tuple[str, ...]]],
         "_count": int,
     },
+    Behaviours: {"_expected": deque[str], "_undecided": list[str], "_known": dict[str, Behaviour]},
     RepeatChecks: {"_under_way": dict[FlyKey, tuple[TestCase, Flight]]},
     Minimization: {
         "_jobs": list[MinimizationJob],
@@ -102,8 +104,8 @@ def put_back(reducer: Reducer, data: bytes) -> None:
         raise ValueError(f"not a snapshot of these books: {fault}") from fault
 
 
-def _beside(reducer: Reducer) -> tuple[Minimization, RepeatChecks, Scorers]:
-    return reducer.minimization, reducer.checks, reducer.scorers
+def _beside(reducer: Reducer) -> tuple[Minimization, RepeatChecks, Scorers, Behaviours]:
+    return reducer.minimization, reducer.checks, reducer.scorers, reducer.behaviours
 
 
 @cache

@@ -54,6 +54,12 @@ class WorkerRegistry:
     def __init__(self) -> None:
         self._workers: dict[Name, Worker] = {}
         self._left: dict[Name, Worker] = {}  # gone, but perhaps about to come back
+        self._spent_s: dict[tuple[str, str, str], float] = {}  # processor time, of each life of each worker
+
+    @property
+    def processor_s(self) -> float:
+        """Processor time that all workers there were have told of, seconds."""
+        return sum(self._spent_s.values())
 
     @property
     def is_full(self) -> bool:
@@ -116,3 +122,4 @@ class WorkerRegistry:
         worker.state, worker.done = beat.state, beat.done
         worker.busy_s, worker.idle_s = beat.busy_s, beat.idle_s
         worker.simulated_s, worker.resident_mib = beat.simulated_s, beat.resident_mib
+        self._spent_s[beat.stage, beat.worker, beat.session] = beat.processor_s

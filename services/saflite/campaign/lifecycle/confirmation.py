@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import msgspec
@@ -10,7 +11,6 @@ import msgspec
 from saflite.campaign.lifecycle.repeats import RepeatRule
 from saflite.campaign.scheduling.work_keys import FlyKey
 from saflite.contract.flight import Flight, Purpose
-from saflite.contract.ids import short_id
 from saflite.contract.interval import wilson
 from saflite.contract.score import Score
 from saflite.contract.test_case import TestCase
@@ -48,6 +48,10 @@ class Trial:
     flights: dict[int, FlightNote] = field(default_factory=dict)
     traces_lost: Counter[int] = field(default_factory=Counter)  # by flight: before it was judged
     judgement: Judgement | None = None
+    behaviours: dict[str, str] = field(default_factory=dict)  # fingerprints, by the policy violated
+    founded: int = 0  # how many of them it was the first to show
+    waiting: bool = False  # for test cases selected before it
+    stood: frozenset[str] = frozenset()  # policies it was confirmed to violate
 
     def purpose_of(self, index: int) -> Purpose:
         """Return what flight `index` is flown for."""
@@ -111,16 +115,12 @@ def violations_of(trial: Trial, rule: RepeatRule) -> tuple[Violation, ...]:
     repeats = [note for note in flights[1:] if note.judged]
     workers = tuple(note.flight.worker for note in flights if note.judged)
     found = []
-    for place, verdict in enumerate(violated_verdicts(trial.judgement)):
+    for verdict in violated_verdicts(trial.judgement):
         again = sum(1 for note in repeats if verdict.policy in note.violated)
         rate = wilson(again, len(repeats))
         found.append(
-            Violation(
-                fingerprint=fingerprint_of(trial.judgement, verdict, place),
-                test_case=trial.name,
-                policy=verdict.policy,
-                robustness=verdict.margin,
-                severity=verdict.severity,
+            msgspec.structs.replace(
+                _violation(trial, verdict),
                 confirmation=confirmation_of(len(repeats), again, trial.confirm_max, rule.needed),
                 reflown=len(repeats),
                 failed_again=again,
@@ -132,6 +132,32 @@ def violations_of(trial: Trial, rule: RepeatRule) -> tuple[Violation, ...]:
             )
         )
     return tuple(found) if trial.shrunk_from is None else _smallest_form(trial, trial.shrunk_from, found)
+
+
+def similar_ones(trial: Trial, representatives: Mapping[str, str]) -> tuple[Violation, ...]:
+    """Return the violations of a test case all of whose behaviours others have confirmed, worst first.
+
+    `representatives` names these others, by fingerprint.
+    """
+    assert trial.judgement is not None, f"{trial.name} was not judged"
+    found = (_violation(trial, verdict) for verdict in violated_verdicts(trial.judgement))
+    return tuple(msgspec.structs.replace(one, representative=representatives[one.fingerprint]) for one in found)
+
+
+def _violation(trial: Trial, verdict: Verdict) -> Violation:
+    """Return what a violation is before anything is flown again."""
+    return Violation(
+        fingerprint=trial.behaviours.get(verdict.policy, ""),
+        test_case=trial.name,
+        policy=verdict.policy,
+        robustness=verdict.margin,
+        severity=verdict.severity,
+        confirmation="similar",
+        flight_index=trial.first,
+        behaviour=verdict.behaviour,
+        workers=(trial.flights[trial.first].flight.worker,),
+        message=verdict.message,
+    )
 
 
 def _rounded(rate: float | None) -> float | None:
@@ -146,14 +172,8 @@ def _not_reflown(repeats: list[FlightNote]) -> str:
 
 
 def _smallest_form(trial: Trial, larger: Violation, found: list[Violation]) -> tuple[Violation, ...]:
-    """Return the violation it was shrunk for, under the fingerprint it has already; others are not its matter."""
+    """Return the violation it was shrunk for, of the behaviour it has already; others are not its matter."""
     text = f"smallest form of {larger.test_case}, {len(trial.test_case.stimuli)} inputs: "
     same = [violation for violation in found if violation.policy == larger.policy]
     named = {"fingerprint": larger.fingerprint}
     return tuple(msgspec.structs.replace(one, message=text + one.message, **named) for one in same)
-
-
-def fingerprint_of(judgement: Judgement, verdict: Verdict, place: int) -> str:
-    """Return a violation's fingerprint: the oracle's for the worst one, one made from it for each further policy."""
-    base = judgement.fingerprint or short_id(f"{judgement.test_case}\x1f{verdict.policy}".encode())
-    return base if place == 0 else short_id(f"{base}\x1f{verdict.policy}".encode())

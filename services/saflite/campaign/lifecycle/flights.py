@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from saflite.campaign.engine.core import Core, RecordJob
 from saflite.campaign.engine.journal import Pick
+from saflite.campaign.lifecycle.behaviours import Behaviours
 from saflite.campaign.lifecycle.confirmation import (
     FlightNote,
     Trial,
+    similar_ones,
     violated_verdicts,
     violations_of,
     worst_robustness,
@@ -29,8 +31,8 @@ from saflite.flight.novelty import features
 class Flights:
     """Flies, judges and re-flies every selected test case until it has ended in one recorded way."""
 
-    def __init__(self, core: Core, minimization: Minimization, checks: RepeatChecks) -> None:
-        self._core, self._minimization, self._checks = core, minimization, checks
+    def __init__(self, core: Core, minimization: Minimization, checks: RepeatChecks, behaviours: Behaviours) -> None:
+        self._core, self._minimization, self._checks, self._behaviours = core, minimization, checks, behaviours
 
     # ---- beginning -----------------------------------------------------------------------------------------------
 
@@ -45,6 +47,7 @@ class Flights:
         core.flown[trial.name] = trial.round
         core.latest.append(features(test_case))
         core.trials[trial.name] = trial
+        self._behaviours.expect(trial)
         core.counts.selected += 1
         round_.open_trials += 1
         core.out.row("selected", trial.name, round_.number, rank, pick.selected_by, pick.score, pick.novelty)
@@ -198,12 +201,37 @@ class Flights:
             core.let_go(*note.flight.blobs)
             trial.first += 1
             self._fly(trial, trial.first)
-        elif bad:
-            for index in trial.reflights:
-                self._fly(trial, index)
-            self._if_confirmed(trial)  # where none is asked for
-        else:
+        elif not bad:
             self._held(trial, note)
+        elif trial.is_selected:
+            trial.waiting = True
+        else:
+            self._confirm(trial)
+
+    def settle(self) -> None:
+        """Re-fly the finds that stand for their behaviours, and end those of behaviours that others have confirmed."""
+        while decided := self._behaviours.decided():
+            for trial, stands in decided:
+                if stands:
+                    self._confirm(trial)
+                else:
+                    self._similar(trial)
+
+    def _confirm(self, trial: Trial) -> None:
+        for index in trial.reflights:
+            self._fly(trial, index)
+        self._if_confirmed(trial)  # where none is asked for
+
+    def _similar(self, trial: Trial) -> None:
+        core, note = self._core, trial.flights[trial.first]
+        for violation in similar_ones(trial, self._behaviours.representatives):
+            self._announce(violation)
+        if core.campaign.record == "all":
+            core.flush(*note.flight.blobs)
+            self._record(trial, None)
+        else:
+            core.let_go(*note.flight.blobs)
+        self._end(trial, note.flight.ending, "similar")
 
     def _may_still_show(self, trial: Trial, note: FlightNote) -> bool:
         """Whether a smallest form, known to violate by chance, may show so in another flight after one that held."""
@@ -245,6 +273,7 @@ class Flights:
         if not trial.confirmed_all:
             return
         found = violations_of(trial, core.confirm)
+        trial.stood = frozenset(one.policy for one in found if one.confirmation == "confirmed")
         for violation in found:
             self._announce(violation)
         for note in trial.flights.values():
@@ -265,6 +294,8 @@ class Flights:
             core.counts.last_find_s = core.elapsed_s(core.at_s)
         elif violation.confirmation == "flaky":
             core.counts.flaky += 1
+        elif violation.confirmation == "similar":
+            core.counts.similar += 1
         else:
             core.counts.unconfirmed += 1
         core.tell(ViolationFound(violation=violation))
@@ -314,8 +345,13 @@ class Flights:
         if trial.judgement is not None:
             core.exposure.add(trial.test_case, trial.judgement)
         round_ = core.rounds.under_way[trial.round]
-        round_.outcomes[trial.rank] = outcome_of(trial.test_case, trial.round, ending, trial.judgement)
-        core.out.row("outcomes", trial.round, trial.rank, trial.name, ending, trial.first)
+        ways = tuple(sorted(trial.behaviours.values()))
+        outcome = outcome_of(trial.test_case, trial.round, ending, trial.judgement, ways, trial.founded)
+        round_.outcomes[trial.rank] = outcome
+        core.out.row(
+            "outcomes", trial.round, trial.rank, trial.name, ending, trial.first, ",".join(ways), trial.founded
+        )
+        self._behaviours.ended(trial)
         round_.open_trials -= 1
         if round_.open_trials == 0:
             core.rounds.close(trial.round)

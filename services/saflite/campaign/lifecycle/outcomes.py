@@ -9,7 +9,14 @@ from saflite.contract.verdict import Judgement, nearest
 from saflite.contract.work import Outcome, RuleOutcome
 
 
-def outcome_of(test_case: TestCase, round_: int, ending: Ending, judgement: Judgement | None) -> Outcome:
+def outcome_of(
+    test_case: TestCase,
+    round_: int,
+    ending: Ending,
+    judgement: Judgement | None,
+    behaviours: tuple[str, ...] = (),
+    founded: int = 0,
+) -> Outcome:
     """Return the outcome of a test case; `judgement` is that of the flight that counts, None if it was not judged."""
     if judgement is None:
         return Outcome(test_case=test_case, round=round_, ending=ending, robustness=None)
@@ -22,6 +29,9 @@ def outcome_of(test_case: TestCase, round_: int, ending: Ending, judgement: Judg
         violated=tuple(verdict.policy for verdict in violated_verdicts(judgement)),
         features=judgement.features,
         track=judgement.track,
+        behaviours=behaviours,
+        founded=founded,
+        points=max((verdict.points for verdict in judgement.verdicts), default=0.0),
         rules=tuple(
             RuleOutcome(verdict.policy, verdict.outcome, verdict.nearness, verdict.robustness)
             for verdict in judgement.verdicts

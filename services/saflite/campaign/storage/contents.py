@@ -21,7 +21,8 @@ _FLOWN = "SELECT line, place, round, content FROM test_cases WHERE test_case = ?
 _JUDGEMENT = "SELECT line FROM judgements WHERE test_case = ? AND flight_index = ?"
 _FLIGHT = "SELECT line FROM flights WHERE test_case = ? AND purpose = ? AND flight_index = ? AND line IS NOT NULL"
 _OUTCOMES = (
-    "SELECT round, test_case, ending, flight_index FROM outcomes WHERE round > ? AND round <= ? ORDER BY round, rank"
+    "SELECT round, test_case, ending, flight_index, behaviours, founded FROM outcomes WHERE round > ? AND round <= ?"
+    " ORDER BY round, rank"
 )
 
 
@@ -66,9 +67,13 @@ class Contents:
 
     def outcomes(self, after_round: int, upto_round: int) -> Iterator[Outcome]:
         """Yield the outcomes of the rounds in (after, upto], in order."""
-        for round_, name, ending, flight_index in self._db.execute(_OUTCOMES, (after_round, upto_round)).fetchall():
+        for round_, name, ending, flight_index, behaviours, founded in self._db.execute(
+            _OUTCOMES, (after_round, upto_round)
+        ).fetchall():
             proposal = self._db.execute(_FLOWN, (name, round_)).fetchone()
-            yield outcome_of(self._test_case(*proposal), round_, ending, self.judgement(name, flight_index))
+            ways = tuple(behaviours.split(",")) if behaviours else ()
+            judgement = self.judgement(name, flight_index)
+            yield outcome_of(self._test_case(*proposal), round_, ending, judgement, ways, founded)
 
     def _result(self, number: int) -> Result:
         if self._held is None or self._held[0] != number:

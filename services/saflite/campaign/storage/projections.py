@@ -113,6 +113,8 @@ TABLES: dict[str, tuple[str, ...]] = {
         "test_case TEXT",
         "ending TEXT",
         "flight_index INTEGER",  # of the flight whose verdicts count
+        "behaviours TEXT",
+        "founded INTEGER",  # how many of them it was the first to show
         "PRIMARY KEY (round, rank)",
     ),
     "recordings": (

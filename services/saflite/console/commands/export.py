@@ -1,8 +1,12 @@
-"""Export the violations of a run: competition YAML, SARIF, JUnit, CSV, QGroundControl plans.
+"""Export the violations of a run: competition YAML, SARIF, JUnit, CSV, QGroundControl plans; or one recording.
+
+A campaign records one find of each behaviour; `--recording` flies any other test case again, holds it against
+its record bit by bit and writes its MCAP.
 
 examples:
   saflite export runs/avoidance-m2 --format yaml
   saflite export runs/avoidance-m2 --format sarif --out findings/
+  saflite export runs/avoidance-m2 --recording 0123456789abcdef
 """
 
 from __future__ import annotations
@@ -14,8 +18,10 @@ from pathlib import Path
 def configure(parser: argparse.ArgumentParser) -> None:
     """Name the arguments."""
     parser.add_argument("run", type=Path, help="run folder")
-    parser.add_argument("--format", required=True, help="see `saflite list exports`")
-    parser.add_argument("--out", type=Path, help="folder to write to (RUN/export-FORMAT)")
+    what = parser.add_mutually_exclusive_group(required=True)
+    what.add_argument("--format", help="see `saflite list exports`")
+    what.add_argument("--recording", metavar="TEST_CASE", help="fly this test case again and write its recording")
+    parser.add_argument("--out", type=Path, help="folder to write to (RUN/export-FORMAT, RUN/export-recording)")
     parser.add_argument("--json", action="store_true", help="print the files as JSON")
 
 
@@ -26,6 +32,8 @@ def run(args: argparse.Namespace) -> int:
     from saflite.recorder.export import export
 
     tell_loss(args.run)
+    if args.recording is not None:
+        return _record(args)
     folder = args.out or args.run / f"export-{args.format}"
     with open_run(args.run) as run_folder:
         summary = run_folder.summary()
@@ -38,4 +46,16 @@ def run(args: argparse.Namespace) -> int:
         out.line(f"{len(files)} files, {len(summary.findings)} violations")
         if summary.findings and not files:
             out.line(f"none of them has what {args.format} files hold (missions, boxes)")
+    return 0
+
+
+def _record(args: argparse.Namespace) -> int:
+    from saflite.console.operations.recording_again import WALL_LIMIT_S, record_again
+    from saflite.console.view import out
+
+    path = record_again(args.run, args.recording, args.out or args.run / "export-recording", WALL_LIMIT_S)
+    if args.json:
+        out.json({"files": [str(path)]})
+    else:
+        out.line(str(path))
     return 0

@@ -45,9 +45,14 @@ class Conclusion(NamedTuple):
         return sorted(good, key=lambda one: one.robustness)
 
     @property
-    def distinct(self) -> int:
-        """How many different ones are among them."""
-        return len({one.fingerprint for one in self.confirmed})
+    def behaviours(self) -> list[Violation]:
+        """The worst confirmed violation of each behaviour, the worst first."""
+        return list({one.fingerprint: one for one in reversed(self.confirmed)}.values())[::-1]
+
+    @property
+    def similar(self) -> int:
+        """How many finds more there were of these behaviours."""
+        return sum(1 for one in self.violations if one.confirmation == "similar")
 
     @property
     def exit_code(self) -> int:
@@ -87,7 +92,7 @@ def _read(run: RunFolder) -> Conclusion:
         cases=sum(endings.values()),
         set_aside=endings.get("quarantined", 0),
         violations=tuple(run.violations()),
-        causes=causes((one.violation, one.test_case) for one in run.findings()),
+        causes=causes((one.violation, one.test_case) for one in run.findings(similar=True)),
         rulings=run.rulings(),
         minimised=run.campaign.search.shrink,
     )
@@ -102,8 +107,10 @@ def _plain(found: Conclusion, ended: ExitSummary) -> dict[str, Any]:
         "check_flights": found.flown["check"],
         "shrink_flights": found.flown["shrink"] + found.flown["shrunk"],
         "elapsed_s": found.elapsed_s,
+        "processor_s": None if ended.status is None else ended.status.processor_s,
+        "behaviours": len(found.behaviours),
         "confirmed": len(found.confirmed),
-        "distinct": found.distinct,
+        "similar": found.similar,
         "restarts": ended.restarts,
         "set_aside": found.set_aside,
         "causes": [cause.plain() for cause in found.causes],
@@ -113,12 +120,13 @@ def _plain(found: Conclusion, ended: ExitSummary) -> dict[str, Any]:
 
 
 def _tell(found: Conclusion, ended: ExitSummary) -> None:
-    good, flaky = found.confirmed, sum(1 for one in found.violations if one.confirmation == "flaky")
+    good, flaky = found.behaviours, sum(1 for one in found.violations if one.confirmation == "flaky")
     out.line()
     out.line(f"{'ended' if ended.ended else 'stopped'}: {ended.why}")
     out.line(
         f"{found.flown['search']} flights in {found.elapsed_s:.0f} s ({_beside(found.flown)}); "
-        f"{len(good)} violations confirmed, {found.distinct} distinct"
+        f"{len(good)} behaviours confirmed{_value(ended)}"
+        + (f", {found.similar} finds more of them" if found.similar else "")
         + (f", {flaky} flaky" if flaky else "")
         + (f"; {found.set_aside} test cases set aside, we could not fly or judge them" if found.set_aside else "")
         + (f"; {ended.restarts} processes started again" if ended.restarts else "")
@@ -134,6 +142,14 @@ def _tell(found: Conclusion, ended: ExitSummary) -> None:
         out.line("what it takes:" if found.minimised else "what it takes, not minimised ([search] shrink = true):")
     for cause in found.causes[:SHOWN]:
         out.line(f"  {cause.policy}, {cause.violations} of them: {cause.words}   (test case {cause.name})")
+
+
+def _value(ended: ExitSummary) -> str:
+    """Return in words what the processor time of this sitting was worth."""
+    status = ended.status
+    if status is None or status.behaviours_per_core_minute is None:
+        return ""
+    return f" ({status.behaviours_per_core_minute:.2f} per core-minute of {status.processor_s / 60.0:.1f})"
 
 
 def _beside(flown: Counter[Purpose]) -> str:

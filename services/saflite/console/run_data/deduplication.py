@@ -44,7 +44,7 @@ def causes(finds: Iterable[Find]) -> tuple[Cause, ...]:
     """
     found: dict[str, list[Find]] = {}
     for violation, test_case in finds:
-        if violation.confirmation == "confirmed" and not test_case.scenario.obstacles:
+        if violation.confirmation in ("confirmed", "similar") and not test_case.scenario.obstacles:
             found.setdefault(violation.policy, []).append((violation, test_case))
     every = [cause for policy, group in found.items() for cause in _least(policy, group)]
     return tuple(sorted(every, key=lambda cause: (-cause.violations, cause.policy, cause.name)))

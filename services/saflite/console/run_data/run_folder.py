@@ -177,11 +177,12 @@ class RunFolder:
             return recording_file(name, index)
         return ""
 
-    def findings(self) -> list[Finding]:
-        """Return all violations with what is known of each, confirmed and worst first."""
+    def findings(self, *, similar: bool = False) -> list[Finding]:
+        """Return the violations with what is known of each, confirmed and worst first; `similar` ones if asked for."""
         order = {"confirmed": 0, "unconfirmed": 1, "flaky": 2}
         ranked = sorted(
-            self.violations(), key=lambda one: (order.get(one.confirmation, 3), one.robustness, one.test_case)
+            (one for one in self.violations() if similar or one.confirmation != "similar"),
+            key=lambda one: (order.get(one.confirmation, 3), one.robustness, one.test_case),
         )
         return [
             Finding(

@@ -81,8 +81,8 @@ def fact_text(fact: object) -> str:
 
 
 def _fact_text(fact: object) -> str:
-    if isinstance(fact, ViolationFound):
-        return violation_line(fact.violation)
+    if isinstance(fact, ViolationFound):  # the 28th find of a behaviour is counted, and no news
+        return "" if fact.violation.confirmation == "similar" else violation_line(fact.violation)
     if isinstance(fact, Quarantined):
         return f"quarantined  {fact.test_case} after {fact.attempts} attempts, last {fact.last} {fact.message}".rstrip()
     if isinstance(fact, ScorerChanged):
@@ -99,7 +99,7 @@ def violation_line(violation: Violation) -> str:
     again = f"violates again {failed_again(violation)}"
     return (
         f"{word}  {violation.fingerprint}  {violation.policy} {violation.robustness:+.3f} ({violation.severity})"
-        f"  {again}  test case {violation.test_case}"
+        f"  {violation.behaviour}  {again}  test case {violation.test_case}"
     )
 
 
@@ -112,13 +112,24 @@ def one_line(status: Status) -> str:
     trouble = f"  nothing goes on: {status.trouble}" if status.trouble else ""
     return (
         f"{status.elapsed_s:6.1f} s  {status.flights}/{status.budget} flights  {status.flights_per_s:.2f}/s"
-        f"  {status.real_time_factor:.0f}x real time  {status.violations_confirmed} violations{last}"
-        f"  rules {status.exposure.spoke}/{status.exposure.spoke + len(status.exposure.silent)}"
+        f"  {status.real_time_factor:.0f}x real time  {status.behaviours} behaviours, {_finds(status)} finds"
+        f"{_value(status)}{last}  rules {status.exposure.spoke}/{status.exposure.spoke + len(status.exposure.silent)}"
         f"  states {status.exposure.states}  workers {busy}/{len(status.workers)} busy"
         + (f"  waiting: {queues}" if queues else "")
         + instead
         + trouble
     )
+
+
+def _finds(status: Status) -> int:
+    """Return how many test cases were found that violate in a way that was confirmed."""
+    return status.violations_confirmed + status.violations_similar
+
+
+def _value(status: Status) -> str:
+    """Return in words what the processor time was worth."""
+    rate = status.behaviours_per_core_minute
+    return "" if rate is None else f", {rate:.2f} behaviours per core-minute"
 
 
 def _beside(status: Status) -> str:
@@ -221,12 +232,12 @@ def _drawn(status: Status) -> RenderableType:
     pending = f" (warming {escape(status.scorer_pending)})" if status.scorer_pending else ""
     facts.add_row(
         f"[b]{status.flights}[/] of {status.budget} flights, beside them {_beside(status)}",
-        f"[b red]{status.violations_confirmed}[/] violations, {status.violations_flaky} flaky, "
+        f"[b red]{status.behaviours}[/] behaviours in {_finds(status)} finds, {status.violations_flaky} flaky, "
         f"{status.violations_pending} being confirmed",
     )
     facts.add_row(
         f"[b]{status.flights_per_s:.2f}[/] flights/s, [b]{status.real_time_factor:.0f}x[/] real time",
-        f"last find {last}",
+        f"last find {last}{_value(status)}",
     )
     queues = escape(", ".join(f"{name} {count}" for name, count in status.queues.items()))
     facts.add_row(f"round {status.round}, scorer {escape(status.scorer)}{pending}", f"waiting: {queues}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable
 from typing import NamedTuple
 
@@ -42,7 +43,7 @@ class Progress(NamedTuple):
     flights: NDArray[np.float64]
     robustness: NDArray[np.float64]
     found: NDArray[np.float64]
-    distinct: NDArray[np.float64]
+    behaviours: NDArray[np.float64]
 
 
 class ReportData(NamedTuple):
@@ -61,6 +62,7 @@ class ReportData(NamedTuple):
     rulings: dict[str, Rulings]
     states: dict[str, int]
     modes_unseen: tuple[str, ...]
+    finds: Counter[str]  # by fingerprint, similar ones included
 
 
 def read(run: RunFolder) -> ReportData:
@@ -92,6 +94,7 @@ def read(run: RunFolder) -> ReportData:
         rulings=run.rulings(),
         states=states,
         modes_unseen=modes_unseen(run.target, states),
+        finds=Counter(one.fingerprint for one in run.violations() if one.confirmation in ("confirmed", "similar")),
     )
 
 
@@ -133,9 +136,9 @@ def _progress(run: RunFolder) -> Progress:
     for event in run.events():
         fact = event.fact
         if isinstance(fact, Flown):
-            flown += 1
+            flown += fact.purpose == "search"
             continue
-        if isinstance(fact, ViolationFound) and fact.violation.confirmation == "confirmed":
+        if isinstance(fact, ViolationFound) and fact.violation.confirmation in ("confirmed", "similar"):
             found += 1
             fingerprints.add(fact.violation.fingerprint)
         elif not (isinstance(fact, Judged) and fact.flight_index == 0):

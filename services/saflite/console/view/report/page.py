@@ -61,13 +61,13 @@ def _settings(data: ReportData) -> str:
 def _tiles(data: ReportData) -> str:
     confirmed = [exhibit for exhibit in data.exhibits if exhibit.violation.confirmation == "confirmed"]
     flaky = sum(1 for exhibit in data.exhibits if exhibit.violation.confirmation == "flaky")
-    distinct = len({exhibit.violation.fingerprint for exhibit in confirmed})
+    behaviours = len({exhibit.violation.fingerprint for exhibit in confirmed})
     simulated_s = sum(row.simulated_s for row in data.flights)
     flown = Counter(row.purpose for row in data.flights)
     elapsed_s = max(data.elapsed_s, 1e-9)
     tiles = [
-        (str(len(confirmed)), "violations confirmed", "bad" if confirmed else "good"),
-        (str(distinct), "of them distinct", ""),
+        (str(behaviours), "behaviours confirmed", "bad" if confirmed else "good"),
+        (str(sum(data.finds.values())), "finds of them", ""),
         (str(flaky), "flaky", "warn" if flaky else ""),
         (f"{flown['search']}", f"flights of {data.campaign.budget_flights}", ""),
         (f"{flown['confirm']}", "flights more to confirm what was found", ""),
@@ -93,8 +93,8 @@ def _duration(seconds: float) -> str:
 def _finds(data: ReportData) -> str:
     progress = data.progress
     curves = [
-        charts.Curve(progress.flights, progress.found, "curve3", "confirmed", step=True),
-        charts.Curve(progress.flights, progress.distinct, "curve1", "distinct", step=True),
+        charts.Curve(progress.flights, progress.found, "curve3", "finds", step=True),
+        charts.Curve(progress.flights, progress.behaviours, "curve1", "behaviours", step=True),
     ]
     return charts.chart("violations over flights", curves, x_name="flights")
 
@@ -124,12 +124,25 @@ def _table(data: ReportData) -> str:
             f'<span class="badge {violation.severity}">{violation.severity}</span>',
             f'<span class="badge {violation.confirmation}">{violation.confirmation}</span>',
             failed_again(violation),
+            escape(violation.behaviour),
+            str(data.finds[violation.fingerprint]),
             f"{len(exhibit.test_case.scenario.obstacles)} boxes"
             if exhibit.test_case.scenario.obstacles
             else f"{len(exhibit.test_case.stimuli)} stimuli",
         ]
         rows.append("<tr>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>")
-    heads = ("", "fingerprint", "policy", "robustness", "severity", "confirmation", "re-flown", "inputs")
+    heads = (
+        "",
+        "fingerprint",
+        "policy",
+        "robustness",
+        "severity",
+        "confirmation",
+        "re-flown",
+        "behaviour",
+        "finds",
+        "inputs",
+    )
     return f"<h2>Violations</h2>{_html_table(heads, rows)}"
 
 
