@@ -143,7 +143,7 @@ def _pack(kind: Any, value: Any) -> Any:
         plain = _is_plain(parts[1])
         return [(key, one if plain else _pack(parts[1], one)) for key, one in value.items()]
     if origin is Counter:
-        return list(value.items())
+        return sorted(value.items())
     if origin in (set, frozenset):
         return sorted(value)
     return _pack(parts[0], value) if origin in (Union, UnionType) else [_pack(parts[0], one) for one in value]

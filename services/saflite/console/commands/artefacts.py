@@ -10,12 +10,15 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from saflite.console.io import outputs
+
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Name the arguments."""
     parser.add_argument("run", type=Path, help="run folder")
     parser.add_argument("--test-case", default="", metavar="ID", help="of this test case (or the start of its name)")
     parser.add_argument("--out", type=Path, metavar="DIR", help="write them to this folder, one below it per flight")
+    outputs.add_force(parser)
     parser.add_argument("--json", action="store_true", help="print the list as JSON")
 
 
@@ -24,6 +27,8 @@ def run(args: argparse.Namespace) -> int:
     from saflite.console.run_data.run_folder import open_run, tell_loss
     from saflite.console.view import out
 
+    if args.out is not None:
+        outputs.check_folder(args.out, force=args.force)
     tell_loss(args.run)
     with open_run(args.run) as folder:
         rows = [row for row in folder.artefacts() if row.test_case.startswith(args.test_case)]
@@ -32,7 +37,7 @@ def run(args: argparse.Namespace) -> int:
             flight = f"{row.test_case}-{row.purpose}-{row.flight_index}"
             entry = {"flight": flight, "name": row.name, "size_bytes": row.blob.size_bytes, "sha256": row.blob.digest}
             if args.out is not None:
-                entry["file"] = str(_write(args.out / flight, row.name, folder.content(row.blob)))
+                entry["file"] = str(_write(args.out / flight, row.name, folder.content(row.blob), args.force))
             listed.append(entry)
     if args.json:
         out.json(listed)
@@ -42,15 +47,9 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _write(folder: Path, name: str, data: bytes) -> Path:
-    from saflite.contract.errors import Unavailable
+def _write(folder: Path, name: str, data: bytes, force: bool) -> Path:
     from saflite.contract.names import is_name
 
     assert is_name(name), "names of artefacts are checked when a flight is reported"
-    path = folder / name
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(data)
-    except OSError as fault:
-        raise Unavailable(f"{path}: {fault}") from fault
-    return path
+    outputs.write(folder / name, data, force=force)
+    return folder / name

@@ -14,6 +14,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from saflite.console.io import outputs
+
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Name the arguments."""
@@ -37,6 +39,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     for kind in (logs, bugs):
         kind.add_argument("--deadline", type=float, default=120.0, metavar="S", help="for one answer")
         kind.add_argument("--plot", type=Path, metavar="FILE.svg", help="draw the result")
+        outputs.add_force(kind)
         kind.add_argument("--json", action="store_true", help="print as JSON")
 
 

@@ -14,6 +14,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from saflite.console.io import outputs
+
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Name the arguments."""
@@ -22,6 +24,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     what.add_argument("--format", help="see `saflite list exports`")
     what.add_argument("--recording", metavar="TEST_CASE", help="fly this test case again and write its recording")
     parser.add_argument("--out", type=Path, help="folder to write to (RUN/export-FORMAT, RUN/export-recording)")
+    outputs.add_force(parser)
     parser.add_argument("--json", action="store_true", help="print the files as JSON")
 
 
@@ -31,6 +34,8 @@ def run(args: argparse.Namespace) -> int:
     from saflite.console.view import out
     from saflite.recorder.export import export
 
+    if args.out is not None:
+        outputs.check_folder(args.out, force=args.force)
     tell_loss(args.run)
     if args.recording is not None:
         return _record(args)

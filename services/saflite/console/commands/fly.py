@@ -14,6 +14,8 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from saflite.console.io import outputs
+
 if TYPE_CHECKING:
     from saflite.console.operations.judging import Flown
     from saflite.contract.test_case import TestCase
@@ -33,6 +35,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--wall-limit", type=float, default=300.0, metavar="S", help="give up after so many seconds")
     arguments.add_modules(parser)
     parser.add_argument("--out", type=Path, help="write a recording (.mcap)")
+    outputs.add_force(parser)
     parser.add_argument("--anywhere", action="store_true", help="allow boxes outside the competition's area and count")
     parser.add_argument("--all", action="store_true", help="show policies that have nothing to say of this flight, too")
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
@@ -43,11 +46,11 @@ def run(args: argparse.Namespace) -> int:
     from saflite.console.io import cases
     from saflite.console.operations import judging
     from saflite.console.view import out
-    from saflite.contract.errors import Refused, Unavailable
+    from saflite.contract.errors import Unavailable
     from saflite.contract.flight import FLOWN_ENDINGS
 
-    if args.out is not None and args.out.exists():
-        raise Refused("--out", where=str(args.out), expected="a file that does not exist", got="one that does")
+    if args.out is not None:
+        outputs.check_file(args.out, force=args.force)
     case = cases.with_changes(
         cases.load_case(args.case),
         target=args.target,
@@ -62,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
         raise Unavailable(f"the flight ended as {flown.flight.ending}: {flown.flight.message}")
     judgement = judging.judge(case, flown, tuple(args.policy))
     if args.out is not None:
-        _record(args.out, case, flown, judgement)
+        outputs.write(args.out, _recording(case, flown, judgement), force=args.force)
     if args.json:
         out.json({"flight": flown.flight, "judgement": judgement, "recording": str(args.out or "")})
     else:
@@ -72,14 +75,10 @@ def run(args: argparse.Namespace) -> int:
     return judging.exit_code(judgement)
 
 
-def _record(path: Path, case: TestCase, flown: Flown, judgement: Judgement) -> None:
-    from saflite.contract.errors import Unavailable
+def _recording(case: TestCase, flown: Flown, judgement: Judgement) -> bytes:
     from saflite.contract.work import RecordWork
     from saflite.recorder import mcap
     from saflite.runtime.clock import WallClock
 
     work = RecordWork(test_case=case, flight=flown.flight, judgement=judgement)
-    try:
-        path.write_bytes(mcap.write(work, flown.packed, WallClock().unix_s() - flown.flight.wall_s))
-    except OSError as fault:
-        raise Unavailable(f"recording {path}: {fault}") from fault
+    return mcap.write(work, flown.packed, WallClock().unix_s() - flown.flight.wall_s)

@@ -10,6 +10,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from saflite.console.io import outputs
+
+COUNT_MAX = 10_000  # what one round of a campaign may have
+
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Name the arguments."""
@@ -26,6 +30,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--out", type=Path, help="folder for one .json per test case, and .yaml where it can be said so"
     )
+    outputs.add_force(parser)
     parser.add_argument("--json", action="store_true", help="print the test cases as JSON, one per line")
 
 
@@ -34,6 +39,7 @@ def run(args: argparse.Namespace) -> int:
     from saflite.campaign.presets.campaigns import template
     from saflite.console.io import campaign_options, case_files
     from saflite.console.view import out
+    from saflite.contract.errors import Refused
     from saflite.contract.test_case import identity
     from saflite.contract.work import MutateResult, MutateWork
     from saflite.mutator.work import open_service
@@ -46,6 +52,10 @@ def run(args: argparse.Namespace) -> int:
         settings=args.set,
     )
     campaign_options.at_least("--count", args.count, 1)
+    if args.count > COUNT_MAX:
+        raise Refused("--count", expected=f"at most {COUNT_MAX}, what one round of a campaign may have", got=args.count)
+    if args.out is not None:
+        outputs.check_folder(args.out, force=args.force)
     target = describe_target(campaign.target.name)
     work = MutateWork(
         round=args.round,
@@ -68,5 +78,5 @@ def run(args: argparse.Namespace) -> int:
         else:
             out.line(f"{identity(case)}  {case_files.one_line(case)}")
     if args.out is not None:
-        case_files.write_cases(result.test_cases, args.out)
+        case_files.write_cases(result.test_cases, args.out, force=args.force)
     return 0

@@ -10,11 +10,14 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from saflite.console.io import outputs
+
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Name the arguments."""
     parser.add_argument("run", type=Path, help="run folder")
     parser.add_argument("--out", type=Path, help="where to (RUN/report.html)")
+    outputs.add_force(parser)
     parser.add_argument("--json", action="store_true", help="print where it was written as JSON")
 
 
@@ -24,8 +27,10 @@ def run(args: argparse.Namespace) -> int:
     from saflite.console.run_data.run_folder import tell_loss
     from saflite.console.view import out
 
+    if args.out is not None:
+        outputs.check_file(args.out, force=args.force)
     tell_loss(args.run)
-    path, confirmed = reporting.write(args.run, args.out)
+    path, confirmed = reporting.write(args.run, args.out, force=args.force)
     if args.json:
         out.json({"report": str(path), "confirmed": confirmed})
     else:

@@ -9,6 +9,7 @@ from pathlib import Path
 from saflite.console.evaluation.bugs import BugResult, evaluate_bugs, gain
 from saflite.console.evaluation.labels import Labels, read_labels
 from saflite.console.evaluation.logs import LogCase, LogReport, Missing, evaluate_logs
+from saflite.console.io import outputs
 from saflite.console.view import out
 from saflite.console.view.report import bars
 from saflite.contract.errors import Refused, Unavailable
@@ -30,10 +31,14 @@ def logs(args: argparse.Namespace) -> int:
     """
     from saflite.runtime.clock import WallClock
 
+    if args.text is not None:
+        outputs.check_folder(args.text, force=args.force, option="--text")
+    if args.plot is not None:
+        outputs.check_file(args.plot, force=args.force, option="--plot")
     cases, missing = read_cases(args.folder, read_labels(args.labels) if args.labels else Labels({}), args.text)
     report = evaluate_logs(cases, args.model, WallClock(), deadline_s=args.deadline, missing=missing)
     if args.plot is not None:
-        _write(args.plot, bars.calibrations(report.calibrations))
+        outputs.write(args.plot, bars.calibrations(report.calibrations).encode(), force=args.force, option="--plot")
     if args.json:
         out.json(report)
     else:
@@ -61,7 +66,7 @@ def read_cases(folder: Path, labels: Labels, text_folder: Path | None = None) ->
             without_position.append(path.name)
         text = describe(trace)
         if text_folder is not None:
-            _write(text_folder / f"{path.stem}.txt", text)
+            outputs.write(text_folder / f"{path.stem}.txt", text.encode(), force=True)
         label = labels.answers.get(labels.name_for(path))
         found.append(LogCase(path.name, text, label, *rule_of_thumb(facts_of(trace))))
     return found, Missing(labels.without_log(paths), tuple(unreadable), tuple(without_position))
@@ -156,7 +161,7 @@ def bugs(args: argparse.Namespace) -> int:
         words=args.words,
     )
     if args.plot is not None:
-        _write(args.plot, bars.bugs(results))
+        outputs.write(args.plot, bars.bugs(results).encode(), force=args.force, option="--plot")
     if args.json:
         out.json({"results": results, "gain_over_pgfuzz": gain(results)})
     else:
@@ -189,11 +194,3 @@ def _show_bugs(results: Sequence[BugResult], model: str) -> None:
     triggers = len({one.trigger for one in results})
     told = f"{_interval(gain(results))} x PGFuzz's own (geometric mean over {triggers} triggers, 95 %)"
     out.line(f"chance per round of drawing the trigger: {told}")
-
-
-def _write(path: Path, text: str) -> None:
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, encoding="utf-8")
-    except OSError as fault:
-        raise Unavailable(f"{path} cannot be written: {fault}") from fault

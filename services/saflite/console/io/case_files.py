@@ -7,7 +7,7 @@ from pathlib import Path
 
 import msgspec
 
-from saflite.contract.errors import Unavailable
+from saflite.console.io import outputs
 from saflite.contract.test_case import TestCase, identity
 
 
@@ -24,15 +24,9 @@ def one_line(case: TestCase) -> str:
     return "; ".join(boxes + stimuli) or "nothing in the way"
 
 
-def write_cases(cases: Iterable[TestCase], folder: Path) -> list[Path]:
-    """Write one `.json` per test case, named by its identity; returns the paths."""
-    paths = []
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for case in cases:
-            path = folder / f"{identity(case)}.json"
-            path.write_bytes(msgspec.json.format(msgspec.json.encode(case)) + b"\n")
-            paths.append(path)
-    except OSError as fault:
-        raise Unavailable(f"writing test cases to {folder}: {fault}") from fault
-    return paths
+def write_cases(cases: Iterable[TestCase], folder: Path, *, force: bool = False) -> list[Path]:
+    """Write one `.json` per test case, named by its identity; returns the paths. See `outputs.write`."""
+    files = {folder / f"{identity(case)}.json": case for case in cases}
+    for path, case in files.items():
+        outputs.write(path, msgspec.json.format(msgspec.json.encode(case)) + b"\n", force=force)
+    return list(files)

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from saflite.console.io import outputs
 from saflite.console.run_data.run_folder import open_run
-from saflite.contract.errors import Unavailable
 
 REPORT = "report.html"
 TEST_CASES = "test_cases"
 
 
-def write(run_dir: Path, path: Path | None = None) -> tuple[Path, int]:
-    """Write the report; returns where, and the number of confirmed violations.
+def write(run_dir: Path, path: Path | None = None, *, force: bool = False) -> tuple[Path, int]:
+    """Write the report; returns where, and the number of confirmed violations. The run's own is always made anew.
 
     Raises:
         Refused: no run stands there, or its store is damaged.
@@ -24,10 +24,7 @@ def write(run_dir: Path, path: Path | None = None) -> tuple[Path, int]:
     with open_run(run_dir) as run:
         found = data.read(run)
     text = page.render(found, str(run_dir))
-    try:
-        place.write_text(text, encoding="utf-8")
-    except OSError as fault:
-        raise Unavailable(f"the report cannot be written: {fault}") from fault
+    outputs.write(place, text.encode(), force=force or path is None)
     return place, sum(1 for exhibit in found.exhibits if exhibit.violation.confirmation == "confirmed")
 
 

@@ -1,0 +1,65 @@
+"""Files that commands write for the user: whole or not at all, and never over what stands there unless told so."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import tempfile
+from contextlib import suppress
+from pathlib import Path
+
+from saflite.contract.errors import Refused, Unavailable
+
+FIX = "choose another place, or --force to write over it"
+
+
+def add_force(parser: argparse.ArgumentParser) -> None:
+    """Name the argument that lets files be written over."""
+    parser.add_argument("--force", action="store_true", help="write over what stands there")
+
+
+def check_file(path: Path, *, force: bool, option: str = "--out") -> None:
+    """Raise Refused unless a file may be written at `path`: nothing is there, or a file or link and `force`."""
+    if not os.path.lexists(path):
+        return
+    if not (path.is_file() or path.is_symlink()):
+        raise Refused(option, where=str(path), expected="a place for a file", got="a folder or device")
+    if not force:
+        raise Refused(option, where=str(path), expected="a file that does not exist", got="one that does", fix=FIX)
+
+
+def check_folder(path: Path, *, force: bool, option: str = "--out") -> None:
+    """Raise Refused unless files may be written into `path`: it is not there, or empty, or a folder and `force`."""
+    try:
+        if path.is_dir() and (force or not any(path.iterdir())):
+            return
+    except OSError as fault:
+        raise Unavailable(f"{path}: {fault}") from fault
+    if os.path.lexists(path):
+        got = "one with files in it" if path.is_dir() else "a file or link"
+        fix = FIX if path.is_dir() else "choose another place"
+        raise Refused(option, where=str(path), expected="a folder that is new or empty", got=got, fix=fix)
+
+
+def write(path: Path, data: bytes, *, force: bool, option: str = "--out") -> None:
+    """Write a file, and its folder if need be; a link is replaced, never followed.
+
+    Raises:
+        Refused: something stands there and `force` is not given, or it is no file.
+        Unavailable: the disk does not take it.
+    """
+    check_file(path, force=force, option=option)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, beside = tempfile.mkstemp(dir=path.parent, prefix=".part-")
+        try:
+            with os.fdopen(handle, "wb") as file:
+                file.write(data)
+            os.chmod(beside, 0o644)
+            os.replace(beside, path)
+        except OSError:
+            with suppress(OSError):
+                os.unlink(beside)
+            raise
+    except OSError as fault:
+        raise Unavailable(f"{path} cannot be written: {fault}") from fault

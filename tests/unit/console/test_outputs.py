@@ -1,0 +1,84 @@
+"""What commands write is never put over what stands there, or through a link, unless the user says so."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from saflite.console.cli import main
+from saflite.console.io import outputs
+from saflite.contract.errors import Refused, Unavailable
+
+
+def test_a_new_file_is_written_with_its_folder(tmp_path: Path) -> None:
+    outputs.write(tmp_path / "a" / "b.txt", b"new", force=False)
+    assert (tmp_path / "a" / "b.txt").read_bytes() == b"new"
+    assert [path.name for path in (tmp_path / "a").iterdir()] == ["b.txt"]
+
+
+def test_what_stands_there_is_written_over_only_by_force(tmp_path: Path) -> None:
+    path = tmp_path / "notes.txt"
+    path.write_bytes(b"mine")
+    with pytest.raises(Refused, match="--force"):
+        outputs.write(path, b"new", force=False)
+    assert path.read_bytes() == b"mine"
+    outputs.write(path, b"new", force=True)
+    assert path.read_bytes() == b"new"
+
+
+@pytest.mark.parametrize("dangling", [True, False])
+def test_a_link_is_replaced_by_force_and_never_followed(tmp_path: Path, dangling: bool) -> None:
+    elsewhere, link = tmp_path / "elsewhere", tmp_path / "link"
+    if not dangling:
+        elsewhere.write_bytes(b"mine")
+    link.symlink_to(elsewhere)
+    with pytest.raises(Refused):
+        outputs.write(link, b"new", force=False)
+    outputs.write(link, b"new", force=True)
+    assert not link.is_symlink()
+    assert link.read_bytes() == b"new"
+    assert elsewhere.exists() is not dangling
+    assert dangling or elsewhere.read_bytes() == b"mine"
+
+
+def test_a_folder_or_device_is_no_file_even_by_force(tmp_path: Path) -> None:
+    for place in (tmp_path, Path("/dev/null")):
+        with pytest.raises(Refused, match="a folder or device"):
+            outputs.write(place, b"new", force=True)
+
+
+def test_a_folder_with_files_takes_more_only_by_force(tmp_path: Path) -> None:
+    outputs.check_folder(tmp_path / "new", force=False)
+    outputs.check_folder(tmp_path, force=False)
+    (tmp_path / "file").write_bytes(b"")
+    with pytest.raises(Refused, match="new or empty"):
+        outputs.check_folder(tmp_path, force=False)
+    outputs.check_folder(tmp_path, force=True)
+    with pytest.raises(Refused, match="a file or link"):
+        outputs.check_folder(tmp_path / "file", force=True)
+
+
+def test_a_place_that_cannot_be_written_is_said(tmp_path: Path) -> None:
+    (tmp_path / "file").write_bytes(b"")
+    with pytest.raises(Unavailable, match="cannot be written"):
+        outputs.write(tmp_path / "file" / "below", b"new", force=False)
+
+
+def test_commands_refuse_before_they_work(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    link, full = tmp_path / "link.mcap", tmp_path / "full"
+    link.symlink_to(tmp_path / "nowhere")
+    full.mkdir()
+    (full / "mine").write_bytes(b"")
+    assert main(["fly", str(tmp_path / "none.yaml"), "--out", str(link)]) == 2
+    assert main(["report", str(tmp_path / "none"), "--out", str(link)]) == 2
+    assert main(["mutate", "avoidance-m2", "--out", str(full)]) == 2
+    assert main(["export", str(tmp_path / "none"), "--format", "csv", "--out", str(full)]) == 2
+    assert main(["artefacts", str(tmp_path / "none"), "--out", str(full)]) == 2
+    assert capsys.readouterr().err.count("--force") >= 4
+    assert not (tmp_path / "nowhere").exists()
+
+
+def test_more_candidates_than_a_round_may_have_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["mutate", "avoidance-m2", "--count", "1000000000"]) == 2
+    assert "at most 10000" in capsys.readouterr().err
