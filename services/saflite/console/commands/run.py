@@ -30,7 +30,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("campaign", help="built-in campaign or .toml file")
     parser.add_argument("--target", default="", help="on this target (see `saflite list targets`)")
     parser.add_argument("--out", type=Path, metavar="RUN", help="run folder, must not exist (runs/CAMPAIGN)")
-    parser.add_argument("--budget", type=int, metavar="N", help="flights, confirmations included")
+    parser.add_argument("--budget", type=int, metavar="N", help="first flights, one a test case")
     parser.add_argument("--workers", type=int, metavar="N", help="simulator workers (one per core)")
     parser.add_argument("--rng-seed", type=int, metavar="N", help="start of every random draw")
     parser.add_argument("--strategy", default="", help="see `saflite list strategies`")

@@ -97,9 +97,10 @@ def violation_line(violation: Violation) -> str:
     """Return a violation in one line."""
     word = "VIOLATION" if violation.confirmation == "confirmed" else violation.confirmation
     again = f"violates again {failed_again(violation)}"
+    way = violation.behaviour.removeprefix(f"{violation.policy}, {violation.severity}, ")
     return (
         f"{word}  {violation.fingerprint}  {violation.policy} {violation.robustness:+.3f} ({violation.severity})"
-        f"  {violation.behaviour}  {again}  test case {violation.test_case}"
+        f"  {way}  {again}  test case {violation.test_case}"
     )
 
 
