@@ -33,8 +33,14 @@ def reference() -> TargetInfo:
     return load_target("reference").describe()
 
 
+@cache
+def takes_messages() -> TargetInfo:
+    return load_target("betaflight_sanitized").describe()
+
+
 def setup_of(name: str, mission: str = "mission2") -> Setup:
-    return Setup(name, registry.load_strategy(name), reference(), mission)
+    target = takes_messages() if name == "messages" else reference()
+    return Setup(name, registry.load_strategy(name), target, mission)
 
 
 @pytest.mark.parametrize(

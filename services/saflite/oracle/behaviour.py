@@ -3,8 +3,8 @@
 Avoidance: the policy, how hard, which obstacle (in the order passed), on which side of it, on which leg of the mission;
 the books compare the shapes of the tracks besides (`flight/track_shape.py`). Stimuli: the policy, how hard, the mode in
 which it broke, and the inputs that may have caused it: those given before and not denied (names, without values; one
-that was never answered may be what stopped the autopilot). Places and sizes of boxes, settings of the target and random
-seeds are no part of it: they are causes or noise, not behaviour.
+that was never answered may be what stopped the autopilot); for a death by a sanitizer also the place it reports. Places
+and sizes of boxes, settings of the target and random seeds are no part of it: they are causes or noise, not behaviour.
 """
 
 from __future__ import annotations
@@ -24,6 +24,9 @@ from saflite.oracle.signals import FlightSignals
 
 REACHED_M = 3.0
 """A way-point counts as reached from the first moment it is so near in the plane."""
+
+SANITIZER = "Sanitizer: "
+"""What stands in the last words of an autopilot that a sanitizer ended; the rest names the place in its code."""
 
 STEP_S = 0.5
 Points = NDArray[np.float64]
@@ -84,6 +87,8 @@ def behaviour_of(
         parts.append(f"{side} obstacle {features['closest_passed']:.0f} on leg {features['closest_leg']:.0f}")
     if test_case.stimuli or not test_case.scenario.obstacles:
         parts.append(f"in mode {_mode(verdict, signals)}")
+    if verdict.policy == AUTOPILOT_ALIVE and SANITIZER in verdict.message:
+        parts.append(verdict.message.partition(SANITIZER)[2])
     return ", ".join(parts)
 
 

@@ -27,6 +27,7 @@ Stimuli = tuple[Stimulus, ...]
 TAIL_S = 4.0  # least time a shortened flight goes on after its last input
 PAUSES_S = (0.5, 1.0, 2.0)  # shorter pauses that are tried
 DIGITS = (1, 2)
+COMMAND_VALUES_MAX = 7  # of a vehicle command; more are bytes of a message
 BATCH = 8  # flights of the first wave of a generation, at most; at least one test case
 
 
@@ -173,6 +174,9 @@ def simplified(test_case: TestCase) -> Iterator[TestCase]:
 
 def _simpler(stimulus: Stimulus) -> Iterator[tuple[float, ...]]:
     values = stimulus.values
+    if len(values) > COMMAND_VALUES_MAX:  # a message: fewer bytes
+        for size in (1, len(values) // 4, len(values) // 2, 3 * len(values) // 4, len(values) - 1):
+            yield values[:size]
     if len(values) > 1 and any(values[1:]):
         yield (values[0], *(0.0 for _ in values[1:]))
     if len(values) > 1 and any(values):

@@ -11,7 +11,7 @@ from saflite.flight.autopilots.betaflight.configuration import known_settings, t
 from saflite.flight.autopilots.betaflight.faults import PAIRS, WHOLE, known_faults
 from saflite.flight.autopilots.betaflight.firmware import Variant, identity, listing, why_missing
 from saflite.flight.autopilots.betaflight.flight import HANDS_OFF, HOLDS, LINKS, SETTING_LINK, SETTING_PILOT
-from saflite.flight.autopilots.betaflight.inputs import SWITCH
+from saflite.flight.autopilots.betaflight.inputs import MSP2_COMMAND, MSP_COMMAND, RAW_BYTES, SWITCH
 from saflite.flight.autopilots.betaflight.settings import BetaflightSetting
 from saflite.flight.autopilots.betaflight.signals import OWN_SIGNALS, trace_names
 from saflite.flight.autopilots.betaflight.switches import (
@@ -48,7 +48,7 @@ def describe(name: str, variant: Variant) -> TargetInfo:
         name=name,
         build="" if lacking else identity(variant),
         repeats="bitwise",
-        inputs=(*_sticks(), *_modes(variant), *_switches(variant), *_faults(variant), *_parameters(variant, lacking)),
+        inputs=tuple(_inputs(variant, lacking)),
         signals=trace_names(),
         own_signals=OWN_SIGNALS,
         modes=MODES,
@@ -69,6 +69,13 @@ def missing(variant: Variant) -> str:
     if importlib.util.find_spec("jsbsim") is None:
         return "the jsbsim package is not installed"
     return why_missing(variant)
+
+
+def _inputs(variant: Variant, lacking: str) -> Iterator[InputInfo]:
+    yield from (*_sticks(), *_modes(variant), *_switches(variant), *_faults(variant))
+    if variant.sanitized:
+        yield from _messages()
+    yield from _parameters(variant, lacking)
 
 
 def _starts(variant: Variant) -> tuple[StartState, ...]:
@@ -102,6 +109,15 @@ def _switches(variant: Variant) -> Iterator[InputInfo]:
             yield InputInfo(
                 kind="command", name=f"{SWITCH}{name}", type="flag", low=0.0, high=1.0, meaning=switch.meaning
             )
+
+
+def _messages() -> Iterator[InputInfo]:
+    """Yield what a message strategy needs; a search over all inputs would only ever send empty ones."""
+    yield InputInfo(
+        kind="command", name=MSP_COMMAND, low=1, high=1, meaning="a message number (1: version), payload bytes"
+    )
+    yield InputInfo(kind="command", name=MSP2_COMMAND, low=1, high=1, meaning="the same, framed as version 2")
+    yield InputInfo(kind="command", name=RAW_BYTES, low=0, high=255, type="whole", meaning="bytes to the serial port")
 
 
 def _faults(variant: Variant) -> Iterator[InputInfo]:

@@ -7,6 +7,7 @@ too, before either goes on: so a held flight goes on any number of times.
 from __future__ import annotations
 
 import os
+import re
 from pathlib import Path
 
 from saflite.contract.errors import Unavailable
@@ -36,7 +37,9 @@ LINKS = {"msp": MSP_LINK, "udp": UDP_LINK}
 SETTING_LINK, SETTING_PILOT = "link", "pilot"
 HOLDS, HANDS_OFF = "holds", "hands_off"
 _WORDS = {GONE: "the firmware died", SILENT: "the firmware hangs", EXITED: "the firmware ended itself"}
-_REPORTS = ("ERROR: AddressSanitizer", "runtime error:", "firmware: signal")
+SANITIZER, SIGNAL = "AddressSanitizer", "firmware: signal"
+FRAMES_SHOWN = 3
+_FRAME = re.compile(r"#\d+ 0x[0-9a-f]+ in (\w+)")
 
 
 class BetaflightFlight:
@@ -280,5 +283,15 @@ class BetaflightFlight:
 def _reason(console: str) -> str:
     """Return the line of what the firmware printed that says why it ended."""
     lines = [line.strip() for line in console.splitlines() if line.strip()]
-    told = next((line for line in lines if any(word in line for word in _REPORTS)), "")
+    report = next((place for place, line in enumerate(lines) if SANITIZER in line and "ERROR" in line), -1)
+    if report >= 0:
+        return _sanitizer_words(lines[report:])
+    told = next((line for line in reversed(lines) if SIGNAL in line), "")
     return told or (lines[-1] if lines else "it said nothing")
+
+
+def _sanitizer_words(lines: list[str]) -> str:
+    """Return what a sanitizer reports and where: no addresses, so that equal reports read the same."""
+    kind = lines[0].partition(f"{SANITIZER}: ")[2].split(" ")[0]
+    frames = [found[1] for found in map(_FRAME.match, lines) if found]
+    return f"{SANITIZER}: {kind} in {' < '.join(frames[:FRAMES_SHOWN])}"

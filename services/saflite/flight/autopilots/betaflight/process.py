@@ -13,7 +13,7 @@ from pathlib import Path
 from saflite.contract.errors import Unavailable
 
 SILENT_S = 10  # of wall time without an answer: the firmware hangs
-CONSOLE_TAIL = 4000
+CONSOLE_TAIL = 20_000
 _LINK_FORK = 2
 _FORK_MESSAGE = _LINK_FORK.to_bytes(4, "little") + bytes(4096)  # at least a LinkDown without serial bytes
 SANITIZER_OPTIONS = (
