@@ -15,7 +15,7 @@ from typing import Annotated, Protocol
 
 import msgspec
 
-from saflite.contract.bounds import ITEMS_MAX, Count, Place
+from saflite.contract.bounds import ITEMS_MAX, Count, Place, Word
 from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.ids import digest
 from saflite.contract.names import Digest, Name
@@ -94,7 +94,7 @@ class BlobOpen(msgspec.Struct, frozen=True, kw_only=True):
 class BlobOpened(msgspec.Struct, frozen=True, kw_only=True):
     """What stands in the file `probe` of the store: a worker that reads the same there sees the same folder."""
 
-    probe: str
+    probe: Word
 
 
 class BlobGet(msgspec.Struct, frozen=True, kw_only=True):
@@ -109,7 +109,7 @@ class BlobChunk(msgspec.Struct, frozen=True, kw_only=True):
     """A stretch of a blob. `size_bytes` is that of the whole blob, -1 where there is none of that digest."""
 
     size_bytes: Place
-    data: bytes = b""
+    data: Annotated[bytes, msgspec.Meta(max_length=CHUNK_BYTES_MAX)] = b""
 
 
 class BlobPut(msgspec.Struct, frozen=True, kw_only=True):

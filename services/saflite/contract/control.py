@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
 import msgspec
 
-from saflite.contract.bounds import Count, Text
+from saflite.contract.bounds import ITEMS_MAX, Account, Count, Labels, Place, Quantity, Share, Text, Word
+from saflite.contract.names import Name
 
 Verb = Literal["pause", "resume", "stop", "budget", "scorer", "shadow", "status", "events"]
 
@@ -22,18 +23,18 @@ class Control(msgspec.Struct, frozen=True, kw_only=True):
 class WorkerStatus(msgspec.Struct, frozen=True, kw_only=True):
     """One worker as the books see it."""
 
-    worker: str
-    stage: str
-    state: str
-    leases: int
-    done: int
-    busy_share: float
-    silent_s: float
-    resident_mib: float = 0.0
-    host: str = ""
-    build: str = ""
-    cores: int = 0
-    labels: dict[str, str] = {}
+    worker: Word
+    stage: Word
+    state: Word
+    leases: Count
+    done: Count
+    busy_share: Share
+    silent_s: Quantity
+    resident_mib: Quantity = 0.0
+    host: Word = ""
+    build: Word = ""
+    cores: Count = 0
+    labels: Labels = {}
 
 
 class Exposed(msgspec.Struct, frozen=True, kw_only=True):
@@ -43,11 +44,11 @@ class Exposed(msgspec.Struct, frozen=True, kw_only=True):
     different (state, next state, kind of input, kind of the one before).
     """
 
-    spoke: int = 0
-    silent: tuple[str, ...] = ()
-    applied_share: float = 0.0
-    states: int = 0
-    steps: int = 0
+    spoke: Count = 0
+    silent: Annotated[tuple[Name, ...], msgspec.Meta(max_length=1_000)] = ()
+    applied_share: Share = 0.0
+    states: Count = 0
+    steps: Count = 0
 
 
 class Status(msgspec.Struct, frozen=True, kw_only=True):
@@ -60,34 +61,34 @@ class Status(msgspec.Struct, frozen=True, kw_only=True):
     any: why nothing is taken or handed out just now, such as a full disk.
     """
 
-    campaign: str
-    state: str
-    round: int
-    budget: int
-    flights: int
-    reflown: int
-    checked: int = 0
-    shrink_flights: int = 0
-    test_cases: int
-    candidates: int
-    behaviours: int = 0
-    violations_confirmed: int
-    violations_similar: int = 0
-    violations_flaky: int
-    violations_pending: int
-    quarantined: int
-    unequal: int = 0
-    flights_per_s: float
-    real_time_factor: float
-    processor_s: float = 0.0
-    since_last_find_s: float | None
-    elapsed_s: float
-    scorer: str
-    scorer_pending: str
-    fallbacks: int
-    queues: dict[str, int]
-    workers: tuple[WorkerStatus, ...]
-    seq: int
+    campaign: Word
+    state: Word
+    round: Place
+    budget: Count
+    flights: Count
+    reflown: Count
+    checked: Count = 0
+    shrink_flights: Count = 0
+    test_cases: Count
+    candidates: Count
+    behaviours: Count = 0
+    violations_confirmed: Count
+    violations_similar: Count = 0
+    violations_flaky: Count
+    violations_pending: Count
+    quarantined: Count
+    unequal: Count = 0
+    flights_per_s: Quantity
+    real_time_factor: Quantity
+    processor_s: Quantity = 0.0
+    since_last_find_s: Quantity | None
+    elapsed_s: Quantity
+    scorer: Word
+    scorer_pending: Word
+    fallbacks: Count
+    queues: Annotated[dict[Word, Count], msgspec.Meta(max_length=100)]
+    workers: Annotated[tuple[WorkerStatus, ...], msgspec.Meta(max_length=ITEMS_MAX)]
+    seq: Count
     exposure: Exposed = Exposed()
     trouble: Text = ""
 
@@ -101,6 +102,6 @@ class Answer(msgspec.Struct, frozen=True, kw_only=True):
     """The answer to a control order. `events` holds encoded `Event`s for `events`."""
 
     accepted: bool
-    message: str = ""
+    message: Account = ""
     status: Status | None = None
-    events: tuple[bytes, ...] = ()
+    events: Annotated[tuple[bytes, ...], msgspec.Meta(max_length=ITEMS_MAX)] = ()

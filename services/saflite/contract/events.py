@@ -2,49 +2,53 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
 import msgspec
 
+from saflite.contract.bounds import ITEMS_MAX, Account, Count, Number, Place, Quantity, Seconds, Word
 from saflite.contract.flight import Ending, Purpose
+from saflite.contract.names import Label, Name, ShortId
 from saflite.contract.verdict import Violation
+
+Names = Annotated[tuple[Name, ...], msgspec.Meta(max_length=1_000)]
 
 
 class CampaignChanged(msgspec.Struct, frozen=True, kw_only=True, tag="campaign"):
     """The campaign started, paused, resumed, or ended (`why`)."""
 
     state: Literal["running", "paused", "ended"]
-    why: str = ""
+    why: Account = ""
 
 
 class Proposed(msgspec.Struct, frozen=True, kw_only=True, tag="proposed"):
     """A round of test cases was proposed."""
 
-    round: int
-    test_cases: tuple[str, ...]
+    round: Place
+    test_cases: Annotated[tuple[ShortId, ...], msgspec.Meta(max_length=ITEMS_MAX)]
 
 
 class Scored(msgspec.Struct, frozen=True, kw_only=True, tag="scored"):
     """A batch was scored; `scores` pairs test case and value in order."""
 
-    round: int
-    model: str
-    scores: tuple[tuple[str, float], ...]
-    fallbacks: int = 0
-    latency_s: float = 0.0
+    round: Place
+    model: Label
+    scores: Annotated[tuple[tuple[ShortId, Number], ...], msgspec.Meta(max_length=ITEMS_MAX)]
+    fallbacks: Count = 0
+    latency_s: Quantity = 0.0
 
 
 class Flown(msgspec.Struct, frozen=True, kw_only=True, tag="flown"):
     """One flight ended; those that only try smaller test cases are not announced."""
 
-    test_case: str
-    flight_index: int
+    test_case: ShortId
+    flight_index: Count
     ending: Ending
-    simulated_s: float
-    wall_s: float
-    worker: str
+    simulated_s: Seconds
+    wall_s: Seconds
+    worker: Word
     purpose: Purpose = "search"
-    build: str = ""
+    build: Word = ""
 
 
 class Judged(msgspec.Struct, frozen=True, kw_only=True, tag="judged"):
@@ -53,11 +57,11 @@ class Judged(msgspec.Struct, frozen=True, kw_only=True, tag="judged"):
     `vacuous` names the policies whose rule never applied; those neither there nor violated held or could not be judged.
     """
 
-    test_case: str
-    flight_index: int
-    robustness: float | None
-    violated: tuple[str, ...]
-    vacuous: tuple[str, ...] = ()
+    test_case: ShortId
+    flight_index: Count
+    robustness: Number | None
+    violated: Names
+    vacuous: Names = ()
 
 
 class ViolationFound(msgspec.Struct, frozen=True, kw_only=True, tag="violation"):
@@ -69,37 +73,37 @@ class ViolationFound(msgspec.Struct, frozen=True, kw_only=True, tag="violation")
 class Quarantined(msgspec.Struct, frozen=True, kw_only=True, tag="quarantined"):
     """A test case was set aside after too many lost or wedged attempts: a finding candidate."""
 
-    test_case: str
-    attempts: int
+    test_case: ShortId
+    attempts: Count
     last: Ending
-    message: str = ""
+    message: Account = ""
 
 
 class ScorerChanged(msgspec.Struct, frozen=True, kw_only=True, tag="scorer"):
     """The deciding model changed, or a change was rolled back (`ready` false)."""
 
-    model: str
-    previous: str
+    model: Label
+    previous: Label
     ready: bool
-    message: str = ""
+    message: Account = ""
 
 
 class WorkerChanged(msgspec.Struct, frozen=True, kw_only=True, tag="worker"):
     """A worker joined or left; `build` is that of the campaign's target, of a worker that flies."""
 
-    worker: str
-    stage: str
+    worker: Word
+    stage: Word
     present: bool
-    host: str = ""
-    build: str = ""
-    message: str = ""
+    host: Word = ""
+    build: Word = ""
+    message: Account = ""
 
 
 class FaultSeen(msgspec.Struct, frozen=True, kw_only=True, tag="fault"):
     """Something went wrong that the farm got over: an undecodable message, a lost lease, a failed scorer."""
 
-    where: str
-    message: str
+    where: Word
+    message: Account
 
 
 Fact = (
@@ -119,8 +123,8 @@ Fact = (
 class Event(msgspec.Struct, frozen=True, kw_only=True):
     """A fact with its place in the campaign's history."""
 
-    seq: int
-    at_unix_s: float
+    seq: Count
+    at_unix_s: Number
     fact: Fact
 
 

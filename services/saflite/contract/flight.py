@@ -12,11 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saflite.contract.blobs import BLOBS_PER_RESULT_MAX, BlobRef
-from saflite.contract.bounds import ITEMS_MAX, Count, Features, Number, Seconds, Text
+from saflite.contract.bounds import ITEMS_MAX, Count, Number, Samples, Seconds, Text, Word
 from saflite.contract.errors import Refused
 from saflite.contract.ids import digest
 from saflite.contract.names import DigestOrNone, Name, NameOrNone, ShortId
 from saflite.contract.test_case import Stimulus
+from saflite.contract.wire import UNREADABLE
 
 Ending = Literal["completed", "crashed", "timed_out", "autopilot_died", "wedged", "infra", "lost"]
 """How an attempt ended; a closed list.
@@ -66,9 +67,9 @@ class Trace(msgspec.Struct, frozen=True, kw_only=True):
     all have the same number of samples, `step_s` apart, the first at time 0.
     """
 
-    step_s: float
-    signals: dict[str, bytes]
-    messages: tuple[TraceMessage, ...] = ()
+    step_s: Number
+    signals: Annotated[dict[Word, bytes], msgspec.Meta(max_length=1_000)]
+    messages: Annotated[tuple[TraceMessage, ...], msgspec.Meta(max_length=ITEMS_MAX)] = ()
 
     def array(self, name: str) -> NDArray[np.float32]:
         """Return one signal, shape (samples,), read-only; raises Refused if the trace has no such signal."""
@@ -110,7 +111,7 @@ class Delivered(msgspec.Struct, frozen=True, kw_only=True):
     at_s: Number
     answer: DeliveryAnswer = "accepted"
     message: Text = ""
-    changed: Features = {}
+    changed: Samples = {}
 
 
 class Artefact(msgspec.Struct, frozen=True, kw_only=True):
@@ -150,7 +151,7 @@ class Flight(msgspec.Struct, frozen=True, kw_only=True):
     trace: BlobRef | None = None
     worker: NameOrNone = ""
     message: Text = ""
-    build: str = ""
+    build: Word = ""
     delivered: Annotated[tuple[Delivered, ...], msgspec.Meta(max_length=ITEMS_MAX)] | None = None
     artefacts: Annotated[tuple[Artefact, ...], msgspec.Meta(max_length=BLOBS_PER_RESULT_MAX)] = ()
 
@@ -199,6 +200,7 @@ def given(stimuli: Sequence[Stimulus], delivered: tuple[Delivered, ...] | None) 
 _ENCODER = msgspec.msgpack.Encoder(order="deterministic")
 _DECODER = msgspec.msgpack.Decoder(Trace)
 TRACE_BYTES_MAX = 64 * 2**20
+STEP_MIN_S, STEP_MAX_S = 1e-6, 3600.0
 
 
 def pack_trace(trace: Trace) -> bytes:
@@ -225,7 +227,7 @@ def unpack_trace(data: bytes, trace_digest: str = "") -> Trace:
         if trace_digest and digest(content) != trace_digest:
             raise Refused("trace", expected=f"the one with the digest {trace_digest[:16]!r}...", got="another trace")
         trace: Trace = _DECODER.decode(content)
-    except (zlib.error, msgspec.MsgspecError) as fault:
+    except (zlib.error, *UNREADABLE) as fault:
         raise Refused("trace", expected="a packed trace", got=str(fault)) from fault
     check_trace(trace)
     return trace
@@ -235,6 +237,8 @@ def check_trace(trace: Trace) -> None:
     """Raise Refused unless samples are evenly spaced in time and all signals have the same number of them."""
     if not (math.isfinite(trace.step_s) and trace.step_s > 0.0):
         raise Refused("trace", expected="a finite step above 0 s", got=trace.step_s)
+    if not STEP_MIN_S <= trace.step_s <= STEP_MAX_S:
+        raise Refused("trace", expected=f"a step of {STEP_MIN_S:g} to {STEP_MAX_S:g} s", got=trace.step_s)
     sizes = {len(data) for data in trace.signals.values()}
     if len(sizes) > 1 or any(size % 4 for size in sizes):
         raise Refused("trace", expected="signals of one length, four bytes a sample", got=f"{sorted(sizes)[:4]} bytes")

@@ -10,7 +10,7 @@ from typing import Annotated
 
 import msgspec
 
-from saflite.contract.bounds import Count, Labels, Word
+from saflite.contract.bounds import Account, Count, Labels, Seconds, Word
 from saflite.contract.errors import Refused
 from saflite.contract.names import NAME_EXPECTED, is_name
 from saflite.contract.work import TARGETS_MAX, Stage, TargetBuild
@@ -26,8 +26,8 @@ class Join(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     protocol: Count
-    worker: str = ""
-    session: str = ""
+    worker: Word = ""
+    session: Word = ""
     stage: Stage = "fly"
     version: Word = ""
     software: Word = ""
@@ -49,14 +49,14 @@ class Joined(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     accepted: bool
-    message: str = ""
-    protocol: int = 0
-    version: str = ""
-    worker: str = ""
-    session: str = ""
-    campaign: str = ""
-    target: str = ""
-    lease_s: float = 0.0
+    message: Account = ""
+    protocol: Count = 0
+    version: Word = ""
+    worker: Word = ""
+    session: Word = ""
+    campaign: Word = ""
+    target: Word = ""
+    lease_s: Seconds = 0.0
 
 
 def check_worker_name(name: str) -> str:

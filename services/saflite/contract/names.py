@@ -23,7 +23,8 @@ ShortId = Annotated[str, Meta(pattern=f"^[0-9a-f]{{16}}{_END}")]
 ShortIdOrNone = Annotated[str, Meta(pattern=f"^(?:[0-9a-f]{{16}})?{_END}")]
 Digest = Annotated[str, Meta(pattern=f"^[0-9a-f]{{64}}{_END}")]
 DigestOrNone = Annotated[str, Meta(pattern=f"^(?:[0-9a-f]{{64}})?{_END}")]
-Label = Annotated[str, Meta(pattern=f"^[!-~]{{0,500}}{_END}")]
+LABEL = r"[!-~]{0,500}"
+Label = Annotated[str, Meta(pattern=f"^{LABEL}{_END}")]
 """Names a model and maybe its server: printable ASCII without spaces."""
 
 StateWords = Annotated[str, Meta(pattern=f"^[A-Za-z0-9_]+(?: [A-Za-z0-9_]+){{0,15}}{_END}", max_length=200)]
@@ -33,6 +34,11 @@ StateWords = Annotated[str, Meta(pattern=f"^[A-Za-z0-9_]+(?: [A-Za-z0-9_]+){{0,1
 def is_name(text: str) -> bool:
     """Return whether a text can stand in keys, paths and tables as it is."""
     return re.fullmatch(NAME, text) is not None
+
+
+def is_label(text: str) -> bool:
+    """Return whether a text can name a model, maybe with its server."""
+    return re.fullmatch(LABEL, text) is not None
 
 
 def recording_file(test_case: str, flight_index: int) -> str:

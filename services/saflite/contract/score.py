@@ -43,8 +43,8 @@ class Score(msgspec.Struct, frozen=True, kw_only=True):
     value: Number
     model: Label
     scored_by: Label
-    model_digest: str = ""
-    prompt_digest: str = ""
+    model_digest: Word = ""
+    prompt_digest: Word = ""
     reason: Text = ""
     fault: Word = ""
     shadow: bool = False

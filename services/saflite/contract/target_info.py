@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Literal
+from typing import Annotated, Literal
 
 import msgspec
 
+from saflite.contract.bounds import ITEMS_MAX, Number, Seconds, Text, Whole, Word
 from saflite.contract.errors import Refused
 from saflite.contract.signals import Signal
-from saflite.contract.test_case import Setting, StartState, StimulusKind
+from saflite.contract.test_case import Plain, Setting, StartState, StimulusKind
 
 Repeats = Literal["bitwise", "statistically"]
 """Whether the same test case gives the same trace bit by bit, or only the same distribution of outcomes."""
@@ -25,14 +26,14 @@ class InputInfo(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     kind: StimulusKind
-    name: str
-    unit: str = ""
-    low: float | None = None
-    high: float | None = None
+    name: Word
+    unit: Word = ""
+    low: Number | None = None
+    high: Number | None = None
     type: ValueType = "real"
-    choices: tuple[float, ...] = ()
-    default: float | None = None
-    meaning: str = ""
+    choices: Annotated[tuple[Number, ...], msgspec.Meta(max_length=10_000)] = ()
+    default: Number | None = None
+    meaning: Text = ""
     at_start: bool = False
 
 
@@ -43,18 +44,18 @@ class SettingInfo(msgspec.Struct, frozen=True, kw_only=True):
     `breaks` which policy it is known to break (planted defects).
     """
 
-    meaning: str
+    meaning: Text
     default: Setting
-    choices: tuple[float | int | str | bool, ...] = ()
-    choice_meanings: dict[str, str] = {}
-    breaks: dict[str, str] = {}
+    choices: Annotated[tuple[Plain, ...], msgspec.Meta(max_length=10_000)] = ()
+    choice_meanings: Annotated[dict[Word, Text], msgspec.Meta(max_length=10_000)] = {}
+    breaks: Annotated[dict[Word, Text], msgspec.Meta(max_length=10_000)] = {}
 
 
 class SignalInfo(msgspec.Struct, frozen=True, kw_only=True):
     """A signal of the target's own, beyond the common names of `contract/signals.py`."""
 
-    unit: str = ""
-    meaning: str = ""
+    unit: Word = ""
+    meaning: Text = ""
     kind: Literal["real", "flag", "code"] = "real"
 
     def as_signal(self) -> Signal:
@@ -73,24 +74,24 @@ class TargetInfo(msgspec.Struct, frozen=True, kw_only=True):
     empty if it can fly here.
     """
 
-    name: str
-    build: str
+    name: Word
+    build: Word
     repeats: Repeats
-    inputs: tuple[InputInfo, ...]
-    signals: tuple[str, ...]
-    own_signals: dict[str, SignalInfo] = {}
-    modes: dict[str, int] = {}
-    start_states: tuple[StartState, ...] = ()
-    settings: dict[str, SettingInfo] = {}
+    inputs: Annotated[tuple[InputInfo, ...], msgspec.Meta(max_length=ITEMS_MAX)]
+    signals: Annotated[tuple[Word, ...], msgspec.Meta(max_length=1_000)]
+    own_signals: Annotated[dict[Word, SignalInfo], msgspec.Meta(max_length=1_000)] = {}
+    modes: Annotated[dict[Word, Whole], msgspec.Meta(max_length=1_000)] = {}
+    start_states: Annotated[tuple[StartState, ...], msgspec.Meta(max_length=1_000)] = ()
+    settings: Annotated[dict[Word, SettingInfo], msgspec.Meta(max_length=1_000)] = {}
     missions: bool = False
     obstacles: bool = False
     wind: bool = False
     snapshots: bool = False
-    time_limit_max_s: float = 7200.0
-    vehicle: str = ""
-    autopilot: str = ""
-    needs: tuple[str, ...] = ()
-    missing: str = ""
+    time_limit_max_s: Seconds = 7200.0
+    vehicle: Text = ""
+    autopilot: Text = ""
+    needs: Annotated[tuple[Text, ...], msgspec.Meta(max_length=100)] = ()
+    missing: Text = ""
 
 
 def check_settings(given: Mapping[str, Setting], known: Mapping[str, SettingInfo], target: str) -> None:

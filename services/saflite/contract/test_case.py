@@ -6,39 +6,60 @@ degrees, counter-clockwise in the (x, y) plane about the centre of the box.
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
 import msgspec
 
+from saflite.contract.bounds import (
+    Count,
+    Document,
+    Latitude,
+    Longitude,
+    Number,
+    Place,
+    RngSeed,
+    Seconds,
+    Single,
+    Text,
+    Whole,
+    Word,
+)
 from saflite.contract.ids import short_id
 from saflite.contract.rng import derive_seed
 
 DEFAULT_TARGET = "reference"  # the target that is always there
 StimulusKind = Literal["parameter", "command", "stick", "mode", "sensor_fault"]
-Setting = float | int | str | bool | list[float | int | str | bool]
+Plain = Number | Whole | Text | bool
+Setting = Plain | Annotated[list[Plain], msgspec.Meta(max_length=10_000)]
+Parameters = Annotated[dict[Word, Single], msgspec.Meta(max_length=10_000)]
+Settings = Annotated[dict[Word, Setting], msgspec.Meta(max_length=1_000)]
+STIMULI_MAX = OBSTACLES_MAX = ITEMS_MAX = 10_000
 
 
 class Obstacle(msgspec.Struct, frozen=True, kw_only=True):
     """A box standing on z. `length_m` lies along x before rotation, `width_m` along y."""
 
-    length_m: float
-    width_m: float
-    height_m: float
-    x_m: float
-    y_m: float
-    z_m: float = 0.0
-    rotation_deg: float = 0.0
+    length_m: Single
+    width_m: Single
+    height_m: Single
+    x_m: Single
+    y_m: Single
+    z_m: Single = 0.0
+    rotation_deg: Single = 0.0
 
 
 class MissionItem(msgspec.Struct, frozen=True, kw_only=True):
     """One MAVLink mission item as QGroundControl stores it (`params` 1..7, None where the file holds null)."""
 
-    command: int
-    frame: int = 3
-    params: tuple[float | None, ...] = (0.0, 0.0, 0.0, None, None, None, None)
+    command: Whole
+    frame: Whole = 3
+    params: Annotated[tuple[Single | None, ...], msgspec.Meta(min_length=7, max_length=7)] = (
+        *(0.0, 0.0, 0.0),
+        *(None, None, None, None),
+    )
     auto_continue: bool = True
-    jump_id: int = 0
-    extra: dict[str, float | int | str | bool | None] = {}
+    jump_id: Whole = 0
+    extra: Annotated[dict[Word, Plain | None], msgspec.Meta(max_length=100)] = {}
 
 
 class Mission(msgspec.Struct, frozen=True, kw_only=True):
@@ -48,28 +69,28 @@ class Mission(msgspec.Struct, frozen=True, kw_only=True):
     writing it again loses nothing.
     """
 
-    name: str
-    home_lat_deg: float
-    home_lon_deg: float
-    home_alt_m: float
-    items: tuple[MissionItem, ...]
-    plan_extra: str = "{}"
+    name: Text
+    home_lat_deg: Latitude
+    home_lon_deg: Longitude
+    home_alt_m: Single
+    items: Annotated[tuple[MissionItem, ...], msgspec.Meta(max_length=ITEMS_MAX)]
+    plan_extra: Document = "{}"
 
 
 class Wind(msgspec.Struct, frozen=True, kw_only=True):
     """Steady wind plus gusts. `from_deg` is the compass direction it blows from."""
 
-    mean_mps: float = 0.0
-    from_deg: float = 0.0
-    gust_mps: float = 0.0
-    gust_period_s: float = 10.0
+    mean_mps: Single = 0.0
+    from_deg: Single = 0.0
+    gust_mps: Single = 0.0
+    gust_period_s: Single = 10.0
 
 
 class StartState(msgspec.Struct, frozen=True, kw_only=True):
     """Where a flight without a mission begins: armed and hovering in `mode` at `altitude_m`, or on the ground."""
 
-    mode: str = "GUIDED"
-    altitude_m: float = 20.0
+    mode: Word = "GUIDED"
+    altitude_m: Single = 20.0
     armed: bool = True
 
 
@@ -78,9 +99,9 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
 
     mission: Mission | None = None
     start: StartState | None = None
-    obstacles: tuple[Obstacle, ...] = ()
+    obstacles: Annotated[tuple[Obstacle, ...], msgspec.Meta(max_length=OBSTACLES_MAX)] = ()
     wind: Wind = Wind()
-    time_limit_s: float = 500.0
+    time_limit_s: Seconds = 500.0
 
 
 class Stimulus(msgspec.Struct, frozen=True, kw_only=True):
@@ -90,10 +111,10 @@ class Stimulus(msgspec.Struct, frozen=True, kw_only=True):
     `values` holds the parameter value, the command's up to seven numbers, the stick's PWM, or the fault's size.
     """
 
-    at_s: float
+    at_s: Single
     kind: StimulusKind
-    name: str
-    values: tuple[float, ...] = ()
+    name: Word
+    values: Annotated[tuple[Single, ...], msgspec.Meta(max_length=16)] = ()
 
 
 class Target(msgspec.Struct, frozen=True, kw_only=True):
@@ -103,20 +124,20 @@ class Target(msgspec.Struct, frozen=True, kw_only=True):
     (`TargetInfo.build`); empty means any.
     """
 
-    name: str = DEFAULT_TARGET
-    parameters: dict[str, float] = {}
-    settings: dict[str, Setting] = {}
-    build: str = ""
+    name: Word = DEFAULT_TARGET
+    parameters: Parameters = {}
+    settings: Settings = {}
+    build: Word = ""
 
 
 class Origin(msgspec.Struct, frozen=True, kw_only=True):
     """Where a test case came from. Not part of its identity."""
 
-    strategy: str = ""
-    parent: str = ""
-    round: int = 0
-    index: int = 0
-    note: str = ""
+    strategy: Word = ""
+    parent: Word = ""
+    round: Place = 0
+    index: Count = 0
+    note: Text = ""
 
 
 class TestCase(msgspec.Struct, frozen=True, kw_only=True):
@@ -130,10 +151,10 @@ class TestCase(msgspec.Struct, frozen=True, kw_only=True):
 
     target: Target
     scenario: Scenario
-    stimuli: tuple[Stimulus, ...] = ()
-    rng_seed: int = 0
+    stimuli: Annotated[tuple[Stimulus, ...], msgspec.Meta(max_length=STIMULI_MAX)] = ()
+    rng_seed: RngSeed = 0
     origin: Origin = Origin()
-    source: str = ""
+    source: Document = ""
 
 
 _ENCODER = msgspec.msgpack.Encoder(order="deterministic")

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 import msgspec
 
-from saflite.contract.bounds import Count, Features, Number, Place, Share, Text, Track, Word
+from saflite.contract.bounds import Account, Count, Features, Number, Place, Share, Text, Track, Word
 from saflite.contract.names import Name, ShortId, ShortIdOrNone, StateWords
 
 Ruling = Literal["held", "violated", "vacuous", "inconclusive"]
@@ -94,18 +94,18 @@ class Violation(msgspec.Struct, frozen=True, kw_only=True):
     fingerprint: ShortId
     test_case: ShortId
     policy: Name
-    robustness: float
+    robustness: Number
     severity: Literal["none", "soft", "hard"]
     confirmation: Confirmation
-    reflown: int = 0
-    failed_again: int = 0
-    rate_low: float | None = None
-    rate_high: float | None = None
-    flight_index: int = 0
-    behaviour: str = ""
+    reflown: Count = 0
+    failed_again: Count = 0
+    rate_low: Share | None = None
+    rate_high: Share | None = None
+    flight_index: Count = 0
+    behaviour: Text = ""
     representative: ShortIdOrNone = ""
-    workers: tuple[Name, ...] = ()
-    message: str = ""
+    workers: Annotated[tuple[Name, ...], msgspec.Meta(max_length=10_000)] = ()
+    message: Account = ""
 
 
 def failed_again(violation: Violation) -> str:

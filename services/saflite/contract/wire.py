@@ -10,6 +10,8 @@ import msgspec
 from saflite.contract.errors import Refused
 
 MESSAGE_BYTES_MAX = 32 * 2**20
+UNREADABLE = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError)
+"""What decoders raise for bytes of others: not what was expected, no UTF-8, nested without end."""
 
 T = TypeVar("T")
 _ENCODER = msgspec.msgpack.Encoder(order="deterministic")
@@ -31,11 +33,27 @@ def decode(data: bytes, kind: type[T]) -> T:
     Raises:
         Refused: `data` is too long, is no MessagePack, or does not fit `kind`; the text holds the path of the fault.
     """
+    name = getattr(kind, "__name__", "message")
     if len(data) > MESSAGE_BYTES_MAX:
-        raise Refused(kind.__name__, expected=f"at most {MESSAGE_BYTES_MAX} bytes", got=f"{len(data)} bytes")
+        raise Refused(name, expected=f"at most {MESSAGE_BYTES_MAX} bytes", got=f"{len(data)} bytes")
     hashable: Any = kind
     try:
         message: T = _decoder(hashable).decode(data)
-    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as fault:
-        raise Refused(kind.__name__, expected="a valid message", got=str(fault)) from fault
+    except UNREADABLE as fault:
+        raise Refused(name, expected="a valid message", got=str(fault)) from fault
     return message
+
+
+def checked(message: T, kind: Any) -> T:
+    """Return a message as whoever it is sent to will read it; for what code from outside has made.
+
+    Raises:
+        Refused: it cannot be sent, or does not fit `kind`; the text holds the path of the fault.
+    """
+    try:
+        data = _ENCODER.encode(message)
+    except (UnicodeEncodeError, OverflowError, TypeError, RecursionError) as fault:
+        name = getattr(kind, "__name__", type(message).__name__)
+        raise Refused(name, expected="a message that can be sent", got=str(fault)) from fault
+    read: T = decode(data, kind)
+    return read

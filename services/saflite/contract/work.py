@@ -11,26 +11,44 @@ from typing import Annotated, Literal
 import msgspec
 
 from saflite.contract.blobs import BLOBS_PER_RESULT_MAX, BlobRef
-from saflite.contract.bounds import ITEMS_MAX, Count, Number, Place, Quantity, Text, Word
+from saflite.contract.bounds import (
+    ITEMS_MAX,
+    Account,
+    Count,
+    Document,
+    Features,
+    Number,
+    Place,
+    Quantity,
+    RngSeed,
+    Seconds,
+    Share,
+    Text,
+    Track,
+    Word,
+)
 from saflite.contract.flight import Ending, Flight, Purpose
 from saflite.contract.names import Label, Name, NameOrNone, ShortId
 from saflite.contract.score import Score, Usage
 from saflite.contract.target_info import TargetInfo
-from saflite.contract.test_case import Setting, TestCase
-from saflite.contract.verdict import Judgement, Ruling, Transition, Violation
+from saflite.contract.test_case import Settings, TestCase
+from saflite.contract.verdict import TRANSITIONS_MAX, Judgement, Ruling, Transition, Violation
+from saflite.contract.wire import UNREADABLE
 
 Stage = Literal["mutate", "score", "fly", "judge", "record"]
 TARGETS_MAX = 256  # that one worker can fly
+Names = Annotated[tuple[Name, ...], msgspec.Meta(max_length=1_000)]
+TestCases = Annotated[tuple[TestCase, ...], msgspec.Meta(max_length=ITEMS_MAX)]
 GUIDANCE_NEAR, GUIDANCE_FAR = 100.0, 1000.0
 
 
 class RuleOutcome(msgspec.Struct, frozen=True, array_like=True):
     """What one flight said of one policy; see `Verdict`."""
 
-    policy: str
+    policy: Name
     outcome: Ruling
-    nearness: float = 1.0
-    robustness: float | None = None
+    nearness: Share = 1.0
+    robustness: Number | None = None
 
 
 class Outcome(msgspec.Struct, frozen=True, kw_only=True):
@@ -44,18 +62,18 @@ class Outcome(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     test_case: TestCase
-    round: int
+    round: Place
     ending: Ending
-    robustness: float | None
-    nearness: float | None = None
-    violated: tuple[str, ...] = ()
-    features: dict[str, float] = {}
-    track: tuple[tuple[float, float, float, float], ...] = ()
-    rules: tuple[RuleOutcome, ...] = ()
-    transitions: tuple[Transition, ...] = ()
-    behaviours: tuple[str, ...] = ()
-    founded: int = 0
-    points: float = 0.0
+    robustness: Number | None
+    nearness: Share | None = None
+    violated: Names = ()
+    features: Features = {}
+    track: Track = ()
+    rules: Annotated[tuple[RuleOutcome, ...], msgspec.Meta(max_length=1_000)] = ()
+    transitions: Annotated[tuple[Transition, ...], msgspec.Meta(max_length=TRANSITIONS_MAX)] = ()
+    behaviours: Annotated[tuple[ShortId, ...], msgspec.Meta(max_length=1_000)] = ()
+    founded: Count = 0
+    points: Number = 0.0
 
     @property
     def guidance(self) -> float | None:
@@ -70,6 +88,8 @@ class Outcome(msgspec.Struct, frozen=True, kw_only=True):
         return min(distances, default=None)
 
 
+Outcomes = Annotated[tuple[Outcome, ...], msgspec.Meta(max_length=ITEMS_MAX)]
+
 # ---- work: what is to be done -------------------------------------------------------------------------------------
 
 
@@ -79,27 +99,27 @@ class MutateWork(msgspec.Struct, frozen=True, kw_only=True, tag="mutate"):
     `target` says what can be given to the target; no strategy knows any of its own accord.
     """
 
-    round: int
-    count: int
-    strategy: str
-    settings: dict[str, Setting]
-    rng_seed: int
+    round: Count
+    count: Count
+    strategy: Word
+    settings: Settings
+    rng_seed: RngSeed
     template: TestCase
     target: TargetInfo
-    policies: tuple[str, ...]
-    outcomes: tuple[Outcome, ...]
-    from_cursor: int
-    cursor: int
+    policies: Names
+    outcomes: Outcomes
+    from_cursor: Place
+    cursor: Place
 
 
 class PolicyText(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A policy that does not ship: the TOML it stands in, and the file that was read, for messages."""
 
-    file: str
-    text: str
+    file: Text
+    text: Document
 
 
-PolicyTexts = dict[str, PolicyText]
+PolicyTexts = Annotated[dict[Word, PolicyText], msgspec.Meta(max_length=1_000)]
 """By the policy's id."""
 
 
@@ -110,24 +130,24 @@ class ScoreWork(msgspec.Struct, frozen=True, kw_only=True, tag="score"):
     time for an answer; then the embedded scorer answers in its place.
     """
 
-    round: int
-    model: str
-    shadow: tuple[str, ...]
-    policies: tuple[str, ...]
+    round: Count
+    model: Label
+    shadow: Annotated[tuple[Label, ...], msgspec.Meta(max_length=100)]
+    policies: Names
     policy_texts: PolicyTexts = {}
-    test_cases: tuple[TestCase, ...]
-    rng_seed: int
-    recent: tuple[Outcome, ...] = ()
-    from_cursor: int = -1
-    cursor: int = -1
-    deadline_s: float = 60.0
+    test_cases: TestCases
+    rng_seed: RngSeed
+    recent: Outcomes = ()
+    from_cursor: Place = -1
+    cursor: Place = -1
+    deadline_s: Seconds = 60.0
 
 
 class WarmWork(msgspec.Struct, frozen=True, kw_only=True, tag="warm"):
     """Load `model` and answer one probe, so that a swap costs no batch; loading may take `load_deadline_s`."""
 
-    model: str
-    load_deadline_s: float = 300.0
+    model: Label
+    load_deadline_s: Seconds = 300.0
 
 
 class FlyWork(msgspec.Struct, frozen=True, kw_only=True, tag="fly"):
@@ -138,9 +158,9 @@ class FlyWork(msgspec.Struct, frozen=True, kw_only=True, tag="fly"):
     """
 
     test_case: TestCase
-    flight_index: int
+    flight_index: Count
     purpose: Purpose
-    wall_limit_s: float
+    wall_limit_s: Seconds
     noise: Count = 0
 
 
@@ -149,7 +169,7 @@ class JudgeWork(msgspec.Struct, frozen=True, kw_only=True, tag="judge"):
 
     test_case: TestCase
     flight: Flight
-    policies: tuple[str, ...]
+    policies: Names
     policy_texts: PolicyTexts = {}
 
 
@@ -160,7 +180,7 @@ class RecordWork(msgspec.Struct, frozen=True, kw_only=True, tag="record"):
     flight: Flight
     judgement: Judgement
     violation: Violation | None = None
-    scores: tuple[Score, ...] = ()
+    scores: Annotated[tuple[Score, ...], msgspec.Meta(max_length=ITEMS_MAX)] = ()
 
 
 Work = MutateWork | ScoreWork | WarmWork | FlyWork | JudgeWork | RecordWork
@@ -173,7 +193,7 @@ class MutateResult(msgspec.Struct, frozen=True, kw_only=True, tag="mutated"):
     """The test cases proposed for `round`, in order."""
 
     round: Count
-    test_cases: Annotated[tuple[TestCase, ...], msgspec.Meta(max_length=ITEMS_MAX)]
+    test_cases: TestCases
 
 
 class ScoreResult(msgspec.Struct, frozen=True, kw_only=True, tag="scored"):
@@ -237,14 +257,16 @@ def blobs_left(result: Result) -> tuple[BlobRef, ...]:
     return (result.blob,) if isinstance(result, RecordResult) else ()
 
 
+LeaseId = Word
+
 # ---- the conversation ---------------------------------------------------------------------------------------------
 
 
 class TargetBuild(msgspec.Struct, frozen=True, order=True):
     """A target and the digest of the build of it (`TargetInfo.build`); an empty digest: not known, or any will do."""
 
-    name: str
-    build: str = ""
+    name: Word
+    build: Word = ""
 
 
 class Ask(msgspec.Struct, frozen=True, kw_only=True):
@@ -266,9 +288,9 @@ class Ask(msgspec.Struct, frozen=True, kw_only=True):
 class Lease(msgspec.Struct, frozen=True, kw_only=True):
     """Leave to do `work` until `lease_s` after the last heartbeat."""
 
-    lease_id: str
-    epoch: int
-    lease_s: float
+    lease_id: LeaseId
+    epoch: Count
+    lease_s: Seconds
     work: Work
 
 
@@ -278,28 +300,44 @@ class Grant(msgspec.Struct, frozen=True, kw_only=True):
     `refused` says in words why this worker is given nothing until it has joined (again).
     """
 
-    leases: tuple[Lease, ...] = ()
-    retry_after_s: float = 0.5
+    leases: Annotated[tuple[Lease, ...], msgspec.Meta(max_length=1_000)] = ()
+    retry_after_s: Seconds = 0.5
     stop: bool = False
-    refused: str = ""
+    refused: Account = ""
 
 
 class Report(msgspec.Struct, frozen=True, kw_only=True):
     """A result, kept by the worker until a receipt for it arrives."""
 
     worker: Name
-    lease_id: str
+    lease_id: LeaseId
     epoch: Count
     result: Result
+
+
+class LeaseNamed(msgspec.Struct, frozen=True, kw_only=True):
+    """A report without its result: enough to know which attempt went wrong where the result cannot be read."""
+
+    worker: Name
+    lease_id: LeaseId
+    epoch: Count
+
+
+def lease_named(report: bytes) -> LeaseNamed | None:
+    """Return the lease an encoded report is for, None if that cannot be read either."""
+    try:
+        return msgspec.msgpack.decode(report, type=LeaseNamed)
+    except UNREADABLE:
+        return None
 
 
 class Receipt(msgspec.Struct, frozen=True, kw_only=True):
     """Sent after the books have committed. Whatever the status, the worker may now forget the result."""
 
-    lease_id: str
-    epoch: int
+    lease_id: LeaseId
+    epoch: Count
     status: Literal["accepted", "duplicate", "stale", "refused"]
-    message: str = ""
+    message: Account = ""
 
 
 class Heartbeat(msgspec.Struct, frozen=True, kw_only=True):
@@ -308,7 +346,7 @@ class Heartbeat(msgspec.Struct, frozen=True, kw_only=True):
     worker: Name
     stage: Stage
     session: NameOrNone = ""
-    leases: Annotated[tuple[tuple[str, Count], ...], msgspec.Meta(max_length=1_000)] = ()
+    leases: Annotated[tuple[tuple[LeaseId, Count], ...], msgspec.Meta(max_length=1_000)] = ()
     state: Literal["idle", "busy", "draining"] = "idle"
     busy_s: Quantity = 0.0
     idle_s: Quantity = 0.0
@@ -321,6 +359,6 @@ class Heartbeat(msgspec.Struct, frozen=True, kw_only=True):
 class Orders(msgspec.Struct, frozen=True, kw_only=True):
     """The answer to a heartbeat: leases to drop, whether to stop, why the worker has to join (again)."""
 
-    cancel: tuple[str, ...] = ()
+    cancel: Annotated[tuple[LeaseId, ...], msgspec.Meta(max_length=1_000)] = ()
     stop: bool = False
-    refused: str = ""
+    refused: Account = ""

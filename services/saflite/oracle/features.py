@@ -19,7 +19,8 @@ Track = tuple[tuple[float, float, float, float], ...]
 
 
 def features_of(test_case: TestCase, signals: FlightSignals) -> dict[str, float]:
-    """Return named numbers of a flight; those whose signals are missing are left out.
+    """Return named numbers of a flight; those whose signals are missing are left out, and those
+    that come to no finite number.
 
     duration_s, min_distance_m, closest_time_s, closest_obstacle (index), closest_x_m, closest_y_m, closest_progress
     (share of the path flown before), closest_leg, closest_passed and closest_side (`behaviour.py`), path_length_m,
@@ -33,7 +34,7 @@ def features_of(test_case: TestCase, signals: FlightSignals) -> dict[str, float]
     if "x_m" in signals and "y_m" in signals and "altitude_m" in signals:
         found.update(_path(signals))
         found.update(_closest(test_case, signals))
-    return found
+    return {name: value for name, value in found.items() if math.isfinite(value)}
 
 
 def _extremes(signals: FlightSignals) -> dict[str, float]:
@@ -84,4 +85,6 @@ def track_of(signals: FlightSignals) -> Track:
     index = np.unique(np.append(np.arange(0, signals.samples, stride), signals.samples - 1))
     columns = [np.round(np.asarray(signals[name][index], dtype=np.float64), 2) for name in ("x_m", "y_m", "altitude_m")]
     times = np.round(index * signals.step_s, 3)
-    return tuple((float(t), float(x), float(y), float(z)) for t, x, y, z in zip(times, *columns, strict=True))
+    known = np.isfinite(columns).all(axis=0)
+    rows = zip(times[known], *(column[known] for column in columns), strict=True)
+    return tuple((float(t), float(x), float(y), float(z)) for t, x, y, z in rows)

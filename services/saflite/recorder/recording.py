@@ -14,6 +14,7 @@ from saflite.contract.flight import Flight, Trace, unpack_trace
 from saflite.contract.outside import LOG_BYTES_MAX, read_bytes
 from saflite.contract.test_case import TestCase
 from saflite.contract.verdict import Judgement
+from saflite.contract.wire import UNREADABLE
 
 T = TypeVar("T")
 _MAGIC = b"\x89MCAP0\r\n"
@@ -114,7 +115,7 @@ def _part(parts: dict[str, bytes], name: str, path: Path) -> bytes:
 def _decoded(parts: dict[str, bytes], name: str, kind: type[T], path: Path) -> T:
     try:
         return msgspec.json.decode(_part(parts, name, path), type=kind)
-    except msgspec.MsgspecError as fault:
+    except UNREADABLE as fault:
         raise Refused("recording", where=f"{path}, {name}", expected=f"a {kind.__name__}", got=str(fault)) from fault
 
 

@@ -22,13 +22,14 @@ from saflite.campaign.engine.outbox import Batch
 from saflite.campaign.engine.state import Books
 from saflite.campaign.storage.store import Store
 from saflite.contract import topics, wire
+from saflite.contract.bounds import TOLD_CHARS_MAX, told
 from saflite.contract.clock import Clock
 from saflite.contract.control import Answer, Control
 from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.events import kind_of
 from saflite.contract.join import Join, Joined
 from saflite.contract.modules import Outside
-from saflite.contract.work import Ask, Grant, Heartbeat, Report, Stage, blobs_left
+from saflite.contract.work import Ask, Failure, Grant, Heartbeat, Report, Stage, blobs_left, lease_named
 from saflite.runtime.admission import Terms, objection
 from saflite.runtime.evidence import Evidence, InlineEvidence
 from saflite.runtime.liveness import Liveness
@@ -229,7 +230,8 @@ class BooksService:
             elif kind == "control":
                 self._on_control(request, _read(request, Control), now_s)
         except Refused as fault:
-            request.refuse(str(fault))
+            if not self._on_unreadable_report(request, kind, fault, now_s):
+                request.refuse(str(fault))
             self._complaints.add(f"{request.sender[:64]} on {kind}", str(fault)[:500])
 
     def _on_join(self, request: Request, card: Join, now_s: float) -> None:
@@ -268,6 +270,19 @@ class BooksService:
             return
         self._inspecting.update(blob.digest for blob in blobs_left(report.result))
         self._evidence.inspect(report, lambda damage: self._inbox.put(_Inspected(request, report, damage)))
+
+    def _on_unreadable_report(self, request: Request, kind: str, fault: Refused, now_s: float) -> bool:
+        """Count a result that arrived whole and cannot be read as a failure of its lease; False if it names none."""
+        lease = None if request.damaged or kind != "result" else lease_named(request.payload)
+        if lease is None:
+            return False
+        if self._blocked is None:  # otherwise it is sent again
+            failure = Failure(message=told(str(fault), TOLD_CHARS_MAX))
+            report = Report(worker=lease.worker, lease_id=lease.lease_id, epoch=lease.epoch, result=failure)
+            receipt = self._books.report(report, now_s)
+            status = "refused" if receipt.status == "accepted" else receipt.status
+            self._answer(request, msgspec.structs.replace(receipt, status=status, message=failure.message))
+        return True
 
     def _on_inspected(self, inspected: _Inspected, now_s: float) -> None:
         report, damage = inspected.report, inspected.damage

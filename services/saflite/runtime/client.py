@@ -53,7 +53,7 @@ def read_info(run_dir: Path) -> FarmInfo:
     path = run_dir / FARM_FILE
     try:
         return msgspec.json.decode(path.read_bytes(), type=FarmInfo)
-    except (OSError, msgspec.MsgspecError, json.JSONDecodeError) as fault:
+    except (OSError, *wire.UNREADABLE, json.JSONDecodeError) as fault:
         raise Refused("run folder", where=str(run_dir), expected="one of a running farm", got=str(fault)) from fault
 
 

@@ -16,6 +16,7 @@ from saflite.contract.config import Campaign
 from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.ids import digest
 from saflite.contract.modules import Outside
+from saflite.contract.wire import UNREADABLE
 
 log = logging.getLogger(__name__)
 
@@ -93,5 +94,5 @@ def _noted(run_dir: Path) -> tuple[Outside, ...]:
         return msgspec.json.decode((run_dir / FILE).read_bytes(), type=tuple[Outside, ...])
     except FileNotFoundError:
         return ()
-    except (OSError, msgspec.MsgspecError) as fault:
+    except (OSError, *UNREADABLE) as fault:
         raise Refused("run folder", where=str(run_dir / FILE), expected="a list of modules", got=str(fault)) from fault

@@ -210,7 +210,8 @@ class Worker:
         self._ask_wait_s = RETRY_FIRST_S
         self._ask_s = now_s if grant.leases else now_s + grant.retry_after_s
         held = set(self.held)
-        self._waiting += [lease for lease in grant.leases if Key(lease.lease_id, lease.epoch) not in held]
+        granted = {Key(lease.lease_id, lease.epoch): lease for lease in grant.leases}
+        self._waiting += [lease for key, lease in granted.items() if key not in held]
         if grant.stop:
             self._stop("the campaign is over", now_s, out)
         elif self.stopping:

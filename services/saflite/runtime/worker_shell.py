@@ -183,7 +183,7 @@ class WorkerShell:
 
     def _do(self, lease: Lease, cancelled: Callable[[], bool]) -> Result:
         try:
-            return self._service.do(lease.work, cancelled)
+            return wire.checked(self._service.do(lease.work, cancelled), Result)
         except (Refused, Unavailable) as fault:
             log.warning("lease %s: %s", lease.lease_id, fault)
             unread = (fault.ref,) if isinstance(fault, BlobMissing) else ()

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import msgspec
 
-from saflite.contract.bounds import told
+from saflite.contract.bounds import WORD_CHARS_MAX, told
 from saflite.contract.clock import Clock
 from saflite.contract.errors import FarmError, Refused, Unavailable
 from saflite.contract.score import SCORE_MAX, SCORE_MIN, Score
@@ -211,10 +211,10 @@ def _scores(job: Job, label: str, sheet: ScoreSheet, *, shadow: bool) -> list[Sc
             value=score.value,
             model=label,
             scored_by=score.scored_by or label,
-            model_digest=told(sheet.digest),
+            model_digest=told(sheet.digest, WORD_CHARS_MAX),
             prompt_digest=score.prompt_digest,
             reason=told(score.reason),
-            fault=told(score.fault),
+            fault=told(score.fault, WORD_CHARS_MAX),
             shadow=shadow,
         )
         for case, score in zip(job.test_cases, sheet.scores, strict=True)

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import msgspec
 import pytest
+from msgspec import inspect
 
-from saflite.contract import wire
+from saflite.contract import topics, wire
 from saflite.contract.blobs import BlobGet
 from saflite.contract.bounds import TEXT_CHARS_MAX, told
 from saflite.contract.control import Control
 from saflite.contract.errors import Refused
+from saflite.contract.flight import Trace
 from saflite.contract.join import Join
 from saflite.contract.score import Score, Usage
+from saflite.contract.test_case import Stimulus
 from saflite.contract.verdict import Judgement, Verdict
 from saflite.contract.work import Ask, Heartbeat, Report
 
@@ -68,3 +72,58 @@ def test_words_of_others_are_made_fit_for_a_message() -> None:
     assert told("\ud800 and so on") == "? and so on"
     assert len(told("x" * (TEXT_CHARS_MAX + 1))) == TEXT_CHARS_MAX
     assert told("schön") == "schön"
+
+
+def test_no_field_of_any_message_is_without_bounds() -> None:
+    rows = [kind for row in topics.TOPICS for kind in (row.message, row.answer)]
+    kinds: set[type[msgspec.Struct]] = {kind for kind in rows if kind is not None}
+    types: tuple[type[msgspec.Struct], ...] = (*kinds, Trace)
+    found = sorted({f"{place}" for kind in types for place in _unbounded(inspect.type_info(kind), kind.__name__)})
+    assert not [place for place in found if not place.endswith(MAY_BE_ANY)], found
+
+
+MAY_BE_ANY = (
+    "changed{}: float",  # a sample of a signal, which may be no number
+    "signals{}: bytes",  # bounded by what a trace may unpack to
+    "events[]: bytes",  # bounded by the message
+)
+
+
+def _unbounded(info: Any, path: str) -> Iterator[str]:
+    """Yield the places below a type where a number, a text or a collection has no bound."""
+    match info:
+        case inspect.StructType():
+            for field in info.fields:
+                yield from _unbounded(field.type, f"{info.cls.__name__}.{field.encode_name}")
+        case inspect.UnionType():
+            for one in info.types:
+                yield from _unbounded(one, path)
+        case inspect.IntType() | inspect.FloatType():
+            if info.ge is None or info.le is None:
+                yield f"{path}: {type(info).__name__.removesuffix('Type').lower()}"
+        case inspect.StrType():
+            if info.max_length is None and info.pattern is None:
+                yield f"{path}: str"
+        case inspect.BytesType():
+            if info.max_length is None:
+                yield f"{path}: bytes"
+        case inspect.VarTupleType() | inspect.ListType():
+            if info.max_length is None:
+                yield f"{path}: items"
+            yield from _unbounded(info.item_type, f"{path}[]")
+        case inspect.TupleType():
+            for one in info.item_types:
+                yield from _unbounded(one, f"{path}[]")
+        case inspect.DictType():
+            if info.max_length is None:
+                yield f"{path}: entries"
+            yield from _unbounded(info.key_type, f"{path}{{key}}")
+            yield from _unbounded(info.value_type, f"{path}{{}}")
+
+
+def test_what_cannot_be_sent_is_refused_before_it_is() -> None:
+    for name in ("\ud800", "x" * 70_000):
+        with pytest.raises(Refused, match="Stimulus"):
+            wire.checked(Stimulus(at_s=0.0, kind="command", name=name), Stimulus)
+    stimulus = Stimulus(at_s=0.0, kind="command", name="x")
+    assert wire.checked(stimulus, Stimulus) == stimulus

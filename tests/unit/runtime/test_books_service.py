@@ -313,3 +313,42 @@ def test_no_more_workers_may_join_than_a_farm_can_have(stand: Stand) -> None:
 def _event(happening: Happening) -> Event:
     assert isinstance(happening, Sample)
     return wire.decode(happening.payload, Event)
+
+
+def test_a_result_that_cannot_be_read_is_a_failed_attempt_of_its_lease(stand: Stand) -> None:
+    """Its worker is told so at once; otherwise the same work would be lent and answered like this for ever."""
+    unread: list[tuple[object, str]] = [
+        ({"type": "mutated", "round": -1, "test_cases": []}, "refused"),
+        ({"type": "nonsense"}, "stale"),
+        (3, "stale"),
+    ]
+    epochs: list[int] = []
+    while len(epochs) < 50:
+        stand.send(topics.work("c", "mutate"), _ask("mutate", wait_s=0.0))
+        grant = stand.last(Grant)
+        if grant.stop:
+            break
+        (lease,) = grant.leases
+        epochs.append(lease.epoch)
+        said = {"worker": "w", "lease_id": lease.lease_id, "epoch": lease.epoch}
+        for result, status in unread:
+            payload = msgspec.msgpack.encode({**said, "result": result})
+            stand.worker.ask(topics.result("c", "mutate"), payload, len(stand.answers), stand.answers.append, 60.0)
+            stand.turn()
+            assert stand.last(Receipt).status == status
+    assert epochs == [1, 2, 3, 4, 5], "a strategy whose results cannot be read ends the campaign"
+
+
+def test_a_damaged_result_is_sent_again_and_costs_no_attempt(stand: Stand) -> None:
+    stand.send(topics.work("c", "mutate"), _ask("mutate", wait_s=0.0))
+    (lease,) = stand.last(Grant).leases
+    payload = wire.encode(
+        Report(worker="w", lease_id=lease.lease_id, epoch=1, result=MutateResult(round=0, test_cases=()))
+    )
+    stand.worker.ask(topics.result("c", "mutate"), payload[:-3], len(stand.answers), stand.answers.append, 60.0)
+    stand.turn()
+    reply = stand.answers[-1]
+    assert isinstance(reply, Reply)
+    assert reply.refused
+    stand.send(topics.result("c", "mutate"), wire.decode(payload, Report))
+    assert stand.last(Receipt).status == "accepted"

@@ -10,12 +10,19 @@ from saflite.campaign.scheduling.tasks import Task
 from saflite.campaign.scheduling.work_keys import MutateKey, ScoreKey, WarmKey, WorkKey
 from saflite.contract.control import Control
 from saflite.contract.flight import FLOWN_ENDINGS
+from saflite.contract.names import is_label
 from saflite.contract.work import Ask, Failure, FlyResult, HandedBack, Result
 
 SEEN_LATELY_S = 7.0
 """A worker heard of within this time (or a lease time, if longer) is there: idle ones send a heartbeat each 3 s."""
 
+SHADOWS_MAX = 16  # models that only watch
 AVOIDED_MAX = 32  # re-flights a worker may not have that are looked past when it asks
+
+
+def _are_models(text: str) -> bool:
+    names = text.split(",")
+    return len(names) <= SHADOWS_MAX and all(is_label(name) for name in names)
 
 
 class Dispatch:
@@ -75,6 +82,8 @@ class Dispatch:
             return "scorer: expected the name of a model, got nothing"
         if control.verb == "scorer" and control.text == scorer:
             return f"scorer: {scorer} decides already"
+        if control.verb in ("scorer", "shadow") and not _are_models(control.text):
+            return f"{control.verb}: expected names of at most {SHADOWS_MAX} models, got {control.text[:80]!r}"
         if control.verb == "resume" and core.state == "running":
             return "resume: the campaign is running already"
         if control.verb in ("pause", "stop") and core.state == "ended":

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import math
 
+import msgspec
+
 from saflite.campaign.engine.core import Core
 from saflite.campaign.scheduling.tasks import Task
 from saflite.campaign.scheduling.work_keys import FlightKey, FlyKey, JudgeKey, MutateKey, RecordKey, ScoreKey, WarmKey
+from saflite.contract import wire
 from saflite.contract.blobs import BLOBS_PER_RESULT_MAX
+from saflite.contract.bounds import told
 from saflite.contract.errors import Refused
 from saflite.contract.flight import AUTOPILOT_ALIVE, FLOWN_ENDINGS, UNTOLD, Flight
 from saflite.contract.score import SCORE_MAX, SCORE_MIN
@@ -23,6 +27,10 @@ from saflite.contract.work import (
     ScoreResult,
     WarmResult,
 )
+
+SAID_MAX = 500  # characters of what a result says, in our words
+TEST_CASE_BYTES_MAX = 2**18
+JUDGEMENT_BYTES_MAX = 2**20
 
 
 def check_result(core: Core, task: Task, result: Result, damage: str = "") -> None:
@@ -65,12 +73,24 @@ def _check_verdicts(core: Core, task: Task, result: JudgeResult) -> None:
     _same(task, "policies", sorted(core.campaign.policies), judged)
     for verdict in verdicts:
         _check_verdict(task, verdict)
+    _check_size(task, "judgement", result.judgement, JUDGEMENT_BYTES_MAX)
 
 
 def _check_mutants(core: Core, task: Task, result: MutateResult) -> None:
     most = core.rounds.search.candidates_per_round
     if len(result.test_cases) > most:
         _refuse(task, f"at most {most} test cases", len(result.test_cases))
+    wanted = core.template.target.name, core.template.target.build
+    for case in result.test_cases:
+        _same(task, "target and build", wanted, (case.target.name, case.target.build))
+        _check_size(task, "test case", case, max(TEST_CASE_BYTES_MAX, 2 * len(wire.encode(core.template))))
+
+
+def _check_size(task: Task, what: str, part: msgspec.Struct, bytes_max: int) -> None:
+    """What is told to others with every round must stay far below what a message may hold."""
+    size_bytes = len(wire.encode(part))
+    if size_bytes > bytes_max:
+        _refuse(task, f"a {what} of at most {bytes_max} bytes", size_bytes)
 
 
 def _check_scores(task: Task, result: ScoreResult, names: tuple[str, ...]) -> None:
@@ -125,4 +145,4 @@ def _same(task: Task, what: str, expected: object, got: object) -> None:
 
 
 def _refuse(task: Task, expected: str, got: object) -> None:
-    raise Refused(f"result for {task.key}", expected=expected, got=got)
+    raise Refused(f"result for {task.key}", expected=told(expected, SAID_MAX), got=told(f"{got}", SAID_MAX))

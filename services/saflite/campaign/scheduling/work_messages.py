@@ -10,6 +10,7 @@ from saflite.campaign.engine.read_model import ReadModel
 from saflite.campaign.engine.reducer import Reducer
 from saflite.campaign.scheduling.tasks import Task
 from saflite.campaign.scheduling.work_keys import FlyKey, JudgeKey, MutateKey, RecordKey, ScoreKey, WarmKey
+from saflite.contract import wire
 from saflite.contract.config import SearchConfig
 from saflite.contract.errors import Unavailable
 from saflite.contract.flight import Flight
@@ -17,6 +18,7 @@ from saflite.contract.rng import derive_seed
 from saflite.contract.work import FlyWork, JudgeWork, MutateWork, Outcome, RecordWork, ScoreWork, WarmWork, Work
 
 GRANT_MAX_BYTES = 8 * 2**20
+TOLD_MAX_BYTES = 16 * 2**20
 
 RECENT_MAX = 3000
 """Outcomes a scorer that starts anew is told, the latest ones, without their tracks."""
@@ -158,13 +160,37 @@ class WorkMessages:
         after = cursor if cursor <= upto else -1
         held = self._core.rounds.told_between(after, upto)
         if held is not None and len(held) <= limit:
-            return Told(held, after, upto)
-        if latest:
+            outcomes, complete = held, True
+        elif latest:
             first = max(after, upto - limit // self._core.rounds.search.flights_per_round)
-            return Told(self._read_model.outcomes(first, upto, 2 * limit), after, upto)
-        outcomes = self._read_model.outcomes(after, upto, limit)
-        complete = len(outcomes) < limit
-        return Told(outcomes, after, upto if complete or not outcomes else outcomes[-1].round)
+            outcomes, complete = self._read_model.outcomes(first, upto, 2 * limit), True
+        else:
+            outcomes = self._read_model.outcomes(after, upto, limit)
+            complete = len(outcomes) < limit
+        if latest:
+            return Told(outcomes[len(outcomes) - _fitting(outcomes[::-1]) :], after, upto)
+        kept = _whole_rounds(outcomes, _fitting(outcomes))
+        complete = complete and len(kept) == len(outcomes)
+        return Told(kept, after, upto if complete or not kept else kept[-1].round)
+
+
+def _fitting(outcomes: tuple[Outcome, ...]) -> int:
+    """Return how many of the outcomes, from the first on, go into one message."""
+    size_bytes = 0
+    for count, outcome in enumerate(outcomes):
+        size_bytes += len(wire.encode(outcome))
+        if size_bytes > TOLD_MAX_BYTES:
+            return count
+    return len(outcomes)
+
+
+def _whole_rounds(outcomes: tuple[Outcome, ...], count: int) -> tuple[Outcome, ...]:
+    """Return the first `count` outcomes without a last round of which some are missing; one round at least."""
+    if count == len(outcomes):
+        return outcomes
+    cut = outcomes[count].round
+    whole = tuple(outcome for outcome in outcomes[:count] if outcome.round != cut)
+    return whole or tuple(outcome for outcome in outcomes if outcome.round == outcomes[0].round)
 
 
 def weight_bytes(work: Work) -> int:

@@ -84,7 +84,7 @@ class Contents:
         row = self._db.execute("SELECT line FROM journal WHERE n = ?", (number,)).fetchone()
         try:
             line: Line | None = None if row is None else decode_line(row[0])
-        except msgspec.MsgspecError:
+        except wire.UNREADABLE:
             line = None
         if line is None or not isinstance(line.entry, Settled):
             raise Refused("books", expected=f"a result in journal entry {number}", got="none; the journal is damaged")

@@ -78,9 +78,10 @@ class Store:
         """Make the store of a new run in `run_dir`; `target` is what the target says of itself now.
 
         Raises:
-            Refused: a run stands there already.
+            Refused: a run stands there already, or test case or target hold what no message may.
             Unavailable: the disk cannot be written.
         """
+        template, target = wire.checked(template, TestCase), wire.checked(target, TargetInfo)
         if store_file(run_dir).exists():
             raise Refused(
                 "run folder",

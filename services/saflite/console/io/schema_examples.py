@@ -57,7 +57,7 @@ def _made(info: Any, tag: str, place: int) -> Any:
     if isinstance(info, inspect.UnionType):
         return _made(_chosen(info, tag), tag, place)
     if isinstance(info, inspect.VarTupleType):
-        return (_made(info.item_type, tag, place),)
+        return (_made(info.item_type, tag, place),) * (info.min_length or 1)
     if isinstance(info, inspect.TupleType):
         return tuple(_made(part, tag, at) for at, part in enumerate(info.item_types))
     if isinstance(info, inspect.ListType):

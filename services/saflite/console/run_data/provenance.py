@@ -9,6 +9,7 @@ import msgspec
 
 from saflite.contract.errors import FarmError, Unavailable
 from saflite.contract.target_info import TargetInfo
+from saflite.contract.wire import UNREADABLE
 from saflite.flight.build import library_version
 
 FILE = "software.json"
@@ -54,7 +55,7 @@ def differs(run_dir: Path) -> str:
     try:
         then = msgspec.json.decode((run_dir / FILE).read_bytes(), type=Provenance)
         now = here(describe_target(then.target))
-    except (OSError, msgspec.MsgspecError, FarmError):
+    except (OSError, *UNREADABLE, FarmError):
         return ""
     parts = [
         f"{name} {getattr(then, name)[:12]} then, {getattr(now, name)[:12]} now"

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple, Protocol
 from saflite.contract.errors import Unavailable
 from saflite.scorer_pool.llm.parse import Reply
 
+TOKENS_MAX = 10**9  # of one answer
 Messages = list[dict[str, str]]
 
 
@@ -29,6 +30,12 @@ class ChatResult(NamedTuple):
     tokens_in: int = 0
     tokens_out: int = 0
     cut: bool = False
+
+
+def tokens(said: Any) -> int:
+    """Return how many tokens a server says it took, 0 where it says nothing that can be believed."""
+    is_count = isinstance(said, int) and not isinstance(said, bool)
+    return said if is_count and 0 <= said <= TOKENS_MAX else 0
 
 
 class Chat(Protocol):

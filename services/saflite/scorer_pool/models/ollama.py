@@ -5,13 +5,12 @@ The model is loaded under its own deadline and kept loaded, with a fixed context
 
 from __future__ import annotations
 
-import json
 import logging
 from typing import Any, NamedTuple
 
 from saflite.contract.config import environment
 from saflite.contract.errors import Refused, Unavailable
-from saflite.scorer_pool.llm.chat import Busy, ChatResult, Question
+from saflite.scorer_pool.llm.chat import Busy, ChatResult, Question, tokens
 from saflite.scorer_pool.llm.parse import ANSWER_CHARS_MAX, Reply
 from saflite.scorer_pool.llm.scorer import CONTEXT_TOKENS, LanguageModel
 from saflite.scorer_pool.model import Tools
@@ -108,8 +107,8 @@ class OllamaChat:
             raise Unavailable(f"ollama: {self._tag} closed the answer without a word")
         return ChatResult(
             Reply("".join(content), "".join(thinking)),
-            tokens_in=last.prompt_eval_count or 0,
-            tokens_out=last.eval_count or 0,
+            tokens_in=tokens(last.prompt_eval_count),
+            tokens_out=tokens(last.eval_count),
             cut=last.done_reason == "length" or not last.done,
         )
 
@@ -117,7 +116,6 @@ class OllamaChat:
         """Return what the call returns; name its faults in the pool's words."""
         import httpx
         import ollama
-        import pydantic
 
         try:
             return await call
@@ -129,7 +127,9 @@ class OllamaChat:
                     "ollama model", expected="a model the server has", got=f"{self._tag}: {fault.error}"
                 ) from fault
             raise Unavailable(f"ollama: {fault.error} ({fault.status_code})") from fault
-        except (ConnectionError, httpx.HTTPError, json.JSONDecodeError, pydantic.ValidationError) as fault:
+        except (ConnectionError, httpx.HTTPError, httpx.InvalidURL) as fault:
+            raise Unavailable(f"ollama: {type(fault).__name__}: {fault}") from fault
+        except (ValueError, TypeError, AttributeError, RecursionError) as fault:  # what the client makes of nonsense
             raise Unavailable(f"ollama: {type(fault).__name__}: {fault}") from fault
 
 

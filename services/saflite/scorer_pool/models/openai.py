@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from saflite.contract.config import environment
 from saflite.contract.errors import Refused, Unavailable
-from saflite.scorer_pool.llm.chat import Busy, ChatResult, Question
+from saflite.scorer_pool.llm.chat import Busy, ChatResult, Question, tokens
 from saflite.scorer_pool.llm.parse import ANSWER_CHARS_MAX, Reply
 from saflite.scorer_pool.llm.scorer import LanguageModel, Prices
 from saflite.scorer_pool.model import Tools
@@ -87,7 +87,8 @@ class OpenAIChat:
     async def load(self) -> str:
         """Find out whether the server answers and has the model: it loads models by itself."""
         listed = await self._request("GET", "/models", None)
-        names = [row.get("id") for row in listed.get("data", []) if isinstance(row, dict)]
+        rows = listed.get("data")
+        names = [row.get("id") for row in rows if isinstance(row, dict)] if isinstance(rows, list) else []
         if names and self._model not in names:
             known = ", ".join(str(name) for name in names[:10])
             raise Refused("openai model", where=self._url, expected=f"one of {known}", got=repr(self._model))
@@ -167,8 +168,8 @@ def _result(found: dict[str, Any]) -> ChatResult:
         thinking = message.get("reasoning_content") or message.get("reasoning") or ""
         return ChatResult(
             Reply(str(message.get("content") or ""), str(thinking)),
-            tokens_in=int(usage.get("prompt_tokens") or 0),
-            tokens_out=int(usage.get("completion_tokens") or 0),
+            tokens_in=tokens(usage.get("prompt_tokens")),
+            tokens_out=tokens(usage.get("completion_tokens")),
             cut=choice.get("finish_reason") == "length",
         )
     except (KeyError, IndexError, TypeError, AttributeError, ValueError) as fault:
