@@ -8,10 +8,13 @@ from typing import Any, ClassVar, TypeVar
 
 import msgspec
 import numpy as np
+from mutations import drawn, encoded
 
 from saflite.bus.base import seal
 from saflite.bus.zenoh import ZenohBus, open_client
 from saflite.contract import topics, wire
+from saflite.contract.blobs import BlobPut, ref_of
+from saflite.contract.control import Control
 from saflite.contract.flight import Flight
 from saflite.contract.join import Joined
 from saflite.contract.score import Score
@@ -37,6 +40,7 @@ from saflite.runtime.software import card_of
 T = TypeVar("T")
 
 BURST = 20
+ROGUE_BURST, ROGUE_WAIT_S = 60, 1.0
 GRAB_S = 5.0
 GRABS = 6
 
@@ -49,6 +53,7 @@ class ByzantineClient(threading.Thread):
         "scorer hangs",
         "scorer is slow",
         "replayed result",
+        "rogue peer",
     )
     DAMAGE: ClassVar[tuple[str, ...]] = ("flipped messages", "truncated messages", "oversized message")
 
@@ -62,7 +67,7 @@ class ByzantineClient(threading.Thread):
         self._tag = 0
         self._session = ""
         self._bus: ZenohBus | None = None
-        self.messages = self.damaged_taken = self.garbage_taken = self.replays_taken = self.replays = 0
+        self.messages = self.damaged_taken = self.garbage_taken = self.replays_taken = self.replays = self.rogue = 0
         self.committed: dict[str, int] = {}
 
     def start_fault(self, name: str) -> bool:
@@ -101,6 +106,8 @@ class ByzantineClient(threading.Thread):
             return False
         if name == "scorer answers garbage":
             self.garbage_taken += self._report(lease, self._garbage(lease.work)) == "accepted"
+        elif name == "rogue peer":
+            self._rogue(lease, lease.work)
         elif name == "scorer hangs":
             self._hold(lease, 3.0)
         elif name == "scorer is slow":
@@ -131,6 +138,25 @@ class ByzantineClient(threading.Thread):
         for _ in range(3):
             self.replays += 1
             self.replays_taken += self._report(lease, result) == "accepted"
+
+    def _rogue(self, lease: Lease, work: ScoreWork) -> None:
+        """Say wrong things of every kind in its own name, its lease's result among them."""
+        status, events = Control(verb="status"), Control(verb="events", number=1)
+        report = Report(worker=self._name, lease_id=lease.lease_id, epoch=lease.epoch, result=_scores(work))
+        samples: list[tuple[str, msgspec.Struct]] = [
+            (topics.join(self._campaign, "score"), card_of("score", f"{self._name}-2", self._clock)),
+            (topics.beat(self._campaign, "score"), Heartbeat(worker=self._name, stage="score", session=self._session)),
+            (topics.control(self._campaign, "status"), status),
+            (topics.control(self._campaign, "events"), events),
+            (topics.blob(self._campaign, "put"), BlobPut(worker=self._name, ref=ref_of(b"x"), data=b"x")),
+            (topics.result(self._campaign, "score"), report),
+        ]
+        for number in range(ROGUE_BURST):
+            key, message = samples[number % len(samples)]
+            said = msgspec.to_builtins(message, builtin_types=(bytes,))
+            data = encoded(drawn(said, self._rng)[0])
+            self._send(key, data, seal(key, self._name, data), ROGUE_WAIT_S)
+            self.rogue += 1
 
     def _hold(self, lease: Lease, duration_s: float) -> None:
         until_s = self._clock.monotonic_s() + duration_s
@@ -196,11 +222,11 @@ class ByzantineClient(threading.Thread):
         reply = self._send(key, data, seal(key, self._name, data))
         return None if reply.payload is None else wire.decode(reply.payload, kind)
 
-    def _send(self, key: str, payload: bytes, attachment: bytes) -> Any:
+    def _send(self, key: str, payload: bytes, attachment: bytes, within_s: float = GRAB_S + 5.0) -> Any:
         assert self._bus is not None
         self._tag += 1
         self.messages += 1
-        self._bus.ask(key, payload, self._tag, self._replies.put, GRAB_S + 5.0, attachment=attachment)
+        self._bus.ask(key, payload, self._tag, self._replies.put, within_s, attachment=attachment)
         while True:
             reply = self._replies.get()
             if reply.tag == self._tag:

@@ -47,6 +47,8 @@ def figures_of(
         "garbage_scores_taken": sum(client.garbage_taken for client in clients),
         "replays_sent": sum(client.replays for client in clients),
         "replays_taken": sum(client.replays_taken for client in clients),
+        "rogue_messages": sum(client.rogue for client in clients),
+        "books_broke": _broke(testbed),
         "frozen_worker_noticed_s": _spread(_noticed(testbed, _alone(injected, "freeze"))),
         "killed_worker_noticed_s": _spread(_noticed(testbed, _alone(injected, "kill"))),
         "work_freed_after_s": _spread(_freed(testbed, _alone(injected, ""))),
@@ -65,8 +67,17 @@ def is_clean(figures: dict[str, Any]) -> bool:
         and not figures["damaged_messages_taken"]
         and not figures["garbage_scores_taken"]
         and not figures["replays_taken"]
+        and not figures["books_broke"]
+        and not figures["forged_messages"]["taken"]
+        and figures["forged_messages"]["own_result_after_them"] == "accepted"
         and bool(figures["audit"]["clean"])
     )
+
+
+def _broke(testbed: Testbed) -> int:
+    """Return how often the books died of their own code: a kill leaves no traceback."""
+    text = (testbed.run_dir / "logs" / "books.log").read_text(errors="replace")
+    return text.count("Traceback (most recent call last)")
 
 
 def _spread(values: Sequence[float]) -> dict[str, float | int]:

@@ -274,7 +274,7 @@ class BooksService:
     def _on_unreadable_report(self, request: Request, kind: str, fault: Refused, now_s: float) -> bool:
         """Count a result that arrived whole and cannot be read as a failure of its lease; False if it names none."""
         lease = None if request.damaged or kind != "result" else lease_named(request.payload)
-        if lease is None:
+        if lease is None or not speaks_for(request.peer, lease.worker):
             return False
         if self._blocked is None:  # otherwise it is sent again
             failure = Failure(message=told(str(fault), TOLD_CHARS_MAX))
