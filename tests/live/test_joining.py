@@ -26,6 +26,7 @@ from saflite.bus.endpoints import free_endpoint
 from saflite.bus.private_socket import PrivateSocket
 from saflite.bus.zenoh import open_router
 from saflite.campaign.presets.campaigns import template
+from saflite.campaign.storage.audit import audit
 from saflite.campaign.storage.store import Store
 from saflite.console.run_data.run_folder import open_run
 from saflite.contract import topics
@@ -42,7 +43,7 @@ pytestmark = pytest.mark.live
 BUDGET = 40
 BUILD = "b" * 64
 DART = '''
-"""A dart that flies past its obstacle at a distance drawn from what it flies."""
+"""A dart that flies past its obstacle at a distance drawn from where that stands, whatever the noise."""
 import time
 
 import msgspec
@@ -50,7 +51,6 @@ import numpy as np
 
 from saflite.contract.flight import FlightRecord, Trace
 from saflite.contract.rng import derive
-from saflite.contract.test_case import draw_key
 from saflite.simulator_worker.targets import reference
 
 
@@ -69,7 +69,7 @@ def open(slot):
 class Session:
     def fly(self, test_case, deadline_s, cancelled):
         time.sleep(0.1)
-        distance_m = 1.0 + 5.0 * float(derive(0, "dart", draw_key(test_case)).random())
+        distance_m = 1.0 + 5.0 * float(derive(0, "dart", repr(test_case.scenario)).random())
         column = np.full(10, distance_m, dtype="<f4").tobytes()
         return FlightRecord("completed", Trace(step_s=0.1, signals=dict.fromkeys(describe().signals, column)))
 
@@ -173,7 +173,7 @@ def test_workers_in_another_namespace_fly_a_campaign_and_find_what_one_machine_f
 ) -> None:
     run_campaign(_campaign(), tmp_path / "near", simulators=2, modules=[dart])
     endpoint, run_dir = _listen(network), _new_run(tmp_path / "far", _campaign())
-    group = _join(network, endpoint, dart, "--insecure", "--name", "lab", "--stages", "fly,judge")
+    group = _join(network, endpoint, dart, "--insecure", "--name", "lab", "--stages", "fly,judge,record")
     killed: list[int] = []
 
     def kill_the_books_once(status: Status) -> None:
@@ -195,6 +195,10 @@ def test_workers_in_another_namespace_fly_a_campaign_and_find_what_one_machine_f
     joined = [fact for fact in facts if isinstance(fact, WorkerChanged) and fact.present and fact.worker == "lab-fly-1"]
     assert len(joined) >= 2, "it did not join again after the books were restarted"
     assert all(fact.build == BUILD and fact.host for fact in joined)
+    with closing(sqlite3.connect(run_dir / "books.sqlite")) as books:
+        recorded = books.execute("SELECT count(*) FROM attempts WHERE worker LIKE 'lab-record-%' AND how = 'recorded'")
+        assert recorded.fetchone()[0] > 0, "nothing was recorded by the other machine"
+    assert audit(run_dir)["problems"] == []
 
 
 def test_what_does_not_fit_is_refused_in_words_on_both_sides(
