@@ -19,6 +19,7 @@ from _rq3_reflights import Reflown, confirmed
 from saflite.contract.rng import derive
 
 SEEDS, FLIGHTS = 5, 40
+PAIRS_MIN = 6  # resampling fewer says more than is known
 HERE = Path(__file__).resolve().parent
 PAPER, TEMPLATE = HERE / "data" / "paper_rq3.csv", HERE / "pages" / "rq3.md"
 NO_LLM = "No language model has a row: each `ollama:TAG` is a column of its own, all of it missing."
@@ -161,7 +162,7 @@ def _paired(rows: Sequence[Row], one: str, other: str, word: str) -> Paired:
 def _numbers(paired: Paired, p: float) -> tuple[str, ...]:
     if paired.pairs == 0:
         return ("missing",) * 4
-    interval = "" if np.isnan(paired.low) else f" [{paired.low:+.1f}, {paired.high:+.1f}]"
+    interval = "" if paired.pairs < PAIRS_MIN else f" [{paired.low:+.1f}, {paired.high:+.1f}]"
     return (
         f"{paired.difference:+.1f}{interval}",
         *("-" if np.isnan(value) else f"{value:.2f}" for value in (p, paired.effect)),
