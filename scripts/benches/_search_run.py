@@ -24,6 +24,7 @@ from saflite.contract.work import JudgeResult, Result, Work
 from saflite.flight.autopilots.reference.defects import SETTING, TABLE
 from saflite.oracle.judge import judge
 
+EXAMINED_MAX = 8  # violations of one policy that are flown again to tell which fault they are from
 OLD_SEARCH = SearchConfig(candidates_per_round=96, flights_per_round=16, lag=3)
 UNIFORM: dict[str, Setting] = {
     "own": 0.0,
@@ -96,6 +97,7 @@ class Watch:
         self.spoke: Counter[str] = Counter()
         self.states: set[str] = set()
         self.judged = self.any_spoke = 0
+        self._examined: Counter[str] = Counter()
         self._seen: set[tuple[str, str]] = set()
 
     @property
@@ -124,7 +126,8 @@ class Watch:
 
     def _attribute(self, case: TestCase, policy: str, flights: int) -> None:
         left = [fault for fault in self.faults if fault not in self.found]
-        if not left:
+        self._examined[policy] += 1
+        if not left or self._examined[policy] > EXAMINED_MAX:
             return
         if self._breaks(case, (), None, policy):
             self.false_alarms[policy] += 1
@@ -171,7 +174,7 @@ def campaign_of(job: Job) -> Campaign:
         target=target,
         strategy=strategy,
         scorer=scorer,
-        search=msgspec.structs.replace(search, shrink=False),
+        search=msgspec.structs.replace(search, shrink=False, confirm_flights=1, confirm_needed=1),
         budget_flights=job.budget,
         rng_seed=job.rng_seed,
         record="none",
