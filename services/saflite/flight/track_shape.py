@@ -1,11 +1,13 @@
 """How far two tracks are apart in shape: time plays no part, detours do.
 
-The UAV testing competition (SBFT 2024) calls two tests similar by dynamic time warping between their tracks. Here the
-warping takes the largest gap along the best alignment in place of the sum of gaps (the discrete Fréchet distance, Eiter
-and Mannila 1994): metres, whatever the length of the flight and however long the vehicle hovered.
+The UAV testing competition (SBFT 2024) calls two tests similar by dynamic time warping (Sakoe and Chiba 1978) between
+their tracks; its limit is not published. Here tracks are points evenly spaced along the way, and the sum of gaps along
+the best alignment is divided by its steps: metres, whatever the length of the flight and however long it hovered.
 """
 
 from __future__ import annotations
+
+from itertools import accumulate
 
 import numpy as np
 
@@ -13,7 +15,7 @@ from saflite.contract.bounds import Track
 
 POINTS = 64
 SAME_SHAPE_M = 5.0
-"""Tracks that stay within this of each other have one shape."""
+"""Tracks no farther apart than this on average have one shape."""
 
 Shape = tuple[tuple[float, float], ...]
 
@@ -30,17 +32,16 @@ def shape_of(track: Track) -> Shape:
 
 
 def gap_m(one: Shape, other: Shape) -> float:
-    """Return the largest gap between two shapes along their best alignment; 0 where both are empty."""
+    """Return the mean gap between two shapes along their best alignment; 0 where both are empty."""
     if not one or not other:
         return 0.0 if one == other else float("inf")
     ours, theirs = np.array(one)[:, None, :], np.array(other)[None, :, :]
     gaps = np.hypot(ours[:, :, 0] - theirs[:, :, 0], ours[:, :, 1] - theirs[:, :, 1]).tolist()
-    best = gaps[0]
-    for column in range(1, len(best)):
-        best[column] = max(best[column], best[column - 1])
-    for row in gaps[1:]:
-        row[0] = max(row[0], best[0])
-        for column in range(1, len(row)):
-            row[column] = max(row[column], min(best[column], best[column - 1], row[column - 1]))
-        best = row
-    return float(best[-1])
+    row = [(total, steps) for steps, total in enumerate(accumulate(gaps[0]), 1)]
+    for here in gaps[1:]:
+        below, row = row, [(row[0][0] + here[0], row[0][1] + 1)]
+        for column in range(1, len(here)):
+            total, steps = min(below[column - 1], below[column], row[column - 1])
+            row.append((total + here[column], steps + 1))
+    total, steps = row[-1]
+    return float(total / steps)

@@ -20,11 +20,13 @@ def test_the_same_way_flown_slower_or_with_a_stop_is_one_shape() -> None:
     assert gap_m(shape_of(track(STRAIGHT)), shape_of(track(waiting, 3.0))) == pytest.approx(0.0, abs=1e-9)
 
 
-def test_the_gap_of_a_detour_is_how_far_it_leads_off() -> None:
-    detour = [(8.0 if 20 <= y <= 30 else x, y) for x, y in STRAIGHT]
-    one, other = shape_of(track(STRAIGHT)), shape_of(track(detour))
-    assert gap_m(one, other) == pytest.approx(8.0, abs=0.5)
-    assert gap_m(other, one) == gap_m(one, other)
+def test_the_gap_of_a_way_beside_is_how_far_off_it_leads_and_of_a_detour_less() -> None:
+    straight = shape_of(track(STRAIGHT))
+    beside = shape_of(track([(8.0, y) for _, y in STRAIGHT]))
+    detour = shape_of(track([(8.0 if 20 <= y <= 30 else x, y) for x, y in STRAIGHT]))
+    assert gap_m(straight, beside) == pytest.approx(8.0)
+    assert 1.0 < gap_m(straight, detour) < 4.0
+    assert gap_m(detour, straight) == pytest.approx(gap_m(straight, detour))
 
 
 def test_two_flights_without_a_track_are_alike_and_like_no_other() -> None:
