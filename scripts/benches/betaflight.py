@@ -131,7 +131,7 @@ def forks(options: argparse.Namespace) -> dict[str, Any]:
     took.sort()
     return {
         "forks": len(took),
-        "firmware_to_first_step_ms": round(median(took), 3),
+        "to_first_step_ms": round(median(took), 3),
         "p95_ms": round(took[int(0.95 * len(took))], 3),
         "memory_each_mib": round(memory, 1),
     }
@@ -185,7 +185,7 @@ def _fly_cases(part: int, count: int) -> dict[str, float]:
 
 
 def _all_core_s() -> float:
-    """Return the core time of this machine's user and system work; only this bench's where nothing else runs."""
+    """Return the core time of this process, of those it holds, and of all that these have taken leave of."""
     own = os.times()
     return own.user + own.system + own.children_user + own.children_system + _held_core_s(os.getpid())
 
