@@ -91,7 +91,7 @@ WAYS = 4
 
 def is_untrue(name: str) -> bool:
     """Some test cases fly another flight when they are flown over again, under the very same noise."""
-    return luck(f"untrue {name}") < 0.1
+    return luck(f"untrue {name}") < 0.3
 
 
 padding_kib = 0

@@ -308,7 +308,9 @@ class World:
 
     def _ask_unasked(self) -> None:
         """Ask for work without having joined, under a name of its own or that of a worker."""
-        stage = str(self.rng.choice(topics.STAGES))
+        stage, books = str(self.rng.choice(topics.STAGES)), self.books.books
+        if books is not None:  # it knows where there is something to be had
+            stage = max((stage, *topics.STAGES), key=lambda one: bool(books._core.tasks.waiting_count(one)))  # type: ignore[arg-type]
         worker = str(self.rng.choice(["enemy", f"{stage}-0"]))
         ask = work.Ask(worker=worker, stage=stage, session="stolen", leases_max=4, wait_s=0.0)  # type: ignore[arg-type]
         key = topics.work("farm-test", ask.stage)

@@ -25,4 +25,6 @@ def wilson(hits: int, count: int) -> Interval:
     share, square = hits / count, Z95 * Z95 / count
     middle = (share + square / 2.0) / (1.0 + square)
     half = Z95 * math.sqrt(share * (1.0 - share) / count + square / (4.0 * count)) / (1.0 + square)
-    return Interval(value=share, low=max(0.0, middle - half), high=min(1.0, middle + half))
+    low = 0.0 if hits == 0 else max(0.0, middle - half)  # exact at the ends, where rounding leaves a crumb
+    high = 1.0 if hits == count else min(1.0, middle + half)
+    return Interval(value=share, low=low, high=high)

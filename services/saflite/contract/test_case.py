@@ -31,6 +31,9 @@ DEFAULT_TARGET = "reference"  # the target that is always there
 StimulusKind = Literal["parameter", "command", "stick", "mode", "sensor_fault"]
 Plain = Number | Whole | Text | bool
 Setting = Plain | Annotated[list[Plain], msgspec.Meta(max_length=10_000)]
+VALUES_MAX = 4096
+"""Of one input: raw bytes sent to an autopilot are the longest."""
+
 Parameters = Annotated[dict[Word, Single], msgspec.Meta(max_length=10_000)]
 Settings = Annotated[dict[Word, Setting], msgspec.Meta(max_length=1_000)]
 STIMULI_MAX = OBSTACLES_MAX = ITEMS_MAX = 10_000
@@ -108,13 +111,14 @@ class Stimulus(msgspec.Struct, frozen=True, kw_only=True):
     """One input given at `at_s` after the start state is reached.
 
     `name` is a parameter name, a MAV_CMD name, `RC1`..`RC8`, a mode name, or a sensor fault name;
-    `values` holds the parameter value, the command's up to seven numbers, the stick's PWM, or the fault's size.
+    `values` holds the parameter value, the command's up to seven numbers, the stick's PWM, the fault's size, or the
+    bytes of a raw message.
     """
 
     at_s: Single
     kind: StimulusKind
     name: Word
-    values: Annotated[tuple[Single, ...], msgspec.Meta(max_length=16)] = ()
+    values: Annotated[tuple[Single, ...], msgspec.Meta(max_length=VALUES_MAX)] = ()
 
 
 class Target(msgspec.Struct, frozen=True, kw_only=True):
