@@ -18,7 +18,7 @@ def default_cases(info: TargetInfo) -> tuple[TestCase, ...]:
     plain = TestCase(target=Target(name=info.name), scenario=scenario(info), rng_seed=1)
     cases = [plain]
     for place in (0, -1):
-        stimuli = tuple(_stimuli(info, place))
+        stimuli = tuple(sorted(_stimuli(info, place), key=lambda one: one.at_s))
         if stimuli:
             cases.append(TestCase(target=plain.target, scenario=plain.scenario, stimuli=stimuli, rng_seed=1))
     cases.append(TestCase(target=plain.target, scenario=plain.scenario, stimuli=cases[-1].stimuli, rng_seed=2))
@@ -40,7 +40,8 @@ def _stimuli(info: TargetInfo, place: int) -> Iterator[Stimulus]:
     for one in info.inputs:
         tried[one.kind] = tried.get(one.kind, 0) + 1
         if tried[one.kind] <= PER_KIND:
-            yield Stimulus(at_s=round(at_s, 3), kind=one.kind, name=one.name, values=values_of(one, place))
+            due_s = 0.0 if one.at_start else round(at_s, 3)
+            yield Stimulus(at_s=due_s, kind=one.kind, name=one.name, values=values_of(one, place))
             at_s += APART_S
 
 
