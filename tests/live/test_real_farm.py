@@ -60,7 +60,9 @@ def test_a_campaign_runs_to_its_end_and_leaves_nothing_behind(tmp_path: Path) ->
     assert summary.ended
     assert summary.status is not None
     assert (summary.status.state, summary.status.flights) == ("ended", 30)
-    assert _rows(tmp_path / "run", "SELECT count(*), count(DISTINCT test_case) FROM flights") == [(30, 30)]
+    assert _rows(
+        tmp_path / "run", "SELECT count(*), count(DISTINCT test_case) FROM flights WHERE purpose = 'search'"
+    ) == [(30, 30)]
     assert len(seen) >= 2
     assert children(os.getpid()) == before
     assert not (tmp_path / "run" / "farm.json").exists()
@@ -98,7 +100,9 @@ def test_books_and_workers_are_killed_and_the_budget_stays_exact(tmp_path: Path)
     assert farm.over()
     watcher.join(10)
     farm.stop()
-    assert _rows(run_dir, "SELECT count(*), count(DISTINCT test_case || flight_index) FROM flights") == [(400, 400)]
+    assert _rows(
+        run_dir, "SELECT count(*), count(DISTINCT test_case || flight_index) FROM flights WHERE purpose = 'search'"
+    ) == [(400, 400)]
     assert [event.seq for event in events] == list(range(1, len(events) + 1))
     assert any(isinstance(event.fact, CampaignChanged) and event.fact.state == "ended" for event in events)
 
@@ -182,4 +186,6 @@ def test_nothing_outlives_a_killed_launcher_and_the_run_goes_on(tmp_path: Path) 
         time.sleep(0.05)
     assert _marked(mark) == []
     assert resume(run_dir, simulators=2, modules=[TARGET]).ended
-    assert _rows(run_dir, "SELECT count(*), count(DISTINCT test_case || flight_index) FROM flights") == [(300, 300)]
+    assert _rows(
+        run_dir, "SELECT count(*), count(DISTINCT test_case || flight_index) FROM flights WHERE purpose = 'search'"
+    ) == [(300, 300)]
