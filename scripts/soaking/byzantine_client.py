@@ -187,7 +187,8 @@ class ByzantineClient(threading.Thread):
     def _oversized(self) -> bool:
         key = topics.result(self._campaign, "fly")
         data = wire.encode(Report(worker=self._name, lease_id="x", epoch=1, result=Failure(message="x" * (33 * 2**20))))
-        self.damaged_taken += self._send(key, data, seal(key, self._name, data)).payload is not None
+        answer = self._send(key, data, seal(key, self._name, data)).payload  # it arrives whole: a receipt refuses it
+        self.damaged_taken += answer is not None and wire.decode(answer, Receipt).status == "accepted"
         return True
 
     def _samples(self) -> list[tuple[str, bytes]]:
