@@ -123,6 +123,35 @@ def test_shrinking_costs_no_budget_and_the_books_balance(run_dir: Path) -> None:
     assert figures["shrink_experiments"] > 0
 
 
+class Lucky(Stimulated):
+    """As above, but fewer than five inputs violate under one noise only: what chance does to many small forms."""
+
+    def do(self, work: Work) -> Result:
+        """See `Service.do`."""
+        result = super().do(work)
+        if isinstance(work, JudgeWork) and work.flight.flight_index and len(work.test_case.stimuli) < 5:
+            assert isinstance(result, JudgeResult)
+            held = Verdict(policy=doubles.POLICY, outcome="held", robustness=1.0)
+            judgement = msgspec.structs.replace(result.judgement, verdicts=(held,), fingerprint="")
+            return msgspec.structs.replace(result, judgement=judgement)
+        return result
+
+
+def test_where_the_smallest_form_was_luck_a_larger_one_is_confirmed(tmp_path: Path) -> None:
+    driver = started(tmp_path)
+    assert driver.store is not None
+    driver.service = Lucky(driver.store.blobs)
+    finish(driver)
+    forms = smallest(tmp_path)
+    sizes = {
+        one: [len(case.stimuli) for found, case in forms if found.confirmation == one] for one in ("flaky", "confirmed")
+    }
+    assert min(sizes["flaky"]) == 2
+    assert sizes["confirmed"]
+    assert all(5 <= size < 20 for size in sizes["confirmed"])
+    assert audit(tmp_path)["problems"] == []
+
+
 def test_interruptions_and_the_number_of_workers_change_nothing(run_dir: Path, tmp_path: Path) -> None:
     driver = started(tmp_path / "parts")
     for _ in range(6):

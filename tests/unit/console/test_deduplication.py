@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from saflite.console.run_data.deduplication import Find, causes
+from saflite.console.run_data.deduplication import Find, deduplicate
 from saflite.contract.test_case import Obstacle, Scenario, Stimulus, Target, TestCase, identity
 from saflite.contract.verdict import Confirmation, Violation
 
@@ -33,7 +33,7 @@ def _find(*names: str, policy: str = "p", confirmation: Confirmation = "confirme
 
 
 def test_larger_violations_belong_to_the_smallest_within_them() -> None:
-    found = causes([_find("A", "B", "C"), _find("B", "A"), _find("D", "C"), _find("A", "B", policy="q")])
+    found = deduplicate([_find("A", "B", "C"), _find("B", "A"), _find("D", "C"), _find("A", "B", policy="q")])
     told = [(one.policy, one.violations, one.words) for one in found]
     assert told == [
         ("p", 2, "1 s parameter B 2; 2 s parameter A 2"),
@@ -43,17 +43,17 @@ def test_larger_violations_belong_to_the_smallest_within_them() -> None:
 
 
 def test_what_is_not_confirmed_or_about_obstacles_has_no_cause_here() -> None:
-    assert causes([_find("A", confirmation="flaky"), _find("A", boxes=True)]) == ()
-    assert [one.words for one in causes([_find()])] == ["no input at all"]
+    assert deduplicate([_find("A", confirmation="flaky"), _find("A", boxes=True)]) == ()
+    assert [one.words for one in deduplicate([_find()])] == ["no input at all"]
 
 
 @given(st.lists(st.frozensets(st.sampled_from(NAMES)), max_size=12), st.randoms())
 def test_every_violation_is_counted_once_whatever_the_order(sets: list[frozenset[str]], rng: object) -> None:
     finds = [_find(*sorted(names)) for names in sets]
-    found = causes(finds)
+    found = deduplicate(finds)
     assert sum(one.violations for one in found) == len(finds)
     least = {names for names in sets if not any(other < names for other in sets)}
     assert {frozenset(stimulus.name for stimulus in one.test_case.stimuli) for one in found} == least
     shuffled = list(finds)
     rng.shuffle(shuffled)  # type: ignore[attr-defined]
-    assert causes(shuffled) == found
+    assert deduplicate(shuffled) == found

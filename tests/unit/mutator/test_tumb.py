@@ -1,4 +1,4 @@
-"""TUMB against the published rules, worked out by hand from their description, and what is mended."""
+"""TUMB against the published rules, worked out by hand from their description, and what is corrected."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def published() -> Strategy:
     return strategy
 
 
-def mended() -> Strategy:
+def corrected() -> Strategy:
     return Strategy(TEMPLATE, {}, (), describe())
 
 
@@ -91,7 +91,7 @@ def test_the_first_box_stands_early_on_the_way_later_ones_anywhere_in_the_area()
     assert [y for _, y in places(NORTHWARDS, rules, is_later=True)] == [float(y) for y in range(11, 40)]
 
 
-@pytest.mark.parametrize("strategy", [published(), mended()], ids=["published", "mended"])
+@pytest.mark.parametrize("strategy", [published(), corrected()], ids=["published", "corrected"])
 def test_a_node_is_expanded_while_its_children_are_few_for_its_visits(strategy: Strategy) -> None:
     assert strategy.select() == ROOT
     layout: tuple[Obstacle, ...] = ()
@@ -115,7 +115,7 @@ def test_the_published_tool_goes_by_the_mean_the_mended_one_by_the_best() -> Non
     a, b = case((a_box(-10.0),)), case((a_box(10.0),))
     below = [case((a_box(-10.0), a_box(x)), identity(a)) for x in (5.0, 18.0)]
     flights = [told(a, 3.0), told(b, 2.5), told(below[0], 1.8), told(below[1], 9.0)]
-    for strategy, expected in ((published(), identity(b)), (mended(), identity(below[0]))):
+    for strategy, expected in ((published(), identity(b)), (corrected(), identity(below[0]))):
         strategy.tell(flights)
         # mean of a: -13.8 / 3 = -4.6, bonus 0.68; of b: -2.5, bonus 1.18; best of a: -1.8, bonus 0.68
         assert strategy.select() == expected
@@ -130,11 +130,11 @@ def test_the_published_tool_forgets_a_flight_that_failed_and_a_perfect_collision
     assert list(strategy._nodes) == [ROOT]
 
 
-# ---- what is mended -----------------------------------------------------------------------------------------------
+# ---- what is corrected -----------------------------------------------------------------------------------------------
 
 
 def test_what_is_broken_is_not_built_upon_and_a_failure_counts_for_nothing() -> None:
-    strategy = mended()
+    strategy = corrected()
     broken, failed = case((a_box(-10.0),)), case((a_box(0.0),))
     strategy.tell([told(broken, 0.0), told(failed, 0.0, ending="wedged", robustness=None, violated=())])
     assert {one.origin.parent for one in strategy.ask(10, derive(1, "ask"))} == {ROOT}
@@ -142,7 +142,7 @@ def test_what_is_broken_is_not_built_upon_and_a_failure_counts_for_nothing() -> 
 
 
 def test_siblings_share_a_node_and_each_group_counts_as_a_visit() -> None:
-    strategy = mended()
+    strategy = corrected()
     children = [case((a_box(x),)) for x in (-20.0, 0.0, 15.0)]
     strategy.tell([told(child, 3.0) for child in children])
     asked = strategy.ask(15, derive(1, "ask"))

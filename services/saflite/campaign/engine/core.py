@@ -51,7 +51,7 @@ class Counts:
 
 
 @dataclass(slots=True)
-class RecordJob:
+class RecordingParts:
     """What a recording is made of, kept until it is written."""
 
     test_case: TestCase
@@ -75,7 +75,7 @@ class Core:
     counts: Counts = field(default_factory=Counts)
     exposure: Exposure = field(default_factory=Exposure)
     trials: dict[str, Trial] = field(default_factory=dict)
-    records: dict[RecordKey, RecordJob] = field(default_factory=dict)
+    records: dict[RecordKey, RecordingParts] = field(default_factory=dict)
     flown: dict[str, int] = field(default_factory=dict)  # every test case ever selected: its round
     shrunk: set[str] = field(default_factory=set)  # smallest forms of violations, flown besides
     latest: deque[Features] = field(default_factory=lambda: deque(maxlen=REFERENCES_MAX))

@@ -69,9 +69,9 @@ def _traces_are_held(core: Core) -> None:
         for note in trial.flights.values():
             held = all(blob in core.holds for blob in note.flight.blobs)
             assert note.settled or held, f"{trial.name}: a trace to be judged was dropped"
-    for job in core.records.values():
-        held = all(blob in core.holds for blob in job.flight.blobs)
-        assert held, f"{job.flight.test_case}: a trace to be recorded was dropped"
+    for parts in core.records.values():
+        held = all(blob in core.holds for blob in parts.flight.blobs)
+        assert held, f"{parts.flight.test_case}: a trace to be recorded was dropped"
 
 
 def _counts_agree(core: Core) -> None:

@@ -73,8 +73,8 @@ class Reducer:
         self.core.at_s = line.at_s
         self._apply(line.entry)
         self.flights.settle()
-        for job in self.minimization.advance() if self.minimization.jobs else ():
-            self.flights.fly_smallest(job)
+        for candidate in self.minimization.advance() if self.minimization.candidates else ():
+            self.flights.fly_smallest(candidate)
         self.proposals.advance()
 
     def _apply(self, entry: Entry) -> None:

@@ -20,7 +20,7 @@ from saflite.campaign.engine.core import Core
 from saflite.campaign.engine.outbox import Outbox
 from saflite.campaign.engine.reducer import Reducer
 from saflite.campaign.lifecycle.behaviours import Behaviour, Behaviours
-from saflite.campaign.lifecycle.minimization import Attempt, Minimization, MinimizationJob
+from saflite.campaign.lifecycle.minimization import Attempt, Minimization, MinimizationCandidate
 from saflite.campaign.lifecycle.minimizer import Evidence, Minimizer
 from saflite.campaign.lifecycle.repeat_checks import RepeatChecks
 from saflite.campaign.lifecycle.repeats import RepeatRule
@@ -55,14 +55,14 @@ FIELDS: dict[type, dict[str, Any]] = {
     Behaviours: {"_expected": deque[str], "_undecided": list[str], "_known": dict[str, Behaviour]},
     RepeatChecks: {"_under_way": dict[FlyKey, tuple[TestCase, Flight]]},
     Minimization: {
-        "_jobs": list[MinimizationJob],
+        "_candidates": list[MinimizationCandidate],
         "_under_way": dict[FlyKey, Attempt],
         "_shown": dict[FlyKey, frozenset[str]],
     },
     Minimizer: {
         "original": str,
         "rule": RepeatRule,
-        "_best": TestCase,
+        "_forms": list[TestCase],
         "_left": int,
         "_decided": set[str],
         "_evidence": dict[str, Evidence],

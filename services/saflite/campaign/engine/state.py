@@ -33,7 +33,7 @@ from saflite.campaign.engine.journal import (
 from saflite.campaign.engine.outbox import Batch, Outbox
 from saflite.campaign.engine.read_model import NothingToRead, ReadModel
 from saflite.campaign.engine.reducer import Reducer
-from saflite.campaign.engine.status import Rates, overview
+from saflite.campaign.engine.status import Rates, status_of
 from saflite.campaign.engine.worker_registry import WORKERS_MAX, WorkerRegistry
 from saflite.campaign.lifecycle.repeats import confirm_rule
 from saflite.campaign.scheduling.dispatch import Dispatch
@@ -127,7 +127,7 @@ class Books:
         """The blobs some flight or recording needs; any other is left over from an interrupted commit."""
         return frozenset(self._core.holds)
 
-    def overview_of_audit(self) -> dict[str, Any]:
+    def audit_status(self) -> dict[str, Any]:
         """Return what an audit needs to know; `over`: ended for good, not by an operator's order."""
         core, over = self._core, self.ended and not self._core.stopped
         return {"state": core.state, "over": over, "budget": core.rounds.budget}
@@ -392,7 +392,7 @@ class Books:
 
     def status(self, now: float) -> Status:
         """Return the campaign at a glance."""
-        return overview(self._reducer, self._registry, self._leases, self._rates, now)
+        return status_of(self._reducer, self._registry, self._leases, self._rates, now)
 
     def validate(self) -> None:
         """Assert every invariant of the books; for tests and audits."""

@@ -53,7 +53,7 @@ def _exposed(core: Core) -> Exposed:
     )
 
 
-def overview(reducer: Reducer, registry: WorkerRegistry, leases: Leases, rates: Rates, now: float) -> Status:
+def status_of(reducer: Reducer, registry: WorkerRegistry, leases: Leases, rates: Rates, now: float) -> Status:
     """Return the status of the campaign at `now`."""
     core, counts = reducer.core, reducer.core.counts
     elapsed_s = core.elapsed_s(now)

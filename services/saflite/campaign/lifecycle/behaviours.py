@@ -29,7 +29,7 @@ class Behaviour:
     line: list[str] = field(default_factory=list)  # finds not decided upon, in order; the first stands for all
     stood: dict[str, bool] = field(default_factory=dict)  # of those in line that have ended: whether they confirm it
 
-    def fits(self, verdict: Verdict, words: str, shape: Shape) -> bool:
+    def matches(self, verdict: Verdict, words: str, shape: Shape) -> bool:
         """Whether a find is this behaviour: told in the same words, given at least its inputs, on a like track."""
         if self.words != words or not set(self.cause) <= set(verdict.cause):
             return False
@@ -93,7 +93,7 @@ class Behaviours:
 
     def _behaviour(self, trial: Trial, verdict: Verdict, shape: Shape) -> Behaviour:
         words = verdict.behaviour or f"{verdict.policy} of {trial.name}"
-        same = next((one for one in self._known.values() if one.fits(verdict, words, shape)), None)
+        same = next((one for one in self._known.values() if one.matches(verdict, words, shape)), None)
         if same is None:
             like = sum(1 for one in self._known.values() if one.words == words)
             same = Behaviour(short_id(f"{words}\x1f{like}".encode()), words, verdict.cause, shape)

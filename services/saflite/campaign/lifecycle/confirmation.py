@@ -45,6 +45,7 @@ class Trial:
     wanted_build: str = ""  # the build its first flight is to be on, empty for any
     first: int = 0  # the flight that shows the violation, re-flights come after it
     shrunk_from: Violation | None = None  # the violation this one is the smallest form of
+    larger_forms: tuple[TestCase, ...] = ()  # smaller than the original, larger than this one; the smallest last
     flights: dict[int, FlightNote] = field(default_factory=dict)
     traces_lost: Counter[int] = field(default_factory=Counter)  # by flight: before it was judged
     judgement: Judgement | None = None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from saflite.campaign.engine.core import Core, RecordJob
+from saflite.campaign.engine.core import Core, RecordingParts
 from saflite.campaign.engine.journal import Pick
 from saflite.campaign.lifecycle.behaviours import Behaviours
 from saflite.campaign.lifecycle.confirmation import (
@@ -13,7 +13,7 @@ from saflite.campaign.lifecycle.confirmation import (
     violations_of,
     worst_robustness,
 )
-from saflite.campaign.lifecycle.minimization import Minimization, MinimizationJob
+from saflite.campaign.lifecycle.minimization import Minimization, MinimizationCandidate
 from saflite.campaign.lifecycle.outcomes import outcome_of
 from saflite.campaign.lifecycle.repeat_checks import RepeatChecks
 from saflite.campaign.scheduling.rounds import Round
@@ -53,15 +53,28 @@ class Flights:
         core.out.row("selected", trial.name, round_.number, rank, pick.selected_by, pick.score, pick.novelty)
         self._fly(trial, 0)
 
-    def fly_smallest(self, job: MinimizationJob) -> None:
+    def fly_smallest(self, candidate: MinimizationCandidate) -> None:
         """Fly the smallest form of a violation as a test case of its own, if it is one and was not flown already."""
-        core, test_case = self._core, job.minimizer.best
-        name = identity(test_case)
-        if name == job.minimizer.original or core.was_flown(name):
+        self._fly_form(candidate.trial, candidate.violation, candidate.minimizer.forms)
+
+    def _fly_larger(self, trial: Trial) -> None:
+        """Fly a form half the way back to the original where a smallest form was not confirmed.
+
+        The last of many smaller test cases tried is the likeliest to have violated by luck. Halving keeps the flights
+        this takes logarithmic in the steps.
+        """
+        forms = trial.larger_forms
+        if trial.shrunk_from is not None:
+            self._fly_form(trial, trial.shrunk_from, forms[: (len(forms) + 1) // 2])
+
+    def _fly_form(self, like: Trial, larger: Violation, forms: tuple[TestCase, ...]) -> None:
+        core = self._core
+        if not forms or core.was_flown(identity(forms[-1])):
             return
+        test_case, name = forms[-1], identity(forms[-1])
         core.shrunk.add(name)
-        trial = Trial(test_case, name, job.trial.round, job.trial.rank, max(1, core.confirm.flights))
-        trial.shrunk_from, trial.wanted_build = job.violation, job.trial.build
+        trial = Trial(test_case, name, like.round, like.rank, max(1, core.confirm.flights))
+        trial.shrunk_from, trial.larger_forms, trial.wanted_build = larger, forms[:-1], like.build
         core.trials[name] = trial
         origin = test_case.origin
         content = wire.encode(test_case)
@@ -308,7 +321,7 @@ class Flights:
         assert trial.judgement is not None, f"{trial.name} was not judged"
         scores = () if trial.score is None else (trial.score,)
         key = RecordKey(trial.name, trial.purpose_of(trial.first), trial.first)
-        core.records[key] = RecordJob(trial.test_case, first.flight, trial.judgement, violation, scores)
+        core.records[key] = RecordingParts(trial.test_case, first.flight, trial.judgement, violation, scores)
         core.tasks.add(Task(key, (trial.round, trial.rank, 0, 2)))
 
     # ---- the end -------------------------------------------------------------------------------------------------
@@ -340,6 +353,8 @@ class Flights:
         del core.trials[trial.name]
         core.out.row("endings", trial.name, state, ending, len(trial.flights))
         if not trial.is_selected:
+            if state != "confirmed":
+                self._fly_larger(trial)
             return
         core.counts.ended += 1
         if trial.judgement is not None:

@@ -23,7 +23,7 @@ AFTER_REFLIGHTS = 10**6
 
 
 @dataclass(slots=True)
-class MinimizationJob:
+class MinimizationCandidate:
     """A violation being made smaller."""
 
     trial: Trial
@@ -42,18 +42,18 @@ class Attempt:
 
 
 class Minimization:
-    """All shrinking under way. What one flight showed is known to all jobs, in whatever order they ask."""
+    """All shrinking under way. What one flight showed is known to all of them, in whatever order they ask."""
 
     def __init__(self, core: Core) -> None:
         self._core = core
-        self._jobs: list[MinimizationJob] = []
+        self._candidates: list[MinimizationCandidate] = []
         self._under_way: dict[FlyKey, Attempt] = {}
         self._shown: dict[FlyKey, frozenset[str]] = {}
 
     @property
-    def jobs(self) -> int:
+    def candidates(self) -> int:
         """How many violations are being made smaller."""
-        return len(self._jobs)
+        return len(self._candidates)
 
     def test_case(self, key: FlightKey) -> TestCase:
         """Return the test case of a flight under way."""
@@ -73,45 +73,49 @@ class Minimization:
         if search.shrink and trial.is_selected and trial.test_case.stimuli:
             rule = shrink_rule(self._core.confirm)
             minimizer = Minimizer(trial.test_case, shrink_flights_max(search, rule), rule)
-            self._jobs.append(MinimizationJob(trial, violation, minimizer))
+            self._candidates.append(MinimizationCandidate(trial, violation, minimizer))
 
-    def advance(self) -> list[MinimizationJob]:
-        """Ask for the flights every job needs next; returns and forgets the jobs that are done."""
-        finished = [job for job in self._jobs if self._is_done(job)]
-        self._jobs = [job for job in self._jobs if job not in finished]
+    def advance(self) -> list[MinimizationCandidate]:
+        """Ask for the flights every candidate needs next; returns and forgets those that are done."""
+        finished = [candidate for candidate in self._candidates if self._is_done(candidate)]
+        self._candidates = [candidate for candidate in self._candidates if candidate not in finished]
         return finished
 
-    def _is_done(self, job: MinimizationJob) -> bool:
-        while asked := job.minimizer.ask():
+    def _is_done(self, candidate: MinimizationCandidate) -> bool:
+        while asked := candidate.minimizer.ask():
             keys = {FlyKey(identity(one.test_case), "shrink", one.number): one.test_case for one in asked}
             shown = {key: violated for key in keys if (violated := self._known(key)) is not None}
             if not shown:
                 for key, case in keys.items():
-                    self._fly(job, key, case)
+                    self._fly(candidate, key, case)
                 return False
             for key, violated in shown.items():
-                job.minimizer.tell(key.test_case, key.index, job.violation.policy in violated)
+                candidate.minimizer.tell(key.test_case, key.index, candidate.violation.policy in violated)
         return True
 
     def _known(self, key: FlyKey) -> frozenset[str] | None:
         """Return the policies this very flight violated, None while it has shown nothing."""
         return self._shown.get(key)
 
-    def _fly(self, job: MinimizationJob, key: FlyKey, test_case: TestCase) -> None:
+    def _fly(self, candidate: MinimizationCandidate, key: FlyKey, test_case: TestCase) -> None:
         if key in self._under_way:
             return
-        self._under_way[key] = Attempt(test_case, job.trial.build)
-        order = (job.trial.round, job.trial.rank, AFTER_REFLIGHTS, 0)
-        self._core.tasks.add(Task(key, order, target=TargetBuild(test_case.target.name, job.trial.build)))
+        self._under_way[key] = Attempt(test_case, candidate.trial.build)
+        order = (candidate.trial.round, candidate.trial.rank, AFTER_REFLIGHTS, 0)
+        self._core.tasks.add(Task(key, order, target=TargetBuild(test_case.target.name, candidate.trial.build)))
 
     def validate(self) -> None:
-        """Assert that every job rests on as many flights as its rule asks for, each shown by a flight of its own."""
-        for job in self._jobs:
-            job.minimizer.validate()
-            name, policy, rule = identity(job.minimizer.best), job.violation.policy, job.minimizer.rule
+        """Assert that every candidate rests on as many flights as its rule asks for, each shown by one of its own."""
+        for candidate in self._candidates:
+            candidate.minimizer.validate()
+            name, policy, rule = (
+                identity(candidate.minimizer.best),
+                candidate.violation.policy,
+                candidate.minimizer.rule,
+            )
             keys = (FlyKey(name, "shrink", index) for index in range(rule.flights))
             failed = sum(1 for key in keys if policy in self._shown.get(key, ()))
-            assert name == job.minimizer.original or failed >= rule.needed, (
+            assert name == candidate.minimizer.original or failed >= rule.needed, (
                 f"{name} is taken to violate {policy} after {failed} flights that did, {rule.needed} are needed"
             )
 

@@ -52,7 +52,7 @@ class Minimizer:
     def __init__(self, test_case: TestCase, flights_max: int, rule: RepeatRule) -> None:
         self.original = identity(test_case)
         self.rule = rule
-        self._best = test_case
+        self._forms = [test_case]
         self._left = flights_max
         self._decided = {self.original}
         self._evidence: dict[str, Evidence] = {}
@@ -64,7 +64,12 @@ class Minimizer:
     @property
     def best(self) -> TestCase:
         """The smallest test case known to violate."""
-        return self._best
+        return self._forms[-1]
+
+    @property
+    def forms(self) -> tuple[TestCase, ...]:
+        """Every smaller test case that was the best for a time, the smallest last; empty where nothing helped."""
+        return tuple(self._forms[1:])
 
     @property
     def done(self) -> bool:
@@ -89,13 +94,13 @@ class Minimizer:
 
     def validate(self) -> None:
         """Assert that the best test case is the original or has violated often enough."""
-        name = identity(self._best)
+        name = identity(self.best)
         assert name == self.original or self._decide(name), f"{name} is taken to violate, but did not often enough"
 
     # ---- generations and waves -----------------------------------------------------------------------------------
 
     def _begin_generation(self) -> bool:
-        fresh = (case for case in PHASES[self._phase](self._best) if identity(case) not in self._decided)
+        fresh = (case for case in PHASES[self._phase](self.best) if identity(case) not in self._decided)
         many = max(1, BATCH // self.rule.least_to_decide(0, 0))
         self._generation = {identity(case): case for case in islice(_unique(fresh), many)}
         return bool(self._generation)
@@ -121,7 +126,8 @@ class Minimizer:
         self._decided |= {name for name, answer in answers.items() if answer is not None}
         better = next((case for name, case in self._generation.items() if answers[name]), None)
         if better is not None:
-            self._best, self._helped, self._generation = better, True, {}
+            self._forms.append(better)
+            self._helped, self._generation = True, {}
         self._generation = {name: case for name, case in self._generation.items() if answers[name] is None}
 
     def _decide(self, name: str) -> bool | None:

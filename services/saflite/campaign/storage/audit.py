@@ -77,7 +77,7 @@ def _audit(run_dir: Path, connection: sqlite3.Connection, path: Path, quick: boo
         event.seq for event, row in zip(told, columns, strict=True) if (kind_of(event.fact), event.at_unix_s) != row
     ]
     problems += [f"event {seq} stands under another kind or time" for seq in wrong[:20]]
-    core = replayed.books.overview_of_audit()
+    core = replayed.books.audit_status()
     if core["over"]:
         problems += counted.left_open()
     running = in_use(run_dir)

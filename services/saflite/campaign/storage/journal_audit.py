@@ -41,7 +41,7 @@ class JournalAudit:
         self._told_flown: Counter[Flight] = Counter()
         self._ended_cases: Counter[str] = Counter()
         self._confirmations: Counter[str] = Counter()
-        self._planted = self._scored = 0
+        self._proposed = self._scored = 0
 
     # ---- the journal ---------------------------------------------------------------------------------------------
 
@@ -92,7 +92,7 @@ class JournalAudit:
         elif isinstance(result, JudgeResult):
             self._judged[result.judgement.test_case, result.judgement.flight_index] += 1
         elif isinstance(result, MutateResult):
-            self._planted += 1
+            self._proposed += 1
         elif isinstance(result, ScoreResult):
             self._scored += 1
 
@@ -102,7 +102,7 @@ class JournalAudit:
         """Return where the facts told and the results taken differ."""
         told_judged: Counter[Flight] = Counter()
         violations: Counter[tuple[str, str]] = Counter()
-        planted = scored = 0
+        proposed = scored = 0
         for fact in facts:
             match fact:
                 case Flown():
@@ -123,7 +123,7 @@ class JournalAudit:
                     violations[violation.test_case, violation.policy] += 1
                     self._confirmations[violation.confirmation] += 1
                 case Proposed():
-                    planted += 1
+                    proposed += 1
                 case Scored():
                     scored += 1
                 case _:
@@ -133,7 +133,7 @@ class JournalAudit:
             *_unequal("flights told", self._told_flown, Counter(self._flown) + self._flown_anew),
             *_unequal("judgements told", told_judged, self._judged),
             *[f"{key} was announced {count} times" for key, count in violations.items() if count > 1],
-            *([] if planted == self._planted else [f"rounds: {self._planted} proposed, {planted} told"]),
+            *([] if proposed == self._proposed else [f"rounds: {self._proposed} proposed, {proposed} told"]),
             *([] if scored >= self._scored else [f"batches: {self._scored} scored, {scored} told"]),
             *self._doubled(),
         ]

@@ -14,7 +14,7 @@ from saflite.campaign.engine.outbox import Batch, Value
 from saflite.contract import wire
 from saflite.contract.events import kind_of
 
-FORMAT = 5
+FORMAT = 6
 """Version of the store; a store of another version is refused."""
 
 TABLES: dict[str, tuple[str, ...]] = {

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from saflite.console.cli import FOUND, INFRASTRUCTURE, NOTHING_FOUND
 from saflite.console.run_data import reporting
-from saflite.console.run_data.deduplication import Cause, causes
+from saflite.console.run_data.deduplication import Cause, deduplicate
 from saflite.console.run_data.run_folder import RunFolder, open_run
 from saflite.console.view import live, out
 from saflite.contract.flight import Purpose
@@ -92,7 +92,7 @@ def _read(run: RunFolder) -> Conclusion:
         cases=sum(endings.values()),
         set_aside=endings.get("quarantined", 0),
         violations=tuple(run.violations()),
-        causes=causes((one.violation, one.test_case) for one in run.findings(similar=True)),
+        causes=deduplicate((one.violation, one.test_case) for one in run.findings(similar=True)),
         rulings=run.rulings(),
         minimised=run.campaign.search.shrink,
     )

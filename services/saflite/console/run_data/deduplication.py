@@ -35,7 +35,7 @@ class Cause(NamedTuple):
         }
 
 
-def causes(finds: Iterable[Find]) -> tuple[Cause, ...]:
+def deduplicate(finds: Iterable[Find]) -> tuple[Cause, ...]:
     """Return the least sets of inputs (names, not values) among the confirmed violations, most frequent first.
 
     A violation belongs to the first least set that is part of its inputs. Minimising makes the sets small; without it

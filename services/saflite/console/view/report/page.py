@@ -7,7 +7,7 @@ from html import escape
 
 import numpy as np
 
-from saflite.console.run_data.deduplication import causes
+from saflite.console.run_data.deduplication import deduplicate
 from saflite.console.view.report import bars, charts, evidence
 from saflite.console.view.report.data import ReportData
 from saflite.console.view.report.style import CSS
@@ -147,7 +147,7 @@ def _table(data: ReportData) -> str:
 
 
 def _causes(data: ReportData) -> str:
-    taken = causes((exhibit.violation, exhibit.test_case) for exhibit in data.exhibits)
+    taken = deduplicate((exhibit.violation, exhibit.test_case) for exhibit in data.exhibits)
     if not taken:
         return ""
     numbers = {exhibit.violation.test_case: number for number, exhibit in enumerate(data.exhibits, start=1)}
