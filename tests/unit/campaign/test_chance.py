@@ -8,7 +8,7 @@ import msgspec
 import pytest
 from books_drive import Driver, MemoryStore, doubles, new_books
 from scipy.stats import binom
-from test_shrink import case, chute_in_acro, twenty
+from test_minimizer import case, chute_in_acro, twenty
 
 from saflite.campaign.lifecycle.minimizer import Minimizer
 from saflite.campaign.lifecycle.repeats import RepeatRule
