@@ -11,7 +11,8 @@ import pkgutil
 import queue
 import threading
 from collections.abc import Callable, Sequence
-from importlib.metadata import entry_points
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from types import ModuleType
 from typing import cast
@@ -30,10 +31,15 @@ ENTRY_POINTS = "saflite.targets"
 DESCRIBE_S = 20.0  # a target that has not described itself by then is broken
 
 
+@cache
+def _installed() -> dict[str, EntryPoint]:
+    """Return the entry points of installed packages; to look for them reads a file of each package there is."""
+    return {point.name: point for point in entry_points(group=ENTRY_POINTS)}
+
+
 def target_names(files: Sequence[Path] = ()) -> tuple[str, ...]:
     """Return the names of all targets: by place, by entry point, and the module files given."""
-    outside = {point.name for point in entry_points(group=ENTRY_POINTS)}
-    return tuple(sorted(_placed() | outside | set(given("target")) | {path.stem for path in files}))
+    return tuple(sorted(_placed() | set(_installed()) | set(given("target")) | {path.stem for path in files}))
 
 
 def load_target(name: str, files: Sequence[Path] = ()) -> TargetModule:
@@ -44,7 +50,7 @@ def load_target(name: str, files: Sequence[Path] = ()) -> TargetModule:
         if name in _placed():
             raise Refused("module", where=str(path), expected="a name no target of ours has", got=repr(name))
         return _as_target(load_file(path), str(path))
-    for point in entry_points(group=ENTRY_POINTS, name=name):
+    if point := _installed().get(name):
         return _as_target(point.load(), point.value)
     if name not in target_names():
         raise Refused("target", expected=f"one of {', '.join(target_names(files))}", got=repr(name))
