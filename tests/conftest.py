@@ -1,4 +1,7 @@
-"""Live tests are skipped, with the reason, unless asked for; no generated test case has a time limit."""
+"""Live tests and golden searches are skipped, with the reason, unless asked for.
+
+No generated test case has a time limit.
+"""
 
 from __future__ import annotations
 
@@ -11,12 +14,14 @@ settings.load_profile("farm")
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--live", action="store_true", help="run live tests too: real processes, network, model servers")
+    parser.addoption("--golden", action="store_true", help="repeat the golden searches too: some minutes")
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    if config.getoption("--live"):
-        return
-    skip = pytest.mark.skip(reason="live test: run with --live (scripts/test --live)")
-    for item in items:
-        if "live" in item.keywords:
-            item.add_marker(skip)
+    for mark, how in (("live", "scripts/test --live"), ("golden", "scripts/golden")):
+        if config.getoption(f"--{mark}"):
+            continue
+        skip = pytest.mark.skip(reason=f"{mark} test: run by {how}")
+        for item in items:
+            if mark in item.keywords:
+                item.add_marker(skip)

@@ -38,6 +38,7 @@ def test_flight_is_the_golden_one(name: str) -> None:
     assert not differences, explained(f"flight {name}", differences)
 
 
+@pytest.mark.golden
 @pytest.mark.parametrize("name", SEARCHES)
 def test_search_flies_and_finds_the_golden_rows(name: str) -> None:
     differences = find_differences(load(FINDS_FILE)[name], finds(name))
