@@ -124,7 +124,7 @@ def _grants(peer: Peer) -> Iterator[_Grant]:
                 tokens += [f"{alive}/{peer.name}/*", f"{alive}/{peer.name}-$*/*"]
             else:
                 event = f"saflite/{PROTOCOL}/{campaign}/event"
-                facts += [f"{event}/*", f"{event}/*/@adv/**"]
+                facts += [f"{event}/*", f"{event}/*/@adv/**", f"{event}-json/*"]
     yield _Grant("ingress", ("query",), asked)
     yield _Grant("egress", ("reply",), asked)
     yield _Grant("ingress", ("liveliness_query", "declare_liveliness_subscriber"), [f"{FARM_ROOT}/*"])

@@ -99,6 +99,10 @@ class Bus(Protocol):
         """Publish a fact; late followers are given the recent past."""
         ...
 
+    def tell(self, key: str, payload: Callable[[], bytes]) -> None:
+        """Publish a fact to those who follow its key now; `payload` is only called if there are any."""
+        ...
+
     def follow(self, pattern: str, inbox: Inbox) -> None:
         """Let facts on keys matching `pattern` arrive as `Sample`, recent past first; gaps and doubles may occur."""
         ...

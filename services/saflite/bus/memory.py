@@ -176,6 +176,13 @@ class MemoryBus:
                 deliver = _delivery(inbox, Sample(key, payload))
                 self._network.send("fact", self.name, member.name, deliver)
 
+    def tell(self, key: str, payload: Callable[[], bytes]) -> None:
+        """See `Bus.tell`."""
+        inboxes = [(member, inbox) for member in self._network.members() for inbox in member.followers(key)]
+        data = payload() if inboxes else b""
+        for member, inbox in inboxes:
+            self._network.send("fact", self.name, member.name, _delivery(inbox, Sample(key, data)))
+
     def followers(self, key: str) -> list[Inbox]:
         """Return the inboxes of this participant that follow `key`."""
         return [self._mine(inbox) for pattern, inbox in self._followed if matches(pattern, key)]

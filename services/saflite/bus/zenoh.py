@@ -123,6 +123,7 @@ class ZenohBus:
         self.name, self._peer, self._admits = name, peer, admits
         self._session = session
         self._announcers: dict[str, Any] = {}
+        self._tellers: dict[str, Any] = {}
         self._declared: list[Any] = []
 
     def serve(self, pattern: str, inbox: Inbox) -> None:
@@ -192,6 +193,14 @@ class ZenohBus:
                 publisher_detection=True,
             )
         self._announcers[key].put(payload, attachment=seal(key, self.name, payload))
+
+    def tell(self, key: str, payload: Callable[[], bytes]) -> None:
+        """See `Bus.tell`."""
+        if key not in self._tellers:
+            self._tellers[key] = self._session.declare_publisher(key, express=True)
+        if self._tellers[key].matching_status.matching:
+            data = payload()
+            self._tellers[key].put(data, attachment=seal(key, self.name, data))
 
     def follow(self, pattern: str, inbox: Inbox) -> None:
         """See `Bus.follow`. A fact damaged on its way is left out."""

@@ -20,6 +20,7 @@ from saflite.conformance.kit import Check
 Inbox = queue.SimpleQueue[Any]
 BIG = b"\x00\xff" * (8 * 2**20)
 FACTS = 20
+TRIES = 5
 LONG_S, SHORT_S = 3.0, 0.2  # simulated, where the bus has a clock of its own
 
 
@@ -49,6 +50,7 @@ def check_bus(open_stand: OpenStand) -> tuple[Check, ...]:
         only_the_first_answer_counts,
         an_answer_may_come_much_later,
         late_followers_are_given_the_past_in_order,
+        what_nobody_follows_is_not_made,
         tokens_appear_and_vanish,
         big_messages_pass,
     )
@@ -118,6 +120,28 @@ def late_followers_are_given_the_past_in_order(stand: Stand) -> Iterator[str]:
     yield from _equal("past", past, [Sample("farm/event/flown", str(number).encode()) for number in range(FACTS)])
     stand.books.announce("farm/event/judged", b"new")
     yield from _equal("news", stand.take(facts), Sample("farm/event/judged", b"new"))
+
+
+def what_nobody_follows_is_not_made(stand: Stand) -> Iterator[str]:
+    """What is told only to those who follow reaches them, and is not even made where nobody does."""
+    made: list[int] = []
+
+    def fact() -> bytes:
+        made.append(1)
+        return b"told"
+
+    stand.books.tell("farm/told/flown", fact)
+    yield from _equal("facts made for nobody", len(made), 0)
+    facts: Inbox = queue.SimpleQueue()
+    stand.worker.follow("farm/told/*", facts.put)
+    for _ in range(TRIES):  # following takes a moment to be known
+        stand.books.tell("farm/told/flown", fact)
+        try:
+            yield from _equal("fact", stand.take(facts), Sample("farm/told/flown", b"told"))
+        except queue.Empty:
+            continue
+        return
+    yield f"a fact told {TRIES} times never reached who follows it"
 
 
 def tokens_appear_and_vanish(stand: Stand) -> Iterator[str]:

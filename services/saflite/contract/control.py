@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 import msgspec
 
 from saflite.contract.bounds import ITEMS_MAX, Account, Count, Labels, Place, Quantity, Share, Text, Word
+from saflite.contract.events import Event
 from saflite.contract.names import Name
 
 Verb = Literal["pause", "resume", "stop", "budget", "scorer", "shadow", "status", "events"]
@@ -105,3 +106,12 @@ class Answer(msgspec.Struct, frozen=True, kw_only=True):
     message: Account = ""
     status: Status | None = None
     events: Annotated[tuple[bytes, ...], msgspec.Meta(max_length=ITEMS_MAX)] = ()
+
+
+class AnswerJson(msgspec.Struct, frozen=True, kw_only=True):
+    """The answer to an order that was given in JSON, in JSON."""
+
+    accepted: bool
+    message: Account = ""
+    status: Status | None = None
+    events: Annotated[tuple[Event, ...], msgspec.Meta(max_length=ITEMS_MAX)] = ()

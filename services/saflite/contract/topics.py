@@ -10,6 +10,10 @@ and `saflite/farm/...`, so that who speaks another protocol is told so. Delivery
     asked       query answered at once
     lossy       plain publication, may drop
 
+All payloads are MessagePack but those of `event-json`, which are JSON by the same schema, published only while somebody
+listens and without history. An order on `control/{verb}` may be given in JSON, too, and is then answered in JSON
+(`AnswerJson`): `{"verb": "events", "number": 1}` on `control/events` asks for up to 1,000 events from the first on.
+
 Beside each message travels its seal, as Zenoh attachment: eight hexadecimal digits, the CRC-32 of key, a zero byte,
 sender and payload, followed by the sender's name. The books refuse a question whose seal is missing or does not fit.
 """
@@ -62,6 +66,7 @@ TOPICS: tuple[Topic, ...] = (
     Topic("blob/put", BlobPut, BlobTaken, "asked", "workers", "books"),
     Topic("control/{verb}", Control, Answer, "asked", "console", "books"),
     Topic("event/{kind}", Event, None, "announced", "books", "anyone"),
+    Topic("event-json/{kind}", Event, None, "lossy", "books", "anyone"),
     Topic("alive/{stage}/{worker}/{session}", None, None, "alive", "workers", "books"),
 )
 
@@ -117,6 +122,11 @@ def control(campaign: str, verb: str) -> str:
 def event(campaign: str, kind: str) -> str:
     """Return the key on which facts of a kind are announced; `*` for all."""
     return f"{prefix(campaign)}/event/{kind}"
+
+
+def event_json(campaign: str, kind: str) -> str:
+    """Return the key on which facts of a kind are published in JSON while somebody listens; `*` for all."""
+    return f"{prefix(campaign)}/event-json/{kind}"
 
 
 def alive(campaign: str, stage: str, worker: str, session: str) -> str:

@@ -44,6 +44,25 @@ def decode(data: bytes, kind: type[T]) -> T:
     return message
 
 
+def is_json(data: bytes) -> bool:
+    """Return whether a message is a JSON object; none of ours in MessagePack begins so."""
+    return data[:1] == b"{"
+
+
+def encode_json(message: msgspec.Struct) -> bytes:
+    """Return the message as JSON."""
+    return msgspec.json.encode(message)
+
+
+def decode_json(data: bytes, kind: type[T]) -> T:
+    """Return the message in JSON `data`; raises Refused as `decode` does."""
+    try:
+        message: T = msgspec.json.decode(data, type=kind)
+    except UNREADABLE as fault:
+        raise Refused(kind.__name__, expected="a valid message", got=str(fault)) from fault
+    return message
+
+
 def checked(message: T, kind: Any) -> T:
     """Return a message as whoever it is sent to will read it; for what code from outside has made.
 

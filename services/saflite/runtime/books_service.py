@@ -24,15 +24,17 @@ from saflite.campaign.storage.store import Store
 from saflite.contract import topics, wire
 from saflite.contract.bounds import TOLD_CHARS_MAX, told
 from saflite.contract.clock import Clock
-from saflite.contract.control import Answer, Control
+from saflite.contract.control import Answer, AnswerJson, Control
 from saflite.contract.errors import Refused, Unavailable
-from saflite.contract.events import kind_of
+from saflite.contract.events import Event, kind_of
 from saflite.contract.join import Join, Joined
 from saflite.contract.modules import Outside
 from saflite.contract.work import Ask, Failure, Grant, Heartbeat, Report, Stage, blobs_left, lease_named
 from saflite.runtime.admission import Terms, objection
+from saflite.runtime.complaints import Complaints
 from saflite.runtime.evidence import Evidence, InlineEvidence
 from saflite.runtime.liveness import Liveness
+from saflite.runtime.log_lines import WORK_LOG
 from saflite.runtime.long_poll_queue import LongPollQueue
 from saflite.runtime.software import software_of, version
 from saflite.simulator_worker.processes import processor_s
@@ -44,10 +46,8 @@ TICK_S = 0.1
 COMMIT_RETRY_S = 0.5
 LINGER_S = 3.0  # how long the books of an ended campaign still answer
 BLOCKED_RETRY_S = 1.0
-COMPLAINT_S = 1.0
 TROUBLE_S = 3.0  # so long trouble is told after it was met last
 ASLEEP_S = 1.0  # steps are 0.1 s apart; after a longer gap this process was frozen, not the workers
-SENDERS_MAX = 10  # told apart: each is a line of the journal a second
 
 T = TypeVar("T", bound=msgspec.Struct)
 
@@ -64,36 +64,6 @@ class _Inspected(NamedTuple):
     request: Request
     report: Report
     damage: str | None
-
-
-class _Complaints:
-    """Unreadable messages, by sender and kind: the first is told at once, a flood once a second as a number."""
-
-    def __init__(self) -> None:
-        self._counts: dict[str, int] = {}
-        self._words: dict[str, str] = {}
-        self._told_s: dict[str, float] = {}
-
-    def add(self, where: str, words: str) -> None:
-        """Note one; beyond `SENDERS_MAX` senders all count as one."""
-        known = self._told_s.keys() | self._counts.keys()
-        if where not in known and len(known) >= SENDERS_MAX:
-            where = "many senders"
-        self._counts[where] = self._counts.get(where, 0) + 1
-        self._words[where] = words
-
-    def due(self, now_s: float) -> list[tuple[str, str]]:
-        """Return whom and what to tell now."""
-        due = [where for where in self._counts if now_s - self._told_s.get(where, -COMPLAINT_S) >= COMPLAINT_S]
-        told: list[tuple[str, str]] = []
-        self._told_s = {where: at_s for where, at_s in self._told_s.items() if now_s - at_s < COMPLAINT_S}
-        for where in due:
-            count = self._counts.pop(where)
-            self._told_s[where] = now_s
-            told.append(
-                (where, self._words[where] if count == 1 else f"{count} messages, the last: {self._words[where]}")
-            )
-        return told
 
 
 class BooksService:
@@ -131,7 +101,7 @@ class BooksService:
         self._blocked: Batch | None = None
         self._trouble, self._trouble_until_s = "", 0.0
         self._commit_s = 0.0
-        self._complaints = _Complaints()
+        self._complaints = Complaints()
         self._ended_s: float | None = None
         self._stopping = ""
 
@@ -300,9 +270,9 @@ class BooksService:
             self._answer(request, self._with_trouble(answer, now_s))
         elif control.verb == "status":
             answer = Answer(accepted=True, status=self._books.status(now_s), message="the store takes no writes")
-            request.reply(wire.encode(self._with_trouble(_with_own_time(answer), now_s)))
+            request.reply(_encoded(request, self._with_trouble(_with_own_time(answer), now_s)))
         else:
-            request.reply(wire.encode(Answer(accepted=False, message="the store takes no writes; try again")))
+            request.reply(_encoded(request, Answer(accepted=False, message="the store takes no writes; try again")))
 
     def _in_trouble(self, words: str, now_s: float) -> None:
         self._trouble, self._trouble_until_s = words[:500], now_s + TROUBLE_S
@@ -358,21 +328,39 @@ class BooksService:
             self._blocked, self._trouble_until_s = None, 0.0
         outbox, self._outbox = self._outbox, []
         for request, message in outbox:
-            request.reply(wire.encode(message))
+            request.reply(_encoded(request, message))
         answered, self._answered = self._answered, []
         for report in answered:
             self._evidence.answered(report)
         for event in batch.events:
-            self._bus.announce(topics.event(self._campaign, kind_of(event.fact)), wire.encode(event))
+            self._tell(event)
         if self._store.snapshot_due:
             self._store.keep(self._books.snapshot())
         if self._ended_s is None and self._books.ended:
             self._ended_s = now_s
 
+    def _tell(self, event: Event) -> None:
+        kind = kind_of(event.fact)
+        self._bus.announce(topics.event(self._campaign, kind), wire.encode(event))
+        self._bus.tell(topics.event_json(self._campaign, kind), lambda: wire.encode_json(event))
+        case = getattr(event.fact, "test_case", "")
+        WORK_LOG.info(kind, extra={"test_case": case} if case else {})
+
+
+def _encoded(request: Request, message: msgspec.Struct) -> bytes:
+    """Return an answer in the form of its question; past events that are asked for in JSON are told in JSON."""
+    if not wire.is_json(request.payload):
+        return wire.encode(message)
+    if isinstance(message, Answer):
+        events = tuple(wire.decode(data, Event) for data in message.events)
+        message = AnswerJson(accepted=message.accepted, message=message.message, status=message.status, events=events)
+    return wire.encode_json(message)
+
 
 def _read(request: Request, kind: type[T]) -> T:
     """Return the message of a request; raises Refused unless it says what its key and the asker's certificate say."""
-    message = wire.decode(request.payload, kind)
+    in_json = kind is Control and wire.is_json(request.payload)
+    message = wire.decode_json(request.payload, kind) if in_json else wire.decode(request.payload, kind)
     place = request.key.rpartition("/")[2]
     said = getattr(message, "stage", getattr(message, "verb", place))
     if said != place:

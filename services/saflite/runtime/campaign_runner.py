@@ -79,6 +79,7 @@ def resume(
     listen: str = "",
     keys: Path | None = None,
     insecure: bool = False,
+    json_logs: bool = False,
     on: str = HERE,
 ) -> ExitSummary:
     """Continue the campaign in `run_dir` to its end on this machine, with a new budget if one is given.
@@ -109,6 +110,7 @@ def resume(
         listen=listen,
         keys=keys,
         insecure=insecure,
+        json_logs=json_logs,
         elsewhere=workers.launcher if workers else None,
         key_hosts=hosts,
     )

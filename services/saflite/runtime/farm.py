@@ -68,6 +68,7 @@ class LocalFarm:
         keys: the folder of the farm's keys, for an endpoint `tls/HOST:PORT`: those with a key join there, the
             farm's own roles meet on a private socket.
         insecure: allow an endpoint that others can reach.
+        json_logs: write logs for machines.
         elsewhere: gives the launcher of all workers, told where they meet; this machine's own if left out.
         key_hosts: hosts of model servers that scorers may send keys to, beside those of the environment.
         prefix_of: gives the words put before a role's command.
@@ -83,6 +84,7 @@ class LocalFarm:
         listen: str = "",
         keys: Path | None = None,
         insecure: bool = False,
+        json_logs: bool = False,
         elsewhere: Elsewhere | None = None,
         key_hosts: Sequence[str] = (),
         prefix_of: PrefixOf = lambda _: (),
@@ -95,7 +97,12 @@ class LocalFarm:
         endpoint = check_endpoint(text, insecure=insecure, argument="--listen")
         self.campaign, self.run_dir, self.endpoint, self.insecure = campaign, run_dir, endpoint.from_here, insecure
         meeting = Meeting(
-            campaign=campaign, connect=endpoint.from_here, listen=endpoint.text, gate=gate, insecure=insecure
+            campaign=campaign,
+            connect=endpoint.from_here,
+            listen=endpoint.text,
+            gate=gate,
+            insecure=insecure,
+            json_logs=json_logs,
         )
         self._elsewhere = elsewhere(_met_elsewhere(meeting, keys)) if elsewhere is not None else None
         self._local = LocalLauncher(
@@ -175,9 +182,7 @@ def _met_elsewhere(meeting: Meeting, keys: Path | None) -> Meeting:
     if meeting.gate and keys is not None:
         gate = parse_endpoint(meeting.gate)
         connect = gate.text if gate.text == gate.from_here else f"tls/{read_register(keys).hosts[0]}:{gate.port}"
-    return Meeting(
-        campaign=meeting.campaign, connect=connect, insecure=meeting.insecure, patience_s=ELSEWHERE_PATIENCE_S
-    )
+    return msgspec.structs.replace(meeting, connect=connect, listen="", gate="", patience_s=ELSEWHERE_PATIENCE_S)
 
 
 def _gives_up(spec: RoleSpec, state: RoleState, failures: int) -> bool:

@@ -24,6 +24,7 @@ from saflite.contract.errors import FarmError, Refused, Unavailable
 from saflite.contract.join import check_worker_name
 from saflite.contract.modules import use
 from saflite.contract.work import Stage
+from saflite.runtime import log_lines
 from saflite.runtime.blob_client import BusBlobs, WorkerBlobs
 from saflite.runtime.clock import WallClock
 from saflite.runtime.software import card_of
@@ -56,6 +57,7 @@ def parser() -> argparse.ArgumentParser:
     text.add_argument("--module", type=Path, action="append", default=[], help="target, strategy, ... from outside")
     text.add_argument("--label", action="append", default=[], metavar="NAME=VALUE", help="said of it when it joins")
     text.add_argument("--patience", type=float, default=0.0, help="seconds without an answer after which it ends")
+    text.add_argument("--json-logs", action="store_true", help="one JSON object a line (`runtime/log_lines.py`)")
     text.add_argument("--parent", type=int, default=0, help="end when this process ends")
     return text
 
@@ -63,9 +65,7 @@ def parser() -> argparse.ArgumentParser:
 def main(argv: list[str]) -> NoReturn:
     """Run one role until it ends, then end the process."""
     options = parser().parse_args(argv)
-    logging.basicConfig(
-        level=logging.INFO, stream=sys.stderr, format="%(asctime)s %(levelname).1s %(name)s: %(message)s"
-    )
+    log_lines.begin(options.campaign, options.role, options.worker or options.role, as_json=options.json_logs)
     if options.parent:
         die_with_parent(options.parent)
     code = EXIT_BROKEN

@@ -76,6 +76,12 @@ class Supervisor:
         """Return whether a role has done all it had to do."""
         return self._roles[name].finished
 
+    def counts(self) -> dict[str, int]:
+        """Return how many roles run, have finished, and wait to be started again; may be called from any thread."""
+        roles = tuple(self._roles.values())
+        running, finished = sum(role.running for role in roles), sum(role.finished for role in roles)
+        return {"running": running, "finished": finished, "waiting": len(roles) - running - finished}
+
     @property
     def over(self) -> bool:
         """Whether all roles have finished."""

@@ -9,7 +9,7 @@ import shutil
 import socket
 import tempfile
 from collections.abc import Callable, Sequence
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -31,6 +31,7 @@ from saflite.runtime.campaign_runner import POLL_S, interrupts
 from saflite.runtime.clock import WallClock
 from saflite.runtime.launchers.base import Condition, Meeting, RoleSpec, RoleState
 from saflite.runtime.launchers.local import LocalLauncher
+from saflite.runtime.metrics import Endpoint, GroupMetrics
 from saflite.runtime.supervisor import GaveUp, Supervisor
 
 log = logging.getLogger(__name__)
@@ -45,6 +46,7 @@ class Group(msgspec.Struct, frozen=True, kw_only=True):
     """Which workers to run, for which farm. `workers` says how many of each stage; `name` begins all their names.
 
     `keys` is the folder that proves who they are, where the endpoint wants that: its name begins theirs, then.
+    `metrics` is where they are told over HTTP, if anywhere, and `json_logs` says that logs are for machines.
     `folder` holds their logs and undelivered results; None takes a temporary one.
     """
 
@@ -58,6 +60,8 @@ class Group(msgspec.Struct, frozen=True, kw_only=True):
     keys: Path | None = None
     insecure: bool = False
     patience_s: float = 60.0
+    metrics: str = ""
+    json_logs: bool = False
 
 
 class GroupEnd(NamedTuple):
@@ -88,20 +92,29 @@ def run(group: Group, say: Say) -> GroupEnd:
         campaign = group.campaign or _campaign_at(endpoint, group, keys)
         if peer is not None and not peer.may(campaign):
             raise Refused("campaign", expected=f"one the key is for: {peer.in_words()}", got=repr(campaign))
-        meeting = Meeting(campaign=campaign, connect=endpoint, insecure=group.insecure, patience_s=group.patience_s)
+        meeting = Meeting(
+            campaign=campaign,
+            connect=endpoint,
+            insecure=group.insecure,
+            patience_s=group.patience_s,
+            json_logs=group.json_logs,
+        )
         say(f"joining campaign {campaign} at {endpoint}: {', '.join(spec.name for spec in specs)}")
         say(f"logs in {folder / 'logs'}")
         with interrupts() as interrupted:
-            end = _work(LocalLauncher(meeting, folder, modules=group.modules, keys=group.keys), specs, interrupted)
+            launcher = LocalLauncher(meeting, folder, modules=group.modules, keys=group.keys)
+            end = _work(launcher, specs, interrupted, group.metrics)
     finally:
         _tidy(group, folder, end)
     return end
 
 
-def _work(launcher: LocalLauncher, specs: Sequence[RoleSpec], interrupted: list[str]) -> GroupEnd:
+def _work(launcher: LocalLauncher, specs: Sequence[RoleSpec], interrupted: list[str], metrics: str) -> GroupEnd:
     supervisor = Supervisor(launcher, specs, WallClock(), _gives_up)
+    told = GroupMetrics(lambda: (supervisor.counts(), supervisor.restarts))
     try:
-        return _follow(supervisor, interrupted, WallClock())
+        with Endpoint(metrics, told) if metrics else nullcontext():
+            return _follow(supervisor, interrupted, WallClock())
     finally:
         supervisor.stop()
         launcher.stop()

@@ -21,6 +21,7 @@ from saflite.contract.join import Join, Joined
 from saflite.contract.service import Service
 from saflite.contract.work import Failure, Grant, Lease, Orders, Receipt, Result
 from saflite.runtime import worker as machine
+from saflite.runtime.log_lines import WORK_LOG, about
 from saflite.runtime.spool import Spool
 from saflite.runtime.worker import Key, Worker
 from saflite.simulator_worker.processes import processor_s, resident_mib
@@ -176,8 +177,11 @@ class WorkerShell:
             lease = self._work.get()
             key = Key(lease.lease_id, lease.epoch)
             result: Result | None = None
+            subject = about(lease.work, lease.lease_id)
+            WORK_LOG.info("work begins", extra=subject)
             try:
                 result = self._do(lease, self._cancelled[key].is_set)
+                WORK_LOG.info("work ends: %s", type(result).__struct_config__.tag, extra=subject)
             finally:  # our own code broke: the loop must hear of it, the thread's hook prints the traceback
                 self._inbox.put(_Ended(key, result))
 

@@ -352,3 +352,43 @@ def test_a_damaged_result_is_sent_again_and_costs_no_attempt(stand: Stand) -> No
     assert reply.refused
     stand.send(topics.result("c", "mutate"), wire.decode(payload, Report))
     assert stand.last(Receipt).status == "accepted"
+
+
+def _in_json(stand: Stand, verb: str, text: bytes) -> dict[str, object]:
+    stand.worker.ask(topics.control("c", verb), text, len(stand.answers), stand.answers.append, 60.0)
+    stand.turn()
+    reply = stand.answers[-1]
+    assert isinstance(reply, Reply)
+    assert reply.payload is not None, reply.refused
+    return dict(msgspec.json.decode(reply.payload))
+
+
+def test_an_order_in_json_is_answered_in_json(stand: Stand) -> None:
+    status = _in_json(stand, "status", b'{"verb": "status"}')["status"]
+    assert isinstance(status, dict)
+    assert status["campaign"] == "c"
+    events = _in_json(stand, "events", b'{"verb": "events", "number": 2}')["events"]
+    assert isinstance(events, list)
+    assert [event["seq"] for event in events] == list(range(2, len(events) + 2))
+    assert {"campaign", "worker"} >= {event["fact"]["type"] for event in events} >= {"worker"}
+
+
+@pytest.mark.parametrize("text", [b"{", b'{"verb": "fly"}', b'{"verb": "stop"}', b"{" + b'"a":[' * 5000])
+def test_a_bad_order_in_json_is_refused_in_words(stand: Stand, text: bytes) -> None:
+    stand.worker.ask(topics.control("c", "status"), text, "bad", stand.answers.append, 60.0)
+    stand.turn()
+    reply = stand.answers[-1]
+    assert isinstance(reply, Reply)
+    assert reply.payload is None
+    assert "expected" in reply.refused
+
+
+def test_facts_are_told_in_json_to_those_who_listen(stand: Stand) -> None:
+    heard: list[Happening] = []
+    stand.network.connect("page").follow(topics.event_json("c", "*"), heard.append)
+    stand.send(topics.join("c", "fly"), _card("fly", worker="x"))
+    (sample,) = [one for one in heard if isinstance(one, Sample)]
+    assert sample.key == topics.event_json("c", "worker")
+    event = msgspec.json.decode(sample.payload, type=Event)
+    assert isinstance(event.fact, WorkerChanged)
+    assert event.fact.worker == "x"

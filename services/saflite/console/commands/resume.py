@@ -59,9 +59,10 @@ def run(args: argparse.Namespace) -> int:
             keys=args.keys,
             on=args.on,
             insecure=args.insecure,
+            json_logs=args.json_logs,
         )
 
-    return running.follow(args.run, start, as_json=args.json)
+    return running.follow(args.run, start, as_json=args.json, metrics=args.metrics)
 
 
 def _check(run_dir: Path, *, accept_loss: bool) -> None:

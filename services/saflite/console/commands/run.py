@@ -90,7 +90,8 @@ def run(args: argparse.Namespace) -> int:
             keys=args.keys,
             on=args.on,
             insecure=args.insecure,
+            json_logs=args.json_logs,
         )
 
     running.create(run_dir, campaign, describe_target(campaign.target.name))
-    return running.follow(run_dir, start, as_json=args.json)
+    return running.follow(run_dir, start, as_json=args.json, metrics=args.metrics)

@@ -41,6 +41,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--keys", type=Path, metavar="FOLDER", help=farm_options.KEYS)
     parser.add_argument("--insecure", action="store_true", help=farm_options.INSECURE)
+    farm_options.telling(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -61,6 +62,8 @@ def run(args: argparse.Namespace) -> int:
         keys=args.keys,
         insecure=args.insecure or (farm is not None and farm.insecure),
         patience_s=args.patience,
+        metrics=args.metrics,
+        json_logs=args.json_logs,
     )
 
     def say(text: str) -> None:

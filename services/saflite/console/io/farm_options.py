@@ -20,6 +20,14 @@ def listening(parser: argparse.ArgumentParser) -> None:
     keys = "folder of the farm's keys, for --listen tls/HOST:PORT (see `saflite keys`)"
     parser.add_argument("--keys", type=Path, metavar="FOLDER", help=keys)
     parser.add_argument("--insecure", action="store_true", help=INSECURE)
+    telling(parser)
+
+
+def telling(parser: argparse.ArgumentParser) -> None:
+    """Name the arguments about what machines are told: metrics and logs."""
+    where = "tell metrics at http://HOST:PORT/metrics (HOST: loopback if left out)"
+    parser.add_argument("--metrics", default="", metavar="[HOST:]PORT", help=where)
+    parser.add_argument("--json-logs", action="store_true", help="write logs as one JSON object a line")
 
 
 def connecting(parser: argparse.ArgumentParser) -> None:
@@ -42,6 +50,10 @@ def check(args: argparse.Namespace) -> None:
 
     if args.workers is not None:
         campaign_options.at_least("--workers", args.workers, 0 if args.listen else 1)
+    if args.metrics:
+        from saflite.runtime.metrics import check_address
+
+        check_address(args.metrics)
     if args.listen:
         check_endpoint(args.listen, insecure=args.insecure, keys=args.keys is not None, argument="--listen")
     if args.on != "here":

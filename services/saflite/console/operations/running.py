@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ParamSpec
 
 from saflite.console.run_data.conclusion import conclude
 from saflite.console.view import live
@@ -13,11 +13,14 @@ from saflite.contract.config import Campaign
 from saflite.contract.control import Status
 from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.target_info import TargetInfo
+from saflite.runtime.clock import WallClock
+from saflite.runtime.metrics import Endpoint, FarmMetrics
 
 if TYPE_CHECKING:
     from saflite.runtime.campaign_runner import ExitSummary
 
 RUNS = Path("runs")
+P = ParamSpec("P")
 Start = Callable[[Callable[[Status], None]], "ExitSummary"]
 
 
@@ -61,27 +64,34 @@ def create(run_dir: Path, campaign: Campaign, target: TargetInfo) -> None:
     run_modules.note(run_dir, all_given())
 
 
-def follow(run_dir: Path, start: Start, *, as_json: bool) -> int:
-    """Run a farm with its progress shown; returns the exit code."""
+def follow(run_dir: Path, start: Start, *, as_json: bool, metrics: str = "") -> int:
+    """Run a farm with its progress shown, and told at `metrics` if that is an address; returns the exit code."""
     from saflite.campaign.storage.sqlite import in_use, make_one_file
     from saflite.campaign.storage.store import store_file
 
-    view = live.open_view(run_dir, quiet=as_json)
-    try:
-        ended = start(_unless_gone(view.update))
-    finally:
-        with suppress(OSError):
-            view.close()  # whoever reads keeps the write-ahead log there
+    with ExitStack() as opened:
+        told = FarmMetrics(WallClock())
+        if metrics:
+            opened.enter_context(Endpoint(metrics, told))
+        view = live.open_view(run_dir, quiet=as_json)
+        opened.callback(_unless_gone(view.close))  # whoever reads keeps the write-ahead log there
+        show = _unless_gone(view.update)
+
+        def on_status(status: Status) -> None:
+            told.update(status)
+            show(status)
+
+        ended = start(on_status)
     if not in_use(run_dir):
         make_one_file(store_file(run_dir))
     return conclude(run_dir, ended, as_json=as_json)
 
 
-def _unless_gone(show: Callable[[Status], None]) -> Callable[[Status], None]:
+def _unless_gone(show: Callable[P, None]) -> Callable[P, None]:
     """Return what shows nothing to a terminal or reader that has gone: the campaign goes on, or ends, all the same."""
 
-    def shown(status: Status) -> None:
+    def shown(*args: P.args, **named: P.kwargs) -> None:
         with suppress(OSError):
-            show(status)
+            show(*args, **named)
 
     return shown

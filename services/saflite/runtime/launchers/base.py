@@ -40,7 +40,7 @@ class Meeting(msgspec.Struct, frozen=True, kw_only=True):
 
     `gate` is a second endpoint at which the router listens, for those who prove their name by a key.
     `insecure` allows endpoints that others can reach. Workers end by themselves after `patience_s` without
-    an answer of the books; 0 lets them try without end.
+    an answer of the books; 0 lets them try without end. `json_logs`: logs are for machines (`runtime/log_lines.py`).
     """
 
     campaign: str
@@ -49,6 +49,7 @@ class Meeting(msgspec.Struct, frozen=True, kw_only=True):
     gate: str = ""
     insecure: bool = False
     patience_s: float = 0.0
+    json_logs: bool = False
 
 
 class RoleState(NamedTuple):

@@ -17,6 +17,7 @@ from saflite.contract.config import environment_with
 from saflite.contract.errors import Refused, Unavailable
 from saflite.runtime.clock import WallClock
 from saflite.runtime.launchers.base import Condition, Meeting, RoleSpec, RoleState
+from saflite.runtime.log_lines import event_of
 from saflite.simulator_worker.processes import adopt_orphans, children, kill_strays, signal_group
 
 log = logging.getLogger(__name__)
@@ -134,6 +135,7 @@ class LocalLauncher:
         if self._keys is not None and bool(meeting.gate) == spec.listens:
             command += ["--keys", str(self._keys)]
         command += ["--insecure"] if meeting.insecure else []
+        command += ["--json-logs"] if meeting.json_logs else []
         command += ["--patience", str(meeting.patience_s)] if meeting.patience_s else []
         for label, value in spec.labels.items():
             command += ["--label", f"{label}={value}"]
@@ -169,4 +171,4 @@ class LocalLauncher:
         except OSError:
             return ""
         said = [line for line in lines if line.strip()]
-        return _LOG_HEAD.sub("", said[-1]) if said else ""
+        return event_of(_LOG_HEAD.sub("", said[-1])) if said else ""

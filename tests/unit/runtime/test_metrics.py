@@ -1,0 +1,116 @@
+"""Metrics are what the status says, in a form that Prometheus' own parser of OpenMetrics reads."""
+
+from __future__ import annotations
+
+import msgspec
+import pytest
+from prometheus_client import CollectorRegistry
+from prometheus_client.openmetrics.exposition import generate_latest
+from prometheus_client.openmetrics.parser import text_string_to_metric_families
+
+from saflite.contract.clock import Clock
+from saflite.contract.control import Status, WorkerStatus
+from saflite.contract.errors import Refused
+from saflite.runtime.metrics import STALE_S, FarmMetrics, GroupMetrics, parse_address
+
+WORKER = WorkerStatus(worker="lab-fly-1", stage="fly", state="busy", leases=2, done=7, busy_share=0.5, silent_s=1.5)
+STATUS = Status(
+    campaign="night",
+    state="running",
+    round=3,
+    budget=100,
+    flights=41,
+    reflown=6,
+    test_cases=44,
+    candidates=120,
+    violations_confirmed=2,
+    violations_flaky=1,
+    violations_pending=3,
+    quarantined=0,
+    flights_per_s=1.25,
+    real_time_factor=300.0,
+    since_last_find_s=None,
+    elapsed_s=60.0,
+    scorer='blend "x"\n',
+    scorer_pending="",
+    fallbacks=4,
+    queues={"fly": 5, "judge": 0},
+    workers=(WORKER,),
+    seq=99,
+)
+
+
+class Still(Clock):
+    now_s = 0.0
+
+    def monotonic_s(self) -> float:
+        return self.now_s
+
+    def unix_s(self) -> float:
+        return self.now_s
+
+    def sleep_s(self, duration_s: float) -> None:
+        self.now_s += duration_s
+
+
+def _read(source: FarmMetrics | GroupMetrics) -> dict[tuple[str, tuple[tuple[str, str], ...]], float]:
+    registry = CollectorRegistry(auto_describe=False)
+    registry.register(source)
+    text = generate_latest(registry).decode()  # type: ignore[no-untyped-call]
+    families = text_string_to_metric_families(text)  # type: ignore[no-untyped-call]
+    return {
+        (sample.name, tuple(sorted(sample.labels.items()))): sample.value
+        for family in families
+        for sample in family.samples
+    }
+
+
+def test_a_status_is_told_whole() -> None:
+    metrics = FarmMetrics(Still())
+    metrics.update(STATUS)
+    told = _read(metrics)
+    night, who = ("campaign", "night"), (("host", ""), ("stage", "fly"), ("worker", "lab-fly-1"))
+    assert told["saflite_up", ()] == 1.0
+    assert told["saflite_flights_total", (night, ("purpose", "first"))] == 41
+    assert told["saflite_flights_total", (night, ("purpose", "confirm"))] == 6
+    assert told["saflite_violations_total", (night, ("confirmation", "confirmed"))] == 2
+    assert told["saflite_queue_tasks", (night, ("stage", "fly"))] == 5
+    assert told["saflite_worker_done_total", who] == 7
+    assert told["saflite_worker_busy_ratio", who] == 0.5
+    assert told["saflite_trouble", (night,)] == 0
+    assert told["saflite_campaign_state", (night, ("scorer", 'blend "x"\n'), ("state", "running"))] == 1
+
+
+def test_trouble_and_silence_show() -> None:
+    clock = Still()
+    metrics = FarmMetrics(clock)
+    assert _read(metrics) == {("saflite_up", ()): 0.0}
+    metrics.update(msgspec.structs.replace(STATUS, trouble="the disk is full"))
+    assert _read(metrics)["saflite_trouble", (("campaign", "night"),)] == 1
+    clock.now_s = STALE_S + 1
+    assert _read(metrics)["saflite_up", ()] == 0.0
+
+
+def test_a_group_tells_its_roles() -> None:
+    told = _read(GroupMetrics(lambda: ({"running": 3, "waiting": 1}, 2)))
+    assert told["saflite_roles", (("condition", "running"),)] == 3
+    assert told["saflite_restarts_total", ()] == 2
+
+
+@pytest.mark.parametrize(
+    ("text", "address"),
+    [
+        ("9464", ("127.0.0.1", 9464)),
+        ("0.0.0.0:9464", ("0.0.0.0", 9464)),
+        ("[::1]:1", ("::1", 1)),
+        ("lab.example:80", ("lab.example", 80)),
+    ],
+)
+def test_metrics_stay_on_loopback_unless_told_otherwise(text: str, address: tuple[str, int]) -> None:
+    assert parse_address(text) == address
+
+
+@pytest.mark.parametrize("text", ["", "0", "65536", "x", ":9464", "[zz]:9", "http://a:1", "-1", "1:2:3"])
+def test_what_is_no_address_is_refused(text: str) -> None:
+    with pytest.raises(Refused, match="--metrics"):
+        parse_address(text)
