@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 from collections.abc import Iterator
+from pathlib import Path
 from typing import cast
 
+import msgspec
 import pytest
 
 from saflite.conformance.flying import opened
 from saflite.contract.errors import Refused
-from saflite.contract.flight import FlightRecord, trace_digest
+from saflite.contract.flight import Flight, FlightRecord, trace_digest
 from saflite.contract.rng import derive
-from saflite.contract.test_case import Scenario, StartState, Stimulus, Target, TestCase
+from saflite.contract.standalone import Evidence
+from saflite.contract.test_case import Scenario, StartState, Stimulus, Target, TestCase, identity
+from saflite.flight.autopilots.betaflight.firmware import VARIANTS
 from saflite.simulator_worker.agreement import differences
 from saflite.simulator_worker.processes import children
 from saflite.simulator_worker.registry import load_target, why_missing
@@ -137,3 +143,34 @@ def test_a_gyro_that_sticks_and_a_motor_that_fails_end_in_a_crash(session: Betaf
         fault = Stimulus(at_s=0.5, kind="sensor_fault", name=name, values=(size,))
         push = Stimulus(at_s=1.0, kind="stick", name="RC1", values=(1800.0,))
         assert fly(session, case(fault, push, limit_s=20.0)).ending == "crashed", name
+
+
+def test_a_finding_reproduces_without_the_farm(session: BetaflightSession, tmp_path: Path) -> None:
+    broken = case(LOST, mode="ALTHOLD", limit_s=4.0, failsafe_procedure=1.0)
+    record = fly(session, broken)
+    assert record.trace is not None
+    flight = Flight(
+        test_case=identity(broken), flight_index=0, ending=record.ending, trace_digest=trace_digest(record.trace)
+    )
+    evidence = Evidence("it.py", "bf-rule", "Motors go on", 1.0, 3.5, {"values": "all inside"}, ("at 1 s: link lost",))
+    text = load_target("betaflight").standalone(broken, flight, evidence)  # type: ignore[attr-defined]
+    done = _replayed(tmp_path / "it.py", text)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "VIOLATION SEEN" in done.stdout
+    assert "FAILSAFE" in done.stdout
+    assert "set failsafe_procedure = DROP" in text
+    other = _replayed(
+        tmp_path / "other.py", text.replace("failsafe_procedure = DROP", "failsafe_procedure = AUTO-LAND")
+    )
+    assert other.returncode == 1, "another setting must not show it"
+    assert "violation not seen" in other.stdout
+    unlike = msgspec.structs.replace(flight, trace_digest="0" * 64)
+    with pytest.raises(Refused, match="export it with the binary"):
+        load_target("betaflight").standalone(broken, unlike, evidence)  # type: ignore[attr-defined]
+
+
+def _replayed(script: Path, text: str) -> subprocess.CompletedProcess[str]:
+    """Run a script as somebody without our package does."""
+    script.write_text(text)
+    command = [sys.executable, "-I", "-S", str(script), str(VARIANTS["gps"].binary)]
+    return subprocess.run(command, capture_output=True, text=True, check=False, cwd=script.parent)

@@ -15,6 +15,10 @@ from saflite.contract.test_case import Plain, Setting, StartState, StimulusKind
 Repeats = Literal["bitwise", "statistically"]
 """Whether the same test case gives the same trace bit by bit, or only the same distribution of outcomes."""
 
+Link = Literal["", "none", "setup", "pilot", "trusted"]
+"""What somebody needs to give an input: nothing (the world does), the vehicle before its flight, the pilot's radio, a
+telemetry or serial link; empty where its kind says it."""
+
 ValueType = Literal["real", "whole", "flag", "choice"]
 
 
@@ -22,7 +26,7 @@ class InputInfo(msgspec.Struct, frozen=True, kw_only=True):
     """One thing that can be given to a target, before the start (parameters) or during the flight.
 
     `low` and `high` bound the documented range, None where none is known; `choices` are the values of a `choice`.
-    `at_start`: it acts when the flight starts only, and is given at 0 s.
+    `at_start`: it acts when the flight starts only, and is given at 0 s. `link` is what it takes to give it.
     """
 
     kind: StimulusKind
@@ -35,6 +39,7 @@ class InputInfo(msgspec.Struct, frozen=True, kw_only=True):
     default: Number | None = None
     meaning: Text = ""
     at_start: bool = False
+    link: Link = ""
 
 
 class SettingInfo(msgspec.Struct, frozen=True, kw_only=True):
@@ -70,6 +75,7 @@ class TargetInfo(msgspec.Struct, frozen=True, kw_only=True):
     `own_signals` describes those that are not common names; `modes` maps mode names to the numbers in the trace;
     `start_states` are examples of states a flight without mission may begin in, the first is the usual one;
     `missions` says whether it flies missions, `obstacles` whether it minds obstacles, `wind` whether it minds wind;
+    `stock` tells whether the autopilot is built as its makers ship it, `options` what it was built with otherwise;
     `needs` names what it requires of a machine (for people and placement), `missing` what this machine lacks of it,
     empty if it can fly here.
     """
@@ -90,6 +96,8 @@ class TargetInfo(msgspec.Struct, frozen=True, kw_only=True):
     time_limit_max_s: Seconds = 7200.0
     vehicle: Text = ""
     autopilot: Text = ""
+    stock: bool = True
+    options: Text = ""
     needs: Annotated[tuple[Text, ...], msgspec.Meta(max_length=100)] = ()
     missing: Text = ""
 

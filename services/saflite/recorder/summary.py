@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from saflite.contract.circumstances import Circumstances
 from saflite.contract.config import Campaign
 from saflite.contract.test_case import TestCase
 from saflite.contract.verdict import NEVER_APPLIED, Judgement, Violation
@@ -46,16 +47,23 @@ class PolicyFacts(NamedTuple):
 
 
 class Finding(NamedTuple):
-    """One violation: its test case, the judgement on its first flight, and its recording relative to the run folder."""
+    """One violation: its test case, the judgement on its first flight, and its recording relative to the run folder.
+
+    `circumstances` is what maintainers ask first; None where it was not worked out.
+    """
 
     violation: Violation
     test_case: TestCase
     judgement: Judgement | None = None
     recording: str = ""
+    circumstances: Circumstances | None = None
 
 
 class RunSummary(NamedTuple):
-    """A campaign's result. `flights` counts confirmations too; `held` counts test cases flown without violation."""
+    """A campaign's result. `flights` counts confirmations too; `held` counts test cases flown without violation.
+
+    `withheld` counts findings of memory safety that are not among `findings`: they are reported in private first.
+    """
 
     campaign: Campaign
     policies: tuple[PolicyFacts, ...]
@@ -64,3 +72,4 @@ class RunSummary(NamedTuple):
     held: int
     elapsed_s: float = 0.0
     version: str = ""
+    withheld: int = 0

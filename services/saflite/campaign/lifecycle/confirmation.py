@@ -51,6 +51,7 @@ class Trial:
     judgement: Judgement | None = None
     behaviours: dict[str, str] = field(default_factory=dict)  # fingerprints, by the policy violated
     founded: int = 0  # how many of them it was the first to show
+    checked: bool = False  # its first flight was asked for once more, to see whether it repeats bit by bit
     waiting: bool = False  # for test cases selected before it
     stood: frozenset[str] = frozenset()  # policies it was confirmed to violate
 

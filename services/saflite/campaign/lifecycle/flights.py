@@ -287,6 +287,8 @@ class Flights:
             return
         found = violations_of(trial, core.confirm)
         trial.stood = frozenset(one.policy for one in found if one.confirmation == "confirmed")
+        if trial.stood:
+            self._checks.prove(trial)
         for violation in found:
             self._announce(violation)
         for note in trial.flights.values():

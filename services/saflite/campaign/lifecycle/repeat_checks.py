@@ -1,7 +1,8 @@
 """Does the farm repeat flights bit by bit? A sample of first flights is flown over again elsewhere and compared.
 
-A check of the farm itself and of what the target says of itself, not of any violation: it counts against no budget, no
-test case and no round waits for it, and nothing that is found depends on it.
+A check of the farm itself and of what the target says of itself: it counts against no budget, no test case and no
+round waits for it, and nothing that is found depends on it. Confirmed finds are flown over again besides: that they
+repeat bit by bit is part of what is said of them.
 """
 
 from __future__ import annotations
@@ -32,11 +33,20 @@ class RepeatChecks:
         if core.target.repeats != "bitwise" or not trial.is_selected or not first.trace_digest or not share:
             return
         drawn = derive(core.campaign.rng_seed, "check", draw_key(trial.test_case)).random()
-        if drawn >= share and (trial.round, trial.rank) != (0, 0):
-            return
-        key = FlyKey(trial.name, "check", 0)
-        if key in self._under_way:
-            return  # the first flight was flown once more, for its trace was lost
+        if drawn < share or (trial.round, trial.rank) == (0, 0):
+            self._ask(trial, first)
+
+    def prove(self, trial: Trial) -> None:
+        """Have a confirmed find flown over again, if it was not: maintainers ask whether it repeats bit by bit."""
+        core, first = self._core, trial.flights[trial.first].flight
+        if core.target.repeats == "bitwise" and core.campaign.search.check_share and not trial.first:
+            self._ask(trial, first)
+
+    def _ask(self, trial: Trial, first: Flight) -> None:
+        core, key = self._core, FlyKey(trial.name, "check", 0)
+        if trial.checked:
+            return  # as a sample, or its first flight was flown once more, for its trace was lost
+        trial.checked = True
         self._under_way[key] = trial.test_case, first
         target = TargetBuild(trial.test_case.target.name, first.build)
         order = (AFTER_ALL, trial.round, trial.rank, 0)

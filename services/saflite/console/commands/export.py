@@ -1,12 +1,13 @@
 """Export the violations of a run: competition YAML, SARIF, JUnit, CSV, QGroundControl plans; or one recording.
 
 A campaign records one find of each behaviour; `--recording` flies any other test case again, holds it against
-its record bit by bit and writes its MCAP.
+its record bit by bit and writes its MCAP. `--standalone` writes a script for the maintainers of an autopilot.
 
 examples:
   saflite export runs/avoidance-m2 --format yaml
   saflite export runs/avoidance-m2 --format sarif --out findings/
   saflite export runs/avoidance-m2 --recording 0123456789abcdef
+  saflite export runs/betaflight-failsafe --standalone 0123456789abcdef
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from saflite.console.io import outputs
+from saflite.console.io import embargo, outputs
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -22,8 +23,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("run", type=Path, help="run folder")
     what = parser.add_mutually_exclusive_group(required=True)
     what.add_argument("--format", help="see `saflite list exports`")
+    words = "write a script that reproduces this finding without the farm (targets of real autopilots)"
+    what.add_argument("--standalone", metavar="TEST_CASE", help=words)
     what.add_argument("--recording", metavar="TEST_CASE", help="fly this test case again and write its recording")
     parser.add_argument("--out", type=Path, help="folder to write to (RUN/export-FORMAT, RUN/export-recording)")
+    embargo.add_release(parser)
     outputs.add_force(parser)
     parser.add_argument("--json", action="store_true", help="print the files as JSON")
 
@@ -39,18 +43,35 @@ def run(args: argparse.Namespace) -> int:
     tell_loss(args.run)
     if args.recording is not None:
         return _record(args)
+    if args.standalone is not None:
+        return _standalone(args)
     folder = args.out or args.run / f"export-{args.format}"
     with open_run(args.run) as run_folder:
-        summary = run_folder.summary()
+        summary = run_folder.summary(args.release)
     files = export(args.format, summary, folder)
     if args.json:
-        out.json({"files": [str(path) for path in files], "violations": len(summary.findings)})
+        out.json(
+            {"files": [str(path) for path in files], "violations": len(summary.findings), "withheld": summary.withheld}
+        )
     else:
         for path in files:
             out.line(str(path))
         out.line(f"{len(files)} files, {len(summary.findings)} violations")
+        embargo.tell(summary.withheld)
         if summary.findings and not files:
             out.line(f"none of them has what {args.format} files hold (missions, boxes)")
+    return 0
+
+
+def _standalone(args: argparse.Namespace) -> int:
+    from saflite.console.operations.standalone import export_standalone
+    from saflite.console.view import out
+
+    path = export_standalone(args.run, args.standalone, args.out or args.run / "export-standalone", args.release)
+    if args.json:
+        out.json({"files": [str(path)]})
+    else:
+        out.line(str(path))
     return 0
 
 

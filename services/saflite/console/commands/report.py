@@ -10,13 +10,14 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from saflite.console.io import outputs
+from saflite.console.io import embargo, outputs
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Name the arguments."""
     parser.add_argument("run", type=Path, help="run folder")
     parser.add_argument("--out", type=Path, help="where to (RUN/report.html)")
+    embargo.add_release(parser)
     outputs.add_force(parser)
     parser.add_argument("--json", action="store_true", help="print where it was written as JSON")
 
@@ -30,9 +31,12 @@ def run(args: argparse.Namespace) -> int:
     if args.out is not None:
         outputs.check_file(args.out, force=args.force)
     tell_loss(args.run)
-    path, confirmed = reporting.write(args.run, args.out, force=args.force)
+    path, found = reporting.write(args.run, args.out, force=args.force, released=args.release)
+    confirmed = [one for one in found.exhibits if one.violation.confirmation == "confirmed"]
     if args.json:
-        out.json({"report": str(path), "confirmed": confirmed})
+        told = [{"fingerprint": one.violation.fingerprint, "asked_first": one.circumstances} for one in found.exhibits]
+        out.json({"report": str(path), "confirmed": len(confirmed), "withheld": found.withheld, "findings": told})
     else:
-        out.line(f"{path}  ({confirmed} confirmed violations)")
+        out.line(f"{path}  ({len(confirmed)} confirmed violations)")
+        embargo.tell(found.withheld)
     return 0

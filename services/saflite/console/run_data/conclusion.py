@@ -9,11 +9,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from saflite.console.cli import FOUND, INFRASTRUCTURE, NOTHING_FOUND
 from saflite.console.run_data import reporting
 from saflite.console.run_data.deduplication import Cause, deduplicate
+from saflite.console.run_data.embargo import withheld_words
 from saflite.console.run_data.run_folder import RunFolder, open_run
 from saflite.console.view import live, out
+from saflite.contract.circumstances import in_words
 from saflite.contract.flight import Purpose
 from saflite.contract.verdict import NEVER_APPLIED, Violation
-from saflite.recorder.summary import Rulings
+from saflite.recorder.summary import Finding, Rulings
 
 if TYPE_CHECKING:
     from saflite.runtime.campaign_runner import ExitSummary
@@ -35,6 +37,7 @@ class Conclusion(NamedTuple):
     set_aside: int
     violations: tuple[Violation, ...]
     causes: tuple[Cause, ...]
+    findings: tuple[Finding, ...]
     rulings: dict[str, Rulings]
     minimised: bool
 
@@ -64,17 +67,19 @@ class Conclusion(NamedTuple):
 
 def conclude(run_dir: Path, ended: ExitSummary, *, as_json: bool) -> int:
     """Write what the run leaves for people, print the summary; returns the exit code."""
-    report, _ = reporting.write(run_dir)
+    report, shown = reporting.write(run_dir)
     cases = reporting.write_test_cases(run_dir)
     with open_run(run_dir) as run:
         found = _read(run)
     if as_json:
         files = {"report": str(report), "test_cases": [str(path) for path in cases if path.suffix != ".plan"]}
-        out.json({"run": str(run_dir), **_plain(found, ended), **files})
+        asked = {one.violation.fingerprint: one.circumstances for one in found.findings}
+        out.json({"run": str(run_dir), **_plain(found, ended), "asked_first": asked, **files})
         return found.exit_code
     _tell(found, ended)
     out.line()
-    out.line(f"report      {report}")
+    kept = f"   ({withheld_words(shown.withheld)}; `saflite report --release`)" if shown.withheld else ""
+    out.line(f"report      {report}{kept}")
     out.line(f"recordings  {run_dir / 'recordings'}   (open in Foxglove or PlotJuggler)")
     out.line(f"test cases  {run_dir / reporting.TEST_CASES}   (competition YAML)")
     if found.confirmed:
@@ -85,14 +90,15 @@ def conclude(run_dir: Path, ended: ExitSummary, *, as_json: bool) -> int:
 
 
 def _read(run: RunFolder) -> Conclusion:
-    endings = run.endings()
+    endings, findings = run.endings(), run.findings(similar=True)
     return Conclusion(
         flown=Counter(row.purpose for row in run.flights()),
         elapsed_s=run.elapsed_s(),
         cases=sum(endings.values()),
         set_aside=endings.get("quarantined", 0),
         violations=tuple(run.violations()),
-        causes=deduplicate((one.violation, one.test_case) for one in run.findings(similar=True)),
+        causes=deduplicate((one.violation, one.test_case) for one in findings),
+        findings=tuple(one for one in findings if one.violation.confirmation != "similar"),
         rulings=run.rulings(),
         minimised=run.campaign.search.shrink,
     )
@@ -131,8 +137,12 @@ def _tell(found: Conclusion, ended: ExitSummary) -> None:
         + (f"; {found.set_aside} test cases set aside, we could not fly or judge them" if found.set_aside else "")
         + (f"; {ended.restarts} processes started again" if ended.restarts else "")
     )
+    known = {(one.violation.fingerprint, one.violation.test_case): one.circumstances for one in found.findings}
     for violation in good[:SHOWN]:
         out.line(f"  {live.violation_line(violation)}")
+        circumstances = known.get((violation.fingerprint, violation.test_case))
+        if circumstances is not None:
+            out.line("    " + "; ".join(f"{what}: {words}" for what, words in in_words(circumstances).items()))
     if len(good) > SHOWN:
         out.line(f"  ... and {len(good) - SHOWN} more")
     _tell_rulings(found.rulings)

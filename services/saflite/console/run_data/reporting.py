@@ -3,16 +3,25 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from saflite.console.io import outputs
+from saflite.console.run_data.embargo import ALL, Released
 from saflite.console.run_data.run_folder import open_run
+
+if TYPE_CHECKING:
+    from saflite.console.view.report.data import ReportData
 
 REPORT = "report.html"
 TEST_CASES = "test_cases"
 
 
-def write(run_dir: Path, path: Path | None = None, *, force: bool = False) -> tuple[Path, int]:
-    """Write the report; returns where, and the number of confirmed violations. The run's own is always made anew.
+def write(
+    run_dir: Path, path: Path | None = None, *, force: bool = False, released: Released = ()
+) -> tuple[Path, ReportData]:
+    """Write the report; returns where, and what it shows. The run's own is always made anew.
+
+    Findings of memory safety that are not among the `released` fingerprints are only counted in it.
 
     Raises:
         Refused: no run stands there, or its store is damaged.
@@ -22,15 +31,15 @@ def write(run_dir: Path, path: Path | None = None, *, force: bool = False) -> tu
 
     place = path or run_dir / REPORT
     with open_run(run_dir) as run:
-        found = data.read(run)
+        found = data.read(run, released)
     text = page.render(found, str(run_dir))
     outputs.write(place, text.encode(), force=force or path is None)
-    return place, sum(1 for exhibit in found.exhibits if exhibit.violation.confirmation == "confirmed")
+    return place, found
 
 
 def write_test_cases(run_dir: Path) -> tuple[Path, ...]:
-    """Write the violating test cases as competition YAML into the run folder; returns the files."""
+    """Write the violating test cases, all of them, as competition YAML into the run folder; returns the files."""
     from saflite.recorder.export import export
 
     with open_run(run_dir) as run:
-        return export("yaml", run.summary(), run_dir / TEST_CASES)
+        return export("yaml", run.summary((ALL,)), run_dir / TEST_CASES)

@@ -9,13 +9,17 @@ from pathlib import Path
 from types import TracebackType
 from typing import NamedTuple, TypeVar
 
+import msgspec
+
 from saflite.campaign.storage.contents import Contents
 from saflite.campaign.storage.sqlite import connect_reading, damage_named
 from saflite.campaign.storage.store import store_file
 from saflite.campaign.storage.witness import told_of
+from saflite.console.run_data.embargo import Released, is_public
 from saflite.console.view import out
 from saflite.contract import wire
 from saflite.contract.blobs import BlobMissing, BlobRef
+from saflite.contract.circumstances import Circumstances, circumstances_of, is_memory_fault
 from saflite.contract.config import Campaign
 from saflite.contract.errors import Refused
 from saflite.contract.events import Event
@@ -184,18 +188,25 @@ class RunFolder:
             (one for one in self.violations() if similar or one.confirmation != "similar"),
             key=lambda one: (order.get(one.confirmation, 3), one.robustness, one.test_case),
         )
-        return [
-            Finding(
-                one,
-                self.test_case(one.test_case),
-                self.judgement(one.test_case, one.flight_index),
-                self.recording(one.test_case),
-            )
-            for one in ranked
-        ]
+        return [self._finding(one) for one in ranked]
 
-    def summary(self) -> RunSummary:
-        """Return the campaign's result as exports want it."""
+    def _finding(self, violation: Violation) -> Finding:
+        name, test_case = violation.test_case, self.test_case(violation.test_case)
+        judgement = self.judgement(name, violation.flight_index)
+        return Finding(violation, test_case, judgement, self.recording(name), self._circumstances(violation, test_case))
+
+    def _circumstances(self, violation: Violation, test_case: TestCase) -> Circumstances:
+        rows = self.flights(violation.test_case)
+        shown = next((row for row in rows if row.shows(violation)), None)
+        flight = None if shown is None else self.flight(shown)
+        again = [row for row in rows if row.purpose == "check" and violation.flight_index == 0]
+        equal = [row for row in again if shown is not None and row.trace_digest == shown.trace_digest]
+        found = circumstances_of(test_case, self.target, None if flight is None else flight.delivered)
+        memory = flight is not None and is_memory_fault(flight.ending, flight.message)
+        return msgspec.structs.replace(found, repeated=len(again), equal=len(equal), memory_safety=memory)
+
+    def summary(self, released: Released = ()) -> RunSummary:
+        """Return the campaign's result as exports want it, of findings of memory safety the `released` ones only."""
         from importlib.metadata import PackageNotFoundError, version
 
         try:
@@ -204,15 +215,18 @@ class RunFolder:
             release = ""
         rulings = self.rulings()
         flights = sum(1 for row in self.flights() if row.purpose == "search")
+        found = self.findings()
+        shown = [one for one in found if is_public(one, released)]
         (held,) = next(self._rows("SELECT count(*) FROM endings WHERE state = 'held'"))
         return RunSummary(
             campaign=self.campaign,
             policies=tuple(self._facts(name, rulings) for name in self.campaign.policies),
-            findings=tuple(self.findings()),
+            findings=tuple(shown),
             flights=flights,
             held=int(held),
             elapsed_s=self.elapsed_s(),
             version=release,
+            withheld=len(found) - len(shown),
         )
 
     def _facts(self, name: str, rulings: dict[str, Rulings]) -> PolicyFacts:

@@ -9,6 +9,8 @@ import json
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from saflite.contract.verdict import failed_again
 from saflite.recorder.files import write_file
 from saflite.recorder.summary import Finding, PolicyFacts, RunSummary
@@ -38,6 +40,7 @@ def to_sarif(summary: RunSummary) -> dict[str, Any]:
     }
     run = {
         "tool": {"driver": driver},
+        "properties": {"withheld": summary.withheld},
         "automationDetails": {"id": f"{summary.campaign.name}/{summary.campaign.rng_seed}"},
         "columnKind": "unicodeCodePoints",
         "results": [_result(finding, index) for finding in summary.findings],
@@ -77,5 +80,6 @@ def _result(finding: Finding, index: dict[str, int]) -> dict[str, Any]:
             "rate": None if violation.rate_low is None else [violation.rate_low, violation.rate_high],
             "recording": finding.recording,
             "features": finding.judgement.features if finding.judgement is not None else {},
+            "askedFirst": msgspec.to_builtins(finding.circumstances),
         },
     }

@@ -11,8 +11,9 @@ import msgspec
 
 from saflite.contract.clock import Clock
 from saflite.contract.errors import Unavailable
-from saflite.contract.flight import FlightRecord
+from saflite.contract.flight import Flight, FlightRecord
 from saflite.contract.service import Cancelled
+from saflite.contract.standalone import Evidence
 from saflite.contract.target import Slot, Snapshot
 from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import TestCase
@@ -23,6 +24,7 @@ from saflite.flight.autopilots.betaflight.firmware import VARIANTS, Variant
 from saflite.flight.autopilots.betaflight.flight import BetaflightFlight
 from saflite.flight.autopilots.betaflight.inputs import Configured, configured
 from saflite.flight.autopilots.betaflight.process import FirmwareDied
+from saflite.flight.autopilots.betaflight.standalone.export import standalone
 from saflite.simulator_worker.forks import Forks
 
 WARM_STARTS_MAX, CONFIGURATIONS_MAX = 4, 64
@@ -47,6 +49,11 @@ class BetaflightTarget(NamedTuple):
         """Return a session; raises Unavailable where this machine lacks something."""
         self._be_there()
         return BetaflightSession(self, slot.folder, slot.clock)
+
+    def standalone(self, test_case: TestCase, flight: Flight, evidence: Evidence) -> str:
+        """Return a script that reproduces a finding without the farm; raises as `contract/standalone.py` says."""
+        self.check(test_case)
+        return standalone(test_case, flight, evidence, self.variant)
 
     def _be_there(self) -> None:
         lacking = missing(self.variant)

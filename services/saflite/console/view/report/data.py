@@ -9,7 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from saflite.console.run_data.embargo import Released, is_public
 from saflite.console.run_data.run_folder import ArtefactRow, FlightRow, RunFolder, UsageRow
+from saflite.contract.circumstances import Circumstances
 from saflite.contract.config import Campaign
 from saflite.contract.events import CampaignChanged, FaultSeen, Flown, Judged, Quarantined, ViolationFound
 from saflite.contract.flight import Flight, Trace
@@ -35,6 +37,7 @@ class Exhibit(NamedTuple):
     policy_texts: PolicyTexts | None = None
     flight: Flight | None = None
     artefacts: tuple[ArtefactRow, ...] = ()
+    circumstances: Circumstances | None = None
 
 
 class Progress(NamedTuple):
@@ -63,15 +66,19 @@ class ReportData(NamedTuple):
     states: dict[str, int]
     modes_unseen: tuple[str, ...]
     finds: Counter[str]  # by fingerprint, similar ones included
+    withheld: int = 0  # findings of memory safety not shown
 
 
-def read(run: RunFolder) -> ReportData:
-    """Read everything the report shows."""
+def read(run: RunFolder, released: Released = ()) -> ReportData:
+    """Read everything the report shows; of findings of memory safety the released ones only."""
     flights, states = tuple(run.flights()), run.states()
     by_case: dict[str, list[FlightRow]] = {}
     for row in flights:
         by_case.setdefault(row.test_case, []).append(row)
-    exhibits = tuple(_exhibit(run, finding, by_case.get(finding.violation.test_case, [])) for finding in run.findings())
+    found = run.findings()
+    shown = [finding for finding in found if is_public(finding, released)]
+    hidden = {one.violation.fingerprint for one in found} - {one.violation.fingerprint for one in shown}
+    exhibits = tuple(_exhibit(run, one, by_case.get(one.violation.test_case, [])) for one in shown)
     state, faults, quarantined = "running", [], []
     for event in run.events():
         if isinstance(event.fact, CampaignChanged):
@@ -94,7 +101,12 @@ def read(run: RunFolder) -> ReportData:
         rulings=run.rulings(),
         states=states,
         modes_unseen=modes_unseen(run.target, states),
-        finds=Counter(one.fingerprint for one in run.violations() if one.confirmation in ("confirmed", "similar")),
+        finds=Counter(
+            one.fingerprint
+            for one in run.violations()
+            if one.confirmation in ("confirmed", "similar") and one.fingerprint not in hidden
+        ),
+        withheld=len(found) - len(shown),
     )
 
 
@@ -127,6 +139,7 @@ def _exhibit(run: RunFolder, finding: Finding, rows: list[FlightRow]) -> Exhibit
         run.campaign.policy_texts,
         run.flight(shown) if shown else None,
         tuple(row for row in run.artefacts(violation.test_case) if row.flight_index == violation.flight_index),
+        finding.circumstances,
     )
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from saflite.console.view.report import charts, layout
 from saflite.console.view.report.data import Exhibit
 from saflite.console.view.report.svg import tag
+from saflite.contract.circumstances import in_words
 from saflite.contract.errors import Refused
 from saflite.contract.flight import Ending, Flight, Given, given
 from saflite.contract.test_case import Obstacle, setting_text, stimulus_text
@@ -141,6 +142,8 @@ def _facts(exhibit: Exhibit, run_name: str) -> list[tuple[str, str]]:
     if case.origin.parent:
         origin += f", child of <code>{escape(case.origin.parent)}</code>"
     facts = [("robustness", f"{violation.robustness:+.3f}"), ("flown again", _again(exhibit)), ("test case", origin)]
+    if exhibit.circumstances is not None:
+        facts += [(question, escape(answer)) for question, answer in in_words(exhibit.circumstances).items()]
     if first is not None:
         facts.append(
             (

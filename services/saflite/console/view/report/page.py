@@ -8,6 +8,7 @@ from html import escape
 import numpy as np
 
 from saflite.console.run_data.deduplication import deduplicate
+from saflite.console.run_data.embargo import withheld_words
 from saflite.console.view.report import bars, charts, evidence
 from saflite.console.view.report.data import ReportData
 from saflite.console.view.report.style import CSS
@@ -111,8 +112,10 @@ def _search(data: ReportData) -> str:
 
 
 def _table(data: ReportData) -> str:
+    words = withheld_words(data.withheld) + ": reported to the maintainers first" if data.withheld else ""
+    withheld = f'<p class="muted">{words}.</p>' if words else ""
     if not data.exhibits:
-        return '<p class="quiet">No violation was found.</p>'
+        return withheld or '<p class="quiet">No violation was found.</p>'
     rows = []
     for number, exhibit in enumerate(data.exhibits, start=1):
         violation = exhibit.violation
@@ -143,7 +146,7 @@ def _table(data: ReportData) -> str:
         "finds",
         "inputs",
     )
-    return f"<h2>Violations</h2>{_html_table(heads, rows)}"
+    return f"<h2>Violations</h2>{_html_table(heads, rows)}{withheld}"
 
 
 def _causes(data: ReportData) -> str:

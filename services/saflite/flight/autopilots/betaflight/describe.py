@@ -58,10 +58,18 @@ def describe(name: str, variant: Variant) -> TargetInfo:
         snapshots=True,
         time_limit_max_s=TIME_LIMIT_MAX_S,
         vehicle="F450 quadcopter (JSBSim)",
+        stock=not variant.options and not variant.sanitized,
+        options=built_with(variant),
         autopilot=f"Betaflight, {variant.name} build" + ("" if lacking else f": {listing(variant).version}"),
         needs=("jsbsim", "gcc", "make", "the betaflight package's source"),
         missing=lacking,
     )
+
+
+def built_with(variant: Variant) -> str:
+    """Return what a build has beyond the stock one, empty for that."""
+    sanitizers = "address and undefined-behaviour sanitizers" if variant.sanitized else ""
+    return ", ".join(word for word in (variant.options, sanitizers) if word)
 
 
 def missing(variant: Variant) -> str:
@@ -107,7 +115,13 @@ def _switches(variant: Variant) -> Iterator[InputInfo]:
     for name, switch in SWITCHES.items():
         if variant.gps or not switch.gps:
             yield InputInfo(
-                kind="command", name=f"{SWITCH}{name}", type="flag", low=0.0, high=1.0, meaning=switch.meaning
+                kind="command",
+                name=f"{SWITCH}{name}",
+                type="flag",
+                low=0.0,
+                high=1.0,
+                meaning=switch.meaning,
+                link="pilot",
             )
 
 

@@ -62,6 +62,8 @@ class BetaflightFlight:
         self._pilot_holds = test_case.target.settings.get(SETTING_PILOT, HOLDS) == HOLDS
         self.inputs = Inputs(self, test_case.stimuli, variant)
         self.ticks = 0
+        self.launch = start
+        self.start_step = 0  # steps from power-up to the start state
         self._firmware: Firmware | None = None
         self._owner = 0
         self._trouble = ""
@@ -206,7 +208,7 @@ class BetaflightFlight:
             Unavailable: it cannot be started.
         """
         (self._folder / EEPROM).write_bytes(self._eeprom)
-        self._firmware = start(self._variant.binary, CLOCK_LIBRARY, self._folder)
+        self._firmware = self.launch(self._variant.binary, CLOCK_LIBRARY, self._folder)
         self._owner = os.getpid()
         try:
             self._power_up()
@@ -216,6 +218,7 @@ class BetaflightFlight:
             self.close()
             raise
         self.ticks = 0
+        self.start_step = int(self.vehicle["step"])
         self.vehicle.record(trace_names(), int(self.scenario.time_limit_s / TRACE_STEP_S) + 2, TRACE_STEP_S)
 
     def _power_up(self) -> None:

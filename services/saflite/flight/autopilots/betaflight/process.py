@@ -65,6 +65,11 @@ class Firmware:
                 raise Unavailable(f"the held firmware is gone: {fault}") from fault
         return Firmware(ours, console)
 
+    def through(self, link: socket.socket) -> Firmware:
+        """Return it at the other end of another socket, over which a process of ours passes everything on."""
+        self._link.close()
+        return Firmware(link, self._console, self._process)
+
     def last_words(self) -> str:
         """Return the end of what it printed."""
         size = os.fstat(self._console).st_size

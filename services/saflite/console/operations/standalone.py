@@ -1,0 +1,80 @@
+"""A finding as a script for the maintainers of an autopilot: reproduces it with their binary, without the farm."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import cast
+
+from saflite.console.io import outputs
+from saflite.console.run_data.embargo import Released, is_public
+from saflite.console.run_data.run_folder import RunFolder, open_run
+from saflite.contract.circumstances import in_words
+from saflite.contract.errors import Refused
+from saflite.contract.flight import Flight
+from saflite.contract.standalone import Evidence, Standalone
+from saflite.contract.test_case import under_noise
+from saflite.recorder.summary import Finding
+
+
+def export_standalone(run_dir: Path, wanted: str, folder: Path, released: Released) -> Path:
+    """Write the script of a finding, named by its test case or fingerprint (or the start of one); returns the file.
+
+    Raises:
+        Refused: there is no such finding, its target makes no such scripts, or the finding is withheld.
+        Unavailable: the target does not come up, or the disk does not take the file.
+    """
+    with open_run(run_dir) as run:
+        finding = _finding(run, wanted)
+        if not is_public(finding, released):
+            fix = f"--release {finding.violation.fingerprint}, for its maintainers only"
+            raise Refused("finding", where=str(run_dir), expected="one that may be shown", got="memory safety", fix=fix)
+        flight, name = _flight(run, finding), f"{run.target.name}-{finding.violation.test_case}.py"
+        facts = run.summary((finding.violation.fingerprint,)).policies
+    title = next((policy.title for policy in facts if policy.id == finding.violation.policy), "the autopilot died")
+    make = _maker(finding)
+    case = under_noise(finding.test_case, finding.violation.flight_index)
+    path = folder / name
+    outputs.write(path, make(case, flight, _evidence(finding, title, name)).encode(), force=True)
+    return path
+
+
+def _finding(run: RunFolder, wanted: str) -> Finding:
+    for finding in run.findings(similar=True):
+        if finding.violation.test_case.startswith(wanted) or finding.violation.fingerprint.startswith(wanted):
+            return finding
+    raise Refused("--standalone", where=str(run.path), expected="a finding of this run", got=repr(wanted))
+
+
+def _flight(run: RunFolder, finding: Finding) -> Flight:
+    violation = finding.violation
+    row = next((row for row in run.flights(violation.test_case) if row.shows(violation)), None)
+    flight = None if row is None else run.flight(row)
+    if flight is None:
+        raise Refused("finding", where=str(run.path), expected="one whose flight is on record", got="none")
+    return flight
+
+
+def _maker(finding: Finding) -> Standalone:
+    from saflite.simulator_worker.registry import load_target
+
+    name = finding.test_case.target.name
+    make = getattr(load_target(name), "standalone", None)
+    if make is None:
+        raise Refused("--standalone", expected="a target that makes scripts of findings", got=f"{name}, which does not")
+    return cast(Standalone, make)
+
+
+def _evidence(finding: Finding, title: str, name: str) -> Evidence:
+    violation, circumstances = finding.violation, finding.circumstances
+    assert circumstances is not None, "a finding of a run has its circumstances"
+    verdicts = finding.judgement.verdicts if finding.judgement is not None else ()
+    verdict = next((one for one in verdicts if one.policy == violation.policy), None)
+    return Evidence(
+        file=name,
+        policy=violation.policy,
+        title=title,
+        from_s=verdict.witness_from_s if verdict else 0.0,
+        until_s=verdict.witness_to_s if verdict else 0.0,
+        asked=in_words(circumstances),
+        steps=circumstances.steps,
+    )

@@ -1,0 +1,26 @@
+"""Findings of memory safety are kept out of what others get to see until each is released by its fingerprint.
+
+The run itself keeps all of them: its store, recordings, test cases and what is told in the terminal.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+from saflite.recorder.summary import Finding
+
+Released = Collection[str]
+"""Fingerprints of findings, or the start of them; `ALL` for every one."""
+
+ALL = "all"
+
+
+def is_public(finding: Finding, released: Released) -> bool:
+    """Return whether a finding may be shown to others."""
+    embargoed = finding.circumstances is not None and finding.circumstances.memory_safety
+    return not embargoed or any(one == ALL or finding.violation.fingerprint.startswith(one) for one in released)
+
+
+def withheld_words(count: int) -> str:
+    """Return in words that findings are kept back."""
+    return f"{count} {'finding' if count == 1 else 'findings'} of memory safety withheld"

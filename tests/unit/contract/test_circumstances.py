@@ -1,0 +1,105 @@
+"""What maintainers ask first: worked out from what is known, for whatever target."""
+
+from __future__ import annotations
+
+import pytest
+
+from saflite.contract.circumstances import Circumstances, circumstances_of, in_words, is_memory_fault
+from saflite.contract.flight import Delivered
+from saflite.contract.target_info import InputInfo, SettingInfo, TargetInfo
+from saflite.contract.test_case import Origin, Scenario, StartState, Stimulus, Target, TestCase
+
+INPUTS = (
+    InputInfo(kind="parameter", name="GAIN", low=0.0, high=2.0, unit="1/s"),
+    InputInfo(kind="parameter", name="BOOT", low=0.0, high=9.0, at_start=True),
+    InputInfo(kind="parameter", name="CODE", choices=(0.0, 3.0)),
+    InputInfo(kind="parameter", name="FREE"),
+    InputInfo(kind="stick", name="RC1", low=1000.0, high=2000.0),
+    InputInfo(kind="mode", name="HOLD"),
+    InputInfo(kind="command", name="SWITCH", type="flag", low=0.0, high=1.0, link="pilot"),
+    InputInfo(kind="command", name="MESSAGE", low=1.0, high=1.0),
+    InputInfo(kind="sensor_fault", name="wind", low=0.0, high=15.0),
+)
+INFO = TargetInfo(
+    name="some",
+    build="b",
+    repeats="bitwise",
+    inputs=INPUTS,
+    signals=(),
+    settings={"bugs": SettingInfo(meaning="planted", default="", choices=("", "one"), breaks={"one": "rule"})},
+)
+
+
+def found(*stimuli: Stimulus, delivered: tuple[Delivered, ...] | None = None, note: str = "") -> Circumstances:
+    scenario = Scenario(start=StartState())
+    case = TestCase(target=Target(name="some"), scenario=scenario, stimuli=stimuli, origin=Origin(note=note))
+    return circumstances_of(case, INFO, delivered)
+
+
+def given(kind: str, name: str, *values: float, at_s: float = 3.0) -> Stimulus:
+    return Stimulus(at_s=at_s, kind=kind, name=name, values=values)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("stimulus", "values", "link"),
+    [
+        (given("parameter", "GAIN", 2.0), "inside", "trusted"),
+        (given("parameter", "GAIN", 2.1), "outside", "trusted"),
+        (given("parameter", "GAIN", 1.0, at_s=0.0), "inside", "setup"),
+        (given("parameter", "BOOT", 10.0), "outside", "setup"),
+        (given("parameter", "CODE", 3.0), "inside", "trusted"),
+        (given("parameter", "CODE", 2.0), "outside", "trusted"),
+        (given("parameter", "FREE", 2.0), "undocumented", "trusted"),
+        (given("stick", "RC1", 900.0), "outside", "pilot"),
+        (given("mode", "HOLD"), "inside", "pilot"),
+        (given("command", "SWITCH", 1.0), "inside", "pilot"),
+        (given("command", "MESSAGE", 1.0, 255.0), "undocumented", "trusted"),
+        (given("sensor_fault", "wind", 15.0), "inside", "none"),
+    ],
+)
+def test_ranges_and_links_are_those_the_target_names(stimulus: Stimulus, values: str, link: str) -> None:
+    told = found(stimulus)
+    assert (told.values, told.link) == (values, link)
+    assert told.minimal
+    assert told.stock
+
+
+def test_the_widest_link_counts_and_what_was_denied_does_not() -> None:
+    stimuli = given("sensor_fault", "wind", 3.0), given("mode", "HOLD"), given("parameter", "GAIN", 9.0)
+    assert found(*stimuli).link == "trusted"
+    assert not found(*stimuli).minimal
+    assert found(*stimuli, note="shrunk: to 3").minimal
+    answers = (
+        Delivered(index=0, at_s=3.0),
+        Delivered(index=1, at_s=3.0),
+        Delivered(index=2, at_s=3.0, answer="denied"),
+    )
+    told = found(*stimuli, delivered=answers)
+    assert (told.link, told.values) == ("pilot", "inside")
+    assert told.steps == ("at 3 s: sensor_fault wind 3", "at 3 s: mode HOLD")
+
+
+def test_what_was_planted_is_no_stock_build() -> None:
+    target = Target(name="some", settings={"bugs": "one"}, parameters={"GAIN": 5.0})
+    told = circumstances_of(TestCase(target=target, scenario=Scenario(start=StartState())), INFO)
+    assert not told.stock
+    assert told.options == "planted: one"
+    assert told.outside == ("GAIN 5, documented 0 to 2 1/s",)
+    assert told.link == "setup"
+    assert told.steps == ("bugs = one", "parameter GAIN 5")
+    assert "outside documented ranges" in in_words(told)["values"]
+
+
+@pytest.mark.parametrize(
+    ("message", "memory"),
+    [
+        ("the firmware died: AddressSanitizer: heap-buffer-overflow in parse < read < main", True),
+        ("the firmware died: firmware: signal 11", True),
+        ("arducopter ended by SIGSEGV", True),
+        ("arithmetic exception: division by zero", False),
+        ("the firmware hangs: it said nothing", False),
+    ],
+)
+def test_deaths_that_can_be_misused_are_told_apart(message: str, memory: bool) -> None:
+    assert is_memory_fault("autopilot_died", message) == memory
+    assert not is_memory_fault("crashed", message)
