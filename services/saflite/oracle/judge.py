@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import msgspec
+import numpy as np
+from numpy.typing import NDArray
 
 from saflite.contract.flight import AUTOPILOT_ALIVE, FLOWN_ENDINGS, Flight, Trace
 from saflite.contract.test_case import TestCase
@@ -27,6 +30,7 @@ def judge(
     trace: Trace | None,
     policies: tuple[str, ...],
     policy_texts: PolicyTexts | None = None,
+    sources: Mapping[str, str] | None = None,
 ) -> Judgement:
     """Return the judgement on one flight.
 
@@ -37,6 +41,7 @@ def judge(
         trace: its signals; None if there is no trace.
         policies: names, or paths of policy files.
         policy_texts: the text of policies that do not ship.
+        sources: where each signal comes from in a log, for verdicts that miss one.
 
     Raises:
         Refused: a policy is unknown or its file is wrong.
@@ -50,9 +55,46 @@ def judge(
     features = features_of(test_case, signals)
     wanted = frozenset[str]().union(*(policy.signals for policy in loaded))
     judged = FlightSignals(test_case, flight, trace, between=True)
-    evaluator = Evaluator(judged.pick(wanted), trace.step_s, judged.moments.row)
-    verdicts = [_verdict(policy, test_case, flight, evaluator, signals, features) for policy in loaded]
+    shown = judged.pick(wanted)
+    common = Evaluator(shown, trace.step_s, judged.moments.row)
+    verdicts = []
+    for policy in loaded:
+        without = _assumed(policy, signals, judged.samples)
+        why = _why_not(policy, test_case, signals, without, sources)
+        if why:
+            verdicts.append(_inconclusive(policy, why))
+            continue
+        own = Evaluator({**shown, **without}, trace.step_s, judged.moments.row) if without else common
+        verdicts.append(_verdict(policy, flight, own, signals, features))
     return _judgement(test_case, flight, verdicts, features, signals)
+
+
+def _assumed(policy: Policy, signals: FlightSignals, moments: int) -> dict[str, NDArray[np.float32]]:
+    """Return what a policy takes for granted of signals that a flight does not hold, shape (moments,) each."""
+    assumed = policy.file.assumed.items()
+    return {name: np.full(moments, value, dtype=np.float32) for name, value in assumed if name not in signals}
+
+
+def _why_not(
+    policy: Policy,
+    test_case: TestCase,
+    signals: FlightSignals,
+    without: Mapping[str, object],
+    sources: Mapping[str, str] | None,
+) -> str:
+    """Return why a rule cannot be judged, empty if it can: for a log with the message or parameter that would tell."""
+    reason = policy.file.not_checked_on.get(test_case.target.name)
+    if reason:
+        return f"not checked on {test_case.target.name}: {reason}"
+    missing = sorted(name for name in policy.needed if name not in signals and name not in without)
+    if not missing:
+        return ""
+    leaves = sorted({leaf for name in missing for leaf in signals.lacking(name)})
+    if sources is None:
+        return f"the trace holds no {', '.join(missing)}"
+    if "obstacle_distance_m" in leaves:
+        return "no obstacles are known; name them with --test-case"
+    return "the log has no " + ", ".join(f"{leaf} ({sources.get(leaf, 'nothing logs it')})" for leaf in leaves)
 
 
 def _judgement(
@@ -88,19 +130,8 @@ def _judgement(
 
 
 def _verdict(
-    policy: Policy,
-    test_case: TestCase,
-    flight: Flight,
-    evaluator: Evaluator,
-    signals: FlightSignals,
-    features: dict[str, float],
+    policy: Policy, flight: Flight, evaluator: Evaluator, signals: FlightSignals, features: dict[str, float]
 ) -> Verdict:
-    reason = policy.file.not_checked_on.get(test_case.target.name)
-    if reason:
-        return _inconclusive(policy, f"not checked on {test_case.target.name}: {reason}")
-    missing = sorted(name for name in policy.needed if name not in signals)
-    if missing:
-        return _inconclusive(policy, f"the trace holds no {', '.join(missing)}")
     finding = find(evaluator, policy.formula)
     if finding is None:
         return _inconclusive(policy, f"a flight of {signals.samples * signals.step_s:g} s is too short for the rule")

@@ -66,6 +66,7 @@ class PolicyFile(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     """A policy as it stands in its file.
 
     `terms` are named parts of the formula; each may use those above it.
+    `assumed` gives values to signals that only excuse, for flights that do not hold them.
     `signals` gives each signal its unit. Names beyond those of `contract/signals.py` are signals of a target's own;
     `flag` or `code` in place of a unit says that such a one is 0 or 1, or a number from a closed list.
     """
@@ -87,6 +88,7 @@ class PolicyFile(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     start: StartState | None = None
     needs_mission: bool = False
     not_checked_on: dict[str, str] = {}
+    assumed: dict[str, float] = {}
     deviations: tuple[str, ...] = ()
     examples: tuple[Example, ...]
 
@@ -124,6 +126,21 @@ def family(policy: PolicyFile) -> Family:
 def policy_names() -> tuple[str, ...]:
     """Return the names of all policies, sorted."""
     return tuple(sorted(path.stem for path in POLICIES_DIR.glob("*.toml")))
+
+
+@cache
+def policies_for(target: str) -> tuple[str, ...]:
+    """Return the policies that a flight of `target` is judged by if none is named.
+
+    For the log of a real autopilot: not those published for another one, nor those that read signals of a target's own.
+    """
+    other = {"px4": "A", "ardupilot": "P"}.get(target)
+    if other is None:
+        return policy_names()
+    files = [load_policy(name).file for name in policy_names()]
+    return tuple(
+        file.id for file in files if not file.published.startswith(other) and file.signals.keys() <= SIGNALS.keys()
+    )
 
 
 def load_policy(name: str, texts: PolicyTexts | None = None) -> Policy:
@@ -256,6 +273,10 @@ def _check_signals(file: PolicyFile, used: frozenset[str], text: str, where: str
             raise Refused("signals", where=line, expected="only signals the formula reads", got=repr(name))
         if name in SIGNALS and unit != SIGNALS[name].unit:
             raise Refused(f"unit of {name}", where=line, expected=repr(SIGNALS[name].unit), got=repr(unit))
+    for name in file.assumed:
+        if name not in used:
+            line = f"{where} line {_line_of(text, 'assumed')}"
+            raise Refused("assumed", where=line, expected="signals the formula reads", got=repr(name))
     for name in file.state:
         if name not in SIGNALS and name not in file.signals:
             raise Refused("state", where=f"{where} line {_line_of(text, 'state')}", expected="signals", got=repr(name))

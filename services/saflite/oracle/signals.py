@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saflite.contract.flight import Flight, Trace, given
-from saflite.contract.signals import MADE_FROM, can_show
+from saflite.contract.signals import LOG_TARGETS, MADE_FROM, can_show, lacking
 from saflite.contract.test_case import Stimulus, StimulusKind, TestCase
 from saflite.flight.autopilots.described import setting_ranges
 from saflite.flight.geometry import boxes_array, distance_to_boxes
@@ -57,6 +57,7 @@ class FlightSignals:
         self._test_case, self._flight, self._trace = test_case, flight, trace
         self.moments = moments_of(trace, flight.delivered) if between else samples_of(trace)
         self._given = tuple(one for one in given(test_case.stimuli, flight.delivered) if one.is_cause)
+        self._is_log = test_case.target.name in LOG_TARGETS
         self._made: dict[str, Array] = {}
         self.samples, self.step_s, self.written = len(self.moments.row), trace.step_s, frozenset(trace.signals)
         self._makers: dict[str, Callable[[], Any]] = {
@@ -86,7 +87,11 @@ class FlightSignals:
         assert self._makers.keys() == MADE_FROM.keys(), "the table of what is made does not name its makers"
 
     def __contains__(self, name: str) -> bool:
-        return can_show(name, self.written)
+        return can_show(name, self.written) and not (self._is_log and self._untold(name))
+
+    def lacking(self, name: str) -> tuple[str, ...]:
+        """Return the signals that would have to be written for `name` to be known; itself if it is made of orders."""
+        return lacking(name, self.written) or ((name,) if name not in self else ())
 
     def __getitem__(self, name: str) -> Array:
         """Return one signal, shape (moments,); raises Refused if the trace cannot give it."""
@@ -106,6 +111,12 @@ class FlightSignals:
     def points(self) -> NDArray[np.float64]:
         """Return the track, shape (samples, 3): x, y, altitude in metres."""
         return np.stack([self["x_m"], self["y_m"], self["altitude_m"]], axis=1).astype(np.float64)
+
+    def _untold(self, name: str) -> bool:
+        """Say whether a log does not tell a signal that of our own flights is known: settings, crashes, obstacles."""
+        if name == "obstacle_distance_m":
+            return not self._test_case.scenario.obstacles
+        return (name in SETTINGS or name == "crashed") and name not in self.written
 
     def _time(self) -> NDArray[np.float64]:
         return self.moments.time_s

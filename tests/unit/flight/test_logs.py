@@ -6,6 +6,7 @@ import math
 import struct
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,8 +15,8 @@ from saflite.contract.errors import Refused
 from saflite.contract.flight import Flight
 from saflite.contract.signals import MODES
 from saflite.contract.test_case import Obstacle, Scenario, Target, TestCase, identity
-from saflite.flight.logs.dataflash import read_dataflash
-from saflite.flight.logs.ulog import read_ulog
+from saflite.flight.logs.dataflash import read_dataflash, read_dataflash_log
+from saflite.flight.logs.ulog import read_ulog, read_ulog_log
 from saflite.oracle.judge import judge
 
 FLOATS = {"f": "float", "B": "uint8_t", "?": "bool"}
@@ -122,9 +123,9 @@ def test_a_log_without_position_can_be_told_though_not_judged(tmp_path: Path) ->
         read_ulog(path, placed=False)
 
 
-def dataflash(kinds: dict[str, tuple[str, str]], rows: list[tuple[str, tuple[float, ...]]]) -> bytes:
+def dataflash(kinds: dict[str, tuple[str, str]], rows: Sequence[tuple[str, tuple[Any, ...]]]) -> bytes:
     """An ArduPilot log: per message its format letters and column names, and rows."""
-    codes = {"Q": "Q", "f": "f", "B": "B", "H": "H"}
+    codes = {"Q": "Q", "f": "f", "B": "B", "H": "H", "N": "16s", "Z": "64s"}
     fmt = "BBnNZ"
     data = b""
     numbers = {name: 10 + index for index, name in enumerate(kinds)}
@@ -151,7 +152,7 @@ KINDS = {
 }
 
 
-def ardupilot_flight() -> bytes:
+def ardupilot_flight(kinds: dict[str, tuple[str, str]] = KINDS) -> bytes:
     rows: list[tuple[str, tuple[float, ...]]] = [("MODE", (1_000_000, 4, 4, 1)), ("EV", (1_000_000, 10))]
     for tenth in range(101):
         at = 1_000_000 + tenth * 100_000
@@ -159,7 +160,7 @@ def ardupilot_flight() -> bytes:
         rows.append(("XKF1", (at, 1, 99.0, 99.0, 99.0, 0.0, 0.0, 0.0)))
         if tenth == 50:
             rows += [("MODE", (at, 6, 6, 1)), ("ERR", (at, 5, 1)), ("EV", (at, 51))]
-    return dataflash(KINDS, rows)
+    return dataflash(kinds, rows)
 
 
 def test_an_ardupilot_log_becomes_a_trace(tmp_path: Path) -> None:
@@ -189,3 +190,87 @@ def test_a_missing_log_is_refused(tmp_path: Path) -> None:
         read_ulog(tmp_path / "none.ulg")
     with pytest.raises(Refused, match="ArduPilot log"):
         read_dataflash(tmp_path / "none.bin")
+
+
+def ulog_parameter(name: str, value: float) -> bytes:
+    key = f"float {name}".encode()
+    return message("P", bytes([len(key)]) + key + struct.pack("<f", value))
+
+
+def test_settings_orders_and_failsafes_come_from_the_messages_and_parameters_of_px4(tmp_path: Path) -> None:
+    status = [*STATUS, ("B", "failsafe"), ("B", "vehicle_type")]
+    topics = {
+        "vehicle_status": status,
+        "failsafe_flags": [("?", "local_position_invalid"), ("?", "manual_control_signal_lost")],
+        "vehicle_land_detected": [("?", "landed")],
+        "battery_status": [("f", "voltage_v"), ("B", "warning")],
+    }
+    rows: list[tuple[str, float, tuple[float, ...]]] = [
+        ("vehicle_status", 1.0, (2, 1, 0, 1)),
+        ("vehicle_status", 3.0, (2, 2, 0, 1)),
+        ("vehicle_status", 8.0, (5, 2, 1, 1)),
+        ("vehicle_status", 10.0, (5, 2, 1, 2)),
+        ("failsafe_flags", 1.0, (True, False)),
+        ("failsafe_flags", 4.0, (False, False)),
+        ("failsafe_flags", 7.0, (True, True)),
+        ("vehicle_land_detected", 1.0, (True,)),
+        ("vehicle_land_detected", 5.0, (False,)),
+        ("battery_status", 1.0, (16.0, 0)),
+        ("battery_status", 9.0, (14.0, 1)),
+        ("vehicle_land_detected", 11.0, (False,)),
+    ]
+    whole = ulog(topics, rows)
+    head = whole.index(message("F", b"vehicle_status")[3:]) - 3
+    path = tmp_path / "flight.ulg"
+    path.write_bytes(whole[:head] + ulog_parameter("RTL_RETURN_ALT", 60.0) + whole[head:])
+    log = read_ulog_log(path)
+
+    def at(name: str, at_s: float) -> float:
+        return float(log.trace.array(name)[round((at_s - 1.0) / 0.05) + 1])
+
+    assert at("rtl_altitude_set_m", 2.0) == 60.0
+    assert [at("failsafe_gps", t) for t in (2, 5, 8)] == [0, 0, 1], "what never was there is not lost"
+    assert [at("failsafe_radio", t) for t in (5, 7.5, 9)] == [0, 0, 1], "a link that nobody asks for raises nothing"
+    assert [at("rc_present", t) for t in (5, 8)] == [1, 0]
+    assert [at("taken_off", t) for t in (2, 4, 6)] == [0, 0, 1]
+    assert [at("failsafe_battery", t) for t in (5, 10)] == [0, 1]
+    assert at("mode", 10.5) == -1.0, "flown as a plane"
+    assert log.sources["rtl_altitude_set_m"] == "parameter RTL_RETURN_ALT"
+
+
+def test_parameters_and_their_changes_in_an_ardupilot_log_are_settings_and_inputs(tmp_path: Path) -> None:
+    kinds = {**KINDS, "PARM": ("QNf", "TimeUS,Name,Value")}
+    start: list[tuple[str, tuple[Any, ...]]] = [
+        ("PARM", (1, b"RTL_ALT", 1500.0)),
+        ("PARM", (1, b"STAT_RUNTIME", 1.0)),
+    ]
+    later: list[tuple[str, tuple[Any, ...]]] = [
+        ("PARM", (6_000_000, b"RTL_ALT", 3000.0)),
+        ("PARM", (6_000_000, b"STAT_RUNTIME", 2.0)),
+    ]
+    path = tmp_path / "flight.bin"
+    path.write_bytes(dataflash(kinds, start) + ardupilot_rows(kinds) + dataflash(kinds, later)[-2 * 31 :])
+    log = read_dataflash_log(path)
+    heights = log.trace.array("rtl_altitude_set_m")
+    assert (heights[10], heights[150]) == (15.0, 30.0)
+    assert [(one.name, one.values, round(one.at_s, 2)) for one in log.stimuli] == [("RTL_ALT", (3000.0,), 5.0)]
+    assert log.trace.array("chute_released").max() == 1.0
+
+
+def ardupilot_rows(kinds: dict[str, tuple[str, str]]) -> bytes:
+    return ardupilot_flight(kinds)[len(dataflash(kinds, [])) :]
+
+
+def test_a_crash_that_the_autopilot_logged_is_a_crash(tmp_path: Path) -> None:
+    path = tmp_path / "flight.bin"
+    path.write_bytes(ardupilot_flight() + dataflash(KINDS, [("ERR", (10_900_000, 12, 1))])[len(dataflash(KINDS, [])) :])
+    assert read_dataflash_log(path).crashed
+
+
+def test_the_log_of_a_plane_is_refused(tmp_path: Path) -> None:
+    kinds = {**KINDS, "MSG": ("QZ", "TimeUS,Message")}
+    path = tmp_path / "plane.bin"
+    said: list[tuple[str, tuple[Any, ...]]] = [("MSG", (1, b"ArduPlane V4.5.0"))]
+    path.write_bytes(dataflash(kinds, said) + ardupilot_rows(kinds))
+    with pytest.raises(Refused, match="ArduPlane"):
+        read_dataflash_log(path)

@@ -6,30 +6,34 @@ from pathlib import Path
 
 import msgspec
 
-from saflite.contract.flight import Flight, Trace, trace_digest
+from saflite.contract.flight import Flight, trace_digest
 from saflite.contract.test_case import DEFAULT_TARGET, Scenario, Target, TestCase, identity
+from saflite.flight.logs.flight_log import FlightLog
 
-_TARGETS = {".trace": DEFAULT_TARGET, ".ulg": "px4", ".bin": "ardupilot", ".BIN": "ardupilot"}
-
-
-def empty_case(path: Path) -> TestCase:
-    """Return a test case without obstacles and stimuli for a log nobody says more about."""
-    return TestCase(target=Target(name=_TARGETS[path.suffix]), scenario=Scenario())
+_TARGETS = {".trace": DEFAULT_TARGET, ".bin": "ardupilot", ".BIN": "ardupilot"}
 
 
-def flown_by(path: Path, case: TestCase) -> TestCase:
-    """Return the test case with the autopilot that wrote the log as its target, which says what can be checked."""
-    if path.suffix == ".trace":
-        return case
-    return msgspec.structs.replace(case, target=msgspec.structs.replace(case.target, name=_TARGETS[path.suffix]))
+def case_of(path: Path, log: FlightLog, known: TestCase | None) -> TestCase:
+    """Return what was flown as far as the log tells: its autopilot as target, what was changed and ordered in flight.
+
+    Args:
+        path: the log; its suffix tells the autopilot.
+        log: what was read of it.
+        known: what somebody says of the flight (obstacles, mission); its inputs stand where the log tells of none.
+    """
+    if path.suffix == ".trace" and known is not None:
+        return known
+    case = known or TestCase(target=Target(), scenario=Scenario())
+    target = msgspec.structs.replace(case.target, name=_TARGETS.get(path.suffix, "px4"))
+    return msgspec.structs.replace(case, target=target, stimuli=log.stimuli or case.stimuli)
 
 
-def flight_of(case: TestCase, trace: Trace) -> Flight:
-    """Return the record of a flight of which only the trace is known; it counts as completed."""
+def flight_of(case: TestCase, log: FlightLog) -> Flight:
+    """Return the record of a flight of which only the log is known: completed, unless the log tells of a crash."""
     return Flight(
         test_case=identity(case),
         flight_index=0,
-        ending="completed",
-        simulated_s=trace.duration_s,
-        trace_digest=trace_digest(trace),
+        ending="crashed" if log.crashed else "completed",
+        simulated_s=log.trace.duration_s,
+        trace_digest=trace_digest(log.trace),
     )

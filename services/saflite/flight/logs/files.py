@@ -9,6 +9,18 @@ from pathlib import Path
 
 from saflite.contract.flight import TRACE_BYTES_MAX, Trace, unpack_trace
 from saflite.contract.outside import check_file, read_bytes
+from saflite.flight.logs.flight_log import FlightLog
+
+
+def read_log(path: Path, *, placed: bool = False) -> FlightLog:
+    """Return what a flight log tells; a stored trace or an extract tells its trace alone.
+
+    Raises:
+        Refused: the file is missing or damaged, or has no position (if `placed`).
+    """
+    check_file(path, "flight log")
+    found = READERS[path.suffix](path, placed=placed)
+    return found if isinstance(found, FlightLog) else FlightLog(found)
 
 
 def read_trace(path: Path, *, placed: bool = True) -> Trace:
@@ -17,19 +29,18 @@ def read_trace(path: Path, *, placed: bool = True) -> Trace:
     Raises:
         Refused: the file is missing or damaged, or has no position (if `placed`).
     """
-    check_file(path, "flight log")
-    return READERS[path.suffix](path, placed=placed)
+    return read_log(path, placed=placed).trace
 
 
 def _packed(path: Path, *, placed: bool = True) -> Trace:
     return unpack_trace(read_bytes(path, "trace", TRACE_BYTES_MAX))
 
 
-def _ulog(path: Path, *, placed: bool = True) -> Trace:
-    from saflite.flight.logs.ulog import read_ulog
+def _ulog(path: Path, *, placed: bool = True) -> FlightLog:
+    from saflite.flight.logs.ulog import read_ulog_log
 
     with contextlib.redirect_stdout(io.StringIO()):  # pyulog prints what it thinks of a damaged file
-        return read_ulog(path, placed=placed)
+        return read_ulog_log(path, placed=placed)
 
 
 def _extract(path: Path, *, placed: bool = True) -> Trace:
@@ -38,13 +49,13 @@ def _extract(path: Path, *, placed: bool = True) -> Trace:
     return read_extract(path, placed=placed)
 
 
-def _dataflash(path: Path, *, placed: bool = True) -> Trace:
-    from saflite.flight.logs.dataflash import read_dataflash
+def _dataflash(path: Path, *, placed: bool = True) -> FlightLog:
+    from saflite.flight.logs.dataflash import read_dataflash_log
 
-    return read_dataflash(path, placed=placed)
+    return read_dataflash_log(path, placed=placed)
 
 
-READERS: dict[str, Callable[..., Trace]] = {
+READERS: dict[str, Callable[..., Trace | FlightLog]] = {
     ".trace": _packed,
     ".ulg": _ulog,
     ".bin": _dataflash,

@@ -14,6 +14,7 @@ from saflite.contract.signals import SIGNALS
 STEP_S = 0.05
 DURATION_MAX_S = 4 * 3600.0
 POSITION = ("x_m", "y_m", "altitude_m")
+_MEASURED_FROM = {"altitude_target_m": "altitude_m", "baro_altitude_m": "baro_altitude_m"}
 
 Array = NDArray[np.float64]
 
@@ -26,6 +27,7 @@ class Columns:
 
     def __init__(self) -> None:
         self._columns: dict[str, tuple[Array, Array]] = {}
+        self._held: set[str] = set()
         self.messages: list[tuple[float, str, str]] = []
 
     def __contains__(self, name: str) -> bool:
@@ -41,35 +43,59 @@ class Columns:
         if good.any():
             self._columns[name] = times[good][order], given[good][order]
 
+    def hold(self, name: str, times_s: Any, values: Any) -> None:
+        """Add one column that keeps each value until the next, such as a setting; it says nothing of the log's span."""
+        self.add(name, times_s, values)
+        self._held.add(name)
+
+    def get(self, name: str) -> tuple[Array, Array] | None:
+        """Return times and values of a column, shapes (n,), or None."""
+        return self._columns.get(name)
+
     def trace(self, what: str, where: str, *, placed: bool = True) -> Trace:
-        """Return all columns at 20 Hz from the first to the last known position.
+        """Return all columns at 20 Hz over `span`.
 
         Positions are taken relative to the first one, as the testing competition does. Real signals run in straight
-        lines between samples; flags and codes keep their value. Raises Refused if there is no position; with `placed`
-        False what else was logged will do.
+        lines between samples; flags, codes and settings keep their value.
+        """
+        start, end = self.span(what, where, placed=placed)
+        times = start + np.arange(int((end - start) / STEP_S) + 1, dtype=np.float64) * STEP_S
+        signals = {name: self._sampled(name, times).astype("<f4").tobytes() for name in sorted(self._columns)}
+        return Trace(step_s=STEP_S, signals=signals, messages=self._texts(start, end))
+
+    def span(self, what: str, where: str, *, placed: bool = True) -> tuple[float, float]:
+        """Return when the first and the last position was logged, seconds.
+
+        Raises Refused if there is no position; with `placed` False what else was logged will do.
         """
         missing = [name for name in POSITION if name not in self._columns]
         if missing and (placed or not self._columns):
             raise Refused(what, where=where, expected="a position (x, y, altitude)", got=f"no {', '.join(missing)}")
-        telling = self._columns if missing else POSITION
+        telling = [name for name in self._columns if name not in self._held] if missing else POSITION
+        if not telling:
+            raise Refused(what, where=where, expected="logged signals", got="none")
         spans = [(float(at[0]), float(at[-1])) for at, _ in (self._columns[name] for name in telling)]
         starts, ends = zip(*spans, strict=True)
         start, end = (min(starts), max(ends)) if missing else (max(starts), min(ends))
         if not STEP_S <= end - start <= DURATION_MAX_S:
             expected = f"{'signals' if missing else 'a position'} over {STEP_S:g} s to {DURATION_MAX_S:g} s"
             raise Refused(what, where=where, expected=expected, got=f"{end - start:.3g} s")
-        times = start + np.arange(int((end - start) / STEP_S) + 1, dtype=np.float64) * STEP_S
-        signals = {name: self._sampled(name, times).astype("<f4").tobytes() for name in sorted(self._columns)}
-        return Trace(step_s=STEP_S, signals=signals, messages=self._texts(start, end))
+        return start, end
 
     def _sampled(self, name: str, times: Array) -> Array:
         at, values = self._columns[name]
         if name == "yaw_deg":
             return np.mod(np.interp(times, at, np.unwrap(values, period=360.0)), 360.0)
-        if SIGNALS[name].kind == "real":
+        if SIGNALS[name].kind == "real" and name not in self._held:
             sampled = np.interp(times, at, values)
-            return sampled - sampled[0] if name in POSITION else sampled
+            return sampled - self._origin(name, float(times[0]))
         return values[np.maximum(np.searchsorted(at, times + 1e-9, side="right") - 1, 0)]
+
+    def _origin(self, name: str, start_s: float) -> float:
+        """What is taken off a column: positions count from the first one, a height aimed at from the first height."""
+        whose = {**dict(zip(POSITION, POSITION, strict=True)), **_MEASURED_FROM}.get(name)
+        column = self._columns.get(whose) if whose else None
+        return 0.0 if column is None else float(np.interp(start_s, *column))
 
     def _texts(self, start: float, end: float) -> tuple[TraceMessage, ...]:
         kept = [(at, text, severity) for at, text, severity in self.messages if start - 60 <= at <= end + 60]

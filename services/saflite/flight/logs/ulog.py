@@ -1,5 +1,8 @@
 """PX4 flight logs (`.ulg`) as traces: local position, attitude, modes, landing, GPS, sticks, battery, texts.
 
+Topics and fields are those of PX4's uORB messages (msg/*.msg), releases 1.8 to 1.16; what failsafes and settings say is
+read by `ulog_states.py` and `settings.py`.
+
 PX4's modes are told by ArduCopter's numbers, as policies name them: position mode is LOITER, HOLD is BRAKE, offboard
 and take-off are GUIDED, orbit is CIRCLE, descend and land are LAND.
 """
@@ -9,14 +12,19 @@ from __future__ import annotations
 import struct
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from saflite.contract.errors import Refused
 from saflite.contract.flight import Trace
 from saflite.contract.signals import MODES
+from saflite.contract.test_case import Stimulus
+from saflite.flight.logs import ulog_states
+from saflite.flight.logs.commands import command
+from saflite.flight.logs.flight_log import FlightLog, changed_by_hand, within
 from saflite.flight.logs.resample import Columns
+from saflite.flight.logs.settings import PX4, add_settings, sources
 
 _MAGIC = b"ULog\x01\x12\x35"
 MODE_NAMES: dict[int, str] = {
@@ -38,6 +46,7 @@ MODE_NAMES: dict[int, str] = {
 }
 OTHER_MODE = -1.0
 _TAKEOFF = 17
+_ROTARY_WING = 1  # vehicle_status.VEHICLE_TYPE_ROTARY_WING; 0 is not known
 ARMED = 2
 FIX_3D = 3
 _LOCAL = {"x": ("x_m", 1.0), "y": ("y_m", 1.0), "z": ("altitude_m", -1.0)}
@@ -47,22 +56,58 @@ _RATES = ("roll_rate_dps", "pitch_rate_dps", "yaw_rate_dps")
 Topic = Mapping[str, Any]
 
 
+SOURCES = {
+    **dict.fromkeys(("x_m", "y_m", "altitude_m", "vx_mps", "vy_mps", "climb_mps"), "vehicle_local_position"),
+    **dict.fromkeys(("roll_deg", "pitch_deg", "yaw_deg"), "vehicle_attitude"),
+    **dict.fromkeys(_RATES, "vehicle_angular_velocity"),
+    **dict.fromkeys(("mode", "armed", "takeoff"), "vehicle_status"),
+    **dict.fromkeys(("mission_item", "mission_count"), "mission_result"),
+    **dict.fromkeys(("gps_satellites", "gps_ok"), "vehicle_gps_position or sensor_gps"),
+    **{f"rc{number}_pwm": "manual_control_setpoint" for number in range(1, 5)},
+    "battery_v": "battery_status",
+    "altitude_target_m": "vehicle_local_position_setpoint",
+    **ulog_states.SOURCES,
+    **sources(PX4),
+}
+
+
+class _Load(NamedTuple):
+    topics: dict[str, Topic]
+    texts: list[tuple[float, str, str]]
+    parameters: dict[str, float]
+    changes: list[tuple[float, str, float]]
+
+
 def read_ulog(path: Path, *, placed: bool = True) -> Trace:
-    """Return the trace in a PX4 log.
+    """Return the trace in a PX4 log; raises as `read_ulog_log` does."""
+    return read_ulog_log(path, placed=placed).trace
+
+
+def read_ulog_log(path: Path, *, placed: bool = False) -> FlightLog:
+    """Return what a PX4 log tells.
 
     Raises:
         Refused: the file is missing, is no ULog, is damaged, or lacks a position (if `placed`) or all signals.
     """
-    topics, texts = _load(path)
+    topics, texts, parameters, changes = _load(path)
     columns = Columns()
     columns.messages = texts
-    readers = (_position, _attitude, _status, _ground, _gps, _sticks, _battery)
+    readers = (_position, _attitude, _status, _ground, _gps, _sticks, _battery, _aims, ulog_states.add)
     for reader in readers:
         reader(topics, columns)
-    return columns.trace("PX4 log", str(path), placed=placed)
+    add_settings(columns, PX4, parameters, changes)
+    ulog_states.add_parachute(topics, parameters, columns)
+    set_by_hand = [
+        Stimulus(at_s=at, kind="parameter", name=name, values=(value,))
+        for at, name, value in changes
+        if changed_by_hand(name)
+    ]
+    trace = columns.trace("PX4 log", str(path), placed=placed)
+    stimuli = within([*set_by_hand, *_commands(topics)], *columns.span("PX4 log", str(path), placed=placed))
+    return FlightLog(trace, stimuli, SOURCES)
 
 
-def _load(path: Path) -> tuple[dict[str, Topic], list[tuple[float, str, str]]]:
+def _load(path: Path) -> _Load:
     from pyulog import ULog
     from pyulog.exceptions import ULogException
 
@@ -76,7 +121,20 @@ def _load(path: Path) -> tuple[dict[str, Topic], list[tuple[float, str, str]]]:
         raise Refused("PX4 log", where=str(path), expected="a whole ULog file", got=repr(fault)) from fault
     topics = {dataset.name: dataset.data for dataset in reversed(log.data_list) if len(dataset.data["timestamp"]) > 0}
     texts = [(text.timestamp / 1e6, text.message, _severity(text.log_level)) for text in log.logged_messages]
-    return topics, texts
+    parameters = {str(name): float(value) for name, value in log.initial_parameters.items()}
+    changes = [(stamp / 1e6, str(name), float(value)) for stamp, name, value in log.changed_parameters]
+    return _Load(topics, texts, parameters, changes)
+
+
+def _commands(topics: Mapping[str, Topic]) -> list[Stimulus]:
+    """Return the commands that came from outside the vehicle (vehicle_command.from_external)."""
+    topic = topics.get("vehicle_command")
+    if topic is None or "from_external" not in topic:
+        return []
+    values = [np.asarray(topic[f"param{number}"], dtype=np.float64) for number in range(1, 8)]
+    told = zip(_times(topic), topic["command"], topic["from_external"], *values, strict=True)
+    made = [command(float(at), int(number), given) for at, number, outside, *given in told if outside]
+    return [one for one in made if one is not None]
 
 
 def _severity(level: int) -> str:
@@ -126,7 +184,7 @@ def _status(topics: Mapping[str, Topic], columns: Columns) -> None:
         return
     states = [int(state) for state in topic["nav_state"]]
     named = [float(MODES[MODE_NAMES[state]]) if state in MODE_NAMES else OTHER_MODE for state in states]
-    columns.add("mode", _times(topic), named)
+    columns.add("mode", _times(topic), np.where(_hovers(topic), named, OTHER_MODE))
     columns.add("takeoff", _times(topic), [float(state == _TAKEOFF) for state in states])
     if "arming_state" in topic:
         columns.add("armed", _times(topic), np.asarray(topic["arming_state"]) == ARMED)
@@ -136,6 +194,26 @@ def _status(topics: Mapping[str, Topic], columns: Columns) -> None:
         result = topics["mission_result"]
         columns.add("mission_item", _times(result), result["seq_current"])
         columns.add("mission_count", _times(result), result["seq_total"])
+
+
+def _hovers(topic: Topic) -> Any:
+    """Say when the vehicle flies as a rotary wing: the rules of modes are those of one."""
+    if "vehicle_type" in topic:
+        return np.isin(topic["vehicle_type"], (0, _ROTARY_WING))
+    return (
+        np.asarray(topic["is_rotary_wing"]) > 0 if "is_rotary_wing" in topic else np.full(len(topic["nav_state"]), True)
+    )
+
+
+def _aims(topics: Mapping[str, Topic], columns: Columns) -> None:
+    """Add the height the controller aims at; where it aims at none (NaN) the estimate."""
+    topic, height = topics.get("vehicle_local_position_setpoint"), columns.get("altitude_m")
+    if topic is None or height is None:
+        return
+    aimed = -np.asarray(topic["z"], dtype=np.float64)
+    columns.add(
+        "altitude_target_m", _times(topic), np.where(np.isfinite(aimed), aimed, np.interp(_times(topic), *height))
+    )
 
 
 def _ground(topics: Mapping[str, Topic], columns: Columns) -> None:

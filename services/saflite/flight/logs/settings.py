@@ -1,0 +1,177 @@
+"""Parameters of real autopilots as the settings that policies read, in SI units.
+
+Sources: the parameter references of ArduCopter (4.0 to 4.6) and PX4 (1.11 to 1.16). Where a release renamed a parameter
+both names stand, the newer one first. What an autopilot has no parameter for is left out: such a setting is not known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
+
+from saflite.flight.logs.flight_log import Points
+from saflite.flight.logs.resample import Columns
+
+Parameters = Mapping[str, float]
+Rule = Callable[[Parameters], float]
+
+
+class Plain(NamedTuple):
+    """A setting that is one parameter, times the size of its unit."""
+
+    names: tuple[str, ...]
+    unit: float = 1.0
+
+    def __call__(self, parameters: Parameters) -> float:
+        """Return the setting; raises KeyError where no name of it is known."""
+        return parameters[next(name for name in self.names if name in parameters)] * self.unit
+
+
+class Made(NamedTuple):
+    """A setting that is worked out; `words` names the parameters it needs."""
+
+    words: str
+    rule: Rule
+
+    def __call__(self, parameters: Parameters) -> float:
+        """Return the setting; raises KeyError where a parameter is not known or has no such meaning."""
+        return self.rule(parameters)
+
+
+def _of(*names: str, unit: float = 1.0) -> Plain:
+    return Plain(names, unit)
+
+
+def _codes(name: str, meaning: Mapping[int, int]) -> Made:
+    return Made(name, lambda given: float(meaning[int(given[name])]))
+
+
+def _instead_of_0(first: Plain, second: Plain) -> Made:
+    return Made(" or ".join((*first.names, *second.names)), lambda given: first(given) or second(given))
+
+
+_CM = 0.01
+
+
+def _ardupilot_height(given: Parameters) -> float:
+    if "EK3_SRC1_POSZ" in given:
+        return float({1: 0, 2: 1, 3: 2}[int(given["EK3_SRC1_POSZ"])])
+    return {0: 0.0, 1: 1.0, 2: 2.0}[int(given["EK2_ALT_SOURCE"])]
+
+
+ARDUPILOT: dict[str, Plain | Made] = {
+    "rtl_altitude_set_m": _of("RTL_ALT", unit=_CM),
+    "rtl_altitude_final_set_m": _of("RTL_ALT_FINAL", unit=_CM),
+    "return_climb_min_set_m": _of("RTL_CLIMB_MIN", unit=_CM),
+    "return_speed_set_mps": _instead_of_0(_of("RTL_SPEED", unit=_CM), _of("WPNAV_SPEED", unit=_CM)),
+    "cruise_speed_set_mps": _of("WPNAV_SPEED", unit=_CM),
+    "loiter_speed_set_mps": _of("LOIT_SPEED", unit=_CM),
+    "land_speed_set_mps": _of("LAND_SPEED", unit=_CM),
+    "land_speed_high_set_mps": _instead_of_0(_of("LAND_SPEED_HIGH", unit=_CM), _of("WPNAV_SPEED_DN", unit=_CM)),
+    "land_altitude_low_set_m": _of("LAND_ALT_LOW", unit=_CM),
+    "pilot_speed_up_set_mps": _of("PILOT_SPEED_UP", unit=_CM),
+    "pilot_speed_down_set_mps": _instead_of_0(_of("PILOT_SPEED_DN", unit=_CM), _of("PILOT_SPEED_UP", unit=_CM)),
+    "takeoff_speed_set_mps": _of("WPNAV_SPEED_UP", unit=_CM),
+    "chute_altitude_min_set_m": _of("CHUTE_ALT_MIN"),
+    "fs_throttle_set_pwm": _of("FS_THR_VALUE"),
+    "fs_throttle_enabled": _of("FS_THR_ENABLE"),
+    "fs_gps_action": _of("FS_EKF_ACTION"),
+    "fs_gps_delay_set_s": Made("FS_EKF_ACTION", lambda given: 0.0 * given["FS_EKF_ACTION"]),  # there is no delay to set
+    "fence_enabled": Made(
+        "FENCE_ENABLE and FENCE_TYPE",
+        lambda given: float(given["FENCE_ENABLE"] > 0 and int(given.get("FENCE_TYPE", 7)) & 1 > 0),
+    ),
+    "fence_on_set": _of("FENCE_ENABLE"),
+    "fence_type_set": _of("FENCE_TYPE"),
+    "fence_action_set": _of("FENCE_ACTION"),
+    "fence_altitude_max_set_m": _of("FENCE_ALT_MAX"),
+    "fence_radius_set_m": _of("FENCE_RADIUS"),
+    "battery_low_set_v": _of("BATT_LOW_VOLT"),
+    "battery_critical_set_v": _of("BATT_CRT_VOLT"),
+    "battery_timer_set_s": _of("BATT_LOW_TIMER"),
+    "battery_low_action_set": _of("BATT_FS_LOW_ACT"),
+    "battery_low_charge_set_mah": _of("BATT_LOW_MAH"),
+    "arming_checks_set": _of("ARMING_CHECK"),
+    "angle_max_set_deg": _of("ANGLE_MAX", unit=_CM),
+    "disarm_delay_set_s": _of("DISARM_DELAY"),
+    "circle_radius_set_m": _of("CIRCLE_RADIUS", unit=_CM),
+    "altitude_source": Made("EK3_SRC1_POSZ or EK2_ALT_SOURCE", _ardupilot_height),
+}
+
+
+def _px4_height(given: Parameters) -> float:
+    name = "EKF2_HGT_REF" if "EKF2_HGT_REF" in given else "EKF2_HGT_MODE"
+    return float({0: 0, 1: 2, 2: 1}[int(given[name])])
+
+
+def _px4_fence(given: Parameters) -> float:
+    return float((given["GF_MAX_VER_DIST"] > 0) + 2 * (given["GF_MAX_HOR_DIST"] > 0))
+
+
+PX4: dict[str, Plain | Made] = {
+    "rtl_altitude_set_m": _of("RTL_RETURN_ALT"),
+    "rtl_descend_altitude_set_m": _of("RTL_DESCEND_ALT"),
+    "rtl_altitude_final_set_m": Made(
+        "RTL_LAND_DELAY and RTL_DESCEND_ALT",
+        lambda given: given["RTL_DESCEND_ALT"] if given["RTL_LAND_DELAY"] < 0 else 0.0,
+    ),
+    "hold_altitude_min_set_m": _of("MIS_LTRMIN_ALT", "NAV_MIN_LTR_ALT"),
+    "takeoff_altitude_set_m": _of("MIS_TAKEOFF_ALT"),
+    "takeoff_speed_set_mps": _of("MPC_TKO_SPEED"),
+    "land_speed_set_mps": _of("MPC_LAND_SPEED"),
+    "land_speed_high_set_mps": _of("MPC_Z_V_AUTO_DN", "MPC_Z_VEL_MAX_DN"),
+    "land_altitude_low_set_m": _of("MPC_LAND_ALT2"),
+    "pilot_speed_up_set_mps": _of("MPC_Z_VEL_MAX_UP"),
+    "pilot_speed_down_set_mps": _of("MPC_Z_VEL_MAX_DN"),
+    "cruise_speed_set_mps": _of("MPC_XY_CRUISE"),
+    "return_speed_set_mps": _of("MPC_XY_CRUISE"),
+    "loiter_speed_set_mps": _of("MPC_VEL_MANUAL"),
+    "angle_max_set_deg": Made(
+        "MPC_TILTMAX_AIR and MPC_MAN_TILT_MAX", lambda given: max(given["MPC_TILTMAX_AIR"], given["MPC_MAN_TILT_MAX"])
+    ),
+    "disarm_delay_set_s": Made("COM_DISARM_LAND", lambda given: max(given["COM_DISARM_LAND"], 0.0)),
+    "fence_enabled": Made(
+        "GF_ACTION and GF_MAX_VER_DIST", lambda given: float(given["GF_ACTION"] > 0 and given["GF_MAX_VER_DIST"] > 0)
+    ),
+    "fence_on_set": Made("GF_ACTION", lambda given: float(given["GF_ACTION"] > 0)),
+    "fence_type_set": Made("GF_MAX_VER_DIST and GF_MAX_HOR_DIST", _px4_fence),
+    "fence_action_set": _codes("GF_ACTION", {0: 0, 1: 0, 2: 4, 3: 1, 5: 2}),
+    "fence_altitude_max_set_m": _of("GF_MAX_VER_DIST"),
+    "fence_radius_set_m": _of("GF_MAX_HOR_DIST"),
+    "fs_gps_action": _codes("COM_POSCTL_NAVL", {0: 2, 1: 1}),
+    "fs_gps_delay_set_s": _of("COM_POS_FS_DELAY"),
+    "arming_checks_set": Made("COM_ARM_WO_GPS", lambda given: float(given["COM_ARM_WO_GPS"] == 0)),
+    "altitude_source": Made("EKF2_HGT_REF or EKF2_HGT_MODE", _px4_height),
+}
+
+
+def sources(table: Mapping[str, Plain | Made]) -> dict[str, str]:
+    """Return by setting the parameters it is read from, in words."""
+    return {
+        name: f"parameter {' or '.join(row.names) if isinstance(row, Plain) else row.words}"
+        for name, row in table.items()
+    }
+
+
+def add_settings(
+    columns: Columns,
+    table: Mapping[str, Plain | Made],
+    initial: Parameters,
+    changes: list[tuple[float, str, float]],
+) -> None:
+    """Add the settings in force: those of the beginning, and each change at its time (seconds)."""
+    held = dict(initial)
+    points: dict[str, Points] = {}
+    for at_s, name, value in [(0.0, "", 0.0), *sorted(changes)]:
+        if name:
+            held[name] = value
+        for signal, row in table.items():
+            try:
+                found = row(held)
+            except (KeyError, StopIteration):
+                continue
+            known = points.setdefault(signal, [])
+            if not known or known[-1][1] != found:
+                known.append((at_s, found))
+    for signal, course in points.items():
+        columns.hold(signal, *zip(*course, strict=True))

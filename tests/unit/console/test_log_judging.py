@@ -1,0 +1,77 @@
+"""`saflite judge` on logs: what a log does not tell is said, nothing judged is never "fine", folders are tables."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import pytest
+
+from saflite.console.cli import main
+
+HEAD = "t_s,x,y,z,vx,vy,vz,roll_deg,pitch_deg,yaw_deg,nav_state,arming_state,landed\n"
+
+
+def extract(path: Path, tilt_deg: float = 5.0, armed: int = 2) -> Path:
+    rows = (f"{at / 2},0,0,-10,0,0,0,{tilt_deg},0,0,2,{armed},0\n" for at in range(60))
+    path.write_text(HEAD + "".join(rows))
+    return path
+
+
+def test_upright_needs_no_parachute_in_the_log(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    # extracts count heights from the first one, so a second log climbs
+    path = tmp_path / "log.csv"
+    rows = (f"{at / 2},0,0,{-at},0,0,0,{90 if at > 30 else 0},0,0,2,2,0\n" for at in range(60))
+    path.write_text(HEAD + "".join(rows))
+    assert main(["judge", str(path), "--policy", "upright", "--json"]) == 1
+    (verdict,) = json.loads(capsys.readouterr().out)["verdicts"]
+    assert (verdict["policy"], verdict["outcome"]) == ("upright", "violated")
+
+
+def test_without_obstacles_their_distance_is_inconclusive_and_nothing_judged_is_told_aloud(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["judge", str(extract(tmp_path / "log.csv")), "--policy", "min-obstacle-distance", "--all"]) == 4
+    said = capsys.readouterr()
+    assert "no obstacles are known; name them with --test-case" in said.out
+    assert "NOTHING JUDGED" in said.err
+
+
+def test_settings_that_a_log_does_not_tell_are_missing_not_usual(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["judge", str(extract(tmp_path / "log.csv")), "--policy", "disarm-delay", "--json"]) == 4
+    (verdict,) = json.loads(capsys.readouterr().out)["verdicts"]
+    assert verdict["outcome"] == "inconclusive"
+    assert "disarm_delay_set_s" in verdict["message"]
+
+
+def test_a_folder_is_a_table_a_csv_file_and_a_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / "logs"
+    (folder / "deeper").mkdir(parents=True)
+    extract(folder / "deeper" / "one.csv")
+    (folder / "notes.csv").write_text("a,b\n1,2\n")
+    (folder / "bad.ulg").write_bytes(b"no log")
+    table, page = tmp_path / "out.csv", tmp_path / "out.html"
+    words = ["judge", str(folder), "--policy", "armed-in-flight", "--policy", "upright"]
+    assert main([*words, "--csv", str(table), "--html", str(page)]) == 2
+    out = capsys.readouterr().out
+    assert "bad.ulg" in out
+    assert "one.csv" in out
+    assert "notes.csv" not in out
+    rows = list(csv.DictReader(table.read_text().splitlines()))
+    assert {(Path(row["log"]).name, row["outcome"]) for row in rows} >= {("bad.ulg", "refused")}
+    assert "bad.ulg" in page.read_text()
+    assert main([*words, "--csv", str(table)]) == 2, "never over a file that is there"
+
+
+def test_quiet_prints_what_is_wrong_and_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "log.csv"
+    rows = (f"{at / 2},0,0,{-at},0,0,0,{90 if at > 30 else 0},0,0,2,2,0\n" for at in range(60))
+    path.write_text(HEAD + "".join(rows))
+    assert main(["judge", str(path), "--policy", "upright", "-q"]) == 1
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 2
+    assert "upright -" in lines[0]
+    assert lines[1] == "1 violated"
