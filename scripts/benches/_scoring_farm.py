@@ -26,10 +26,10 @@ WORKERS = 2
 
 
 @contextmanager
-def slow_server() -> Iterator[str]:
-    """Run a server that takes ten seconds a batch; gives the label of its model."""
+def slow_server(batch_s: float = BATCH_S) -> Iterator[str]:
+    """Run a server that takes `batch_s` for a batch; gives the label of its model."""
     port = free_endpoint().rsplit(":", 1)[1]
-    server = subprocess.Popen([sys.executable, str(HERE / "_slow_llm.py"), port, str(BATCH_S)])
+    server = subprocess.Popen([sys.executable, str(HERE / "_slow_llm.py"), port, str(batch_s)])
     try:
         yield f"openai:slow@http://127.0.0.1:{port}/v1"
     finally:
@@ -46,7 +46,7 @@ def overlap(flights: int, lag: int) -> dict[str, float]:
     """Fly a campaign with a scorer of ten seconds a batch; `lag` 1 is the paper's loop: score, fly, score, fly."""
     with slow_server() as label, tempfile.TemporaryDirectory() as folder:
         run_dir = Path(folder) / "run"
-        campaign = _slow_campaign(label, flights, lag)
+        campaign = _slow_campaign(label, flights, lag, cascade=False)
         started_s = time.monotonic()
         run_campaign(campaign, run_dir, simulators=WORKERS, modules=(HERE / "targets" / "paced.py",))
         wall_s = time.monotonic() - started_s
@@ -67,7 +67,30 @@ def overlap(flights: int, lag: int) -> dict[str, float]:
     }
 
 
-def _slow_campaign(label: str, flights: int, lag: int) -> Campaign:
+def cascade(flights: int, batches_s: tuple[float, ...]) -> dict[str, dict[str, float]]:
+    """Fly a campaign with servers of several speeds; `wall_over_alone` is against one without a server, before it."""
+    alone_s = _cascaded("blend", flights)["wall_s"]
+    found = {"alone": {"wall_s": alone_s}}
+    for batch_s in batches_s:
+        with slow_server(batch_s) as label:
+            row = _cascaded(label, flights)
+        found[f"{batch_s:g} s a batch"] = {**row, "wall_over_alone": row["wall_s"] / alone_s}
+    return found
+
+
+def _cascaded(label: str, flights: int) -> dict[str, float]:
+    with tempfile.TemporaryDirectory() as folder:
+        run_dir = Path(folder) / "run"
+        started_s = time.monotonic()
+        campaign = _slow_campaign(label, flights, 3, cascade=True)
+        run_campaign(campaign, run_dir, simulators=WORKERS, modules=(HERE / "targets" / "paced.py",))
+        wall_s = time.monotonic() - started_s
+        query = "SELECT avg(scored_by = model), count(*) FROM scores WHERE NOT shadow"
+        share, scores = _rows(run_dir, query)[0]
+    return {"wall_s": wall_s, "decided_by_model": share, "scores": scores}
+
+
+def _slow_campaign(label: str, flights: int, lag: int, *, cascade: bool) -> Campaign:
     base = load_campaign("avoidance-m2")
     replace = msgspec.structs.replace
     return replace(
@@ -76,6 +99,6 @@ def _slow_campaign(label: str, flights: int, lag: int) -> Campaign:
         target=Target(name="paced"),
         budget_flights=flights,
         record="none",
-        scorer=replace(base.scorer, model=label, batch=10, deadline_s=60.0),
+        scorer=replace(base.scorer, model=label, batch=10, cascade=cascade, deadline_s=60.0),
         search=replace(base.search, candidates_per_round=10, flights_per_round=6, lag=lag),
     )

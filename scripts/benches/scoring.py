@@ -1,9 +1,10 @@
 """`scripts/bench scoring`: what scoring costs, how well it overlaps with flying, swaps, and what each model is worth.
 
-    scripts/bench scoring [--part surrogate cheap overlap swaps first] [--seeds 20] [--jobs 2] [--json]
+    scripts/bench scoring [--part surrogate cheap overlap cascade swaps first] [--seeds 20] [--jobs 2] [--json]
 
 Parts: `surrogate` learning and scoring times; `cheap` screens and kinematic flights a second; `overlap` a scorer of ten
-seconds a batch, beside the serial loop of the paper (at most 60 flights: its rounds are all alike); `swaps` fifty
+seconds a batch, beside the serial loop of the paper (at most 60 flights: its rounds are all alike); `cascade` wall time
+with servers of several speeds against none; `swaps` fifty
 changes of the scorer under load; `first` flights to the first confirmed violation per embedded model: it takes about
 half a minute per mission and seed on one core, and its counts do not depend on how busy the machine is.
 """
@@ -20,7 +21,8 @@ from typing import Any
 import numpy as np
 
 SERIAL_FLIGHTS_MAX = 60
-PARTS = ("surrogate", "cheap", "overlap", "swaps", "first")
+CASCADE_FLIGHTS_MAX, CASCADE_BATCHES_S = 60, (2.0, 10.0, 60.0)
+PARTS = ("surrogate", "cheap", "overlap", "cascade", "swaps", "first")
 
 
 def main(argv: list[str]) -> int:
@@ -62,6 +64,10 @@ def _measure(part: str, options: argparse.Namespace) -> Any:
             "overlapped": overlap(options.flights, 3),
             "serial": overlap(min(options.flights, SERIAL_FLIGHTS_MAX), 1),
         }
+    if part == "cascade":
+        from _scoring_farm import cascade
+
+        return cascade(min(options.flights, CASCADE_FLIGHTS_MAX), CASCADE_BATCHES_S)
     from _scoring_swaps import swaps
 
     return swaps(options.swaps)

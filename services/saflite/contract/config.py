@@ -28,12 +28,16 @@ class ScorerConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
 
     `guests` are names of score workers that may run other software than the books, `*` standing for any text: scores
     only change the order in which things are flown.
+
+    `cascade`: a model that waits for a server is asked only for what it answers while simulators have work, first for
+    what the embedded scorer puts first; the embedded scorer decides the rest. Without it flights wait for the model.
     """
 
     model: str = "blend"
     shadow: tuple[str, ...] = ()
     guests: tuple[str, ...] = ()
     batch: int = 10
+    cascade: bool = True
     deadline_s: float = 60.0
     load_deadline_s: float = 300.0
 

@@ -87,6 +87,8 @@ class Status(msgspec.Struct, frozen=True, kw_only=True):
     scorer: Word
     scorer_pending: Word
     fallbacks: Count
+    scores: Count = 0
+    scores_by_model: Count = 0
     queues: Annotated[dict[Word, Count], msgspec.Meta(max_length=100)]
     workers: Annotated[tuple[WorkerStatus, ...], msgspec.Meta(max_length=ITEMS_MAX)]
     seq: Count

@@ -127,7 +127,9 @@ class ScoreWork(msgspec.Struct, frozen=True, kw_only=True, tag="score"):
     """Score the test cases with `model` (this decides) and with each of `shadow` (these only watch).
 
     `recent` holds the outcomes of the rounds after `from_cursor` up to `cursor`. A model may take `deadline_s` of wall
-    time for an answer; then the embedded scorer answers in its place.
+    time for an answer; then the embedded scorer answers in its place. `within_s` is how long simulators have work yet,
+    shared among the batches that wait: what a slow model does not answer by then the embedded scorer decides; None: no
+    matter how long it takes.
     """
 
     round: Count
@@ -141,6 +143,7 @@ class ScoreWork(msgspec.Struct, frozen=True, kw_only=True, tag="score"):
     from_cursor: Place = -1
     cursor: Place = -1
     deadline_s: Seconds = 60.0
+    within_s: Seconds | None = None
 
 
 class WarmWork(msgspec.Struct, frozen=True, kw_only=True, tag="warm"):

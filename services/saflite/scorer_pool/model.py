@@ -50,6 +50,7 @@ class Job(NamedTuple):
     history: tuple[Outcome, ...] = ()
     cursor: int = -1
     deadline_s: float = 60.0
+    within_s: float | None = None  # see `ScoreWork`
     cancelled: Cancelled = lambda: False
 
 
@@ -84,7 +85,7 @@ class Model(Protocol):
     """One scorer model. Its file stands in `scorer_pool/models/` and defines `class Model` made with (argument, tools).
 
     `parallel` is how many jobs it takes at once, each in a thread of its own: 1 for what computes here, more for what
-    waits for a server.
+    waits for a server. One that does may say so by `waits = True`: then it takes part in the cascade.
     """
 
     label: str

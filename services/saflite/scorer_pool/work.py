@@ -28,6 +28,7 @@ from saflite.contract.work import (
     WarmWork,
     Work,
 )
+from saflite.scorer_pool.cascade import Paces, decided, first_by, waits_for_a_server
 from saflite.scorer_pool.learning.history import History
 from saflite.scorer_pool.llm.transcript import Transcript, TranscriptFile, silent
 from saflite.scorer_pool.model import MIDDLE, BriefOf, Job, Model, ModelScore, PolicyBrief, ScoreSheet, Tools
@@ -53,6 +54,7 @@ class ScorerPool:
         self._turn = threading.Lock()
         self._lock = threading.RLock()
         self._load_deadline_s = 300.0
+        self._paces = Paces()
 
     @property
     def cursor(self) -> int:
@@ -122,9 +124,12 @@ class ScorerPool:
             history=self._history.view(work.cursor),
             cursor=work.cursor,
             deadline_s=work.deadline_s,
+            within_s=work.within_s,
             cancelled=cancelled,
         )
         shadows = tuple(dict.fromkeys(label for label in work.shadow if label != work.model))
+        if work.within_s is not None and self._waits(work.model):
+            return self._cascade(job, work.model, shadows)
         if not shadows:
             return self._result(job, work.model, self._answer(work.model, job), {})
         with ThreadPoolExecutor(len(shadows), thread_name_prefix="shadow") as threads:
@@ -163,6 +168,36 @@ class ScorerPool:
                 value=value, fault=scores[place].fault, scored_by=score.scored_by or EMBEDDED
             )
         return sheet._replace(scores=tuple(scores))
+
+    def _waits(self, label: str) -> bool:
+        try:
+            return waits_for_a_server(self._model(label))
+        except FarmError:
+            return False
+
+    def _cascade(self, job: Job, label: str, shadows: tuple[str, ...]) -> ScoreResult:
+        """Let the model re-rank what it answers in time; the screen decides the rest, and watches what it did not."""
+        assert job.within_s is not None, "a cascade needs to know how much time there is"
+        screen = self._ask(EMBEDDED, job)
+        places = first_by(screen.scores, self._paces.fitting(label, job.within_s, len(job.test_cases)))
+        hurried = job._replace(deadline_s=min(job.deadline_s, job.within_s))
+        with ThreadPoolExecutor(1 + len(shadows), thread_name_prefix="shadow") as threads:
+            waiting = {one: threads.submit(self._watch, one, hurried) for one in shadows if one != EMBEDDED}
+            sheet = screen._replace(scores=()) if not places else self._re_rank(label, hurried, places)
+        answers = dict(zip(places, sheet.scores, strict=True))
+        deciding = sheet._replace(scores=decided(screen.scores, answers, EMBEDDED))
+        result = self._result(job, label, deciding, waiting)
+        watched = ScoreSheet(tuple(screen.scores), screen.usage, screen.digest)
+        beside = tuple(_scores(job, EMBEDDED, watched, shadow=True))
+        return msgspec.structs.replace(result, scores=(*result.scores, *beside))
+
+    def _re_rank(self, label: str, job: Job, places: list[int]) -> ScoreSheet:
+        part = job._replace(test_cases=tuple(job.test_cases[place] for place in places))
+        began_s = self._clock.monotonic_s()
+        sheet = self._ask(label, part)
+        answered = sum(1 for score in sheet.scores if not score.fault)
+        self._paces.took(label, len(places), answered, self._clock.monotonic_s() - began_s)
+        return sheet
 
     def _watch(self, label: str, job: Job) -> ScoreSheet | None:
         """Return the sheet of a model that only watches, None if it scored nothing."""

@@ -44,6 +44,8 @@ class Counts:
     unconfirmed: int = 0
     quarantined: int = 0
     unequal: int = 0  # flights flown over again that were no repeat on a target that says it repeats bit by bit
+    scores: int = 0  # that decided
+    scores_by_model: int = 0  # of them those of the model that was to score, not of the embedded one in its place
     fallbacks: int = 0
     simulated_s: float = 0.0
     wall_s: float = 0.0

@@ -87,6 +87,8 @@ def status_of(reducer: Reducer, registry: WorkerRegistry, leases: Leases, rates:
         scorer=reducer.scorers.model,
         scorer_pending=",".join(key.model for key in reducer.scorers.pending),
         fallbacks=counts.fallbacks,
+        scores=counts.scores,
+        scores_by_model=counts.scores_by_model,
         queues=queues,
         workers=tuple(
             _worker(worker, len(leases.held_by(worker.stage, worker.worker)), core.template.target.name, now)

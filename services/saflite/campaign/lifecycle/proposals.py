@@ -102,6 +102,8 @@ class Proposals:
         core.done(task, "scored")
         deciding = [score for score in result.scores if not score.shadow]
         core.counts.fallbacks += sum(1 for score in deciding if score.fault)
+        core.counts.scores += len(deciding)
+        core.counts.scores_by_model += sum(1 for score in deciding if score.scored_by == score.model)
         latency_s = max((usage.latency_s for usage in result.usage.values()), default=0.0)
         for label, usage in result.usage.items():
             tokens = (usage.tokens_in, usage.tokens_out, usage.latency_s, usage.cost_usd, usage.calls)

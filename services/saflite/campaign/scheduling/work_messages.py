@@ -8,6 +8,7 @@ import msgspec
 
 from saflite.campaign.engine.read_model import ReadModel
 from saflite.campaign.engine.reducer import Reducer
+from saflite.campaign.engine.worker_registry import WorkerRegistry
 from saflite.campaign.scheduling.tasks import Task
 from saflite.campaign.scheduling.work_keys import FlyKey, JudgeKey, MutateKey, RecordKey, ScoreKey, WarmKey
 from saflite.contract import wire
@@ -36,10 +37,10 @@ class Told(NamedTuple):
 
 
 class WorkMessages:
-    """Makes work from tasks. Reads the reducer and the read model; changes neither."""
+    """Makes work from tasks. Reads the reducer, the read model and the worker registry; changes none of them."""
 
-    def __init__(self, reducer: Reducer, read_model: ReadModel) -> None:
-        self._reducer, self._core, self._read_model = reducer, reducer.core, read_model
+    def __init__(self, reducer: Reducer, read_model: ReadModel, registry: WorkerRegistry) -> None:
+        self._reducer, self._core, self._read_model, self._registry = reducer, reducer.core, read_model, registry
 
     def work(self, task: Task, cursor: int) -> Work:
         """Return the work of a task for a worker that was told outcomes up to `cursor`.
@@ -146,7 +147,16 @@ class WorkMessages:
             from_cursor=told.from_cursor,
             cursor=told.cursor,
             deadline_s=core.campaign.scorer.deadline_s,
+            within_s=self._busy_s() if core.campaign.scorer.cascade else None,
         )
+
+    def _busy_s(self) -> float:
+        """Return how long the simulators have work yet, shared among the batches that are to be scored."""
+        flights = sum(1 for task in self._core.tasks if task.stage == "fly")
+        batches = sum(1 for task in self._core.tasks if isinstance(task.key, ScoreKey))
+        simulators = sum(1 for worker in self._registry.workers() if worker.stage == "fly")
+        mean_s = self._core.counts.wall_s / max(1, self._core.counts.flights + self._core.counts.reflown)
+        return round(mean_s * flights / (max(1, simulators) * max(1, batches)), 3)
 
     def _warm(self, key: WarmKey) -> WarmWork:
         return WarmWork(model=key.model, load_deadline_s=self._core.campaign.scorer.load_deadline_s)

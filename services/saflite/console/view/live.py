@@ -110,6 +110,7 @@ def one_line(status: Status) -> str:
     queues = " ".join(f"{name} {count}" for name, count in status.queues.items() if count)
     busy = sum(1 for worker in status.workers if worker.state == "busy")
     instead = f"  {status.fallbacks} scores by the embedded scorer instead" if status.fallbacks else ""
+    share = f"  {shared}" if (shared := decided_share(status)) else ""
     trouble = f"  nothing goes on: {status.trouble}" if status.trouble else ""
     return (
         f"{status.elapsed_s:6.1f} s  {status.flights}/{status.budget} flights  {status.flights_per_s:.2f}/s"
@@ -117,9 +118,17 @@ def one_line(status: Status) -> str:
         f"{_value(status)}{last}  rules {status.exposure.spoke}/{status.exposure.spoke + len(status.exposure.silent)}"
         f"  states {status.exposure.states}  workers {busy}/{len(status.workers)} busy"
         + (f"  waiting: {queues}" if queues else "")
+        + share
         + instead
         + trouble
     )
+
+
+def decided_share(status: Status) -> str:
+    """Return what share of the scores the model decided, empty where it decided all or none was made."""
+    if status.scores_by_model >= status.scores:
+        return ""
+    return f"{status.scorer} decided {status.scores_by_model / status.scores:.0%} of {status.scores} scores"
 
 
 def _finds(status: Status) -> int:
@@ -246,6 +255,8 @@ def _drawn(status: Status) -> RenderableType:
         facts.add_row("[b red]nothing goes on[/]", f"[red]{escape(status.trouble)}[/]")
     if status.quarantined or status.fallbacks:
         facts.add_row(f"{status.quarantined} quarantined", f"{status.fallbacks} scores by the embedded scorer instead")
+    if shared := decided_share(status):
+        facts.add_row("", escape(shared))
     facts.add_row(*exposed(status.exposure))
     workers = Table(box=None, padding=(0, 2), header_style="dim")
     several = len({worker.host for worker in status.workers}) > 1

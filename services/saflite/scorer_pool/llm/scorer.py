@@ -74,6 +74,8 @@ class _Count:
 class LanguageModel:
     """A scorer model on a chat server."""
 
+    waits = True
+
     def __init__(
         self,
         label: str,
