@@ -106,6 +106,15 @@ class FarmClient:
         info = read_info(run_dir)
         return cls.connect(info.endpoint, info.campaign, insecure=info.insecure)
 
+    @property
+    def campaign(self) -> str:
+        """The campaign whose farm this is."""
+        return self._campaign
+
+    def first_event(self, *, within_s: float = ANSWER_S) -> Event:
+        """Return the first event of the run, which tells it from other runs of the same name."""
+        return self._missed(1, within_s)[0]
+
     def order(self, verb: Verb, text: str = "", number: int = 0, *, within_s: float = 30.0) -> Answer:
         """Give an order and return the answer; asks again while nobody answers.
 

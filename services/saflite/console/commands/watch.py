@@ -2,9 +2,12 @@
 
 A run that works is followed until it ends; of one that does not, the events its books hold are shown.
 
+With --webhook each event is posted to a web server instead, in order and until it is taken, over restarts of all three.
+
 examples:
   saflite watch runs/avoidance-m2
   saflite watch runs/avoidance-m2 --from 200 --kind violation --json
+  saflite watch runs/night --kind violation --webhook https://example.org/finds --secret hook.secret
   saflite watch --connect tcp/10.0.0.5:7447 --campaign night --insecure
 """
 
@@ -27,6 +30,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--from", dest="from_seq", type=int, default=1, metavar="SEQ", help="first event (1: all)")
     parser.add_argument("--kind", action="append", default=[], help="only this kind (may be repeated)")
     farm_options.connecting(parser)
+    parser.add_argument("--webhook", default="", metavar="URL", help="POST each event there (CloudEvents) until taken")
+    parser.add_argument("--secret", type=Path, metavar="FILE", help="sign what is posted with the secret in this file")
+    parser.add_argument("--cursor", type=Path, metavar="FILE", help="how far the webhook was told (in the run folder)")
     parser.add_argument("--json", action="store_true", help="one JSON object per event")
 
 
@@ -35,6 +41,8 @@ def run(args: argparse.Namespace) -> int:
     from saflite.console.view import out
     from saflite.contract.events import ViolationFound, kind_of
 
+    if args.webhook:
+        return _bridged(args)
     found = False
     try:
         for event in _events(args):
@@ -47,6 +55,18 @@ def run(args: argparse.Namespace) -> int:
     except KeyboardInterrupt:
         out.line()
     return int(found)
+
+
+def _bridged(args: argparse.Namespace) -> int:
+    from saflite.console.operations import bridging
+    from saflite.console.view import out
+
+    def say(text: str) -> None:
+        out.line(text)
+        out.flush()
+
+    bridging.run(args, say)
+    return 0
 
 
 def _events(args: argparse.Namespace) -> Iterator[Event]:

@@ -15,6 +15,7 @@ import msgspec
 
 from saflite.console.io import schema_examples
 from saflite.contract import topics, wire
+from saflite.contract.cloud_event import CloudEvent
 from saflite.contract.config import Campaign
 from saflite.contract.control import AnswerJson
 from saflite.contract.flight import Trace
@@ -30,7 +31,7 @@ def messages() -> dict[str, type[msgspec.Struct]]:
     kinds: list[type[msgspec.Struct]] = [
         kind for topic in topics.TOPICS for kind in (topic.message, topic.answer) if kind is not None
     ]
-    kinds += [AnswerJson, TestCase, Trace, Violation]
+    kinds += [AnswerJson, CloudEvent, TestCase, Trace, Violation]
     return {kind.__name__: kind for kind in kinds}
 
 

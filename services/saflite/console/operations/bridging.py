@@ -1,0 +1,108 @@
+"""Carrying a campaign's events to a webhook: over restarts of the farm, of the receiver and of this bridge."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import msgspec
+
+from saflite.console.io import farm_options
+from saflite.console.run_data import farm_lookup
+from saflite.console.run_data.run_folder import open_run
+from saflite.contract.errors import Refused, Unavailable
+from saflite.contract.events import Event, kind_of
+from saflite.contract.ids import short_id
+from saflite.runtime.client import FarmClient
+from saflite.runtime.clock import WallClock
+from saflite.runtime.webhook import Cursor, Webhook, keep_cursor, read_cursor, read_secret
+
+log = logging.getLogger(__name__)
+
+AWAY_S = 1.0  # between looks for a farm that is away
+ANSWER_S = 5.0
+
+
+class Bridge(NamedTuple):
+    """What goes where: the kinds of events told (all if empty), the receiver, and the file that says how far it is."""
+
+    kinds: frozenset[str]
+    webhook: Webhook
+    cursor_file: Path
+
+
+def run(args: argparse.Namespace, say: Callable[[str], None]) -> None:
+    """Carry events until the campaign ends."""
+    clock = WallClock()
+    secret = read_secret(args.secret) if args.secret is not None else b""
+    webhook = Webhook(args.webhook, clock, secret)
+    if not args.connect:
+        args.run = args.run or farm_lookup.newest_running()
+    bridge = Bridge(frozenset(args.kind), webhook, _cursor_file(args))
+    cursor = read_cursor(bridge.cursor_file)
+    if cursor is not None:
+        say(f"going on after event {cursor.seq}; {bridge.cursor_file}")
+    try:
+        while not _carry(args, bridge):
+            clock.sleep_s(AWAY_S)
+    finally:
+        webhook.close()
+
+
+def _cursor_file(args: argparse.Namespace) -> Path:
+    if args.cursor is not None:
+        return Path(args.cursor)
+    if args.connect:
+        raise Refused("--cursor", expected="a file that keeps how far it is, with --connect", got="nothing")
+    return Path(args.run) / f"webhook-{short_id(args.webhook.encode())[:8]}.json"
+
+
+def _carry(args: argparse.Namespace, bridge: Bridge) -> bool:
+    """Carry what can be had now; True if the campaign has ended."""
+    over = False
+    try:
+        for event, cursor in _new_events(args, bridge):
+            if not bridge.kinds or kind_of(event.fact) in bridge.kinds:
+                bridge.webhook.deliver(event, cursor)
+                keep_cursor(bridge.cursor_file, msgspec.structs.replace(cursor, seq=event.seq))
+            over = getattr(event.fact, "state", "") == "ended"
+    except Unavailable as fault:
+        log.info("the farm is away: %s", fault)
+        return False
+    return over
+
+
+def _new_events(args: argparse.Namespace, bridge: Bridge) -> Iterator[tuple[Event, Cursor]]:
+    """Yield the events that come after what was told, with the run they are of."""
+    if not args.connect and not farm_lookup.is_running(args.run):
+        with open_run(args.run) as folder:
+            first = next(folder.events(1), None)
+            if first is not None:
+                cursor = _at(bridge, folder.campaign.name, first)
+                yield from ((event, cursor) for event in folder.events(cursor.seq + 1))
+        return
+    client = _connected(args)
+    try:
+        cursor = _at(bridge, client.campaign, client.first_event())
+        yield from ((event, cursor) for event in client.watch(cursor.seq + 1, patience_s=ANSWER_S))
+    finally:
+        client.close()
+
+
+def _connected(args: argparse.Namespace) -> FarmClient:
+    try:
+        return farm_lookup.connect(farm_options.where(args)._replace(run_dir=args.run))
+    except Refused as fault:
+        if args.connect or farm_lookup.is_running(args.run):
+            raise
+        raise Unavailable(f"it has ended just now: {fault}") from fault
+
+
+def _at(bridge: Bridge, campaign: str, first: Event) -> Cursor:
+    """Return how far this run was told; another run of the same name begins anew."""
+    kept = read_cursor(bridge.cursor_file)
+    begun = Cursor(campaign=campaign, begun_unix_s=first.at_unix_s)
+    return kept if kept is not None and msgspec.structs.replace(kept, seq=0) == begun else begun

@@ -1,0 +1,152 @@
+"""Events to a web server: one POST an event, in order, again until it is taken, from where an earlier bridge stopped.
+
+Delivery is at least once: an event whose answer was lost is sent again, under the same id. Signatures follow Standard
+Webhooks (standardwebhooks.com): HMAC-SHA256 over id, time and body, so that a receiver can tell who sends, and refuse
+what is old.
+"""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import hashlib
+import hmac
+import json
+import logging
+from pathlib import Path
+from typing import Protocol
+
+import httpx
+import msgspec
+
+from saflite.contract import wire
+from saflite.contract.clock import Clock
+from saflite.contract.cloud_event import CONTENT_TYPE, CloudEvent, cloud_event
+from saflite.contract.errors import Refused, Unavailable
+from saflite.contract.events import Event
+
+log = logging.getLogger(__name__)
+
+ANSWER_S = 10.0
+RETRY_FIRST_S, RETRY_MAX_S = 0.5, 60.0
+AGAIN = frozenset({408, 425, 429})  # of 4xx: the receiver is busy; any other says that it will never take this
+SECRET_PREFIX = "whsec_"  # noqa: S105 (how Standard Webhooks writes a secret)
+SECRET_BYTES_MIN = 16
+
+
+class WaitingClock(Clock, Protocol):
+    """A clock that can be waited by."""
+
+    def sleep_s(self, duration_s: float) -> None:
+        """Wait."""
+        ...
+
+
+class Cursor(msgspec.Struct, frozen=True, kw_only=True):
+    """How far a bridge is: the run, when it began, and the last event that was taken."""
+
+    campaign: str
+    begun_unix_s: float
+    seq: int = 0
+
+
+def read_cursor(path: Path) -> Cursor | None:
+    """Return where an earlier bridge stopped, None if there was none; raises Refused for a file that is not one."""
+    try:
+        return msgspec.json.decode(path.read_bytes(), type=Cursor)
+    except FileNotFoundError:
+        return None
+    except (OSError, *wire.UNREADABLE, json.JSONDecodeError) as fault:
+        raise Refused("--cursor", where=str(path), expected="one an earlier bridge wrote", got=str(fault)) from fault
+
+
+def keep_cursor(path: Path, cursor: Cursor) -> None:
+    """Write how far the bridge is, whole or not at all; raises Unavailable if the disk fails."""
+    part = path.with_name(f"{path.name}.part")
+    try:
+        part.write_bytes(msgspec.json.encode(cursor))
+        part.replace(path)
+    except OSError as fault:
+        raise Unavailable(f"{path} cannot be written: {fault}") from fault
+
+
+def read_secret(path: Path) -> bytes:
+    """Return the secret in a file, `whsec_` and Base64 or plain text; raises Refused for one too short to be any."""
+    try:
+        text = path.read_text(encoding="ascii").strip()
+        plain = not text.startswith(SECRET_PREFIX)
+        secret = text.encode() if plain else base64.b64decode(text.removeprefix(SECRET_PREFIX), validate=True)
+    except (OSError, UnicodeDecodeError, binascii.Error) as fault:
+        raise Refused("--secret", where=str(path), expected="a file with a secret", got=str(fault)) from fault
+    if len(secret) < SECRET_BYTES_MIN:
+        expected = f"at least {SECRET_BYTES_MIN} bytes"
+        raise Refused("--secret", where=str(path), expected=expected, got=f"{len(secret)}")
+    return secret
+
+
+def check_url(url: str) -> str:
+    """Return the URL; raises Refused unless it is one of a web server."""
+    try:
+        parsed = httpx.URL(url)
+    except (httpx.InvalidURL, UnicodeError) as fault:
+        raise Refused("--webhook", expected="http(s)://HOST/PATH", got=repr(url[:200])) from fault
+    if parsed.scheme not in ("http", "https") or not parsed.host:
+        raise Refused("--webhook", expected="http(s)://HOST/PATH", got=repr(url[:200]))
+    return url
+
+
+def headers_of(event: CloudEvent, body: bytes, now_unix_s: float, secret: bytes) -> dict[str, str]:
+    """Return the headers of a POST, signed if there is a secret."""
+    sent_s = str(int(now_unix_s))
+    headers = {"content-type": CONTENT_TYPE, "webhook-id": event.id, "webhook-timestamp": sent_s}
+    if secret:
+        signed = b".".join((event.id.encode(), sent_s.encode(), body))
+        digest = hmac.new(secret, signed, hashlib.sha256).digest()
+        headers["webhook-signature"] = f"v1,{base64.b64encode(digest).decode()}"
+    return headers
+
+
+class Webhook:
+    """A receiver at a URL. Redirects are not followed."""
+
+    def __init__(
+        self, url: str, clock: WaitingClock, secret: bytes = b"", transport: httpx.BaseTransport | None = None
+    ):
+        self._url, self._clock, self._secret = check_url(url), clock, secret
+        self._client = httpx.Client(timeout=ANSWER_S, transport=transport, trust_env=False)
+
+    def deliver(self, event: Event, cursor: Cursor) -> None:
+        """Send one event of the cursor's run, until it is taken.
+
+        Raises:
+            Refused: the receiver says that it will not take it, whenever it is sent.
+        """
+        told = cloud_event(event, cursor.campaign, f"{cursor.campaign}-{cursor.begun_unix_s:.0f}")
+        body = wire.encode_json(told)
+        wait_s = RETRY_FIRST_S
+        while True:
+            why = self._sent(told, body)
+            if not why:
+                return
+            log.warning("event %d not taken, tried again in %.1f s: %s", event.seq, wait_s, why)
+            self._clock.sleep_s(wait_s)
+            wait_s = min(2 * wait_s, RETRY_MAX_S)
+
+    def close(self) -> None:
+        """Close the connection."""
+        self._client.close()
+
+    def _sent(self, event: CloudEvent, body: bytes) -> str:
+        """Return why the event was not taken, empty if it was."""
+        headers = headers_of(event, body, self._clock.unix_s(), self._secret)
+        try:
+            with self._client.stream("POST", self._url, content=body, headers=headers) as answer:
+                code = answer.status_code  # what it says besides is not read
+        except httpx.HTTPError as fault:
+            return f"{type(fault).__name__}: {fault}"
+        if 200 <= code < 300:
+            return ""
+        if code < 500 and code not in AGAIN:
+            words = f"HTTP {code} for event {event.data.seq}"
+            raise Refused("--webhook", where=self._url, expected="a receiver that takes events", got=words)
+        return f"HTTP {code}"

@@ -1,0 +1,107 @@
+"""Events over HTTP: signed, tried again while the receiver is away, given up where it says never."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import hmac
+from pathlib import Path
+
+import httpx
+import msgspec
+import pytest
+
+from saflite.contract.cloud_event import CloudEvent
+from saflite.contract.errors import Refused
+from saflite.contract.events import Event, FaultSeen
+from saflite.runtime.webhook import RETRY_MAX_S, Cursor, Webhook, check_url, keep_cursor, read_cursor, read_secret
+
+EVENT = Event(seq=7, at_unix_s=1.7e9, fact=FaultSeen(where="here", message="a\nb"))
+CURSOR = Cursor(campaign="night", begun_unix_s=1.6e9, seq=6)
+SECRET = b"0123456789abcdef"
+
+
+class _Clock:
+    def __init__(self) -> None:
+        self.now_s = 1.7e9
+
+    def monotonic_s(self) -> float:
+        return self.now_s
+
+    def unix_s(self) -> float:
+        return self.now_s
+
+    def sleep_s(self, duration_s: float) -> None:
+        assert duration_s <= RETRY_MAX_S
+        self.now_s += duration_s
+
+
+def _delivered(answers: list[int | Exception], secret: bytes = b"") -> list[httpx.Request]:
+    """Deliver one event to a receiver that answers so, in turn."""
+    got: list[httpx.Request] = []
+
+    def receive(request: httpx.Request) -> httpx.Response:
+        got.append(request)
+        answer = answers[len(got) - 1]
+        if isinstance(answer, Exception):
+            raise answer
+        return httpx.Response(answer)
+
+    webhook = Webhook("http://there/finds", _Clock(), secret, httpx.MockTransport(receive))
+    webhook.deliver(EVENT, CURSOR)
+    webhook.close()
+    return got
+
+
+def test_an_event_is_told_as_a_cloud_event_and_signed() -> None:
+    (request,) = _delivered([204], SECRET)
+    told = msgspec.json.decode(request.content, type=CloudEvent)
+    assert told.data == EVENT
+    assert (told.specversion, told.type, told.source) == ("1.0", "saflite.fault", "/saflite/night")
+    assert (told.id, told.sequence) == ("night-1600000000-7", "000000000007")
+    assert told.time == "2023-11-14T22:13:20.000000+00:00"
+    signed = f"{request.headers['webhook-id']}.{request.headers['webhook-timestamp']}.".encode() + request.content
+    mac = base64.b64encode(hmac.new(SECRET, signed, hashlib.sha256).digest()).decode()
+    assert request.headers["webhook-signature"] == f"v1,{mac}"
+    assert "webhook-signature" not in _delivered([200])[0].headers
+
+
+def test_it_is_sent_again_under_the_same_id_until_it_is_taken() -> None:
+    away = httpx.ConnectError("refused")
+    got = _delivered([500, away, 429, httpx.ReadTimeout("late"), 408, 503, 503, 503, 503, 503, 200])
+    assert len(got) == 11
+    assert len({request.headers["webhook-id"] for request in got}) == 1
+
+
+@pytest.mark.parametrize("code", [301, 400, 404, 410])
+def test_a_receiver_that_never_takes_it_ends_the_bridge(code: int) -> None:
+    with pytest.raises(Refused, match=f"HTTP {code} for event 7"):
+        _delivered([code])
+
+
+def test_the_cursor_is_kept_whole_and_others_files_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "cursor"
+    assert read_cursor(path) is None
+    keep_cursor(path, CURSOR)
+    assert read_cursor(path) == CURSOR
+    path.write_bytes(b"\xff{")
+    with pytest.raises(Refused, match="--cursor"):
+        read_cursor(path)
+
+
+def test_a_secret_is_plain_or_base64_and_long_enough(tmp_path: Path) -> None:
+    path = tmp_path / "secret"
+    path.write_text("whsec_" + base64.b64encode(SECRET).decode() + "\n")
+    assert read_secret(path) == SECRET
+    path.write_bytes(SECRET)
+    assert read_secret(path) == SECRET
+    for bad in (b"", b"short", b"whsec_!!!", b"\xff" * 20):
+        path.write_bytes(bad)
+        with pytest.raises(Refused, match="--secret"):
+            read_secret(path)
+
+
+@pytest.mark.parametrize("url", ["", "there", "ftp://there/x", "http://", "http://[::1", "file:///etc/passwd"])
+def test_what_is_no_web_server_is_refused(url: str) -> None:
+    with pytest.raises(Refused, match="--webhook"):
+        check_url(url)
