@@ -37,14 +37,6 @@ NAMED_IN_THE_RULE = {
     "FENCE_ALT_MAX": {"fence-ceiling"},
     "COM_POS_FS_DELAY": {"px-gps-fs1"},
     "MIS_LTRMIN_ALT": {"px-hold2"},
-    "ANGLE_MAX": {"angle-max"},
-    "BATT_FS_LOW_ACT": {"battery-failsafe-action"},
-    "DISARM_DELAY": {"disarm-delay"},
-    "FENCE_ACTION": {"fence-action"},
-    "FENCE_RADIUS": {"fence-circle"},
-    "FS_THR_ENABLE": {"radio-failsafe-action"},
-    "WPNAV_SPEED": {"speed-limit"},
-    "RTL_SPEED": {"speed-limit"},
 }
 """Inputs that a rule cannot be said without. Scorers read these texts: any other name in one would be a give-away."""
 
