@@ -18,6 +18,7 @@ from saflite.contract.flight import Flight, FlightRecord, trace_digest
 from saflite.contract.rng import derive
 from saflite.contract.standalone import Evidence
 from saflite.contract.test_case import Scenario, StartState, Stimulus, Target, TestCase, identity
+from saflite.flight.autopilots.betaflight.configuration import configure
 from saflite.flight.autopilots.betaflight.firmware import VARIANTS
 from saflite.simulator_worker.agreement import differences
 from saflite.simulator_worker.processes import children
@@ -174,3 +175,41 @@ def _replayed(script: Path, text: str) -> subprocess.CompletedProcess[str]:
     script.write_text(text)
     command = [sys.executable, "-I", "-S", str(script), str(VARIANTS["gps"].binary)]
     return subprocess.run(command, capture_output=True, text=True, check=False, cwd=script.parent)
+
+
+def test_a_runaway_take_off_is_told_and_so_are_settings_that_were_lost(session: BetaflightSession) -> None:
+    ground = Scenario(start=StartState(mode="ANGLE", altitude_m=0.0, armed=False), time_limit_s=5.0)
+    stimuli = (
+        Stimulus(at_s=0.0, kind="stick", name="RC3", values=(1000.0,)),
+        Stimulus(at_s=0.1, kind="sensor_fault", name="motor_swap", values=(13.0,)),
+        Stimulus(at_s=0.5, kind="command", name="SWITCH_ARM", values=(1.0,)),
+        Stimulus(at_s=2.0, kind="stick", name="RC3", values=(1550.0,)),
+    )
+    record = fly(session, msgspec.structs.replace(case(*stimuli), scenario=ground))
+    assert record.trace is not None
+    assert record.trace.array("armed").max() == 1.0
+    assert last(record, "runaway_stopped") == 1.0
+    assert last(record, "armed") == 0.0
+    assert last(fly(session, case(limit_s=0.2, failsafe_delay=7.0)), "settings_lost") == 0.0
+    mended = case(limit_s=0.2, gyro_notch1_hz=100.0, gyro_notch1_cutoff=200.0)
+    assert last(fly(session, mended), "settings_lost") >= 1.0
+
+
+def test_a_users_own_memory_is_taken_and_a_damaged_one_told(session: BetaflightSession, tmp_path: Path) -> None:
+    whole = configure(VARIANTS["gps"], {"failsafe_delay": 33.0}, tmp_path).eeprom
+    file = tmp_path / "mine.bin"
+
+    def own(content: bytes) -> FlightRecord:
+        file.write_bytes(content)
+        base = case(limit_s=0.2)
+        target = msgspec.structs.replace(base.target, settings={"eeprom": str(file)})
+        return fly(session, msgspec.structs.replace(base, target=target))
+
+    assert own(whole).ending == "completed"
+    for damaged in (whole[:300] + bytes([whole[300] ^ 255]) + whole[301:], bytes(len(whole)), whole[:1000], b""):
+        with pytest.raises(Refused, match="make it anew") as told:
+            own(damaged)
+        assert "\n" not in str(told.value)
+    file.unlink()
+    with pytest.raises(Refused, match="can be read"):
+        fly(session, msgspec.structs.replace(case(), target=Target(name="betaflight", settings={"eeprom": str(file)})))

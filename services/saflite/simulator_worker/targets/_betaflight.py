@@ -17,8 +17,9 @@ from saflite.contract.standalone import Evidence
 from saflite.contract.target import Slot, Snapshot
 from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import TestCase
+from saflite.flight.autopilots.betaflight import user_memory
 from saflite.flight.autopilots.betaflight.check import check_test_case
-from saflite.flight.autopilots.betaflight.configuration import configure
+from saflite.flight.autopilots.betaflight.configuration import Memory, configure
 from saflite.flight.autopilots.betaflight.describe import describe, missing
 from saflite.flight.autopilots.betaflight.firmware import VARIANTS, Variant
 from saflite.flight.autopilots.betaflight.flight import BetaflightFlight
@@ -28,6 +29,7 @@ from saflite.flight.autopilots.betaflight.standalone.export import standalone
 from saflite.simulator_worker.forks import Forks
 
 WARM_STARTS_MAX, CONFIGURATIONS_MAX = 4, 64
+PLAIN_DEADLINE_S = 30.0
 
 
 class BetaflightTarget(NamedTuple):
@@ -73,7 +75,8 @@ class BetaflightSession:
         self._target, self._folder, self._clock = target, folder, clock
         self._forks = Forks(self._begin)
         self._starts: OrderedDict[bytes, Snapshot] = OrderedDict()
-        self._configurations: OrderedDict[bytes, bytes] = OrderedDict()
+        self._plain: BetaflightSession | None = None
+        self._configurations: OrderedDict[bytes, Memory] = OrderedDict()
 
     def fly(self, test_case: TestCase, deadline_s: float, cancelled: Cancelled) -> FlightRecord:
         """Fly once, from a warm start state if there is one; `wedged` where `deadline_s` is not enough.
@@ -113,6 +116,8 @@ class BetaflightSession:
         """End the processes that hold start states and snapshots."""
         self._forks.close()
         self._starts.clear()
+        if self._plain is not None:
+            self._plain.close()
 
     # -- start states -------------------------------------------------------------------------------------------------
 
@@ -120,17 +125,18 @@ class BetaflightSession:
         self._target.check(test_case)
         return configured(test_case, self._target.variant)
 
-    def _eeprom(self, test_case: TestCase) -> bytes:
+    def _memory(self, test_case: TestCase) -> Memory:
         """Return the firmware's memory of the test case's settings; raises FirmwareDied if it dies of them."""
-        key = _key(test_case.target.parameters)
+        base, parameters = user_memory.read(test_case.target.settings), test_case.target.parameters
+        key = _key((parameters, base))
         if key not in self._configurations:
-            self._configurations[key] = configure(self._target.variant, test_case.target.parameters, self._folder)
+            self._configurations[key] = configure(self._target.variant, parameters, self._folder, base)
             if len(self._configurations) > CONFIGURATIONS_MAX:
                 self._configurations.popitem(last=False)
         return self._configurations[key]
 
     def _cold(self, test_case: TestCase) -> BetaflightFlight:
-        return BetaflightFlight(test_case, self._target.variant, self._eeprom(test_case), self._folder)
+        return BetaflightFlight(test_case, self._target.variant, self._memory(test_case), self._folder)
 
     def _begin(self, test_case: TestCase) -> BetaflightFlight:
         flight = self._cold(test_case)
@@ -139,9 +145,10 @@ class BetaflightSession:
 
     def _warm_start(self, test_case: TestCase, stop: Cancelled) -> FlightRecord | None:
         """Fly from the start state of the test case, brought up if need be; None where that cannot be."""
-        key = _key((test_case.target, test_case.scenario, test_case.rng_seed))
+        base = user_memory.read(test_case.target.settings)
+        key = _key((test_case.target, test_case.scenario, test_case.rng_seed, base))
         if key not in self._starts:
-            self._eeprom(test_case)  # known to the fork and to those after it
+            self._memory(test_case)  # known to the fork and to those after it
             if len(self._starts) >= WARM_STARTS_MAX:
                 self._forks.drop(self._starts.popitem(last=False)[1])
             try:
@@ -168,15 +175,40 @@ class BetaflightSession:
             return cancelled() or self._clock.monotonic_s() >= late_s
 
         try:
-            record = act(ready.test_case, stop) or self._cold(ready.test_case).run(stop)
-        except FirmwareDied as fault:
-            record = FlightRecord("autopilot_died", None, str(fault), ())
+            record = self._flown_or_dead(ready.test_case, stop, act)
+            if record.ending == "autopilot_died" and self._target.variant.sanitized:
+                record = self._beside_plain(record, test_case, stop)
         except Unavailable:
             if self._clock.monotonic_s() < late_s:
                 raise
             return FlightRecord("wedged", None, f"no end after {deadline_s:.1f} s of wall time")
         later = tuple(msgspec.structs.replace(one, index=ready.places[one.index]) for one in record.delivered or ())
         return record._replace(delivered=(*ready.given, *later))
+
+    def _flown_or_dead(
+        self, case: TestCase, stop: Cancelled, act: Callable[[TestCase, Cancelled], FlightRecord | None]
+    ) -> FlightRecord:
+        try:
+            return act(case, stop) or self._cold(case).run(stop)
+        except FirmwareDied as fault:
+            return FlightRecord("autopilot_died", None, str(fault), ())
+
+    def _beside_plain(self, record: FlightRecord, test_case: TestCase, stop: Cancelled) -> FlightRecord:
+        """Return the record of a death with what the plain build makes of the same test case."""
+        plain = VARIANTS["gps"]
+        if missing(plain):
+            words = "the plain build is not here"
+        else:
+            if self._plain is None:
+                folder = self._folder / "plain"
+                folder.mkdir(exist_ok=True)
+                self._plain = BetaflightSession(BetaflightTarget("betaflight", plain), folder, self._clock)
+            flown = self._plain.fly(test_case, PLAIN_DEADLINE_S, stop)
+            words = {"autopilot_died": "the plain build dies, too"}.get(
+                flown.ending, f"the plain build: {flown.ending}"
+            )
+        before, colon, place = record.message.partition(": ")
+        return record._replace(message=f"{before} ({words}){colon}{place}")
 
 
 _ENCODER = msgspec.msgpack.Encoder(order="deterministic")

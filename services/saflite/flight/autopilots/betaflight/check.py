@@ -5,6 +5,7 @@ from __future__ import annotations
 from saflite.contract.errors import Refused
 from saflite.contract.target_info import check_settings
 from saflite.contract.test_case import TestCase
+from saflite.flight.autopilots.betaflight import user_memory
 from saflite.flight.autopilots.betaflight.describe import SETTINGS, TIME_LIMIT_MAX_S
 from saflite.flight.autopilots.betaflight.firmware import Variant
 from saflite.flight.autopilots.betaflight.inputs import check_setting, check_stimulus
@@ -30,6 +31,7 @@ def check_test_case(test_case: TestCase, name: str, variant: Variant) -> None:
     if start is not None and not 0.0 <= start.altitude_m <= ALTITUDE_MAX_M:
         raise Refused("start altitude_m", expected=f"0 to {ALTITUDE_MAX_M:g}", got=start.altitude_m)
     check_settings(test_case.target.settings, SETTINGS, name)
+    user_memory.read(test_case.target.settings)
     for parameter, value in test_case.target.parameters.items():
         check_setting(parameter, value, variant, "target.parameters", strict=True)
     for index, stimulus in enumerate(test_case.stimuli):

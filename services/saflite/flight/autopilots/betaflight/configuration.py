@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
+from typing import NamedTuple
 
 from saflite.contract.errors import Refused
+from saflite.flight.autopilots.betaflight import user_memory
 from saflite.flight.autopilots.betaflight.cli import CommandLine
 from saflite.flight.autopilots.betaflight.firmware import CLOCK_LIBRARY, Variant, listing
 from saflite.flight.autopilots.betaflight.process import start
-from saflite.flight.autopilots.betaflight.settings import BetaflightSetting
+from saflite.flight.autopilots.betaflight.settings import BetaflightSetting, read_settings
 from saflite.flight.autopilots.betaflight.switches import switch_lines
 from saflite.flight.autopilots.betaflight.vehicle import Vehicle
 
@@ -58,19 +61,47 @@ def lines(variant: Variant, parameters: Mapping[str, float]) -> list[str]:
     return said
 
 
-def configure(variant: Variant, parameters: Mapping[str, float], folder: Path) -> bytes:
-    """Return the firmware's memory of settings after they were given by its command line and saved.
+class Memory(NamedTuple):
+    """The firmware's memory of settings; which of those given it does not hold at the next power-up."""
+
+    eeprom: bytes
+    lost: tuple[str, ...] = ()
+
+
+def configure(variant: Variant, parameters: Mapping[str, float], folder: Path, base: bytes = b"") -> Memory:
+    """Give settings by the command line, beside those of `base` if it is not empty; save, read after a power-up.
 
     Raises:
-        Refused: a setting or a value it does not take.
+        Refused: a setting or a value it does not take, or it cannot read `base`.
         FirmwareDied: it dies of one.
         Unavailable: it cannot be started.
     """
     (folder / EEPROM).unlink(missing_ok=True)
+    if base:
+        (folder / EEPROM).write_bytes(base)
+    with _command_line(variant, folder) as line:
+        if base:
+            user_memory.check_taken(base, (folder / EEPROM).read_bytes())
+        line.configure(lines(variant, parameters))
+    eeprom = (folder / EEPROM).read_bytes()
+    if not parameters:
+        return Memory(eeprom)
+    with _command_line(variant, folder) as line:
+        return Memory(eeprom, tuple(_lost(line, known_settings(variant), parameters)))
+
+
+@contextmanager
+def _command_line(variant: Variant, folder: Path) -> Iterator[CommandLine]:
     firmware = start(variant.binary, CLOCK_LIBRARY, folder)
     vehicle = Vehicle(0)
     try:
-        CommandLine(vehicle, firmware).configure(lines(variant, parameters))
+        yield CommandLine(vehicle, firmware)
     finally:
         firmware.close(vehicle.pid)
-    return (folder / EEPROM).read_bytes()
+
+
+def _lost(line: CommandLine, known: Mapping[str, BetaflightSetting], given: Mapping[str, float]) -> Iterator[str]:
+    for name, value in given.items():
+        told = next((one for one in read_settings(line.ask(f"get {name}")) if one.name == name), None)
+        if told is None or known[name].value_text(told.default) != known[name].value_text(value):
+            yield name

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 from saflite.contract.target_info import InputInfo, SettingInfo, TargetInfo
 from saflite.contract.test_case import StartState
+from saflite.flight.autopilots.betaflight import user_memory
 from saflite.flight.autopilots.betaflight.configuration import known_settings, tune
 from saflite.flight.autopilots.betaflight.faults import PAIRS, WHOLE, known_faults
 from saflite.flight.autopilots.betaflight.firmware import Variant, identity, listing, why_missing
@@ -31,6 +32,10 @@ SETTINGS = {
         default="msp",
         choices=tuple(LINKS),
         choice_meanings={"msp": "as messages at 50 Hz, which can get lost", "udp": "as the simulator's own packets"},
+    ),
+    user_memory.SETTING: SettingInfo(
+        meaning="path of an eeprom.bin whose settings the test case's are added to; empty: the firmware's defaults",
+        default="",
     ),
     SETTING_PILOT: SettingInfo(
         meaning="what the pilot does with sticks that the test case leaves alone",

@@ -15,7 +15,7 @@ from saflite.contract.flight import Ending, FlightRecord, Trace, TraceMessage
 from saflite.contract.service import Cancelled
 from saflite.contract.test_case import StartState, TestCase
 from saflite.flight.autopilots.betaflight import msp
-from saflite.flight.autopilots.betaflight.configuration import EEPROM, known_settings, tune
+from saflite.flight.autopilots.betaflight.configuration import EEPROM, Memory, known_settings, tune
 from saflite.flight.autopilots.betaflight.firmware import CLOCK_LIBRARY, Variant
 from saflite.flight.autopilots.betaflight.inputs import Inputs, spoil_pulses
 from saflite.flight.autopilots.betaflight.pilot import Pilot, hands_off
@@ -49,10 +49,10 @@ class BetaflightFlight:
         Unavailable: JSBSim or the firmware cannot be brought up.
     """
 
-    def __init__(self, test_case: TestCase, variant: Variant, eeprom: bytes, folder: Path) -> None:
+    def __init__(self, test_case: TestCase, variant: Variant, memory: Memory, folder: Path) -> None:
         self.test_case, self.scenario = test_case, test_case.scenario
         self.start = test_case.scenario.start or DEFAULT_START
-        self._variant, self._eeprom, self._folder = variant, eeprom, folder
+        self._variant, self._memory, self._folder = variant, memory, folder
         self.vehicle = Vehicle(test_case.rng_seed)
         self.air = Air(self.vehicle.world, test_case.scenario.wind, test_case.rng_seed)
         self.pilot = Pilot(self.vehicle, self.start.altitude_m)
@@ -207,7 +207,7 @@ class BetaflightFlight:
             FirmwareDied: it ends before.
             Unavailable: it cannot be started.
         """
-        (self._folder / EEPROM).write_bytes(self._eeprom)
+        (self._folder / EEPROM).write_bytes(self._memory.eeprom)
         self._firmware = self.launch(self._variant.binary, CLOCK_LIBRARY, self._folder)
         self._owner = os.getpid()
         try:
@@ -226,6 +226,7 @@ class BetaflightFlight:
         set_up = {**tune(self._variant), **self.test_case.target.parameters}
         for slot, (name, scale) in SHOWN_SETTINGS.items():
             board[slot] = scale * set_up.get(name, known[name].default if name in known else 0.0)
+        board["settings_lost"] = float(len(self._memory.lost))
         hands_off(board)
         self._check(board.connect(self._files_fd()))
         self._wait(POWER_UP_S)

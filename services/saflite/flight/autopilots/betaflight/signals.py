@@ -17,6 +17,18 @@ OWN_SIGNALS: dict[str, SignalInfo] = {
     "arming_forbidden": SignalInfo(
         meaning="1 while any arming flag but the latch of the switch is raised", kind="flag"
     ),
+    "runaway_stopped": SignalInfo(
+        meaning="1 while runaway take-off prevention, which disarmed, forbids arming", kind="flag"
+    ),
+    "crash_stopped": SignalInfo(meaning="1 while crash recovery, which disarmed, forbids arming", kind="flag"),
+    "settings_lost": SignalInfo(
+        meaning="settings that the command line took but that read otherwise after the next power-up", kind="code"
+    ),
+    "runaway_prevention_set": SignalInfo(meaning="1 where runaway_takeoff_prevention is on", kind="flag"),
+    "runaway_throttle_set_percent": SignalInfo(
+        unit="percent", meaning="throttle of a take-off (runaway_takeoff_deactivate_throttle_percent)"
+    ),
+    "crash_recovery_set": SignalInfo(meaning="crash_recovery: 0 off, 1 on, 2 beep, 3 disarm", kind="code"),
     "rc_valid": SignalInfo(meaning="1 while the link delivers pulses of flight channels within range", kind="flag"),
     "arm_switch": SignalInfo(meaning="1 while the pilot's arm switch is on", kind="flag"),
     "failsafe_switch": SignalInfo(meaning="1 while the pilot's failsafe switch is on", kind="flag"),
@@ -50,6 +62,9 @@ SHOWN_SETTINGS: dict[str, tuple[str, float]] = {
     "rescue_sanity_checks": ("gps_rescue_sanity_checks", 1.0),
     "rescue_descend_set_mps": ("gps_rescue_descend_rate", 0.01),
     "rescue_angle_set_deg": ("gps_rescue_max_angle", 1.0),
+    "runaway_prevention_set": ("runaway_takeoff_prevention", 1.0),
+    "runaway_throttle_set_percent": ("runaway_takeoff_deactivate_throttle_percent", 1.0),
+    "crash_recovery_set": ("crash_recovery", 1.0),
     "rx_min_set_us": ("rx_min_usec", 1.0),
     "rx_max_set_us": ("rx_max_usec", 1.0),
 }

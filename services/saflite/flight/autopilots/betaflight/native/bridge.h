@@ -23,7 +23,7 @@
 /* What the firmware says of itself over its telemetry; the last word stays. */
 #define BRIDGE_TOLD(X) \
     X(armed) X(mode) X(box_angle) X(box_horizon) X(box_altitude_hold) X(box_position_hold) X(box_rescue) \
-    X(failsafe_radio) X(arming_flags) X(arming_forbidden) X(altitude_est_m) X(climb_est_mps) \
+    X(failsafe_radio) X(arming_flags) X(arming_forbidden) X(runaway_stopped) X(crash_stopped) X(altitude_est_m) X(climb_est_mps) \
     X(rx_roll_us) X(rx_pitch_us) X(rx_throttle_us) X(rx_yaw_us) X(telemetry_age_s)
 
 /* Made for the trace. */
@@ -34,7 +34,8 @@
 #define BRIDGE_SETTINGS(X) \
     X(angle_limit_set_deg) X(failsafe_delay_set_s) X(failsafe_recovery_set_s) X(failsafe_procedure) \
     X(failsafe_switch_mode) X(failsafe_landing_set_s) X(auto_disarm_set_s) X(rescue_sanity_checks) \
-    X(rescue_descend_set_mps) X(rescue_angle_set_deg) X(rx_min_set_us) X(rx_max_set_us)
+    X(rescue_descend_set_mps) X(rescue_angle_set_deg) X(rx_min_set_us) X(rx_max_set_us) X(runaway_prevention_set) \
+    X(runaway_throttle_set_percent) X(crash_recovery_set) X(settings_lost)
 
 #define BRIDGE_SLOTS(X) BRIDGE_RADIO(X) BRIDGE_FAULTS(X) BRIDGE_TOLD(X) BRIDGE_SHOWN(X) BRIDGE_SETTINGS(X)
 

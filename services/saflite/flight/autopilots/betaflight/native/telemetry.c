@@ -4,7 +4,7 @@
 #include "bridge.h"
 
 enum { MSP_STATUS_EX = 150, MSP_ALTITUDE = 109, MSP_RC = 105 };
-enum { ARM_SWITCH_FLAG = 29 }; /* the last arming flag only says that others latched it */
+enum { FLAG_RUNAWAY = 1 << 5, FLAG_CRASH = 1 << 6 }; /* of the arming flags */
 enum { IDLE, DOLLAR, M, DIRECTION, SIZE, COMMAND, PAYLOAD };
 enum { MODE_ANGLE = 0, MODE_ACRO = 1, MODE_ALTITUDE_HOLD = 2, MODE_RESCUE = 6, MODE_POSITION_HOLD = 16,
        MODE_HORIZON = 30, MODE_FAILSAFE = 31 };
@@ -76,6 +76,7 @@ static void read_status(Bridge *b, const uint8_t *p, int size)
     AT(mode) = mode_of(b);
     const uint32_t forbidden = little(p + flags + 1, 4), latch = 1u << (p[flags] > 0 ? p[flags] - 1 : 0);
     AT(arming_flags) = forbidden;
+    AT(runaway_stopped) = (forbidden & FLAG_RUNAWAY) != 0, AT(crash_stopped) = (forbidden & FLAG_CRASH) != 0;
     AT(arming_forbidden) = (forbidden & ~latch) != 0;
     AT(telemetry_age_s) = 0.0;
 }

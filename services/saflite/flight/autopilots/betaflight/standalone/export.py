@@ -14,7 +14,8 @@ from saflite.contract.errors import Refused
 from saflite.contract.flight import Flight, FlightRecord, trace_digest
 from saflite.contract.standalone import Evidence
 from saflite.contract.test_case import TestCase
-from saflite.flight.autopilots.betaflight.configuration import configure, lines
+from saflite.flight.autopilots.betaflight import user_memory
+from saflite.flight.autopilots.betaflight.configuration import Memory, configure, lines
 from saflite.flight.autopilots.betaflight.firmware import CLOCK_LIBRARY, Variant, digest, listing
 from saflite.flight.autopilots.betaflight.flight import BetaflightFlight
 from saflite.flight.autopilots.betaflight.inputs import configured
@@ -51,10 +52,12 @@ def standalone(test_case: TestCase, flight: Flight, evidence: Evidence, variant:
         Unavailable: JSBSim or the firmware does not come up.
     """
     case = configured(test_case, variant).test_case
+    base = user_memory.read(case.target.settings)
     record, start_step, flown = _recorded(case, variant)
     _check_same(flight, flown)
     died = flown.ending == "autopilot_died"
     facts: dict[str, Any] = {
+        "eeprom": base64.b64encode(lzma.compress(base)).decode() if base else "",
         "settings": lines(variant, case.target.parameters),
         "variables": {"ASAN_OPTIONS": SANITIZER_OPTIONS} if variant.sanitized else {},
         "boxes": {str(switch.box): name for name, switch in SWITCHES.items()},
@@ -78,10 +81,14 @@ def _recorded(case: TestCase, variant: Variant) -> tuple[LinkRecord, int, Flight
     """Fly from power-up; return what passed over the link, the step of the start state, and the flight."""
     with tempfile.TemporaryDirectory() as place:
         folder, tap = Path(place), Tap(Path(place) / "link")
-        flight = BetaflightFlight(case, variant, configure(variant, case.target.parameters, folder), folder)
+        flight = BetaflightFlight(case, variant, _memory(case, variant, folder), folder)
         flight.launch = tap.start
         flown = flight.run(lambda: False)
         return tap.read(), flight.start_step, flown
+
+
+def _memory(case: TestCase, variant: Variant, folder: Path) -> Memory:
+    return configure(variant, case.target.parameters, folder, user_memory.read(case.target.settings))
 
 
 def _check_same(flight: Flight, flown: FlightRecord) -> None:

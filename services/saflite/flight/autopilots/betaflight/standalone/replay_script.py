@@ -124,6 +124,8 @@ def said(answer: bytes, port: int) -> bytes:
 
 def configure(binary: Path, library: Path, folder: Path) -> None:
     """Give the settings by the firmware's own command line, and save."""
+    if FACTS["eeprom"]:
+        (folder / "eeprom.bin").write_bytes(lzma.decompress(base64.b64decode(FACTS["eeprom"])))
     firmware, quiet = Firmware(binary, library, folder), messages()[0][:200]
 
     def step(text: bytes = b"") -> bytes:
