@@ -13,7 +13,7 @@ import msgspec
 from saflite.contract.errors import Refused
 from saflite.contract.outside import check_plain, parse_toml
 from saflite.contract.test_case import Setting, StartState, Target, Wind
-from saflite.contract.work import PolicyTexts
+from saflite.contract.work import PolicyTexts, Stage
 
 
 class StrategyConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -76,6 +76,14 @@ class LeaseConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     wall_limit_s: float = 120.0
 
 
+class Needs(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What a worker must have to be let in: cores, GPUs, and labels (`worker --label`), `*` standing for any text."""
+
+    cores: int = 0
+    gpus: int = 0
+    labels: dict[str, str] = {}
+
+
 class Campaign(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One campaign. `mission` names a built-in mission or a `.plan` file; without it flights begin in `start`.
 
@@ -99,6 +107,7 @@ class Campaign(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     search: SearchConfig = SearchConfig()
     lease: LeaseConfig = LeaseConfig()
     record: Literal["violations", "all", "none"] = "violations"
+    needs: dict[Stage, Needs] = {}  # of the workers of a stage
 
 
 def parse_campaign(text: str, where: str) -> Campaign:

@@ -35,6 +35,7 @@ class Join(msgspec.Struct, frozen=True, kw_only=True):
     modules: Labels = {}
     host: Word = ""
     cores: Count = 0
+    gpus: Count = 0
     labels: Labels = {}
 
     def build_of(self, target: str) -> str:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from fnmatch import fnmatchcase
+from types import MappingProxyType
 from typing import NamedTuple
 
+from saflite.contract.config import Needs
 from saflite.contract.errors import Refused
 from saflite.contract.join import Join, check_worker_name
 from saflite.contract.modules import Kind, Outside
@@ -35,6 +37,7 @@ class Terms(NamedTuple):
     software: Callable[[Stage], str]
     guests: Sequence[str] = ()
     modules: Sequence[Outside] = ()
+    needs: Mapping[Stage, Needs] = MappingProxyType({})
 
 
 def objection(card: Join, terms: Terms) -> str:
@@ -48,7 +51,10 @@ def objection(card: Join, terms: Terms) -> str:
     except Refused as fault:
         return str(fault)
     return (
-        _software(card, terms) or _modules(card, terms) or (_target(card, terms.target) if card.stage == "fly" else "")
+        _software(card, terms)
+        or _modules(card, terms)
+        or (_target(card, terms.target) if card.stage == "fly" else "")
+        or _missing(card, terms.needs.get(card.stage, Needs()))
     )
 
 
@@ -85,6 +91,18 @@ def _target(card: Join, target: Target) -> str:
     if target.build and build != target.build:
         wanted, got = target.build[:DIGEST_SHOWN], _said(build[:DIGEST_SHOWN])
         return f"build of {target.name}: expected {wanted}, which this campaign flies, got {got}"
+    return ""
+
+
+def _missing(card: Join, needs: Needs) -> str:
+    for name, wanted, got in (("cores", needs.cores, card.cores), ("gpus", needs.gpus, card.gpus)):
+        if got < wanted:
+            return f"{name} for {card.stage}: expected at least {wanted}, got {got}"
+    for label, pattern in needs.labels.items():
+        value = card.labels.get(label, "")
+        if not fnmatchcase(value, pattern) or label not in card.labels:
+            remedy = f"--label {label}=... says what this machine has"
+            return f"label {label} for {card.stage}: expected {_said(pattern)}, got {_said(value)}; {remedy}"
     return ""
 
 

@@ -85,7 +85,9 @@ class BooksService:
 
         `modules` are those from outside that workers have to have been given.
         """
-        self._terms = Terms(books.target, version(), software, books.campaign.scorer.guests, modules)
+        self._terms = Terms(
+            books.target, version(), software, books.campaign.scorer.guests, modules, books.campaign.needs
+        )
         self._bus, self._campaign, self._books, self._store, self._clock = bus, campaign, books, store, clock
         self._evidence = evidence or InlineEvidence(store.blobs)
         self._inspecting: Counter[str] = Counter()  # blobs of results being looked at: not to be dropped meanwhile

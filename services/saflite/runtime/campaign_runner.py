@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import signal
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
@@ -15,10 +15,11 @@ from saflite.contract.config import Campaign
 from saflite.contract.control import Control, Status
 from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.modules import use
+from saflite.contract.work import Stage
 from saflite.runtime import run_modules
 from saflite.runtime.client import FarmClient
 from saflite.runtime.clock import WallClock
-from saflite.runtime.farm import LocalFarm, default_simulators, roles
+from saflite.runtime.farm import LocalFarm, default_simulators, roles, roles_of
 from saflite.runtime.on_ray import HERE, workers_on
 from saflite.scorer_pool.key_hosts import hosts_named_by
 
@@ -73,6 +74,7 @@ def resume(
     run_dir: Path,
     *,
     simulators: int | None = None,
+    cast: Mapping[Stage, int] | None = None,
     on_status: OnStatus | None = None,
     modules: Sequence[Path] = (),
     budget: int | None = None,
@@ -85,8 +87,8 @@ def resume(
     """Continue the campaign in `run_dir` to its end on this machine, with a new budget if one is given.
 
     `modules` are files from outside, besides those the run was made with, or in place of them where they have the same
-    name. `simulators` 0 leaves the flying to workers that join at `listen` (see `LocalFarm`). `on` says where the
-    workers run: here, or `ray` (see `runtime/on_ray.py`).
+    name. `cast`, if given, says how many workers of each stage run here. `simulators` 0 leaves the flying to workers
+    that join at `listen` (see `LocalFarm`). `on` says where the workers run: here, or `ray` (see `runtime/on_ray.py`).
 
     Raises:
         Refused: no run folder, one in use, a damaged store, or an endpoint that needs `insecure`.
@@ -105,7 +107,7 @@ def resume(
     farm = LocalFarm(
         campaign.name,
         run_dir,
-        roles(count, record=record, prefix=workers.prefix if workers else ""),
+        roles_of(cast) if cast is not None else roles(count, record=record, prefix=workers.prefix if workers else ""),
         modules=paths,
         listen=listen,
         keys=keys,

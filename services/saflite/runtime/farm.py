@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import get_args
@@ -45,9 +45,13 @@ def roles(simulators: int, *, record: bool = True, prefix: str = "") -> tuple[Ro
     A round costs about as much to score as to fly, so one scorer for every two simulators and one more: a single one
     would let them wait.
     """
-    books = RoleSpec(kind="books", name="books", listens=True)
     counts: dict[Stage, int] = {"mutate": 1, "score": simulators // 2 + 1, "judge": 1}
-    counts |= {"record": int(record), "fly": simulators}
+    return roles_of({**counts, "record": int(record), "fly": simulators}, prefix=prefix)
+
+
+def roles_of(counts: Mapping[Stage, int], *, prefix: str = "") -> tuple[RoleSpec, ...]:
+    """Return the books with the router, and so many workers of each stage."""
+    books = RoleSpec(kind="books", name="books", listens=True)
     workers = (
         RoleSpec(kind=stage, name=f"{prefix}{stage}-{number}")
         for stage, count in counts.items()

@@ -48,6 +48,11 @@ def software_of(stage: Stage) -> str:
     return found.hexdigest()
 
 
+def gpus() -> int:
+    """Return how many GPUs this process can open: NVIDIA's devices, else render nodes of other makers."""
+    return len([*Path("/dev").glob("nvidia[0-9]*")] or [*Path("/dev/dri").glob("renderD*")])
+
+
 def card_of(
     stage: Stage,
     worker: str,
@@ -69,5 +74,6 @@ def card_of(
         modules={module.key: module.digest for module in all_given()},
         host=host,
         cores=len(os.sched_getaffinity(0)),
+        gpus=gpus(),
         labels=labels or {},
     )

@@ -7,6 +7,7 @@ from typing import Any
 import msgspec
 import pytest
 
+from saflite.contract.config import Needs
 from saflite.contract.join import Join
 from saflite.contract.modules import Kind, Outside
 from saflite.contract.test_case import Target
@@ -110,3 +111,23 @@ def test_modules_that_decide_what_a_stage_answers_must_be_the_same() -> None:
         assert "\n" not in words
     assert objection(_card("judge"), terms) == objection(_card("record"), terms) == ""
     assert objection(_card("score", worker="gpu-1"), terms) == ""
+
+
+@pytest.mark.parametrize(
+    ("needs", "said", "words"),
+    [
+        (Needs(cores=4), {"cores": 4}, ""),
+        (Needs(cores=4), {"cores": 3}, "cores for fly: expected at least 4, got 3"),
+        (Needs(gpus=1), {"gpus": 1}, ""),
+        (Needs(gpus=1), {}, "gpus for fly: expected at least 1, got 0"),
+        (Needs(labels={"site": "lab*"}), {"labels": {"site": "lab-2"}}, ""),
+        (Needs(labels={"site": "lab*"}), {"labels": {"site": "home"}}, "label site for fly: expected lab*, got home"),
+        (Needs(labels={"site": "*"}), {}, "label site for fly: expected *, got nothing"),
+    ],
+)
+def test_a_worker_has_what_its_work_needs(needs: Needs, said: dict[str, object], words: str) -> None:
+    terms = TERMS._replace(needs={"fly": needs})
+    card = msgspec.structs.replace(_card("fly"), **said)
+    assert objection(card, terms).startswith(words)
+    assert bool(objection(card, terms)) == bool(words)
+    assert objection(_card("judge"), terms) == ""

@@ -46,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
     if args.budget is not None:
         campaign_options.at_least("--budget", args.budget, 1)
     open_run(args.run).close()
-    _check(args.run, accept_loss=args.accept_loss)
+    running.check_books(args.run, accept_loss=args.accept_loss)
 
     def start(on_status: Callable[[Status], None]) -> ExitSummary:
         return campaign_runner.resume(
@@ -63,26 +63,3 @@ def run(args: argparse.Namespace) -> int:
         )
 
     return running.follow(args.run, start, as_json=args.json, metrics=args.metrics)
-
-
-def _check(run_dir: Path, *, accept_loss: bool) -> None:
-    """Raise Refused unless the books balance, or what is wrong with them is accepted; a run in use is not looked at."""
-    from saflite.campaign.storage.audit import audit
-    from saflite.campaign.storage.sqlite import in_use
-    from saflite.campaign.storage.witness import FIX
-    from saflite.console.view import out
-    from saflite.contract.errors import Refused
-    from saflite.runtime import campaign_runner
-
-    if in_use(run_dir):
-        return
-    problems = audit(run_dir, quick=True, blobs=False)["problems"]
-    if not problems:
-        return
-    more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
-    if not accept_loss:
-        where = str(run_dir / "books.sqlite")
-        raise Refused("books", where=where, expected="books that balance", got=problems[0] + more, fix=FIX)
-    for problem in problems:
-        out.complain("warning", f"accepted: {problem}")
-    campaign_runner.accept_loss(run_dir, problems[0] + more)

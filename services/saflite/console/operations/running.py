@@ -64,6 +64,28 @@ def create(run_dir: Path, campaign: Campaign, target: TargetInfo) -> None:
     run_modules.note(run_dir, all_given())
 
 
+def check_books(run_dir: Path, *, accept_loss: bool) -> None:
+    """Raise Refused unless the books balance, or what is wrong with them is accepted; a run in use is not looked at."""
+    from saflite.campaign.storage.audit import audit
+    from saflite.campaign.storage.sqlite import in_use
+    from saflite.campaign.storage.witness import FIX
+    from saflite.console.view import out
+    from saflite.runtime import campaign_runner
+
+    if in_use(run_dir):
+        return
+    problems = audit(run_dir, quick=True, blobs=False)["problems"]
+    if not problems:
+        return
+    more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
+    if not accept_loss:
+        where = str(run_dir / "books.sqlite")
+        raise Refused("books", where=where, expected="books that balance", got=problems[0] + more, fix=FIX)
+    for problem in problems:
+        out.complain("warning", f"accepted: {problem}")
+    campaign_runner.accept_loss(run_dir, problems[0] + more)
+
+
 def follow(run_dir: Path, start: Start, *, as_json: bool, metrics: str = "") -> int:
     """Run a farm with its progress shown, and told at `metrics` if that is an address; returns the exit code."""
     from saflite.campaign.storage.sqlite import in_use, make_one_file

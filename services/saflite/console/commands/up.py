@@ -1,0 +1,88 @@
+"""Run the farm a file describes: begin its campaign, or go on with it where the run folder holds one already.
+
+For machines that keep a farm running (`deploy/systemd`, `deploy/compose.yaml`): books and router run here, workers as
+the file says, all others join. The same command after a crash or a restart of the machine goes on.
+
+  campaign = "night.toml"                # or a built-in one
+  run = "runs/night"
+  listen = "tls/0.0.0.0:7447"            # where others join; left out: this user only
+  keys = "keys"
+  metrics = "127.0.0.1:9464"
+  [workers]                              # here; stages left out have none here
+  mutate = 1
+  judge = 1
+
+examples:
+  saflite up farm.toml
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from saflite.console.io.farm_file import FarmFile
+    from saflite.contract.control import Status
+    from saflite.runtime.campaign_runner import ExitSummary
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Name the arguments."""
+    parser.add_argument("farm", type=Path, metavar="FARM.toml", help="the farm")
+    parser.add_argument("--json", action="store_true", help="print the result as JSON, and nothing else")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the campaign to its end; 1 if confirmed violations were found."""
+    from saflite.campaign.storage.store import store_file
+    from saflite.console.io import farm_options
+    from saflite.console.io.farm_file import read_farm_file
+    from saflite.console.operations import running
+    from saflite.console.view import out
+    from saflite.contract.modules import use
+    from saflite.runtime import campaign_runner
+
+    farm = read_farm_file(args.farm)
+    keys = Path(farm.keys) if farm.keys else None
+    options = {"listen": farm.listen, "keys": keys, "insecure": farm.insecure, "metrics": farm.metrics}
+    farm_options.check(argparse.Namespace(**options, workers=None, on="here"))
+    modules = [Path(module) for module in farm.modules]
+    use(modules)
+    run_dir = Path(farm.run)
+    if store_file(run_dir).exists():
+        running.check_books(run_dir, accept_loss=False)
+    else:
+        _create(farm, run_dir)
+    if not args.json:
+        here = ", ".join(f"{count} {stage}" for stage, count in farm.workers.items() if count) or "none"
+        out.line(
+            f"farm {args.farm}: run folder {run_dir}, workers here: {here}, others join at {farm.listen or run_dir}"
+        )
+        out.flush()
+
+    def start(on_status: Callable[[Status], None]) -> ExitSummary:
+        return campaign_runner.resume(
+            run_dir,
+            cast=farm.workers,
+            on_status=on_status,
+            modules=modules,
+            listen=farm.listen,
+            keys=keys,
+            insecure=farm.insecure,
+            json_logs=farm.json_logs,
+        )
+
+    return running.follow(run_dir, start, as_json=args.json, metrics=farm.metrics)
+
+
+def _create(farm: FarmFile, run_dir: Path) -> None:
+    from saflite.console.io import campaign_options
+    from saflite.console.operations import running
+    from saflite.simulator_worker.registry import describe_target
+
+    campaign = campaign_options.load(farm.campaign)
+    campaign_options.check_runnable(campaign)
+    running.create(run_dir, campaign, describe_target(campaign.target.name))
