@@ -1,0 +1,59 @@
+"""Ranges, units and meanings of parameters, where ArduPilot's own metadata lies beside the binary.
+
+`apm.pdef.json`, as ArduPilot's `param_parse.py` writes it: groups of parameters, each with Range, Units, Values.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import msgspec
+
+FILE = "apm.pdef.json"
+
+
+class Documented(NamedTuple):
+    """What the metadata says of one parameter."""
+
+    low: float | None = None
+    high: float | None = None
+    unit: str = ""
+    meaning: str = ""
+    choices: tuple[float, ...] = ()
+
+
+def documented(binary: Path) -> dict[str, Documented]:
+    """Return what the metadata beside a binary says, by name; nothing where there is none that can be read."""
+    path = binary.parent / FILE
+    try:
+        return _read(path, path.stat().st_mtime_ns)
+    except OSError:
+        return {}
+
+
+@cache
+def _read(path: Path, changed_ns: int) -> dict[str, Documented]:
+    try:
+        groups = msgspec.json.decode(path.read_bytes())
+    except msgspec.DecodeError:
+        return {}
+    rows = (rows for rows in groups.values() if isinstance(rows, dict)) if isinstance(groups, dict) else ()
+    return {name: _row(row) for group in rows for name, row in group.items() if isinstance(row, dict)}
+
+
+def _row(row: dict[str, Any]) -> Documented:
+    limits = row.get("Range")
+    low, high = (_number(limits.get("low")), _number(limits.get("high"))) if isinstance(limits, dict) else (None, None)
+    values = row.get("Values")
+    numbers = [_number(value) for value in values] if isinstance(values, dict) else []
+    choices = tuple(sorted(value for value in numbers if value is not None))
+    return Documented(low, high, str(row.get("Units", "")), str(row.get("DisplayName", ""))[:200], choices)
+
+
+def _number(text: object) -> float | None:
+    try:
+        return float(str(text))
+    except ValueError:
+        return None

@@ -1,0 +1,106 @@
+"""The autopilot's process: started in a folder of its own, its console kept, ended with everything it started."""
+
+from __future__ import annotations
+
+import os
+import re
+import select
+import signal
+import subprocess
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+
+from saflite.contract.errors import Unavailable
+
+CONSOLE_MAX = 200_000
+READ_BYTES = 65_536
+END_S = 2.0
+_DEATHS = re.compile(r"PANIC|floating point exception|AddressSanitizer|runtime error:|segmentation|aborted", re.I)
+_ADDRESS = re.compile(r"0x[0-9a-fA-F]+")
+
+
+class Process:
+    """One process of the autopilot, the first of a group. Its console is a terminal, so that no last word is buffered.
+
+    Raises:
+        Unavailable: it cannot be started.
+    """
+
+    def __init__(self, command: Sequence[str], folder: Path) -> None:
+        ours, theirs = os.openpty()
+        os.set_blocking(ours, False)
+        try:
+            self._process = subprocess.Popen(
+                command,
+                cwd=folder,
+                stdin=subprocess.DEVNULL,
+                stdout=theirs,
+                stderr=theirs,
+                start_new_session=True,
+            )
+        except OSError as fault:
+            os.close(ours)
+            raise Unavailable(f"{command[0]}: {fault}") from fault
+        finally:
+            os.close(theirs)
+        self._console, self._said = ours, bytearray()
+
+    @property
+    def console(self) -> str:
+        """The end of what it printed."""
+        self.listen()
+        return self._said.decode("utf-8", "replace").replace("\r", "")
+
+    @property
+    def gone(self) -> bool:
+        """Whether it has ended."""
+        return self._process.poll() is not None
+
+    def listen(self) -> None:
+        """Take what it printed, so that it never waits for us."""
+        if self._console < 0:
+            return
+        with suppress(OSError):  # nothing more now, or for ever
+            while data := os.read(self._console, READ_BYTES):
+                self._said += data
+                del self._said[:-CONSOLE_MAX]
+
+    def wait_for_words(self, words: str, silent_s: float) -> bool:
+        """Return whether it printed some words before it ended or was silent for so long."""
+        while words not in self.console:
+            if self.gone and words not in self.console:
+                return False
+            if not select.select([self._console], [], [], silent_s)[0]:
+                return False
+        return True
+
+    def how_it_ended(self) -> str:
+        """Return the signal or exit code it ended with, and the line that says why.
+
+        To be asked once the link to it is gone: waits a little for the end.
+        """
+        try:
+            code = self._process.wait(END_S)
+        except subprocess.TimeoutExpired:
+            return "the autopilot hangs"
+        how = f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
+        return f"the autopilot ended with {how}: {last_line(self.console)}"
+
+    def end(self) -> None:
+        """Kill it and everything it started; may be called twice."""
+        if self._console < 0:
+            return
+        with suppress(ProcessLookupError, PermissionError):
+            os.killpg(self._process.pid, signal.SIGKILL)
+        self._process.wait()
+        self.listen()
+        os.close(self._console)
+        self._console = -1
+
+
+def last_line(console: str) -> str:
+    """Return the line that tells a death, the last one otherwise; without addresses, so that equals read the same."""
+    lines = [line.strip() for line in console.splitlines() if line.strip()]
+    told = next((line for line in lines if _DEATHS.search(line)), lines[-1] if lines else "it said nothing")
+    return _ADDRESS.sub("0x..", told)[:300]

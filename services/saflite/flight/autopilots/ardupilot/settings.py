@@ -1,0 +1,120 @@
+"""What the vehicle starts with so that the F450 flies well, and which settings the trace shows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping
+from typing import NamedTuple
+
+from saflite.flight.autopilots.ardupilot.vehicle import Vehicle
+
+_CHANNELS = range(1, 9)
+TUNE: dict[str, float] = {
+    "FRAME_CLASS": 1,  # quadrotor
+    "FRAME_TYPE": 1,  # X; motors front right, rear left, front left, rear right
+    # stock gains oscillate: the F450's motors follow in 45 ms
+    "ATC_RAT_RLL_P": 0.09,
+    "ATC_RAT_RLL_I": 0.09,
+    "ATC_RAT_RLL_D": 0.0045,
+    "ATC_RAT_PIT_P": 0.09,
+    "ATC_RAT_PIT_I": 0.09,
+    "ATC_RAT_PIT_D": 0.0045,
+    "INS_GYRO_FILTER": 50,
+    "MOT_THST_HOVER": 0.435,
+    # calibrated: small offsets count as done, and the simulator's compass stands off by these
+    **{f"INS_ACC{number}OFFS_{axis}": 0.001 for number in ("", "2") for axis in "XYZ"},
+    **{f"INS_ACC{number}SCAL_{axis}": 1.001 for number in ("", "2") for axis in "XYZ"},
+    **{f"COMPASS_OFS{number}_X": 5 for number in ("", "2", "3")},
+    **{f"COMPASS_OFS{number}_Y": 13 for number in ("", "2", "3")},
+    **{f"COMPASS_OFS{number}_Z": -18 for number in ("", "2", "3")},
+    **{f"RC{channel}_MIN": 1000 for channel in _CHANNELS},
+    **{f"RC{channel}_MAX": 2000 for channel in _CHANNELS},
+    **{f"RC{channel}_TRIM": 1500 for channel in _CHANNELS},
+    "FLTMODE_CH": 0,  # modes are changed by messages, not by a switch
+    "BATT_MONITOR": 4,
+    "MOT_BAT_VOLT_MIN": 9.6,
+    "MOT_BAT_VOLT_MAX": 12.8,
+    "FS_THR_ENABLE": 1,
+    # one telemetry link; what it says is asked for message by message
+    "SERIAL1_PROTOCOL": -1,
+    "SERIAL2_PROTOCOL": -1,
+    **{f"SR0_{name}": 0 for name in ("EXTRA1", "EXTRA2", "EXTRA3", "POSITION", "RAW_SENS", "RC_CHAN", "EXT_STAT")},
+}
+AVOIDANCE: dict[str, float] = {
+    "PRX1_TYPE": 2,
+    "PRX_TYPE": 2,
+    "AVOID_ENABLE": 7,
+    "AVOID_MARGIN": 3,
+    "OA_TYPE": 1,
+    "OA_BR_LOOKAHEAD": 10,
+    "OA_MARGIN_MAX": 3,
+    "GUID_OPTIONS": 64,
+}
+"""Set where a scenario has obstacles, unless the test case sets them itself: proximity by MAVLink, BendyRuler."""
+
+
+class Shown(NamedTuple):
+    """Where a slot's value comes from: the first of these parameters that the binary has, and how to read it."""
+
+    names: tuple[str, ...]
+    scale: float = 1.0
+
+
+SHOWN: dict[str, Shown] = {
+    "rtl_altitude_set_m": Shown(("RTL_ALT",), 0.01),
+    "rtl_altitude_final_set_m": Shown(("RTL_ALT_FINAL",), 0.01),
+    "land_speed_set_mps": Shown(("LAND_SPEED",), 0.01),
+    "land_altitude_low_set_m": Shown(("LAND_ALT_LOW",), 0.01),
+    "pilot_speed_up_set_mps": Shown(("PILOT_SPEED_UP",), 0.01),
+    "pilot_speed_down_set_mps": Shown(("PILOT_SPEED_DN",), 0.01),
+    "takeoff_speed_set_mps": Shown(("WPNAV_SPEED_UP",), 0.01),
+    "chute_altitude_min_set_m": Shown(("CHUTE_ALT_MIN",)),
+    "fs_throttle_set_pwm": Shown(("FS_THR_VALUE",)),
+    "fs_throttle_enabled": Shown(("FS_THR_ENABLE",)),
+    "fs_gps_action": Shown(("FS_EKF_ACTION",)),
+    "fence_on_set": Shown(("FENCE_ENABLE",)),
+    "fence_type_set": Shown(("FENCE_TYPE",)),
+    "fence_action_set": Shown(("FENCE_ACTION",)),
+    "fence_altitude_max_set_m": Shown(("FENCE_ALT_MAX",)),
+    "fence_radius_set_m": Shown(("FENCE_RADIUS",)),
+    "battery_low_set_v": Shown(("BATT_LOW_VOLT",)),
+    "battery_timer_set_s": Shown(("BATT_LOW_TIMER",)),
+    "battery_low_action_set": Shown(("BATT_FS_LOW_ACT",)),
+    "battery_critical_set_v": Shown(("BATT_CRT_VOLT",)),
+    "battery_low_charge_set_mah": Shown(("BATT_LOW_MAH",)),
+    "arming_checks_set": Shown(("ARMING_CHECK",)),
+    "angle_max_set_deg": Shown(("ANGLE_MAX",), 0.01),
+    "cruise_speed_set_mps": Shown(("WPNAV_SPEED",), 0.01),
+    "return_speed_set_mps": Shown(("RTL_SPEED",), 0.01),
+    "return_climb_min_set_m": Shown(("RTL_CLIMB_MIN",), 0.01),
+    "loiter_speed_set_mps": Shown(("LOIT_SPEED",), 0.01),
+    "disarm_delay_set_s": Shown(("DISARM_DELAY",)),
+    "circle_radius_set_m": Shown(("CIRCLE_RADIUS",), 0.01),
+}
+_CEILING = 1  # bit of FENCE_TYPE
+_HEIGHT_BY_SOURCE = {1.0: 0.0, 2.0: 1.0, 3.0: 2.0}  # EK3_SRC1_POSZ to what EK2_ALT_SOURCE said
+
+
+def start_parameters(given: Mapping[str, float], known: Collection[str], *, obstacles: bool) -> dict[str, float]:
+    """Return what the vehicle starts with beyond the binary's own defaults; names it does not know are left out."""
+    ours = {**TUNE, **(AVOIDANCE if obstacles else {})}
+    return {name: float(value) for name, value in {**ours, **given}.items() if name in known}
+
+
+def as_file(parameters: Mapping[str, float]) -> str:
+    """Return parameters as the text of a `.parm` file."""
+    return "".join(f"{name} {value:.9g}\n" for name, value in parameters.items())
+
+
+def show(vehicle: Vehicle, parameters: Mapping[str, float]) -> None:
+    """Write the settings in force into the slots of the trace; `parameters` are all by name."""
+    for slot, shown in SHOWN.items():
+        name = next((name for name in shown.names if name in parameters), None)
+        if name is not None:
+            vehicle[slot] = shown.scale * parameters[name]
+    get: Callable[[str, float], float] = parameters.get
+    fast = get("LAND_SPEED_HIGH", 0.0) or get("WPNAV_SPEED_DN", 0.0)
+    vehicle["land_speed_high_set_mps"] = 0.01 * fast
+    ceiling = int(get("FENCE_TYPE", 0.0)) & _CEILING
+    vehicle["fence_enabled"] = float(get("FENCE_ENABLE", 0.0) != 0.0 and ceiling != 0)
+    source = get("EK3_SRC1_POSZ", 1.0)
+    vehicle["altitude_source"] = get("EK2_ALT_SOURCE", _HEIGHT_BY_SOURCE.get(source, source))

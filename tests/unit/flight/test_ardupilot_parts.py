@@ -1,0 +1,325 @@
+"""Pieces of the ArduPilot adapter that need no autopilot: layouts, what a file is, telemetry, obstacles, checks."""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import platform
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from saflite.contract.errors import Refused
+from saflite.contract.test_case import Obstacle, Scenario, StartState, Stimulus, Target, TestCase
+from saflite.flight.autopilots.ardupilot import binary, obstacles, settings
+from saflite.flight.autopilots.ardupilot.bring_up import PORTS_NEEDED, command
+from saflite.flight.autopilots.ardupilot.check import check_test_case
+from saflite.flight.autopilots.ardupilot.describe import describe
+from saflite.flight.autopilots.ardupilot.inputs import Inputs
+from saflite.flight.autopilots.ardupilot.link import Radio, SimulatedClock
+from saflite.flight.autopilots.ardupilot.listing import Listing, Row
+from saflite.flight.autopilots.ardupilot.metadata import documented
+from saflite.flight.autopilots.ardupilot.process import last_line
+from saflite.flight.autopilots.ardupilot.telemetry import EKF_NEEDED, PREARM, Telemetry
+from saflite.flight.autopilots.ardupilot.vehicle import Vehicle
+from saflite.flight.geometry import boxes_array
+from saflite.flight.mavlink.client import Client
+from saflite.flight.native_library import python_library
+from saflite.simulator_worker.agreement import own_contradictions
+
+HOME = (47.3977419, 8.5455938, 488.79)
+REAL32, INT16 = 9, 4
+LISTING = Listing(
+    binary="0" * 64,
+    parameters={
+        "RTL_ALT": Row(1500.0, INT16),
+        "FENCE_ENABLE": Row(0.0, INT16),
+        "FENCE_TYPE": Row(7.0, INT16),
+        "ATC_RAT_RLL_P": Row(0.135, REAL32),
+        "SIM_WIND_SPD": Row(0.0, REAL32),
+        "PRX1_TYPE": Row(0.0, INT16),
+    },
+)
+
+
+@pytest.fixture
+def vehicle() -> Vehicle:
+    return Vehicle(np.zeros((0, 8)), 0.0)
+
+
+def message(kind: str, **fields: Any) -> Any:
+    """Return a message as it comes from the vehicle: packed and read again."""
+    from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+    made = dialect.mavlink_map[getattr(dialect, f"MAVLINK_MSG_ID_{kind}")]
+    values = [fields.get(name, [0] * 4 if "[" in name else 0) for name in made.fieldnames]
+    link = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
+    return dialect.MAVLink(None).parse_buffer(made(*values).pack(link))[0]
+
+
+# ---- the JSON backend ---------------------------------------------------------------------------------------------
+
+
+def servo(magic: int, channels: int, *pulses: int) -> bytes:
+    every = [*pulses, *([1000] * channels)][:channels]
+    return struct.pack(f"<HHI{channels}H", magic, 400, 7, *every)
+
+
+@pytest.mark.parametrize(("magic", "channels"), [(18458, 16), (29569, 32)])
+def test_servo_packets_give_throttles(magic: int, channels: int) -> None:
+    frame, throttles = ctypes.c_uint32(), (ctypes.c_double * 4)()
+    data = servo(magic, channels, 1000, 1250, 2000, 2300)
+    assert python_library().servo_packet(data, len(data), ctypes.byref(frame), throttles) == 1
+    assert frame.value == 7
+    assert list(throttles) == [0.0, 0.25, 1.0, 1.0]
+
+
+@pytest.mark.parametrize("data", [b"", servo(18458, 32), servo(29569, 16), servo(18459, 16), servo(18458, 16)[:-1]])
+def test_other_packets_are_none(data: bytes) -> None:
+    frame, throttles = ctypes.c_uint32(), (ctypes.c_double * 4)()
+    assert python_library().servo_packet(data, len(data), ctypes.byref(frame), throttles) == 0
+
+
+def test_the_state_is_a_line_of_json_without_blanks_and_time_is_stretched(vehicle: Vehicle) -> None:
+    vehicle.set(step=400.0, altitude_m=12.5, climb_mps=1.5, x_m=3.0, yaw_rad=0.5, force_z_mps2=-9.81)
+    into = ctypes.create_string_buffer(640)
+    python_library().state_line.argtypes = [ctypes.c_void_p, ctypes.c_char_p, ctypes.c_int]
+    count = python_library().state_line(vehicle.address, into, 640)
+    line = into.raw[:count].decode()
+    assert line.startswith("\n")
+    assert line.endswith("}\n")
+    assert " " not in line  # the backend reads vectors right behind the colon
+    told = json.loads(line)
+    assert told["position"] == pytest.approx([3.0, 0.0, -12.5], abs=1e-9)
+    assert told["velocity"][2] == -1.5
+    assert told["attitude"][2] == 0.5
+    assert told["imu"]["accel_body"][2] == -9.81
+    # whole microseconds are cut off each step: exact steps would lose one each
+    assert int((told["timestamp"] - 399 * 0.0025 * (1 + 4e-8)) * 1e6) == 2500
+
+
+# ---- the binary ---------------------------------------------------------------------------------------------------
+
+NUMBER = {name: number for number, name in binary.MACHINES.items()}[platform.machine()]
+BACKEND = b"JSON control interface set to %s"
+
+
+def program(path: Path, *words: bytes, machine: int = NUMBER, mode: int = 0o755) -> Path:
+    head = b"\x7fELF\x02\x01\x01" + bytes(9) + struct.pack("<HH", 2, machine)
+    path.write_bytes(head + bytes(44) + b"\0".join((b"", *words, b"")))
+    path.chmod(mode)
+    return path
+
+
+def test_a_binary_is_known_by_its_content(tmp_path: Path) -> None:
+    first = binary.inspect(program(tmp_path / "one", b"ArduCopter V4.5.7", BACKEND))
+    again = binary.inspect(program(tmp_path / "two", b"ArduCopter V4.5.7", BACKEND))
+    assert first.version == "ArduCopter V4.5.7"
+    assert first.digest == again.digest
+
+
+@pytest.mark.parametrize(
+    ("words", "options", "said"),
+    [
+        ((b"ArduPlane V4.5.7", BACKEND), {}, "expected ArduCopter: the world is a quadrotor, got ArduPlane V4.5.7"),
+        ((b"ArduCopter V4.5.7",), {}, "expected a build for the simulator with its JSON backend"),
+        ((b"hello",), {}, "got a program without ArduPilot's version"),
+        ((b"px4_daemon",), {}, "got a PX4 binary"),
+        ((b"ArduCopter V4.5.7", BACKEND), {"machine": 9999}, "got one for processor 9999"),
+        ((b"ArduCopter V4.5.7", BACKEND), {"mode": 0o644}, "expected leave to run it"),
+    ],
+)
+def test_what_cannot_fly_is_refused_in_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: tuple[bytes, ...], options: dict[str, int], said: str
+) -> None:
+    monkeypatch.setattr(binary.os, "access", lambda path, mode: path.stat().st_mode & 0o100 != 0)  # root may run all
+    with pytest.raises(Refused, match="autopilot") as caught:
+        binary.inspect(program(tmp_path / "x", *words, **options))
+    assert said in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_no_file_and_no_program_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "text").write_text("#!/bin/sh\n")
+    for path in (tmp_path / "nothing", tmp_path / "text", tmp_path):
+        with pytest.raises(Refused, match="a program"):
+            binary.inspect(path)
+
+
+def test_the_command_line_uses_the_slots_ports_only() -> None:
+    words = command(Path("arducopter"), range(21_000, 21_020), HOME, 90.0)
+    ports = [int(words[i + 1]) for i, word in enumerate(words) if word.endswith(("-port", "-port-in", "-port-out"))]
+    assert len(ports) == 5
+    assert len(set(ports)) == 5
+    assert all(21_000 <= port < 21_000 + PORTS_NEEDED for port in ports)
+
+
+def test_deaths_are_told_without_addresses() -> None:
+    console = "Setting up\r\nPANIC: bad thing at 0x55aa12\nbacktrace 1\nbacktrace 2\n"
+    assert last_line(console) == "PANIC: bad thing at 0x.."
+    assert last_line("one\ntwo\n") == "two"
+    assert last_line("") == "it said nothing"
+
+
+# ---- parameters ---------------------------------------------------------------------------------------------------
+
+
+def test_the_vehicle_starts_with_our_tune_what_is_given_and_only_what_it_knows() -> None:
+    plain = settings.start_parameters({"RTL_ALT": 3000.0}, LISTING.parameters, obstacles=False)
+    assert plain == {"ATC_RAT_RLL_P": 0.09, "RTL_ALT": 3000.0}
+    assert settings.start_parameters({}, LISTING.parameters, obstacles=True)["PRX1_TYPE"] == 2.0
+    assert settings.as_file(plain) == "ATC_RAT_RLL_P 0.09\nRTL_ALT 3000\n"
+
+
+def test_settings_in_force_are_shown_in_si_units(vehicle: Vehicle) -> None:
+    settings.show(vehicle, {"RTL_ALT": 3000.0, "FENCE_ENABLE": 1.0, "FENCE_TYPE": 6.0, "EK3_SRC1_POSZ": 3.0})
+    assert vehicle["rtl_altitude_set_m"] == 30.0
+    assert vehicle["fence_enabled"] == 0.0  # on, but without a ceiling
+    assert vehicle["altitude_source"] == 2.0
+    settings.show(vehicle, {"FENCE_ENABLE": 1.0, "FENCE_TYPE": 7.0})
+    assert vehicle["fence_enabled"] == 1.0
+
+
+def test_metadata_beside_the_binary_gives_ranges(tmp_path: Path) -> None:
+    row = {"Range": {"low": "30", "high": "300000"}, "Units": "cm", "DisplayName": "RTL Altitude"}
+    choice = {"Values": {"0": "Disabled", "1": "Enabled"}, "DisplayName": "Fence"}
+    pages = {"json": {"version": 0}, "RTL": {"RTL_ALT": row}, "FENCE_": {"FENCE_ENABLE": choice}}
+    (tmp_path / "apm.pdef.json").write_text(json.dumps(pages))
+    told = documented(tmp_path / "arducopter")
+    assert told["RTL_ALT"][:3] == (30.0, 300_000.0, "cm")
+    assert told["FENCE_ENABLE"].choices == (0.0, 1.0)
+    assert documented(tmp_path / "elsewhere" / "arducopter") == {}
+
+
+def test_the_description_comes_from_the_binary(tmp_path: Path) -> None:
+    found = binary.inspect(program(tmp_path / "arducopter", b"ArduCopter V4.5.7", BACKEND))
+    info = describe(found, LISTING, "")
+    assert list(own_contradictions(info)) == []
+    kinds = {entry.name: (entry.kind, entry.type) for entry in info.inputs}
+    assert kinds["RTL_ALT"] == ("parameter", "whole")
+    assert kinds["SIM_WIND_SPD"] == ("sensor_fault", "real")
+    assert str(tmp_path) not in repr(info)  # a path is nobody's identity
+    assert describe(None, None, "no binary").missing == "no binary"
+
+
+# ---- telemetry ----------------------------------------------------------------------------------------------------
+
+
+def test_what_the_vehicle_says_comes_under_common_names(vehicle: Vehicle) -> None:
+    told = Telemetry(vehicle, LISTING.values, HOME)
+    for one in (
+        message("HEARTBEAT", custom_mode=5, base_mode=128 + 1),
+        message("EXTENDED_SYS_STATE", landed_state=2),
+        message("GLOBAL_POSITION_INT", relative_alt=12_500),
+        message("LOCAL_POSITION_NED", x=3.0, y=4.0, vz=-1.0),
+        message("GPS_RAW_INT", fix_type=6, satellites_visible=10, alt=508_790),
+        message("SYS_STATUS", onboard_control_sensors_health=PREARM | 65536 | 8, voltage_battery=12_600),
+        message("EKF_STATUS_REPORT", flags=EKF_NEEDED),
+        message("PARAM_VALUE", param_id=b"RTL_ALT", param_value=2500.0, param_type=INT16),
+        message("FENCE_STATUS", breach_status=1),
+    ):
+        told.take(one, 1.0)
+    board = {
+        name: vehicle[name] for name in ("mode", "armed", "landed", "taken_off", "gps_ok", "baro_ok", "rc_present")
+    }
+    assert board == {
+        "mode": 5.0,
+        "armed": 1.0,
+        "landed": 0.0,
+        "taken_off": 1.0,
+        "gps_ok": 1.0,
+        "baro_ok": 1.0,
+        "rc_present": 1.0,
+    }
+    assert (vehicle["altitude_est_m"], vehicle["climb_est_mps"], vehicle["failsafe_fence"]) == (12.5, 1.0, 1.0)
+    assert vehicle["gps_altitude_m"] == pytest.approx(20.0)
+    assert vehicle["rtl_altitude_set_m"] == 25.0
+    assert told.ready
+
+
+def test_texts_raise_and_clear_failsafes(vehicle: Vehicle) -> None:
+    told = Telemetry(vehicle, {}, HOME)
+    told.zero_s = 10.0
+    told.take(message("STATUSTEXT", severity=4, text=b"Radio Failsafe"), 12.0)
+    assert vehicle["failsafe_radio"] == 1.0
+    assert (told.texts[0].at_s, told.texts[0].severity) == (2.0, "warning")
+    told.take(message("STATUSTEXT", severity=4, text=b"Radio Failsafe Cleared"), 13.0)
+    assert vehicle["failsafe_radio"] == 0.0
+
+
+def test_answers_find_their_stimuli(vehicle: Vehicle) -> None:
+    stimuli = (
+        Stimulus(at_s=0.0, kind="parameter", name="RTL_ALT", values=(900.0,)),
+        Stimulus(at_s=0.0, kind="parameter", name="FENCE_ENABLE", values=(9.0,)),
+        Stimulus(at_s=0.0, kind="command", name="MAV_CMD_NAV_LAND"),
+        Stimulus(at_s=0.0, kind="mode", name="LOITER"),
+        Stimulus(at_s=0.02, kind="stick", name="RC1", values=(1700.0,)),
+    )
+    radio = Radio(9)
+    given = Inputs(Client(SimulatedClock(vehicle), Deaf()), radio, stimuli, LISTING.types)
+    given.give_due(0.0)
+    assert not given.finished
+    given.hear(message("PARAM_VALUE", param_id=b"RTL_ALT", param_value=900.0))
+    given.hear(message("PARAM_VALUE", param_id=b"FENCE_ENABLE", param_value=0.0))
+    given.hear(message("COMMAND_ACK", command=21, result=0))
+    given.give_due(0.02)
+    given.give_due(1.5)  # nobody answered the order to change the mode
+    radio.close()
+    assert given.finished
+    assert radio.pulses_us[0] == 1700
+    answers = [one.answer for one in given.delivered]
+    assert answers == ["accepted", "denied", "accepted", "timed_out", "accepted"]
+
+
+class Deaf:
+    """A port from which nothing comes."""
+
+    name = "deaf"
+
+    def exchange(self, data: bytes, wait_s: float) -> bytes:
+        return b""
+
+    def close(self) -> None:
+        pass
+
+
+# ---- obstacles ----------------------------------------------------------------------------------------------------
+
+
+def test_sectors_look_forward_first_and_turn_right() -> None:
+    ahead = boxes_array([Obstacle(length_m=2, width_m=40, height_m=20, x_m=11, y_m=0)])  # 10 m north
+    north = obstacles.distances_cm(ahead, (0.0, 0.0, 5.0), 0.0)
+    assert north[0] == 1000
+    assert north[36] == obstacles.RANGE_CM + 1
+    assert obstacles.distances_cm(ahead, (0.0, 0.0, 5.0), np.pi / 2)[54] == 1000  # nose east: north is to the left
+    assert set(obstacles.distances_cm(ahead, (0.0, 0.0, 25.0), 0.0)) == {obstacles.RANGE_CM + 1}  # above it
+    assert set(obstacles.distances_cm(boxes_array([]), (0.0, 0.0, 5.0), 0.0)) == {obstacles.RANGE_CM + 1}
+
+
+def test_turned_boxes_are_seen_where_they_are() -> None:
+    turned = boxes_array([Obstacle(length_m=2, width_m=2, height_m=20, x_m=10, y_m=0, rotation_deg=45)])
+    assert obstacles.distances_cm(turned, (0.0, 0.0, 5.0), 0.0)[0] == round(100 * (10 - 2**0.5))
+
+
+# ---- checks -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("stimulus", "said"),
+    [
+        (Stimulus(at_s=0.0, kind="parameter", name="RTL_ATL", values=(1.0,)), "did you mean RTL_ALT?"),
+        (Stimulus(at_s=0.0, kind="sensor_fault", name="SIM_NO", values=(1.0,)), "one of the binary's 6"),
+        (Stimulus(at_s=0.0, kind="command", name="MAV_CMD_FLY_AWAY"), "MAV_CMD"),
+        (Stimulus(at_s=0.0, kind="mode", name="HOVER"), "STABILIZE"),
+        (Stimulus(at_s=0.0, kind="stick", name="RC9", values=(1500.0,)), "RC1"),
+        (Stimulus(at_s=-1.0, kind="mode", name="LOITER"), "0 or later"),
+    ],
+)
+def test_what_cannot_be_given_is_refused(stimulus: Stimulus, said: str) -> None:
+    case = TestCase(target=Target(name="ardupilot"), scenario=Scenario(start=StartState()), stimuli=(stimulus,))
+    with pytest.raises(Refused, match="stimulus 0") as caught:
+        check_test_case(case, LISTING)
+    assert said in str(caught.value)
