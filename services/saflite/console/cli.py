@@ -95,6 +95,10 @@ def _dispatch(words: list[str]) -> int:
         from saflite.contract.modules import use
 
         use(args.module)
+    if getattr(args, "autopilot", None) is not None:
+        from saflite.flight.autopilots.ardupilot.binary import use as fly_with
+
+        fly_with(args.autopilot)
     code: int = module.run(args)
     sys.stdout.flush()
     return code

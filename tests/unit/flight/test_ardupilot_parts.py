@@ -135,7 +135,7 @@ def test_a_binary_is_known_by_its_content(tmp_path: Path) -> None:
 def test_what_cannot_fly_is_refused_in_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: tuple[bytes, ...], options: dict[str, int], said: str
 ) -> None:
-    monkeypatch.setattr(binary.os, "access", lambda path, mode: path.stat().st_mode & 0o100 != 0)  # root may run all
+    monkeypatch.setattr("os.access", lambda path, mode: path.stat().st_mode & 0o100 != 0)  # root may run all
     with pytest.raises(Refused, match="autopilot") as caught:
         binary.inspect(program(tmp_path / "x", *words, **options))
     assert said in str(caught.value)

@@ -45,9 +45,10 @@ def all_checks(folder: Path, ollama: str) -> list[Check]:
         partial(_disk, folder),
         _policies,
         _flight,
+        _ardupilot,
+        _ardupilot_parameters,
         *(partial(_target, name) for name in target_names()),
         partial(_ollama, ollama),
-        partial(_binary, "ArduPilot", "arducopter"),
         partial(_binary, "PX4", "px4"),
     ]
 
@@ -193,6 +194,31 @@ def _ollama(url: str) -> Finding:
         return Finding("model server", "note", f"none at {place} ({type(fault).__name__}); embedded scorers need none")
     names = ", ".join(sorted(str(model.get("name")) for model in models)) or "no models yet"
     return Finding("model server", "ok", f"{place}: {names}")
+
+
+def _ardupilot() -> Finding:
+    from saflite.flight.autopilots.ardupilot.binary import named
+
+    try:
+        binary = named()
+    except Unavailable as fault:
+        return Finding("ArduPilot", "note", f"{fault}; the other targets need none")
+    except Refused as fault:
+        return Finding("ArduPilot", "bad", str(fault))
+    return Finding("ArduPilot", "ok", f"{binary.version}, digest {binary.digest[:12]}, with the JSON backend")
+
+
+def _ardupilot_parameters() -> Finding:
+    from saflite.simulator_worker.targets.ardupilot import parameters_known
+
+    what = "ArduPilot starts"
+    try:
+        count, documented = parameters_known()
+    except Unavailable as fault:
+        return Finding(what, "note", f"not tried: {fault}")
+    except Refused as fault:
+        return Finding(what, "bad", str(fault))
+    return Finding(what, "ok", f"in lockstep, answers over MAVLink: {count} parameters, {documented} with ranges")
 
 
 def _binary(name: str, program: str) -> Finding:

@@ -7,9 +7,11 @@ from pathlib import Path
 
 
 def add_modules(parser: argparse.ArgumentParser) -> None:
-    """Name the argument that gives modules from outside; the command line lets the process find them."""
+    """Name the arguments that give modules and an autopilot from outside; the command line hands them on."""
     text = "file with a target, strategy, scorer (.py) or policy (.toml) from outside (may be repeated)"
     parser.add_argument("--module", type=Path, action="append", default=[], metavar="FILE", help=text)
+    autopilot = "simulator build of ArduCopter for the target ardupilot; its content is its identity, not its path"
+    parser.add_argument("--autopilot", type=Path, metavar="PATH", help=autopilot)
 
 
 def add_target_settings(parser: argparse.ArgumentParser) -> None:

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 from saflite.contract.errors import Refused, Unavailable
@@ -47,6 +44,18 @@ def open(slot: Slot) -> ArduPilotSession:  # noqa: A001  (the name that the cont
     return ArduPilotSession(slot, binary, rows)
 
 
+def parameters_known() -> tuple[int, int]:
+    """Return how many parameters the binary has, and for how many of them a range is documented.
+
+    Raises:
+        Unavailable: there is no binary, or it does not come up.
+        Refused: it cannot fly here.
+    """
+    _, rows = _binary()
+    ranged = [one for one in describe().inputs if one.low is not None and one.kind in ("parameter", "sensor_fault")]
+    return len(rows.parameters), len(ranged)
+
+
 class ArduPilotSession:
     """Flies each test case in a process of its own, so that nothing of a flight reaches the next."""
 
@@ -65,8 +74,7 @@ class ArduPilotSession:
         late_s = clock.monotonic_s() + deadline_s
         flight = ArduPilotFlight(test_case, self._binary, self._listing, self._place)
         try:
-            with _on_one_core(self._slot.index):
-                return flight.run(lambda: cancelled() or clock.monotonic_s() >= late_s)
+            return flight.run(lambda: cancelled() or clock.monotonic_s() >= late_s)
         except Unavailable:
             if clock.monotonic_s() < late_s:
                 raise
@@ -97,14 +105,3 @@ def _asked(binary: Binary) -> listing.Listing:
         return listing.ask(binary, Place(Path(info.folder), range(info.first_port, info.first_port + info.ports)))
     finally:
         held.release()
-
-
-@contextmanager
-def _on_one_core(number: int) -> Iterator[None]:
-    """Keep this process and what it starts on one core: they take turns, and a word between two cores takes longer."""
-    before = os.sched_getaffinity(0)
-    os.sched_setaffinity(0, {sorted(before)[number % len(before)]})
-    try:
-        yield
-    finally:
-        os.sched_setaffinity(0, before)

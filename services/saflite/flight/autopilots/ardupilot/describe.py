@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from saflite.contract.target_info import InputInfo, TargetInfo, ValueType
-from saflite.contract.test_case import StartState
+from saflite.contract.test_case import DEFAULT_TARGET, StartState
 from saflite.flight.autopilots.ardupilot.binary import AUTOPILOT, Binary
 from saflite.flight.autopilots.ardupilot.inputs import (
     COMMANDS,
@@ -24,6 +24,7 @@ from saflite.flight.autopilots.ardupilot.metadata import Documented, documented
 from saflite.flight.autopilots.ardupilot.settings import TUNE
 from saflite.flight.autopilots.ardupilot.signals import trace_names
 from saflite.flight.autopilots.ardupilot.telemetry import MODES
+from saflite.flight.autopilots.described import setting_ranges
 from saflite.flight.build import build_of
 from saflite.flight.mavlink.client import WHOLE
 
@@ -111,7 +112,9 @@ def _commands() -> Iterator[InputInfo]:
 
 
 def _parameters(listing: Listing, binary: Path) -> Iterator[InputInfo]:
-    told = documented(binary)
+    """Yield the binary's parameters; without metadata, ranges stand for the names that our own vehicle shares."""
+    told = {name: Documented(low, high) for name, (low, high) in setting_ranges(DEFAULT_TARGET).items()}
+    told.update(documented(binary))
     for name, row in listing.parameters.items():
         if name not in NOT_OFFERED and not name.startswith(_OURS):
             yield _parameter(name, row, told.get(name, Documented()))

@@ -15,7 +15,7 @@ from saflite.contract.service import Cancelled
 from saflite.contract.test_case import StartState, TestCase
 from saflite.flight.autopilots.ardupilot import obstacles
 from saflite.flight.autopilots.ardupilot.binary import Binary
-from saflite.flight.autopilots.ardupilot.bring_up import HEARTBEAT_S, HOME, Aircraft, FailedBringUp, Place
+from saflite.flight.autopilots.ardupilot.bring_up import HEARTBEAT_S, HOME, Aircraft, FailedBringUp, Place, one_core
 from saflite.flight.autopilots.ardupilot.inputs import Inputs
 from saflite.flight.autopilots.ardupilot.link import CENTRE_US, TICK_S, Stopped
 from saflite.flight.autopilots.ardupilot.listing import Listing
@@ -62,6 +62,10 @@ class ArduPilotFlight:
     def run(self, cancelled: Cancelled) -> FlightRecord:
         """Fly to the end and return the record; raises Unavailable when cancelled or where it does not come up."""
         self._cancelled = cancelled
+        with one_core(self._place):
+            return self._run()
+
+    def _run(self) -> FlightRecord:
         try:
             aircraft = self._aircraft = self._powered_up()
         except FailedBringUp as fault:
