@@ -213,3 +213,22 @@ def test_a_users_own_memory_is_taken_and_a_damaged_one_told(session: BetaflightS
     file.unlink()
     with pytest.raises(Refused, match="can be read"):
         fly(session, msgspec.structs.replace(case(), target=Target(name="betaflight", settings={"eeprom": str(file)})))
+
+
+def test_settings_act_in_flight_where_the_firmware_takes_them(session: BetaflightSession) -> None:
+    def given(at_s: float, name: str, value: float) -> Stimulus:
+        return Stimulus(at_s=at_s, kind="parameter", name=name, values=(value,))
+
+    changes = given(0.5, "failsafe_procedure", 2.0), given(0.5, "failsafe_throttle", 1300.0), given(0.6, "p_roll", 40.0)
+    late = given(0.7, "failsafe_delay", 50.0), given(0.8, "p_roll", 999.0)
+    lost = msgspec.structs.replace(LOST, at_s=1.5)
+    record = fly(session, case(*changes, *late, lost, limit_s=12.0, failsafe_procedure=1.0))
+    assert record.delivered is not None
+    assert [one.answer for one in record.delivered] == ["accepted"] * 3 + ["denied"] * 2 + ["accepted"]
+    assert last(record, "failsafe_procedure") == 2.0
+    assert record.ending == "completed", "it would drop, as it was set before"
+    assert record.trace is not None
+    assert record.trace.array("box_rescue").max() == 1.0
+    shaky = fly(session, case(given(0.5, "p_roll", 250.0), given(0.5, "d_roll", 0.0), limit_s=4.0))
+    assert shaky.trace is not None
+    assert abs(shaky.trace.array("roll_rate_dps")[100:]).max() > 20.0

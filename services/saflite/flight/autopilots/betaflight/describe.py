@@ -12,6 +12,7 @@ from saflite.flight.autopilots.betaflight.configuration import known_settings, t
 from saflite.flight.autopilots.betaflight.faults import PAIRS, WHOLE, known_faults
 from saflite.flight.autopilots.betaflight.firmware import Variant, identity, listing, why_missing
 from saflite.flight.autopilots.betaflight.flight import HANDS_OFF, HOLDS, LINKS, SETTING_LINK, SETTING_PILOT
+from saflite.flight.autopilots.betaflight.in_flight import FIELDS
 from saflite.flight.autopilots.betaflight.inputs import MSP2_COMMAND, MSP_COMMAND, RAW_BYTES, SWITCH
 from saflite.flight.autopilots.betaflight.settings import BetaflightSetting
 from saflite.flight.autopilots.betaflight.signals import OWN_SIGNALS, trace_names
@@ -171,5 +172,5 @@ def _parameter(setting: BetaflightSetting, default: float) -> InputInfo:
         type="whole",
         default=default,
         meaning=", ".join(f"{place} {word}" for place, word in enumerate(setting.words)),
-        at_start=True,
+        at_start=setting.name not in FIELDS,
     )

@@ -22,6 +22,8 @@ from saflite.flight.autopilots.betaflight.faults import (
     set_fault,
 )
 from saflite.flight.autopilots.betaflight.firmware import Variant
+from saflite.flight.autopilots.betaflight.in_flight import FIELDS
+from saflite.flight.autopilots.betaflight.signals import show_setting
 from saflite.flight.autopilots.betaflight.switches import (
     OFF_US,
     ON_US,
@@ -39,7 +41,7 @@ SWITCH = "SWITCH_"
 MSP_COMMAND, MSP2_COMMAND, RAW_BYTES = "MSP", "MSP2", "SERIAL_BYTES"
 BYTES_MAX = 4096
 PATIENCE_S = 0.5  # for an answer
-TOO_LATE = "settings are read at the start: give it at 0 s"
+TOO_LATE = "this setting is read at the start: give it at 0 s"
 
 
 class Hands(Protocol):
@@ -60,6 +62,14 @@ class _Asked(NamedTuple):
     until_s: float
 
 
+class _Change(NamedTuple):
+    """A setting to be changed in flight: its place in `Inputs.delivered`, its name, the value."""
+
+    place: int
+    name: str
+    value: float
+
+
 class Inputs:
     """Gives each stimulus at its time, in order of time and place, and notes what became of it."""
 
@@ -69,6 +79,8 @@ class Inputs:
         self._stimuli = tuple(stimuli)
         self._order = in_order(self._stimuli)
         self._asked: list[_Asked] = []
+        self._change_until_s = 0.0
+        self._changes: list[_Change] = []  # one at a time: two of one block would undo each other
 
     @property
     def finished(self) -> bool:
@@ -82,7 +94,7 @@ class Inputs:
 
     def tick(self, time_s: float) -> None:
         """Give what is due; take the answers that came."""
-        if self._asked:
+        if self._asked or self._changes:
             self._hear(time_s)
         while not self.finished:
             index = self._order[len(self.delivered)]
@@ -105,7 +117,7 @@ class Inputs:
         answer: DeliveryAnswer = "accepted"
         why = ""
         if stimulus.kind == "parameter":
-            answer, why = "denied", TOO_LATE
+            answer, why = self._change(stimulus, time_s)
         elif stimulus.name in (MSP_COMMAND, MSP2_COMMAND):
             answer = "timed_out"  # unless an answer comes
             self._asked.append(_Asked(len(self.delivered), int(stimulus.values[0]), time_s + PATIENCE_S))
@@ -117,19 +129,60 @@ class Inputs:
             give(self._hands, stimulus, self._variant)
         self.delivered.append(Delivered(index=index, at_s=time_s, answer=answer, message=why))
 
+    def _change(self, stimulus: Stimulus, time_s: float) -> tuple[DeliveryAnswer, str]:
+        field, value = FIELDS.get(stimulus.name), stimulus.values[0]
+        if field is None:
+            return "denied", TOO_LATE
+        if not field.fits(value):
+            return "denied", f"does not fit the {field.size} bytes of its message"
+        self._changes.append(_Change(len(self.delivered), stimulus.name, value))
+        if len(self._changes) == 1:
+            self._begin_change(time_s)
+        return "timed_out", ""  # unless an answer comes
+
+    def _begin_change(self, time_s: float) -> None:
+        """Ask for the block of the setting that is to be changed next."""
+        self._change_until_s = time_s + PATIENCE_S
+        self._say(msp.frame(FIELDS[self._changes[0].name].read))
+
+    def _go_on_changing(self, answer: msp.Answer) -> bool:
+        """Take an answer that a change waits for; return whether it was one."""
+        change = self._changes[0]
+        field = FIELDS[change.name]
+        if answer.command == field.read:
+            self._say(msp.frame(field.write, field.changed(answer.payload, change.value)))
+        elif answer.command == field.write:
+            self._settle(change.place, answer.taken)
+            if answer.taken:
+                show_setting(self._hands.vehicle, change.name, change.value)
+            self._changes.pop(0)
+        else:
+            return False
+        return True
+
+    def _settle(self, place: int, taken: bool) -> None:
+        answer: DeliveryAnswer = "accepted" if taken else "denied"
+        words = "" if taken else "error answer"
+        self.delivered[place] = msgspec.structs.replace(self.delivered[place], answer=answer, message=words)
+
     def _say(self, data: bytes) -> None:
         self._hands.vehicle.say(TEST, data)
 
     def _hear(self, time_s: float) -> None:
         for answer in msp.answers(self._hands.vehicle.heard(TEST)):
+            waiting = len(self._changes)
+            if waiting and self._go_on_changing(answer):
+                if 0 < len(self._changes) < waiting:
+                    self._begin_change(time_s)
+                continue
             asked = next((one for one in self._asked if one.command == answer.command), None)
             if asked is not None:
                 self._asked.remove(asked)
-                taken: DeliveryAnswer = "accepted" if answer.taken else "denied"
-                words = "" if answer.taken else "error answer"
-                self.delivered[asked.place] = msgspec.structs.replace(
-                    self.delivered[asked.place], answer=taken, message=words
-                )
+                self._settle(asked.place, answer.taken)
+        if self._changes and time_s >= self._change_until_s:
+            self._changes.pop(0)
+            if self._changes:
+                self._begin_change(time_s)
         self._asked = [one for one in self._asked if one.until_s > time_s]
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from saflite.contract.signals import SIGNALS
 from saflite.contract.target_info import SignalInfo
 from saflite.flight.autopilots.betaflight.vehicle import slots
+from saflite.flight.native_library import Board
 
 _NOT_WRITTEN = frozenset({"time_s", "obstacle_distance_m", "contact", "chute_released", "gps_satellites"})
 
@@ -69,6 +70,13 @@ SHOWN_SETTINGS: dict[str, tuple[str, float]] = {
     "rx_max_set_us": ("rx_max_usec", 1.0),
 }
 """Slot of the bridge to the setting it shows and the scale to its unit."""
+
+
+def show_setting(board: Board, name: str, value: float) -> None:
+    """Put a setting's value into the slots that show it."""
+    for slot, (shown, scale) in SHOWN_SETTINGS.items():
+        if shown == name:
+            board[slot] = scale * value
 
 
 def trace_names() -> tuple[str, ...]:
