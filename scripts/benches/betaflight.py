@@ -38,6 +38,7 @@ NAME, VARIANT = "betaflight", VARIANTS["gps"]
 CASE_S = 10.0
 TURN_TICKS, TURNS = 250, 8
 WARM_UP_TICKS = 50
+ENDING_POLLS = 100  # of 0.1 s, for the last fork to end
 
 
 def never() -> bool:
@@ -239,6 +240,10 @@ def leaks(options: argparse.Namespace) -> dict[str, Any]:
         before = _left()
         for number in range(options.leaks):
             session.fly(_short(number), DEADLINE_S, never)
+        for _ in range(ENDING_POLLS):
+            if len(_held()) <= before["processes"]:
+                break
+            time.sleep(0.1)
         after = _left()
     grown = {key: round(after[key] - before[key], 2) for key in before}
     return {"forks": options.leaks, "grown": grown}
@@ -248,8 +253,12 @@ def _short(number: int) -> TestCase:
     return hover(0.1, Stimulus(at_s=0.04, kind="stick", name="RC1", values=(1400.0 + number % 200,)))
 
 
+def _held() -> list[int]:
+    return [pid for child in children(os.getpid()) for pid in (child, *children(child))]
+
+
 def _left() -> dict[str, float]:
-    held = [pid for child in children(os.getpid()) for pid in (child, *children(child))]
+    held = _held()
     files = sum(len(os.listdir(f"/proc/{pid}/fd")) for pid in (os.getpid(), *held))
     pages = sum(int(Path(f"/proc/{pid}/statm").read_text().split()[1]) for pid in (os.getpid(), *held))
     memory_mib = pages * os.sysconf("SC_PAGESIZE") / 2**20

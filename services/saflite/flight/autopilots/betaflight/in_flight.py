@@ -1,7 +1,7 @@
 """Settings that serial messages change in flight: read as a block, one field replaced, the block set again.
 
 Fields as in the protocol's messages 75/76 (failsafe), 112/202 (gains), 135/225 (GPS rescue). Only what the firmware
-reads while it flies; failsafe delays it reads at arming, so they are not here. Messages are not held to documented ranges.
+reads while it flies; failsafe delays it reads at arming, so they are not here. Messages know no documented ranges.
 """
 
 from __future__ import annotations
