@@ -6,7 +6,6 @@ Exit codes: 0 nothing found, 1 violations found, 2 refused input, 3 infrastructu
 from __future__ import annotations
 
 import argparse
-import difflib
 import sys
 from collections.abc import Sequence
 from importlib import import_module
@@ -19,6 +18,7 @@ from saflite.contract.errors import Refused, Unavailable
 
 NOTHING_FOUND, FOUND, REFUSED, INFRASTRUCTURE = 0, 1, 2, 3
 INTERRUPTED = 130
+BROKEN_PIPE = 141  # 128 and SIGPIPE, as the shell has it
 _ORDER = ("run", "resume", "replay", "watch", "report", "list")
 
 
@@ -54,7 +54,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return INTERRUPTED
     except BrokenPipeError:
         out.mute()
-        return NOTHING_FOUND
+        return BROKEN_PIPE
     except Exception as fault:  # noqa: BLE001 (exit code 1, Python's own, must only ever mean violations)
         out.complain("fault of saflite itself", f"{_in_a_line(fault)}; the traceback is in {_kept_traceback()}")
         return INFRASTRUCTURE
@@ -107,6 +107,8 @@ def _dispatch(words: list[str]) -> int:
 def _load(name: str) -> ModuleType:
     names = command_names()
     if name not in names:
+        import difflib
+
         near = difflib.get_close_matches(name, names, 1)
         fix = f"did you mean `saflite {near[0]}`?" if near else "see `saflite --help`"
         raise Refused("command", expected=f"one of {', '.join(names)}", got=repr(name), fix=fix)

@@ -87,6 +87,7 @@ class Status(msgspec.Struct, frozen=True, kw_only=True):
     scorer: Word
     scorer_pending: Word
     fallbacks: Count
+    fallback_why: Text = ""
     scores: Count = 0
     scores_by_model: Count = 0
     queues: Annotated[dict[Word, Count], msgspec.Meta(max_length=100)]

@@ -9,6 +9,8 @@ Broken invariants of our own are plain `AssertionError`: the process dies and it
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 
 class FarmError(Exception):
     """Root of the errors a caller may handle."""
@@ -23,13 +25,28 @@ class Refused(FarmError):
         expected: what would have been accepted.
         got: what was found instead.
         fix: what the user can do; empty if `expected` says it all.
+        known: the names there are; `expected` tells them where it is `one of A, B, ...`. A near one is suggested.
     """
 
-    def __init__(self, what: str, *, expected: str, got: object, where: str = "", fix: str = "") -> None:
+    def __init__(
+        self, what: str, *, expected: str, got: object, where: str = "", fix: str = "", known: Iterable[str] = ()
+    ) -> None:
         self.what, self.where, self.expected, self.got, self.fix = what, where, expected, got, fix
         place = f" ({where})" if where else ""
+        near = (
+            _near(got, known or expected.removeprefix("one of ").split(", ")) if known or "one of " in expected else ""
+        )
+        self.fix = fix = "; ".join(filter(None, (f"did you mean {near}?" if near else "", fix)))
         remedy = f"; {fix}" if fix else ""
         super().__init__(f"{what}{place}: expected {expected}, got {got}{remedy}")
+
+
+def _near(got: object, known: Iterable[str]) -> str:
+    """Return the known name that is most like what was given, empty if none is."""
+    import difflib
+
+    found = difflib.get_close_matches(str(got).strip("'\""), [name.strip() for name in known], 1)
+    return found[0] if found else ""
 
 
 class Unavailable(FarmError):

@@ -186,10 +186,6 @@ MADE_FROM: dict[str, tuple[str, ...]] = {
 """What the oracle makes of the rest of a flight where the trace does not hold it, and the signals each is made from."""
 
 
-LOG_TARGETS = ("px4", "ardupilot")
-"""Targets of test cases that stand for a log: what it does not hold is not known, least of all by a default."""
-
-
 def lacking(name: str, written: Collection[str]) -> tuple[str, ...]:
     """Return the signals that a flight would have to hold for it to give `name`, and does not."""
     sources = MADE_FROM.get(name)

@@ -41,7 +41,7 @@ def judge(
         trace: its signals; None if there is no trace.
         policies: names, or paths of policy files.
         policy_texts: the text of policies that do not ship.
-        sources: where each signal comes from in a log, for verdicts that miss one.
+        sources: where each signal comes from in a log, for verdicts that miss one; None if it is a flight of ours.
 
     Raises:
         Refused: a policy is unknown or its file is wrong.
@@ -51,10 +51,11 @@ def judge(
         reason = f"nothing to judge: the flight ended as {flight.ending}" + ("" if trace else " without a trace")
         verdicts = [_inconclusive(policy, reason) for policy in loaded]
         return _judgement(test_case, flight, verdicts, {}, None)
-    signals = FlightSignals(test_case, flight, trace)
+    is_log = sources is not None
+    signals = FlightSignals(test_case, flight, trace, is_log=is_log)
     features = features_of(test_case, signals)
     wanted = frozenset[str]().union(*(policy.signals for policy in loaded))
-    judged = FlightSignals(test_case, flight, trace, between=True)
+    judged = FlightSignals(test_case, flight, trace, between=True, is_log=is_log)
     shown = judged.pick(wanted)
     common = Evaluator(shown, trace.step_s, judged.moments.row)
     verdicts = []

@@ -169,7 +169,9 @@ def _foreign(text: str, where: str) -> Policy:
 @cache
 def _shipped(name: str) -> Policy:
     if name not in policy_names():
-        raise Refused("policy", expected="a name of `saflite list policies` or a .toml file", got=repr(name))
+        raise Refused(
+            "policy", expected="a name of `saflite list policies` or a .toml file", got=repr(name), known=policy_names()
+        )
     path = POLICIES_DIR / f"{name}.toml"
     policy = parse_policy(read_text(path, "policy file"), str(path.name))
     assert policy.id == name, f"{path} holds policy {policy.id}"

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saflite.contract.flight import Flight, Trace, given
-from saflite.contract.signals import LOG_TARGETS, MADE_FROM, can_show, lacking
+from saflite.contract.signals import MADE_FROM, can_show, lacking
 from saflite.contract.test_case import Stimulus, StimulusKind, TestCase
 from saflite.flight.autopilots.described import setting_ranges
 from saflite.flight.geometry import boxes_array, distance_to_boxes
@@ -50,14 +50,17 @@ class FlightSignals:
         test_case: what was flown.
         flight: how it went; its `delivered` tells what was given.
         trace: the samples.
+        is_log: what the trace does not hold is not known, least of all by a default or the test case's settings.
         between: show what held between stimuli of one instant, too (`moments.py`); otherwise samples alone.
     """
 
-    def __init__(self, test_case: TestCase, flight: Flight, trace: Trace, *, between: bool = False) -> None:
+    def __init__(
+        self, test_case: TestCase, flight: Flight, trace: Trace, *, between: bool = False, is_log: bool = False
+    ) -> None:
         self._test_case, self._flight, self._trace = test_case, flight, trace
         self.moments = moments_of(trace, flight.delivered) if between else samples_of(trace)
         self._given = tuple(one for one in given(test_case.stimuli, flight.delivered) if one.is_cause)
-        self._is_log = test_case.target.name in LOG_TARGETS
+        self._is_log = is_log
         self._made: dict[str, Array] = {}
         self.samples, self.step_s, self.written = len(self.moments.row), trace.step_s, frozenset(trace.signals)
         self._makers: dict[str, Callable[[], Any]] = {

@@ -16,6 +16,7 @@ from saflite.bus.keyring import read_register
 from saflite.bus.private_socket import PrivateSocket
 from saflite.contract.errors import Unavailable
 from saflite.contract.work import Stage
+from saflite.runtime import farm_register
 from saflite.runtime.client import FARM_FILE, FarmInfo, write_info
 from saflite.runtime.clock import WallClock
 from saflite.runtime.launchers.base import Launcher, Meeting, RoleSpec, RoleState
@@ -134,6 +135,7 @@ class LocalFarm:
         """Start every role."""
         self._supervisor.start()
         self._write_info()
+        farm_register.note(self.run_dir)
 
     def pids(self) -> dict[str, int]:
         """Return the process ids of the roles that run on this machine."""
@@ -163,6 +165,7 @@ class LocalFarm:
         self._launcher.stop()
         with suppress(OSError):
             (self.run_dir / FARM_FILE).unlink()
+        farm_register.forget(self.run_dir)
         if self._socket is not None:
             self._socket.close()
 

@@ -47,6 +47,7 @@ class Counts:
     scores: int = 0  # that decided
     scores_by_model: int = 0  # of them those of the model that was to score, not of the embedded one in its place
     fallbacks: int = 0
+    fallback_why: str = ""  # what the scorer said last
     simulated_s: float = 0.0
     wall_s: float = 0.0
     last_find_s: float | None = None  # campaign time of the last new violation

@@ -87,6 +87,7 @@ def status_of(reducer: Reducer, registry: WorkerRegistry, leases: Leases, rates:
         scorer=reducer.scorers.model,
         scorer_pending=",".join(key.model for key in reducer.scorers.pending),
         fallbacks=counts.fallbacks,
+        fallback_why=counts.fallback_why,
         scores=counts.scores,
         scores_by_model=counts.scores_by_model,
         queues=queues,

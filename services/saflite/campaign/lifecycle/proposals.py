@@ -101,7 +101,7 @@ class Proposals:
         model = task.model
         core.done(task, "scored")
         deciding = [score for score in result.scores if not score.shadow]
-        core.counts.fallbacks += sum(1 for score in deciding if score.fault)
+        self._fell_back([score.fault for score in deciding if score.fault])
         core.counts.scores += len(deciding)
         core.counts.scores_by_model += sum(1 for score in deciding if score.scored_by == score.model)
         latency_s = max((usage.latency_s for usage in result.usage.values()), default=0.0)
@@ -119,6 +119,13 @@ class Proposals:
             )
         self._scored(round_, model, result.scores, latency_s)
 
+    def _fell_back(self, faults: list[str]) -> None:
+        """Count scores that the embedded scorer gave instead, and keep why."""
+        counts = self._core.counts
+        counts.fallbacks += len(faults)
+        if faults:
+            counts.fallback_why = faults[-1][:200]
+
     def on_score_trouble(self, task: Task, key: ScoreKey, message: str) -> None:
         """A batch was lost or failed: once more; after the second time the order suffers and nothing else."""
         core = self._core
@@ -133,7 +140,7 @@ class Proposals:
             Score(test_case=name, value=FALLBACK_SCORE, model=task.model, scored_by="none", fault=message or "lost")
             for name in round_.batches[key.batch]
         )
-        core.counts.fallbacks += len(scores)
+        self._fell_back([score.fault for score in scores])
         self._scored(round_, task.model, scores, 0.0)
 
     def _scored(self, round_: Round, model: str, scores: tuple[Score, ...], latency_s: float) -> None:

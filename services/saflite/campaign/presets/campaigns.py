@@ -65,7 +65,8 @@ def load_campaign(name_or_path: str, target: TargetInfo | None = None) -> Campai
         few = ", ".join(sorted(path.stem for path in BUILTIN_DIR.glob("*.toml")))
         fix = "see `saflite list campaigns`"
         expected = f"one of {few}, {PREFIX}<policy>, or a .toml file"
-        raise Refused("campaign", expected=expected, got=repr(name_or_path), fix=fix)
+        known = (*few.split(", "), *policy_campaigns(info))
+        raise Refused("campaign", expected=expected, got=repr(name_or_path), fix=fix, known=known)
     return parse_campaign(read_text(path, "campaign file"), path.name)
 
 

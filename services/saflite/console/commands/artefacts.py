@@ -15,7 +15,9 @@ from saflite.console.io import outputs
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Name the arguments."""
-    parser.add_argument("run", type=Path, help="run folder")
+    from saflite.console.io import arguments
+
+    arguments.add_run(parser)
     parser.add_argument("--test-case", default="", metavar="ID", help="of this test case (or the start of its name)")
     parser.add_argument("--out", type=Path, metavar="DIR", help="write them to this folder, one below it per flight")
     outputs.add_force(parser)
@@ -24,9 +26,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """List or write them; 0 also where there are none."""
+    from saflite.console.run_data import farm_lookup
     from saflite.console.run_data.run_folder import open_run, tell_loss
     from saflite.console.view import out
 
+    args.run = farm_lookup.newest(args.run)
     if args.out is not None:
         outputs.check_folder(args.out, force=args.force)
     tell_loss(args.run)

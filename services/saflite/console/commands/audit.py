@@ -13,12 +13,13 @@ examples:
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Name the arguments."""
-    parser.add_argument("run", type=Path, help="run folder")
+    from saflite.console.io import arguments
+
+    arguments.add_run(parser)
     parser.add_argument("--quick", action="store_true", help="only look whether blobs are there in full length")
     parser.add_argument("--rebuild", action="store_true", help="first make all tables anew from the journal")
     parser.add_argument("--json", action="store_true", help="print the figures as JSON")
@@ -29,8 +30,10 @@ def run(args: argparse.Namespace) -> int:
     import msgspec
 
     from saflite.campaign.storage.audit import audit
+    from saflite.console.run_data import farm_lookup
     from saflite.console.view import out
 
+    args.run = farm_lookup.newest(args.run)
     if args.rebuild:
         from saflite.campaign.storage.rebuild import rebuild
 

@@ -3,13 +3,12 @@
 examples:
   saflite control status
   saflite control pause
-  saflite control budget 500 --run runs/avoidance-m2
+  saflite control budget 500 runs/avoidance-m2
 """
 
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 from saflite.console.io import farm_options
 
@@ -17,8 +16,8 @@ from saflite.console.io import farm_options
 def configure(parser: argparse.ArgumentParser) -> None:
     """Name the arguments."""
     parser.add_argument("verb", choices=["status", "pause", "resume", "stop", "budget"], help="the order")
-    parser.add_argument("number", type=int, nargs="?", default=0, help="the new budget")
-    parser.add_argument("--run", type=Path, help="run folder (the newest running one)")
+    words = "the new budget, with `budget`; then the run folder (the newest running one)"
+    parser.add_argument("words", nargs="*", metavar="NUMBER RUN", help=words)
     farm_options.connecting(parser)
     parser.add_argument("--json", action="store_true", help="print the answer as JSON")
 
@@ -30,11 +29,15 @@ def run(args: argparse.Namespace) -> int:
     from saflite.console.view import live, out
     from saflite.contract.errors import Refused
 
+    words, args.run = farm_lookup.last_as_run(args.words)
+    if len(words) > int(args.verb == "budget") or not all(word.isdecimal() for word in words):
+        raise Refused(args.verb, expected="a number with `budget`, then a run folder", got=" ".join(args.words))
+    number = int(words[0]) if words else 0
     if args.verb == "budget":
-        campaign_options.at_least("budget", args.number, 1)
+        campaign_options.at_least("budget", number, 1)
     client = farm_lookup.connect(farm_options.where(args))
     try:
-        answer = client.order(args.verb, number=args.number)
+        answer = client.order(args.verb, number=number)
     finally:
         client.close()
     if not answer.accepted:

@@ -20,7 +20,9 @@ from saflite.console.io import embargo, outputs
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Name the arguments."""
-    parser.add_argument("run", type=Path, help="run folder")
+    from saflite.console.io import arguments
+
+    arguments.add_run(parser)
     what = parser.add_mutually_exclusive_group(required=True)
     what.add_argument("--format", help="see `saflite list exports`")
     words = "write a script that reproduces this finding without the farm (targets of real autopilots)"
@@ -34,10 +36,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Write the files; 0 once they are written, whatever they tell."""
+    from saflite.console.run_data import farm_lookup
     from saflite.console.run_data.run_folder import open_run, tell_loss
     from saflite.console.view import out
     from saflite.recorder.export import export
 
+    args.run = farm_lookup.newest(args.run)
     if args.out is not None:
         outputs.check_folder(args.out, force=args.force)
     tell_loss(args.run)

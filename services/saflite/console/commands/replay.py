@@ -21,7 +21,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Name the arguments."""
     from saflite.console.io import arguments
 
-    parser.add_argument("what", type=Path, help="run folder, recording (.mcap) or test case (.yaml, .json)")
+    words = "run folder (the newest), recording (.mcap) or test case (.yaml, .json)"
+    parser.add_argument("what", type=Path, nargs="?", metavar="RUN", help=words)
     parser.add_argument(
         "--violation", default="", metavar="ID", help="only this fingerprint or test case (or its start)"
     )
@@ -37,11 +38,12 @@ def run(args: argparse.Namespace) -> int:
     """Fly everything again and compare."""
     from saflite.console.io import campaign_options
     from saflite.console.operations import replaying
-    from saflite.console.run_data import provenance
+    from saflite.console.run_data import farm_lookup, provenance
     from saflite.console.run_data.run_folder import tell_loss
     from saflite.console.view import out
     from saflite.runtime import run_modules
 
+    args.what = farm_lookup.newest(args.what)
     if args.times is not None:
         campaign_options.at_least("--times", args.times, 1)
     if args.what.is_dir():

@@ -15,7 +15,9 @@ from saflite.console.io import embargo, outputs
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Name the arguments."""
-    parser.add_argument("run", type=Path, help="run folder")
+    from saflite.console.io import arguments
+
+    arguments.add_run(parser)
     parser.add_argument("--out", type=Path, help="where to (RUN/report.html)")
     embargo.add_release(parser)
     outputs.add_force(parser)
@@ -24,10 +26,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Write the report; 0 once it is written, whatever it tells."""
-    from saflite.console.run_data import reporting
+    from saflite.console.run_data import farm_lookup, reporting
     from saflite.console.run_data.run_folder import tell_loss
     from saflite.console.view import out
 
+    args.run = farm_lookup.newest(args.run)
     if args.out is not None:
         outputs.check_file(args.out, force=args.force)
     tell_loss(args.run)

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from saflite.console.io import farm_options
@@ -24,7 +23,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Name the arguments."""
     from saflite.console.io import arguments
 
-    parser.add_argument("run", type=Path, help="run folder")
+    arguments.add_run(parser)
     parser.add_argument("--budget", type=int, metavar="N", help="new number of flights, those flown included")
     parser.add_argument("--workers", type=int, metavar="N", help="simulator workers (one per core)")
     parser.add_argument(
@@ -39,9 +38,11 @@ def run(args: argparse.Namespace) -> int:
     """Continue to the end; 1 if the run holds confirmed violations."""
     from saflite.console.io import campaign_options
     from saflite.console.operations import running
+    from saflite.console.run_data import farm_lookup
     from saflite.console.run_data.run_folder import open_run
     from saflite.runtime import campaign_runner
 
+    args.run = farm_lookup.newest(args.run)
     farm_options.check(args)
     if args.budget is not None:
         campaign_options.at_least("--budget", args.budget, 1)

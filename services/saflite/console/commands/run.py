@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 from saflite.console.io import farm_options
 
 if TYPE_CHECKING:
+    from saflite.contract.config import Campaign
     from saflite.contract.control import Status
     from saflite.runtime.campaign_runner import ExitSummary
 
@@ -30,7 +31,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("campaign", help="built-in campaign or .toml file")
     parser.add_argument("--target", default="", help="on this target (see `saflite list targets`)")
     parser.add_argument("--out", type=Path, metavar="RUN", help="run folder, must not exist (runs/CAMPAIGN)")
-    parser.add_argument("--budget", type=int, metavar="N", help="first flights, one a test case")
+    parser.add_argument(
+        "--budget", type=int, metavar="N", help="first flights, one a test case; re-flights and minimising come on top"
+    )
     parser.add_argument("--workers", type=int, metavar="N", help="simulator workers (one per core)")
     parser.add_argument("--rng-seed", type=int, metavar="N", help="start of every random draw")
     parser.add_argument("--strategy", default="", help="see `saflite list strategies`")
@@ -42,6 +45,16 @@ def configure(parser: argparse.ArgumentParser) -> None:
     arguments.add_modules(parser)
     farm_options.listening(parser)
     parser.add_argument("--json", action="store_true", help="print the result as JSON, and nothing else")
+
+
+def _on_top(campaign: Campaign) -> str:
+    """Return in words what is flown beside the budget."""
+    search = campaign.search
+    minimising = ", then its minimising" if search.shrink else ""
+    return (
+        f"{search.confirm_flights or 'a few'} re-flights for each new behaviour{minimising}; "
+        f"{search.check_share:.0%} flown twice to check the farm"
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -73,6 +86,7 @@ def run(args: argparse.Namespace) -> int:
     if not args.json:
         scorer = f"scorer {campaign.scorer.model}, strategy {campaign.strategy.name}"
         out.line(f"campaign {campaign.name}: {campaign.budget_flights} flights, {scorer}, rng_seed {campaign.rng_seed}")
+        out.line(f"on top of the flights: {_on_top(campaign)}")
         out.line(f"run folder {run_dir}")
         if args.listen:
             how = " --keys FOLDER" if args.keys else " --insecure" if args.insecure else ""

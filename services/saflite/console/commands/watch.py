@@ -26,7 +26,9 @@ if TYPE_CHECKING:
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Name the arguments."""
-    parser.add_argument("run", type=Path, nargs="?", help="run folder (the newest running one)")
+    from saflite.console.io import arguments
+
+    arguments.add_run(parser, "the newest running one")
     parser.add_argument("--from", dest="from_seq", type=int, default=1, metavar="SEQ", help="first event (1: all)")
     parser.add_argument("--kind", action="append", default=[], help="only this kind (may be repeated)")
     farm_options.connecting(parser)

@@ -6,6 +6,11 @@ import argparse
 from pathlib import Path
 
 
+def add_run(parser: argparse.ArgumentParser, which: str = "the newest") -> None:
+    """Name the argument that every command about a run has; `farm_lookup.newest` finds the one left out."""
+    parser.add_argument("run", type=Path, nargs="?", metavar="RUN", help=f"run folder ({which})")
+
+
 def add_modules(parser: argparse.ArgumentParser) -> None:
     """Name the arguments that give modules and an autopilot from outside; the command line hands them on."""
     text = "file with a target, strategy, scorer (.py) or policy (.toml) from outside (may be repeated)"

@@ -39,7 +39,7 @@ def connecting(parser: argparse.ArgumentParser) -> None:
 
 
 def where(args: argparse.Namespace) -> Where:
-    """Return the farm the arguments of `connecting` and `--run` name."""
+    """Return the farm the arguments of `connecting` and RUN name."""
     return Where(args.run, args.connect, args.campaign, args.insecure, args.keys)
 
 

@@ -66,7 +66,7 @@ def judge_file(path: Path, case_path: Path | None, policies: tuple[str, ...]) ->
     case = log_files.case_of(path, log, cases.load_case(case_path) if case_path else None)
     flight = log_files.flight_of(case, log)
     chosen = policies or policies_for(case.target.name)
-    return Judged(path, case, flight, judge(case, flight, log.trace, chosen, sources=log.sources))
+    return Judged(path, case, flight, judge(case, flight, log.trace, chosen, sources=log.sources or None))
 
 
 def judge_folder(folder: Path, case_path: Path | None, policies: tuple[str, ...]) -> Iterator[Judged]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -40,6 +41,7 @@ class Conclusion(NamedTuple):
     findings: tuple[Finding, ...]
     rulings: dict[str, Rulings]
     minimised: bool
+    fallbacks: tuple[int, str] = (0, "")
 
     @property
     def confirmed(self) -> list[Violation]:
@@ -75,7 +77,7 @@ def conclude(run_dir: Path, ended: ExitSummary, *, as_json: bool) -> int:
         files = {"report": str(report), "test_cases": [str(path) for path in cases if path.suffix != ".plan"]}
         asked = {one.violation.fingerprint: one.circumstances for one in found.findings}
         out.json({"run": str(run_dir), **_plain(found, ended), "asked_first": asked, **files})
-        return found.exit_code
+        return _code(found, ended)
     _tell(found, ended)
     out.line()
     kept = f"   ({withheld_words(shown.withheld)}; `saflite report --release`)" if shown.withheld else ""
@@ -83,10 +85,16 @@ def conclude(run_dir: Path, ended: ExitSummary, *, as_json: bool) -> int:
     out.line(f"recordings  {run_dir / 'recordings'}   (open in Foxglove or PlotJuggler)")
     out.line(f"test cases  {run_dir / reporting.TEST_CASES}   (competition YAML)")
     if found.confirmed:
-        out.line(f"prove it    saflite replay {run_dir}")
+        out.line(f"prove it    {out.program()} replay {run_dir}")
     if not ended.ended:
-        out.line(f"go on       saflite resume {run_dir}")
-    return found.exit_code
+        out.line(f"go on       {out.program()} resume {run_dir}")
+    return _code(found, ended)
+
+
+def _code(found: Conclusion, ended: ExitSummary) -> int:
+    """Return the exit code; a campaign that its closed terminal cut short is no success."""
+    cut = ended.why == f"signal {signal.SIGHUP.name}" and not ended.ended
+    return 128 + signal.SIGHUP if cut and found.exit_code == NOTHING_FOUND else found.exit_code
 
 
 def _read(run: RunFolder) -> Conclusion:
@@ -101,6 +109,7 @@ def _read(run: RunFolder) -> Conclusion:
         findings=tuple(one for one in findings if one.violation.confirmation != "similar"),
         rulings=run.rulings(),
         minimised=run.campaign.search.shrink,
+        fallbacks=run.fallbacks(),
     )
 
 
@@ -118,6 +127,8 @@ def _plain(found: Conclusion, ended: ExitSummary) -> dict[str, Any]:
         "confirmed": len(found.confirmed),
         "similar": found.similar,
         "restarts": ended.restarts,
+        "fallbacks": found.fallbacks[0],
+        "fallback_why": found.fallbacks[1],
         "set_aside": found.set_aside,
         "causes": [cause.plain() for cause in found.causes],
         "policies": {name: ruled._asdict() for name, ruled in found.rulings.items()},
@@ -137,6 +148,8 @@ def _tell(found: Conclusion, ended: ExitSummary) -> None:
         + (f"; {found.set_aside} test cases set aside, we could not fly or judge them" if found.set_aside else "")
         + (f"; {ended.restarts} processes started again" if ended.restarts else "")
     )
+    if found.fallbacks[0]:
+        out.line(f"{found.fallbacks[0]} scores by the embedded scorer instead of the one asked: {found.fallbacks[1]}")
     known = {(one.violation.fingerprint, one.violation.test_case): one.circumstances for one in found.findings}
     for violation in good[:SHOWN]:
         out.line(f"  {live.violation_line(violation)}")

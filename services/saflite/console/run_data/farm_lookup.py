@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -30,14 +31,46 @@ def is_running(run_dir: Path) -> bool:
 
 
 def newest_running() -> Path:
-    """Return the newest running farm below `runs/`; raises Refused if there is none."""
+    """Return the newest farm of this user that runs on this machine; raises Refused if there is none."""
+    from saflite.runtime import farm_register
     from saflite.runtime.client import FARM_FILE
 
-    found = [path.parent for path in RUNS.glob(f"*/{FARM_FILE}") if is_running(path.parent)]
+    places = {*(path.parent for path in RUNS.glob(f"*/{FARM_FILE}")), *map(_shown, farm_register.noted())}
+    found = [place for place in places if is_running(place)]
     if not found:
         fix = "name its run folder, or --connect and --campaign"
         raise Refused("run folder", where=str(RUNS), expected="one with a running farm", got="none", fix=fix)
-    return max(found, key=lambda path: (path / FARM_FILE).stat().st_mtime)
+    return max(found, key=lambda place: (place / FARM_FILE).stat().st_mtime)
+
+
+def _shown(path: Path) -> Path:
+    """Return a path as seen from here, if it lies below."""
+    here = Path.cwd()
+    return path.relative_to(here) if path.is_relative_to(here) else path
+
+
+def newest(given: Path | None) -> Path:
+    """Return the run folder given, or the newest run: the one that works, else the last one below `runs/`.
+
+    Raises Refused if there is none.
+    """
+    if given is not None:
+        return given
+    try:
+        return newest_running()
+    except Refused:
+        found = list(RUNS.glob("*/books.sqlite"))
+        if not found:
+            fix = "name a run folder"
+            raise Refused("run folder", where=str(RUNS), expected="a run", got="none", fix=fix) from None
+        return max(found, key=lambda path: path.stat().st_mtime).parent
+
+
+def last_as_run(words: Sequence[str]) -> tuple[list[str], Path | None]:
+    """Split words of which the last one may be a run folder: one with a slash, or a folder that is there."""
+    if words and ("/" in words[-1] or Path(words[-1]).is_dir()):
+        return list(words[:-1]), Path(words[-1])
+    return list(words), None
 
 
 class Where(NamedTuple):

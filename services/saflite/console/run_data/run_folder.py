@@ -292,6 +292,12 @@ class RunFolder:
             for row in self._rows(query)
         ]
 
+    def fallbacks(self) -> tuple[int, str]:
+        """Return how many scores the embedded scorer gave in place of the model that decides, and why it did last."""
+        query = "SELECT fault FROM scores WHERE fault != '' AND shadow = 0 ORDER BY rowid"
+        faults = [str(row[0]) for row in self._rows(query)]
+        return len(faults), faults[-1] if faults else ""
+
     def usage(self) -> list[UsageRow]:
         """Return what scoring took, per model."""
         query = (

@@ -109,11 +109,12 @@ def one_line(status: Status) -> str:
     last = f", last {status.since_last_find_s:.0f} s ago" if status.since_last_find_s is not None else ""
     queues = " ".join(f"{name} {count}" for name, count in status.queues.items() if count)
     busy = sum(1 for worker in status.workers if worker.state == "busy")
-    instead = f"  {status.fallbacks} scores by the embedded scorer instead" if status.fallbacks else ""
+    instead = f"  {_instead(status)}" if status.fallbacks else ""
     share = f"  {shared}" if (shared := decided_share(status)) else ""
     trouble = f"  nothing goes on: {status.trouble}" if status.trouble else ""
     return (
-        f"{status.elapsed_s:6.1f} s  {status.flights}/{status.budget} flights  {status.flights_per_s:.2f}/s"
+        f"{status.elapsed_s:6.1f} s  {status.flights}/{status.budget} flights  {_phase(status)}"
+        f"  {status.flights_per_s:.2f}/s"
         f"  {status.real_time_factor:.0f}x real time  {status.behaviours} behaviours, {_finds(status)} finds"
         f"{_value(status)}{last}  rules {status.exposure.spoke}/{status.exposure.spoke + len(status.exposure.silent)}"
         f"  states {status.exposure.states}  workers {busy}/{len(status.workers)} busy"
@@ -129,6 +130,26 @@ def decided_share(status: Status) -> str:
     if status.scores_by_model >= status.scores:
         return ""
     return f"{status.scorer} decided {status.scores_by_model / status.scores:.0%} of {status.scores} scores"
+
+
+def _phase(status: Status) -> str:
+    """Return in words what goes on: how long the budget lasts, or what is done beside it."""
+    if status.state != "running":
+        return status.state.upper() if status.state == "paused" else status.state
+    left = status.budget - status.flights
+    if left <= 0:
+        shrinking = "minimising" if status.shrink_flights and not status.violations_pending else "confirming"
+        return f"budget flown, {shrinking}"
+    if not status.flights_per_s:
+        return "no flight yet" if not status.flights else "no flight in the last minute"
+    left_s = left / status.flights_per_s
+    return f"about {left_s:.0f} s left" if left_s < 120 else f"about {left_s / 60:.0f} min left"
+
+
+def _instead(status: Status) -> str:
+    """Return in words how often the embedded scorer stood in, and why."""
+    why = f": {status.fallback_why}" if status.fallback_why else ""
+    return f"{status.fallbacks} scores by the embedded scorer instead{why}"
 
 
 def _finds(status: Status) -> int:
@@ -254,7 +275,7 @@ def _drawn(status: Status) -> RenderableType:
     if status.trouble:
         facts.add_row("[b red]nothing goes on[/]", f"[red]{escape(status.trouble)}[/]")
     if status.quarantined or status.fallbacks:
-        facts.add_row(f"{status.quarantined} quarantined", f"{status.fallbacks} scores by the embedded scorer instead")
+        facts.add_row(f"{status.quarantined} quarantined", f"[yellow]{escape(_instead(status))}[/]")
     if shared := decided_share(status):
         facts.add_row("", escape(shared))
     facts.add_row(*exposed(status.exposure))
@@ -274,5 +295,9 @@ def _drawn(status: Status) -> RenderableType:
         )
         workers.add_row(*cells, f"{worker.resident_mib:.0f} MiB", f"{worker.silent_s:.1f} s")
     bar = ProgressBar(total=max(1, status.budget), completed=status.flights, width=None)
-    title = f"[b]{escape(status.campaign)}[/]  {status.state}  {status.elapsed_s:.0f} s"
+    colour = "yellow" if status.state == "paused" else "default"
+    title = (
+        f"[b]{escape(status.campaign)}[/]  {status.flights}/{status.budget} flights"
+        f"  [b red]{status.behaviours} violations[/]  [{colour}]{_phase(status)}[/]  {status.elapsed_s:.0f} s"
+    )
     return Panel(Group(bar, facts, workers), title=title, title_align="left", border_style="blue")

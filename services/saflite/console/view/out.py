@@ -89,6 +89,17 @@ def summary_of(path: Path) -> str:
     return first.strip('"').strip() if first.startswith('"""') else ""
 
 
+def program() -> str:
+    """Return how this command is called: `saflite`, or where it lies if it is not on the path."""
+    import shutil
+
+    called = Path(sys.argv[0])
+    if shutil.which("saflite") or called.name != "saflite":
+        return "saflite"
+    here = Path.cwd()
+    return str(called.relative_to(here) if called.is_relative_to(here) else called)
+
+
 def mute() -> None:
     """Stop writing for good: the reader of our output has gone."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

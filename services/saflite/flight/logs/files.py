@@ -13,7 +13,7 @@ from saflite.flight.logs.flight_log import FlightLog
 
 
 def read_log(path: Path, *, placed: bool = False) -> FlightLog:
-    """Return what a flight log tells; a stored trace or an extract tells its trace alone.
+    """Return what a flight log tells; a stored trace tells itself alone.
 
     Raises:
         Refused: the file is missing or damaged, or has no position (if `placed`).
@@ -43,10 +43,11 @@ def _ulog(path: Path, *, placed: bool = True) -> FlightLog:
         return read_ulog_log(path, placed=placed)
 
 
-def _extract(path: Path, *, placed: bool = True) -> Trace:
+def _extract(path: Path, *, placed: bool = True) -> FlightLog:
     from saflite.flight.logs.extract import read_extract
+    from saflite.flight.logs.ulog import SOURCES
 
-    return read_extract(path, placed=placed)
+    return FlightLog(read_extract(path, placed=placed), sources=SOURCES)
 
 
 def _dataflash(path: Path, *, placed: bool = True) -> FlightLog:

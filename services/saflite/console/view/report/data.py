@@ -66,6 +66,7 @@ class ReportData(NamedTuple):
     states: dict[str, int]
     modes_unseen: tuple[str, ...]
     finds: Counter[str]  # by fingerprint, similar ones included
+    fallbacks: tuple[int, str] = (0, "")
     withheld: int = 0  # findings of memory safety not shown
 
 
@@ -96,6 +97,7 @@ def read(run: RunFolder, released: Released = ()) -> ReportData:
         progress=_progress(run),
         calibrations=calibrations(run),
         usage=tuple(run.usage()),
+        fallbacks=run.fallbacks(),
         faults=tuple(faults[-FAULTS_SHOWN:]),
         quarantined=tuple(quarantined),
         rulings=run.rulings(),

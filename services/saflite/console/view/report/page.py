@@ -56,6 +56,8 @@ def _settings(data: ReportData) -> str:
         f"policies {', '.join(campaign.policies)}",
     ]
     parts += [f"{name} {setting_text(value)}" for name, value in campaign.target.settings.items()]
+    if data.fallbacks[0]:
+        parts.append(f"{data.fallbacks[0]} scores by the embedded scorer instead: {data.fallbacks[1]}")
     return escape(" · ".join(parts))
 
 

@@ -1,0 +1,112 @@
+"""What a new user meets: names nearly right, the run that is meant, the headline, endings that are no success."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from saflite.console.cli import BROKEN_PIPE, main
+from saflite.console.run_data import farm_lookup
+from saflite.console.view import live, out
+from saflite.contract.control import Status
+from saflite.contract.errors import Refused
+from saflite.runtime import farm_register
+from saflite.runtime.client import FarmInfo, write_info
+
+
+@pytest.mark.parametrize(
+    ("words", "near"),
+    [
+        (["run", "avoidence-m2"], "avoidance-m2"),
+        (["run", "policy-a-chutes"], "policy-a-chute"),
+        (["run", "avoidance-m2", "--strategy", "randomboxes"], "random_boxes"),
+        (["run", "avoidance-m2", "--scorer", "surogate"], "surrogate"),
+        (["run", "avoidance-m2", "--target", "referense"], "reference"),
+        (["run", "policy-a-chute", "--defect", "parachute-in-akro"], "parachute-in-acro"),
+        (["list", "polices"], "policies"),
+        (["runn"], "run"),
+    ],
+)
+def test_names_that_are_nearly_right_are_asked_back(
+    words: list[str], near: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(words) == 2
+    assert f"did you mean {near}" in capsys.readouterr().err.replace("`saflite run`", "run")
+
+
+def test_what_is_like_nothing_is_not_guessed_at() -> None:
+    assert "did you mean" not in str(Refused("name", expected="one of alpha, beta", got="'zzz'"))
+
+
+def test_the_newest_running_farm_is_found_wherever_its_run_lies(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    with pytest.raises(Refused, match="a run, got none"):
+        farm_lookup.newest(None)
+    away = tmp_path / "elsewhere" / "run"
+    away.mkdir(parents=True)
+    write_info(away, FarmInfo(campaign="c", endpoint="e", pid=os.getpid()))
+    farm_register.note(away)
+    assert farm_lookup.newest(None) == away
+    farm_register.forget(away)
+    with pytest.raises(Refused, match="one with a running farm"):
+        farm_lookup.newest_running()
+
+
+def test_without_a_running_farm_the_last_run_is_meant(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.chdir(tmp_path)
+    for at, name in enumerate(("older", "newer")):
+        folder = tmp_path / "runs" / name
+        folder.mkdir(parents=True)
+        (folder / "books.sqlite").touch()
+        os.utime(folder / "books.sqlite", (at, at))
+    assert farm_lookup.newest(None) == Path("runs/newer")
+    assert farm_lookup.newest(Path("x")) == Path("x")
+
+
+def test_the_run_may_be_the_last_word() -> None:
+    assert farm_lookup.last_as_run(["500", "runs/a"]) == (["500"], Path("runs/a"))
+    assert farm_lookup.last_as_run(["500"]) == (["500"], None)
+
+
+def status(**changed: object) -> Status:
+    told = dict.fromkeys(("round", "budget", "flights", "reflown", "test_cases", "candidates", "seq"), 0)
+    told |= {f"violations_{name}": 0 for name in ("confirmed", "flaky", "pending")}
+    told |= dict.fromkeys(("quarantined", "flights_per_s", "real_time_factor", "elapsed_s", "fallbacks"), 0)
+    words = {"campaign": "c", "state": "running", "scorer": "gap", "scorer_pending": ""}
+    rest: dict[str, object] = {"since_last_find_s": None, "queues": {}, "workers": []}
+    return msgspec.convert({**told, **words, **rest, **changed}, Status, strict=False)
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"budget": 100, "flights": 40, "flights_per_s": 1.0}, "40/100 flights  about 60 s left"),
+        ({"budget": 1000, "flights": 0}, "no flight yet"),
+        ({"budget": 1000, "flights": 100, "flights_per_s": 1.0, "state": "paused"}, "PAUSED"),
+        ({"budget": 10, "flights": 10, "violations_pending": 1}, "budget flown, confirming"),
+        ({"budget": 10, "flights": 10, "shrink_flights": 5}, "budget flown, minimising"),
+        (
+            {"fallbacks": 3, "fallback_why": "model not found"},
+            "3 scores by the embedded scorer instead: model not found",
+        ),
+    ],
+)
+def test_the_headline_says_how_it_goes(changed: dict[str, object], words: str) -> None:
+    assert words in live.one_line(status(**changed))
+
+
+def test_a_reader_that_has_gone_is_no_success(monkeypatch: pytest.MonkeyPatch) -> None:
+    def gone(_text: str = "") -> None:
+        raise BrokenPipeError
+
+    monkeypatch.setattr(out, "line", gone)
+    monkeypatch.setattr(out, "mute", lambda: None)
+    assert main(["--version"]) == BROKEN_PIPE
