@@ -58,6 +58,7 @@ class Peer:
         self.state: dict[str, Any] = {"timestamp": 0.0, "position": [0, 0, 0], "velocity": [0, 0, 0]}
         self.state.update(attitude=[0, 0, 0], imu={"gyro": [0, 0, 0]})
         self.mode, self.armed, self.target_m, self.frame = 0, False, 0.0, 0
+        self.cut = False
 
     def write(self, data: bytes) -> None:
         """Send what pymavlink packed."""
@@ -91,7 +92,8 @@ class Peer:
 
     def throttles(self) -> list[float]:
         """Level out, hold the place, seek the height."""
-        if not self.armed or self.parameters["SIM_CUT"]:
+        self.cut |= self.parameters["SIM_CUT"] == 1 or (self.parameters["SIM_CUT"] == 2 and self.altitude_m > 2.0)
+        if not self.armed or self.cut:
             return [0.0] * 4
         (x, y, _), (vx, vy, vz) = self.state["position"], self.state["velocity"]
         (roll, pitch, yaw), (p, q, r) = self.state["attitude"], self.state["imu"]["gyro"]

@@ -124,6 +124,15 @@ def test_falling_is_a_crash_of_the_world(peer: Binary, listing: Listing, place: 
     assert record.ending == "crashed"
 
 
+def test_falling_before_the_start_is_a_crash_where_the_test_case_asked_for_it(
+    peer: Binary, listing: Listing, place: Place
+) -> None:
+    record = flown(case(SIM_CUT=2.0), peer, listing, place)
+    assert record.ending == "crashed"
+    assert record.trace is not None
+    assert record.trace.samples == 1
+
+
 def test_a_death_is_a_finding_with_its_last_words(peer: Binary, listing: Listing, place: Place) -> None:
     record = flown(case((0.5, "parameter", "SIM_DIE", 1.0)), peer, listing, place)
     assert record.ending == "autopilot_died"

@@ -254,16 +254,18 @@ def test_answers_find_their_stimuli(vehicle: Vehicle) -> None:
     stimuli = (
         Stimulus(at_s=0.0, kind="parameter", name="RTL_ALT", values=(900.0,)),
         Stimulus(at_s=0.0, kind="parameter", name="FENCE_ENABLE", values=(9.0,)),
+        Stimulus(at_s=0.0, kind="parameter", name="FENCE_TYPE", values=(3.5,)),
         Stimulus(at_s=0.0, kind="command", name="MAV_CMD_NAV_LAND"),
         Stimulus(at_s=0.0, kind="mode", name="LOITER"),
         Stimulus(at_s=0.02, kind="stick", name="RC1", values=(1700.0,)),
     )
     radio = Radio(9)
-    given = Inputs(Client(SimulatedClock(vehicle), Deaf()), radio, stimuli, LISTING.types)
+    given = Inputs(Client(SimulatedClock(vehicle), Deaf()), radio, stimuli, LISTING)
     given.give_due(0.0)
     assert not given.finished
     given.hear(message("PARAM_VALUE", param_id=b"RTL_ALT", param_value=900.0))
     given.hear(message("PARAM_VALUE", param_id=b"FENCE_ENABLE", param_value=0.0))
+    given.hear(message("PARAM_VALUE", param_id=b"FENCE_TYPE", param_value=3.0))  # cut to a whole number
     given.hear(message("COMMAND_ACK", command=21, result=0))
     given.give_due(0.02)
     given.give_due(1.5)  # nobody answered the order to change the mode
@@ -271,7 +273,7 @@ def test_answers_find_their_stimuli(vehicle: Vehicle) -> None:
     assert given.finished
     assert radio.pulses_us[0] == 1700
     answers = [one.answer for one in given.delivered]
-    assert answers == ["accepted", "denied", "accepted", "timed_out", "accepted"]
+    assert answers == ["accepted", "denied", "accepted", "accepted", "timed_out", "accepted"]
 
 
 class Deaf:

@@ -17,7 +17,7 @@ from saflite.flight.autopilots.ardupilot import obstacles
 from saflite.flight.autopilots.ardupilot.binary import Binary
 from saflite.flight.autopilots.ardupilot.bring_up import HEARTBEAT_S, HOME, Aircraft, FailedBringUp, Place, one_core
 from saflite.flight.autopilots.ardupilot.inputs import Inputs
-from saflite.flight.autopilots.ardupilot.link import CENTRE_US, TICK_S, Stopped
+from saflite.flight.autopilots.ardupilot.link import CENTRE_US, CRASHED_BEFORE, TICK_S, Stopped
 from saflite.flight.autopilots.ardupilot.listing import Listing
 from saflite.flight.autopilots.ardupilot.settings import start_parameters
 from saflite.flight.autopilots.ardupilot.signals import trace_names
@@ -36,6 +36,8 @@ NEAR_M, SLOW_MPS = 0.5, 0.3
 ARM, TAKEOFF, START_MISSION, SET_INTERVAL = 400, 22, 300, 511
 CHECK_EVERY = 50
 DEFAULT_START = StartState()
+WIND = ("SIM_WIND_SPD", "SIM_WIND_DIR", "SIM_WIND_TURB")
+WIND_MAX_MPS = 30.0
 
 
 class ArduPilotFlight:
@@ -53,9 +55,12 @@ class ArduPilotFlight:
         self._boxes = boxes_array(self.scenario.obstacles)
         self._wind = WindField(self.scenario.wind, test_case.rng_seed)
         self._ticks = self._calls = 0
+        self._telemetry: Telemetry  # from the first word on
         self._aircraft: Aircraft | None = None
         self._ended_s: float | None = None
         self.note = ""
+        self._changes_seen = -1
+        self._wind_told = tuple(listing.values.get(name, 0.0) for name in WIND)
 
     # -- the whole flight -----------------------------------------------------------------------------------------
 
@@ -110,6 +115,7 @@ class ArduPilotFlight:
         ending: Ending | None = None
         trouble = ""
         try:
+            ending = "crashed" if aircraft.vehicle["world_state"] == CRASHED else None
             while ending is None:
                 ending = self._step(aircraft)
         except Stopped as fault:
@@ -164,12 +170,24 @@ class ArduPilotFlight:
             raise Unavailable("flight cancelled")
         if aircraft is None:
             return
+        self._change_wind()
         if not self._wind.still:
             aircraft.vehicle.world.set_wind(*self._wind.tick())
         if len(self._boxes) and self._calls % obstacles.EVERY_TICKS == 0:
             board = aircraft.vehicle
             here = (board["x_m"], board["y_m"], board["altitude_m"])
             obstacles.send(aircraft.client.mav, aircraft.clock.monotonic_s(), self._boxes, here, board["yaw_rad"])
+
+    def _change_wind(self) -> None:
+        """Let the wind be what the binary's own wind parameters say, once one of them is changed: the world is ours."""
+        told = self._telemetry
+        if told.changes == self._changes_seen:
+            return
+        self._changes_seen = told.changes
+        wind = tuple(told.parameters.get(name, 0.0) for name in WIND)
+        if wind != self._wind_told:
+            self._wind_told = wind
+            self._wind.change(min(max(wind[0], 0.0), WIND_MAX_MPS), wind[1], min(max(wind[2], 0.0), WIND_MAX_MPS))
 
     def _ending(self, aircraft: Aircraft) -> Ending | None:
         board, time_s = aircraft.vehicle, self.time_s
@@ -198,17 +216,23 @@ class ArduPilotFlight:
         """
         client = aircraft.client
         self._telemetry = Telemetry(aircraft.vehicle, self._parameters, self._home)
-        self._inputs = Inputs(client, aircraft.radio, self.test_case.stimuli, self._listing.types)
+        self._inputs = Inputs(client, aircraft.radio, self.test_case.stimuli, self._listing)
         if not client.wait_for_heartbeat(HEARTBEAT_S):
             raise Unavailable(f"{self._binary.version}: no heartbeat within {HEARTBEAT_S:.0f} simulated s")
         self._ask_for(aircraft, ("SYS_STATUS", "EKF_STATUS_REPORT"))
         self.note = self._get_ready(aircraft)
-        if not self.note:
-            self.note = self._lift_off(aircraft)
+        self._ask_for(aircraft, tuple(RATES_HZ))
+        try:
+            self.note = self.note or self._lift_off(aircraft)
+            if not self.note or self.test_case.target.parameters:
+                self._settle(aircraft)
+        except Stopped as fault:
+            if fault.came != CRASHED_BEFORE:
+                raise
+            self.note = "crashed on the way"
         if self.note and not self.test_case.target.parameters:
             raise Unavailable(f"{self._binary.version}: {self.note}")
-        self._ask_for(aircraft, tuple(RATES_HZ))
-        self._settle(aircraft)
+        self._start_trace(aircraft)
 
     def _ask_for(self, aircraft: Aircraft, names: tuple[str, ...]) -> None:
         from pymavlink.dialects.v20 import ardupilotmega
@@ -275,15 +299,17 @@ class ArduPilotFlight:
         return "" if answer.ok else f"mode {mode} was {answer.state}: {self._last_words()}"
 
     def _settle(self, aircraft: Aircraft) -> None:
-        """Wait until every signal was told once, then start the trace."""
-        if self._mission is None:
-            self._wait(aircraft, lambda: False, 1.0)
+        """Wait until every signal was told once, and for a moment at which the trace takes a sample."""
+        self._wait(aircraft, lambda: False, 0.1 if self._mission is not None else 1.0)
         while round(aircraft.clock.monotonic_s() / TICK_S) % round(TRACE_STEP_S / TICK_S):
             self._poll(aircraft)
+
+    def _start_trace(self, aircraft: Aircraft) -> None:
         self._telemetry.zero_s = aircraft.clock.monotonic_s()
         self._telemetry.texts.clear()
         limit = int(self.scenario.time_limit_s / TRACE_STEP_S) + 2
         aircraft.vehicle.record(trace_names(), limit, TRACE_STEP_S)
 
     def _last_words(self) -> str:
-        return self._telemetry.texts[-1].text if self._telemetry.texts else "it said nothing"
+        said = self._aircraft.client.texts if self._aircraft is not None else ()
+        return said[-1] if said else "it said nothing"

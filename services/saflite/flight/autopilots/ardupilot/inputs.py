@@ -13,6 +13,7 @@ from saflite.contract.errors import Refused
 from saflite.contract.flight import Delivered, DeliveryAnswer
 from saflite.contract.test_case import Stimulus
 from saflite.flight.autopilots.ardupilot.link import Radio
+from saflite.flight.autopilots.ardupilot.listing import Listing
 from saflite.flight.autopilots.ardupilot.telemetry import MODES
 from saflite.flight.mavlink.client import CUSTOM_MODE, DO_SET_MODE, IN_PROGRESS, Client
 
@@ -82,8 +83,9 @@ class _Asked(NamedTuple):
 class Inputs:
     """Gives each stimulus at its time, in order of time and place, and notes what became of it."""
 
-    def __init__(self, client: Client, radio: Radio, stimuli: Sequence[Stimulus], types: Mapping[str, int]) -> None:
-        self._client, self._radio, self._types = client, radio, types
+    def __init__(self, client: Client, radio: Radio, stimuli: Sequence[Stimulus], listing: Listing) -> None:
+        self._client, self._radio = client, radio
+        self._types, self._values = listing.types, listing.values
         self.delivered: list[Delivered] = []
         self._stimuli = tuple(stimuli)
         self._order = sorted(range(len(stimuli)), key=lambda index: (stimuli[index].at_s, index))
@@ -110,10 +112,11 @@ class Inputs:
         if kind == "COMMAND_ACK" and message.result != IN_PROGRESS:
             self._answered(lambda one: bool(one.command == message.command), message.result == ACCEPTED, message.result)
         elif kind == "PARAM_VALUE":
-            told = message.param_value
+            told, before = message.param_value, self._values.get(message.param_id)
+            self._values[message.param_id] = told
             for one in self._asked:
-                if one.parameter == message.param_id:
-                    taken = struct.pack("<f", told) == struct.pack("<f", one.value)
+                if one.parameter == message.param_id:  # cut to a whole number or a limit it was taken all the same
+                    taken = told != before or struct.pack("<f", told) == struct.pack("<f", one.value)
                     self._answered(lambda other, one=one: other is one, taken, f"kept {told:g}")
                     return
 

@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 from saflite.contract.errors import Unavailable
 from saflite.flight.autopilots.ardupilot.vehicle import ALIEN, GONE, OK, SILENT, Vehicle
-from saflite.flight.world.state import STEP_S
+from saflite.flight.world.state import CRASHED, STEP_S
 
 LOOPBACK = "127.0.0.1"
 CHANNELS = 16
@@ -16,7 +16,13 @@ CENTRE_US, LOW_US = 1500, 1000
 TICK_STEPS = 8
 TICK_S = TICK_STEPS * STEP_S
 CONNECT_S = 5.0
-WORDS = {GONE: "the autopilot is gone", SILENT: "the autopilot hangs", ALIEN: "the autopilot says too much at once"}
+CRASHED_BEFORE = 100  # the world stands still, and so does the clock
+WORDS = {
+    CRASHED_BEFORE: "the world has crashed",
+    GONE: "the autopilot is gone",
+    SILENT: "the autopilot hangs",
+    ALIEN: "the autopilot says too much at once",
+}
 
 
 class Stopped(Exception):
@@ -72,7 +78,7 @@ class LockstepPort:
         """Send, step a tick if there is to be waited at all, receive.
 
         Raises:
-            Stopped: the autopilot is gone or hangs.
+            Stopped: the autopilot is gone or hangs, or the world has crashed.
         """
         if data:
             try:
@@ -80,6 +86,8 @@ class LockstepPort:
             except OSError as fault:
                 raise Stopped(GONE) from fault
         if wait_s > 0.0:
+            if self._vehicle["world_state"] == CRASHED:
+                raise Stopped(CRASHED_BEFORE)
             self._before()
             self._radio.send()
             came = self._vehicle.run(TICK_STEPS)

@@ -31,8 +31,6 @@ TUNE: dict[str, float] = {
     **{f"RC{channel}_TRIM": 1500 for channel in _CHANNELS},
     "FLTMODE_CH": 0,  # modes are changed by messages, not by a switch
     "BATT_MONITOR": 4,
-    "MOT_BAT_VOLT_MIN": 9.6,
-    "MOT_BAT_VOLT_MAX": 12.8,
     "FS_THR_ENABLE": 1,
     # one telemetry link; what it says is asked for message by message
     "SERIAL1_PROTOCOL": -1,

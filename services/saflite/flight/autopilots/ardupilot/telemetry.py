@@ -54,6 +54,7 @@ class Telemetry:
         self.vehicle, self._home = vehicle, home
         self.parameters = dict(parameters)
         self.texts: list[TraceMessage] = []
+        self.changes = 0  # of parameters, so far
         self.zero_s = 0.0  # simulated time at which the trace begins
         self.ready = False
         self._prearm = self._ekf = False
@@ -141,6 +142,7 @@ class Telemetry:
     def _param_value(self, message: Any) -> None:
         if self.parameters.get(message.param_id) != message.param_value:
             self.parameters[message.param_id] = message.param_value
+            self.changes += 1
             settings.show(self.vehicle, self.parameters)
 
     def _text(self, message: Any, time_s: float) -> None:
