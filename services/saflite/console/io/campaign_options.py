@@ -104,8 +104,8 @@ def check_runnable(campaign: Campaign) -> None:
     base, target = template(campaign), describe_target(campaign.target.name)
     for name in campaign.policies:
         _check_policy(name, campaign, target)
+    load_target(campaign.target.name).check(base)  # says first what is missing here
     load_strategy(campaign.strategy.name)(base, campaign.strategy.settings, campaign.policies, target)
-    load_target(campaign.target.name).check(base)
 
 
 def _check_policy(name: str, campaign: Campaign, target: TargetInfo) -> None:

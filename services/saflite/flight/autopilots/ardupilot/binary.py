@@ -20,7 +20,7 @@ from saflite.contract.errors import Refused, Unavailable
 AUTOPILOT = "ardupilot"
 PLACE = "SAFLITE_ARDUPILOT"
 HOW_TO_NAME = f"name its simulator build: --autopilot PATH or {PLACE}=PATH"
-HOW_TO_BUILD = "build ArduPilot for its simulator: `./waf configure --board sitl && ./waf copter`"
+WANTED = "name a build of ArduCopter for its simulator (SITL)"
 ELF = b"\x7fELF"
 MACHINES = {3: "i686", 40: "armv7l", 62: "x86_64", 183: "aarch64", 243: "riscv64"}  # e_machine of the ELF header
 VEHICLES = ("ArduCopter", "ArduPlane", "ArduRover", "Rover", "ArduSub", "AntennaTracker", "Blimp")
@@ -70,7 +70,7 @@ def inspect(path: Path) -> Binary:
             raise Refused("autopilot", where=str(path), expected="a program", got="no file with content")
         return _inspected(path, state.st_mtime_ns, state.st_size)
     except OSError as fault:
-        raise Refused("autopilot", where=str(path), expected="a program", got=str(fault), fix=HOW_TO_BUILD) from fault
+        raise Refused("autopilot", where=str(path), expected="a program", got=str(fault), fix=WANTED) from fault
 
 
 @cache
@@ -81,13 +81,13 @@ def _inspected(path: Path, changed_ns: int, size: int) -> Binary:
         found = _VERSION.search(content)
         if found is None:
             got = "a PX4 binary" if content.find(_PX4) >= 0 else "a program without ArduPilot's version"
-            raise Refused("autopilot", where=where, expected="ArduCopter", got=got, fix=HOW_TO_BUILD)
+            raise Refused("autopilot", where=where, expected="ArduCopter", got=got, fix=WANTED)
         version = found[1].decode().strip()
         if not version.startswith("ArduCopter "):
             raise Refused("autopilot", where=where, expected="ArduCopter: the world is a quadrotor", got=version)
         if content.find(_BACKEND) < 0:
             expected = "a build for the simulator with its JSON backend"
-            raise Refused("autopilot", where=where, expected=expected, got=f"{version} without", fix=HOW_TO_BUILD)
+            raise Refused("autopilot", where=where, expected=expected, got=f"{version} without", fix=WANTED)
         if not os.access(path, os.X_OK):
             raise Refused("autopilot", where=where, expected="leave to run it", got="none", fix=f"chmod +x {where}")
         return Binary(path, hashlib.sha256(content).hexdigest(), version)
@@ -95,9 +95,7 @@ def _inspected(path: Path, changed_ns: int, size: int) -> Binary:
 
 def _check_program(head: bytes, where: str) -> None:
     if head[:4] != ELF:
-        raise Refused(
-            "autopilot", where=where, expected="a program (ELF)", got="another kind of file", fix=HOW_TO_BUILD
-        )
+        raise Refused("autopilot", where=where, expected="a program (ELF)", got="another kind of file", fix=WANTED)
     order = "little" if head[5] == 1 else "big"
     number = int.from_bytes(head[18:20], "little" if order == "little" else "big")
     machine = MACHINES.get(number, f"processor {number}")
