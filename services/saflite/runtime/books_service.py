@@ -36,6 +36,7 @@ from saflite.runtime.evidence import Evidence, InlineEvidence
 from saflite.runtime.liveness import Liveness
 from saflite.runtime.log_lines import WORK_LOG
 from saflite.runtime.long_poll_queue import LongPollQueue
+from saflite.runtime.rate_limit import RateLimit
 from saflite.runtime.software import software_of, version
 from saflite.simulator_worker.processes import processor_s
 
@@ -104,6 +105,7 @@ class BooksService:
         self._trouble, self._trouble_until_s = "", 0.0
         self._commit_s = 0.0
         self._complaints = Complaints()
+        self._rates = RateLimit()
         self._ended_s: float | None = None
         self._stopping = ""
 
@@ -188,6 +190,9 @@ class BooksService:
     def _on_request(self, request: Request, now_s: float) -> None:
         is_join = request.key.startswith(topics.join(self._campaign, ""))
         kind = "join" if is_join else request.key.removeprefix(f"{self._prefix}/").partition("/")[0]
+        if not self._rates.allows(request.peer, now_s):  # no answer: whoever is honest asks again, after a pause
+            self._complaints.add(f"{request.peer} on {kind}", "more questions a second than a key may ask")
+            return
         try:
             if request.damaged:
                 raise Refused(kind, expected="the message as it was sent", got=request.damaged)

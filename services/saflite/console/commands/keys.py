@@ -17,6 +17,7 @@ examples:
 from __future__ import annotations
 
 import argparse
+from datetime import UTC, datetime
 from pathlib import Path
 
 FOLDER = Path("keys")
@@ -60,7 +61,7 @@ def run(args: argparse.Namespace) -> int:
             keyring.revoke(args.keys, args.name)
             out.line(f"the key of {args.name} counts no more")
         else:
-            _list(args)
+            _list(args, now_s)
     except OSError as fault:
         raise Unavailable(f"{args.keys} cannot be written: {fault.strerror or fault}") from fault
     return 0
@@ -87,7 +88,7 @@ def _add(args: argparse.Namespace, now_s: float) -> None:
     out.line("there: --keys FOLDER with `saflite worker --join`, `watch`, `control` and `scorer`")
 
 
-def _list(args: argparse.Namespace) -> None:
+def _list(args: argparse.Namespace, now_s: float) -> None:
     from saflite.bus import keyring
     from saflite.console.view import out
 
@@ -96,6 +97,8 @@ def _list(args: argparse.Namespace) -> None:
         out.json(register)
         return
     out.line(f"reached by {', '.join(register.hosts)}")
+    today = datetime.fromtimestamp(now_s, UTC).isoformat()
     for peer in register.peers:
-        state = "revoked" if peer.revoked else f"until {peer.expires}"
+        past = "expired" if peer.expires and peer.expires < today else "until"
+        state = "revoked" if peer.revoked else f"{past} {peer.expires}"
         out.line(f"  {peer.name:<16} {', '.join(peer.roles):<24} {', '.join(peer.campaigns):<16} {state}")

@@ -23,6 +23,7 @@ from ray.exceptions import GetTimeoutError, RayActorError, RayError
 
 from saflite.contract.config import environment, set_environment
 from saflite.contract.errors import Refused, Unavailable
+from saflite.runtime.clock import WallClock
 from saflite.runtime.launchers.base import Meeting, RoleSpec, RoleState
 from saflite.runtime.launchers.local import STOP_GRACE_S, LocalLauncher
 
@@ -32,6 +33,7 @@ STOP_WAIT_S = STOP_GRACE_S + 4.0
 CPUS_OF = {"fly": 0.8}  # so that one simulator per core leaves room for the small roles wherever they are placed
 CPUS_OTHERWISE = 0.02  # not 0: a node with such roles alone would count as idle
 REACH_S = 3.0
+HANGS_S = 30.0  # an actor that answers no more (its node frozen or cut off) is given up and placed anew
 OBJECT_STORE_BYTES = 100 * 2**20  # nothing of ours goes through it
 
 
@@ -79,10 +81,15 @@ class _Placed:
         self.actor = actor
         self.asked = actor.state.remote()
         self.state = RoleState("running", "not placed yet")
+        self._heard_s: float | None = None  # None: waiting for room, which may take for ever
 
-    def look(self) -> RoleState:
-        """Take the answer if it is there, and ask again; never waits."""
+    def look(self, now_s: float) -> RoleState:
+        """Take the answer if it is there, and ask again; never waits. An actor that has answered once must go on to."""
         ready, _ = ray.wait([self.asked], timeout=0)
+        if ready:
+            self._heard_s = now_s
+        elif self._heard_s is not None and now_s - self._heard_s > HANGS_S:
+            self.state = RoleState("killed", f"its actor has not answered for {now_s - self._heard_s:.0f} s")
         if ready:
             try:
                 condition, message = ray.get(self.asked)
@@ -127,6 +134,7 @@ class RayLauncher:
         self._modules = {path.name: path for path in modules}
         self._keys = {path.name: path.read_bytes() for path in sorted(keys.iterdir())} if keys is not None else {}
         self._placed: dict[str, _Placed] = {}
+        self._clock = WallClock()
         self._ended: dict[str, RoleState] = {}
         connect(address)
         self._place = ray.remote(Place)
@@ -147,7 +155,7 @@ class RayLauncher:
     def poll(self) -> dict[str, RoleState]:
         """See `Launcher.poll`."""
         for name, placed in list(self._placed.items()):
-            state = placed.look()
+            state = placed.look(self._clock.monotonic_s())
             if state.condition != "running":
                 placed.end()
                 del self._placed[name]
