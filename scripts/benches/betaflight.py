@@ -16,6 +16,7 @@ import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
+from resource import RUSAGE_SELF, getrusage
 from statistics import median
 from tempfile import TemporaryDirectory
 from typing import Any, cast
@@ -115,13 +116,13 @@ def _turn(flight: BetaflightFlight, bare: World, ticks: int) -> dict[str, float]
 
 
 def forks(options: argparse.Namespace) -> dict[str, Any]:
-    """Fork the firmware of a held hover again and again; time to its first step, memory of forks that wait."""
+    """Fork the firmware of a held hover again and again; time to its first step by stages, memory of those held."""
     case = hover()
     with TemporaryDirectory() as place:
         flight = BetaflightFlight(case, VARIANT, configure(VARIANT, {}, Path(place)), Path(place))
         flight.begin()
         try:
-            took = [_forked_ms(flight) for _ in range(options.forks)]
+            rows = [_forked(flight) for _ in range(options.forks)]
         finally:
             flight.close()
     with _session() as session:
@@ -129,31 +130,43 @@ def forks(options: argparse.Namespace) -> dict[str, Any]:
         before = resident_mib(os.getpid())
         held = [session.snapshot(case, 0.02 * number, DEADLINE_S, never) for number in range(1, 11)]
         memory = (resident_mib(os.getpid()) - before) / len(held)
-    took.sort()
+    took = sorted(row["to_first_step_ms"] for row in rows)
     return {
         "forks": len(took),
         "to_first_step_ms": round(median(took), 3),
         "p95_ms": round(took[int(0.95 * len(took))], 3),
+        "least": {key: round(min(row[key] for row in rows), 3) for key in rows[0]},
         "memory_each_mib": round(memory, 1),
     }
 
 
-def _forked_ms(flight: BetaflightFlight) -> float:
-    """Fork firmware and world, step once in the fork, and return how long that took there."""
+def _forked(flight: BetaflightFlight) -> dict[str, float]:
+    """Fork world and firmware and step once in the fork; return how long each stage took there, and page faults."""
     ours, theirs = os.pipe()
     began_s = time.monotonic()
     pid = os.fork()
     if pid == 0:
+        forked_s = time.monotonic()
         flight._fork_firmware()
+        answered_s, faults = time.monotonic(), getrusage(RUSAGE_SELF).ru_minflt
         flight.vehicle.run(1)
-        os.write(theirs, f"{(time.monotonic() - began_s) * 1e3:.6f}".encode())
+        done_s = time.monotonic()
+        row = {
+            "to_first_step_ms": (done_s - began_s) * 1e3,
+            "world_ms": (forked_s - began_s) * 1e3,
+            "firmware_ms": (answered_s - forked_s) * 1e3,
+            "step_ms": (done_s - answered_s) * 1e3,
+            "faults_before_step": float(faults),
+            "faults_of_step": float(getrusage(RUSAGE_SELF).ru_minflt - faults),
+        }
+        os.write(theirs, json.dumps(row).encode())
         flight.close()
         os._exit(0)
     os.close(theirs)
-    said = os.read(ours, 32)
+    said = os.read(ours, 4096)
     os.close(ours)
     os.waitpid(pid, 0)
-    return float(said)
+    return cast(dict[str, float], json.loads(said))
 
 
 def cases(options: argparse.Namespace) -> dict[str, Any]:

@@ -13,6 +13,7 @@ import msgspec
 import pytest
 
 from saflite.conformance.flying import opened
+from saflite.contract.circumstances import is_memory_fault
 from saflite.contract.errors import Refused
 from saflite.contract.flight import Flight, FlightRecord, trace_digest
 from saflite.contract.rng import derive
@@ -232,3 +233,13 @@ def test_settings_act_in_flight_where_the_firmware_takes_them(session: Betafligh
     shaky = fly(session, case(given(0.5, "p_roll", 250.0), given(0.5, "d_roll", 0.0), limit_s=4.0))
     assert shaky.trace is not None
     assert abs(shaky.trace.array("roll_rate_dps")[100:]).max() > 20.0
+
+
+def test_a_death_on_the_sanitized_build_is_flown_on_the_plain_one(session: BetaflightSession) -> None:
+    place = "AddressSanitizer: heap-use-after-free in inner < middle < outer"
+    died = FlightRecord("autopilot_died", None, f"the firmware died: {place}")
+    told = session._beside_plain(died, case(limit_s=0.2), lambda: False)
+    assert told.message == f"the firmware died (the plain build: completed): {place}"
+    assert is_memory_fault(told.ending, told.message)
+    dropped = session._beside_plain(died, case(LOST), lambda: False)
+    assert dropped.message == f"the firmware died (the plain build: crashed): {place}"

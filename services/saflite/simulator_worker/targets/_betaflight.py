@@ -122,7 +122,7 @@ class BetaflightSession:
     # -- start states -------------------------------------------------------------------------------------------------
 
     def _ready(self, test_case: TestCase) -> Configured:
-        self._target.check(test_case)
+        check_test_case(test_case, self._target.name, self._target.variant)  # that all is there was seen when it opened
         return configured(test_case, self._target.variant)
 
     def _memory(self, test_case: TestCase) -> Memory:
