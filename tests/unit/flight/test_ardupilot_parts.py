@@ -6,6 +6,8 @@ import ctypes
 import json
 import platform
 import struct
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +20,7 @@ from saflite.flight.autopilots.ardupilot import binary, obstacles, settings
 from saflite.flight.autopilots.ardupilot.bring_up import PORTS_NEEDED, command
 from saflite.flight.autopilots.ardupilot.check import check_test_case
 from saflite.flight.autopilots.ardupilot.describe import describe
-from saflite.flight.autopilots.ardupilot.inputs import Inputs
+from saflite.flight.autopilots.ardupilot.inputs import COMMANDS, Inputs, command_numbers
 from saflite.flight.autopilots.ardupilot.link import Radio, SimulatedClock
 from saflite.flight.autopilots.ardupilot.listing import Listing, Row
 from saflite.flight.autopilots.ardupilot.metadata import documented
@@ -192,6 +194,17 @@ def test_metadata_beside_the_binary_gives_ranges(tmp_path: Path) -> None:
     assert told["RTL_ALT"][:3] == (30.0, 300_000.0, "cm")
     assert told["FENCE_ENABLE"].choices == (0.0, 1.0)
     assert documented(tmp_path / "elsewhere" / "arducopter") == {}
+
+
+def test_every_command_offered_is_one_of_the_dialect() -> None:
+    assert [name for name in COMMANDS if name not in command_numbers()] == []
+
+
+def test_describing_loads_no_dialect() -> None:
+    """Every simulator process describes every target: what is slow to load must wait for a flight."""
+    words = "import sys; from saflite.simulator_worker.targets import ardupilot as a; a.describe(); print(*sys.modules)"
+    said = subprocess.run([sys.executable, "-c", words], capture_output=True, text=True, check=True).stdout.split()
+    assert [name for name in said if name.startswith("pymavlink.dialects")] == []
 
 
 def test_the_description_comes_from_the_binary(tmp_path: Path) -> None:

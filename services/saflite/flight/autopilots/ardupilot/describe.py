@@ -16,7 +16,6 @@ from saflite.flight.autopilots.ardupilot.inputs import (
     PULSE_LOW_US,
     SIMULATION,
     STICKS,
-    command_numbers,
 )
 from saflite.flight.autopilots.ardupilot.link import CENTRE_US
 from saflite.flight.autopilots.ardupilot.listing import Listing, Row
@@ -107,8 +106,7 @@ def _modes() -> Iterator[InputInfo]:
 
 def _commands() -> Iterator[InputInfo]:
     for name, meaning in COMMANDS.items():
-        if name in command_numbers():
-            yield InputInfo(kind="command", name=name, meaning=meaning)
+        yield InputInfo(kind="command", name=name, meaning=meaning)
 
 
 def _parameters(listing: Listing, binary: Path) -> Iterator[InputInfo]:
