@@ -32,7 +32,7 @@ from saflite.contract.work import RecordWork
 from saflite.flight.mission import to_geographic, waypoints
 from saflite.recorder import frames, scalars, scene
 
-RATE_HZ = 20.0
+RATE_HZ = 10.0
 MAP_RATE_HZ = 5.0
 CALM = frozenset({"/settings", "/failsafe", "/autopilot"})
 """Topics of what holds still for long: written at changes, and about once a second between them."""

@@ -83,6 +83,8 @@ def test_traces_of_violations_stay_and_others_go(tmp_path: Path) -> None:
     kept = set(driver.store.blobs.digests())
     assert traces <= kept
     assert kept == {blob.digest for blob in driver.books.wanted_blobs}
+    held = driver.books._core.holds
+    assert {held[blob] for blob in held if blob.digest in traces} == {1}, "by the flight that shows it, no re-flight"
     assert len(kept) <= 5 * len(violated)  # two flights with trace and log, one recording
 
 

@@ -291,7 +291,9 @@ class Flights:
             self._checks.prove(trial)
         for violation in found:
             self._announce(violation)
-        for note in trial.flights.values():
+        for index, note in trial.flights.items():
+            if index != trial.first and note.violated:
+                self._let_go_trace(note.flight)
             core.flush(*note.flight.blobs)
         if core.campaign.record != "none":
             self._record(trial, found[0] if found else None)
@@ -299,6 +301,12 @@ class Flights:
         for violation in found[:1]:
             if violation.confirmation == "confirmed":
                 self._minimization.begin(trial, violation)
+
+    def _let_go_trace(self, flight: Flight) -> None:
+        """Keep no trace of a re-flight that can be flown again bit by bit; its digest stays in the books."""
+        core = self._core
+        if flight.trace is not None and core.confirm.repeats == "bitwise" and core.campaign.record != "all":
+            core.let_go(flight.trace)
 
     def _announce(self, violation: Violation) -> None:
         core = self._core
