@@ -84,3 +84,9 @@ def test_a_page_is_what_its_rows_give(name: str, monkeypatch: pytest.MonkeyPatch
     monkeypatch.syspath_prepend(str(BENCHES))
     module = importlib.import_module(name)
     assert module.PAGE.read_text() == module.page(module.rows(module.ROWS)), f"run scripts/bench {name} --page"
+
+
+def test_the_page_of_scale_holds_the_table_that_is_computed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(BENCHES))
+    table = importlib.import_module("_scale_table").table()
+    assert table in (ROOT / "deploy" / "docs" / "scale.md").read_text()
