@@ -11,6 +11,7 @@ from typing import Any, Literal
 import msgspec
 
 from saflite.contract.errors import Refused
+from saflite.contract.gaps import told
 from saflite.contract.outside import check_plain, parse_toml
 from saflite.contract.test_case import Setting, StartState, Target, Wind
 from saflite.contract.work import PolicyTexts, Stage
@@ -112,11 +113,12 @@ class Campaign(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 
 def parse_campaign(text: str, where: str) -> Campaign:
     """Return the campaign in TOML `text`; raises Refused naming `where`, the key and what was expected."""
+    data = parse_toml(text, "campaign file", where)
     try:
-        data = parse_toml(text, "campaign file", where)
         campaign = msgspec.convert(data, Campaign, strict=False)
     except msgspec.ValidationError as fault:
-        raise Refused("campaign file", where=where, expected="a valid campaign", got=str(fault)) from fault
+        got = told(fault, data, Campaign)
+        raise Refused("campaign file", where=where, expected="a valid campaign", got=got) from fault
     for table, part in (("target", Target), ("start", StartState), ("wind", Wind)):  # messages, too: lenient there
         for key in data.get(table, {}):
             if part is Target and key == "defects":
@@ -129,7 +131,7 @@ def parse_campaign(text: str, where: str) -> Campaign:
     return campaign
 
 
-_RANGES: dict[str, tuple[float, float]] = {
+RANGES: dict[str, tuple[float, float]] = {
     "budget_flights": (1, 10**8),
     "rng_seed": (-(2**63), 2**63 - 1),
     "time_limit_s": (0.1, 86_400),
@@ -158,7 +160,7 @@ _RANGES: dict[str, tuple[float, float]] = {
 
 def check_campaign(campaign: Campaign, where: str) -> None:
     """Raise Refused where a number makes no sense (negative budget, empty rounds, shares outside 0..1, no number)."""
-    for key, (low, high) in _RANGES.items():
+    for key, (low, high) in RANGES.items():
         value: Any = campaign
         for part in key.split("."):
             value = getattr(value, part)

@@ -17,6 +17,7 @@ import msgspec
 import numpy as np
 
 from saflite.contract.errors import Refused
+from saflite.contract.gaps import told
 from saflite.contract.modules import given
 from saflite.contract.outside import parse_toml, read_text
 from saflite.contract.signals import MODES, SIGNALS, Signal
@@ -185,12 +186,12 @@ def parse_policy(text: str, where: str) -> Policy:
         Refused: with file, line and reason: unknown key, unknown signal, wrong unit, a window without end, or an
             example that contradicts the formula.
     """
+    data = parse_toml(text, "policy file", where)
     try:
-        file = msgspec.convert(parse_toml(text, "policy file", where), PolicyFile)
+        file = msgspec.convert(data, PolicyFile)
     except msgspec.ValidationError as fault:
-        raise Refused(
-            "policy file", where=_near(text, where, str(fault)), expected="a policy", got=str(fault)
-        ) from fault
+        place, got = _near(text, where, str(fault)), told(fault, data, PolicyFile)
+        raise Refused("policy file", where=place, expected="a policy", got=got) from fault
     _check_names(file, text, where)
     place = f"{where} line {_line_of(text, 'formula')}"
     policy = _compiled(file, text, where, place)

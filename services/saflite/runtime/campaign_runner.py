@@ -45,6 +45,24 @@ class ExitSummary(NamedTuple):
     restarts: int
 
 
+class StopWhen(NamedTuple):
+    """When to stop a run before its budget is spent, as for a check of a pull request."""
+
+    after_s: float | None = None
+    at_first: bool = False
+
+    def why(self, elapsed_s: float, status: Status | None) -> str:
+        """Return why to stop now, empty to go on."""
+        if self.at_first and status is not None and status.violations_confirmed:
+            return "the first violation is confirmed, as asked for"
+        if self.after_s is not None and elapsed_s >= self.after_s:
+            return f"{self.after_s / 60.0:g} minutes are over, as asked for"
+        return ""
+
+
+NEVER = StopWhen()
+
+
 def run_campaign(
     campaign: Campaign,
     run_dir: Path,
@@ -83,12 +101,14 @@ def resume(
     insecure: bool = False,
     json_logs: bool = False,
     on: str = HERE,
+    stop_when: StopWhen = NEVER,
 ) -> ExitSummary:
     """Continue the campaign in `run_dir` to its end on this machine, with a new budget if one is given.
 
     `modules` are files from outside, besides those the run was made with, or in place of them where they have the same
     name. `cast`, if given, says how many workers of each stage run here. `simulators` 0 leaves the flying to workers
     that join at `listen` (see `LocalFarm`). `on` says where the workers run: here, or `ray` (see `runtime/on_ray.py`).
+    `stop_when` ends it earlier; it can be resumed.
 
     Raises:
         Refused: no run folder, one in use, a damaged store, or an endpoint that needs `insecure`.
@@ -119,7 +139,7 @@ def resume(
     with interrupts() as interrupted:
         try:
             farm.start()
-            return _follow(farm, on_status, interrupted)
+            return _follow(farm, on_status, interrupted, stop_when)
         finally:
             farm.stop()
 
@@ -173,8 +193,9 @@ def accept_loss(run_dir: Path, words: str) -> None:
         store.close()
 
 
-def _follow(farm: LocalFarm, on_status: OnStatus | None, interrupted: list[str]) -> ExitSummary:
+def _follow(farm: LocalFarm, on_status: OnStatus | None, interrupted: list[str], stop_when: StopWhen) -> ExitSummary:
     clock = WallClock()
+    began_s = clock.monotonic_s()
     status: Status | None = None
     client: FarmClient | None = None
     next_s = clock.monotonic_s()
@@ -182,6 +203,8 @@ def _follow(farm: LocalFarm, on_status: OnStatus | None, interrupted: list[str])
         while not interrupted and not farm.over():
             farm.poll()
             clock.sleep_s(POLL_S)
+            if why := stop_when.why(clock.monotonic_s() - began_s, status):
+                return ExitSummary(False, why, status, farm.restarts)
             if clock.monotonic_s() < next_s:
                 continue
             try:

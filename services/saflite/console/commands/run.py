@@ -6,6 +6,7 @@ examples:
   saflite run avoidance-m2
   saflite run avoidance-m3 --budget 300 --rng-seed 7 --workers 4 --out runs/night
   saflite run policy-a-chute --target reference --defect parachute-in-acro
+  saflite run avoidance-m2 --minutes 10 --stop-at-first
   saflite run my-campaign.toml --strategy deephyperion --scorer ollama:mistral
 """
 
@@ -34,6 +35,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--budget", type=int, metavar="N", help="first flights, one a test case; re-flights and minimising come on top"
     )
+    parser.add_argument("--minutes", type=float, metavar="M", help="stop after so long (`saflite resume` goes on)")
+    parser.add_argument("--stop-at-first", action="store_true", help="stop at the first confirmed violation")
     parser.add_argument("--workers", type=int, metavar="N", help="simulator workers (one per core)")
     parser.add_argument("--rng-seed", type=int, metavar="N", help="start of every random draw")
     parser.add_argument("--strategy", default="", help="see `saflite list strategies`")
@@ -67,6 +70,8 @@ def run(args: argparse.Namespace) -> int:
     from saflite.simulator_worker.registry import describe_target
 
     farm_options.check(args)
+    if args.minutes is not None:
+        campaign_options.at_least("--minutes", args.minutes, 0.01)
     campaign = campaign_options.changed(
         campaign_options.load(args.campaign, args.target),
         rng_seed=args.rng_seed,
@@ -105,6 +110,7 @@ def run(args: argparse.Namespace) -> int:
             on=args.on,
             insecure=args.insecure,
             json_logs=args.json_logs,
+            stop_when=campaign_runner.StopWhen(60.0 * args.minutes if args.minutes else None, args.stop_at_first),
         )
 
     running.create(run_dir, campaign, describe_target(campaign.target.name))

@@ -13,7 +13,7 @@ from typing import Any
 
 import msgspec
 
-from saflite.console.io import schema_examples
+from saflite.console.io import editor_schemas, schema_examples
 from saflite.contract import topics, wire
 from saflite.contract.cloud_event import CloudEvent
 from saflite.contract.config import Campaign
@@ -68,7 +68,8 @@ def goldens() -> dict[str, bytes]:
 def files() -> dict[str, bytes]:
     """Return all files of `schemas/` as they should be now, by path below it."""
     wanted = {f"{name}.schema.json": schema_text(kind).encode() for name, kind in messages().items()}
-    wanted["campaign.schema.json"] = schema_text(CAMPAIGN).encode()
+    wanted["campaign.schema.json"] = editor_schemas.campaign_schema().encode()
+    wanted["policy.schema.json"] = editor_schemas.policy_schema().encode()
     wanted["topics.md"] = topics_table().encode()
     for stem, data in goldens().items():
         wanted[f"wire/{stem}.{short_id(data)[:8]}.msgpack"] = data

@@ -278,6 +278,29 @@ class RunFolder:
                 continue
         return None
 
+    def flown(self) -> Counter[Purpose]:
+        """Return how many flights were counted, by what they were flown for."""
+        return Counter(dict(self._rows("SELECT purpose, count(*) FROM flights GROUP BY purpose")))
+
+    def memory_faults(self) -> frozenset[str]:
+        """Return the test cases a flight of which ended by a fault of memory: reported in private first."""
+        rows = self._rows("SELECT test_case, message FROM flights WHERE ending = 'autopilot_died'")
+        return frozenset(str(name) for name, message in rows if is_memory_fault("autopilot_died", message))
+
+    def good_before(self, name: str, parent: str = "") -> str:
+        """Return the test case whose first flight last kept every rule before one was flown, `parent` if it did.
+
+        Empty if there is none.
+        """
+        query = (
+            "SELECT f.test_case FROM flights f JOIN judgements j"
+            " ON j.test_case = f.test_case AND j.flight_index = f.flight_index"
+            " WHERE f.purpose = 'search' AND j.violated = '' AND j.robustness IS NOT NULL"
+            " AND f.rowid < (SELECT min(rowid) FROM flights WHERE test_case = ?1)"
+            " ORDER BY f.test_case = ?2 DESC, f.rowid DESC LIMIT 1"
+        )
+        return next((str(found) for (found,) in self._rows(query, name, parent)), "")
+
     # ---- scores --------------------------------------------------------------------------------------------------
 
     def scores(self) -> list[ScoreRow]:
@@ -317,6 +340,17 @@ class RunFolder:
             if len(found) < EVENTS_AT_ONCE:
                 return
             from_seq = found[-1].seq + 1
+
+    def last_events(self, count: int) -> list[Event]:
+        """Return the last committed events, in order."""
+        rows = list(self._rows("SELECT event FROM events ORDER BY seq DESC LIMIT ?", count))
+        return [wire.decode(data, Event) for (data,) in reversed(rows)]
+
+    def first_event(self) -> Event | None:
+        """Return the first event, None before there is one."""
+        for (data,) in self._rows("SELECT event FROM events ORDER BY seq LIMIT 1"):
+            return wire.decode(data, Event)
+        return None
 
     def elapsed_s(self) -> float:
         """Return the wall time between the first and the last event, pauses between sittings included."""

@@ -32,7 +32,7 @@ def _suite(summary: RunSummary) -> Xml.Element:
     never = [policy for policy in held if not policy.rulings.applied]
     suite = Xml.Element(
         "testsuite",
-        name=_clean(summary.campaign.name),
+        name=clean(summary.campaign.name),
         tests=str(len(summary.findings) + len(held)),
         failures=str(len(failed)),
         errors="0",
@@ -44,9 +44,9 @@ def _suite(summary: RunSummary) -> Xml.Element:
         _add(suite, finding)
     for policy in held:
         name = "applied in no flight" if policy in never else "held on every flight it applied in"
-        case = Xml.SubElement(suite, "testcase", classname=_clean(policy.id), name=name)
+        case = Xml.SubElement(suite, "testcase", classname=clean(policy.id), name=name)
         if policy in never:
-            Xml.SubElement(case, "skipped", message=_clean(policy.rulings.text()))
+            Xml.SubElement(case, "skipped", message=clean(policy.rulings.text()))
     return suite
 
 
@@ -60,26 +60,26 @@ def _properties(suite: Xml.Element, summary: RunSummary) -> None:
         "version": summary.version,
     }
     for name, value in facts.items():
-        Xml.SubElement(properties, "property", name=name, value=_clean(str(value)))
+        Xml.SubElement(properties, "property", name=name, value=clean(str(value)))
 
 
 def _add(suite: Xml.Element, finding: Finding) -> None:
     violation = finding.violation
     case = Xml.SubElement(
-        suite, "testcase", classname=_clean(violation.policy), name=f"{violation.test_case} {violation.fingerprint}"
+        suite, "testcase", classname=clean(violation.policy), name=f"{violation.test_case} {violation.fingerprint}"
     )
     text = (
         f"{violation.severity} violation, robustness {violation.robustness:.3f}, failed again in "
         f"{failed_again(violation)} re-flights. {violation.message}".strip()
     )
     kind = "failure" if violation.confirmation == "confirmed" else "skipped"
-    node = Xml.SubElement(case, kind, message=_clean(f"{violation.confirmation}: {text}"))
+    node = Xml.SubElement(case, kind, message=clean(f"{violation.confirmation}: {text}"))
     if kind == "failure":
-        node.set("type", _clean(violation.policy))
-    node.text = _clean(f"test case test_cases/{violation.test_case}.yaml\nrecording {finding.recording or 'none'}\n")
+        node.set("type", clean(violation.policy))
+    node.text = clean(f"test case test_cases/{violation.test_case}.yaml\nrecording {finding.recording or 'none'}\n")
 
 
-def _clean(text: str) -> str:
+def clean(text: str) -> str:
     """Return the text without characters that XML 1.0 cannot hold."""
     return "".join(char if char in "\t\n\r" or ord(char) >= 0x20 else " " for char in text if not _odd(char))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from html import escape
 from typing import NamedTuple
 
 import numpy as np
@@ -11,9 +12,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from saflite.console.view.report.svg import label, nice_step, points, tag
 
-WIDTH_PX, HEIGHT_PX = 560.0, 190.0
-LEFT_PX, RIGHT_PX, TOP_PX, BOTTOM_PX = 46.0, 10.0, 22.0, 26.0
+WIDTH_PX, HEIGHT_PX = 560.0, 202.0
+LEFT_PX, RIGHT_PX, TOP_PX, BOTTOM_PX = 46.0, 10.0, 22.0, 38.0
 POINTS_MAX = 500
+CHAR_PX, ROW_PX, ROWS_MAX = 5.6, 11.0, 6
+"""Width of a letter of a tick's text, about; height of a row of names, and how many there may be."""
 
 
 class Curve(NamedTuple):
@@ -69,7 +72,7 @@ def chart(
     """Return a chart as an SVG element; `y_max` cuts off what is above."""
     frame = _frame(curves, levels, y_max)
     parts = [label(LEFT_PX, 13, title, "title")]
-    parts += [_mark(frame, mark, number) for number, mark in enumerate(marks)]
+    parts += _marks(frame, marks)
     parts += _axes(frame, x_name)
     for level in levels:
         y = frame.y(level.y)
@@ -106,19 +109,34 @@ def _axes(frame: _Frame, x_name: str) -> list[str]:
         parts.append(label(LEFT_PX - 5, y + 3, f"{number * step:g}", "tick", "end"))
     step = nice_step(frame.x_high - frame.x_low, 7)
     for number in range(math.ceil(frame.x_low / step), math.floor(frame.x_high / step) + 1):
-        parts.append(label(frame.x(number * step), HEIGHT_PX - 12, f"{number * step:g}", "tick", "middle"))
-    parts.append(label(WIDTH_PX - RIGHT_PX, HEIGHT_PX - 1, x_name, "tick", "end"))
+        parts.append(label(frame.x(number * step), HEIGHT_PX - 26, f"{number * step:g}", "tick", "middle"))
+    parts.append(label(WIDTH_PX - RIGHT_PX, HEIGHT_PX - 15, x_name, "tick", "end"))
     return parts
 
 
-def _mark(frame: _Frame, mark: Mark, number: int) -> str:
-    x = frame.x(mark.x)
-    if mark.until is None:
-        line = tag("line", x1=x, y1=TOP_PX, x2=x, y2=HEIGHT_PX - BOTTOM_PX, class_=mark.css)
-        return line + (label(x + 3, TOP_PX + 9 + 11 * (number % 4), mark.name, "tick") if mark.name else "")
-    width = max(2.0, frame.x(mark.until) - x)
-    height = HEIGHT_PX - BOTTOM_PX - TOP_PX
-    return tag("rect", x=x, y=TOP_PX, width=width, height=height, class_="band")
+def _marks(frame: _Frame, marks: Sequence[Mark]) -> list[str]:
+    """Return bands and lines with their names, each name in the first row where it is over no other.
+
+    A name that fits in no row is left out; the line shows it when it is pointed at.
+    """
+    ends = [LEFT_PX] * ROWS_MAX
+    parts = []
+    for mark in sorted(marks, key=lambda one: one.x):
+        x = frame.x(mark.x)
+        height = HEIGHT_PX - BOTTOM_PX - TOP_PX
+        if mark.until is not None:
+            width = max(2.0, frame.x(mark.until) - x)
+            parts.append(tag("rect", x=x, y=TOP_PX, width=width, height=height, class_="band"))
+            continue
+        title = tag("title", escape(mark.name)) if mark.name else ""
+        parts.append(tag("line", title, x1=x, y1=TOP_PX, x2=x, y2=HEIGHT_PX - BOTTOM_PX, class_=mark.css))
+        width = CHAR_PX * len(mark.name) + 4
+        left = x + 3 if x + 3 + width < WIDTH_PX - RIGHT_PX else x - 3 - width
+        row = next((row for row, end in enumerate(ends) if end <= left), None)
+        if mark.name and row is not None:
+            ends[row] = left + width
+            parts.append(label(left, TOP_PX + 9 + ROW_PX * row, mark.name, "tick name"))
+    return parts
 
 
 def _curve(frame: _Frame, curve: Curve) -> str:
@@ -144,11 +162,10 @@ def _thinned(ys: NDArray[np.float64]) -> NDArray[np.intp]:
 
 
 def _legend(curves: Sequence[Curve]) -> str:
-    parts = []
-    x = WIDTH_PX - RIGHT_PX
-    for curve in reversed(curves):
-        parts.append(label(x, 13, curve.name, "tick", "end"))
-        x -= 6.0 * len(curve.name) + 6
-        parts.append(tag("line", x1=x - 14, y1=9.0, x2=x, y2=9.0, class_=f"curve {curve.css}"))
-        x -= 24
+    """Return the names of the curves, on the last row of the chart."""
+    parts, x, y = [], LEFT_PX, HEIGHT_PX - 3
+    for curve in curves:
+        parts.append(tag("line", x1=x, y1=y - 4, x2=x + 14, y2=y - 4, class_=f"curve {curve.css}"))
+        parts.append(label(x + 18, y, curve.name, "tick"))
+        x += 18 + CHAR_PX * len(curve.name) + 16
     return "".join(parts)

@@ -79,27 +79,24 @@ def read(run: RunFolder, released: Released = ()) -> ReportData:
     found = run.findings()
     shown = [finding for finding in found if is_public(finding, released)]
     hidden = {one.violation.fingerprint for one in found} - {one.violation.fingerprint for one in shown}
-    exhibits = tuple(_exhibit(run, one, by_case.get(one.violation.test_case, [])) for one in shown)
-    state, faults, quarantined = "running", [], []
+    exhibits = tuple(exhibit(run, one, by_case.get(one.violation.test_case, [])) for one in shown)
+    state = "running"
     for event in run.events():
         if isinstance(event.fact, CampaignChanged):
             state = f"{event.fact.state}: {event.fact.why}" if event.fact.why else event.fact.state
-        elif isinstance(event.fact, FaultSeen):
-            faults.append(f"{event.fact.where}: {event.fact.message}")
-        elif isinstance(event.fact, Quarantined):
-            quarantined.append(event.fact)
+    quarantined, faults = troubles(run)
     return ReportData(
         campaign=run.campaign,
         state=state,
         elapsed_s=run.elapsed_s(),
         exhibits=exhibits,
         flights=flights,
-        progress=_progress(run),
+        progress=progress(run),
         calibrations=calibrations(run),
         usage=tuple(run.usage()),
         fallbacks=run.fallbacks(),
-        faults=tuple(faults[-FAULTS_SHOWN:]),
-        quarantined=tuple(quarantined),
+        faults=faults,
+        quarantined=quarantined,
         rulings=run.rulings(),
         states=states,
         modes_unseen=modes_unseen(run.target, states),
@@ -110,6 +107,13 @@ def read(run: RunFolder, released: Released = ()) -> ReportData:
         ),
         withheld=len(found) - len(shown),
     )
+
+
+def troubles(run: RunFolder) -> tuple[tuple[Quarantined, ...], tuple[str, ...]]:
+    """Return the test cases set aside, and the last faults in words."""
+    facts = [event.fact for event in run.events()]
+    faults = [f"{fact.where}: {fact.message}" for fact in facts if isinstance(fact, FaultSeen)]
+    return tuple(fact for fact in facts if isinstance(fact, Quarantined)), tuple(faults[-FAULTS_SHOWN:])
 
 
 def modes_unseen(target: TargetInfo, states: Iterable[str]) -> tuple[str, ...]:
@@ -128,7 +132,8 @@ def calibrations(run: RunFolder) -> tuple[Calibration, ...]:
     return calibrate_all(rows)
 
 
-def _exhibit(run: RunFolder, finding: Finding, rows: list[FlightRow]) -> Exhibit:
+def exhibit(run: RunFolder, finding: Finding, rows: list[FlightRow]) -> Exhibit:
+    """Return a finding with its evidence; `rows` are the flights of its test case."""
     violation = finding.violation
     shown = next((row for row in rows if row.shows(violation)), None)
     return Exhibit(
@@ -145,7 +150,8 @@ def _exhibit(run: RunFolder, finding: Finding, rows: list[FlightRow]) -> Exhibit
     )
 
 
-def _progress(run: RunFolder) -> Progress:
+def progress(run: RunFolder) -> Progress:
+    """Return the search flight by flight."""
     flown, found, fingerprints = 0, 0, set[str]()
     rows: list[tuple[float, float, float, float]] = [(0.0, np.nan, 0.0, 0.0)]
     for event in run.events():

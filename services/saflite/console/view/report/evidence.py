@@ -7,7 +7,7 @@ from html import escape
 import numpy as np
 from numpy.typing import NDArray
 
-from saflite.console.view.report import charts, layout
+from saflite.console.view.report import charts, layout, timeline
 from saflite.console.view.report.data import Exhibit
 from saflite.console.view.report.svg import tag
 from saflite.contract.circumstances import in_words
@@ -50,7 +50,10 @@ def _track(exhibit: Exhibit) -> NDArray[np.float64]:
 
 
 def _picture(exhibit: Exhibit) -> str:
-    return layout.picture(exhibit.test_case, _track(exhibit))
+    track, scenario = _track(exhibit), exhibit.test_case.scenario
+    if not len(track) and not scenario.obstacles and scenario.mission is None:
+        return ""  # a target that has no place
+    return layout.picture(exhibit.test_case, track) + layout.legend(exhibit.test_case)
 
 
 def _charts(exhibit: Exhibit, verdict: Verdict | None) -> list[str]:
@@ -67,7 +70,17 @@ def _charts(exhibit: Exhibit, verdict: Verdict | None) -> list[str]:
             speed = np.hypot(trace.array("vx_mps"), trace.array("vy_mps"))
             curves.append(charts.Curve(times, speed, "curve2", "speed [m/s]"))
         drawn.append(charts.chart("altitude and ground speed", curves, x_name="s", marks=marks))
-    return drawn
+    return [*drawn, *timeline.around(trace, verdict, _given(exhibit), _needed(exhibit))]
+
+
+def _needed(exhibit: Exhibit) -> tuple[str, ...]:
+    """Return the signals that the policy looks at."""
+    from saflite.oracle.policy import load_policy
+
+    try:
+        return tuple(sorted(load_policy(exhibit.violation.policy, exhibit.policy_texts).needed))
+    except Refused:
+        return ()
 
 
 def _robustness(exhibit: Exhibit, times: NDArray[np.float64], marks: list[charts.Mark]) -> str:

@@ -63,6 +63,19 @@ def picture(test_case: TestCase, track: NDArray[np.float64]) -> str:
     )
 
 
+def legend(test_case: TestCase) -> str:
+    """Return what lines and marks of the picture mean."""
+    boxes = bool(test_case.scenario.obstacles)
+    rows = [("path", "flown", True), ("mission", "mission", test_case.scenario.mission is not None)]
+    rows += [("danger", f"nearer than {SAFE_M:g} m to a box", boxes), ("gapline", "closest point", boxes)]
+    shown = [
+        f"<span>{tag('svg', tag('line', x1=1, y1=6, x2=25, y2=6, class_=css), viewBox='0 0 26 12')} {text}</span>"
+        for css, text, wanted in rows
+        if wanted
+    ]
+    return f'<div class="legend">{"".join(shown)}</div>'
+
+
 def _view(boxes: Sequence[Obstacle], places: Sequence[Point], track: NDArray[np.float64]) -> View:
     corners = [corner for box in boxes for corner in corner_points(box)]
     xs = [x for x, _ in (*places, *corners)] + track[:, 0].tolist()

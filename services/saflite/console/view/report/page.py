@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping, Sequence
 from html import escape
 
 import numpy as np
 
 from saflite.console.run_data.deduplication import deduplicate
 from saflite.console.run_data.embargo import withheld_words
+from saflite.console.run_data.run_folder import UsageRow
 from saflite.console.view.report import bars, charts, evidence
-from saflite.console.view.report.data import ReportData
+from saflite.console.view.report.data import Progress, ReportData
+from saflite.console.view.report.script import TABLES
 from saflite.console.view.report.style import CSS
+from saflite.contract.config import Campaign
+from saflite.contract.events import Quarantined
 from saflite.contract.interval import Interval
 from saflite.contract.test_case import setting_text
 from saflite.contract.verdict import NEVER_APPLIED, failed_again
+from saflite.recorder.summary import Rulings
 from saflite.scorer_pool.calibration import Calibration
 
 DRAWN_FROM = 8
@@ -26,28 +32,29 @@ def render(data: ReportData, run_name: str) -> str:
     name = escape(data.campaign.name)
     sections = [
         f"<header><h1>{name}</h1><p>{escape(data.campaign.description)}</p>"
-        f'<p class="muted">campaign {escape(data.state)} · {_settings(data)}</p></header>',
+        f'<p class="muted">campaign {escape(data.state)} · {settings(data.campaign, data.fallbacks)}</p></header>',
         _tiles(data),
-        f'<div class="pictures"><figure>{_finds(data)}</figure><figure>{_search(data)}</figure></div>',
+        progress_charts(data.progress),
         _table(data),
         _causes(data),
-        _policies(data),
-        _states(data),
+        policies(data.rulings),
+        states(data.states, data.modes_unseen),
         *(evidence.section(number, exhibit, run_name) for number, exhibit in enumerate(data.exhibits, start=1)),
-        _calibration(data),
-        _usage(data),
-        _troubles(data),
+        calibration(data.calibrations),
+        usage(data.usage),
+        troubles(data.quarantined, data.faults),
     ]
     body = "\n".join(section for section in sections if section)
     head = (
         '<meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">'
         f"<title>{name} · SaFliTe Farm</title><style>{CSS}</style>"
     )
-    return f'<!doctype html><html lang="en"><head>{head}</head><body><main>{body}</main></body></html>\n'
+    body = f"<main>{body}</main><script>{TABLES}</script>"
+    return f'<!doctype html><html lang="en"><head>{head}</head><body>{body}</body></html>\n'
 
 
-def _settings(data: ReportData) -> str:
-    campaign = data.campaign
+def settings(campaign: Campaign, fallbacks: tuple[int, str] = (0, "")) -> str:
+    """Return what was chosen for a campaign, in one line."""
     parts = [
         f"target {campaign.target.name}",
         f"strategy {campaign.strategy.name}",
@@ -56,8 +63,8 @@ def _settings(data: ReportData) -> str:
         f"policies {', '.join(campaign.policies)}",
     ]
     parts += [f"{name} {setting_text(value)}" for name, value in campaign.target.settings.items()]
-    if data.fallbacks[0]:
-        parts.append(f"{data.fallbacks[0]} scores by the embedded scorer instead: {data.fallbacks[1]}")
+    if fallbacks[0]:
+        parts.append(f"{fallbacks[0]} scores by the embedded scorer instead: {fallbacks[1]}")
     return escape(" · ".join(parts))
 
 
@@ -76,7 +83,7 @@ def _tiles(data: ReportData) -> str:
         (f"{flown['confirm']}", "flights more to confirm what was found", ""),
         (f"{flown['check']}", "flown over again to check the farm", ""),
         (f"{simulated_s / 3600:.2f} h", "flown in simulated time", ""),
-        (_duration(data.elapsed_s), f"wall time, {len(data.flights) / elapsed_s:.2f} flights/s", ""),
+        (duration(data.elapsed_s), f"wall time, {len(data.flights) / elapsed_s:.2f} flights/s", ""),
         (f"{simulated_s / elapsed_s:.0f}×", "real time, all workers", ""),
     ]
     if shrinking := flown["shrink"] + flown["shrunk"]:
@@ -87,14 +94,21 @@ def _tiles(data: ReportData) -> str:
     return f'<div class="tiles">{drawn}</div>'
 
 
-def _duration(seconds: float) -> str:
+def duration(seconds: float) -> str:
+    """Return a span of time in the unit that suits it."""
     if seconds < 120:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.1f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"
 
 
-def _finds(data: ReportData) -> str:
-    progress = data.progress
+def progress_charts(progress: Progress) -> str:
+    """Return both charts of the search."""
+    drawn = (finds_chart(progress), search_chart(progress))
+    return f'<div class="pictures">{"".join(f"<figure>{one}</figure>" for one in drawn)}</div>'
+
+
+def finds_chart(progress: Progress) -> str:
+    """Return finds and behaviours over flights."""
     curves = [
         charts.Curve(progress.flights, progress.found, "curve3", "finds", step=True),
         charts.Curve(progress.flights, progress.behaviours, "curve1", "behaviours", step=True),
@@ -102,8 +116,8 @@ def _finds(data: ReportData) -> str:
     return charts.chart("violations over flights", curves, x_name="flights")
 
 
-def _search(data: ReportData) -> str:
-    progress = data.progress
+def search_chart(progress: Progress) -> str:
+    """Return the robustness of each flight and the least so far."""
     known = np.isfinite(progress.robustness)
     xs, ys = progress.flights[known], progress.robustness[known]
     best = np.minimum.accumulate(ys) if len(ys) else ys
@@ -148,7 +162,7 @@ def _table(data: ReportData) -> str:
         "finds",
         "inputs",
     )
-    return f"<h2>Violations</h2>{_html_table(heads, rows)}{withheld}"
+    return f"<h2>Violations</h2>{html_table(heads, rows)}{withheld}"
 
 
 def _causes(data: ReportData) -> str:
@@ -165,15 +179,16 @@ def _causes(data: ReportData) -> str:
     return (
         "<h2>What it takes</h2>"
         '<p class="muted">Violations with the same inputs (by name) behind them count as one here; what only came '
-        "along is left out as far as a smaller violation shows it was not needed.</p>" + _html_table(heads, rows)
+        "along is left out as far as a smaller violation shows it was not needed.</p>" + html_table(heads, rows)
     )
 
 
-def _policies(data: ReportData) -> str:
-    if not any(ruled.judged for ruled in data.rulings.values()):
+def policies(rulings: Mapping[str, Rulings]) -> str:
+    """Return what each policy said, as a section."""
+    if not any(ruled.judged for ruled in rulings.values()):
         return ""
     rows = []
-    for name, ruled in data.rulings.items():
+    for name, ruled in rulings.items():
         never = ruled.judged > 0 and ruled.vacuous == ruled.judged
         word = f'<span class="badge flaky">vacuous: {NEVER_APPLIED}</span>' if never else ""
         cells = (escape(name), ruled.judged, ruled.applied, ruled.violated, ruled.vacuous, ruled.inconclusive, word)
@@ -182,32 +197,36 @@ def _policies(data: ReportData) -> str:
     return (
         "<h2>Verdicts by policy</h2>"
         '<p class="muted">First flights only. A policy is vacuous in a flight in which its rule never applied: such a '
-        "flight is no evidence that the rule is kept.</p>" + _html_table(heads, rows)
+        "flight is no evidence that the rule is kept.</p>" + html_table(heads, rows)
     )
 
 
-def _states(data: ReportData) -> str:
-    if not data.states:
+def states(seen: Mapping[str, int], modes_unseen: Sequence[str]) -> str:
+    """Return the states of the target that were seen, as a section."""
+    if not seen:
         return ""
-    rows = [f"<tr><td>{escape(state)}</td><td>{count}</td></tr>" for state, count in data.states.items()]
-    never = f"Modes never flown: {', '.join(data.modes_unseen)}." if data.modes_unseen else "Every mode was flown."
+    rows = [f"<tr><td>{escape(state)}</td><td>{count}</td></tr>" for state, count in seen.items()]
+    never = f"Modes never flown: {', '.join(modes_unseen)}." if modes_unseen else "Every mode was flown."
     return (
         f"<h2>States of the target</h2><p>{escape(never)}</p>"
         '<p class="muted">Mode, standing, disarmed, failsafes raised, in first flights.</p>'
-        + _html_table(("state", "test cases that reached it"), rows)
+        + html_table(("state", "test cases that reached it"), rows)
     )
 
 
-def _html_table(heads: tuple[str, ...], rows: list[str]) -> str:
+def html_table(heads: Sequence[str], rows: Sequence[str]) -> str:
+    """Return a table whose heads sort it, with a field to filter a long one."""
     head = "".join(f"<th>{text}</th>" for text in heads)
-    return f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{"".join(rows)}</tbody></table></div>'
+    table = f'<table class="sorts"><thead><tr>{head}</tr></thead><tbody>{"".join(rows)}</tbody></table>'
+    return f'<div class="scroll">{table}</div>'
 
 
-def _calibration(data: ReportData) -> str:
-    if not data.calibrations:
+def calibration(found: Sequence[Calibration]) -> str:
+    """Return how well scores met outcomes, as a section."""
+    if not found:
         return ""
-    rows = [_calibration_row(one) for one in data.calibrations if one.flights]
-    drawn = [one for one in data.calibrations if one.sample == "all" and one.flights >= DRAWN_FROM]
+    rows = [_calibration_row(one) for one in found if one.flights]
+    drawn = [one for one in found if one.sample == "all" and one.flights >= DRAWN_FROM]
     curves = "".join(f"<figure>{bars.reliability(one)}</figure>" for one in drawn)
     if not rows:
         return ""
@@ -229,7 +248,7 @@ def _calibration(data: ReportData) -> str:
         "are the flights drawn by chance, whose figures selection does not bias; baseline is the accuracy of the "
         "better of the two constant answers on the same flights. In the pictures the dashed line is the share a score "
         "promises if it is ten times the chance of a violation.</p>"
-        + _html_table(heads, rows)
+        + html_table(heads, rows)
         + (f'<div class="pictures curves">{curves}</div>' if curves else "")
     )
 
@@ -251,11 +270,12 @@ def _interval(figure: Interval) -> str:
     return f"{figure.value:.2f} <small>{figure.low:.2f}–{figure.high:.2f}</small>"
 
 
-def _usage(data: ReportData) -> str:
-    if not data.usage:
+def usage(used: Sequence[UsageRow]) -> str:
+    """Return what scoring took, as a section."""
+    if not used:
         return ""
     rows = []
-    for use in data.usage:
+    for use in used:
         mean = use.latency_s / max(1, use.batches)
         cells = (
             *(escape(use.model), use.batches, use.calls, use.tokens_in, use.tokens_out, f"{mean:.3f} s"),
@@ -266,11 +286,12 @@ def _usage(data: ReportData) -> str:
         *("model", "batches", "calls", "tokens in", "tokens out", "per batch"),
         *("cost [USD]", "asked again", "from cache", "faults"),
     )
-    return f"<h2>What scoring took</h2>{_html_table(heads, rows)}"
+    return f"<h2>What scoring took</h2>{html_table(heads, rows)}"
 
 
-def _troubles(data: ReportData) -> str:
+def troubles(quarantined: Sequence[Quarantined], faults: Sequence[str]) -> str:
+    """Return what went wrong, as a section."""
     parts = [f"<li>set aside: {escape(one.test_case)} after {one.attempts} attempts, last {one.last}: "
-             f"{escape(one.message)}</li>" for one in data.quarantined]  # fmt: skip
-    parts += [f"<li>{escape(text)}</li>" for text in data.faults]
+             f"{escape(one.message)}</li>" for one in quarantined]  # fmt: skip
+    parts += [f"<li>{escape(text)}</li>" for text in faults]
     return f"<h2>Faults the farm got over</h2><ul class='muted'>{''.join(parts)}</ul>" if parts else ""

@@ -3,8 +3,10 @@
 CSS = """
 :root{--bg:#f6f7f9;--panel:#fff;--ink:#1c2330;--muted:#66707f;--line:#e3e6eb;--grid:#eceff3;--blue:#2563c9;
 --green:#1f8a4c;--red:#cf2f3a;--amber:#b8780b;--box:#8a93a3;--shell:rgba(230,160,40,.22)}
-@media(prefers-color-scheme:dark){:root{--bg:#12161d;--panel:#1a202a;--ink:#e4e8ee;--muted:#93a0b1;--line:#2b3442;
+@media(prefers-color-scheme:dark){:root:not([data-look=light]){--bg:#12161d;--panel:#1a202a;--ink:#e4e8ee;--muted:#93a0b1;--line:#2b3442;
 --grid:#232b37;--blue:#6aa3ff;--green:#4cc480;--red:#ff6b74;--amber:#e2a93b;--box:#6d7888;--shell:rgba(226,169,59,.2)}}
+:root[data-look=dark]{--bg:#12161d;--panel:#1a202a;--ink:#e4e8ee;--muted:#93a0b1;--line:#2b3442;
+--grid:#232b37;--blue:#6aa3ff;--green:#4cc480;--red:#ff6b74;--amber:#e2a93b;--box:#6d7888;--shell:rgba(226,169,59,.2)}
 *{box-sizing:border-box}
 body{margin:0;background:var(--bg);color:var(--ink);font:15px/1.5 system-ui,-apple-system,"Segoe UI",Roboto,sans-serif}
 main{max-width:1180px;margin:0 auto;padding:28px 20px 60px}
@@ -18,9 +20,8 @@ code{font:13px ui-monospace,SFMono-Regular,Menlo,monospace;background:var(--grid
 .tile b{display:block;font-size:26px;line-height:1.2;font-variant-numeric:tabular-nums}
 .tile span{color:var(--muted);font-size:13px}
 .tile.bad b{color:var(--red)}.tile.good b{color:var(--green)}.tile.warn b{color:var(--amber)}
-.pictures{display:grid;grid-template-columns:repeat(auto-fit,minmax(420px,1fr));gap:14px;align-items:start}
-@media(max-width:520px){.pictures{grid-template-columns:1fr}}
-.curves{margin-top:14px}
+.pictures{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(420px,100%),1fr));gap:14px;align-items:start}
+.curves{margin-top:14px}svg.chart{max-width:720px}
 figure{margin:0;background:var(--panel);border:1px solid var(--line);border-radius:10px;padding:10px}
 svg{display:block;width:100%;height:auto;margin:0 auto}
 .violation{background:var(--panel);border:1px solid var(--line);border-radius:12px;padding:16px 18px;margin:18px 0}
@@ -50,5 +51,17 @@ svg .closestname{fill:var(--red);font-weight:700;font-size:12.5px;paint-order:st
 .curve{fill:none;stroke-width:1.8;stroke-linejoin:round}.curve1{stroke:var(--blue)}.curve2{stroke:var(--amber)}
 .curve3{stroke:var(--red)}.faint{stroke:var(--muted);stroke-width:1;opacity:.45}
 .limit{stroke:var(--red);stroke-dasharray:6 4}.level{stroke:var(--muted);stroke-dasharray:3 4}
+@media(max-width:640px){main{padding:16px 10px 40px}.violation{padding:12px 10px}figure{overflow-x:auto}
+svg.chart{min-width:540px}svg.layout text,svg.layout .tick{font-size:15px}
+.facts td{overflow-wrap:anywhere}.facts th{white-space:nowrap}h1{font-size:22px}}
+svg .name{paint-order:stroke;stroke:var(--bg);stroke-width:2.5px}
+thead th[data-sorts]{cursor:pointer}thead th[data-sorts]:hover{color:var(--ink)}
+thead th[aria-sort=ascending]::after{content:" \\25B2"}thead th[aria-sort=descending]::after{content:" \\25BC"}
+input.filter{width:100%;max-width:420px;margin:4px 0 8px;padding:7px 11px;font:inherit;color:inherit;
+background:var(--panel);border:1px solid var(--line);border-radius:8px}
+:focus-visible{outline:2px solid var(--blue);outline-offset:2px}
+.legend{display:flex;flex-wrap:wrap;gap:4px 16px;margin-top:6px;font-size:12px;color:var(--muted)}
+.legend svg{width:26px;height:12px;margin:0;display:inline-block;vertical-align:middle}
+.given{fill:var(--amber);stroke:var(--bg);stroke-width:1.5}.given.denied{fill:var(--panel);stroke:var(--muted)}
 .mark{stroke:var(--amber);stroke-dasharray:3 3}.band{fill:var(--red);opacity:.14}
 """

@@ -1,0 +1,53 @@
+"""Fly one test case many times under other noise and tell how often it violates, with the interval of the rate.
+
+CASE is a test case (.yaml, .json), a recording, a file of a corpus, or a run folder with `--violation`. Flights that
+say nothing of the vehicle are counted apart. Exit code 0: never violated; 1: violated; 3: no flight could be judged.
+
+examples:
+  saflite flake runs/avoidance-m2 --violation 3f2a -n 20
+  saflite flake case.yaml -n 50 --policy min-obstacle-distance
+  saflite flake case.json -n 20 --policy a-chute --target "reference+parachute-in-acro"
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Name the arguments."""
+    from saflite.console.io import arguments
+
+    parser.add_argument("case", type=Path, help="test case, recording, file of a corpus, or run folder")
+    parser.add_argument("-n", type=int, default=20, metavar="N", help="flights (20)")
+    parser.add_argument("--violation", default="", metavar="ID", help="of a run: this fingerprint or test case")
+    parser.add_argument("--policy", action="append", default=[], help="judge by this policy (may be repeated)")
+    parser.add_argument(
+        "--target", default="", metavar="BUILD", help="fly on this build (see `saflite regress --help`)"
+    )
+    parser.add_argument("--wall-limit", type=float, default=300.0, metavar="S", help="give a flight up after so long")
+    arguments.add_modules(parser)
+    parser.add_argument("--json", action="store_true", help="print the result as JSON")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Fly and count."""
+    from saflite.console.io import campaign_options
+    from saflite.console.operations import builds, flaking
+    from saflite.console.run_data import known
+    from saflite.console.view import out
+    from saflite.runtime import run_modules
+
+    campaign_options.at_least("-n", args.n, 1)
+    if args.case.is_dir():
+        run_modules.use(args.case, args.module)
+    build = builds.parse(args.target) if args.target else None
+    one = known.one_of(args.case, args.violation, tuple(args.policy))
+    flown = flaking.flake(one, build or builds.of_case(one.test_case), args.n, args.wall_limit)
+    if args.json:
+        out.json(flaking.plain(flown))
+    else:
+        for text in flaking.lines(flown):
+            out.line(text)
+    return flaking.exit_code(flown)

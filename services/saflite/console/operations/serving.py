@@ -1,0 +1,75 @@
+"""Serving the dashboard: which runs, where it listens."""
+
+from __future__ import annotations
+
+import re
+import socket
+from collections.abc import Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from saflite.console.view import out
+from saflite.contract.errors import Refused, Unavailable
+
+if TYPE_CHECKING:
+    from saflite.console.view.dashboard.access import Tokens
+    from saflite.console.view.dashboard.source import Source
+
+ENDPOINT = re.compile(r"(tcp|tls|unixsock-stream)/")
+RUNS_MAX = 100
+
+
+def check_extra() -> None:
+    """Raise Unavailable unless the packages of the extra are installed."""
+    missing = [name for name in ("starlette", "uvicorn") if find_spec(name) is None]
+    if missing:
+        raise Unavailable(f"{', '.join(missing)} not installed: pip install 'saflite-farm[dashboard]'")
+
+
+def is_endpoint(text: str) -> bool:
+    """Return whether an argument names an endpoint, not a folder."""
+    return ENDPOINT.match(text) is not None
+
+
+def run_folders(folder: Path) -> list[Path]:
+    """Return the run folders meant by one: itself, or those in it, the newest 100; raises Refused if there are none."""
+    from saflite.campaign.storage.store import store_file
+
+    if store_file(folder).exists():
+        return [folder]
+    found = [path.parent for path in (store_file(one) for one in folder.glob("*/")) if path.exists()]
+    if not found:
+        raise Refused("run folder", where=str(folder), expected="a run, or a folder of runs", got="neither")
+    return sorted(found, key=lambda path: store_file(path).stat().st_mtime)[-RUNS_MAX:]
+
+
+def serve(sources: Sequence[Source], host: str, port: int, tokens: Tokens) -> int:
+    """Serve until Ctrl-C; raises Refused where nobody can listen there."""
+    import uvicorn
+
+    from saflite.console.view.dashboard.app import application
+
+    listener = _listener(host, port)
+    place = f"[{host}]" if ":" in host else host
+    hint = "   open it with ?token=TOKEN" if tokens else ""
+    out.line(f"dashboard  http://{place}:{listener.getsockname()[1]}/{hint}   (Ctrl-C ends it; runs go on)")
+    out.flush()
+    config = uvicorn.Config(application(sources, tokens), log_level="warning", timeout_graceful_shutdown=1, ws="none")
+    try:
+        uvicorn.Server(config).run(sockets=[listener])
+    except KeyboardInterrupt:
+        out.line()
+    return 0
+
+
+def _listener(host: str, port: int) -> socket.socket:
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    listener = socket.socket(family, socket.SOCK_STREAM)
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listener.bind((host, port))
+    except OSError as fault:
+        listener.close()
+        raise Refused("--port", expected="one that is free", got=f"{host}:{port}, {fault}") from fault
+    return listener

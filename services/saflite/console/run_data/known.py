@@ -1,0 +1,176 @@
+"""Known violations: the confirmed ones of a run, or a corpus, a folder of files that outlives the run.
+
+A corpus is flown again on new builds (`saflite regress`); one that is fixed stays in it, so that it is seen if it
+comes back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+
+from saflite.console.io import outputs
+from saflite.console.run_data.run_folder import open_run
+from saflite.contract.errors import Refused
+from saflite.contract.outside import parse_json, read_text
+from saflite.contract.test_case import TestCase
+from saflite.contract.verdict import Judgement, Violation
+from saflite.contract.work import PolicyTexts
+
+Standing = Literal["violates", "fixed"]
+
+
+class Known(msgspec.Struct, frozen=True, kw_only=True):
+    """A violation to be flown again. `also` are policies that its flight violated besides; `noise` that of its flight.
+
+    `memory_safety`: told in files for others by its counts only.
+    `standing` is what the last flights of the corpus made of it, on the build `seen_on`.
+    """
+
+    fingerprint: str
+    name: str
+    policy: str
+    behaviour: str
+    test_case: TestCase
+    policies: tuple[str, ...]
+    policy_texts: PolicyTexts = {}
+    also: tuple[str, ...] = ()
+    noise: int = 0
+    severity: str = "soft"
+    found_in: str = ""
+    memory_safety: bool = False
+    standing: Standing = "violates"
+    seen_on: str = ""
+
+    @property
+    def file(self) -> str:
+        """The name of its file in a corpus."""
+        return f"{self.fingerprint}-{self.name}.json"
+
+
+def read(place: Path, wanted: str = "", *, everything: bool = False) -> list[Known]:
+    """Return the known violations of a run folder or corpus, those whose fingerprint or test case begins so.
+
+    `everything`: of a run the flaky and unconfirmed ones, too.
+
+    Raises:
+        Refused: neither stands there, a file is damaged, or nothing is called so.
+    """
+    found = _corpus(place) if place.is_dir() and _files(place) else _of_run(place, everything)
+    chosen = [one for one in found if one.fingerprint.startswith(wanted) or one.name.startswith(wanted)]
+    if wanted and not chosen:
+        expected = f"one of {', '.join(one.fingerprint for one in found) or 'none'}"
+        raise Refused("--violation", where=str(place), expected=expected, got=repr(wanted))
+    return chosen
+
+
+def keep(known: Iterable[Known], folder: Path) -> None:
+    """Write violations into a corpus, each over the one of its name; raises Unavailable if the disk refuses."""
+    for one in known:
+        text = msgspec.json.format(msgspec.json.encode(one)) + b"\n"
+        outputs.write(folder / one.file, text, force=True, option="--corpus")
+
+
+def _files(folder: Path) -> list[Path]:
+    return [path for path in sorted(folder.glob("*-*.json")) if len(path.stem.split("-")) == 2]
+
+
+def _corpus(folder: Path) -> list[Known]:
+    return [_read(path) for path in _files(folder)]
+
+
+def _read(path: Path) -> Known:
+    data = parse_json(read_text(path, "known violation"), "known violation", str(path))
+    try:
+        return msgspec.convert(data, Known)
+    except msgspec.ValidationError as fault:
+        raise Refused(
+            "known violation", where=str(path), expected="one that `regress` wrote", got=str(fault)
+        ) from fault
+
+
+def _of_run(run_dir: Path, everything: bool) -> list[Known]:
+    with open_run(run_dir) as run:
+        standings = ("confirmed", "flaky", "unconfirmed") if everything else ("confirmed",)
+        chosen = [one for one in run.violations() if one.confirmation in standings]
+        memory = run.memory_faults()
+        return [
+            Known(
+                fingerprint=one.fingerprint,
+                name=one.test_case,
+                policy=one.policy,
+                behaviour=one.behaviour,
+                test_case=run.test_case(one.test_case),
+                policies=run.campaign.policies,
+                policy_texts=run.campaign.policy_texts,
+                also=_also(run.judgement(one.test_case, one.flight_index), one),
+                noise=one.flight_index,
+                severity=one.severity,
+                memory_safety=one.test_case in memory,
+                found_in=run_dir.name,
+                seen_on=run.target.build,
+            )
+            for one in chosen
+        ]
+
+
+def _also(judgement: Judgement | None, violation: Violation) -> tuple[str, ...]:
+    verdicts = judgement.verdicts if judgement is not None else ()
+    return tuple(one.policy for one in verdicts if one.outcome == "violated" and one.policy != violation.policy)
+
+
+def with_standing(known: Iterable[Known], folder: Path) -> list[Known]:
+    """Return the violations with the standing that a corpus gives them, where it holds them."""
+    held = {one.file: one for one in _corpus(folder)} if folder.is_dir() else {}
+    return [
+        msgspec.structs.replace(one, standing=held[one.file].standing) if one.file in held else one for one in known
+    ]
+
+
+def one_of(what: Path, wanted: str, policies: tuple[str, ...]) -> Known:
+    """Return the violation meant: of a run or corpus the one named, a file of a corpus, a recording or a test case.
+
+    Args:
+        what: folder or file.
+        wanted: fingerprint or test case, or the start of it; empty where there is only one.
+        policies: judged by these; the first is the one in question. Those of the record if none is given.
+
+    Raises:
+        Refused: nothing or more than one thing is meant, or nobody says which policy is in question.
+    """
+    if what.is_dir():
+        found = read(what, wanted)
+        if len(found) != 1:
+            names = ", ".join(one.fingerprint for one in found) or "none"
+            raise Refused("--violation", where=str(what), expected="one violation", got=names)
+        known = found[0]
+    elif what.suffix == ".json" and len(what.stem.split("-")) == 2:
+        known = _read(what)
+    else:
+        known = _of_file(what, policies)
+    return msgspec.structs.replace(known, policy=policies[0], policies=policies, behaviour="") if policies else known
+
+
+def _of_file(what: Path, policies: tuple[str, ...]) -> Known:
+    from saflite.console.io.cases import load_case
+    from saflite.contract.test_case import identity
+
+    case, judged, noise = load_case(what), policies, 0
+    if what.suffix == ".mcap":
+        from saflite.recorder.recording import read as read_recording
+
+        record = read_recording(what)
+        noise = record.flight.flight_index
+        verdicts = sorted(record.judgement.verdicts, key=lambda one: one.outcome != "violated")
+        judged = judged or tuple(one.policy for one in verdicts)
+    elif case.scenario.obstacles:
+        judged = judged or ("min-obstacle-distance",)
+    if not judged:
+        raise Refused("--policy", where=str(what), expected="the policy in question", got="none")
+    name = identity(case)
+    return Known(
+        fingerprint=name, name=name, policy=judged[0], behaviour="", test_case=case, policies=judged, noise=noise
+    )

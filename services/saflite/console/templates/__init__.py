@@ -1,0 +1,1 @@
+"""What `saflite new` writes: a small working part of each kind, to be changed."""

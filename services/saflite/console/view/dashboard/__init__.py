@@ -1,0 +1,1 @@
+"""The browser's view of runs: live figures, finds, workers, orders."""

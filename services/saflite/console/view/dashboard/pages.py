@@ -1,0 +1,200 @@
+"""The pages of the dashboard as HTML: all runs, and one run. Everything that came from elsewhere is escaped."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from html import escape
+
+from saflite.console.view.dashboard.access import Role
+from saflite.console.view.dashboard.source import Figures, Head, Source
+from saflite.console.view.report.page import duration, html_table
+from saflite.contract.verdict import Violation, failed_again
+
+KEYS = (
+    *(("j", "next find"), ("k", "find before"), ("Enter", "open it"), ("Esc", "close it"), ("/", "filter")),
+    *(("p", "pause or resume"), ("d", "dark or light"), ("r", "all runs"), ("?", "these keys")),
+)
+RANK = {"confirmed": 0, "unconfirmed": 1, "flaky": 2}
+
+
+def day_of(unix_s: float) -> str:
+    """Return a moment in words, in UTC."""
+    return datetime.fromtimestamp(unix_s, UTC).strftime("%Y-%m-%d %H:%M UTC")
+
+
+def document(title: str, body: str, *, role: Role, run: str = "") -> str:
+    """Return a whole page."""
+    head = (
+        '<meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"<title>{escape(title)} · SaFliTe Farm</title>"
+        '<link rel="stylesheet" href="/assets/style.css"><script defer src="/assets/script.js"></script>'
+    )
+    rows = "".join(f"<tr><td><kbd>{key}</kbd></td><td>{text}</td></tr>" for key, text in KEYS)
+    closing = '<button class="close" aria-label="close">close</button>'
+    keys = f'<dialog id="help" aria-label="keys"><h3>Keys</h3><table>{rows}</table><p>{closing}</p></dialog>'
+    return (
+        f'<!doctype html><html lang="en"><head>{head}</head>'
+        f'<body data-role="{role}" data-run="{escape(run)}">{body}{keys}</body></html>\n'
+    )
+
+
+def of_run(number: int, source: Source, role: Role, *, alone: bool) -> str:
+    """Return the page of one run."""
+    head, figures, found = source.head(), source.figures(), source.violations(public=role != "operator")
+    home = "" if alone else '<a href="/">all runs</a>'
+    bar = (
+        f'<header class="bar">{home}<h1>{escape(head.name)}</h1>'
+        f'<span class="state" data-state="{escape(figures.state)}" role="status">{escape(figures.state)}</span>'
+        '<span class="grow"></span><button id="keys" aria-label="keys">?</button>'
+        '<button id="look" aria-label="dark or light">◐</button></header>'
+    )
+    parts = [("search", "Search"), ("coverage", ""), ("scorers", ""), ("faults", "Faults")]
+    sections = "".join(
+        f'<section id="{name}">{f"<h2>{title}</h2>" if title else ""}<div data-part="{name}"></div></section>'
+        for name, title in parts
+    )
+    links = (("finds-title", "finds"), ("workers", "workers"), *((name, name) for name, _ in parts))
+    nav = "".join(f'<a href="#{name}">{text}</a>' for name, text in links)
+    body = (
+        f"{bar}<main><p>{escape(head.description)}</p>"
+        f'<p class="muted">{head.settings}{_built(head)}</p><nav>{nav}</nav>'
+        f"{_tiles(figures)}{_orders() if role == 'operator' else ''}"
+        f'<h2 id="finds-title">Behaviours found</h2><div id="finds">{finds(found)}</div>'
+        f"{_workers()}{sections}</main>{_dialog()}"
+    )
+    return document(head.name, body, role=role, run=str(number))
+
+
+def _built(head: Head) -> str:
+    began = f" · begun {day_of(head.began_unix_s)}" if head.began_unix_s else ""
+    return escape(f" · build {head.build[:12]}{began}" if head.build else began)
+
+
+def _tiles(now: Figures) -> str:
+    tiles = (
+        ("behaviours", str(now.behaviours), "behaviours confirmed", ""),
+        ("finds", str(now.finds), "finds of them", ""),
+        ("flaky", str(now.flaky), "flaky", ""),
+        ("flights", f"{now.flights} of {now.budget}", "flights of the budget", ""),
+        ("reflown", str(now.reflown), "flights more to confirm", ""),
+        ("elapsed", duration(now.elapsed_s), "since the start", ""),
+        ("eta", "–", "to go, about", "data-live hidden"),
+        ("rate", "–", "flights a second", "data-live hidden"),
+        ("speed", "–", "real time, all workers", "data-live hidden"),
+        ("scorer", "–", "scorer", "data-live hidden"),
+        ("queues", "–", "waiting", "data-live hidden"),
+    )
+    drawn = "".join(
+        f'<div class="tile" {flags}><b data-figure="{name}">{escape(value)}</b><span>{text}</span></div>'
+        for name, value, text, flags in tiles
+    )
+    return f'<div class="tiles">{drawn}</div><p class="hard" data-figure="trouble"></p>'
+
+
+def _orders() -> str:
+    return (
+        '<div class="orders" data-live hidden><button id="pause">pause</button><button id="stop">stop</button>'
+        '<form id="budget"><input type="number" name="number" min="1" placeholder="budget" aria-label="budget">'
+        '<button>set</button></form><form id="scorer"><select name="role_" aria-label="role of the scorer">'
+        '<option value="scorer">decides</option><option value="shadow">shadow</option></select>'
+        '<input name="model" placeholder="scorer, e.g. gap" aria-label="scorer"><button>use</button></form>'
+        '</div><p id="said" class="muted" role="status"></p>'
+    )
+
+
+def _workers() -> str:
+    heads = ("worker", "stage", "state", "done", "busy", "silent", "memory", "host", "build")
+    return f'<section id="workers" hidden><h2>Workers</h2>{html_table(heads, ())}</section>'
+
+
+def _dialog() -> str:
+    closing = '<button class="close" aria-label="close">close</button>'
+    return f'<dialog id="find" aria-label="find"><p>{closing}</p><div id="find-content"></div></dialog>'
+
+
+def finds(found: Sequence[Violation]) -> str:
+    """Return the table of finds, confirmed and worst first; a row opens its evidence."""
+    if not found:
+        return '<p class="quiet">No violation was found yet.</p>'
+    ranked = sorted(found, key=lambda one: (RANK.get(one.confirmation, 3), one.robustness, one.test_case))
+    rows = []
+    for one in ranked:
+        cells = (
+            f"<code>{escape(one.fingerprint[:8])}</code>",
+            escape(one.policy),
+            f"{one.robustness:+.3f}",
+            f'<span class="badge {one.severity}">{one.severity}</span>',
+            f'<span class="badge {one.confirmation}">{one.confirmation}</span>',
+            escape(_way(one)),
+            escape(failed_again(one)),
+        )
+        row = "".join(f"<td>{cell}</td>" for cell in cells)
+        rows.append(f'<tr class="find" data-find="{escape(one.test_case)}">{row}</tr>')
+    return html_table(("find", "policy", "robustness", "severity", "confirmation", "behaviour", "re-flown"), rows)
+
+
+def _way(one: Violation) -> str:
+    return one.behaviour.removeprefix(f"{one.policy}, {one.severity}, ")
+
+
+def of_all(sources: Sequence[Source], role: Role) -> str:
+    """Return the page of several runs: when, on what, what was found, and each behaviour over them."""
+    order = sorted(range(len(sources)), key=lambda at: sources[at].head().began_unix_s)
+    heads = [sources[at].head() for at in order]
+    found = [sources[at].violations(public=role != "operator") for at in order]
+    rows = [_row(at, head, sources[at].figures()) for at, head in zip(order, heads, strict=True)]
+    table = html_table(
+        ("run", "begun", "target", "build", "state", "flights", "behaviours", "finds", "flaky"), rows
+    )  # fmt: skip
+    body = (
+        '<header class="bar"><h1>Runs</h1><span class="grow"></span><button id="keys" aria-label="keys">?</button>'
+        '<button id="look" aria-label="dark or light">◐</button></header>'
+        f"<main>{table}{_matrix(order, heads, found)}</main>"
+    )
+    return document("runs", body, role=role)
+
+
+def _row(number: int, head: Head, now: Figures) -> str:
+    cells = (
+        f'<a href="/run/{number}/">{escape(head.name)}</a>',
+        day_of(head.began_unix_s) if head.began_unix_s else "",
+        escape(head.target),
+        f"<code>{escape(head.build[:12])}</code>",
+        escape(now.state),
+        f"{now.flights} of {now.budget}",
+        str(now.behaviours),
+        str(now.finds),
+        str(now.flaky),
+    )
+    return "<tr>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>"
+
+
+def _matrix(order: Sequence[int], heads: Sequence[Head], found: Sequence[Sequence[Violation]]) -> str:
+    """Return the behaviours, by words, over runs in order of time: a dot where one was found, a link to its find."""
+    ways: dict[tuple[str, str], list[Violation | None]] = {}
+    for place, violations in enumerate(found):
+        for one in sorted(violations, key=lambda one: -RANK.get(one.confirmation, 3)):
+            ways.setdefault((one.policy, _way(one)), [None] * len(order))[place] = one
+    if not ways:
+        return ""
+    named = zip(order, heads, strict=True)
+    titles = [f'<a href="/run/{at}/">{escape(head.build[:6] or head.name)}</a>' for at, head in named]
+    rows = []
+    for (policy, way), marks in sorted(ways.items()):
+        cells = "".join(f'<td class="mark">{_mark(at, one)}</td>' for at, one in zip(order, marks, strict=True))
+        rows.append(f"<tr><td>{escape(policy)}</td><td>{escape(way)}</td>{cells}</tr>")
+    return (
+        '<h2>Behaviours over runs</h2><p class="muted">Oldest run first, each under its build. An empty place says '
+        "that the run did not find it, not that it is gone: <code>saflite regress</code> flies it again.</p>"
+        + html_table(("policy", "behaviour", *titles), rows)
+    )
+
+
+def _mark(number: int, one: Violation | None) -> str:
+    if one is None:
+        return ""
+    css = one.confirmation if one.confirmation in ("confirmed", "flaky") else "other"
+    label = escape(f"{one.confirmation}, {one.robustness:+.2f}")
+    place = f"/run/{number}/#{escape(one.test_case)}"
+    return f'<a class="dot-{css}" title="{label}" aria-label="{label}" href="{place}">●</a>'

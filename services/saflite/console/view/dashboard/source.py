@@ -1,0 +1,299 @@
+"""What the dashboard shows of one campaign: a run folder, with the farm that works in it, or a farm at an endpoint."""
+
+from __future__ import annotations
+
+import threading
+from collections import Counter
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import NamedTuple, Protocol, cast
+
+import msgspec
+
+from saflite.console.run_data import farm_lookup
+from saflite.console.run_data.embargo import withheld_words
+from saflite.console.run_data.farm_lookup import Where
+from saflite.console.run_data.run_folder import RunFolder, open_run
+from saflite.console.view.dashboard import finds
+from saflite.console.view.report import data, page
+from saflite.contract import wire
+from saflite.contract.circumstances import is_memory_fault
+from saflite.contract.control import Answer, Status, Verb
+from saflite.contract.errors import FarmError, Refused
+from saflite.contract.events import CampaignChanged, Event, ViolationFound
+from saflite.contract.verdict import Violation
+from saflite.runtime.client import FarmClient
+from saflite.runtime.clock import WallClock
+
+FRESH_S = 0.8
+"""A status younger than this is shown again instead of asking the books."""
+PATIENCE_S = 2.0
+
+
+class Head(NamedTuple):
+    """What a run is: told once."""
+
+    name: str
+    description: str
+    target: str
+    build: str
+    began_unix_s: float
+    settings: str = ""
+
+
+class Figures(msgspec.Struct, frozen=True, kw_only=True):
+    """What changes while it runs. `status` None: no farm works on it. `version` changes with what the parts show."""
+
+    state: str
+    flights: int = 0
+    budget: int = 0
+    reflown: int = 0
+    behaviours: int = 0
+    finds: int = 0
+    flaky: int = 0
+    elapsed_s: float = 0.0
+    version: int = 0
+    status: Status | None = None
+
+
+class Source(Protocol):
+    """One campaign. Methods may be called from several threads."""
+
+    def head(self) -> Head:
+        """Return what it is."""
+        ...
+
+    def figures(self) -> Figures:
+        """Return how it stands now."""
+        ...
+
+    def violations(self, *, public: bool) -> list[Violation]:
+        """Return the finds, without similar ones, in the order found; `public`: without those of memory safety."""
+        ...
+
+    def part(self, name: str) -> str:
+        """Return a part of the page as HTML; raises Refused for an unknown one."""
+        ...
+
+    def find(self, test_case: str, *, public: bool) -> str:
+        """Return all that is known of one find, as HTML; raises Refused for one that `violations` does not show."""
+        ...
+
+    def file(self, name: str, *, public: bool) -> Path | None:
+        """Return a recording, None if there is none of that name to be shown."""
+        ...
+
+    def order(self, verb: Verb, text: str, number: int) -> Answer:
+        """Give the farm an order; raises Refused or Unavailable."""
+        ...
+
+
+class _Farm:
+    """A client of the farm, opened when needed, one question at a time."""
+
+    def __init__(self, connect: Callable[[], FarmClient]) -> None:
+        self._connect, self._client = connect, cast(FarmClient | None, None)
+        self._lock, self._clock = threading.Lock(), WallClock()
+        self._status: Status | None = None
+        self._asked_s = -1e9
+
+    def status(self) -> Status | None:
+        """Return the campaign at a glance, None if nobody answers."""
+        with self._lock:
+            if self._clock.monotonic_s() - self._asked_s < FRESH_S:
+                return self._status
+            try:
+                self._status = self._opened().status(within_s=PATIENCE_S)
+            except FarmError:
+                self._drop()
+                self._status = None
+            self._asked_s = self._clock.monotonic_s()
+            return self._status
+
+    def order(self, verb: Verb, text: str = "", number: int = 0) -> Answer:
+        """Give an order; raises Refused or Unavailable."""
+        with self._lock:
+            self._asked_s = -1e9
+            return self._opened().order(verb, text, number, within_s=10.0)
+
+    def _opened(self) -> FarmClient:
+        if self._client is None:
+            self._client = self._connect()
+        return self._client
+
+    def _drop(self) -> None:
+        if self._client is not None:
+            with suppress(Exception):
+                self._client.close()
+            self._client = None
+
+
+class RunSource:
+    """A run folder."""
+
+    def __init__(self, run_dir: Path) -> None:
+        self._dir = run_dir
+        self._farm = _Farm(lambda: FarmClient.of_run(run_dir))
+        self._kept: dict[str, tuple[int, str]] = {}
+        with open_run(run_dir) as run:
+            self._head = _head(run)
+
+    def head(self) -> Head:
+        """Return what it is."""
+        return self._head
+
+    def figures(self) -> Figures:
+        """Return how it stands: from the farm, or from the books of one that does not run."""
+        status = self._farm.status() if farm_lookup.is_running(self._dir) else None
+        if status is not None:
+            return _of_status(status)
+        with open_run(self._dir) as run:
+            flown, found = run.flown(), run.violations()
+            standings = Counter(one.confirmation for one in found)
+            last = run.last_events(200)
+            changes = [event.fact for event in last if isinstance(event.fact, CampaignChanged)]
+            state = changes[-1].state if changes else "stopped"
+            return Figures(
+                state=state if state == "ended" else "not running",
+                flights=flown["search"],
+                budget=run.campaign.budget_flights,
+                reflown=flown["confirm"],
+                behaviours=len({one.fingerprint for one in found if one.confirmation == "confirmed"}),
+                finds=standings["confirmed"] + standings["similar"],
+                flaky=standings["flaky"],
+                elapsed_s=run.elapsed_s(),
+                version=last[-1].seq if last else 0,
+            )
+
+    def violations(self, *, public: bool) -> list[Violation]:
+        """Return the finds."""
+        with open_run(self._dir) as run:
+            hidden = run.memory_faults() if public else frozenset()
+            return [one for one in run.violations() if one.confirmation != "similar" and one.test_case not in hidden]
+
+    def part(self, name: str) -> str:
+        """Return a part of the page; what has not changed is not made again."""
+        maker = _PARTS.get(name)
+        if maker is None:
+            raise Refused("part", expected=f"one of {', '.join(_PARTS)}", got=repr(name))
+        with open_run(self._dir) as run:
+            last = run.last_events(1)
+            version = last[-1].seq if last else 0
+            if self._kept.get(name, (-1, ""))[0] != version:
+                self._kept[name] = (version, maker(run))
+        return self._kept[name][1]
+
+    def find(self, test_case: str, *, public: bool) -> str:
+        """Return one find with its pictures, beside the last good flight."""
+        with open_run(self._dir) as run:
+            if public and test_case in run.memory_faults():
+                raise Refused("test case", expected="one that may be shown", got=withheld_words(1))
+            return finds.shown(run, test_case, str(self._dir))
+
+    def file(self, name: str, *, public: bool) -> Path | None:
+        """Return a recording."""
+        path = self._dir / "recordings" / name
+        if public:
+            with open_run(self._dir) as run:
+                if name.partition("-")[0] in run.memory_faults():
+                    return None
+        return path if path.name == name and path.suffix == ".mcap" and path.is_file() else None
+
+    def order(self, verb: Verb, text: str, number: int) -> Answer:
+        """Give the farm an order."""
+        return self._farm.order(verb, text, number)
+
+
+def _head(run: RunFolder) -> Head:
+    first = run.first_event()
+    return Head(
+        run.campaign.name,
+        run.campaign.description,
+        run.campaign.target.name,
+        run.target.build,
+        first.at_unix_s if first else 0.0,
+        page.settings(run.campaign),
+    )
+
+
+def _of_status(status: Status) -> Figures:
+    return Figures(
+        state=status.state,
+        flights=status.flights,
+        budget=status.budget,
+        reflown=status.reflown,
+        behaviours=status.behaviours,
+        finds=status.violations_confirmed + status.violations_similar,
+        flaky=status.violations_flaky,
+        elapsed_s=status.elapsed_s,
+        version=status.seq,
+        status=status,
+    )
+
+
+def _troubles(run: RunFolder) -> str:
+    quarantined, faults = data.troubles(run)
+    return page.troubles(quarantined, faults) or '<p class="muted">No fault so far.</p>'
+
+
+def _states(run: RunFolder) -> str:
+    seen = run.states()
+    return page.states(seen, data.modes_unseen(run.target, seen))
+
+
+_PARTS: dict[str, Callable[[RunFolder], str]] = {
+    "search": lambda run: page.progress_charts(data.progress(run)),
+    "coverage": lambda run: page.policies(run.rulings()) + _states(run),
+    "scorers": lambda run: page.calibration(data.calibrations(run)) + page.usage(run.usage()),
+    "faults": _troubles,
+}
+
+
+class EndpointSource:
+    """A farm elsewhere: its figures, workers and finds in words; pictures need the run folder."""
+
+    def __init__(self, where: Where) -> None:
+        self._where, self._farm = where, _Farm(lambda: farm_lookup.connect(where))
+        self._next_seq, self._found = 1, dict[str, Violation]()
+        self._lock = threading.Lock()
+
+    def head(self) -> Head:
+        """Return what is known of it."""
+        return Head(self._where.campaign, f"the farm at {self._where.endpoint}", "", "", 0.0)
+
+    def figures(self) -> Figures:
+        """Return how it stands; `unreachable` where nobody answers."""
+        status = self._farm.status()
+        if status is not None:
+            return _of_status(status)
+        return Figures(state="unreachable")
+
+    def violations(self, *, public: bool) -> list[Violation]:
+        """Return the finds announced so far."""
+        with self._lock, suppress(FarmError):
+            while events := [wire.decode(one, Event) for one in self._farm.order("events", "", self._next_seq).events]:
+                self._next_seq = events[-1].seq + 1
+                facts = [event.fact for event in events]
+                told = [fact.violation for fact in facts if isinstance(fact, ViolationFound)]
+                self._found |= {one.test_case: one for one in told if one.confirmation != "similar"}
+        return [one for one in self._found.values() if not (public and is_memory_fault("autopilot_died", one.message))]
+
+    def part(self, name: str) -> str:
+        """Return nothing: the books are elsewhere."""
+        return '<p class="muted">Shown where the run folder is.</p>'
+
+    def find(self, test_case: str, *, public: bool) -> str:
+        """Return one find in words."""
+        one = next((one for one in self.violations(public=public) if one.test_case == test_case), None)
+        if one is None:
+            raise Refused("test case", expected="one of a find", got=repr(test_case))
+        return finds.in_words(one)
+
+    def file(self, name: str, *, public: bool) -> Path | None:
+        """Return nothing: recordings are elsewhere."""
+        return None
+
+    def order(self, verb: Verb, text: str, number: int) -> Answer:
+        """Give the farm an order, as far as the key allows."""
+        return self._farm.order(verb, text, number)

@@ -1,0 +1,54 @@
+"""All that a file lacks, and every key it should not have, told at once: a reader stops at the first."""
+
+from __future__ import annotations
+
+import difflib
+from typing import Any
+
+import msgspec
+from msgspec import inspect
+
+TOLD_MAX = 20
+
+
+def gaps(data: object, kind: type[msgspec.Struct]) -> list[str]:
+    """Return in words the keys that plain data lacks to be a struct, and those that no struct of its place has."""
+    found: list[str] = []
+    _look(data, inspect.type_info(kind), "", found)
+    return found
+
+
+def told(fault: msgspec.ValidationError, data: object, kind: type[msgspec.Struct]) -> str:
+    """Return what is wrong with data in words: the fault found first, and where there are more keys wrong, all."""
+    found = gaps(data, kind)
+    if len(found) < 2:
+        return str(fault)
+    more = f" and {len(found) - TOLD_MAX} more" if len(found) > TOLD_MAX else ""
+    return f"{fault}; in all {len(found)} keys: {', '.join(found[:TOLD_MAX])}{more}"
+
+
+def _look(data: object, info: Any, place: str, found: list[str]) -> None:
+    if isinstance(info, inspect.StructType) and isinstance(data, dict):
+        _struct(data, info, place, found)
+    elif isinstance(info, inspect.UnionType):
+        structs = [part for part in info.types if isinstance(part, inspect.StructType)]
+        if len(structs) == 1:
+            _look(data, structs[0], place, found)
+    elif isinstance(info, inspect.VarTupleType | inspect.ListType) and isinstance(data, list):
+        for number, part in enumerate(data):
+            _look(part, info.item_type, f"{place}[{number}]", found)
+    elif isinstance(info, inspect.DictType) and isinstance(data, dict):
+        for key, part in data.items():
+            _look(part, info.value_type, f"{place}.{key}" if place else str(key), found)
+
+
+def _struct(data: dict[str, object], info: inspect.StructType, place: str, found: list[str]) -> None:
+    fields = {field.encode_name: field for field in info.fields}
+    before = f"{place}." if place else ""
+    found += [f"`{before}{name}` is missing" for name, field in fields.items() if field.required and name not in data]
+    for key, part in data.items():
+        if key in fields:
+            _look(part, fields[key].type, f"{before}{key}", found)
+        elif info.forbid_unknown_fields:
+            near = difflib.get_close_matches(key, fields, 1)
+            found.append(f"`{before}{key}` is unknown" + (f" (`{near[0]}`?)" if near else ""))

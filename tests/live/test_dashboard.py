@@ -1,0 +1,124 @@
+"""The dashboard in headless Chromium: live figures, finds opened by keys, orders, a phone, ten thousand flights."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import browser
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "console"))
+
+from dashboard_runs import make_run
+
+pytestmark = [pytest.mark.live, pytest.mark.skipif(bool(browser.MISSING), reason=browser.MISSING or "there is one")]
+EXAMPLES = Path(__file__).resolve().parents[2] / "deploy" / "examples" / "targets"
+SAFLITE = [sys.executable, "-m", "saflite"]
+FIRST_PAINT_MS = "return performance.getEntriesByName('first-contentful-paint')[0]?.startTime || 0"
+
+
+@contextmanager
+def served(*words: str) -> Iterator[str]:
+    """A dashboard over runs, ended by a signal; yields its address."""
+    command = [*SAFLITE, "dashboard", *words, "--port", "0"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout is not None
+        yield process.stdout.readline().split()[1].rstrip("/")
+    finally:
+        process.terminate()
+        process.wait(20)
+
+
+@pytest.fixture(scope="module")
+def window() -> Iterator[browser.Browser]:
+    with browser.browser() as opened:
+        yield opened
+
+
+def test_a_find_is_opened_by_keys_beside_a_good_flight(window: browser.Browser, tmp_path: Path) -> None:
+    runs = [make_run(tmp_path / name, 30, rng_seed=seed) for seed, name in enumerate(("one", "two"))]
+    with served(*map(str, runs)) as address:
+        window.size(1280, 900)
+        window.open(address)
+        assert window.run("return document.querySelectorAll('tbody a[href^=\"/run/\"]').length") >= 2
+        window.open(f"{address}/run/0/")
+        window.until("document.querySelector('[data-part=search] svg')")
+        window.keys("j")
+        window.keys("\ue007")
+        window.until("document.querySelector('#find[open] svg.layout')")
+        assert window.run("return document.querySelector('.beside') !== null || /No flight before/.test("
+                          "document.querySelector('#find-content').textContent)")  # fmt: skip
+        window.keys("\ue00c")
+        window.until("!document.querySelector('#find').open")
+
+
+def test_dark_mode_and_a_phone(window: browser.Browser, tmp_path: Path) -> None:
+    run = make_run(tmp_path / "run", 20)
+    with served(str(run)) as address:
+        window.size(390, 844, phone=True)
+        window.dark(on=True)
+        window.open(address)
+        window.until("document.querySelector('tr.find')")
+        ground = "getComputedStyle(document.body).backgroundColor"
+        assert window.run(f"return {ground}") == "rgb(18, 22, 29)"
+        window.run("document.querySelector('tr.find').click()")
+        window.until("document.querySelector('#find[open] svg.layout')")
+        assert window.run("return document.documentElement.scrollWidth <= innerWidth"), "nothing sticks out sideways"
+        window.run("document.querySelector('#find .close').click()")
+        window.keys("d")
+        assert window.run(f"return {ground}") == "rgb(246, 247, 249)"
+        window.run("localStorage.clear()")
+        window.dark(on=False)
+
+
+def test_a_running_campaign_is_paused_and_goes_on(window: browser.Browser, tmp_path: Path) -> None:
+    for name in ("point-mass.toml", "point-mass-stays.toml", "point_mass.py"):
+        (tmp_path / name).write_bytes((EXAMPLES / name).read_bytes())
+    words = ["run", "point-mass.toml", "--module", "point_mass.py", "--out", "run", "--budget", "100000", "--json"]
+    farm = subprocess.Popen([*SAFLITE, *words, "--minutes", "3"], cwd=tmp_path, stdout=subprocess.DEVNULL)
+    try:
+        for _ in range(600):
+            if (tmp_path / "run" / "farm.json").exists() or farm.poll() is not None:
+                break
+            time.sleep(0.1)
+        with served(str(tmp_path / "run")) as address:
+            window.size(1280, 900)
+            window.open(address)
+            window.until("document.querySelector('.state').dataset.state === 'running'")
+            window.until("parseInt(document.querySelector('[data-figure=flights]').textContent) > 0")
+            window.until("document.querySelectorAll('#workers tbody tr').length >= 4")
+            window.keys("p")
+            window.until("document.querySelector('.state').dataset.state === 'paused'")
+            window.run(
+                "const form = document.querySelector('#budget'); form.number.value = 200000; form.requestSubmit()"
+            )
+            window.until("document.querySelector('[data-figure=flights]').textContent.endsWith('of 200000')")
+            window.run(
+                "const form = document.querySelector('#scorer'); form.model.value = 'novelty'; form.requestSubmit()"
+            )
+            window.keys("p")
+            window.until("document.querySelector('.state').dataset.state === 'running'")
+            window.until("document.querySelector('[data-figure=scorer]').textContent.startsWith('novelty')")
+    finally:
+        farm.terminate()
+        farm.wait(60)
+
+
+def test_first_paint_with_ten_thousand_flights(window: browser.Browser, tmp_path: Path) -> None:
+    run = make_run(tmp_path / "run", 10_000, checked=False)
+    with served(str(run)) as address:
+        window.size(1280, 900)
+        window.open(address)  # imports, the browser's first page
+        times = []
+        for _ in range(5):
+            window.open(f"{address}/run/0/")
+            times.append(float(window.until(FIRST_PAINT_MS.removeprefix("return "))))
+        print(f"first paint, 10,000 flights: {sorted(times)} ms")
+        assert "10000 of 10000" in window.run("return document.querySelector('[data-figure=flights]').textContent")
+        assert sorted(times)[2] < 1000.0, times

@@ -1,0 +1,207 @@
+"""The dashboard's application without a browser: who may see and order what, what the pages hold."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from pathlib import Path
+
+import msgspec
+import pytest
+from dashboard_runs import make_run
+from starlette.requests import Request
+from starlette.testclient import TestClient
+
+from saflite.console.cli import main
+from saflite.console.view.dashboard import access, pages
+from saflite.console.view.dashboard.app import _Site, application
+from saflite.console.view.dashboard.source import Figures, Head, RunSource
+from saflite.contract.control import Answer, Verb
+from saflite.contract.errors import Refused
+from saflite.contract.flight import AUTOPILOT_ALIVE
+from saflite.contract.verdict import Violation
+
+EVIL = "<script>alert(1)</script>"
+VIOLATION = Violation(
+    fingerprint="0123456789abcdef",
+    test_case="fedcba9876543210",
+    policy="upright",
+    robustness=-1.0,
+    severity="soft",
+    confirmation="confirmed",
+    behaviour=f"upright, soft, {EVIL}",
+)
+
+
+class Stub:
+    """A campaign that is told what to show, and remembers orders."""
+
+    def __init__(self, name: str = "night", began_unix_s: float = 0.0, found: tuple[Violation, ...] = ()) -> None:
+        self._head = Head(name, EVIL, "reference", "abcdef012345", began_unix_s)
+        self.found, self.orders, self.version = list(found), list[tuple[Verb, str, int]](), 1
+
+    def head(self) -> Head:
+        return self._head
+
+    def figures(self) -> Figures:
+        return Figures(
+            state="running",
+            flights=3,
+            budget=9,
+            reflown=2,
+            behaviours=1,
+            finds=4,
+            flaky=0,
+            elapsed_s=12.0,
+            version=self.version,
+        )
+
+    def violations(self, *, public: bool) -> list[Violation]:
+        return [one for one in self.found if not public or one.policy != AUTOPILOT_ALIVE]
+
+    def part(self, name: str) -> str:
+        raise Refused("part", expected="one", got=name)
+
+    def find(self, test_case: str, *, public: bool) -> str:
+        return f"<p>{test_case}</p>"
+
+    def file(self, name: str, *, public: bool) -> Path | None:
+        return None
+
+    def order(self, verb: Verb, text: str, number: int) -> Answer:
+        self.orders.append((verb, text, number))
+        return Answer(accepted=True, message="done")
+
+
+def client(*sources: Stub, tokens: access.Tokens | None = None, host: str = "127.0.0.1:8765") -> TestClient:
+    app = application(sources or (Stub(),), tokens or {}, is_ours=lambda host, port: True)
+    return TestClient(app, base_url=f"http://{host}", follow_redirects=False)
+
+
+ORDER = {"verb": "budget", "number": 50}
+HEADER = {"X-Saflite": "1"}
+
+
+def test_without_tokens_only_names_of_this_machine_are_answered_to() -> None:
+    assert client().get("/run/0/").status_code == 200
+    assert client(host="localhost:1").get("/run/0/").status_code == 200
+    assert client(host="evil.example:8765").get("/run/0/").status_code == 403
+
+
+def test_sockets_of_others_get_nothing() -> None:
+    app = application([Stub()], {}, is_ours=lambda host, port: False)
+    assert TestClient(app, base_url="http://127.0.0.1").get("/run/0/").status_code == 403
+    for family, host in ((socket.AF_INET, "127.0.0.1"), (socket.AF_INET6, "::1")):
+        with socket.socket(family) as ours:
+            ours.bind((host, 0))
+            ours.listen()
+            assert access.is_ours(*ours.getsockname()[:2])
+            port = ours.getsockname()[1]
+        assert not access.is_ours(host, port), "nobody's any more"
+    assert not access.is_ours("testclient", 50000)
+
+
+def test_a_token_gives_a_role_and_a_cookie() -> None:
+    tokens: dict[str, access.Role] = {"v" * 16: "viewer", "o" * 16: "operator"}
+    secret = msgspec.structs.replace(VIOLATION, policy=AUTOPILOT_ALIVE)
+    source = Stub(found=(secret,))
+    web = client(source, tokens=tokens, host="lab:80")
+    assert web.get("/run/0/").status_code == 401
+    assert web.get("/run/0/", headers={"Authorization": "Bearer wrong"}).status_code == 401
+    entered = web.get(f"/run/0/?token={'v' * 16}")
+    assert (entered.status_code, entered.headers["location"]) == (303, "/run/0/")
+    assert "httponly" in entered.headers["set-cookie"].lower()
+    page = web.get("/run/0/")
+    assert page.status_code == 200
+    assert secret.test_case not in page.text, "viewers see no findings of memory safety"
+    assert 'id="pause"' not in page.text, "viewers see no orders"
+    assert web.post("/run/0/order", json=ORDER, headers=HEADER).status_code == 403
+    assert source.orders == []
+    bearer = {"Authorization": f"Bearer {'o' * 16}", **HEADER}
+    web.cookies.clear()
+    assert secret.test_case in web.get("/run/0/", headers=bearer).text
+    assert web.post("/run/0/order", json=ORDER, headers=bearer).json() == {"accepted": True, "message": "done"}
+    assert source.orders == [("budget", "", 50)]
+
+
+def test_orders_need_the_header_and_a_known_verb() -> None:
+    source = Stub()
+    web = client(source)
+    assert web.post("/run/0/order", json=ORDER).status_code == 403
+    assert web.post("/run/0/order", json={"verb": "events"}, headers=HEADER).status_code == 400
+    assert web.post("/run/0/order", content=b"x" * 9000, headers=HEADER).status_code == 400
+    assert source.orders == []
+
+
+def test_what_came_from_elsewhere_is_escaped_and_nothing_else_runs() -> None:
+    page = client(Stub(found=(VIOLATION,))).get("/run/0/")
+    assert EVIL not in page.text
+    assert "&lt;script&gt;" in page.text
+    assert "script-src 'self'" in page.headers["content-security-policy"]
+    assert client().get("/run/7/").status_code == 404
+    assert client().get("/run/0/part/nosuch").status_code == 404
+    assert client().get("/assets/nosuch").status_code == 404
+
+
+def test_several_runs_stand_in_order_of_time() -> None:
+    text = client(Stub("late", 2e9, (VIOLATION,)), Stub("early", 1e9)).get("/").text
+    assert text.index("early") < text.index("late")
+    assert f'href="/run/0/#{VIOLATION.test_case}"' in text
+    assert client(Stub()).get("/").headers["location"] == "/run/0/"
+
+
+def test_the_stream_tells_figures_and_finds_as_they_come() -> None:
+    source = Stub()
+    messages = [{"type": "http.request"}, {"type": "http.request"}, {"type": "http.disconnect"}]
+
+    async def receive() -> dict[str, str]:
+        return messages.pop(0)
+
+    async def told() -> list[str]:
+        found = []
+        stream = _Site([source], 0.0)._stream(Request({"type": "http", "state": {"role": "operator"}}, receive), source)
+        async for text in stream:
+            found.append(text)
+            source.found, source.version = [VIOLATION], 2
+        return found
+
+    first, table, second = asyncio.run(told())
+    assert msgspec.json.decode(first.removeprefix("data: "))["flights"] == 3
+    assert second.startswith("data: ")
+    assert table.startswith("event: finds\n")
+    assert VIOLATION.test_case in table
+
+
+def test_a_run_shows_its_books(tmp_path: Path) -> None:
+    source = RunSource(make_run(tmp_path / "run", 12))
+    figures, found = source.figures(), source.violations(public=False)
+    assert (figures.state, figures.flights, figures.budget) == ("ended", 12, 12)
+    assert found, "the simulated farm finds something"
+    for name in ("search", "coverage", "faults", "scorers"):
+        assert "<" in source.part(name), name
+    assert found[0].fingerprint in source.find(found[0].test_case, public=False)
+    assert found[0].test_case in pages.of_run(0, source, "operator", alone=True)
+    with pytest.raises(Refused):
+        source.part("nosuch")
+    with pytest.raises(Refused):
+        source.find("nosuch", public=False)
+    assert source.file("../books.sqlite", public=False) is None
+
+
+@pytest.mark.parametrize(
+    ("content", "expected"), [("", "none"), ("short\n", "16 characters"), ("admin 0123456789abcdef0\n", "viewer TOKEN")]
+)
+def test_tokens_that_are_none_are_refused(tmp_path: Path, content: str, expected: str) -> None:
+    (tmp_path / "tokens").write_text(content)
+    with pytest.raises(Refused, match=expected):
+        access.read_tokens(tmp_path / "tokens")
+
+
+def test_another_address_needs_tokens(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "tokens").write_text("viewer 0123456789abcdef\noperator fedcba9876543210\n")
+    assert access.read_tokens(tmp_path / "tokens") == {"0123456789abcdef": "viewer", "fedcba9876543210": "operator"}
+    assert main(["dashboard", "nosuch", "--host", "0.0.0.0"]) == 2
+    assert "--tokens" in capsys.readouterr().err
+    assert main(["dashboard", str(tmp_path)]) == 2
+    for host in ("127.0.0.1", "localhost", "::1"):
+        access.check_address(host, {})

@@ -1,0 +1,190 @@
+"""What flights on another build make of a known violation, and the files it leaves for continuous integration."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from xml.etree import ElementTree as Xml
+
+import msgspec
+import pytest
+
+from saflite.console.operations import builds, comparing, flaking, regressing
+from saflite.console.operations.builds import Build, Sample
+from saflite.console.operations.regressing import State
+from saflite.console.run_data import known
+from saflite.console.run_data.known import Known
+from saflite.console.view import ci_files
+from saflite.contract.errors import Refused
+from saflite.contract.test_case import Scenario, Target, TestCase
+from saflite.contract.verdict import Ruling, Verdict
+
+HERE = Build("reference", Target(), None, "abc")
+WAY = "upright, soft, in mode 5"
+KNOWN = Known(
+    fingerprint="0123456789abcdef",
+    name="fedcba9876543210",
+    policy="upright",
+    behaviour=WAY,
+    test_case=TestCase(target=Target(), scenario=Scenario()),
+    policies=("upright", "a-chute", "a-rtl1"),
+    also=("a-rtl1",),
+)
+
+
+def flight(outcome: Ruling, way: str = WAY, also: str = "") -> Sample:
+    verdicts = [Verdict(policy="upright", outcome=outcome, behaviour=way if outcome == "violated" else "")]
+    verdicts += [Verdict(policy=also, outcome="violated")] if also else []
+    return Sample(0, "completed", tuple(verdicts))
+
+
+LOST = Sample(0, "infra", None, message="no simulator")
+
+
+@pytest.mark.parametrize(
+    ("samples", "standing", "state", "counts"),
+    [
+        ([flight("held")] * 3, "violates", "fixed", (0, 3, 0)),
+        ([flight("vacuous")] * 3, "violates", "fixed", (0, 3, 0)),
+        ([flight("violated")] * 3, "violates", "still there", (3, 3, 0)),
+        ([flight("violated"), flight("held"), LOST], "violates", "flaky", (1, 2, 1)),
+        ([flight("violated", "upright, hard, in mode 5")] * 3, "violates", "changed", (3, 3, 0)),
+        ([flight("held"), flight("held", also="a-chute")], "violates", "changed", (0, 2, 0)),
+        ([flight("held"), flight("held", also="a-rtl1")], "violates", "fixed", (0, 2, 0)),
+        ([flight("held"), flight("violated")], "fixed", "came back", (1, 2, 0)),
+        ([flight("inconclusive")] * 3, "violates", "not judged", (0, 0, 0)),
+        ([LOST] * 3, "violates", "not flown", (0, 0, 3)),
+        ([LOST] * 3, "fixed", "not flown", (0, 0, 3)),
+    ],
+)
+def test_each_state_has_its_flights(
+    samples: list[Sample], standing: known.Standing, state: State, counts: tuple[int, int, int]
+) -> None:
+    told = regressing.told(msgspec.structs.replace(KNOWN, standing=standing), samples, HERE)
+    assert (told.state, (told.violated, told.judged, told.lost)) == (state, counts)
+
+
+def test_modes_of_other_targets_are_not_compared() -> None:
+    samples = [flight("violated", "upright, soft, in mode 2")]
+    assert regressing.told(KNOWN, samples, HERE).state == "changed"
+    assert regressing.told(KNOWN, samples, HERE._replace(target=Target(name="px4"))).state == "still there"
+
+
+def told(state: State) -> regressing.Regressed:
+    return regressing.Regressed(KNOWN, state, 1, 3, 0, "", "abc")
+
+
+@pytest.mark.parametrize(
+    ("states", "code", "known_ok"),
+    [
+        (["fixed", "fixed"], 0, 0),
+        (["fixed", "still there", "not flown"], 1, 3),
+        (["flaky"], 1, 0),
+        (["came back"], 1, 1),
+        (["changed"], 1, 1),
+        (["not judged"], 3, 3),
+        ([], 0, 0),
+    ],
+)
+def test_exit_codes(states: list[State], code: int, known_ok: int) -> None:
+    results = [told(state) for state in states]
+    assert regressing.exit_code(results, known_ok=False) == code
+    assert regressing.exit_code(results, known_ok=True) == known_ok
+
+
+def test_a_fixed_one_stays_in_the_corpus_and_is_remembered(tmp_path: Path) -> None:
+    known.keep([regressing.after(told("fixed"))], tmp_path)
+    assert [one.standing for one in known.read(tmp_path)] == ["fixed"]
+    assert [one.standing for one in known.with_standing([KNOWN], tmp_path)] == ["fixed"]
+    known.keep([regressing.after(told("not flown"))], tmp_path / "other")
+    assert known.read(tmp_path / "other") == [KNOWN], "flights that say nothing change nothing"
+    assert known.one_of(tmp_path, "0123", ()).name == KNOWN.name
+    assert known.one_of(tmp_path, "", ("a-chute",)).policy == "a-chute"
+
+
+def test_what_is_not_known_is_refused(tmp_path: Path) -> None:
+    known.keep([KNOWN], tmp_path)
+    with pytest.raises(Refused, match=KNOWN.fingerprint):
+        known.read(tmp_path, "ffff")
+    (tmp_path / KNOWN.file).write_text('{"fingerprint": 1}')
+    with pytest.raises(Refused, match="regress"):
+        known.read(tmp_path)
+
+
+def test_junit_and_sarif_tell_all(tmp_path: Path) -> None:
+    states: list[State] = ["fixed", "still there", "came back", "not flown", "not judged", "flaky"]
+    checks = [regressing.check(told(state), known_ok=True) for state in states]
+    suite = Xml.fromstring(ci_files.junit("nightly", checks))
+    assert [suite.get(word) for word in ("tests", "failures", "errors", "skipped")] == ["6", "1", "1", "3"]
+    run = ci_files.sarif("nightly", checks)["runs"][0]
+    assert [one["baselineState"] for one in run["results"]] == ["absent", "unchanged", "new", "unchanged", "unchanged"]
+    assert [one["level"] for one in run["results"]] == ["none", "none", "warning", "none", "none"]
+    assert run["invocations"][0]["executionSuccessful"] is False
+
+
+def test_files_for_others_withhold_findings_of_memory_safety() -> None:
+    way = "autopilot-alive, hard, in mode 0, heap-buffer-overflow in somewhere"
+    died = Verdict(
+        policy="autopilot-alive",
+        outcome="violated",
+        behaviour=way,
+        message="died: AddressSanitizer: heap",
+    )
+    result = regressing.told(
+        msgspec.structs.replace(KNOWN, policy="autopilot-alive", behaviour=way),
+        [Sample(0, "autopilot_died", (died,))],
+        HERE,
+    )
+    assert (result.state, result.words) == ("still there", way)
+    row = regressing.check(result, known_ok=False)
+    assert "somewhere" not in ci_files.junit("x", [row]) + str(ci_files.sarif("x", [row]))
+
+
+def test_builds_are_named_in_one_argument() -> None:
+    build = builds.parse("reference+parachute-in-acro+flip-rolls-left")
+    assert build.target.settings == {"defects": ["parachute-in-acro", "flip-rolls-left"]}
+    assert build.digest
+    for wrong, expected in (("nosuch", "reference"), ("reference+nosuch", "parachute-in-acro"), ("", "TARGET")):
+        with pytest.raises(Refused, match=expected):
+            builds.parse(wrong)
+    case = TestCase(target=Target(name="px4", parameters={"RTL_ALT": 3.0}, build="x"), scenario=Scenario())
+    assert build.carrying(case).target == Target(parameters={"RTL_ALT": 3.0}, settings=build.target.settings)
+
+
+def test_a_build_that_does_not_run_is_left_out_and_a_wrong_name_is_refused(tmp_path: Path) -> None:
+    broken = tmp_path / "firmware.py"
+    broken.write_text("def describe(:")
+    assert "SyntaxError" in builds.parse_or_leave(str(broken)).trouble
+    with pytest.raises(Refused):
+        builds.parse_or_leave(str(tmp_path / "gone.py"))
+    with pytest.raises(Refused):
+        builds.parse_or_leave("nosuch")
+
+
+def test_noises_begin_with_the_one_of_the_record() -> None:
+    assert builds.noises(4) == (0, 1, 2, 3)
+    assert builds.noises(4, first=2) == (2, 0, 1, 3)
+
+
+def test_rates_are_told_by_policy_with_lost_flights_apart() -> None:
+    samples = (flight("violated"), flight("held"), LOST, flight("held", also="a-chute"))
+    rates = tuple(flaking._rate(name, samples) for name in ("upright", "a-chute"))
+    flown = flaking.Flaked(KNOWN, HERE, samples, rates)
+    assert [(one.violated, one.judged) for one in rates] == [(1, 3), (1, 1)]
+    assert flaking.exit_code(flown) == 1
+    assert any("1 of 4 flights say nothing: no simulator" in text for text in flaking.lines(flown))
+    silent = flaking.Flaked(KNOWN, HERE, (LOST,), (flaking._rate("upright", (LOST,)),))
+    assert flaking.exit_code(silent) == 3
+
+
+def test_new_is_what_the_flights_show_to_be_new() -> None:
+    new = comparing._compared(KNOWN, [flight("held")] * 5, [flight("violated")] * 5)
+    same = comparing._compared(KNOWN, [flight("violated")] * 5, [flight("violated")] * 5)
+    lost = comparing._compared(KNOWN, [LOST] * 5, [flight("violated")] * 5)
+    assert new.is_new(0.95)
+    assert same.chance == pytest.approx(0.5)
+    assert not lost.is_new(0.95), "with nothing flown on the old build nobody knows"
+
+    def code(*compared: comparing.Compared) -> int:
+        return comparing.exit_code(comparing.Difference(compared, 0, (0, 1), (9, 9)), 0.95)
+
+    assert [code(), code(same), code(lost), code(same, new, lost)] == [0, 0, 3, 1]
