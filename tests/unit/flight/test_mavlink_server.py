@@ -14,6 +14,7 @@ from saflite.contract.errors import Refused
 from saflite.flight.autopilots.reference.parameters import parameter_table
 from saflite.flight.autopilots.reference.sitl import Session, on_the_ground
 from saflite.flight.mavlink.ports import open_port
+from saflite.flight.world.jsbsim_world import HOME_LAT_DEG, HOME_LON_DEG
 
 ACCEPTED, DENIED, FAILED = dialect.MAV_RESULT_ACCEPTED, dialect.MAV_RESULT_DENIED, dialect.MAV_RESULT_FAILED
 HOME, ROUTE = (16, 47.0, 8.0, 400.0), (16, 47.3978, 8.5456, 6.0)
@@ -227,6 +228,28 @@ def test_message_interval_is_set_told_and_set_back(station: Station) -> None:
     assert station.order(511, 30, 0) == ACCEPTED
     assert told_and_counted() == (100_000, 20)
     assert station.order(511, 9999, 100_000) == station.order(510, 9999) == FAILED
+
+
+def test_a_stream_is_sent_at_the_rate_asked_for_or_not_at_all(station: Station) -> None:
+    def count(kind: str) -> int:
+        return sum(1 for message in station.run(100) if message.get_type() == kind)
+
+    station.run(1)
+    station.mav.request_data_stream_send(1, 1, 10, 25, 1)
+    assert count("ATTITUDE") == 50
+    station.mav.request_data_stream_send(1, 1, 10, 0, 0)
+    assert count("ATTITUDE") == 0
+    station.mav.request_data_stream_send(1, 1, 0, 2, 1)
+    assert (count("ATTITUDE"), count("VFR_HUD")) == (4, 4)
+
+
+def test_a_mission_item_that_was_reached_is_told(station: Station) -> None:
+    station.take_off()
+    rows = [(16, HOME_LAT_DEG + 0.00005 * number, HOME_LON_DEG, 5.0) for number in range(4)]  # the first is home
+    assert station.upload(*rows) == ACCEPTED
+    assert station.order(176, 1, 3) == ACCEPTED
+    told = [message.seq for message in station.run(3000) if message.get_type() == "MISSION_ITEM_REACHED"]
+    assert told[:2] == [1, 2]
 
 
 def test_messages_are_sent_when_asked_for(station: Station) -> None:

@@ -163,6 +163,9 @@ class MavlinkServer:
             self._streams.send(number)
         return ACCEPTED
 
+    def _request_data_stream(self, message: Any) -> None:
+        self._streams.set_stream(message.req_stream_id, message.req_message_rate, message.start_stop == 1)
+
     def _set_mode(self, message: Any) -> None:
         custom = message.base_mode & CUSTOM_MODE
         why = self._vehicle.set_mode(message.custom_mode) if custom else "only custom modes"

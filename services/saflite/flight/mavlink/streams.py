@@ -18,6 +18,8 @@ UNKNOWN_U16 = 65535
 CHANNELS_MAX = 18
 AUTOPILOT_VERSION, HOME_POSITION = 148, 242
 CAPABILITIES = 0x1 | 0x2 | 0x4 | 0x8 | 0x80 | 0x100 | 0x2000  # missions, parameters, command int, set-points, MAVLink 2
+GROUPS: dict[int, tuple[int, ...]] = {2: (1, 42, 24), 3: (36, 65), 6: (33, 32), 10: (30,), 11: (74,), 12: (2, 193)}
+"""Messages by stream (MAV_DATA_STREAM: status, channels, position, extra 1 to 3), as ArduCopter groups them."""
 TICK_US, INTERVAL_MAX_US = 20_000, 60_000_000  # ArduPilot's longest interval
 
 
@@ -26,7 +28,7 @@ class Streams:
 
     def __init__(self, vehicle: LinkedVehicle, link: Any) -> None:
         self._vehicle, self._link = vehicle, link
-        self._said = 0
+        self._said, self._item = 0, 0
         # number of the message: ticks from one to the next by default (0: only when asked for), what sends it
         self._plan: dict[int, tuple[int, Callable[[Status], None]]] = {
             0: (50, self._heartbeat),
@@ -52,11 +54,25 @@ class Streams:
         for number, every in self._every.items():
             if every and ticks % every == 0:
                 self.send(number)
+        self._tell_reached()
         texts = self._vehicle.texts
         for message in texts[self._said :]:
             severity = {"error": 3, "warning": 4}.get(message.severity, 6)
             self._link.statustext_send(severity, message.text.encode()[:50])
         self._said = len(texts)
+
+    def _tell_reached(self) -> None:
+        """Say that an item was reached once the vehicle goes on to the next one."""
+        item = self._vehicle.mission_index
+        if self._vehicle.mission and item == self._item + 1:
+            self._link.mission_item_reached_send(item)  # counted from 1: item 0 is home
+        self._item = item
+
+    def set_stream(self, group: int, rate_hz: float, on: bool) -> None:
+        """Send the messages of a stream (0: of all) at a rate, or not at all (REQUEST_DATA_STREAM)."""
+        numbers = GROUPS.get(group, ()) if group else tuple(number for row in GROUPS.values() for number in row)
+        for number in numbers:
+            self.set_interval(number, 1e6 / rate_hz if on and rate_hz > 0 else -1.0)
 
     def __contains__(self, number: float) -> bool:
         return number in self._plan
