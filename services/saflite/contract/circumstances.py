@@ -37,8 +37,8 @@ class Circumstances(msgspec.Struct, frozen=True, kw_only=True):
     (settings made before the flight), `pilot` (the pilot's own radio), `trusted` (a telemetry or serial link).
     `stock` tells whether the build is as its makers ship it, `options` what it was built with otherwise. Of `repeated`
     flights more under the same noise `equal` were the same bit by bit (0 of 0: the target repeats statistically, or
-    none was flown); how often it violates under other noise stands in `Violation`. `steps` are the inputs in order,
-    settings first; `minimal` where what can be left out was left out. `memory_safety`: reported in private first.
+    none was flown); how often it violates under other noise stands in `Violation`. `steps` are boxes, then inputs in
+    order; `minimal` where what can be left out was left out. `memory_safety`: reported in private first.
     """
 
     values: InRange
@@ -154,6 +154,9 @@ def _widest(links: Iterable[Link]) -> Link:
 
 
 def _steps(test_case: TestCase, changed: Mapping[str, object], taken: Iterable[Stimulus]) -> Iterator[str]:
+    for box in test_case.scenario.obstacles:
+        size = f"{box.length_m:g} x {box.width_m:g} x {box.height_m:g} m"
+        yield f"box of {size} at ({box.x_m:g}, {box.y_m:g}) m, turned {box.rotation_deg:g} degrees"
     for name in changed:
         yield f"{name} = {setting_text(test_case.target.settings[name])}"
     for one in taken:

@@ -7,7 +7,7 @@ import pytest
 from saflite.contract.circumstances import Circumstances, circumstances_of, in_words, is_memory_fault
 from saflite.contract.flight import Delivered
 from saflite.contract.target_info import InputInfo, SettingInfo, TargetInfo
-from saflite.contract.test_case import Origin, Scenario, StartState, Stimulus, Target, TestCase
+from saflite.contract.test_case import Obstacle, Origin, Scenario, StartState, Stimulus, Target, TestCase
 
 INPUTS = (
     InputInfo(kind="parameter", name="GAIN", low=0.0, high=2.0, unit="1/s"),
@@ -88,6 +88,15 @@ def test_what_was_planted_is_no_stock_build() -> None:
     assert told.link == "setup"
     assert told.steps == ("bugs = one", "parameter GAIN 5")
     assert "outside documented ranges" in in_words(told)["values"]
+
+
+def test_boxes_are_steps_too() -> None:
+    box = Obstacle(length_m=6.0, width_m=4.0, height_m=20.0, x_m=1.0, y_m=15.0, rotation_deg=20.0)
+    case = TestCase(target=Target(name="some"), scenario=Scenario(start=StartState(), obstacles=(box, box)))
+    told = circumstances_of(case, INFO)
+    assert told.steps == ("box of 6 x 4 x 20 m at (1, 15) m, turned 20 degrees",) * 2
+    assert not told.minimal
+    assert (told.values, told.link) == ("inside", "none")
 
 
 @pytest.mark.parametrize(
