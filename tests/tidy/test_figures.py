@@ -21,7 +21,7 @@ RESULT = re.compile(
     r"|\b\d+\.\d+ ?\[\d"  # 0.76 [0.7, 0.8]
 )
 COMMAND = re.compile(
-    r"scripts/(?:bench \w+|demo|soak|farm|test|golden)|saflite (?:evaluate|conformance|audit|scorer|run|fly|list)"
+    r"scripts/(?:bench \w+|demo|soak|farm|test|golden)|saflite (?:evaluate|conformance|audit|scorer|run|fly|judge|list)"
 )
 BENCH = re.compile(r"scripts/bench (\w+)((?:[^\S\n]+(?:--?[\w-]+|[\w.:/=]+))*)")
 OPTION = re.compile(r"(?<!\S)--[a-z][\w-]*")
