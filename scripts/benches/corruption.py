@@ -39,7 +39,7 @@ def _measured(folder: Path, name: str, options: argparse.Namespace) -> Counter[s
     import books_corruption as corruption
 
     run_dir = corruption.small_run(folder / name, killed=name == "killed", flights=options.flights)
-    whole, counts = corruption.journal(run_dir), Counter[str]()
+    whole, counts = corruption.whole_of(run_dir, folder / "whole"), Counter[str]()
     for fault in list(corruption.faults(run_dir))[:: options.step]:
         outcome = corruption.outcome_of(fault, run_dir, folder / "damaged", whole)
         counts.update(("faults", outcome))

@@ -1,8 +1,8 @@
-"""Say anything to every service, as a valid peer, and count what it says; an exception in a service is a failure.
+"""Say anything to every service, hand any file to every command, and count it; an exception is a failure.
 
 A dictionary of values that have broken programs before, and small changes, are put into single places of valid
 messages: by a peer that has joined and holds real leases, by books that hand out real work, by model servers that
-answer real questions.
+answer real questions. Files are made wrong the same way, and read by what the commands read them with (`files.py`).
 """
 
 from __future__ import annotations
@@ -19,9 +19,13 @@ from pathlib import Path
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parents[1] / "tests" / "farm")]
 
-from kinds import KINDS, SAYERS, Fuzzed, Sayer  # noqa: E402
+import numpy as np  # noqa: E402
+from files import Files  # noqa: E402
+from files import kept as kept_files  # noqa: E402
+from kinds import FILE, KINDS, SAYERS, Fuzzed, Sayer  # noqa: E402
 
 from corpus import kept  # noqa: E402
+from saflite.contract.ids import digest  # noqa: E402
 from saflite.contract.rng import derive  # noqa: E402
 
 SLICE_S = 0.5
@@ -34,44 +38,64 @@ class Counts:
     def __init__(self) -> None:
         self.said: Counter[str] = Counter()
         self.failed: dict[tuple[str, str], tuple[int, str]] = {}
+        self.slice_s = 0.0  # what the last turn took
+        self.keep: Path | None = None
 
-    def note(self, kind: str, fault: BaseException) -> None:
-        """Note an exception, by kind and place."""
+    def note(self, kind: str, fault: BaseException, data: bytes = b"") -> None:
+        """Note an exception, by kind and place; the file that led to it is kept, if there is a folder for that."""
         frames = [frame for frame in traceback.extract_tb(fault.__traceback__) if "saflite" in frame.filename]
         place = f"{frames[-1].filename.rpartition('saflite/')[2]}:{frames[-1].lineno}" if frames else "?"
         key = kind, f"{type(fault).__name__} in {place}"
         count = self.failed.get(key, (0, ""))[0]
+        if self.keep is not None and data and not count:
+            folder = self.keep / kind.removeprefix(FILE)
+            folder.mkdir(parents=True, exist_ok=True)
+            (folder / digest(data)[:16]).write_bytes(data)
         self.failed[key] = count + 1, "".join(traceback.format_exception(fault))
 
 
-def fuzz(kinds: list[str], seconds: float, count: int, rng_seed: int) -> Counts:
-    """Say messages of all kinds in turns until the time is up, or `count` of each were said."""
+def fuzz(kinds: list[str], seconds: float, count: int, rng_seed: int, keep: Path | None = None) -> Counts:
+    """Say messages and hand in files of all kinds until the time is up, or there were `count` of each.
+
+    Whatever kind has had the least time so far is next; the time a service takes to come up is not counted.
+    """
     counts, under_way = Counts(), dict[str, Fuzzed]()
+    counts.keep = keep
     replay(kinds, counts)
     rngs = {kind: derive(rng_seed, "fuzz", kind) for kind in kinds}
     until_s = time.monotonic() + seconds
-    left = list(kinds)
-    while left and time.monotonic() < until_s:
-        for kind in list(left):
-            slice_s = min(time.monotonic() + SLICE_S, until_s)
-            while time.monotonic() < slice_s and counts.said[kind] < count:
-                try:
-                    if kind not in under_way:
-                        under_way[kind] = KINDS[kind](rngs[kind])
-                    counts.said[kind] += under_way[kind].step()
-                except Exception as fault:  # noqa: BLE001 (what we are looking for)
-                    counts.note(kind, fault)
-                    under_way.pop(kind, None)
-            if counts.said[kind] >= count:
-                left.remove(kind)
-                _close(kind, under_way, counts)
+    spent_s = dict.fromkeys(kinds, 0.0)
+    while spent_s and time.monotonic() < until_s:
+        kind = min(spent_s, key=lambda one: spent_s[one])
+        _say_for_a_while(kind, rngs[kind], under_way, counts, count)
+        spent_s[kind] += counts.slice_s
+        if counts.said[kind] >= count:
+            del spent_s[kind]
+            _close(kind, under_way, counts)
     for kind in list(under_way):
         _close(kind, under_way, counts)
     return counts
 
 
+def _say_for_a_while(
+    kind: str, rng: np.random.Generator, under_way: dict[str, Fuzzed], counts: Counts, count: int
+) -> None:
+    began_s = time.monotonic()
+    try:
+        if kind not in under_way:
+            under_way[kind] = KINDS[kind](rng)
+        counts.said[kind] += under_way[kind].step()  # the first one may bring a service up
+        began_s = time.monotonic()
+        while time.monotonic() < began_s + SLICE_S and counts.said[kind] < count:
+            counts.said[kind] += under_way[kind].step()
+    except Exception as fault:  # noqa: BLE001 (what we are looking for)
+        counts.note(kind, fault, getattr(under_way.pop(kind, None), "last", b""))
+    counts.slice_s = max(time.monotonic() - began_s, 1e-3)
+
+
 def replay(kinds: list[str], counts: Counts) -> None:
-    """Say what is kept in the corpus."""
+    """Say and hand in what is kept in the corpus."""
+    _replay_files(kinds, counts)
     sayers: dict[str, Sayer] = {}
     for message in kept():
         if message.kind not in kinds:
@@ -90,6 +114,19 @@ def replay(kinds: list[str], counts: Counts) -> None:
             counts.note(f"corpus {kind}", fault)
 
 
+def _replay_files(kinds: list[str], counts: Counts) -> None:
+    for kind, path in kept_files():
+        if FILE + kind not in kinds:
+            continue
+        reader = Files(kind, derive(0, kind))
+        try:
+            reader.take(path.read_bytes())
+            counts.said["corpus"] += 1
+        except Exception as fault:  # noqa: BLE001 (as above)
+            counts.note(f"corpus {kind} {path.name}", fault)
+        reader.close()
+
+
 def _close(kind: str, under_way: dict[str, Fuzzed], counts: Counts) -> None:
     try:
         if kind in under_way:
@@ -102,21 +139,29 @@ def main(argv: list[str]) -> int:
     """Fuzz, print the counts, and return 0 if nothing raised."""
     text = argparse.ArgumentParser(prog="scripts/fuzz", description=__doc__.splitlines()[0])
     text.add_argument("--seconds", type=float, default=60.0, help="for how long (default 60)")
-    text.add_argument("--count", type=int, default=10**9, help="messages of each kind after which it ends")
+    text.add_argument("--count", type=int, default=10**9, help="messages or files of each kind after which it ends")
     text.add_argument("--kinds", default="", help="only kinds that begin so, separated by commas")
+    text.add_argument("--keep", type=Path, metavar="DIR", help="write the first file of each kind of failure there")
     text.add_argument("--rng-seed", type=int, default=1)
     options = text.parse_args(argv)
     logging.disable(logging.CRITICAL)
     warnings.simplefilter("ignore")
     wanted = tuple(options.kinds.split(",")) if options.kinds else ("",)
-    counts = fuzz([kind for kind in KINDS if kind.startswith(wanted)], options.seconds, options.count, options.rng_seed)
+    counts = fuzz(
+        [kind for kind in KINDS if kind.startswith(wanted)],
+        options.seconds,
+        options.count,
+        options.rng_seed,
+        options.keep,
+    )
     for kind, said in counts.said.items():
-        print(f"{kind:22} {said:9d} wrong messages")
+        print(f"{kind:22} {said:9d}")
     for (kind, place), (times, trace) in list(counts.failed.items())[:SHOWN_MAX]:
         print(f"\nFAILED {times} times: {kind}: {place}\n{trace}")
     for (kind, place), (times, _) in counts.failed.items():
         print(f"FAILED {kind}: {place}, {times} times")
-    print(f"{counts.said.total()} wrong messages of {len(counts.said)} kinds, {len(counts.failed)} kinds of failures")
+    said, kinds = counts.said.total(), len(counts.said)
+    print(f"{said} wrong messages and files of {kinds} kinds, {len(counts.failed)} kinds of failures")
     return 1 if counts.failed else 0
 
 

@@ -1,4 +1,4 @@
-"""All kinds of messages that are made wrong, and who is told them."""
+"""All kinds of messages and files that are made wrong, and who is given them."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from typing import Protocol, TypeVar
 
 import numpy as np
 from answers import LABELS, Answers
+from files import KINDS as FILES
+from files import Files
 from mutations import Edit, changed, drawn, encoded, torn
 from peer import TAGS, Peer, Said, read
 from told import KINDS as TOLD
@@ -21,6 +23,7 @@ VALID_SHARE = 0.3  # sent as they are, so that the campaign goes on
 TORN_SHARE = 0.05
 UNREAD = 4  # read by the decoder alone, for each that is sent
 LOOK_EVERY = 100
+FILE = "file "
 
 
 class Fuzzed(Protocol):
@@ -120,4 +123,5 @@ KINDS: dict[str, Callable[[np.random.Generator], Fuzzed]] = {
     **SAYERS,
     **{f"answer {server}": _maker(Answers, server) for server in LABELS},
     **{f"work {kind}": _maker(Works, kind) for kind in (*STAGES, "fly")},
+    **{f"{FILE}{kind}": _maker(Files, kind) for kind in FILES},
 }

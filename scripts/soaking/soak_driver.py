@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from block_flips import corruptions
 from byzantine_client import ByzantineClient
 from faults import HEAVY, KINDS, Done, FaultContext
 from figures import CENTRE, figures_of, is_clean
@@ -123,6 +124,7 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
         ended = _let_end(testbed)
         left = testbed.stop()
         figures = figures_of(testbed, soak_driver.injected, clients, left, ended)
+        figures["damaged_blocks"] = corruptions(testbed.run_dir, options.flips, derive(options.rng_seed, "flips"))
         figures["forged_messages"] = forgeries(options.forgeries, derive(options.rng_seed, "forgers"))
         if options.keep:
             shutil.copytree(testbed.run_dir, options.keep, ignore=shutil.ignore_patterns("ballast"))
@@ -163,6 +165,7 @@ def parser() -> argparse.ArgumentParser:
     text.add_argument("--freeze-s", type=float, default=5.0, help="how long a frozen process stays so (long soak: 30)")
     text.add_argument("--fault-share", type=float, default=0.05, help="share of test cases that crash or hang")
     text.add_argument("--forgeries", type=int, default=500, help="forged messages to a farm with keys (default 500)")
+    text.add_argument("--flips", type=int, default=20, help="blocks of the run's books flipped or cut (default 20)")
     text.add_argument("--rng-seed", type=int, default=1)
     text.add_argument("--keep", type=Path, help="copy the run folder here at the end")
     text.add_argument("--json", action="store_true")

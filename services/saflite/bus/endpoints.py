@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ipaddress
+import os
 import re
 import socket
 from pathlib import Path
@@ -44,16 +45,16 @@ class Endpoint(NamedTuple):
 
 def parse_endpoint(text: str, argument: str = "endpoint") -> Endpoint:
     """Return the endpoint `text` names; raises Refused for what is none."""
-    if (unix := _UNIX.fullmatch(text)) is not None:
+    if (unix := _UNIX.fullmatch(text)) is not None and text.isprintable():  # so no lone surrogate either
         path = str(Path(unix["path"]).absolute())
-        if len(path.encode()) > UNIX_PATH_BYTES_MAX:
-            raise Refused(argument, expected=f"a path of at most {UNIX_PATH_BYTES_MAX} bytes", got=path)
+        if len(os.fsencode(path)) > UNIX_PATH_BYTES_MAX:
+            raise Refused(argument, expected=f"a path of at most {UNIX_PATH_BYTES_MAX} bytes", got=path[:120])
         return Endpoint(f"unixsock-stream/{path}", "", 0)
     tcp = _TCP.fullmatch(text)
     host = (tcp["six"] or tcp["host"]) if tcp is not None else ""
     port = int(tcp["port"]) if tcp is not None else 0
     if tcp is None or not 1 <= port <= 65535 or (tcp["six"] and _ip(host) is None):
-        raise Refused(argument, expected=EXPECTED, got=repr(text))
+        raise Refused(argument, expected=EXPECTED, got=repr(text[:120]))
     return Endpoint(text, host, port)
 
 

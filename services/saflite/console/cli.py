@@ -6,6 +6,7 @@ Exit codes: 0 nothing found, 1 violations found, 2 refused input, 3 infrastructu
 from __future__ import annotations
 
 import argparse
+import errno
 import sys
 from collections.abc import Sequence
 from importlib import import_module
@@ -19,6 +20,8 @@ from saflite.contract.errors import Refused, Unavailable
 NOTHING_FOUND, FOUND, REFUSED, INFRASTRUCTURE = 0, 1, 2, 3
 INTERRUPTED = 130
 BROKEN_PIPE = 141  # 128 and SIGPIPE, as the shell has it
+NO_PLACE = (errno.ENAMETOOLONG, errno.ELOOP, errno.ENOTDIR, errno.EISDIR, errno.EINVAL)
+"""What the system says of a path that can be none, or is of another kind than what was asked for."""
 _ORDER = ("run", "resume", "replay", "watch", "report", "list")
 
 
@@ -55,6 +58,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         out.mute()
         return BROKEN_PIPE
+    except OSError as fault:
+        text = f"{str(fault.filename)[:200]}: {fault.strerror}" if fault.filename else _in_a_line(fault)
+        if fault.errno in NO_PLACE:
+            out.complain("refused", text)
+            return REFUSED
+        out.complain("unavailable", text)
+        return INFRASTRUCTURE
     except Exception as fault:  # noqa: BLE001 (exit code 1, Python's own, must only ever mean violations)
         out.complain("fault of saflite itself", f"{_in_a_line(fault)}; the traceback is in {_kept_traceback()}")
         return INFRASTRUCTURE

@@ -23,6 +23,9 @@ from saflite.contract.names import Digest, Name
 BLOB_BYTES_MAX = 256 * 2**20
 CHUNK_BYTES_MAX = 2**20
 BLOBS_PER_RESULT_MAX = 64
+RESULT_BYTES_MAX = 2 * BLOB_BYTES_MAX
+"""All blobs of one result together."""
+
 DIGEST_DIGITS = 64
 
 

@@ -7,8 +7,8 @@ What a file is, what it offers says: a target (`describe`, `check`, `open`), a s
 from __future__ import annotations
 
 import importlib.util
+import os
 import sys
-import tomllib
 from collections.abc import Iterable
 from pathlib import Path
 from types import ModuleType
@@ -18,7 +18,7 @@ import msgspec
 
 from saflite.contract.errors import Refused
 from saflite.contract.ids import digest
-from saflite.contract.outside import read_text
+from saflite.contract.outside import TEXT_BYTES_MAX, parse_toml, read_bytes, read_text
 
 Kind = Literal["target", "strategy", "scorer", "policy"]
 KINDS = "a target (describe, check, open), a strategy (class Strategy), a scorer (class Model) or a policy (.toml)"
@@ -58,7 +58,7 @@ def use(files: Iterable[Path]) -> tuple[Outside, ...]:
     Raises:
         Refused: one cannot be read or run, is none of the kinds, or lacks what its kind needs.
     """
-    found = tuple(_read(path.resolve()) for path in files)
+    found = tuple(_read(Path(os.path.realpath(path))) for path in files)
     _given.update({(module.kind, module.name): module for module in found})
     return found
 
@@ -100,10 +100,7 @@ def load_file(path: Path) -> ModuleType:
 
 
 def _bytes(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as fault:
-        raise Refused("module", where=str(path), expected="a file", got=str(fault)) from fault
+    return read_bytes(path, "module", TEXT_BYTES_MAX)
 
 
 def _read(path: Path) -> Outside:
@@ -122,10 +119,7 @@ def _read(path: Path) -> Outside:
 
 
 def _policy_id(path: Path) -> str:
-    try:
-        data = tomllib.loads(read_text(path, "module"))
-    except tomllib.TOMLDecodeError as fault:
-        raise Refused("module", where=str(path), expected="TOML", got=str(fault)) from fault
+    data = parse_toml(read_text(path, "module"), "module", str(path))
     if "formula" not in data or not isinstance(data.get("id"), str):
         raise Refused(
             "module", where=str(path), expected="a policy, with an id and a formula", got="a TOML file without"

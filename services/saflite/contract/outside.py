@@ -6,12 +6,14 @@ numbers no machine has. All of that is `Refused` here, before any parser sees it
 
 from __future__ import annotations
 
+import csv
 import json
 import math
 import os
 import stat
 import tomllib
 from collections.abc import Callable
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -80,6 +82,20 @@ def parse_toml(text: str, what: str, where: str) -> dict[str, Any]:
 def parse_json(text: str, what: str, where: str) -> Any:
     """Return JSON text as plain data; raises Refused for what is no JSON, or as `check_plain` does."""
     return _parsed(json.loads, text, what, where, "JSON")
+
+
+def parse_csv(text: str, what: str, where: str) -> list[list[str]]:
+    """Return the rows of a CSV text; raises Refused for what is none."""
+    try:
+        return list(csv.reader(text.splitlines()))
+    except csv.Error as fault:
+        raise Refused(what, where=where, expected="CSV", got=_said(fault)) from fault
+
+
+def parse_table(text: str, what: str, where: str) -> list[dict[str, str]]:
+    """Return the rows of a CSV text by the columns its first row names, a missing field as empty; raises Refused."""
+    heads, *rows = parse_csv(text, what, where) or [[]]
+    return [dict(zip_longest(heads, row[: len(heads)], fillvalue="")) for row in rows if row]
 
 
 def check_plain(data: Any, what: str, where: str, *, finite: bool = True) -> None:

@@ -21,10 +21,14 @@ from saflite.contract.blobs import (
 )
 from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.ids import digest
-from saflite.evidence import files
+from saflite.evidence import files, quota
 from saflite.evidence.folder import BlobFolder
 
 RESTARTS_MAX = 3
+
+
+class OverQuota(Refused):
+    """Too much is left that the books have not answered for."""
 
 
 class ChunkServer:
@@ -52,6 +56,7 @@ class ChunkServer:
 
         Raises:
             Refused: the stretch makes no sense, or all of them together are not the blob.
+            OverQuota: the worker, or all of them, left too much already.
             Unavailable: the disk does not take it.
         """
         check_ref(ask.ref)
@@ -61,6 +66,8 @@ class ChunkServer:
             raise Refused("blob", expected=expected, got=f"{len(ask.data)} bytes from {ask.offset} on")
         if not files.fault_of(whole, ask.ref, deep=False):
             return BlobTaken(have_bytes=ask.ref.size_bytes)
+        if words := quota.excess(whole.parent.parent, ask.worker, ask.ref.size_bytes - ask.offset):
+            raise OverQuota("blob", expected="room for it", got=words)
         try:
             return BlobTaken(have_bytes=_append(whole, ask))
         except OSError as fault:

@@ -5,13 +5,15 @@ from __future__ import annotations
 import hashlib
 import os
 import shutil
+import stat
 import tempfile
 from contextlib import suppress
 from pathlib import Path
 
 from saflite.contract.blobs import BlobMissing, BlobRef
-from saflite.contract.errors import Unavailable
+from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.ids import digest
+from saflite.contract.outside import read_bytes
 
 PART = ".part"
 
@@ -37,9 +39,9 @@ def write_whole(path: Path, data: bytes) -> None:
 def read_whole(path: Path, ref: BlobRef) -> bytes:
     """Return a blob's bytes; raises BlobMissing unless they are there and fit the digest."""
     try:
-        data = path.read_bytes()
-    except OSError as fault:
-        raise BlobMissing(ref, "is missing") from fault
+        data = read_bytes(path, "blob", ref.size_bytes)
+    except Refused as fault:
+        raise BlobMissing(ref, "is damaged" if path.exists() else "is missing") from fault
     if len(data) != ref.size_bytes or digest(data) != ref.digest:
         raise BlobMissing(ref, "is damaged")
     return data
@@ -48,7 +50,8 @@ def read_whole(path: Path, ref: BlobRef) -> bytes:
 def fault_of(path: Path, ref: BlobRef, *, deep: bool) -> str:
     """Return `missing`, `damaged` or, where all is well, nothing. Only `deep` reads the bytes and checks the digest."""
     try:
-        if path.stat().st_size != ref.size_bytes:
+        status = path.stat()
+        if status.st_size != ref.size_bytes or not stat.S_ISREG(status.st_mode):
             return "damaged"
         if deep:
             with path.open("rb") as file:

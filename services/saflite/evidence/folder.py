@@ -20,7 +20,7 @@ from shutil import rmtree
 from saflite.contract.blobs import BlobRef, check_ref, ref_of
 from saflite.contract.errors import Unavailable
 from saflite.contract.join import check_worker_name
-from saflite.evidence import files
+from saflite.evidence import files, quota
 
 BLOBS = "blobs"
 INCOMING = "incoming"
@@ -163,6 +163,8 @@ class WorkerFolder:
     def put(self, data: bytes) -> BlobRef:
         """See `Blobs.put`."""
         ref = ref_of(data)
+        if words := quota.excess(self._incoming.parent, self._incoming.name, ref.size_bytes):
+            raise Unavailable(words)
         files.write_whole(self._incoming / ref.digest, data)
         return ref
 

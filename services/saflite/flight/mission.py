@@ -142,10 +142,11 @@ def _is_plain(value: Any) -> bool:
 
 
 def dump_plan(mission: Mission) -> str:
-    """Return the mission as the text of a QGroundControl `.plan`; reading it again gives the same mission."""
-    document: dict[str, Any] = json.loads(mission.plan_extra)
-    nested: dict[str, Any] = document.pop(_ITEMS_EXTRA, {})
-    head = document.setdefault("mission", {})
+    """Return the mission as the text of a QGroundControl `.plan`; reading it again gives the same mission.
+
+    Raises Refused where what is kept beside the items is none of a plan: a mission may come from anywhere.
+    """
+    document, head, nested = _kept(mission)
     defaults: dict[str, Any] = {"cruiseSpeed": 15, "firmwareType": 12, "hoverSpeed": 5, "vehicleType": 2, "version": 2}
     outer: dict[str, Any] = {
         "fileType": "Plan",
@@ -160,6 +161,17 @@ def dump_plan(mission: Mission) -> str:
     head["plannedHomePosition"] = [_short(v) for v in (mission.home_lat_deg, mission.home_lon_deg, mission.home_alt_m)]
     head["items"] = [_dump_item(item) | nested.get(str(index), {}) for index, item in enumerate(mission.items)]
     return json.dumps(document, indent=4, sort_keys=True, ensure_ascii=False) + "\n"
+
+
+def _kept(mission: Mission) -> tuple[dict[str, Any], dict[str, Any], dict[str, dict[str, Any]]]:
+    """Return what a mission keeps of its plan: the document, its part on the mission, what items hold nested."""
+    where = f"mission {mission.name}"
+    document = _read_json(mission.plan_extra, where)
+    nested, head = document.pop(_ITEMS_EXTRA, {}), document.setdefault("mission", {})
+    parts = (head, nested, *(nested.values() if isinstance(nested, dict) else ()))
+    if not all(isinstance(part, dict) for part in parts):
+        raise Refused("mission.plan_extra", where=where, expected="the rest of a plan", got="something else")
+    return document, head, nested
 
 
 def _dump_item(item: MissionItem) -> dict[str, Any]:

@@ -24,7 +24,7 @@ _EXTREMES = (
 _FLAGS = ("armed", "landed", "takeoff", "rc_present", "gps_ok", "baro_ok", "chute_released")
 _FAILSAFES = ("failsafe_gps", "failsafe_radio", "failsafe_battery", "failsafe_fence")
 _PAIRS = (("altitude_m", "altitude_target_m"), ("altitude_m", "altitude_est_m"), ("x_m", "x_est_m"), ("y_m", "y_est_m"))
-_NAMES = {number: name for name, number in MODES.items()}
+_NAMES: dict[float, str] = {number: name for name, number in MODES.items()}
 
 
 NO_OBSTACLE_M = 1000.0  # what the signal says where there is none
@@ -126,7 +126,7 @@ def _modes(signals: FlightSignals) -> list[str]:
     if "mode" not in signals:
         return []
     steps = changes(signals, "mode")[:EVENTS_MAX]
-    return [f"  {at:.1f} s {_NAMES.get(int(mode), 'another mode')}" for at, mode in steps]
+    return [f"  {at:.1f} s {_NAMES.get(mode, 'another mode')}" for at, mode in steps]
 
 
 def _events(signals: FlightSignals) -> list[str]:

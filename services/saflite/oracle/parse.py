@@ -31,6 +31,9 @@ _TERM_CALLS = {"abs": 1, "sqrt": 1, "exp": 1, "pow": 2, "min": 2, "max": 2, "rat
 _TIMED_CALLS = ("ago", "mean")
 _UNITS = {"s": 1.0, "ms": 1e-3}
 _DEPTH_MAX = 100
+_LEVELS_MAX = 150
+_PARTS_MAX = 10_000
+_SECONDS_MAX = 1e6
 
 
 class Fault(Exception):
@@ -77,8 +80,33 @@ def _tokens(text: str) -> list[tuple[str, str, int]]:
         token = match.group(kind)
         canonical = _WORDS.get(token, token) if kind == "word" else _SIGNS.get(token, token)
         found.append((kind, canonical, match.start(kind)))
+        if len(found) > _PARTS_MAX:
+            raise Fault(at, f"at most {_PARTS_MAX} words and signs", "more")
         at = match.end()
     return [*found, ("end", "the end", end)]
+
+
+def _check_size(formula: Node) -> None:
+    """Raise Fault for a formula too deep or, with its named parts written out, too long to be worked out.
+
+    Iterative and by part, however often it is named: parts named twice within parts named twice double each time.
+    """
+    known: dict[int, tuple[int, int]] = {}  # by the part: its depth, its size written out
+    left = [formula]
+    while left:
+        node = left[-1]
+        waiting = [child for child in node.args if id(child) not in known]
+        if waiting:
+            left += waiting
+            continue
+        below = [known[id(child)] for child in node.args]
+        known[id(node)] = 1 + max((one[0] for one in below), default=0), 1 + sum(one[1] for one in below)
+        left.pop()
+    depth, size = known[id(formula)]
+    if depth > _LEVELS_MAX:
+        raise Fault(0, f"at most {_LEVELS_MAX} levels (each `and` in a row is one)", str(depth))
+    if size > _PARTS_MAX:
+        raise Fault(0, f"at most {_PARTS_MAX} parts, named ones written out", "more")
 
 
 class _Parser:
@@ -96,6 +124,7 @@ class _Parser:
     def _ended(self, node: Node) -> Node:
         if self._kind != "end":
             raise Fault(self._offset, "an operator or the end", repr(self._token))
+        _check_size(node)
         return node
 
     # ---- the stream of tokens
@@ -216,8 +245,8 @@ class _Parser:
             value = named
             self._at += 1
         unit = self._take(*_UNITS)
-        if value < 0:
-            raise Fault(offset, "a time of 0 or more", f"{value:g}")
+        if not 0 <= value <= _SECONDS_MAX:
+            raise Fault(offset, f"a time of 0 or more, at most {_SECONDS_MAX:g} s", f"{value:g}")
         return value * _UNITS.get(unit, 1.0)
 
     # ---- comparisons and terms
@@ -266,6 +295,8 @@ class _Parser:
         kind, token, offset = self._tokens[self._at]
         if kind == "number":
             self._at += 1
+            if not math.isfinite(float(token)):
+                raise Fault(offset, "a number below 1.8e308", token[:20])
             return number(float(token))
         if (
             kind != "word"

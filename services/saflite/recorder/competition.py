@@ -15,6 +15,7 @@ from typing import Any
 import msgspec
 
 from saflite.contract.errors import Refused
+from saflite.contract.outside import parse_json
 from saflite.contract.test_case import Mission, Obstacle, Scenario, StartState, Stimulus, Target, TestCase, Wind
 from saflite.recorder.yaml_text import Located
 from saflite.recorder.yaml_text import Path as Place
@@ -197,21 +198,30 @@ def to_document(test_case: TestCase, plan_name: str = "") -> dict[str, Any]:
     """Return the document of a test case; reading it again with the same mission gives an equal test case.
 
     `plan_name` is the file the mission is written to; a test case that was read from a document keeps the name there.
+    Raises Refused where the source it names is none.
     """
-    document: dict[str, Any] = json.loads(test_case.source) if test_case.source else _fresh()
-    robot = document.setdefault(_spelling(document, ROBOT_WORDS), {}) or {}
+    document = _source(test_case.source) if test_case.source else _fresh()
+    located = Located(document, "", {})
+    robot = dict(_section(located, *ROBOT_WORDS))
     document[_spelling(document, ROBOT_WORDS)] = robot
     mission = test_case.scenario.mission
     if mission is None:
         robot.pop("mission_file", None)
-    elif not test_case.source or "mission_file" not in robot:
+    elif not test_case.source or not isinstance(robot.get("mission_file"), str):
         robot["mission_file"] = plan_name or f"{mission.name}.plan"
-    located = Located(document, "", {})
     simulation = _section(located, "simulation") or document.setdefault("simulation", {}) or {}
     document["simulation"] = simulation
     if not test_case.source or _obstacles(located, simulation.get("obstacles")) != test_case.scenario.obstacles:
         simulation["obstacles"] = [_box_out(box) for box in test_case.scenario.obstacles]
     _write_ours(document, test_case)
+    return document
+
+
+def _source(text: str) -> dict[str, Any]:
+    """Return the document a test case was read from; raises Refused where it is none: it may come from anywhere."""
+    document = parse_json(text, "source", "test case")
+    if not isinstance(document, dict):
+        raise Refused("source", where="test case", expected="a mapping", got=type(document).__name__)
     return document
 
 

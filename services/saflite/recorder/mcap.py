@@ -38,6 +38,7 @@ CALM = frozenset({"/settings", "/failsafe", "/autopilot"})
 """Topics of what holds still for long: written at changes, and about once a second between them."""
 _LEVELS = {"info": Log.INFO, "warning": Log.WARNING, "error": Log.ERROR}
 _NS = 1_000_000_000
+FLIGHT_MAX_S = 1e8
 
 
 class _Message(NamedTuple):
@@ -132,6 +133,11 @@ def _sampled(trace: Trace) -> NDArray[np.intp]:
     return np.append(at, last) if trace.samples and at[-1] != last else at
 
 
+def _later(start_ns: int, by_s: float) -> int:
+    """Return a moment of the flight; what no flight can last is cut off, for a log may say anything."""
+    return start_ns + round(min(max(0.0, by_s), FLIGHT_MAX_S) * _NS)
+
+
 def _stamp(at_ns: int) -> Timestamp:
     return Timestamp(seconds=at_ns // _NS, nanos=at_ns % _NS)
 
@@ -182,7 +188,7 @@ def _motion(
     on_map = set(at[:: round(RATE_HZ / MAP_RATE_HZ)].tolist()) if mission is not None else set()
     messages = []
     for index, (x_m, y_m, z_m), (roll, pitch, yaw) in zip(at.tolist(), track.tolist(), angles.tolist(), strict=True):
-        at_ns = start_ns + round(index * trace.step_s * _NS)
+        at_ns = _later(start_ns, index * trace.step_s)
         stamp, rotation = _stamp(at_ns), frames.attitude(roll, pitch, yaw)
         pose = PoseInFrame(timestamp=stamp, frame_id=frames.MAP, pose=frames.pose(x_m, y_m, z_m, rotation))
         shift = Vector3(x=y_m, y=x_m, z=z_m)
@@ -205,7 +211,7 @@ def _motion(
 def _texts(work: RecordWork, trace: Trace, start_ns: int) -> list[_Message]:
     end_ns = start_ns + round(trace.duration_s * _NS)
     messages = [
-        _log(start_ns + round(message.at_s * _NS), _LEVELS[message.severity], "autopilot", message.text)
+        _log(_later(start_ns, message.at_s), _LEVELS[message.severity], "autopilot", message.text)
         for message in trace.messages
     ]
     for one in given(work.test_case.stimuli, work.flight.delivered):
@@ -213,7 +219,7 @@ def _texts(work: RecordWork, trace: Trace, start_ns: int) -> list[_Message]:
         text = f"{one.stimulus.kind} {one.stimulus.name} {values}".rstrip()
         if one.answer not in ("accepted", "unanswered"):
             text += f" ({': '.join(filter(None, (one.answer.replace('_', ' '), one.message)))})"
-        messages.append(_log(start_ns + round(one.stimulus.at_s * _NS), Log.INFO, "stimulus", text))
+        messages.append(_log(_later(start_ns, one.stimulus.at_s), Log.INFO, "stimulus", text))
     for verdict in work.judgement.verdicts:
         messages += _verdict(verdict, start_ns)
     messages.append(_log(end_ns, Log.INFO, "flight", f"{work.flight.ending} {work.flight.message}".strip()))
@@ -221,7 +227,7 @@ def _texts(work: RecordWork, trace: Trace, start_ns: int) -> list[_Message]:
 
 
 def _verdict(verdict: Verdict, start_ns: int) -> list[_Message]:
-    at_ns = start_ns + round(max(0.0, verdict.witness_from_s) * _NS)
+    at_ns = _later(start_ns, verdict.witness_from_s)
     level = Log.ERROR if verdict.outcome == "violated" else Log.INFO
     ruling = f"{verdict.policy} {verdict.outcome}"
     record: dict[str, object] = {"policy": verdict.policy, "outcome": verdict.outcome}

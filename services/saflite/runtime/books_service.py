@@ -67,6 +67,13 @@ class _Inspected(NamedTuple):
     damage: str | None
 
 
+class _Complaint(NamedTuple):
+    """Trouble another thread met with a peer."""
+
+    where: str
+    words: str
+
+
 class BooksService:
     """Serves one campaign's books on a bus."""
 
@@ -94,7 +101,7 @@ class BooksService:
         self._inspecting: Counter[str] = Counter()  # blobs of results being looked at: not to be dropped meanwhile
         self._answered: list[Report] = []
         self._prefix = topics.prefix(campaign)
-        self._inbox: queue.SimpleQueue[Happening | _Stop | _Inspected] = queue.SimpleQueue()
+        self._inbox: queue.SimpleQueue[Happening | _Stop | _Inspected | _Complaint] = queue.SimpleQueue()
         self._long_polls = LongPollQueue()
         self._lease_s = books.campaign.lease.lease_s
         self._liveness = Liveness(self._lease_s)
@@ -112,6 +119,10 @@ class BooksService:
     def stop(self, why: str) -> None:
         """Ask for a clean end: what is committed stays, the campaign can be resumed. Signal-safe."""
         self._inbox.put(_Stop(why))
+
+    def complain(self, where: str, words: str) -> None:
+        """Have trouble with a peer told in the campaign's history; from any thread."""
+        self._inbox.put(_Complaint(where, words))
 
     def open(self) -> None:
         """Start listening on the bus."""
@@ -157,8 +168,8 @@ class BooksService:
         if now_s >= self._tick_from_s:  # before that, heartbeats that waited meanwhile come in and extend the leases
             self._books.tick(now_s)
 
-    def _drained(self, wait_s: float) -> list[Happening | _Stop | _Inspected]:
-        happenings: list[Happening | _Stop | _Inspected] = []
+    def _drained(self, wait_s: float) -> list[Happening | _Stop | _Inspected | _Complaint]:
+        happenings: list[Happening | _Stop | _Inspected | _Complaint] = []
         try:
             happenings.append(self._inbox.get(timeout=wait_s))
             while len(happenings) < DRAIN_MAX:
@@ -169,11 +180,13 @@ class BooksService:
 
     # -- in -------------------------------------------------------------------------------------------------------
 
-    def _take(self, happening: Happening | _Stop | _Inspected, now_s: float) -> None:
+    def _take(self, happening: Happening | _Stop | _Inspected | _Complaint, now_s: float) -> None:
         if isinstance(happening, _Stop):
             self._stopping = happening.why
         elif isinstance(happening, Presence):
             self._on_presence(happening, now_s)
+        elif isinstance(happening, _Complaint):
+            self._complaints.add(happening.where, happening.words[:500])
         elif isinstance(happening, _Inspected):
             self._on_inspected(happening, now_s)
         elif not isinstance(happening, tuple):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import json
 import queue
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -19,6 +18,7 @@ from saflite.contract.clock import Clock
 from saflite.contract.control import Answer, Control, Status, Verb
 from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.events import Event
+from saflite.contract.outside import TEXT_BYTES_MAX, read_bytes
 from saflite.runtime.clock import WallClock
 
 FARM_FILE = "farm.json"
@@ -52,8 +52,10 @@ def read_info(run_dir: Path) -> FarmInfo:
     """Return what `farm.json` says; raises Refused if there is none or it is damaged."""
     path = run_dir / FARM_FILE
     try:
-        return msgspec.json.decode(path.read_bytes(), type=FarmInfo)
-    except (OSError, *wire.UNREADABLE, json.JSONDecodeError) as fault:
+        return msgspec.json.decode(read_bytes(path, FARM_FILE, TEXT_BYTES_MAX), type=FarmInfo)
+    except Refused as fault:
+        raise Refused("run folder", where=str(run_dir), expected="one of a running farm", got=fault.got) from fault
+    except wire.UNREADABLE as fault:
         raise Refused("run folder", where=str(run_dir), expected="one of a running farm", got=str(fault)) from fault
 
 

@@ -22,7 +22,7 @@ from saflite.contract.blobs import BlobGet, BlobMissing, BlobOpen, BlobOpened, B
 from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.flight import Flight, matches_digest
 from saflite.contract.work import Failure, FlyResult, Report, blobs_left
-from saflite.evidence.chunks import ChunkServer
+from saflite.evidence.chunks import ChunkServer, OverQuota
 from saflite.evidence.folder import BlobFolder
 
 log = logging.getLogger(__name__)
@@ -115,6 +115,10 @@ class EvidenceService:
         bus.serve(f"{topics.prefix(campaign)}/blob/*", self._queue)
         self._thread.start()
 
+    def tell_excess(self, told: Callable[[str, str], None]) -> None:
+        """Have somebody told, from the thread of the blobs, who leaves too much and how much that is."""
+        self._requests.on_excess = told
+
     def inspect(self, report: Report, then: Then) -> None:
         """See `Evidence.inspect`."""
         assert self._broken is None, f"the thread of the blobs died: {self._broken!r}"
@@ -148,12 +152,17 @@ class EvidenceService:
             raise
 
 
+def _not_told(where: str, words: str) -> None:
+    log.warning("from %s: %s", where, words)
+
+
 class BlobRequests:
     """Answers what comes in on `blob/*`."""
 
     def __init__(self, blobs: BlobFolder) -> None:
         self._blobs, self._chunks = blobs, ChunkServer(blobs)
         self._probe = blobs.make_probe()
+        self.on_excess: Callable[[str, str], None] = _not_told
 
     def answer(self, request: Happening) -> None:
         """Answer or refuse a request; one the disk does not take gets no answer and is asked again."""
@@ -162,6 +171,9 @@ class BlobRequests:
                 if request.damaged:
                     raise Refused("blob", expected="the message as it was sent", got=request.damaged)
                 request.reply(wire.encode(self._answer(request)))
+            except OverQuota as fault:
+                self.on_excess(f"{request.sender[:64]} on blob", str(fault))
+                request.refuse(str(fault))
             except Refused as fault:
                 request.refuse(str(fault))
             except Unavailable as fault:

@@ -6,6 +6,7 @@ The file a run was made with is used while it is as it was; otherwise the copy, 
 from __future__ import annotations
 
 import logging
+import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from saflite.contract.config import Campaign
 from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.ids import digest
 from saflite.contract.modules import Outside
+from saflite.contract.outside import TEXT_BYTES_MAX, read_bytes
 from saflite.contract.wire import UNREADABLE
 
 log = logging.getLogger(__name__)
@@ -61,21 +63,21 @@ def _intact(run_dir: Path, module: Outside) -> Path:
     if _is(module.path, module):
         return module.path
     if _is(copy, module):
-        why = "has changed" if module.path.exists() else "has gone"
+        why = "has changed" if os.path.exists(module.path) else "has gone"
         log.warning(
             "%s %s since the run was made: its copy %s is used (--module takes another)", module.path, why, copy
         )
         return copy
     fix = "restore it, or name the file that is to stand for it with --module"
     expected = f"the {module.kind} as it was when the run was made"
-    got = "another content" if module.path.exists() else "no such file"
+    got = "another content" if os.path.exists(module.path) else "no such file"  # unlike Path.exists: of any name
     raise Refused("module", where=module.file, expected=expected, got=f"{got}, and no copy in {FOLDER}/", fix=fix)
 
 
 def _is(path: Path, module: Outside) -> bool:
     try:
-        return digest(path.read_bytes()) == module.digest
-    except OSError:
+        return digest(read_bytes(path, "module", TEXT_BYTES_MAX)) == module.digest
+    except Refused:
         return False
 
 
@@ -91,8 +93,9 @@ def _copy(data: bytes, path: Path) -> None:
 
 def _noted(run_dir: Path) -> tuple[Outside, ...]:
     try:
-        return msgspec.json.decode((run_dir / FILE).read_bytes(), type=tuple[Outside, ...])
-    except FileNotFoundError:
-        return ()
-    except (OSError, *UNREADABLE) as fault:
+        if not os.path.lexists(run_dir / FILE):
+            return ()
+        data = read_bytes(run_dir / FILE, "list of modules", TEXT_BYTES_MAX)
+        return msgspec.json.decode(data, type=tuple[Outside, ...])
+    except UNREADABLE as fault:
         raise Refused("run folder", where=str(run_dir / FILE), expected="a list of modules", got=str(fault)) from fault

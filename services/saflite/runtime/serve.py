@@ -113,6 +113,7 @@ def _books(options: argparse.Namespace) -> str:
     evidence = EvidenceService(bus, options.campaign, store.blobs)
     modules = run_modules.needed(options.run_dir, books.campaign)
     service = BooksService(bus, options.campaign, books, store, clock, evidence, modules=modules)
+    evidence.tell_excess(service.complain)
     _on_signals(service.stop)
     if options.gate:
         _on_change(options.keys / REGISTER, clock, service.stop)

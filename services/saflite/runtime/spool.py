@@ -12,6 +12,7 @@ from pathlib import Path
 from saflite.contract import wire
 from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.ids import digest
+from saflite.contract.outside import read_bytes
 from saflite.contract.work import Report
 
 log = logging.getLogger(__name__)
@@ -66,7 +67,7 @@ class Spool:
 
 
 def _read(path: Path) -> Report:
-    data = path.read_bytes()
+    data = read_bytes(path, "spooled result", wire.MESSAGE_BYTES_MAX + _DIGEST_BYTES)
     head, body = data[:_DIGEST_BYTES], data[_DIGEST_BYTES:]
     if digest(body).encode() != head:
         raise Refused("spooled result", where=str(path), expected="bytes that fit their digest", got="other bytes")

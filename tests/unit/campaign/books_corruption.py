@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import shutil
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
 from typing import NamedTuple
 
 from books_drive import Driver, doubles
 
-from saflite.campaign.storage.audit import audit
+from saflite.campaign.storage.audit import audit, told_of
+from saflite.campaign.storage.projections import TABLES
 from saflite.campaign.storage.store import Store, store_file
 from saflite.contract.errors import FarmError
 
 BLOCK_BYTES = 512
-FILES = ("books.sqlite", "books.sqlite-wal", "books.witness", "books.snapshot")
+FILES = ("books.sqlite", "books.sqlite-wal", "books.witness", "books.snapshot", "books.seal")
 
 
 class Fault(NamedTuple):
@@ -78,13 +79,55 @@ def journal(run_dir: Path) -> list[tuple[object, ...]]:
         return lines + database.execute("SELECT seq, event FROM events ORDER BY seq").fetchall()
 
 
-def outcome_of(fault: Fault, run_dir: Path, place: Path, whole: list[tuple[object, ...]]) -> str:
-    """Damage a copy of a run at `place`; returns `told`, `harmless`, or `silent`: something is lost and nobody says."""
+def tables(run_dir: Path) -> list[tuple[object, ...]]:
+    """Return what all tables say, the ones made of the journal among them: what a report or an export reads."""
+    with closing(sqlite3.connect(f"{store_file(run_dir).as_uri()}?mode=ro", uri=True)) as database:
+        return [row for table in TABLES for row in database.execute(f"SELECT * FROM {table} ORDER BY 1, 2, 3")]
+
+
+def state(run_dir: Path) -> bytes:
+    """Return the books as `resume` opens them."""
+    store = Store.open(run_dir)
+    try:
+        return store.rebuild().snapshot()
+    finally:
+        store.close()
+
+
+class Whole(NamedTuple):
+    """What an undamaged run says: to an audit, to report and replay, to resume."""
+
+    journal: list[tuple[object, ...]]
+    tables: list[tuple[object, ...]]
+    state: bytes
+
+
+def whole_of(run_dir: Path, place: Path) -> Whole:
+    """Return what a run says, read from a copy."""
+    copied(run_dir, place)
+    return Whole(journal(place), tables(place), state(place))
+
+
+def outcome_of(fault: Fault, run_dir: Path, place: Path, whole: Whole) -> str:
+    """Damage a copy of a run at `place`; returns `told`, `harmless`, or `silent`: something is lost and nobody says.
+
+    Each way to read a run has to say so by itself: an audit, what report, replay and export ask first, and resume.
+    """
+    ways: tuple[tuple[Callable[[Path], bool], Callable[[Path], bool]], ...] = (
+        (lambda run: not audit(run, quick=True, blobs=False)["clean"], lambda run: journal(run) == whole.journal),
+        (lambda run: bool(told_of(run)), lambda run: tables(run) == whole.tables),
+        (lambda run: not audit(run, quick=True, blobs=False)["clean"], lambda run: state(run) == whole.state),
+    )
     copied(run_dir, place)
     inflict(fault, place)
+    found = {_way(place, told, same) for told, same in ways}
+    return next(one for one in ("silent", "told", "harmless") if one in found)
+
+
+def _way(run_dir: Path, told: Callable[[Path], bool], same: Callable[[Path], bool]) -> str:
     try:
-        if not audit(place, quick=True, blobs=False)["clean"]:
+        if told(run_dir):
             return "told"
+        return "harmless" if same(run_dir) else "silent"
     except FarmError:
         return "told"
-    return "harmless" if journal(place) == whole else "silent"

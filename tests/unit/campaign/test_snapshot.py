@@ -2,9 +2,17 @@
 
 from __future__ import annotations
 
+import ast
+import hashlib
+import os
+import pickle
 import sqlite3
+import subprocess
+import sys
 from pathlib import Path
+from typing import Any, cast, get_args
 
+import msgspec
 import pytest
 from books_drive import Driver, MemoryStore, doubles, new_books
 from test_chance import Chancy
@@ -14,11 +22,18 @@ from saflite.campaign.engine.core import Core
 from saflite.campaign.engine.state import Books
 from saflite.campaign.lifecycle.minimizer import Minimizer
 from saflite.campaign.lifecycle.repeats import ONE_FLIGHT
+from saflite.campaign.storage import snapshot_file as snapshot_files
 from saflite.campaign.storage.audit import audit
 from saflite.campaign.storage.rebuild import rebuild
-from saflite.campaign.storage.snapshot_file import snapshot_file
+from saflite.campaign.storage.snapshot_file import code, code_files, snapshot_file
 from saflite.campaign.storage.store import Store, store_file
+from saflite.contract import wire
+from saflite.contract.blobs import BlobMissing
+from saflite.contract.control import Control, Verb
+from saflite.contract.rng import derive
 from saflite.contract.target_info import Repeats
+from saflite.contract.test_case import Target
+from saflite.contract.work import Failure, HandedBack, Lease, Report, Result, Stage
 
 
 def replayed(store: MemoryStore) -> Books:
@@ -150,3 +165,143 @@ def test_an_audit_tells_a_whole_snapshot_of_another_state(stopped: Path, tmp_pat
     rebuild(run_dir)
     assert not snapshot_file(run_dir).exists()
     assert not audit(run_dir, blobs=False)["problems"]
+
+
+# ---- at any moment -------------------------------------------------------------------------------------------------
+
+
+def unsorted(result: Result) -> Result:
+    """Return a result as a peer sends it whose encoder keeps the keys of mappings in another order."""
+
+    def turned(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {key: turned(part) for key, part in sorted(value.items(), reverse=True)}
+        return [turned(part) for part in value] if isinstance(value, list | tuple) else value
+
+    turned_round: Result = msgspec.convert(turned(msgspec.to_builtins(result)), Result)
+    return turned_round
+
+
+class Turmoil:
+    """Drives books by hand as a bad night would: results late, wrong or unsorted, workers gone, orders, time."""
+
+    def __init__(self, driver: Driver, rng_seed: int) -> None:
+        self.driver, self.rng = driver, derive(rng_seed, "turmoil")
+        self.held: list[tuple[Lease, str]] = []
+
+    def step(self) -> None:
+        driver, books = self.driver, self.driver.books
+        worker = "abc"[int(self.rng.integers(3))]
+        kind = self.rng.random()
+        if kind < 0.5:
+            stages: tuple[Stage, ...] = get_args(Stage)
+            stage = stages[int(self.rng.integers(len(stages)))]
+            self.held += [(lease, worker) for lease in driver.ask(stage, worker, int(self.rng.integers(1, 4)))]
+        elif kind < 0.9 and self.held:
+            lease, holder = self.held.pop(int(self.rng.integers(len(self.held))))
+            report = Report(worker=holder, lease_id=lease.lease_id, epoch=lease.epoch, result=self._result(lease))
+            books.report(wire.decode(msgspec.msgpack.encode(report), Report), driver.now)  # keys as they were put
+        elif kind < 0.93:
+            books.absent(worker, "fly", driver.now)
+        elif kind < 0.96:
+            driver.now += float(self.rng.uniform(0.0, 40.0))
+            books.tick(driver.now)
+        else:
+            verbs: tuple[Verb, ...] = ("pause", "resume", "budget", "shadow", "scorer")
+            verb = verbs[int(self.rng.integers(len(verbs)))]
+            text = ("gap", "blend", "random")[int(self.rng.integers(3))]
+            books.control(Control(verb=verb, text=text, number=int(self.rng.integers(5, 60))), driver.now)
+        driver.commit()
+
+    def _result(self, lease: Lease) -> Result:
+        kind = self.rng.random()
+        if kind < 0.05:
+            return HandedBack(message="busy")
+        if kind < 0.15:
+            return Failure(message="the simulator died")
+        try:
+            return unsorted(self.driver.service.do(lease.work))
+        except BlobMissing:  # the lease was lost meanwhile, and its trace was dropped
+            return Failure(message="its trace is gone")
+
+
+@pytest.mark.parametrize("rng_seed", range(6))
+def test_at_any_moment_the_snapshot_is_the_fold_of_the_journal_from_its_beginning(rng_seed: int) -> None:
+    repeats: Repeats = "statistically" if rng_seed % 3 else "bitwise"
+    template = msgspec.structs.replace(doubles.TEMPLATE, target=Target(parameters={"A": 1.0, "B": 2.0}))
+    target = msgspec.structs.replace(doubles.TARGET, repeats=repeats)
+    store = MemoryStore(doubles.campaign(12, shrink=bool(rng_seed % 2)), template, target)
+    driver = Driver(store.rebuild(), cast(Store, store))
+    night = Turmoil(driver, rng_seed)
+    restored, upto = store.empty_books(), 0
+    for number in range(300):
+        night.step()
+        if night.rng.random() > 0.04 and number < 299:
+            continue
+        state = driver.books.snapshot()
+        for line in store.lines[upto:]:
+            restored.replay(line)
+        assert restored.snapshot() == replayed(store).snapshot() == state, f"step {number}"
+        restored, upto = store.empty_books(), len(store.lines)
+        restored.restore(state)
+    assert driver.books.status(driver.now).flights > 0
+
+
+FOLD = """
+import hashlib, pickle, sys
+sys.path[:0] = sys.argv[1:3]
+from books_drive import new_books
+driver = new_books(12, shrink=True, repeats="statistically")
+books = driver.store.empty_books()
+for line in pickle.load(sys.stdin.buffer):
+    books.replay(line)
+print(hashlib.sha256(books.snapshot()).hexdigest())
+"""
+
+
+def test_another_process_folds_the_journal_to_the_same_bytes() -> None:
+    driver = new_books(12, shrink=True, repeats="statistically")
+    assert isinstance(driver.store, MemoryStore)
+    night = Turmoil(driver, 7)
+    for _ in range(300):
+        night.step()
+    here = Path(__file__).parent
+    said = subprocess.run(
+        [sys.executable, "-c", FOLD, str(here), str(here.parents[1] / "farm")],
+        input=pickle.dumps(list(driver.store.lines)),
+        env={**os.environ, "PYTHONHASHSEED": "12345"},
+        capture_output=True,
+        check=True,
+    )
+    assert said.stdout.decode().strip() == hashlib.sha256(driver.books.snapshot()).hexdigest()
+
+
+def test_a_snapshot_names_all_code_its_state_comes_of() -> None:
+    """Else books of other code would be put back, and an audit would not know them."""
+    package = Path(snapshot.__file__).parents[2]
+    left, met = [package / "campaign/engine/state.py"], set[Path]()
+    while left:
+        path = left.pop()
+        if path in met:
+            continue
+        met.add(path)
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("saflite"):
+                base = package.joinpath(*str(node.module).split(".")[1:])
+                places = (base.with_suffix(".py"), *(base / f"{one.name}.py" for one in node.names))
+                left += [place for place in places if place.is_file()]
+    assert met <= set(code_files())
+
+
+def test_code_that_changed_while_the_books_were_open_is_not_taken_for_what_ran(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    code.cache_clear()
+    store = Store.create(tmp_path / "run", doubles.campaign(5, record="none"), doubles.TEMPLATE, doubles.TARGET)
+    driver = Driver(store.rebuild(), store)
+    monkeypatch.setattr(snapshot_files, "code_files", list)  # as if other files stood there now
+    store.keep(driver.books.snapshot())
+    store.close()
+    monkeypatch.undo()
+    assert opened(tmp_path / "run")[1] > 0, "the snapshot names the code that made it"
+    code.cache_clear()

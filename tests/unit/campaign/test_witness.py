@@ -7,12 +7,12 @@ import os
 from pathlib import Path
 
 import pytest
-from books_corruption import copied, faults, journal, outcome_of, small_run
+from books_corruption import copied, faults, journal, outcome_of, small_run, whole_of
 from books_drive import Driver, doubles
 
-from saflite.campaign.storage.audit import audit
+from saflite.campaign.storage.audit import audit, told_of
 from saflite.campaign.storage.store import Store
-from saflite.campaign.storage.witness import RECORD_BYTES, accept_loss, told_of
+from saflite.campaign.storage.witness import RECORD_BYTES, accept_loss
 from saflite.console.cli import main
 from saflite.contract.errors import Refused, Unavailable
 
@@ -29,7 +29,7 @@ def killed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return small_run(tmp_path_factory.mktemp("killed") / "run", killed=True)
 
 
-FINISHED = ["books.lock", "books.snapshot", "books.sqlite", "books.witness"]
+FINISHED = ["books.lock", "books.seal", "books.snapshot", "books.sqlite", "books.witness"]
 """No log beside the store. The snapshot is a cache: without it the journal is read."""
 
 
@@ -43,7 +43,7 @@ def test_a_finished_run_is_one_file_and_a_witness_of_one_record(ended: Path) -> 
 @pytest.mark.parametrize("state", ["ended", "killed"])
 def test_no_flipped_or_cut_block_is_silent(state: str, tmp_path: Path, request: pytest.FixtureRequest) -> None:
     run_dir: Path = request.getfixturevalue(state)
-    whole, every = journal(run_dir), list(faults(run_dir))
+    whole, every = whole_of(run_dir, tmp_path / "whole"), list(faults(run_dir))
     step = len(every) // SAMPLE | 1  # odd: flips and cuts by turns
     outcomes = {fault: outcome_of(fault, run_dir, tmp_path / "run", whole) for fault in every[::step]}
     assert [fault for fault, outcome in outcomes.items() if outcome == "silent"] == []

@@ -130,7 +130,7 @@ def test_a_real_log_is_judged_with_a_competition_test_case(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.syspath_prepend(str(Path(__file__).parents[1] / "flight"))
-    from test_logs import px4_flight
+    from log_bytes import px4_flight
 
     from saflite.campaign.presets.campaigns import template
     from saflite.recorder.exports.aerialist import write_case

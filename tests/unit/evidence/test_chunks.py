@@ -9,9 +9,9 @@ import pytest
 from saflite.contract.blobs import BlobChunk, BlobGet, BlobMissing, BlobPut, BlobRef, BlobTaken, ref_of
 from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.rng import derive
-from saflite.evidence import chunks
-from saflite.evidence.chunks import ChunkServer, Download, Upload
-from saflite.evidence.folder import BlobFolder
+from saflite.evidence import chunks, quota
+from saflite.evidence.chunks import ChunkServer, Download, OverQuota, Upload
+from saflite.evidence.folder import BlobFolder, WorkerFolder
 
 DATA = derive(1, "blob").bytes(10_500)
 
@@ -140,3 +140,44 @@ def test_a_disk_that_takes_nothing_is_unavailable(tmp_path: Path) -> None:
     (tmp_path / "blobs").write_text("a file where the folder should be")
     with pytest.raises(Unavailable, match="takes no blob"):
         ChunkServer(BlobFolder(tmp_path)).put(BlobPut(worker="fly-1", ref=ref_of(b"x"), data=b"x"))
+
+
+# ---- what may wait -------------------------------------------------------------------------------------------------
+
+
+def test_a_worker_that_leaves_too_much_is_refused_in_words_until_the_books_have_answered(
+    folder: BlobFolder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(quota, "WORKER_BYTES_MAX", 20_000)
+    server = ChunkServer(folder)
+    upload(server, DATA)
+    with pytest.raises(OverQuota, match="bytes in 1 files of fly-1 would wait for the books"):
+        upload(server, DATA[:-1])
+    folder.forget("fly-1", [ref_of(DATA).digest])
+    upload(server, DATA[:-1])
+    other = BlobPut(worker="fly-2", ref=ref_of(DATA[:-1]), offset=0, data=DATA[:1000])
+    assert server.put(other).have_bytes == 1000, "another worker has room of its own"
+
+
+def test_a_worker_that_takes_a_new_name_for_each_blob_does_not_fill_the_disk(
+    folder: BlobFolder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(quota, "ALL_BYTES_MAX", 50_000)
+    server = ChunkServer(folder)
+
+    def begin(number: int) -> None:
+        data = DATA[:-number]
+        server.put(BlobPut(worker=f"w{number}", ref=ref_of(data), offset=0, data=data[:1000]))
+
+    for number in range(1, 41):
+        begin(number)
+    with pytest.raises(OverQuota, match="of all workers"):
+        begin(41)
+
+
+def test_a_worker_in_the_folder_is_told_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(quota, "WORKER_BYTES_MAX", 15_000)
+    worker = WorkerFolder(tmp_path, "fly-1")
+    worker.put(DATA)
+    with pytest.raises(Unavailable, match="would wait for the books"):
+        worker.put(DATA[:-1])

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 import struct
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from log_bytes import KINDS, POSITION, STATUS, ardupilot_flight, dataflash, message, px4_flight, ulog
 
 from saflite.contract.errors import Refused
 from saflite.contract.flight import Flight
@@ -18,45 +17,6 @@ from saflite.contract.test_case import Obstacle, Scenario, Target, TestCase, ide
 from saflite.flight.logs.dataflash import read_dataflash, read_dataflash_log
 from saflite.flight.logs.ulog import read_ulog, read_ulog_log
 from saflite.oracle.judge import judge
-
-FLOATS = {"f": "float", "B": "uint8_t", "?": "bool"}
-
-
-def message(kind: str, body: bytes) -> bytes:
-    return struct.pack("<HB", len(body), ord(kind)) + body
-
-
-def ulog(topics: dict[str, list[tuple[str, str]]], rows: Sequence[tuple[str, float, tuple[float, ...]]]) -> bytes:
-    """A ULog file: per topic its fields (format, name), and rows (topic, seconds, values)."""
-    data = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 0)
-    data += message("B", bytes(40))
-    for name, fields in topics.items():
-        text = "".join(f"{FLOATS[code]} {field};" for code, field in fields)
-        data += message("F", f"{name}:uint64_t timestamp;{text}".encode())
-    ids = {name: number for number, name in enumerate(topics)}
-    for name, number in ids.items():
-        data += message("A", struct.pack("<BH", 0, number) + name.encode())
-    for name, at_s, values in rows:
-        codes = "".join(code for code, _ in topics[name])
-        data += message("D", struct.pack("<HQ" + codes, ids[name], int(at_s * 1e6), *values))
-    return data + message("L", bytes([ord("4")]) + struct.pack("<Q", 7_000_000) + b"engine failure")
-
-
-POSITION = [("f", "x"), ("f", "y"), ("f", "z"), ("f", "vx"), ("f", "vy"), ("f", "vz"), ("?", "xy_valid")]
-STATUS = [("B", "nav_state"), ("B", "arming_state")]
-ATTITUDE = [("f", "q[0]"), ("f", "q[1]"), ("f", "q[2]"), ("f", "q[3]")]
-
-
-def px4_flight() -> bytes:
-    rows: list[tuple[str, float, tuple[float, ...]]] = []
-    for tenth in range(201):
-        at = 5 + tenth / 10
-        rows.append(("vehicle_local_position", at, (3.0, 4.0 + tenth / 10, -10.0, 0.0, 1.0, 0.0, True)))
-        yaw = math.radians(350 + tenth / 10)
-        rows.append(("vehicle_attitude", at, (math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2))))
-    rows += [("vehicle_status", 5.0, (17, 2)), ("vehicle_status", 10.0, (3, 2)), ("vehicle_status", 20.0, (4, 2))]
-    topics = {"vehicle_local_position": POSITION, "vehicle_status": STATUS, "vehicle_attitude": ATTITUDE}
-    return ulog(topics, rows)
 
 
 def test_a_px4_log_becomes_a_trace(tmp_path: Path) -> None:
@@ -121,46 +81,6 @@ def test_a_log_without_position_can_be_told_though_not_judged(tmp_path: Path) ->
     path.write_bytes(ulog({"vehicle_local_position": POSITION}, []))
     with pytest.raises(Refused, match="no x_m, y_m"):
         read_ulog(path, placed=False)
-
-
-def dataflash(kinds: dict[str, tuple[str, str]], rows: Sequence[tuple[str, tuple[Any, ...]]]) -> bytes:
-    """An ArduPilot log: per message its format letters and column names, and rows."""
-    codes = {"Q": "Q", "f": "f", "B": "B", "H": "H", "N": "16s", "Z": "64s"}
-    fmt = "BBnNZ"
-    data = b""
-    numbers = {name: 10 + index for index, name in enumerate(kinds)}
-
-    def describe(number: int, length: int, name: str, letters: str, columns: str) -> bytes:
-        body = (name.encode().ljust(4, b"\0"), letters.encode().ljust(16, b"\0"), columns.encode().ljust(64, b"\0"))
-        return b"\xa3\x95\x80" + struct.pack("<BB", number, length) + b"".join(body)
-
-    data += describe(0x80, 89, "FMT", fmt, "Type,Length,Name,Format,Columns")
-    for name, (letters, columns) in kinds.items():
-        size = 3 + struct.calcsize("<" + "".join(codes[letter] for letter in letters))
-        data += describe(numbers[name], size, name, letters, columns)
-    for name, values in rows:
-        packed = struct.pack("<" + "".join(codes[letter] for letter in kinds[name][0]), *values)
-        data += b"\xa3\x95" + bytes([numbers[name]]) + packed
-    return data
-
-
-KINDS = {
-    "XKF1": ("QBffffff", "TimeUS,C,PN,PE,PD,VN,VE,VD"),
-    "MODE": ("QBBB", "TimeUS,Mode,ModeNum,Rsn"),
-    "EV": ("QB", "TimeUS,Id"),
-    "ERR": ("QBB", "TimeUS,Subsys,ECode"),
-}
-
-
-def ardupilot_flight(kinds: dict[str, tuple[str, str]] = KINDS) -> bytes:
-    rows: list[tuple[str, tuple[float, ...]]] = [("MODE", (1_000_000, 4, 4, 1)), ("EV", (1_000_000, 10))]
-    for tenth in range(101):
-        at = 1_000_000 + tenth * 100_000
-        rows.append(("XKF1", (at, 0, 0.1 * tenth, 0.0, -5.0 - 0.1 * tenth, 1.0, 0.0, -1.0)))
-        rows.append(("XKF1", (at, 1, 99.0, 99.0, 99.0, 0.0, 0.0, 0.0)))
-        if tenth == 50:
-            rows += [("MODE", (at, 6, 6, 1)), ("ERR", (at, 5, 1)), ("EV", (at, 51))]
-    return dataflash(kinds, rows)
 
 
 def test_an_ardupilot_log_becomes_a_trace(tmp_path: Path) -> None:

@@ -18,6 +18,7 @@ from saflite.contract.flight import Artefact, Flight, Trace, pack_trace, trace_d
 from saflite.contract.rng import derive
 from saflite.contract.wire import MESSAGE_BYTES_MAX
 from saflite.contract.work import Failure, FlyResult, Report
+from saflite.evidence import quota
 from saflite.evidence.folder import BlobFolder, WorkerFolder
 from saflite.runtime.blob_client import BusBlobs, WorkerBlobs
 from saflite.runtime.evidence import BlobRequests, look
@@ -176,3 +177,19 @@ def test_a_new_life_keeps_only_what_is_still_to_be_reported(store: BlobFolder, t
     again.put(b"new")
     assert look(store, told) == ""
     assert store.adopt("fly-1", lost) == "missing"
+
+
+def test_who_leaves_too_much_is_refused_and_told_of(store: BlobFolder, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(quota, "WORKER_BYTES_MAX", 3 * MIB)
+    network, told = MemoryNetwork(), list[tuple[str, str]]()
+    requests = BlobRequests(store)
+    requests.on_excess = lambda where, words: told.append((where, words))
+    network.connect("books").serve("saflite/2/c/blob/*", requests.answer)
+    bus = SteppedBus(network, "fly-1")
+    blobs = BusBlobs(bus, "c", "fly-1", bus)  # type: ignore[arg-type]
+    blobs.put(bytes(2 * MIB))
+    with pytest.raises(Unavailable, match=r"refused by the books: .* would wait for the books"):
+        blobs.put(bytes(2 * MIB + 1))
+    assert told
+    assert told[0][0] == "fly-1 on blob"
+    assert "more than the 3145728 bytes" in told[0][1]

@@ -88,7 +88,7 @@ def test_what_is_no_module_is_refused_in_one_line(tmp_path: Path, name: str, tex
     with pytest.raises(Refused, match=said) as refusal:
         modules.use([tmp_path / name])
     assert "\n" not in str(refusal.value)
-    with pytest.raises(Refused, match="a file"):
+    with pytest.raises(Refused, match="a readable file"):
         modules.use([tmp_path / "gone.py"])
 
 

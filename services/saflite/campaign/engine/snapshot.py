@@ -74,6 +74,9 @@ FIELDS: dict[type, dict[str, Any]] = {
 }
 """What of the classes that are no dataclasses makes their state; `UNKEPT` is worked out again of what is kept."""
 
+_ENCODER = msgspec.msgpack.Encoder(order="deterministic")
+"""A peer may send the keys of a mapping in any order, the journal holds them sorted: a replay would differ in bytes."""
+
 UNKEPT = {"search", "confirm_flights", "selected_upto", "_queues", "_waiting", "_core"}
 
 GIVEN = {"campaign", "template", "target", "confirm"}
@@ -84,7 +87,7 @@ def take(reducer: Reducer) -> bytes:
     """Return the state of the fold; nothing may wait in its outbox, which is not kept."""
     assert not reducer.core.out.waiting, "a snapshot between a change and its commit"
     core = {name: _pack(kind, getattr(reducer.core, name)) for name, kind in _core().items()}
-    return msgspec.msgpack.encode((core, [_pack(type(part), part) for part in _beside(reducer)]))
+    return _ENCODER.encode((core, [_pack(type(part), part) for part in _beside(reducer)]))
 
 
 def put_back(reducer: Reducer, data: bytes) -> None:

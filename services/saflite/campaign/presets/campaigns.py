@@ -6,6 +6,7 @@ policy files (`policy_campaigns.py`).
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import msgspec
@@ -77,7 +78,7 @@ def _found(campaign: Campaign, path: Path) -> Campaign:
     """
     prefix(campaign.name)
     if campaign.mission.endswith(".plan"):
-        campaign = msgspec.structs.replace(campaign, mission=str((path.parent / campaign.mission).resolve()))
+        campaign = msgspec.structs.replace(campaign, mission=os.path.realpath(path.parent / campaign.mission))
     names, texts = [], dict(campaign.policy_texts)
     for name in campaign.policies:
         if name.endswith(".toml"):

@@ -10,7 +10,7 @@ from saflite.campaign.engine.core import Core
 from saflite.campaign.scheduling.tasks import Task
 from saflite.campaign.scheduling.work_keys import FlightKey, FlyKey, JudgeKey, MutateKey, RecordKey, ScoreKey, WarmKey
 from saflite.contract import wire
-from saflite.contract.blobs import BLOBS_PER_RESULT_MAX
+from saflite.contract.blobs import BLOBS_PER_RESULT_MAX, RESULT_BYTES_MAX
 from saflite.contract.bounds import told
 from saflite.contract.errors import Refused
 from saflite.contract.flight import AUTOPILOT_ALIVE, FLOWN_ENDINGS, UNTOLD, Flight
@@ -116,6 +116,8 @@ def _check_flight(task: Task, result: FlyResult) -> None:
         _refuse(task, "a trace together with its digest", f"{flight.trace}, digest {flight.trace_digest!r}")
     if len(flight.blobs) > BLOBS_PER_RESULT_MAX:
         _refuse(task, f"at most {BLOBS_PER_RESULT_MAX} blobs", len(flight.blobs))
+    if (size := sum(blob.size_bytes for blob in flight.blobs)) > RESULT_BYTES_MAX:
+        _refuse(task, f"at most {RESULT_BYTES_MAX} bytes of blobs", size)
 
 
 def _check_verdict(task: Task, verdict: Verdict) -> None:

@@ -16,6 +16,7 @@ from saflite.campaign.engine.state import Books
 from saflite.campaign.storage.journal_audit import JournalAudit
 from saflite.campaign.storage.projections import KEYS, TABLES
 from saflite.campaign.storage.rebuild import books_of
+from saflite.campaign.storage.seal import is_sealed
 from saflite.campaign.storage.snapshot_file import Kept, kept
 from saflite.campaign.storage.sqlite import check_file, checked_chain, connect_reading, damage_named, in_use
 from saflite.campaign.storage.store import store_file
@@ -55,8 +56,51 @@ def audit(run_dir: Path, *, quick: bool = False, blobs: bool = True) -> dict[str
     return {**figures, "clean": not problems, "problems": problems}
 
 
+def told_of(run_dir: Path) -> str:
+    """Return what of a run is lost or damaged, in words, before anything else is told of it; empty if nothing is.
+
+    Commits that are gone, entries with a wrong checksum, and tables that are not what comes of the journal. The last
+    takes a replay, left out where the store is as it was closed, or somebody works on it.
+
+    Raises:
+        Refused: there is no run, or its store cannot be read at all.
+    """
+    words = loss(run_dir)
+    if words:
+        return words
+    if in_use(run_dir) or is_sealed(run_dir):
+        return _chain_fault(store_file(run_dir))
+    try:
+        problems: list[str] = audit(run_dir, quick=True, blobs=False)["problems"]
+    except Refused as fault:
+        return str(fault)
+    except (AssertionError, LookupError, ValueError) as fault:  # lines that fit their checksums
+        return f"this version cannot replay its journal ({type(fault).__name__}: {fault})"
+    return problems[0] if problems else ""
+
+
+def _chain_fault(path: Path) -> str:
+    """Return the first entry of journal or events that is damaged, in words."""
+    connection = connect_reading(path)
+    try:
+        with damage_named(path):
+            check_file(connection, path)
+            for table, query in (
+                ("journal", "SELECT n, chain, line FROM journal ORDER BY n"),
+                ("event", "SELECT seq, chain, event FROM events ORDER BY seq"),
+            ):
+                for _ in checked_chain(connection.execute(query), table, path):
+                    pass
+    except Refused as fault:
+        return str(fault)
+    finally:
+        connection.close()
+    return ""
+
+
 def _audit(run_dir: Path, connection: sqlite3.Connection, path: Path, quick: bool, blobs: bool) -> dict[str, Any]:
-    check = "quick_check" if quick else "integrity_check"
+    # The quick one passes over indices, which queries read as they read tables: enough where no byte has changed.
+    check = "quick_check" if quick and is_sealed(run_dir) else "integrity_check"
     problems = [f"SQLite: {row[0]}" for row in connection.execute(f"PRAGMA {check}(20)") if row[0] != "ok"]
     counted = JournalAudit()
     replayed = _Replayed(books_of(connection), kept(run_dir, start_of(connection), connection))

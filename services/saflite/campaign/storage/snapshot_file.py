@@ -12,17 +12,27 @@ import logging
 import os
 import sqlite3
 import struct
+import sys
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+
+from saflite.contract.errors import Refused
+from saflite.contract.outside import read_bytes
+
 log = logging.getLogger(__name__)
 
+BYTES_MAX = 2 * 2**30
 LINES_MAX = 20_000  # so many journal entries later the next one is due: replayed in about a second
 _HEAD = struct.Struct(">32s32sQI")
 _CHECK_BYTES = hashlib.sha256().digest_size
-_CODE = ("contract", "campaign/engine", "campaign/lifecycle", "campaign/scheduling")
+_CODE = (
+    *("contract", "campaign/engine", "campaign/lifecycle", "campaign/scheduling"),
+    *("flight/novelty.py", "flight/track_shape.py"),
+)
 
 
 class Kept(NamedTuple):
@@ -41,7 +51,7 @@ def keep(run_dir: Path, start: bytes, line: int, chain: int, state: bytes) -> No
     """Write a snapshot in place of the last one. Where the disk does not take it there is none: it is only a cache."""
     path = snapshot_file(run_dir)
     beside = path.with_suffix(".snapshot.part")
-    head = _HEAD.pack(_code(), start, line, chain)
+    head = _HEAD.pack(code(), start, line, chain)
     try:
         with beside.open("wb") as file:
             file.writelines((head, state, _check(head, state)))
@@ -54,16 +64,19 @@ def keep(run_dir: Path, start: bytes, line: int, chain: int, state: bytes) -> No
 
 def kept(run_dir: Path, start: bytes, connection: sqlite3.Connection) -> Kept | None:
     """Return the snapshot if it is whole, of this run, of this code, and stands behind an entry of this journal."""
+    if not os.path.lexists(snapshot_file(run_dir)):
+        return None
     try:
-        data = snapshot_file(run_dir).read_bytes()
-    except OSError:
+        data = read_bytes(snapshot_file(run_dir), "snapshot", BYTES_MAX)
+    except Refused as fault:
+        log.warning("the snapshot is not used: %s", fault)
         return None
     head, state, check = data[: _HEAD.size], data[_HEAD.size : -_CHECK_BYTES], data[-_CHECK_BYTES:]
     if len(head) < _HEAD.size or check != _check(head, state):
         log.warning("%s is damaged and not used", snapshot_file(run_dir))
         return None
-    code, run, line, chain = _HEAD.unpack(head)
-    if (code, run) != (_code(), start):
+    made_by, run, line, chain = _HEAD.unpack(head)
+    if (made_by, run) != (code(), start):
         return None
     row = connection.execute("SELECT chain FROM journal WHERE n = ?", (line,)).fetchone()
     return Kept(line, state) if row == (chain,) else None
@@ -80,12 +93,21 @@ def _check(head: bytes, state: bytes) -> bytes:
     return found.digest()
 
 
-@cache
-def _code() -> bytes:
-    """Return the digest of the code that makes the state of the journal."""
+def code_files() -> list[Path]:
+    """Return the files of the code that makes the state of the journal."""
     package = Path(__file__).resolve().parents[2]
-    found = hashlib.sha256()
-    for room in _CODE:
-        for path in sorted((package / room).rglob("*.py")):
-            found.update(path.relative_to(package).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
+    places = [package / place for place in _CODE]
+    return [path for place in places for path in (sorted(place.rglob("*.py")) if place.is_dir() else [place])]
+
+
+@cache
+def code() -> bytes:
+    """Return the digest of the code that makes the state of the journal, as it was when first asked for.
+
+    Ask for it when the books are opened: what is on disk when they close may have changed meanwhile, and did not run.
+    """
+    package = Path(__file__).resolve().parents[2]
+    found = hashlib.sha256(f"{np.__version__} {sys.version}".encode())
+    for path in code_files():
+        found.update(path.relative_to(package).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
     return found.digest()

@@ -7,6 +7,7 @@ import logging
 import os
 import secrets
 import sqlite3
+import stat
 import zlib
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -51,7 +52,7 @@ def connect_reading(path: Path) -> sqlite3.Connection:
     if not path.is_file():
         raise Refused("run folder", where=str(path.parent), expected="a run with a books.sqlite", got="none")
     with damage_named(path):
-        connection = sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True, timeout=5.0)
+        connection = sqlite3.connect(f"{Path(os.path.realpath(path)).as_uri()}?mode=ro", uri=True, timeout=5.0)
         connection.execute("SELECT 1 FROM meta").fetchone()
     return connection
 
@@ -146,7 +147,7 @@ def meta(connection: sqlite3.Connection, key: str) -> bytes:
 def in_use(run_dir: Path) -> bool:
     """Return whether some process works on a run."""
     try:
-        with (run_dir / "books.lock").open("rb") as file:
+        with _lock_file(run_dir, os.O_RDONLY) as file:
             fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except FileNotFoundError:
         return False
@@ -171,13 +172,23 @@ def checked_chain(rows: Iterable[tuple[int, int, bytes]], table: str, path: Path
         yield content
 
 
+def _lock_file(run_dir: Path, flags: int) -> IO[bytes]:
+    """Open the file that is locked, without waiting for anybody; raises Refused where something else stands there."""
+    path = run_dir / "books.lock"
+    handle = os.open(path, flags | os.O_NONBLOCK | os.O_CLOEXEC, 0o644)
+    if not stat.S_ISREG(os.fstat(handle).st_mode):
+        os.close(handle)
+        raise Refused("books.lock", where=str(run_dir), expected="a regular file", got="a folder, device or pipe")
+    return os.fdopen(handle, "rb" if flags == os.O_RDONLY else "rb+")
+
+
 class InUse(Refused):
     """Another process has the run folder open; one just killed may hold it for a moment longer."""
 
 
 def lock_run(run_dir: Path) -> IO[bytes]:
     """Lock a run folder for this process until the file is closed; raises InUse if another process has it."""
-    file = (run_dir / "books.lock").open("ab")
+    file = _lock_file(run_dir, os.O_RDWR | os.O_CREAT)
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as fault:

@@ -16,6 +16,7 @@ from saflite.campaign.engine.state import Books
 from saflite.campaign.storage import snapshot_file
 from saflite.campaign.storage.contents import Contents
 from saflite.campaign.storage.projections import Tables
+from saflite.campaign.storage.seal import seal
 from saflite.campaign.storage.sqlite import (
     check_file,
     checked_chain,
@@ -70,6 +71,7 @@ class Store:
         self._witness = Witness(run_dir, self._start, self._mark())
         self._unwitnessed = False
         self._kept_line = 0  # the last journal entry in the snapshot
+        snapshot_file.code()  # that of this process, not what stands on disk when it ends
 
     # ---- making and opening --------------------------------------------------------------------------------------
 
@@ -127,6 +129,7 @@ class Store:
         self._checkpoint()
         self._db.close()
         make_one_file(self._path)
+        seal(self._run_dir)
         self._witness.close()
         self._lock.close()
 

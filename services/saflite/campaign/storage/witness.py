@@ -20,9 +20,7 @@ from typing import NamedTuple
 
 from saflite.campaign.storage.sqlite import (
     FIRST_FACTS,
-    check_file,
     check_version,
-    checked_chain,
     connect_reading,
     damage_named,
     in_use,
@@ -30,10 +28,12 @@ from saflite.campaign.storage.sqlite import (
     meta,
 )
 from saflite.contract.errors import Refused, Unavailable
+from saflite.contract.outside import read_bytes
 from saflite.evidence.files import flush
 
 _FIELDS = struct.Struct(">QQIQI")
 _CHECK_BYTES = hashlib.sha256().digest_size
+BYTES_MAX = 64 * 2**20
 RECORD_BYTES = _FIELDS.size + _CHECK_BYTES
 FIX = (
     "restore the whole run folder from a copy (books.sqlite, books.sqlite-wal and books.witness together);"
@@ -149,33 +149,6 @@ def check_loss(run_dir: Path) -> None:
         )
 
 
-def told_of(run_dir: Path) -> str:
-    """Return what of a run is lost or damaged, in words: by its witness, and by the checksum of every entry.
-
-    Raises:
-        Refused: there is no run, or its store cannot be read at all.
-    """
-    words = loss(run_dir)
-    if words:
-        return words
-    path = run_dir / "books.sqlite"
-    connection = connect_reading(path)
-    try:
-        with damage_named(path):
-            check_file(connection, path)
-            for table, query in (
-                ("journal", "SELECT n, chain, line FROM journal ORDER BY n"),
-                ("event", "SELECT seq, chain, event FROM events ORDER BY seq"),
-            ):
-                for _ in checked_chain(connection.execute(query), table, path):
-                    pass
-    except Refused as fault:
-        return str(fault)
-    finally:
-        connection.close()
-    return ""
-
-
 def accept_loss(run_dir: Path) -> None:
     """Take what is left of a run for all there is, with a witness begun anew.
 
@@ -189,12 +162,8 @@ def accept_loss(run_dir: Path) -> None:
 
 
 def _read(run_dir: Path) -> bytes:
-    try:
-        return witness_file(run_dir).read_bytes()
-    except FileNotFoundError:
-        return b""
-    except OSError as fault:
-        raise Unavailable(f"{witness_file(run_dir)} cannot be read: {fault}") from fault
+    path = witness_file(run_dir)
+    return read_bytes(path, "books.witness", BYTES_MAX) if os.path.lexists(path) else b""
 
 
 def _compare(data: bytes, connection: sqlite3.Connection, *, running: bool) -> str:

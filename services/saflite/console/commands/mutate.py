@@ -52,6 +52,7 @@ def run(args: argparse.Namespace) -> int:
         settings=args.set,
     )
     campaign_options.at_least("--count", args.count, 1)
+    campaign_options.at_least("--round", args.round, 0)
     if args.count > COUNT_MAX:
         raise Refused("--count", expected=f"at most {COUNT_MAX}, what one round of a campaign may have", got=args.count)
     if args.out is not None:

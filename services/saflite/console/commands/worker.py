@@ -86,7 +86,7 @@ def _workers(text: str, count: int | None) -> dict[Stage, int]:
     from saflite.runtime.farm import default_simulators
 
     if count is not None:
-        campaign_options.at_least("--workers", count, 1)
+        campaign_options.at_least("--workers", count, 1, campaign_options.WORKERS_MAX)
     wanted = text.split(",")
     unknown = [word for word in wanted if word not in STAGES]
     if unknown or len(set(wanted)) != len(wanted):

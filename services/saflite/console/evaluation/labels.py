@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple
 
 from saflite.contract.errors import Refused
-from saflite.contract.outside import read_text
+from saflite.contract.outside import parse_table, read_text
 
 LAYOUTS = (("log", "interesting"), ("log_id", "shows_issue"))
 """Columns: name of the log, answer. The second is that of the published list of PX4 issues with logs."""
@@ -47,7 +46,7 @@ def fits(name: str, path: Path) -> bool:
 
 def read_labels(path: Path) -> Labels:
     """Return the labels in a CSV file; raises Refused for another layout, another answer, or a log labelled twice."""
-    rows = list(csv.DictReader(read_text(path, "labels").splitlines()))
+    rows = parse_table(read_text(path, "labels"), "labels", str(path))
     layout = next((pair for pair in LAYOUTS if rows and set(pair) <= set(rows[0])), None)
     if layout is None:
         expected = "columns " + " or ".join(f"{name}, {answer}" for name, answer in LAYOUTS)

@@ -7,17 +7,22 @@ from collections.abc import Sequence
 import msgspec
 
 from saflite.console.io.target_options import assignment, with_settings
+from saflite.contract.bounds import COUNT_MAX
 from saflite.contract.config import Campaign, StrategyConfig, check_campaign
 from saflite.contract.errors import Refused
 from saflite.contract.flight import AUTOPILOT_ALIVE
 from saflite.contract.signals import can_show
 from saflite.contract.target_info import TargetInfo
 
+WORKERS_MAX = 1_000  # of a farm at a time (`campaign/engine/worker_registry.py`)
 
-def at_least(name: str, number: float, least: float) -> None:
-    """Raise Refused if a number of the command line is too small."""
+
+def at_least(name: str, number: float, least: float, most: float = COUNT_MAX) -> None:
+    """Raise Refused if a number of the command line is too small, or larger than anybody means."""
     if not number >= least:
         raise Refused(name, expected=f"{least:g} or more", got=number)
+    if number > most:
+        raise Refused(name, expected=f"at most {most:g}", got=number if number < COUNT_MAX else "a larger number")
 
 
 def changed(

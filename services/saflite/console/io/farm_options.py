@@ -49,7 +49,7 @@ def check(args: argparse.Namespace) -> None:
     from saflite.console.io import campaign_options
 
     if args.workers is not None:
-        campaign_options.at_least("--workers", args.workers, 0 if args.listen else 1)
+        campaign_options.at_least("--workers", args.workers, 0 if args.listen else 1, campaign_options.WORKERS_MAX)
     if args.metrics:
         from saflite.runtime.metrics import check_address
 

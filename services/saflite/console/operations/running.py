@@ -88,6 +88,7 @@ def check_books(run_dir: Path, *, accept_loss: bool) -> None:
 
 def follow(run_dir: Path, start: Start, *, as_json: bool, metrics: str = "") -> int:
     """Run a farm with its progress shown, and told at `metrics` if that is an address; returns the exit code."""
+    from saflite.campaign.storage.seal import seal
     from saflite.campaign.storage.sqlite import in_use, make_one_file
     from saflite.campaign.storage.store import store_file
 
@@ -106,6 +107,7 @@ def follow(run_dir: Path, start: Start, *, as_json: bool, metrics: str = "") -> 
         ended = start(on_status)
     if not in_use(run_dir):
         make_one_file(store_file(run_dir))
+        seal(run_dir)
     return conclude(run_dir, ended, as_json=as_json)
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import msgspec
 
 from saflite.contract.errors import FarmError, Unavailable
+from saflite.contract.outside import TEXT_BYTES_MAX, read_bytes
 from saflite.contract.target_info import TargetInfo
 from saflite.contract.wire import UNREADABLE
 from saflite.flight.build import library_version
@@ -53,9 +54,9 @@ def differs(run_dir: Path) -> str:
     from saflite.simulator_worker.registry import describe_target
 
     try:
-        then = msgspec.json.decode((run_dir / FILE).read_bytes(), type=Provenance)
+        then = msgspec.json.decode(read_bytes(run_dir / FILE, FILE, TEXT_BYTES_MAX), type=Provenance)
         now = here(describe_target(then.target))
-    except (OSError, *UNREADABLE, FarmError):
+    except (*UNREADABLE, FarmError):
         return ""
     parts = [
         f"{name} {getattr(then, name)[:12]} then, {getattr(now, name)[:12]} now"

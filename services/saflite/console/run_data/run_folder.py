@@ -11,10 +11,10 @@ from typing import NamedTuple, TypeVar
 
 import msgspec
 
+from saflite.campaign.storage.audit import told_of
 from saflite.campaign.storage.contents import Contents
 from saflite.campaign.storage.sqlite import connect_reading, damage_named
 from saflite.campaign.storage.store import store_file
-from saflite.campaign.storage.witness import told_of
 from saflite.console.run_data.embargo import Released, is_public
 from saflite.console.view import out
 from saflite.contract import wire
@@ -308,7 +308,8 @@ class RunFolder:
         query = (
             "SELECT s.test_case, s.model, s.scored_by, s.value, s.shadow, s.fault, coalesce(c.selected_by, ''),"
             " j.violated FROM scores s LEFT JOIN selected c ON c.test_case = s.test_case"
-            " LEFT JOIN judgements j ON j.test_case = s.test_case AND j.flight_index = 0 ORDER BY s.rowid"
+            " LEFT JOIN judgements j ON j.test_case = s.test_case AND j.flight_index = 0"
+            " ORDER BY s.rowid"
         )
         return [
             ScoreRow._make((*row[:4], bool(row[4]), row[5], row[6], None if row[7] is None else bool(row[7])))

@@ -9,6 +9,9 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+LINE_MAX = 1_500
+"""Characters of one complaint."""
+
 _TEXT = frozenset("\n\t")  # control characters that are layout
 _UNSAFE = ("Cc", "Cf", "Cs", "Zl", "Zp")  # controls, directions of writing and other invisibles, surrogates, line ends
 
@@ -53,9 +56,10 @@ def flush() -> None:
 
 
 def complain(kind: str, text: str) -> None:
-    """Write one line to stderr; line breaks inside `text` are folded."""
+    """Write one line to stderr; line breaks inside `text` are folded, and what nobody reads to its end is cut."""
     sys.stdout.flush()
-    sys.stderr.write(f"saflite: {kind}: {word(' '.join(text.split()))}\n")
+    said = " ".join(text.split())
+    sys.stderr.write(f"saflite: {kind}: {word(said if len(said) <= LINE_MAX else f'{said[:LINE_MAX]}...')}\n")
 
 
 def json(value: Any) -> None:

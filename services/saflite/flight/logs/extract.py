@@ -8,7 +8,6 @@ Empty fields are gaps. A file `summary.csv` beside may hold the texts of the aut
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,7 +17,7 @@ from numpy.typing import NDArray
 
 from saflite.contract.errors import Refused
 from saflite.contract.flight import Trace
-from saflite.contract.outside import read_text
+from saflite.contract.outside import parse_csv, parse_table, read_text
 from saflite.contract.signals import MODES
 from saflite.flight.logs.resample import Columns
 from saflite.flight.logs.ulog import ARMED, FIX_3D, MODE_NAMES, OTHER_MODE
@@ -60,7 +59,7 @@ def read_extract(path: Path, *, placed: bool = True) -> Trace:
     Raises:
         Refused: another layout, a field that is no number, or no position (if `placed`).
     """
-    rows = list(csv.reader(read_text(path, "log extract").splitlines()))
+    rows = parse_csv(read_text(path, "log extract"), "log extract", str(path))
     heads = [word.strip() for word in rows[0]] if rows else []
     if not heads or heads[0] != TIME:
         raise Refused(
@@ -109,6 +108,6 @@ def _texts(path: Path) -> list[str]:
     summary = path.parent / SUMMARY
     if not summary.is_file():
         return []
-    rows = csv.DictReader(read_text(summary, "summary of extracts").splitlines())
+    rows = parse_table(read_text(summary, "summary of extracts"), "summary of extracts", str(summary))
     texts = [row.get("messages_warn_or_worse") or "" for row in rows if row.get("file") == path.stem]
     return [part.strip() for text in texts for part in text.split(" | ") if part.strip()]

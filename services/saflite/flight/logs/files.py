@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-import contextlib
 import io
-from collections.abc import Callable
+import os
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, redirect_stdout, suppress
 from pathlib import Path
 
+from saflite.contract.errors import FarmError, Refused
 from saflite.contract.flight import TRACE_BYTES_MAX, Trace, unpack_trace
 from saflite.contract.outside import check_file, read_bytes
 from saflite.flight.logs.flight_log import FlightLog
@@ -19,7 +22,13 @@ def read_log(path: Path, *, placed: bool = False) -> FlightLog:
         Refused: the file is missing or damaged, or has no position (if `placed`).
     """
     check_file(path, "flight log")
-    found = READERS[path.suffix](path, placed=placed)
+    try:
+        with _quiet():
+            found = READERS[path.suffix](path, placed=placed)
+    except FarmError:
+        raise
+    except Exception as fault:  # others' parsers, and logs that lack what every log has
+        raise Refused("flight log", where=str(path), expected="a whole log", got=_in_a_line(fault)) from fault
     return found if isinstance(found, FlightLog) else FlightLog(found)
 
 
@@ -32,6 +41,26 @@ def read_trace(path: Path, *, placed: bool = True) -> Trace:
     return read_log(path, placed=placed).trace
 
 
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep to itself what the parsers print of a damaged log: pyulog on stdout, pymavlink's indexer in C on stderr."""
+    with suppress(OSError, ValueError):
+        sys.stderr.flush()
+    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 2)
+        with redirect_stdout(io.StringIO()):
+            yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
+
+
+def _in_a_line(fault: Exception) -> str:
+    return " ".join(f"{type(fault).__name__}: {fault}".split())[:200]
+
+
 def _packed(path: Path, *, placed: bool = True) -> Trace:
     return unpack_trace(read_bytes(path, "trace", TRACE_BYTES_MAX))
 
@@ -39,8 +68,7 @@ def _packed(path: Path, *, placed: bool = True) -> Trace:
 def _ulog(path: Path, *, placed: bool = True) -> FlightLog:
     from saflite.flight.logs.ulog import read_ulog_log
 
-    with contextlib.redirect_stdout(io.StringIO()):  # pyulog prints what it thinks of a damaged file
-        return read_ulog_log(path, placed=placed)
+    return read_ulog_log(path, placed=placed)
 
 
 def _extract(path: Path, *, placed: bool = True) -> FlightLog:

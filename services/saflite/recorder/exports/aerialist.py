@@ -6,6 +6,7 @@ was read loses nothing. Also called `yaml`.
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 from saflite.contract.errors import Refused
@@ -63,7 +64,7 @@ def parse_case(text: str, where: str, folder: Path) -> TestCase:
 
     def find(plan: str, place: str) -> Mission:
         for candidate in (folder / plan, Path(plan), folder / Path(plan).name):
-            if candidate.is_file():
+            if os.path.isfile(candidate):  # unlike Path.is_file: of any name
                 return load_plan(candidate)
         fix = f"put {Path(plan).name} beside the YAML"
         raise Refused("mission_file", where=place, expected="a .plan file that is there", got=repr(plan), fix=fix)

@@ -1,0 +1,333 @@
+"""All kinds of files from outside: valid ones, and what the commands that take them do with them."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+import tempfile
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+import msgspec
+import numpy as np
+from file_mutations import Language, wrong
+from mutations import drawn, encoded
+from peer import plain
+from works import works
+
+sys.path.append(str(Path(__file__).resolve().parents[2] / "tests" / "unit" / "flight"))
+
+from log_bytes import ardupilot_flight, px4_flight
+
+from saflite.bus import keyring
+from saflite.campaign.presets.campaigns import BUILTIN_DIR, load_campaign
+from saflite.console.evaluation.evaluating import read_cases
+from saflite.console.evaluation.labels import read_labels
+from saflite.console.io import campaign_options, case_files, cases, toml_text
+from saflite.console.operations import log_judging, replaying
+from saflite.console.run_data import provenance
+from saflite.contract import wire
+from saflite.contract.flight import pack_trace, unpack_trace
+from saflite.contract.ids import digest
+from saflite.contract.modules import forget, use
+from saflite.contract.test_case import TestCase
+from saflite.contract.work import FlyWork, RecordWork
+from saflite.evidence.memory import MemoryBlobs
+from saflite.flight.logs.files import read_log
+from saflite.flight.mission import MISSIONS_DIR, dump_plan, load_plan, waypoints
+from saflite.oracle.judge import judge
+from saflite.oracle.policy import POLICIES_DIR, _foreign, load_policy
+from saflite.recorder import mcap, recording
+from saflite.recorder.exports.aerialist import write_case
+from saflite.runtime import run_modules
+from saflite.runtime.client import FarmInfo, read_info
+from saflite.runtime.spool import Spool
+from saflite.simulator_worker.registry import describe_target, load_target
+
+POLICIES = ("min-obstacle-distance", "upright", "a-flip1", "a-rtl2")
+NOW_S = 1_790_000_000.0
+SAMPLES_RECORDED_MAX = 20_000
+
+
+class FileKind(NamedTuple):
+    """Valid files of one kind, where such a file lies in a folder, and what is done with it."""
+
+    name: str
+    language: Language
+    valid: Callable[[], list[bytes]]
+    use: Callable[[Path], object]
+    made_wrong: Callable[[bytes, np.random.Generator], bytes] | None = None
+    """Instead of what is done to every file of its language: behind checksums, or in a packed part."""
+
+
+# ---- what is read -------------------------------------------------------------------------------------------------
+
+
+class Flown(NamedTuple):
+    """A flight of each of two campaigns, short: over obstacles, and with inputs."""
+
+    work: RecordWork
+    packed: bytes
+
+
+@cache
+def flown() -> tuple[Flown, ...]:
+    """Return what the real services made of two test cases."""
+    blobs, found = MemoryBlobs(), []
+    for name in ("avoidance-m2", "policy-a-flip1"):
+        work = next(work for work in works(name, blobs) if isinstance(work, RecordWork))
+        assert work.flight.trace is not None
+        found.append(Flown(work, blobs.get(work.flight.trace)))
+    return tuple(found)
+
+
+@cache
+def proposed() -> tuple[TestCase, ...]:
+    """Return test cases of two campaigns."""
+    return tuple(
+        work.test_case
+        for name in ("avoidance-m2", "policy-a-flip1")
+        for work in works(name, MemoryBlobs())
+        if isinstance(work, FlyWork)
+    )
+
+
+def _texts(folder: Path, pattern: str, every: int = 1) -> Callable[[], list[bytes]]:
+    return lambda: [path.read_bytes() for path in sorted(folder.glob(pattern))[::every]]
+
+
+def _yaml_cases() -> list[bytes]:
+    with tempfile.TemporaryDirectory() as folder:
+        return [write_case(case, Path(folder), f"c{i}")[0].read_bytes() for i, case in enumerate(proposed())]
+
+
+def _recordings() -> list[bytes]:
+    return [mcap.write(*one, NOW_S) for one in flown()]
+
+
+def _extract() -> list[bytes]:
+    heads = "t_s,x,y,z,vx,roll_deg,yaw_deg,nav_state,arming_state,fix_type,satellites_used"
+    rows = [f"{0.5 * i},{i},{-i},{-5 - i},1.0,{i % 7},,{(3, 5)[i > 20]},2,3,{10 + i % 3}" for i in range(40)]
+    return ["\n".join([heads, *rows]).encode()]
+
+
+@cache
+def _keys() -> Path:
+    folder = Path(tempfile.mkdtemp(prefix="saflite-fuzz-keys-")) / "keys"
+    keyring.init(folder, ["lab.example.org"], now_s=NOW_S)
+    keyring.add(folder, "lab2", ["worker", "recorder"], now_s=NOW_S)
+    return folder
+
+
+def _json(value: object) -> Callable[[], list[bytes]]:
+    return lambda: [msgspec.json.format(msgspec.json.encode(value))]
+
+
+def _report() -> list[bytes]:
+    from saflite.console.io.schema_examples import examples
+    from saflite.contract.work import Report
+
+    return [wire.encode(one) for one in examples(Report).values()]
+
+
+# ---- what is done with it -----------------------------------------------------------------------------------------
+
+
+def case(path: Path) -> None:
+    """As `fly`, `score` and `mutate` take it, up to the flight."""
+    if path.suffix == ".yaml":
+        shutil.copy(MISSIONS_DIR / "mission2.plan", path.parent)
+    found = cases.load_case(path)
+    cases.check_layout(found, str(path))
+    load_target(found.target.name).check(found)
+    wire.checked(found, TestCase)
+    case_files.one_line(found)
+    write_case(found, path.parent / "written", "case")
+
+
+def plan(path: Path) -> None:
+    """As a campaign or a test case takes it."""
+    mission = load_plan(path)
+    waypoints(mission)
+    dump_plan(mission)
+
+
+def campaign(path: Path) -> None:
+    """As `run` takes it, up to the first process."""
+    found = campaign_options.changed(campaign_options.load(str(path)), budget=3)
+    campaign_options.check_runnable(found)
+    campaign_options.remarks(found)
+    toml_text.dump(found)
+    wire.encode(found)
+
+
+def policy(path: Path) -> None:
+    """As `run` and `--module` take it, and judged by."""
+    _foreign.cache_clear()
+    forget()
+    use([path])
+    forget()
+    found = load_campaign(str(path))
+    campaign_options.check_runnable(found)
+    load_policy(str(path))
+    for one in flown():
+        judge(one.work.test_case, one.work.flight, unpack_trace(one.packed), found.policies, found.policy_texts)
+
+
+def log(path: Path) -> None:
+    """As `judge` and `evaluate logs` take it."""
+    for beside in path.parent.iterdir():
+        if beside.is_file() and beside != path:
+            beside.unlink()
+    read_cases(path.parent, read_labels(_labels_beside(path)))
+    judged = log_judging.judge_file(path, None, POLICIES)
+    log_judging.as_csv([judged])
+    log_judging.as_html([judged])
+    _recorded(judged)
+
+
+def _labels_beside(path: Path) -> Path:
+    labels = path.parent / "written" / "labels.csv"
+    labels.parent.mkdir(exist_ok=True)
+    labels.write_text(f"log,interesting\n{path.stem},yes\n")
+    return labels
+
+
+def _recorded(judged: log_judging.Judged) -> None:
+    assert judged.case is not None
+    assert judged.flight is not None
+    assert judged.judgement is not None
+    trace = recording.read(judged.path).trace if judged.path.suffix == ".mcap" else read_log(judged.path).trace
+    work = RecordWork(test_case=judged.case, flight=judged.flight, judgement=judged.judgement)
+    if trace.samples < SAMPLES_RECORDED_MAX:
+        mcap.write(work, pack_trace(trace), NOW_S)
+
+
+def record(path: Path) -> None:
+    """As `judge`, `replay` and `evaluate logs` take it."""
+    replaying.entries(path, "", False, ())
+    log(path)
+    recording.verify(path)
+
+
+def labels(path: Path) -> None:
+    """As `evaluate logs` takes it."""
+    read_labels(path).name_for(Path("log_12_2026.ulg"))
+
+
+def summary(path: Path) -> None:
+    """As an extract beside it is read."""
+    beside = path.parent / "flight.csv"
+    beside.write_bytes(_extract()[0])
+    log_judging.judge_file(beside, None, POLICIES)
+
+
+def register(path: Path) -> None:
+    """As `keys list` takes it."""
+    found = keyring.read_register(path.parent)
+    [(peer.in_words(), found.named(peer.name)) for peer in found.peers]
+    for peer in found.peers:
+        (peer.may("c"), peer.may_order("pause"))
+
+
+def peer_key(path: Path) -> None:
+    """As `worker --keys` takes it."""
+    for name in (keyring.PEER, keyring.CA, keyring.CERTIFICATE, keyring.KEY):
+        if name != path.name:
+            shutil.copy(_keys() / keyring.PEERS / "lab2" / name, path.parent / name)
+    found = keyring.peer_credentials(path.parent, NOW_S)
+    assert found.peer is not None
+    (found.tls(), found.peer.may("c"), found.peer.in_words())
+
+
+def modules(path: Path) -> None:
+    """As `resume` and `replay` take it."""
+    forget()
+    run_modules.use(path.parent)
+    forget()
+
+
+def spooled(path: Path) -> None:
+    """As a worker that comes back takes it."""
+    for report in Spool(path.parent).waiting():
+        wire.encode(report)
+
+
+# ---- behind checksums ---------------------------------------------------------------------------------------------
+
+
+def _wrong_recording(data: bytes, rng: np.random.Generator) -> bytes:
+    """Return a recording with right checksums and wrong attachments, or any bytes."""
+    if rng.random() < 0.4:
+        return wrong(data, "bytes", rng)
+    from io import BytesIO
+
+    from mcap.reader import make_reader
+    from mcap.writer import Writer
+
+    parts = {one.name: one.data for one in make_reader(BytesIO(data)).iter_attachments()}
+    name = list(parts)[int(rng.integers(len(parts)))]
+    parts[name] = _wrong_trace(parts[name], rng) if name == "trace.bin" else wrong(parts[name], "json", rng)
+    buffer = BytesIO()
+    writer = Writer(buffer, enable_data_crcs=True)
+    writer.start()
+    for key, part in parts.items():
+        writer.add_attachment(0, 0, key, "application/json", part)
+    writer.finish()
+    return buffer.getvalue()
+
+
+def _wrong_trace(data: bytes, rng: np.random.Generator) -> bytes:
+    """Return a packed trace of wrong content, or any bytes."""
+    import zlib
+
+    if rng.random() < 0.2:
+        return wrong(data, "bytes", rng)
+    content = encoded(drawn(plain(unpack_trace(data)), rng)[0]) if rng.random() < 0.7 else None
+    return zlib.compress(content if content is not None else wrong(zlib.decompress(data), "bytes", rng), 1)
+
+
+def _wrong_report(data: bytes, rng: np.random.Generator) -> bytes:
+    """Return a spooled result whose digest fits."""
+    body = encoded(drawn(msgspec.msgpack.decode(data), rng)[0]) if rng.random() < 0.7 else wrong(data, "bytes", rng)
+    return digest(body).encode() + body
+
+
+FARM = FarmInfo(campaign="night", endpoint="unixsock-stream//tmp/x", pid=5, processes={"books": 6})
+MODULES = [{"kind": "policy", "name": "a", "file": "/nowhere/a.toml", "digest": "0" * 64}]
+
+
+def _own_policies() -> list[bytes]:
+    """Return policies as somebody's own: ids that do not ship."""
+    shipped = _texts(POLICIES_DIR, "*.toml", every=7)()
+    return [data.replace(b'id = "', b'id = "own-', 1) for data in shipped]
+
+
+def _software() -> list[bytes]:
+    return [msgspec.json.encode(provenance.here(describe_target("reference")))]
+
+
+LABELS = b"log_id,shows_issue\n12,true\n13,false\n"
+ALL: tuple[FileKind, ...] = (
+    FileKind("case.json", "json", lambda: [msgspec.json.encode(one) for one in proposed()], case),
+    FileKind("case.yaml", "yaml", _yaml_cases, case),
+    FileKind("mission.plan", "json", _texts(MISSIONS_DIR, "*.plan"), plan),
+    FileKind("campaign.toml", "toml", _texts(BUILTIN_DIR, "*.toml"), campaign),
+    FileKind("policy.toml", "toml", _own_policies, policy),
+    FileKind("flight.mcap", "bytes", _recordings, record, _wrong_recording),
+    FileKind("flight.trace", "bytes", lambda: [one.packed for one in flown()], log, _wrong_trace),
+    FileKind("flight.ulg", "bytes", lambda: [px4_flight()], log),
+    FileKind("flight.bin", "bytes", lambda: [ardupilot_flight()], log),
+    FileKind("flight.csv", "words", _extract, log),
+    FileKind("summary.csv", "words", lambda: [b"file,messages_warn_or_worse\nflight,a | b\nother,\n"], summary),
+    FileKind("labels.csv", "words", lambda: [b"log,interesting\na,yes\nb,no\nc,unclear\n", LABELS], labels),
+    FileKind("register.toml", "toml", lambda: [(_keys() / "register.toml").read_bytes()], register),
+    FileKind("peer.toml", "toml", lambda: [(_keys() / "peers" / "lab2" / "peer.toml").read_bytes()], peer_key),
+    FileKind("cert.pem", "words", lambda: [(_keys() / "peers" / "lab2" / "cert.pem").read_bytes()], peer_key),
+    FileKind("farm.json", "json", _json(FARM), lambda path: read_info(path.parent)),
+    FileKind("modules.json", "json", _json(MODULES), modules),
+    FileKind("software.json", "json", _software, lambda path: provenance.differs(path.parent)),
+    FileKind("l.1.report", "bytes", _report, spooled, _wrong_report),
+)
