@@ -13,7 +13,7 @@ from saflite.flight.autopilots.betaflight.firmware import VARIANTS, why_missing
 from saflite.flight.autopilots.betaflight.settings import read_settings
 from saflite.flight.autopilots.betaflight.signals import SHOWN_SETTINGS, trace_names
 from saflite.flight.autopilots.betaflight.switches import MODES, SWITCHES, mode_channels, pilot_modes, switch_lines
-from saflite.flight.autopilots.betaflight.vehicle import Vehicle, slots
+from saflite.flight.autopilots.betaflight.vehicle import Vehicle
 from saflite.simulator_worker.agreement import own_contradictions
 from saflite.simulator_worker.registry import describe_target, load_target
 
@@ -76,8 +76,8 @@ def test_each_box_has_a_channel_of_its_own() -> None:
 
 
 def test_every_signal_and_setting_has_its_slot() -> None:
-    assert set(trace_names()) <= set(slots())
-    assert set(SHOWN_SETTINGS) <= set(slots())
+    assert set(trace_names()) <= set(Vehicle.slots())
+    assert set(SHOWN_SETTINGS) <= set(Vehicle.slots())
 
 
 def test_a_link_that_nobody_holds_is_told() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from saflite.flight.autopilots.reference.vehicle import Vehicle, slots
+from saflite.flight.autopilots.reference.vehicle import Vehicle
 from saflite.flight.sensors.faults import FAULTS
 
 NOTHING = np.zeros((0, 8))
@@ -71,7 +71,7 @@ def test_losing_the_gps_takes_the_position_away() -> None:
 
 def test_slots_are_the_same_memory_from_every_side() -> None:
     vehicle = standing()
-    assert len(slots()) == len(set(slots().values()))
+    assert len(Vehicle.slots()) == len(set(Vehicle.slots().values()))
     vehicle["fault_gps_noise"], vehicle["motor_failed"] = 2.0, 3.0
     assert vehicle.sensors["fault_gps_noise"] == 2.0
     assert vehicle.world.state.motor_failed == 3.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from saflite.contract.signals import SIGNALS
 from saflite.contract.target_info import SignalInfo
-from saflite.flight.autopilots.betaflight.vehicle import slots
+from saflite.flight.autopilots.betaflight.vehicle import Vehicle
 from saflite.flight.native_library import Board
 
 _NOT_WRITTEN = frozenset({"time_s", "obstacle_distance_m", "contact", "chute_released", "gps_satellites"})
@@ -81,5 +81,5 @@ def show_setting(board: Board, name: str, value: float) -> None:
 
 def trace_names() -> tuple[str, ...]:
     """Return the signals of a trace."""
-    have = slots()
+    have = Vehicle.slots()
     return (*(name for name in SIGNALS if name in have and name not in _NOT_WRITTEN), *OWN_SIGNALS)

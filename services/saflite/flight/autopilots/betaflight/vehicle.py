@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Sequence
 from functools import cache
 
-import numpy as np
-
-from saflite.flight.native_library import Board, Memory, python_library, slot_names, struct_size
+from saflite.flight.blackboard import Blackboard
+from saflite.flight.native_library import python_library
 from saflite.flight.sensors.sensors import Sensors
 from saflite.flight.world.jsbsim_world import World
-from saflite.flight.world.state import STEP_S
 
-PARTS = ("world", "sensors", "bridge")
 BOXES = (0, 1, 2, 3, 11, 46, 27)  # permanent ids, in the order of bridge.h
 OK, GONE, SILENT, EXITED = range(4)
 PILOT, TELEMETRY, TEST = range(3)
@@ -23,51 +19,31 @@ HEARD_MAX = 262_144
 @cache
 def _library() -> ctypes.PyDLL:
     library, pointer, number = python_library(), ctypes.c_void_p, ctypes.c_int
-    library.bridge_offset.restype = ctypes.c_size_t
-    for name in ("start", "await", "rows", "pid", "code"):
+    for name in ("start", "await", "pid", "code"):
         getattr(library, f"bridge_{name}").argtypes = [pointer]
     for name in ("connect", "run", "listen", "idle"):
         getattr(library, f"bridge_{name}").argtypes = [pointer, number]
     library.bridge_box.argtypes = [pointer, number, number]
     library.bridge_say.argtypes = [pointer, number, ctypes.c_char_p, number]
     library.bridge_heard.argtypes = [pointer, number, ctypes.c_char_p]
-    library.bridge_record.argtypes = [pointer, pointer, pointer, number, number, number]
     return library
 
 
-@cache
-def slots() -> dict[str, int]:
-    """Return name to index of every slot, in doubles from the start of the native struct."""
-    library = _library()
-    found = {
-        name: library.bridge_offset(part) // 8 + place
-        for part, prefix in enumerate(PARTS)
-        for place, name in enumerate(slot_names(prefix))
-    }
-    assert len(found) == sum(len(slot_names(prefix)) for prefix in PARTS), "a slot is listed twice"
-    return found
-
-
-class Vehicle(Board):
+class Vehicle(Blackboard):
     """World and sensors of one flight, and the link to the firmware that flies in them.
 
     Raises:
         Unavailable: JSBSim or the native library is missing.
     """
 
+    WHOLE, PARTS = "bridge", ("world", "sensors", "bridge")
+
     def __init__(self, rng_seed: int) -> None:
         self._library = _library()
-        super().__init__(ctypes.create_string_buffer(struct_size("bridge")), slots())
+        super().__init__()
         self._library.bridge_start(self.address)
-        self.world = World(steps_per_state=1, memory=self._part(0))
-        self.sensors = Sensors(rng_seed, self._part(1))
-        self._rows = np.zeros((0, 0), np.float32)
-        self._columns = np.zeros(0, np.int32)
-        self._names: tuple[str, ...] = ()
-
-    def _part(self, part: int) -> Memory:
-        offset = self._library.bridge_offset(part)
-        return (ctypes.c_char * struct_size(PARTS[part])).from_buffer(self._memory, offset)
+        self.world = World(steps_per_state=1, memory=self.part("world"))
+        self.sensors = Sensors(rng_seed, self.part("sensors"))
 
     # -- the firmware -------------------------------------------------------------------------------------------------
 
@@ -108,19 +84,3 @@ class Vehicle(Board):
         into = ctypes.create_string_buffer(HEARD_MAX)
         count = int(self._library.bridge_heard(self.address, port, into))
         return into.raw[:count]
-
-    # -- the trace ----------------------------------------------------------------------------------------------------
-
-    def record(self, names: Sequence[str], row_limit: int, step_s: float) -> None:
-        """Record the slots `names` every `step_s` from now on, at most `row_limit` rows, the first at once."""
-        self._names = tuple(names)
-        self._columns = np.array([self._slots[name] for name in names], np.int32)
-        self._rows = np.empty((row_limit, len(names)), np.float32)
-        places = (self._rows.ctypes.data, self._columns.ctypes.data)
-        self._library.bridge_record(self.address, *places, len(names), row_limit, round(step_s / STEP_S))
-
-    def columns(self) -> dict[str, bytes]:
-        """Return what was recorded: each name's samples as little-endian float32."""
-        count = int(self._library.bridge_rows(self.address))
-        table = np.ascontiguousarray(self._rows[:count].T, dtype="<f4")
-        return {name: table[i].tobytes() for i, name in enumerate(self._names)}

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from saflite.flight.autopilots.reference.vehicle import Vehicle, slots
+from saflite.flight.autopilots.reference.vehicle import Vehicle
 from saflite.flight.planner.follower import Follower
 from saflite.flight.planner.local_planner import LocalPlanner
 from saflite.flight.planner.settings import PlannerSettings
@@ -31,7 +31,7 @@ class Avoidance:
         self._planner = LocalPlanner(boxes, settings or PlannerSettings())
         self._in, self._out = self._planner.inputs, self._planner.outputs
         self._board = board
-        self._truth = [slots()[name] for name in _TRUTH]
+        self._truth = [Vehicle.slots()[name] for name in _TRUTH]
         self._follower: Follower | None = None
         self._leg: tuple[Point, Point] | None = None
         self._followed_s = -1e9

@@ -15,7 +15,7 @@ from saflite.flight.autopilots.reference import stimuli
 from saflite.flight.autopilots.reference.autopilot import TICK_S, Autopilot
 from saflite.flight.autopilots.reference.avoidance import Avoidance
 from saflite.flight.autopilots.reference.defects import planted_in
-from saflite.flight.autopilots.reference.vehicle import Vehicle, slots
+from saflite.flight.autopilots.reference.vehicle import Vehicle
 from saflite.flight.geometry import boxes_array
 from saflite.flight.world.state import CRASHED, FLYING, FROZEN, STANDING, STEP_S
 from saflite.flight.world.wind import WindField
@@ -252,7 +252,7 @@ class ReferenceFlight:
 
 def trace_names() -> tuple[str, ...]:
     """Return the signals of contract/signals.py that this target writes."""
-    return tuple(name for name in SIGNALS if name in slots() and name not in ORACLE_MADE)
+    return tuple(name for name in SIGNALS if name in Vehicle.slots() and name not in ORACLE_MADE)
 
 
 def note(at_s: float, text: str) -> TraceMessage:
