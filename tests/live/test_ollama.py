@@ -156,7 +156,7 @@ def _end_soon(client: FarmClient) -> int:
 
 def test_campaign_runs_end_to_end_on_the_model(server: Server, tmp_path: Path) -> None:
     label = f"ollama:tiny-a@{server.host}"
-    run = Run(tmp_path, label, more='shadow = ["constant"]')
+    run = Run(tmp_path, label, more='cascade = false\nshadow = ["constant"]')
     assert run.wait() in {0, 1}
     nothing_is_lost(run, BUDGET)
     counted = run.rows("SELECT scored_by, count(*) FROM scores WHERE shadow = 0 GROUP BY 1")
