@@ -12,9 +12,12 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
+import msgspec
+
+from saflite.contract.bounds import Word
 from saflite.contract.errors import Refused
 from saflite.contract.outside import parse_json, read_text
-from saflite.contract.test_case import Mission, MissionItem
+from saflite.contract.test_case import Mission, MissionItem, Plain
 
 EARTH_RADIUS_M = 6_371_000.0
 MISSIONS_DIR = Path(__file__).parent / "missions"
@@ -27,7 +30,6 @@ _NOT_FLOWN = {17: "loiter for ever", 18: "loiter turns", 84: "VTOL take-off", 85
 _FRAME_ABSOLUTE, _FRAME_RELATIVE = {0, 5}, {3, 6, 10, 11}
 _ITEM_KEYS = {"autoContinue", "command", "doJumpId", "frame", "params", "type"}
 _ITEMS_EXTRA = "_items_extra"  # in `plan_extra`: what items hold beyond plain values, by index
-_INT_MAX = 2**63
 
 
 class Waypoint(NamedTuple):
@@ -117,7 +119,7 @@ def _parse_item(raw: Any, key: str, where: str) -> tuple[MissionItem, dict[str, 
     if not isinstance(params, list) or len(params) != 7 or not all(_is_number_or_none(value) for value in params):
         raise Refused(f"{key}.params", where=where, expected="a list of 7 numbers or null", got=params)
     rest = {k: v for k, v in raw.items() if k not in _ITEM_KEYS}
-    plain = {k: v for k, v in rest.items() if _is_plain(v)}
+    plain = {k: v for k, v in rest.items() if _is_plain(k, v)}
     item = MissionItem(
         command=int(command or 0),
         frame=frame,
@@ -133,9 +135,13 @@ def _is_number_or_none(value: Any) -> bool:
     return value is None or (isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300)
 
 
-def _is_plain(value: Any) -> bool:
-    """Return whether the value fits `MissionItem.extra`; anything deeper or longer is kept in `plan_extra`."""
-    return value is None or isinstance(value, bool | float | str) or (isinstance(value, int) and abs(value) < _INT_MAX)
+def _is_plain(key: str, value: Any) -> bool:
+    """Return whether the value fits `MissionItem.extra`; anything deeper, longer or larger is kept in `plan_extra`."""
+    try:
+        msgspec.convert({key: value}, dict[Word, Plain | None])
+    except msgspec.ValidationError:
+        return False
+    return True
 
 
 # ---- writing ------------------------------------------------------------------------------------------------------

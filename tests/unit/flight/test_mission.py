@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from saflite.contract import wire
@@ -77,6 +77,7 @@ OURS = {"autoContinue", "command", "doJumpId", "frame", "params", "type", "fileT
 extras = st.dictionaries(st.text(min_size=1, max_size=6).filter(lambda key: key not in OURS), anything, max_size=4)
 
 
+@example(outer={}, first={}, second={"0": 2**53 + 1}, inner={})
 @given(outer=extras, first=extras, second=extras, inner=extras)
 def test_unknown_content_is_kept(outer: Any, first: Any, second: Any, inner: Any) -> None:
     document = plan(item(**first), item(**second, doJumpId=2), **outer)
