@@ -67,6 +67,11 @@ def test_a_wrong_hint_is_refused(text: str) -> None:
         read_hints([text], ("p",), HAVE)
 
 
+def test_a_campaign_without_a_policy_is_refused() -> None:
+    with pytest.raises(Refused, match="at least one policy"):
+        Strategy(TEMPLATE, {}, (), describe())
+
+
 def test_attention_goes_to_every_policy_and_most_to_those_attended_least_and_silent() -> None:
     attention = Attention(POLICIES)
     rng = derive(1, "test")

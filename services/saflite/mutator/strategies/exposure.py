@@ -76,9 +76,12 @@ class Strategy:
     def __init__(self, template: TestCase, settings: Settings, policies: tuple[str, ...], target: TargetInfo) -> None:
         """Read the settings.
 
-        Raises Refused for a bad one, an input the target does not have, or a template without start and mission.
+        Raises Refused for a bad one, an input the target does not have, no policy, or a template without start and
+        mission.
         """
         self._chosen = Chosen(settings, self.options)
+        if not policies:
+            raise Refused("strategy", expected="a campaign with at least one policy", got="none")
         if template.scenario.start is None and template.scenario.mission is None:
             raise Refused("strategy", expected="a campaign with a start state or a mission", got="neither")
         self._have = inputs.target_inputs(target)
