@@ -6,9 +6,12 @@
 from __future__ import annotations
 
 import os
+import select
 import stat
+import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -167,6 +170,19 @@ def test_a_cancelled_flight_leaves_nothing(peer: Binary, listing: Listing, place
     with pytest.raises(Unavailable, match="cancelled"):
         ArduPilotFlight(case(), peer, listing, place).run(lambda: True)
     assert children(os.getpid()) == []
+
+
+def test_it_ends_with_whoever_started_it(tmp_path: Path) -> None:
+    starting = f"""
+import os, time
+from pathlib import Path
+from saflite.flight.autopilots.ardupilot.process import Process
+print(Process(["/bin/sleep", "600"], Path({str(tmp_path)!r}))._process.pid, flush=True)
+"""
+    pid = int(subprocess.run([sys.executable, "-c", starting], capture_output=True, check=True, text=True).stdout)
+    with suppress(ProcessLookupError):  # gone already
+        ended = os.pidfd_open(pid)
+        assert select.select([ended], [], [], 20.0)[0], "it lives on"
 
 
 # ---- the real one -------------------------------------------------------------------------------------------------

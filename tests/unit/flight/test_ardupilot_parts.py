@@ -9,7 +9,7 @@ import struct
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -24,11 +24,13 @@ from saflite.flight.autopilots.ardupilot.inputs import COMMANDS, Inputs, command
 from saflite.flight.autopilots.ardupilot.link import Radio, SimulatedClock
 from saflite.flight.autopilots.ardupilot.listing import Listing, Row
 from saflite.flight.autopilots.ardupilot.metadata import documented
+from saflite.flight.autopilots.ardupilot.mission import as_taken
 from saflite.flight.autopilots.ardupilot.process import last_line
 from saflite.flight.autopilots.ardupilot.telemetry import EKF_NEEDED, PREARM, Telemetry
 from saflite.flight.autopilots.ardupilot.vehicle import Vehicle
 from saflite.flight.geometry import boxes_array
 from saflite.flight.mavlink.client import Client
+from saflite.flight.mission import builtin_mission
 from saflite.flight.native_library import python_library
 from saflite.simulator_worker.agreement import own_contradictions
 
@@ -338,3 +340,19 @@ def test_what_cannot_be_given_is_refused(stimulus: Stimulus, said: str) -> None:
     with pytest.raises(Refused, match="stimulus 0") as caught:
         check_test_case(case, LISTING)
     assert said in str(caught.value)
+
+
+def test_a_camera_does_not_cost_the_mission() -> None:
+    mission = builtin_mission("mission2")
+    taken = as_taken(mission)
+    assert [item.command for item in mission.items] == [530, 22, 16, 21]
+    assert [item.command for item in taken.items] == [112, 22, 16, 21]
+    assert taken.items[1:] == mission.items[1:]
+
+
+def test_a_return_without_a_speed_of_its_own_takes_the_common_one() -> None:
+    shown: dict[str, float] = {}
+    settings.show(cast(Any, shown), {"RTL_SPEED": 0.0, "WPNAV_SPEED": 700.0})
+    assert shown["return_speed_set_mps"] == 7.0
+    settings.show(cast(Any, shown), {"RTL_SPEED": 300.0, "WPNAV_SPEED": 700.0})
+    assert shown["return_speed_set_mps"] == 3.0

@@ -42,7 +42,10 @@ START_MODES = (
     "SPORT",
 )
 NOT_OFFERED = frozenset(
-    {"FORMAT_VERSION", "SYSID_THISMAV", "SYSID_MYGCS", "SIM_SPEEDUP", "SIM_RATE_HZ", "SIM_LOOP_DELAY"}
+    {
+        *("FORMAT_VERSION", "SYSID_THISMAV", "SYSID_MYGCS", "SIM_SPEEDUP", "SIM_RATE_HZ", "SIM_LOOP_DELAY"),
+        *("LOG_DISARMED", "LOG_BACKEND_TYPE"),
+    }
 )
 """Parameters that would take the link or the clock away from the world rather than say anything of the vehicle."""
 _OURS = ("SERIAL0_", "SR0_")

@@ -19,6 +19,7 @@ from saflite.flight.autopilots.ardupilot.bring_up import HEARTBEAT_S, HOME, Airc
 from saflite.flight.autopilots.ardupilot.inputs import Inputs
 from saflite.flight.autopilots.ardupilot.link import CENTRE_US, CRASHED_BEFORE, TICK_S, Stopped
 from saflite.flight.autopilots.ardupilot.listing import Listing
+from saflite.flight.autopilots.ardupilot.mission import as_taken
 from saflite.flight.autopilots.ardupilot.settings import start_parameters
 from saflite.flight.autopilots.ardupilot.signals import trace_names
 from saflite.flight.autopilots.ardupilot.telemetry import MODES, RATES_HZ, Telemetry
@@ -257,7 +258,7 @@ class ArduPilotFlight:
         longer_s = TICK_S * float(derive(self.test_case.rng_seed, "ardupilot", "start").integers(NOISE_TICKS))
         self._wait(aircraft, lambda: False, longer_s)
         if self._mission is not None:
-            answer = aircraft.client.upload(self._mission, 20.0)
+            answer = aircraft.client.upload(as_taken(self._mission), 20.0)
             if not answer.ok:
                 return f"the mission was {answer.state}, result {answer.result}"
             aircraft.vehicle["mission_count"] = float(len(self._mission.items))
@@ -286,7 +287,7 @@ class ArduPilotFlight:
         board["takeoff_altitude_set_m"] = height_m
 
         def there() -> bool:
-            return abs(board["altitude_m"] - height_m) < NEAR_M and abs(board["climb_mps"]) < SLOW_MPS
+            return abs(board["altitude_est_m"] - height_m) < NEAR_M and abs(board["climb_mps"]) < SLOW_MPS
 
         if not self._wait(aircraft, there, CLIMB_S):
             return f"at {board['altitude_m']:.1f} m after {CLIMB_S:.0f} s: {self._last_words()}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import re
 import select
@@ -16,6 +17,8 @@ from saflite.contract.errors import Unavailable
 CONSOLE_MAX = 200_000
 READ_BYTES = 65_536
 END_S = 2.0
+_LIBC = ctypes.CDLL(None)
+_PR_SET_PDEATHSIG = 1
 _DEATHS = re.compile(r"PANIC|floating point exception|AddressSanitizer|runtime error:|segmentation|aborted", re.I)
 _ADDRESS = re.compile(r"0x[0-9a-fA-F]+")
 
@@ -38,6 +41,7 @@ class Process:
                 stdout=theirs,
                 stderr=theirs,
                 start_new_session=True,
+                preexec_fn=_die_with_parent,  # noqa: PLW1509  (a single system call, looked up before)
             )
         except OSError as fault:
             os.close(ours)
@@ -97,6 +101,11 @@ class Process:
         self.listen()
         os.close(self._console)
         self._console = -1
+
+
+def _die_with_parent() -> None:
+    """Have the kernel kill this process with the one that started it: an autopilot takes no other word for the end."""
+    _LIBC.prctl(_PR_SET_PDEATHSIG, ctypes.c_ulong(signal.SIGKILL), 0, 0, 0)
 
 
 def last_line(console: str) -> str:

@@ -31,6 +31,8 @@ TUNE: dict[str, float] = {
     **{f"RC{channel}_TRIM": 1500 for channel in _CHANNELS},
     "FLTMODE_CH": 0,  # modes are changed by messages, not by a switch
     "BATT_MONITOR": 4,
+    "LOG_DISARMED": 1,  # else arming waits for a file that a thread opens, by wall time
+    "SIM_TEMP_BRD_OFF": 0,  # air pressure is turned into heights by the sensor's temperature: warmer is 5 % too high
     "FS_THR_ENABLE": 1,
     # one telemetry link; what it says is asked for message by message
     "SERIAL1_PROTOCOL": -1,
@@ -82,7 +84,6 @@ SHOWN: dict[str, Shown] = {
     "arming_checks_set": Shown(("ARMING_CHECK",)),
     "angle_max_set_deg": Shown(("ANGLE_MAX",), 0.01),
     "cruise_speed_set_mps": Shown(("WPNAV_SPEED",), 0.01),
-    "return_speed_set_mps": Shown(("RTL_SPEED",), 0.01),
     "return_climb_min_set_m": Shown(("RTL_CLIMB_MIN",), 0.01),
     "loiter_speed_set_mps": Shown(("LOIT_SPEED",), 0.01),
     "disarm_delay_set_s": Shown(("DISARM_DELAY",)),
@@ -112,6 +113,7 @@ def show(vehicle: Vehicle, parameters: Mapping[str, float]) -> None:
     get: Callable[[str, float], float] = parameters.get
     fast = get("LAND_SPEED_HIGH", 0.0) or get("WPNAV_SPEED_DN", 0.0)
     vehicle["land_speed_high_set_mps"] = 0.01 * fast
+    vehicle["return_speed_set_mps"] = 0.01 * (get("RTL_SPEED", 0.0) or get("WPNAV_SPEED", 0.0))
     ceiling = int(get("FENCE_TYPE", 0.0)) & _CEILING
     vehicle["fence_enabled"] = float(get("FENCE_ENABLE", 0.0) != 0.0 and ceiling != 0)
     source = get("EK3_SRC1_POSZ", 1.0)
