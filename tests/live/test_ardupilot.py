@@ -21,11 +21,12 @@ from saflite.conformance.flying import opened
 from saflite.contract.errors import Unavailable
 from saflite.contract.flight import FlightRecord
 from saflite.contract.test_case import Obstacle, Scenario, StartState, Stimulus, StimulusKind, Target, TestCase, Wind
-from saflite.flight.autopilots.ardupilot import vehicle as vehicle_module
 from saflite.flight.autopilots.ardupilot.binary import PLACE, Binary
-from saflite.flight.autopilots.ardupilot.bring_up import Place
 from saflite.flight.autopilots.ardupilot.flight import ArduPilotFlight
-from saflite.flight.autopilots.ardupilot.listing import Listing, ask, known
+from saflite.flight.autopilots.ardupilot.listing import ask, known
+from saflite.flight.autopilots.external import vehicle as vehicle_module
+from saflite.flight.autopilots.external.listing import Listing
+from saflite.flight.autopilots.external.place import Place
 from saflite.flight.mission import builtin_mission
 from saflite.simulator_worker.agreement import differences
 from saflite.simulator_worker.processes import children

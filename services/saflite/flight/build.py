@@ -15,13 +15,14 @@ AUTOPILOTS = "autopilots"
 
 
 @cache
-def build_of(autopilot: str, libraries: tuple[str, ...] = ("jsbsim", "numpy")) -> str:
+def build_of(autopilot: str, libraries: tuple[str, ...] = ("jsbsim", "numpy"), parts: tuple[str, ...] = ()) -> str:
     """Return the digest of an autopilot of this package: its sources, those of the world, versions of libraries.
 
-    The same on every machine: compiled code counts by its source.
+    `parts` are further packages of `autopilots` that it is made of. The same on every machine: compiled code counts by
+    its source.
     """
     found = hashlib.sha256()
-    for path in sorted(_sources(autopilot)):
+    for path in sorted(_sources((autopilot, *parts))):
         found.update(path.relative_to(FLIGHT).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
     for library in libraries:
         found.update(f"{library} {library_version(library)}\0".encode())
@@ -36,9 +37,9 @@ def library_version(name: str) -> str:
         return ""
 
 
-def _sources(autopilot: str) -> Iterator[Path]:
+def _sources(packages: tuple[str, ...]) -> Iterator[Path]:
     for path in FLIGHT.rglob("*"):
         parts = path.relative_to(FLIGHT).parts
-        of_another = parts[0] == AUTOPILOTS and len(parts) > 2 and parts[1] != autopilot
+        of_another = parts[0] == AUTOPILOTS and len(parts) > 2 and parts[1] not in packages
         if path.suffix in SUFFIXES and parts[0] not in BESIDE_THE_FLIGHT and not of_another:
             yield path

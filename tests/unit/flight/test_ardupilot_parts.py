@@ -16,18 +16,21 @@ import pytest
 
 from saflite.contract.errors import Refused
 from saflite.contract.test_case import Obstacle, Scenario, StartState, Stimulus, Target, TestCase
-from saflite.flight.autopilots.ardupilot import binary, obstacles, settings
+from saflite.flight.autopilots.ardupilot import binary, settings
 from saflite.flight.autopilots.ardupilot.bring_up import PORTS_NEEDED, command
 from saflite.flight.autopilots.ardupilot.check import check_test_case
 from saflite.flight.autopilots.ardupilot.describe import describe
-from saflite.flight.autopilots.ardupilot.inputs import COMMANDS, Inputs, command_numbers
-from saflite.flight.autopilots.ardupilot.link import Radio, SimulatedClock
-from saflite.flight.autopilots.ardupilot.listing import Listing, Row
+from saflite.flight.autopilots.ardupilot.inputs import COMMANDS, MODE_NUMBERS
 from saflite.flight.autopilots.ardupilot.metadata import documented
 from saflite.flight.autopilots.ardupilot.mission import as_taken
-from saflite.flight.autopilots.ardupilot.process import last_line
 from saflite.flight.autopilots.ardupilot.telemetry import EKF_NEEDED, PREARM, Telemetry
 from saflite.flight.autopilots.ardupilot.vehicle import Vehicle
+from saflite.flight.autopilots.external import obstacles
+from saflite.flight.autopilots.external.elf import MACHINES
+from saflite.flight.autopilots.external.inputs import Inputs, command_numbers
+from saflite.flight.autopilots.external.link import SimulatedClock
+from saflite.flight.autopilots.external.listing import Listing, Row
+from saflite.flight.autopilots.external.process import last_line
 from saflite.flight.geometry import boxes_array
 from saflite.flight.mavlink.client import Client
 from saflite.flight.mission import builtin_mission
@@ -107,7 +110,7 @@ def test_the_state_is_a_line_of_json_without_blanks_and_time_is_stretched(vehicl
 
 # ---- the binary ---------------------------------------------------------------------------------------------------
 
-NUMBER = {name: number for number, name in binary.MACHINES.items()}[platform.machine()]
+NUMBER = {name: number for number, name in MACHINES.items()}[platform.machine()]
 BACKEND = b"JSON control interface set to %s"
 
 
@@ -274,8 +277,8 @@ def test_answers_find_their_stimuli(vehicle: Vehicle) -> None:
         Stimulus(at_s=0.0, kind="mode", name="LOITER"),
         Stimulus(at_s=0.02, kind="stick", name="RC1", values=(1700.0,)),
     )
-    radio = Radio(9)
-    given = Inputs(Client(SimulatedClock(vehicle), Deaf()), radio, stimuli, LISTING)
+    pulses_us = [1500] * 4
+    given = Inputs(Client(SimulatedClock(vehicle), Deaf()), pulses_us, stimuli, LISTING, MODE_NUMBERS)
     given.give_due(0.0)
     assert not given.finished
     given.hear(message("PARAM_VALUE", param_id=b"RTL_ALT", param_value=900.0))
@@ -284,9 +287,8 @@ def test_answers_find_their_stimuli(vehicle: Vehicle) -> None:
     given.hear(message("COMMAND_ACK", command=21, result=0))
     given.give_due(0.02)
     given.give_due(1.5)  # nobody answered the order to change the mode
-    radio.close()
     assert given.finished
-    assert radio.pulses_us[0] == 1700
+    assert pulses_us[0] == 1700
     answers = [one.answer for one in given.delivered]
     assert answers == ["accepted", "denied", "accepted", "accepted", "timed_out", "accepted"]
 

@@ -159,7 +159,7 @@ class Client:
         before, sends = self._parameter(name, within_s, lambda: self._read_parameter(name))
         if before is None:
             return Answer("timed_out", sends=sends)
-        sent, kind = self._encoded(value, before.param_type), before.param_type
+        sent, kind = self.encoded(value, before.param_type), before.param_type
         rest_s = end_s - self._clock.monotonic_s()
         found, sends = self._parameter(
             name, rest_s, lambda: self.mav.param_set_send(*self._vehicle, name.encode(), sent, kind)
@@ -167,13 +167,13 @@ class Client:
         if found is None:
             return Answer("timed_out", sends=sends)
         taken = struct.pack("<f", found.param_value) == struct.pack("<f", sent)
-        read = self._decoded(found.param_value, found.param_type)
+        read = self.decoded(found.param_value, found.param_type)
         return Answer("accepted" if taken else "denied", value=read, sends=sends)
 
     def parameter(self, name: str, within_s: float) -> float | None:
         """Return a parameter's value, None where the vehicle does not tell it."""
         found, _ = self._parameter(name, within_s, lambda: self._read_parameter(name))
-        return None if found is None else self._decoded(found.param_value, found.param_type)
+        return None if found is None else self.decoded(found.param_value, found.param_type)
 
     def _parameter(self, name: str, within_s: float, order: Callable[[], None]) -> tuple[Any | None, int]:
         return self.wait(
@@ -188,13 +188,15 @@ class Client:
     def _bytewise(self, kind: int) -> bool:
         return kind in WHOLE and self.autopilot == PX4
 
-    def _encoded(self, value: float, kind: int) -> float:
+    def encoded(self, value: float, kind: int) -> float:
+        """Return a parameter's value as this autopilot takes it in a message; `kind` is its MAV_PARAM_TYPE."""
         if not self._bytewise(kind):
             return value
         packed: float = struct.unpack("<f", struct.pack("<" + WHOLE[kind], round(value)).ljust(4, b"\0"))[0]
         return packed
 
-    def _decoded(self, value: float, kind: int) -> float:
+    def decoded(self, value: float, kind: int) -> float:
+        """Return the value that a number in a message of this autopilot stands for."""
         if not self._bytewise(kind):
             return value
         return float(struct.unpack_from("<" + WHOLE[kind], struct.pack("<f", value))[0])

@@ -12,11 +12,12 @@ from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import TestCase
 from saflite.flight.autopilots.ardupilot import listing
 from saflite.flight.autopilots.ardupilot.binary import Binary, named
-from saflite.flight.autopilots.ardupilot.bring_up import Place
 from saflite.flight.autopilots.ardupilot.check import check_test_case
 from saflite.flight.autopilots.ardupilot.describe import describe as describe_binary
 from saflite.flight.autopilots.ardupilot.describe import missing
 from saflite.flight.autopilots.ardupilot.flight import ArduPilotFlight
+from saflite.flight.autopilots.external.listing import Listing
+from saflite.flight.autopilots.external.place import Place
 from saflite.simulator_worker.slots import take_slot
 
 
@@ -59,7 +60,7 @@ def parameters_known() -> tuple[int, int]:
 class ArduPilotSession:
     """Flies each test case in a process of its own, so that nothing of a flight reaches the next."""
 
-    def __init__(self, slot: Slot, binary: Binary, rows: listing.Listing) -> None:
+    def __init__(self, slot: Slot, binary: Binary, rows: Listing) -> None:
         self._slot, self._binary, self._listing = slot, binary, rows
 
     def fly(self, test_case: TestCase, deadline_s: float, cancelled: Cancelled) -> FlightRecord:
@@ -88,7 +89,7 @@ class ArduPilotSession:
         return Place(self._slot.folder, self._slot.ports)
 
 
-def _binary() -> tuple[Binary, listing.Listing]:
+def _binary() -> tuple[Binary, Listing]:
     lacking = missing()
     if lacking:
         raise Unavailable(lacking)
@@ -97,7 +98,7 @@ def _binary() -> tuple[Binary, listing.Listing]:
     return binary, remembered if remembered is not None else _asked(binary)
 
 
-def _asked(binary: Binary) -> listing.Listing:
+def _asked(binary: Binary) -> Listing:
     """Have the binary list its parameters, in a slot of its own."""
     held = take_slot()
     info = held.info

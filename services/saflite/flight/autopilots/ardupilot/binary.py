@@ -8,7 +8,6 @@ from __future__ import annotations
 import hashlib
 import mmap
 import os
-import platform
 import re
 from functools import cache
 from pathlib import Path
@@ -16,13 +15,12 @@ from typing import NamedTuple
 
 from saflite.contract.config import environment, set_environment
 from saflite.contract.errors import Refused, Unavailable
+from saflite.flight.autopilots.external.elf import check_program
 
 AUTOPILOT = "ardupilot"
 PLACE = "SAFLITE_ARDUPILOT"
 HOW_TO_NAME = f"name its simulator build: --autopilot PATH or {PLACE}=PATH"
 WANTED = "name a build of ArduCopter for its simulator (SITL)"
-ELF = b"\x7fELF"
-MACHINES = {3: "i686", 40: "armv7l", 62: "x86_64", 183: "aarch64", 243: "riscv64"}  # e_machine of the ELF header
 VEHICLES = ("ArduCopter", "ArduPlane", "ArduRover", "Rover", "ArduSub", "AntennaTracker", "Blimp")
 _VERSION = re.compile(rb"\0((?:" + "|".join(VEHICLES).encode() + rb") V\d[\w.\- ]*)")
 _PX4 = b"px4_daemon"
@@ -77,7 +75,7 @@ def inspect(path: Path) -> Binary:
 def _inspected(path: Path, changed_ns: int, size: int) -> Binary:
     where = str(path)
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
-        _check_program(content[:20], where)
+        check_program(content[:20], where, WANTED)
         found = _VERSION.search(content)
         if found is None:
             got = "a PX4 binary" if content.find(_PX4) >= 0 else "a program without ArduPilot's version"
@@ -91,16 +89,6 @@ def _inspected(path: Path, changed_ns: int, size: int) -> Binary:
         if not os.access(path, os.X_OK):
             raise Refused("autopilot", where=where, expected="leave to run it", got="none", fix=f"chmod +x {where}")
         return Binary(path, hashlib.sha256(content).hexdigest(), version)
-
-
-def _check_program(head: bytes, where: str) -> None:
-    if head[:4] != ELF:
-        raise Refused("autopilot", where=where, expected="a program (ELF)", got="another kind of file", fix=WANTED)
-    order = "little" if head[5] == 1 else "big"
-    number = int.from_bytes(head[18:20], "little" if order == "little" else "big")
-    machine = MACHINES.get(number, f"processor {number}")
-    if machine != platform.machine() or order != "little":
-        raise Refused("autopilot", where=where, expected=f"one for {platform.machine()}", got=f"one for {machine}")
 
 
 def cache_folder() -> Path:

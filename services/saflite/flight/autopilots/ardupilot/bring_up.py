@@ -2,29 +2,22 @@
 
 from __future__ import annotations
 
-import os
 import shutil
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from socket import socket
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from saflite.contract.errors import Unavailable
-from saflite.flight.autopilots.ardupilot.link import (
-    WORDS,
-    LockstepPort,
-    Radio,
-    SimulatedClock,
-    bound_udp,
-    called_tcp,
-)
-from saflite.flight.autopilots.ardupilot.process import Process
+from saflite.flight.autopilots.ardupilot.link import Radio, called_tcp
 from saflite.flight.autopilots.ardupilot.settings import as_file
-from saflite.flight.autopilots.ardupilot.vehicle import GONE, OK, Vehicle
+from saflite.flight.autopilots.ardupilot.vehicle import Vehicle
+from saflite.flight.autopilots.external.link import WORDS, LockstepPort, SimulatedClock, bound_udp
+from saflite.flight.autopilots.external.place import FailedBringUp, Place
+from saflite.flight.autopilots.external.process import Process
+from saflite.flight.autopilots.external.vehicle import GONE, OK
 from saflite.flight.mavlink.client import Client
 from saflite.flight.world.jsbsim_world import HOME_ALT_M, HOME_LAT_DEG, HOME_LON_DEG
 
@@ -35,31 +28,6 @@ START_TIME_S = 1_700_000_000  # the calendar begins here in every flight
 RATE_HZ = 400
 LISTEN_S, HEARTBEAT_S = 20.0, 30.0
 HOME = (HOME_LAT_DEG, HOME_LON_DEG, HOME_ALT_M)
-
-
-class Place(NamedTuple):
-    """Where a flight may live on its host: a folder of its own, ports nobody else binds."""
-
-    folder: Path
-    ports: range
-
-
-@contextmanager
-def one_core(place: Place) -> Iterator[None]:
-    """Keep this process and what it starts on one core, where two links deliver in the order they were written to.
-
-    Across cores a word on one link may overtake an earlier one on the other, and each takes longer.
-    """
-    before = os.sched_getaffinity(0)
-    os.sched_setaffinity(0, {sorted(before)[place.ports[0] // max(1, len(place.ports)) % len(before)]})
-    try:
-        yield
-    finally:
-        os.sched_setaffinity(0, before)
-
-
-class FailedBringUp(Exception):
-    """The autopilot ended before it answered; says how."""
 
 
 def command(binary: Path, ports: range, home: tuple[float, float, float], yaw_deg: float) -> list[str]:
@@ -123,7 +91,12 @@ class Aircraft:
         except BaseException:
             self.close()
             raise
-        self.client = Client(self.clock, LockstepPort(self.vehicle, self._tcp, self.radio, before_tick))
+
+        def before() -> None:
+            before_tick()
+            self.radio.send()
+
+        self.client = Client(self.clock, LockstepPort(self.vehicle, self._tcp.sendall, before))
 
     def _called(self, place: Place) -> socket:
         if not self.process.wait_for_words("Waiting for connection", LISTEN_S):

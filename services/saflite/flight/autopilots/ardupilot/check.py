@@ -6,9 +6,10 @@ from saflite.contract.errors import Refused
 from saflite.contract.target_info import check_settings
 from saflite.contract.test_case import TestCase
 from saflite.flight.autopilots.ardupilot.describe import TIME_LIMIT_MAX_S
-from saflite.flight.autopilots.ardupilot.inputs import check_parameter, check_stimulus
-from saflite.flight.autopilots.ardupilot.listing import Listing
+from saflite.flight.autopilots.ardupilot.inputs import check_stimulus
 from saflite.flight.autopilots.ardupilot.telemetry import MODES
+from saflite.flight.autopilots.external.inputs import check_parameter
+from saflite.flight.autopilots.external.listing import Listing
 
 ALTITUDE_MAX_M, WIND_MAX_MPS = 500.0, 15.0
 ITEMS_MAX = 700

@@ -10,20 +10,15 @@ from pathlib import Path
 from saflite.contract.target_info import InputInfo, TargetInfo, ValueType
 from saflite.contract.test_case import DEFAULT_TARGET, StartState
 from saflite.flight.autopilots.ardupilot.binary import AUTOPILOT, Binary
-from saflite.flight.autopilots.ardupilot.inputs import (
-    COMMANDS,
-    PULSE_HIGH_US,
-    PULSE_LOW_US,
-    SIMULATION,
-    STICKS,
-)
-from saflite.flight.autopilots.ardupilot.link import CENTRE_US
-from saflite.flight.autopilots.ardupilot.listing import Listing, Row
+from saflite.flight.autopilots.ardupilot.inputs import COMMANDS, SIMULATION
 from saflite.flight.autopilots.ardupilot.metadata import Documented, documented
 from saflite.flight.autopilots.ardupilot.settings import TUNE
 from saflite.flight.autopilots.ardupilot.signals import trace_names
 from saflite.flight.autopilots.ardupilot.telemetry import MODES
 from saflite.flight.autopilots.described import setting_ranges
+from saflite.flight.autopilots.external.inputs import PULSE_HIGH_US, PULSE_LOW_US, STICKS
+from saflite.flight.autopilots.external.link import CENTRE_US
+from saflite.flight.autopilots.external.listing import Listing, Row
 from saflite.flight.build import build_of
 from saflite.flight.mavlink.client import WHOLE
 
@@ -84,7 +79,7 @@ def missing() -> str:
 
 def identity(binary: Binary) -> str:
     """Return the build of the target: the binary's digest and the code of ours that shapes a trace."""
-    ours = build_of(AUTOPILOT, ("jsbsim", "numpy", "pymavlink"))
+    ours = build_of(AUTOPILOT, ("jsbsim", "numpy", "pymavlink"), ("external",))
     return hashlib.sha256(f"{ours} {binary.digest}".encode()).hexdigest()
 
 

@@ -1,34 +1,15 @@
-"""Timed inputs of a test case: which there are, how each is given over MAVLink, and what became of it."""
+"""The inputs that ArduCopter takes: commands, and its simulated faults, which are parameters."""
 
 from __future__ import annotations
 
-import struct
-from collections.abc import Mapping, Sequence
-from functools import cache
-from typing import Any, NamedTuple
+from collections.abc import Collection
 
-import msgspec
-
-from saflite.contract.errors import Refused
-from saflite.contract.flight import Delivered, DeliveryAnswer
 from saflite.contract.test_case import Stimulus
-from saflite.flight.autopilots.ardupilot.link import Radio
-from saflite.flight.autopilots.ardupilot.listing import Listing
 from saflite.flight.autopilots.ardupilot.telemetry import MODES
-from saflite.flight.mavlink.client import CUSTOM_MODE, DO_SET_MODE, IN_PROGRESS, Client
+from saflite.flight.autopilots.external import inputs
 
 SIMULATION = "SIM_"
-STICKS = {
-    "RC1": "roll stick",
-    "RC2": "pitch stick, below the centre is forward",
-    "RC3": "throttle stick",
-    "RC4": "yaw stick",
-}
-PULSE_LOW_US, PULSE_HIGH_US = 800, 2200
-PATIENCE_S = 1.0  # simulated, for an answer
-NUMBERS = 7
-ACCEPTED = 0
-PREFIX = "MAV_CMD_"
+MODE_NUMBERS = {name: (float(number),) for name, number in MODES.items()}
 COMMANDS: dict[str, str] = {
     "MAV_CMD_NAV_TAKEOFF": "climb to a height",
     "MAV_CMD_NAV_LAND": "land here",
@@ -70,139 +51,8 @@ COMMANDS: dict[str, str] = {
 }
 
 
-class _Asked(NamedTuple):
-    """An order that waits for its answer: its place in `Inputs.delivered`, what to look for."""
-
-    place: int
-    command: int
-    parameter: str
-    value: float
-    until_s: float
-
-
-class Inputs:
-    """Gives each stimulus at its time, in order of time and place, and notes what became of it."""
-
-    def __init__(self, client: Client, radio: Radio, stimuli: Sequence[Stimulus], listing: Listing) -> None:
-        self._client, self._radio = client, radio
-        self._types, self._values = listing.types, listing.values
-        self.delivered: list[Delivered] = []
-        self._stimuli = tuple(stimuli)
-        self._order = sorted(range(len(stimuli)), key=lambda index: (stimuli[index].at_s, index))
-        self._asked: list[_Asked] = []
-
-    @property
-    def finished(self) -> bool:
-        """Whether everything was given and every answer came or is overdue."""
-        return len(self.delivered) == len(self._order) and not self._asked
-
-    def give_due(self, time_s: float) -> None:
-        """Give what is due; note what was never answered."""
-        self._asked = [one for one in self._asked if one.until_s > time_s]
-        while len(self.delivered) < len(self._order):
-            index = self._order[len(self.delivered)]
-            if self._stimuli[index].at_s > time_s + 1e-9:
-                return
-            answer = self._give(self._stimuli[index], time_s)
-            self.delivered.append(Delivered(index=index, at_s=max(time_s, self._stimuli[index].at_s), answer=answer))
-
-    def hear(self, message: Any) -> None:
-        """Take the answer in a message, if it is one."""
-        kind = message.get_type()
-        if kind == "COMMAND_ACK" and message.result != IN_PROGRESS:
-            self._answered(lambda one: bool(one.command == message.command), message.result == ACCEPTED, message.result)
-        elif kind == "PARAM_VALUE":
-            told, before = message.param_value, self._values.get(message.param_id)
-            self._values[message.param_id] = told
-            for one in self._asked:
-                if one.parameter == message.param_id:  # cut to a whole number or a limit it was taken all the same
-                    taken = told != before or struct.pack("<f", told) == struct.pack("<f", one.value)
-                    self._answered(lambda other, one=one: other is one, taken, f"kept {told:g}")
-                    return
-
-    def _answered(self, fits: Any, taken: bool, words: object) -> None:
-        one = next((one for one in self._asked if fits(one)), None)
-        if one is None:
-            return
-        self._asked.remove(one)
-        answer: DeliveryAnswer = "accepted" if taken else "denied"
-        said = "" if taken else f"result {words}" if isinstance(words, int) else str(words)
-        entry = self.delivered[one.place]
-        self.delivered[one.place] = msgspec.structs.replace(entry, answer=answer, message=said)
-
-    # -- giving ---------------------------------------------------------------------------------------------------
-
-    def _give(self, stimulus: Stimulus, time_s: float) -> DeliveryAnswer:
-        if stimulus.kind == "stick":
-            pulse_us = round(min(PULSE_HIGH_US, max(PULSE_LOW_US, stimulus.values[0])))
-            self._radio.pulses_us[int(stimulus.name.removeprefix("RC")) - 1] = pulse_us
-            return "accepted"
-        if stimulus.kind in ("parameter", "sensor_fault"):
-            self._set(stimulus.name, stimulus.values[0] if stimulus.values else 1.0, time_s)
-        elif stimulus.kind == "mode":
-            self._order_command(DO_SET_MODE, (CUSTOM_MODE, MODES[stimulus.name]), time_s)
-        else:
-            self._order_command(command_number(stimulus.name), stimulus.values, time_s)
-        return "timed_out"  # unless an answer comes
-
-    def _set(self, name: str, value: float, time_s: float) -> None:
-        self._ask(time_s, parameter=name, value=value)
-        self._client.mav.param_set_send(1, 1, name.encode(), value, self._types[name])
-
-    def _order_command(self, number: int, values: Sequence[float], time_s: float) -> None:
-        self._ask(time_s, command=number)
-        padded = [*values, *([0.0] * NUMBERS)][:NUMBERS]
-        self._client.mav.command_long_send(1, 1, number, 0, *padded)
-
-    def _ask(self, time_s: float, *, command: int = -1, parameter: str = "", value: float = 0.0) -> None:
-        self._asked.append(_Asked(len(self.delivered), command, parameter, value, time_s + PATIENCE_S))
-
-
-@cache
-def command_numbers() -> dict[str, int]:
-    """Return every MAV_CMD of ArduPilot's dialect by name."""
-    from pymavlink.dialects.v20 import ardupilotmega
-
-    return {entry.name: number for number, entry in ardupilotmega.enums["MAV_CMD"].items()}
-
-
-def command_number(name: str) -> int:
-    """Return the number of a MAV_CMD, with or without the prefix."""
-    return command_numbers()[name if name.startswith(PREFIX) else PREFIX + name]
-
-
-def check_stimulus(stimulus: Stimulus, known: Mapping[str, float], where: str) -> None:
+def check_stimulus(stimulus: Stimulus, known: Collection[str], where: str) -> None:
     """Raise Refused for a stimulus that cannot even be given; `known` are the binary's parameters."""
-    name, values = stimulus.name, stimulus.values
-    if stimulus.at_s < 0.0:
-        raise Refused("stimulus time", where=where, expected="0 or later", got=stimulus.at_s)
-    if stimulus.kind in ("parameter", "stick") and len(values) != 1:
-        raise Refused("stimulus values", where=where, expected="one number", got=values)
-    if stimulus.kind == "sensor_fault" and len(values) > 1:
-        raise Refused("stimulus values", where=where, expected="one number at most", got=values)
-    if stimulus.kind in ("parameter", "sensor_fault"):
-        check_parameter(name, known, where)
-    elif stimulus.kind == "stick" and name not in STICKS:
-        raise Refused("stick", where=where, expected=", ".join(STICKS), got=repr(name))
-    elif stimulus.kind == "mode" and name not in MODES:
-        raise Refused("mode", where=where, expected=", ".join(MODES), got=repr(name))
-    elif stimulus.kind == "command":
-        _check_command(name, values, where)
-
-
-def check_parameter(name: str, known: Mapping[str, float], where: str) -> None:
-    """Raise Refused for a parameter the binary does not have, naming the nearest it has."""
-    import difflib
-
-    if name not in known:
-        near = difflib.get_close_matches(name, known, 1)
-        fix = f"did you mean {near[0]}?" if near else ""
-        raise Refused("parameter", where=where, expected=f"one of the binary's {len(known)}", got=repr(name), fix=fix)
-
-
-def _check_command(name: str, values: Sequence[float], where: str) -> None:
-    known = command_numbers()
-    if (name if name.startswith(PREFIX) else PREFIX + name) not in known:
-        raise Refused("command", where=where, expected=f"one of MAVLink's {len(known)} MAV_CMD", got=repr(name))
-    if len(values) > NUMBERS:
-        raise Refused("command values", where=where, expected=f"up to {NUMBERS} numbers", got=len(values))
+    inputs.check_stimulus(stimulus, known, MODES, where)
+    if stimulus.kind == "sensor_fault":
+        inputs.check_parameter(stimulus.name, known, where)

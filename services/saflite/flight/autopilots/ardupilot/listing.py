@@ -1,53 +1,21 @@
-"""What a binary says of its parameters: asked once over MAVLink, then remembered under the binary's digest."""
+"""What an ArduPilot binary says of its parameters; it is started for that where it was never asked."""
 
 from __future__ import annotations
 
-import os
-from functools import cache
-from pathlib import Path
-from typing import Any
-
-import msgspec
 import numpy as np
 
 from saflite.contract.errors import Unavailable
 from saflite.flight.autopilots.ardupilot.binary import Binary, cache_folder
-from saflite.flight.autopilots.ardupilot.bring_up import HEARTBEAT_S, Aircraft, FailedBringUp, Place
-from saflite.flight.autopilots.ardupilot.link import Stopped
-
-ASK_S, AGAIN_S = 30.0, 2.0  # simulated
-VERSION = 1
-
-
-class Row(msgspec.Struct, frozen=True):
-    """One parameter: its value before anything is set, and its MAV_PARAM_TYPE."""
-
-    value: float
-    kind: int
-
-
-class Listing(msgspec.Struct, frozen=True, kw_only=True):
-    """All parameters of a binary by name."""
-
-    binary: str
-    version: int = VERSION
-    parameters: dict[str, Row]
-
-    @property
-    def values(self) -> dict[str, float]:
-        """The value of each parameter before anything is set."""
-        return {name: row.value for name, row in self.parameters.items()}
-
-    @property
-    def types(self) -> dict[str, int]:
-        """The MAV_PARAM_TYPE of each parameter."""
-        return {name: row.kind for name, row in self.parameters.items()}
+from saflite.flight.autopilots.ardupilot.bring_up import Aircraft
+from saflite.flight.autopilots.external import listing
+from saflite.flight.autopilots.external.link import Stopped
+from saflite.flight.autopilots.external.listing import Listing
+from saflite.flight.autopilots.external.place import FailedBringUp, Place
 
 
 def known(binary: Binary) -> Listing | None:
     """Return what is remembered of a binary, None where it was never asked."""
-    path = _file(binary)
-    return _read(path, path.stat().st_mtime_ns) if path.is_file() else None
+    return listing.known(cache_folder(), binary.digest)
 
 
 def ask(binary: Binary, place: Place) -> Listing:
@@ -57,62 +25,17 @@ def ask(binary: Binary, place: Place) -> Listing:
         Unavailable: it does not come up, or does not tell all.
     """
     remembered = known(binary)
-    if remembered is not None and remembered.binary == binary.digest:
+    if remembered is not None:
         return remembered
     try:
         aircraft = Aircraft(binary.path, place, {}, np.zeros((0, 8)))
     except FailedBringUp as fault:
         raise Unavailable(f"{binary.version}: {fault}") from fault
     try:
-        found = Listing(binary=binary.digest, parameters=_asked(aircraft))
+        found = Listing(binary=binary.digest, parameters=listing.listed(aircraft.client))
     except Stopped as fault:
         raise Unavailable(f"{binary.version}: {aircraft.trouble(fault.came)}") from fault
     finally:
         aircraft.close()
-    _remember(binary, found)
+    listing.remember(cache_folder(), found)
     return found
-
-
-def _asked(aircraft: Aircraft) -> dict[str, Row]:
-    client = aircraft.client
-    if not client.wait_for_heartbeat(HEARTBEAT_S):
-        raise Unavailable(f"no heartbeat within {HEARTBEAT_S:.0f} simulated s")
-    rows: dict[int, tuple[str, Row]] = {}
-    count = 0
-
-    def told(message: Any) -> bool:
-        nonlocal count
-        if message.get_type() == "PARAM_VALUE" and message.param_index < 65535:
-            count = message.param_count
-            rows[message.param_index] = (message.param_id, Row(float(message.param_value), int(message.param_type)))
-        return 0 < count <= len(rows)
-
-    client.mav.param_request_list_send(1, 1)
-    client.wait(told, ASK_S)
-    for index in [index for index in range(count) if index not in rows]:
-        client.mav.param_request_read_send(1, 1, b"", index)
-        client.wait(told, AGAIN_S)
-    if not count or len(rows) < count:
-        raise Unavailable(f"told {len(rows)} of {count} parameters")
-    return dict(sorted(rows.values()))
-
-
-def _file(binary: Binary) -> Path:
-    return cache_folder() / f"{binary.digest[:32]}.json"
-
-
-@cache
-def _read(path: Path, changed_ns: int) -> Listing | None:
-    try:
-        found = msgspec.json.decode(path.read_bytes(), type=Listing)
-    except (msgspec.DecodeError, OSError):
-        return None
-    return found if found.version == VERSION else None
-
-
-def _remember(binary: Binary, found: Listing) -> None:
-    path = _file(binary)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_suffix(f".{os.getpid()}.tmp")
-    partial.write_bytes(msgspec.json.encode(found))
-    partial.replace(path)

@@ -8,7 +8,7 @@ import re
 import select
 import signal
 import subprocess
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -19,6 +19,7 @@ READ_BYTES = 65_536
 END_S = 2.0
 _LIBC = ctypes.CDLL(None)
 _PR_SET_PDEATHSIG = 1
+REALTIME_PRIORITY = 5
 _DEATHS = re.compile(r"PANIC|floating point exception|AddressSanitizer|runtime error:|segmentation|aborted", re.I)
 _ADDRESS = re.compile(r"0x[0-9a-fA-F]+")
 
@@ -26,17 +27,31 @@ _ADDRESS = re.compile(r"0x[0-9a-fA-F]+")
 class Process:
     """One process of the autopilot, the first of a group. Its console is a terminal, so that no last word is buffered.
 
+    Args:
+        command: program and arguments.
+        folder: where it runs.
+        environment: all it sees of one; ours by default.
+        realtime: give it real-time priority where this user may, so that it runs before the world whenever it can.
+
     Raises:
         Unavailable: it cannot be started.
     """
 
-    def __init__(self, command: Sequence[str], folder: Path) -> None:
+    def __init__(
+        self,
+        command: Sequence[str],
+        folder: Path,
+        *,
+        environment: Mapping[str, str] | None = None,
+        realtime: bool = False,
+    ) -> None:
         ours, theirs = os.openpty()
         os.set_blocking(ours, False)
         try:
             self._process = subprocess.Popen(
                 command,
                 cwd=folder,
+                env=environment,
                 stdin=subprocess.DEVNULL,
                 stdout=theirs,
                 stderr=theirs,
@@ -49,6 +64,14 @@ class Process:
         finally:
             os.close(theirs)
         self._console, self._said = ours, bytearray()
+        self.realtime = realtime and self._hurry()
+
+    def _hurry(self) -> bool:
+        try:
+            os.sched_setscheduler(self._process.pid, os.SCHED_FIFO, os.sched_param(REALTIME_PRIORITY))
+        except OSError:
+            return False
+        return True
 
     @property
     def console(self) -> str:

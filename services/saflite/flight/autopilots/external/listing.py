@@ -1,0 +1,98 @@
+"""What a binary says of its parameters: asked once over MAVLink, then remembered under the binary's digest."""
+
+from __future__ import annotations
+
+import os
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from saflite.contract.errors import Unavailable
+from saflite.flight.mavlink.client import Client
+
+HEARTBEAT_S, ASK_S, AGAIN_S = 30.0, 30.0, 2.0  # simulated
+VERSION = 1
+
+
+class Row(msgspec.Struct, frozen=True):
+    """One parameter: its value before anything is set, and its MAV_PARAM_TYPE."""
+
+    value: float
+    kind: int
+
+
+class Listing(msgspec.Struct, frozen=True, kw_only=True):
+    """All parameters of a binary by name."""
+
+    binary: str
+    version: int = VERSION
+    parameters: dict[str, Row]
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The value of each parameter before anything is set."""
+        return {name: row.value for name, row in self.parameters.items()}
+
+    @property
+    def types(self) -> dict[str, int]:
+        """The MAV_PARAM_TYPE of each parameter."""
+        return {name: row.kind for name, row in self.parameters.items()}
+
+
+def known(folder: Path, digest: str) -> Listing | None:
+    """Return what `folder` remembers of the binary with this digest, None where it was never asked."""
+    path = _file(folder, digest)
+    found = _read(path, path.stat().st_mtime_ns) if path.is_file() else None
+    return found if found is not None and found.binary == digest else None
+
+
+def listed(client: Client) -> dict[str, Row]:
+    """Return all parameters of the vehicle at the other end of a link; raises Unavailable if it does not tell them."""
+    if not client.wait_for_heartbeat(HEARTBEAT_S):
+        raise Unavailable(f"no heartbeat within {HEARTBEAT_S:.0f} simulated s")
+    rows: dict[int, tuple[str, Row]] = {}
+    count = 0
+
+    def told(message: Any) -> bool:
+        nonlocal count
+        if message.get_type() == "PARAM_VALUE" and message.param_index < 65535:
+            count = message.param_count
+            rows[message.param_index] = (message.param_id, _row(client, message))
+        return 0 < count <= len(rows)
+
+    client.mav.param_request_list_send(1, 1)
+    client.wait(told, ASK_S)
+    for index in [index for index in range(count) if index not in rows]:
+        client.mav.param_request_read_send(1, 1, b"", index)
+        client.wait(told, AGAIN_S)
+    if not count or len(rows) < count:
+        raise Unavailable(f"told {len(rows)} of {count} parameters")
+    return dict(sorted(rows.values()))
+
+
+def _row(client: Client, message: Any) -> Row:
+    return Row(client.decoded(message.param_value, message.param_type), int(message.param_type))
+
+
+def _file(folder: Path, digest: str) -> Path:
+    return folder / f"{digest[:32]}.json"
+
+
+@cache
+def _read(path: Path, changed_ns: int) -> Listing | None:
+    try:
+        found = msgspec.json.decode(path.read_bytes(), type=Listing)
+    except (msgspec.DecodeError, OSError):
+        return None
+    return found if found.version == VERSION else None
+
+
+def remember(folder: Path, found: Listing) -> None:
+    """Keep what a binary said."""
+    path = _file(folder, found.binary)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_suffix(f".{os.getpid()}.tmp")
+    partial.write_bytes(msgspec.json.encode(found))
+    partial.replace(path)
