@@ -1,9 +1,9 @@
 """Betaflight in lockstep: how fast beside bare JSBSim, what a fork costs, whether it is the flight from power-up.
 
-Parts: `lockstep` (simulated time per second of one core's time, firmware and world together, beside bare JSBSim at
-the same step in turns), `forks` (to the first step, memory), `cases` (test cases of 10 s per second), `equal` (forked
-flights against cold ones, bit by bit), `again` (cases re-flown), `leaks` (forks in a row). Core time counts, wall time
-is beside it: a busy machine stretches the latter.
+Parts: `lockstep` (simulated time per second of one core's time, firmware and world together, beside the bare F450 that
+JSBSim ships and our own bare file of it, at the same step in turns), `forks` (to the first step, memory), `cases`
+(test cases of 10 s per second), `equal` (forked flights against cold ones, bit by bit), `again` (cases re-flown),
+`leaks` (forks in a row). Core time counts, wall time is beside it: a busy machine stretches the latter.
 """
 
 from __future__ import annotations
@@ -20,6 +20,8 @@ from resource import RUSAGE_SELF, getrusage
 from statistics import median
 from tempfile import TemporaryDirectory
 from typing import Any, cast
+
+import flight as flight_bench
 
 from saflite.conformance.flying import DEADLINE_S, opened
 from saflite.contract.flight import FlightRecord, trace_digest
@@ -82,11 +84,10 @@ def lockstep(options: argparse.Namespace) -> dict[str, Any]:
     with TemporaryDirectory() as place:
         flight = BetaflightFlight(case, VARIANT, configure(VARIANT, {}, Path(place)), Path(place))
         flight.begin()
-        bare = World(20.0)
-        rows = []
+        bare, shipped, rows = World(20.0), flight_bench.shipped_f450(), []
         try:
             for turn in range(TURNS + 1):
-                row = _turn(flight, bare, WARM_UP_TICKS if turn == 0 else TURN_TICKS)
+                row = _turn(flight, (bare.step_jsbsim, shipped.run), WARM_UP_TICKS if turn == 0 else TURN_TICKS)
                 rows += [row] if turn else []
         finally:
             flight.close()
@@ -94,24 +95,31 @@ def lockstep(options: argparse.Namespace) -> dict[str, Any]:
     both = middle["firmware_us"] + middle["world_us"]
     return {
         **{key: round(value, 2) for key, value in middle.items()},
-        "bare_x": round(STEP_S * 1e6 / middle["bare_us"], 1),
+        "bare_ours_x": round(STEP_S * 1e6 / middle["bare_ours_us"], 1),
+        "bare_shipped_x": round(STEP_S * 1e6 / middle["bare_shipped_us"], 1),
         "lockstep_x": round(STEP_S * 1e6 / both, 1),
-        "share_of_bare": round(median(row["bare_us"] / (row["firmware_us"] + row["world_us"]) for row in rows), 3),
+        "of_bare_ours": _share(rows, "bare_ours_us"),
+        "of_bare_shipped": _share(rows, "bare_shipped_us"),
         "turns": rows,
     }
 
 
-def _turn(flight: BetaflightFlight, bare: World, ticks: int) -> dict[str, float]:
+def _share(rows: list[dict[str, float]], bare: str) -> float:
+    return round(median(row[bare] / (row["firmware_us"] + row["world_us"]) for row in rows), 3)
+
+
+def _turn(flight: BetaflightFlight, bare: tuple[Callable[[], object], ...], ticks: int) -> dict[str, float]:
     steps, pid = ticks * TICK_STEPS, flight.vehicle.pid
     firmware_s, world_s, wall_s = core_s(pid), time.process_time(), time.monotonic()
     for _ in range(ticks):
         assert flight._step(never) is None, "the hover ended"
-    firmware_s, world_s = core_s(pid) - firmware_s, time.process_time() - world_s
-    wall_s, bare_s = time.monotonic() - wall_s, time.process_time()
-    for _ in range(steps):
-        bare.step_jsbsim()
-    bare_s = time.process_time() - bare_s
-    took = {"firmware_us": firmware_s, "world_us": world_s, "wall_us": wall_s, "bare_us": bare_s}
+    took = {"firmware_us": core_s(pid) - firmware_s, "world_us": time.process_time() - world_s}
+    took["wall_us"] = time.monotonic() - wall_s
+    for name, step in zip(("bare_ours_us", "bare_shipped_us"), bare, strict=True):
+        began_s = time.process_time()
+        for _ in range(steps):
+            step()
+        took[name] = time.process_time() - began_s
     return {key: value / steps * 1e6 for key, value in took.items()}
 
 

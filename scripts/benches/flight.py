@@ -85,6 +85,12 @@ def bare_shipped() -> Measured:
 
 def shipped() -> None:
     """Measure the shipped F450 and print it."""
+    fdm = shipped_f450()
+    print("\nmeasured", *_timed(lambda: _stepped(fdm.run)))
+
+
+def shipped_f450() -> Any:
+    """Return the shipped F450 in a hover at 400 Hz; JSBSim chats on standard output meanwhile."""
     import jsbsim
 
     fdm: Any = jsbsim.FGFDMExec(jsbsim.get_default_root_dir(), None)
@@ -95,7 +101,7 @@ def shipped() -> None:
     fdm["propulsion/set-running"], fdm["fcs/ScasEngage"] = -1, 0
     for name in ("FR", "AL", "FL", "AR"):
         fdm[f"fcs/cmd{name}_ext_nd"] = 0.435
-    print("\nmeasured", *_timed(lambda: _stepped(fdm.run)))
+    return fdm
 
 
 def _child(call: str) -> str:

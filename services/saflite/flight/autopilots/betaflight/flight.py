@@ -174,9 +174,7 @@ class BetaflightFlight:
     def _tick(self) -> int:
         """Pilot and air, then 20 ms of firmware and world."""
         if self._pilot_holds and self.vehicle["armed"] != 0.0:
-            height_held = self.vehicle["box_altitude_hold"] != 0.0 or self.vehicle["box_rescue"] != 0.0
-            place_held = self.vehicle["box_position_hold"] != 0.0 or self.vehicle["box_rescue"] != 0.0
-            self.pilot.move(height_held, place_held)
+            self.pilot.move()
         spoil_pulses(self)
         self.air.tick()
         return self.vehicle.run(TICK_STEPS)
@@ -260,7 +258,7 @@ class BetaflightFlight:
         """Take off and hover in the mode of the start state; return why not, empty if it does."""
         board, waited_s, near_s = self.vehicle, 0.0, 0.0
         while near_s < SETTLE_S:
-            self.pilot.move(height_held=False, place_held=False)
+            self.pilot.move()
             self._wait(TICK_S)
             waited_s += TICK_S
             near = abs(board["altitude_m"] - self.start.altitude_m) < 0.5 and board["home_distance_m"] < 1.5

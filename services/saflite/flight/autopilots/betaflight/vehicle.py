@@ -26,6 +26,7 @@ def _library() -> ctypes.PyDLL:
     library.bridge_box.argtypes = [pointer, number, number]
     library.bridge_say.argtypes = [pointer, number, ctypes.c_char_p, number]
     library.bridge_heard.argtypes = [pointer, number, ctypes.c_char_p]
+    library.bridge_pilot.argtypes = [pointer, ctypes.c_double, ctypes.c_double, number]
     return library
 
 
@@ -65,6 +66,10 @@ class Vehicle(Blackboard):
     def run(self, steps: int) -> int:
         """Run steps of 2.5 ms; return OK, GONE, SILENT or EXITED. Stops early when the world has crashed."""
         return int(self._library.bridge_run(self.address, steps))
+
+    def move_sticks(self, altitude_m: float, hover_us: float, taken: int) -> None:
+        """Move the sticks as a pilot does who keeps the height and the place, but those `taken` (a bit each)."""
+        self._library.bridge_pilot(self.address, altitude_m, hover_us, taken)
 
     def know_boxes(self, ids: bytes) -> None:
         """Take the order in which the firmware lists its boxes (permanent ids): places of bits in its status."""

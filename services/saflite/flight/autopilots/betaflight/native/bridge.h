@@ -61,6 +61,7 @@ typedef struct {
     Sensors sensors;
     double at[BRIDGE_SLOT_COUNT];
     double gyro_held[3], acc_held[3], gps_held[6], gps_drifted_m[2], lag[MOTORS], pressure_pa;
+    double trim_us;        /* of the pilot's throttle */
     double rescue_asked_s; /* how long a rescue may still be the pilot's after its switch */
     Recorder recorder;
     int32_t box_bits[BOX_COUNT];
