@@ -83,7 +83,8 @@ def track_of(signals: FlightSignals) -> Track:
         return ()
     stride = max(1, math.floor(TRACK_STEP_S / signals.step_s + 0.5))
     index = np.unique(np.append(np.arange(0, signals.samples, stride), signals.samples - 1))
-    columns = [np.round(np.asarray(signals[name][index], dtype=np.float64), 2) for name in ("x_m", "y_m", "altitude_m")]
+    places = (np.asarray(signals[name][index], dtype=np.float64) for name in ("x_m", "y_m", "altitude_m"))
+    columns = [np.round(place, 2) + 0.0 for place in places]  # no -0.0, which journals would have to keep apart
     times = np.round(index * signals.step_s, 3)
     known = np.isfinite(columns).all(axis=0)
     rows = zip(times[known], *(column[known] for column in columns), strict=True)

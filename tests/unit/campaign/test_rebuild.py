@@ -10,7 +10,7 @@ import pytest
 from books_drive import Driver, doubles
 
 from saflite.campaign.storage.audit import audit
-from saflite.campaign.storage.projections import TABLES
+from saflite.campaign.storage.projections import BY_KEY, TABLES
 from saflite.campaign.storage.rebuild import rebuild
 from saflite.campaign.storage.store import Store, store_file
 from saflite.contract.errors import Refused
@@ -56,7 +56,8 @@ def rows(run_dir: Path) -> dict[str, list[tuple[object, ...]]]:
 
 
 def _all(table: str) -> str:
-    return "SELECT * FROM meta ORDER BY key" if table == "meta" else f"SELECT rowid, * FROM {table} ORDER BY rowid"
+    by_key = table == "meta" or table in BY_KEY
+    return f"SELECT * FROM {table} ORDER BY 1, 2" if by_key else f"SELECT rowid, * FROM {table} ORDER BY rowid"
 
 
 def change(run_dir: Path, statement: str) -> None:

@@ -11,10 +11,11 @@ from typing import Literal
 
 import msgspec
 
+from saflite.campaign.engine.track_packing import Track, pack_track, unpack_track
 from saflite.campaign.scheduling.work_keys import WorkKey
 from saflite.contract.control import Control
 from saflite.contract.events import Fact
-from saflite.contract.work import Result
+from saflite.contract.work import JudgeResult, Result
 
 SelectedBy = Literal["score", "random"]
 How = Literal["lost", "undelivered", "handed_back", "refused", "caught_up"]
@@ -119,7 +120,17 @@ class Line(msgspec.Struct, frozen=True, array_like=True):
 
 
 _ENCODER = msgspec.msgpack.Encoder(order="deterministic")
-_DECODER = msgspec.msgpack.Decoder(Line)
+
+
+class _Stored(msgspec.Struct, frozen=True, array_like=True):
+    """A line as it is written: the track of a judgement stands beside it, packed, where it has one."""
+
+    at_s: float
+    entry: Entry
+    track: bytes = b""
+
+
+_DECODER = msgspec.msgpack.Decoder(_Stored)
 _PACKED = b"\x78"
 """First byte of a zlib stream; a line begins with that of an array, so it is not to be mistaken."""
 
@@ -129,14 +140,38 @@ LINE_MAX_BYTES = 64 * 2**20
 
 def encode_line(line: Line) -> bytes:
     """Return a journal line as bytes; equal lines give equal bytes. Proposals and judgements shrink to a third."""
-    data = _ENCODER.encode(line)
+    data = _ENCODER.encode(_with_track_beside(line))
     return zlib.compress(data, 1) if len(data) >= PACKED_FROM_BYTES else data
 
 
 def decode_line(data: bytes) -> Line:
     """Return the journal line in `data`; raises msgspec.MsgspecError if it is none."""
-    line: Line = _DECODER.decode(_unpacked(data) if data.startswith(_PACKED) else data)
+    stored: _Stored = _DECODER.decode(_unpacked(data) if data.startswith(_PACKED) else data)
+    return Line(stored.at_s, _with_track(stored) if stored.track else stored.entry)
+
+
+def _with_track_beside(line: Line) -> Line | _Stored:
+    entry = line.entry
+    if isinstance(entry, Settled) and isinstance(entry.result, JudgeResult):
+        track = pack_track(entry.result.judgement.track)
+        if track:
+            return _Stored(line.at_s, _of_track(entry, entry.result, ()), track)
     return line
+
+
+def _with_track(stored: _Stored) -> Settled:
+    entry = stored.entry
+    if not isinstance(entry, Settled) or not isinstance(entry.result, JudgeResult):
+        raise msgspec.DecodeError("a track beside what is no judgement")
+    try:
+        return _of_track(entry, entry.result, unpack_track(stored.track))
+    except ValueError as fault:
+        raise msgspec.DecodeError(f"a packed track that cannot be unpacked: {fault}") from fault
+
+
+def _of_track(entry: Settled, result: JudgeResult, track: Track) -> Settled:
+    judgement = msgspec.structs.replace(result.judgement, track=track)
+    return msgspec.structs.replace(entry, result=msgspec.structs.replace(result, judgement=judgement))
 
 
 def _unpacked(data: bytes) -> bytes:

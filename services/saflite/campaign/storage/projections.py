@@ -14,7 +14,7 @@ from saflite.campaign.engine.outbox import Batch, Value
 from saflite.contract import wire
 from saflite.contract.events import kind_of
 
-FORMAT = 6
+FORMAT = 7
 """Version of the store; a store of another version is refused."""
 
 TABLES: dict[str, tuple[str, ...]] = {
@@ -137,11 +137,17 @@ TABLES: dict[str, tuple[str, ...]] = {
     ),
 }
 
+BY_KEY = ("usage", "selected", "judgements", "endings", "outcomes", "recordings", "attempts")
+"""Tables that stand in order of their keys, so that keys stand once; the others are read in the order of writing."""
+
 CREATE = (
     "CREATE TABLE meta (key TEXT PRIMARY KEY, value BLOB) WITHOUT ROWID",
     "CREATE TABLE journal (n INTEGER PRIMARY KEY, chain INTEGER NOT NULL, line BLOB NOT NULL)",
     "CREATE TABLE events (seq INTEGER PRIMARY KEY, kind TEXT, at_unix_s REAL, chain INTEGER NOT NULL, event BLOB)",
-    *(f"CREATE TABLE {table} ({', '.join(columns)})" for table, columns in TABLES.items()),
+    *(
+        f"CREATE TABLE {table} ({', '.join(columns)}){' WITHOUT ROWID' if table in BY_KEY else ''}"
+        for table, columns in TABLES.items()
+    ),
 )
 
 
