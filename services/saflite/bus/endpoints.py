@@ -12,7 +12,10 @@ from typing import NamedTuple
 from saflite.contract.errors import Refused
 
 UNIX_PATH_BYTES_MAX = 107  # sockaddr_un
-_TCP = re.compile(r"(?P<link>tcp|tls)/(?:\[(?P<six>[0-9A-Fa-f:.]+)\]|(?P<host>[A-Za-z0-9.-]+)):(?P<port>\d{1,5})")
+HOST_CHARS_MAX = 253  # RFC 1035
+_LABEL = r"[A-Za-z0-9-]{1,63}"
+_HOST = rf"(?:{_LABEL}\.)*{_LABEL}\.?"
+_TCP = re.compile(rf"(?P<link>tcp|tls)/(?:\[(?P<six>[0-9A-Fa-f:.]+)\]|(?P<host>{_HOST})):(?P<port>\d{{1,5}})")
 _UNIX = re.compile(r"unixsock-stream/(?P<path>[^?#]+)")
 EXPECTED = "tls/HOST:PORT, tcp/HOST:PORT or unixsock-stream/PATH"
 
@@ -53,7 +56,7 @@ def parse_endpoint(text: str, argument: str = "endpoint") -> Endpoint:
     tcp = _TCP.fullmatch(text)
     host = (tcp["six"] or tcp["host"]) if tcp is not None else ""
     port = int(tcp["port"]) if tcp is not None else 0
-    if tcp is None or not 1 <= port <= 65535 or (tcp["six"] and _ip(host) is None):
+    if tcp is None or not 1 <= port <= 65535 or len(host) > HOST_CHARS_MAX or (tcp["six"] and _ip(host) is None):
         raise Refused(argument, expected=EXPECTED, got=repr(text[:120]))
     return Endpoint(text, host, port)
 

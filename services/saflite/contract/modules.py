@@ -18,7 +18,7 @@ import msgspec
 
 from saflite.contract.errors import Refused
 from saflite.contract.ids import digest
-from saflite.contract.outside import TEXT_BYTES_MAX, parse_toml, read_bytes, read_text
+from saflite.contract.outside import TEXT_BYTES_MAX, check_file, parse_toml, read_bytes, read_text
 
 Kind = Literal["target", "strategy", "scorer", "policy"]
 KINDS = "a target (describe, check, open), a strategy (class Strategy), a scorer (class Model) or a policy (.toml)"
@@ -58,7 +58,8 @@ def use(files: Iterable[Path]) -> tuple[Outside, ...]:
     Raises:
         Refused: one cannot be read or run, is none of the kinds, or lacks what its kind needs.
     """
-    found = tuple(_read(Path(os.path.realpath(path))) for path in files)
+    readable = [check_file(path, "module") for path in files]  # told under the name it was given
+    found = tuple(_read(Path(os.path.realpath(path))) for path in readable)
     _given.update({(module.kind, module.name): module for module in found})
     return found
 

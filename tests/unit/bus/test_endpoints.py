@@ -29,7 +29,8 @@ def test_what_others_reach_needs_insecure(text: str) -> None:
     "text",
     ["", "tcp", "tcp/", "tcp/127.0.0.1", "tcp/127.0.0.1:0", "tcp/127.0.0.1:65536", "udp/127.0.0.1:7447",
      "tcp/[nonsense]:7447", "tcp/127.0.0.1:7447#iface=eth0", "tcp/a b:1", "unixsock-stream/",
-     "tcp/127.0.0.1:7447;tcp/10.0.0.5:7447", "unixsock-stream//" + "x" * 200],
+     "tcp/127.0.0.1:7447;tcp/10.0.0.5:7447", "unixsock-stream//" + "x" * 200,
+     "tcp/" + "h" * 64 + ":1", "tcp/a..b:1", "tcp/" + "h." * 130 + "h:1"],
 )  # fmt: skip
 def test_what_is_no_endpoint_is_refused_even_if_insecure(text: str) -> None:
     with pytest.raises(Refused):

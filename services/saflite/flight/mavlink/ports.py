@@ -158,7 +158,7 @@ class TcpClientPort:
         self.name = f"tcpout:{host}:{port}"
         try:
             self._socket = socket.create_connection((host, port), timeout=CONNECT_S)
-        except OSError as fault:
+        except (OSError, UnicodeError, OverflowError) as fault:  # the latter two of names and ports that are none
             raise Unavailable(f"{host}:{port}: {fault}") from fault
         self._socket.setblocking(False)
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)

@@ -209,7 +209,7 @@ def _knock(address: str) -> None:
         return
     try:
         socket.create_connection((host.strip("[]"), int(port)), REACH_S).close()
-    except (OSError, OverflowError) as fault:
+    except (OSError, UnicodeError, OverflowError) as fault:
         raise Unavailable(f"no Ray cluster at {address}: {fault}") from fault
 
 
