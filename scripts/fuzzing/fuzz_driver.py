@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import logging
+import secrets
 import sys
 import time
 import traceback
@@ -28,6 +29,7 @@ from corpus import kept  # noqa: E402
 from saflite.contract.ids import digest  # noqa: E402
 from saflite.contract.rng import derive  # noqa: E402
 
+FOREVER = 10**9  # messages
 SLICE_S = 0.5
 SHOWN_MAX = 5
 
@@ -40,6 +42,7 @@ class Counts:
         self.failed: dict[tuple[str, str], tuple[int, str]] = {}
         self.slice_s = 0.0  # what the last turn took
         self.keep: Path | None = None
+        self.unfinished: list[str] = []  # kinds that time was too short for
 
     def note(self, kind: str, fault: BaseException, data: bytes = b"") -> None:
         """Note an exception, by kind and place; the file that led to it is kept, if there is a folder for that."""
@@ -55,9 +58,10 @@ class Counts:
 
 
 def fuzz(kinds: list[str], seconds: float, count: int, rng_seed: int, keep: Path | None = None) -> Counts:
-    """Say messages and hand in files of all kinds until the time is up, or there were `count` of each.
+    """Say messages and hand in files of all kinds until there were `count` of each, or the time is up.
 
-    Whatever kind has had the least time so far is next; the time a service takes to come up is not counted.
+    Whatever kind has had the least time so far is next; the time a service takes to come up is not counted. Each kind
+    has random numbers of its own: what is said depends on `rng_seed` alone, how much of it on the time at most.
     """
     counts, under_way = Counts(), dict[str, Fuzzed]()
     counts.keep = keep
@@ -72,6 +76,7 @@ def fuzz(kinds: list[str], seconds: float, count: int, rng_seed: int, keep: Path
         if counts.said[kind] >= count:
             del spent_s[kind]
             _close(kind, under_way, counts)
+    counts.unfinished = [kind for kind in spent_s if count < FOREVER]
     for kind in list(under_way):
         _close(kind, under_way, counts)
     return counts
@@ -138,14 +143,17 @@ def _close(kind: str, under_way: dict[str, Fuzzed], counts: Counts) -> None:
 def main(argv: list[str]) -> int:
     """Fuzz, print the counts, and return 0 if nothing raised."""
     text = argparse.ArgumentParser(prog="scripts/fuzz", description=__doc__.splitlines()[0])
-    text.add_argument("--seconds", type=float, default=60.0, help="for how long (default 60)")
-    text.add_argument("--count", type=int, default=10**9, help="messages or files of each kind after which it ends")
+    text.add_argument("--seconds", type=float, default=60.0, help="for how long at most (default 60)")
+    text.add_argument("--count", type=int, default=FOREVER, help="messages or files of each kind after which it ends")
     text.add_argument("--kinds", default="", help="only kinds that begin so, separated by commas")
     text.add_argument("--keep", type=Path, metavar="DIR", help="write the first file of each kind of failure there")
-    text.add_argument("--rng-seed", type=int, default=1)
+    text.add_argument("--rng-seed", type=int, default=1, help="the same seed and count say the same (default 1)")
+    text.add_argument("--fresh", action="store_true", help="draw a seed; it is printed")
     options = text.parse_args(argv)
     logging.disable(logging.CRITICAL)
     warnings.simplefilter("ignore")
+    if options.fresh:
+        options.rng_seed = secrets.randbelow(2**31)
     wanted = tuple(options.kinds.split(",")) if options.kinds else ("",)
     counts = fuzz(
         [kind for kind in KINDS if kind.startswith(wanted)],
@@ -160,8 +168,11 @@ def main(argv: list[str]) -> int:
         print(f"\nFAILED {times} times: {kind}: {place}\n{trace}")
     for (kind, place), (times, _) in counts.failed.items():
         print(f"FAILED {kind}: {place}, {times} times")
+    if counts.unfinished:
+        print(f"the time was too short for all of: {', '.join(counts.unfinished)}")
     said, kinds = counts.said.total(), len(counts.said)
-    print(f"{said} wrong messages and files of {kinds} kinds, {len(counts.failed)} kinds of failures")
+    failed = f"{len(counts.failed)} kinds of failures"
+    print(f"{said} wrong messages and files of {kinds} kinds, {failed} (--rng-seed {options.rng_seed})")
     return 1 if counts.failed else 0
 
 

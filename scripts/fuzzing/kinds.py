@@ -118,10 +118,10 @@ TO_BOOKS = (
 SAYERS: dict[str, Callable[[np.random.Generator], Sayer]] = {
     **{kind: _maker(Messages, kind) for kind in TO_BOOKS},
     **{f"told {kind}": _maker(Told, kind) for kind in TOLD},
+    **{f"work {kind}": _maker(Works, kind) for kind in (*STAGES, "fly")},
 }
 KINDS: dict[str, Callable[[np.random.Generator], Fuzzed]] = {
     **SAYERS,
     **{f"answer {server}": _maker(Answers, server) for server in LABELS},
-    **{f"work {kind}": _maker(Works, kind) for kind in (*STAGES, "fly")},
     **{f"{FILE}{kind}": _maker(Files, kind) for kind in FILES},
 }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import unicodedata
+from contextlib import suppress
 from typing import Any, NamedTuple
 
 import msgspec
@@ -91,6 +92,15 @@ def drawn(said: Any, rng: np.random.Generator, most: int = 2) -> tuple[Any, list
         said = changed(said, edit)
         edits.append(edit)
     return said, edits
+
+
+def crossed(said: dict[str, Any], other: dict[str, Any], rng: np.random.Generator, most: int = 3) -> dict[str, Any]:
+    """Return a message with one to `most` places of another of its kind."""
+    for _ in range(int(rng.integers(1, most + 1))):
+        path = place_in(said, rng)
+        with suppress(KeyError, IndexError, TypeError):  # the other has no such place
+            said = changed(said, Edit(path, at(other, path)))
+    return said
 
 
 def _other(value: Any, rng: np.random.Generator, *, whole: bool) -> Any:

@@ -69,6 +69,7 @@ def is_clean(figures: dict[str, Any]) -> bool:
         and not figures["replays_taken"]
         and not figures["books_broke"]
         and not figures["damaged_blocks"]["silent"]
+        and figures["fuzz"]["clean"]
         and not figures["forged_messages"]["taken"]
         and figures["forged_messages"]["own_result_after_them"] == "accepted"
         and bool(figures["audit"]["clean"])

@@ -6,6 +6,7 @@ import argparse
 import json
 import logging
 import shutil
+import subprocess
 import sys
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -22,6 +23,7 @@ from saflite.contract.errors import FarmError
 from saflite.contract.rng import derive
 from saflite.runtime.client import FarmClient
 
+FUZZ = Path(__file__).parents[1] / "fuzzing" / "fuzz_driver.py"
 POLL_S = 0.02
 WARM_UP_S = 5.0
 WORKERS_SHARE = 0.25  # of the time only workers are harmed, so that noticing it can be measured
@@ -126,12 +128,24 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
         figures = figures_of(testbed, soak_driver.injected, clients, left, ended)
         figures["damaged_blocks"] = corruptions(testbed.run_dir, options.flips, derive(options.rng_seed, "flips"))
         figures["forged_messages"] = forgeries(options.forgeries, derive(options.rng_seed, "forgers"))
+        figures["fuzz"] = _fuzzed(options.fuzz)
         if options.keep:
             shutil.copytree(testbed.run_dir, options.keep, ignore=shutil.ignore_patterns("ballast"))
         return figures
     finally:
         testbed.farm.stop()
         testbed.close()
+
+
+def _fuzzed(seconds: float) -> dict[str, Any]:
+    """Return what `scripts/fuzz` says last with a fresh seed, and whether nothing raised."""
+    if seconds <= 0.0:
+        return {"said": "not run", "clean": True}
+    words = [sys.executable, str(FUZZ), "--fresh", "--seconds", str(seconds)]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    if done.returncode:
+        print(done.stdout, done.stderr, file=sys.stderr)
+    return {"said": (done.stdout.splitlines() or [""])[-1], "clean": not done.returncode}
 
 
 def _let_end(testbed: Testbed) -> bool:
@@ -166,6 +180,7 @@ def parser() -> argparse.ArgumentParser:
     text.add_argument("--fault-share", type=float, default=0.05, help="share of test cases that crash or hang")
     text.add_argument("--forgeries", type=int, default=500, help="forged messages to a farm with keys (default 500)")
     text.add_argument("--flips", type=int, default=20, help="blocks of the run's books flipped or cut (default 20)")
+    text.add_argument("--fuzz", type=float, default=0.0, metavar="SECONDS", help="run scripts/fuzz with a fresh seed")
     text.add_argument("--rng-seed", type=int, default=1)
     text.add_argument("--keep", type=Path, help="copy the run folder here at the end")
     text.add_argument("--json", action="store_true")

@@ -72,6 +72,8 @@ def _separation(first: Sequence[Point], second: Sequence[Point]) -> float:
         for index in (0, 1):
             (x0, y0), (x1, y1) = mine[index], mine[index + 1]
             length = math.hypot(x1 - x0, y1 - y0)
+            if length == 0.0:  # a box without width is a line: its other edge parts it from others
+                continue
             normal_x, normal_y = (y1 - y0) / length, (x0 - x1) / length
             own = [normal_x * x + normal_y * y for x, y in mine]
             other = [normal_x * x + normal_y * y for x, y in others]

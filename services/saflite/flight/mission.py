@@ -213,15 +213,17 @@ def to_local(lat_deg: float, lon_deg: float, home_lat_deg: float, home_lon_deg: 
 
 
 def to_geographic(x_m: float, y_m: float, home_lat_deg: float, home_lon_deg: float) -> tuple[float, float]:
-    """Return (lat_deg, lon_deg) of a local point; the inverse of `to_local`."""
+    """Return (lat_deg, lon_deg) of a local point, NaN where it is at no finite place; the inverse of `to_local`."""
     angle = math.hypot(x_m, y_m) / EARTH_RADIUS_M
+    if not math.isfinite(angle):
+        return math.nan, math.nan
     if angle == 0:
         return home_lat_deg, home_lon_deg
     lat0, bearing = math.radians(home_lat_deg), math.atan2(y_m, x_m)
     sin_lat = math.sin(lat0) * math.cos(angle) + math.cos(lat0) * math.sin(angle) * math.cos(bearing)
     run = math.cos(lat0) * math.cos(angle) - math.sin(lat0) * math.sin(angle) * math.cos(bearing)
     dlon = math.atan2(math.sin(angle) * math.sin(bearing), run)
-    return math.degrees(math.asin(sin_lat)), home_lon_deg + math.degrees(dlon)
+    return math.degrees(math.asin(max(-1.0, min(1.0, sin_lat)))), home_lon_deg + math.degrees(dlon)
 
 
 def waypoints(mission: Mission) -> tuple[Waypoint, ...]:

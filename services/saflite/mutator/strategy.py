@@ -82,6 +82,15 @@ class Chosen:
         """Return a word."""
         return str(self._values[name])
 
+    def numbers(self, name: str) -> list[float]:
+        """Return a list of numbers; raises Refused for what is none."""
+        value = self._values[name]
+        assert isinstance(value, list), f"setting {name} is no list"
+        wrong = [part for part in value if isinstance(part, bool) or not isinstance(part, int | float)]
+        if wrong:
+            raise Refused(f"strategy setting {name}", expected="numbers", got=repr(wrong[0]))
+        return [float(part) for part in value if isinstance(part, int | float)]
+
     def words(self, name: str) -> list[str]:
         """Return a list of words."""
         value = self._values[name]

@@ -96,7 +96,8 @@ def _mode(verdict: Verdict, signals: FlightSignals | None) -> int:
     if signals is None or "mode" not in signals or not signals.samples:
         return -1
     at = min(signals.samples - 1, max(0, round(verdict.witness_from_s / signals.step_s)))
-    return int(signals["mode"][at])
+    mode = float(signals["mode"][at])
+    return int(mode) if math.isfinite(mode) else -1
 
 
 def cause_of(test_case: TestCase, flight: Flight, verdict: Verdict) -> tuple[str, ...]:

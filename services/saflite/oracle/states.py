@@ -95,5 +95,5 @@ def _steps(test_case: TestCase, flight: Flight, signals: FlightSignals) -> list[
     else:
         told = [(one.at_s, one.index) for one in flight.delivered if one.answer not in ("denied", "timed_out")]
     told.sort(key=lambda pair: pair[0])
-    samples = [int(np.floor(at_s / signals.step_s + 1e-6)) for at_s, _ in told]
-    return [Step(place, min(max(sample, 0), last)) for sample, (_, place) in zip(samples, told, strict=True)]
+    samples = [min(max(0.0, np.floor(at_s / signals.step_s + 1e-6)), float(last)) for at_s, _ in told]
+    return [Step(place, int(sample)) for sample, (_, place) in zip(samples, told, strict=True)]

@@ -32,7 +32,12 @@ def heading(yaw_deg: float) -> float:
 
 
 def attitude(roll_deg: float, pitch_deg: float, yaw_deg: float) -> Quaternion:
-    """Return the rotation body (forward, left, up) to map of an attitude in aircraft angles (pitch up positive)."""
+    """Return the rotation body (forward, left, up) to map of an attitude in aircraft angles (pitch up positive).
+
+    All numbers are NaN where an angle is no finite number.
+    """
+    if not all(map(math.isfinite, (roll_deg, pitch_deg, yaw_deg))):
+        return Quaternion(x=math.nan, y=math.nan, z=math.nan, w=math.nan)
     roll, pitch, yaw = math.radians(roll_deg) / 2, -math.radians(pitch_deg) / 2, heading(yaw_deg) / 2
     cr, sr, cp, sp, cy, sy = (
         math.cos(roll),

@@ -20,6 +20,8 @@ PASSAGE_M = 3.5
 """A passage this wide is as likely to be passed safely as not (twice the safe distance, and a little)."""
 
 NEAR_PATH_M = 4.0
+EXPONENT_MAX = 700.0
+"""Of the exponential function, beyond which there is no floating-point number."""
 
 
 class Look(NamedTuple):
@@ -37,7 +39,7 @@ def look(scenario: Scenario) -> Look:
         return Look(0.0, math.inf, math.inf)
     near = distances_to_boxes(path_points(mission), boxes_array(boxes)).min(axis=0)
     path_m = float(near.min())
-    weight = 1.0 / (1.0 + math.exp(path_m - NEAR_PATH_M))
+    weight = 1.0 / (1.0 + math.exp(min(path_m - NEAR_PATH_M, EXPONENT_MAX)))
     pairs = [(a, b) for a in range(len(boxes)) for b in range(a)]
     gaps = [gap(boxes[a], boxes[b]) for a, b in pairs]
     away = [0.5 * max(0.0, float(min(near[a], near[b])) - NEAR_PATH_M) for a, b in pairs]

@@ -7,7 +7,8 @@ import numpy as np
 from saflite.contract.flight import Delivered, Flight, Trace
 from saflite.contract.signals import MODES
 from saflite.contract.test_case import Scenario, Stimulus, Target, TestCase
-from saflite.contract.verdict import Transition
+from saflite.contract.verdict import Transition, Verdict
+from saflite.oracle.behaviour import behaviour_of
 from saflite.oracle.signals import FlightSignals
 from saflite.oracle.states import transitions_of
 
@@ -76,3 +77,18 @@ def test_a_denied_input_is_no_step_and_two_of_one_instant_come_in_order() -> Non
 def test_a_trace_without_modes_has_no_steps_and_an_unknown_mode_keeps_its_number() -> None:
     assert steps([stick(1.0)], x_m=[(0.0, 1.0)]) == []
     assert steps([stick(1.0)], mode=[(0.0, 99.0)]) == [Transition("mode 99", "mode 99", 0, -1)]
+
+
+def test_inputs_delivered_at_no_time_of_a_flight_are_taken_for_its_first_or_last() -> None:
+    late = tuple(Delivered(index=index, at_s=at_s) for index, at_s in enumerate((-1e300, 1e300)))
+    found = steps([stick(1.0), stick(2.0)], late, mode=[(0.0, MODES[LOITER])])
+    assert found == [Transition(LOITER, LOITER, 0, -1), Transition(LOITER, LOITER, 1, 0)]
+
+
+def test_a_violation_while_the_mode_is_no_number_is_told_all_the_same() -> None:
+    for value in (np.nan, np.inf):
+        case = TestCase(target=Target(), scenario=Scenario())
+        flight = Flight(test_case="", flight_index=0, ending="completed")
+        signals = FlightSignals(case, flight, trace(mode=[(0.0, value)]))
+        verdict = Verdict(policy="p", outcome="violated", robustness=-1.0, severity="soft")
+        assert behaviour_of(case, verdict, {}, signals) == "p, soft, in mode -1"

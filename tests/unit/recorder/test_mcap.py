@@ -15,7 +15,7 @@ from mcap_protobuf.decoder import DecoderFactory
 
 from saflite.contract.blobs import BlobMissing, ref_of
 from saflite.contract.errors import Refused
-from saflite.contract.flight import Flight, Trace, TraceMessage, pack_trace, trace_digest
+from saflite.contract.flight import Flight, Trace, TraceMessage, pack_trace, trace_digest, unpack_trace
 from saflite.contract.rng import derive
 from saflite.contract.test_case import Obstacle, Scenario, Stimulus, Target, TestCase, identity
 from saflite.contract.verdict import NEVER_APPLIED, Judgement, Verdict
@@ -215,3 +215,27 @@ def test_a_recorder_leaves_a_blob(made: tuple[RecordWork, bytes], data: bytes) -
     without = msgspec.structs.replace(work.flight, trace=None)
     with pytest.raises(Refused, match="trace"):
         recorder.do(msgspec.structs.replace(work, flight=without), lambda: False)
+
+
+@pytest.mark.parametrize("value", [math.inf, -math.inf, math.nan])
+def test_attitudes_and_places_that_are_no_numbers_are_recorded(value: float) -> None:
+    work, packed = record_work(1.0)
+    trace = unpack_trace(packed)
+    odd = {name: signal(np.full(trace.samples, value)) for name in ("roll_deg", "yaw_deg", "x_m")}
+    content = mcap.write(
+        work, pack_trace(msgspec.structs.replace(trace, signals={**trace.signals, **odd})), START_UNIX_S
+    )
+    assert recording_samples(content) == trace.samples
+
+
+def recording_samples(content: bytes) -> int:
+    parts = {one.name: one.data for one in make_reader(io.BytesIO(content)).iter_attachments()}
+    return unpack_trace(parts["trace.bin"]).samples
+
+
+def test_a_flight_said_to_have_lasted_for_ages_begins_at_the_beginning_of_time() -> None:
+    work, packed = record_work(1.0)
+    blobs = MemoryBlobs()
+    flight = msgspec.structs.replace(work.flight, simulated_s=1e12, trace=blobs.put(packed))
+    result = open_service(blobs, FixedClock()).do(msgspec.structs.replace(work, flight=flight), lambda: False)
+    assert isinstance(result, RecordResult)

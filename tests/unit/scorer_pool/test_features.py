@@ -14,11 +14,12 @@ from saflite.contract.work import Outcome
 from saflite.flight.geometry import gap
 from saflite.flight.mission import builtin_mission
 from saflite.scorer_pool.geometry_score import look
-from saflite.scorer_pool.learning.features import FEATURES, features
+from saflite.scorer_pool.learning.features import FEATURES, PATH_POINTS_MAX, features, path_points
 from saflite.scorer_pool.learning.forest import FLIGHTS_MIN, danger, grow, step_size
 from saflite.scorer_pool.learning.history import History
 from saflite.scorer_pool.learning.vectors import Vectors
-from saflite.scorer_pool.model import PolicyBrief
+from saflite.scorer_pool.model import Job, Model, PolicyBrief, Tools
+from saflite.scorer_pool.registry import make
 from saflite.scorer_pool.relevance.knowledge import relation, table, words_of
 
 
@@ -77,6 +78,41 @@ def test_look_finds_a_narrow_passage_in_the_way_more_dangerous_than_a_wide_one_o
     assert narrow.gap_m == pytest.approx(3.0)
     assert narrow.score > wide.score
     assert narrow.score > far.score
+
+
+HUGE = 3.4e38
+ODD_BOXES: tuple[tuple[Obstacle, ...], ...] = (
+    (box(2000.0, 2000.0),),
+    (msgspec.structs.replace(box(0.0, 20.0), length_m=0.0), msgspec.structs.replace(box(1.0, 20.0), width_m=0.0)),
+    (msgspec.structs.replace(box(0.0, 20.0), length_m=HUGE, width_m=HUGE), box(HUGE, -HUGE, HUGE)),
+)
+
+
+@pytest.mark.parametrize("boxes", ODD_BOXES)
+@pytest.mark.parametrize("label", ["blend", "gap", "low_fidelity", "relevance", "novelty", "surrogate"])
+def test_boxes_far_off_without_width_or_of_any_size_are_scored(label: str, boxes: tuple[Obstacle, ...]) -> None:
+    def part(other: str) -> Model:
+        return make(other, Tools(_Clock(), part))
+
+    case = layout(*boxes)
+    history = tuple(outcome(one, 0, 1.0) for one in [case, layout(*ODD_BOXES[2])] * FLIGHTS_MIN)
+    job = Job((case,), (), 1, 1, history, 0, 60.0, None, lambda: False)
+    (score,) = part(label).score(job).scores
+    assert 0.0 <= score.value <= 10.0
+
+
+class _Clock:
+    def monotonic_s(self) -> float:
+        return 0.0
+
+    def unix_s(self) -> float:
+        return 0.0
+
+
+def test_a_mission_to_the_end_of_the_world_is_looked_at_in_few_points() -> None:
+    mission = builtin_mission("mission2")
+    far = tuple(msgspec.structs.replace(item, params=(*item.params[:6], HUGE)) for item in mission.items)
+    assert len(path_points(msgspec.structs.replace(mission, items=far))) < 2 * PATH_POINTS_MAX
 
 
 def outcome(case: TestCase, round_: int, margin: float | None) -> Outcome:

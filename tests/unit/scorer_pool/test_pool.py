@@ -174,7 +174,11 @@ def test_more_leases_at_once_only_for_models_that_wait(pool: ScorerPool) -> None
 
 
 @pytest.mark.parametrize(
-    "label", ["nonsense", "constant:11", "ollama:", "openai:x@nourl", "ensemble:ensemble", "ensemble:nonsense", "gap:1"]
+    "label",
+    [
+        *("nonsense", "constant:11", "ollama:", "openai:x@nourl", "ensemble:ensemble", "ensemble:nonsense", "gap:1"),
+        *("ollama:m@h:99999", "ollama:m@h:x", "ollama:m@[", "ollama:m@\0", "ensemble:ollama:m@["),
+    ],
 )
 def test_labels_no_model_can_be_made_of_are_refused_before_anything_starts(label: str) -> None:
     with pytest.raises(Refused):

@@ -8,8 +8,10 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 
+from saflite.contract.bounds import Count, Share
 from saflite.contract.errors import Refused
 from saflite.contract.test_case import Scenario, Stimulus, TestCase, draw_key, identity
+from saflite.contract.wire import UNREADABLE
 
 Rng = np.random.Generator
 COVERING_MAX = 48
@@ -31,15 +33,15 @@ class Sown(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
 
     scenario: Scenario
     stimuli: tuple[Stimulus, ...]
-    progress: dict[str, float] = {}
-    new: int = 0
+    progress: dict[str, Share] = {}
+    new: Count = 0
 
 
 def read_sown(texts: list[str]) -> tuple[Sown, ...]:
     """Return the entries in the setting `corpus`; raises Refused for a text that is none."""
     try:
         return tuple(msgspec.json.decode(text, type=Sown) for text in texts)
-    except msgspec.MsgspecError as fault:
+    except UNREADABLE as fault:
         raise Refused("strategy setting corpus", expected="entries of a corpus as JSON", got=str(fault)) from fault
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple, get_args
 
 from saflite.contract.errors import Refused
@@ -9,6 +10,7 @@ from saflite.contract.test_case import StartState, StimulusKind
 from saflite.mutator.operators.inputs import Have, Input, named
 
 KINDS: tuple[StimulusKind, ...] = get_args(StimulusKind)
+HEIGHT_MAX_M = 1e6
 START, IN, READS = "start", "in", "reads"
 SHAPE = "'<policy> start:<mode>@<metres> in:<mode> reads:<kind>:<input> <kind>:<input> ...'"
 
@@ -72,6 +74,9 @@ def _kind(word: str, text: str) -> StimulusKind:
 def _start(word: str, text: str) -> StartState:
     mode, _, height = word.partition("@")
     try:
-        return StartState(mode=mode, altitude_m=float(height))
-    except ValueError as fault:
-        raise Refused("strategy setting hints", expected=SHAPE, got=repr(text)) from fault
+        altitude_m = float(height)
+    except ValueError:
+        altitude_m = math.nan
+    if not abs(altitude_m) <= HEIGHT_MAX_M:
+        raise Refused("strategy setting hints", expected=SHAPE, got=repr(text))
+    return StartState(mode=mode, altitude_m=altitude_m)

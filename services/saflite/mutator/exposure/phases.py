@@ -9,7 +9,7 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 
-from saflite.contract.test_case import Stimulus, StimulusKind
+from saflite.contract.test_case import STIMULI_MAX, Stimulus, StimulusKind
 
 Rng = np.random.Generator
 Stimuli = tuple[Stimulus, ...]
@@ -43,8 +43,8 @@ class Script:
 
     @property
     def is_full(self) -> bool:
-        """Whether no time is left for another phase."""
-        return self.at_s > self._tempo.last_s
+        """Whether no time or room is left for another phase."""
+        return self.at_s > self._tempo.last_s or len(self._stimuli) >= STIMULI_MAX
 
     def give(self, stimulus: Stimulus) -> None:
         """Add an input at the time reached."""

@@ -60,9 +60,9 @@ class Vocabulary:
         """Return how much further flights with an input came for a policy than the mean flight, 1 for no farther."""
         every = self._all.get(policy)
         seen = self._seen[policy].get(key) if policy in self._seen else None
-        if every is None or seen is None or every.progress <= 0.0:
+        mean = every.progress / every.flights if every is not None else 0.0
+        if seen is None or mean <= 0.0:
             return 1.0
-        mean = every.progress / every.flights
         return float((seen.progress + TRUST * mean) / ((seen.flights + TRUST) * mean))
 
     def draw(self, rng: Rng, policy: str, kinds: Sequence[StimulusKind]) -> Input:

@@ -15,6 +15,9 @@ from saflite.contract.test_case import StimulusKind
 
 PUBLISHED_FILE = Path(__file__).parent.parent / "data" / "published_inputs.csv"
 MODE_COMMAND = "Flight_Mode"
+WHOLE_MAX = 1e18
+"""Of the range of an input of whole numbers: beyond what any takes, within what can be drawn from."""
+
 STICKS = ("RC1", "RC2", "RC3", "RC4")
 
 
@@ -112,12 +115,17 @@ Have = dict[tuple[StimulusKind, str], Input]
 
 
 def target_inputs(target: TargetInfo) -> Have:
-    """Return every input the target describes, in its order."""
+    """Return every input the target describes, in its order; raises Refused for a range that is none."""
     return {(entry.kind, entry.name): _described(entry) for entry in target.inputs}
 
 
 def _described(entry: InputInfo) -> Input:
     low, high = (0.0, 1.0) if entry.type == "flag" else (entry.low, entry.high)
+    wide = [bound for bound in (low, high) if bound is not None and abs(bound) > WHOLE_MAX]
+    if entry.type == "whole" and wide:
+        raise Refused(f"input {entry.name}", expected=f"whole numbers within +-{WHOLE_MAX:g}", got=wide[0])
+    if low is not None and high is not None and low > high:
+        raise Refused(f"input {entry.name}", expected="a least value at most the greatest", got=f"{low:g} and {high:g}")
     return Input(
         kind=entry.kind,
         name=entry.name,

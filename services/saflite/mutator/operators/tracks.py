@@ -13,6 +13,7 @@ from saflite.flight.mission import waypoints
 
 Point = tuple[float, float]
 Track = tuple[Point, ...]
+POINTS_MAX = 100_000  # of a planned way: one round the world has wider steps
 STEP_M = 1.4  # what a vehicle cruises in the second between two points of a told track
 
 
@@ -25,8 +26,10 @@ def planned(mission: Mission) -> Track:
     """Return the straight way from take-off through the way-points, about as dense as a flight is told."""
     corners = [(0.0, 0.0), *((place.x_m, place.y_m) for place in waypoints(mission))]
     points = [corners[0]]
+    whole_m = sum(math.dist(start, end) for start, end in pairwise(corners))
+    step_m = max(STEP_M, whole_m / POINTS_MAX)
     for (x0, y0), (x1, y1) in pairwise(corners):
-        steps = max(1, math.ceil(math.hypot(x1 - x0, y1 - y0) / STEP_M))
+        steps = max(1, math.ceil(math.hypot(x1 - x0, y1 - y0) / step_m))
         points += [(x0 + (x1 - x0) * n / steps, y0 + (y1 - y0) * n / steps) for n in range(1, steps + 1)]
     return tuple(points)
 

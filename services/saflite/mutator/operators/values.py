@@ -78,7 +78,7 @@ def jitter(rng: Rng, entry: Input, values: Values) -> Values:
     if entry.choices:
         return draw(rng, entry, 0.2)
     if entry.kind == "command" and math.isnan(entry.low):
-        place, new = int(rng.integers(len(values))), _command(rng, entry.name, 0.2)
+        place, new = int(rng.integers(min(len(values), COMMAND_NUMBERS))), _command(rng, entry.name, 0.2)
         return (*values[:place], new[place], *values[place + 1 :])
     span = entry.high - entry.low
     moved = []
@@ -90,9 +90,10 @@ def jitter(rng: Rng, entry: Input, values: Values) -> Values:
 
 
 def _whole_or_real(rng: Rng, low: float, high: float, whole: bool) -> float:
-    if whole:
+    if whole and math.ceil(low) <= math.floor(high):
         return float(rng.integers(math.ceil(low), math.floor(high) + 1))
-    return neat(float(rng.uniform(low, high)))
+    value = float(rng.uniform(low, high))
+    return float(round(value)) if whole else neat(value)
 
 
 def _stick(rng: Rng, entry: Input, beyond: float) -> float:

@@ -12,6 +12,7 @@ flight.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import ClassVar, NamedTuple, cast
 
@@ -143,7 +144,7 @@ class Strategy:
 
     def _near(self, anchor: Anchor) -> tracks.Track:
         way = self._way
-        index = min(range(len(way)), key=lambda n: (way[n][0] - anchor.x_m) ** 2 + (way[n][1] - anchor.y_m) ** 2)
+        index = min(range(len(way)), key=lambda n: _square(way[n][0] - anchor.x_m) + _square(way[n][1] - anchor.y_m))
         return pairs.local(way, index)
 
     def _anywhere(self, rng: np.random.Generator) -> tuple[Obstacle, ...]:
@@ -161,6 +162,11 @@ class Strategy:
         return msgspec.structs.replace(self._template, scenario=scenario, origin=origin)
 
 
+def _square(value: float) -> float:
+    """Return a square, infinite where `value ** 2` would raise: anchors and tracks may have been anywhere."""
+    return value * value
+
+
 def note_of(anchor: Anchor) -> str:
     """Return an anchor in words: what a test case's origin says of it, so that telling it again is enough."""
     return f"{'up' if anchor.up else 'down'} {anchor.x_m:.2f} {anchor.y_m:.2f}"
@@ -172,6 +178,7 @@ def anchor_in(note: str) -> Anchor | None:
     if len(words) < 3 or words[0] not in ("up", "down"):
         return None
     try:
-        return Anchor(float(words[1]), float(words[2]), words[0] == "up")
+        anchor = Anchor(float(words[1]), float(words[2]), words[0] == "up")
     except ValueError:
         return None
+    return anchor if math.isfinite(anchor.x_m) and math.isfinite(anchor.y_m) else None

@@ -27,6 +27,7 @@ VERSION_1_MAX, PAYLOAD_1_MAX, PAYLOAD_2_MAX = 255, 255, 600
 SIZES = (0, 1, 2, 3, 4, 5, 6, 8, 9, 12, 16, 20, 24, 32, 48, 64, 96, 128, 192, 193, 224, 255)
 EDGES = (0, 1, 2, 127, 128, 254, 255)
 FOUND_WEIGHT = 0.3
+WEIGHT_MIN = 1e-9  # what was found a thousand times can still be drawn, so that there is always something to draw
 GAP_S = 0.1
 Rng = np.random.Generator
 
@@ -72,9 +73,11 @@ class Strategy:
         if VERSION_1 not in takes:
             raise Refused("strategy", expected="a target that takes MSP messages", got=f"{target.name}, which does not")
         self._template = template
-        given = self.options["never"].default if "never" not in settings else settings["never"]
-        never = {float(number) for number in given} if isinstance(given, list) else set()
+        never = set(self._chosen.numbers("never"))
         self._messages = tuple(row for row in message_table() if row.number not in never)
+        if len({row.role == "set" for row in self._messages}) < 2:
+            expected = "messages left that set something, and others"
+            raise Refused("strategy setting never", expected=expected, got=f"{len(never)} numbers")
         self._weights = {row.number: 1.0 for row in self._messages}
 
     def tell(self, outcomes: Sequence[Outcome]) -> None:
@@ -84,7 +87,7 @@ class Strategy:
                 for stimulus in outcome.test_case.stimuli:
                     number = int(stimulus.values[0]) if stimulus.values else -1
                     if stimulus.name != RAW and number in self._weights:
-                        self._weights[number] *= FOUND_WEIGHT
+                        self._weights[number] = max(WEIGHT_MIN, FOUND_WEIGHT * self._weights[number])
 
     def ask(self, count: int, rng: Rng) -> list[TestCase]:
         """Return `count` fresh sequences of messages."""

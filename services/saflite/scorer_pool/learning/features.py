@@ -25,6 +25,9 @@ STIMULUS_FEATURES = 5 + 2 * STIMULUS_BUCKETS
 FEATURES = LAYOUT_FEATURES + STIMULUS_FEATURES
 FAR_M = 50.0
 PATH_STEP_M = 0.5
+PATH_POINTS_MAX = 100_000
+"""A way longer than any vehicle flies has wider steps."""
+
 
 Array = NDArray[np.float64]
 
@@ -43,8 +46,10 @@ def path_points(mission: Mission) -> Array:
 def _path(places: tuple[Waypoint, ...]) -> Array:
     corners = np.array([(0.0, 0.0, 0.0), *((place.x_m, place.y_m, place.z_m) for place in places)], dtype=float)
     pieces = []
-    for start, end in pairwise(corners):
-        steps = max(1, math.ceil(float(np.linalg.norm(end - start)) / PATH_STEP_M))
+    lengths_m = [float(np.linalg.norm(end - start)) for start, end in pairwise(corners)]
+    step_m = max(PATH_STEP_M, sum(lengths_m) / PATH_POINTS_MAX)
+    for (start, end), length_m in zip(pairwise(corners), lengths_m, strict=True):
+        steps = max(1, math.ceil(length_m / step_m))
         pieces.append(start + (end - start) * np.linspace(0.0, 1.0, steps, endpoint=False)[:, None])
     path = np.concatenate([*pieces, corners[-1:]])
     path.setflags(write=False)

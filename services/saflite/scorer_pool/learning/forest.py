@@ -21,6 +21,7 @@ from saflite.scorer_pool.learning.vectors import Vectors
 TREES = 60
 FLIGHTS_MIN = 16
 FLIGHTS_MAX = 2_000
+SINGLE_MAX = float(np.finfo(np.float32).max)
 APPLIED_MIN = 8
 """Flights in which a rule applied from which its danger is learnt; before, all that apply are taken for borderline."""
 NEARNESS_WORTH = 0.5
@@ -97,7 +98,8 @@ def grow(outcomes: list[Outcome], vectors: Vectors) -> Forest:
 
 
 def _rows(vectors: NDArray[np.float64], columns: NDArray[np.intp]) -> NDArray[np.float32]:
-    return np.ascontiguousarray(vectors[:, columns], dtype=np.float32)
+    """Return the columns in single precision, as trees read them; what it cannot hold counts as its largest."""
+    return np.ascontiguousarray(np.clip(vectors[:, columns], -SINGLE_MAX, SINGLE_MAX), dtype=np.float32)
 
 
 def _applying(outcomes: list[Outcome]) -> NDArray[np.float64]:

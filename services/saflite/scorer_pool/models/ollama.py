@@ -40,6 +40,7 @@ class OllamaChat:
     """One model on one Ollama server."""
 
     def __init__(self, argument: str) -> None:
+        import httpx
         import ollama
 
         from saflite.scorer_pool.key_hosts import may_have_key
@@ -47,12 +48,15 @@ class OllamaChat:
 
         logging.getLogger("httpx").setLevel(logging.WARNING)  # it tells of every single request
         self._tag, host = _place(argument)
-        self._client = ollama.AsyncClient(
-            host=host,
-            timeout=None,  # the caller's deadlines hold
-            follow_redirects=False,
-            transport=BoundedTransport(),
-        )
+        try:
+            self._client = ollama.AsyncClient(
+                host=host,
+                timeout=None,  # the caller's deadlines hold
+                follow_redirects=False,
+                transport=BoundedTransport(),
+            )
+        except (ValueError, httpx.InvalidURL) as fault:
+            raise Refused("scorer model", where=argument, expected="a host and port", got=str(fault)) from fault
         if not may_have_key(host, environment("OLLAMA_HOST", DEFAULT_HOST)):
             self._client._client.headers.pop("Authorization", None)  # the client's own, from OLLAMA_API_KEY
         self._more_tokens = 0
