@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import csv
 import os
 import select
 import stat
@@ -13,6 +14,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -20,8 +22,9 @@ import pytest
 from saflite.conformance.flying import opened
 from saflite.contract.errors import Unavailable
 from saflite.contract.flight import FlightRecord
+from saflite.contract.standalone import Evidence
 from saflite.contract.test_case import Obstacle, Scenario, StartState, Stimulus, StimulusKind, Target, TestCase, Wind
-from saflite.flight.autopilots.ardupilot.binary import PLACE, Binary
+from saflite.flight.autopilots.ardupilot.binary import PLACE, Binary, named
 from saflite.flight.autopilots.ardupilot.flight import ArduPilotFlight
 from saflite.flight.autopilots.ardupilot.listing import ask, known
 from saflite.flight.autopilots.external import vehicle as vehicle_module
@@ -32,6 +35,7 @@ from saflite.simulator_worker.agreement import differences
 from saflite.simulator_worker.processes import children
 from saflite.simulator_worker.registry import load_target, why_missing
 from saflite.simulator_worker.slots import take_slot
+from saflite.simulator_worker.targets import ardupilot
 
 pytestmark = pytest.mark.live
 HOVER = Scenario(start=StartState(altitude_m=5.0), time_limit_s=4.0)
@@ -221,3 +225,19 @@ def test_a_real_one_flies_a_mission_round_a_box(real: str) -> None:
     assert record.ending == "completed"
     assert record.trace is not None
     assert record.trace.array("contact").max() == 0.0
+
+
+def test_a_real_one_flies_a_finding_without_the_farm(real: str, tmp_path: Path) -> None:
+    given = case((1.0, "mode", "LOITER", 0.0), (3.0, "parameter", "RTL_ALT", 900.0), RTL_ALT=1200.0)
+    evidence = Evidence("finding.py", "a-loiter1", "LOITER holds", 1.0, 2.0, {}, [])
+    (record,) = really_flown(real, given)
+    script = tmp_path / "finding.py"
+    script.write_text(ardupilot.standalone(given, cast(Any, record), evidence))
+    words = [sys.executable, str(script), str(named().path), "--folder", str(tmp_path / "out"), "--speedup", "20"]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=300.0, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    (log,) = (tmp_path / "out" / "logs").glob("*.BIN")
+    assert log.stat().st_size > 100_000
+    rows = list(csv.DictReader((tmp_path / "out" / "track.csv").open()))
+    assert {row["mode"] for row in rows} == {"4", "5"}
+    assert abs(float(rows[-1]["altitude_m"]) - 5.0) < 1.0

@@ -5,8 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from saflite.contract.errors import Refused, Unavailable
-from saflite.contract.flight import FlightRecord
+from saflite.contract.flight import Flight, FlightRecord
 from saflite.contract.service import Cancelled
+from saflite.contract.standalone import Evidence
 from saflite.contract.target import Slot
 from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import TestCase
@@ -16,6 +17,7 @@ from saflite.flight.autopilots.ardupilot.check import check_test_case
 from saflite.flight.autopilots.ardupilot.describe import describe as describe_binary
 from saflite.flight.autopilots.ardupilot.describe import missing
 from saflite.flight.autopilots.ardupilot.flight import ArduPilotFlight
+from saflite.flight.autopilots.ardupilot.standalone.export import standalone as script_of
 from saflite.flight.autopilots.external.listing import Listing
 from saflite.flight.autopilots.external.place import Place
 from saflite.simulator_worker.slots import take_slot
@@ -43,6 +45,12 @@ def open(slot: Slot) -> ArduPilotSession:  # noqa: A001  (the name that the cont
     """Return a session; raises Unavailable where there is no binary or this machine lacks something."""
     binary, rows = _binary()
     return ArduPilotSession(slot, binary, rows)
+
+
+def standalone(test_case: TestCase, flight: Flight, evidence: Evidence) -> str:
+    """Return a script that flies a finding on the binary's own physics; raises as `contract/standalone.py` says."""
+    binary, rows = _binary()
+    return script_of(test_case, flight, evidence, binary, rows)
 
 
 def parameters_known() -> tuple[int, int]:

@@ -8,9 +8,7 @@ from typing import NamedTuple
 from saflite.flight.autopilots.ardupilot.vehicle import Vehicle
 
 _CHANNELS = range(1, 9)
-TUNE: dict[str, float] = {
-    "FRAME_CLASS": 1,  # quadrotor
-    "FRAME_TYPE": 1,  # X; motors front right, rear left, front left, rear right
+F450: dict[str, float] = {
     # stock gains oscillate: the F450's motors follow in 45 ms
     "ATC_RAT_RLL_P": 0.09,
     "ATC_RAT_RLL_I": 0.09,
@@ -20,6 +18,11 @@ TUNE: dict[str, float] = {
     "ATC_RAT_PIT_D": 0.0045,
     "INS_GYRO_FILTER": 50,
     "MOT_THST_HOVER": 0.435,
+}
+TUNE: dict[str, float] = {
+    "FRAME_CLASS": 1,  # quadrotor
+    "FRAME_TYPE": 1,  # X; motors front right, rear left, front left, rear right
+    **F450,
     # calibrated: small offsets count as done, and the simulator's compass stands off by these
     **{f"INS_ACC{number}OFFS_{axis}": 0.001 for number in ("", "2") for axis in "XYZ"},
     **{f"INS_ACC{number}SCAL_{axis}": 1.001 for number in ("", "2") for axis in "XYZ"},

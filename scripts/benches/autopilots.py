@@ -1,0 +1,217 @@
+"""Real autopilots in lockstep: how fast beside bare JSBSim, whether a flight repeats bit by bit, what is left behind.
+
+    speed   a hover by the core time of autopilot and world together, a long flight less a short one, so that bringing
+            up does not count; the F450 that JSBSim ships is stepped alone in the same turn
+    again   drawn cases flown in one session, then in another in the opposite order: after others as alone
+    leaks   cases in a row, from the ground: processes, open files, listening ports and files on disk that are left
+
+Core time counts: a busy machine stretches wall time. The binary is the one that the environment names for the target.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+from flight import bare_shipped
+from msgspec.structs import replace
+
+from saflite.conformance.flying import DEADLINE_S
+from saflite.contract.flight import FlightRecord, trace_digest
+from saflite.contract.rng import derive
+from saflite.contract.target import Session
+from saflite.contract.target_info import InputInfo
+from saflite.contract.test_case import Scenario, StartState, Stimulus, Target, TestCase
+from saflite.runtime.clock import WallClock
+from saflite.simulator_worker.agreement import differences
+from saflite.simulator_worker.processes import children
+from saflite.simulator_worker.registry import load_target, why_missing
+from saflite.simulator_worker.slots import take_slot
+
+SHORT_S, LONG_S = 10.0, 70.0
+KINDS = ("stick", "mode", "parameter", "sensor_fault", "command")
+LISTENING = "0A"  # TCP state in /proc/net/tcp
+
+
+def hover(name: str, limit_s: float, *stimuli: Stimulus) -> TestCase:
+    """Return a flight from the target's first start state, 20 m up, with some inputs."""
+    start = load_target(name).describe().start_states[0]
+    scenario = Scenario(start=StartState(mode=start.mode, altitude_m=20.0), time_limit_s=limit_s)
+    return TestCase(target=Target(name=name), scenario=scenario, stimuli=stimuli, rng_seed=1)
+
+
+def on_ground(case: TestCase) -> TestCase:
+    """Return the same from the ground: the target's last start state."""
+    start = load_target(case.target.name).describe().start_states[-1]
+    return replace(case, scenario=replace(case.scenario, start=start))
+
+
+def drawn(name: str, number: int, limit_s: float) -> TestCase:
+    """Return a test case with three inputs, each of a kind drawn first, values within documented ranges."""
+    rng = derive(number, "bench", "autopilots", name)
+    inputs = [one for one in load_target(name).describe().inputs if not one.at_start]
+    groups = [found for kind in KINDS if (found := [one for one in inputs if one.kind == kind and _usable(one)])]
+    stimuli = []
+    for at_s in sorted(rng.uniform(0.1, 0.8 * limit_s, 3)):
+        group = groups[int(rng.integers(len(groups)))]
+        one = group[int(rng.integers(len(group)))]
+        values = () if one.low is None or one.high is None else (round(float(rng.uniform(one.low, one.high)), 3),)
+        stimuli.append(Stimulus(at_s=round(float(at_s), 2), kind=one.kind, name=one.name, values=values))
+    return hover(name, limit_s, *stimuli)
+
+
+def _usable(one: InputInfo) -> bool:
+    return one.kind in ("mode", "command") or (one.low is not None and one.high is not None)
+
+
+def fly(session: Session, case: TestCase) -> FlightRecord:
+    """Fly a case to its end."""
+    return session.fly(case, DEADLINE_S, lambda: False)
+
+
+# ---- parts --------------------------------------------------------------------------------------------------------
+
+
+def speed(options: argparse.Namespace) -> dict[str, Any]:
+    """Return factors of real time by core time: bare, flown, bringing up; medians over the turns."""
+    held = take_slot()
+    session = load_target(options.target).open(held.info.slot(WallClock()))
+    rows = []
+    try:
+        for _ in range(options.turns):
+            bare_s, _, bare_core_s, _ = bare_shipped()
+            short, long = (_core_s(session, hover(options.target, limit_s)) for limit_s in (SHORT_S, LONG_S))
+            flown = (LONG_S - SHORT_S) / (long["core_s"] - short["core_s"])
+            wall = (LONG_S - SHORT_S) / (long["wall_s"] - short["wall_s"])
+            bring_up_s = short["core_s"] - SHORT_S / flown
+            rows.append({"bare_x": bare_s / bare_core_s, "x": flown, "wall_x": wall, "bring_up_core_s": bring_up_s})
+    finally:
+        session.close()
+        held.release()
+    middle = {key: round(median(row[key] for row in rows), 3) for key in rows[0]}
+    share = median(row["x"] / row["bare_x"] for row in rows)
+    return {**middle, "share_of_bare": round(share, 3), "turns": [_rounded(row) for row in rows]}
+
+
+def _core_s(session: Session, case: TestCase) -> dict[str, float]:
+    before, began_s = _used_s(), time.monotonic()
+    record = fly(session, case)
+    assert record.ending == "completed", record.message
+    return {"core_s": _used_s() - before, "wall_s": time.monotonic() - began_s}
+
+
+def _used_s() -> float:
+    """Return the core time of this process and of all that it has taken leave of."""
+    own = os.times()
+    return own.user + own.system + own.children_user + own.children_system
+
+
+def _rounded(row: dict[str, float]) -> dict[str, float]:
+    return {key: round(value, 3) for key, value in row.items()}
+
+
+def again(options: argparse.Namespace) -> dict[str, Any]:
+    """Fly drawn cases in one session, then in another in the opposite order; return how many are equal, and endings."""
+    numbers = list(range(options.again))
+    first = _flown(options.target, numbers)
+    second = _flown(options.target, numbers[::-1])
+    wrong = {number: list(differences(first[number], second[number])) for number in numbers}
+    wrong = {number: parts for number, parts in wrong.items() if parts}
+    endings = [record.ending for record in first.values()]
+    digests = {"" if one.trace is None else trace_digest(one.trace) for one in first.values()}
+    return {
+        "flown": len(numbers),
+        "equal_after_others_in_another_order": len(numbers) - len(wrong),
+        "distinct_traces": len(digests),
+        "endings": {ending: endings.count(ending) for ending in sorted(set(endings))},
+        "wrong": wrong,
+    }
+
+
+def _flown(name: str, numbers: list[int]) -> dict[int, FlightRecord]:
+    held = take_slot()
+    session = load_target(name).open(held.info.slot(WallClock()))
+    try:
+        return {number: fly(session, drawn(name, number, SHORT_S)) for number in numbers}
+    finally:
+        session.close()
+        held.release()
+
+
+def leaks(options: argparse.Namespace) -> dict[str, Any]:
+    """Fly drawn cases in a row in one session; return what grew between the first and the last."""
+    held = take_slot()
+    info = held.info
+    ports = range(info.first_port, info.first_port + info.ports)
+    session = load_target(options.target).open(info.slot(WallClock()))
+    try:
+        fly(session, on_ground(drawn(options.target, 0, 1.0)))
+        before = _left(Path(info.folder), ports)
+        cases = (on_ground(drawn(options.target, number, 1.0)) for number in range(options.leaks))
+        endings = [fly(session, case).ending for case in cases]
+        after = _left(Path(info.folder), ports)
+    finally:
+        session.close()
+        held.release()
+    grown = {key: after[key] - before[key] for key in before}
+    counted = {ending: endings.count(ending) for ending in sorted(set(endings))}
+    return {"flown": len(endings), "grown": grown, "endings": counted}
+
+
+def _left(folder: Path, ports: range) -> dict[str, int]:
+    return {
+        "processes": len(children(os.getpid())),
+        "open_files": len(os.listdir("/proc/self/fd")),
+        "listening_ports": len(_bound() & set(ports)),
+        "files_on_disk": sum(1 for _ in folder.rglob("*")),
+    }
+
+
+def _bound() -> set[int]:
+    """Return the ports of this host that are listened on (TCP) or bound (UDP)."""
+    found = set()
+    for kind in ("tcp", "udp"):
+        for line in Path(f"/proc/net/{kind}").read_text().splitlines()[1:]:
+            words = line.split()
+            if kind == "udp" or words[3] == LISTENING:
+                found.add(int(words[1].rpartition(":")[2], 16))
+    return found
+
+
+PARTS: dict[str, Callable[[argparse.Namespace], dict[str, Any]]] = {"speed": speed, "again": again, "leaks": leaks}
+
+
+def main(argv: list[str]) -> int:
+    """Run the parts asked for; 3 where the target cannot fly here."""
+    parser = argparse.ArgumentParser(prog="scripts/bench autopilots", description=__doc__)
+    parser.add_argument("--target", default="ardupilot")
+    parser.add_argument("--parts", nargs="+", choices=sorted(PARTS), default=list(PARTS))
+    for name, default in (("turns", 5), ("again", 40), ("leaks", 200)):
+        parser.add_argument(f"--{name}", type=int, default=default)
+    parser.add_argument("--json", action="store_true", help="one JSON object a part, as in the committed rows")
+    options = parser.parse_args(argv)
+    lacking = why_missing(options.target)
+    if lacking:
+        sys.stderr.write(f"{options.target}: {lacking}\n")
+        return 3
+    autopilot = load_target(options.target).describe().autopilot
+    for name in options.parts:
+        load = f"{os.getloadavg()[0]:.0f} on {os.cpu_count()} cores"
+        found = PARTS[name](options)
+        row = {
+            "bench": "autopilots",
+            "part": name,
+            "target": options.target,
+            "autopilot": autopilot,
+            "load": load,
+            **found,
+        }
+        print(json.dumps(row) if options.json else f"{name}: {json.dumps(found)}", flush=True)
+    return 0

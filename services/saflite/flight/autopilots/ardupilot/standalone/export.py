@@ -1,0 +1,100 @@
+"""Makes the script that flies a finding without the farm: the maintainers' own binary on its own physics."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from saflite.contract.errors import Refused
+from saflite.contract.flight import Flight
+from saflite.contract.standalone import Evidence
+from saflite.contract.test_case import Stimulus, TestCase
+from saflite.flight.autopilots.ardupilot.binary import Binary
+from saflite.flight.autopilots.ardupilot.bring_up import HOME
+from saflite.flight.autopilots.ardupilot.flight import MISSION_YAW_DEG
+from saflite.flight.autopilots.ardupilot.mission import as_taken
+from saflite.flight.autopilots.ardupilot.settings import F450, start_parameters
+from saflite.flight.autopilots.ardupilot.telemetry import MODES
+from saflite.flight.autopilots.external.flight import DEFAULT_START
+from saflite.flight.autopilots.external.inputs import command_number
+from saflite.flight.autopilots.external.listing import Listing
+from saflite.flight.mavlink.client import CUSTOM_MODE, DO_SET_MODE
+from saflite.flight.mavlink.items import item_fields
+
+_TEMPLATE = Path(__file__).with_name("script.py")
+_NOT_THEIRS = frozenset({*F450, "SERIAL1_PROTOCOL", "SERIAL2_PROTOCOL"})
+_HEADER = """Flies a finding on ArduCopter without the farm that found it: {title}
+
+{asked}
+Steps (seconds after the start state: {start}):
+{steps}
+
+What it needs: Python 3.9 or later, pymavlink, and ArduCopter built for SITL; found with
+  {version}, SHA-256 {digest}.
+
+  python3 {name} build/sitl/bin/arducopter
+
+What it does: it starts the binary on its own physics (a quadrotor X, stock gains; the farm flew an F450 with gains of
+its own), reaches the start state, gives the inputs at their times of simulated time, and tells what happens. Parameters
+(`start.parm`), track and DataFlash log stay in a folder. Vehicle and noise are others than in the farm: what shows
+again does not hang on them. Exit code 0: flown to the end (or died, where that is the finding); 1: otherwise."""
+
+
+def standalone(test_case: TestCase, flight: Flight, evidence: Evidence, binary: Binary, rows: Listing) -> str:
+    """Return the text of the script.
+
+    Raises:
+        Refused: the finding has obstacles, which the autopilot's own physics does not know.
+    """
+    scenario, given = test_case.scenario, test_case.target.parameters
+    if scenario.obstacles:
+        raise Refused("--standalone", expected="a finding without boxes", got=f"{len(scenario.obstacles)}")
+    mission, start = scenario.mission, scenario.start or DEFAULT_START
+    ours = start_parameters(given, rows.parameters, obstacles=False)
+    wind = {"SIM_WIND_SPD": scenario.wind.mean_mps, "SIM_WIND_DIR": scenario.wind.from_deg}
+    parameters = {name: value for name, value in ours.items() if name in given or name not in _NOT_THEIRS}
+    home = HOME if mission is None else (mission.home_lat_deg, mission.home_lon_deg, mission.home_alt_m)
+    facts: dict[str, Any] = {
+        "parameters": {**(wind if scenario.wind.mean_mps else {}), **parameters},
+        "home": [*home, 0.0 if mission is None else MISSION_YAW_DEG],
+        "items": [] if mission is None else item_fields(as_taken(mission), home=True, not_given=0.0),
+        "mode": MODES[start.mode],
+        "altitude_m": start.altitude_m,
+        "armed": start.armed,
+        "inputs": [_input(one, rows.types) for one in sorted(test_case.stimuli, key=lambda one: one.at_s)],
+        "limit_s": scenario.time_limit_s,
+        "died": flight.ending == "autopilot_died",
+        "policy": evidence.policy,
+        "title": evidence.title,
+        "from_s": evidence.from_s,
+    }
+    text = _TEMPLATE.read_text(encoding="utf-8").replace("@DESCRIPTION@", _described(test_case, evidence, binary), 1)
+    return text.replace('{"@FACTS@": 0}', json.dumps(facts, indent=1), 1)
+
+
+def _input(one: Stimulus, types: Mapping[str, int]) -> dict[str, Any]:
+    """Return what the script gives: a command with its numbers, a parameter with its type, or a stick."""
+    row = {"at_s": one.at_s, "kind": one.kind, "name": one.name, "values": list(one.values), "number": 0}
+    if one.kind == "mode":
+        row.update(number=DO_SET_MODE, values=[CUSTOM_MODE, MODES[one.name]])
+    elif one.kind == "command":
+        row["number"] = command_number(one.name)
+    elif one.kind != "stick":
+        row["number"] = types[one.name]
+    return row
+
+
+def _described(case: TestCase, evidence: Evidence, binary: Binary) -> str:
+    start = case.scenario.start or DEFAULT_START
+    words = _HEADER.format(
+        title=evidence.title,
+        asked="".join(f"{what}: {answer}\n" for what, answer in evidence.asked.items()),
+        start="the mission's start" if case.scenario.mission else f"{start.mode}, {start.altitude_m:g} m",
+        steps="\n".join(f"  {step}" for step in evidence.steps),
+        version=binary.version,
+        digest=binary.digest,
+        name=evidence.file,
+    )
+    return words.replace("\\", "/").replace('"""', "'''")
