@@ -106,12 +106,18 @@ def _dispatch(words: list[str]) -> int:
 
         use(args.module)
     if getattr(args, "autopilot", None) is not None:
-        from saflite.flight.autopilots.ardupilot.binary import use as fly_with
-
-        fly_with(args.autopilot)
+        _fly_with(args.autopilot)
     code: int = module.run(args)
     sys.stdout.flush()
     return code
+
+
+def _fly_with(path: Path) -> None:
+    """Have the real autopilot in a file fly for the target that it is."""
+    from saflite.flight.autopilots.ardupilot import binary as ardupilot
+    from saflite.flight.autopilots.px4 import binary as px4
+
+    (px4 if px4.is_px4(path) else ardupilot).use(path)
 
 
 def _load(name: str) -> ModuleType:

@@ -47,9 +47,10 @@ def all_checks(folder: Path, ollama: str) -> list[Check]:
         _flight,
         _ardupilot,
         _ardupilot_parameters,
+        _px4,
+        _px4_parameters,
         *(partial(_target, name) for name in target_names()),
         partial(_ollama, ollama),
-        partial(_binary, "PX4", "px4"),
     ]
 
 
@@ -221,8 +222,26 @@ def _ardupilot_parameters() -> Finding:
     return Finding(what, "ok", f"in lockstep, answers over MAVLink: {count} parameters, {documented} with ranges")
 
 
-def _binary(name: str, program: str) -> Finding:
-    path = shutil.which(program)
-    if path is None:
-        return Finding(name, "note", f"no `{program}` on the PATH; the reference target needs none")
-    return Finding(name, "ok", path)
+def _px4() -> Finding:
+    from saflite.flight.autopilots.px4.binary import named
+
+    try:
+        binary = named()
+    except Unavailable as fault:
+        return Finding("PX4", "note", f"{fault}; the other targets need none")
+    except Refused as fault:
+        return Finding("PX4", "bad", str(fault))
+    return Finding("PX4", "ok", f"digest {binary.digest[:12]}, with the simulator's MAVLink interface and its files")
+
+
+def _px4_parameters() -> Finding:
+    from saflite.simulator_worker.targets.px4 import parameters_known
+
+    what = "PX4 starts"
+    try:
+        count, documented = parameters_known()
+    except Unavailable as fault:
+        return Finding(what, "note", f"not tried: {fault}")
+    except Refused as fault:
+        return Finding(what, "bad", str(fault))
+    return Finding(what, "ok", f"in lockstep, answers over MAVLink: {count} parameters, {documented} with ranges")

@@ -12,17 +12,17 @@ from saflite.flight.autopilots.ardupilot.mission import as_taken
 from saflite.flight.autopilots.ardupilot.settings import start_parameters
 from saflite.flight.autopilots.ardupilot.signals import trace_names
 from saflite.flight.autopilots.ardupilot.telemetry import MODES, RATES_HZ, Telemetry
-from saflite.flight.autopilots.external.flight import ExternalFlight
+from saflite.flight.autopilots.external.flight import ANSWER_S, ExternalFlight
 from saflite.flight.autopilots.external.inputs import Inputs
 from saflite.flight.autopilots.external.link import CENTRE_US, TICK_S
 from saflite.flight.autopilots.external.listing import Listing
 from saflite.flight.autopilots.external.place import Place
 
-READY_S, ANSWER_S, CLIMB_S, SETTLE_S = 120.0, 5.0, 60.0, 4.0  # simulated
+READY_S, CLIMB_S, SETTLE_S = 120.0, 60.0, 4.0  # simulated
 NOISE_TICKS = 50  # the vehicle waits up to a second longer, drawn anew for every random seed
 MISSION_YAW_DEG = 90.0
 NEAR_M, SLOW_MPS = 0.5, 0.3
-ARM, TAKEOFF, START_MISSION, SET_INTERVAL = 400, 22, 300, 511
+ARM, TAKEOFF, START_MISSION = 400, 22, 300
 WIND = ("SIM_WIND_SPD", "SIM_WIND_DIR", "SIM_WIND_TURB")
 WIND_MAX_MPS = 30.0
 
@@ -30,10 +30,8 @@ WIND_MAX_MPS = 30.0
 class ArduPilotFlight(ExternalFlight):
     """A flight; `run` flies it."""
 
-    TRACE_NAMES = trace_names()
-
     def __init__(self, test_case: TestCase, binary: Binary, listing: Listing, place: Place) -> None:
-        super().__init__(test_case, binary.version, place)
+        super().__init__(test_case, binary.version, place, trace_names())
         self._binary, self._listing = binary, listing
         self._changes_seen = -1
         self._wind_told = tuple(listing.values.get(name, 0.0) for name in WIND)
@@ -71,19 +69,12 @@ class ArduPilotFlight(ExternalFlight):
         self._inputs = Inputs(aircraft.client, pulses_us, stimuli, self._listing, MODE_NUMBERS)
         if not aircraft.client.wait_for_heartbeat(HEARTBEAT_S):
             raise Unavailable(f"{self._version}: no heartbeat within {HEARTBEAT_S:.0f} simulated s")
-        self._ask_for(aircraft, ("SYS_STATUS", "EKF_STATUS_REPORT"))
+        self._ask_for(aircraft, {name: RATES_HZ[name] for name in ("SYS_STATUS", "EKF_STATUS_REPORT")})
 
     def _reach_start(self, aircraft: Aircraft) -> str:
         why = self._get_ready(aircraft)
-        self._ask_for(aircraft, tuple(RATES_HZ))
+        self._ask_for(aircraft, RATES_HZ)
         return why or self._lift_off(aircraft)
-
-    def _ask_for(self, aircraft: Aircraft, names: tuple[str, ...]) -> None:
-        from pymavlink.dialects.v20 import ardupilotmega
-
-        for name in names:
-            number = getattr(ardupilotmega, f"MAVLINK_MSG_ID_{name}")
-            aircraft.client.command(SET_INTERVAL, (number, 1e6 / RATES_HZ[name]), ANSWER_S)
 
     def _get_ready(self, aircraft: Aircraft) -> str:
         """Wait for the estimate and the checks before arming; return why not."""

@@ -7,7 +7,8 @@ it at one moment of simulated time.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Any, ClassVar
+from collections.abc import Mapping
+from typing import Any
 
 from saflite.contract.errors import Unavailable
 from saflite.contract.flight import Ending, FlightRecord, Trace, TraceMessage
@@ -24,6 +25,8 @@ from saflite.flight.world.wind import WindField
 
 TRACE_STEP_S = 0.04
 AFTER_S = 2.0  # recorded after the end
+ANSWER_S = 5.0  # simulated
+SET_INTERVAL = 511
 CHECK_EVERY = 50
 DEFAULT_START = StartState()
 
@@ -37,9 +40,8 @@ class ExternalFlight(ABC):
         Unavailable: JSBSim or the autopilot cannot be brought up.
     """
 
-    TRACE_NAMES: ClassVar[tuple[str, ...]]
-
-    def __init__(self, test_case: TestCase, version: str, place: Place) -> None:
+    def __init__(self, test_case: TestCase, version: str, place: Place, trace_names: tuple[str, ...]) -> None:
+        self._trace_names = trace_names
         self.test_case, self.scenario = test_case, test_case.scenario
         self.start = test_case.scenario.start or DEFAULT_START
         self._version, self._place = version, place
@@ -211,6 +213,14 @@ class ExternalFlight(ABC):
             raise Unavailable(f"{self._version}: {self.note}")
         self._start_trace(aircraft)
 
+    def _ask_for(self, aircraft: Any, rates_hz: Mapping[str, float]) -> None:
+        """Ask for messages at these rates."""
+        from pymavlink.dialects.v20 import ardupilotmega
+
+        for name, rate_hz in rates_hz.items():
+            number = getattr(ardupilotmega, f"MAVLINK_MSG_ID_{name}")
+            aircraft.client.command(SET_INTERVAL, (number, 1e6 / rate_hz), ANSWER_S)
+
     def _wait(self, aircraft: Any, good: Any, within_s: float) -> bool:
         """Poll until `good()`; return whether it came in time."""
         end_s = aircraft.clock.monotonic_s() + within_s
@@ -230,7 +240,7 @@ class ExternalFlight(ABC):
         self._telemetry.zero_s = aircraft.clock.monotonic_s()
         self._telemetry.texts.clear()
         limit = int(self.scenario.time_limit_s / TRACE_STEP_S) + 2
-        aircraft.vehicle.record(self.TRACE_NAMES, limit, TRACE_STEP_S)
+        aircraft.vehicle.record(self._trace_names, limit, TRACE_STEP_S)
 
     def _last_words(self) -> str:
         said = self._aircraft.client.texts if self._aircraft is not None else ()

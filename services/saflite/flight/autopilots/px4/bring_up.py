@@ -1,0 +1,208 @@
+"""From a binary to a vehicle that answers: folder, process, links, first outputs. All ends with `Aircraft.close`."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from socket import AF_INET, IPPROTO_TCP, SO_REUSEADDR, SOCK_STREAM, SOL_SOCKET, TCP_NODELAY, socket
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saflite.contract.errors import Unavailable
+from saflite.flight.autopilots.external.link import (
+    CENTRE_US,
+    LOOPBACK,
+    LOW_US,
+    TICK_STEPS,
+    WORDS,
+    LockstepPort,
+    SimulatedClock,
+    bound_udp,
+)
+from saflite.flight.autopilots.external.place import FailedBringUp, Place
+from saflite.flight.autopilots.external.process import Process
+from saflite.flight.autopilots.external.vehicle import GONE, OK
+from saflite.flight.autopilots.px4.binary import AIRFRAME, START_UP, Binary
+from saflite.flight.autopilots.px4.vehicle import Vehicle
+from saflite.flight.mavlink.client import Client
+from saflite.flight.world.jsbsim_world import HOME_ALT_M, HOME_LAT_DEG, HOME_LON_DEG
+
+PORTS_NEEDED = 3
+SIMULATOR, GROUND, VEHICLE = range(3)  # places among the ports
+CALL_S, FIRST_OUTPUTS_S = 60.0, 30.0  # wall, simulated
+CHANNELS = 8
+HOME = (HOME_LAT_DEG, HOME_LON_DEG, HOME_ALT_M)
+SCRIPTS = {
+    "px4-rc.mavlinksim": """#!/bin/sh
+param set MAV_SYS_ID 1
+param set-default EKF2_GPS_DELAY 10
+param set-default EKF2_MULTI_IMU 1
+param set-default SENS_IMU_MODE 1
+simulator_mavlink start -c {simulator}
+""",
+    "px4-rc.mavlink": """#!/bin/sh
+mavlink start -u {vehicle} -o {ground} -t {host} -r 4000000 -m minimal
+""",
+}
+"""Start-up files of ours in place of those of the same names: one inertial unit, the slot's ports, one link."""
+
+
+class Aircraft:
+    """A running autopilot in its world, and the link to it.
+
+    Args:
+        parameters: what it starts with beyond its own defaults, as text.
+        boxes: obstacles, shape (k, 8).
+        home: latitude, longitude in degrees, height above sea in metres.
+        rng_seed: of the sensors' noise.
+        before_tick: called before each step of 20 ms while anything waits on the link.
+
+    Raises:
+        Unavailable: it cannot be started, or its ports are taken.
+        FailedBringUp: it ended, or does not answer.
+    """
+
+    def __init__(
+        self,
+        binary: Binary,
+        place: Place,
+        parameters: Mapping[str, str],
+        boxes: NDArray[np.float64],
+        *,
+        home: tuple[float, float, float] = HOME,
+        yaw_deg: float = 0.0,
+        rng_seed: int = 0,
+        before_tick: Callable[[], None] = lambda: None,
+    ) -> None:
+        if len(place.ports) < PORTS_NEEDED:
+            raise Unavailable(f"a slot with {PORTS_NEEDED} ports is needed, this one has {len(place.ports)}")
+        self._place, self._tcp = place, None
+        self.vehicle = Vehicle(boxes, yaw_deg, rng_seed)
+        self.clock = SimulatedClock(self.vehicle)
+        self.pulses_us = [CENTRE_US] * CHANNELS
+        self.pulses_us[2] = LOW_US
+        self.folder = place.folder / "px4"
+        self._lay_out(binary)
+        self._server = _listening(place.ports[SIMULATOR])
+        try:
+            self._udp = bound_udp(place.ports[GROUND])
+        except Unavailable:
+            self._server.close()
+            raise
+        try:
+            self.process = Process(
+                [str(binary.path), "-i", str(self._instance), "-d", "-w", str(self.folder)],
+                self.folder,
+                environment=_environment(parameters),
+                realtime=True,
+            )
+        except Unavailable:
+            self._close_links()
+            raise
+        try:
+            self._tcp = self._called()
+            self.vehicle.connect(self._tcp, self._udp, home)
+            self._wait_for_outputs()
+        except BaseException:
+            self.close()
+            raise
+
+        def before() -> None:
+            before_tick()
+            self.vehicle.set_pulses(self.pulses_us)
+
+        self.client = Client(self.clock, LockstepPort(self.vehicle, self._send, before))
+
+    @property
+    def _instance(self) -> int:
+        """Names its socket and lock file, which lie where all users' do; ports are given by our start-up files."""
+        return self._place.ports[0]
+
+    def _lay_out(self, binary: Binary) -> None:
+        """Make its folder: its own start-up files by links, but for those that start links."""
+        shutil.rmtree(self.folder, ignore_errors=True)
+        scripts = self.folder / "etc" / START_UP
+        scripts.mkdir(parents=True)
+        for there, here in ((binary.start_up, scripts.parent), (binary.start_up / START_UP, scripts)):
+            for path in there.iterdir():
+                if path.name not in (START_UP, *SCRIPTS):
+                    (here / path.name).symlink_to(path)
+        ports = self._place.ports
+        for name, text in SCRIPTS.items():
+            words = text.format(simulator=ports[SIMULATOR], vehicle=ports[VEHICLE], ground=ports[GROUND], host=LOOPBACK)
+            (scripts / name).write_text(words)
+
+    def _called(self) -> socket:
+        """Return the link it calls us on."""
+        self._server.settimeout(0.2)
+        for _ in range(round(CALL_S / 0.2)):
+            try:
+                made, _ = self._server.accept()
+            except TimeoutError:
+                self.process.listen()
+                if self.process.gone:
+                    raise FailedBringUp(self.process.how_it_ended()) from None
+                continue
+            made.setsockopt(IPPROTO_TCP, TCP_NODELAY, 1)
+            return made
+        raise FailedBringUp(f"it did not call the simulator within {CALL_S:.0f} s")
+
+    def _wait_for_outputs(self) -> None:
+        while not self.vehicle.answers:
+            came = self.vehicle.run(TICK_STEPS)
+            self.process.listen()
+            if came != OK or self.process.gone:
+                raise FailedBringUp(self.trouble(came if came != OK else GONE))
+            if self.clock.monotonic_s() > FIRST_OUTPUTS_S:
+                raise FailedBringUp(f"no motor commands within {FIRST_OUTPUTS_S:.0f} simulated s")
+
+    def _send(self, data: bytes) -> None:
+        self._udp.sendto(data, (LOOPBACK, self._place.ports[VEHICLE]))
+
+    def trouble(self, came: int) -> str:
+        """Return in words how it ended, where it does not go on."""
+        return self.process.how_it_ended() if came == GONE else WORDS.get(came, "the world failed")
+
+    def logs(self) -> dict[str, bytes]:
+        """Return the ULog files it wrote, by name, oldest first."""
+        found = sorted((self.folder / "log").rglob("*.ulg"), key=lambda path: path.stat().st_mtime_ns)
+        return {path.name: path.read_bytes() for path in found}
+
+    def close(self) -> None:
+        """End the process and everything of it; may be called twice."""
+        self.process.end()
+        self._close_links()
+        shutil.rmtree(self.folder, ignore_errors=True)
+        for name in ("px4-sock", "px4_lock"):
+            Path(f"/tmp/{name}-{self._instance}").unlink(missing_ok=True)  # noqa: S108  (its own, by its own rule)
+
+    def _close_links(self) -> None:
+        self._server.close()
+        self._udp.close()
+        if self._tcp is not None:
+            self._tcp.close()
+
+
+def _environment(parameters: Mapping[str, str]) -> dict[str, str]:
+    number, _, model = AIRFRAME.partition("_")
+    return {
+        "PATH": os.defpath,
+        "PX4_SIM_MODEL": model,
+        "PX4_SYS_AUTOSTART": number,
+        **{f"PX4_PARAM_{name}": text for name, text in parameters.items()},
+    }
+
+
+def _listening(port: int) -> socket:
+    made = socket(AF_INET, SOCK_STREAM)
+    made.setsockopt(SOL_SOCKET, SO_REUSEADDR, 1)
+    try:
+        made.bind((LOOPBACK, port))
+        made.listen(1)
+    except OSError as fault:
+        made.close()
+        raise Unavailable(f"port {port}: {fault}") from fault
+    return made

@@ -1,0 +1,121 @@
+"""One flight with PX4. It repeats bit by bit only where PX4 may run at real-time priority, and not always there."""
+
+from __future__ import annotations
+
+import math
+
+from saflite.contract.errors import Unavailable
+from saflite.contract.rng import derive
+from saflite.contract.test_case import StartState, TestCase
+from saflite.flight.autopilots.external.flight import ANSWER_S, ExternalFlight
+from saflite.flight.autopilots.external.link import CENTRE_US, TICK_S
+from saflite.flight.autopilots.external.listing import HEARTBEAT_S, Listing
+from saflite.flight.autopilots.external.place import Place
+from saflite.flight.autopilots.px4 import modes
+from saflite.flight.autopilots.px4.binary import Binary
+from saflite.flight.autopilots.px4.bring_up import HOME, Aircraft
+from saflite.flight.autopilots.px4.inputs import Inputs
+from saflite.flight.autopilots.px4.settings import as_texts, start_parameters
+from saflite.flight.autopilots.px4.signals import trace_names
+from saflite.flight.autopilots.px4.telemetry import RATES_HZ, Telemetry
+
+READY_S, CLIMB_S, SETTLE_S = 60.0, 60.0, 4.0  # simulated
+BEGIN_S, NOISE_TICKS = 15.0, 50  # arming at a time of its own, up to a second later: drawn anew for every random seed
+MISSION_YAW_DEG = 90.0
+NEAR_M, SLOW_MPS = 0.7, 0.3
+ARM, TAKEOFF = 400, 22
+DEFAULT_START = StartState(mode="BRAKE")
+
+
+class Px4Flight(ExternalFlight):
+    """A flight; `run` flies it."""
+
+    def __init__(self, test_case: TestCase, binary: Binary, listing: Listing, place: Place) -> None:
+        super().__init__(test_case, binary.version, place, trace_names(listing.values))
+        self.start = test_case.scenario.start or DEFAULT_START
+        self._binary, self._listing = binary, listing
+
+    def _powered_up(self) -> Aircraft:
+        mission, given = self._mission, self.test_case.target.parameters
+        home = HOME if mission is None else (mission.home_lat_deg, mission.home_lon_deg, mission.home_alt_m)
+        self._home = home
+        parameters = start_parameters(given, self._listing, obstacles=bool(len(self._boxes)))
+        self._parameters = {**self._listing.values, **parameters}
+        return Aircraft(
+            self._binary,
+            self._place,
+            as_texts(parameters, self._listing.types),
+            self._boxes,
+            home=home,
+            yaw_deg=MISSION_YAW_DEG if mission is not None else 0.0,
+            rng_seed=self.test_case.rng_seed,
+            before_tick=self._before_tick,
+        )
+
+    def _artefacts(self, aircraft: Aircraft) -> tuple[tuple[str, bytes], ...]:
+        logs = list(aircraft.logs().values())
+        kept = (("console.txt", aircraft.process.console.encode()),)
+        return (*kept, ("flight.ulg", logs[-1])) if logs else kept
+
+    def _change_weather(self) -> None:
+        """It has no wind of its own."""
+
+    def _greet(self, aircraft: Aircraft) -> None:
+        client = aircraft.client
+        self._telemetry = Telemetry(aircraft.vehicle, client, self._parameters, self._home)
+        stimuli = self.test_case.stimuli
+        self._inputs = Inputs(aircraft.vehicle, client, aircraft.pulses_us, stimuli, self._listing)
+        if not client.wait_for_heartbeat(HEARTBEAT_S):
+            raise Unavailable(f"{self._version}: no heartbeat within {HEARTBEAT_S:.0f} simulated s")
+        self._ask_for(aircraft, RATES_HZ)
+
+    def _reach_start(self, aircraft: Aircraft) -> str:
+        """Arm at a fixed time, once ready, and reach the start state; return why not."""
+        if not self._wait(aircraft, lambda: self._telemetry.ready, READY_S):
+            return f"not ready within {READY_S:.0f} s: {self._last_words()}"
+        if self._mission is not None or (self.start.armed and self.start.altitude_m > 0.0):
+            aircraft.pulses_us[2] = CENTRE_US  # now: a stick that moves later takes over from modes that fly themselves
+        begin_s = BEGIN_S + TICK_S * float(derive(self.test_case.rng_seed, "px4", "start").integers(NOISE_TICKS))
+        self._wait(aircraft, lambda: False, begin_s - aircraft.clock.monotonic_s())
+        if self._mission is not None:
+            return self._start_mission(aircraft)
+        start, client = self.start, aircraft.client
+        if not start.armed or start.altitude_m == 0.0:
+            why = self._enter(aircraft, start.mode)
+            armed = why or not start.armed or client.command(ARM, (1.0,), ANSWER_S).ok
+            return why if armed else f"did not arm: {self._last_words()}"
+        return self._climb(aircraft)
+
+    def _start_mission(self, aircraft: Aircraft) -> str:
+        assert self._mission is not None
+        client = aircraft.client
+        answer = client.upload(self._mission, 20.0)
+        if not answer.ok:
+            return f"the mission was {answer.state}, result {answer.result}: {self._last_words()}"
+        aircraft.vehicle["mission_count"] = float(len(self._mission.items))
+        why = self._enter(aircraft, "AUTO")
+        if not why and not client.command(ARM, (1.0,), ANSWER_S).ok:
+            why = f"did not arm: {self._last_words()}"
+        return why
+
+    def _climb(self, aircraft: Aircraft) -> str:
+        board, client, height_m = aircraft.vehicle, aircraft.client, self.start.altitude_m
+        above_sea_m = self._home[2] + height_m  # the height ordered is above sea, not home
+        numbers = (0.0, 0.0, 0.0, math.nan, math.nan, math.nan, above_sea_m)
+        if not client.command(TAKEOFF, numbers, ANSWER_S).ok:
+            return f"did not take off: {self._last_words()}"
+        if not client.command(ARM, (1.0,), ANSWER_S).ok:
+            return f"did not arm: {self._last_words()}"
+
+        def there() -> bool:
+            return abs(board["altitude_est_m"] - height_m) < NEAR_M and abs(board["climb_mps"]) < SLOW_MPS
+
+        if not self._wait(aircraft, there, CLIMB_S):
+            return f"at {board['altitude_m']:.1f} m after {CLIMB_S:.0f} s: {self._last_words()}"
+        self._wait(aircraft, lambda: False, SETTLE_S)
+        return self._enter(aircraft, self.start.mode)
+
+    def _enter(self, aircraft: Aircraft, mode: str) -> str:
+        mode = "BRAKE" if mode == "GUIDED" else mode  # PX4's own is offboard, which needs a companion
+        answer = aircraft.client.set_mode(modes.custom(mode), ANSWER_S)
+        return "" if answer.ok else f"mode {mode} was {answer.state}: {self._last_words()}"
