@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable
+from pathlib import PurePath
 from typing import Any
 
 import msgspec
@@ -197,7 +198,8 @@ def _wind(document: Located, simulation: dict[str, Any]) -> Wind:
 def to_document(test_case: TestCase, plan_name: str = "") -> dict[str, Any]:
     """Return the document of a test case; reading it again with the same mission gives an equal test case.
 
-    `plan_name` is the file the mission is written to; a test case that was read from a document keeps the name there.
+    `plan_name` is the file the mission is written to; a test case that was read from a document keeps the place named
+    there, unless its file has another name.
     Raises Refused where the source it names is none.
     """
     document = _source(test_case.source) if test_case.source else _fresh()
@@ -207,8 +209,10 @@ def to_document(test_case: TestCase, plan_name: str = "") -> dict[str, Any]:
     mission = test_case.scenario.mission
     if mission is None:
         robot.pop("mission_file", None)
-    elif not test_case.source or not isinstance(robot.get("mission_file"), str):
-        robot["mission_file"] = plan_name or f"{mission.name}.plan"
+    else:
+        named = robot.get("mission_file") if test_case.source else None
+        if not isinstance(named, str) or PurePath(named).name != (plan_name or PurePath(named).name):
+            robot["mission_file"] = plan_name or f"{mission.name}.plan"
     simulation = _section(located, "simulation") or document.setdefault("simulation", {}) or {}
     document["simulation"] = simulation
     if not test_case.source or _obstacles(located, simulation.get("obstacles")) != test_case.scenario.obstacles:

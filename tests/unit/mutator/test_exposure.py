@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -25,6 +26,7 @@ from saflite.mutator.exposure.state_model import StateModel
 from saflite.mutator.exposure.vocabulary import Vocabulary
 from saflite.mutator.operators.inputs import target_inputs
 from saflite.mutator.strategies.exposure import Strategy
+from saflite.recorder.exports.aerialist import read_case, write_case
 
 HAVE = target_inputs(describe())
 START = StartState(mode="LOITER", altitude_m=30.0)
@@ -170,6 +172,13 @@ def test_every_proposal_can_be_flown_and_starts_kinds_and_modes_vary() -> None:
     kinds = Counter(stimulus.kind for one in found for stimulus in one.stimuli)
     assert min(kinds.values()) > 0.02 * sum(kinds.values())
     assert len({stimulus.name for one in found for stimulus in one.stimuli}) > 150
+
+
+def test_every_mission_drawn_can_be_written_beside_the_others_and_read_again(tmp_path: Path) -> None:
+    drawn = [case for case in strategy(missions=1.0, kept=0.0).ask(12, derive(3, "test")) if case.scenario.mission]
+    assert len({case.scenario.mission.name for case in drawn if case.scenario.mission}) > 6
+    files = [write_case(case, tmp_path)[0] for case in drawn]
+    assert [identity(read_case(file)) for file in files] == [identity(case) for case in drawn]
 
 
 def test_told_flights_are_changed_and_routes_to_states_are_taken() -> None:

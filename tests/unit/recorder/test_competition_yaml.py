@@ -187,13 +187,19 @@ def test_our_own_document_holds_what_the_competition_expects(tmp_path: Path) -> 
     assert data["saflite"] == {"rng_seed": 7}
 
 
-def test_two_missions_of_one_name_are_not_written_over_each_other(tmp_path: Path) -> None:
+def test_two_missions_of_one_name_are_both_written_and_found_again(tmp_path: Path) -> None:
     mission = builtin_mission("mission2")
     other = msgspec.structs.replace(mission, home_alt_m=1.0)
-    for each in (mission, mission):
-        write_case(TestCase(target=Target(), scenario=Scenario(mission=each)), tmp_path)
-    with pytest.raises(Refused, match="another mission"):
-        write_case(TestCase(target=Target(), scenario=Scenario(mission=other)), tmp_path)
+    cases = [TestCase(target=Target(), scenario=Scenario(mission=each)) for each in (mission, other, mission, other)]
+    files = [write_case(case, tmp_path) for case in cases]
+    assert files[:2] == files[2:]
+    assert len(list(tmp_path.glob("*.plan"))) == 2
+    read = [read_case(yaml).scenario.mission for yaml, _ in files]
+    assert [each and each.home_alt_m for each in read] == [mission.home_alt_m, 1.0] * 2
+
+    again = msgspec.structs.replace(other, name=mission.name)  # read from a document that names the other file
+    case = msgspec.structs.replace(read_case(files[0][0]), scenario=Scenario(mission=again))
+    assert read_case(write_case(case, tmp_path, "again")[0]).scenario.mission == read[1]
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,10 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 
+from saflite.contract.ids import short_id
 from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import Mission, MissionItem, Scenario, StartState
+from saflite.flight.mission import dump_plan, parse_plan
 from saflite.mutator.operators.values import HOME_LAT_DEG, HOME_LON_DEG, NEAR_DEG
 
 Rng = np.random.Generator
@@ -57,17 +59,21 @@ class Scenarios(NamedTuple):
             items.append(_item(LAND, place=_near(rng, 0.0)))
         elif end == RETURN:
             items.append(_item(RETURN))
-        plan = Mission(
-            name="drawn", home_lat_deg=HOME_LAT_DEG, home_lon_deg=HOME_LON_DEG, home_alt_m=0.0, items=tuple(items)
-        )
         limit_s = MISSION_LONGER * self.own.time_limit_s
-        return msgspec.structs.replace(self.own, start=None, mission=plan, time_limit_s=limit_s)
+        return msgspec.structs.replace(self.own, start=None, mission=_named(tuple(items)), time_limit_s=limit_s)
 
 
 def scenarios_of(own: Scenario, target: TargetInfo) -> Scenarios:
     """Return what may be drawn for a target: the modes of its example start states."""
     modes = tuple(dict.fromkeys(start.mode for start in target.start_states))
     return Scenarios(own, modes if own.mission is None else (), target.missions)
+
+
+def _named(items: tuple[MissionItem, ...]) -> Mission:
+    """Return a mission as its file would hold it, named after its items: plans of a run lie in one folder."""
+    name = f"drawn-{short_id(msgspec.json.encode(items))}"
+    home = Mission(name=name, home_lat_deg=HOME_LAT_DEG, home_lon_deg=HOME_LON_DEG, home_alt_m=0.0, items=items)
+    return parse_plan(dump_plan(home), name, name)
 
 
 def _log_uniform(rng: Rng, low: float, high: float) -> float:

@@ -12,9 +12,10 @@ from pathlib import Path
 from saflite.contract.errors import Refused
 from saflite.contract.outside import read_text
 from saflite.contract.test_case import Mission, TestCase, identity
-from saflite.flight.mission import dump_plan, load_plan
+from saflite.flight.mission import load_plan
 from saflite.recorder import competition, yaml_text
 from saflite.recorder.files import write_file
+from saflite.recorder.plans import write_plan
 from saflite.recorder.summary import RunSummary
 
 ALIASES = ("yaml",)
@@ -32,22 +33,14 @@ def write_case(test_case: TestCase, folder: Path, stem: str = "") -> tuple[Path,
     """Write the test case as `folder/stem.yaml` (its identity if no stem is given) with its mission beside it."""
     path = folder / f"{stem or identity(test_case)}.yaml"
     document = competition.to_document(test_case)
-    robot = next(document[word] for word in competition.ROBOT_WORDS if word in document)
-    mission = test_case.scenario.mission
-    written = [path]
+    mission, written = test_case.scenario.mission, [path]
     if mission is not None:
-        written.append(_write_plan(mission, folder / Path(robot["mission_file"]).name))
+        robot = next(document[word] for word in competition.ROBOT_WORDS if word in document)
+        plan = write_plan(mission, folder, robot["mission_file"])
+        document = competition.to_document(test_case, plan.name)
+        written.append(plan)
     write_file(path, yaml_text.write(document))
     return tuple(written)
-
-
-def _write_plan(mission: Mission, path: Path) -> Path:
-    """Write the plan unless it is there already; raises Refused where another mission of that name stands."""
-    text = dump_plan(mission)
-    if path.exists() and read_text(path, "mission plan") != text:
-        raise Refused("mission plan", where=str(path), expected=f"mission {mission.name}", got="another mission")
-    write_file(path, text)
-    return path
 
 
 def read_case(path: Path) -> TestCase:
