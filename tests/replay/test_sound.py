@@ -6,28 +6,85 @@ import pytest
 
 from saflite.conformance.flying import fly_once
 from saflite.contract.flight import Flight
-from saflite.contract.test_case import Scenario, StartState, Stimulus, Target, TestCase, identity
+from saflite.contract.test_case import (
+    Mission,
+    MissionItem,
+    Scenario,
+    StartState,
+    Stimulus,
+    StimulusKind,
+    Target,
+    TestCase,
+    identity,
+)
 from saflite.oracle.judge import judge
 
+START = StartState(mode="ALT_HOLD", altitude_m=50.0)
 HEIGHT_RULES = ("a-alt-hold2", "px-altitude1")
+STOP_RULES = ("a-rtl4", "px-rtl5")
 
 
-def flip(at_s: float) -> Stimulus:
-    return Stimulus(at_s=at_s, kind="mode", name="FLIP")
+def given(at_s: float, kind: StimulusKind, name: str, *values: float) -> Stimulus:
+    return Stimulus(at_s=at_s, kind=kind, name=name, values=values)
 
 
-Case = tuple[float, dict[str, float], tuple[Stimulus, ...]]
-FLIP_UPON_FLIP: Case = (50.0, {}, (flip(1.0), flip(2.02)))
-ABOVE_THE_CEILING: Case = (120.0, {"FENCE_ENABLE": 1.0}, ())
+def item(command: int, *where: float) -> MissionItem:
+    return MissionItem(command=command, params=(0.0, 0.0, 0.0, 0.0, *(where or (0.0, 0.0, 0.0))))
 
 
-@pytest.mark.parametrize(("altitude_m", "parameters", "stimuli"), [FLIP_UPON_FLIP, ABOVE_THE_CEILING])
+UP_AND_BACK = Mission(
+    name="up-and-back",
+    home_lat_deg=47.3977419,
+    home_lon_deg=8.5455938,
+    home_alt_m=0.0,
+    items=(item(22, 47.3977419, 8.5455938, 6.0), item(20)),
+)
+Case = tuple[Scenario, dict[str, float], tuple[Stimulus, ...], tuple[str, ...]]
+FLIP_UPON_FLIP: Case = (
+    Scenario(start=START, time_limit_s=20.0),
+    {},
+    (given(1.0, "mode", "FLIP"), given(2.02, "mode", "FLIP")),
+    HEIGHT_RULES,
+)
+ABOVE_THE_CEILING: Case = (
+    Scenario(start=StartState(mode="ALT_HOLD", altitude_m=120.0), time_limit_s=20.0),
+    {"FENCE_ENABLE": 1.0},
+    (),
+    HEIGHT_RULES,
+)
+CLIMBS_ON_AFTER_ITS_TAKEOFF: Case = (Scenario(mission=UP_AND_BACK, time_limit_s=32.0), {}, (), ("px-takeoff1",))
+LAND_SPEED_IS_THE_GREATER: Case = (
+    Scenario(start=StartState(mode="GUIDED", altitude_m=80.0), time_limit_s=12.0),
+    {},
+    (given(0.5, "mode", "LAND"), given(1.0, "parameter", "LAND_SPEED_HIGH", 2.0)),
+    ("a-land1",),
+)
+ARMED_ANEW_ON_THE_GROUND: Case = (
+    Scenario(start=StartState(mode="ACRO", altitude_m=0.0), time_limit_s=15.0),
+    {},
+    (
+        given(0.5, "mode", "LAND"),
+        given(11.43, "command", "MAV_CMD_COMPONENT_ARM_DISARM", 1.0, 21196.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+    ),
+    STOP_RULES,
+)
+
+
+@pytest.mark.parametrize(
+    ("scenario", "parameters", "stimuli", "rules"),
+    [
+        FLIP_UPON_FLIP,
+        ABOVE_THE_CEILING,
+        CLIMBS_ON_AFTER_ITS_TAKEOFF,
+        LAND_SPEED_IS_THE_GREATER,
+        ARMED_ANEW_ON_THE_GROUND,
+    ],
+)
 def test_nothing_is_broken_where_the_manual_allows_it(
-    altitude_m: float, parameters: dict[str, float], stimuli: tuple[Stimulus, ...]
+    scenario: Scenario, parameters: dict[str, float], stimuli: tuple[Stimulus, ...], rules: tuple[str, ...]
 ) -> None:
-    scenario = Scenario(start=StartState(mode="ALT_HOLD", altitude_m=altitude_m), time_limit_s=20.0)
     case = TestCase(target=Target(parameters=parameters), scenario=scenario, stimuli=stimuli)
     record = fly_once(case)
     flight = Flight(test_case=identity(case), flight_index=0, ending=record.ending, delivered=record.delivered)
-    verdicts = judge(case, flight, record.trace, HEIGHT_RULES).verdicts
+    verdicts = judge(case, flight, record.trace, rules).verdicts
     assert {verdict.outcome for verdict in verdicts} <= {"held", "vacuous"}
