@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 from collections.abc import Callable, Mapping
+from importlib import import_module
 from pathlib import Path
 from socket import AF_INET, IPPROTO_TCP, SO_REUSEADDR, SOCK_STREAM, SOL_SOCKET, TCP_NODELAY, socket
 
@@ -79,6 +80,7 @@ class Aircraft:
     ) -> None:
         if len(place.ports) < PORTS_NEEDED:
             raise Unavailable(f"a slot with {PORTS_NEEDED} ports is needed, this one has {len(place.ports)}")
+        import_module("pymavlink.dialects.v20.ardupilotmega")  # now: later, PX4's start-up would run on meanwhile
         self._place, self._tcp = place, None
         self.vehicle = Vehicle(boxes, yaw_deg, rng_seed)
         self.clock = SimulatedClock(self.vehicle)
