@@ -14,6 +14,7 @@ import runpy
 import shutil
 import subprocess
 import sys
+import sysconfig
 from pathlib import Path
 from typing import Any
 
@@ -62,7 +63,7 @@ except ImportError:  # run by hand, outside a build
 else:
 
     class NativeHook(BuildHookInterface):  # type: ignore[misc]
-        """Put the compiled library into the wheel and mark the wheel as platform-specific."""
+        """Put the compiled library into the wheel and mark the wheel as one for this platform."""
 
         PLUGIN_NAME = "custom"
 
@@ -75,7 +76,8 @@ else:
             for target in (build(), *build_preloads()):
                 build_data["artifacts"].append(str(target.relative_to(ROOT)))
             build_data["pure_python"] = False
-            build_data["infer_tag"] = True
+            platform = sysconfig.get_platform().replace("-", "_").replace(".", "_")
+            build_data["tag"] = f"py3-none-{platform}"  # loaded by ctypes: any Python will do
 
 
 if __name__ == "__main__":

@@ -96,11 +96,7 @@ def _dispatch(words: list[str]) -> int:
         out.line(f"saflite {_version()}")
         return NOTHING_FOUND
     module = _load(words[0])
-    parser = _Parser(
-        prog=f"saflite {words[0]}", description=module.__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    module.configure(parser)
-    args = parser.parse_args(words[1:])
+    args = parser_of(words[0]).parse_args(words[1:])
     if getattr(args, "module", ()):
         from saflite.contract.modules import use
 
@@ -120,6 +116,27 @@ def _fly_with(path: Path) -> None:
     (px4 if px4.is_px4(path) else ardupilot).use(path)
 
 
+def parser_of(name: str, parser: argparse.ArgumentParser | None = None) -> argparse.ArgumentParser:
+    """Return the parser of a command's arguments, a new one if none is given; raises Refused for an unknown name."""
+    module = _load(name)
+    if parser is None:
+        parser = _Parser(
+            prog=f"saflite {name}", description=module.__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+        )
+    module.configure(parser)
+    return parser
+
+
+def whole_parser() -> argparse.ArgumentParser:
+    """Return one parser that knows every command; loads all of them, which no command needs."""
+    parser = _Parser(prog="saflite")
+    parser.add_argument("--version", action="store_true", help="print the version")
+    commands = parser.add_subparsers()
+    for name in command_names():
+        parser_of(name, commands.add_parser(name, help=_summary(name)))
+    return parser
+
+
 def _load(name: str) -> ModuleType:
     names = command_names()
     if name not in names:
@@ -134,12 +151,14 @@ def _load(name: str) -> ModuleType:
     return import_module(f"{package}.{place if (folder / f'{place}.py').exists() else place + '_'}")
 
 
+def _summary(name: str) -> str:
+    """Return what a command does, in a line, without loading it."""
+    place = Path(__file__).parent / "commands" / f"{name.replace('-', '_')}.py"
+    return out.summary_of(place if place.exists() else place.with_stem(place.stem + "_"))
+
+
 def _overview() -> str:
-    folder = Path(__file__).parent / "commands"
-    rows = []
-    for name in command_names():
-        place = folder / f"{name.replace('-', '_')}.py"
-        rows.append(f"  {name:<10} {out.summary_of(place if place.exists() else place.with_stem(place.stem + '_'))}")
+    rows = [f"  {name:<11} {_summary(name)}" for name in command_names()]
     return "\n".join(
         [
             "saflite: find safety violations in autonomous vehicles, and prove them",

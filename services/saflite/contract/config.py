@@ -108,6 +108,7 @@ class Campaign(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     search: SearchConfig = SearchConfig()
     lease: LeaseConfig = LeaseConfig()
     record: Literal["violations", "all", "none"] = "violations"
+    keep_mb: int = 2000  # of traces, artefacts and recordings; beyond it finds leave their digests only
     needs: dict[Stage, Needs] = {}  # of the workers of a stage
 
 
@@ -134,6 +135,7 @@ def parse_campaign(text: str, where: str) -> Campaign:
 RANGES: dict[str, tuple[float, float]] = {
     "budget_flights": (1, 10**8),
     "rng_seed": (-(2**63), 2**63 - 1),
+    "keep_mb": (1, 10**8),
     "time_limit_s": (0.1, 86_400),
     "wind.mean_mps": (0, 100),
     "wind.gust_mps": (0, 100),

@@ -33,7 +33,9 @@ from saflite.flight.mission import to_geographic, waypoints
 from saflite.recorder import frames, scalars, scene
 
 RATE_HZ = 10.0
-MAP_RATE_HZ = 5.0
+"""Of the vehicle's motion."""
+PLOT_RATE_HZ = 5.0
+"""Of everything else: every sample is in the trace attached."""
 CALM = frozenset({"/settings", "/failsafe", "/autopilot"})
 """Topics of what holds still for long: written at changes, and about once a second between them."""
 _LEVELS = {"info": Log.INFO, "warning": Log.WARNING, "error": Log.ERROR}
@@ -64,10 +66,9 @@ def write(work: RecordWork, packed: bytes, start_unix_s: float) -> bytes:
     writer = Writer(buffer, compression=CompressionType.ZSTD, enable_data_crcs=True)
     writer.start(profile="", library="saflite-farm")
     _attach(writer, work, packed, start_ns)
-    at = _sampled(trace)
-    messages = _geometry(work, trace, at, start_ns) + _texts(work, trace, start_ns)
+    messages = _geometry(work, trace, _sampled(trace, RATE_HZ), start_ns) + _texts(work, trace, start_ns)
     channels = _Channels(writer, {topic: scalars.schema(names) for topic, names in scalars.groups(trace).items()})
-    messages += _plots(trace, at, start_ns)
+    messages += _plots(trace, _sampled(trace, PLOT_RATE_HZ), start_ns)
     for number, message in enumerate(sorted(messages, key=lambda entry: entry.at_ns)):
         channels.add(message, number)
     writer.finish()
@@ -125,9 +126,9 @@ def _attach(writer: Writer, work: RecordWork, packed: bytes, start_ns: int) -> N
     )
 
 
-def _sampled(trace: Trace) -> NDArray[np.intp]:
-    """Return the indices of the samples to show, about RATE_HZ a second, the last one included."""
-    stride = max(1, round(1.0 / (RATE_HZ * trace.step_s)))
+def _sampled(trace: Trace, rate_hz: float) -> NDArray[np.intp]:
+    """Return the indices of the samples to show, about so many a second, the last one included."""
+    stride = max(1, round(1.0 / (rate_hz * trace.step_s)))
     at = np.arange(0, trace.samples, stride, dtype=np.intp)
     last = trace.samples - 1
     return np.append(at, last) if trace.samples and at[-1] != last else at
@@ -185,7 +186,7 @@ def _motion(
     names = ("roll_deg", "pitch_deg", "yaw_deg")
     angles = np.stack([trace.array(name)[at] if name in trace.signals else zeros for name in names], axis=1)
     mission = test_case.scenario.mission
-    on_map = set(at[:: round(RATE_HZ / MAP_RATE_HZ)].tolist()) if mission is not None else set()
+    slower = {*at[:: round(RATE_HZ / PLOT_RATE_HZ)].tolist(), *at[-1:].tolist()}
     messages = []
     for index, (x_m, y_m, z_m), (roll, pitch, yaw) in zip(at.tolist(), track.tolist(), angles.tolist(), strict=True):
         at_ns = _later(start_ns, index * trace.step_s)
@@ -199,8 +200,11 @@ def _motion(
             translation=shift,
             rotation=rotation,
         )
-        messages += [_Message(at_ns, "/pose", pose), _Message(at_ns, "/tf", FrameTransforms(transforms=[step]))]
-        if mission is not None and index in on_map:
+        messages.append(_Message(at_ns, "/tf", FrameTransforms(transforms=[step])))
+        if index not in slower:
+            continue
+        messages.append(_Message(at_ns, "/pose", pose))
+        if mission is not None:
             lat, lon = to_geographic(x_m, y_m, mission.home_lat_deg, mission.home_lon_deg)
             height = mission.home_alt_m + z_m
             fix = LocationFix(timestamp=stamp, frame_id=frames.MAP, latitude=lat, longitude=lon, altitude=height)
@@ -246,7 +250,7 @@ def _log(at_ns: int, level: Log.Level.ValueType, name: str, text: str) -> _Messa
 def _plots(trace: Trace, at: NDArray[np.intp], start_ns: int) -> list[_Message]:
     messages = []
     for topic, names in scalars.groups(trace).items():
-        shown = scalars.telling(trace, names, at, calm=round(RATE_HZ)) if topic in CALM else at
+        shown = scalars.telling(trace, names, at, calm=round(PLOT_RATE_HZ)) if topic in CALM else at
         for index, record in zip(shown.tolist(), scalars.records(trace, names, shown), strict=True):
             messages.append(_Message(start_ns + round(index * trace.step_s * _NS), topic, record))
     return messages

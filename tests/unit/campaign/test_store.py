@@ -73,7 +73,7 @@ def test_events_can_be_read_again_from_any_place(tmp_path: Path) -> None:
     assert [event.seq for event in events] == list(range(3, driver.books.status(driver.now).seq + 1))
 
 
-def test_traces_of_violations_stay_and_others_go(tmp_path: Path) -> None:
+def test_recordings_of_violations_stay_and_all_traces_go(tmp_path: Path) -> None:
     driver = started(tmp_path / "run")
     driver.run()
     assert driver.store is not None
@@ -81,11 +81,12 @@ def test_traces_of_violations_stay_and_others_go(tmp_path: Path) -> None:
     violated = {row[0] for row in database.execute("SELECT test_case FROM violations WHERE confirmation != 'similar'")}
     traces = {digest(doubles.flown(name, 0)[2]) for name in violated}
     kept = set(driver.store.blobs.digests())
-    assert traces <= kept
+    recordings = {row[0] for row in database.execute("SELECT digest FROM recordings")}
+    assert len(recordings) == len(violated)
+    assert recordings <= kept
+    assert not traces & kept, "each stands in its recording"
     assert kept == {blob.digest for blob in driver.books.wanted_blobs}
-    held = driver.books._core.holds
-    assert {held[blob] for blob in held if blob.digest in traces} == {1}, "by the flight that shows it, no re-flight"
-    assert len(kept) <= 5 * len(violated)  # two flights with trace and log, one recording
+    assert len(kept) <= 4 * len(violated)  # three flights with a log, one recording
 
 
 def test_a_recording_has_a_name_for_people_that_comes_back(tmp_path: Path) -> None:

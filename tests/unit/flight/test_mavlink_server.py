@@ -11,6 +11,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from saflite.contract.errors import Refused
+from saflite.flight.autopilots.reference.parameter_types import TYPES
 from saflite.flight.autopilots.reference.parameters import parameter_table
 from saflite.flight.autopilots.reference.sitl import Session, on_the_ground
 from saflite.flight.mavlink.ports import open_port
@@ -314,6 +315,46 @@ def test_item_beyond_the_mission_being_flown_cannot_be_made_current(station: Sta
     assert station.upload(HOME, ROUTE, ROUTE, ROUTE) == ACCEPTED
     station.mav.mission_set_current_send(1, 1, 3)
     assert acknowledged(station.run(2)) == [dialect.MAV_MISSION_INVALID_SEQUENCE]
+
+
+def test_an_item_that_does_not_come_is_asked_for_again_and_then_given_up(station: Station) -> None:
+    station.mav.mission_count_send(1, 1, 2)
+    assert asked(station.run(260)) == [0] * 6  # at once, then once a second
+    station.mav.mission_item_send(1, 1, 0, 3, 16, 0, 1, 0, 0, 0, 0, 47.0, 8.0, 400.0)
+    messages = station.run(400)
+    assert asked(messages) == [1] * 8
+    assert acknowledged(messages) == [dialect.MAV_MISSION_OPERATION_CANCELLED]
+    assert "Mission upload timeout" in {m.text for m in messages if m.get_type() == "STATUSTEXT"}
+    assert station.upload(HOME, ROUTE) == 0
+
+
+def test_whole_parameters_are_told_as_such_and_stay_so(station: Station) -> None:
+    station.mav.param_request_list_send(1, 1)
+    told = {m.param_id: m for m in station.run(40) if m.get_type() == "PARAM_VALUE"}
+    assert told["FENCE_ENABLE"].param_type == dialect.MAV_PARAM_TYPE_INT8
+    assert told["RTL_ALT"].param_type == dialect.MAV_PARAM_TYPE_INT16
+    assert told["WPNAV_SPEED"].param_type == dialect.MAV_PARAM_TYPE_REAL32
+    assert all(m.param_value == round(m.param_value) for m in told.values() if m.param_type != 9)
+    assert set(TYPES) <= set(told)
+    station.mav.param_set_send(1, 1, b"RTL_ALT", 900.4, dialect.MAV_PARAM_TYPE_REAL32)
+    assert [m.param_value for m in station.run(2) if m.get_type() == "PARAM_VALUE"] == [900.0]
+
+
+def test_a_fence_is_breached_only_where_it_is(station: Station) -> None:
+    def fence() -> tuple[bool, bool]:
+        last = next(m for m in reversed(station.run(100)) if m.get_type() == "SYS_STATUS")
+        bit = dialect.MAV_SYS_STATUS_GEOFENCE
+        return bool(last.onboard_control_sensors_enabled & bit), bool(last.onboard_control_sensors_health & bit)
+
+    assert fence() == (False, True)  # or ground stations cry "fence breach" on connecting
+    station.take_off()
+    for name, value in ((b"FENCE_ACTION", 0.0), (b"FENCE_ENABLE", 1.0)):
+        station.mav.param_set_send(1, 1, name, value, 9)
+    assert fence() == (True, True)
+    station.mav.set_position_target_local_ned_send(0, 1, 1, 1, 0xDF8, 0, 0, -20.0, 0, 0, 0, 0, 0, 0, 0, 0)
+    station.run(600)
+    station.mav.param_set_send(1, 1, b"FENCE_ALT_MAX", 10.0, 9)
+    assert fence() == (True, False)
 
 
 def test_reboot_starts_anew(station: Station) -> None:

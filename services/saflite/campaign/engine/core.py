@@ -83,6 +83,7 @@ class Core:
     shrunk: set[str] = field(default_factory=set)  # smallest forms of violations, flown besides
     latest: deque[Features] = field(default_factory=lambda: deque(maxlen=REFERENCES_MAX))
     holds: dict[BlobRef, int] = field(default_factory=dict)  # how many flights or recordings need it
+    full: bool = False  # as much is kept as the campaign allows
     state: State = "running"
     stopped: bool = False  # ended by an operator, so opening the books again goes on
     incarnation: int = 0

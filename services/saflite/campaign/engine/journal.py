@@ -13,6 +13,7 @@ import msgspec
 
 from saflite.campaign.engine.track_packing import Track, pack_track, unpack_track
 from saflite.campaign.scheduling.work_keys import WorkKey
+from saflite.contract.blobs import BlobRef
 from saflite.contract.control import Control
 from saflite.contract.events import Fact
 from saflite.contract.work import JudgeResult, Result
@@ -109,7 +110,14 @@ class GaveUp(msgspec.Struct, frozen=True, kw_only=True, tag="gave_up"):
     message: str
 
 
-Entry = Opened | Granted | Returned | Settled | Selected | Ordered | Noted | TraceMissing | GaveUp
+class Pruned(msgspec.Struct, frozen=True, kw_only=True, tag="pruned"):
+    """Somebody let go of blobs that were kept; `recordings` (test case, flight index) lose their names for people."""
+
+    blobs: tuple[BlobRef, ...]
+    recordings: tuple[tuple[str, int], ...]
+
+
+Entry = Opened | Granted | Returned | Settled | Selected | Ordered | Noted | TraceMissing | GaveUp | Pruned
 
 
 class Line(msgspec.Struct, frozen=True, array_like=True):

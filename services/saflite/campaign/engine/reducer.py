@@ -11,11 +11,13 @@ from saflite.campaign.engine.journal import (
     Noted,
     Opened,
     Ordered,
+    Pruned,
     Returned,
     Selected,
     Settled,
     TraceMissing,
 )
+from saflite.campaign.lifecycle import retention
 from saflite.campaign.lifecycle.behaviours import Behaviours
 from saflite.campaign.lifecycle.flights import Flights
 from saflite.campaign.lifecycle.minimization import Minimization
@@ -99,6 +101,8 @@ class Reducer:
                 self._lifecycle(entry.key).on_trace_missing(self._task(entry.key), entry.key, entry.message)
             case GaveUp():
                 self._given_up(entry.key, entry.message)
+            case Pruned():
+                retention.prune(self.core, entry)
 
     def _task(self, key: WorkKey) -> Task:
         task = self.core.tasks.get(key)
@@ -221,11 +225,13 @@ class Reducer:
 
     def _recorded(self, task: Task, key: RecordKey, result: RecordResult) -> None:
         core = self.core
-        del core.records[key]
+        trace = core.records.pop(key).flight.trace
         core.done(task, "recorded")
         file, blob = recording_file(key.test_case, key.index), result.blob
         core.hold(blob)
         core.flush(blob)
+        if trace is not None:
+            core.let_go(trace)  # the recording holds it
         core.out.publish_blob(file, blob.digest)
         core.out.row("recordings", key.test_case, key.index, blob.digest, blob.size_bytes)
 

@@ -23,6 +23,7 @@ from saflite.campaign.engine.journal import (
     Noted,
     Opened,
     Ordered,
+    Pruned,
     Returned,
     Selected,
     Settled,
@@ -35,6 +36,7 @@ from saflite.campaign.engine.read_model import NothingToRead, ReadModel
 from saflite.campaign.engine.reducer import Reducer
 from saflite.campaign.engine.status import Rates, status_of
 from saflite.campaign.engine.worker_registry import WORKERS_MAX, WorkerRegistry
+from saflite.campaign.lifecycle import retention
 from saflite.campaign.lifecycle.repeats import confirm_rule
 from saflite.campaign.scheduling.dispatch import Dispatch
 from saflite.campaign.scheduling.leases import Deadline, Leases
@@ -44,7 +46,7 @@ from saflite.campaign.scheduling.rounds import Rounds
 from saflite.campaign.scheduling.selection import Rules, select
 from saflite.campaign.scheduling.tasks import Task
 from saflite.campaign.scheduling.work_keys import JudgeKey, RecordKey, WorkKey, read_key
-from saflite.campaign.scheduling.work_messages import GRANT_MAX_BYTES, WorkMessages, weight_bytes
+from saflite.campaign.scheduling.work_messages import GRANT_MAX_BYTES, WorkMessages, receipt_for, weight_bytes
 from saflite.contract.blobs import BlobRef
 from saflite.contract.config import Campaign
 from saflite.contract.control import Answer, Control, Status
@@ -129,8 +131,8 @@ class Books:
 
     def audit_status(self) -> dict[str, Any]:
         """Return what an audit needs to know; `over`: ended for good, not by an operator's order."""
-        core, over = self._core, self.ended and not self._core.stopped
-        return {"state": core.state, "over": over, "budget": core.rounds.budget}
+        core = self._core
+        return {"state": core.state, "over": self.ended and not core.stopped, "budget": core.rounds.budget}
 
     def replay(self, line: bytes, *, announce: bool = False) -> None:
         """Apply a committed journal line again; with `announce` its facts can be drained. Before `begin` only."""
@@ -154,6 +156,11 @@ class Books:
             self._start_clock(task, now)
         self._fly_again_what_left_no_trace(now)
         self._choose(now)
+
+    def prune(self, blobs: frozenset[BlobRef], recordings: tuple[tuple[str, int], ...]) -> None:
+        """Let go of blobs, those excepted that work under way needs, and of the names that recordings have."""
+        blobs &= self.wanted_blobs - retention.needed(self._core, self._reducer.flight_of)
+        self._do(Pruned(blobs=tuple(sorted(blobs, key=str)), recordings=recordings), self._core.at_s)
 
     def drain(self) -> Batch:
         """Return all that changed since the last call; to be committed before any answer is sent."""
@@ -241,15 +248,15 @@ class Books:
     def _report(self, report: Report, now: float, damage: str) -> Receipt:
         run_id, key = self._key_of(report.lease_id)
         if run_id != self._run_id:
-            return self._receipt(report, "refused", f"the lease is of run {run_id[:32]!r}, this is {self._run_id!r}")
+            return receipt_for(report, "refused", f"the lease is of run {run_id[:32]!r}, this is {self._run_id!r}")
         task = None if key is None else self._core.tasks.get(key)
         if task is None:
             was_done = key is not None and self._dispatch.was_done(key)
-            return self._receipt(report, "duplicate" if was_done else "stale")
+            return receipt_for(report, "duplicate" if was_done else "stale")
         current = task.epoch == report.epoch and task.worker == report.worker
         held = task.holders.get(report.epoch) == report.worker
         if not current and not (held and self._dispatch.may_merge(report.result)):
-            return self._receipt(report, "stale")
+            return receipt_for(report, "stale")
         return self._take(task, report, now, damage)
 
     def _take(self, task: Task, report: Report, now: float, damage: str) -> Receipt:
@@ -259,7 +266,7 @@ class Books:
         except Refused as fault:
             if task.epoch == report.epoch:
                 self._give_back(task, "refused", str(fault), now)
-            return self._receipt(report, "refused", str(fault))
+            return receipt_for(report, "refused", str(fault))
         if isinstance(report.result, HandedBack):
             self._give_back(task, "handed_back", report.result.message, now)
         elif isinstance(report.result, MutateResult) and task.catching_up:
@@ -275,26 +282,19 @@ class Books:
             self._do(Settled(key=key, epoch=report.epoch, worker=report.worker, result=result), now)
             self._rates.settled(result, now)
             self._choose(now)
-        return self._receipt(report, "accepted")
+        return receipt_for(report, "accepted")
 
     def _give_back(self, task: Task, how: How, message: str, now: float) -> None:
         self._leases.end(task.key)
         self._do(Returned(key=task.key, epoch=task.epoch, how=how, message=message), now)
         self._choose(now)
 
-    @staticmethod
-    def _receipt(report: Report, status: str, message: str = "") -> Receipt:
-        return msgspec.convert(
-            {"lease_id": report.lease_id, "epoch": report.epoch, "status": status, "message": message}, Receipt
-        )
-
     def _choose(self, now: float) -> None:
         """Choose the flights of every round whose turn it is."""
-        core = self._core
+        core, search = self._core, self._core.rounds.search
         while (round_ := core.rounds.next_to_select()) is not None:
             candidates = {name: case for name, case in round_.candidates.items() if not core.was_flown(name)}
-            scores = {name: round_.scores[name].value for name in candidates}
-            search, rng_seed = core.rounds.search, core.campaign.rng_seed
+            scores, rng_seed = {name: round_.scores[name].value for name in candidates}, core.campaign.rng_seed
             rules = Rules(round_.plan.flights, search.random_share, search.novelty_weight, rng_seed, round_.number)
             picks = select(candidates, scores, tuple(core.latest), rules)
             self._do(Selected(round=round_.number, picks=picks), now)

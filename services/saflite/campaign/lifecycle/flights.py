@@ -16,6 +16,7 @@ from saflite.campaign.lifecycle.confirmation import (
 from saflite.campaign.lifecycle.minimization import Minimization, MinimizationCandidate
 from saflite.campaign.lifecycle.outcomes import outcome_of
 from saflite.campaign.lifecycle.repeat_checks import RepeatChecks
+from saflite.campaign.lifecycle.retention import is_full, keep
 from saflite.campaign.scheduling.rounds import Round
 from saflite.campaign.scheduling.tasks import Task, is_enough
 from saflite.campaign.scheduling.work_keys import FlightKey, FlyKey, JudgeKey, RecordKey
@@ -239,7 +240,7 @@ class Flights:
         core, note = self._core, trial.flights[trial.first]
         for violation in similar_ones(trial, self._behaviours.representatives):
             self._announce(violation)
-        if core.campaign.record == "all":
+        if core.campaign.record == "all" and not is_full(core):
             core.flush(*note.flight.blobs)
             self._record(trial, None)
         else:
@@ -272,7 +273,7 @@ class Flights:
 
     def _held(self, trial: Trial, note: FlightNote) -> None:
         core = self._core
-        if core.campaign.record == "all":
+        if core.campaign.record == "all" and not is_full(core):
             core.flush(*note.flight.blobs)
             self._record(trial, None)
         else:
@@ -291,22 +292,12 @@ class Flights:
             self._checks.prove(trial)
         for violation in found:
             self._announce(violation)
-        for index, note in trial.flights.items():
-            if index != trial.first and note.violated:
-                self._let_go_trace(note.flight)
-            core.flush(*note.flight.blobs)
-        if core.campaign.record != "none":
+        if keep(core, trial) and core.campaign.record != "none":
             self._record(trial, found[0] if found else None)
         self._end(trial, first.flight.ending, found[0].confirmation if found else "held")
         for violation in found[:1]:
             if violation.confirmation == "confirmed":
                 self._minimization.begin(trial, violation)
-
-    def _let_go_trace(self, flight: Flight) -> None:
-        """Keep no trace of a re-flight that can be flown again bit by bit; its digest stays in the books."""
-        core = self._core
-        if flight.trace is not None and core.confirm.repeats == "bitwise" and core.campaign.record != "all":
-            core.let_go(flight.trace)
 
     def _announce(self, violation: Violation) -> None:
         core = self._core

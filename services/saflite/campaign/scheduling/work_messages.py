@@ -16,7 +16,18 @@ from saflite.contract.config import SearchConfig
 from saflite.contract.errors import Unavailable
 from saflite.contract.flight import Flight
 from saflite.contract.rng import derive_seed
-from saflite.contract.work import FlyWork, JudgeWork, MutateWork, Outcome, RecordWork, ScoreWork, WarmWork, Work
+from saflite.contract.work import (
+    FlyWork,
+    JudgeWork,
+    MutateWork,
+    Outcome,
+    Receipt,
+    RecordWork,
+    Report,
+    ScoreWork,
+    WarmWork,
+    Work,
+)
 
 GRANT_MAX_BYTES = 8 * 2**20
 TOLD_MAX_BYTES = 16 * 2**20
@@ -215,3 +226,10 @@ def weight_bytes(work: Work) -> int:
 def _candidates(search: SearchConfig, flights: int) -> int:
     """Return how many candidates a round of `flights` flights is chosen from: a small round from fewer."""
     return min(search.candidates_per_round, -(-search.candidates_per_round * flights // search.flights_per_round))
+
+
+def receipt_for(report: Report, status: str, message: str = "") -> Receipt:
+    """Return the answer to a report."""
+    return msgspec.convert(
+        {"lease_id": report.lease_id, "epoch": report.epoch, "status": status, "message": message}, Receipt
+    )

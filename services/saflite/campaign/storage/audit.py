@@ -211,7 +211,7 @@ def _recordings(
 ) -> dict[str, int]:
     """Check the names for people that blobs have besides."""
     counts: Counter[str] = Counter()
-    query = "SELECT test_case, flight_index, digest, size_bytes FROM recordings ORDER BY test_case, flight_index"
+    query = "SELECT test_case, flight_index, digest, size_bytes FROM recordings WHERE digest <> '' ORDER BY 1, 2"
     for test_case, index, digest, size_bytes in connection.execute(query):
         try:
             file = recording_file(test_case, index)

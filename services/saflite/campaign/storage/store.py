@@ -237,7 +237,7 @@ class Store:
             there = {f"recordings/{path.name}" for path in (self._run_dir / "recordings").iterdir()}
         except OSError:
             there = set()
-        rows = self._db.execute("SELECT test_case, flight_index, digest FROM recordings")
+        rows = self._db.execute("SELECT test_case, flight_index, digest FROM recordings WHERE digest <> ''")
         named = ((recording_file(test_case, index), digest) for test_case, index, digest in rows)
         return [(file, digest) for file, digest in named if file not in there]
 

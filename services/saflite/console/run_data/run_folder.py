@@ -5,6 +5,7 @@ from __future__ import annotations
 import sqlite3
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import NamedTuple, TypeVar
@@ -30,6 +31,7 @@ from saflite.contract.test_case import TestCase
 from saflite.contract.verdict import Judgement, Violation
 from saflite.contract.work import Outcome
 from saflite.evidence.folder import BlobFolder
+from saflite.recorder.recording import read as read_recording
 from saflite.recorder.summary import Finding, PolicyFacts, Rulings, RunSummary
 
 T = TypeVar("T")
@@ -176,7 +178,7 @@ class RunFolder:
     def recording(self, name: str) -> str:
         """Return the recording of a test case relative to the run folder, empty if there is none."""
         for (index,) in self._rows(
-            "SELECT flight_index FROM recordings WHERE test_case = ? ORDER BY flight_index", name
+            "SELECT flight_index FROM recordings WHERE test_case = ? AND digest <> '' ORDER BY flight_index", name
         ):
             return recording_file(name, index)
         return ""
@@ -276,6 +278,16 @@ class RunFolder:
                 return unpack_trace(self._blobs.get(BlobRef(digest=blob, size_bytes=size_bytes)))
             except BlobMissing:
                 continue
+        return self._recorded_trace(digest)
+
+    def _recorded_trace(self, digest: str) -> Trace | None:
+        query = (
+            "SELECT r.test_case, r.flight_index FROM recordings r JOIN flights f ON f.test_case = r.test_case"
+            " AND f.flight_index = r.flight_index WHERE f.trace_digest = ? AND r.digest <> ''"
+        )
+        for name, index in self._rows(query, digest):
+            with suppress(Refused):
+                return read_recording(self.path / recording_file(name, index)).trace
         return None
 
     def flown(self) -> Counter[Purpose]:

@@ -10,7 +10,8 @@ from saflite.contract.test_case import Mission, MissionItem
 from saflite.flight.mavlink.items import PLACES, float_frame, home_item, whole
 from saflite.flight.mavlink.vehicle import LinkedVehicle
 
-ACCEPTED, ERROR, UNSUPPORTED, INVALID_PARAM1, INVALID_SEQUENCE = 0, 1, 3, 6, 13
+ACCEPTED, ERROR, UNSUPPORTED, INVALID_PARAM1, INVALID_SEQUENCE, CANCELLED = 0, 1, 3, 6, 13, 15
+ASK_AGAIN_TICKS, TIMEOUT_TICKS = 50, 400  # 1 s and 8 s, as ArduPilot has it
 ITEMS_MAX = 700
 REPOSITION = 192
 PLACE_MAX = (90.0, 180.0, 83_000.0)  # degrees, degrees, ArduPilot's greatest altitude in metres
@@ -25,6 +26,7 @@ class MissionTransfer:
         self._expected = 0
         self._items: list[MissionItem] = []
         self._peer = (255, 190)
+        self._silent_ticks = 0
 
     def handle(self, kind: str, message: Any) -> bool:
         """Take a message; return whether it was about missions."""
@@ -37,6 +39,18 @@ class MissionTransfer:
         self._peer = (message.get_srcSystem(), message.get_srcComponent())
         handler(message)
         return True
+
+    def tick(self) -> None:
+        """Ask again for an item that does not come; give an upload up that stands still for 8 s."""
+        if not self._expected:
+            return
+        self._silent_ticks += 1
+        if self._silent_ticks >= TIMEOUT_TICKS:
+            self._expected = 0
+            self._vehicle.say("Mission upload timeout", "warning")
+            self._ack(CANCELLED)
+        elif self._silent_ticks % ASK_AGAIN_TICKS == 0:
+            self._ask(len(self._items))
 
     # -- upload ---------------------------------------------------------------------------------------------------
 
@@ -158,6 +172,10 @@ class MissionTransfer:
         """The ground station has received a download."""
 
     def _request(self, index: int) -> None:
+        self._silent_ticks = 0
+        self._ask(index)
+
+    def _ask(self, index: int) -> None:
         self._link.mission_request_int_send(*self._peer, index)
 
     def _ack(self, result: int, mission_type: int = 0) -> None:

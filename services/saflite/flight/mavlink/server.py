@@ -15,7 +15,7 @@ from saflite.flight.mission import to_local
 
 log = logging.getLogger(__name__)
 
-REAL32 = 9
+REAL32 = 9  # the other MAV_PARAM_TYPEs in use are whole numbers
 ACCEPTED, DENIED, FAILED = 0, 2, 4  # MAV_RESULT
 SET_MODE, REBOOT = 11, 246  # number of the message, MAV_CMD
 GET_MESSAGE_INTERVAL, SET_MESSAGE_INTERVAL, REQUEST_MESSAGE = 510, 511, 512
@@ -92,6 +92,7 @@ class MavlinkServer:
 
     def tick(self, ticks: int) -> None:
         """Send streams and the next piece of a parameter list."""
+        self._mission.tick()
         self._streams.tick(ticks)
         for index in self._queue[:PARAMETERS_PER_TICK]:
             self._send_parameter(index)
@@ -111,7 +112,10 @@ class MavlinkServer:
 
     def _param_set(self, message: Any) -> None:
         name = _text(message.param_id)
-        why = self._vehicle.set_parameter(name, float(message.param_value))
+        value = float(message.param_value)
+        if name in self._vehicle.parameters and self._vehicle.parameter_type(name) != REAL32 and math.isfinite(value):
+            value = float(round(value))
+        why = self._vehicle.set_parameter(name, value)
         if why:
             self._vehicle.say(why, "warning")
         if name in self._vehicle.parameters:
@@ -120,7 +124,7 @@ class MavlinkServer:
     def _send_parameter(self, index: int) -> None:
         name = self._names[index]
         value = self._vehicle.parameters[name]
-        self._link.param_value_send(name.encode(), value, REAL32, len(self._names), index)
+        self._link.param_value_send(name.encode(), value, self._vehicle.parameter_type(name), len(self._names), index)
 
     # -- commands and modes ---------------------------------------------------------------------------------------
 

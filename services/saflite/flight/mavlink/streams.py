@@ -14,6 +14,7 @@ CUSTOM_MODE, ARMED, STABILIZED = 1, 128, 16 | 64
 SENSORS = 0x1 | 0x2 | 0x4 | 0x8 | 0x20 | 0x400 | 0x800 | 0x1000 | 0x4000 | 0x8000 | 0x10000 | 0x200000
 SENSOR_GPS, SENSOR_BARO, SENSOR_RADIO = 0x20, 0x8, 0x10000
 ON_GROUND, IN_AIR = 1, 2
+GEOFENCE = 0x100000
 UNKNOWN_U16 = 65535
 CHANNELS_MAX = 18
 AUTOPILOT_VERSION, HOME_POSITION = 148, 242
@@ -122,12 +123,13 @@ class Streams:
         self._link.home_position_send(*place, altitude, north, east, -up, [1, 0, 0, 0], 0, 0, 0)
 
     def _status(self, now: Status) -> None:
-        healthy = SENSORS
+        healthy, enabled = SENSORS, SENSORS | (GEOFENCE if now.fence_on else 0)
         for bit, good in ((SENSOR_GPS, now.gps_ok), (SENSOR_BARO, now.baro_ok), (SENSOR_RADIO, now.radio_ok)):
             healthy &= SENSORS if good else ~bit
+        healthy |= 0 if now.fence_breached else GEOFENCE
         left = max(0, round(100.0 * now.battery_left))
         volts, amps = round(now.battery_v * 1e3), round(now.battery_a * 100)
-        self._link.sys_status_send(SENSORS, SENSORS, healthy, 300, volts, amps, left, 0, 0, 0, 0, 0, 0)
+        self._link.sys_status_send(SENSORS | GEOFENCE, enabled, healthy, 300, volts, amps, left, 0, 0, 0, 0, 0, 0)
 
     def _estimator(self, now: Status) -> None:
         flags = 0x1 | 0x2 | 0x4 | 0x20 | (0x8 | 0x10 | 0x200 if now.position_ok else 0x80)

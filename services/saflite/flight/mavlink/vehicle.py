@@ -59,6 +59,8 @@ class Status(NamedTuple):
     battery_v: float
     battery_a: float
     battery_left: float  # 1 full, may fall below 0
+    fence_on: bool = False
+    fence_breached: bool = False
 
 
 class LinkedVehicle(Protocol):
@@ -77,6 +79,10 @@ class LinkedVehicle(Protocol):
     @property
     def parameters(self) -> Mapping[str, float]:
         """Every parameter and its value."""
+        ...
+
+    def parameter_type(self, name: str) -> int:
+        """Return the MAV_PARAM_TYPE of a parameter; the value travels as a float whatever it is."""
         ...
 
     @property

@@ -13,6 +13,7 @@ from saflite.flight.autopilots.reference.autopilot import Autopilot
 from saflite.flight.autopilots.reference.commands import execute
 from saflite.flight.autopilots.reference.mission_items import understand
 from saflite.flight.autopilots.reference.modes.table import mode_name
+from saflite.flight.autopilots.reference.parameter_types import REAL32, TYPES
 from saflite.flight.mavlink.vehicle import Kind, Place, Status
 from saflite.flight.world.jsbsim_world import HOME_ALT_M, HOME_LAT_DEG, HOME_LON_DEG
 
@@ -40,6 +41,10 @@ class LinkedReference:
     def parameters(self) -> Mapping[str, float]:
         """The values on board."""
         return self._ap.parameters.values
+
+    def parameter_type(self, name: str) -> int:
+        """Return the MAV_PARAM_TYPE of a parameter."""
+        return TYPES.get(name, REAL32)
 
     @property
     def texts(self) -> Sequence[TraceMessage]:
@@ -86,6 +91,8 @@ class LinkedReference:
             battery_v=board["battery_v"],
             battery_a=board["battery_a"],
             battery_left=1.0 - board["pack_used_mah"] / CAPACITY_MAH,
+            fence_on=bool(ap.parameters["FENCE_ENABLE"]),
+            fence_breached=ap.failsafes.fence,
         )
 
     def set_parameter(self, name: str, value: float) -> str:
