@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import ctypes
 import json
 import platform
@@ -10,15 +9,12 @@ import struct
 import subprocess
 import sys
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any, cast
 
-import msgspec
 import numpy as np
 import pytest
 
 from saflite.contract.errors import Refused
-from saflite.contract.standalone import Evidence
 from saflite.contract.test_case import Obstacle, Scenario, StartState, Stimulus, Target, TestCase
 from saflite.flight.autopilots.ardupilot import binary, settings
 from saflite.flight.autopilots.ardupilot.bring_up import PORTS_NEEDED, command
@@ -27,7 +23,6 @@ from saflite.flight.autopilots.ardupilot.describe import describe
 from saflite.flight.autopilots.ardupilot.inputs import COMMANDS, MODE_NUMBERS
 from saflite.flight.autopilots.ardupilot.metadata import documented
 from saflite.flight.autopilots.ardupilot.mission import as_taken
-from saflite.flight.autopilots.ardupilot.standalone.export import standalone
 from saflite.flight.autopilots.ardupilot.telemetry import EKF_NEEDED, PREARM, Telemetry
 from saflite.flight.autopilots.ardupilot.vehicle import Vehicle
 from saflite.flight.autopilots.external import obstacles
@@ -365,34 +360,19 @@ def test_a_return_without_a_speed_of_its_own_takes_the_common_one() -> None:
     assert shown["return_speed_set_mps"] == 3.0
 
 
-def test_a_finding_leaves_as_a_script_that_python_takes() -> None:
-    boxes = Scenario(obstacles=(Obstacle(length_m=5, width_m=5, height_m=20, x_m=20, y_m=0),))
-    case = TestCase(
-        target=Target(name="ardupilot", parameters={"RTL_ALT": 900.0, "ATC_RAT_RLL_P": 0.2}),
-        scenario=Scenario(start=StartState(mode="GUIDED", altitude_m=20.0), time_limit_s=30.0),
-        stimuli=(
-            Stimulus(at_s=5.0, kind="mode", name="RTL"),
-            Stimulus(at_s=2.0, kind="parameter", name="FENCE_ENABLE", values=(1.0,)),
-        ),
-    )
-    told = Evidence("finding.py", "a-rtl1", 'RTL "climbs"', 6.0, 8.0, {"ranges": "all inside"}, ["5 s: mode RTL"])
-    flight = cast(Any, SimpleNamespace(ending="completed"))
-    known = binary.Binary(Path("/nowhere/arducopter"), "ab" * 32, "ArduCopter V4.5.7")
-    text = standalone(case, flight, told, known, LISTING)
-    tree = ast.parse(text)
-    assert 'RTL "climbs"' in (ast.get_docstring(tree) or "")
-    assert "/nowhere" not in text
-    facts = json.loads(text.partition('json.loads(r"""')[2].partition('""")')[0])
-    assert [one["name"] for one in facts["inputs"]] == ["FENCE_ENABLE", "RTL"]
-    assert facts["inputs"][0]["number"] == INT16
-    assert facts["parameters"] == {"RTL_ALT": 900.0, "ATC_RAT_RLL_P": 0.2}
-    with pytest.raises(Refused, match="without boxes"):
-        standalone(msgspec.structs.replace(case, scenario=boxes), flight, told, known, LISTING)
-
-
-def test_gains_for_our_frame_stay_at_home() -> None:
-    told = Evidence("finding.py", "a-rtl1", "RTL climbs", 6.0, 8.0, {}, [])
-    known = binary.Binary(Path("arducopter"), "ab" * 32, "ArduCopter V4.5.7")
-    flight = cast(Any, SimpleNamespace(ending="completed"))
-    text = standalone(TestCase(target=Target(name="ardupilot"), scenario=Scenario()), flight, told, known, LISTING)
-    assert "ATC_RAT_RLL_P" not in text
+@pytest.mark.parametrize(
+    ("row", "limits"),
+    [
+        ({"Bitmask": {"0": "altitude", "1": "circle", "2": "polygon"}}, (0.0, 7.0)),
+        ({"Bitmask": {"0": "all", "2": "compass"}}, (None, None)),
+        ({"Bitmask": {str(bit): "x" for bit in range(25)}}, (None, None)),
+        ({"Bitmask": {"0": "a"}, "Range": {"low": "2", "high": "3"}}, (2.0, 3.0)),
+        ({"Bitmask": ["0"]}, (None, None)),
+    ],
+)
+def test_a_mask_is_a_range_where_every_bit_is_documented(
+    tmp_path: Path, row: dict[str, Any], limits: tuple[float | None, float | None]
+) -> None:
+    (tmp_path / "apm.pdef.json").write_text(json.dumps({"": {"A_MASK": row}}))
+    told = documented(tmp_path / "arducopter")["A_MASK"]
+    assert (told.low, told.high) == limits

@@ -125,6 +125,19 @@ def test_a_target_of_another_kind_is_given_its_own_inputs_in_its_own_units() -> 
     assert max(pushes) > 1.0
 
 
+def test_nothing_leaves_its_range_where_nothing_may() -> None:
+    """A parameter that echoes another's value, or a value moved a little, met no range."""
+    strategy = Strategy(TEMPLATE, {"beyond": 0.0, "echoed": 1.0}, (), MASS)
+    given = [one for case in strategy.ask(300, derive(2, "mass")) for one in case.stimuli]
+    values_of = {entry.name: [one.values[0] for one in given if one.name == entry.name] for entry in MASS.inputs}
+    assert set(values_of["GEAR"]) == {3.0, 5.0, 8.0}
+    assert max(values_of["DRAG"]) == 2.0, "an echo of a gear is cut to the range"
+    moved = values.within(Input("stick", "PUSH", -1.0, 1.0), (1.3,))
+    assert moved == (1.0,)
+    assert values.within(Input("parameter", "TEETH", 2.0, 9.0, whole=True), (4.6,)) == (5.0,)
+    assert values.within(Input("parameter", "FREE"), (77.5,)) == (77.5,)
+
+
 def test_a_target_without_inputs_is_refused() -> None:
     with pytest.raises(Refused, match="mass, which has none"):
         Strategy(TEMPLATE, {}, (), msgspec.structs.replace(MASS, inputs=()))

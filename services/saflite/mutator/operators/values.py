@@ -89,6 +89,16 @@ def jitter(rng: Rng, entry: Input, values: Values) -> Values:
     return tuple(moved)
 
 
+def within(entry: Input, values: Values) -> Values:
+    """Return the values moved into the valid range, or to the nearest choice; what has neither stays."""
+    if entry.choices:
+        return tuple(min(entry.choices, key=lambda choice: abs(choice - value)) for value in values)
+    if not math.isfinite(entry.high - entry.low):
+        return values
+    kept = (min(max(value, entry.low), entry.high) for value in values)
+    return tuple(float(round(value)) if entry.whole else value for value in kept)
+
+
 def _whole_or_real(rng: Rng, low: float, high: float, whole: bool) -> float:
     if whole and math.ceil(low) <= math.floor(high):
         return float(rng.integers(math.ceil(low), math.floor(high) + 1))

@@ -235,6 +235,8 @@ class Strategy:
     def _made(self, rng: np.random.Generator, stimuli: Stimuli, parent: str, note: str) -> TestCase:
         if rng.random() < self._chosen.real("echoed"):
             stimuli = sequences.echo(rng, stimuli)
+        if self._chosen.real("beyond") == 0.0:  # changes and echoes know no range
+            stimuli = tuple(map(self._within, stimuli))
         if self._at_start:
             stimuli = sequences.moved_to_start(stimuli, self._at_start)
         origin = Origin(strategy="pgfuzz", parent=parent, note=note)
@@ -265,6 +267,12 @@ class Strategy:
             return stimuli
         new = values.jitter(rng, entry, old.values) if rng.random() < 0.5 else self._value(rng, entry, style)
         return (*stimuli[:index], msgspec.structs.replace(old, values=new), *stimuli[index + 1 :])
+
+    def _within(self, stimulus: Stimulus) -> Stimulus:
+        entry = self._inputs.get((stimulus.kind, stimulus.name))
+        if entry is None or stimulus.kind == "mode":
+            return stimulus
+        return msgspec.structs.replace(stimulus, values=values.within(entry, stimulus.values))
 
     # ---- drawing -----------------------------------------------------------------------------------------------
 

@@ -1,0 +1,62 @@
+"""A finding on ArduPilot as a script: what it holds, what stays at home."""
+
+from __future__ import annotations
+
+import ast
+import json
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
+
+import msgspec
+import pytest
+
+from saflite.contract.errors import Refused
+from saflite.contract.standalone import Evidence
+from saflite.contract.test_case import Obstacle, Scenario, StartState, Stimulus, Target, TestCase
+from saflite.flight.autopilots.ardupilot import binary
+from saflite.flight.autopilots.ardupilot.standalone.export import standalone
+from saflite.flight.autopilots.external.listing import Listing, Row
+
+REAL32, INT16 = 9, 4
+LISTING = Listing(
+    binary="0" * 64,
+    parameters={
+        "RTL_ALT": Row(1500.0, INT16),
+        "FENCE_ENABLE": Row(0.0, INT16),
+        "ATC_RAT_RLL_P": Row(0.135, REAL32),
+    },
+)
+
+
+def test_a_finding_leaves_as_a_script_that_python_takes() -> None:
+    boxes = Scenario(obstacles=(Obstacle(length_m=5, width_m=5, height_m=20, x_m=20, y_m=0),))
+    case = TestCase(
+        target=Target(name="ardupilot", parameters={"RTL_ALT": 900.0, "ATC_RAT_RLL_P": 0.2}),
+        scenario=Scenario(start=StartState(mode="GUIDED", altitude_m=20.0), time_limit_s=30.0),
+        stimuli=(
+            Stimulus(at_s=5.0, kind="mode", name="RTL"),
+            Stimulus(at_s=2.0, kind="parameter", name="FENCE_ENABLE", values=(1.0,)),
+        ),
+    )
+    told = Evidence("finding.py", "a-rtl1", 'RTL "climbs"', 6.0, 8.0, {"ranges": "all inside"}, ["5 s: mode RTL"])
+    flight = cast(Any, SimpleNamespace(ending="completed"))
+    known = binary.Binary(Path("/nowhere/arducopter"), "ab" * 32, "ArduCopter V4.5.7")
+    text = standalone(case, flight, told, known, LISTING)
+    tree = ast.parse(text)
+    assert 'RTL "climbs"' in (ast.get_docstring(tree) or "")
+    assert "/nowhere" not in text
+    facts = json.loads(text.partition('json.loads(r"""')[2].partition('""")')[0])
+    assert [one["name"] for one in facts["inputs"]] == ["FENCE_ENABLE", "RTL"]
+    assert facts["inputs"][0]["number"] == INT16
+    assert facts["parameters"] == {"RTL_ALT": 900.0, "ATC_RAT_RLL_P": 0.2}
+    with pytest.raises(Refused, match="without boxes"):
+        standalone(msgspec.structs.replace(case, scenario=boxes), flight, told, known, LISTING)
+
+
+def test_gains_for_our_frame_stay_at_home() -> None:
+    told = Evidence("finding.py", "a-rtl1", "RTL climbs", 6.0, 8.0, {}, [])
+    known = binary.Binary(Path("arducopter"), "ab" * 32, "ArduCopter V4.5.7")
+    flight = cast(Any, SimpleNamespace(ending="completed"))
+    text = standalone(TestCase(target=Target(name="ardupilot"), scenario=Scenario()), flight, told, known, LISTING)
+    assert "ATC_RAT_RLL_P" not in text
