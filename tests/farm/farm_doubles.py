@@ -297,11 +297,16 @@ def _check_trace(work: JudgeWork | RecordWork, trace_name: str, trace: bytes, bl
     assert (work.flight.trace_digest, found) == (trace_name, trace), "the trace of another flight"
 
 
+def recording(name: str, index: int) -> bytes:
+    """Stand in for the recording of a flight."""
+    return f"recording of {name} {index}".encode()
+
+
 def record(work: RecordWork, blobs: Blobs) -> RecordResult:
     """Pretend no more than a recording."""
     name, index = identity(work.test_case), work.flight.flight_index
     _check_trace(work, *flown(name, index)[1:], blobs)
-    return RecordResult(test_case=name, flight_index=index, blob=blobs.put(f"recording of {name} {index}".encode()))
+    return RecordResult(test_case=name, flight_index=index, blob=blobs.put(recording(name, index)))
 
 
 def warm(work: WarmWork) -> WarmResult:
