@@ -32,6 +32,7 @@ CAMPAIGN_WORDS: Words = {
         "search": "The rhythm of the search, confirming and minimising.",
         "lease": "How long work is lent to workers.",
         "record": "Which flights get a recording.",
+        "keep_mb": "Megabytes of traces, artefacts and recordings to keep; later finds leave their digests only.",
         "needs": "What workers of a stage (fly, score, ...) must have.",
     },
     "Needs": {
