@@ -11,6 +11,10 @@ from pathlib import Path
 
 import pytest
 
+sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "flight"))
+
+from log_bytes import px4_flight
+
 CARGO = '[package]\nname = "logs"\nversion = "0.1.0"\n[lib]\npath = "lib.rs"\n[dependencies]\nyule_log = "=0.4.0"\n'
 
 
@@ -38,3 +42,11 @@ def copter_log(folder: Path) -> Path:
         member = next(name for name in archive.getnames() if name.endswith("copter_flight.bin"))
         archive.extract(member, folder, filter="data")
     return folder / member
+
+
+def some_px4_log(folder: Path) -> bytes:
+    """Return a published log of PX4, or a made one where no index answers."""
+    try:
+        return px4_log(folder).read_bytes()
+    except pytest.skip.Exception:
+        return px4_flight()

@@ -181,7 +181,7 @@ def test_it_ends_with_whoever_started_it(tmp_path: Path) -> None:
     starting = f"""
 import os, time
 from pathlib import Path
-from saflite.flight.autopilots.ardupilot.process import Process
+from saflite.flight.autopilots.external.process import Process
 print(Process(["/bin/sleep", "600"], Path({str(tmp_path)!r}))._process.pid, flush=True)
 """
     pid = int(subprocess.run([sys.executable, "-c", starting], capture_output=True, check=True, text=True).stdout)

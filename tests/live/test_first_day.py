@@ -11,19 +11,11 @@ from pathlib import Path
 import httpx
 import pytest
 import yaml
-from real_logs import px4_log
+from real_logs import some_px4_log
 
 pytestmark = pytest.mark.live
 ROOT = Path(__file__).parents[2]
 SAFLITE = [sys.executable, "-m", "saflite"]
-
-
-def real_log(folder: Path) -> Path:
-    """Return a published log of PX4, where no index answers a made one."""
-    try:
-        return px4_log(folder)
-    except pytest.skip.Exception:
-        return ROOT / "tests" / "corpus" / "files" / "flight.ulg"
 
 
 def said(folder: Path, command: str, *codes: int) -> str:
@@ -44,8 +36,7 @@ def shown(page: str, command: str) -> str:
 
 
 def test_from_a_log_to_a_check_in_ci(tmp_path: Path) -> None:
-    log = real_log(tmp_path)
-    (tmp_path / "log.ulg").write_bytes(log.read_bytes())
+    (tmp_path / "log.ulg").write_bytes(some_px4_log(tmp_path))
 
     # a real log is judged, and a rule of one's own is written and judged on it
     assert "  held " in said(tmp_path, shown("README.md", "saflite judge log.ulg"), 0, 1, 4)

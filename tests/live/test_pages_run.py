@@ -10,8 +10,10 @@ from pathlib import Path
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tidy"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "flight"))
 
-from page_commands import ROOT, PageCommand, commands
+from log_bytes import px4_flight
+from page_commands import PageCommand, commands
 from page_runs import PLACES, RUNS
 
 pytestmark = pytest.mark.live
@@ -33,14 +35,19 @@ def said(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
 def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with what the pages take for granted: a run, a case, a log, a policy and a campaign of one's own."""
     folder = tmp_path_factory.mktemp("pages")
-    assert said(folder, "run", "avoidance-m2", "--budget", "8", "--out", "runs/avoidance-m2").returncode == 1
+    assert (
+        said(
+            folder, "run", "avoidance-m2", "--budget", "20", "--rng-seed", "1", "--out", "runs/avoidance-m2"
+        ).returncode
+        == 1
+    )
     shutil.copytree(folder / "runs" / "avoidance-m2", folder / "runs" / "night")
     case = next((folder / "runs" / "avoidance-m2" / "test_cases").glob("*.yaml"))
     shutil.copytree(case.parent, folder, dirs_exist_ok=True)
     shutil.copy(case, folder / "case.yaml")
     (folder / "logs").mkdir()
     for log in (folder / "log.ulg", folder / "logs" / "log.ulg"):
-        shutil.copy(ROOT / "tests" / "corpus" / "files" / "flight.ulg", log)
+        log.write_bytes(px4_flight())
     for kind, name in (("policy", "my-policy"), ("campaign", "my-campaign")):
         assert said(folder, "new", kind, name).returncode == 0
     return folder
