@@ -41,6 +41,14 @@ pytestmark = pytest.mark.live
 HOVER = Scenario(start=StartState(altitude_m=5.0), time_limit_s=4.0)
 
 
+@pytest.fixture(autouse=True)
+def no_process_left() -> Iterator[None]:
+    """What a test starts ends with it; tests of other files may have left their helpers."""
+    before = set(children(os.getpid()))
+    yield
+    assert set(children(os.getpid())) <= before
+
+
 @pytest.fixture
 def place() -> Iterator[Place]:
     held = take_slot()
@@ -85,7 +93,6 @@ def test_a_binary_is_asked_once_for_its_parameters(peer: Binary, listing: Listin
     assert listing.values["RTL_ALT"] == 1500.0
     peer.path.unlink()
     assert ask(peer, place) == known(peer) == listing
-    assert children(os.getpid()) == []
 
 
 def test_it_hovers_and_takes_what_it_is_given(peer: Binary, listing: Listing, place: Place) -> None:
@@ -107,7 +114,6 @@ def test_it_hovers_and_takes_what_it_is_given(peer: Binary, listing: Listing, pl
     assert (trace.array("mode")[0], trace.array("mode")[-1]) == (4.0, 5.0)
     assert trace.array("armed").min() == 1.0
     assert dict(record.artefacts)["console.txt"].startswith(b"Waiting")
-    assert children(os.getpid()) == []
 
 
 def test_flights_repeat_bit_by_bit_also_after_others(peer: Binary, listing: Listing, place: Place) -> None:
@@ -156,7 +162,6 @@ def test_silence_is_a_stall(peer: Binary, listing: Listing, place: Place, monkey
     record = flown(case((0.5, "parameter", "SIM_HANG", 1.0)), peer, listing, place)
     assert record.ending == "wedged"
     assert record.message == "the autopilot hangs"
-    assert children(os.getpid()) == []
 
 
 def test_bring_up_that_fails_is_ours_unless_the_test_case_asked_for_it(
@@ -168,13 +173,11 @@ def test_bring_up_that_fails_is_ours_unless_the_test_case_asked_for_it(
     peer.path.write_text("#!/bin/sh\necho no room; exit 3\n")
     with pytest.raises(Unavailable, match="exit code 3: no room"):
         flown(case(), peer, listing, place)
-    assert children(os.getpid()) == []
 
 
 def test_a_cancelled_flight_leaves_nothing(peer: Binary, listing: Listing, place: Place) -> None:
     with pytest.raises(Unavailable, match="cancelled"):
         ArduPilotFlight(case(), peer, listing, place).run(lambda: True)
-    assert children(os.getpid()) == []
 
 
 def test_it_ends_with_whoever_started_it(tmp_path: Path) -> None:

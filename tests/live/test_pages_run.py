@@ -37,7 +37,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("pages")
     assert (
         said(
-            folder, "run", "avoidance-m2", "--budget", "20", "--rng-seed", "1", "--out", "runs/avoidance-m2"
+            folder, "run", "avoidance-m2", "--budget", "12", "--rng-seed", "1", "--out", "runs/avoidance-m2"
         ).returncode
         == 1
     )

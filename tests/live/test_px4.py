@@ -33,6 +33,14 @@ pytestmark = pytest.mark.live
 HOVER = Scenario(start=StartState(mode="BRAKE", altitude_m=5.0), time_limit_s=4.0)
 
 
+@pytest.fixture(autouse=True)
+def no_process_left() -> Iterator[None]:
+    """What a test starts ends with it; tests of other files may have left their helpers."""
+    before = set(children(os.getpid()))
+    yield
+    assert set(children(os.getpid())) <= before
+
+
 @pytest.fixture
 def place() -> Iterator[Place]:
     held = take_slot()
@@ -79,7 +87,6 @@ def test_a_binary_is_asked_once_for_its_parameters(peer: Binary, listing: Listin
     assert listing.values["GF_ACTION"] == 2.0  # told by its bytes
     peer.path.unlink()
     assert ask(peer, place) == known(peer) == listing
-    assert children(os.getpid()) == []
 
 
 def test_it_hovers_and_takes_what_it_is_given(peer: Binary, listing: Listing, place: Place) -> None:
@@ -104,7 +111,6 @@ def test_it_hovers_and_takes_what_it_is_given(peer: Binary, listing: Listing, pl
     assert (trace.array("fence_action_set")[0], trace.array("fence_action_set")[-1]) == (4.0, 1.0)
     assert (trace.array("rc1_pwm")[0], trace.array("rc1_pwm")[-1]) == (1500.0, 1600.0)
     assert trace.array("armed").min() == 1.0
-    assert children(os.getpid()) == []
 
 
 def test_landing_ends_the_flight(peer: Binary, listing: Listing, place: Place) -> None:
@@ -133,7 +139,6 @@ def test_silence_is_a_stall(peer: Binary, listing: Listing, place: Place, monkey
     monkeypatch.setattr(vehicle_module, "SILENT_MS", 300)
     record = flown(case((0.5, "parameter", "SIM_HANG", 1.0)), peer, listing, place)
     assert record.ending == "wedged"
-    assert children(os.getpid()) == []
 
 
 def test_bring_up_that_fails_is_ours_unless_the_test_case_asked_for_it(
@@ -145,7 +150,6 @@ def test_bring_up_that_fails_is_ours_unless_the_test_case_asked_for_it(
     peer.path.write_text("#!/bin/sh\necho no room; exit 3\n")
     with pytest.raises(Unavailable, match="exit code 3: no room"):
         flown(case(), peer, listing, place)
-    assert children(os.getpid()) == []
 
 
 def test_a_flight_leaves_no_file(peer: Binary, listing: Listing, place: Place) -> None:
@@ -154,7 +158,6 @@ def test_a_flight_leaves_no_file(peer: Binary, listing: Listing, place: Place) -
         Px4Flight(case(), peer, listing, place).run(lambda: True)
     assert list(place.folder.iterdir()) == []
     assert list(Path("/tmp").glob(f"px4*-{place.ports[0]}")) == []
-    assert children(os.getpid()) == []
 
 
 # ---- the real one -------------------------------------------------------------------------------------------------

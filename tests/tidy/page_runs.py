@@ -44,7 +44,7 @@ RUNS: dict[str, Run] = {
     "saflite regress runs/night --target BUILD": Run(("--times", "1")),
     "saflite regress RUN --target BUILD": Run(("--times", "1")),
     "saflite regress RUN": Run(("--times", "1")),
-    "saflite flake CASE -n 50": Run(),
+    "saflite flake CASE -n 50": Run(("-n", "6")),
     "saflite export RUN --format junit": Run(),
     "saflite audit RUN": Run(),
     "saflite audit RUN --rebuild": Run(),

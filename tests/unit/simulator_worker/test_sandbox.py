@@ -66,10 +66,11 @@ def test_a_crashed_simulator_is_lost_not_a_finding(flyer: Flyer) -> None:
 
 
 def test_a_hang_that_ignores_sigterm_is_killed_with_its_grandchildren(flyer: Flyer) -> None:
+    before = set(children(os.getpid()))
     result = _fly(flyer, HANG, wall_limit_s=0.5)
     assert result.flight.ending == "wedged"
     assert 0.5 <= result.flight.wall_s < 3.5
-    assert children(os.getpid()) == []
+    assert set(children(os.getpid())) <= before
     assert _fly(flyer, QUIET).flight.ending == "completed"
 
 
