@@ -200,46 +200,43 @@ def _ollama(url: str) -> Finding:
 def _ardupilot() -> Finding:
     from saflite.flight.autopilots.ardupilot.binary import named
 
-    try:
-        binary = named()
-    except Unavailable as fault:
-        return Finding("ArduPilot", "note", f"{fault}; the other targets need none")
-    except Refused as fault:
-        return Finding("ArduPilot", "bad", str(fault))
-    return Finding("ArduPilot", "ok", f"{binary.version}, digest {binary.digest[:12]}, with the JSON backend")
+    return _named(
+        "ArduPilot", lambda: f"{(binary := named()).version}, digest {binary.digest[:12]}, with the JSON backend"
+    )
 
 
 def _ardupilot_parameters() -> Finding:
     from saflite.simulator_worker.targets.ardupilot import parameters_known
 
-    what = "ArduPilot starts"
-    try:
-        count, documented = parameters_known()
-    except Unavailable as fault:
-        return Finding(what, "note", f"not tried: {fault}")
-    except Refused as fault:
-        return Finding(what, "bad", str(fault))
-    return Finding(what, "ok", f"in lockstep, answers over MAVLink: {count} parameters, {documented} with ranges")
+    return _starts("ArduPilot", parameters_known)
 
 
 def _px4() -> Finding:
     from saflite.flight.autopilots.px4.binary import named
 
-    try:
-        binary = named()
-    except Unavailable as fault:
-        return Finding("PX4", "note", f"{fault}; the other targets need none")
-    except Refused as fault:
-        return Finding("PX4", "bad", str(fault))
-    return Finding("PX4", "ok", f"digest {binary.digest[:12]}, with the simulator's MAVLink interface and its files")
+    backend = "with the simulator's MAVLink interface and its files"
+    return _named("PX4", lambda: f"digest {named().digest[:12]}, {backend}")
 
 
 def _px4_parameters() -> Finding:
     from saflite.simulator_worker.targets.px4 import parameters_known
 
-    what = "PX4 starts"
+    return _starts("PX4", parameters_known)
+
+
+def _named(autopilot: str, told: Callable[[], str]) -> Finding:
     try:
-        count, documented = parameters_known()
+        return Finding(autopilot, "ok", told())
+    except Unavailable as fault:
+        return Finding(autopilot, "note", f"{fault}; the other targets need none")
+    except Refused as fault:
+        return Finding(autopilot, "bad", str(fault))
+
+
+def _starts(autopilot: str, known: Callable[[], tuple[int, int]]) -> Finding:
+    what = f"{autopilot} starts"
+    try:
+        count, documented = known()
     except Unavailable as fault:
         return Finding(what, "note", f"not tried: {fault}")
     except Refused as fault:
