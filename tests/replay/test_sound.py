@@ -68,6 +68,21 @@ ARMED_ANEW_ON_THE_GROUND: Case = (
     ),
     STOP_RULES,
 )
+LANDS_OUT_OF_A_LOW_CIRCLE: Case = (
+    Scenario(start=StartState(mode="CIRCLE", altitude_m=0.8), time_limit_s=20.0),
+    {"LAND_SPEED": 150.0},
+    (given(12.5, "mode", "LAND"),),
+    ("no-crash", "upright", "a-land2"),
+)
+LANDS_WHERE_IT_WAS_FAST: Case = (
+    Scenario(start=StartState(mode="GUIDED", altitude_m=1.0), time_limit_s=20.0),
+    {"LAND_SPEED": 100.0},
+    (
+        given(0.5, "command", "MAV_CMD_DO_REPOSITION", -1.0, 0.0, 0.0, 0.0, 47.39731, 8.545341, 1.0),
+        given(5.7, "mode", "LAND"),
+    ),
+    ("no-crash", "upright", "a-land2"),
+)
 
 
 @pytest.mark.parametrize(
@@ -78,6 +93,8 @@ ARMED_ANEW_ON_THE_GROUND: Case = (
         CLIMBS_ON_AFTER_ITS_TAKEOFF,
         LAND_SPEED_IS_THE_GREATER,
         ARMED_ANEW_ON_THE_GROUND,
+        LANDS_OUT_OF_A_LOW_CIRCLE,
+        LANDS_WHERE_IT_WAS_FAST,
     ],
 )
 def test_nothing_is_broken_where_the_manual_allows_it(

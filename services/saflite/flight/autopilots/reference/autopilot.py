@@ -40,7 +40,7 @@ class Autopilot(FlightStack):
         self.radio = Radio(board, self.parameters)
         self.parachute: Parachute = Parachute(self)
         self.failsafes: failsafes.Failsafes = failsafes.Failsafes(self)
-        self.landing = landed.LandDetector(self)
+        self.landing: landed.LandDetector = landed.LandDetector(self)
         self.messages: list[TraceMessage] = []
         self.time_s = 0.0
         self.armed = False

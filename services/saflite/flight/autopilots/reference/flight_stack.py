@@ -64,6 +64,15 @@ class Releasable(Protocol):
     released: bool
 
 
+class Landing(Protocol):
+    """What modes ask of the land detector."""
+
+    @property
+    def touching(self) -> bool:
+        """Return whether the ground seems to carry the vehicle."""
+        ...
+
+
 class FlightStack(ABC):
     """State that the parts share, and the orders they may give; `autopilot.py` is its one implementation."""
 
@@ -72,6 +81,7 @@ class FlightStack(ABC):
     parameters: ParameterSet
     radio: Radio
     parachute: Releasable
+    landing: Landing
     failsafes: Failsafe
     mode: FlightMode
     time_s: float

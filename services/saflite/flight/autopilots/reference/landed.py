@@ -5,6 +5,7 @@ from __future__ import annotations
 from saflite.flight.autopilots.reference.flight_stack import FlightStack
 
 LANDED_AFTER_S = 1.0
+TOUCHING_AFTER_S = 0.2  # ArduCopter: LAND_DETECTOR_MAYBE_TRIGGER_SEC
 TICK_S = 0.02
 PUSHING = 0.3  # throttle, as a share of hover, above which something is carried; hover may be set twice too high
 
@@ -20,6 +21,11 @@ class LandDetector:
         """Forget how long it has been quiet."""
         self._quiet_s = 0.0
         self._idle_s = 0.0
+
+    @property
+    def touching(self) -> bool:
+        """Return whether the ground seems to carry the vehicle, before it counts as landed."""
+        return self._quiet_s >= TOUCHING_AFTER_S
 
     def tick(self) -> None:
         """Look at the last 20 ms."""
