@@ -18,7 +18,19 @@ import sysconfig
 from pathlib import Path
 from typing import Any
 
-FLAGS = ["-std=c11", "-O3", "-ffp-contract=off", "-fno-fast-math", "-fPIC", "-shared", "-Wall", "-Wextra", "-Werror"]
+FLAGS = [
+    "-std=c11",
+    "-O3",
+    "-ffp-contract=off",
+    "-fno-fast-math",
+    "-fno-trapping-math",
+    "-fno-math-errno",
+    "-fPIC",
+    "-shared",
+    "-Wall",
+    "-Wextra",
+    "-Werror",
+]
 ROOT = Path(__file__).resolve().parent.parent
 FLIGHT = ROOT / "services" / "saflite" / "flight"
 NATIVE = FLIGHT / "native"

@@ -5,6 +5,14 @@
 
 #include <math.h>
 
+/* A function with loops worth the wider registers of newer processors: compiled twice, the loader takes what the machine
+ * has. Each element goes through the same IEEE operations, none fused or reordered, so the bits are the same. */
+#if defined(__x86_64__) && defined(__GLIBC__) && !defined(__clang__) && !defined(EXACT_NARROW)
+#define EXACT_WIDE __attribute__((target_clones("avx2", "default")))
+#else
+#define EXACT_WIDE
+#endif
+
 #define EXACT_PI 3.14159265358979323846
 #define EXACT_RAD (EXACT_PI / 180.0)
 

@@ -5,14 +5,6 @@
 
 #include <string.h>
 
-int cell_index(float azimuth_deg, float elevation_deg, int cell_deg, int azimuths, int elevations)
-{
-    int column = (int)((azimuth_deg + 180.0f) / (float)cell_deg), row = (int)((elevation_deg + 90.0f) / (float)cell_deg);
-    column = column >= azimuths ? azimuths - 1 : column < 0 ? 0 : column;
-    row = row >= elevations ? elevations - 1 : row < 0 ? 0 : row;
-    return row * azimuths + column;
-}
-
 /* Horizontal distances at which a ray enters and leaves a box; 0 if it misses or starts inside (an inner face is not seen). */
 static int crossing(const double *box, double x, double y, double ux, double uy, double *enter, double *leave)
 {
@@ -47,18 +39,30 @@ static double meets(const double *box, double z, double tan, double enter, doubl
     return at > enter && at < leave ? at : 1e9;
 }
 
-static void add_point(Planner *p, const float eye[3], float x, float y, float z, float age_s)
+/* Directions of a cloud's points from `eye` (degrees) and their fine cells. */
+EXACT_WIDE static void directions(Planner *p, const Cloud *from, const float eye[3])
+{
+    const int n = from->n;
+    const float ex = eye[0], ey = eye[1], ez = eye[2];
+    for (int i = 0; i < n; i++) {
+        const float dx = from->x[i] - ex, dy = from->y[i] - ey, dz = from->z[i] - ez;
+        const float azimuth = exact_atan2_deg(dy, dx), elevation = exact_atan2_deg(dz, sqrtf(dx * dx + dy * dy));
+        p->azimuth_of[i] = azimuth;
+        p->elevation_of[i] = elevation;
+        p->cell_of[i] = cell_index(azimuth, elevation, FINE_DEG, FINE_AZIMUTHS, FINE_ELEVATIONS);
+    }
+}
+
+/* Keeps point i of a cloud whose directions are known, unless its fine cell is taken. */
+static void add_point(Planner *p, const Cloud *from, int i, float age_s)
 {
     Cloud *cloud = &p->cloud;
-    const float dx = x - eye[0], dy = y - eye[1], dz = z - eye[2];
-    const int cell = cell_index(exact_atan2_deg(dy, dx), exact_atan2_deg(dz, sqrtf(dx * dx + dy * dy)), FINE_DEG,
-                                FINE_AZIMUTHS, FINE_ELEVATIONS);
-    if (p->fine[cell] || cloud->n >= POINTS_MAX)
+    if (p->fine[p->cell_of[i]] || cloud->n >= POINTS_MAX)
         return;
-    p->fine[cell] = 1;
-    cloud->x[cloud->n] = x;
-    cloud->y[cloud->n] = y;
-    cloud->z[cloud->n] = z;
+    p->fine[p->cell_of[i]] = 1;
+    cloud->x[cloud->n] = from->x[i];
+    cloud->y[cloud->n] = from->y[i];
+    cloud->z[cloud->n] = from->z[i];
     cloud->age_s[cloud->n++] = age_s;
 }
 
@@ -67,6 +71,8 @@ void camera_look(Planner *p, const float eye[3], const float shift[3], double ya
 {
     const double x = (double)eye[0] + shift[0], y = (double)eye[1] + shift[1], z = (double)eye[2] + shift[2];
     double sine, cosine;
+    Cloud *hits = &p->seen;
+    hits->n = 0;
     exact_sincos(yaw, &sine, &cosine);
     for (int i = 0; i < p->set.columns; i++) {
         const double ux = cosine * p->ray_cos[i] - sine * p->ray_sin[i], uy = sine * p->ray_cos[i] + cosine * p->ray_sin[i];
@@ -86,18 +92,23 @@ void camera_look(Planner *p, const float eye[3], const float shift[3], double ya
                 hit = at < hit ? at : hit;
             }
             const float range = (float)hit * p->ray_stretch[j];
-            if (range > p->set.near && range < p->set.range)
-                add_point(p, eye, (float)(eye[0] + ux * hit), (float)(eye[1] + uy * hit), (float)(eye[2] + tan * hit), 0.0f);
+            if (range > p->set.near && range < p->set.range) {
+                hits->x[hits->n] = (float)(eye[0] + ux * hit);
+                hits->y[hits->n] = (float)(eye[1] + uy * hit);
+                hits->z[hits->n++] = (float)(eye[2] + tan * hit);
+            }
         }
     }
+    directions(p, hits, eye);
+    for (int i = 0; i < hits->n; i++)
+        add_point(p, hits, i, 0.0f);
 }
 
-/* True where the camera looks and the planner knows that it does. */
-static int in_view(const Planner *p, float dx, float dy, float dz, float yaw_deg)
+/* True where the camera looks and the planner knows that it does; directions in degrees. */
+static int in_view(const Planner *p, float azimuth, float elevation, float yaw_deg)
 {
-    float off = exact_atan2_deg(dy, dx) - yaw_deg;
+    float off = azimuth - yaw_deg;
     off -= 360.0f * floorf(off / 360.0f + 0.5f);
-    const float elevation = exact_atan2_deg(dz, sqrtf(dx * dx + dy * dy));
     return fabsf(off) <= p->set.half_h && fabsf(off - p->set.learnt_centre) <= p->set.learnt_half && fabsf(elevation) <= p->set.half_v;
 }
 
@@ -113,13 +124,16 @@ void memory_update(Planner *p, const float eye[3], const float shift[3], double 
     memcpy(old->y, p->cloud.y, sizeof(float) * (size_t)n);
     memcpy(old->z, p->cloud.z, sizeof(float) * (size_t)n);
     memcpy(old->age_s, p->cloud.age_s, sizeof(float) * (size_t)n);
+    old->n = n;
     p->cloud.n = 0;
     p->looked_s = now_s;
     memset(p->fine, 0, sizeof p->fine);
     camera_look(p, eye, shift, yaw, boxes, n_boxes);
+    directions(p, old, eye);
     for (int i = 0; i < n; i++) {
         const float dx = old->x[i] - eye[0], dy = old->y[i] - eye[1], dz = old->z[i] - eye[2];
-        if (dx * dx + dy * dy + dz * dz < reach && old->age_s[i] < p->set.memory_age && !in_view(p, dx, dy, dz, yaw_deg))
-            add_point(p, eye, old->x[i], old->y[i], old->z[i], old->age_s[i] + elapsed);
+        if (dx * dx + dy * dy + dz * dz < reach && old->age_s[i] < p->set.memory_age &&
+            !in_view(p, p->azimuth_of[i], p->elevation_of[i], yaw_deg))
+            add_point(p, old, i, old->age_s[i] + elapsed);
     }
 }

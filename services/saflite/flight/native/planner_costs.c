@@ -24,7 +24,7 @@ static float elevation_of(const float from[3], const float to[3])
 }
 
 /* Sum and count of distances per cell as seen from `eye`. */
-void histogram_build(Planner *p, const float eye[3])
+EXACT_WIDE void histogram_build(Planner *p, const float eye[3])
 {
     const Cloud *cloud = &p->cloud;
     const int n = cloud->n;
@@ -71,18 +71,16 @@ static void interpolate(float *row, int step)
 }
 
 /* Cost of the obstacle in every occupied cell, before smoothing, written to the middle of the padded matrix. */
-static void obstacle_rows(Planner *p)
+EXACT_WIDE static void obstacle_rows(Planner *p)
 {
+    const float knee = p->set.knee;
     memset(p->smooth_a, 0, sizeof p->smooth_a);
     for (int e = p->row_least; e <= p->row_most; e++) {
         const int step = p->row_step[e];
         float *row = p->smooth_a[e + RADIUS_MAX];
-        for (int z = 0; z < AZIMUTHS; z += step) {
-            const int cell = e * AZIMUTHS + z;
-            if (p->count[cell] > 0.0f) {
-                const float d = p->set.knee - p->sum[cell] / p->count[cell];
-                row[z] = 5000.0f * (1.0f + d / sqrtf(1.0f + d * d));
-            }
+        for (int z = 0; z < AZIMUTHS; z++) {
+            const float n = p->count[e * AZIMUTHS + z], d = knee - p->sum[e * AZIMUTHS + z] / n;
+            row[z] = n > 0.0f ? 5000.0f * (1.0f + d / sqrtf(1.0f + d * d)) : 0.0f;
         }
         if (step > 1)
             interpolate(row, step);
@@ -104,7 +102,7 @@ static void pad_poles(Planner *p)
 }
 
 /* out[i] = in[i] + ... + in[i + width - 1] for i < n, by doubling where width is 8. */
-static void running_sum(const float *in, float *out, int n, int width)
+EXACT_WIDE static void running_sum(const float *in, float *out, int n, int width)
 {
     if (width == 8) {
         for (int i = 0; i < n; i++)
@@ -119,29 +117,43 @@ static void running_sum(const float *in, float *out, int n, int width)
     }
 }
 
-static void add_rows(const float *a, const float *b, float *out)
+/* out = the sum of `width` rows from `from` on, added in their order. */
+static void add_rows(const float (*from)[AZIMUTHS], float *out, int width)
 {
-    for (int z = 0; z < AZIMUTHS; z++)
-        out[z] = a[z] + b[z];
-}
-
-/* Smooths along elevation: a cone of radius r is a box of r + 1 run twice; the result stands in smooth_a, row e. */
-static void smooth_columns(Planner *p)
-{
-    const int width = p->set.radius + 1, top = RADIUS_MAX - p->set.radius;
-    for (int pass = 0; pass < 2; pass++) {
-        float (*from)[AZIMUTHS] = pass ? p->smooth_b : p->smooth_a, (*to)[AZIMUTHS] = pass ? p->smooth_a : p->smooth_b;
-        const int rows = ELEVATIONS + (pass ? 0 : p->set.radius), offset = pass ? 0 : top;
-        for (int e = 0; e < rows; e++) {
-            add_rows(from[e + offset], from[e + offset + 1], to[e]);
-            for (int k = 2; k < width; k++)
-                add_rows(to[e], from[e + offset + k], to[e]);
-        }
+    for (int z = 0; z < AZIMUTHS; z++) {
+        float sum = from[0][z] + from[1][z];
+        for (int k = 2; k < width; k++)
+            sum += from[k][z];
+        out[z] = sum;
     }
 }
 
+/* Smooths along elevation: a cone of radius r is a box of r + 1 run twice; the result stands in smooth_a, row e. What
+ * would be a sum of empty rows is left empty: `first` to `last` are the rows of the padded matrix that hold something. */
+EXACT_WIDE static void smooth_columns(Planner *p)
+{
+    const int width = p->set.radius + 1, top = RADIUS_MAX - p->set.radius;
+    int first = p->row_least < RADIUS_MAX ? 0 : RADIUS_MAX + p->row_least;
+    int last = p->row_most >= ELEVATIONS - RADIUS_MAX ? PADDED_ROWS - 1 : RADIUS_MAX + p->row_most;
+    for (int pass = 0; pass < 2; pass++) {
+        float (*from)[AZIMUTHS] = pass ? p->smooth_b : p->smooth_a, (*to)[AZIMUTHS] = pass ? p->smooth_a : p->smooth_b;
+        const int rows = ELEVATIONS + (pass ? 0 : p->set.radius), offset = pass ? 0 : top;
+        for (int e = 0; e < rows; e++)
+            if (e + offset > last || e + offset + width <= first)
+                memset(to[e], 0, sizeof to[e]);
+            else if (width == 8)
+                add_rows((const float (*)[AZIMUTHS])(from + e + offset), to[e], 8);
+            else
+                add_rows((const float (*)[AZIMUTHS])(from + e + offset), to[e], width);
+        first -= offset + width - 1;
+        last -= offset;
+    }
+    p->smooth_first = first;
+    p->smooth_last = last;
+}
+
 /* The row smoothed along azimuth as well, scaled as the original's kernel (peak 1 per axis). */
-static void smooth_row(Planner *p, int e, float *out)
+EXACT_WIDE static void smooth_row(Planner *p, int e, float *out)
 {
     const int r = p->set.radius;
     const float *row = p->smooth_a[e], scale = 1.0f / (float)((r + 1) * (r + 1));
@@ -177,7 +189,7 @@ typedef struct {
 } Parts;
 
 /* Costs that depend on the column or the row alone, and the least cost a row can hold. */
-static void cost_parts(const Planner *p, const View *view, Parts *parts)
+EXACT_WIDE static void cost_parts(const Planner *p, const View *view, Parts *parts)
 {
     const float goal_azimuth = azimuth_of(view->eye, view->goal), goal_elevation = elevation_of(view->eye, view->goal);
     const float line_azimuth = azimuth_of(view->eye, view->line_point);
@@ -201,7 +213,7 @@ static void cost_parts(const Planner *p, const View *view, Parts *parts)
     }
 }
 
-static void cost_row(Planner *p, const Parts *parts, int e, float *out)
+EXACT_WIDE static void cost_row(Planner *p, const Parts *parts, int e, float *out)
 {
     const float *dx = p->dir_x + e * AZIMUTHS, *dy = p->dir_y + e * AZIMUTHS, *dz = p->dir_z + e * AZIMUTHS;
     for (int z = 0; z < AZIMUTHS; z++)
@@ -209,7 +221,7 @@ static void cost_row(Planner *p, const Parts *parts, int e, float *out)
                  parts->weight * (parts->speed - (dx[z] * parts->vx + dy[z] * parts->vy + dz[z] * parts->vz));
     if (p->row_step[e] > 1)
         interpolate(out, p->row_step[e]);
-    if (p->occupied) {
+    if (p->occupied && e >= p->smooth_first && e <= p->smooth_last) {
         float smoothed[AZIMUTHS];
         smooth_row(p, e, smoothed);
         for (int z = 0; z < AZIMUTHS; z++)

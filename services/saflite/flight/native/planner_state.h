@@ -41,7 +41,8 @@ typedef struct Planner {
     double ray_cos[RAY_COLUMNS_MAX], ray_sin[RAY_COLUMNS_MAX];
     float ray_tan[RAY_ROWS_MAX], ray_stretch[RAY_ROWS_MAX];
     /* memory */
-    Cloud cloud, older;
+    Cloud cloud, older, seen;
+    float azimuth_of[POINTS_MAX], elevation_of[POINTS_MAX];
     unsigned char fine[FINE_AZIMUTHS * FINE_ELEVATIONS];
     double looked_s;
     /* work space of one cost matrix */
@@ -49,7 +50,7 @@ typedef struct Planner {
     float range_of[POINTS_MAX], sum[CELLS], count[CELLS];
     float smooth_a[PADDED_ROWS][AZIMUTHS], smooth_b[PADDED_ROWS][AZIMUTHS], row_cost[AZIMUTHS];
     float row_a[PADDED_COLUMNS], row_b[PADDED_COLUMNS];
-    int occupied, row_least, row_most;
+    int occupied, row_least, row_most, smooth_first, smooth_last;  /* rows: least and most that hold anything */
     /* tree and path: path[0] is the vehicle, path[1] the first node */
     Node nodes[NODES_MAX];
     int n_nodes;
@@ -64,7 +65,14 @@ typedef struct Planner {
 void camera_look(Planner *p, const float eye[3], const float shift[3], double yaw, const double *boxes, int n_boxes);
 void memory_update(Planner *p, const float eye[3], const float shift[3], double yaw, double now_s, const double *boxes,
                    int n_boxes);
-int cell_index(float azimuth_deg, float elevation_deg, int cell_deg, int azimuths, int elevations);
+/* Cell of a direction in a matrix of `azimuths` x `elevations` cells. */
+static inline int cell_index(float azimuth_deg, float elevation_deg, int cell_deg, int azimuths, int elevations)
+{
+    int column = (int)((azimuth_deg + 180.0f) / (float)cell_deg), row = (int)((elevation_deg + 90.0f) / (float)cell_deg);
+    column = column >= azimuths ? azimuths - 1 : column < 0 ? 0 : column;
+    row = row >= elevations ? elevations - 1 : row < 0 ? 0 : row;
+    return row * azimuths + column;
+}
 
 void histogram_build(Planner *p, const float eye[3]);
 int costs_candidates(Planner *p, const View *view, Candidate *best, int most);
