@@ -160,7 +160,10 @@ def test_a_subscriber_in_rust_made_from_the_schemas_alone_hears_every_violation(
     until_s = time.monotonic() + 60
     while not (run_dir / "farm.json").exists() and time.monotonic() < until_s:
         time.sleep(0.1)
-    time.sleep(5)  # a late joiner
+    client = FarmClient.of_run(run_dir)
+    while not client.status().violations_confirmed and time.monotonic() < until_s:
+        time.sleep(0.1)  # a late joiner: there is history to be heard
+    client.close()
     info = read_info(run_dir)
     subscriber = subprocess.Popen([str(SUBSCRIBER), info.endpoint, info.campaign], stdout=subprocess.PIPE, text=True)
     said, _ = subscriber.communicate(timeout=120)

@@ -19,8 +19,8 @@ from network_namespace import NetworkNamespace
 from test_joining import BUDGET, _campaign, _facts, _found, _new_run, dart, network  # noqa: F401 (fixtures)
 
 from saflite.bus import keyring
-from saflite.bus.access import ROLES, STAGE_OF, Role
-from saflite.bus.base import Happening, Presence, Reply, Sample
+from saflite.bus.access import ROLES, SEAL_BYTES_MAX, STAGE_OF, Role
+from saflite.bus.base import Happening, Presence, Reply, Sample, seal
 from saflite.bus.private_socket import PrivateSocket
 from saflite.bus.zenoh import Gate, ZenohBus, ZenohRequest, open_client, open_router
 from saflite.contract import topics
@@ -32,7 +32,10 @@ from saflite.runtime.campaign_runner import resume, run_campaign
 pytestmark = pytest.mark.live
 
 CAMPAIGN, OTHER = "night", "day"
-SETTLE_S = 0.7
+PATIENCE_S = 60.0
+
+
+READERS = ("viewer", "operator")
 
 
 class Router(NamedTuple):
@@ -146,38 +149,122 @@ def test_no_role_speaks_under_another_name_or_outside_its_own_keys(router: Route
         assert not [name for name, answer in answers.items() if answer is not None], other
 
 
-@pytest.mark.parametrize("role", ROLES)
-def test_only_those_who_read_hear_events_and_nobody_can_forge_one(router: Router, role: Role) -> None:
-    reader, heard = router.client("viewer"), queue.SimpleQueue[Happening]()
-    bus, own = router.client(role), queue.SimpleQueue[Happening]()
-    key = topics.event(CAMPAIGN, role)
+@pytest.mark.parametrize("name", [*ROLES, "gone"])
+def test_only_those_who_read_hear_events_and_nobody_can_forge_one(router: Router, name: str) -> None:
+    reader, heard = router.client("viewer"), Heard()
+    bus, own = router.client(name), Heard()
+    key, in_json, reads = topics.event(CAMPAIGN, name), topics.event_json(CAMPAIGN, name), name in READERS
     router.bus.announce(key, b"before")
-    reader.follow(key, heard.put)
-    bus.follow(key, own.put)
-    time.sleep(SETTLE_S)
+    for one, inbox in ((reader, heard), (bus, own)):
+        one.follow(key, inbox)
+        one.follow(in_json, inbox)
+    heard.wait_for(b"before")
+    if reads:
+        own.wait_for(b"before")
+    _settled(bus, reader)
     router.bus.announce(key, b"after")
-    bus.announce(key, b"forged")
-    time.sleep(SETTLE_S)
+    router.bus.tell(in_json, lambda: b"{}")
+    for forged_on in (key, in_json):
+        bus._session.put(forged_on, b"forged", attachment=seal(forged_on, "books", b"forged"))
+    for inbox in (heard, own) if reads else (heard,):
+        inbox.wait_for(b"after", b"{}")
+    _settled(bus, reader)
     bus.close()
     reader.close()
-    assert [one.payload for one in _drained(heard) if isinstance(one, Sample)] == [b"before", b"after"]
-    got = {one.payload for one in _drained(own) if isinstance(one, Sample)} - {b"forged"}  # its own comes back to it
-    assert got == ({b"before", b"after"} if role not in STAGE_OF else set())
+    assert sorted(heard.payloads) == [b"after", b"before", b"{}"]
+    own_words = [b"forged", b"forged"]  # come back to it, and reach nobody else
+    assert sorted(own.payloads) == ([b"after", b"before", *own_words, b"{}"] if reads else own_words)
 
 
-@pytest.mark.parametrize("role", ROLES)
+@pytest.mark.parametrize("name", [*ROLES, "gone"])
+def test_nobody_answers_for_the_books_or_sees_who_works(router: Router, name: str) -> None:
+    forger, asked, seen = router.client(name), Heard(), Heard()
+    for key in (topics.control(CAMPAIGN, "status"), topics.work(CAMPAIGN, "fly")):
+        for pattern in (key, f"by/*/{key}", f"by/operator/{key}"):
+            forger._session.declare_queryable(pattern, asked, complete=True)
+    forger.watch("saflite/**/alive/**", seen)
+    with_token = router.client("worker")
+    with_token.appear(topics.alive(CAMPAIGN, "fly", f"worker-for-{name}", "life"))
+    _settled(with_token, forger)
+    for asker, key in (("operator", "control status"), ("worker", "work fly")):
+        bus = router.client(asker)
+        answers = _answers(bus, {key: _asked_of(CAMPAIGN)[key]})
+        bus.close()
+        assert answers == {key: asker.encode()}, "somebody else answered"
+    _settled(forger)
+    with_token.close()
+    forger.close()
+    assert (asked.things, seen.things) == ([], [])
+
+
+@pytest.mark.parametrize("role", [*ROLES, "gone"])
 def test_only_workers_are_seen_alive_and_only_under_their_own_name(router: Router, role: Role) -> None:
     bus = router.client(role)
     _drained(router.heard)
     names = [f"{role}-1", role, "lab9", f"{role}x-1", *(f"{one}-1" for one in ROLES if one != role)]
     for stage, name in itertools.product(topics.STAGES, names):
         bus.appear(topics.alive(CAMPAIGN, stage, name, "life"))
-    time.sleep(SETTLE_S)
+    _settled(bus)
     seen = {one.key for one in _drained(router.heard) if isinstance(one, Presence) and one.present}
     bus.close()
     stage_of = STAGE_OF.get(role)
     wanted = {topics.alive(CAMPAIGN, stage_of, name, "life") for name in names[:2]} if stage_of else set()
     assert seen == wanted
+
+
+def test_what_is_longer_than_its_row_says_does_not_arrive_and_its_sender_is_told(
+    router: Router, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bus, key = router.client("worker"), topics.blob(CAMPAIGN, "put")
+    longest = topics.bytes_max(key)
+    told = _asked(bus, key, bytes(longest + 1))
+    assert told.refused == f"message: expected at most {longest} bytes on {key}, got {longest + 1}"
+    assert _asked(bus, key, bytes(longest)).payload == b"worker"
+    _drained(router.heard)
+    monkeypatch.setattr(topics, "bytes_max", lambda key: 2**30)  # what somebody with other software would send
+    assert _asked(bus, key, bytes(longest + SEAL_BYTES_MAX + 1)).payload is None
+    result = topics.result(CAMPAIGN, "fly")
+    assert _asked(bus, result, bytes(2 * longest)).payload == b"worker", "results may be longer"
+    assert [one.key for one in _drained(router.heard) if isinstance(one, ZenohRequest)] == [result]
+    bus.close()
+
+
+class Heard:
+    """An inbox that can be waited for."""
+
+    def __init__(self) -> None:
+        self.things: list[object] = []
+
+    def __call__(self, happening: object) -> None:
+        self.things.append(happening)
+
+    @property
+    def payloads(self) -> list[bytes]:
+        """What was published, without who is there."""
+        return [one.payload for one in self.things if isinstance(one, Sample)]
+
+    def wait_for(self, *payloads: bytes) -> None:
+        """Wait until all these have been heard."""
+        until_s = time.monotonic() + PATIENCE_S
+        while not set(payloads) <= set(self.payloads):
+            assert time.monotonic() < until_s, f"expected {payloads}, heard {self.payloads}"
+            time.sleep(0.01)
+
+
+def _settled(*buses: ZenohBus) -> None:
+    """Wait until what these have sent has reached the router and what it sent them before has reached them: a question
+    that any key may ask, and its answer, go the same way. Twice, for what the first word of the router brought about.
+    """
+    for bus in (*buses, *buses):
+        assert bus.access()
+
+
+def _asked(bus: ZenohBus, key: str, payload: bytes) -> Reply:
+    inbox: queue.SimpleQueue[Happening] = queue.SimpleQueue()
+    bus.ask(key, payload, "one", inbox.put, 5.0)
+    reply = inbox.get(timeout=PATIENCE_S)
+    assert isinstance(reply, Reply)
+    return reply
 
 
 def _drained(inbox: queue.SimpleQueue[Happening]) -> list[Happening]:

@@ -8,17 +8,21 @@ import socket
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
-from test_joining import BUDGET, _campaign, _facts, _found, _new_run, dart  # noqa: F401 (a fixture)
+from test_joining import BUDGET, BUILD, DART, _campaign, _facts, _found, _new_run
 
 from saflite.bus import keyring
 from saflite.conformance.kit import findings
 from saflite.conformance.launchers import check_launcher
-from saflite.contract.control import Status
+from saflite.contract.control import Status, Verb
 from saflite.contract.errors import Refused, Unavailable
-from saflite.contract.events import Flown, WorkerChanged
+from saflite.contract.events import FaultSeen, Flown, WorkerChanged
+from saflite.runtime import autoscaling
+from saflite.runtime.autoscaling import Bounds
 from saflite.runtime.campaign_runner import resume, run_campaign
+from saflite.runtime.client import FarmClient
 from saflite.runtime.launchers.base import Meeting, RoleSpec
 from saflite.runtime.on_ray import check_place
 
@@ -36,6 +40,22 @@ def one_node() -> Iterator[None]:
     ray.init(include_dashboard=False, log_to_driver=False, num_cpus=2, object_store_memory=STORE_BYTES)
     yield
     ray.shutdown()
+
+
+class Near(NamedTuple):
+    """The target from outside, and what a campaign with it finds on one machine."""
+
+    dart: Path
+    found: set[tuple[str, str, str]]
+
+
+@pytest.fixture(scope="module")
+def near(tmp_path_factory: pytest.TempPathFactory) -> Near:
+    folder = tmp_path_factory.mktemp("near")
+    dart = folder / "dart.py"
+    dart.write_text(DART.replace("BUILD", repr(BUILD)))
+    run_campaign(_campaign(), folder / "run", simulators=2, modules=[dart])
+    return Near(dart, _found(folder / "run"))
 
 
 def test_the_ray_launcher_keeps_the_promises_of_launchers(one_node: None) -> None:
@@ -92,14 +112,50 @@ def _content(path: Path) -> bytes:
         return b""
 
 
+def test_actors_follow_the_queue_and_those_that_leave_take_no_work_with_them(
+    tmp_path: Path, one_node: None, near: Near, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(autoscaling, "STABILIZATION_S", 0.0)
+    run_dir = _new_run(tmp_path / "run", _campaign())
+    seen: list[int] = []
+    given: list[str] = []
+
+    def pause_until_one_is_left(status: Status) -> None:
+        """A queue without work, in the middle of the campaign."""
+        seen.append(sum(worker.stage == "fly" for worker in status.workers))
+        order: Verb | None = None
+        if not given and status.flights >= BUDGET // 3 and seen[-1] == 2:
+            order = "pause"
+        elif given == ["pause"] and seen[-1] == 1:
+            order = "resume"
+        if order is not None:
+            client = FarmClient.of_run(run_dir)
+            client.order(order)
+            client.close()
+            given.append(order)
+
+    summary = resume(
+        run_dir,
+        modules=[near.dart],
+        on="ray",
+        scale={"fly": Bounds(1, 2), "score": Bounds(1, 1)},
+        on_status=pause_until_one_is_left,
+    )
+    assert summary.ended
+    assert given == ["pause", "resume"], "the campaign ended before two simulators were there"
+    assert (max(seen), summary.restarts) == (2, 0)
+    assert _found(run_dir) == near.found
+    facts = _facts(run_dir)
+    assert [fact for fact in facts if isinstance(fact, WorkerChanged | Flown) and fact.worker == "ray-fly-2"]
+    assert not [fact for fact in facts if isinstance(fact, FaultSeen)], "a lease was lost"
+
+
 def test_a_campaign_on_two_nodes_finds_what_one_machine_finds_though_a_node_is_killed(
-    tmp_path: Path,
-    dart: Path,  # noqa: F811
+    tmp_path: Path, near: Near
 ) -> None:
     import ray
     from ray.cluster_utils import Cluster
 
-    run_campaign(_campaign(), tmp_path / "near", simulators=2, modules=[dart])
     cluster = Cluster(
         initialize_head=True,
         head_node_args={"num_cpus": 1, "include_dashboard": False, "object_store_memory": STORE_BYTES},
@@ -118,7 +174,7 @@ def test_a_campaign_on_two_nodes_finds_what_one_machine_finds_though_a_node_is_k
         summary = resume(
             run_dir,
             simulators=2,
-            modules=[dart],
+            modules=[near.dart],
             listen=f"tls/127.0.0.1:{_free_port()}",
             keys=tmp_path / "keys",
             on=f"ray:{cluster.address}",
@@ -129,7 +185,7 @@ def test_a_campaign_on_two_nodes_finds_what_one_machine_finds_though_a_node_is_k
         cluster.shutdown()
     assert summary.ended
     assert killed
-    assert _found(run_dir) == _found(tmp_path / "near")
+    assert _found(run_dir) == near.found
     facts = _facts(run_dir)
     flew = {fact.worker for fact in facts if isinstance(fact, Flown)}
     assert flew == {"ray-fly-1", "ray-fly-2"}

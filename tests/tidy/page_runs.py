@@ -74,6 +74,7 @@ RUNS: dict[str, Run] = {
 }
 
 _SERVES = "it serves until it is ended: tests/live/"
+_SCALED = "as tests/live/test_ray.py runs it, with numbers for this machine"
 _CLUSTER = "needs a Ray cluster: tests/live/test_ray.py"
 _KEYS = "needs a second machine of that address: tests/live/test_keys.py does it in network namespaces"
 _MODEL = "needs a model server: tests/live/test_ollama.py"
@@ -95,6 +96,9 @@ NOT_RUN: dict[str, str] = {
     "saflite run avoidance-m2 --on ray": _CLUSTER,
     "saflite run night.toml --on ray": _CLUSTER,
     "saflite run night.toml --on ray:10.0.0.5:6379 --listen tls/0.0.0.0:7447 --keys keys": _CLUSTER,
+    "saflite run night.toml --scale fly=2:16": _SCALED,
+    "saflite run night.toml --on ray --scale fly=0:64 --scale score=1:8": _SCALED,
+    "saflite resume runs/night --scale fly=4:4": _SCALED,
     "saflite worker --join tls/HOST:7447 --keys lab2": _KEYS,
     "saflite run night.toml --listen tls/0.0.0.0:7447 --keys keys": _KEYS,
     "saflite worker --join tls/10.0.0.5:7447 --keys lab2 --stages fly,judge --workers 8": _KEYS,

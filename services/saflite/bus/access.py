@@ -8,6 +8,7 @@ the farm, and may do everything.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Literal, NamedTuple, get_args
 
@@ -15,7 +16,8 @@ import msgspec
 
 from saflite.contract.control import Verb
 from saflite.contract.names import Name, NameOrAny
-from saflite.contract.topics import FARM_ROOT, JOIN_ROOT, PROTOCOL
+from saflite.contract.topics import FARM_ROOT, JOIN_ROOT, PROTOCOL, TOPICS
+from saflite.contract.wire import MESSAGE_BYTES_MAX
 from saflite.contract.work import Stage
 
 Role = Literal["worker", "scorer", "oracle", "mutator", "recorder", "viewer", "operator"]
@@ -34,6 +36,8 @@ ACCESS_KEY = "saflite/access"
 """On `by/NAME/saflite/access` anybody with a certificate of the farm may ask what NAME may do, to tell denial from
 silence."""
 
+SEAL_BYTES_MAX = 2**10
+_PLACEHOLDER = re.compile(r"\{\w+\}")
 _MESSAGES = (
     "put",
     "delete",
@@ -106,6 +110,21 @@ def access_control(peers: Sequence[Peer]) -> dict[str, Any]:
         policies.append({"rules": ids, "subjects": [subject["id"]]})
     subjects = [subject for subject, _ in table]
     return {"enabled": True, "default_permission": "deny", "rules": rules, "subjects": subjects, "policies": policies}
+
+
+def size_limits() -> list[dict[str, Any]]:
+    """Return the router's `low_pass_filter`: how long a message may be that comes in on each key, with its seal."""
+    limits = [_limit(["**"], ["put", "delete", "query"], MESSAGE_BYTES_MAX)]
+    for topic in TOPICS:
+        if topic.answer is not None:
+            key = _PLACEHOLDER.sub("*", topic.key)
+            limits.append(_limit([key, f"{BY}/*/{key}"], ["query"], topic.bytes_max))
+    return limits
+
+
+def _limit(keys: list[str], messages: list[str], bytes_max: int) -> dict[str, Any]:
+    size_limit = bytes_max + SEAL_BYTES_MAX
+    return {"flows": ["ingress"], "messages": messages, "key_exprs": keys, "size_limit": size_limit}
 
 
 class _Grant(NamedTuple):

@@ -17,12 +17,13 @@ from typing import Any, Literal, NamedTuple, NoReturn
 import zenoh
 from zenoh import ext
 
-from saflite.bus.access import ACCESS_KEY, BY, access_control, split
+from saflite.bus.access import ACCESS_KEY, BY, access_control, size_limits, split
 from saflite.bus.base import Inbox, Presence, Reply, Sample, seal, unseal
 from saflite.bus.endpoints import check_endpoint
 from saflite.bus.keyring import Credentials, Register
 from saflite.bus.memory import HISTORY
 from saflite.bus.reach import why_unreached
+from saflite.contract import topics
 from saflite.contract.errors import Unavailable
 from saflite.contract.wire import MESSAGE_BYTES_MAX
 
@@ -103,6 +104,10 @@ class _Question:
         text = reply.err.payload.to_bytes().decode(errors="replace") if reply.err is not None else ""
         self._settle(None, "" if text == "Timeout" else text)
 
+    def refuse(self, words: str) -> None:
+        """Settle a question that cannot be sent."""
+        self._settle(None, words)
+
     def on_drop(self) -> None:
         """Take note that no more replies come (Zenoh's thread)."""
         self._settle(None, "")
@@ -144,6 +149,10 @@ class ZenohBus:
     ) -> None:
         """See `Bus.ask`. `attachment` is for tests that send a seal which does not fit."""
         question = _Question(tag, inbox)
+        bytes_max = topics.bytes_max(key)
+        if len(payload) > bytes_max:  # the router would drop it without a word
+            question.refuse(f"message: expected at most {bytes_max} bytes on {key}, got {len(payload)}")
+            return
         try:
             self._session.get(
                 f"{BY}/{self._peer}/{key}" if self._peer else key,
@@ -277,7 +286,7 @@ def open_router(name: str, endpoint: str, *, insecure: bool = False, gate: Gate 
         Unavailable: it cannot listen there.
     """
     places = [check_endpoint(endpoint, insecure=insecure, argument="--listen").text]
-    more: dict[str, Any] = {}
+    more: dict[str, Any] = {"low_pass_filter": size_limits()}
     if gate is not None:
         places.append(check_endpoint(gate.endpoint, insecure=False, keys=True, argument="--listen").text)
         more["transport/link/tls"] = gate.credentials.tls()

@@ -91,6 +91,19 @@ def each_role_has_its_own_state(factory: Factory) -> None:
         launcher.stop()
 
 
+def a_role_that_is_drained_ends_and_is_told_as_finished(factory: Factory) -> None:
+    """A worker that is needed no more ends by itself; another of its kind goes on, and unknown names are no fault."""
+    launcher = factory(_meeting())
+    try:
+        for name in ("judge-1", "judge-2"):
+            launcher.start(RoleSpec(kind="judge", name=name))
+        launcher.drain(["judge-1", "nobody"])
+        _await(launcher, "judge-1", "finished")
+        assert launcher.poll()["judge-2"].condition == "running", "a role ended with another that was drained"
+    finally:
+        launcher.stop()
+
+
 def stop_is_harmless_where_nothing_runs(factory: Factory) -> None:
     """Stopping nothing, names nobody knows, or twice is no fault; a launcher works on afterwards."""
     meeting = _meeting()
@@ -125,6 +138,7 @@ def check_launcher(factory: Factory) -> tuple[Check, ...]:
         a_name_runs_once,
         how_a_role_ended_is_told_and_it_may_start_again,
         each_role_has_its_own_state,
+        a_role_that_is_drained_ends_and_is_told_as_finished,
         stop_is_harmless_where_nothing_runs,
         a_module_nobody_knows_is_refused,
     )

@@ -14,6 +14,8 @@ All payloads are MessagePack but those of `event-json`, which are JSON by the sa
 listens and without history. An order on `control/{verb}` may be given in JSON, too, and is then answered in JSON
 (`AnswerJson`): `{"verb": "events", "number": 1}` on `control/events` asks for up to 1,000 events from the first on.
 
+A router lets no question through that is longer than its row says, nor anything longer than the longest.
+
 Beside each message travels its seal, as Zenoh attachment: eight hexadecimal digits, the CRC-32 of key, a zero byte,
 sender and payload, followed by the sender's name. The books refuse a question whose seal is missing or does not fit.
 """
@@ -24,12 +26,13 @@ from typing import Literal, NamedTuple, get_args
 
 import msgspec
 
-from saflite.contract.blobs import BlobChunk, BlobGet, BlobOpen, BlobOpened, BlobPut, BlobTaken
+from saflite.contract.blobs import CHUNK_BYTES_MAX, BlobChunk, BlobGet, BlobOpen, BlobOpened, BlobPut, BlobTaken
 from saflite.contract.control import Answer, Control
 from saflite.contract.errors import Refused
 from saflite.contract.events import Event
 from saflite.contract.join import Join, Joined
 from saflite.contract.names import NAME_EXPECTED, is_name
+from saflite.contract.wire import MESSAGE_BYTES_MAX
 from saflite.contract.work import Ask, Grant, Heartbeat, Orders, Receipt, Report, Stage
 
 PROTOCOL = 2
@@ -37,7 +40,7 @@ Delivery = Literal["leased", "committed", "announced", "alive", "asked", "lossy"
 
 
 class Topic(NamedTuple):
-    """One row of the table. `answer` is None where nothing is answered."""
+    """One row of the table. `answer` is None where nothing is answered; `bytes_max` bounds the message."""
 
     pattern: str
     message: type[msgspec.Struct] | None
@@ -46,6 +49,7 @@ class Topic(NamedTuple):
     publisher: str
     readers: str
     root: str = ""
+    bytes_max: int = MESSAGE_BYTES_MAX
 
     @property
     def key(self) -> str:
@@ -53,24 +57,40 @@ class Topic(NamedTuple):
         return f"{self.root or f'saflite/{PROTOCOL}'}/{{campaign}}/{self.pattern}".rstrip("/")
 
 
+SHORT_BYTES_MAX = 2**20
+CHUNK_MESSAGE_BYTES_MAX = CHUNK_BYTES_MAX + 2**16
+DIGESTS_BYTES_MAX = 8 * 2**20  # 100,000 of them
+
 JOIN_ROOT, FARM_ROOT = "saflite/join", "saflite/farm"
 
 TOPICS: tuple[Topic, ...] = (
-    Topic("{stage}", Join, Joined, "asked", "workers", "books", JOIN_ROOT),
+    Topic("{stage}", Join, Joined, "asked", "workers", "books", JOIN_ROOT, SHORT_BYTES_MAX),
     Topic("", None, None, "alive", "books", "anyone", FARM_ROOT),
-    Topic("work/{stage}", Ask, Grant, "leased", "workers", "books"),
+    Topic("work/{stage}", Ask, Grant, "leased", "workers", "books", bytes_max=SHORT_BYTES_MAX),
     Topic("result/{stage}", Report, Receipt, "committed", "workers", "books"),
-    Topic("beat/{stage}", Heartbeat, Orders, "asked", "workers", "books"),
-    Topic("blob/open", BlobOpen, BlobOpened, "asked", "workers", "books"),
-    Topic("blob/get", BlobGet, BlobChunk, "asked", "workers", "books"),
-    Topic("blob/put", BlobPut, BlobTaken, "asked", "workers", "books"),
-    Topic("control/{verb}", Control, Answer, "asked", "console", "books"),
+    Topic("beat/{stage}", Heartbeat, Orders, "asked", "workers", "books", bytes_max=SHORT_BYTES_MAX),
+    Topic("blob/open", BlobOpen, BlobOpened, "asked", "workers", "books", bytes_max=DIGESTS_BYTES_MAX),
+    Topic("blob/get", BlobGet, BlobChunk, "asked", "workers", "books", bytes_max=SHORT_BYTES_MAX),
+    Topic("blob/put", BlobPut, BlobTaken, "asked", "workers", "books", bytes_max=CHUNK_MESSAGE_BYTES_MAX),
+    Topic("control/{verb}", Control, Answer, "asked", "console", "books", bytes_max=SHORT_BYTES_MAX),
     Topic("event/{kind}", Event, None, "announced", "books", "anyone"),
     Topic("event-json/{kind}", Event, None, "lossy", "books", "anyone"),
     Topic("alive/{stage}/{worker}/{session}", None, None, "alive", "workers", "books"),
 )
 
 STAGES: tuple[Stage, ...] = get_args(Stage)
+
+
+def bytes_max(key: str) -> int:
+    """Return how long a message on a key may be; that of the longest for one that stands in no row."""
+    parts = key.split("/")
+    return next((topic.bytes_max for topic in TOPICS if _fits(topic.key.split("/"), parts)), MESSAGE_BYTES_MAX)
+
+
+def _fits(pattern: list[str], parts: list[str]) -> bool:
+    return len(pattern) == len(parts) and all(
+        wanted == got or wanted.startswith("{") for wanted, got in zip(pattern, parts, strict=True)
+    )
 
 
 def prefix(campaign: str) -> str:

@@ -8,7 +8,7 @@ import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from types import FrameType
+from types import FrameType, MappingProxyType
 from typing import TYPE_CHECKING, NamedTuple
 
 from saflite.contract.config import Campaign
@@ -17,9 +17,10 @@ from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.modules import use
 from saflite.contract.work import Stage
 from saflite.runtime import run_modules
+from saflite.runtime.autoscaling import Bounds
 from saflite.runtime.client import FarmClient
 from saflite.runtime.clock import WallClock
-from saflite.runtime.farm import LocalFarm, default_simulators, roles, roles_of
+from saflite.runtime.farm import LocalFarm, counts_of, default_simulators, roles_of, with_scorers
 from saflite.runtime.on_ray import HERE, workers_on
 from saflite.scorer_pool.key_hosts import hosts_named_by
 
@@ -101,6 +102,7 @@ def resume(
     insecure: bool = False,
     json_logs: bool = False,
     on: str = HERE,
+    scale: Mapping[Stage, Bounds] = MappingProxyType({}),
     stop_when: StopWhen = NEVER,
 ) -> ExitSummary:
     """Continue the campaign in `run_dir` to its end on this machine, with a new budget if one is given.
@@ -108,6 +110,7 @@ def resume(
     `modules` are files from outside, besides those the run was made with, or in place of them where they have the same
     name. `cast`, if given, says how many workers of each stage run here. `simulators` 0 leaves the flying to workers
     that join at `listen` (see `LocalFarm`). `on` says where the workers run: here, or `ray` (see `runtime/on_ray.py`).
+    `scale` bounds the workers of stages whose number follows their queues; scorers follow simulators unless named.
     `stop_when` ends it earlier; it can be resumed.
 
     Raises:
@@ -120,20 +123,24 @@ def resume(
     if budget is not None:
         _raise_budget(store, budget)
     store.close()
-    record, hosts = campaign.record != "none", hosts_named_by(campaign.scorer)
-    paths = [module.path for module in used]
+    record, hosts, paths = campaign.record != "none", hosts_named_by(campaign.scorer), [one.path for one in used]
     workers = None if on == HERE else workers_on(on, campaign.name, modules=paths, keys=keys, key_hosts=hosts)
     count = (workers.cores if workers else default_simulators()) if simulators is None else simulators
+    prefix = workers.prefix if workers else ""
+    scale = with_scorers(scale) if cast is None else scale
+    counts = dict(cast) if cast is not None else counts_of(count, record=record)
     farm = LocalFarm(
         campaign.name,
         run_dir,
-        roles_of(cast) if cast is not None else roles(count, record=record, prefix=workers.prefix if workers else ""),
+        roles_of({**counts, **{stage: bounds.min for stage, bounds in scale.items()}}, prefix=prefix),
         modules=paths,
         listen=listen,
         keys=keys,
         insecure=insecure,
         json_logs=json_logs,
         elsewhere=workers.launcher if workers else None,
+        scale=scale,
+        prefix=prefix,
         key_hosts=hosts,
     )
     with interrupts() as interrupted:
@@ -213,6 +220,7 @@ def _follow(farm: LocalFarm, on_status: OnStatus | None, interrupted: list[str],
             except Unavailable as fault:
                 log.info("%s", fault)
             else:
+                farm.rescale(status, clock.monotonic_s())
                 if on_status is not None:
                     on_status(status)
                 if status.state == "ended":

@@ -6,7 +6,9 @@ import logging
 import os
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from itertools import count as count_from
 from pathlib import Path
+from types import MappingProxyType
 from typing import get_args
 
 import msgspec
@@ -14,9 +16,11 @@ import msgspec
 from saflite.bus.endpoints import check_endpoint, parse_endpoint
 from saflite.bus.keyring import read_register
 from saflite.bus.private_socket import PrivateSocket
+from saflite.contract.control import Status
 from saflite.contract.errors import Unavailable
 from saflite.contract.work import Stage
 from saflite.runtime import farm_register
+from saflite.runtime.autoscaling import Autoscaler, Bounds
 from saflite.runtime.client import FARM_FILE, FarmInfo, write_info
 from saflite.runtime.clock import WallClock
 from saflite.runtime.launchers.base import Launcher, Meeting, RoleSpec, RoleState
@@ -38,27 +42,41 @@ def default_simulators() -> int:
     return len(os.sched_getaffinity(0))
 
 
-def roles(simulators: int, *, record: bool = True, prefix: str = "") -> tuple[RoleSpec, ...]:
-    """Return the roles of a farm: books with the router, mutator, scorers, oracle, recorder, simulators.
+def scorers_for(simulators: int) -> int:
+    """Return how many scorers so many simulators want.
 
-    `prefix` begins the names of all but the books.
-
-    A round costs about as much to score as to fly, so one scorer for every two simulators and one more: a single one
-    would let them wait.
+    A round costs about as much to score as to fly, so one for every two and one more: a single one would let them wait.
     """
-    counts: dict[Stage, int] = {"mutate": 1, "score": simulators // 2 + 1, "judge": 1}
-    return roles_of({**counts, "record": int(record), "fly": simulators}, prefix=prefix)
+    return simulators // 2 + 1
+
+
+def counts_of(simulators: int, *, record: bool = True) -> dict[Stage, int]:
+    """Return the workers of a farm: mutator, scorers, oracle, recorder, simulators."""
+    return {"mutate": 1, "score": scorers_for(simulators), "judge": 1, "record": int(record), "fly": simulators}
+
+
+def with_scorers(scale: Mapping[Stage, Bounds]) -> dict[Stage, Bounds]:
+    """Return bounds in which scorers follow simulators, unless they have their own."""
+    fly = scale.get("fly")
+    scorers: dict[Stage, Bounds] = {} if fly is None else {"score": Bounds(scorers_for(fly.min), scorers_for(fly.max))}
+    return {**scorers, **scale}
+
+
+def roles(simulators: int, *, record: bool = True, prefix: str = "") -> tuple[RoleSpec, ...]:
+    """Return the roles of a farm: books with the router, and its workers; `prefix` begins the names of those."""
+    return roles_of(counts_of(simulators, record=record), prefix=prefix)
 
 
 def roles_of(counts: Mapping[Stage, int], *, prefix: str = "") -> tuple[RoleSpec, ...]:
     """Return the books with the router, and so many workers of each stage."""
     books = RoleSpec(kind="books", name="books", listens=True)
-    workers = (
-        RoleSpec(kind=stage, name=f"{prefix}{stage}-{number}")
-        for stage, count in counts.items()
-        for number in range(1, count + 1)
-    )
+    workers = (worker_role(stage, number, prefix) for stage, count in counts.items() for number in range(1, count + 1))
     return (books, *workers)
+
+
+def worker_role(stage: Stage, number: int, prefix: str = "") -> RoleSpec:
+    """Return the role of the n-th worker of a stage."""
+    return RoleSpec(kind=stage, name=f"{prefix}{stage}-{number}")
 
 
 class LocalFarm:
@@ -75,6 +93,8 @@ class LocalFarm:
         insecure: allow an endpoint that others can reach.
         json_logs: write logs for machines.
         elsewhere: gives the launcher of all workers, told where they meet; this machine's own if left out.
+        scale: bounds of the stages whose workers grow and shrink with their queues (`rescale`).
+        prefix: what the names of workers begin with.
         key_hosts: hosts of model servers that scorers may send keys to, beside those of the environment.
         prefix_of: gives the words put before a role's command.
     """
@@ -91,6 +111,8 @@ class LocalFarm:
         insecure: bool = False,
         json_logs: bool = False,
         elsewhere: Elsewhere | None = None,
+        scale: Mapping[Stage, Bounds] = MappingProxyType({}),
+        prefix: str = "",
         key_hosts: Sequence[str] = (),
         prefix_of: PrefixOf = lambda _: (),
     ) -> None:
@@ -120,10 +142,9 @@ class LocalFarm:
             variables_of=lambda spec: with_key_hosts(key_hosts) if spec.kind == "score" else {},
         )
         self._launcher = SplitLauncher(self._local, self._elsewhere) if self._elsewhere is not None else self._local
-        names = tuple(path.name for path in modules)
-        specs = [
-            msgspec.structs.replace(spec, modules=names) if spec.kind in get_args(Stage) else spec for spec in cast
-        ]
+        self._modules = tuple(path.name for path in modules)
+        self._autoscaler, self._prefix = Autoscaler(scale), prefix
+        specs = [self._equipped(spec) if spec.kind in get_args(Stage) else spec for spec in cast]
         self._supervisor = Supervisor(self._launcher, specs, WallClock(), _gives_up)
 
     @property
@@ -155,6 +176,19 @@ class LocalFarm:
         if changed:
             self._write_info()
 
+    def rescale(self, status: Status, now_s: float) -> None:
+        """Start workers where the books' queues are deep, and let those go that are needed no more."""
+        ours = {stage: self._supervisor.working(stage) for stage in self._autoscaler.stages}
+        changes = self._autoscaler.changes(status, ours, now_s)
+        for change in changes:
+            now = len(ours[change.stage]) + change.grow - len(change.drain)
+            log.info("%s: %d tasks, %d workers from now on", change.stage, status.queues.get(change.stage, 0), now)
+            self._supervisor.drain(change.drain)
+            for _ in range(change.grow):
+                self._supervisor.add(self._next(change.stage))
+        if changes:
+            self._write_info()
+
     def over(self) -> bool:
         """Return whether the books have finished."""
         return self._supervisor.finished("books")
@@ -168,6 +202,14 @@ class LocalFarm:
         farm_register.forget(self.run_dir)
         if self._socket is not None:
             self._socket.close()
+
+    def _next(self, stage: Stage) -> RoleSpec:
+        """Return the role of the first number that is free; one that leaves still holds its name at the books."""
+        specs = (worker_role(stage, number, self._prefix) for number in count_from(1))
+        return self._equipped(next(spec for spec in specs if not self._supervisor.knows(spec.name)))
+
+    def _equipped(self, spec: RoleSpec) -> RoleSpec:
+        return msgspec.structs.replace(spec, modules=self._modules)
 
     def _write_info(self) -> None:
         info = FarmInfo(

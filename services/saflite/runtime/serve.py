@@ -1,9 +1,9 @@
 """One role of the farm as a process: `python -m saflite.runtime.serve ROLE --campaign NAME --connect ENDPOINT ...`.
 
 Roles: books (with the router), router (alone), and the stages mutate, score, fly, judge, record. A role ends with
-code 0 when it was told to stop or the campaign is over, 2 on refused input, 3 where something it needs is missing, 4
-where nobody has answered for its patience, 5 where it wants to be started anew,
-70 when our own code broke (the launcher starts it again, its leases are freed at once).
+code 0 when it was told to stop or the campaign is over, or has done all it held after SIGUSR1 (`Launcher.drain`), 2 on
+refused input, 3 where something it needs is missing, 4 where nobody has answered for its patience, 5 where it wants to
+be started anew, 70 when our own code broke (the launcher starts it again, its leases are freed at once).
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from saflite.contract.work import Stage
 from saflite.runtime import log_lines
 from saflite.runtime.blob_client import BusBlobs, WorkerBlobs
 from saflite.runtime.clock import WallClock
+from saflite.runtime.launchers.local import DRAIN_SIGNAL
 from saflite.runtime.software import card_of
 from saflite.runtime.spool import Spool
 from saflite.runtime.stages import ServiceContext, open_stage, worker_config
@@ -157,6 +158,7 @@ def _worker(options: argparse.Namespace) -> int:
     card = card_of(options.role, name, clock, targets=config.targets, labels=labels)
     shell = WorkerShell(bus, options.campaign, service, config, card, spool, clock)
     _on_signals(shell.stop)
+    signal.signal(DRAIN_SIGNAL, lambda _got, _frame: shell.drain())
     left = shell.run()
     bus.close()
     service.close()

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Literal
 
 from saflite.contract.clock import Clock
 from saflite.contract.errors import Unavailable
-from saflite.runtime.launchers.base import Launcher, RoleSpec, RoleState
+from saflite.runtime.launchers.base import Kind, Launcher, RoleSpec, RoleState
 
 log = logging.getLogger(__name__)
 
@@ -36,6 +36,7 @@ class _Role:
         self.running = self.finished = False
         self.started_s, self.start_at_s, self.wait_s = 0.0, 0.0, BACK_OFF_FIRST_S
         self.failures = 0
+        self.leaving = False
 
 
 class Supervisor:
@@ -63,7 +64,10 @@ class Supervisor:
         for name, state in self._launcher.poll().items():
             role = self._roles[name]
             if role.running and state.condition != "running":
-                self._ended(role, state, now_s)
+                if role.leaving:
+                    self._left(role)
+                else:
+                    self._ended(role, state, now_s)
                 changed = True
         for role in self._roles.values():
             if not role.running and not role.finished and now_s >= role.start_at_s:
@@ -71,6 +75,31 @@ class Supervisor:
                 self._start(role)
                 changed = True
         return changed
+
+    def working(self, kind: Kind) -> list[str]:
+        """Return the names of the roles of a kind that are to work: neither finished nor leaving."""
+        return [
+            name for name, role in self._roles.items() if role.spec.kind == kind and not role.finished | role.leaving
+        ]
+
+    def add(self, spec: RoleSpec) -> None:
+        """Start one more role."""
+        assert spec.name not in self._roles, f"a second {spec.name}"
+        self._roles[spec.name] = _Role(spec)
+        self._start(self._roles[spec.name])
+
+    def knows(self, name: str) -> bool:
+        """Return whether there is a role of that name, be it one that leaves."""
+        return name in self._roles
+
+    def drain(self, names: Collection[str]) -> None:
+        """Let roles finish what they hold and leave; they are not started again, whatever becomes of them."""
+        for name in names:
+            role = self._roles[name]
+            role.leaving = True
+            if not role.running:
+                self._left(role)
+        self._launcher.drain(names)
 
     def finished(self, name: str) -> bool:
         """Return whether a role has done all it had to do."""
@@ -104,6 +133,10 @@ class Supervisor:
             self._ended(role, RoleState("unavailable", str(fault)), role.started_s)
         else:
             role.running = True
+
+    def _left(self, role: _Role) -> None:
+        del self._roles[role.spec.name]
+        self._launcher.stop([role.spec.name])
 
     def _ended(self, role: _Role, state: RoleState, now_s: float) -> None:
         role.running = False

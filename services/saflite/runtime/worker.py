@@ -32,6 +32,7 @@ from saflite.runtime.worker_events import (
     Begin,
     Cancel,
     Done,
+    DrainAsked,
     Event,
     Forget,
     Found,
@@ -56,6 +57,7 @@ __all__ = [
     "Begin",
     "Cancel",
     "Done",
+    "DrainAsked",
     "Event",
     "Forget",
     "Found",
@@ -86,6 +88,7 @@ RETRY_FIRST_S, RETRY_MAX_S = 0.1, 2.0
 REFUSALS_MAX = 3
 REPORTS_WAITING_MAX = 16  # more than this undelivered and no new work is taken
 STOP_GRACE_S = 5.0
+DRAINED = "needed no more, and all it held is done"
 
 
 class _Pending:
@@ -119,6 +122,7 @@ class Worker:
         self.cursor = cursor  # the shell keeps it at what the service has been told
         self.parallel = config.parallel  # may grow while running
         self.stopping = ""
+        self.draining = False
         self._left_for: LeftFor = "done"
         self._joining = Joining(now_s)
         self._heard_s = now_s
@@ -153,6 +157,8 @@ class Worker:
             self._pending[_key_of(event.report)] = _Pending(event.report, now_s)
         elif isinstance(event, StopAsked):
             self._stop(event.why, now_s, out)
+        elif isinstance(event, DrainAsked):
+            self.draining, self._beat_s = True, now_s
         else:
             self._resident_mib = event.resident_mib or self._resident_mib
             self._processor_s = event.processor_s or self._processor_s
@@ -312,16 +318,17 @@ class Worker:
             out.append(SendBeat(self._beat(), period_s))
         hopeless = self._left_for != "done" and not self._running  # results stay in the spool
         done = self.stopping and not self._running and (hopeless or not self._pending)
-        if not self._left and (done or now_s >= self._leave_s):
+        drained = self.draining and not self._asking and not self.held  # a poll under way may still bring work
+        if not self._left and (done or drained or now_s >= self._leave_s):
             self._left = True
-            out.append(Leave(self.stopping, self._left_for))
+            out.append(Leave(self.stopping or DRAINED, self._left_for))
 
     def _impatient_s(self) -> float:
         patient = not self.config.patience_s or self.stopping
         return float("inf") if patient else self._heard_s + self.config.patience_s
 
     def _wanted(self) -> int:
-        if self.stopping or len(self._pending) > REPORTS_WAITING_MAX:
+        if self.stopping or self.draining or len(self._pending) > REPORTS_WAITING_MAX:
             return 0
         free = self.parallel - len(self._running) - len(self._waiting)
         return free if free > 0 else self.config.prefetch - len(self._waiting)
@@ -344,7 +351,7 @@ class Worker:
             stage=self.config.stage,
             session=self._joining.session,
             leases=self.held,
-            state="draining" if self.stopping else "busy" if self._running else "idle",
+            state="draining" if self.stopping or self.draining else "busy" if self._running else "idle",
             busy_s=round(self._busy_s, 3),
             idle_s=round(self._idle_s, 3),
             done=self._done,

@@ -73,7 +73,11 @@ class StopAsked(NamedTuple):
     why: str
 
 
-Event = Tick | Answered | Granted | Ordered | Received | Done | Found | StopAsked
+class DrainAsked(NamedTuple):
+    """This worker is needed no more: it finishes what it holds, asks for nothing new, then ends."""
+
+
+Event = Tick | Answered | Granted | Ordered | Received | Done | Found | StopAsked | DrainAsked
 
 
 # ---- instructions -------------------------------------------------------------------------------------------------

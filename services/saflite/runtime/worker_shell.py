@@ -45,6 +45,10 @@ class _Stop(NamedTuple):
     why: str
 
 
+class _Drain(NamedTuple):
+    """The worker is needed no more once it has finished what it holds."""
+
+
 class WorkerShell:
     """One worker process: a bus, a service, threads to do its work, and the state machine between them."""
 
@@ -61,7 +65,7 @@ class WorkerShell:
         self._card = card
         self._bus, self._campaign, self._service, self._spool, self._clock = bus, campaign, service, spool, clock
         self._machine = Worker(config, clock.monotonic_s(), service.cursor)
-        self._inbox: queue.SimpleQueue[Happening | _Ended | _Stop] = queue.SimpleQueue()
+        self._inbox: queue.SimpleQueue[Happening | _Ended | _Stop | _Drain] = queue.SimpleQueue()
         self._work: queue.SimpleQueue[Lease] = queue.SimpleQueue()
         self._cancelled: dict[Key, threading.Event] = {}
         self._threads = 0
@@ -71,6 +75,10 @@ class WorkerShell:
     def stop(self, why: str) -> None:
         """Ask for a clean end; may be called from a signal handler or another thread."""
         self._inbox.put(_Stop(why))
+
+    def drain(self) -> None:
+        """Take no more work, and end when what is held is done; may be called like `stop`."""
+        self._inbox.put(_Drain())
 
     def run(self) -> machine.Leave:
         """Work until told to stop; returns why it ended. Raises AssertionError when the service's own code broke."""
@@ -89,13 +97,15 @@ class WorkerShell:
 
     # -- in -------------------------------------------------------------------------------------------------------
 
-    def _take(self, happening: Happening | _Ended | _Stop) -> None:
+    def _take(self, happening: Happening | _Ended | _Stop | _Drain) -> None:
         if isinstance(happening, _Ended):
             assert happening.result is not None, f"work of lease {happening.key.lease_id} broke our own code"
             self._cancelled.pop(happening.key, None)
             self._feed(machine.Done(happening.key, happening.result))
         elif isinstance(happening, _Stop):
             self._feed(machine.StopAsked(happening.why))
+        elif isinstance(happening, _Drain):
+            self._feed(machine.DrainAsked())
         elif isinstance(happening, Reply):
             self._take_reply(happening)
 

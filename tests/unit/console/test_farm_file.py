@@ -28,6 +28,12 @@ def test_paths_are_relative_to_the_file(tmp_path: Path) -> None:
         (GOOD.replace("2", "-1"), "workers.fly"),
         (GOOD.replace("2", '"two"'), "workers"),
         ("port = 1\n" + GOOD, "port"),
+        (GOOD + "[scale]\nfly = { min = 0, max = 2 }\n", "not in `workers`"),
+        (GOOD + "[scale]\njudge = { min = 3, max = 2 }\n", "min 3, max 2"),
+        (GOOD + "[scale]\njudge = { min = -1, max = 2 }\n", "min -1, max 2"),
+        (GOOD + "[scale]\npilot = { min = 1, max = 2 }\n", "pilot"),
+        (GOOD + "[scale]\njudge = { min = 1, most = 2 }\n", "most"),
+        (GOOD + "[scale]\njudge = 2\n", "scale"),
         ("campaign = [", "TOML"),
     ],
 )

@@ -37,6 +37,7 @@ class Scripted:
         self.states: dict[str, RoleState] = {}
         self.started: list[str] = []
         self.stopped: list[str] = []
+        self.draining: list[str] = []
         self.full = False
 
     def start(self, spec: RoleSpec) -> None:
@@ -47,6 +48,9 @@ class Scripted:
 
     def poll(self) -> dict[str, RoleState]:
         return dict(self.states)
+
+    def drain(self, names: Collection[str]) -> None:
+        self.draining += names
 
     def stop(self, names: Collection[str] | None = None) -> None:
         for name in sorted(self.states if names is None else names):
@@ -133,3 +137,34 @@ def test_workers_end_before_the_books_and_the_router_last() -> None:
     supervisor.stop()
     assert launcher.stopped == ["fly-1", "books", "router"]
     assert supervisor.over
+
+
+def test_who_is_drained_is_not_started_again_whatever_becomes_of_it_and_its_name_is_free_once_it_has_gone() -> None:
+    conditions: tuple[Condition, ...] = ("finished", "killed", "broken")
+    for condition in conditions:
+        supervisor, launcher, clock = _stand()
+        supervisor.add(RoleSpec(kind="fly", name="fly-2"))
+        assert supervisor.working("fly") == ["fly-1", "fly-2"]
+        supervisor.drain(["fly-2"])
+        assert launcher.draining == ["fly-2"]
+        assert supervisor.working("fly") == ["fly-1"]
+        supervisor.poll()
+        assert supervisor.knows("fly-2"), "it still works on what it holds"
+        launcher.end("fly-2", condition)
+        assert supervisor.poll()
+        clock.now_s = 100.0
+        supervisor.poll()
+        assert not supervisor.knows("fly-2")
+        assert launcher.started.count("fly-2") == 1
+        assert "fly-2" not in launcher.poll()
+
+
+def test_who_waits_to_be_started_again_is_drained_at_once() -> None:
+    supervisor, launcher, clock = _stand()
+    launcher.end("fly-1", "killed")
+    supervisor.poll()
+    supervisor.drain(["fly-1"])
+    clock.now_s = 100.0
+    supervisor.poll()
+    assert launcher.started.count("fly-1") == 1
+    assert supervisor.counts() == {"running": 2, "finished": 0, "waiting": 0}

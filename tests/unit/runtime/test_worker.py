@@ -251,3 +251,46 @@ def test_against_a_books_double_that_loses_answers(rng_seed: int) -> None:
     assert begun
     assert begun == acknowledged
     assert worker.held == ()
+
+
+def test_who_drains_asks_no_more_finishes_what_it_holds_and_leaves_once_it_is_acknowledged() -> None:
+    worker = _worker()
+    worker.handle(w.Ordered(Orders()), 0.05)
+    worker.handle(w.Granted(Grant(leases=(_lease("a"), _lease("b")))), 0.1)
+    out = worker.handle(w.DrainAsked(), 1.0)
+    (beat,) = _of(w.SendBeat, out)
+    assert isinstance(beat, w.SendBeat)
+    assert (beat.beat.state, sorted(beat.beat.leases)) == ("draining", [("a", 1), ("b", 1)])
+    assert not _of(w.Cancel, out)
+    for name, now_s in (("a", 2.0), ("b", 3.0)):
+        out = worker.handle(_done(name), now_s)
+        assert _of(w.SendReport, out)
+        assert not _of(w.SendAsk, out) + _of(w.Leave, out)
+        receipt = Receipt(lease_id=name, epoch=1, status="accepted")
+        out = worker.handle(w.Received(Key(name, 1), receipt), now_s + 0.1)
+    assert _of(w.Leave, out) == [w.Leave(w.DRAINED)]
+
+
+def test_who_drains_waits_for_the_answer_of_a_poll_under_way_and_does_what_it_brings() -> None:
+    worker = _worker()
+    assert not _of(w.Leave, worker.handle(w.DrainAsked(), 1.0))
+    assert not _of(w.Leave, worker.handle(w.Tick(), 2.0))
+    out = worker.handle(w.Granted(Grant(leases=(_lease("a"),))), 3.0)
+    assert _of(w.Begin, out)
+    assert not _of(w.SendAsk, out)
+    worker.handle(_done("a"), 4.0)
+    out = worker.handle(w.Received(Key("a", 1), Receipt(lease_id="a", epoch=1, status="accepted")), 4.1)
+    assert _of(w.Leave, out)
+
+
+@pytest.mark.parametrize("grant", [Grant(), None], ids=["nothing to do", "nobody answers"])
+def test_who_drains_and_holds_nothing_leaves_when_its_poll_ends(grant: Grant | None) -> None:
+    worker = _worker()
+    worker.handle(w.DrainAsked(), 1.0)
+    assert _of(w.Leave, worker.handle(w.Granted(grant), 5.0)) == [w.Leave(w.DRAINED)]
+
+
+def test_who_has_not_been_let_in_leaves_at_once_when_it_drains() -> None:
+    worker = Worker(WorkerConfig("fly-1", "fly"), 0.0)
+    worker.handle(w.Tick(), 0.0)
+    assert _of(w.Leave, worker.handle(w.DrainAsked(), 0.5)) == [w.Leave(w.DRAINED)]

@@ -59,6 +59,7 @@ def run(args: argparse.Namespace) -> int:
             listen=args.listen,
             keys=args.keys,
             on=args.on,
+            scale=farm_options.scale(args),
             insecure=args.insecure,
             json_logs=args.json_logs,
         )

@@ -108,6 +108,7 @@ def run(args: argparse.Namespace) -> int:
             listen=args.listen,
             keys=args.keys,
             on=args.on,
+            scale=farm_options.scale(args),
             insecure=args.insecure,
             json_logs=args.json_logs,
             stop_when=campaign_runner.StopWhen(60.0 * args.minutes if args.minutes else None, args.stop_at_first),

@@ -11,6 +11,8 @@ the file says, all others join. The same command after a crash or a restart of t
   [workers]                              # here; stages left out have none here
   mutate = 1
   judge = 1
+  [scale]                                # as many as the queue asks for
+  fly = { min = 0, max = 16 }
 
 examples:
   saflite up farm.toml
@@ -48,7 +50,7 @@ def run(args: argparse.Namespace) -> int:
     farm = read_farm_file(args.farm)
     keys = Path(farm.keys) if farm.keys else None
     options = {"listen": farm.listen, "keys": keys, "insecure": farm.insecure, "metrics": farm.metrics}
-    farm_options.check(argparse.Namespace(**options, workers=None, on="here"))
+    farm_options.check(argparse.Namespace(**options, workers=None, on="here", scale=[]))
     modules = [Path(module) for module in farm.modules]
     use(modules)
     run_dir = Path(farm.run)
@@ -57,7 +59,8 @@ def run(args: argparse.Namespace) -> int:
     else:
         _create(farm, run_dir)
     if not args.json:
-        here = ", ".join(f"{count} {stage}" for stage, count in farm.workers.items() if count) or "none"
+        scaled = {stage: f"{bounds.min} to {bounds.max}" for stage, bounds in farm.scale.items()}
+        here = ", ".join(f"{count} {stage}" for stage, count in {**farm.workers, **scaled}.items() if count) or "none"
         out.line(
             f"farm {args.farm}: run folder {run_dir}, workers here: {here}, others join at {farm.listen or run_dir}"
         )
@@ -67,6 +70,7 @@ def run(args: argparse.Namespace) -> int:
         return campaign_runner.resume(
             run_dir,
             cast=farm.workers,
+            scale=farm.scale,
             on_status=on_status,
             modules=modules,
             listen=farm.listen,

@@ -9,6 +9,7 @@ import msgspec
 from saflite.contract.errors import Refused
 from saflite.contract.outside import parse_toml, read_text
 from saflite.contract.work import Stage
+from saflite.runtime.autoscaling import Bounds, check_bounds
 
 WORKERS_MAX = 1_000
 FILE_BYTES_MAX = 2**20
@@ -17,8 +18,9 @@ FILE_BYTES_MAX = 2**20
 class FarmFile(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What `saflite up` runs. Paths are relative to the file.
 
-    `workers` says how many of each stage run here, none of those left out: they join from elsewhere. The other keys
-    are the options of `saflite run` of the same names.
+    `workers` says how many of each stage run here, none of those left out: they join from elsewhere. Those of `scale`
+    are as many as their queue asks for, between `min` and `max`. The other keys are the options of `saflite run` of the
+    same names.
     """
 
     campaign: str
@@ -30,6 +32,7 @@ class FarmFile(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     json_logs: bool = False
     modules: tuple[str, ...] = ()
     workers: dict[Stage, int] = {}
+    scale: dict[Stage, Bounds] = {}
 
 
 def read_farm_file(path: Path) -> FarmFile:
@@ -46,6 +49,9 @@ def read_farm_file(path: Path) -> FarmFile:
     for stage, count in farm.workers.items():
         if not 0 <= count <= WORKERS_MAX:
             raise Refused(f"workers.{stage}", where=where, expected=f"0 to {WORKERS_MAX}", got=count)
+    check_bounds(farm.scale, "scale", where)
+    if both := farm.workers.keys() & farm.scale.keys():
+        raise Refused("scale", where=where, expected="stages that are not in `workers`", got=", ".join(sorted(both)))
     here = path.absolute().parent
     is_file = farm.campaign.endswith(".toml")
     return msgspec.structs.replace(

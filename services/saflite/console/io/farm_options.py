@@ -4,9 +4,14 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from saflite.console.run_data.farm_lookup import Where
 from saflite.contract.errors import Refused
+
+if TYPE_CHECKING:
+    from saflite.contract.work import Stage
+    from saflite.runtime.autoscaling import Bounds
 
 KEYS = "folder of a key, for an endpoint tls/HOST:PORT (`saflite keys add` makes one)"
 INSECURE = "allow an endpoint that others can reach (TCP): nothing is encrypted or authenticated"
@@ -17,6 +22,8 @@ def listening(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--listen", default="", metavar="ENDPOINT", help="where others may join (a private socket)")
     where = "where the workers run: here (default), ray, ray:ADDRESS (books stay here)"
     parser.add_argument("--on", default="here", metavar="PLACE", help=where)
+    bounds = "workers of a stage, as many as its queue asks for, such as fly=2:16 (may be repeated)"
+    parser.add_argument("--scale", action="append", default=[], metavar="STAGE=MIN:MAX", help=bounds)
     keys = "folder of the farm's keys, for --listen tls/HOST:PORT (see `saflite keys`)"
     parser.add_argument("--keys", type=Path, metavar="FOLDER", help=keys)
     parser.add_argument("--insecure", action="store_true", help=INSECURE)
@@ -43,6 +50,13 @@ def where(args: argparse.Namespace) -> Where:
     return Where(args.run, args.connect, args.campaign, args.insecure, args.keys)
 
 
+def scale(args: argparse.Namespace) -> dict[Stage, Bounds]:
+    """Return what --scale says, by stage."""
+    from saflite.runtime.autoscaling import parse_bounds
+
+    return parse_bounds(args.scale)
+
+
 def check(args: argparse.Namespace) -> None:
     """Raise Refused for a number of workers or an endpoint that makes no sense, before anything is made."""
     from saflite.bus.endpoints import check_endpoint
@@ -50,6 +64,8 @@ def check(args: argparse.Namespace) -> None:
 
     if args.workers is not None:
         campaign_options.at_least("--workers", args.workers, 0 if args.listen else 1, campaign_options.WORKERS_MAX)
+    if "fly" in scale(args) and args.workers is not None:
+        raise Refused("--workers", expected="none beside --scale fly=...", got=args.workers)
     if args.metrics:
         from saflite.runtime.metrics import check_address
 

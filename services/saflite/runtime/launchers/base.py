@@ -75,6 +75,13 @@ class Launcher(Protocol):
         """Return the state of every role started and not stopped, by name."""
         ...
 
+    def drain(self, names: Collection[str]) -> None:
+        """Ask workers to take no more work, finish what they hold and end; `poll` tells when they have.
+
+        One that has not begun ends at once. Names nobody knows are no fault.
+        """
+        ...
+
     def stop(self, names: Collection[str] | None = None) -> None:
         """End the roles named, or all, and forget them: asked first, so that they hand back what they hold.
 

@@ -23,6 +23,7 @@ from saflite.simulator_worker.processes import adopt_orphans, children, kill_str
 log = logging.getLogger(__name__)
 
 STOP_GRACE_S = 8.0
+DRAIN_SIGNAL = signal.SIGUSR1  # its default action ends a worker that has not begun, and so holds nothing
 TAIL_BYTES = 4096
 _CONDITIONS: dict[int, Condition] = {
     0: "finished",
@@ -30,6 +31,7 @@ _CONDITIONS: dict[int, Condition] = {
     3: "unavailable",
     4: "unanswered",
     5: "again",
+    -DRAIN_SIGNAL: "finished",
     -signal.SIGKILL: "killed",
     -signal.SIGTERM: "killed",
 }
@@ -101,6 +103,12 @@ class LocalLauncher:
                 self._ended[name] = RoleState(_CONDITIONS.get(process.returncode, "broken"), self._last_words(name))
         kill_strays(self._bystanders | set(self.pids().values()))
         return {**dict.fromkeys(self._running, RoleState("running")), **self._ended}
+
+    def drain(self, names: Collection[str]) -> None:
+        """See `Launcher.drain`."""
+        for process in [self._running[name] for name in names if name in self._running]:
+            with suppress(ProcessLookupError):
+                process.send_signal(DRAIN_SIGNAL)
 
     def stop(self, names: Collection[str] | None = None) -> None:
         """See `Launcher.stop`. What does not end within the grace is killed."""

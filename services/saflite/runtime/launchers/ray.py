@@ -68,6 +68,10 @@ class Place:
         state = self._launcher.poll()[self._name]
         return state.condition, state.message
 
+    def drain(self) -> None:
+        """Have the role finish what it holds and end."""
+        self._launcher.drain([self._name])
+
     def stop(self) -> None:
         """End the role, and leave nothing behind."""
         self._launcher.stop()
@@ -82,6 +86,11 @@ class _Placed:
         self.asked = actor.state.remote()
         self.state = RoleState("running", "not placed yet")
         self._heard_s: float | None = None  # None: waiting for room, which may take for ever
+
+    @property
+    def waits(self) -> bool:
+        """Whether it was never heard of: there is no room for it, or it has only just begun."""
+        return self._heard_s is None
 
     def look(self, now_s: float) -> RoleState:
         """Take the answer if it is there, and ask again; never waits. An actor that has answered once must go on to."""
@@ -161,6 +170,15 @@ class RayLauncher:
                 del self._placed[name]
                 self._ended[name] = state
         return {**{name: RoleState("running") for name in self._placed}, **self._ended}
+
+    def drain(self, names: Collection[str]) -> None:
+        """See `Launcher.drain`. An actor that waits for room asks the cluster for it no more."""
+        for name in [name for name in names if name in self._placed]:
+            if self._placed[name].waits:
+                self._placed.pop(name).end()
+                self._ended[name] = RoleState("finished", "there was no room for it yet")
+            else:
+                self._placed[name].actor.drain.remote()
 
     def stop(self, names: Collection[str] | None = None) -> None:
         """See `Launcher.stop`."""

@@ -22,6 +22,10 @@ class SplitLauncher:
         """See `Launcher.poll`."""
         return {**self._centre.poll(), **self._workers.poll()}
 
+    def drain(self, names: Collection[str]) -> None:
+        """See `Launcher.drain`. Only workers do."""
+        self._workers.drain(names)
+
     def stop(self, names: Collection[str] | None = None) -> None:
         """See `Launcher.stop`. Workers first."""
         self._workers.stop(names)
