@@ -205,7 +205,26 @@ STEP_MIN_S, STEP_MAX_S = 1e-6, 3600.0
 
 def pack_trace(trace: Trace) -> bytes:
     """Return the trace as compressed bytes, the form it travels and is stored in."""
-    return zlib.compress(_ENCODER.encode(trace), 1)
+    folded = {name: _folded(data) for name, data in trace.signals.items()}
+    return zlib.compress(_ENCODER.encode(msgspec.structs.replace(trace, signals=folded)))
+
+
+def _folded(data: bytes) -> bytes:
+    """Return float32 samples as differences of their bit patterns, by byte plane: what hardly changes becomes zeros."""
+    if len(data) % 4:
+        return data  # refused when read
+    step = np.diff(np.frombuffer(data, "<u4"), prepend=np.uint32(0))
+    sign_last = (step << np.uint32(1)) ^ -(step >> np.uint32(31))
+    return sign_last.astype("<u4").view(np.uint8).reshape(-1, 4).T.tobytes()
+
+
+def _unfolded(data: bytes) -> bytes:
+    """Return what `_folded` was given."""
+    if len(data) % 4:
+        return data
+    sign_last = np.ascontiguousarray(np.frombuffer(data, np.uint8).reshape(4, -1).T).view("<u4").ravel()
+    step = (sign_last >> np.uint32(1)) ^ -(sign_last & np.uint32(1))
+    return np.cumsum(step, dtype=np.uint32).astype("<u4").tobytes()
 
 
 def trace_digest(trace: Trace) -> str:
@@ -224,11 +243,12 @@ def unpack_trace(data: bytes, trace_digest: str = "") -> Trace:
         content = inflate.decompress(data, TRACE_BYTES_MAX)
         if inflate.unconsumed_tail or not inflate.eof:
             raise Refused("trace", expected="a whole packed trace of at most 64 MiB", got=f"{len(data)} bytes")
-        if trace_digest and digest(content) != trace_digest:
-            raise Refused("trace", expected=f"the one with the digest {trace_digest[:16]!r}...", got="another trace")
-        trace: Trace = _DECODER.decode(content)
+        folded: Trace = _DECODER.decode(content)
     except (zlib.error, *UNREADABLE) as fault:
         raise Refused("trace", expected="a packed trace", got=str(fault)) from fault
+    trace = msgspec.structs.replace(folded, signals={name: _unfolded(data) for name, data in folded.signals.items()})
+    if trace_digest and digest(_ENCODER.encode(trace)) != trace_digest:
+        raise Refused("trace", expected=f"the one with the digest {trace_digest[:16]!r}...", got="another trace")
     check_trace(trace)
     return trace
 
@@ -246,9 +266,8 @@ def check_trace(trace: Trace) -> None:
 
 def matches_digest(data: bytes, trace_digest: str) -> bool:
     """Return whether a packed trace is whole and its content has this digest."""
-    inflate = zlib.decompressobj()
     try:
-        content = inflate.decompress(data, TRACE_BYTES_MAX)
-    except zlib.error:
+        unpack_trace(data, trace_digest)
+    except Refused:
         return False
-    return inflate.eof and not inflate.unconsumed_tail and digest(content) == trace_digest
+    return True

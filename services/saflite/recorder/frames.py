@@ -47,12 +47,14 @@ def attitude(roll_deg: float, pitch_deg: float, yaw_deg: float) -> Quaternion:
         math.cos(yaw),
         math.sin(yaw),
     )
-    return Quaternion(
-        x=sr * cp * cy - cr * sp * sy,
-        y=cr * sp * cy + sr * cp * sy,
-        z=cr * cp * sy - sr * sp * cy,
-        w=cr * cp * cy + sr * sp * sy,
-    )
+    x, y = sr * cp * cy - cr * sp * sy, cr * sp * cy + sr * cp * sy
+    z, w = cr * cp * sy - sr * sp * cy, cr * cp * cy + sr * sp * sy
+    return Quaternion(x=_coarse(x), y=_coarse(y), z=_coarse(z), w=_coarse(w))
+
+
+def _coarse(part: float) -> float:
+    """Return a part of a rotation to 1/32768, about 0.004 degrees: short binary fractions pack well."""
+    return round(part * 32768) / 32768
 
 
 def pose(x_m: float, y_m: float, z_m: float, rotation: Quaternion | None = None) -> Pose:

@@ -1,6 +1,6 @@
 """One flight as an MCAP file with Foxglove's well-known protobuf schemas, and back.
 
-Topics: `/scene` (boxes, safety shells, mission, path flown, closest point), `/tf`, `/pose`, `/path`, `/location`,
+Topics: `/scene` (boxes, safety shells, mission, path flown, closest point), `/tf`, `/path`, `/location`,
 `/log`, and the signals as flat JSON records in groups (`/position`, `/attitude`, `/safety`, ...). Attached are the test
 case, the flight, its verdicts and the bit-exact trace, so a recording is enough to judge or re-fly the flight.
 """
@@ -17,7 +17,6 @@ from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
 from foxglove_schemas_protobuf.Log_pb2 import Log
-from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 from foxglove_schemas_protobuf.PosesInFrame_pb2 import PosesInFrame
 from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from google.protobuf.timestamp_pb2 import Timestamp
@@ -33,11 +32,16 @@ from saflite.flight.mission import to_geographic, waypoints
 from saflite.recorder import frames, scalars, scene
 
 RATE_HZ = 10.0
-"""Of the vehicle's motion."""
+"""At most, of the vehicle's motion; samples that a line between the others comes close to are left out."""
 PLOT_RATE_HZ = 5.0
-"""Of everything else: every sample is in the trace attached."""
-CALM = frozenset({"/settings", "/failsafe", "/autopilot"})
-"""Topics of what holds still for long: written at changes, and about once a second between them."""
+"""At most, of everything else: every sample is in the trace attached."""
+CALM = frozenset({"/settings", "/failsafe", "/autopilot", "/sensors"})
+"""Topics of what holds still for long."""
+STEADY_S, CALM_S = 1.0, 5.0
+"""A topic speaks at least this often, a calm one."""
+GRID = np.float32(1024)
+"""Places drawn are whole parts of this of a metre: numbers that pack well."""
+MOTION = ("x_m", "y_m", "altitude_m", "roll_deg", "pitch_deg", "yaw_deg")
 _LEVELS = {"info": Log.INFO, "warning": Log.WARNING, "error": Log.ERROR}
 _NS = 1_000_000_000
 FLIGHT_MAX_S = 1e8
@@ -66,7 +70,7 @@ def write(work: RecordWork, packed: bytes, start_unix_s: float) -> bytes:
     writer = Writer(buffer, compression=CompressionType.ZSTD, enable_data_crcs=True)
     writer.start(profile="", library="saflite-farm")
     _attach(writer, work, packed, start_ns)
-    messages = _geometry(work, trace, _sampled(trace, RATE_HZ), start_ns) + _texts(work, trace, start_ns)
+    messages = _geometry(work, trace, _moving(trace), start_ns) + _texts(work, trace, start_ns)
     channels = _Channels(writer, {topic: scalars.schema(names) for topic, names in scalars.groups(trace).items()})
     messages += _plots(trace, _sampled(trace, PLOT_RATE_HZ), start_ns)
     for number, message in enumerate(sorted(messages, key=lambda entry: entry.at_ns)):
@@ -134,6 +138,20 @@ def _sampled(trace: Trace, rate_hz: float) -> NDArray[np.intp]:
     return np.append(at, last) if trace.samples and at[-1] != last else at
 
 
+def _moving(trace: Trace) -> NDArray[np.intp]:
+    """Return the indices of the samples that draw the motion; the one closest to an obstacle is among them."""
+    at, names = _sampled(trace, RATE_HZ), tuple(name for name in MOTION if name in trace.signals)
+    if not names or not len(at):
+        return at
+    shown = scalars.telling(trace, names, at, round(STEADY_S * RATE_HZ))
+    return np.union1d(shown, [_nearest(trace)]) if "obstacle_distance_m" in trace.signals else shown
+
+
+def _nearest(trace: Trace) -> int:
+    """Return the index of the sample closest to an obstacle."""
+    return int(np.nan_to_num(trace.array("obstacle_distance_m"), nan=np.inf).argmin())
+
+
 def _later(start_ns: int, by_s: float) -> int:
     """Return a moment of the flight; what no flight can last is cut off, for a log may say anything."""
     return start_ns + round(min(max(0.0, by_s), FLIGHT_MAX_S) * _NS)
@@ -148,7 +166,8 @@ def _track(trace: Trace, at: NDArray[np.intp]) -> NDArray[np.float32]:
     names = ("x_m", "y_m", "altitude_m")
     if any(name not in trace.signals for name in names):
         return np.empty((0, 3), dtype=np.float32)
-    return np.stack([trace.array(name)[at] for name in names], axis=1)
+    places = np.stack([trace.array(name)[at] for name in names], axis=1)
+    return np.asarray(np.round(places * GRID) / GRID, dtype=np.float32)
 
 
 def _geometry(work: RecordWork, trace: Trace, at: NDArray[np.intp], start_ns: int) -> list[_Message]:
@@ -158,7 +177,7 @@ def _geometry(work: RecordWork, trace: Trace, at: NDArray[np.intp], start_ns: in
     distance = trace.array("obstacle_distance_m")[at] if "obstacle_distance_m" in trace.signals else None
     entities += scene.path(track, distance)
     if distance is not None and len(track) and work.test_case.scenario.obstacles:
-        nearest = int(distance.argmin())
+        nearest = int(np.searchsorted(at, _nearest(trace)))
         text = f"{distance[nearest]:.2f} m at {at[nearest] * trace.step_s:.1f} s"
         x_m, y_m, z_m = track[nearest].tolist()
         entities.append(scene.closest((x_m, y_m, z_m), text))
@@ -186,12 +205,10 @@ def _motion(
     names = ("roll_deg", "pitch_deg", "yaw_deg")
     angles = np.stack([trace.array(name)[at] if name in trace.signals else zeros for name in names], axis=1)
     mission = test_case.scenario.mission
-    slower = {*at[:: round(RATE_HZ / PLOT_RATE_HZ)].tolist(), *at[-1:].tolist()}
-    messages = []
+    messages, next_s = list[_Message](), 0.0
     for index, (x_m, y_m, z_m), (roll, pitch, yaw) in zip(at.tolist(), track.tolist(), angles.tolist(), strict=True):
         at_ns = _later(start_ns, index * trace.step_s)
         stamp, rotation = _stamp(at_ns), frames.attitude(roll, pitch, yaw)
-        pose = PoseInFrame(timestamp=stamp, frame_id=frames.MAP, pose=frames.pose(x_m, y_m, z_m, rotation))
         shift = Vector3(x=y_m, y=x_m, z=z_m)
         step = FrameTransform(
             timestamp=stamp,
@@ -201,10 +218,8 @@ def _motion(
             rotation=rotation,
         )
         messages.append(_Message(at_ns, "/tf", FrameTransforms(transforms=[step])))
-        if index not in slower:
-            continue
-        messages.append(_Message(at_ns, "/pose", pose))
-        if mission is not None:
+        if mission is not None and index * trace.step_s >= next_s:
+            next_s += STEADY_S
             lat, lon = to_geographic(x_m, y_m, mission.home_lat_deg, mission.home_lon_deg)
             height = mission.home_alt_m + z_m
             fix = LocationFix(timestamp=stamp, frame_id=frames.MAP, latitude=lat, longitude=lon, altitude=height)
@@ -250,7 +265,8 @@ def _log(at_ns: int, level: Log.Level.ValueType, name: str, text: str) -> _Messa
 def _plots(trace: Trace, at: NDArray[np.intp], start_ns: int) -> list[_Message]:
     messages = []
     for topic, names in scalars.groups(trace).items():
-        shown = scalars.telling(trace, names, at, calm=round(PLOT_RATE_HZ)) if topic in CALM else at
+        steady_s = CALM_S if topic in CALM else STEADY_S
+        shown = scalars.telling(trace, names, at, round(steady_s * PLOT_RATE_HZ))
         for index, record in zip(shown.tolist(), scalars.records(trace, names, shown), strict=True):
             messages.append(_Message(start_ns + round(index * trace.step_s * _NS), topic, record))
     return messages

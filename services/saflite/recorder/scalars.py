@@ -12,13 +12,22 @@ from numpy.typing import NDArray
 
 from saflite.contract.flight import Trace
 from saflite.contract.signals import SIGNALS
+from saflite.recorder import thinning
 
 _GROUPS: dict[str, tuple[str, ...]] = {
     "/position": ("x_m", "y_m", "altitude_m", "vx_mps", "vy_mps", "climb_mps", "home_distance_m"),
-    "/attitude": ("roll_deg", "pitch_deg", "yaw_deg", "roll_rate_dps", "pitch_rate_dps", "yaw_rate_dps"),
+    "/attitude": ("roll_deg", "pitch_deg", "yaw_deg"),
+    "/rates": ("roll_rate_dps", "pitch_rate_dps", "yaw_rate_dps"),
     "/safety": ("obstacle_distance_m", "contact", "chute_released"),
     "/autopilot": ("mode", "armed", "landed", "throttle", "mission_item", "mission_count", "taken_off", "takeoff"),
 }
+TOLERANCE = {"": 0.05, "m": 0.05, "m/s": 0.1, "deg": 1.0, "deg/s": 10.0, "V": 0.05}
+"""How far a plot may be from the signal, by unit; every sample is in the trace attached."""
+NOISY = {"baro_altitude_m": 0.5, "gps_altitude_m": 0.5}
+"""The same of signals whose noise is larger."""
+SHARE, TINY = 500, 1e-4
+"""Of other units: this part of what the signal ranges over in the flight."""
+DECIMALS = 3
 _ENCODER = msgspec.json.Encoder()
 
 
@@ -59,23 +68,26 @@ def records(trace: Trace, names: tuple[str, ...], at: NDArray[np.intp]) -> Itera
         yield _ENCODER.encode(record if whole else {key: value for key, value in record.items() if isfinite(value)})
 
 
-def telling(trace: Trace, names: tuple[str, ...], at: NDArray[np.intp], calm: int) -> NDArray[np.intp]:
-    """Return those of the sample indices `at` that tell something: changes, the samples before them, every `calm`th.
+def telling(trace: Trace, names: tuple[str, ...], at: NDArray[np.intp], steady: int) -> NDArray[np.intp]:
+    """Return those of the sample indices `at` that tell something: every `steady`th, and what a line would miss."""
+    tolerance = np.array([_tolerance(name, trace.array(name)) for name in names])
+    return np.asarray(at[thinning.on_a_line(_table(trace, names, at), tolerance, steady)])
 
-    Settings and flags hold still for most of a flight; the sample before a change keeps plots from drawing a slope.
-    """
-    values = _table(trace, names, at)
-    later, sooner = values[1:], values[:-1]
-    moved = (later != sooner) & ~(np.isnan(later) & np.isnan(sooner))
-    changed = np.flatnonzero(moved.any(axis=1)) + 1
-    kept = np.zeros(len(at), dtype=bool)
-    kept[::calm] = kept[-1:] = kept[changed] = kept[changed - 1] = True
-    return np.asarray(at[kept])
+
+def _tolerance(name: str, values: NDArray[np.float32]) -> float:
+    """Return how far a plotted signal may be from its value: by unit, for flags and codes not at all."""
+    signal = SIGNALS.get(name)
+    if signal is not None and signal.kind != "real":
+        return TINY
+    if signal is not None and signal.unit in TOLERANCE:
+        return NOISY.get(name, TOLERANCE[signal.unit])
+    real = values[np.isfinite(values)]
+    return max(TINY, float(real.max()) / SHARE - float(real.min()) / SHARE) if len(real) else TINY
 
 
 def _table(trace: Trace, names: tuple[str, ...], at: NDArray[np.intp]) -> NDArray[np.float64]:
     """Return the values of the named signals, rounded, shape (samples, names)."""
-    return np.round(np.stack([trace.array(name)[at] for name in names], axis=1).astype(float), 5)
+    return np.round(np.stack([trace.array(name)[at] for name in names], axis=1).astype(float), DECIMALS)
 
 
 def _meaning(name: str) -> str:

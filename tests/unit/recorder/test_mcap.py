@@ -99,7 +99,7 @@ def test_what_is_recorded_is_read_back_bit_for_bit(work: RecordWork, data: bytes
     assert back.test_case == work.test_case
     assert back.flight == work.flight
     assert trace_digest(back.trace) == work.flight.trace_digest
-    assert recording.verify(path) > 300
+    assert recording.verify(path) == sum(1 for _ in make_reader(io.BytesIO(data)).iter_messages()) > 50
 
 
 def test_an_independent_decoder_reads_the_well_known_schemas(data: bytes) -> None:
@@ -111,11 +111,36 @@ def test_an_independent_decoder_reads_the_well_known_schemas(data: bytes) -> Non
         stamps.append(message.log_time)
     assert kinds["/scene"] == "foxglove.SceneUpdate"
     assert kinds["/tf"] == "foxglove.FrameTransforms"
-    assert kinds["/pose"] == "foxglove.PoseInFrame"
     assert kinds["/path"] == "foxglove.PosesInFrame"
     assert kinds["/log"] == "foxglove.Log"
     assert {"/position", "/attitude", "/safety", "/verdict"} <= set(kinds)
     assert min(stamps) == int(START_UNIX_S * 1e9)
+
+
+def test_a_viewer_finds_a_moment_by_its_indexes(data: bytes) -> None:
+    reader = make_reader(io.BytesIO(data))
+    summary = reader.get_summary()
+    assert summary is not None
+    assert all(chunk.message_index_offsets for chunk in summary.chunk_indexes)  # Foxglove shows nothing without them
+    begin, end = (int((START_UNIX_S + at_s) * 1e9) for at_s in (4, 6))
+    between = [message.log_time for *_, message in reader.iter_messages(["/tf"], starting_at=begin, ending_before=end)]
+    every = [message.log_time for *_, message in reader.iter_messages(["/tf"])]
+    assert between == [at for at in every if begin <= at < end]
+    assert len(between) >= 2
+
+
+def test_a_line_between_records_is_close_to_every_sample_left_out() -> None:
+    rng = derive(1, "line")
+    jump = np.where(np.arange(2000) < 700, 0.0, 30.0)
+    height = np.cumsum(rng.normal(0.0, 0.02, 2000)) + jump
+    trace = Trace(step_s=0.05, signals={"altitude_m": signal(height), "mode": signal(jump // 10)})
+    at = np.arange(0, 2000, 4)
+    kept = scalars.telling(trace, ("altitude_m", "mode"), at, steady=20)
+    assert len(kept) < len(at) / 2
+    for name, tolerance in (("altitude_m", scalars.TOLERANCE["m"]), ("mode", 1e-3)):
+        between = np.interp(at, kept, trace.array(name)[kept])
+        assert np.abs(between - trace.array(name)[at]).max() <= tolerance + 1e-3  # records are rounded
+    assert np.diff(kept).max() <= 20 * 4
 
 
 def test_boxes_and_vehicle_stand_where_the_test_case_says(data: bytes) -> None:
@@ -125,9 +150,9 @@ def test_boxes_and_vehicle_stand_where_the_test_case_says(data: bytes) -> None:
     assert (cube.pose.position.x, cube.pose.position.y, cube.pose.position.z) == (20.0, 5.0, 10.0)
     turn = 2 * math.atan2(cube.pose.orientation.z, cube.pose.orientation.w)
     assert math.degrees(turn) == pytest.approx(60.0)  # 30 degrees from north to east is 60 from east to north
-    *_, last = [message for *_, message in reader.iter_decoded_messages(topics=["/pose"])]
-    assert last.pose.position.x == pytest.approx(2.0 * 9.98, abs=1e-4)
-    assert last.pose.orientation.w == pytest.approx(math.cos(math.radians(last_roll()) / 2), abs=1e-4)
+    *_, last = [message.transforms[0] for *_, message in reader.iter_decoded_messages(topics=["/tf"])]
+    assert last.translation.x == pytest.approx(2.0 * 9.98, abs=1e-3)
+    assert last.rotation.w == pytest.approx(math.cos(math.radians(last_roll()) / 2), abs=1e-4)
 
 
 def last_roll() -> float:
@@ -151,7 +176,7 @@ def test_what_holds_still_is_thinned_without_losing_a_change() -> None:
     )
     at = np.arange(len(held))
     names = ("failsafe_gps", "failsafe_radio")
-    kept = scalars.telling(trace, names, at, calm=20)
+    kept = scalars.telling(trace, names, at, steady=20)
     last_kept = np.searchsorted(kept, at, side="right") - 1
     assert np.array_equal(held[kept][last_kept], held, equal_nan=True)  # held until the next record, nothing is lost
     assert len(kept) < len(held) / 4
@@ -166,7 +191,7 @@ def test_pitch_up_turns_the_nose_up() -> None:
     rotation = frames.attitude(0.0, 90.0, 90.0)  # heading east, nose straight up: forward points along map z
     x, y, z, w = rotation.x, rotation.y, rotation.z, rotation.w
     forward = (1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y))
-    assert forward == pytest.approx((0.0, 0.0, 1.0), abs=1e-9)
+    assert forward == pytest.approx((0.0, 0.0, 1.0), abs=1e-4)
 
 
 @pytest.mark.parametrize("keep", [0.0, 0.3, 0.7, 0.999])

@@ -13,6 +13,7 @@ import os
 import sqlite3
 import struct
 import sys
+import zlib
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
@@ -54,7 +55,8 @@ def keep(run_dir: Path, start: bytes, line: int, chain: int, state: bytes) -> No
     head = _HEAD.pack(code(), start, line, chain)
     try:
         with beside.open("wb") as file:
-            file.writelines((head, state, _check(head, state)))
+            packed = zlib.compress(state, 1)
+            file.writelines((head, packed, _check(head, packed)))
         os.replace(beside, path)
     except OSError as fault:
         log.warning("no snapshot of the books is kept: %s", fault)
@@ -71,15 +73,15 @@ def kept(run_dir: Path, start: bytes, connection: sqlite3.Connection) -> Kept | 
     except Refused as fault:
         log.warning("the snapshot is not used: %s", fault)
         return None
-    head, state, check = data[: _HEAD.size], data[_HEAD.size : -_CHECK_BYTES], data[-_CHECK_BYTES:]
-    if len(head) < _HEAD.size or check != _check(head, state):
+    head, packed, check = data[: _HEAD.size], data[_HEAD.size : -_CHECK_BYTES], data[-_CHECK_BYTES:]
+    if len(head) < _HEAD.size or check != _check(head, packed):
         log.warning("%s is damaged and not used", snapshot_file(run_dir))
         return None
     made_by, run, line, chain = _HEAD.unpack(head)
     if (made_by, run) != (code(), start):
         return None
     row = connection.execute("SELECT chain FROM journal WHERE n = ?", (line,)).fetchone()
-    return Kept(line, state) if row == (chain,) else None
+    return Kept(line, zlib.decompress(packed)) if row == (chain,) else None
 
 
 def remove(run_dir: Path) -> None:
@@ -87,9 +89,9 @@ def remove(run_dir: Path) -> None:
     snapshot_file(run_dir).unlink(missing_ok=True)
 
 
-def _check(head: bytes, state: bytes) -> bytes:
+def _check(head: bytes, packed: bytes) -> bytes:
     found = hashlib.sha256(head)
-    found.update(state)
+    found.update(packed)
     return found.digest()
 
 

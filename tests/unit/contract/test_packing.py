@@ -1,0 +1,41 @@
+"""Traces come back from their packed form bit by bit, whatever numbers are in them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from saflite.contract.errors import Refused
+from saflite.contract.flight import Trace, matches_digest, pack_trace, trace_digest, unpack_trace
+from saflite.contract.rng import derive
+
+
+def traces() -> list[Trace]:
+    bits = derive(1, "bits").integers(0, 2**32, 999, dtype=np.uint32)  # NaN of any payload, denormals, both zeros
+    smooth = (50.0 + np.sin(np.arange(999) / 30)).astype("<f4")
+    edges = np.array([0.0, -0.0, np.inf, -np.inf, np.nan, 1e-45, -3.4e38], dtype="<f4")
+    return [
+        Trace(step_s=0.05, signals={"x_m": bits.astype("<u4").tobytes(), "y_m": smooth.tobytes()}),
+        Trace(step_s=0.05, signals={"x_m": edges.tobytes()}),
+        Trace(step_s=0.05, signals={"x_m": b""}),
+        Trace(step_s=0.05, signals={}),
+    ]
+
+
+@pytest.mark.parametrize("trace", traces())
+def test_a_packed_trace_comes_back_bit_by_bit(trace: Trace) -> None:
+    packed, told = pack_trace(trace), trace_digest(trace)
+    assert unpack_trace(packed, told) == trace
+    assert matches_digest(packed, told)
+    assert not matches_digest(packed, told[::-1])
+    assert not matches_digest(packed[:-1], told)
+
+
+def test_what_moves_smoothly_takes_less_than_two_thirds() -> None:
+    smooth = (50.0 + np.sin(np.arange(9999) / 30)).astype("<f4").tobytes()
+    assert len(pack_trace(Trace(step_s=0.05, signals={"x_m": smooth}))) < len(smooth) * 2 / 3
+
+
+def test_half_a_sample_is_refused_when_it_is_read() -> None:
+    with pytest.raises(Refused, match="four bytes"):
+        unpack_trace(pack_trace(Trace(step_s=0.05, signals={"x_m": b"12345"})))
