@@ -113,7 +113,7 @@ def _fly_with(path: Path) -> None:
     from saflite.flight.autopilots.ardupilot import binary as ardupilot
     from saflite.flight.autopilots.px4 import binary as px4
 
-    (px4 if px4.is_px4(path) else ardupilot).use(path)
+    (px4 if px4.is_px4(path) else ardupilot).BINARIES.use(path)
 
 
 def parser_of(name: str, parser: argparse.ArgumentParser | None = None) -> argparse.ArgumentParser:

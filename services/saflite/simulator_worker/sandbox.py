@@ -202,7 +202,7 @@ class Sandbox:
         ours, theirs = socket.socketpair()
         self._process = subprocess.Popen(
             [sys.executable, "-m", PROGRAM, str(theirs.fileno()), str(os.getpid())],
-            pass_fds=[theirs.fileno(), slot.lock],  # the slot is taken until the process, too, is gone
+            pass_fds=[theirs.fileno(), *slot.files],  # the slot is taken until the process, too, is gone
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,  # JSBSim chatters there
             start_new_session=True,

@@ -1,8 +1,9 @@
 """Slots: what tells the simulators of one host apart, whichever farm of this user they fly for.
 
 A slot is a lock file in a folder of this user's. The lock is held by the worker and by its simulator process, so the
-kernel frees it when both are gone, however they went. A slot's number gives it ports that no other slot has, below
-those the kernel hands out by itself (32768 and up).
+kernel frees it when both are gone, however they went. Its ports lie below those the kernel hands out by itself (32768
+and up); they are claimed by a name that belongs to the network, as ports do, so that no other slot of this host has
+them, whichever folder or user it is of.
 """
 
 from __future__ import annotations
@@ -10,12 +11,14 @@ from __future__ import annotations
 import fcntl
 import os
 import shutil
+import socket
 import stat
 from contextlib import suppress
 from pathlib import Path
 
 from saflite.contract.config import environment
 from saflite.contract.errors import Unavailable
+from saflite.flight.autopilots.external.place import left_outside, outside
 from saflite.simulator_worker.messages import SlotInfo
 
 SLOTS_MAX = 512
@@ -33,17 +36,26 @@ class HeldSlot:
     """A slot that is ours until it is released or its holders' processes are gone."""
 
     def __init__(self, root: Path, index: int, lock: int) -> None:
-        self.lock, self._root = lock, root
-        folder = _folder(root, index)
-        self.info = SlotInfo(
-            index=index, folder=str(folder), first_port=PORTS_FIRST + index * PORTS_EACH, ports=PORTS_EACH
-        )
+        self._lock, self._root = lock, root
+        try:
+            first_port, self._claim = _claimed(index)
+        except BaseException:
+            os.close(lock)
+            raise
+        self.info = SlotInfo(index=index, folder=str(_folder(root, index)), first_port=first_port, ports=PORTS_EACH)
         self.empty()
 
+    @property
+    def files(self) -> tuple[int, int]:
+        """Descriptors that hold the slot for whoever has them open."""
+        return self._lock, self._claim.fileno()
+
     def empty(self) -> None:
-        """Leave nothing in the slot's folder; raises Unavailable if the disk does not let us."""
+        """Leave nothing of earlier flights; raises Unavailable if the disk does not let us."""
         folder = Path(self.info.folder)
         shutil.rmtree(folder, ignore_errors=True)
+        for path in outside(self.info.first_port):
+            path.unlink(missing_ok=True)
         try:
             folder.mkdir(mode=0o700)
         except OSError as fault:
@@ -51,10 +63,13 @@ class HeldSlot:
 
     def release(self) -> None:
         """Give the slot back and leave no file behind; may be called twice."""
-        if self.lock >= 0:
+        if self._lock >= 0:
+            for path in outside(self.info.first_port):
+                path.unlink(missing_ok=True)
             _remove(self._root, self.info.index)
-            os.close(self.lock)
-            self.lock = -1
+            os.close(self._lock)
+            self._claim.close()
+            self._lock = -1
         with suppress(OSError):  # others may have slots there
             self._root.rmdir()
 
@@ -81,6 +96,32 @@ def _sweep(root: Path, own: int) -> None:
         if lock is not None:
             _remove(root, index)
             os.close(lock)
+    for first_port, path in left_outside():
+        claim = _claim(first_port)
+        if claim is not None:
+            with claim, suppress(OSError):  # another user's
+                path.unlink(missing_ok=True)
+
+
+def _claimed(index: int) -> tuple[int, socket.socket]:
+    """Return the first of the ports of a slot, and what claims them; raises Unavailable where none are free."""
+    for number in (index, *range(SLOTS_MAX)):
+        first_port = PORTS_FIRST + number * PORTS_EACH
+        claim = _claim(first_port)
+        if claim is not None:
+            return first_port, claim
+    raise Unavailable(f"all ports from {PORTS_FIRST} on are claimed by other slots of this host")
+
+
+def _claim(first_port: int) -> socket.socket | None:
+    """Claim the ports from one on; None where another has."""
+    claim = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    try:
+        claim.bind(f"\0saflite-ports-{first_port}")  # a name without a file: the kernel frees it with its last holder
+    except OSError:
+        claim.close()
+        return None
+    return claim
 
 
 def _lock(root: Path, index: int) -> int | None:

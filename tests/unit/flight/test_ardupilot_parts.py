@@ -23,7 +23,7 @@ from saflite.flight.autopilots.ardupilot.describe import describe
 from saflite.flight.autopilots.ardupilot.inputs import COMMANDS, MODE_NUMBERS
 from saflite.flight.autopilots.ardupilot.metadata import documented
 from saflite.flight.autopilots.ardupilot.mission import as_taken
-from saflite.flight.autopilots.ardupilot.telemetry import EKF_NEEDED, PREARM, Telemetry
+from saflite.flight.autopilots.ardupilot.telemetry import EKF_NEEDED, Telemetry
 from saflite.flight.autopilots.ardupilot.vehicle import Vehicle
 from saflite.flight.autopilots.external import obstacles
 from saflite.flight.autopilots.external.elf import MACHINES
@@ -31,6 +31,7 @@ from saflite.flight.autopilots.external.inputs import Inputs, command_numbers
 from saflite.flight.autopilots.external.link import SimulatedClock
 from saflite.flight.autopilots.external.listing import Listing, Row
 from saflite.flight.autopilots.external.process import last_line
+from saflite.flight.autopilots.external.telemetry import PREARM
 from saflite.flight.geometry import boxes_array
 from saflite.flight.mavlink.client import Client
 from saflite.flight.mission import builtin_mission
@@ -122,8 +123,8 @@ def program(path: Path, *words: bytes, machine: int = NUMBER, mode: int = 0o755)
 
 
 def test_a_binary_is_known_by_its_content(tmp_path: Path) -> None:
-    first = binary.inspect(program(tmp_path / "one", b"ArduCopter V4.5.7", BACKEND))
-    again = binary.inspect(program(tmp_path / "two", b"ArduCopter V4.5.7", BACKEND))
+    first = binary.BINARIES.inspect(program(tmp_path / "one", b"ArduCopter V4.5.7", BACKEND))
+    again = binary.BINARIES.inspect(program(tmp_path / "two", b"ArduCopter V4.5.7", BACKEND))
     assert first.version == "ArduCopter V4.5.7"
     assert first.digest == again.digest
 
@@ -144,7 +145,7 @@ def test_what_cannot_fly_is_refused_in_one_line(
 ) -> None:
     monkeypatch.setattr("os.access", lambda path, mode: path.stat().st_mode & 0o100 != 0)  # root may run all
     with pytest.raises(Refused, match="autopilot") as caught:
-        binary.inspect(program(tmp_path / "x", *words, **options))
+        binary.BINARIES.inspect(program(tmp_path / "x", *words, **options))
     assert said in str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -153,7 +154,7 @@ def test_no_file_and_no_program_are_refused(tmp_path: Path) -> None:
     (tmp_path / "text").write_text("#!/bin/sh\n")
     for path in (tmp_path / "nothing", tmp_path / "text", tmp_path):
         with pytest.raises(Refused, match="a program"):
-            binary.inspect(path)
+            binary.BINARIES.inspect(path)
 
 
 def test_the_command_line_uses_the_slots_ports_only() -> None:
@@ -213,7 +214,7 @@ def test_describing_loads_no_dialect() -> None:
 
 
 def test_the_description_comes_from_the_binary(tmp_path: Path) -> None:
-    found = binary.inspect(program(tmp_path / "arducopter", b"ArduCopter V4.5.7", BACKEND))
+    found = binary.BINARIES.inspect(program(tmp_path / "arducopter", b"ArduCopter V4.5.7", BACKEND))
     info = describe(found, LISTING, "")
     assert list(own_contradictions(info)) == []
     kinds = {entry.name: (entry.kind, entry.type) for entry in info.inputs}

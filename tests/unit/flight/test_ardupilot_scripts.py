@@ -14,8 +14,8 @@ import pytest
 from saflite.contract.errors import Refused
 from saflite.contract.standalone import Evidence
 from saflite.contract.test_case import Obstacle, Scenario, StartState, Stimulus, Target, TestCase
-from saflite.flight.autopilots.ardupilot import binary
 from saflite.flight.autopilots.ardupilot.standalone.export import standalone
+from saflite.flight.autopilots.external.binary import Binary
 from saflite.flight.autopilots.external.listing import Listing, Row
 
 REAL32, INT16 = 9, 4
@@ -41,7 +41,7 @@ def test_a_finding_leaves_as_a_script_that_python_takes() -> None:
     )
     told = Evidence("finding.py", "a-rtl1", 'RTL "climbs"', 6.0, 8.0, {"ranges": "all inside"}, ["5 s: mode RTL"])
     flight = cast(Any, SimpleNamespace(ending="completed"))
-    known = binary.Binary(Path("/nowhere/arducopter"), "ab" * 32, "ArduCopter V4.5.7")
+    known = Binary(Path("/nowhere/arducopter"), "ab" * 32, "ArduCopter V4.5.7")
     text = standalone(case, flight, told, known, LISTING)
     tree = ast.parse(text)
     assert 'RTL "climbs"' in (ast.get_docstring(tree) or "")
@@ -56,7 +56,7 @@ def test_a_finding_leaves_as_a_script_that_python_takes() -> None:
 
 def test_gains_for_our_frame_stay_at_home() -> None:
     told = Evidence("finding.py", "a-rtl1", "RTL climbs", 6.0, 8.0, {}, [])
-    known = binary.Binary(Path("arducopter"), "ab" * 32, "ArduCopter V4.5.7")
+    known = Binary(Path("arducopter"), "ab" * 32, "ArduCopter V4.5.7")
     flight = cast(Any, SimpleNamespace(ending="completed"))
     text = standalone(TestCase(target=Target(name="ardupilot"), scenario=Scenario()), flight, told, known, LISTING)
     assert "ATC_RAT_RLL_P" not in text

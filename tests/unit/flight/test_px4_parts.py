@@ -20,12 +20,13 @@ from saflite.flight.autopilots.external.elf import MACHINES
 from saflite.flight.autopilots.external.inputs import command_numbers
 from saflite.flight.autopilots.external.link import SimulatedClock
 from saflite.flight.autopilots.external.listing import Listing, Row
+from saflite.flight.autopilots.external.telemetry import PREARM
 from saflite.flight.autopilots.px4 import binary, modes, settings
 from saflite.flight.autopilots.px4.check import check_test_case
 from saflite.flight.autopilots.px4.describe import describe
 from saflite.flight.autopilots.px4.inputs import COMMANDS, Inputs
 from saflite.flight.autopilots.px4.metadata import documented
-from saflite.flight.autopilots.px4.telemetry import PREARM, RADIO, Telemetry
+from saflite.flight.autopilots.px4.telemetry import RADIO, Telemetry
 from saflite.flight.autopilots.px4.vehicle import Vehicle
 from saflite.flight.mavlink.client import Client
 from saflite.flight.native_library import python_library
@@ -163,9 +164,9 @@ PX4_WORDS = (b"px4_daemon", b"simulator_mavlink")
 
 
 def test_a_binary_is_known_by_its_content_and_that_of_its_start_up_files(tmp_path: Path) -> None:
-    first, again = (binary.inspect(build(tmp_path / name, *PX4_WORDS)) for name in ("one", "two"))
+    first, again = (binary.BINARIES.inspect(build(tmp_path / name, *PX4_WORDS)) for name in ("one", "two"))
     assert first.digest == again.digest
-    assert binary.inspect(build(tmp_path / "three", *PX4_WORDS, start_up="exit")).digest != first.digest
+    assert binary.BINARIES.inspect(build(tmp_path / "three", *PX4_WORDS, start_up="exit")).digest != first.digest
     assert binary.is_px4(first.path)
 
 
@@ -183,7 +184,7 @@ def test_what_cannot_fly_is_refused_in_one_line(tmp_path: Path, words: tuple[byt
     if lost:
         (tmp_path / lost).unlink()
     with pytest.raises(Refused, match="autopilot") as caught:
-        binary.inspect(program)
+        binary.BINARIES.inspect(program)
     assert said in str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -220,7 +221,7 @@ def test_describing_loads_no_dialect() -> None:
 
 
 def test_the_description_comes_from_the_binary(tmp_path: Path) -> None:
-    found = binary.inspect(build(tmp_path, *PX4_WORDS))
+    found = binary.BINARIES.inspect(build(tmp_path, *PX4_WORDS))
     info = describe(found, LISTING, "")
     assert list(own_contradictions(info)) == []
     names = {entry.name for entry in info.inputs if entry.kind == "parameter"}

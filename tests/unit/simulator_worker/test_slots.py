@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from saflite.contract.errors import Unavailable
+from saflite.flight.autopilots.external.place import outside
 from saflite.simulator_worker.slots import take_slot
 
 HOLDER = """
@@ -18,9 +19,19 @@ from pathlib import Path
 from saflite.simulator_worker.slots import take_slot
 held = take_slot(Path(sys.argv[1]))
 Path(held.info.folder, "log").write_text("x")
-print(held.info.index, flush=True)
+print(held.info.index, held.info.first_port, flush=True)
 sys.stdin.read()
 """
+
+
+def holder(root: Path) -> tuple[subprocess.Popen[str], int, int]:
+    """Start a process that holds a slot; return it, the slot's number and first port."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", HOLDER, str(root)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None
+    index, first_port = map(int, process.stdout.readline().split())
+    return process, index, first_port
 
 
 def test_slots_differ_in_number_folder_and_ports(tmp_path: Path) -> None:
@@ -35,6 +46,37 @@ def test_slots_differ_in_number_folder_and_ports(tmp_path: Path) -> None:
     assert take_slot(root).info.index == 1
 
 
+def test_slots_of_different_folders_share_no_port(tmp_path: Path) -> None:
+    """Two farms of one host, each with slots of its own."""
+    one, other = take_slot(tmp_path / "one"), take_slot(tmp_path / "other")
+    assert one.info.index == other.info.index == 0
+    assert abs(one.info.first_port - other.info.first_port) >= one.info.ports
+    first_port = one.info.first_port
+    one.release()
+    again = take_slot(tmp_path / "one")
+    assert again.info.first_port == first_port
+    again.release()
+    other.release()
+
+
+def test_what_a_killed_autopilot_left_outside_its_folder_is_cleared_away(tmp_path: Path) -> None:
+    """PX4's socket and lock file lie in /tmp whoever starts it; those of slots in use stay."""
+    process, _, first_port = holder(tmp_path / "slots")
+    held = take_slot(tmp_path / "slots")
+    ours, theirs = outside(held.info.first_port), outside(first_port)
+    for path in (*ours, *theirs):
+        path.touch()
+    held.empty()  # its simulator was killed, the other one flies
+    assert [path.exists() for path in (*ours, *theirs)] == [False, False, True, True]
+    ours[0].touch()
+    process.kill()
+    process.communicate()
+    take_slot(tmp_path / "other").release()
+    assert [path.exists() for path in (*ours, *theirs)] == [True, False, False, False]
+    held.release()
+    assert not ours[0].exists()
+
+
 def test_a_released_slot_leaves_no_file(tmp_path: Path) -> None:
     root = tmp_path / "slots"
     held = take_slot(root)
@@ -47,11 +89,8 @@ def test_a_released_slot_leaves_no_file(tmp_path: Path) -> None:
 def test_the_slot_of_a_killed_process_is_free_and_empty(tmp_path: Path) -> None:
     root = tmp_path / "slots"
     first = take_slot(root)
-    process = subprocess.Popen(
-        [sys.executable, "-c", HOLDER, str(root)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-    )
-    assert process.stdout is not None
-    assert int(process.stdout.readline()) == 1
+    process, index, _ = holder(root)
+    assert index == 1
     third = take_slot(root)
     assert third.info.index == 2
     process.kill()

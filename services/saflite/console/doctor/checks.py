@@ -198,11 +198,13 @@ def _ollama(url: str) -> Finding:
 
 
 def _ardupilot() -> Finding:
-    from saflite.flight.autopilots.ardupilot.binary import named
+    from saflite.flight.autopilots.ardupilot.binary import BINARIES
 
-    return _named(
-        "ArduPilot", lambda: f"{(binary := named()).version}, digest {binary.digest[:12]}, with the JSON backend"
-    )
+    def told() -> str:
+        binary = BINARIES.named()
+        return f"{binary.version}, digest {binary.digest[:12]}, with the JSON backend"
+
+    return _named("ArduPilot", told)
 
 
 def _ardupilot_parameters() -> Finding:
@@ -212,10 +214,10 @@ def _ardupilot_parameters() -> Finding:
 
 
 def _px4() -> Finding:
-    from saflite.flight.autopilots.px4.binary import named
+    from saflite.flight.autopilots.px4.binary import BINARIES
 
     backend = "with the simulator's MAVLink interface and its files"
-    return _named("PX4", lambda: f"digest {named().digest[:12]}, {backend}")
+    return _named("PX4", lambda: f"digest {BINARIES.named().digest[:12]}, {backend}")
 
 
 def _px4_parameters() -> Finding:

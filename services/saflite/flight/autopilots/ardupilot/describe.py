@@ -2,27 +2,31 @@
 
 from __future__ import annotations
 
-import hashlib
-import importlib.util
 from collections.abc import Iterator
 from pathlib import Path
 
-from saflite.contract.target_info import InputInfo, TargetInfo, ValueType
+from saflite.contract.target_info import InputInfo, TargetInfo
 from saflite.contract.test_case import DEFAULT_TARGET, StartState
-from saflite.flight.autopilots.ardupilot.binary import AUTOPILOT, Binary
+from saflite.flight.autopilots.ardupilot.binary import AUTOPILOT
 from saflite.flight.autopilots.ardupilot.inputs import COMMANDS, SIMULATION
-from saflite.flight.autopilots.ardupilot.metadata import Documented, documented
+from saflite.flight.autopilots.ardupilot.metadata import documented
 from saflite.flight.autopilots.ardupilot.settings import TUNE
 from saflite.flight.autopilots.ardupilot.signals import trace_names
 from saflite.flight.autopilots.ardupilot.telemetry import MODES
 from saflite.flight.autopilots.described import setting_ranges
-from saflite.flight.autopilots.external.inputs import PULSE_HIGH_US, PULSE_LOW_US, STICKS
-from saflite.flight.autopilots.external.link import CENTRE_US
-from saflite.flight.autopilots.external.listing import Listing, Row
-from saflite.flight.build import build_of
-from saflite.flight.mavlink.client import WHOLE
+from saflite.flight.autopilots.external.binary import Binary
+from saflite.flight.autopilots.external.check import TIME_LIMIT_MAX_S
+from saflite.flight.autopilots.external.describe import (
+    LIBRARIES,
+    VEHICLE,
+    identity,
+    modes_and_commands,
+    parameter,
+    sticks,
+)
+from saflite.flight.autopilots.external.listing import Listing
+from saflite.flight.autopilots.external.metadata import Documented
 
-TIME_LIMIT_MAX_S = 3600.0
 START_MODES = (
     "GUIDED",
     "LOITER",
@@ -48,12 +52,13 @@ _OURS = ("SERIAL0_", "SR0_")
 
 def describe(binary: Binary | None, listing: Listing | None, lacking: str) -> TargetInfo:
     """Return what the target is and can do here, with nothing of a binary where there is none."""
-    here = binary is not None and listing is not None and not lacking
+    here = binary if listing is not None and not lacking else None
+    parameters = () if here is None or listing is None else _parameters(listing, here.path)
     return TargetInfo(
         name=AUTOPILOT,
-        build=identity(binary) if here and binary is not None else "",
+        build=identity(AUTOPILOT, here),
         repeats="bitwise",
-        inputs=(*_sticks(), *_modes(), *_commands(), *(_parameters(listing, binary.path) if here else ())),  # type: ignore[union-attr, arg-type]
+        inputs=(*sticks(), *modes_and_commands(MODES, COMMANDS), *parameters),
         signals=trace_names(),
         modes=MODES,
         start_states=(
@@ -64,47 +69,11 @@ def describe(binary: Binary | None, listing: Listing | None, lacking: str) -> Ta
         obstacles=True,
         wind=True,
         time_limit_max_s=TIME_LIMIT_MAX_S,
-        vehicle="F450 quadcopter (JSBSim)",
+        vehicle=VEHICLE,
         autopilot=binary.version if binary is not None else "ArduCopter",
-        needs=("jsbsim", "pymavlink", "a simulator build of ArduCopter"),
+        needs=(*LIBRARIES, "a simulator build of ArduCopter"),
         missing=lacking,
     )
-
-
-def missing() -> str:
-    """Return what this machine lacks beside a binary, empty if nothing."""
-    lacking = [name for name in ("jsbsim", "pymavlink") if importlib.util.find_spec(name) is None]
-    return f"the {lacking[0]} package is not installed" if lacking else ""
-
-
-def identity(binary: Binary) -> str:
-    """Return the build of the target: the binary's digest and the code of ours that shapes a trace."""
-    ours = build_of(AUTOPILOT, ("jsbsim", "numpy", "pymavlink"), ("external",))
-    return hashlib.sha256(f"{ours} {binary.digest}".encode()).hexdigest()
-
-
-def _sticks() -> Iterator[InputInfo]:
-    for name, meaning in STICKS.items():
-        yield InputInfo(
-            kind="stick",
-            name=name,
-            unit="us",
-            low=PULSE_LOW_US,
-            high=PULSE_HIGH_US,
-            type="whole",
-            default=CENTRE_US,
-            meaning=meaning,
-        )
-
-
-def _modes() -> Iterator[InputInfo]:
-    for name in MODES:
-        yield InputInfo(kind="mode", name=name)
-
-
-def _commands() -> Iterator[InputInfo]:
-    for name, meaning in COMMANDS.items():
-        yield InputInfo(kind="command", name=name, meaning=meaning)
 
 
 def _parameters(listing: Listing, binary: Path) -> Iterator[InputInfo]:
@@ -113,24 +82,5 @@ def _parameters(listing: Listing, binary: Path) -> Iterator[InputInfo]:
     told.update(documented(binary))
     for name, row in listing.parameters.items():
         if name not in NOT_OFFERED and not name.startswith(_OURS):
-            yield _parameter(name, row, told.get(name, Documented()))
-
-
-def _parameter(name: str, row: Row, told: Documented) -> InputInfo:
-    default = TUNE.get(name, row.value)
-    low, high = told.low, told.high
-    if low is not None and high is not None and low > high:
-        low, high = high, low
-    within = (low is None or default >= low) and (high is None or default <= high)
-    kind: ValueType = "choice" if told.choices and low is None else "whole" if row.kind in WHOLE else "real"
-    return InputInfo(
-        kind="sensor_fault" if name.startswith(SIMULATION) else "parameter",
-        name=name,
-        unit=told.unit,
-        low=low,
-        high=high,
-        type=kind,
-        choices=told.choices if kind == "choice" else (),
-        default=default if within else None,
-        meaning=told.meaning,
-    )
+            default = TUNE.get(name, row.value)
+            yield parameter(name, row, told.get(name, Documented()), default, fault=name.startswith(SIMULATION))

@@ -5,23 +5,22 @@ from __future__ import annotations
 from saflite.contract.errors import Unavailable
 from saflite.contract.rng import derive
 from saflite.contract.test_case import TestCase
-from saflite.flight.autopilots.ardupilot.binary import Binary
-from saflite.flight.autopilots.ardupilot.bring_up import HEARTBEAT_S, HOME, Aircraft
+from saflite.flight.autopilots.ardupilot.bring_up import HEARTBEAT_S, Aircraft
 from saflite.flight.autopilots.ardupilot.inputs import MODE_NUMBERS
 from saflite.flight.autopilots.ardupilot.mission import as_taken
 from saflite.flight.autopilots.ardupilot.settings import start_parameters
 from saflite.flight.autopilots.ardupilot.signals import trace_names
 from saflite.flight.autopilots.ardupilot.telemetry import MODES, RATES_HZ, Telemetry
+from saflite.flight.autopilots.external.binary import Binary
 from saflite.flight.autopilots.external.flight import ANSWER_S, ExternalFlight
 from saflite.flight.autopilots.external.inputs import Inputs
 from saflite.flight.autopilots.external.link import CENTRE_US, TICK_S
 from saflite.flight.autopilots.external.listing import Listing
 from saflite.flight.autopilots.external.place import Place
 
-READY_S, CLIMB_S, SETTLE_S = 120.0, 60.0, 4.0  # simulated
+READY_S = 120.0  # simulated
 NOISE_TICKS = 50  # the vehicle waits up to a second longer, drawn anew for every random seed
-MISSION_YAW_DEG = 90.0
-NEAR_M, SLOW_MPS = 0.5, 0.3
+NEAR_M = 0.5
 ARM, TAKEOFF, START_MISSION = 400, 22, 300
 WIND = ("SIM_WIND_SPD", "SIM_WIND_DIR", "SIM_WIND_TURB")
 WIND_MAX_MPS = 30.0
@@ -30,27 +29,26 @@ WIND_MAX_MPS = 30.0
 class ArduPilotFlight(ExternalFlight):
     """A flight; `run` flies it."""
 
+    LOG = "dataflash.bin"
+
     def __init__(self, test_case: TestCase, binary: Binary, listing: Listing, place: Place) -> None:
-        super().__init__(test_case, binary.version, place, trace_names())
-        self._binary, self._listing = binary, listing
+        super().__init__(test_case, binary, listing, place, trace_names())
         self._changes_seen = -1
         self._wind_told = tuple(listing.values.get(name, 0.0) for name in WIND)
 
     def _powered_up(self) -> Aircraft:
-        mission, given = self._mission, self.test_case.target.parameters
-        home = HOME if mission is None else (mission.home_lat_deg, mission.home_lon_deg, mission.home_alt_m)
-        self._home = home
+        given = self.test_case.target.parameters
         parameters = start_parameters(given, self._listing.parameters, obstacles=bool(len(self._boxes)))
         self._parameters = {**self._listing.values, **parameters}
-        yaw_deg = MISSION_YAW_DEG if mission is not None else 0.0
         return Aircraft(
-            self._binary.path, self._place, parameters, self._boxes, home, yaw_deg, before_tick=self._before_tick
+            self._binary,
+            self._place,
+            parameters,
+            self._boxes,
+            home=self._home,
+            yaw_deg=self._yaw_deg,
+            before_tick=self._before_tick,
         )
-
-    def _artefacts(self, aircraft: Aircraft) -> tuple[tuple[str, bytes], ...]:
-        logs = list(aircraft.logs().values())
-        kept = (("console.txt", aircraft.process.console.encode()),)
-        return (*kept, ("dataflash.bin", logs[-1])) if logs else kept
 
     def _change_weather(self) -> None:
         """Let the wind be what the binary's own wind parameters say, once one of them is changed: the world is ours."""
@@ -65,7 +63,7 @@ class ArduPilotFlight(ExternalFlight):
 
     def _greet(self, aircraft: Aircraft) -> None:
         self._telemetry = Telemetry(aircraft.vehicle, self._parameters, self._home)
-        pulses_us, stimuli = aircraft.radio.pulses_us, self.test_case.stimuli
+        pulses_us, stimuli = aircraft.pulses_us, self.test_case.stimuli
         self._inputs = Inputs(aircraft.client, pulses_us, stimuli, self._listing, MODE_NUMBERS)
         if not aircraft.client.wait_for_heartbeat(HEARTBEAT_S):
             raise Unavailable(f"{self._version}: no heartbeat within {HEARTBEAT_S:.0f} simulated s")
@@ -101,24 +99,16 @@ class ArduPilotFlight(ExternalFlight):
         if why:
             return why
         if self._mission is not None:
-            aircraft.radio.pulses_us[2] = CENTRE_US
+            aircraft.pulses_us[2] = CENTRE_US
             return "" if client.command(START_MISSION, (0.0, 0.0), ANSWER_S).ok else "the mission did not start"
         return self._climb(aircraft) if flies else ""
 
     def _climb(self, aircraft: Aircraft) -> str:
-        board, height_m = aircraft.vehicle, self.start.altitude_m
+        height_m = self.start.altitude_m
         if not aircraft.client.command(TAKEOFF, (0, 0, 0, 0, 0, 0, height_m), ANSWER_S).ok:
             return f"did not take off: {self._last_words()}"
-        board["takeoff_altitude_set_m"] = height_m
-
-        def there() -> bool:
-            return abs(board["altitude_est_m"] - height_m) < NEAR_M and abs(board["climb_mps"]) < SLOW_MPS
-
-        if not self._wait(aircraft, there, CLIMB_S):
-            return f"at {board['altitude_m']:.1f} m after {CLIMB_S:.0f} s: {self._last_words()}"
-        aircraft.radio.pulses_us[2] = CENTRE_US
-        self._wait(aircraft, lambda: False, SETTLE_S)
-        return self._enter(aircraft, self.start.mode)
+        aircraft.vehicle["takeoff_altitude_set_m"] = height_m
+        return self._reach_height(aircraft, NEAR_M) or self._enter(aircraft, self.start.mode)
 
     def _enter(self, aircraft: Aircraft, mode: str) -> str:
         answer = aircraft.client.set_mode(MODES[mode], ANSWER_S)

@@ -6,43 +6,25 @@ Bitmask. A mask whose bits are all documented is a range of whole numbers.
 
 from __future__ import annotations
 
-from functools import cache
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
-import msgspec
+from saflite.flight.autopilots.external import metadata
+from saflite.flight.autopilots.external.metadata import Documented
 
 FILE = "apm.pdef.json"
 FLOAT_BITS = 24
 
 
-class Documented(NamedTuple):
-    """What the metadata says of one parameter."""
-
-    low: float | None = None
-    high: float | None = None
-    unit: str = ""
-    meaning: str = ""
-    choices: tuple[float, ...] = ()
-
-
-def documented(binary: Path) -> dict[str, Documented]:
+def documented(binary: Path) -> Mapping[str, Documented]:
     """Return what the metadata beside a binary says, by name; nothing where there is none that can be read."""
-    path = binary.parent / FILE
-    try:
-        return _read(path, path.stat().st_mtime_ns)
-    except OSError:
-        return {}
+    return metadata.documented(binary.parent / FILE, _rows)
 
 
-@cache
-def _read(path: Path, changed_ns: int) -> dict[str, Documented]:
-    try:
-        groups = msgspec.json.decode(path.read_bytes())
-    except msgspec.DecodeError:
-        return {}
-    rows = (rows for rows in groups.values() if isinstance(rows, dict)) if isinstance(groups, dict) else ()
-    return {name: _row(row) for group in rows for name, row in group.items() if isinstance(row, dict)}
+def _rows(groups: Any) -> dict[str, Documented]:
+    found = (rows for rows in groups.values() if isinstance(rows, dict))
+    return {name: _row(row) for group in found for name, row in group.items() if isinstance(row, dict)}
 
 
 def _row(row: dict[str, Any]) -> Documented:

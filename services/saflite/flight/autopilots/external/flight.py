@@ -15,8 +15,11 @@ from saflite.contract.flight import Ending, FlightRecord, Trace, TraceMessage
 from saflite.contract.service import Cancelled
 from saflite.contract.test_case import StartState, TestCase
 from saflite.flight.autopilots.external import obstacles
+from saflite.flight.autopilots.external.aircraft import HOME
+from saflite.flight.autopilots.external.binary import Binary
 from saflite.flight.autopilots.external.inputs import Inputs
-from saflite.flight.autopilots.external.link import CRASHED_BEFORE, TICK_S, Stopped
+from saflite.flight.autopilots.external.link import CENTRE_US, CRASHED_BEFORE, TICK_S, Stopped
+from saflite.flight.autopilots.external.listing import Listing
 from saflite.flight.autopilots.external.place import FailedBringUp, Place, one_core
 from saflite.flight.autopilots.external.vehicle import GONE, SILENT
 from saflite.flight.geometry import boxes_array
@@ -25,27 +28,34 @@ from saflite.flight.world.wind import WindField
 
 TRACE_STEP_S = 0.04
 AFTER_S = 2.0  # recorded after the end
-ANSWER_S = 5.0  # simulated
+ANSWER_S, CLIMB_S, SETTLE_S = 5.0, 60.0, 4.0  # simulated
+SLOW_MPS = 0.3
 SET_INTERVAL = 511
 CHECK_EVERY = 50
+MISSION_YAW_DEG = 90.0
 DEFAULT_START = StartState()
 
 
 class ExternalFlight(ABC):
     """A flight; `run` flies it.
 
-    The aircraft of an adapter has `vehicle`, `clock`, `client`, `process`, `trouble(came)` and `close()`.
-
     Raises:
         Unavailable: JSBSim or the autopilot cannot be brought up.
     """
 
-    def __init__(self, test_case: TestCase, version: str, place: Place, trace_names: tuple[str, ...]) -> None:
+    LOG = ""
+    """Name of the autopilot's own log among the artefacts."""
+
+    def __init__(
+        self, test_case: TestCase, binary: Binary, listing: Listing, place: Place, trace_names: tuple[str, ...]
+    ) -> None:
+        self._binary, self._listing, self._version, self._place = binary, listing, binary.version, place
         self._trace_names = trace_names
         self.test_case, self.scenario = test_case, test_case.scenario
         self.start = test_case.scenario.start or DEFAULT_START
-        self._version, self._place = version, place
-        self._mission = self.scenario.mission
+        self._mission = mission = self.scenario.mission
+        self._home = HOME if mission is None else (mission.home_lat_deg, mission.home_lon_deg, mission.home_alt_m)
+        self._yaw_deg = MISSION_YAW_DEG if mission is not None else 0.0
         self._boxes = boxes_array(self.scenario.obstacles)
         self._wind = WindField(self.scenario.wind, test_case.rng_seed)
         self._ticks = self._calls = 0
@@ -67,12 +77,7 @@ class ExternalFlight(ABC):
     def _reach_start(self, aircraft: Any) -> str:
         """Wait until it is ready and fly to the start state; return why it did not get there."""
 
-    @abstractmethod
-    def _artefacts(self, aircraft: Any) -> tuple[tuple[str, bytes], ...]:
-        """Return what is kept of the flight beside its trace."""
-
-    @abstractmethod
-    def _change_weather(self) -> None:
+    def _change_weather(self) -> None:  # noqa: B027  (PX4 has no wind of its own)
         """Take over what the autopilot's own simulation parameters say of the world."""
 
     # -- the whole flight -----------------------------------------------------------------------------------------
@@ -92,7 +97,7 @@ class ExternalFlight(ABC):
             self._begin(aircraft)
         except Stopped as fault:
             aircraft.process.listen()
-            record = self._unstarted(aircraft.trouble(fault.came), self._artefacts(aircraft))
+            record = self._unstarted(aircraft.trouble(fault.came), aircraft.artefacts(self.LOG))
             aircraft.close()
             return record
         except BaseException:
@@ -133,7 +138,7 @@ class ExternalFlight(ABC):
             said.append(TraceMessage(at_s=self.time_s, text=trouble, severity="error"))
         message = trouble or next((one.text for one in reversed(said) if one.severity == "error"), "")
         trace = Trace(step_s=TRACE_STEP_S, signals=aircraft.vehicle.columns(), messages=tuple(said))
-        return FlightRecord(ending, trace, message, tuple(self._inputs.delivered), self._artefacts(aircraft))
+        return FlightRecord(ending, trace, message, tuple(self._inputs.delivered), aircraft.artefacts(self.LOG))
 
     # -- time -----------------------------------------------------------------------------------------------------
 
@@ -229,6 +234,19 @@ class ExternalFlight(ABC):
             if good():
                 return True
         return False
+
+    def _reach_height(self, aircraft: Any, near_m: float) -> str:
+        """Wait for the height of the start state, and some seconds more; return why it is not reached."""
+        board, height_m = aircraft.vehicle, self.start.altitude_m
+
+        def there() -> bool:
+            return bool(abs(board["altitude_est_m"] - height_m) < near_m and abs(board["climb_mps"]) < SLOW_MPS)
+
+        if not self._wait(aircraft, there, CLIMB_S):
+            return f"at {board['altitude_m']:.1f} m after {CLIMB_S:.0f} s: {self._last_words()}"
+        aircraft.pulses_us[2] = CENTRE_US
+        self._wait(aircraft, lambda: False, SETTLE_S)
+        return ""
 
     def _settle(self, aircraft: Any) -> None:
         """Wait until every signal was told once, and for a moment at which the trace takes a sample."""

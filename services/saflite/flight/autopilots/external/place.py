@@ -16,6 +16,23 @@ class Place(NamedTuple):
     ports: range
 
 
+_OUTSIDE = ("/tmp/px4-sock-", "/tmp/px4_lock-")  # noqa: S108  (PX4 has no other place for them)
+
+
+def outside(first_port: int) -> tuple[Path, ...]:
+    """Return the files that an autopilot keeps where all users' lie, named after the first port of its place."""
+    return tuple(Path(f"{name}{first_port}") for name in _OUTSIDE)
+
+
+def left_outside() -> Iterator[tuple[int, Path]]:
+    """Yield the files there are of this kind, of living and dead, each with the first port of its place."""
+    for name in _OUTSIDE:
+        for path in Path(name).parent.glob(f"{Path(name).name}*"):
+            number = path.name.removeprefix(Path(name).name)
+            if number.isdecimal():
+                yield int(number), path
+
+
 @contextmanager
 def one_core(place: Place) -> Iterator[None]:
     """Keep this process and what it starts on one core, where two links deliver in the order they were written to.

@@ -1,10 +1,10 @@
-"""From a binary to a vehicle that answers: folder, process, links, first outputs. All ends with `Aircraft.close`."""
+"""From a binary to a PX4 that answers: folder, process, links, first outputs."""
 
 from __future__ import annotations
 
 import os
-import shutil
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from importlib import import_module
 from pathlib import Path
 from socket import AF_INET, IPPROTO_TCP, SO_REUSEADDR, SOCK_STREAM, SOL_SOCKET, TCP_NODELAY, socket
@@ -13,29 +13,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saflite.contract.errors import Unavailable
-from saflite.flight.autopilots.external.link import (
-    CENTRE_US,
-    LOOPBACK,
-    LOW_US,
-    TICK_STEPS,
-    WORDS,
-    LockstepPort,
-    SimulatedClock,
-    bound_udp,
-)
-from saflite.flight.autopilots.external.place import FailedBringUp, Place
+from saflite.flight.autopilots.external import aircraft
+from saflite.flight.autopilots.external.aircraft import HOME
+from saflite.flight.autopilots.external.binary import Binary
+from saflite.flight.autopilots.external.link import CENTRE_US, LOOPBACK, LOW_US, TICK_STEPS, LockstepPort, bound_udp
+from saflite.flight.autopilots.external.place import FailedBringUp, Place, outside
 from saflite.flight.autopilots.external.process import Process
 from saflite.flight.autopilots.external.vehicle import GONE, OK
-from saflite.flight.autopilots.px4.binary import AIRFRAME, START_UP, Binary
+from saflite.flight.autopilots.px4.binary import AIRFRAME, START_UP, start_up_of
 from saflite.flight.autopilots.px4.vehicle import Vehicle
 from saflite.flight.mavlink.client import Client
-from saflite.flight.world.jsbsim_world import HOME_ALT_M, HOME_LAT_DEG, HOME_LON_DEG
 
 PORTS_NEEDED = 3
 SIMULATOR, GROUND, VEHICLE = range(3)  # places among the ports
 CALL_S, FIRST_OUTPUTS_S = 60.0, 30.0  # wall, simulated
 CHANNELS = 8
-HOME = (HOME_LAT_DEG, HOME_LON_DEG, HOME_ALT_M)
 SCRIPTS = {
     "px4-rc.mavlinksim": """#!/bin/sh
 param set MAV_SYS_ID 1
@@ -51,8 +43,8 @@ mavlink start -u {vehicle} -o {ground} -t {host} -r 4000000 -m minimal
 """Start-up files of ours in place of those of the same names: one inertial unit, the slot's ports, one link."""
 
 
-class Aircraft:
-    """A running autopilot in its world, and the link to it.
+class Aircraft(aircraft.Aircraft):
+    """A running PX4 in its world, and the link to it; raises as the class above.
 
     Args:
         parameters: what it starts with beyond its own defaults, as text.
@@ -60,10 +52,6 @@ class Aircraft:
         home: latitude, longitude in degrees, height above sea in metres.
         rng_seed: of the sensors' noise.
         before_tick: called before each step of 20 ms while anything waits on the link.
-
-    Raises:
-        Unavailable: it cannot be started, or its ports are taken.
-        FailedBringUp: it ended, or does not answer.
     """
 
     def __init__(
@@ -78,57 +66,43 @@ class Aircraft:
         rng_seed: int = 0,
         before_tick: Callable[[], None] = lambda: None,
     ) -> None:
-        if len(place.ports) < PORTS_NEEDED:
-            raise Unavailable(f"a slot with {PORTS_NEEDED} ports is needed, this one has {len(place.ports)}")
         import_module("pymavlink.dialects.v20.ardupilotmega")  # now: later, PX4's start-up would run on meanwhile
-        self._place, self._tcp = place, None
-        self.vehicle = Vehicle(boxes, yaw_deg, rng_seed)
-        self.clock = SimulatedClock(self.vehicle)
         self.pulses_us = [CENTRE_US] * CHANNELS
         self.pulses_us[2] = LOW_US
-        self.folder = place.folder / "px4"
-        self._lay_out(binary)
-        self._server = _listening(place.ports[SIMULATOR])
-        try:
-            self._udp = bound_udp(place.ports[GROUND])
-        except Unavailable:
-            self._server.close()
-            raise
-        try:
-            self.process = Process(
-                [str(binary.path), "-i", str(self._instance), "-d", "-w", str(self.folder)],
-                self.folder,
-                environment=_environment(parameters),
-                realtime=True,
-            )
-        except Unavailable:
-            self._close_links()
-            raise
-        try:
-            self._tcp = self._called()
-            self.vehicle.connect(self._tcp, self._udp, home)
-            self._wait_for_outputs()
-        except BaseException:
-            self.close()
-            raise
+        self._binary, self._parameters, self._home, self._before_tick = binary, parameters, home, before_tick
+        super().__init__(Vehicle(boxes, yaw_deg, rng_seed), place, "px4", PORTS_NEEDED)
+
+    def _bring_up(self, opened: ExitStack) -> None:
+        binary, ports = self._binary.path, self._place.ports
+        self._lay_out(start_up_of(binary))
+        server = opened.enter_context(_listening(ports[SIMULATOR]))
+        udp = opened.enter_context(bound_udp(ports[GROUND]))
+        opened.callback(self._remove_names)
+        command = [str(binary), "-i", str(self._instance), "-d", "-w", str(self.folder)]
+        environment = _environment(self._parameters)
+        self.process = self._started(opened, Process(command, self.folder, environment=environment, realtime=True))
+        self.vehicle.connect(opened.enter_context(self._called(server)), udp, self._home)
+        self._wait_for_outputs()
+
+        def send(data: bytes) -> None:
+            udp.sendto(data, (LOOPBACK, ports[VEHICLE]))
 
         def before() -> None:
-            before_tick()
+            self._before_tick()
             self.vehicle.set_pulses(self.pulses_us)
 
-        self.client = Client(self.clock, LockstepPort(self.vehicle, self._send, before))
+        self.client = Client(self.clock, LockstepPort(self.vehicle, send, before))
 
     @property
     def _instance(self) -> int:
         """Names its socket and lock file, which lie where all users' do; ports are given by our start-up files."""
         return self._place.ports[0]
 
-    def _lay_out(self, binary: Binary) -> None:
+    def _lay_out(self, start_up: Path) -> None:
         """Make its folder: its own start-up files by links, but for those that start links."""
-        shutil.rmtree(self.folder, ignore_errors=True)
         scripts = self.folder / "etc" / START_UP
         scripts.mkdir(parents=True)
-        for there, here in ((binary.start_up, scripts.parent), (binary.start_up / START_UP, scripts)):
+        for there, here in ((start_up, scripts.parent), (start_up / START_UP, scripts)):
             for path in there.iterdir():
                 if path.name not in (START_UP, *SCRIPTS):
                     (here / path.name).symlink_to(path)
@@ -137,12 +111,12 @@ class Aircraft:
             words = text.format(simulator=ports[SIMULATOR], vehicle=ports[VEHICLE], ground=ports[GROUND], host=LOOPBACK)
             (scripts / name).write_text(words)
 
-    def _called(self) -> socket:
+    def _called(self, server: socket) -> socket:
         """Return the link it calls us on."""
-        self._server.settimeout(0.2)
+        server.settimeout(0.2)
         for _ in range(round(CALL_S / 0.2)):
             try:
-                made, _ = self._server.accept()
+                made, _ = server.accept()
             except TimeoutError:
                 self.process.listen()
                 if self.process.gone:
@@ -161,31 +135,14 @@ class Aircraft:
             if self.clock.monotonic_s() > FIRST_OUTPUTS_S:
                 raise FailedBringUp(f"no motor commands within {FIRST_OUTPUTS_S:.0f} simulated s")
 
-    def _send(self, data: bytes) -> None:
-        self._udp.sendto(data, (LOOPBACK, self._place.ports[VEHICLE]))
-
-    def trouble(self, came: int) -> str:
-        """Return in words how it ended, where it does not go on."""
-        return self.process.how_it_ended() if came == GONE else WORDS.get(came, "the world failed")
-
     def logs(self) -> dict[str, bytes]:
         """Return the ULog files it wrote, by name, oldest first."""
         found = sorted((self.folder / "log").rglob("*.ulg"), key=lambda path: path.stat().st_mtime_ns)
         return {path.name: path.read_bytes() for path in found}
 
-    def close(self) -> None:
-        """End the process and everything of it; may be called twice."""
-        self.process.end()
-        self._close_links()
-        shutil.rmtree(self.folder, ignore_errors=True)
-        for name in ("px4-sock", "px4_lock"):
-            Path(f"/tmp/{name}-{self._instance}").unlink(missing_ok=True)  # noqa: S108  (its own, by its own rule)
-
-    def _close_links(self) -> None:
-        self._server.close()
-        self._udp.close()
-        if self._tcp is not None:
-            self._tcp.close()
+    def _remove_names(self) -> None:
+        for path in outside(self._instance):
+            path.unlink(missing_ok=True)
 
 
 def _environment(parameters: Mapping[str, str]) -> dict[str, str]:

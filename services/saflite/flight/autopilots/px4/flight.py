@@ -7,22 +7,21 @@ import math
 from saflite.contract.errors import Unavailable
 from saflite.contract.rng import derive
 from saflite.contract.test_case import StartState, TestCase
+from saflite.flight.autopilots.external.binary import Binary
 from saflite.flight.autopilots.external.flight import ANSWER_S, ExternalFlight
 from saflite.flight.autopilots.external.link import CENTRE_US, TICK_S
 from saflite.flight.autopilots.external.listing import HEARTBEAT_S, Listing
 from saflite.flight.autopilots.external.place import Place
 from saflite.flight.autopilots.px4 import modes
-from saflite.flight.autopilots.px4.binary import Binary
-from saflite.flight.autopilots.px4.bring_up import HOME, Aircraft
+from saflite.flight.autopilots.px4.bring_up import Aircraft
 from saflite.flight.autopilots.px4.inputs import Inputs
 from saflite.flight.autopilots.px4.settings import as_texts, start_parameters
 from saflite.flight.autopilots.px4.signals import trace_names
 from saflite.flight.autopilots.px4.telemetry import RATES_HZ, Telemetry
 
-READY_S, CLIMB_S, SETTLE_S = 60.0, 60.0, 4.0  # simulated
+READY_S = 60.0  # simulated
 BEGIN_S, NOISE_TICKS = 15.0, 50  # arming at a time of its own, up to a second later: drawn anew for every random seed
-MISSION_YAW_DEG = 90.0
-NEAR_M, SLOW_MPS = 0.7, 0.3
+NEAR_M = 0.7
 ARM, TAKEOFF = 400, 22
 DEFAULT_START = StartState(mode="BRAKE")
 
@@ -30,15 +29,14 @@ DEFAULT_START = StartState(mode="BRAKE")
 class Px4Flight(ExternalFlight):
     """A flight; `run` flies it."""
 
+    LOG = "flight.ulg"
+
     def __init__(self, test_case: TestCase, binary: Binary, listing: Listing, place: Place) -> None:
-        super().__init__(test_case, binary.version, place, trace_names(listing.values))
+        super().__init__(test_case, binary, listing, place, trace_names(listing.values))
         self.start = test_case.scenario.start or DEFAULT_START
-        self._binary, self._listing = binary, listing
 
     def _powered_up(self) -> Aircraft:
-        mission, given = self._mission, self.test_case.target.parameters
-        home = HOME if mission is None else (mission.home_lat_deg, mission.home_lon_deg, mission.home_alt_m)
-        self._home = home
+        given = self.test_case.target.parameters
         parameters = start_parameters(given, self._listing, obstacles=bool(len(self._boxes)))
         self._parameters = {**self._listing.values, **parameters}
         return Aircraft(
@@ -46,19 +44,11 @@ class Px4Flight(ExternalFlight):
             self._place,
             as_texts(parameters, self._listing.types),
             self._boxes,
-            home=home,
-            yaw_deg=MISSION_YAW_DEG if mission is not None else 0.0,
+            home=self._home,
+            yaw_deg=self._yaw_deg,
             rng_seed=self.test_case.rng_seed,
             before_tick=self._before_tick,
         )
-
-    def _artefacts(self, aircraft: Aircraft) -> tuple[tuple[str, bytes], ...]:
-        logs = list(aircraft.logs().values())
-        kept = (("console.txt", aircraft.process.console.encode()),)
-        return (*kept, ("flight.ulg", logs[-1])) if logs else kept
-
-    def _change_weather(self) -> None:
-        """It has no wind of its own."""
 
     def _greet(self, aircraft: Aircraft) -> None:
         client = aircraft.client
@@ -99,21 +89,14 @@ class Px4Flight(ExternalFlight):
         return why
 
     def _climb(self, aircraft: Aircraft) -> str:
-        board, client, height_m = aircraft.vehicle, aircraft.client, self.start.altitude_m
+        client, height_m = aircraft.client, self.start.altitude_m
         above_sea_m = self._home[2] + height_m  # the height ordered is above sea, not home
         numbers = (0.0, 0.0, 0.0, math.nan, math.nan, math.nan, above_sea_m)
         if not client.command(TAKEOFF, numbers, ANSWER_S).ok:
             return f"did not take off: {self._last_words()}"
         if not client.command(ARM, (1.0,), ANSWER_S).ok:
             return f"did not arm: {self._last_words()}"
-
-        def there() -> bool:
-            return abs(board["altitude_est_m"] - height_m) < NEAR_M and abs(board["climb_mps"]) < SLOW_MPS
-
-        if not self._wait(aircraft, there, CLIMB_S):
-            return f"at {board['altitude_m']:.1f} m after {CLIMB_S:.0f} s: {self._last_words()}"
-        self._wait(aircraft, lambda: False, SETTLE_S)
-        return self._enter(aircraft, self.start.mode)
+        return self._reach_height(aircraft, NEAR_M) or self._enter(aircraft, self.start.mode)
 
     def _enter(self, aircraft: Aircraft, mode: str) -> str:
         mode = "BRAKE" if mode == "GUIDED" else mode  # PX4's own is offboard, which needs a companion

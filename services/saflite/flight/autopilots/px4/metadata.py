@@ -2,41 +2,23 @@
 
 from __future__ import annotations
 
-from functools import cache
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
-import msgspec
+from saflite.flight.autopilots.external import metadata
+from saflite.flight.autopilots.external.metadata import Documented
 
 FILE = "parameters.json"
 
 
-class Documented(NamedTuple):
-    """What the metadata says of one parameter."""
-
-    low: float | None = None
-    high: float | None = None
-    unit: str = ""
-    meaning: str = ""
-    choices: tuple[float, ...] = ()
-
-
-def documented(binary: Path) -> dict[str, Documented]:
+def documented(binary: Path) -> Mapping[str, Documented]:
     """Return what the metadata of a build says, by name; nothing where there is none that can be read."""
-    path = binary.parent.parent / FILE
-    try:
-        return _read(path, path.stat().st_mtime_ns)
-    except OSError:
-        return {}
+    return metadata.documented(binary.parent.parent / FILE, _rows)
 
 
-@cache
-def _read(path: Path, changed_ns: int) -> dict[str, Documented]:
-    try:
-        rows = msgspec.json.decode(path.read_bytes())["parameters"]
-        return {str(row["name"]): _row(row) for row in rows}
-    except (msgspec.DecodeError, KeyError, TypeError, ValueError):
-        return {}
+def _rows(content: Any) -> dict[str, Documented]:
+    return {str(row["name"]): _row(row) for row in content["parameters"]}
 
 
 def _row(row: dict[str, Any]) -> Documented:

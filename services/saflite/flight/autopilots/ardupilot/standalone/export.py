@@ -11,13 +11,12 @@ from saflite.contract.errors import Refused
 from saflite.contract.flight import Flight
 from saflite.contract.standalone import Evidence
 from saflite.contract.test_case import Stimulus, TestCase
-from saflite.flight.autopilots.ardupilot.binary import Binary
-from saflite.flight.autopilots.ardupilot.bring_up import HOME
-from saflite.flight.autopilots.ardupilot.flight import MISSION_YAW_DEG
 from saflite.flight.autopilots.ardupilot.mission import as_taken
 from saflite.flight.autopilots.ardupilot.settings import F450, start_parameters
 from saflite.flight.autopilots.ardupilot.telemetry import MODES
-from saflite.flight.autopilots.external.flight import DEFAULT_START
+from saflite.flight.autopilots.external.aircraft import HOME
+from saflite.flight.autopilots.external.binary import Binary
+from saflite.flight.autopilots.external.flight import DEFAULT_START, MISSION_YAW_DEG
 from saflite.flight.autopilots.external.inputs import command_number
 from saflite.flight.autopilots.external.listing import Listing
 from saflite.flight.mavlink.client import CUSTOM_MODE, DO_SET_MODE

@@ -1,0 +1,57 @@
+"""What tells one autopilot in a process of its own from another, as the target in front of it needs it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+from saflite.contract.errors import Unavailable
+from saflite.contract.target_info import TargetInfo
+from saflite.contract.test_case import TestCase
+from saflite.flight.autopilots.external import listing
+from saflite.flight.autopilots.external.aircraft import Aircraft
+from saflite.flight.autopilots.external.binary import Binaries, Binary
+from saflite.flight.autopilots.external.flight import ExternalFlight
+from saflite.flight.autopilots.external.link import Stopped
+from saflite.flight.autopilots.external.listing import Listing
+from saflite.flight.autopilots.external.place import FailedBringUp, Place
+
+
+class Adapter(NamedTuple):
+    """An autopilot that people name a binary of.
+
+    `describe` takes binary, list of parameters and what this machine lacks; `check` raises Refused for what the binary
+    cannot fly; `flight` makes one flight; `powered_up` starts the binary only to be asked.
+    """
+
+    binaries: Binaries
+    describe: Callable[[Binary | None, Listing | None, str], TargetInfo]
+    check: Callable[[TestCase, Listing], None]
+    flight: Callable[[TestCase, Binary, Listing, Place], ExternalFlight]
+    powered_up: Callable[[Binary, Place], Aircraft]
+
+    def known(self, binary: Binary) -> Listing | None:
+        """Return what is remembered of a binary's parameters, None where it was never asked."""
+        return listing.known(self.binaries.cache_folder(), binary.digest)
+
+    def ask(self, binary: Binary, place: Place) -> Listing:
+        """Return what a binary says of its parameters; it is started for that where it was never asked.
+
+        Raises:
+            Unavailable: it does not come up, or does not tell all.
+        """
+        remembered = self.known(binary)
+        if remembered is not None:
+            return remembered
+        try:
+            aircraft = self.powered_up(binary, place)
+        except FailedBringUp as fault:
+            raise Unavailable(f"{binary.version}: {fault}") from fault
+        try:
+            found = Listing(binary=binary.digest, parameters=listing.listed(aircraft.client))
+        except Stopped as fault:
+            raise Unavailable(f"{binary.version}: {aircraft.trouble(fault.came)}") from fault
+        finally:
+            aircraft.close()
+        listing.remember(self.binaries.cache_folder(), found)
+        return found

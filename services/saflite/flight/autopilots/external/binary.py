@@ -1,0 +1,79 @@
+"""Which binary flies: the one a person names. It is known by its content; its path goes nowhere.
+
+The autopilot is an external program; nothing of it is part of this package.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+from saflite.contract.config import environment, set_environment
+from saflite.contract.errors import Refused, Unavailable
+
+
+class Binary(NamedTuple):
+    """A binary that can fly here; `digest` is of all that is started of it, `version` what it says of itself."""
+
+    path: Path
+    digest: str
+    version: str
+
+
+class Binaries(NamedTuple):
+    """How a person names the binaries of one autopilot.
+
+    `target` is what they fly for, `label` the autopilot's name, `variable` of the environment holds the path, `wanted`
+    says in words what to name; `look` tells what a file with content is, given its time of change in ns (Refused
+    where it cannot fly).
+    """
+
+    target: str
+    label: str
+    variable: str
+    wanted: str
+    look: Callable[[Path, int], Binary]
+
+    def inspect(self, path: Path) -> Binary:
+        """Return what a file is, without running it; raises Refused where it cannot fly."""
+        try:
+            found = path.resolve()
+            state = found.stat()
+            if not found.is_file() or state.st_size == 0:
+                raise Refused("autopilot", where=str(path), expected="a program", got="no file with content")
+            return self.look(found, state.st_mtime_ns)
+        except OSError as fault:
+            raise Refused(
+                "autopilot", where=str(path), expected="a program", got=str(fault), fix=self.wanted
+            ) from fault
+
+    def use(self, path: Path) -> None:
+        """Have this process and those it starts fly with the binary in `path`; raises Refused as `inspect`."""
+        self.inspect(path)
+        set_environment(self.variable, str(path.resolve()))
+
+    def named(self) -> Binary:
+        """Return the binary named for this process.
+
+        Raises:
+            Unavailable: none is named, or it is gone.
+            Refused: it cannot fly; see `inspect`.
+        """
+        place, how = environment(self.variable), f"name its simulator build: --autopilot PATH or {self.variable}=PATH"
+        if not place:
+            raise Unavailable(f"no {self.label} binary is named; {how}")
+        if not Path(place).is_file():
+            raise Unavailable(f"{self.variable}: no file at {place}; {how}")
+        return self.inspect(Path(place))
+
+    def cache_folder(self) -> Path:
+        """Return the folder of what this user's binaries said of themselves."""
+        return Path(environment("SAFLITE_CACHE") or Path.home() / ".cache" / "saflite") / self.target
+
+
+def check_runnable(path: Path) -> None:
+    """Raise Refused where this user may not run a file."""
+    if not os.access(path, os.X_OK):
+        raise Refused("autopilot", where=str(path), expected="leave to run it", got="none", fix=f"chmod +x {path}")

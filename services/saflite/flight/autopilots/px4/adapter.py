@@ -1,0 +1,22 @@
+"""PX4 as a target needs it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from saflite.flight.autopilots.external.adapter import Adapter
+from saflite.flight.autopilots.external.binary import Binary
+from saflite.flight.autopilots.external.place import Place
+from saflite.flight.autopilots.px4.binary import BINARIES
+from saflite.flight.autopilots.px4.bring_up import Aircraft
+from saflite.flight.autopilots.px4.check import check_test_case
+from saflite.flight.autopilots.px4.describe import describe
+from saflite.flight.autopilots.px4.flight import Px4Flight
+from saflite.flight.autopilots.px4.settings import NO_LOG
+
+
+def _powered_up(binary: Binary, place: Place) -> Aircraft:
+    return Aircraft(binary, place, {name: str(round(value)) for name, value in NO_LOG.items()}, np.zeros((0, 8)))
+
+
+ADAPTER = Adapter(BINARIES, describe, check_test_case, Px4Flight, _powered_up)

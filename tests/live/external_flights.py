@@ -1,0 +1,93 @@
+"""Flights with autopilots in processes of their own, for tests: the one that a variable names, or a program of ours."""
+
+from __future__ import annotations
+
+import os
+import stat
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+from saflite.conformance.flying import opened
+from saflite.contract.flight import FlightRecord
+from saflite.contract.test_case import Scenario, StartState, Stimulus, StimulusKind, Target, TestCase
+from saflite.flight.autopilots.external.adapter import Adapter
+from saflite.flight.autopilots.external.binary import Binary
+from saflite.flight.autopilots.external.listing import Listing
+from saflite.flight.autopilots.external.place import Place
+from saflite.simulator_worker.processes import children
+from saflite.simulator_worker.registry import load_target, why_missing
+
+Given = tuple[float, StimulusKind, str, float]
+
+
+class StandIn(NamedTuple):
+    """A program of ours that speaks an autopilot's protocols, and where it flies."""
+
+    adapter: Adapter
+    binary: Binary
+    listing: Listing
+    place: Place
+
+    def flown(
+        self, *stimuli: Given, start: StartState | None = None, limit_s: float = 4.0, **parameters: float
+    ) -> FlightRecord:
+        """Fly a hover with inputs."""
+        return self.fly(case(self.name, *stimuli, start=start, limit_s=limit_s, **parameters))
+
+    def fly(self, test_case: TestCase, *, cancelled: bool = False) -> FlightRecord:
+        """Fly a test case."""
+        return self.adapter.flight(test_case, self.binary, self.listing, self.place).run(lambda: cancelled)
+
+    @property
+    def name(self) -> str:
+        return self.adapter.binaries.target
+
+
+def program(adapter: Adapter, folder: Path) -> Binary:
+    """Write a stand-in where a build would lie; its source is `NAME_peer.py` beside this file."""
+    name = adapter.binaries.target
+    path = folder / "build" / "bin" / name
+    path.parent.mkdir(parents=True)
+    (folder / "build" / "etc" / "init.d-posix").mkdir(parents=True)
+    path.write_text(f'#!/bin/sh\nexec {sys.executable} {Path(__file__).with_name(f"{name}_peer.py")} "$@"\n')
+    path.chmod(path.stat().st_mode | stat.S_IXUSR)
+    return Binary(path, "ab" * 32, "a peer")
+
+
+def case(
+    name: str,
+    *stimuli: Given,
+    start: StartState | None = None,
+    limit_s: float = 4.0,
+    scenario: Scenario | None = None,
+    **parameters: float,
+) -> TestCase:
+    """Return a test case from the target's first start state, 5 m up, or another scenario."""
+    first = start or StartState(mode=load_target(name).describe().start_states[0].mode, altitude_m=5.0)
+    return TestCase(
+        target=Target(name=name, parameters=parameters),
+        scenario=scenario or Scenario(start=first, time_limit_s=limit_s),
+        stimuli=tuple(Stimulus(at_s=at, kind=kind, name=word, values=(value,)) for at, kind, word, value in stimuli),
+        rng_seed=3,
+    )
+
+
+def answers(record: FlightRecord) -> list[str]:
+    """Return what became of each input."""
+    return [one.answer for one in record.delivered or ()]
+
+
+def really_flown(adapter: Adapter, *cases: TestCase) -> list[FlightRecord]:
+    """Fly in one session with the binary that the environment names, skip where it names none; no process is left."""
+    variable, name = adapter.binaries.variable, adapter.binaries.target
+    lacking = why_missing(name) if os.environ.get(variable) else f"{variable} names no binary"
+    if lacking:
+        pytest.skip(lacking)
+    before = set(children(os.getpid()))
+    with opened(load_target(name)) as session:
+        records = [session.fly(one, 300.0, lambda: False) for one in cases]
+    assert set(children(os.getpid())) <= before
+    return records

@@ -1,0 +1,193 @@
+"""Autopilots in processes of their own, in flight: programs of ours that speak each one's protocols stand in."""
+
+from __future__ import annotations
+
+import os
+import select
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+import pytest
+from external_flights import StandIn, answers, case, program
+
+from saflite.contract.errors import Unavailable
+from saflite.contract.test_case import Scenario, StartState, Wind
+from saflite.flight.autopilots.ardupilot.adapter import ADAPTER as ARDUPILOT
+from saflite.flight.autopilots.external import vehicle as vehicle_module
+from saflite.flight.autopilots.external.adapter import Adapter
+from saflite.flight.autopilots.external.place import Place
+from saflite.flight.autopilots.px4.adapter import ADAPTER as PX4
+from saflite.simulator_worker.agreement import differences
+from saflite.simulator_worker.processes import children
+from saflite.simulator_worker.slots import take_slot
+
+pytestmark = pytest.mark.live
+
+
+@pytest.fixture(autouse=True)
+def no_process_left() -> Iterator[None]:
+    """What a test starts ends with it; tests of other files may have left their helpers."""
+    before = set(children(os.getpid()))
+    yield
+    assert set(children(os.getpid())) <= before
+
+
+@pytest.fixture
+def place() -> Iterator[Place]:
+    held = take_slot()
+    info = held.info
+    yield Place(Path(info.folder), range(info.first_port, info.first_port + info.ports))
+    held.release()
+
+
+def standing_in(adapter: Adapter, place: Place, folder: Path, monkeypatch: pytest.MonkeyPatch) -> StandIn:
+    """Return the program that stands in for an autopilot; no file of an earlier listing is known."""
+    monkeypatch.setenv("SAFLITE_CACHE", str(folder / "cache"))
+    binary = program(adapter, folder)
+    return StandIn(adapter, binary, adapter.ask(binary, place), place)
+
+
+@pytest.fixture(params=[ARDUPILOT, PX4], ids=["ardupilot", "px4"])
+def peer(request: pytest.FixtureRequest, place: Place, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> StandIn:
+    return standing_in(request.param, place, tmp_path, monkeypatch)
+
+
+@pytest.fixture
+def ardupilot(place: Place, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> StandIn:
+    return standing_in(ARDUPILOT, place, tmp_path, monkeypatch)
+
+
+@pytest.fixture
+def px4(place: Place, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> StandIn:
+    return standing_in(PX4, place, tmp_path, monkeypatch)
+
+
+def test_a_binary_is_asked_once_for_its_parameters(peer: StandIn) -> None:
+    told = {"ardupilot": ("RTL_ALT", 1500.0), "px4": ("GF_ACTION", 2.0)}  # the second is told by its bytes
+    name, value = told[peer.name]
+    assert peer.listing.values[name] == value
+    peer.binary.path.unlink()
+    assert peer.adapter.ask(peer.binary, peer.place) == peer.adapter.known(peer.binary) == peer.listing
+
+
+def test_ardupilot_hovers_and_takes_what_it_is_given(ardupilot: StandIn) -> None:
+    record = ardupilot.flown(
+        (0.5, "parameter", "RTL_ALT", 900.0),
+        (1.0, "command", "MAV_CMD_DO_GRIPPER", 1.0),
+        (1.5, "mode", "LOITER", 0.0),
+        (2.0, "stick", "RC1", 1600.0),
+        RTL_ALT=1200.0,
+    )
+    assert record.ending == "completed"
+    assert answers(record) == ["accepted", "denied", "accepted", "accepted"]
+    trace = record.trace
+    assert trace is not None
+    assert trace.samples == 101
+    assert np.abs(trace.array("altitude_m") - 5.0).max() < 0.6
+    assert (trace.array("rtl_altitude_set_m")[0], trace.array("rtl_altitude_set_m")[-1]) == (12.0, 9.0)
+    assert (trace.array("mode")[0], trace.array("mode")[-1]) == (4.0, 5.0)
+    assert trace.array("armed").min() == 1.0
+    assert dict(record.artefacts)["console.txt"].startswith(b"Waiting")
+
+
+def test_px4_hovers_and_takes_what_it_is_given(px4: StandIn) -> None:
+    record = px4.flown(
+        (0.2, "parameter", "GF_ACTION", 3.0),
+        (0.3, "sensor_fault", "compass_off", 1.0),
+        (0.4, "mode", "LOITER", 0.0),
+        (0.5, "mode", "ACRO", 0.0),
+        (1.0, "stick", "RC1", 1600.0),
+        (1.0, "sensor_fault", "baro_noise", 0.1),
+        RTL_RETURN_ALT=40.0,
+    )
+    assert record.ending == "completed"
+    assert answers(record) == ["accepted", "denied", "accepted", "denied", "accepted", "accepted"]
+    assert record.delivered is not None
+    assert record.delivered[3].message == "acknowledged, but without effect"
+    trace = record.trace
+    assert trace is not None
+    assert np.abs(trace.array("altitude_m") - 5.0).max() < 1.5
+    assert trace.array("rtl_altitude_set_m")[0] == 40.0
+    assert (trace.array("fence_action_set")[0], trace.array("fence_action_set")[-1]) == (4.0, 1.0)
+    assert (trace.array("rc1_pwm")[0], trace.array("rc1_pwm")[-1]) == (1500.0, 1600.0)
+    assert trace.array("armed").min() == 1.0
+
+
+def test_flights_repeat_bit_by_bit_also_after_others(ardupilot: StandIn) -> None:
+    windy = Scenario(start=StartState(altitude_m=5.0), time_limit_s=3.0, wind=Wind(mean_mps=3.0, gust_mps=1.0))
+    one = case("ardupilot", (0.5, "parameter", "RTL_ALT", 900.0), scenario=windy)
+    first = ardupilot.fly(one)
+    ardupilot.flown((0.5, "parameter", "SIM_CUT", 1.0))
+    assert list(differences(first, ardupilot.fly(one))) == []
+
+
+def test_landing_ends_the_flight(peer: StandIn) -> None:
+    modes = {"ardupilot": "GUIDED", "px4": "BRAKE"}
+    start = StartState(mode=modes[peer.name], altitude_m=2.5)
+    record = peer.flown((0.2, "mode", "LAND", 0.0), start=start, limit_s=40.0)
+    assert record.ending == "completed"
+    assert record.trace is not None
+    assert record.trace.duration_s < 35.0
+    assert record.trace.array("armed")[-1] == 0.0
+
+
+def test_falling_is_a_crash_of_the_world(peer: StandIn) -> None:
+    assert peer.flown((0.5, "parameter", "SIM_CUT", 1.0)).ending == "crashed"
+
+
+def test_falling_before_the_start_is_a_crash_where_the_test_case_asked_for_it(ardupilot: StandIn) -> None:
+    record = ardupilot.flown(SIM_CUT=2.0)
+    assert record.ending == "crashed"
+    assert record.trace is not None
+    assert record.trace.samples == 1
+
+
+def test_a_death_is_a_finding_with_its_last_words(peer: StandIn) -> None:
+    record = peer.flown((0.5, "parameter", "SIM_DIE", 1.0))
+    assert record.ending == "autopilot_died"
+    assert record.message == "the autopilot ended with signal SIGABRT: PANIC: told to at 0x.."
+    assert record.trace is not None
+    assert 0.4 < record.trace.duration_s <= 0.56
+    assert record.delivered is not None
+    assert record.delivered[0].at_s == 0.5
+
+
+def test_silence_is_a_stall(peer: StandIn, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(vehicle_module, "SILENT_MS", 300)
+    record = peer.flown((0.5, "parameter", "SIM_HANG", 1.0))
+    assert record.ending == "wedged"
+    assert record.message == "the autopilot hangs"
+
+
+def test_bring_up_that_fails_is_ours_unless_the_test_case_asked_for_it(peer: StandIn) -> None:
+    record = peer.flown(SIM_NEVER_READY=1.0)
+    assert record.trace is not None
+    assert "start state not reached" in record.trace.messages[0].text
+    peer.binary.path.write_text("#!/bin/sh\necho no room; exit 3\n")
+    with pytest.raises(Unavailable, match="exit code 3: no room"):
+        peer.flown()
+
+
+def test_a_flight_leaves_nothing(peer: StandIn) -> None:
+    peer.flown()
+    with pytest.raises(Unavailable, match="cancelled"):
+        peer.fly(case(peer.name), cancelled=True)
+    assert list(peer.place.folder.iterdir()) == []
+    assert list(Path("/tmp").glob(f"px4*-{peer.place.ports[0]}")) == []
+
+
+def test_it_ends_with_whoever_started_it(tmp_path: Path) -> None:
+    starting = f"""
+import os, time
+from pathlib import Path
+from saflite.flight.autopilots.external.process import Process
+print(Process(["/bin/sleep", "600"], Path({str(tmp_path)!r}))._process.pid, flush=True)
+"""
+    pid = int(subprocess.run([sys.executable, "-c", starting], capture_output=True, check=True, text=True).stdout)
+    with suppress(ProcessLookupError):  # gone already
+        ended = os.pidfd_open(pid)
+        assert select.select([ended], [], [], 20.0)[0], "it lives on"
