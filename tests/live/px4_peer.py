@@ -173,7 +173,9 @@ class Peer:
     def on_command_long(self, message: Any) -> None:
         result = dialect.MAV_RESULT_ACCEPTED
         if message.command == dialect.MAV_CMD_SET_MESSAGE_INTERVAL:
-            self.intervals_s[dialect.mavlink_map[int(message.param1)].msgname] = message.param2 * 1e-6
+            name = dialect.mavlink_map[int(message.param1)].msgname
+            if name != "HEARTBEAT":  # once a second, whatever is asked for
+                self.intervals_s[name] = message.param2 * 1e-6
         elif message.command == dialect.MAV_CMD_DO_SET_MODE:
             if message.param2 == 3 and not self.pulses:
                 result = dialect.MAV_RESULT_DENIED
@@ -199,6 +201,10 @@ class Peer:
     def say_heartbeat(self) -> None:
         main, sub = self.mode
         self.mav.heartbeat_send(2, 12, 1 + 128 * self.armed, main << 16 | sub << 24, 4 if self.armed else 3)
+
+    def say_high_latency2(self) -> None:
+        main, sub = self.mode
+        self.mav.high_latency2_send(0, 2, 12, main | sub << 8, *[0] * 19, 0, 0, 0, 0)
 
     def say_sys_status(self) -> None:
         ready = self.time_s > READY_S and self.gps > 5 and not self.parameters["SIM_NEVER_READY"]

@@ -23,6 +23,8 @@ def test_it_hovers_and_changes_modes() -> None:
     assert np.abs(record.trace.array("altitude_m") - 20.0).max() < 3.0
     assert record.trace.array("rtl_altitude_set_m")[-1] == 30.0
     assert set(record.trace.array("mode")) == {2.0, 5.0}
+    changed_s = float(np.argmax(record.trace.array("mode") == 2.0)) * record.trace.step_s
+    assert 2.0 < changed_s < 2.3  # a heartbeat, once a second, would tell too late for rules
 
 
 def test_it_sees_faults() -> None:

@@ -243,10 +243,12 @@ def test_modes_have_common_names() -> None:
 
 def test_what_the_vehicle_says_comes_under_common_names(vehicle: Vehicle, client: Client) -> None:
     told = Telemetry(vehicle, client, LISTING.values, HOME)
+    vehicle["armed"] = 1.0  # told with the motor commands
     whole = struct.unpack("<f", struct.pack("<i", 3))[0]
     for one in (
-        message("HEARTBEAT", custom_mode=modes.custom("LOITER"), base_mode=128 + 1, system_status=5),
-        message("HIGH_LATENCY2", failure_flags=RADIO),
+        message("HEARTBEAT", custom_mode=modes.custom("RTL"), system_status=5),
+        message("HIGH_LATENCY2", failure_flags=RADIO, custom_mode=modes.custom("LOITER") >> 16),
+        message("HIGH_LATENCY2", custom_mode=modes.custom("LOITER") >> 16),  # its causes have not been looked at anew
         message("EXTENDED_SYS_STATE", landed_state=2),
         message("GLOBAL_POSITION_INT", relative_alt=12_500),
         message("LOCAL_POSITION_NED", x=3.0, y=4.0, vz=-1.0),
@@ -262,9 +264,11 @@ def test_what_the_vehicle_says_comes_under_common_names(vehicle: Vehicle, client
     assert vehicle["fence_action_set"] == 1.0  # return, by its own number 3
     assert vehicle["gps_altitude_m"] == pytest.approx(20.0)
     assert told.ready
-    told.take(message("HEARTBEAT", custom_mode=modes.custom("LOITER"), system_status=4), 5.0)
+    vehicle["armed"] = 0.0
+    told.take(message("HEARTBEAT", custom_mode=modes.custom("LOITER"), system_status=5), 5.0)
     told.tick()
-    assert (vehicle["failsafe_radio"], vehicle["gps_ok"]) == (0.0, 0.0)  # no failsafe; a receiver that fell silent
+    shown = ("failsafe_radio", "gps_ok", "taken_off")
+    assert [vehicle[name] for name in shown] == [0.0, 0.0, 0.0]  # a cause not told again, a receiver that fell silent
 
 
 def test_what_is_acknowledged_must_be_seen(vehicle: Vehicle, client: Client) -> None:

@@ -36,6 +36,7 @@ RATES_HZ: dict[str, float] = {
     "HOME_POSITION": 1.0,
     "FENCE_STATUS": 5.0,
 }
+ARMED = 128  # MAV_MODE_FLAG_SAFETY_ARMED
 EKF_NEEDED = 1 | 2 | 4 | 8 | 16 | 32  # EKF_STATUS_FLAGS: attitude, speeds, places, height
 _RAISED = {"Radio Failsafe": "failsafe_radio", "EKF Failsafe: changed": "failsafe_gps"}
 _CLEARED = {"Radio Failsafe Cleared": "failsafe_radio", "EKF Failsafe Cleared": "failsafe_gps"}
@@ -60,7 +61,10 @@ class Telemetry(telemetry.Telemetry):
 
     def _heartbeat(self, message: Any) -> None:
         self.vehicle["mode"] = float(message.custom_mode)
-        self._show_armed(message)
+        armed = float(message.base_mode & ARMED != 0)
+        if armed == 0.0:
+            self.vehicle["taken_off"] = 0.0
+        self.vehicle["armed"] = armed
 
     def _extended_sys_state(self, message: Any) -> None:
         super()._extended_sys_state(message)

@@ -10,7 +10,6 @@ from saflite.contract.flight import TraceMessage
 from saflite.flight.autopilots.external.vehicle import LockstepVehicle
 from saflite.flight.mission import to_local
 
-ARMED = 128  # MAV_MODE_FLAG_SAFETY_ARMED
 ON_GROUND, TAKING_OFF = 1, 3  # MAV_LANDED_STATE
 BARO, RECEIVER, PREARM = 8, 65536, 268435456  # MAV_SYS_STATUS_SENSOR bits
 FIX_3D = 3
@@ -61,12 +60,6 @@ class Telemetry:
         """Work out what follows from the truth of this tick."""
         board = self.vehicle
         board["home_distance_m"] = math.hypot(board["x_m"] - self._home_xy[0], board["y_m"] - self._home_xy[1])
-
-    def _show_armed(self, message: Any) -> None:
-        armed = float(message.base_mode & ARMED != 0)
-        if armed == 0.0:
-            self.vehicle["taken_off"] = 0.0
-        self.vehicle["armed"] = armed
 
     def _local_position_ned(self, message: Any) -> None:
         self.vehicle.set(x_est_m=message.x, y_est_m=message.y, climb_est_mps=-message.vz)

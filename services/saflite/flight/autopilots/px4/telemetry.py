@@ -12,8 +12,9 @@ from saflite.flight.autopilots.px4 import modes, settings
 from saflite.flight.autopilots.px4.vehicle import Vehicle
 from saflite.flight.mavlink.client import Client
 
+TOLD = "HEARTBEAT"
+"""Told once a second, whatever is asked for; its mode and its armed bit come sooner by other ways."""
 RATES_HZ: dict[str, float] = {
-    "HEARTBEAT": 25.0,
     "LOCAL_POSITION_NED": 25.0,
     "EXTENDED_SYS_STATE": 25.0,
     "POSITION_TARGET_LOCAL_NED": 10.0,
@@ -21,7 +22,7 @@ RATES_HZ: dict[str, float] = {
     "RC_CHANNELS": 10.0,
     "GPS_RAW_INT": 10.0,
     "SYS_STATUS": 5.0,
-    "HIGH_LATENCY2": 5.0,
+    "HIGH_LATENCY2": 25.0,
     "MISSION_CURRENT": 5.0,
     "HOME_POSITION": 1.0,
 }
@@ -29,6 +30,7 @@ FAILSAFE = 5  # MAV_STATE_CRITICAL
 GPS, RADIO, BATTERY, FENCE = 1, 256, 128, 2048  # HL_FAILURE_FLAG bits
 NOT_KNOWN = 65535
 FRESH_S = 2.0  # a receiver that has said nothing for longer is silent
+FLAG_S = 1.0  # a cause of failure is told again only when PX4 has looked again, twice a second at least
 
 
 class Telemetry(telemetry.Telemetry):
@@ -37,10 +39,10 @@ class Telemetry(telemetry.Telemetry):
     def __init__(
         self, vehicle: Vehicle, client: Client, parameters: Mapping[str, float], home: tuple[float, float, float]
     ) -> None:
-        super().__init__(vehicle, parameters, home, RATES_HZ, settings.show)
+        super().__init__(vehicle, parameters, home, (TOLD, *RATES_HZ), settings.show)
         self._client = client
         self._prearm = self._homed = self._failsafe = False
-        self._flags = 0
+        self._flag_said_s = dict.fromkeys((GPS, RADIO, BATTERY, FENCE), -math.inf)
         self._gps_said_s = -math.inf
 
     def tick(self) -> None:
@@ -48,29 +50,36 @@ class Telemetry(telemetry.Telemetry):
         super().tick()
         if self._now_s - self._gps_said_s > FRESH_S:
             self.vehicle["gps_ok"] = 0.0
+        if self.vehicle["armed"] == 0.0:  # the armed bit comes with the motor commands (`native/packets.c`)
+            self.vehicle["taken_off"] = 0.0
         self.ready = self._prearm and self._homed
 
     # -- messages -------------------------------------------------------------------------------------------------
 
     def _heartbeat(self, message: Any) -> None:
-        self._show_armed(message)
         self._failsafe = message.system_status == FAILSAFE
-        taking_off = modes.pair(message.custom_mode) == (modes.AUTO, modes.TAKEOFF)
-        self.vehicle.set(mode=modes.shown(message.custom_mode), takeoff=float(taking_off))
+        self._show_mode(message.custom_mode)
         self._show_failsafes()
 
     def _high_latency2(self, message: Any) -> None:
-        self._flags = message.failure_flags
+        self._show_mode(message.custom_mode << 16)
+        for flag in self._flag_said_s:
+            if message.failure_flags & flag:
+                self._flag_said_s[flag] = self._now_s
         self._show_failsafes()
+
+    def _show_mode(self, custom_mode: int) -> None:
+        taking_off = modes.pair(custom_mode) == (modes.AUTO, modes.TAKEOFF)
+        self.vehicle.set(mode=modes.shown(custom_mode), takeoff=float(taking_off))
 
     def _show_failsafes(self) -> None:
         """A failsafe counts by its causes: what has failed while one is in force."""
-        causes = self._flags if self._failsafe else 0
+        now = {flag: self._now_s - said_s <= FLAG_S for flag, said_s in self._flag_said_s.items()}
         self.vehicle.set(
-            failsafe_gps=float(causes & GPS != 0),
-            failsafe_radio=float(causes & RADIO != 0),
-            failsafe_battery=float(causes & BATTERY != 0),
-            failsafe_fence=float(self._flags & FENCE != 0),
+            failsafe_gps=float(self._failsafe and now[GPS]),
+            failsafe_radio=float(self._failsafe and now[RADIO]),
+            failsafe_battery=float(self._failsafe and now[BATTERY]),
+            failsafe_fence=float(now[FENCE]),
         )
 
     def _position_target_local_ned(self, message: Any) -> None:

@@ -119,6 +119,7 @@ static void take_actuators(Px4 *p, const uint8_t *payload, int bytes)
     memcpy(&p->answered_us, whole, sizeof p->answered_us);
     memcpy(controls, whole + 16, sizeof controls);
     p->armed = (whole[80] & ARMED) != 0;
+    p->at[P_armed] = p->armed;
     for (int i = 0; i < MOTORS; i++)
         p->throttles[i] = p->armed && controls[i] > 0.0f ? clamp(controls[i], 0.0, 1.0) : 0.0; /* NaN: stopped */
 }
