@@ -35,7 +35,7 @@ class StandIn(NamedTuple):
         self, *stimuli: Given, start: StartState | None = None, limit_s: float = 4.0, **parameters: float
     ) -> FlightRecord:
         """Fly a hover with inputs."""
-        return self.fly(case(self.name, *stimuli, start=start, limit_s=limit_s, **parameters))
+        return self.fly(case(self.name, *stimuli, start=start, limit_s=limit_s, scenario=None, **parameters))
 
     def fly(self, test_case: TestCase, *, cancelled: bool = False) -> FlightRecord:
         """Fly a test case."""

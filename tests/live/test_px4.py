@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import msgspec
 import numpy as np
 import pytest
 from external_flights import answers, case, really_flown
@@ -37,6 +38,18 @@ def test_it_sees_faults() -> None:
     assert blind.trace.array("gps_ok")[-1] == 0.0
     assert set(blind.trace.array("mode")) != {5.0}
     assert deaf.trace.array("mode")[-1] in (6.0, 9.0)  # returns, then lands
+
+
+def test_our_planner_flies_it_round_a_box() -> None:
+    box = Obstacle(length_m=8, width_m=6, height_m=25, x_m=-3, y_m=30)
+    scenario = Scenario(mission=builtin_mission("mission2"), obstacles=(box,), time_limit_s=60.0)
+    given = case("px4", scenario=scenario)
+    target = msgspec.structs.replace(given.target, settings={"companion": "planner"})
+    (record,) = really_flown(ADAPTER, msgspec.structs.replace(given, target=target))
+    assert record.trace is not None
+    assert record.trace.array("obstacle_distance_m").min() > 0.5
+    assert record.trace.array("y_m").max() > 34.0  # past the box, which stands across the leg
+    assert record.trace.array("mode")[-1] == 4.0  # offboard
 
 
 def test_it_flies_a_mission() -> None:

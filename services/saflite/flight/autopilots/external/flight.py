@@ -80,6 +80,9 @@ class ExternalFlight(ABC):
     def _change_weather(self) -> None:  # noqa: B027  (PX4 has no wind of its own)
         """Take over what the autopilot's own simulation parameters say of the world."""
 
+    def _assist(self, aircraft: Any) -> None:  # noqa: B027  (where nothing flies beside the autopilot)
+        """Let what flies beside the autopilot act, if anything does."""
+
     # -- the whole flight -----------------------------------------------------------------------------------------
 
     def run(self, cancelled: Cancelled) -> FlightRecord:
@@ -173,6 +176,7 @@ class ExternalFlight(ABC):
         if aircraft is None:
             return
         self._change_weather()
+        self._assist(aircraft)
         if not self._wind.still:
             aircraft.vehicle.world.set_wind(*self._wind.tick())
         if len(self._boxes) and self._calls % obstacles.EVERY_TICKS == 0:

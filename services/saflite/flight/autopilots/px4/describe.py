@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Iterator
 from pathlib import Path
 
-from saflite.contract.target_info import InputInfo, TargetInfo, ValueType
+from saflite.contract.target_info import InputInfo, SettingInfo, TargetInfo, ValueType
 from saflite.contract.test_case import StartState
 from saflite.flight.autopilots.external.binary import Binary
 from saflite.flight.autopilots.external.check import TIME_LIMIT_MAX_S
@@ -29,6 +29,15 @@ from saflite.flight.autopilots.px4.signals import trace_names
 from saflite.flight.logs import settings as log_settings
 
 START_MODES = ("BRAKE", "LOITER", "ALT_HOLD", "STABILIZE", "RTL", "LAND", "ACRO", "GUIDED")
+COMPANION = "companion"
+SETTINGS = {
+    COMPANION: SettingInfo(
+        meaning="what flies a mission's way-points beside PX4",
+        default="none",
+        choices=("none", "planner"),
+        choice_meanings={"planner": "our local planner, in OFFBOARD, round the boxes; PX4 takes off and lands"},
+    )
+}
 _NOT_OFFERED = ("MAV_", "SYS_", "SDLOG_", "IMU_INTEG_RATE", "CAL_", "SER_", "UXRCE_", "SIM_", "SIH_", "COM_FLIGHT")
 """Parameters that would take the link, the clock or the log away rather than say anything of the vehicle."""
 
@@ -45,6 +54,7 @@ def describe(binary: Binary | None, listing: Listing | None, lacking: str) -> Ta
         inputs=(*sticks(), *modes_and_commands(NUMBERS, COMMANDS), *_faults(), *parameters),
         signals=trace_names(listing.values if listing is not None else {}),
         modes=MODES,
+        settings=SETTINGS,
         start_states=(
             *(StartState(mode=mode) for mode in START_MODES),
             StartState(mode="LOITER", altitude_m=0.0, armed=False),

@@ -14,6 +14,8 @@ from saflite.flight.autopilots.external.listing import HEARTBEAT_S, Listing
 from saflite.flight.autopilots.external.place import Place
 from saflite.flight.autopilots.px4 import modes
 from saflite.flight.autopilots.px4.bring_up import Aircraft
+from saflite.flight.autopilots.px4.companion import Companion
+from saflite.flight.autopilots.px4.describe import COMPANION
 from saflite.flight.autopilots.px4.inputs import Inputs
 from saflite.flight.autopilots.px4.settings import as_texts, start_parameters
 from saflite.flight.autopilots.px4.signals import trace_names
@@ -34,6 +36,7 @@ class Px4Flight(ExternalFlight):
     def __init__(self, test_case: TestCase, binary: Binary, listing: Listing, place: Place) -> None:
         super().__init__(test_case, binary, listing, place, trace_names(listing.values))
         self.start = test_case.scenario.start or DEFAULT_START
+        self._companion: Companion | None = None
 
     def _powered_up(self) -> Aircraft:
         given = self.test_case.target.parameters
@@ -50,6 +53,10 @@ class Px4Flight(ExternalFlight):
             before_tick=self._before_tick,
         )
 
+    def _assist(self, aircraft: Aircraft) -> None:
+        if self._companion is not None:
+            self._companion.tick(aircraft.clock.monotonic_s(), TICK_S)
+
     def _greet(self, aircraft: Aircraft) -> None:
         client = aircraft.client
         self._telemetry = Telemetry(aircraft.vehicle, client, self._parameters, self._home)
@@ -58,6 +65,8 @@ class Px4Flight(ExternalFlight):
         if not client.wait_for_heartbeat(HEARTBEAT_S):
             raise Unavailable(f"{self._version}: no heartbeat within {HEARTBEAT_S:.0f} simulated s")
         self._ask_for(aircraft, RATES_HZ)
+        if self._mission is not None and self.test_case.target.settings.get(COMPANION, "none") != "none":
+            self._companion = Companion(self._mission, self._boxes, aircraft.vehicle, client)
 
     def _reach_start(self, aircraft: Aircraft) -> str:
         """Arm at a fixed time, once ready, and reach the start state; return why not."""
