@@ -70,6 +70,7 @@ class Peer:
             if name.startswith("PX4_PARAM_"):
                 self.parameters[name.removeprefix("PX4_PARAM_")] = float(value)
         print("px4 starting.", flush=True)
+        print("Startup script returned successfully", flush=True)
         self.simulator = Simulator(int(simulator[1]))
         self.udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.udp.bind(("127.0.0.1", int(ground[1])))

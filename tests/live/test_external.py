@@ -20,6 +20,7 @@ from saflite.flight.autopilots.ardupilot.adapter import ADAPTER as ARDUPILOT
 from saflite.flight.autopilots.external import vehicle as vehicle_module
 from saflite.flight.autopilots.external.adapter import Adapter
 from saflite.flight.autopilots.external.place import Place
+from saflite.flight.autopilots.external.process import Process
 from saflite.flight.autopilots.px4.adapter import ADAPTER as PX4
 from saflite.simulator_worker.agreement import differences
 from saflite.simulator_worker.processes import children
@@ -178,6 +179,17 @@ def test_a_flight_leaves_nothing(peer: StandIn) -> None:
         peer.fly(case(peer.name), cancelled=True)
     assert list(peer.place.folder.iterdir()) == []
     assert list(Path("/tmp").glob(f"px4*-{peer.place.ports[0]}")) == []
+
+
+def test_it_tells_whether_it_works_or_waits(tmp_path: Path) -> None:
+    """Also of what it started."""
+    waits, works = (Process(["/bin/sh", "-c", f"{what}; :"], tmp_path) for what in ("sleep 600", "while :; do :; done"))
+    try:
+        assert any(select.select([], [], [], 0.05) and waits.still for _ in range(400))
+        assert not all(works.still for _ in range(20))
+    finally:
+        waits.end()
+        works.end()
 
 
 def test_it_ends_with_whoever_started_it(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ import re
 import select
 import signal
 import subprocess
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -20,6 +20,8 @@ END_S = 2.0
 _LIBC = ctypes.CDLL(None)
 _PR_SET_PDEATHSIG = 1
 REALTIME_PRIORITY = 5
+_PRIORITY = ctypes.c_int(REALTIME_PRIORITY)
+_BUSY = "RD"
 _DEATHS = re.compile(r"PANIC|floating point exception|AddressSanitizer|runtime error:|segmentation|aborted", re.I)
 _ADDRESS = re.compile(r"0x[0-9a-fA-F]+")
 
@@ -56,7 +58,7 @@ class Process:
                 stdout=theirs,
                 stderr=theirs,
                 start_new_session=True,
-                preexec_fn=_die_with_parent,  # noqa: PLW1509  (a single system call, looked up before)
+                preexec_fn=_hurried if realtime else _die_with_parent,  # noqa: PLW1509  (system calls, looked up before)
             )
         except OSError as fault:
             os.close(ours)
@@ -64,14 +66,21 @@ class Process:
         finally:
             os.close(theirs)
         self._console, self._said = ours, bytearray()
-        self.realtime = realtime and self._hurry()
 
-    def _hurry(self) -> bool:
-        try:
-            os.sched_setscheduler(self._process.pid, os.SCHED_FIFO, os.sched_param(REALTIME_PRIORITY))
-        except OSError:
-            return False
-        return True
+    @property
+    def still(self) -> bool:
+        """Whether nothing of it computes or waits for a disk: it waits for us, or for its own clock."""
+        return not any(state in _BUSY for state in self._states())
+
+    def _states(self) -> Iterator[str]:
+        """Yield the states of all threads of its session, as the kernel's `proc` file system tells them."""
+        waiting = [self._process.pid]
+        while waiting:
+            tasks = Path(f"/proc/{waiting.pop()}/task")
+            with suppress(OSError):  # gone meanwhile
+                for task in tasks.iterdir():
+                    waiting += map(int, (task / "children").read_text().split())
+                    yield (task / "stat").read_text().rpartition(")")[2].split()[0]
 
     @property
     def console(self) -> str:
@@ -129,6 +138,12 @@ class Process:
 def _die_with_parent() -> None:
     """Have the kernel kill this process with the one that started it: an autopilot takes no other word for the end."""
     _LIBC.prctl(_PR_SET_PDEATHSIG, ctypes.c_ulong(signal.SIGKILL), 0, 0, 0)
+
+
+def _hurried() -> None:
+    """The same, and run before others whenever it can, where this user may ask for that."""
+    _die_with_parent()
+    _LIBC.sched_setscheduler(0, os.SCHED_FIFO, ctypes.byref(_PRIORITY))
 
 
 def last_line(console: str) -> str:

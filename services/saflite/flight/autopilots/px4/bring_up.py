@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from importlib import import_module
 from pathlib import Path
+from select import select
 from socket import AF_INET, IPPROTO_TCP, SO_REUSEADDR, SOCK_STREAM, SOL_SOCKET, TCP_NODELAY, socket
 
 import numpy as np
@@ -27,6 +28,9 @@ from saflite.flight.mavlink.client import Client
 PORTS_NEEDED = 3
 SIMULATOR, GROUND, VEHICLE = range(3)  # places among the ports
 CALL_S, FIRST_OUTPUTS_S = 60.0, 30.0  # wall, simulated
+STARTED = "Startup script returned"
+STEPS_PER_MESSAGE = 2  # as `native/hil.c`
+LOOK_S, LOOKS_ALIKE, LOOKS_MAX = 0.0005, 2, 1000
 CHANNELS = 8
 SCRIPTS = {
     "px4-rc.mavlinksim": """#!/bin/sh
@@ -127,13 +131,28 @@ class Aircraft(aircraft.Aircraft):
         raise FailedBringUp(f"it did not call the simulator within {CALL_S:.0f} s")
 
     def _wait_for_outputs(self) -> None:
-        while not self.vehicle.answers:
-            came = self.vehicle.run(TICK_STEPS)
-            self.process.listen()
+        """Run until it gives motor commands and its start-up files are done, at a whole tick.
+
+        Meanwhile its clock must not go on while it works, or waits for a disk: each flight would start in its own way.
+        """
+        step = 0
+        while not self.vehicle.answers or STARTED not in self.process.console or step % TICK_STEPS:
+            self._let_work()
+            came = self.vehicle.run(STEPS_PER_MESSAGE)
+            step += STEPS_PER_MESSAGE
             if came != OK or self.process.gone:
                 raise FailedBringUp(self.trouble(came if came != OK else GONE))
             if self.clock.monotonic_s() > FIRST_OUTPUTS_S:
                 raise FailedBringUp(f"no motor commands within {FIRST_OUTPUTS_S:.0f} simulated s")
+
+    def _let_work(self) -> None:
+        """Wait until it waits for us."""
+        still = 0
+        for _ in range(LOOKS_MAX):
+            still = still + 1 if self.process.still else 0
+            if still == LOOKS_ALIKE:
+                return
+            select([], [], [], LOOK_S)
 
     def logs(self) -> dict[str, bytes]:
         """Return the ULog files it wrote, by name, oldest first."""
