@@ -1,0 +1,134 @@
+"""`scripts/bench bugs-real`: which of the paper's ten bugs a real binary still has, by flying each one's known trigger.
+
+    scripts/bench bugs-real [--target ardupilot|px4] [--json]
+
+The triggers are those of the public reports (`services/saflite/console/evaluation/data/rq2_bugs.toml`); parameters
+that were renamed since have today's names. Each is flown once for every random seed and judged by the bug's own policy:
+`present` where that is violated in all flights, `sometimes` in some, `absent` where it holds or where the binary lacks
+what triggers it, `never applied` where the rule's condition did not come about, `not judged` where a signal is missing.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+from typing import Any, NamedTuple
+
+from saflite.conformance.flying import DEADLINE_S
+from saflite.console.evaluation.bugs import bugs
+from saflite.console.operations import judging
+from saflite.contract.errors import Refused
+from saflite.contract.test_case import Scenario, StartState, Stimulus, StimulusKind, Target, TestCase
+from saflite.simulator_worker.registry import load_target, why_missing
+
+SEEDS = 3
+LIMIT_S = 45.0
+TARGETS = {"ArduPilot": "ardupilot", "PX4": "px4"}
+Given = tuple[float, StimulusKind, str, tuple[float, ...]]
+HOME = (47.3977419, 8.5455938)
+
+
+class Known(NamedTuple):
+    """A known trigger as it is flown: start state, parameters set before, timed inputs."""
+
+    start: StartState
+    inputs: tuple[Given, ...]
+    parameters: dict[str, float] = {}  # noqa: RUF012  (never changed)
+
+
+_CHUTE: Given = (2.2, "command", "MAV_CMD_DO_PARACHUTE", (2.0,))
+_LOST: Given = (2.0, "sensor_fault", "gps_off", (1.0,))
+_DELAY = {"COM_POS_FS_DELAY": -1.0}
+_FF = {"ATC_RAT_RLL_FF": 0.432304, "ATC_RATE_R_MAX": 11.0}
+_GROUND = {"BARO_GND_TEMP": 40.0, "BARO_ALT_OFFSET": 300.0, "GPS_POS1_Z": 2.474742}
+_FLIP: Given = (6.0, "mode", "FLIP", ())
+_HELD = StartState(mode="BRAKE", altitude_m=20.0)
+KNOWN: dict[str, Known] = {
+    "3": Known(StartState(mode="ALT_HOLD", altitude_m=8.0), ((2.0, "mode", "FLIP", ()),)),
+    "23 case 1": Known(
+        StartState(mode="ALT_HOLD", altitude_m=30.0), ((2.0, "mode", "FLIP", ()), _CHUTE), {"CHUTE_ENABLED": 1.0}
+    ),
+    "23 case 2": Known(
+        StartState(mode="LOITER", altitude_m=30.0), ((0.2, "stick", "RC3", (1900.0,)), _CHUTE), {"CHUTE_ENABLED": 1.0}
+    ),
+    "24": Known(
+        StartState(mode="ALT_HOLD", altitude_m=30.0),
+        (
+            (1.0, "stick", "RC3", (1900.0,)),
+            (3.0, "stick", "RC3", (1300.0,)),
+            (5.0, "stick", "RC3", (1500.0,)),
+            _FLIP,
+        ),
+        _GROUND,
+    ),
+    "25": Known(StartState(mode="ALT_HOLD", altitude_m=50.0), (_FLIP,), _FF),
+    "133": Known(_HELD, ((1.0, "command", "MAV_CMD_DO_ORBIT", (10.0, 3.0)), _LOST), _DELAY),
+    "134": Known(_HELD, ((1.0, "mode", "RTL", ()), _LOST), _DELAY),
+    "135": Known(_HELD, (_LOST,), _DELAY),
+    "new A": Known(_HELD, ((1.0, "command", "MAV_CMD_DO_REPOSITION", (-1.0, 0.0, 0.0, 0.0, *HOME, 518.8)),)),
+    "new B": Known(_HELD, ((2.0, "mode", "ACRO", ()), _CHUTE)),
+}
+"""The unknown values of "new A" are a height 10 m up; "flying to another place" of 134 is a return."""
+
+
+def case(number: str, target: str, rng_seed: int) -> TestCase:
+    """Return the test case of a bug's known trigger."""
+    known = KNOWN[number]
+    return TestCase(
+        target=Target(name=target, parameters=known.parameters),
+        scenario=Scenario(start=known.start, time_limit_s=LIMIT_S),
+        stimuli=tuple(
+            Stimulus(at_s=at, kind=kind, name=name, values=values) for at, kind, name, values in known.inputs
+        ),
+        rng_seed=rng_seed,
+    )
+
+
+def flown(simulator: judging.OwnSimulator, number: str, policy: str, target: str) -> dict[str, Any]:
+    """Fly a trigger once for each seed; return what the policy said, and what became of the inputs."""
+    rows, answers = [], []
+    for rng_seed in range(SEEDS):
+        given = case(number, target, rng_seed)
+        try:
+            made = simulator.fly(given, DEADLINE_S)
+        except Refused as fault:
+            return {"state": "absent", "why": str(fault)}
+        (verdict,) = judging.judge(given, made, (policy,)).verdicts
+        rows.append({"outcome": verdict.outcome, "robustness": verdict.robustness, "ending": made.flight.ending})
+        answers = [f"{one.answer} {one.message}".strip() for one in made.flight.delivered or ()]
+    return {"state": _state({str(row["outcome"]) for row in rows}), "flights": rows, "answers": answers}
+
+
+def _state(outcomes: set[str]) -> str:
+    if outcomes == {"violated"}:
+        return "present"
+    if "violated" in outcomes:
+        return "sometimes"
+    return "absent" if "held" in outcomes else "not judged" if "inconclusive" in outcomes else "never applied"
+
+
+def main(argv: list[str]) -> int:
+    """Fly the triggers of a target's bugs; 3 where the target cannot fly here."""
+    parser = argparse.ArgumentParser(prog="scripts/bench bugs-real", description=__doc__)
+    parser.add_argument("--target", choices=sorted(TARGETS.values()), default="ardupilot")
+    parser.add_argument("--json", action="store_true", help="one JSON object a bug, as in the committed rows")
+    options = parser.parse_args(argv)
+    lacking = why_missing(options.target)
+    if lacking:
+        sys.stderr.write(f"{options.target}: {lacking}\n")
+        return 3
+    load = f"{os.getloadavg()[0]:.0f} on {os.cpu_count()} cores"
+    autopilot = load_target(options.target).describe().autopilot
+    simulator = judging.OwnSimulator()
+    try:
+        for bug in bugs():
+            if TARGETS[bug.autopilot] == options.target:
+                found = flown(simulator, bug.id, bug.policy, options.target)
+                row = {"bench": "bugs-real", "target": options.target, "autopilot": autopilot, "bug": bug.id}
+                row |= {"policy": bug.policy, "load": load, **found}
+                print(json.dumps(row) if options.json else f"{bug.id}: {json.dumps(found)}", flush=True)
+    finally:
+        simulator.close()
+    return 0
