@@ -10,10 +10,12 @@ from __future__ import annotations
 
 import ast
 import importlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from types import CodeType, FunctionType
 from typing import Any, NamedTuple
+
+from _authored_faults import Patch
 
 from saflite.contract.rng import derive
 
@@ -64,19 +66,20 @@ def drawn(rng_seed: int, count: int) -> tuple[Site, ...]:
 
 
 @contextmanager
-def planted(site: Site | None) -> Iterator[None]:
-    """Fly with the changed line for a while; with None as it stands."""
-    if site is None:
-        yield
-        return
-    module = importlib.import_module(site.module)
-    function = dict(_functions(module))[site.function]
-    kept = function.__code__
-    function.__code__ = _changed_code(module, site)
+def planted(faults: Iterable[Site | Patch]) -> Iterator[None]:
+    """Fly with the changed lines for a while; of one function, one line can be changed at a time."""
+    kept = []
     try:
+        for fault in faults:
+            module = importlib.import_module(fault.module)
+            function = dict(_functions(module))[fault.function]
+            kept.append((function, function.__code__))
+            changed = _patched_code(module, fault) if isinstance(fault, Patch) else _changed_code(module, fault)
+            function.__code__ = changed
         yield
     finally:
-        function.__code__ = kept
+        for function, code in reversed(kept):
+            function.__code__ = code
 
 
 def _functions(module: Any) -> list[tuple[str, FunctionType]]:
@@ -110,8 +113,23 @@ def _changed_code(module: Any, site: Site) -> CodeType:
     whole = ast.parse(_source(module))
     node = list(ast.walk(_tree(module, site.function, whole)))[site.node]
     _change(node, apply=True)
-    code: CodeType = compile(ast.fix_missing_locations(whole), module.__file__, "exec")
-    for part in site.function.split("."):
+    return _code_of(compile(ast.fix_missing_locations(whole), module.__file__, "exec"), site.function)
+
+
+def _patched_code(module: Any, patch: Patch) -> CodeType:
+    """Return the code of a function with a text in it replaced; raises ValueError unless it stands there once."""
+    source, node = _source(module), _tree(module, patch.function)
+    first, last = node.lineno - 1, node.end_lineno  # type: ignore[attr-defined]
+    lines = source.splitlines(keepends=True)
+    body = "".join(lines[first:last])
+    if body.count(patch.old) != 1:
+        raise ValueError(f"{patch.name}: {patch.old!r} stands {body.count(patch.old)} times in {patch.function}")
+    changed = "".join([*lines[:first], body.replace(patch.old, patch.new), *lines[last:]])
+    return _code_of(compile(changed, module.__file__, "exec"), patch.function)
+
+
+def _code_of(code: CodeType, function: str) -> CodeType:
+    for part in function.split("."):
         code = next(one for one in code.co_consts if isinstance(one, CodeType) and one.co_name == part)
     return code
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import msgspec
+from _authored_faults import Patch
 from _blind_faults import Site, planted
 from _inline import Flights, Inline
 
@@ -45,11 +46,11 @@ ARMS: dict[str, str] = {
 
 
 class Job(NamedTuple):
-    """One search: defects by name, or a blind fault."""
+    """One search: planted defects by name, or faults in the autopilot's lines."""
 
     arm: str
     defects: tuple[str, ...]
-    site: Site | None
+    lines: tuple[Site | Patch, ...]
     rng_seed: int
     budget: int
 
@@ -74,15 +75,15 @@ class Row(NamedTuple):
 
 
 class Faulty(Flights):
-    """Flies with a blind fault planted; one that stops the autopilot's own code with another fault is found by that."""
+    """Flies with faults planted in its lines; one that stops the autopilot's own code is found by that."""
 
-    def __init__(self, site: Site | None) -> None:
+    def __init__(self, lines: tuple[Site | Patch, ...]) -> None:
         super().__init__()
-        self._site = site
+        self._lines = lines
 
     def do(self, work: Work, cancelled: Cancelled) -> Result:
         """Fly the test case of the lease."""
-        with planted(self._site):
+        with planted(self._lines):
             return super().do(work, cancelled)
 
 
@@ -103,7 +104,7 @@ class Watch:
     @property
     def faults(self) -> tuple[str, ...]:
         """The faults that are on."""
-        return self._job.defects if self._job.site is None else (self._job.site.name,)
+        return (*self._job.defects, *(line.name for line in self._job.lines))
 
     def saw(self, result: Result) -> None:
         """Count what rules said of a first flight."""
@@ -129,19 +130,21 @@ class Watch:
         self._examined[policy] += 1
         if not left or self._examined[policy] > EXAMINED_MAX:
             return
-        if self._breaks(case, (), None, policy):
+        if self._breaks(case, (), (), policy):
             self.false_alarms[policy] += 1
             return
+        lines = {line.name: line for line in self._job.lines}
         for fault in left:
-            if len(self.faults) == 1 or self._breaks(case, (fault,), None, policy):
+            line = (lines[fault],) if fault in lines else ()
+            if len(self.faults) == 1 or self._breaks(case, () if line else (fault,), line, policy):
                 self.found[fault] = flights
                 self.by_policy.setdefault(fault, set()).add(policy)
 
-    def _breaks(self, case: TestCase, defects: tuple[str, ...], site: Site | None, policy: str) -> bool:
+    def _breaks(self, case: TestCase, defects: tuple[str, ...], lines: tuple[Site | Patch, ...], policy: str) -> bool:
         settings: dict[str, Setting] = {SETTING: list(defects)} if defects else {}
         target = msgspec.structs.replace(case.target, settings=settings)
         changed = msgspec.structs.replace(case, target=target)
-        with planted(site):
+        with planted(lines):
             record = fly_once(changed)
         flight = Flight(test_case="", flight_index=0, ending=record.ending, delivered=record.delivered)
         wanted = () if policy == AUTOPILOT_ALIVE else (policy,)
@@ -184,7 +187,7 @@ def campaign_of(job: Job) -> Campaign:
 def search(job: Job) -> Row:
     """Search until every fault is found or the flights are spent."""
     campaign, start = campaign_of(job), time.perf_counter()
-    watch, flights = Watch(job, campaign), Faulty(job.site)
+    watch, flights = Watch(job, campaign), Faulty(job.lines)
     with tempfile.TemporaryDirectory(prefix="saflite-search-") as folder:
         run_dir = Path(folder) / "run"
         inline = Inline(campaign, run_dir, flights)

@@ -6,7 +6,8 @@
 
 Ground truth: a fault is found by a confirmed violation that its test case shows again with this fault alone and not
 without any. `fit` and `report` are the planted defects, parted by a hash of their names: settings may be fitted on the
-first, figures are given for the second. `blind`: faults drawn blindly from the lines of the reference autopilot
+first, figures are given for the second. `authored-fit`, `authored-report`: faults written by hand for this bench
+(`data/authored_faults.toml`), parted likewise. `blind`: faults drawn blindly from the lines of the reference autopilot
 (`_blind_faults.py`); `clean`: no fault, for exposure and false alarms. `--together` plants so many defects at once; a
 search ends when all are found, or with its budget of flights, re-flights included; what is not found counts as such.
 Searches that stand in the `--out` file already are not run again. In-process campaigns, real books, flights, oracle.
@@ -26,6 +27,7 @@ from statistics import fmean
 from typing import Any
 
 import numpy as np
+from _authored_faults import Patch, authored
 from _blind_faults import drawn
 from _bootstrap import bootstrap_95
 from _search_run import ARMS, Job, Row, search
@@ -34,13 +36,13 @@ from saflite.contract.rng import derive
 from saflite.flight.autopilots.reference.defects import TABLE
 from saflite.simulator_worker.processes import die_with_parent
 
-SETS = ("fit", "report", "blind", "clean")
-RESULTS = Path(__file__).parent / "results"
+SETS = ("fit", "report", "authored-fit", "authored-report", "blind", "clean")
+AUTHORED = "authored-"
 
 
 def half(name: str) -> str:
     """Return the set a planted defect belongs to, by a fixed hash of its name."""
-    return SETS[hashlib.sha256(name.encode()).digest()[0] % 2]
+    return ("fit", "report")[hashlib.sha256(name.encode()).digest()[0] % 2]
 
 
 def members(which: str, options: argparse.Namespace) -> Iterator[Job]:
@@ -48,17 +50,35 @@ def members(which: str, options: argparse.Namespace) -> Iterator[Job]:
     for arm in options.arms:
         for rng_seed in options.rng_seeds:
             if which == "clean":
-                yield Job(arm, (), None, rng_seed, options.budget)
+                yield Job(arm, (), (), rng_seed, options.budget)
             elif which == "blind":
                 for site in drawn(options.blind_seed, options.blind_faults):
-                    yield Job(arm, (), site, rng_seed, options.budget)
+                    yield Job(arm, (), (site,), rng_seed, options.budget)
+            elif which.startswith(AUTHORED):
+                patches = [patch for patch in authored().values() if half(patch.name) == which.removeprefix(AUTHORED)]
+                for lines in groups(patches, options.together):
+                    yield Job(arm, (), lines, rng_seed, options.budget)
             else:
                 names = sorted((name for name in TABLE if half(name) == which), key=_mixed)
                 size = 1 if arm == "own" else options.together
                 for first in range(0, len(names), size):
                     group = tuple(names[first : first + size])
                     if arm != "own" or TABLE[group[0]].policy != "autopilot-alive":
-                        yield Job(arm, group, None, rng_seed, options.budget)
+                        yield Job(arm, group, (), rng_seed, options.budget)
+
+
+def groups(patches: Sequence[Patch], size: int) -> list[tuple[Patch, ...]]:
+    """Return the faults in groups that can be planted together: no two in one function, order mixed."""
+    found: list[list[Patch]] = []
+    for patch in sorted(patches, key=lambda one: _mixed(one.name)):
+        places = (group for group in found if len(group) < size)
+        fits = (group for group in places if all(one.function != patch.function for one in group))
+        group = next(fits, None)
+        if group is None:
+            found.append([patch])
+        else:
+            group.append(patch)
+    return [tuple(group) for group in found]
 
 
 def _mixed(name: str) -> str:
@@ -67,8 +87,7 @@ def _mixed(name: str) -> str:
 
 def key_of(job: Job) -> tuple[Any, ...]:
     """Return what a row of the file goes by."""
-    faults = job.defects if job.site is None else (job.site.name,)
-    return job.arm, tuple(faults), job.rng_seed, job.budget
+    return job.arm, (*job.defects, *(line.name for line in job.lines)), job.rng_seed, job.budget
 
 
 def rows_of(path: Path | None) -> dict[tuple[Any, ...], Row]:

@@ -39,6 +39,13 @@ UP_AND_BACK = Mission(
     home_alt_m=0.0,
     items=(item(22, 47.3977419, 8.5455938, 6.0), item(20)),
 )
+HIGH_UP_AND_BACK = Mission(
+    name="high-up-and-back",
+    home_lat_deg=47.3977419,
+    home_lon_deg=8.5455938,
+    home_alt_m=0.0,
+    items=(item(22, 47.3977419, 8.5455938, 25.0), item(20)),
+)
 Case = tuple[Scenario, dict[str, float], tuple[Stimulus, ...], tuple[str, ...]]
 FLIP_UPON_FLIP: Case = (
     Scenario(start=START, time_limit_s=20.0),
@@ -83,6 +90,12 @@ LANDS_WHERE_IT_WAS_FAST: Case = (
     ),
     ("no-crash", "upright", "a-land2"),
 )
+TURNED_BY_THE_PILOT_AS_ITS_MISSION_CLIMBS: Case = (
+    Scenario(mission=HIGH_UP_AND_BACK, time_limit_s=30.0),
+    {},
+    (given(20.7, "stick", "RC4", 2000.0),),
+    ("a-auto1",),
+)
 
 
 @pytest.mark.parametrize(
@@ -95,6 +108,7 @@ LANDS_WHERE_IT_WAS_FAST: Case = (
         ARMED_ANEW_ON_THE_GROUND,
         LANDS_OUT_OF_A_LOW_CIRCLE,
         LANDS_WHERE_IT_WAS_FAST,
+        TURNED_BY_THE_PILOT_AS_ITS_MISSION_CLIMBS,
     ],
 )
 def test_nothing_is_broken_where_the_manual_allows_it(

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saflite.contract.flight import Delivered, Trace
+from saflite.oracle import windows
 from saflite.oracle.windows import Array
 
 Rows = NDArray[np.intp]
@@ -95,10 +96,14 @@ class Uneven:
 
     def until(self, left: Array, right: Array, low: int, high: int | None) -> Array:
         """Return the robustness of `left until[low:high] right` at each moment."""
+        if not low and high is None:  # neither depends on when a moment was
+            return windows.until(left, right, 0, None)
         return _until(left, right, *_ahead(self._row, low, high))
 
     def since(self, left: Array, right: Array, low: int, high: int | None) -> Array:
         """Return the robustness of `left since[low:high] right` at each moment."""
+        if not low and high is None:
+            return windows.since(left, right, 0, None)
         return _until(left[::-1], right[::-1], *_ahead(self._mirrored, low, high))[::-1]
 
 

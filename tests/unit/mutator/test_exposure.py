@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from itertools import pairwise
 from pathlib import Path
 
 import msgspec
@@ -11,7 +12,7 @@ import pytest
 
 from saflite.contract.errors import Refused
 from saflite.contract.rng import derive
-from saflite.contract.test_case import Origin, Scenario, StartState, Stimulus, Target, TestCase, identity
+from saflite.contract.test_case import Origin, Scenario, Setting, StartState, Stimulus, Target, TestCase, identity
 from saflite.contract.verdict import Transition
 from saflite.contract.work import Outcome, RuleOutcome
 from saflite.flight.autopilots.reference.check import check_test_case
@@ -32,6 +33,7 @@ HAVE = target_inputs(describe())
 START = StartState(mode="LOITER", altitude_m=30.0)
 TEMPLATE = TestCase(target=Target(), scenario=Scenario(start=START, time_limit_s=60.0), rng_seed=5)
 POLICIES = ("a-rtl1", "a-chute", "upright")
+LAST = Stimulus(at_s=60.0, kind="mode", name="LAND")  # the end of a flight
 HINTS = ["a-rtl1 start:GUIDED@12 mode:RTL parameter:RTL_ALT", "a-chute start:ALT_HOLD@50 command:MAV_CMD_DO_PARACHUTE"]
 
 
@@ -63,10 +65,49 @@ def test_progress_ranks_silent_applied_near_and_violated() -> None:
     assert progress(RuleOutcome("p", "inconclusive", 0.0)) is None
 
 
-@pytest.mark.parametrize("text", ["", "p start:LOITER@high", "p nonsense", "p parameter:NO_SUCH", "p kind:RTL_ALT"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "p start:LOITER@high",
+        "p nonsense",
+        "p parameter:NO_SUCH",
+        "p kind:RTL_ALT",
+        "p quiet:long",
+        "p asks:RTL_ALT=high",
+        "p asks:NO_SUCH=1",
+    ],
+)
 def test_a_wrong_hint_is_refused(text: str) -> None:
     with pytest.raises(Refused, match="hints"):
         read_hints([text], ("p",), HAVE)
+
+
+def test_a_hint_tells_what_a_formula_asks_for() -> None:
+    (hint,) = read_hints(["p mission: in:RTL raised:gps quiet:12 asks:FENCE_TYPE=2"], ("p",), HAVE)
+    assert hint.flies_mission
+    assert (hint.modes, hint.raised, hint.quiet_s) == (("RTL",), ("gps",), 12.0)
+    assert [(entry.name, value) for entry, value in hint.asked] == [("FENCE_TYPE", 2.0)]
+
+
+def test_what_a_formula_asks_for_is_given_and_waited_for() -> None:
+    settings: dict[str, Setting] = {"hints": ["upright in:RTL quiet:25 asks:FENCE_TYPE=2"], "kept": 0.0}
+    asked = Strategy(TEMPLATE, settings, ("upright",), describe())
+    cases = asked.ask(40, derive(1, "test"))
+    given_it = [one for one in cases if any(s.name == "FENCE_TYPE" and s.values == (2.0,) for s in one.stimuli)]
+    assert len(given_it) > 15
+    waits = [max(b.at_s - a.at_s for a, b in pairwise([*one.stimuli, LAST])) for one in cases]
+    assert sum(wait >= 25.0 for wait in waits) > 15
+
+
+def test_the_state_model_knows_what_raised_a_failsafe() -> None:
+    model, rng = StateModel(), derive(1, "test")
+    fault, mode = given("sensor_fault", "SIM_GPS_DISABLE", 1.0), given("mode", "LAND", at_s=2.0)
+    assert model.cause(rng, ("gps",)) is None
+    steps = (Transition("LOITER", "LOITER gps", 0, -1), Transition("LOITER gps", "LAND gps radio", 1, 0))
+    model.tell(case(fault, mode), steps)
+    assert model.cause(rng, ("gps",)) == fault
+    assert model.cause(rng, ("radio",)) is None, "a change of mode raises nothing"
 
 
 def test_a_campaign_without_a_policy_is_refused() -> None:

@@ -13,6 +13,14 @@ from typing import Any
 
 import msgspec
 
+from saflite.campaign.presets.formula_hints import (
+    SETTING,
+    failsafes_named,
+    modes_named,
+    quiet_asked_s,
+    settings_asked,
+    whole_formula,
+)
 from saflite.contract.config import Campaign, ScorerConfig, SearchConfig, StrategyConfig
 from saflite.contract.errors import Refused
 from saflite.contract.outside import parse_toml, read_text
@@ -28,10 +36,8 @@ SHORT_S, MISSION_S = 60.0, 150.0
 MISSION_SHARE = 0.08  # of the flights of the campaign over all, where rules need a mission
 AIRBORNE_S = 32.0  # with a mission the vehicle leaves the ground after 19.5 s and climbs for 7
 MODE_COMMAND = "Flight_Mode"  # among the commands of a policy: any mode
-_MODE_NAMED = re.compile(r"\bmode\s*==\s*([A-Z_0-9]+)")
 _EXCUSED = re.compile(r"\b(gps|baro|body)_true\b")  # the rule is silent after a fault of these sensors
 _STICK_SIGNAL = re.compile(r"rc(\d+)_pwm$")
-_SETTING_NAMED = re.compile(r"\b[A-Z][A-Z0-9]*_[A-Z0-9_]+\b")
 _INPUTS: dict[str, StimulusKind] = {
     "parameters": "parameter",
     "commands": "command",
@@ -168,7 +174,7 @@ def _one(data: dict[str, Any], target: TargetInfo, inputs: dict[str, list[Any]])
 
 
 def _hint(data: dict[str, Any], start: dict[str, Any], inputs: dict[str, list[Any]], target: TargetInfo) -> str:
-    """Return what the strategy is told of a policy: its id, start state, modes its formula names, inputs: a word each.
+    """Return what the strategy is told of a policy, a word each: id, start state, what its formula asks for, inputs.
 
     Commands that are sticks, as in the published lists, are told as such; any mode can be given in any case.
     """
@@ -177,8 +183,12 @@ def _hint(data: dict[str, Any], start: dict[str, Any], inputs: dict[str, list[An
     if start and not data.get("needs_mission"):
         state = StartState(**start)
         words.append(f"start:{state.mode}@{state.altitude_m:g}")
-    formula = str(data.get("formula", ""))
-    words += [f"in:{mode}" for mode in dict.fromkeys(_MODE_NAMED.findall(formula)) if ("mode", mode) in kinds]
+    formula = whole_formula(data)
+    words += ["mission:"] if data.get("needs_mission") else []
+    words += [f"in:{mode}" for mode in modes_named(formula) if ("mode", mode) in kinds]
+    words += [f"raised:{name}" for name in failsafes_named(formula)]
+    words += [f"quiet:{quiet_s:g}" for quiet_s in (quiet_asked_s(formula),) if quiet_s]
+    words += [f"asks:{entry.name}={value:g}" for entry, value in settings_asked(formula, target)]
     words += [f"reads:{kind}:{name}" for kind, name in _read_by(data, target)]
     for word, kind in _INPUTS.items():
         for name in () if kind == "sensor_fault" and _EXCUSED.search(formula) else inputs.get(word, ()):
@@ -199,7 +209,7 @@ def _read_by(data: dict[str, Any], target: TargetInfo) -> list[tuple[StimulusKin
         stick, meaning = _STICK_SIGNAL.match(signal), SIGNALS[signal].meaning if signal in SIGNALS else ""
         if signal.endswith("_true"):
             continue  # what excuses a rule
-        names = [f"RC{stick[1]}"] if stick else _SETTING_NAMED.findall(meaning)
+        names = [f"RC{stick[1]}"] if stick else SETTING.findall(meaning)
         found += [(kinds[name], name) for name in names if name in kinds]
     return list(dict.fromkeys(found))
 

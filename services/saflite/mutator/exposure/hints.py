@@ -11,14 +11,19 @@ from saflite.mutator.operators.inputs import Have, Input, named
 
 KINDS: tuple[StimulusKind, ...] = get_args(StimulusKind)
 HEIGHT_MAX_M = 1e6
-START, IN, READS = "start", "in", "reads"
-SHAPE = "'<policy> start:<mode>@<metres> in:<mode> reads:<kind>:<input> <kind>:<input> ...'"
+QUIET_MAX_S = 3600.0
+START, IN, READS, MISSION, RAISED, QUIET, ASKS = "start", "in", "reads", "mission", "raised", "quiet", "asks"
+SHAPE = (
+    "'<policy> start:<mode>@<metres> mission: in:<mode> raised:<failsafe> quiet:<seconds> asks:<parameter>=<value> "
+    "reads:<kind>:<input> <kind>:<input> ...'"
+)
 
 
 class Hint(NamedTuple):
     """One policy: where its flights may begin (None: where the campaign does), its own inputs.
 
-    `modes` are those its formula names, `read` the inputs whose values its formula reads.
+    `modes` are those its formula names, `raised` the failsafes, `asked` settings with the values it compares them to,
+    `read` the inputs whose values it reads; its state must last `quiet_s`; `flies_mission` if all is about missions.
     """
 
     policy: str
@@ -26,6 +31,10 @@ class Hint(NamedTuple):
     inputs: tuple[Input, ...] = ()
     modes: tuple[str, ...] = ()
     read: tuple[Input, ...] = ()
+    raised: tuple[str, ...] = ()
+    asked: tuple[tuple[Input, float], ...] = ()
+    quiet_s: float = 0.0
+    flies_mission: bool = False
 
     def kinds(self) -> tuple[StimulusKind, ...]:
         """Return the kinds of its inputs, sorted."""
@@ -48,10 +57,22 @@ def _read(text: str, have: Have) -> Hint:
     inputs: list[Input] = []
     modes: list[str] = []
     read: list[Input] = []
+    raised: list[str] = []
+    asked: list[tuple[Input, float]] = []
+    quiet_s, flies_mission = 0.0, False
     for word in words:
         kind, _, name = word.partition(":")
         if kind == START:
             start = _start(name, text)
+        elif kind == MISSION:
+            flies_mission = True
+        elif kind == RAISED:
+            raised.append(name)
+        elif kind == QUIET:
+            quiet_s = _number(name, QUIET_MAX_S, text)
+        elif kind == ASKS:
+            name, _, value = name.partition("=")
+            asked += [(entry, _number(value, math.inf, text)) for entry in named("parameter", [name], have, "hints")]
         elif kind == IN:
             modes.extend(entry.name for entry in named("mode", [name], have, "hints"))
         elif kind == READS:
@@ -61,7 +82,8 @@ def _read(text: str, have: Have) -> Hint:
             inputs.extend(named(_kind(kind, text), [name], have, "hints"))
     if not policy:
         raise Refused("strategy setting hints", expected=SHAPE, got=repr(text))
-    return Hint(policy, start, tuple(dict.fromkeys(inputs)), tuple(modes), tuple(read))
+    own = tuple(dict.fromkeys(inputs))
+    return Hint(policy, start, own, tuple(modes), tuple(read), tuple(raised), tuple(asked), quiet_s, flies_mission)
 
 
 def _kind(word: str, text: str) -> StimulusKind:
@@ -73,10 +95,14 @@ def _kind(word: str, text: str) -> StimulusKind:
 
 def _start(word: str, text: str) -> StartState:
     mode, _, height = word.partition("@")
+    return StartState(mode=mode, altitude_m=_number(height, HEIGHT_MAX_M, text))
+
+
+def _number(word: str, most: float, text: str) -> float:
     try:
-        altitude_m = float(height)
+        value = float(word)
     except ValueError:
-        altitude_m = math.nan
-    if not abs(altitude_m) <= HEIGHT_MAX_M:
+        value = math.nan
+    if not abs(value) <= most:
         raise Refused("strategy setting hints", expected=SHAPE, got=repr(text))
-    return StartState(mode=mode, altitude_m=altitude_m)
+    return value

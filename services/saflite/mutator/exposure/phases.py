@@ -20,7 +20,8 @@ PAUSE_S = (0.1, 4.0)  # between the inputs of one phase; all sizes alike
 TAIL_S = 6.0  # least time left after the last input, for its effect to show
 MORE = 0.65  # chance of one more input in a phase
 INPUTS_MAX = 6
-RECOVER: dict[StimulusKind, float] = {"stick": 0.6, "sensor_fault": 0.35, "parameter": 0.1}
+QUIET_SHARE, QUIET_LONGER = 0.6, 1.5  # how often a phase lasts as long as the rule asks for, how much longer at most
+RECOVER: dict[StimulusKind, float] = {"stick": 0.8, "sensor_fault": 0.5, "parameter": 0.1}
 """Chance that an input is taken back at the end of its phase: sticks let go, faults mended, settings reset."""
 
 
@@ -55,8 +56,11 @@ class Script:
         """Let time go by, all sizes alike."""
         self.at_s += math.exp(rng.uniform(math.log(low_s), math.log(high_s)))
 
-    def phase(self, rng: Rng, entry: Sequence[Stimulus], draw: Draw) -> None:
-        """Add a phase: the inputs that enter a state, a few more, quiet; what is taken back then."""
+    def phase(self, rng: Rng, entry: Sequence[Stimulus], draw: Draw, quiet_s: float = 0.0) -> None:
+        """Add a phase: the inputs that enter a state, a few more, quiet; what is taken back then.
+
+        The quiet lasts `quiet_s` mostly, if that is told.
+        """
         given = []
         early = draw(rng) if entry and rng.random() < 0.3 else None  # settings are read on entry
         for stimulus in (*((early,) if early else ()), *entry):
@@ -66,7 +70,10 @@ class Script:
             given.append(draw(rng))
             self.give(given[-1])
             self.pause(rng, *PAUSE_S)
-        self.pause(rng, *self._tempo.settle_s)
+        if quiet_s and rng.random() < QUIET_SHARE:
+            self.pause(rng, quiet_s, QUIET_LONGER * quiet_s)
+        else:
+            self.pause(rng, *self._tempo.settle_s)
         for stimulus in (*((early,) if early else ()), *given):
             self._take_back(rng, stimulus)
 

@@ -38,6 +38,7 @@ class StateModel:
         self._legs: dict[str, dict[str, Leg]] = {}
         self._origins: dict[str, Origin] = {}
         self._given: dict[str, Counter[str]] = {}
+        self._raised_by: dict[str, dict[tuple[str, str], Stimulus]] = {}
 
     def tell(self, case: TestCase, transitions: Sequence[Transition]) -> int:
         """Add a flight; return how many (state, state, kind, preceding kind) were new in it."""
@@ -51,9 +52,21 @@ class StateModel:
             self.covered[seen] += 1
             self._given.setdefault(step.after, Counter())
             self._given.setdefault(step.before, Counter())[stimulus.kind if stimulus else ""] += 1
+            self._learn_causes(step, stimulus or _at(case, step.preceding))
             if step.after != step.before:
                 self._legs.setdefault(step.before, {}).setdefault(step.after, Leg(stimulus, step.after))
         return new
+
+    def _learn_causes(self, step: Transition, stimulus: Stimulus | None) -> None:
+        if stimulus is None or stimulus.kind == "mode":
+            return
+        for word in sorted(set(step.after.split()) - set(step.before.split())):
+            self._raised_by.setdefault(word, {})[stimulus.kind, stimulus.name] = stimulus
+
+    def cause(self, rng: Rng, words: Sequence[str]) -> Stimulus | None:
+        """Return an input after which one of the words came into the state (a failsafe); None if none is known."""
+        known = [stimulus for word in words for stimulus in self._raised_by.get(word, {}).values()]
+        return known[int(rng.integers(len(known)))] if known else None
 
     @property
     def states(self) -> tuple[str, ...]:

@@ -12,7 +12,7 @@ spliced, extended. Routes to states seldom tried are read from the state model.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import partial
 from typing import ClassVar, NamedTuple
 
@@ -41,6 +41,9 @@ AIRBORNE_S = (20.0, 40.0)  # a mission takes off after about 20 s
 SETTLE_LEAST_S = 1.5
 MODES_WITHIN = 0.15  # share of test cases that change the mode within a phase, too
 SHIFT_S = (0.05, 15.0)
+POLICIES_EACH = 3  # policies a fresh test case is for, a phase in turn
+ASKED = 0.6  # chance that a setting has the value a rule asks for
+CAUSED = 0.25  # share of inputs that raised a failsafe before, for rules that ask for it
 
 
 class Style(NamedTuple):
@@ -115,9 +118,9 @@ class Strategy:
     # ---- ask ---------------------------------------------------------------------------------------------------
 
     def ask(self, count: int, rng: Rng) -> list[TestCase]:
-        """Return `count` test cases; each is for a policy or two."""
-        wanted = self._attention.rotation(rng, 2 * count)
-        return [self._one(rng, (wanted[2 * place], wanted[2 * place + 1])) for place in range(count)]
+        """Return `count` test cases; each is for a few policies."""
+        wanted = self._attention.rotation(rng, POLICIES_EACH * count)
+        return [self._one(rng, tuple(wanted[place::count])) for place in range(count)]
 
     def _one(self, rng: Rng, policies: tuple[str, ...]) -> TestCase:
         way = rng.random()
@@ -143,7 +146,7 @@ class Strategy:
         scenarios, way = self._scenarios, rng.random()
         if scenarios.own.mission is not None:
             return scenarios.own
-        if way < self._chosen.real("missions") and scenarios.missions:
+        if scenarios.missions and (hint.flies_mission or way < self._chosen.real("missions")):
             return scenarios.mission(rng)
         if way < self._chosen.real("missions") + self._chosen.real("starts"):
             return scenarios.anywhere(rng)
@@ -154,6 +157,8 @@ class Strategy:
     def _fresh(self, rng: Rng, scenario: Scenario, policies: Sequence[str]) -> Stimuli:
         script = Script(self._tempo(rng, scenario))
         styles = [self._style(rng, self._hints[policy]) for policy in policies]
+        for stimulus in self._asked(rng, dict.fromkeys(policies)):
+            script.give(stimulus)
         for number in range(self._chosen.whole("phases_max")):
             mode = scenario.start.mode if number == 0 and scenario.start is not None else ""
             self._phase(rng, script, styles[number % len(styles)], mode)
@@ -162,7 +167,13 @@ class Strategy:
         return script.stimuli()
 
     def _phase(self, rng: Rng, script: Script, style: Style, mode: str) -> None:
-        script.phase(rng, self._entry(rng, style.hint, mode), partial(self._draw, style))
+        entry = self._entry(rng, style.hint, mode)
+        script.phase(rng, entry, partial(self._draw, style), style.hint.quiet_s)
+
+    def _asked(self, rng: Rng, policies: Iterable[str]) -> list[Stimulus]:
+        """Return settings with values that the formulas of the policies ask for."""
+        asked = [pair for policy in policies for pair in self._hints[policy].asked if rng.random() < ASKED]
+        return [Stimulus(at_s=0.0, kind=entry.kind, name=entry.name, values=(value,)) for entry, value in asked]
 
     def _entry(self, rng: Rng, hint: Hint, mode: str) -> list[Stimulus]:
         """Return what enters a state a policy is about: a mode its formula names, of its inputs, seldom any."""
@@ -195,6 +206,10 @@ class Strategy:
         return Style(hint, kept or (kinds[int(rng.integers(len(kinds)))],))
 
     def _draw(self, style: Style, rng: Rng) -> Stimulus:
+        if style.hint.raised and rng.random() < CAUSED:
+            known = self._states.cause(rng, style.hint.raised)
+            if known is not None:
+                return known
         entry = None
         if rng.random() < self._chosen.real("own"):
             entry = self._vocabulary.draw_own(rng, style.hint, style.kinds)

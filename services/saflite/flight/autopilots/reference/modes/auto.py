@@ -92,8 +92,10 @@ class Auto(Mode):
         self.pilot_turn()
         if self._paused is not None:
             self._stay(self._paused)
-            return
-        getattr(self, f"_{self._item().kind}")()
+        else:
+            getattr(self, f"_{self._item().kind}")()
+        if self._pilot_turns and self.ap.yaw_order_rad is not None and self.ap.mode is self:
+            steer.heading(self.board, self.ap.yaw_order_rad)  # items that turn nowhere leave the nose to the pilot, too
 
     def pilot_turn(self) -> None:
         """The pilot's yaw stick works in AUTO too; let go, the nose turns back to where the mission wants it."""
