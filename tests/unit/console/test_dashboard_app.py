@@ -150,6 +150,18 @@ def test_several_runs_stand_in_order_of_time() -> None:
     assert client(Stub()).get("/").headers["location"] == "/run/0/"
 
 
+def test_a_page_keeps_its_size_whatever_a_run_found() -> None:
+    many = tuple(
+        msgspec.structs.replace(VIOLATION, test_case=f"{number:016x}", robustness=-float(number))
+        for number in range(10_000)
+    )
+    text = client(Stub(found=many)).get("/run/0/").text
+    assert text.count('<tr class="find"') == pages.FINDS_SHOWN
+    assert f"and {len(many) - pages.FINDS_SHOWN} more" in text
+    assert f'data-find="{many[-1].test_case}"' in text  # the worst
+    assert len(text.encode()) < 600 * pages.FINDS_SHOWN
+
+
 def test_the_stream_tells_figures_and_finds_as_they_come() -> None:
     source = Stub()
     messages = [{"type": "http.request"}, {"type": "http.request"}, {"type": "http.disconnect"}]

@@ -121,11 +121,15 @@ class RunFolder:
 
     # ---- what was found ------------------------------------------------------------------------------------------
 
-    def violations(self, confirmation: str = "") -> list[Violation]:
-        """Return the violations in the order found; only those of a standing if one is given."""
-        rows = self._rows("SELECT content FROM violations ORDER BY rowid")
-        found = [wire.decode(content, Violation) for (content,) in rows]
-        return [violation for violation in found if not confirmation or violation.confirmation == confirmation]
+    def violations(self, confirmation: str = "", *, similar: bool = True) -> list[Violation]:
+        """Return the violations in the order found: of one standing if given, without `similar` ones if asked to."""
+        query = """SELECT content FROM violations
+            WHERE ?1 IN ('', confirmation) AND (?2 OR confirmation <> 'similar') ORDER BY rowid"""
+        return [wire.decode(content, Violation) for (content,) in self._rows(query, confirmation, similar)]
+
+    def standings(self) -> Counter[str]:
+        """Return how many violations there are of each standing."""
+        return Counter(dict(self._rows("SELECT confirmation, count(*) FROM violations GROUP BY confirmation")))
 
     def test_case(self, name: str) -> TestCase:
         """Return a test case by its identity; raises Refused if the run holds none of that name."""
@@ -186,11 +190,9 @@ class RunFolder:
     def findings(self, *, similar: bool = False) -> list[Finding]:
         """Return the violations with what is known of each, confirmed and worst first; `similar` ones if asked for."""
         order = {"confirmed": 0, "unconfirmed": 1, "flaky": 2}
-        ranked = sorted(
-            (one for one in self.violations() if similar or one.confirmation != "similar"),
-            key=lambda one: (order.get(one.confirmation, 3), one.robustness, one.test_case),
-        )
-        return [self._finding(one) for one in ranked]
+        found = self.violations(similar=similar)
+        found.sort(key=lambda one: (order.get(one.confirmation, 3), one.robustness, one.test_case))
+        return [self._finding(one) for one in found]
 
     def _finding(self, violation: Violation) -> Finding:
         name, test_case = violation.test_case, self.test_case(violation.test_case)

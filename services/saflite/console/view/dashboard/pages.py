@@ -15,6 +15,8 @@ KEYS = (
     *(("j", "next find"), ("k", "find before"), ("Enter", "open it"), ("Esc", "close it"), ("/", "filter")),
     *(("p", "pause or resume"), ("d", "dark or light"), ("r", "all runs"), ("?", "these keys")),
 )
+FINDS_SHOWN = 500
+"""Rows of the table of finds, confirmed and worst first: a page of bounded size, whatever the run found."""
 RANK = {"confirmed": 0, "unconfirmed": 1, "flaky": 2}
 
 
@@ -119,7 +121,7 @@ def finds(found: Sequence[Violation]) -> str:
         return '<p class="quiet">No violation was found yet.</p>'
     ranked = sorted(found, key=lambda one: (RANK.get(one.confirmation, 3), one.robustness, one.test_case))
     rows = []
-    for one in ranked:
+    for one in ranked[:FINDS_SHOWN]:
         cells = (
             f"<code>{escape(one.fingerprint[:8])}</code>",
             escape(one.policy),
@@ -131,7 +133,10 @@ def finds(found: Sequence[Violation]) -> str:
         )
         row = "".join(f"<td>{cell}</td>" for cell in cells)
         rows.append(f'<tr class="find" data-find="{escape(one.test_case)}">{row}</tr>')
-    return html_table(("find", "policy", "robustness", "severity", "confirmation", "behaviour", "re-flown"), rows)
+    left = len(ranked) - len(rows)
+    more = "" if left == 0 else f'<p class="muted">and {left} more: <code>saflite export RUN --format csv</code></p>'
+    heads = ("find", "policy", "robustness", "severity", "confirmation", "behaviour", "re-flown")
+    return html_table(heads, rows) + more
 
 
 def _way(one: Violation) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -149,8 +148,7 @@ class RunSource:
         if status is not None:
             return _of_status(status)
         with open_run(self._dir) as run:
-            flown, found = run.flown(), run.violations()
-            standings = Counter(one.confirmation for one in found)
+            flown, standings = run.flown(), run.standings()
             last = run.last_events(200)
             changes = [event.fact for event in last if isinstance(event.fact, CampaignChanged)]
             state = changes[-1].state if changes else "stopped"
@@ -159,7 +157,7 @@ class RunSource:
                 flights=flown["search"],
                 budget=run.campaign.budget_flights,
                 reflown=flown["confirm"],
-                behaviours=len({one.fingerprint for one in found if one.confirmation == "confirmed"}),
+                behaviours=len({one.fingerprint for one in run.violations("confirmed")}),
                 finds=standings["confirmed"] + standings["similar"],
                 flaky=standings["flaky"],
                 elapsed_s=run.elapsed_s(),
@@ -170,7 +168,7 @@ class RunSource:
         """Return the finds."""
         with open_run(self._dir) as run:
             hidden = run.memory_faults() if public else frozenset()
-            return [one for one in run.violations() if one.confirmation != "similar" and one.test_case not in hidden]
+            return [one for one in run.violations(similar=False) if one.test_case not in hidden]
 
     def part(self, name: str) -> str:
         """Return a part of the page; what has not changed is not made again."""
