@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
 FARM = Path(__file__).resolve().parents[2] / "tests" / "farm"
 TRACK_POINTS = 180  # one a second
+TRACKS = 50  # shapes of tracks in each way to violate
 LEAVES = "all"  # the folder in which all made-up workers leave their blobs
 
 
@@ -105,13 +106,16 @@ def _forgetful(doubles: Any) -> type:
 
 
 def _tracked(result: JudgeResult) -> JudgeResult:
-    """Give a judgement the track of a flight that wanders, rounded as the oracle rounds it."""
+    """Give a judgement the track of a flight that wanders in one of many ways, rounded as the oracle rounds it."""
+    import farm_doubles as doubles
     import msgspec
     import numpy as np
 
     from saflite.contract.rng import derive
 
-    rng = derive(1, "track", result.judgement.test_case, result.judgement.flight_index)
-    places = np.round(np.cumsum(rng.normal(0.0, 2.0, (TRACK_POINTS, 3)), axis=0), 2).tolist()
+    name = result.judgement.test_case
+    way = derive(1, "way", int(TRACKS * doubles.luck(f"track {name}"))).normal(0.0, 2.0, (TRACK_POINTS, 3))
+    own = derive(1, "track", name, result.judgement.flight_index).normal(0.0, 0.2, (TRACK_POINTS, 3))
+    places = np.round(np.cumsum(way, axis=0) + own, 2).tolist()
     track = tuple((float(second), *place) for second, place in enumerate(places))
     return msgspec.structs.replace(result, judgement=msgspec.structs.replace(result.judgement, track=track))

@@ -33,6 +33,7 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--flights", type=int, default=2000, help="flights flown, re-flights included")
     parser.add_argument("--together", type=int, default=4, help="leases taken and results committed together")
     parser.add_argument("--trace-kib", type=int, default=100, help="size of a packed trace")
+    parser.add_argument("--keep", type=Path, metavar="FOLDER", help="make the run here and leave it")
     parser.add_argument("--resume", type=Path, help="only open this run and work out its books")
     parser.add_argument("--json", action="store_true", help="print JSON")
     options = parser.parse_args(argv)
@@ -41,7 +42,7 @@ def main(argv: list[str]) -> int:
         figures = _resumed(options.resume)
     else:
         with tempfile.TemporaryDirectory() as folder:
-            figures = _measure(Path(folder) / "run", options)
+            figures = _measure(options.keep or Path(folder) / "run", options)
     if options.json:
         print(json.dumps(figures))
     else:

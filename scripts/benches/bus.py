@@ -33,13 +33,15 @@ from saflite.contract.control import Answer, Control
 from saflite.contract.errors import Refused
 from saflite.contract.events import Event, FaultSeen, ViolationFound
 from saflite.contract.rng import derive
-from saflite.contract.work import Ask, Failure, Grant, Heartbeat, Orders, Receipt, Report
+from saflite.contract.work import Ask, Failure, Grant, Heartbeat, Orders, Receipt, Report, Stage
 from saflite.evidence.folder import WorkerFolder
 from saflite.flight.autopilots.reference.describe import describe
 from saflite.runtime.clock import WallClock
 
 CAMPAIGN = "bench-bus"
 SESSIONS = 8
+BESIDE: dict[Stage, int] = {"mutate": 1, "score": 4}
+JUDGES = 8
 PER_ROUND = 8  # as in the built-in campaigns, but 400 rounds at once, so that work is always there to hand out
 
 
@@ -93,7 +95,7 @@ def books_process(what: Campaign) -> Iterator[BooksProcess]:
 
 
 def throughput(seconds: float, workers: int, rate: float) -> dict[str, Any]:
-    """Pace `workers` simulated flyers so that about `rate` results a second go through the books."""
+    """Pace `workers` simulated ones, nearly all flyers, so that about `rate` results a second go through the books."""
     think_s = workers / (rate / 2)  # each flight gives two results: the flight and its verdict
     with books_process(campaign(1_000_000, PER_ROUND)) as books:
         buses = [open_client(f"generator-{number}", books.endpoint) for number in range(SESSIONS)]
@@ -124,13 +126,14 @@ def throughput(seconds: float, workers: int, rate: float) -> dict[str, Any]:
 
 
 def _fill(generator: LoadGenerator, workers: int, think_s: float) -> None:
-    """Let the generator work until rounds of work lie ready and the generator is spread out evenly."""
-    for stage, count in (("mutate", 1), ("score", 4)):
-        generator.join(stage, count)  # type: ignore[arg-type]
+    """Let the generator work until rounds of work lie ready and `workers` of all stages are spread out evenly."""
+    for stage, count in BESIDE.items():
+        generator.join(stage, count)
     generator.run_for(15)
-    generator.join("judge", 8)
-    for _ in range(10):
-        generator.join("fly", workers // 10)
+    generator.join("judge", JUDGES)
+    flyers = workers - JUDGES - sum(BESIDE.values())
+    for tenth in range(10):
+        generator.join("fly", flyers * (tenth + 1) // 10 - flyers * tenth // 10)
         generator.run_for(think_s / 10)
     generator.run_for(think_s + 1)
 

@@ -7,9 +7,10 @@ the best alignment is divided by its steps: metres, whatever the length of the f
 
 from __future__ import annotations
 
-from itertools import accumulate
+from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from saflite.contract.bounds import Track
 
@@ -17,31 +18,83 @@ POINTS = 64
 SAME_SHAPE_M = 5.0
 """Tracks no farther apart than this on average have one shape."""
 
-Shape = tuple[tuple[float, float], ...]
+TOGETHER = 64  # shapes looked at in one go: 2 MB of gaps
+ROUNDING_M = 1e-6
+
+Shape = bytes
+"""`POINTS` places (x, y) in the plane as little-endian doubles; empty without a track."""
+
+Gaps = NDArray[np.float64]
+"""(others, POINTS, POINTS): metres between each place of one shape and each of every other one."""
 
 
 def shape_of(track: Track) -> Shape:
     """Return a track as points in the plane (x, y), evenly spaced along the way; empty without a track."""
     if not track:
-        return ()
+        return b""
     places = np.array([point[1:3] for point in track], dtype=np.float64)
     along = np.append(0.0, np.cumsum(np.hypot(*np.diff(places, axis=0).T)))
     wanted = np.linspace(0.0, float(along[-1]), POINTS)
-    rows = [np.round(np.interp(wanted, along, places[:, axis]), 3).tolist() for axis in (0, 1)]
-    return tuple(zip(*rows, strict=True))
+    columns = [np.round(np.interp(wanted, along, places[:, axis]), 3) for axis in (0, 1)]
+    return np.stack(columns, axis=1).astype("<f8").tobytes()
 
 
 def gap_m(one: Shape, other: Shape) -> float:
     """Return the mean gap between two shapes along their best alignment; 0 where both are empty."""
     if not one or not other:
         return 0.0 if one == other else float("inf")
-    ours, theirs = np.array(one)[:, None, :], np.array(other)[None, :, :]
-    gaps = np.hypot(ours[:, :, 0] - theirs[:, :, 0], ours[:, :, 1] - theirs[:, :, 1]).tolist()
-    row = [(total, steps) for steps, total in enumerate(accumulate(gaps[0]), 1)]
-    for here in gaps[1:]:
-        below, row = row, [(row[0][0] + here[0], row[0][1] + 1)]
-        for column in range(1, len(here)):
-            total, steps = min(below[column - 1], below[column], row[column - 1])
-            row.append((total + here[column], steps + 1))
-    total, steps = row[-1]
-    return float(total / steps)
+    return float(_aligned(_gaps(one, [other]))[0])
+
+
+def first_like(shape: Shape, others: Sequence[Shape], limit_m: float = SAME_SHAPE_M) -> int | None:
+    """Return the place of the first of the others that is no farther away than `limit_m`; None if all are."""
+    for start in range(0, len(others), TOGETHER):
+        some = others[start : start + TOGETHER]
+        if not shape or not all(some):
+            near = [place for place, other in enumerate(some) if gap_m(shape, other) <= limit_m]
+        else:
+            gaps = _gaps(shape, some)
+            maybe = np.flatnonzero(_at_least(gaps) <= limit_m + ROUNDING_M)
+            near = maybe[_aligned(gaps[maybe]) <= limit_m].tolist() if maybe.size else []
+        if near:
+            return start + near[0]
+    return None
+
+
+def _gaps(one: Shape, others: Sequence[Shape]) -> Gaps:
+    ours = np.frombuffer(one, "<f8").reshape(1, POINTS, 1, 2)
+    theirs = np.frombuffer(b"".join(others), "<f8").reshape(-1, 1, POINTS, 2)
+    return np.hypot(ours[..., 0] - theirs[..., 0], ours[..., 1] - theirs[..., 1])
+
+
+def _at_least(gaps: Gaps) -> NDArray[np.float64]:
+    """Return what no alignment can fall below: it meets every place of both shapes, in `POINTS` steps or up to twice."""
+    met_m = np.maximum(gaps.min(axis=1).sum(axis=1), gaps.min(axis=2).sum(axis=1))
+    longest = 2 * POINTS - 1
+    return np.minimum(met_m / POINTS, (met_m + (longest - POINTS) * gaps.min(axis=(1, 2))) / longest)
+
+
+def _aligned(gaps: Gaps) -> NDArray[np.float64]:
+    """Return the mean gap along the best alignment with each of the others: least in sum, of these least in steps.
+
+    Diagonal by diagonal, for all others at once: a sum depends on those of the two diagonals before only. What stands
+    at place i + 1 of a diagonal belongs to place i of our shape; outside the shapes sums are infinite.
+    """
+    turned = gaps[:, :, ::-1]
+    before, last = np.full((2, len(gaps), POINTS + 1), np.inf)
+    steps_before, steps_last = np.zeros((2, len(gaps), POINTS + 1), dtype=np.int64)
+    for diagonal in range(2 * POINTS - 1):
+        low, high = max(0, diagonal - POINTS + 1), min(diagonal, POINTS - 1) + 1
+        here = np.diagonal(turned, POINTS - 1 - diagonal, axis1=1, axis2=2)
+        sums, steps = np.full_like(last, np.inf), np.zeros_like(steps_last)
+        if diagonal:
+            ways = (before[:, low:high], last[:, low:high], last[:, low + 1 : high + 1])
+            counts = (steps_before[:, low:high], steps_last[:, low:high], steps_last[:, low + 1 : high + 1])
+            least = np.minimum(np.minimum(ways[0], ways[1]), ways[2])
+            fewest = [np.where(way == least, count, 2 * POINTS) for way, count in zip(ways, counts, strict=True)]
+            sums[:, low + 1 : high + 1] = least + here
+            steps[:, low + 1 : high + 1] = np.minimum(np.minimum(fewest[0], fewest[1]), fewest[2]) + 1
+        else:
+            sums[:, 1:2], steps[:, 1:2] = here, 1
+        before, last, steps_before, steps_last = last, sums, steps_last, steps
+    return np.asarray(last[:, POINTS] / steps_last[:, POINTS])

@@ -14,7 +14,7 @@ from saflite.campaign.engine.core import Core
 from saflite.campaign.lifecycle.confirmation import Trial, violated_verdicts
 from saflite.contract.ids import short_id
 from saflite.contract.verdict import Verdict
-from saflite.flight.track_shape import SAME_SHAPE_M, Shape, gap_m, shape_of
+from saflite.flight.track_shape import Shape, first_like, shape_of
 
 
 @dataclass(slots=True)
@@ -29,11 +29,9 @@ class Behaviour:
     line: list[str] = field(default_factory=list)  # finds not decided upon, in order; the first stands for all
     stood: dict[str, bool] = field(default_factory=dict)  # of those in line that have ended: whether they confirm it
 
-    def matches(self, verdict: Verdict, words: str, shape: Shape) -> bool:
-        """Whether a find is this behaviour: told in the same words, given at least its inputs, on a like track."""
-        if self.words != words or not set(self.cause) <= set(verdict.cause):
-            return False
-        return gap_m(self.shape, shape) <= SAME_SHAPE_M
+    def may_be(self, verdict: Verdict, words: str) -> bool:
+        """Whether a find on a like track is this behaviour: told in the same words, given at least its inputs."""
+        return self.words == words and set(self.cause) <= set(verdict.cause)
 
 
 class Behaviours:
@@ -93,13 +91,15 @@ class Behaviours:
 
     def _behaviour(self, trial: Trial, verdict: Verdict, shape: Shape) -> Behaviour:
         words = verdict.behaviour or f"{verdict.policy} of {trial.name}"
-        same = next((one for one in self._known.values() if one.matches(verdict, words, shape)), None)
-        if same is None:
-            like = sum(1 for one in self._known.values() if one.words == words)
-            same = Behaviour(short_id(f"{words}\x1f{like}".encode()), words, verdict.cause, shape)
-            self._known[same.fingerprint] = same
-            trial.founded += 1
-        return same
+        known = [one for one in self._known.values() if one.may_be(verdict, words)]
+        place = first_like(shape, [one.shape for one in known])
+        if place is not None:
+            return known[place]
+        like = sum(1 for one in self._known.values() if one.words == words)
+        founded = Behaviour(short_id(f"{words}\x1f{like}".encode()), words, verdict.cause, shape)
+        self._known[founded.fingerprint] = founded
+        trial.founded += 1
+        return founded
 
     def _advance(self, behaviour: Behaviour) -> None:
         """Have the first in line decide once it has ended: it has confirmed the behaviour, or the next one is asked."""
