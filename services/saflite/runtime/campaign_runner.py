@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType, MappingProxyType
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 from saflite.contract.config import Campaign
 from saflite.contract.control import Control, Status
@@ -35,6 +35,7 @@ STATUS_S = 0.5
 STATUS_PATIENCE_S = 2.0
 
 OnStatus = Callable[[Status], None]
+T = TypeVar("T")
 
 
 class ExitSummary(NamedTuple):
@@ -117,12 +118,8 @@ def resume(
         Refused: no run folder, one in use, a damaged store, or an endpoint that needs `insecure`.
         Unavailable: the farm cannot start.
     """
-    store = _open(run_dir)
-    campaign, used = store.campaign, run_modules.use(run_dir, modules)
+    campaign, used = _campaign(run_dir, budget), run_modules.use(run_dir, modules)
     run_modules.note(run_dir, used)
-    if budget is not None:
-        _raise_budget(store, budget)
-    store.close()
     record, hosts, paths = campaign.record != "none", hosts_named_by(campaign.scorer), [one.path for one in used]
     workers = None if on == HERE else workers_on(on, campaign.name, modules=paths, keys=keys, key_hosts=hosts)
     count = (workers.cores if workers else default_simulators()) if simulators is None else simulators
@@ -151,16 +148,35 @@ def resume(
             farm.stop()
 
 
+def _campaign(run_dir: Path, budget: int | None) -> Campaign:
+    """Return the campaign of a run that can be taken up again; the order for a new budget is given."""
+    from saflite.campaign.storage.store import campaign_of
+
+    if budget is None:
+        return _when_free(lambda: campaign_of(run_dir))
+    store = _open(run_dir)
+    try:
+        _raise_budget(store, budget)
+    finally:
+        store.close()
+    return store.campaign
+
+
 def _open(run_dir: Path) -> Store:
-    """Open the store; waits a moment for one just killed, whose lock goes only with its last file."""
-    from saflite.campaign.storage.sqlite import InUse
     from saflite.campaign.storage.store import Store
+
+    return _when_free(lambda: Store.open(run_dir))
+
+
+def _when_free(do: Callable[[], T]) -> T:
+    """Do something to a run; waits a moment for one just killed, whose lock goes only with its last file."""
+    from saflite.campaign.storage.sqlite import InUse
 
     clock = WallClock()
     until_s = clock.monotonic_s() + LOCK_WAIT_S
     while True:
         try:
-            return Store.open(run_dir)
+            return do()
         except InUse:
             if clock.monotonic_s() > until_s:
                 raise
@@ -174,7 +190,6 @@ def _raise_budget(store: Store, budget: int) -> None:
     books.begin(clock.monotonic_s(), clock.unix_s())
     answer = books.control(Control(verb="budget", number=budget), clock.monotonic_s())
     if not answer.accepted:
-        store.close()
         raise Refused("budget", expected="one the books accept", got=answer.message)
     store.commit(books.drain())
 

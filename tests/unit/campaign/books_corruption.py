@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from books_drive import Driver, doubles
 
-from saflite.campaign.storage.audit import audit, told_of
+from saflite.campaign.storage.audit import audit, resume_faults, told_of
 from saflite.campaign.storage.projections import TABLES
 from saflite.campaign.storage.store import Store, store_file
 from saflite.contract.errors import FarmError
@@ -111,12 +111,14 @@ def whole_of(run_dir: Path, place: Path) -> Whole:
 def outcome_of(fault: Fault, run_dir: Path, place: Path, whole: Whole) -> str:
     """Damage a copy of a run at `place`; returns `told`, `harmless`, or `silent`: something is lost and nobody says.
 
-    Each way to read a run has to say so by itself: an audit, what report, replay and export ask first, and resume.
+    Each way to read a run has to say so by itself: an audit, what report, replay and export ask first, and resume;
+    what resume does not look at has to be told still after it went on.
     """
     ways: tuple[tuple[Callable[[Path], bool], Callable[[Path], bool]], ...] = (
         (lambda run: not audit(run, quick=True, blobs=False)["clean"], lambda run: journal(run) == whole.journal),
         (lambda run: bool(told_of(run)), lambda run: tables(run) == whole.tables),
-        (lambda run: not audit(run, quick=True, blobs=False)["clean"], lambda run: state(run) == whole.state),
+        (lambda run: bool(resume_faults(run)), lambda run: state(run) == whole.state),
+        (lambda run: bool(told_of(run)), lambda run: (tables(run), journal(run)) == (whole.tables, whole.journal)),
     )
     copied(run_dir, place)
     inflict(fault, place)

@@ -71,7 +71,7 @@ def test_a_rebuilt_store_is_the_same_row_by_row(run_dir: Path) -> None:
     assert all(before[table] for table in ALL), "the run leaves some table empty"
     assert rebuild(run_dir) == len(before["journal"])
     assert rows(run_dir) == before
-    assert {path.name for path in run_dir.iterdir()} == {"books.sqlite", "books.witness", "books.lock"}
+    assert {path.name for path in run_dir.iterdir()} == {"books.sqlite", "books.witness", "books.seal", "books.lock"}
 
 
 @pytest.mark.parametrize("table", [*TABLES, "events"])

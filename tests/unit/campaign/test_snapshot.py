@@ -23,13 +23,15 @@ from saflite.campaign.engine.state import Books
 from saflite.campaign.lifecycle.minimizer import Minimizer
 from saflite.campaign.lifecycle.repeats import ONE_FLIGHT
 from saflite.campaign.storage import snapshot_file as snapshot_files
-from saflite.campaign.storage.audit import audit
+from saflite.campaign.storage.audit import audit, resume_faults, told_of
 from saflite.campaign.storage.rebuild import rebuild
+from saflite.campaign.storage.seal import is_sealed, seal_file
 from saflite.campaign.storage.snapshot_file import code, code_files, snapshot_file
 from saflite.campaign.storage.store import Store, store_file
 from saflite.contract import wire
 from saflite.contract.blobs import BlobMissing
 from saflite.contract.control import Control, Verb
+from saflite.contract.errors import Refused
 from saflite.contract.rng import derive
 from saflite.contract.target_info import Repeats
 from saflite.contract.test_case import Target
@@ -138,6 +140,44 @@ def test_books_opened_again_come_of_the_snapshot_and_the_lines_behind_it(stopped
     again, none = opened(run_dir)
     assert none == 0
     assert books.snapshot() == again.snapshot()
+
+
+def test_entries_in_a_snapshot_are_not_read_but_their_damage_is_told_when_somebody_does(
+    stopped: Path, tmp_path: Path
+) -> None:
+    run_dir = copy_of(stopped, tmp_path / "run")
+    seal_file(run_dir).unlink()  # as if it had been killed
+    before, _ = opened(run_dir)
+    assert not seal_file(run_dir).exists(), "nobody has looked at its tables"
+    database = sqlite3.connect(store_file(run_dir))
+    number, line = database.execute(
+        "SELECT n, line FROM journal WHERE n IN (SELECT line FROM judgements) LIMIT 1"
+    ).fetchone()
+    damaged = line[:40] + bytes([line[40] ^ 1]) + line[41:]
+    database.execute("UPDATE journal SET line = ? WHERE n = ?", (damaged, number))
+    database.commit()
+    database.close()
+    assert resume_faults(run_dir) == []
+    books, so_far = opened(run_dir)
+    assert so_far > number
+    assert books.snapshot() == before.snapshot()
+    store = Store.open(run_dir)
+    with pytest.raises(Refused, match=f"journal, entry {number}|journal entry {number}"):
+        store.outcomes(-1, 10**6, 10**6)
+    store.close()
+    assert f"journal entry {number}" in told_of(run_dir)
+    assert any(f"journal entry {number}" in problem for problem in audit(run_dir, blobs=False)["problems"])
+
+
+def test_a_killed_run_is_sealed_again_by_the_audit_that_finds_it_whole(stopped: Path, tmp_path: Path) -> None:
+    run_dir = copy_of(stopped, tmp_path / "run")
+    seal_file(run_dir).unlink()
+    opened(run_dir)
+    assert not is_sealed(run_dir)
+    assert audit(run_dir, blobs=False)["problems"] == []
+    assert is_sealed(run_dir)
+    opened(run_dir)
+    assert is_sealed(run_dir)
 
 
 def test_a_snapshot_that_is_damaged_of_another_run_or_ahead_is_not_used(stopped: Path, tmp_path: Path) -> None:

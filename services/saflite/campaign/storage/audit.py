@@ -16,9 +16,16 @@ from saflite.campaign.engine.state import Books
 from saflite.campaign.storage.journal_audit import JournalAudit
 from saflite.campaign.storage.projections import KEYS, TABLES
 from saflite.campaign.storage.rebuild import books_of
-from saflite.campaign.storage.seal import is_sealed
+from saflite.campaign.storage.seal import digest_of, has_log, is_sealed, seal, was_closed
 from saflite.campaign.storage.snapshot_file import Kept, kept
-from saflite.campaign.storage.sqlite import check_file, checked_chain, connect_reading, damage_named, in_use
+from saflite.campaign.storage.sqlite import (
+    check_file,
+    checked_chain,
+    connect_reading,
+    damage_named,
+    in_use,
+    journal_after,
+)
 from saflite.campaign.storage.store import store_file
 from saflite.campaign.storage.witness import loss, start_of
 from saflite.contract import wire
@@ -38,12 +45,14 @@ def audit(run_dir: Path, *, quick: bool = False, blobs: bool = True) -> dict[str
     Every blob the books name is read and its digest checked; `quick` only looks whether it is there in full length,
     without `blobs` nothing is looked for but the books themselves.
     Works on a finished, an interrupted and a running campaign; what is still under way is counted and is no problem.
+    One that nobody works on and that is clean is sealed, if it was not.
 
     Raises:
         Refused: there is no run, or its store cannot be read at all.
     """
     path = store_file(run_dir)
     lost = loss(run_dir)
+    digest = b"" if in_use(run_dir) or has_log(run_dir) or is_sealed(run_dir) else digest_of(run_dir)
     connection = connect_reading(path)
     try:
         with damage_named(path):
@@ -53,6 +62,8 @@ def audit(run_dir: Path, *, quick: bool = False, blobs: bool = True) -> dict[str
     finally:
         connection.close()
     problems = [lost, *figures["problems"]] if lost else figures["problems"]
+    if digest and not problems:
+        seal(run_dir, digest)
     return {**figures, "clean": not problems, "problems": problems}
 
 
@@ -77,6 +88,43 @@ def told_of(run_dir: Path) -> str:
     except (AssertionError, LookupError, ValueError) as fault:  # lines that fit their checksums
         return f"this version cannot replay its journal ({type(fault).__name__}: {fault})"
     return problems[0] if problems else ""
+
+
+def resume_faults(run_dir: Path) -> list[str]:
+    """Return in words what keeps a run that nobody works on from being taken up again.
+
+    A store that is byte for byte as it was closed has been looked at then; of one that was altered since, or has lost
+    commits, an audit says what is wrong. One that was killed has its structure checked, and what the books will be
+    rebuilt from: the snapshot and the entries of the journal behind it, up to the one that was witnessed. Damage in
+    older entries is told when they are read, in tables by `audit` and before anything is reported of the run.
+
+    Raises:
+        Refused: there is no run, or its store cannot be read at all.
+    """
+    lost = loss(run_dir)
+    if not lost and is_sealed(run_dir):
+        return []
+    if lost or was_closed(run_dir):
+        problems: list[str] = audit(run_dir, quick=True, blobs=False)["problems"]
+        return problems
+    fault = _fault_behind_snapshot(run_dir)
+    return [fault] if fault else []
+
+
+def _fault_behind_snapshot(run_dir: Path) -> str:
+    path = store_file(run_dir)
+    connection = connect_reading(path)
+    try:
+        with damage_named(path):
+            check_file(connection, path)
+            snapshot = kept(run_dir, start_of(connection), connection) or Kept(0, 0, b"")
+            for _ in journal_after(connection, path, snapshot.line, snapshot.chain):
+                pass
+    except Refused as fault:
+        return str(fault)
+    finally:
+        connection.close()
+    return ""
 
 
 def _chain_fault(path: Path) -> str:
@@ -105,7 +153,7 @@ def _audit(run_dir: Path, connection: sqlite3.Connection, path: Path, quick: boo
     counted = JournalAudit()
     replayed = _Replayed(books_of(connection), kept(run_dir, start_of(connection), connection))
     try:
-        for line in checked_chain(connection.execute("SELECT n, chain, line FROM journal ORDER BY n"), "journal", path):
+        for line in journal_after(connection, path):
             counted.add(line)
             replayed.add(line)
         stored = connection.execute("SELECT seq, chain, event FROM events ORDER BY seq")

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import sqlite3
 from collections.abc import Iterator
+from pathlib import Path
 
 import msgspec
 
 from saflite.campaign.engine.journal import Line, Settled, decode_line
 from saflite.campaign.lifecycle.outcomes import outcome_of
+from saflite.campaign.storage.sqlite import chain_at, checked_chain
 from saflite.contract import wire
 from saflite.contract.errors import Refused
 from saflite.contract.flight import Flight, Purpose
@@ -81,9 +83,13 @@ class Contents:
         return self._held[1]
 
     def _read(self, number: int) -> Result:
-        row = self._db.execute("SELECT line FROM journal WHERE n = ?", (number,)).fetchone()
+        query = "SELECT n, chain, line FROM journal WHERE n = ?"
+        chain = chain_at(self._db, "journal", number - 1)
+        row = self._db.execute(query, (number,))
+        rows = checked_chain(row, "journal", Path("books.sqlite"), after=number - 1, chain=chain)
+        data = next(rows, None)
         try:
-            line: Line | None = None if row is None else decode_line(row[0])
+            line: Line | None = None if data is None else decode_line(data)
         except wire.UNREADABLE:
             line = None
         if line is None or not isinstance(line.entry, Settled):

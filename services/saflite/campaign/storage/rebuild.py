@@ -13,7 +13,8 @@ from pathlib import Path
 from saflite.campaign.engine.state import Books
 from saflite.campaign.storage import snapshot_file
 from saflite.campaign.storage.projections import CREATE, Tables
-from saflite.campaign.storage.sqlite import checked_chain, connect, damage_named, lock_run, meta, transaction
+from saflite.campaign.storage.seal import seal
+from saflite.campaign.storage.sqlite import connect, damage_named, journal_after, lock_run, meta, transaction
 from saflite.campaign.storage.store import store_file
 from saflite.contract import wire
 from saflite.contract.config import Campaign
@@ -44,6 +45,7 @@ def rebuild(run_dir: Path) -> int:
                 _fold_in(old, path)
             _put_in_place(beside, path)
             snapshot_file.remove(run_dir)
+            seal(run_dir)
         except OSError as fault:
             raise Unavailable(f"{beside} cannot be written: {fault}") from fault
         finally:
@@ -70,8 +72,7 @@ def books_of(connection: sqlite3.Connection) -> Books:
 def _replay(old: sqlite3.Connection, new: sqlite3.Connection, path: Path) -> int:
     books = books_of(old)
     tables = Tables(new)
-    lines = checked_chain(old.execute("SELECT n, chain, line FROM journal ORDER BY n"), "journal", path)
-    for number, line in enumerate(lines, 1):
+    for number, line in enumerate(journal_after(old, path), 1):
         books.replay(line, announce=True)
         if number % REPLAY_STEP == 0:
             tables.tails = tables.add(books.drain())

@@ -1,14 +1,15 @@
 """Is a store byte for byte as it was when it was closed? Then nothing in it needs to be worked out anew to be believed.
 
 Journal and events carry checksums of their own, the tables made of them do not. `books.seal` holds the SHA-256 of the
-whole file. It is only a short cut: where it is missing, damaged or of another file, the tables are compared with what
-comes of the journal.
+whole file; it goes when the store is opened for writing. It is only a short cut: where it is missing, damaged or of
+another file, the tables are compared with what comes of the journal before they are believed.
 """
 
 from __future__ import annotations
 
 import hashlib
 import logging
+import os
 from pathlib import Path
 
 from saflite.contract.errors import Refused, Unavailable
@@ -23,25 +24,43 @@ def seal_file(run_dir: Path) -> Path:
     return run_dir / "books.seal"
 
 
-def seal(run_dir: Path) -> None:
-    """Seal a store that is closed and has no write-ahead log; where the disk does not take it there is no seal."""
+def seal(run_dir: Path, digest: bytes = b"") -> None:
+    """Seal a store that is closed and has no write-ahead log; where the disk does not take it there is no seal.
+
+    Only one whose tables are known to be whole: it was sealed when it was opened, is new, or was audited. `digest` is
+    that of the file as it was when somebody began to look.
+    """
     try:
-        write_whole(seal_file(run_dir), _digest(run_dir))
+        write_whole(seal_file(run_dir), digest or digest_of(run_dir))
     except (OSError, Unavailable) as fault:
         log.warning("the books are not sealed: %s", fault)
 
 
+def break_seal(run_dir: Path) -> None:
+    """Have no seal: the store is opened for writing."""
+    seal_file(run_dir).unlink(missing_ok=True)
+
+
 def is_sealed(run_dir: Path) -> bool:
     """Return whether the store is as it was sealed, with no write-ahead log beside it."""
-    log_file = run_dir / "books.sqlite-wal"
     try:
-        if log_file.exists() and log_file.stat().st_size:
-            return False
-        return read_bytes(seal_file(run_dir), "seal", 64) == _digest(run_dir)
+        return not has_log(run_dir) and read_bytes(seal_file(run_dir), "seal", 64) == digest_of(run_dir)
     except (OSError, Refused):
         return False
 
 
-def _digest(run_dir: Path) -> bytes:
+def was_closed(run_dir: Path) -> bool:
+    """Return whether a store was closed, and sealed then; one that was killed is open yet."""
+    return os.path.lexists(seal_file(run_dir)) and not has_log(run_dir)
+
+
+def has_log(run_dir: Path) -> bool:
+    """Return whether a write-ahead log holds something of the store."""
+    log_file = run_dir / "books.sqlite-wal"
+    return log_file.exists() and log_file.stat().st_size > 0
+
+
+def digest_of(run_dir: Path) -> bytes:
+    """Return the digest of the file of a store; raises OSError where it cannot be read."""
     with (run_dir / "books.sqlite").open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest().encode()

@@ -21,6 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from saflite.campaign.storage.sqlite import chain_at
 from saflite.contract.errors import Refused
 from saflite.contract.outside import read_bytes
 
@@ -37,9 +38,10 @@ _CODE = (
 
 
 class Kept(NamedTuple):
-    """A state of the books, and the number of the last journal entry in it."""
+    """A state of the books, the number of the last journal entry in it, and the running checksum of that entry."""
 
     line: int
+    chain: int
     state: bytes
 
 
@@ -78,10 +80,15 @@ def kept(run_dir: Path, start: bytes, connection: sqlite3.Connection) -> Kept | 
         log.warning("%s is damaged and not used", snapshot_file(run_dir))
         return None
     made_by, run, line, chain = _HEAD.unpack(head)
-    if (made_by, run) != (code(), start):
-        return None
-    row = connection.execute("SELECT chain FROM journal WHERE n = ?", (line,)).fetchone()
-    return Kept(line, zlib.decompress(packed)) if row == (chain,) else None
+    for fits, other in (
+        (run == start, "another run"),
+        (made_by == code(), "other code than this"),
+        (chain_at(connection, "journal", line) == chain, "another journal"),
+    ):
+        if not fits:
+            log.warning("%s is of %s and not used: the whole journal is read", snapshot_file(run_dir), other)
+            return None
+    return Kept(line, chain, zlib.decompress(packed))
 
 
 def remove(run_dir: Path) -> None:

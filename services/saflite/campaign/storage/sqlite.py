@@ -122,6 +122,13 @@ def damage_named(path: Path) -> Iterator[None]:
         raise Refused("books", where=str(path), expected="an intact store", got=str(fault), fix=FIX) from fault
 
 
+def chain_at(connection: sqlite3.Connection, table: str, number: int) -> int:
+    """Return the running checksum that an entry of a chained table bears; 0 before the first, -1 where it is gone."""
+    key = {"journal": "n", "events": "seq"}[table]
+    row = connection.execute(f"SELECT chain FROM {table} WHERE {key} = ?", (number,)).fetchone()  # noqa: S608
+    return 0 if not number else -1 if row is None or not isinstance(row[0], int) else row[0]
+
+
 def check_version(connection: sqlite3.Connection, path: Path) -> None:
     """Raise Refused unless the file is a store of this version."""
     row = connection.execute("SELECT value FROM meta WHERE key = 'format'").fetchone()
@@ -160,16 +167,26 @@ def _text(value: object) -> str:
     return value.decode(errors="replace") if isinstance(value, bytes) else str(value)
 
 
-def checked_chain(rows: Iterable[tuple[int, int, bytes]], table: str, path: Path) -> Iterator[bytes]:
-    """Yield the contents of (number, checksum, content) rows; raises Refused at a gap or a wrong checksum."""
-    chain = 0
-    for expected, (number, stored, content) in enumerate(rows, 1):
-        chain = zlib.crc32(content, chain)
+def checked_chain(
+    rows: Iterable[tuple[int, int, bytes]], table: str, path: Path, *, after: int = 0, chain: int = 0
+) -> Iterator[bytes]:
+    """Yield the contents of (number, checksum, content) rows; raises Refused at a gap or a wrong checksum.
+
+    The rows are those `after` an entry, whose running checksum is `chain`.
+    """
+    for expected, (number, stored, content) in enumerate(rows, after + 1):
+        chain = zlib.crc32(content, chain) if isinstance(content, bytes) else -1
         if number != expected or chain != stored:
             what = f"{table} entry {expected}"
             got = f"entry {number}" if number != expected else "a wrong checksum"
             raise Refused("books", where=f"{path}, {what}", expected="an unbroken journal", got=got, fix=FIX)
         yield content
+
+
+def journal_after(connection: sqlite3.Connection, path: Path, after: int = 0, chain: int = 0) -> Iterator[bytes]:
+    """Yield the journal lines after one with the running checksum `chain`; raises Refused at a damaged one."""
+    rows = connection.execute("SELECT n, chain, line FROM journal WHERE n > ? ORDER BY n", (after,))
+    return checked_chain(rows, "journal", path, after=after, chain=chain)
 
 
 def _lock_file(run_dir: Path, flags: int) -> IO[bytes]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import logging
 import sqlite3
 from collections.abc import Iterable, Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import IO, TypeVar
 
@@ -16,13 +17,17 @@ from saflite.campaign.engine.state import Books
 from saflite.campaign.storage import snapshot_file
 from saflite.campaign.storage.contents import Contents
 from saflite.campaign.storage.projections import Tables
-from saflite.campaign.storage.seal import seal
+from saflite.campaign.storage.seal import break_seal, is_sealed, seal
 from saflite.campaign.storage.sqlite import (
+    chain_at,
     check_file,
+    check_version,
     checked_chain,
     connect,
+    connect_reading,
     damage_named,
     fold_in,
+    journal_after,
     lock_run,
     make_one_file,
     make_tables,
@@ -41,7 +46,7 @@ from saflite.contract.work import Outcome
 from saflite.evidence.files import put_in_place
 from saflite.evidence.folder import BlobFolder
 
-__all__ = ["Batch", "Store", "store_file"]
+__all__ = ["Batch", "Store", "campaign_of", "store_file"]
 
 log = logging.getLogger(__name__)
 
@@ -54,11 +59,26 @@ def store_file(run_dir: Path) -> Path:
     return run_dir / "books.sqlite"
 
 
+def campaign_of(run_dir: Path) -> Campaign:
+    """Return the campaign of a run that nobody works on and that has lost no commits, without writing to its store.
+
+    Raises:
+        Refused: there is none, it is in use, of another version, or lost commits.
+    """
+    path = store_file(run_dir)
+    connect_reading(path).close()  # before a lock is left in a folder without a run
+    with lock_run(run_dir):
+        check_loss(run_dir)
+        with closing(connect_reading(path)) as connection, damage_named(path):
+            return wire.decode(meta(connection, "campaign"), Campaign)
+
+
 class Store:
     """The store of one run, open for writing by one process at a time. Also the read model the books read from."""
 
-    def __init__(self, run_dir: Path, connection: sqlite3.Connection, lock: IO[bytes]) -> None:
+    def __init__(self, run_dir: Path, connection: sqlite3.Connection, lock: IO[bytes], *, whole: bool) -> None:
         self._run_dir, self._path, self._db, self._lock = run_dir, store_file(run_dir), connection, lock
+        self._whole = whole  # tables included; they bear no checksums, so only then is the store sealed at the end
         self.blobs = BlobFolder(run_dir)
         self.campaign = self._decoded("campaign", Campaign)
         self.template = self._decoded("template", TestCase)
@@ -99,11 +119,14 @@ class Store:
             make_tables(connection, campaign, template, target)
         except (OSError, sqlite3.OperationalError) as fault:
             raise Unavailable(f"no store can be made in {run_dir}: {fault}") from fault
-        return cls(run_dir, connection, lock)
+        return cls(run_dir, connection, lock, whole=True)
 
     @classmethod
     def open(cls, run_dir: Path) -> Store:
         """Open the store of an earlier run to go on with it.
+
+        One that is not as it was closed (it was killed) has its structure checked; what the books are rebuilt from is
+        checked by `rebuild`, other entries of the journal when they are read, tables by an audit only.
 
         Raises:
             Refused: there is none, it is in use, damaged, of another version, or lost commits; the text says what
@@ -116,20 +139,23 @@ class Store:
         try:
             check_loss(run_dir)  # before anything is opened for writing: that gives up what SQLite does not take
             with damage_named(path):
+                whole = is_sealed(run_dir)
                 connection = connect(path)
-                check_file(connection, path)
-                store = cls(run_dir, connection, lock)
+                (check_version if whole else check_file)(connection, path)
+                store = cls(run_dir, connection, lock, whole=whole)
+                break_seal(run_dir)
         except FarmError:
             lock.close()
             raise
         return store
 
     def close(self) -> None:
-        """Close the store and let others open it; leaves one SQLite file and its witness."""
+        """Close the store and let others open it; leaves one SQLite file, its witness and, if it is whole, a seal."""
         self._checkpoint()
         self._db.close()
         make_one_file(self._path)
-        seal(self._run_dir)
+        if self._whole:
+            seal(self._run_dir)
         self._witness.close()
         self._lock.close()
 
@@ -202,21 +228,24 @@ class Store:
     def rebuild(self) -> Books:
         """Return the books as last committed, rebuilt from the journal; `Books.begin` then opens them.
 
-        What is in the snapshot, if there is one that fits, is not replayed, but every entry is read and checked.
+        What is in the snapshot, if there is one that fits, is neither replayed nor read: the first entry behind it
+        has to go on from the running checksum the snapshot was made at, and the last be the one that was witnessed.
 
         Raises:
-            Refused: a line of the journal is damaged.
+            Refused: a line of the journal that is read is damaged.
         """
-        books, self._kept_line = self._books_so_far()
-        for number, line in enumerate(self.journal(), 1):
-            if number > self._kept_line:
-                books.replay(line)
+        books, self._kept_line, chain = self._books_so_far()
+        for line in self.journal(self._kept_line, chain):
+            books.replay(line)
         self.blobs.keep_only(frozenset(blob.digest for blob in books.wanted_blobs))
         self._publish(self._unpublished())
         return books
 
-    def _books_so_far(self) -> tuple[Books, int]:
-        """Return the books of the snapshot and how many journal entries are in it; empty ones and 0 without one."""
+    def _books_so_far(self) -> tuple[Books, int, int]:
+        """Return the books of the snapshot, how many journal entries are in it, and the checksum of the last.
+
+        Without a snapshot: empty ones, 0, 0.
+        """
         kept = snapshot_file.kept(self._run_dir, self._start, self._db)
         if kept is not None:
             books = self._empty_books()
@@ -225,8 +254,8 @@ class Store:
             except ValueError as fault:
                 log.warning("the snapshot is not used: %s", fault)
             else:
-                return books, kept.line
-        return self._empty_books(), 0
+                return books, kept.line, kept.chain
+        return self._empty_books(), 0, 0
 
     def _empty_books(self) -> Books:
         return Books(self.campaign, self.template, self.target, run_id=self.run_id, read_model=self)
@@ -241,11 +270,10 @@ class Store:
         named = ((recording_file(test_case, index), digest) for test_case, index, digest in rows)
         return [(file, digest) for file, digest in named if file not in there]
 
-    def journal(self) -> Iterator[bytes]:
-        """Yield the journal lines in order, each checked; raises Refused at the first damaged one."""
+    def journal(self, after: int = 0, chain: int = 0) -> Iterator[bytes]:
+        """Yield the journal lines after one with the running checksum `chain`; raises Refused at a damaged one."""
         with damage_named(self._path):
-            rows = self._db.execute("SELECT n, chain, line FROM journal ORDER BY n")
-            yield from checked_chain(rows, "journal", self._path)
+            yield from journal_after(self._db, self._path, after, chain)
 
     def blob_fault(self, blob: BlobRef, *, deep: bool = False) -> str:
         """See `ReadModel.blob_fault`."""
@@ -261,9 +289,11 @@ class Store:
         return tuple(found)
 
     def events(self, from_seq: int, limit: int) -> tuple[bytes, ...]:
-        """Return up to `limit` encoded events from `from_seq` on."""
-        query = "SELECT event FROM events WHERE seq >= ? ORDER BY seq LIMIT ?"
-        return tuple(row[0] for row in self._db.execute(query, (from_seq, limit)))
+        """Return up to `limit` encoded events from `from_seq` on; raises Refused if one of them is damaged."""
+        query = "SELECT seq, chain, event FROM events WHERE seq >= ? ORDER BY seq LIMIT ?"
+        rows, before = self._db.execute(query, (from_seq, limit)), from_seq - 1
+        chain = chain_at(self._db, "events", before)
+        return tuple(checked_chain(rows, "event", self._path, after=before, chain=chain))
 
     def _meta(self, key: str) -> bytes:
         return meta(self._db, key)

@@ -65,8 +65,11 @@ def create(run_dir: Path, campaign: Campaign, target: TargetInfo) -> None:
 
 
 def check_books(run_dir: Path, *, accept_loss: bool) -> None:
-    """Raise Refused unless the books balance, or what is wrong with them is accepted; a run in use is not looked at."""
-    from saflite.campaign.storage.audit import audit
+    """Raise Refused if the books cannot be taken up again (`resume_faults`), unless what is wrong is accepted.
+
+    A run in use is not looked at.
+    """
+    from saflite.campaign.storage.audit import resume_faults
     from saflite.campaign.storage.sqlite import in_use
     from saflite.campaign.storage.witness import FIX
     from saflite.console.view import out
@@ -74,7 +77,7 @@ def check_books(run_dir: Path, *, accept_loss: bool) -> None:
 
     if in_use(run_dir):
         return
-    problems = audit(run_dir, quick=True, blobs=False)["problems"]
+    problems = resume_faults(run_dir)
     if not problems:
         return
     more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
@@ -88,7 +91,7 @@ def check_books(run_dir: Path, *, accept_loss: bool) -> None:
 
 def follow(run_dir: Path, start: Start, *, as_json: bool, metrics: str = "") -> int:
     """Run a farm with its progress shown, and told at `metrics` if that is an address; returns the exit code."""
-    from saflite.campaign.storage.seal import seal
+    from saflite.campaign.storage.seal import seal, seal_file
     from saflite.campaign.storage.sqlite import in_use, make_one_file
     from saflite.campaign.storage.store import store_file
 
@@ -105,7 +108,7 @@ def follow(run_dir: Path, start: Start, *, as_json: bool, metrics: str = "") -> 
             show(status)
 
         ended = start(on_status)
-    if not in_use(run_dir):
+    if not in_use(run_dir) and seal_file(run_dir).exists():  # without one it is not known to be whole
         make_one_file(store_file(run_dir))
         seal(run_dir)
     return conclude(run_dir, ended, as_json=as_json)
