@@ -23,7 +23,7 @@ RESULT = re.compile(
 COMMAND = re.compile(
     r"scripts/(?:bench \w+|demo|soak|farm|test|golden)|saflite (?:evaluate|conformance|audit|scorer|run|fly|judge|list)"
 )
-BENCH = re.compile(r"scripts/bench (\w+)((?:[^\S\n]+(?:--?[\w-]+|[\w.:/=]+))*)")
+BENCH = re.compile(r"scripts/bench (\w[\w-]*)((?:[^\S\n]+(?:--?[\w-]+|[\w.:/=]+))*)")
 OPTION = re.compile(r"(?<!\S)--[a-z][\w-]*")
 
 
@@ -70,7 +70,7 @@ def test_a_figure_without_a_command_is_found() -> None:
 def test_commands_on_a_page_are_there_with_their_options(page: Path) -> None:
     wrong = []
     for name, rest in BENCH.findall(page.read_text()):
-        file = BENCHES / f"{name}.py"
+        file = BENCHES / f"{name.replace('-', '_')}.py"
         if not file.is_file():
             wrong.append(f"scripts/bench {name}")
             continue
