@@ -3,12 +3,12 @@
     scripts/bench behaviours [--campaigns avoidance-m3 avoidance-m5] [--arms default random] [--rng-seeds 1 2 3]
                              [--budget 100] [--against CHECKOUT] [--rows FILE]
 
-An arm is `default` (the campaign as shipped), `random` (the same candidates, picked by chance), or any strategy as
-`name:setting=value,...`; `--against` runs the shipped campaign of another checkout besides. Every arm is a farm of its
-own, run by `saflite run`; its processor time is that of all its processes. What it confirmed is counted by one
-yardstick: the test cases are flown and judged here, in order, told apart as the books do, and one of each behaviour
-must violate in 2 of 3 flights under other noise. Told besides are the least distance and the points of the competition
-of what stood.
+An arm is `default` (the campaign as shipped), `random` (the same candidates, picked by chance), or any strategy, with a
+scorer if need be, as `name[/scorer][:setting=value,...]`; `--against` runs the shipped campaign of another checkout
+besides. Every arm is a farm of its own, run by `saflite run`; its processor time is that of all its processes. What it
+confirmed is counted by one yardstick: the test cases are flown and judged here, in order, told apart as the books do,
+and one of each behaviour must violate in 2 of 3 flights under other noise. Told besides are the least distance and the
+points of the competition of what stood.
 """
 
 from __future__ import annotations
@@ -67,8 +67,10 @@ def run_farm(
     if arm == "random":
         words += ["--scorer", "random"]
     elif arm not in ("default", OLD):
-        name, _, settings = arm.partition(":")
-        words += ["--strategy", name, *(part for one in filter(None, settings.split(",")) for part in ("--set", one))]
+        named, _, settings = arm.partition(":")
+        name, _, scorer = named.partition("/")
+        words += ["--strategy", name, *(("--scorer", scorer) if scorer else ())]
+        words += [part for one in filter(None, settings.split(",")) for part in ("--set", one)]
     where = Path(args.against) if arm == OLD else Path(__file__).parents[2]
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     done = subprocess.run(

@@ -36,7 +36,9 @@ class Score(msgspec.Struct, frozen=True, kw_only=True):
     """How likely a test case is to break the policy, 0 (dull) to 10.
 
     `model` is the label asked for, `scored_by` the one that answered: they differ when a fault made the embedded
-    scorer step in, and `fault` then names it (`deadline`, `unreachable`, `schema`, `wrong-ids`, ...).
+    scorer step in, and `fault` then names it (`deadline`, `unreachable`, `schema`, `wrong-ids`, ...). `kind` names the
+    behaviour that is expected, in the model's own words, empty where none in particular is: one more of a kind is worth
+    the less, the more finds of it are to be expected already.
     """
 
     test_case: ShortId
@@ -47,6 +49,7 @@ class Score(msgspec.Struct, frozen=True, kw_only=True):
     prompt_digest: Word = ""
     reason: Text = ""
     fault: Word = ""
+    kind: Word = ""
     shadow: bool = False
 
 

@@ -11,25 +11,17 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
 from saflite.contract.flight import AUTOPILOT_ALIVE, Flight, given
 from saflite.contract.ids import short_id
-from saflite.contract.test_case import Obstacle, Scenario, TestCase
+from saflite.contract.test_case import TestCase
 from saflite.contract.verdict import Verdict
-from saflite.flight.geometry import boxes_array, distances_to_boxes
-from saflite.flight.mission import waypoints
+from saflite.flight.passing import Passing, passing_of
 from saflite.oracle.signals import FlightSignals
-
-REACHED_M = 3.0
-"""A way-point counts as reached from the first moment it is so near in the plane."""
 
 SANITIZER = "Sanitizer: "
 """What stands in the last words of an autopilot that a sanitizer ended; the rest names the place in its code."""
 
 STEP_S = 0.5
-Points = NDArray[np.float64]
 
 
 def place_of(test_case: TestCase, signals: FlightSignals, closest: int) -> dict[str, float]:
@@ -38,43 +30,13 @@ def place_of(test_case: TestCase, signals: FlightSignals, closest: int) -> dict[
     closest_leg (from 1), closest_passed (its place in the order in which obstacles were passed, from 1), closest_side
     (1 left of it, -1 right of it, 0 over it).
     """
-    points, boxes = signals.points(), test_case.scenario.obstacles
-    stride = max(1, round(STEP_S / signals.step_s))
-    row = closest // stride
-    coarse = np.append(points[::stride][: row + 1], points[closest : closest + 1], axis=0)
-    leg, course = _leg(test_case.scenario, coarse)
-    each = distances_to_boxes(points[::stride], boxes_array(boxes))
-    near = int(np.argmin(distances_to_boxes(points[closest : closest + 1], boxes_array(boxes))[0]))
-    when = np.argmin(each, axis=0)
-    passed = 1 + int(np.count_nonzero(when < when[near]))
-    side = _side(boxes[near], points[closest], course)
-    return {"closest_leg": float(leg), "closest_passed": float(passed), "closest_side": side}
-
-
-def _leg(scenario: Scenario, track: Points) -> tuple[int, tuple[float, float]]:
-    """Return the leg flown at the end of a track, from 1, and its direction; without a mission the track's own."""
-    start, leg, row = (0.0, 0.0), 1, 0
-    places = waypoints(scenario.mission) if scenario.mission is not None else ()
-    for place in places:
-        goal = place.x_m, place.y_m
-        if math.dist(start, goal) <= REACHED_M:
-            continue  # take-off
-        near = np.flatnonzero(np.hypot(track[row:, 0] - goal[0], track[row:, 1] - goal[1]) < REACHED_M)
-        if not len(near) or goal == (places[-1].x_m, places[-1].y_m):
-            return leg, (goal[0] - start[0], goal[1] - start[1])
-        start, leg, row = goal, leg + 1, row + int(near[0])
-    return leg, (float(track[-1, 0] - track[0, 0]), float(track[-1, 1] - track[0, 1]))
-
-
-def _side(box: Obstacle, point: Points, course: tuple[float, float]) -> float:
-    """Return 1 where the vehicle passes left of the box seen along the course (x north, y east), -1 right, 0 over."""
-    if point[2] > box.z_m + box.height_m:
-        return 0.0
-    across = course[0] * (point[1] - box.y_m) - course[1] * (point[0] - box.x_m)
-    return -1.0 if across > 0 else 1.0
-
-
-_SIDES = {1.0: "left of", -1.0: "right of", 0.0: "over"}
+    points, stride = signals.points(), max(1, round(STEP_S / signals.step_s))
+    passing = passing_of(test_case.scenario, points[::stride], closest // stride, points[closest])
+    return {
+        "closest_leg": float(passing.leg),
+        "closest_passed": float(passing.order),
+        "closest_side": passing.side,
+    }
 
 
 def behaviour_of(
@@ -83,8 +45,8 @@ def behaviour_of(
     """Return in words the way in which a rule was violated; finds that differ in it are different behaviours."""
     parts = [verdict.policy, verdict.severity]
     if test_case.scenario.obstacles and "closest_leg" in features:
-        side = _SIDES[features["closest_side"]]
-        parts.append(f"{side} obstacle {features['closest_passed']:.0f} on leg {features['closest_leg']:.0f}")
+        leg, order = round(features["closest_leg"]), round(features["closest_passed"])
+        parts.append(str(Passing(leg, order, features["closest_side"])))
     if test_case.stimuli or not test_case.scenario.obstacles:
         parts.append(f"in mode {_mode(verdict, signals)}")
     if verdict.policy == AUTOPILOT_ALIVE and SANITIZER in verdict.message:

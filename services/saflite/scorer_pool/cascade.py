@@ -66,7 +66,7 @@ def decided(screened: Sequence[ModelScore], asked: dict[int, ModelScore], screen
     for place, seen in enumerate(screened):
         answer = asked.get(place)
         if answer is not None and not answer.fault:
-            scores.append(answer)
+            scores.append(answer._replace(kind=answer.kind or seen.kind))
             continue
         fault = "" if answer is None or answer.fault == NOT_IN_TIME else answer.fault
         scores.append(seen._replace(value=_value(seen), fault=fault, scored_by=seen.scored_by or screen))

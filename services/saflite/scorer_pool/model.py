@@ -55,13 +55,17 @@ class Job(NamedTuple):
 
 
 class ModelScore(NamedTuple):
-    """One score, 0..10. `scored_by` names the model that answered where it is not the one asked; `fault` says why."""
+    """One score, 0..10. `scored_by` names the model that answered where it is not the one asked; `fault` says why.
+
+    `kind` names what the test case is expected to show: the choice spreads over kinds (see `Score.kind`).
+    """
 
     value: float
     reason: str = ""
     fault: str = ""
     scored_by: str = ""
     prompt_digest: str = ""
+    kind: str = ""
 
 
 class ScoreSheet(NamedTuple):

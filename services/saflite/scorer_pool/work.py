@@ -250,6 +250,7 @@ def _scores(job: Job, label: str, sheet: ScoreSheet, *, shadow: bool) -> list[Sc
             prompt_digest=score.prompt_digest,
             reason=told(score.reason),
             fault=told(score.fault, WORD_CHARS_MAX),
+            kind=told(score.kind, WORD_CHARS_MAX),
             shadow=shadow,
         )
         for case, score in zip(job.test_cases, sheet.scores, strict=True)

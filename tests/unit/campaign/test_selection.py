@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from saflite.campaign.scheduling.selection import Rules, select
+from saflite.campaign.scheduling.selection import Expected, Rules, count_promise, select
 from saflite.contract.test_case import Obstacle, Scenario, Stimulus, Target, TestCase
 from saflite.flight.novelty import Features, distances, features
 
@@ -89,3 +89,30 @@ def test_stimuli_with_other_names_have_nothing_in_common() -> None:
     assert novelty(one, [features(with_stimulus("B", 1.0))]) == 1.0
     assert 0.0 < novelty(one, [features(with_stimulus("A", 2.0))]) < 1.0
     assert novelty(one, [features(with_stimulus("A", float("nan")))]) == 1.0
+
+
+def test_one_more_of_a_kind_is_worth_less_than_another_kind() -> None:
+    scores = {"00": 9.0, "01": 8.9, "02": 5.0, "03": 8.8}
+    kinds = {"00": "left of 1", "01": "left of 1", "02": "right of 2"}
+    cases = {name: CASES[name] for name in scores}
+    picks = select(cases, scores, [], rules(3, novelty_weight=0.0), Expected(kinds))
+    assert [pick.test_case for pick in picks] == ["00", "03", "02"], "8.9 / 1.9 is less than 5.0"
+    assert [pick.score for pick in picks] == [9.0, 8.8, 5.0], "scores are told as they were given"
+
+
+def test_finds_that_earlier_rounds_promise_count() -> None:
+    scores = {"00": 9.0, "01": 4.0}
+    cases, kinds = {name: CASES[name] for name in scores}, {"00": "left of 1", "01": "right of 2"}
+    promised: dict[str, float] = {}
+    for _ in range(2):
+        count_promise(promised, "left of 1", 9.0)
+    count_promise(promised, "", 9.0)
+    assert promised == {"left of 1": 1.8}
+    assert select(cases, scores, [], rules(1), Expected(kinds, promised))[0].test_case == "01"
+    assert select(cases, scores, [], rules(1), Expected(kinds, {}))[0].test_case == "00"
+
+
+def test_what_is_drawn_at_random_counts_for_its_kind() -> None:
+    scores, kinds = dict.fromkeys(CASES, 8.0), dict.fromkeys(CASES, "a") | {"05": "b"}
+    picks = select(CASES, scores, [], rules(2, random_share=0.5, novelty_weight=0.0), Expected(kinds))
+    assert {kinds[pick.test_case] for pick in picks} == {"a", "b"}

@@ -82,6 +82,7 @@ class Core:
     flown: dict[str, int] = field(default_factory=dict)  # every test case ever selected: its round
     shrunk: set[str] = field(default_factory=set)  # smallest forms of violations, flown besides
     latest: deque[Features] = field(default_factory=lambda: deque(maxlen=REFERENCES_MAX))
+    promised: dict[str, float] = field(default_factory=dict)  # finds that the flights chosen promise, by kind
     holds: dict[BlobRef, int] = field(default_factory=dict)  # how many flights or recordings need it
     full: bool = False  # as much is kept as the campaign allows
     state: State = "running"

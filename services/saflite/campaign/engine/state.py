@@ -43,7 +43,7 @@ from saflite.campaign.scheduling.leases import Deadline, Leases
 from saflite.campaign.scheduling.patience import Patience
 from saflite.campaign.scheduling.result_validation import check_result
 from saflite.campaign.scheduling.rounds import Rounds
-from saflite.campaign.scheduling.selection import Rules, select
+from saflite.campaign.scheduling.selection import Expected, Rules, select
 from saflite.campaign.scheduling.tasks import Task
 from saflite.campaign.scheduling.work_keys import JudgeKey, RecordKey, WorkKey, read_key
 from saflite.campaign.scheduling.work_messages import GRANT_MAX_BYTES, WorkMessages, receipt_for, weight_bytes
@@ -296,7 +296,7 @@ class Books:
             candidates = {name: case for name, case in round_.candidates.items() if not core.was_flown(name)}
             scores, rng_seed = {name: round_.scores[name].value for name in candidates}, core.campaign.rng_seed
             rules = Rules(round_.plan.flights, search.random_share, search.novelty_weight, rng_seed, round_.number)
-            picks = select(candidates, scores, tuple(core.latest), rules)
+            picks = select(candidates, scores, tuple(core.latest), rules, Expected(round_.kinds(), core.promised))
             self._do(Selected(round=round_.number, picks=picks), now)
 
     # ---- who is there --------------------------------------------------------------------------------------------

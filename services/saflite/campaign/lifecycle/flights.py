@@ -18,6 +18,7 @@ from saflite.campaign.lifecycle.outcomes import outcome_of
 from saflite.campaign.lifecycle.repeat_checks import RepeatChecks
 from saflite.campaign.lifecycle.retention import is_full, keep
 from saflite.campaign.scheduling.rounds import Round
+from saflite.campaign.scheduling.selection import count_promise
 from saflite.campaign.scheduling.tasks import Task, is_enough
 from saflite.campaign.scheduling.work_keys import FlightKey, FlyKey, JudgeKey, RecordKey
 from saflite.contract import wire
@@ -47,6 +48,8 @@ class Flights:
         trial.score = round_.scores.get(pick.test_case)
         core.flown[trial.name] = trial.round
         core.latest.append(features(test_case))
+        if trial.score is not None:
+            count_promise(core.promised, trial.score.kind, trial.score.value)
         core.trials[trial.name] = trial
         self._behaviours.expect(trial)
         core.counts.selected += 1

@@ -49,6 +49,10 @@ class Round:
         """Return the outcomes in order of rank."""
         return tuple(self.outcomes[rank] for rank in sorted(self.outcomes))
 
+    def kinds(self) -> dict[str, str]:
+        """Return what each candidate is expected to show, by its identity."""
+        return {name: score.kind for name, score in self.scores.items()}
+
     def forget_candidates(self) -> None:
         """Drop what is not needed once the flights are chosen."""
         self.candidates, self.scores, self.batches = {}, {}, []
