@@ -1,37 +1,90 @@
-"""Where a farm saturates, computed from measured costs: the table of deploy/docs/scale.md."""
+"""The tables of deploy/docs/scale.md, from the rows of `scripts/bench scale` and `scripts/bench books`."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
+from statistics import median
+from typing import Any
 
-ROWS = Path(__file__).parent / "results" / "books.jsonl"
-BUS_RESULTS_PER_S, BUS_CORE_SHARE = (
-    330.0,
-    0.73,
-)  # `scripts/bench bus`, 1,000 workers polling
+RESULTS = Path(__file__).parent / "results"
 TRACE_KB = 100.0  # a packed trace of a flight of about a minute
 SIMULATORS = (10, 100, 1_000, 10_000)
 PACES = (("in real time, 60 s a flight", 60.0), ("on the reference, 1.3 s a flight", 1.3))
 
+Row = dict[str, Any]
 
-def table() -> str:
-    """Return the table as Markdown."""
-    rows = [json.loads(line) for line in ROWS.read_text().splitlines()]
-    row = [one for one in rows if "results" in one][-1]  # the latest
-    results = row["results"] / row["flights"]
-    core_s = results * BUS_CORE_SHARE / BUS_RESULTS_PER_S
-    lines = [
-        f"Results a flight {results:.1f}; core time of the books {1000 * core_s:.1f} ms a flight; journal "
-        f"{row['database_kb_per_flight']:.1f} KB and trace {TRACE_KB:.0f} KB a flight.",
-        "",
-        "| simulators | pace | flights a second | cores of the books | journal, GB a day | traces over the bus, MB/s |",
-        "|---|---|---|---|---|---|",
-    ]
+
+def tables() -> str:
+    """Return all tables as Markdown."""
+    rows = _rows("scale.jsonl")
+    cells, outages = [row for row in rows if "outage" not in row], [row for row in rows if "outage" in row]
+    journal_kb = [row for row in _rows("books.jsonl") if "results" in row][-1]["database_kb_per_flight"]  # the latest
+    return "\n".join([*_cells(cells), "", *_outages(outages), "", *_saturation(cells, journal_kb)])
+
+
+def _rows(name: str) -> list[Row]:
+    return [json.loads(line) for line in (RESULTS / name).read_text().splitlines()]
+
+
+def _cells(cells: list[Row]) -> Iterator[str]:
+    yield "| workers | nodes | link | cells | efficiency | books, cores | books, ms a flight | events a flight | load |"
+    yield "|---|---|---|---|---|---|---|---|---|"
+    for workers, link in sorted({(row["workers"], row["link"]) for row in cells}):
+        of = [row for row in cells if (row["workers"], row["link"]) == (workers, link)]
+        efficiency = _spread([100 * row["efficiency"] for row in of], "{:.1f} %")
+        cost = _spread([row["books_ms_per_flight"] for row in of], "{:.1f}")
+        cores, events = median(row["books_core_share"] for row in of), median(row["events_per_flight"] for row in of)
+        load = _spread([row["load_1min"] for row in of], "{:.0f}")
+        yield (
+            f"| {workers} | {of[0]['nodes']} | {link} | {len(of)} | {efficiency} | {cores:.2f} | {cost} | {events:.1f} "
+            f"| {load} |"
+        )
+    yield ""
+    for workers in sorted({row["workers"] for row in cells}):
+        ratios = _overheads([row for row in cells if row["workers"] == workers])
+        if ratios:
+            cost = _spread([100 * (ratio - 1) for ratio in ratios], "{:+.0f} %")
+            yield f"mTLS over plain TCP, time of the books a flight, pairs in turns at {workers} workers: {cost}."
+
+
+def _overheads(cells: list[Row]) -> list[float]:
+    """Return TLS over TCP of the cells that followed one another."""
+    pairs = zip(cells[::2], cells[1::2], strict=False)
+    links = [{row["link"]: row["books_ms_per_flight"] for row in pair} for pair in pairs]
+    return [pair["tls"] / pair["tcp"] for pair in links if len(pair) == 2]
+
+
+def _spread(values: list[float], form: str) -> str:
+    """Return the median, and the least and the most of several."""
+    middle = form.format(median(values))
+    return middle if len(values) == 1 else f"{middle} ({form.format(min(values))} to {form.format(max(values))})"
+
+
+def _outages(outages: list[Row]) -> Iterator[str]:
+    yield "| outage | workers | lasted, s | next flight after, s | first flights | lost | double | flown anew |"
+    yield "|---|---|---|---|---|---|---|---|"
+    for row in outages:
+        yield (
+            f"| {row['outage']} | {row['workers']} on {row['nodes']} nodes | {row['outage_s']:.0f} "
+            f"| {row['to_next_flight_s']:.1f} | {row['budget']} | {row['lost']} | {row['double']} "
+            f"| {row['attempts_lost']} |"
+        )
+
+
+def _saturation(cells: list[Row], journal_kb: float) -> Iterator[str]:
+    """Extrapolate the cells with most workers: what costs a flight there costs each."""
+    most = max(row["workers"] for row in cells)
+    core_ms = median(row["books_ms_per_flight"] for row in cells if (row["workers"], row["link"]) == (most, "tls"))
+    yield f"Core time of the books {core_ms:.1f} ms a flight ({most} workers, mTLS); journal {journal_kb:.1f} KB, trace"
+    yield f"{TRACE_KB:.0f} KB a flight."
+    yield ""
+    yield "| simulators | pace | flights a second | cores of the books | journal, GB a day | traces on the bus, MB/s |"
+    yield "|---|---|---|---|---|---|"
     for pace, flight_s in PACES:
         for count in SIMULATORS:
             rate = count / flight_s
-            journal = rate * row["database_kb_per_flight"] * 86_400 / 1e6
-            share, traces = rate * core_s, rate * TRACE_KB / 1e3
-            lines.append(f"| {count:,} | {pace} | {rate:,.1f} | {share:,.2f} | {journal:,.1f} | {traces:,.1f} |")
-    return "\n".join(lines)
+            journal = rate * journal_kb * 86_400 / 1e6
+            share, traces = rate * core_ms / 1e3, rate * TRACE_KB / 1e3
+            yield f"| {count:,} | {pace} | {rate:,.1f} | {share:,.2f} | {journal:,.1f} | {traces:,.1f} |"

@@ -1,4 +1,4 @@
-"""A network namespace of one test, joined to this one by a cable (a veth pair) that only the two of them know."""
+"""Network namespaces of one test, each joined to this one by a cable (a veth pair) that only the two of them know."""
 
 from __future__ import annotations
 
@@ -23,13 +23,16 @@ def why_not() -> str:
 
 
 class NetworkNamespace:
-    """Open it with `with`; `host_ip` is this side's address, `prefix` puts a command inside. Nothing is left behind."""
+    """Open it with `with`; `host_ip` is this side's address, `prefix` puts a command inside. Nothing is left behind.
 
-    def __init__(self) -> None:
-        number = os.getpid() % 250
-        self.name = f"saflite-{os.getpid()}"
-        self._outside, self._inside = f"sfo{os.getpid()}", f"sfi{os.getpid()}"
-        self.host_ip, self._guest_ip = f"10.214.{number}.1", f"10.214.{number}.2"
+    A test that wants several numbers them, 0 to 9. Each reaches all addresses of this side.
+    """
+
+    def __init__(self, number: int = 0) -> None:
+        tag, net = f"{os.getpid()}{'abcdefghij'[number]}", f"10.214.{os.getpid() % 250}"
+        self.name = f"saflite-{tag}"
+        self._outside, self._inside = f"sfo{tag}", f"sfi{tag}"
+        self.host_ip, self._guest_ip = f"{net}.{4 * number + 1}", f"{net}.{4 * number + 2}"
 
     @property
     def prefix(self) -> tuple[str, ...]:
@@ -46,6 +49,7 @@ class NetworkNamespace:
             f"ip link set {self._outside} up",
             f"{inside} ip addr add {self._guest_ip}/30 dev {self._inside}",
             f"{inside} ip link set {self._inside} up",
+            f"{inside} ip route add default via {self.host_ip}",
         ):
             subprocess.run(command.split(), check=True)
         return self

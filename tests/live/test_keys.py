@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from typing import NamedTuple, get_args
 
@@ -326,10 +327,17 @@ def test_a_revoked_key_is_connected_to_nothing_and_told_so(router: Router) -> No
     bus.close()
 
 
-def test_a_campaign_is_flown_by_keys_from_another_namespace_and_a_viewer_watches(
+@pytest.fixture
+def opened() -> Iterator[ExitStack]:
+    with ExitStack() as stack:
+        yield stack
+
+
+def test_a_campaign_is_flown_by_keys_from_another_namespace_watched_from_a_third_and_a_stranger_gets_nothing(
     tmp_path: Path,
     network: NetworkNamespace,  # noqa: F811
     dart: Path,  # noqa: F811
+    opened: ExitStack,
 ) -> None:
     run_campaign(_campaign(), tmp_path / "near", simulators=2, modules=[dart])
     keys, now_s = tmp_path / "keys", time.time()
@@ -337,13 +345,21 @@ def test_a_campaign_is_flown_by_keys_from_another_namespace_and_a_viewer_watches
     lab = keyring.add(keys, "lab", ["worker", "oracle"], now_s=now_s)
     viewer = keyring.add(keys, "ana", ["viewer"], now_s=now_s)
     endpoint, run_dir = f"tls/{network.host_ip}:{_free_port()}", _new_run(tmp_path / "far", _campaign())
-    saflite = [*network.prefix, sys.executable, "-m", "saflite"]
+    keyring.init(tmp_path / "other", [], now_s=now_s)
+    stranger = keyring.add(tmp_path / "other", "eve", ["operator"], now_s=now_s)
+    plain = endpoint.replace("tls/", "tcp/")
+    saflite = [sys.executable, "-m", "saflite"]
+    there = [*saflite, "watch", "--campaign", "far", "--connect"]
     group = [*saflite, "worker", "--join", endpoint, "--keys", str(lab), "--stages", "fly,judge", "--module", str(dart)]
-    watch = [*saflite, "watch", "--connect", endpoint, "--campaign", "far", "--keys", str(viewer)]
     pause = [*saflite, "control", "pause", "--connect", endpoint, "--campaign", "far", "--keys", str(viewer)]
+    elsewhere = [[*there, endpoint, "--keys", str(viewer)], pause, [*there, endpoint, "--keys", str(stranger)]]
+    third = opened.enter_context(NetworkNamespace(1))
     started = [
         subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, cwd=tmp_path)
-        for command in (group, watch, pause)
+        for command in (
+            [*network.prefix, *group],
+            *([*third.prefix, *command] for command in (*elsewhere, [*there, plain, "--insecure"])),
+        )
     ]
     added: list[Path] = []
 
@@ -367,6 +383,9 @@ def test_a_campaign_is_flown_by_keys_from_another_namespace_and_a_viewer_watches
         2,
         "saflite: refused: key: expected one that may `pause`, got the key of ana is for viewer in every campaign\n",
     )
+    assert [process.returncode for process in started[3:]] == [3, 3], ends[3:]
+    assert "VIOLATION" not in "".join(ends[3:])
+    assert "router's certificate is not accepted" in ends[3], ends[3]
 
 
 def _names(said: str) -> set[str]:
