@@ -39,6 +39,12 @@ def shape_of(track: Track) -> Shape:
     return np.stack(columns, axis=1).astype("<f8").tobytes()
 
 
+def centre_of(shape: Shape) -> tuple[float, float]:
+    """Return the mean place (x, y) of a shape that is not empty, in metres."""
+    x, y = np.mean(np.frombuffer(shape, dtype="<f8").reshape(-1, 2), axis=0).tolist()
+    return x, y
+
+
 def gap_m(one: Shape, other: Shape) -> float:
     """Return the mean gap between two shapes along their best alignment; 0 where both are empty."""
     if not one or not other:

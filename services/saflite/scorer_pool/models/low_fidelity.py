@@ -22,7 +22,7 @@ from saflite.flight.mission import Waypoint, waypoints
 from saflite.flight.passing import passing_of
 from saflite.flight.planner.kinematic import KinematicFlight, KinematicSettings, fly_kinematic
 from saflite.flight.planner.settings import VehicleSettings
-from saflite.flight.track_shape import shape_of
+from saflite.flight.track_shape import centre_of, shape_of
 from saflite.scorer_pool.geometry_score import Look, look
 from saflite.scorer_pool.labels import no_argument
 from saflite.scorer_pool.learning.features import has_layout
@@ -133,8 +133,8 @@ def _kind(test_case: TestCase, flight: KinematicFlight) -> str:
     track = flight.track[:, 1:4]
     row = int(np.argmin(distances_to_boxes(track, boxes_array(test_case.scenario.obstacles)).min(axis=1)))
     passing = passing_of(test_case.scenario, track, row, track[row])
-    way = shape_of(tuple(map(tuple, flight.track[:, :4].tolist())))
-    x, y = (CELL_M * math.floor(round(float(place), 3) / CELL_M) for place in np.mean(way, axis=0))
+    centre = centre_of(shape_of(tuple(map(tuple, flight.track[:, :4].tolist()))))
+    x, y = (CELL_M * math.floor(round(place, 3) / CELL_M) for place in centre)
     return f"{passing}, way {x:.0f} {y:.0f}"
 
 
