@@ -14,6 +14,7 @@ from _blind_faults import Site, planted
 from _inline import Flights, Inline
 
 from saflite.campaign.presets.campaigns import load_campaign
+from saflite.campaign.presets.policy_campaigns import pgfuzz_settings
 from saflite.conformance.flying import fly_once
 from saflite.console.run_data.run_folder import RunFolder
 from saflite.contract.config import Campaign, ScorerConfig, SearchConfig, StrategyConfig
@@ -23,6 +24,7 @@ from saflite.contract.service import Cancelled
 from saflite.contract.test_case import Setting, StartState, TestCase, identity
 from saflite.contract.work import JudgeResult, Result, Work
 from saflite.flight.autopilots.reference.defects import SETTING, TABLE
+from saflite.flight.autopilots.reference.describe import describe
 from saflite.oracle.judge import judge
 
 EXAMINED_MAX = 8  # violations of one policy that are flown again to tell which fault they are from
@@ -39,10 +41,18 @@ UNIFORM: dict[str, Setting] = {
 ARMS: dict[str, str] = {
     "all": "policy-all as it ships",
     "own": "the campaign of the fault's own policy as it ships (planted defects only)",
+    "hidden": "the same without the policy's list of inputs: what its formula reads and names is left",
+    "blanked": "the same, and no scorer reads the policy's words: a random choice among the same proposals",
     "pgfuzz": "policy-all as it was before: one start, PGFuzz's draws over all inputs, the scorer chooses 16 of 96",
+    "published": "the own campaign, drawn as the published PGFuzz draws: its list, its rounds; no scorer",
     "random": "the vocabulary, starts and phases of policy-all drawn evenly; no hints, no memory, no scorer",
     "unscored": "policy-all, its proposals flown as they come",
 }
+
+
+PUBLISHED: dict[str, Setting] = {"focus": 0.0, "mutated": 0.0, "bursts": 0.0, "echoed": 0.0, "release": 1.0}
+OF_ONE_POLICY = ("own", "hidden", "blanked", "published")
+FORMULA_HINTS = ("start:", "in:", "reads:")
 
 
 class Job(NamedTuple):
@@ -160,13 +170,20 @@ def confirmed(run_dir: Path) -> list[tuple[TestCase, str]]:
 
 def campaign_of(job: Job) -> Campaign:
     """Return the campaign of an arm with the defects planted."""
-    base = load_campaign(f"policy-{TABLE[job.defects[0]].policy}" if job.arm == "own" else "policy-all")
+    base = load_campaign(f"policy-{TABLE[job.defects[0]].policy}" if job.arm in OF_ONE_POLICY else "policy-all")
     target = msgspec.structs.replace(base.target, settings={SETTING: list(job.defects)} if job.defects else {})
     search, strategy, scorer = base.search, base.strategy, base.scorer
     if job.arm == "pgfuzz":
         search, strategy = OLD_SEARCH, StrategyConfig(name="pgfuzz", settings={"focus": 0.0})
         base = msgspec.structs.replace(base, start=StartState(mode="LOITER", altitude_m=30.0))
-    if job.arm in ("random", "unscored"):
+    if job.arm == "published":
+        told = pgfuzz_settings(TABLE[job.defects[0]].policy, describe())
+        strategy = StrategyConfig(name="pgfuzz", settings={**told, **PUBLISHED})
+    if job.arm in ("hidden", "blanked"):
+        strategy = without_lists(strategy)
+    if job.arm == "blanked":
+        scorer = ScorerConfig(model="random", batch=16)
+    if job.arm in ("random", "unscored", "published"):
         search = msgspec.structs.replace(search, candidates_per_round=search.flights_per_round)
         scorer = ScorerConfig(model="constant", batch=16)
     if job.arm == "random":
@@ -182,6 +199,15 @@ def campaign_of(job: Job) -> Campaign:
         rng_seed=job.rng_seed,
         record="none",
     )
+
+
+def without_lists(strategy: StrategyConfig) -> StrategyConfig:
+    """Return the strategy told of each policy only its name, its start and what its formula names or reads."""
+    told = strategy.settings.get("hints", [])
+    assert isinstance(told, list)
+    kept = [[word for word in str(text).split()[1:] if word.startswith(FORMULA_HINTS)] for text in told]
+    hints: list[str] = [" ".join([str(text).split()[0], *words]) for text, words in zip(told, kept, strict=True)]
+    return msgspec.structs.replace(strategy, settings={**strategy.settings, "hints": hints} if hints else {})
 
 
 def search(job: Job) -> Row:

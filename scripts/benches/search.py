@@ -3,6 +3,7 @@
     scripts/bench search [--set fit report blind clean ...] [--arms all own pgfuzz random unscored] [--together 1]
                          [--rng-seeds 1 2 3] [--budget 200] [--blind-faults 12] [--blind-seed 1] [--jobs 1]
                          [--out FILE.jsonl] [--json]
+    scripts/bench search --page         # writes deploy/docs/defects.md from the rows in results/search*.jsonl
 
 Ground truth: a fault is found by a confirmed violation that its test case shows again with this fault alone and not
 without any. `fit` and `report` are the planted defects, parted by a hash of their names: settings may be fitted on the
@@ -26,11 +27,12 @@ from pathlib import Path
 from statistics import fmean
 from typing import Any
 
+import _search_page
 import numpy as np
 from _authored_faults import Patch, authored
 from _blind_faults import drawn
 from _bootstrap import bootstrap_95
-from _search_run import ARMS, Job, Row, search
+from _search_run import ARMS, OF_ONE_POLICY, Job, Row, search
 
 from saflite.contract.rng import derive
 from saflite.flight.autopilots.reference.defects import TABLE
@@ -38,6 +40,9 @@ from saflite.simulator_worker.processes import die_with_parent
 
 SETS = ("fit", "report", "authored-fit", "authored-report", "blind", "clean")
 AUTHORED = "authored-"
+HERE = Path(__file__).resolve().parent
+ROWS = HERE / "results"
+PAGE = HERE.parents[1] / "deploy" / "docs" / "defects.md"
 
 
 def half(name: str) -> str:
@@ -60,11 +65,10 @@ def members(which: str, options: argparse.Namespace) -> Iterator[Job]:
                     yield Job(arm, (), lines, rng_seed, options.budget)
             else:
                 names = sorted((name for name in TABLE if half(name) == which), key=_mixed)
-                size = 1 if arm == "own" else options.together
+                size = 1 if arm in OF_ONE_POLICY else options.together
                 for first in range(0, len(names), size):
                     group = tuple(names[first : first + size])
-                    if arm != "own" or TABLE[group[0]].policy != "autopilot-alive":
-                        yield Job(arm, group, (), rng_seed, options.budget)
+                    yield Job(arm, group, (), rng_seed, options.budget)
 
 
 def groups(patches: Sequence[Patch], size: int) -> list[tuple[Patch, ...]]:
@@ -96,6 +100,17 @@ def rows_of(path: Path | None) -> dict[tuple[Any, ...], Row]:
         return {}
     rows = [Row(**json.loads(line)) for line in path.read_text(encoding="utf-8").splitlines()]
     return {(row.arm, tuple(row.faults), row.rng_seed, row.budget): row for row in rows}
+
+
+def rows(folder: Path) -> list[Row]:
+    """Return the searches that stand in a folder's files, one for each search."""
+    known = {key: row for path in sorted(folder.glob("search*.jsonl")) for key, row in rows_of(path).items()}
+    return list(known.values())
+
+
+def page(found: Sequence[Row]) -> str:
+    """Return the page of the planted defects in Markdown."""
+    return _search_page.page(found, {name: half(name) for name in TABLE})
 
 
 def run(options: argparse.Namespace) -> list[Row]:
@@ -156,7 +171,11 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--out", type=Path, help="one JSON line a search; those in it are not repeated")
     parser.add_argument("--json", action="store_true")
+    parser.add_argument("--page", action="store_true", help="write the page from the rows, run nothing")
     options = parser.parse_args(argv)
+    if options.page:
+        PAGE.write_text(page(rows(ROWS)), encoding="utf-8")
+        return 0
     result = table(run(options))
     if options.json:
         print(json.dumps(result, indent=2))
