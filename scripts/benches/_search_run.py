@@ -177,7 +177,8 @@ def campaign_of(job: Job) -> Campaign:
         search, strategy = OLD_SEARCH, StrategyConfig(name="pgfuzz", settings={"focus": 0.0})
         base = msgspec.structs.replace(base, start=StartState(mode="LOITER", altitude_m=30.0))
     if job.arm == "published":
-        told = pgfuzz_settings(TABLE[job.defects[0]].policy, describe())
+        policy = TABLE[job.defects[0]].policy
+        told = strategy.settings if policy == AUTOPILOT_ALIVE else pgfuzz_settings(policy, describe())
         strategy = StrategyConfig(name="pgfuzz", settings={**told, **PUBLISHED})
     if job.arm in ("hidden", "blanked"):
         strategy = without_lists(strategy)
