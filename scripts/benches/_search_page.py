@@ -52,7 +52,7 @@ def page(rows: Sequence[Row], halves: dict[str, str]) -> str:
         "arms": "\n".join(f"| `{arm}` | {ARMS[arm]} |" for arm in arms),
         "shares": table(
             ("arm", "half", "defects", "tries", "found", "median flights"),
-            [line for arm in arms for half in HALVES if (line := _share(arm, half, tries[arm]))],
+            [line for arm in arms for half in HALVES if (line := share(arm, half, tries[arm]))],
         ),
         "defects": table(
             ("defect", "half", *(f"`{arm}`" for arm in arms)),
@@ -64,7 +64,8 @@ def page(rows: Sequence[Row], halves: dict[str, str]) -> str:
     return Template(TEMPLATE.read_text(encoding="utf-8")).substitute(figures)
 
 
-def _share(arm: str, half: str, tries: Sequence[Tries]) -> tuple[object, ...] | None:
+def share(arm: str, half: str, tries: Sequence[Tries]) -> tuple[object, ...] | None:
+    """Return an arm's line of the table for one half of the defects, each counted once; None if none was tried."""
     mine = [one for one in tries if one.half == half and one.rows]
     if not mine:
         return None

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[3] / "scripts" / "benches"))
-from _defect_search import Found
 from _paired import compare, holm
-from defects import equal_weight
+from _search_page import Tries, share
+from _search_run import Row
 
 from saflite.contract.rng import derive
 
@@ -49,11 +49,28 @@ def test_p_values_are_corrected_for_their_number() -> None:
     assert corrected[2:] == pytest.approx([0.06, 0.06]), "never below one that ranks before"
 
 
-def searched(defect: str, *flights: int | None) -> list[Found]:
-    return [
-        Found(defect, "shipped", number, flown is not None, 1, flown or 100, 0.0, 0.0)
+def searched(defect: str, *flights: int | None) -> Tries:
+    rows = [
+        Row(
+            arm="own",
+            faults=(defect,),
+            rng_seed=number,
+            budget=100,
+            flights=100,
+            found=found,
+            by_policy={},
+            false_alarms={},
+            judged=100,
+            applied_share=0.0,
+            spoke_share=0.0,
+            silent=[],
+            states=0,
+            wall_s=0.0,
+        )
         for number, flown in enumerate(flights)
+        for found in [{} if flown is None else {defect: flown}]
     ]
+    return Tries(defect, "fit", rows)
 
 
 def test_every_defect_counts_once_and_unfinished_searches_count() -> None:
@@ -62,8 +79,10 @@ def test_every_defect_counts_once_and_unfinished_searches_count() -> None:
         searched("hard", 50, None, 70),
         searched("never", None, None),
     )
-    found = equal_weight([easy, hard, never])
-    assert found["defects"] == 3
-    assert found["share_equal_weight"] == pytest.approx((1 + 2 / 3 + 0) / 3)
-    assert found["median_flights_equal_weight"] == 70.0
-    assert equal_weight([hard, never])["median_flights_equal_weight"] == math.inf
+    line = share("own", "fit", [easy, hard, never])
+    assert line is not None
+    assert line[2:4] == (3, 11), "defects and tries"
+    assert str(line[4]).startswith("56% ["), "the mean of 1, 2/3 and 0"
+    assert line[5] == "70"
+    assert share("own", "fit", [hard, never, never])[5] == "over 100"  # type: ignore[index]
+    assert share("own", "report", [easy]) is None, "nothing of that half was tried"
