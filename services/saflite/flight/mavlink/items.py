@@ -7,7 +7,22 @@ import math
 from saflite.contract.test_case import Mission, MissionItem
 
 WAYPOINT, GLOBAL, GLOBAL_INT, GLOBAL_RELATIVE, GLOBAL_TERRAIN = 16, 0, 5, 3, 10
-PLACES = {16, 17, 18, 19, 21, 22, 82, 201}  # commands whose 5th to 7th number are a place
+PLACES = {
+    16,
+    17,
+    18,
+    19,
+    21,
+    22,
+    82,
+    201,
+    5000,
+    5001,
+    5002,
+    5003,
+    5004,
+    5100,
+}  # commands whose 5th to 7th number are a place
 FLOAT_FRAMES = {GLOBAL_INT: GLOBAL, 6: GLOBAL_RELATIVE, 11: GLOBAL_TERRAIN}
 
 

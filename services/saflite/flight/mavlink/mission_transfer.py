@@ -1,18 +1,20 @@
-"""Mission transfer over MAVLink: upload, download, clear, set current. Item 0 is home, as with ArduPilot."""
+"""Transfer of missions, fences and rally points over MAVLink: upload, download, clear, set current."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
-from saflite.contract.test_case import Mission, MissionItem
-from saflite.flight.mavlink.items import PLACES, float_frame, home_item, whole
+from saflite.contract.test_case import MissionItem
+from saflite.flight.mavlink.items import PLACES, float_frame, whole
+from saflite.flight.mavlink.plans import FENCE, MISSION, RALLY, KeptPlan, MissionPlan, Plan
 from saflite.flight.mavlink.vehicle import LinkedVehicle
 
-ACCEPTED, ERROR, UNSUPPORTED, INVALID_PARAM1, INVALID_SEQUENCE, CANCELLED = 0, 1, 3, 6, 13, 15
+ACCEPTED, ERROR, UNSUPPORTED, NO_SPACE, INVALID_PARAM1, INVALID_SEQUENCE, CANCELLED = 0, 1, 3, 4, 6, 13, 15
 ASK_AGAIN_TICKS, TIMEOUT_TICKS = 50, 400  # 1 s and 8 s, as ArduPilot has it
 ITEMS_MAX = 700
+ALL_KINDS = 255
 REPOSITION = 192
 PLACE_MAX = (90.0, 180.0, 83_000.0)  # degrees, degrees, ArduPilot's greatest altitude in metres
 INT32_MAX = 2.0**31 - 1.0
@@ -23,7 +25,12 @@ class MissionTransfer:
 
     def __init__(self, vehicle: LinkedVehicle, link: Any) -> None:
         self._vehicle, self._link = vehicle, link
-        self._expected = 0
+        self._plans: dict[int, Plan] = {
+            MISSION: MissionPlan(vehicle),
+            FENCE: KeptPlan(vehicle, FENCE),
+            RALLY: KeptPlan(vehicle, RALLY),
+        }
+        self._expected, self._kind = 0, MISSION
         self._items: list[MissionItem] = []
         self._peer = (255, 190)
         self._silent_ticks = 0
@@ -33,10 +40,11 @@ class MissionTransfer:
         handler = getattr(self, f"_{kind.lower()}", None) if kind.startswith("MISSION_") else None
         if handler is None:
             return False
-        if getattr(message, "mission_type", 0) != 0:
-            self._ack(UNSUPPORTED, message.mission_type)
-            return True
+        plan = getattr(message, "mission_type", MISSION)
         self._peer = (message.get_srcSystem(), message.get_srcComponent())
+        if plan not in self._plans and not (plan == ALL_KINDS and kind == "MISSION_CLEAR_ALL"):
+            self._ack(UNSUPPORTED, plan)
+            return True
         handler(message)
         return True
 
@@ -48,7 +56,7 @@ class MissionTransfer:
         if self._silent_ticks >= TIMEOUT_TICKS:
             self._expected = 0
             self._vehicle.say("Mission upload timeout", "warning")
-            self._ack(CANCELLED)
+            self._ack(CANCELLED, self._kind)
         elif self._silent_ticks % ASK_AGAIN_TICKS == 0:
             self._ask(len(self._items))
 
@@ -56,8 +64,9 @@ class MissionTransfer:
 
     def _mission_count(self, message: Any) -> None:
         if message.count > ITEMS_MAX:
-            self._ack(4)
+            self._ack(NO_SPACE, message.mission_type)
             return
+        self._kind = message.mission_type
         self._expected, self._items = message.count, []
         if message.count == 0:
             self._store()
@@ -74,7 +83,7 @@ class MissionTransfer:
             self._take(message, message.x, message.y)
 
     def _take(self, message: Any, lat: float, lon: float) -> None:
-        if self._expected == 0:
+        if self._expected == 0 or message.mission_type != self._kind:
             return
         asked = len(self._items)
         if message.seq == asked:
@@ -82,17 +91,18 @@ class MissionTransfer:
         elif message.seq == asked - 1:  # a repeat: the request for the next one was lost
             self._request(asked)
         else:
-            self._ack(INVALID_SEQUENCE)
+            self._ack(INVALID_SEQUENCE, self._kind)
 
     def _add(self, message: Any, lat: float, lon: float) -> None:
         """Take the item asked for; an impossible one ends the upload."""
         placed = message.command in PLACES
         last = (lat, lon, message.z) if placed else (message.x, message.y, message.z)
         numbers = (message.param1, message.param2, message.param3, message.param4, *last)
-        result = _checked(message.command, numbers)
+        is_taken = self._plans[self._kind].takes(message.command)
+        result = _checked(message.command, numbers) if is_taken else UNSUPPORTED
         if result != ACCEPTED:
             self._expected = 0
-            self._ack(result)
+            self._ack(result, self._kind)
             return
         params = tuple(None if math.isnan(value) else float(value) for value in numbers)
         self._items.append(MissionItem(command=message.command, frame=float_frame(message.frame), params=params))
@@ -102,20 +112,12 @@ class MissionTransfer:
             self._store()
 
     def _store(self) -> None:
-        """Make what was uploaded the mission on board, without the home item."""
+        """Put what was uploaded in the place of what was there."""
         self._expected = 0
-        lat_deg, lon_deg, altitude_m = self._vehicle.origin
-        mission = Mission(
-            name="uploaded",
-            home_lat_deg=lat_deg,
-            home_lon_deg=lon_deg,
-            home_alt_m=altitude_m,
-            items=tuple(self._items[1:]),
-        )
-        why = self._vehicle.load_mission(mission if mission.items else None)
+        why = self._plans[self._kind].store(self._items)
         if why:
             self._vehicle.say(why[:50], "warning")
-        self._ack(UNSUPPORTED if why else ACCEPTED)
+        self._ack(UNSUPPORTED if why else ACCEPTED, self._kind)
 
     def _guided(self, message: Any) -> None:
         """A way-point with `current` 2 is an order to go there in GUIDED (older ground stations)."""
@@ -125,42 +127,31 @@ class MissionTransfer:
     # -- download and the rest ------------------------------------------------------------------------------------
 
     def _mission_request_list(self, message: Any) -> None:
-        mission = self._vehicle.mission
-        count = len(mission.items) + 1 if mission is not None else 0
-        self._link.mission_count_send(*self._peer, count)
+        kind = message.mission_type
+        self._link.mission_count_send(*self._peer, self._plans[kind].count, kind)
 
     def _mission_request_int(self, message: Any) -> None:
-        item = self._item(message.seq)
-        if item is None:
-            self._ack(INVALID_SEQUENCE)
-            return
-        numbers = [math.nan if value is None else value for value in item.params]
-        x, y = whole(item.command, numbers[4]), whole(item.command, numbers[5])
-        current = int(message.seq == self._vehicle.mission_index + 1)
-        self._link.mission_item_int_send(
-            *self._peer, message.seq, item.frame, item.command, current, 1, *numbers[:4], x, y, numbers[6]
-        )
+        self._send_item(message, self._link.mission_item_int_send, whole)
 
     def _mission_request(self, message: Any) -> None:
-        item = self._item(message.seq)
-        if item is None:
-            self._ack(INVALID_SEQUENCE)
-            return
-        numbers = [math.nan if value is None else value for value in item.params]
-        current = int(message.seq == self._vehicle.mission_index + 1)
-        self._link.mission_item_send(*self._peer, message.seq, item.frame, item.command, current, 1, *numbers)
+        self._send_item(message, self._link.mission_item_send, lambda command, value: value)
 
-    def _item(self, index: int) -> MissionItem | None:
-        mission = self._vehicle.mission
-        if index == 0:
-            return home_item(*self._vehicle.origin)
-        if mission is None or not 1 <= index <= len(mission.items):
-            return None
-        return mission.items[index - 1]
+    def _send_item(self, message: Any, send: Callable[..., None], number: Callable[[int, float], float]) -> None:
+        kind, plan = message.mission_type, self._plans[message.mission_type]
+        item = plan.item(message.seq)
+        if item is None:
+            self._ack(INVALID_SEQUENCE, kind)
+            return
+        values = [math.nan if value is None else value for value in item.params]
+        x, y = number(item.command, values[4]), number(item.command, values[5])
+        current = int(message.seq == plan.current)
+        send(*self._peer, message.seq, item.frame, item.command, current, 1, *values[:4], x, y, values[6], kind)
 
     def _mission_clear_all(self, message: Any) -> None:
-        self._vehicle.load_mission(None)
-        self._ack(ACCEPTED)
+        for kind, plan in self._plans.items():
+            if message.mission_type in (kind, ALL_KINDS):
+                plan.store(())
+        self._ack(ACCEPTED, message.mission_type)
 
     def _mission_set_current(self, message: Any) -> None:
         if not self._vehicle.jump_to(max(0, message.seq - 1)):
@@ -176,7 +167,7 @@ class MissionTransfer:
         self._ask(index)
 
     def _ask(self, index: int) -> None:
-        self._link.mission_request_int_send(*self._peer, index)
+        self._link.mission_request_int_send(*self._peer, index, self._kind)
 
     def _ack(self, result: int, mission_type: int = 0) -> None:
         self._link.mission_ack_send(*self._peer, result, mission_type)

@@ -18,7 +18,8 @@ GEOFENCE = 0x100000
 UNKNOWN_U16 = 65535
 CHANNELS_MAX = 18
 AUTOPILOT_VERSION, HOME_POSITION = 148, 242
-CAPABILITIES = 0x1 | 0x2 | 0x4 | 0x8 | 0x80 | 0x100 | 0x2000  # missions, parameters, command int, set-points, MAVLink 2
+# missions, parameters, command int, set-points, MAVLink 2, fence and rally points as missions
+CAPABILITIES = 0x1 | 0x2 | 0x4 | 0x8 | 0x80 | 0x100 | 0x2000 | 0x4000 | 0x8000
 GROUPS: dict[int, tuple[int, ...]] = {2: (1, 42, 24), 3: (36, 65), 6: (33, 32), 10: (30,), 11: (74,), 12: (2, 193)}
 """Messages by stream (MAV_DATA_STREAM: status, channels, position, extra 1 to 3), as ArduCopter groups them."""
 TICK_US, INTERVAL_MAX_US = 20_000, 60_000_000  # ArduPilot's longest interval
