@@ -314,7 +314,7 @@ def announced_twice() -> Any:
 def chosen_by_order_of_arrival() -> Any:
     """The choice prefers candidates whose scores came first."""
 
-    def select(candidates: Any, scores: Any, flown: Any, rules: Any) -> Any:
+    def select(candidates: Any, scores: Any, flown: Any, rules: Any, expected: Any) -> Any:
         names = list(scores)[: rules.flights]
         return tuple(Pick(test_case=name, selected_by="score", score=scores[name], novelty=0.0) for name in names)
 

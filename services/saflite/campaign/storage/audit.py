@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import sqlite3
 from collections import Counter
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -80,7 +82,7 @@ def told_of(run_dir: Path) -> str:
     if words:
         return words
     if in_use(run_dir) or is_sealed(run_dir):
-        return _chain_fault(store_file(run_dir))
+        return _chain_fault(run_dir)
     try:
         problems: list[str] = audit(run_dir, quick=True, blobs=False)["problems"]
     except Refused as fault:
@@ -111,28 +113,30 @@ def resume_faults(run_dir: Path) -> list[str]:
     return [fault] if fault else []
 
 
-def _fault_behind_snapshot(run_dir: Path) -> str:
+@contextmanager
+def _reading(run_dir: Path) -> Iterator[tuple[sqlite3.Connection, Path]]:
+    """Yield a connection to a store that is one; raises Refused where it is damaged, then or while it is read."""
     path = store_file(run_dir)
-    connection = connect_reading(path)
+    with closing(connect_reading(path)) as connection, damage_named(path):
+        check_file(connection, path)
+        yield connection, path
+
+
+def _fault_behind_snapshot(run_dir: Path) -> str:
     try:
-        with damage_named(path):
-            check_file(connection, path)
+        with _reading(run_dir) as (connection, path):
             snapshot = kept(run_dir, start_of(connection), connection) or Kept(0, 0, b"")
             for _ in journal_after(connection, path, snapshot.line, snapshot.chain):
                 pass
     except Refused as fault:
         return str(fault)
-    finally:
-        connection.close()
     return ""
 
 
-def _chain_fault(path: Path) -> str:
+def _chain_fault(run_dir: Path) -> str:
     """Return the first entry of journal or events that is damaged, in words."""
-    connection = connect_reading(path)
     try:
-        with damage_named(path):
-            check_file(connection, path)
+        with _reading(run_dir) as (connection, path):
             for table, query in (
                 ("journal", "SELECT n, chain, line FROM journal ORDER BY n"),
                 ("event", "SELECT seq, chain, event FROM events ORDER BY seq"),
@@ -141,8 +145,6 @@ def _chain_fault(path: Path) -> str:
                     pass
     except Refused as fault:
         return str(fault)
-    finally:
-        connection.close()
     return ""
 
 

@@ -25,6 +25,7 @@ from saflite.flight.autopilots.betaflight.switches import (
     SWITCHES,
     pilot_modes,
 )
+from saflite.flight.autopilots.sticks import stick_inputs
 
 TIME_LIMIT_MAX_S = 600.0
 SETTINGS = {
@@ -86,7 +87,8 @@ def missing(variant: Variant) -> str:
 
 
 def _inputs(variant: Variant, lacking: str) -> Iterator[InputInfo]:
-    yield from (*_sticks(), *_modes(variant), *_switches(variant), *_faults(variant))
+    yield from stick_inputs(STICKS, PULSE_LOW_US, PULSE_HIGH_US, CENTRE_US, no_centre=("RC3",))
+    yield from (*_modes(variant), *_switches(variant), *_faults(variant))
     if variant.sanitized:
         yield from _messages()
     yield from _parameters(variant, lacking)
@@ -96,20 +98,6 @@ def _starts(variant: Variant) -> tuple[StartState, ...]:
     modes = ("ALTHOLD",) if variant.gps else ()
     ground = StartState(mode="ANGLE", altitude_m=0.0, armed=False)
     return (*(StartState(mode=mode, altitude_m=20.0) for mode in ("ANGLE", *modes, "ACRO")), ground)
-
-
-def _sticks() -> Iterator[InputInfo]:
-    for name, meaning in STICKS.items():
-        yield InputInfo(
-            kind="stick",
-            name=name,
-            unit="us",
-            low=PULSE_LOW_US,
-            high=PULSE_HIGH_US,
-            type="whole",
-            default=None if name == "RC3" else CENTRE_US,
-            meaning=meaning,
-        )
 
 
 def _modes(variant: Variant) -> Iterator[InputInfo]:

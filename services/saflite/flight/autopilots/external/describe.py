@@ -12,6 +12,7 @@ from saflite.flight.autopilots.external.inputs import PULSE_HIGH_US, PULSE_LOW_U
 from saflite.flight.autopilots.external.link import CENTRE_US
 from saflite.flight.autopilots.external.listing import Row
 from saflite.flight.autopilots.external.metadata import Documented
+from saflite.flight.autopilots.sticks import stick_inputs
 from saflite.flight.build import build_of
 from saflite.flight.mavlink.client import WHOLE
 
@@ -35,17 +36,7 @@ def identity(autopilot: str, binary: Binary | None, more: str = "") -> str:
 
 def sticks() -> Iterator[InputInfo]:
     """Yield the pilot's sticks."""
-    for name, meaning in STICKS.items():
-        yield InputInfo(
-            kind="stick",
-            name=name,
-            unit="us",
-            low=PULSE_LOW_US,
-            high=PULSE_HIGH_US,
-            type="whole",
-            default=CENTRE_US,
-            meaning=meaning,
-        )
+    return stick_inputs(STICKS, PULSE_LOW_US, PULSE_HIGH_US, CENTRE_US)
 
 
 def modes_and_commands(modes: Collection[str], commands: Mapping[str, str]) -> Iterator[InputInfo]:
