@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import os
 import select
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 import pytest
-from external_flights import StandIn, answers, case, program
+from external_flights import StandIn, answers, case, ends, nothing_left, program
 
 from saflite.contract.errors import Unavailable
 from saflite.contract.test_case import Scenario, StartState, Wind
@@ -23,7 +21,6 @@ from saflite.flight.autopilots.external.place import Place
 from saflite.flight.autopilots.external.process import Process
 from saflite.flight.autopilots.px4.adapter import ADAPTER as PX4
 from saflite.simulator_worker.agreement import differences
-from saflite.simulator_worker.processes import children
 from saflite.simulator_worker.slots import take_slot
 
 pytestmark = pytest.mark.live
@@ -31,10 +28,9 @@ pytestmark = pytest.mark.live
 
 @pytest.fixture(autouse=True)
 def no_process_left() -> Iterator[None]:
-    """What a test starts ends with it; tests of other files may have left their helpers."""
-    before = set(children(os.getpid()))
-    yield
-    assert set(children(os.getpid())) <= before
+    """What a test starts ends with it."""
+    with nothing_left():
+        yield
 
 
 @pytest.fixture
@@ -200,6 +196,4 @@ from saflite.flight.autopilots.external.process import Process
 print(Process(["/bin/sleep", "600"], Path({str(tmp_path)!r}))._process.pid, flush=True)
 """
     pid = int(subprocess.run([sys.executable, "-c", starting], capture_output=True, check=True, text=True).stdout)
-    with suppress(ProcessLookupError):  # gone already
-        ended = os.pidfd_open(pid)
-        assert select.select([ended], [], [], 20.0)[0], "it lives on"
+    assert ends(pid), "it lives on"
