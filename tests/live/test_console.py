@@ -95,6 +95,7 @@ def test_stopped_by_the_keyboard_it_goes_on_with_an_exact_budget(tmp_path: Path)
     until_s = time.monotonic() + 60.0
     while not (folder / "farm.json").exists() and time.monotonic() < until_s:
         time.sleep(0.05)
+    assert (folder / "farm.json").exists(), "it never started"
     os.kill(process.pid, signal.SIGINT)
     said, _ = process.communicate(timeout=60)
     assert process.returncode in STOPPED_CLEAN

@@ -162,7 +162,8 @@ def test_a_subscriber_in_rust_made_from_the_schemas_alone_hears_every_violation(
         time.sleep(0.1)
     client = FarmClient.of_run(run_dir)
     while not client.status().violations_confirmed and time.monotonic() < until_s:
-        time.sleep(0.1)  # a late joiner: there is history to be heard
+        time.sleep(0.1)
+    assert client.status().violations_confirmed, "a late joiner needs history to be heard"
     client.close()
     info = read_info(run_dir)
     subscriber = subprocess.Popen([str(SUBSCRIBER), info.endpoint, info.campaign], stdout=subprocess.PIPE, text=True)
