@@ -103,6 +103,13 @@ def test_rtl_climbs_flies_home_lands_and_disarms() -> None:
     assert last(record, "home_distance_m") < 1.0
 
 
+@pytest.mark.parametrize("mode", ["BRAKE", "LOITER", "STABILIZE"])
+def test_land_ordered_on_the_ground_stops_the_motors_whatever_the_delay(mode: str) -> None:
+    record = fly(case(mode, 0.0, 12.0, [(2.0, "mode", "LAND", ())], DISARM_DELAY=0.0))
+    assert last(record, "mode") == MODES["LAND"]
+    assert last(record, "armed") == 0.0
+
+
 def test_land_slows_down_near_the_ground() -> None:
     record = fly(case("LAND", 16.0, 40.0))
     assert record.trace is not None

@@ -29,7 +29,7 @@ class FlightMode(Protocol):
         ...
 
     def disarms_on_landing(self) -> bool:
-        """Return whether touching the ground ends the flight at once."""
+        """Return whether standing on the ground ends the flight at once."""
         ...
 
     def under_way(self) -> bool:

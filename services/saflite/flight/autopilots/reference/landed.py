@@ -49,7 +49,7 @@ class LandDetector:
         ap = self._ap
         delay_s = ap.parameters["DISARM_DELAY"]
         self._idle_s = self._idle_s + TICK_S if ap.landed and ap.mode.may_disarm() else 0.0
-        if ap.landed and ap.taken_off and ap.mode.disarms_on_landing():
+        if ap.landed and ap.mode.disarms_on_landing():
             ap.disarm("landed")
         elif delay_s > 0.0 and self._idle_s > delay_s:
             ap.disarm("idle on the ground")

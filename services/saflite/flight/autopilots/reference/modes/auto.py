@@ -62,8 +62,9 @@ class Auto(Mode):
         return self.done
 
     def disarms_on_landing(self) -> bool:
-        """A mission that lands ends with motors off."""
-        return self._item().kind in ("land", "return")
+        """A mission that lands ends with motors off; one that returns stays where it stands until it has flown."""
+        kind = self._item().kind
+        return kind == "land" or (kind == "return" and self.ap.taken_off)
 
     def under_way(self) -> bool:
         """Between way-points."""

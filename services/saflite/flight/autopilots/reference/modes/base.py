@@ -52,8 +52,8 @@ class Mode:
         return True
 
     def disarms_on_landing(self) -> bool:
-        """Return whether touching the ground ends the flight at once."""
-        return int(self.ap.parameters["PILOT_THR_BHV"]) & 4 != 0
+        """Return whether standing on the ground ends the flight at once: where set so, after a flight."""
+        return self.ap.taken_off and int(self.ap.parameters["PILOT_THR_BHV"]) & 4 != 0
 
     def shift(self, north_m: float, east_m: float) -> None:
         """The estimate jumped by this much: move what is held."""

@@ -67,7 +67,7 @@ class Land(Mode):
         return False
 
     def disarms_on_landing(self) -> bool:
-        """A landing ends with motors off."""
+        """Motors off on the ground, also of a vehicle that never left it. After ArduCopter mode_land.cpp."""
         return True
 
     def shift(self, north_m: float, east_m: float) -> None:
