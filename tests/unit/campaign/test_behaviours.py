@@ -7,6 +7,7 @@ from collections import Counter
 import msgspec
 from books_drive import Driver, MemoryStore, doubles, new_books
 
+from saflite.campaign.engine.journal import Placed, decode_line, encode_line
 from saflite.contract.events import ViolationFound
 from saflite.contract.verdict import Violation
 from saflite.contract.work import JudgeResult, JudgeWork, Result, Work
@@ -70,3 +71,29 @@ def test_tracks_of_another_shape_are_another_behaviour() -> None:
     firm = [one for one in found(driver) if one.confirmation == "confirmed"]
     assert {one.behaviour for one in firm} == {"one way"}
     assert driver.books.status(driver.now).behaviours == len({one.fingerprint for one in firm}) == 2
+
+
+def test_a_replay_takes_what_a_find_is_from_the_journal_and_works_it_out_only_where_that_does_not_say() -> None:
+    driver = new_books(40, flights_per_round=8)
+    assert isinstance(driver.store, MemoryStore)
+    driver.service = Tracked(driver.store.blobs)
+    driver.run()
+    lines = [decode_line(line) for line in driver.store.lines]
+    names = {name for line in lines for one in line.placed for name in one.behaviours.values()}
+    assert names == {one.fingerprint for one in found(driver)}
+
+    said = [msgspec.structs.replace(line, placed=tuple(map(otherwise, line.placed))) for line in lines]
+    again = driver.store.empty_books()
+    for line in said:
+        again.replay(encode_line(line))
+    assert set(again._reducer.behaviours.representatives) == {f"other {name}" for name in names}
+
+    older = driver.store.empty_books()
+    for line in lines:
+        older.replay(encode_line(msgspec.structs.replace(line, placed=())))
+    assert older.snapshot() == driver.books.snapshot()
+
+
+def otherwise(placed: Placed) -> Placed:
+    """Call the behaviours of a test case's finds by other names."""
+    return Placed(placed.test_case, {policy: f"other {name}" for policy, name in placed.behaviours.items()})

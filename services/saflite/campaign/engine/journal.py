@@ -117,25 +117,38 @@ class Pruned(msgspec.Struct, frozen=True, kw_only=True, tag="pruned"):
     recordings: tuple[tuple[str, int], ...]
 
 
+class Placed(msgspec.Struct, frozen=True, array_like=True):
+    """What the finds of a test case were found to be: fingerprints of behaviours, by the policy violated."""
+
+    test_case: str
+    behaviours: dict[str, str]
+
+
 Entry = Opened | Granted | Returned | Settled | Selected | Ordered | Noted | TraceMissing | GaveUp | Pruned
 
 
 class Line(msgspec.Struct, frozen=True, array_like=True):
-    """One line of the journal. `at_s` is the books' monotonic clock within one incarnation."""
+    """One line of the journal. `at_s` is the books' monotonic clock within one incarnation.
+
+    `placed` is what the entry let the finds of test cases be recognised as, in order: comparing tracks is most of what
+    a replay would cost, and another version may compare otherwise. Lines of before it was written have none.
+    """
 
     at_s: float
     entry: Entry
+    placed: tuple[Placed, ...] = ()
 
 
 _ENCODER = msgspec.msgpack.Encoder(order="deterministic")
 
 
 class _Stored(msgspec.Struct, frozen=True, array_like=True):
-    """A line as it is written: the track of a judgement stands beside it, packed, where it has one."""
+    """A line as it is written: the track of a judgement stands beside it, packed; without the end that is empty."""
 
     at_s: float
     entry: Entry
     track: bytes = b""
+    placed: tuple[Placed, ...] = ()
 
 
 _DECODER = msgspec.msgpack.Decoder(_Stored)
@@ -155,16 +168,18 @@ def encode_line(line: Line) -> bytes:
 def decode_line(data: bytes) -> Line:
     """Return the journal line in `data`; raises msgspec.MsgspecError if it is none."""
     stored: _Stored = _DECODER.decode(_unpacked(data) if data.startswith(_PACKED) else data)
-    return Line(stored.at_s, _with_track(stored) if stored.track else stored.entry)
+    return Line(stored.at_s, _with_track(stored) if stored.track else stored.entry, stored.placed)
 
 
-def _with_track_beside(line: Line) -> Line | _Stored:
-    entry = line.entry
+def _with_track_beside(line: Line) -> tuple[object, ...]:
+    entry, track = line.entry, b""
     if isinstance(entry, Settled) and isinstance(entry.result, JudgeResult):
         track = pack_track(entry.result.judgement.track)
         if track:
-            return _Stored(line.at_s, _of_track(entry, entry.result, ()), track)
-    return line
+            entry = _of_track(entry, entry.result, ())
+    if line.placed:
+        return line.at_s, entry, track, line.placed
+    return (line.at_s, entry, track) if track else (line.at_s, entry)
 
 
 def _with_track(stored: _Stored) -> Settled:

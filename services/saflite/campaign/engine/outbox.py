@@ -58,9 +58,12 @@ class Outbox:
         """Return the wall time of a moment on the books' clock."""
         return at_s + self._unix_offset_s
 
-    def line(self, data: bytes) -> None:
-        """Add a journal line."""
+    def begin_line(self) -> None:
+        """Count the journal line whose facts and rows come next."""
         self.line_count += 1
+
+    def line(self, data: bytes) -> None:
+        """Add the journal line begun last."""
         if not self.replaying:
             self._lines.append(data)
 

@@ -11,6 +11,7 @@ from saflite.campaign.engine.journal import (
     Noted,
     Opened,
     Ordered,
+    Placed,
     Pruned,
     Returned,
     Selected,
@@ -68,8 +69,9 @@ class Reducer:
         self.proposals = Proposals(core, self.flights)
         self.scorers = Scorers(core)
 
-    def apply(self, line: Line) -> None:
-        """Change the state by one line."""
+    def apply(self, line: Line) -> tuple[Placed, ...]:
+        """Change the state by one line; returns what finds it let be recognised: what the line says, if it says so."""
+        self.behaviours.expect_placed({one.test_case: one.behaviours for one in line.placed})
         if isinstance(line.entry, Opened):
             self._change_clock(line.at_s)
         self.core.at_s = line.at_s
@@ -78,6 +80,7 @@ class Reducer:
         for candidate in self.minimization.advance() if self.minimization.candidates else ():
             self.flights.fly_smallest(candidate)
         self.proposals.advance()
+        return tuple(Placed(name, behaviours) for name, behaviours in self.behaviours.placed_now())
 
     def _apply(self, entry: Entry) -> None:
         match entry:

@@ -77,7 +77,7 @@ FIELDS: dict[type, dict[str, Any]] = {
 _ENCODER = msgspec.msgpack.Encoder(order="deterministic")
 """A peer may send the keys of a mapping in any order, the journal holds them sorted: a replay would differ in bytes."""
 
-UNKEPT = {"search", "confirm_flights", "selected_upto", "_queues", "_waiting", "_core"}
+UNKEPT = {"search", "confirm_flights", "selected_upto", "_queues", "_waiting", "_core", "_by_words", "_told", "_placed"}
 
 GIVEN = {"campaign", "template", "target", "confirm"}
 """What of the core comes of the campaign."""
@@ -103,6 +103,7 @@ def put_back(reducer: Reducer, data: bytes) -> None:
         for part, values in zip(_beside(reducer), beside, strict=True):
             _restore(part, values)
         reducer.core.tasks.enqueue_all()
+        reducer.behaviours.index()
     except (msgspec.MsgspecError, ValueError, LookupError, TypeError, AttributeError) as fault:
         raise ValueError(f"not a snapshot of these books: {fault}") from fault
 

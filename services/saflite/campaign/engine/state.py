@@ -137,8 +137,9 @@ class Books:
     def replay(self, line: bytes, *, announce: bool = False) -> None:
         """Apply a committed journal line again; with `announce` its facts can be drained. Before `begin` only."""
         self._out.replaying = not announce
-        self._out.line(line)
+        self._out.begin_line()
         self._reducer.apply(decode_line(line))
+        self._out.line(line)
         self._out.replaying = False
 
     def snapshot(self) -> bytes:
@@ -167,9 +168,9 @@ class Books:
         return self._out.drain()
 
     def _do(self, entry: Entry, now: float) -> None:
-        line = Line(now, entry)
-        self._out.line(encode_line(line))
-        self._reducer.apply(line)
+        self._out.begin_line()
+        placed = self._reducer.apply(Line(now, entry))
+        self._out.line(encode_line(Line(now, entry, placed)))
 
     def _fly_again_what_left_no_trace(self, now: float) -> None:
         for key in [task.key for task in self._core.tasks if isinstance(task.key, JudgeKey)]:

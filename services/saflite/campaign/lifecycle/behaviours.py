@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, field
+from functools import cache, partial
 
 from saflite.campaign.engine.core import Core
 from saflite.campaign.lifecycle.confirmation import Trial, violated_verdicts
@@ -42,6 +43,9 @@ class Behaviours:
         self._expected: deque[str] = deque()  # test cases selected, in order, not placed yet
         self._undecided: list[str] = []  # placed, in order, not decided upon
         self._known: dict[str, Behaviour] = {}
+        self._by_words: dict[str, list[Behaviour]] = {}  # the same ones
+        self._told: dict[str, dict[str, str]] = {}  # by test case: what the line being applied says of its finds
+        self._placed: list[Trial] = []  # by the line being applied
 
     @property
     def representatives(self) -> dict[str, str]:
@@ -71,6 +75,15 @@ class Behaviours:
                 decided.append((trial, stands))
         return decided
 
+    def expect_placed(self, told: dict[str, dict[str, str]]) -> None:
+        """Begin a line that says of test cases what behaviours their finds are, by policy."""
+        assert not self._told, f"{sorted(self._told)} were to be placed"
+        self._told, self._placed = told, []
+
+    def placed_now(self) -> list[tuple[str, dict[str, str]]]:
+        """Return the test cases placed since, in order, and what behaviours their finds are, by policy."""
+        return [(trial.name, trial.behaviours) for trial in self._placed]
+
     def ended(self, trial: Trial) -> None:
         """Note that a test case has ended, and which of its violations stood: the next in line may stand for all."""
         for policy, fingerprint in trial.behaviours.items():
@@ -81,25 +94,34 @@ class Behaviours:
 
     def _place(self, trial: Trial) -> None:
         assert trial.judgement is not None, f"{trial.name} was not judged"
-        shape = shape_of(trial.judgement.track if trial.test_case.scenario.obstacles else ())
+        told, shape = self._told.pop(trial.name, {}), cache(partial(_shape_of, trial))
         for verdict in violated_verdicts(trial.judgement):
-            behaviour = self._behaviour(trial, verdict, shape)
+            words, name = verdict.behaviour or f"{verdict.policy} of {trial.name}", told.get(verdict.policy)
+            behaviour = self._like(verdict, words, shape()) if name is None else self._known.get(name)
+            if behaviour is None:
+                name = name or short_id(f"{words}\x1f{len(self._by_words.get(words, ()))}".encode())
+                behaviour = self._found(Behaviour(name, words, verdict.cause, shape()))
+                trial.founded += 1
             trial.behaviours[verdict.policy] = behaviour.fingerprint
             if not behaviour.representative:
                 behaviour.line.append(trial.name)
         self._undecided.append(trial.name)
+        self._placed.append(trial)
 
-    def _behaviour(self, trial: Trial, verdict: Verdict, shape: Shape) -> Behaviour:
-        words = verdict.behaviour or f"{verdict.policy} of {trial.name}"
-        known = [one for one in self._known.values() if one.may_be(verdict, words)]
+    def _like(self, verdict: Verdict, words: str, shape: Shape) -> Behaviour | None:
+        known = [one for one in self._by_words.get(words, ()) if one.may_be(verdict, words)]
         place = first_like(shape, [one.shape for one in known])
-        if place is not None:
-            return known[place]
-        like = sum(1 for one in self._known.values() if one.words == words)
-        founded = Behaviour(short_id(f"{words}\x1f{like}".encode()), words, verdict.cause, shape)
-        self._known[founded.fingerprint] = founded
-        trial.founded += 1
-        return founded
+        return None if place is None else known[place]
+
+    def _found(self, behaviour: Behaviour) -> Behaviour:
+        self._known[behaviour.fingerprint] = behaviour
+        self._by_words.setdefault(behaviour.words, []).append(behaviour)
+        return behaviour
+
+    def index(self) -> None:
+        """Work out what is not kept in a snapshot."""
+        for behaviour in self._known.values():
+            self._by_words.setdefault(behaviour.words, []).append(behaviour)
 
     def _advance(self, behaviour: Behaviour) -> None:
         """Have the first in line decide once it has ended: it has confirmed the behaviour, or the next one is asked."""
@@ -109,3 +131,9 @@ class Behaviours:
                 behaviour.representative = first
                 behaviour.line, behaviour.stood = [], {}
                 self._core.counts.behaviours += 1
+
+
+def _shape_of(trial: Trial) -> Shape:
+    """Return the shape of the first flight's track; without boxes no track tells two behaviours apart."""
+    assert trial.judgement is not None, f"{trial.name} was not judged"
+    return shape_of(trial.judgement.track if trial.test_case.scenario.obstacles else ())
