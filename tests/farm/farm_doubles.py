@@ -105,9 +105,10 @@ track_points = 0
 def flown(name: str, index: int) -> tuple[Ending, str, bytes]:
     """How a test case ends, and its trace: bit-equal at every flight unless it is a flaky one."""
     distance = 4.0 * luck(name) if not is_flaky(name) else 4.0 * luck(f"{name} {index}")
-    signals = {"obstacle_distance_m": np.full(3, distance, dtype="<f4").tobytes()}
+    samples = padding_kib * 256 or 3
+    signals = {"obstacle_distance_m": np.full(samples, distance, dtype="<f4").tobytes()}
     if padding_kib:
-        signals["x_m"] = derive(int(distance * 1e6), "padding").random(padding_kib * 256, dtype=np.float32).tobytes()
+        signals["x_m"] = derive(int(distance * 1e6), "padding").random(samples, dtype=np.float32).tobytes()
     trace = Trace(step_s=0.1, signals=signals)
     return ("crashed" if distance < 0.5 else "completed"), trace_digest(trace), pack_trace(trace)
 

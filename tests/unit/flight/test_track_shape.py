@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
@@ -43,7 +45,7 @@ def best_alignment_m(one: bytes, other: bytes) -> float:
     for i, place in enumerate(ours):
         for j, there in enumerate(theirs):
             total, steps = min(best[key] for key in ((i - 1, j - 1), (i - 1, j), (i, j - 1)) if key in best)
-            best[i, j] = total + float(np.hypot(place[0] - there[0], place[1] - there[1])), steps + 1
+            best[i, j] = total + math.sqrt((place[0] - there[0]) ** 2 + (place[1] - there[1]) ** 2), steps + 1
         best.pop((-1, -1), None)
     total, steps = best[len(ours) - 1, len(theirs) - 1]
     return total / steps

@@ -204,9 +204,14 @@ class Store:
             log.warning("%s is not folded in: %s", self._path, fault)
 
     @property
+    def lines_behind(self) -> int:
+        """How many journal entries came behind the snapshot."""
+        return self._tables.tails.lines - self._kept_line
+
+    @property
     def snapshot_due(self) -> bool:
         """Whether there is enough new in the journal to keep the state of the books again."""
-        return self._tables.tails.lines - self._kept_line >= snapshot_file.LINES_MAX
+        return self.lines_behind >= snapshot_file.LINES_MAX
 
     def keep(self, state: bytes) -> None:
         """Keep the state of the books, as it is after the last commit, for who opens the run next."""
