@@ -33,6 +33,7 @@ POLL_S = 0.05
 LOCK_WAIT_S = 1.0
 STATUS_S = 0.5
 STATUS_PATIENCE_S = 2.0
+BUILD_SHOWN = 12
 
 OnStatus = Callable[[Status], None]
 T = TypeVar("T")
@@ -115,10 +116,14 @@ def resume(
     `stop_when` ends it earlier; it can be resumed.
 
     Raises:
-        Refused: no run folder, one in use, a damaged store, or an endpoint that needs `insecure`.
+        Refused: no run folder, one in use, a damaged store, a run of another build of its target than the one here,
+            or an endpoint that needs `insecure`.
         Unavailable: the farm cannot start.
     """
-    campaign, used = _campaign(run_dir, budget), run_modules.use(run_dir, modules)
+    used = run_modules.use(run_dir, modules)
+    flies = cast.get("fly", 0) if cast is not None else simulators
+    check_build(run_dir, flies_here=flies != 0 and on == HERE, goes_on=budget is not None)
+    campaign = _campaign(run_dir, budget)
     run_modules.note(run_dir, used)
     record, hosts, paths = campaign.record != "none", hosts_named_by(campaign.scorer), [one.path for one in used]
     workers = None if on == HERE else workers_on(on, campaign.name, modules=paths, keys=keys, key_hosts=hosts)
@@ -146,6 +151,43 @@ def resume(
             return _follow(farm, on_status, interrupted, stop_when)
         finally:
             farm.stop()
+
+
+def check_build(run_dir: Path, *, flies_here: bool, goes_on: bool) -> None:
+    """Refuse a run whose flights nobody here could fly: its target's build is another now, and it would wait for ever.
+
+    Not a run that is over, unless it `goes_on` with a new budget; nor one whose target cannot be described here: its
+    simulators may join from elsewhere.
+
+    Raises:
+        Refused: it is one, or no run that can be taken up again.
+    """
+    from saflite.campaign.storage.store import target_of
+    from saflite.simulator_worker.registry import describe_target
+
+    wanted = _when_free(lambda: target_of(run_dir))
+    if not (flies_here and wanted.build):
+        return
+    try:
+        here = describe_target(wanted.name).build
+    except (Refused, Unavailable):
+        return
+    if here != wanted.build and (goes_on or not _is_over(run_dir)):
+        raise Refused(
+            f"build of {wanted.name}",
+            where=str(run_dir),
+            expected=f"{wanted.build[:BUILD_SHOWN]}, which this run flies",
+            got=here[:BUILD_SHOWN],
+            fix="take it up with the software it was made with, or with --workers 0 and let workers join that have it",
+        )
+
+
+def _is_over(run_dir: Path) -> bool:
+    store = _open(run_dir)
+    try:
+        return bool(store.rebuild().audit_status()["over"])
+    finally:
+        store.close()
 
 
 def _campaign(run_dir: Path, budget: int | None) -> Campaign:

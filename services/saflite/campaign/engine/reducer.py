@@ -71,6 +71,7 @@ class Reducer:
 
     def apply(self, line: Line) -> tuple[Placed, ...]:
         """Change the state by one line; returns what finds it let be recognised: what the line says, if it says so."""
+        self.core.out.begin_line()
         self.behaviours.expect_placed({one.test_case: one.behaviours for one in line.placed})
         if isinstance(line.entry, Opened):
             self._change_clock(line.at_s)

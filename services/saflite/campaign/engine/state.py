@@ -137,7 +137,6 @@ class Books:
     def replay(self, line: bytes, *, announce: bool = False) -> None:
         """Apply a committed journal line again; with `announce` its facts can be drained. Before `begin` only."""
         self._out.replaying = not announce
-        self._out.begin_line()
         self._reducer.apply(decode_line(line))
         self._out.line(line)
         self._out.replaying = False
@@ -168,7 +167,6 @@ class Books:
         return self._out.drain()
 
     def _do(self, entry: Entry, now: float) -> None:
-        self._out.begin_line()
         placed = self._reducer.apply(Line(now, entry))
         self._out.line(encode_line(Line(now, entry, placed)))
 

@@ -41,12 +41,12 @@ from saflite.contract.config import Campaign
 from saflite.contract.errors import FarmError, Refused, Unavailable
 from saflite.contract.names import recording_file
 from saflite.contract.target_info import TargetInfo
-from saflite.contract.test_case import TestCase
+from saflite.contract.test_case import Target, TestCase
 from saflite.contract.work import Outcome
 from saflite.evidence.files import put_in_place
 from saflite.evidence.folder import BlobFolder
 
-__all__ = ["Batch", "Store", "campaign_of", "store_file"]
+__all__ = ["Batch", "Store", "campaign_of", "store_file", "target_of"]
 
 log = logging.getLogger(__name__)
 
@@ -65,12 +65,21 @@ def campaign_of(run_dir: Path) -> Campaign:
     Raises:
         Refused: there is none, it is in use, of another version, or lost commits.
     """
+    return _read(run_dir, "campaign", Campaign)
+
+
+def target_of(run_dir: Path) -> Target:
+    """Return what a run flies, and on which build (empty for any); as `campaign_of`."""
+    return _read(run_dir, "template", TestCase).target
+
+
+def _read(run_dir: Path, key: str, kind: type[T]) -> T:
     path = store_file(run_dir)
     connect_reading(path).close()  # before a lock is left in a folder without a run
     with lock_run(run_dir):
         check_loss(run_dir)
         with closing(connect_reading(path)) as connection, damage_named(path):
-            return wire.decode(meta(connection, "campaign"), Campaign)
+            return wire.decode(meta(connection, key), kind)
 
 
 class Store:

@@ -1,0 +1,65 @@
+"""Taking a run up again: refused in one line where nobody here could fly what it flies."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from saflite.campaign.presets.campaigns import template
+from saflite.campaign.storage.store import Store
+from saflite.contract.config import Campaign
+from saflite.contract.control import Control
+from saflite.contract.errors import Refused
+from saflite.contract.test_case import DEFAULT_TARGET, StartState
+from saflite.runtime.campaign_runner import check_build, resume
+from saflite.simulator_worker.registry import describe_target
+
+OTHER = "0123456789abcdef" * 4
+
+
+def journal(run_dir: Path) -> list[bytes]:
+    """Return what the books of a run have noted, which is theirs to open again."""
+    store = Store.open(run_dir)
+    lines = list(store.journal())
+    store.close()
+    return lines
+
+
+def run_on(build: str, run_dir: Path, *, target: str = DEFAULT_TARGET, order: str = "", budget: int = 3) -> Path:
+    """Make a run on a build of the reference; `order` is given to its books."""
+    info = msgspec.structs.replace(describe_target(DEFAULT_TARGET), name=target, build=build)
+    campaign = Campaign(name="other-build", budget_flights=budget, start=StartState())
+    campaign = msgspec.structs.replace(campaign, target=msgspec.structs.replace(campaign.target, name=target))
+    store = Store.create(run_dir, campaign, template(campaign, build), info)
+    books = store.rebuild()
+    books.begin(0.0, 1.7e9)
+    if order:
+        assert books.control(Control(verb=order, number=0), 0.0).accepted  # type: ignore[arg-type]
+    store.commit(books.drain())
+    store.close()
+    return run_dir
+
+
+@pytest.mark.parametrize(("order", "budget"), [("", None), ("stop", None), ("", 5)])
+def test_a_run_of_another_build_is_refused_before_anything_starts(
+    order: str, budget: int | None, tmp_path: Path
+) -> None:
+    run_dir = run_on(OTHER, tmp_path / "run", order=order)
+    before = journal(run_dir)
+    with pytest.raises(Refused) as refused:
+        resume(run_dir, simulators=1, budget=budget)
+    words = str(refused.value)
+    assert OTHER[:12] in words
+    assert describe_target(DEFAULT_TARGET).build[:12] in words
+    assert "--workers 0" in words
+    assert journal(run_dir) == before
+
+
+@pytest.mark.parametrize("case", ["same", "any", "over", "elsewhere", "unknown"])
+def test_others_are_not(case: str, tmp_path: Path) -> None:
+    build = {"same": describe_target(DEFAULT_TARGET).build, "any": ""}.get(case, OTHER)
+    target = "known-elsewhere" if case == "unknown" else DEFAULT_TARGET
+    run_dir = run_on(build, tmp_path / "run", target=target, budget=0 if case == "over" else 3)
+    check_build(run_dir, flies_here=case != "elsewhere", goes_on=False)
