@@ -19,7 +19,7 @@ from pathlib import Path
 from resource import RUSAGE_SELF, getrusage
 from statistics import median
 from tempfile import TemporaryDirectory
-from typing import Any, cast
+from typing import Any, NoReturn, cast
 
 import flight as flight_bench
 
@@ -152,29 +152,35 @@ def _forked(flight: BetaflightFlight) -> dict[str, float]:
     """Fork world and firmware and step once in the fork; return how long each stage took there, and page faults."""
     ours, theirs = os.pipe()
     began_s = time.monotonic()
-    pid = os.fork()
-    if pid == 0:
-        forked_s = time.monotonic()
-        flight._fork_firmware()
-        answered_s, faults = time.monotonic(), getrusage(RUSAGE_SELF).ru_minflt
-        flight.vehicle.run(1)
-        done_s = time.monotonic()
-        row = {
-            "to_first_step_ms": (done_s - began_s) * 1e3,
-            "world_ms": (forked_s - began_s) * 1e3,
-            "firmware_ms": (answered_s - forked_s) * 1e3,
-            "step_ms": (done_s - answered_s) * 1e3,
-            "faults_before_step": float(faults),
-            "faults_of_step": float(getrusage(RUSAGE_SELF).ru_minflt - faults),
-        }
-        os.write(theirs, json.dumps(row).encode())
-        flight.close()
-        os._exit(0)
+    with flight.forking():
+        pid = os.fork()
+        if pid == 0:
+            _first_step(flight, began_s, theirs)
     os.close(theirs)
     said = os.read(ours, 4096)
     os.close(ours)
     os.waitpid(pid, 0)
     return cast(dict[str, float], json.loads(said))
+
+
+def _first_step(flight: BetaflightFlight, began_s: float, told: int) -> NoReturn:
+    """In the fork: step once, write what each stage took, end."""
+    forked_s = time.monotonic()
+    flight._fork_firmware()
+    answered_s, faults = time.monotonic(), getrusage(RUSAGE_SELF).ru_minflt
+    flight.vehicle.run(1)
+    done_s = time.monotonic()
+    row = {
+        "to_first_step_ms": (done_s - began_s) * 1e3,
+        "world_ms": (forked_s - began_s) * 1e3,
+        "firmware_ms": (answered_s - forked_s) * 1e3,
+        "step_ms": (done_s - answered_s) * 1e3,
+        "faults_before_step": float(faults),
+        "faults_of_step": float(getrusage(RUSAGE_SELF).ru_minflt - faults),
+    }
+    os.write(told, json.dumps(row).encode())
+    flight.close()
+    os._exit(0)
 
 
 def cases(options: argparse.Namespace) -> dict[str, Any]:

@@ -160,6 +160,8 @@ MODES: dict[str, int] = {
     "FLIP": 14,
     "BRAKE": 17,
 }
+UNNAMED_MODE = "mode "
+"""Before the number of a mode that is none of these, where a state is told in words."""
 
 _OF_STIMULI = """
 time_s quiet_s order_quiet_s command_quiet_s calm_s home_quiet_s crashed stop_ordered arming_forced

@@ -1,8 +1,9 @@
 """The steps of a flight through the target's states: mode, standing, disarmed, failsafes raised.
 
-A state is what the trace shows of them, in words: `LOITER`, `RTL radio`, `STABILIZE standing disarmed`. Each input that
-was given and not denied makes a step, from the state it was given in to the next one before the input after it (the
-same state where nothing changed); every further change is a step without input.
+A state is what the trace shows of them, in words: `LOITER`, `RTL radio`, `STABILIZE standing disarmed`. Failsafes are
+those of the common names: a target's own signals may show how one is set. Each input that was given and not denied
+makes a step, from the state it was given in to the next one before the input after it (the same state where nothing
+changed); every further change is a step without input.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saflite.contract.flight import Flight
-from saflite.contract.signals import MODES
+from saflite.contract.signals import MODES, SIGNALS, UNNAMED_MODE
 from saflite.contract.test_case import TestCase
 from saflite.contract.verdict import TRANSITIONS_MAX, Transition
 from saflite.oracle.signals import FlightSignals
@@ -66,7 +67,7 @@ def _walk(stretches: list[Stretch], steps: list[Step]) -> list[Transition]:
 
 def _stretches(signals: FlightSignals) -> list[Stretch]:
     names = ["mode", *(name for name in ("landed", "armed") if name in signals.written)]
-    raised = sorted(name for name in signals.written if name.startswith(FAILSAFE))
+    raised = sorted(name for name in signals.written if name.startswith(FAILSAFE) and name in SIGNALS)
     rows = np.stack([np.asarray(signals[name], dtype=np.float32) for name in (*names, *raised)])
     rows = np.nan_to_num(rows, nan=0.0)
     changed = np.flatnonzero((rows[:, 1:] != rows[:, :-1]).any(axis=0)) + 1
@@ -80,7 +81,7 @@ def _stretches(signals: FlightSignals) -> list[Stretch]:
 
 def _words(values: dict[str, NDArray[np.float32]]) -> str:
     number = int(values["mode"])
-    words = [_MODE_NAMES.get(number, f"mode {number}")]
+    words = [_MODE_NAMES.get(number, f"{UNNAMED_MODE}{number}")]
     words += ["standing"] if values.get("landed", 0.0) else []
     words += [] if values.get("armed", 1.0) else ["disarmed"]
     words += [name.removeprefix(FAILSAFE) for name, value in values.items() if name.startswith(FAILSAFE) and value]

@@ -13,7 +13,7 @@ import os
 import socket
 import traceback
 from collections.abc import Callable, Collection
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
 from functools import partial
 from multiprocessing.connection import Connection
 from multiprocessing.reduction import recv_handle, send_handle
@@ -35,6 +35,13 @@ BROKEN = 70
 
 class HeldFlight(Protocol):
     """A flight that can stop at a moment and go on. `files` are open files that a fork of it needs."""
+
+    def forking(self) -> AbstractContextManager[None]:
+        """Return what a fork of this process is made in: other processes of the flight are forked beside it.
+
+        The fork itself never leaves it.
+        """
+        ...
 
     @property
     def files(self) -> Collection[int]:
@@ -235,9 +242,10 @@ def _hold(flight: HeldFlight, pipe: Connection) -> None:
         except (EOFError, OSError):
             flight.close()
             break
-        _reap(os.WNOHANG)
-        _fork(handle, partial(_obey, flight, order), flight.files)
+        with flight.forking():
+            _fork(handle, partial(_obey, flight, order), flight.files)
         os.close(handle)
+        _reap(os.WNOHANG)
     _reap(0)
 
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import msgspec
+
 from saflite.campaign.engine.exposure import Exposure
 from saflite.console.view.live import exposed
-from saflite.console.view.report.data import modes_unseen
+from saflite.console.view.report.data import modes_unseen, states_named
 from saflite.contract.control import Exposed
 from saflite.contract.test_case import Scenario, Stimulus, Target, TestCase
 from saflite.contract.verdict import Judgement, Transition, Verdict
@@ -46,3 +48,11 @@ def test_silent_rules_and_modes_never_flown_are_named() -> None:
     assert "FLIP" in unseen
     assert "LOITER" not in unseen
     assert modes_unseen(default_target(), ()) == ()
+
+
+def test_states_bear_the_modes_names_of_the_target_that_flew() -> None:
+    target = msgspec.structs.replace(default_target(), modes={"ANGLE": 0, "RESCUE": 6, "FAILSAFE": 31})
+    seen = {"STABILIZE standing": 3, "RTL": 2, "mode 31 disarmed radio": 1, "mode 40": 1}
+    named = states_named(target, seen)
+    assert named == {"ANGLE standing": 3, "RESCUE": 2, "FAILSAFE disarmed radio": 1, "mode 40": 1}
+    assert modes_unseen(target, named) == ()

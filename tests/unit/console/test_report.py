@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from html.parser import HTMLParser
 from pathlib import Path
@@ -241,3 +242,31 @@ def test_charts_keep_peaks_and_survive_what_is_no_number() -> None:
 @pytest.mark.parametrize(("span", "step"), [(70.0, 10.0), (0.3, 0.05), (1234.0, 200.0), (0.0, 1.0)])
 def test_axes_are_cut_at_round_numbers(span: float, step: float) -> None:
     assert nice_step(span, 7) == pytest.approx(step)
+
+
+def placed(svg: str, text: str) -> tuple[float, float]:
+    """Return where a text begins, in px."""
+    found = re.search(rf'<text x="([0-9.]+)" y="([0-9.]+)"[^>]*>{text}</text>', svg)
+    assert found, text
+    return float(found[1]), float(found[2])
+
+
+@pytest.mark.parametrize("low_at", ["right", "left", "everywhere but the middle"])
+def test_the_name_of_a_level_lies_on_no_curve(low_at: str) -> None:
+    xs = np.linspace(0.0, 100.0, 101)
+    low = {"right": xs > 50.0, "left": xs < 50.0, "everywhere but the middle": abs(xs - 50.0) > 15.0}[low_at]
+    ys = np.where(low, 0.02, 5.0)
+    drawn = charts.chart("t", [charts.Curve(xs, ys)], levels=[charts.Level(0.0, "violated below", "limit")])
+    left, foot = placed(drawn, "violated below")
+    line = re.search(r'<polyline points="([^"]+)"', drawn)
+    assert line
+    places = np.array([tuple(map(float, pair.split(","))) for pair in line[1].split()])
+    at = np.linspace(left, left + charts.CHAR_PX * len("violated below"), 60)
+    heights = np.interp(at, places[:, 0], places[:, 1])
+    assert not ((heights > foot - charts.NAME_PX) & (heights < foot)).any()
+
+
+def test_counts_are_told_in_whole_numbers() -> None:
+    drawn = charts.chart("t", [charts.Curve([0.0, 9.0], [0.0, 1.0])], counts=True)
+    assert ">0.5<" not in drawn
+    assert ">1<" in drawn

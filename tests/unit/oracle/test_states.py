@@ -92,3 +92,9 @@ def test_a_violation_while_the_mode_is_no_number_is_told_all_the_same() -> None:
         signals = FlightSignals(case, flight, trace(mode=[(0.0, value)]))
         verdict = Verdict(policy="p", outcome="violated", robustness=-1.0, severity="soft")
         assert behaviour_of(case, verdict, {}, signals) == "p, soft, in mode -1"
+
+
+def test_a_signal_that_shows_how_a_failsafe_is_set_is_none_that_is_raised() -> None:
+    mode = [(0.0, MODES[LOITER]), (5.0, MODES[RTL])]
+    found = steps([], mode=mode, failsafe_delay_set_s=[(0.0, 1.5)], failsafe_procedure=[(0.0, 1.0)])
+    assert found == [Transition(LOITER, RTL, -1, -1)]

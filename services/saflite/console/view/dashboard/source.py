@@ -236,7 +236,7 @@ def _troubles(run: RunFolder) -> str:
 
 
 def _states(run: RunFolder) -> str:
-    seen = run.states()
+    seen = data.states_named(run.target, run.states())
     return page.states(seen, data.modes_unseen(run.target, seen))
 
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from saflite.scorer_pool.calibration import Calibration
 
 WIDTH_PX, ROW_PX, LEFT_PX, RIGHT_PX, TOP_PX = 760.0, 26.0, 170.0, 90.0, 34.0
-GRAPH_WIDTH_PX, GRAPH_HEIGHT_PX, GRAPH_LEFT_PX, GRAPH_TOP_PX, GRAPH_BOTTOM_PX = 420.0, 170.0, 40.0, 26.0, 30.0
+GRAPH_WIDTH_PX, GRAPH_HEIGHT_PX, GRAPH_LEFT_PX, GRAPH_TOP_PX, GRAPH_BOTTOM_PX = 560.0, 170.0, 40.0, 26.0, 30.0
 _COLOURS: dict[Band, str] = {"interesting": "#cf2f3a", "middling": "#e2a93b", "dull": "#8a93a3"}
 
 

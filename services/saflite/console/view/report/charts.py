@@ -17,6 +17,8 @@ LEFT_PX, RIGHT_PX, TOP_PX, BOTTOM_PX = 46.0, 10.0, 22.0, 38.0
 POINTS_MAX = 500
 CHAR_PX, ROW_PX, ROWS_MAX = 5.6, 11.0, 6
 """Width of a letter of a tick's text, about; height of a row of names, and how many there may be."""
+NAME_PX, NAME_PLACES, NAME_SAMPLES = 10.0, 9, 24
+"""Height of a level's name; places along the line that are tried for it; samples of the curves over its width."""
 
 
 class Curve(NamedTuple):
@@ -68,17 +70,22 @@ def chart(
     levels: Sequence[Level] = (),
     marks: Sequence[Mark] = (),
     y_max: float | None = None,
+    counts: bool = False,
 ) -> str:
-    """Return a chart as an SVG element; `y_max` cuts off what is above."""
+    """Return a chart as an SVG element; `y_max` cuts off what is above, `counts` says that there are whole numbers."""
     frame = _frame(curves, levels, y_max)
     parts = [label(LEFT_PX, 13, title, "title")]
     parts += _marks(frame, marks)
-    parts += _axes(frame, x_name)
+    parts += _axes(frame, x_name, 1.0 if counts else 0.0)
     for level in levels:
         y = frame.y(level.y)
         parts.append(tag("line", x1=LEFT_PX, y1=y, x2=WIDTH_PX - RIGHT_PX, y2=y, class_=level.css))
-        parts.append(label(WIDTH_PX - RIGHT_PX - 2, y - 3, level.name, "tick", "end"))
-    parts += [_curve(frame, curve) for curve in curves]
+    drawn = [_places(frame, curve) for curve in curves]
+    parts += [
+        tag("polyline", points=points(places.tolist()), class_=f"curve {curve.css}")
+        for curve, places in zip(curves, drawn, strict=True)
+    ]
+    parts += [_level_name(frame, level, drawn) for level in levels]
     parts.append(_legend([curve for curve in curves if curve.name]))
     return tag("svg", "".join(parts), viewBox=f"0 0 {WIDTH_PX:.0f} {HEIGHT_PX:.0f}", class_="chart", role="img")
 
@@ -100,9 +107,9 @@ def _frame(curves: Sequence[Curve], levels: Sequence[Level], y_max: float | None
     return _Frame(x_low, x_high if x_high > x_low else x_low + 1.0, y_low - (room if y_low < 0 else 0.0), y_high + room)
 
 
-def _axes(frame: _Frame, x_name: str) -> list[str]:
+def _axes(frame: _Frame, x_name: str, y_step_min: float) -> list[str]:
     parts = []
-    step = nice_step(frame.y_high - frame.y_low, 4)
+    step = max(y_step_min, nice_step(frame.y_high - frame.y_low, 4))
     for number in range(math.ceil(frame.y_low / step), math.floor(frame.y_high / step) + 1):
         y = frame.y(number * step)
         parts.append(tag("line", x1=LEFT_PX, y1=y, x2=WIDTH_PX - RIGHT_PX, y2=y, class_="grid"))
@@ -139,15 +146,38 @@ def _marks(frame: _Frame, marks: Sequence[Mark]) -> list[str]:
     return parts
 
 
-def _curve(frame: _Frame, curve: Curve) -> str:
+def _places(frame: _Frame, curve: Curve) -> NDArray[np.float64]:
+    """Return where a curve is drawn in px, shape (points, 2)."""
     xs, ys = np.asarray(curve.xs, dtype=float), np.asarray(curve.ys, dtype=float)
     keep = _thinned(ys)
     xs, ys = xs[keep], np.clip(ys[keep], frame.y_low, frame.y_high)
     if curve.step:
         xs, ys = np.repeat(xs, 2)[1:], np.repeat(ys, 2)[:-1]
     good = np.isfinite(xs) & np.isfinite(ys)
-    places = ((frame.x(x), frame.y(y)) for x, y in zip(xs[good].tolist(), ys[good].tolist(), strict=True))
-    return tag("polyline", points=points(places), class_=f"curve {curve.css}")
+    return np.array([(frame.x(x), frame.y(y)) for x, y in zip(xs[good].tolist(), ys[good].tolist(), strict=True)])
+
+
+def _level_name(frame: _Frame, level: Level, drawn: Sequence[NDArray[np.float64]]) -> str:
+    """Return the name of a level beside its line, where the least of the curves runs under it; right first."""
+    line, width = frame.y(level.y), CHAR_PX * len(level.name)
+    lefts = np.linspace(WIDTH_PX - RIGHT_PX - 2 - width, LEFT_PX + 2, NAME_PLACES)
+    feet = [foot for foot in (line - 3, line + NAME_PX) if TOP_PX + NAME_PX <= foot <= HEIGHT_PX - BOTTOM_PX]
+    along = np.linspace(0.0, 1.0, NAME_SAMPLES)
+
+    def covered(left: float, foot: float) -> int:
+        """Count the places along the name at which a curve passes through it."""
+        found = 0
+        for places in drawn:
+            if len(places) > 0:
+                ys = np.interp(left + along * width, places[:, 0], places[:, 1], left=np.inf, right=np.inf)
+                found += int(np.count_nonzero((ys > foot - NAME_PX) & (ys < foot + 2)))
+        return found
+
+    choices = [
+        (covered(float(left), foot), number, float(left), foot) for number, left in enumerate(lefts) for foot in feet
+    ]
+    _, _, left, foot = min(choices, key=lambda one: one[:2], default=(0, 0, float(lefts[0]), line - 3))
+    return label(left, foot, level.name, "tick name")
 
 
 def _thinned(ys: NDArray[np.float64]) -> NDArray[np.intp]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +15,7 @@ from saflite.contract.circumstances import Circumstances
 from saflite.contract.config import Campaign
 from saflite.contract.events import CampaignChanged, FaultSeen, Flown, Judged, Quarantined, ViolationFound
 from saflite.contract.flight import Flight, Trace
+from saflite.contract.signals import MODES, UNNAMED_MODE
 from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import TestCase
 from saflite.contract.verdict import Judgement, Violation
@@ -72,7 +73,7 @@ class ReportData(NamedTuple):
 
 def read(run: RunFolder, released: Released = ()) -> ReportData:
     """Read everything the report shows; of findings of memory safety the released ones only."""
-    flights, states = tuple(run.flights()), run.states()
+    flights, states = tuple(run.flights()), states_named(run.target, run.states())
     by_case: dict[str, list[FlightRow]] = {}
     for row in flights:
         by_case.setdefault(row.test_case, []).append(row)
@@ -114,6 +115,18 @@ def troubles(run: RunFolder) -> tuple[tuple[Quarantined, ...], tuple[str, ...]]:
     facts = [event.fact for event in run.events()]
     faults = [f"{fact.where}: {fact.message}" for fact in facts if isinstance(fact, FaultSeen)]
     return tuple(fact for fact in facts if isinstance(fact, Quarantined)), tuple(faults[-FAULTS_SHOWN:])
+
+
+def states_named(target: TargetInfo, states: Mapping[str, int]) -> dict[str, int]:
+    """Return states with their modes by the target's own names; the books have the common ones, or `mode NUMBER`."""
+    names = {number: name for name, number in target.modes.items()}
+    return {_named(state, names): count for state, count in states.items()}
+
+
+def _named(state: str, names: Mapping[int, str]) -> str:
+    mode, _, rest = state.removeprefix(UNNAMED_MODE).partition(" ")
+    number = MODES.get(mode, int(mode) if mode.isdecimal() else -1)
+    return f"{names[number]} {rest}".rstrip() if number in names else state
 
 
 def modes_unseen(target: TargetInfo, states: Iterable[str]) -> tuple[str, ...]:

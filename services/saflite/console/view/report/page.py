@@ -113,7 +113,7 @@ def finds_chart(progress: Progress) -> str:
         charts.Curve(progress.flights, progress.found, "curve3", "finds", step=True),
         charts.Curve(progress.flights, progress.behaviours, "curve1", "behaviours", step=True),
     ]
-    return charts.chart("violations over flights", curves, x_name="flights")
+    return charts.chart("violations over flights", curves, x_name="flights", counts=True)
 
 
 def search_chart(progress: Progress) -> str:

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from saflite.contract.errors import Unavailable
@@ -65,6 +67,7 @@ class BetaflightFlight:
         self.launch = start
         self.start_step = 0  # steps from power-up to the start state
         self._firmware: Firmware | None = None
+        self._for_fork: Firmware | None = None  # the firmware's fork for the fork of this process that is being made
         self._owner = 0
         self._trouble = ""
         self.note = ""
@@ -74,7 +77,7 @@ class BetaflightFlight:
     @property
     def files(self) -> frozenset[int]:
         """What a fork of this process needs open to go on."""
-        return frozenset() if self._firmware is None else self._firmware.files
+        return frozenset(file for one in (self._firmware, self._for_fork) if one is not None for file in one.files)
 
     @property
     def time_s(self) -> float:
@@ -87,6 +90,17 @@ class BetaflightFlight:
         """Fly to the end and return the record; raises Unavailable when cancelled."""
         self.begin()
         return self._rest(cancelled)
+
+    @contextmanager
+    def forking(self) -> Iterator[None]:
+        """Have the firmware forked while this process is: they need not wait for each other."""
+        assert self._firmware is not None, "a flight that has not begun is forked"
+        with suppress(Unavailable):  # it is gone: the fork finds that out and says so
+            self._for_fork = self._firmware.fork()
+        yield
+        if self._for_fork is not None:
+            self._for_fork.leave()
+            self._for_fork = None
 
     def fly_to(self, test_case: TestCase, at_s: float, cancelled: Cancelled) -> bool:
         """Fly a test case with the same past until just before what is due at `at_s`; False if it ends before.
@@ -126,7 +140,7 @@ class BetaflightFlight:
 
     def _fork_firmware(self) -> None:
         assert self._firmware is not None, "a flight that has not begun was forked"
-        held, self._firmware = self._firmware, self._firmware.fork()
+        held, self._firmware, self._for_fork = self._firmware, self._for_fork or self._firmware.fork(), None
         held.leave()
         self._owner = os.getpid()
         came = self.vehicle.connect(self._firmware.fd)

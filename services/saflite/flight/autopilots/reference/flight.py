@@ -6,6 +6,8 @@ the vehicle is disarmed again; a start state begins settled in its mode and ends
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager, nullcontext
+
 from saflite.contract.errors import Unavailable
 from saflite.contract.flight import Ending, FlightRecord, Trace, TraceMessage
 from saflite.contract.service import Cancelled
@@ -82,6 +84,10 @@ class ReferenceFlight:
     def time_s(self) -> float:
         """Time since the start of the trace."""
         return self.ticks * TICK_S - self.trace_start_s
+
+    def forking(self) -> AbstractContextManager[None]:
+        """Return what a fork is made in: no other process belongs to the flight."""
+        return nullcontext()
 
     def fly_to(self, test_case: TestCase, at_s: float, cancelled: Cancelled) -> bool:
         """Fly a test case with the same past until just before what is due at `at_s`, whether there is any or not.
