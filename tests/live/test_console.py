@@ -17,6 +17,38 @@ from saflite.recorder import recording
 pytestmark = pytest.mark.live
 SAFLITE = [sys.executable, "-m", "saflite"]
 FOUND, STOPPED_CLEAN = 1, (0, 1)
+CAMPAIGN = """
+name = "chute-in-acro"
+description = "The one command that opens the parachute, given again and again in the mode in which it must not open"
+policies = ["a-chute"]
+budget_flights = 40
+time_limit_s = 20.0
+
+[target.parameters]
+CHUTE_ENABLED = 1
+CHUTE_TYPE = 10
+SERVO9_FUNCTION = 27
+SIM_PARA_ENABLE = 1
+
+[start]
+mode = "ACRO"
+altitude_m = 50.0
+
+[strategy]
+name = "pgfuzz"
+
+[strategy.settings]
+commands = ["MAV_CMD_DO_PARACHUTE"]
+sticks = ["RC3"]
+
+[scorer]
+model = "random"
+
+[search]
+candidates_per_round = 16
+flights_per_round = 8
+"""
+"""No luck is needed: releasing is one of three values of the only command, and every release there breaks the rule."""
 
 
 def saflite(*words: str, limit_s: float = 240.0) -> subprocess.CompletedProcess[str]:
@@ -24,8 +56,9 @@ def saflite(*words: str, limit_s: float = 240.0) -> subprocess.CompletedProcess[
 
 
 def parachute(run_dir: Path, *more: str) -> list[str]:
-    words = ["run", "policy-a-chute", "--defect", "parachute-in-acro", "--out", str(run_dir), "--json"]
-    return [*words, "--budget", "40", "--rng-seed", "6", *more]  # four of eight seeds tried find it so soon
+    file = run_dir.parent / "chute-in-acro.toml"
+    file.write_text(CAMPAIGN, encoding="utf-8")
+    return ["run", str(file), "--defect", "parachute-in-acro", "--out", str(run_dir), "--json", *more]
 
 
 @pytest.fixture(scope="module")

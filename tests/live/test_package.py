@@ -59,6 +59,13 @@ def test_the_wheel_is_whole(built: Path) -> None:
     assert not [name for name in names if "/__pycache__/" in name or name.startswith(("tests/", "scripts/"))]
 
 
+def test_both_packages_are_as_the_index_wants_them(built: Path) -> None:
+    pytest.importorskip("twine", reason="twine is not installed: scripts/setup test,live")
+    packages = sorted(str(path) for path in built.iterdir())
+    assert len(packages) == 2
+    ran(sys.executable, "-m", "twine", "check", "--strict", *packages, cwd=built)
+
+
 def test_the_source_package_has_what_builds_and_tests_it(built: Path) -> None:
     (source,) = built.glob("*.tar.gz")
     with tarfile.open(source) as archive:
