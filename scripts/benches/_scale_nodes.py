@@ -8,6 +8,7 @@ import subprocess
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from types import FrameType
 from typing import NamedTuple
 
 FARM_IP = "10.215.0.1"  # moves with the farm
@@ -52,8 +53,31 @@ class Node(NamedTuple):
 def nodes(count: int, *, farm_here: bool = False) -> Iterator[list[Node]]:
     """Make nodes 10.215.1.1, 10.215.1.2, ... on a bridge of their own, and remove them.
 
-    `farm_here` gives the farm's address to this side.
+    `farm_here` gives the farm's address to this side. They are removed, too, where this process is asked to end.
     """
+    with _told_to_end():
+        yield from _made(count, farm_here)
+
+
+@contextmanager
+def _told_to_end() -> Iterator[None]:
+    """Turn SIGTERM and a closed terminal into an exception, once: what is cleaned up then is cleaned up whole."""
+    ends = (signal.SIGTERM, signal.SIGHUP)
+
+    def end(number: int, _frame: FrameType | None) -> None:
+        for one in ends:
+            signal.signal(one, signal.SIG_IGN)
+        raise SystemExit(128 + number)
+
+    before = {number: signal.signal(number, end) for number in ends}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _made(count: int, farm_here: bool) -> Iterator[list[Node]]:
     tag = os.getpid() % 100_000
     bridge, made = f"sfb{tag}", list[Node]()
     try:

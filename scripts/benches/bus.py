@@ -113,6 +113,7 @@ def throughput(seconds: float, workers: int, rate: float) -> dict[str, Any]:
             "workers": workers,
             "results_per_s": round(generator.reports / passed_s, 1),
             "books_cpu_share": round((books.cpu_s() - cpu_s) / passed_s, 3),
+            "books_ms_per_result": round(1000.0 * (books.cpu_s() - cpu_s) / max(1, generator.reports), 3),
             "books_resident_mib": books.resident_mib(),
             "grant_p50_ms": percentile_ms(generator.grant_s, 50),
             "grant_p99_ms": percentile_ms(generator.grant_s, 99),
@@ -268,9 +269,15 @@ def main(argv: list[str]) -> int:
     parser = argparse.ArgumentParser(prog="scripts/bench bus", description=__doc__.partition("\n")[0])
     parser.add_argument("--seconds", type=float, default=20.0)
     parser.add_argument("--rate", type=float, default=500.0, help="results per second to pace the generator at")
+    parser.add_argument("--workers", help="only pace so many, one count after the other: 300,1000")
     parser.add_argument("--damaged", type=int, default=100_000)
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args(argv)
+    if options.workers:
+        for count in map(int, options.workers.split(",")):
+            row = {**throughput(options.seconds, count, options.rate), "load_1min": round(os.getloadavg()[0], 1)}
+            print(json.dumps(row), flush=True)
+        leave_process(0)
     figures = {
         "polling_1000": throughput(options.seconds, 1000, options.rate),
         "polling_100": throughput(options.seconds, 100, min(options.rate, 200.0)),

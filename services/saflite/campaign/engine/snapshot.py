@@ -77,7 +77,10 @@ FIELDS: dict[type, dict[str, Any]] = {
 _ENCODER = msgspec.msgpack.Encoder(order="deterministic")
 """A peer may send the keys of a mapping in any order, the journal holds them sorted: a replay would differ in bytes."""
 
-UNKEPT = {"search", "confirm_flights", "selected_upto", "_queues", "_waiting", "_core", "_by_words", "_told", "_placed"}
+UNKEPT = {
+    *("search", "confirm_flights", "selected_upto", "_queues", "_waiting", "_kinds", "_flown_on"),
+    *("_core", "_by_words", "_told", "_placed"),
+}
 
 GIVEN = {"campaign", "template", "target", "confirm"}
 """What of the core comes of the campaign."""

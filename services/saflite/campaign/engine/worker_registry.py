@@ -54,6 +54,7 @@ class WorkerRegistry:
     def __init__(self) -> None:
         self._workers: dict[Name, Worker] = {}
         self._left: dict[Name, Worker] = {}  # gone, but perhaps about to come back
+        self._quietest_s = float("-inf")  # everybody there was heard of since
         self._spent_s: dict[tuple[str, str, str], float] = {}  # processor time, of each life of each worker
 
     @property
@@ -105,6 +106,10 @@ class WorkerRegistry:
         """Return all workers by stage and name."""
         return [self._workers[name] for name in sorted(self._workers)]
 
+    def count(self, stage: str) -> int:
+        """Return how many workers of a stage are there."""
+        return sum(1 for name in self._workers if name[0] == stage)
+
     def others(self, stage: str, worker: str, target: TargetBuild | None, since_s: float) -> Iterator[str]:
         """Yield other workers of a stage that can fly `target` and were seen since `since_s`, even if gone by now."""
         for (their_stage, name), other in (*self._workers.items(), *self._left.items()):
@@ -114,6 +119,9 @@ class WorkerRegistry:
 
     def silent(self, before_s: float) -> list[Worker]:
         """Return the workers not heard of since `before_s`."""
+        if before_s <= self._quietest_s:
+            return []
+        self._quietest_s = min((worker.seen_s for worker in self._workers.values()), default=before_s)
         return [worker for worker in self._workers.values() if worker.seen_s < before_s]
 
     def beat(self, beat: Heartbeat, now_s: float) -> None:

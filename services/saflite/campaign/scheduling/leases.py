@@ -26,6 +26,7 @@ class Leases:
     def __init__(self) -> None:
         self._deadlines: dict[WorkKey, Deadline] = {}
         self._granted = 0
+        self._soonest_s = float("inf")  # no lease is due before
 
     def __len__(self) -> int:
         return len(self._deadlines)
@@ -35,6 +36,7 @@ class Leases:
         self._granted += 1
         deadline.place = self._granted
         self._deadlines[deadline.key] = deadline
+        self._soonest_s = min(self._soonest_s, deadline.until_s)
 
     def end(self, key: WorkKey) -> None:
         """Stop the clock of a lease, if it runs."""
@@ -46,10 +48,14 @@ class Leases:
         if deadline is None or deadline.epoch != epoch or deadline.worker != worker:
             return False
         deadline.until_s, deadline.named = min(until_s, deadline.overdue_s), True
+        self._soonest_s = min(self._soonest_s, deadline.until_s)
         return True
 
     def due(self, now_s: float) -> list[Deadline]:
         """Return the leases whose time is up, in order of the text of their keys."""
+        if now_s < self._soonest_s:
+            return []
+        self._soonest_s = min((one.until_s for one in self._deadlines.values()), default=float("inf"))
         return sorted((one for one in self._deadlines.values() if one.until_s <= now_s), key=lambda one: str(one.key))
 
     def held_by(self, stage: str, worker: str) -> list[Deadline]:

@@ -42,8 +42,11 @@ class Patience:
 
         While nobody flies at all, nothing is given up: workers may be on their way.
         """
-        waiting = self._waiting()
         flyers = [worker.targets for worker in self._registry.workers() if worker.stage == "fly"]
+        if all(any(can_fly(has, one) for has in flyers) for one in self._core.tasks.targets):
+            self._missing_since = {}
+            return []
+        waiting = self._waiting()
         missing = [one for one in set(waiting.values()) if flyers and not any(can_fly(has, one) for has in flyers)]
         self._missing_since = {one: self._missing_since.get(one, now) for one in missing}
         late = {one for one, since_s in self._missing_since.items() if now - since_s > BUILD_PATIENCE_S}

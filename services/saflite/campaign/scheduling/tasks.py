@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import heapq
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
@@ -59,6 +60,8 @@ class TaskTable:
         self._tasks: dict[WorkKey, Task] = {}
         self._queues: dict[str, list[tuple[Order, WorkKey]]] = {}
         self._waiting: dict[str, int] = {}
+        self._kinds: Counter[type] = Counter()  # of all there is, by the type of its key
+        self._flown_on: Counter[TargetBuild | None] = Counter()  # flights, by what they want to be flown on
 
     def __len__(self) -> int:
         return len(self._tasks)
@@ -74,11 +77,13 @@ class TaskTable:
         """Take up new work."""
         assert task.key not in self._tasks, f"{task.key} is already to be done"
         self._tasks[task.key] = task
+        self._count(task, 1)
         self._enqueue(task)
 
     def remove(self, key: WorkKey) -> Task:
         """Take out work that is done or given up."""
         task = self._tasks.pop(key)
+        self._count(task, -1)
         if task.waiting:
             self._waiting[task.stage] -= 1
         return task
@@ -101,8 +106,9 @@ class TaskTable:
 
     def enqueue_all(self) -> None:
         """Let all that waits stand in its queue, after the tasks were put there as a whole."""
-        self._queues, self._waiting = {}, {}
+        self._queues, self._waiting, self._kinds, self._flown_on = {}, {}, Counter(), Counter()
         for task in self._tasks.values():
+            self._count(task, 1)
             if task.waiting:
                 self._enqueue(task)
 
@@ -127,6 +133,15 @@ class TaskTable:
         """Return how much waits at a stage."""
         return self._waiting.get(stage, 0)
 
+    def count(self, kind: type) -> int:
+        """Return how much there is, waiting or lent out, whose key is of a type."""
+        return self._kinds[kind]
+
+    @property
+    def targets(self) -> set[TargetBuild]:
+        """What flights, waiting or lent out, want to be flown on; those left out that want none."""
+        return {one for one, count in self._flown_on.items() if one is not None and count}
+
     def leased(self) -> list[Task]:
         """Return what is lent out."""
         return [task for task in self._tasks.values() if not task.waiting]
@@ -142,7 +157,18 @@ class TaskTable:
             else:
                 assert task.holders.get(task.epoch) == task.worker, f"{task.key}: who holds it is unclear"
             assert len(task.holders) == task.epoch, f"{task.key}: attempts do not add up"
+        kinds = Counter(type(key) for key in self._tasks)
+        assert kinds == self._kinds, "counts by kind are off"  # equal where one counts zero
+        targets = {task.target for task in self._tasks.values() if task.stage == "fly"}
+        assert targets == set(self._flown_on), "what flights want to be flown on is off"
         assert waiting == {stage: count for stage, count in self._waiting.items() if count}, "waiting counts are off"
+
+    def _count(self, task: Task, sign: int) -> None:
+        self._kinds[type(task.key)] += sign
+        if task.stage == "fly":
+            self._flown_on[task.target] += sign
+            if not self._flown_on[task.target]:
+                del self._flown_on[task.target]
 
     def _enqueue(self, task: Task) -> None:
         heapq.heappush(self._queues.setdefault(task.stage, []), (task.order, task.key))

@@ -163,9 +163,8 @@ class WorkMessages:
 
     def _busy_s(self) -> float:
         """Return how long the simulators have work yet, shared among the batches that are to be scored."""
-        flights = sum(1 for task in self._core.tasks if task.stage == "fly")
-        batches = sum(1 for task in self._core.tasks if isinstance(task.key, ScoreKey))
-        simulators = sum(1 for worker in self._registry.workers() if worker.stage == "fly")
+        flights, batches = self._core.tasks.count(FlyKey), self._core.tasks.count(ScoreKey)
+        simulators = self._registry.count("fly")
         mean_s = self._core.counts.wall_s / max(1, self._core.counts.flights + self._core.counts.reflown)
         return round(mean_s * flights / (max(1, simulators) * max(1, batches)), 3)
 
