@@ -15,21 +15,30 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "flight"))
 
 from log_bytes import px4_flight
 
-CARGO = '[package]\nname = "logs"\nversion = "0.1.0"\n[lib]\npath = "lib.rs"\n[dependencies]\nyule_log = "=0.4.0"\n'
+CARGO = '[package]\nname = "logs"\nversion = "0.1.0"\n[lib]\npath = "lib.rs"\n[dependencies]\n{name} = "={version}"\n'
 
 
 def px4_log(folder: Path) -> Path:
     """A flight of a PX4 VTOL without position, 7 s, armed; of the crate `yule_log`."""
+    return _of_crate(folder, "yule_log", "0.4.0", "data/sample_log_small.ulg")
+
+
+def whole_px4_log(folder: Path) -> Path:
+    """A flight of a PX4 with position, modes and parameters; of the crate `ulog-rs`."""
+    return _of_crate(folder, "ulog-rs", "0.0.4", "test_data/sample-small.ulg")
+
+
+def _of_crate(folder: Path, name: str, version: str, path: str) -> Path:
     if shutil.which("cargo") is None:
         pytest.skip("cargo is not installed")
     crate, home = folder / "crate", folder / "cargo"
     crate.mkdir()
-    (crate / "Cargo.toml").write_text(CARGO)
+    (crate / "Cargo.toml").write_text(CARGO.format(name=name, version=version))
     (crate / "lib.rs").touch()
     done = subprocess.run(["cargo", "fetch"], cwd=crate, env={**os.environ, "CARGO_HOME": str(home)}, check=False)
     if done.returncode:
         pytest.skip("the package index does not answer")
-    return next(home.rglob("data/sample_log_small.ulg"))
+    return next(home.rglob(path))
 
 
 def copter_log(folder: Path) -> Path:

@@ -1,8 +1,8 @@
 """Real logs that others published, from package indexes: at least 25 policies say something where the flight allows.
 
-They are a test, not a sample to fit to: nothing of the reader or of the policies was chosen by what they hold. The PX4
-one comes with the crate `yule_log`, the ArduCopter one with the source of `signalviewer`; a log of one's own is judged
-beside them when SAFLITE_LOG names it.
+They are a test, not a sample to fit to: nothing of the reader or of the policies was chosen by what they hold. Those of
+PX4 come with the crates `yule_log` and `ulog-rs`, the ArduCopter one with the source of `signalviewer`; a log of one's
+own is judged beside them when SAFLITE_LOG names it.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import os
 from pathlib import Path
 
 import pytest
-from real_logs import copter_log, px4_log
+from real_logs import copter_log, px4_log, whole_px4_log
 
 from saflite.console.cli import main
 
@@ -47,6 +47,15 @@ def test_a_px4_log_without_position_is_judged_as_far_as_it_goes(
     assert "armed-in-flight" in told
     assert len(told) >= 15
     assert any("vehicle_local_position" in verdict["message"] for verdict in found)
+
+
+def test_a_whole_px4_log_gives_25_verdicts(
+    tmp_path_factory: pytest.TempPathFactory, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = verdicts(whole_px4_log(tmp_path_factory.mktemp("whole")), capsys)
+    told = {verdict["policy"] for verdict in found if verdict["outcome"] != "inconclusive"}
+    assert len(told) >= 25
+    assert {verdict["outcome"] for verdict in found if verdict["policy"] in told} <= {"held", "violated", "vacuous"}
 
 
 def test_an_ardupilot_log_is_judged_by_what_its_messages_and_parameters_tell(
