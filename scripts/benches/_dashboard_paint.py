@@ -16,6 +16,7 @@ from saflite.contract.errors import Unavailable
 
 TESTS = Path(__file__).resolve().parents[2] / "tests"
 FIRST_PAINT = "performance.getEntriesByName('first-contentful-paint')[0]?.startTime"
+BARE_PAGE = "data:text/html,<p>One line.</p>"
 END_S = 20.0
 
 
@@ -40,7 +41,8 @@ def _served(run_dir: Path) -> Iterator[str]:
 
 
 def paint(run_dir: Path, rounds: int) -> dict[str, float]:
-    """Return medians over loads of a page of a run after one that is not counted: server's answer, first paint.
+    """Return medians over loads of a page of a run after one that is not counted: server's answer, first
+    paint, and beside it that of a page of one line.
 
     Raises:
         Unavailable: there is no Chromium here.
@@ -50,7 +52,7 @@ def paint(run_dir: Path, rounds: int) -> dict[str, float]:
 
     if browser.MISSING:
         raise Unavailable(browser.MISSING)
-    answers, paints = [], []
+    answers, paints, bare = [], [], []
     with _served(run_dir) as address:
         page = f"{address}/run/0/"
         began_s = time.perf_counter()
@@ -65,10 +67,13 @@ def paint(run_dir: Path, rounds: int) -> dict[str, float]:
             for _ in range(rounds + 1):
                 window.open(page)
                 paints.append(float(window.until(FIRST_PAINT)))
+                window.open(BARE_PAGE)
+                bare.append(float(window.until(FIRST_PAINT)))
     return {
         "page_kb": round(size / 1e3, 1),
         "first_answer_ms": round(first_ms, 1),
         "answer_ms": round(statistics.median(answers), 1),
         "first_paint_ms": round(statistics.median(paints[1:]), 1),
+        "bare_page_paint_ms": round(statistics.median(bare[1:]), 1),
         "first_paint_most_ms": round(max(paints), 1),
     }

@@ -58,9 +58,13 @@ class Circumstances(msgspec.Struct, frozen=True, kw_only=True):
 def circumstances_of(
     test_case: TestCase, target: TargetInfo, delivered: tuple[Delivered, ...] | None = None
 ) -> Circumstances:
-    """Return what a test case takes; inputs that were denied or not given any more do not count."""
+    """Return what a test case takes; inputs that were denied or not given any more do not count.
+
+    One whose answer never came does: it may be what ended the autopilot.
+    """
     known = {(info.kind, info.name): info for info in target.inputs}
-    taken = [*_set_before(test_case), *(one.stimulus for one in given(test_case.stimuli, delivered) if one.is_cause)]
+    heard = (one.stimulus for one in given(test_case.stimuli, delivered) if one.answer != "denied")
+    taken = [*_set_before(test_case), *heard]
     outside = [words for one in taken if (words := _outside(one, known))]
     undocumented = sorted({one.name for one in taken if not _is_documented(one, known)})
     changed = {name: value for name, value in test_case.target.settings.items() if _is_changed(target, name, value)}

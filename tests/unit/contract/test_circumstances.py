@@ -112,3 +112,13 @@ def test_boxes_are_steps_too() -> None:
 def test_deaths_that_can_be_misused_are_told_apart(message: str, memory: bool) -> None:
     assert is_memory_fault("autopilot_died", message) == memory
     assert not is_memory_fault("crashed", message)
+
+
+def test_an_input_that_got_no_answer_counts_for_it_may_be_what_ended_the_autopilot() -> None:
+    message = given("command", "MESSAGE", 1.0, 255.0)
+    unheard = found(message, delivered=(Delivered(index=0, at_s=3.0, answer="timed_out"),))
+    assert len(unheard.steps) == 1
+    assert unheard.link == "trusted"
+    assert unheard.undocumented == ("MESSAGE",)
+    denied = found(message, delivered=(Delivered(index=0, at_s=3.0, answer="denied"),))
+    assert denied.steps == ()
