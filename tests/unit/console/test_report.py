@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections import Counter
 from html.parser import HTMLParser
@@ -270,3 +271,17 @@ def test_counts_are_told_in_whole_numbers() -> None:
     drawn = charts.chart("t", [charts.Curve([0.0, 9.0], [0.0, 1.0])], counts=True)
     assert ">0.5<" not in drawn
     assert ">1<" in drawn
+
+
+@pytest.mark.parametrize("way", [(0.05, 80.0), (80.0, 0.05), (0.1, 0.1), (300.0, 40.0)])
+def test_the_numbers_on_a_map_do_not_overlap(way: tuple[float, float]) -> None:
+    bare = msgspec.structs.replace(case(), scenario=Scenario(start=StartState()))
+    shares = np.linspace(0.0, 1.0, 50)
+    track = np.stack([way[0] * shares, way[1] * shares, np.full_like(shares, 10.0)], axis=1)
+    drawn = layout.picture(bare, track)
+    ticks = re.findall(r'<text x="([-0-9.]+)" y="([-0-9.]+)" class="tick"[^>]*>(-?[0-9.]+)</text>', drawn)
+    assert len(ticks) >= 4
+    columns = sorted(float(x) for x, _, _ in ticks if float(x) != 2.0)
+    rows = sorted(float(y) for x, y, _ in ticks if float(x) == 2.0)
+    assert all(after - before >= 20.0 for before, after in itertools.pairwise(columns))
+    assert all(after - before >= 12.0 for before, after in itertools.pairwise(rows))

@@ -20,6 +20,8 @@ from saflite.flight.mission import waypoints
 SAFE_M = 1.5
 WIDTH_PX, HEIGHT_MAX_PX, MARGIN_M = 560.0, 460.0, 4.0
 HEIGHT_BARE_PX = 300.0  # without boxes there is less to see
+NARROWEST = 0.5  # width by height
+CORNER_PX = 16.0
 TRACK_POINTS_MAX = 400
 
 
@@ -84,23 +86,27 @@ def _view(boxes: Sequence[Obstacle], places: Sequence[Point], track: NDArray[np.
         xs += [COMPETITION_AREA.x_min_m, COMPETITION_AREA.x_max_m]
         ys += [COMPETITION_AREA.y_min_m, COMPETITION_AREA.y_max_m]
     left, right, bottom, top = min(xs) - MARGIN_M, max(xs) + MARGIN_M, min(ys) - MARGIN_M, max(ys) + MARGIN_M
+    narrow = max(0.0, NARROWEST * (top - bottom) - (right - left))
+    left, right = left - narrow / 2, right + narrow / 2
     height_max = HEIGHT_MAX_PX if boxes else HEIGHT_BARE_PX
     scale = min(WIDTH_PX / (right - left), height_max / (top - bottom))
     return View(left, top, scale, (right - left) * scale, (top - bottom) * scale)
 
 
 def _grid(view: View) -> str:
-    step = nice_step(view.width_px / view.scale, 7)
+    step = nice_step(max(view.width_px, view.height_px) / view.scale, 7)
     bottom_m, right_m = view.top_m - view.height_px / view.scale, view.left_m + view.width_px / view.scale
     parts = []
     for number in range(math.ceil(view.left_m / step), math.floor(right_m / step) + 1):
         x, _ = view.at(number * step, 0.0)
         parts.append(tag("line", x1=x, y1=0.0, x2=x, y2=view.height_px, class_="grid"))
-        parts.append(label(x + 2, view.height_px - 3, f"{number * step:g}", "tick"))
+        if CORNER_PX <= x <= view.width_px - CORNER_PX:  # in the corner stand those of the other axis
+            parts.append(label(x + 2, view.height_px - 3, f"{number * step:g}", "tick"))
     for number in range(math.ceil(bottom_m / step), math.floor(view.top_m / step) + 1):
         _, y = view.at(0.0, number * step)
         parts.append(tag("line", x1=0.0, y1=y, x2=view.width_px, y2=y, class_="grid"))
-        parts.append(label(2, y - 2, f"{number * step:g}", "tick"))
+        if CORNER_PX <= y <= view.height_px - CORNER_PX:
+            parts.append(label(2, y - 2, f"{number * step:g}", "tick"))
     return "".join(parts)
 
 
