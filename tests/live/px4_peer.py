@@ -190,6 +190,13 @@ class Peer:
             result = dialect.MAV_RESULT_UNSUPPORTED
         self.mav.command_ack_send(message.command, result)
 
+    def on_mission_count(self, message: Any) -> None:
+        """Ask for the second item, and take none."""
+        self.mav.mission_request_int_send(message.get_srcSystem(), message.get_srcComponent(), 1)
+
+    def on_mission_item_int(self, message: Any) -> None:
+        self.mav.mission_ack_send(message.get_srcSystem(), message.get_srcComponent(), dialect.MAV_MISSION_UNSUPPORTED)
+
     def tell(self) -> None:
         """Say what is due."""
         for name, every_s in self.intervals_s.items():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -44,11 +45,7 @@ def test_it_flies_a_mission_round_a_box() -> None:
 
 
 def test_it_flies_a_finding_without_the_farm(tmp_path: Path) -> None:
-    given = case("ardupilot", (1.0, "mode", "LOITER", 0.0), (3.0, "parameter", "RTL_ALT", 900.0), RTL_ALT=1200.0)
-    evidence = Evidence("finding.py", "a-loiter1", "LOITER holds", 1.0, 2.0, {}, [])
-    (record,) = really_flown(ADAPTER, given)
-    script = tmp_path / "finding.py"
-    script.write_text(ardupilot.standalone(given, cast(Any, record), evidence))
+    script = _exported(tmp_path) / "finding.py"
     program, out = ADAPTER.binaries.named().path, tmp_path / "out"
     words = [sys.executable, str(script), str(program), "--folder", str(out), "--speedup", "20"]
     done = subprocess.run(words, capture_output=True, text=True, timeout=300.0, check=False)
@@ -58,3 +55,27 @@ def test_it_flies_a_finding_without_the_farm(tmp_path: Path) -> None:
     rows = list(csv.DictReader((out / "track.csv").open()))
     assert {row["mode"] for row in rows} == {"4", "5"}
     assert abs(float(rows[-1]["altitude_m"]) - 5.0) < 1.0
+
+
+def test_a_finding_flies_as_a_case_of_their_autotest(tmp_path: Path) -> None:
+    tree = os.environ.get("ARDUPILOT", "")
+    if not (Path(tree) / "Tools/autotest/arducopter.py").is_file() or not tree:
+        pytest.skip("ARDUPILOT names no source tree")
+    script = _exported(tmp_path) / "finding-autotest.py"
+    python = os.environ.get("ARDUPILOT_PYTHON", sys.executable)  # one that has what their autotest needs
+    theirs = {**os.environ, "PYTHONPATH": f"{tree}/Tools/autotest"}
+    words = [python, str(script), str(ADAPTER.binaries.named().path)]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=600.0, check=False, env=theirs)
+    assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-4000:]
+    assert "given: parameter RTL_ALT [900.0]" in done.stdout
+    assert 'PASSED: "SafliteFinding' in done.stdout
+
+
+def _exported(folder: Path) -> Path:
+    """Fly two harmless inputs and write what maintainers would be given of them; returns the folder."""
+    given = case("ardupilot", (1.0, "mode", "LOITER", 0.0), (3.0, "parameter", "RTL_ALT", 900.0), RTL_ALT=1200.0)
+    evidence = Evidence("finding.py", "a-loiter1", "LOITER holds", 1.0, 2.0, {}, [])
+    (record,) = really_flown(ADAPTER, given)
+    for name, text in ardupilot.standalone(given, cast(Any, record), evidence).items():
+        (folder / name).write_text(text)
+    return folder

@@ -155,7 +155,7 @@ def test_a_finding_reproduces_without_the_farm(session: BetaflightSession, tmp_p
         test_case=identity(broken), flight_index=0, ending=record.ending, trace_digest=trace_digest(record.trace)
     )
     evidence = Evidence("it.py", "bf-rule", "Motors go on", 1.0, 3.5, {"values": "all inside"}, ("at 1 s: link lost",))
-    text = load_target("betaflight").standalone(broken, flight, evidence)  # type: ignore[attr-defined]
+    text = load_target("betaflight").standalone(broken, flight, evidence)["it.py"]  # type: ignore[attr-defined]
     done = _replayed(tmp_path / "it.py", text)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "VIOLATION SEEN" in done.stdout

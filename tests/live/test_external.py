@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from external_flights import StandIn, answers, case, ends, nothing_left, program
 
-from saflite.contract.errors import Unavailable
+from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.test_case import Scenario, StartState, Wind
 from saflite.flight.autopilots.ardupilot.adapter import ADAPTER as ARDUPILOT
 from saflite.flight.autopilots.external import vehicle as vehicle_module
@@ -20,6 +20,7 @@ from saflite.flight.autopilots.external.adapter import Adapter
 from saflite.flight.autopilots.external.place import Place
 from saflite.flight.autopilots.external.process import Process
 from saflite.flight.autopilots.px4.adapter import ADAPTER as PX4
+from saflite.flight.mission import builtin_mission
 from saflite.simulator_worker.agreement import differences
 from saflite.simulator_worker.slots import take_slot
 
@@ -167,6 +168,17 @@ def test_bring_up_that_fails_is_ours_unless_the_test_case_asked_for_it(peer: Sta
     peer.binary.path.write_text("#!/bin/sh\necho no room; exit 3\n")
     with pytest.raises(Unavailable, match="exit code 3: no room"):
         peer.flown()
+
+
+def test_a_mission_that_it_does_not_take_is_refused_in_one_line(peer: StandIn) -> None:
+    scenario = Scenario(mission=builtin_mission("mission2"), time_limit_s=60.0)
+    with pytest.raises(Refused) as caught:
+        peer.fly(case(peer.name, scenario=scenario))
+    said = str(caught.value)
+    item = {"ardupilot": 1, "px4": 2}[peer.name]  # ArduPilot has home before the items
+    assert f"got command not supported (MAV_MISSION_RESULT 3) at item {item}" in said
+    assert "mission2" in said
+    assert "\n" not in said
 
 
 def test_a_flight_leaves_nothing(peer: StandIn) -> None:

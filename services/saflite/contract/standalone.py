@@ -1,6 +1,7 @@
 """What a target is told of a finding that it makes a script of: one that reproduces it without the farm.
 
-A target that can do so offers `standalone(test_case, flight, evidence) -> str` beside what `contract/target.py` names.
+A target that can do so offers `standalone(test_case, flight, evidence)` beside what `contract/target.py` names: it
+returns files by name, the one to run first.
 """
 
 from __future__ import annotations
@@ -24,5 +25,7 @@ class Evidence(NamedTuple):
     steps: Sequence[str]
 
 
-Standalone = Callable[[TestCase, Flight, Evidence], str]
+Files = dict[str, str]
+"""Texts by file name; the first is the program that flies the finding, the others are parts of it for other tools."""
+Standalone = Callable[[TestCase, Flight, Evidence], Files]
 """The flight is the recorded one, which must be met bit by bit. Raises Refused where it is not, or Unavailable."""

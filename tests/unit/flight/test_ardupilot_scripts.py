@@ -14,9 +14,11 @@ import pytest
 from saflite.contract.errors import Refused
 from saflite.contract.standalone import Evidence
 from saflite.contract.test_case import Obstacle, Scenario, StartState, Stimulus, Target, TestCase
-from saflite.flight.autopilots.ardupilot.standalone.export import standalone
+from saflite.flight.autopilots.ardupilot.mission import as_taken
+from saflite.flight.autopilots.ardupilot.standalone.export import files_of
 from saflite.flight.autopilots.external.binary import Binary
 from saflite.flight.autopilots.external.listing import Listing, Row
+from saflite.flight.mission import builtin_mission, parse_plan
 
 REAL32, INT16 = 9, 4
 LISTING = Listing(
@@ -42,7 +44,8 @@ def test_a_finding_leaves_as_a_script_that_python_takes() -> None:
     told = Evidence("finding.py", "a-rtl1", 'RTL "climbs"', 6.0, 8.0, {"ranges": "all inside"}, ["5 s: mode RTL"])
     flight = cast(Any, SimpleNamespace(ending="completed"))
     known = Binary(Path("/nowhere/arducopter"), "ab" * 32, "ArduCopter V4.5.7")
-    text = standalone(case, flight, told, known, LISTING)
+    files = files_of(case, flight, told, known, LISTING)
+    text = files["finding.py"]
     tree = ast.parse(text)
     assert 'RTL "climbs"' in (ast.get_docstring(tree) or "")
     assert "/nowhere" not in text
@@ -50,13 +53,30 @@ def test_a_finding_leaves_as_a_script_that_python_takes() -> None:
     assert [one["name"] for one in facts["inputs"]] == ["FENCE_ENABLE", "RTL"]
     assert facts["inputs"][0]["number"] == INT16
     assert facts["parameters"] == {"RTL_ALT": 900.0, "ATC_RAT_RLL_P": 0.2}
+    assert files["finding.parm"] == "ATC_RAT_RLL_P 0.2\nRTL_ALT 900\n"
+    assert "5 s: mode RTL" in files["finding-steps.txt"]
+    case_of_theirs = ast.parse(files["finding-autotest.py"])
+    assert "finding-autotest.py build" in (ast.get_docstring(case_of_theirs) or "")
+    assert list(files) == ["finding.py", "finding-autotest.py", "finding.parm", "finding-steps.txt"]
     with pytest.raises(Refused, match="without boxes"):
-        standalone(msgspec.structs.replace(case, scenario=boxes), flight, told, known, LISTING)
+        files_of(msgspec.structs.replace(case, scenario=boxes), flight, told, known, LISTING)
 
 
 def test_gains_for_our_frame_stay_at_home() -> None:
     told = Evidence("finding.py", "a-rtl1", "RTL climbs", 6.0, 8.0, {}, [])
     known = Binary(Path("arducopter"), "ab" * 32, "ArduCopter V4.5.7")
     flight = cast(Any, SimpleNamespace(ending="completed"))
-    text = standalone(TestCase(target=Target(name="ardupilot"), scenario=Scenario()), flight, told, known, LISTING)
+    case = TestCase(target=Target(name="ardupilot"), scenario=Scenario())
+    text = files_of(case, flight, told, known, LISTING)["finding.py"]
     assert "ATC_RAT_RLL_P" not in text
+
+
+def test_a_mission_leaves_as_a_plan_too() -> None:
+    told = Evidence("finding.py", "a-auto1", "AUTO flies on", 6.0, 8.0, {}, [])
+    known = Binary(Path("arducopter"), "ab" * 32, "ArduCopter V4.5.7")
+    flight = cast(Any, SimpleNamespace(ending="completed"))
+    mission = builtin_mission("mission2")
+    case = TestCase(target=Target(name="ardupilot"), scenario=Scenario(mission=mission))
+    files = files_of(case, flight, told, known, LISTING)
+    read = parse_plan(files["finding.plan"], "finding.plan", mission.name)
+    assert read == as_taken(mission)

@@ -71,11 +71,12 @@ def _standalone(args: argparse.Namespace) -> int:
     from saflite.console.operations.standalone import export_standalone
     from saflite.console.view import out
 
-    path = export_standalone(args.run, args.standalone, args.out or args.run / "export-standalone", args.release)
+    paths = export_standalone(args.run, args.standalone, args.out or args.run / "export-standalone", args.release)
     if args.json:
-        out.json({"files": [str(path)]})
+        out.json({"files": [str(path) for path in paths]})
     else:
-        out.line(str(path))
+        for path in paths:
+            out.line(str(path))
     return 0
 
 

@@ -1,4 +1,4 @@
-"""A finding as a script for the maintainers of an autopilot: reproduces it with their binary, without the farm."""
+"""A finding as a script for the maintainers of an autopilot, and what their tools take; flown without the farm."""
 
 from __future__ import annotations
 
@@ -16,12 +16,13 @@ from saflite.contract.test_case import under_noise
 from saflite.recorder.summary import Finding
 
 
-def export_standalone(run_dir: Path, wanted: str, folder: Path, released: Released) -> Path:
-    """Write the script of a finding, named by its test case or fingerprint (or the start of one); returns the file.
+def export_standalone(run_dir: Path, wanted: str, folder: Path, released: Released) -> list[Path]:
+    """Write the script of a finding, named by its test case or fingerprint (or the start of one); returns the files,
+    the one to run first.
 
     Raises:
         Refused: there is no such finding, its target makes no such scripts, or the finding is withheld.
-        Unavailable: the target does not come up, or the disk does not take the file.
+        Unavailable: the target does not come up, or the disk does not take a file.
     """
     with open_run(run_dir) as run:
         finding = _finding(run, wanted)
@@ -33,9 +34,10 @@ def export_standalone(run_dir: Path, wanted: str, folder: Path, released: Releas
     title = next((policy.title for policy in facts if policy.id == finding.violation.policy), "the autopilot died")
     make = _maker(finding)
     case = under_noise(finding.test_case, finding.violation.flight_index)
-    path = folder / name
-    outputs.write(path, make(case, flight, _evidence(finding, title, name)).encode(), force=True)
-    return path
+    files = make(case, flight, _evidence(finding, title, name))
+    for file, text in files.items():
+        outputs.write(folder / file, text.encode(), force=True)
+    return [folder / file for file in files]
 
 
 def _finding(run: RunFolder, wanted: str) -> Finding:

@@ -34,6 +34,7 @@ class Answer(NamedTuple):
     result: int | None = None
     value: float | None = None  # of a parameter, as read back
     sends: int = 1
+    item: int | None = None  # of a mission: the last one asked for
 
     @property
     def ok(self) -> bool:
@@ -250,7 +251,8 @@ class Client:
             if message is None:
                 break
             if message.get_type() == "MISSION_ACK":
-                return Answer("accepted" if message.type == ACCEPTED else "denied", int(message.type), sends=sends)
+                state: Literal["accepted", "denied"] = "accepted" if message.type == ACCEPTED else "denied"
+                return Answer(state, int(message.type), sends=sends, item=asked if asked >= 0 else None)
             asked = message.seq if message.seq < len(rows) else asked
         return Answer("timed_out", sends=sends)
 

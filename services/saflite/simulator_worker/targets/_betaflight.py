@@ -13,7 +13,7 @@ from saflite.contract.clock import Clock
 from saflite.contract.errors import Unavailable
 from saflite.contract.flight import Flight, FlightRecord
 from saflite.contract.service import Cancelled
-from saflite.contract.standalone import Evidence
+from saflite.contract.standalone import Evidence, Files
 from saflite.contract.target import Slot, Snapshot
 from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import TestCase
@@ -52,10 +52,10 @@ class BetaflightTarget(NamedTuple):
         self._be_there()
         return BetaflightSession(self, slot.folder, slot.clock)
 
-    def standalone(self, test_case: TestCase, flight: Flight, evidence: Evidence) -> str:
+    def standalone(self, test_case: TestCase, flight: Flight, evidence: Evidence) -> Files:
         """Return a script that reproduces a finding without the farm; raises as `contract/standalone.py` says."""
         self.check(test_case)
-        return standalone(test_case, flight, evidence, self.variant)
+        return {evidence.file: standalone(test_case, flight, evidence, self.variant)}
 
     def _be_there(self) -> None:
         lacking = missing(self.variant)

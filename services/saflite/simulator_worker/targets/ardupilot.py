@@ -1,10 +1,10 @@
 """ArduCopter: the simulator build that a person names, in lockstep with our world; a process for each flight."""
 
 from saflite.contract.flight import Flight
-from saflite.contract.standalone import Evidence
+from saflite.contract.standalone import Evidence, Files
 from saflite.contract.test_case import TestCase
 from saflite.flight.autopilots.ardupilot.adapter import ADAPTER
-from saflite.flight.autopilots.ardupilot.standalone.export import standalone as script_of
+from saflite.flight.autopilots.ardupilot.standalone.export import files_of
 from saflite.simulator_worker.targets._external import ExternalTarget
 
 _TARGET = ExternalTarget(ADAPTER)
@@ -12,6 +12,6 @@ describe, check, open = _TARGET.describe, _TARGET.check, _TARGET.open  # noqa: A
 parameters_known = _TARGET.parameters_known
 
 
-def standalone(test_case: TestCase, flight: Flight, evidence: Evidence) -> str:
-    """Return a script that flies a finding on the binary's own physics; raises as `contract/standalone.py` says."""
-    return script_of(test_case, flight, evidence, *_TARGET.binary())
+def standalone(test_case: TestCase, flight: Flight, evidence: Evidence) -> Files:
+    """Return what flies a finding on the binary's own physics; raises as `contract/standalone.py` says."""
+    return files_of(test_case, flight, evidence, *_TARGET.binary())

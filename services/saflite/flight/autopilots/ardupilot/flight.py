@@ -81,10 +81,7 @@ class ArduPilotFlight(ExternalFlight):
         longer_s = TICK_S * float(derive(self.test_case.rng_seed, "ardupilot", "start").integers(NOISE_TICKS))
         self._wait(aircraft, lambda: False, longer_s)
         if self._mission is not None:
-            answer = aircraft.client.upload(as_taken(self._mission), 20.0)
-            if not answer.ok:
-                return f"the mission was {answer.state}, result {answer.result}"
-            aircraft.vehicle["mission_count"] = float(len(self._mission.items))
+            return self._upload(aircraft, as_taken(self._mission), home=True)
         return ""
 
     def _lift_off(self, aircraft: Aircraft) -> str:

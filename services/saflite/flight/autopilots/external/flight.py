@@ -10,10 +10,10 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import Any
 
-from saflite.contract.errors import Unavailable
+from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.flight import Ending, FlightRecord, Trace, TraceMessage
 from saflite.contract.service import Cancelled
-from saflite.contract.test_case import StartState, TestCase
+from saflite.contract.test_case import Mission, StartState, TestCase
 from saflite.flight.autopilots.external import obstacles
 from saflite.flight.autopilots.external.aircraft import HOME
 from saflite.flight.autopilots.external.binary import Binary
@@ -28,7 +28,19 @@ from saflite.flight.world.wind import WindField
 
 TRACE_STEP_S = 0.04
 AFTER_S = 2.0  # recorded after the end
-ANSWER_S, CLIMB_S, SETTLE_S = 5.0, 60.0, 4.0  # simulated
+ANSWER_S, CLIMB_S, SETTLE_S, UPLOAD_S = 5.0, 60.0, 4.0, 20.0  # simulated
+RESULTS = {
+    1: "error",
+    2: "frame not supported",
+    3: "command not supported",
+    4: "no space",
+    5: "invalid item",
+    **{6 + place: f"parameter {place + 1} invalid" for place in range(7)},
+    13: "out of sequence",
+    14: "denied",
+    15: "cancelled",
+}
+"""What MAV_MISSION_RESULT means."""
 SLOW_MPS = 0.3
 SET_INTERVAL = 511
 CHECK_EVERY = 50
@@ -41,6 +53,7 @@ class ExternalFlight(ABC):
 
     Raises:
         Unavailable: JSBSim or the autopilot cannot be brought up.
+        Refused: the autopilot does not take the mission.
     """
 
     LOG = ""
@@ -221,6 +234,24 @@ class ExternalFlight(ABC):
         if self.note and not self.test_case.target.parameters:
             raise Unavailable(f"{self._version}: {self.note}")
         self._start_trace(aircraft)
+
+    def _upload(self, aircraft: Any, mission: Mission, *, home: bool) -> str:
+        """Give it the mission, with the home place before the items if `home`; return why it has none.
+
+        Raises:
+            Refused: it does not take it.
+        """
+        answer = aircraft.client.upload(mission, UPLOAD_S)
+        if answer.state == "timed_out":
+            return "the mission was not answered"
+        if not answer.ok:
+            at = "" if answer.item is None else f" at item {answer.item + (0 if home else 1)}"
+            what = RESULTS.get(answer.result or 0, "refused")
+            got = f"{what} (MAV_MISSION_RESULT {answer.result}){at}: {self._last_words()}"
+            expected = f"one that {self._version} takes"
+            raise Refused("mission", where=mission.name, expected=expected, got=got, fix="change or drop that item")
+        aircraft.vehicle["mission_count"] = float(len(mission.items))
+        return ""
 
     def _ask_for(self, aircraft: Any, rates_hz: Mapping[str, float]) -> None:
         """Ask for messages at these rates."""

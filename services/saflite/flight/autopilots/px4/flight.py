@@ -88,11 +88,7 @@ class Px4Flight(ExternalFlight):
     def _start_mission(self, aircraft: Aircraft) -> str:
         assert self._mission is not None
         client = aircraft.client
-        answer = client.upload(self._mission, 20.0)
-        if not answer.ok:
-            return f"the mission was {answer.state}, result {answer.result}: {self._last_words()}"
-        aircraft.vehicle["mission_count"] = float(len(self._mission.items))
-        why = self._enter(aircraft, "AUTO")
+        why = self._upload(aircraft, self._mission, home=False) or self._enter(aircraft, "AUTO")
         if not why and not client.command(ARM, (1.0,), ANSWER_S).ok:
             why = f"did not arm: {self._last_words()}"
         return why

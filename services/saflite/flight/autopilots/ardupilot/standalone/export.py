@@ -1,4 +1,4 @@
-"""Makes the script that flies a finding without the farm: the maintainers' own binary on its own physics."""
+"""Makes what flies a finding without the farm: the maintainers' own binary on its own physics, in their own tools."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from typing import Any
 
 from saflite.contract.errors import Refused
 from saflite.contract.flight import Flight
-from saflite.contract.standalone import Evidence
+from saflite.contract.standalone import Evidence, Files
 from saflite.contract.test_case import Stimulus, TestCase
 from saflite.flight.autopilots.ardupilot.mission import as_taken
-from saflite.flight.autopilots.ardupilot.settings import F450, start_parameters
+from saflite.flight.autopilots.ardupilot.settings import F450, as_file, start_parameters
 from saflite.flight.autopilots.ardupilot.telemetry import MODES
 from saflite.flight.autopilots.external.aircraft import HOME
 from saflite.flight.autopilots.external.binary import Binary
@@ -21,8 +21,9 @@ from saflite.flight.autopilots.external.inputs import command_number
 from saflite.flight.autopilots.external.listing import Listing
 from saflite.flight.mavlink.client import CUSTOM_MODE, DO_SET_MODE
 from saflite.flight.mavlink.items import item_fields
+from saflite.flight.mission import dump_plan
 
-_TEMPLATE = Path(__file__).with_name("script.py")
+_TEMPLATE, _CASE = (Path(__file__).with_name(name) for name in ("script.py", "autotest_case.py"))
 _NOT_THEIRS = frozenset({*F450, "SERIAL1_PROTOCOL", "SERIAL2_PROTOCOL"})
 _HEADER = """Flies a finding on ArduCopter without the farm that found it: {title}
 
@@ -33,20 +34,41 @@ Steps (seconds after the start state: {start}):
 What it needs: Python 3.9 or later, pymavlink, and ArduCopter built for SITL; found with
   {version}, SHA-256 {digest}.
 
-  python3 {name} build/sitl/bin/arducopter
+{run}"""
+_RUN_SCRIPT = """  python3 {name} build/sitl/bin/arducopter
 
 What it does: it starts the binary on its own physics (a quadrotor X, stock gains; the farm flew an F450 with gains of
 its own), reaches the start state, gives the inputs at their times of simulated time, and tells what happens. Parameters
 (`start.parm`), track and DataFlash log stay in a folder. Vehicle and noise are others than in the farm: what shows
-again does not hang on them. Exit code 0: flown to the end (or died, where that is the finding); 1: otherwise."""
+again does not hang on them. Exit code 0: flown to the end (or died, where that is the finding); 1: otherwise.
+
+By hand: load the `.parm` (and the `.plan`) beside this file with a ground station, then follow the steps."""
+_RUN_CASE = """  PYTHONPATH=path/to/ardupilot/Tools/autotest python3 {name} build/sitl/bin/arducopter
+
+What it does: a case of ArduPilot's own autotest, in its suite for Copter and run by it, which also needs pexpect and
+MAVProxy. It fails where the autopilot dies, or where `saflite judge` is at hand and finds the rule broken."""
 
 
-def standalone(test_case: TestCase, flight: Flight, evidence: Evidence, binary: Binary, rows: Listing) -> str:
-    """Return the text of the script.
+def files_of(test_case: TestCase, flight: Flight, evidence: Evidence, binary: Binary, rows: Listing) -> Files:
+    """Return what maintainers run and load: script, autotest case, `.parm`, `.plan` where there is a mission, steps.
 
     Raises:
         Refused: the finding has obstacles, which the autopilot's own physics does not know.
     """
+    facts = _facts(test_case, flight, evidence, rows)
+    stem = evidence.file.removesuffix(".py")
+    told = _described(_RUN_SCRIPT, test_case, evidence, binary)
+    files = {
+        evidence.file: _filled(_TEMPLATE, told, facts),
+        f"{stem}-autotest.py": _filled(_CASE, _described(_RUN_CASE, test_case, evidence, binary), facts),
+        f"{stem}.parm": as_file(facts["parameters"]),
+        f"{stem}-steps.txt": told + "\n",
+    }
+    mission = test_case.scenario.mission
+    return files if mission is None else {**files, f"{stem}.plan": dump_plan(as_taken(mission))}
+
+
+def _facts(test_case: TestCase, flight: Flight, evidence: Evidence, rows: Listing) -> dict[str, Any]:
     scenario, given = test_case.scenario, test_case.target.parameters
     if scenario.obstacles:
         raise Refused("--standalone", expected="a finding without boxes", got=f"{len(scenario.obstacles)}")
@@ -55,11 +77,12 @@ def standalone(test_case: TestCase, flight: Flight, evidence: Evidence, binary: 
     wind = {"SIM_WIND_SPD": scenario.wind.mean_mps, "SIM_WIND_DIR": scenario.wind.from_deg}
     parameters = {name: value for name, value in ours.items() if name in given or name not in _NOT_THEIRS}
     home = HOME if mission is None else (mission.home_lat_deg, mission.home_lon_deg, mission.home_alt_m)
-    facts: dict[str, Any] = {
+    return {
         "parameters": {**(wind if scenario.wind.mean_mps else {}), **parameters},
         "home": [*home, 0.0 if mission is None else MISSION_YAW_DEG],
         "items": [] if mission is None else item_fields(as_taken(mission), home=True, not_given=0.0),
         "mode": MODES[start.mode],
+        "mode_name": start.mode,
         "altitude_m": start.altitude_m,
         "armed": start.armed,
         "inputs": [_input(one, rows.types) for one in sorted(test_case.stimuli, key=lambda one: one.at_s)],
@@ -69,7 +92,10 @@ def standalone(test_case: TestCase, flight: Flight, evidence: Evidence, binary: 
         "title": evidence.title,
         "from_s": evidence.from_s,
     }
-    text = _TEMPLATE.read_text(encoding="utf-8").replace("@DESCRIPTION@", _described(test_case, evidence, binary), 1)
+
+
+def _filled(template: Path, description: str, facts: Mapping[str, Any]) -> str:
+    text = template.read_text(encoding="utf-8").replace("@DESCRIPTION@", description, 1)
     return text.replace('{"@FACTS@": 0}', json.dumps(facts, indent=1), 1)
 
 
@@ -85,8 +111,9 @@ def _input(one: Stimulus, types: Mapping[str, int]) -> dict[str, Any]:
     return row
 
 
-def _described(case: TestCase, evidence: Evidence, binary: Binary) -> str:
+def _described(run: str, case: TestCase, evidence: Evidence, binary: Binary) -> str:
     start = case.scenario.start or DEFAULT_START
+    file = evidence.file if run == _RUN_SCRIPT else evidence.file.replace(".py", "-autotest.py")
     words = _HEADER.format(
         title=evidence.title,
         asked="".join(f"{what}: {answer}\n" for what, answer in evidence.asked.items()),
@@ -94,6 +121,6 @@ def _described(case: TestCase, evidence: Evidence, binary: Binary) -> str:
         steps="\n".join(f"  {step}" for step in evidence.steps),
         version=binary.version,
         digest=binary.digest,
-        name=evidence.file,
+        run=run.format(name=file),
     )
     return words.replace("\\", "/").replace('"""', "'''")
