@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Mapping
 from typing import Annotated, Literal
 
 import msgspec
@@ -12,6 +14,7 @@ from saflite.contract.names import Name, ShortId, ShortIdOrNone, StateWords
 Ruling = Literal["held", "violated", "vacuous", "inconclusive"]
 """held, violated; vacuous: the rule never applied in this flight; inconclusive: it could not be judged."""
 
+_IN_MODE = re.compile(r"in mode (\d+)")
 NEVER_APPLIED = "the rule never applied"
 """What people are told of a vacuous verdict."""
 
@@ -106,6 +109,13 @@ class Violation(msgspec.Struct, frozen=True, kw_only=True):
     representative: ShortIdOrNone = ""
     workers: Annotated[tuple[Name, ...], msgspec.Meta(max_length=10_000)] = ()
     message: Account = ""
+
+
+def with_mode_named(violation: Violation, modes: Mapping[str, int]) -> Violation:
+    """Return a violation for people: its behaviour has the mode's name in place of the number where there is one."""
+    names = {str(number): name for name, number in modes.items()}
+    told = _IN_MODE.sub(lambda found: f"in {names[found[1]]}" if found[1] in names else found[0], violation.behaviour)
+    return msgspec.structs.replace(violation, behaviour=told)
 
 
 def failed_again(violation: Violation) -> str:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import signal
 from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from saflite.console.cli import FOUND, INFRASTRUCTURE, NOTHING_FOUND
@@ -15,7 +17,7 @@ from saflite.console.run_data.run_folder import RunFolder, open_run
 from saflite.console.view import live, out
 from saflite.contract.circumstances import in_words
 from saflite.contract.flight import Purpose
-from saflite.contract.verdict import NEVER_APPLIED, Violation
+from saflite.contract.verdict import NEVER_APPLIED, Violation, with_mode_named
 from saflite.recorder.summary import Finding, Rulings
 
 if TYPE_CHECKING:
@@ -42,6 +44,7 @@ class Conclusion(NamedTuple):
     rulings: dict[str, Rulings]
     minimised: bool
     fallbacks: tuple[int, str] = (0, "")
+    modes: Mapping[str, int] = MappingProxyType({})
 
     @property
     def confirmed(self) -> list[Violation]:
@@ -110,6 +113,7 @@ def _read(run: RunFolder) -> Conclusion:
         rulings=run.rulings(),
         minimised=run.campaign.search.shrink,
         fallbacks=run.fallbacks(),
+        modes=run.target.modes,
     )
 
 
@@ -152,7 +156,7 @@ def _tell(found: Conclusion, ended: ExitSummary) -> None:
         out.line(f"{found.fallbacks[0]} scores by the embedded scorer instead of the one asked: {found.fallbacks[1]}")
     known = {(one.violation.fingerprint, one.violation.test_case): one.circumstances for one in found.findings}
     for violation in good[:SHOWN]:
-        out.line(f"  {live.violation_line(violation)}")
+        out.line(f"  {live.violation_line(with_mode_named(violation, found.modes))}")
         circumstances = known.get((violation.fingerprint, violation.test_case))
         if circumstances is not None:
             out.line("    " + "; ".join(f"{what}: {words}" for what, words in in_words(circumstances).items()))

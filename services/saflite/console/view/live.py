@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -12,7 +13,7 @@ from saflite.console.run_data.run_folder import RunFolder, open_run
 from saflite.console.view import out
 from saflite.contract.control import Exposed, Status
 from saflite.contract.events import FaultSeen, Quarantined, ScorerChanged, ViolationFound
-from saflite.contract.verdict import Violation, failed_again
+from saflite.contract.verdict import Violation, failed_again, with_mode_named
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -64,7 +65,7 @@ class News:
         found = []
         for event in self._run.events(self._next_seq):
             self._next_seq = event.seq + 1
-            text = fact_text(event.fact)
+            text = fact_text(event.fact, self._run.target.modes)
             if text:
                 found.append(text)
         return found
@@ -75,14 +76,15 @@ class News:
             self._run.close()
 
 
-def fact_text(fact: object) -> str:
-    """Return the line for a fact worth one, empty for the others."""
-    return out.word(_fact_text(fact))
+def fact_text(fact: object, modes: Mapping[str, int] | None = None) -> str:
+    """Return the line for a fact worth one, empty for the others; `modes` are those of the target, if it is known."""
+    return out.word(_fact_text(fact, modes or {}))
 
 
-def _fact_text(fact: object) -> str:
-    if isinstance(fact, ViolationFound):  # the 28th find of a behaviour is counted, and no news
-        return "" if fact.violation.confirmation == "similar" else violation_line(fact.violation)
+def _fact_text(fact: object, modes: Mapping[str, int]) -> str:
+    if isinstance(fact, ViolationFound):
+        told = with_mode_named(fact.violation, modes)
+        return "" if told.confirmation == "similar" else violation_line(told)  # the 28th of a behaviour is no news
     if isinstance(fact, Quarantined):
         return f"quarantined  {fact.test_case} after {fact.attempts} attempts, last {fact.last} {fact.message}".rstrip()
     if isinstance(fact, ScorerChanged):

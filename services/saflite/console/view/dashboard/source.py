@@ -21,7 +21,7 @@ from saflite.contract.circumstances import is_memory_fault
 from saflite.contract.control import Answer, Status, Verb
 from saflite.contract.errors import FarmError, Refused
 from saflite.contract.events import CampaignChanged, Event, ViolationFound
-from saflite.contract.verdict import Violation
+from saflite.contract.verdict import Violation, with_mode_named
 from saflite.runtime.client import FarmClient
 from saflite.runtime.clock import WallClock
 
@@ -168,7 +168,8 @@ class RunSource:
         """Return the finds."""
         with open_run(self._dir) as run:
             hidden = run.memory_faults() if public else frozenset()
-            return [one for one in run.violations(similar=False) if one.test_case not in hidden]
+            found = (one for one in run.violations(similar=False) if one.test_case not in hidden)
+            return [with_mode_named(one, run.target.modes) for one in found]
 
     def part(self, name: str) -> str:
         """Return a part of the page; what has not changed is not made again."""

@@ -18,7 +18,7 @@ from saflite.contract.flight import Flight, Trace
 from saflite.contract.signals import MODES, UNNAMED_MODE
 from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import TestCase
-from saflite.contract.verdict import Judgement, Violation
+from saflite.contract.verdict import Judgement, Violation, with_mode_named
 from saflite.contract.work import PolicyTexts
 from saflite.recorder.summary import Finding, Rulings
 from saflite.scorer_pool.calibration import Calibration, Row, calibrate_all
@@ -150,7 +150,7 @@ def exhibit(run: RunFolder, finding: Finding, rows: list[FlightRow]) -> Exhibit:
     violation = finding.violation
     shown = next((row for row in rows if row.shows(violation)), None)
     return Exhibit(
-        violation,
+        with_mode_named(violation, run.target.modes),
         finding.test_case,
         finding.judgement,
         finding.recording,
