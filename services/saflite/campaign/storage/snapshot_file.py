@@ -28,7 +28,7 @@ from saflite.contract.outside import read_bytes
 log = logging.getLogger(__name__)
 
 BYTES_MAX = 2**28  # ten times what 100,000 flights take; beside a larger one the journal is read
-LINES_MAX = 20_000  # so many journal entries later the next one is due: replayed in about a second
+LINES_MAX = 8_000  # so many journal entries later the next one is due: replayed in two seconds at most
 _HEAD = struct.Struct(">32s32sQI")
 _CHECK_BYTES = hashlib.sha256().digest_size
 _CODE = (
