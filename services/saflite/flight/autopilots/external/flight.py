@@ -241,13 +241,16 @@ class ExternalFlight(ABC):
         Raises:
             Refused: it does not take it.
         """
-        answer = aircraft.client.upload(mission, UPLOAD_S)
+        client = aircraft.client
+        before = len(client.texts)
+        answer = client.upload(mission, UPLOAD_S)
         if answer.state == "timed_out":
             return "the mission was not answered"
         if not answer.ok:
             at = "" if answer.item is None else f" at item {answer.item + (0 if home else 1)}"
             what = RESULTS.get(answer.result or 0, "refused")
-            got = f"{what} (MAV_MISSION_RESULT {answer.result}){at}: {self._last_words()}"
+            words = "".join(f"; it says {text}" for text in list(client.texts)[before:][-1:])
+            got = f"{what} (MAV_MISSION_RESULT {answer.result}){at}{words}"
             expected = f"one that {self._version} takes"
             raise Refused("mission", where=mission.name, expected=expected, got=got, fix="change or drop that item")
         aircraft.vehicle["mission_count"] = float(len(mission.items))
