@@ -127,18 +127,18 @@ class Watch:
         self.states |= {step.after for step in result.judgement.transitions}
 
     def look(self, run_dir: Path, status: Status) -> bool:
-        """Take the new confirmed violations; return whether all faults are found."""
+        """Take the new confirmed violations; return whether all faults there are have been found."""
         if status.violations_confirmed > len(self._seen):
             for case, policy in confirmed(run_dir):
                 if (identity(case), policy) not in self._seen:
                     self._seen.add((identity(case), policy))
                     self._attribute(case, policy, status.flights)
-        return len(self.found) == len(self.faults)
+        return bool(self.faults) and len(self.found) == len(self.faults)
 
     def _attribute(self, case: TestCase, policy: str, flights: int) -> None:
         left = [fault for fault in self.faults if fault not in self.found]
         self._examined[policy] += 1
-        if not left or self._examined[policy] > EXAMINED_MAX:
+        if (self.faults and not left) or self._examined[policy] > EXAMINED_MAX:
             return
         if self._breaks(case, (), (), policy):
             self.false_alarms[policy] += 1

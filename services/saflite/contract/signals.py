@@ -122,6 +122,7 @@ SIGNALS: dict[str, Signal] = {
     "loiter_speed_set_mps": Signal("m/s", "greatest speed in LOITER (LOIT_SPEED)"),
     "disarm_delay_set_s": Signal("s", "time on the ground before disarming, 0 never (DISARM_DELAY)"),
     "circle_radius_set_m": Signal("m", "radius of CIRCLE when it is entered (CIRCLE_RADIUS)"),
+    "descent_speed_set_mps": Signal("m/s", "descent speed of autonomous modes (WPNAV_SPEED_DN)"),
     "order_quiet_s": Signal("s", "time since the last command, mode or stick was given and not denied"),
     "command_quiet_s": Signal(
         "s", "time since the last command was given and not denied, above 1,000,000 where there was none"
@@ -169,7 +170,7 @@ gps_true gps_settled baro_true baro_settled body_true sticks_true place_order_s 
 ordered_altitude_m battery_timer_set_s battery_low_action_set battery_critical_set_v battery_low_charge_set_mah
 fence_action_set fence_on_set fence_type_set fence_radius_set_m arming_checks_set angle_max_set_deg
 cruise_speed_set_mps return_speed_set_mps return_climb_min_set_m loiter_speed_set_mps disarm_delay_set_s
-circle_radius_set_m
+circle_radius_set_m descent_speed_set_mps
 """
 MADE_FROM: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(_OF_STIMULI.split(), ()),

@@ -55,7 +55,8 @@ _FAULTS: tuple[tuple[str, Effect], ...] = (
     (r"", Effect(lasting=("body_true",))),
 )
 _SETTINGS: tuple[tuple[str, Effect], ...] = (
-    (r"gnd_alt_offset|gnd_temp|gnd_primary|ek\d_alt_source|baro", Effect(passing=("baro_settled",), per_unit_s=1.0)),
+    (r"gnd_alt_offset", Effect(passing=("baro_settled",), lasting=("baro_true",), per_unit_s=1.0)),
+    (r"gnd_temp|gnd_primary|ek\d_alt_source|baro", Effect(passing=("baro_settled",), per_unit_s=1.0)),
     (r"gps_(pos|type|primary)", Effect(passing=("gps_settled",))),
     (r"rc\d+_(trim|dz|option|reversed?)|rc3_|rcmap_|thr_dz", Effect(lasting=("sticks_true",))),
 )

@@ -52,7 +52,7 @@ def policy_campaigns(target: TargetInfo) -> dict[str, Campaign]:
     """Return the generated campaigns for a target by name: those whose signals, inputs and start state it has."""
     fit = [data for data in _policies() if not why_not(data, target)]
     single = {PREFIX + data["id"]: _one(data, target, _known(data, target)) for data in fit}
-    return {**single, ALL: _all(fit, target)} if fit else single
+    return {**single, ALL: _all(_different(fit), target)} if fit else single
 
 
 def why_not(data: dict[str, Any], target: TargetInfo) -> str:
@@ -74,6 +74,15 @@ def why_not(data: dict[str, Any], target: TargetInfo) -> str:
     settable = {entry.name for entry in target.inputs if entry.kind in ("parameter", "sensor_fault")}
     unset = sorted(name for name in data.get("preconditions", {}) if name not in settable)
     return f"{target.name} has no parameter {', '.join(unset)}" if unset else ""
+
+
+def _different(policies: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return one policy for each rule: two autopilots' manuals often ask for the same, in two published policies."""
+    rules = {}
+    for data in policies:
+        parts = (data["formula"], data.get("terms", {}), data.get("constants", {}))
+        rules.setdefault(" ".join(str(parts).replace("\\n", " ").split()), data)
+    return list(rules.values())
 
 
 def pgfuzz_settings(policy: str, target: TargetInfo) -> dict[str, Setting]:
@@ -231,7 +240,7 @@ def _all(policies: list[dict[str, Any]], target: TargetInfo) -> Campaign:
     missions = MISSION_SHARE if any(data.get("needs_mission") for data in policies) else 0.0
     return Campaign(
         name=ALL,
-        description=f"Any input of the vehicle against {len(policies)} policies at once, attention rotating over them",
+        description=f"Any input of the vehicle against {len(policies)} different rules at once, attention rotating over them",
         target=Target(name=target.name, parameters=preconditions),
         start=_start(loiter, target),
         time_limit_s=SHORT_S,

@@ -94,6 +94,7 @@ ARDUPILOT: dict[str, Plain | Made] = {
     "arming_checks_set": _of("ARMING_CHECK"),
     "angle_max_set_deg": _of("ANGLE_MAX", unit=_CM),
     "disarm_delay_set_s": _of("DISARM_DELAY"),
+    "descent_speed_set_mps": _of("WPNAV_SPEED_DN", unit=_CM),
     "circle_radius_set_m": _of("CIRCLE_RADIUS", unit=_CM),
     "altitude_source": Made("EK3_SRC1_POSZ or EK2_ALT_SOURCE", _ardupilot_height),
 }
@@ -121,6 +122,7 @@ PX4: dict[str, Plain | Made] = {
     "land_speed_set_mps": _of("MPC_LAND_SPEED"),
     "land_speed_high_set_mps": _of("MPC_Z_V_AUTO_DN", "MPC_Z_VEL_MAX_DN"),
     "land_altitude_low_set_m": _of("MPC_LAND_ALT2"),
+    "descent_speed_set_mps": _of("MPC_Z_V_AUTO_DN", "MPC_Z_VEL_MAX_DN"),
     "pilot_speed_up_set_mps": _of("MPC_Z_VEL_MAX_UP"),
     "pilot_speed_down_set_mps": _of("MPC_Z_VEL_MAX_DN"),
     "cruise_speed_set_mps": _of("MPC_XY_CRUISE"),

@@ -90,6 +90,7 @@ SHOWN: dict[str, Shown] = {
     "return_climb_min_set_m": Shown(("RTL_CLIMB_MIN",), 0.01),
     "loiter_speed_set_mps": Shown(("LOIT_SPEED",), 0.01),
     "disarm_delay_set_s": Shown(("DISARM_DELAY",)),
+    "descent_speed_set_mps": Shown(("WPNAV_SPEED_DN",), 0.01),
     "circle_radius_set_m": Shown(("CIRCLE_RADIUS",), 0.01),
 }
 _CEILING = 1  # bit of FENCE_TYPE
