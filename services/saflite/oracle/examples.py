@@ -28,11 +28,12 @@ Value = float | str
 
 
 class Wave(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A signal that swings: mean + size * sin(2 pi t / period_s)."""
+    """A signal that swings: mean + size * sin(2 pi (t + ahead_s) / period_s)."""
 
     mean: float
     size: float
     period_s: float
+    ahead_s: float = 0.0
 
 
 Course = Value | Wave | list[tuple[float, Value]]
@@ -42,7 +43,7 @@ class Example(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     """A trace and what the formula must say of it.
 
     `signals` gives each signal a constant or a list of [time, value]: real signals run in straight lines between the
-    points, flags and codes keep a value until the next; `{mean, size, period_s}` swings. Modes may be given by name.
+    points, flags and codes keep a value until the next; `{mean, size, period_s}` swings, `ahead_s` earlier than a sine. Modes may be given by name.
     `like` is the number of an earlier example, from 1, whose signals are taken over but for those given. `applies` is
     false for examples that show where the rule does not apply.
     """
@@ -96,7 +97,7 @@ def example_signals(
 
 def _course(signal: str, course: Course, times: Array, real: bool, name: str, where: str) -> Array:
     if isinstance(course, Wave):
-        return course.mean + course.size * np.sin(2.0 * math.pi / course.period_s * times)
+        return course.mean + course.size * np.sin(2.0 * math.pi / course.period_s * (times + course.ahead_s))
     points = course if isinstance(course, list) else [(0.0, course)]
     at = np.array([point[0] for point in points], dtype=np.float64)
     values = np.array([_number(signal, point[1], name, where) for point in points], dtype=np.float64)
