@@ -43,9 +43,9 @@ class Example(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     """A trace and what the formula must say of it.
 
     `signals` gives each signal a constant or a list of [time, value]: real signals run in straight lines between the
-    points, flags and codes keep a value until the next; `{mean, size, period_s}` swings, `ahead_s` earlier than a sine. Modes may be given by name.
-    `like` is the number of an earlier example, from 1, whose signals are taken over but for those given. `applies` is
-    false for examples that show where the rule does not apply.
+    points, flags and codes keep a value until the next; `{mean, size, period_s}` swings, `ahead_s` earlier than a sine.
+    Modes may be given by name. `like` is the number of an earlier example, from 1, whose signals are taken over but
+    for those given. `applies` is false for examples that show where the rule does not apply.
     """
 
     holds: bool

@@ -32,7 +32,8 @@ from saflite.contract.work import PolicyText
 POLICIES_DIR = Path(__file__).parents[2] / "oracle" / "policies"
 PREFIX, ALL = "policy-", "policy-all"
 MISSION = "mission2"
-SHORT_S, MISSION_S = 60.0, 150.0
+SHORT_S, MISSION_S, ALL_S = 60.0, 150.0, 120.0
+ALL_PHASES = 10  # of a test case for several policies, in twice the time of one for a single policy
 MISSION_SHARE = 0.08  # of the flights of the campaign over all, where rules need a mission
 AIRBORNE_S = 32.0  # with a mission the vehicle leaves the ground after 19.5 s and climbs for 7
 MODE_COMMAND = "Flight_Mode"  # among the commands of a policy: any mode
@@ -240,13 +241,15 @@ def _all(policies: list[dict[str, Any]], target: TargetInfo) -> Campaign:
     missions = MISSION_SHARE if any(data.get("needs_mission") for data in policies) else 0.0
     return Campaign(
         name=ALL,
-        description=f"Any input of the vehicle against {len(policies)} different rules at once, attention rotating over them",
+        description=f"Any input against {len(policies)} different rules at once, attention rotating over them",
         target=Target(name=target.name, parameters=preconditions),
         start=_start(loiter, target),
-        time_limit_s=SHORT_S,
+        time_limit_s=ALL_S,
         policies=tuple(data["id"] for data in policies),
         budget_flights=2000,
-        strategy=StrategyConfig(name="exposure", settings={"hints": hints, "missions": missions}),
+        strategy=StrategyConfig(
+            name="exposure", settings={"hints": hints, "missions": missions, "phases_max": ALL_PHASES}
+        ),
         scorer=ScorerConfig(model="relevance", batch=16),
         search=_SEARCH,
     )

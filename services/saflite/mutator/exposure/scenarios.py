@@ -18,7 +18,7 @@ Rng = np.random.Generator
 HEIGHT_M = (3.0, 120.0)
 GROUND_SHARE = 0.15
 MISSION_HEIGHT_M = (4.0, 40.0)
-MISSION_LONGER = 2.0  # a mission begins with half a minute on the ground
+MISSION_LONGER_S = 60.0  # a mission begins with half a minute on the ground and the way up
 TAKEOFF, WAYPOINT, WAIT, LAND, RETURN, DELAY, YAW, SPEED = 22, 16, 19, 21, 20, 112, 115, 178
 
 
@@ -59,7 +59,7 @@ class Scenarios(NamedTuple):
             items.append(_item(LAND, place=_near(rng, 0.0)))
         elif end == RETURN:
             items.append(_item(RETURN))
-        limit_s = MISSION_LONGER * self.own.time_limit_s
+        limit_s = self.own.time_limit_s + MISSION_LONGER_S
         return msgspec.structs.replace(self.own, start=None, mission=_named(tuple(items)), time_limit_s=limit_s)
 
 
