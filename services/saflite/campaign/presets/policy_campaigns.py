@@ -212,12 +212,12 @@ def _hint(data: dict[str, Any], start: dict[str, Any], inputs: dict[str, list[An
 
 
 def _read_by(data: dict[str, Any], target: TargetInfo) -> list[tuple[StimulusKind, str]]:
-    """Return the inputs whose values the policy's signals show: sticks, and settings by the table of signals."""
+    """Return the inputs that the policy's signals show: sticks; settings and commands by the table of signals."""
     kinds: dict[str, StimulusKind] = {entry.name: entry.kind for entry in target.inputs}
-    found = []
+    formula, found = whole_formula(data), []
     for signal in data.get("signals", {}):
         stick, meaning = _STICK_SIGNAL.match(signal), SIGNALS[signal].meaning if signal in SIGNALS else ""
-        if signal.endswith("_true"):
+        if signal.endswith("_true") or not re.search(rf"\b{signal}\b(?!\s*==\s*0\b)", formula):
             continue  # what excuses a rule
         names = [f"RC{stick[1]}"] if stick else SETTING.findall(meaning)
         found += [(kinds[name], name) for name in names if name in kinds]
