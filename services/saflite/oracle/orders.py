@@ -53,6 +53,8 @@ SETTINGS: dict[str, Setting] = {
     "return_climb_min_set_m": Setting("RTL_CLIMB_MIN", 0.0, 0.0, 3000.0, 0.01),
     "loiter_speed_set_mps": Setting("LOIT_SPEED", 1250.0, 20.0, 3500.0, 0.01),
     "disarm_delay_set_s": Setting("DISARM_DELAY", 10.0, 0.0, 127.0),
+    "trim_roll_set_deg": Setting("AHRS_TRIM_X", 0.0, -0.1745, 0.1745, 57.29578),
+    "trim_pitch_set_deg": Setting("AHRS_TRIM_Y", 0.0, -0.1745, 0.1745, 57.29578),
     "descent_speed_set_mps": Setting("WPNAV_SPEED_DN", 150.0, 10.0, 500.0, 0.01),
     "circle_radius_set_m": Setting("CIRCLE_RADIUS", 1000.0, 0.0, 200_000.0, 0.01),
 }

@@ -90,6 +90,8 @@ SHOWN: dict[str, Shown] = {
     "return_climb_min_set_m": Shown(("RTL_CLIMB_MIN",), 0.01),
     "loiter_speed_set_mps": Shown(("LOIT_SPEED",), 0.01),
     "disarm_delay_set_s": Shown(("DISARM_DELAY",)),
+    "trim_roll_set_deg": Shown(("AHRS_TRIM_X",), 57.29578),
+    "trim_pitch_set_deg": Shown(("AHRS_TRIM_Y",), 57.29578),
     "descent_speed_set_mps": Shown(("WPNAV_SPEED_DN",), 0.01),
     "circle_radius_set_m": Shown(("CIRCLE_RADIUS",), 0.01),
 }
