@@ -79,7 +79,7 @@ def why_not(data: dict[str, Any], target: TargetInfo) -> str:
 
 def _different(policies: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Return one policy for each rule: two autopilots' manuals often ask for the same, in two published policies."""
-    rules = {}
+    rules: dict[str, dict[str, Any]] = {}
     for data in policies:
         parts = (data["formula"], data.get("terms", {}), data.get("constants", {}))
         rules.setdefault(" ".join(str(parts).replace("\\n", " ").split()), data)
