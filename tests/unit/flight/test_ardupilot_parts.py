@@ -91,6 +91,10 @@ def test_other_packets_are_none(data: bytes) -> None:
     assert python_library().servo_packet(data, len(data), ctypes.byref(frame), throttles) == 0
 
 
+def test_every_setting_shown_has_its_place_in_the_trace() -> None:
+    assert set(settings.SHOWN) <= set(Vehicle.slots())
+
+
 def test_the_state_is_a_line_of_json_without_blanks_and_time_is_stretched(vehicle: Vehicle) -> None:
     vehicle.set(step=400.0, altitude_m=12.5, climb_mps=1.5, x_m=3.0, yaw_rad=0.5, force_z_mps2=-9.81)
     into = ctypes.create_string_buffer(640)

@@ -29,6 +29,7 @@ from saflite.flight.autopilots.px4.inputs import COMMANDS, Inputs
 from saflite.flight.autopilots.px4.metadata import documented
 from saflite.flight.autopilots.px4.telemetry import RADIO, Telemetry
 from saflite.flight.autopilots.px4.vehicle import Vehicle
+from saflite.flight.logs.settings import PX4 as SHOWN
 from saflite.flight.mavlink.client import Client
 from saflite.flight.mission import builtin_mission
 from saflite.flight.native_library import python_library
@@ -199,6 +200,10 @@ def test_the_vehicle_starts_with_what_is_given_by_type_and_only_what_it_knows() 
     assert plain == {"IMU_INTEG_RATE": 200.0, "RC_FAILS_THR": 950.0, "CP_DIST": 3.0, "RTL_RETURN_ALT": 30.5}
     texts = settings.as_texts({**plain, "GF_ACTION": 1e6}, LISTING.types)
     assert (texts["IMU_INTEG_RATE"], texts["RTL_RETURN_ALT"], texts["GF_ACTION"]) == ("200", "30.5", "1000000")
+
+
+def test_every_setting_shown_has_its_place_in_the_trace(vehicle: Vehicle) -> None:
+    assert {*SHOWN, "fs_throttle_set_pwm", "fs_throttle_enabled"} <= set(vehicle.slots())
 
 
 def test_metadata_of_the_build_gives_ranges(tmp_path: Path) -> None:
