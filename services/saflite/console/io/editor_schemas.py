@@ -137,7 +137,7 @@ POLICY_WORDS: Words = {
         "holds": "Whether the rule must be found kept.",
         "why": "What the example shows.",
         "duration_s": "Length of the trace, seconds.",
-        "signals": "A constant, [time, value] points, or {mean, size, period_s} for each signal.",
+        "signals": "A constant, [time, value] points, or {mean, size, period_s, ahead_s} for each signal.",
         "like": "Number of an earlier example, from 1, whose signals are taken over.",
         "step_s": "Time between samples, seconds.",
         "applies": "False where the rule does not apply.",
@@ -146,6 +146,7 @@ POLICY_WORDS: Words = {
         "mean": "Middle of the swing.",
         "size": "Greatest distance from the middle.",
         "period_s": "Length of a swing, seconds.",
+        "ahead_s": "How long before the start it passed its middle upwards, seconds.",
     },
 }
 
