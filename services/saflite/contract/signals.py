@@ -124,6 +124,7 @@ SIGNALS: dict[str, Signal] = {
     "circle_radius_set_m": Signal("m", "radius of CIRCLE when it is entered (CIRCLE_RADIUS)"),
     "trim_roll_set_deg": Signal("deg", "roll offset of the board (AHRS_TRIM_X)"),
     "trim_pitch_set_deg": Signal("deg", "pitch offset of the board (AHRS_TRIM_Y)"),
+    "circle_rate_set_dps": Signal("deg/s", "turning rate of CIRCLE when it is entered, clockwise positive (CIRCLE_RATE)"),
     "descent_speed_set_mps": Signal("m/s", "descent speed of autonomous modes (WPNAV_SPEED_DN)"),
     "order_quiet_s": Signal("s", "time since the last command, mode or stick was given and not denied"),
     "command_quiet_s": Signal(
@@ -172,7 +173,7 @@ gps_true gps_settled baro_true baro_settled body_true sticks_true place_order_s 
 ordered_altitude_m battery_timer_set_s battery_low_action_set battery_critical_set_v battery_low_charge_set_mah
 fence_action_set fence_on_set fence_type_set fence_radius_set_m arming_checks_set angle_max_set_deg
 cruise_speed_set_mps return_speed_set_mps return_climb_min_set_m loiter_speed_set_mps disarm_delay_set_s
-circle_radius_set_m descent_speed_set_mps trim_roll_set_deg trim_pitch_set_deg
+circle_radius_set_m circle_rate_set_dps descent_speed_set_mps trim_roll_set_deg trim_pitch_set_deg
 """
 MADE_FROM: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(_OF_STIMULI.split(), ()),

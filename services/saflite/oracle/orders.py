@@ -55,6 +55,7 @@ SETTINGS: dict[str, Setting] = {
     "disarm_delay_set_s": Setting("DISARM_DELAY", 10.0, 0.0, 127.0),
     "trim_roll_set_deg": Setting("AHRS_TRIM_X", 0.0, -0.1745, 0.1745, 57.29578),
     "trim_pitch_set_deg": Setting("AHRS_TRIM_Y", 0.0, -0.1745, 0.1745, 57.29578),
+    "circle_rate_set_dps": Setting("CIRCLE_RATE", 20.0, -90.0, 90.0),
     "descent_speed_set_mps": Setting("WPNAV_SPEED_DN", 150.0, 10.0, 500.0, 0.01),
     "circle_radius_set_m": Setting("CIRCLE_RADIUS", 1000.0, 0.0, 200_000.0, 0.01),
 }

@@ -96,6 +96,7 @@ ARDUPILOT: dict[str, Plain | Made] = {
     "disarm_delay_set_s": _of("DISARM_DELAY"),
     "trim_roll_set_deg": _of("AHRS_TRIM_X", unit=57.29578),
     "trim_pitch_set_deg": _of("AHRS_TRIM_Y", unit=57.29578),
+    "circle_rate_set_dps": _of("CIRCLE_RATE"),
     "descent_speed_set_mps": _of("WPNAV_SPEED_DN", unit=_CM),
     "circle_radius_set_m": _of("CIRCLE_RADIUS", unit=_CM),
     "altitude_source": Made("EK3_SRC1_POSZ or EK2_ALT_SOURCE", _ardupilot_height),

@@ -92,6 +92,7 @@ SHOWN: dict[str, Shown] = {
     "disarm_delay_set_s": Shown(("DISARM_DELAY",)),
     "trim_roll_set_deg": Shown(("AHRS_TRIM_X",), 57.29578),
     "trim_pitch_set_deg": Shown(("AHRS_TRIM_Y",), 57.29578),
+    "circle_rate_set_dps": Shown(("CIRCLE_RATE",), 1.0),
     "descent_speed_set_mps": Shown(("WPNAV_SPEED_DN",), 0.01),
     "circle_radius_set_m": Shown(("CIRCLE_RADIUS",), 0.01),
 }
