@@ -124,7 +124,7 @@ SIGNALS: dict[str, Signal] = {
     "circle_radius_set_m": Signal("m", "radius of CIRCLE when it is entered (CIRCLE_RADIUS)"),
     "trim_roll_set_deg": Signal("deg", "roll offset of the board (AHRS_TRIM_X)"),
     "trim_pitch_set_deg": Signal("deg", "pitch offset of the board (AHRS_TRIM_Y)"),
-    "circle_rate_set_dps": Signal("deg/s", "turning rate of CIRCLE when it is entered, clockwise positive (CIRCLE_RATE)"),
+    "circle_rate_set_dps": Signal("deg/s", "turning rate of CIRCLE at its entry, clockwise positive (CIRCLE_RATE)"),
     "descent_speed_set_mps": Signal("m/s", "descent speed of autonomous modes (WPNAV_SPEED_DN)"),
     "order_quiet_s": Signal("s", "time since the last command, mode or stick was given and not denied"),
     "command_quiet_s": Signal(
