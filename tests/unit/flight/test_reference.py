@@ -126,6 +126,15 @@ def test_circle_keeps_its_radius_and_sticks_change_it() -> None:
     assert last(record, "circle_radius_m") < 5.0
 
 
+def test_a_circle_is_flown_no_faster_than_its_curve_can_be_held() -> None:
+    record = fly(case("LOITER", 20.0, 40.0, [(1.0, "mode", "CIRCLE", ())], WPNAV_ACCEL=100.0))
+    assert record.trace is not None
+    x, y = record.trace.array("x_m"), record.trace.array("y_m")
+    late = slice(len(x) // 2, None)
+    across = max(float(np.ptp(x[late])), float(np.ptp(y[late])))
+    assert across == pytest.approx(20.0, abs=3.0)
+
+
 def test_flip_turns_once_and_comes_back() -> None:
     record = fly(case("ALT_HOLD", 50.0, 12.0, [(1.0, "mode", "FLIP", ())]))
     assert record.trace is not None

@@ -9,6 +9,7 @@ from saflite.flight.autopilots.reference.modes.base import TICK_S, Mode
 
 RADIUS_RATE_MPS, RADIUS_MAX_M, RATE_CHANGE_DPS = 1.0, 2000.0, 2.0
 SPEED_MAX_MPS = 5.0
+CURVE_SHARE = 0.5  # of WPNAV_ACCEL may go into the curve, so that it can be held (AC_Circle::calc_velocities)
 
 
 class Circle(Mode):
@@ -47,7 +48,8 @@ class Circle(Mode):
         self._sticks()
         board, radius = self.board, self._radius_m
         want = math.radians(self._rate_dps) * radius
-        want = min(SPEED_MAX_MPS, max(-SPEED_MAX_MPS, want))
+        top = min(SPEED_MAX_MPS, math.sqrt(CURVE_SHARE * self.ap.parameters["WPNAV_ACCEL"] / 100.0 * radius))
+        want = min(top, max(-top, want))
         change = 1.0 * TICK_S
         self._speed_mps += min(change, max(-change, want - self._speed_mps))
         turn = self._speed_mps / radius if radius > 0.1 else math.radians(self._rate_dps)
