@@ -18,7 +18,7 @@ from saflite.contract.work import Outcome, RuleOutcome
 from saflite.flight.autopilots.reference.check import check_test_case
 from saflite.flight.autopilots.reference.describe import describe
 from saflite.mutator.exposure import numbers
-from saflite.mutator.exposure.attention import Attention, note
+from saflite.mutator.exposure.attention import Attention, note, read_note
 from saflite.mutator.exposure.corpus import Corpus
 from saflite.mutator.exposure.hints import Hint, read_hints
 from saflite.mutator.exposure.phases import Script, Tempo, shifted
@@ -213,6 +213,14 @@ def test_every_proposal_can_be_flown_and_starts_kinds_and_modes_vary() -> None:
     kinds = Counter(stimulus.kind for one in found for stimulus in one.stimuli)
     assert min(kinds.values()) > 0.02 * sum(kinds.values())
     assert len({stimulus.name for one in found for stimulus in one.stimuli}) > 150
+
+
+@pytest.mark.parametrize(("time_s", "policies"), [(10.0, 1), (60.0, 3), (120.0, 6), (1e12, 60)])
+def test_a_fresh_test_case_is_for_as_many_policies_as_its_time_allows(time_s: float, policies: int) -> None:
+    names = tuple(f"p{number}" for number in range(100))
+    template = msgspec.structs.replace(TEMPLATE, scenario=Scenario(start=START, time_limit_s=time_s))
+    made = Strategy(template, {"kept": 0.0, "routed": 0.0}, names, describe()).ask(3, np.random.default_rng(1))
+    assert all(0.8 * policies <= len(read_note(one.origin.note)) <= policies for one in made)
 
 
 def test_every_mission_drawn_can_be_written_beside_the_others_and_read_again(tmp_path: Path) -> None:

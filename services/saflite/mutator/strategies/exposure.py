@@ -42,6 +42,7 @@ SETTLE_LEAST_S = 1.5
 MODES_WITHIN = 0.15  # share of test cases that change the mode within a phase, too
 SHIFT_S = (0.05, 15.0)
 SECONDS_EACH = 20.0  # of a fresh test case for one policy: it is for as many as its time allows, a phase in turn
+POLICIES_MOST = 60  # however long it is
 ASKED = 0.6  # chance that a setting has the value a rule asks for
 CAUSED = 0.25  # share of inputs that raised a failsafe before, for rules that ask for it
 
@@ -119,7 +120,7 @@ class Strategy:
 
     def ask(self, count: int, rng: Rng) -> list[TestCase]:
         """Return `count` test cases; each is for a few policies."""
-        each = max(1, round(self._template.scenario.time_limit_s / SECONDS_EACH))
+        each = max(1, round(min(POLICIES_MOST, self._template.scenario.time_limit_s / SECONDS_EACH)))
         wanted = self._attention.rotation(rng, each * count)
         return [self._one(rng, tuple(wanted[place::count])) for place in range(count)]
 
