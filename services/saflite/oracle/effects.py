@@ -31,23 +31,27 @@ _STICK_USUAL = {"trim": 1500.0, "min": 1000.0, "max": 2000.0, "dz": 20.0, "thr_d
 
 class Effect(NamedTuple):
     """What a stimulus does: the flags it ends until it has settled, those it ends while it is in force, the value at
-    which it does nothing, and the seconds that each unit of a change takes to settle beyond `SETTLE_S`."""
+    which it does nothing, the seconds that each unit of a change takes to settle beyond `SETTLE_S`, and whether what it
+    made of the reading stays when it is taken back: a drift that has stopped leaves its offset."""
 
     passing: tuple[str, ...] = ()
     lasting: tuple[str, ...] = ()
     healthy: float = 0.0
     per_unit_s: float = 0.0
+    stays: bool = False
 
 
 _GPS, _BARO = ("gps_true", "gps_settled"), ("baro_true", "baro_settled")
 _FAULTS: tuple[tuple[str, Effect], ...] = (
     (r"rc_|radio|batt|para|speedup|pin_mask|engine_fail$", Effect()),  # a motor fails by engine_mul
     (r"gps\w*(noise|rnd)", Effect(lasting=_GPS)),
-    (r"gps\w*(drift|glitch_z|offset_up)", Effect(lasting=("gps_true",))),
+    (r"gps\w*drift", Effect(lasting=("gps_true",), stays=True)),
+    (r"gps\w*(glitch_z|offset_up)", Effect(lasting=("gps_true",))),
     (r"gps\w*(loss|disable)", Effect(passing=_GPS)),
     (r"gps\w*sat", Effect(passing=_GPS, healthy=10.0)),
     (r"gps", Effect(passing=("gps_settled",), lasting=("gps_true",))),
-    (r"baro\w*(noise|rnd|drift)", Effect(lasting=_BARO)),
+    (r"baro\w*(noise|rnd)", Effect(lasting=_BARO)),
+    (r"baro\w*drift", Effect(lasting=_BARO, stays=True)),
     (r"baro\w*(loss|disable)", Effect(passing=_BARO)),
     (r"baro", Effect(passing=("baro_settled",), lasting=("baro_true",), per_unit_s=1.0)),
     (r"engine_mul", Effect(lasting=("body_true",), healthy=1.0)),
@@ -123,6 +127,8 @@ def undisturbed(
         if value == old or flag not in {*effect.passing, *effect.lasting, *old_effect.lasting}:
             continue
         settled_s = one.at_s + SETTLE_S + abs(value - old) * effect.per_unit_s
+        if effect.stays and flag.endswith("_true"):
+            settled_s = np.inf
         down |= (times >= one.at_s - 1e-9) & (times < settled_s)
         if name in since:
             down |= (times >= since.pop(name) - 1e-9) & (times < settled_s)

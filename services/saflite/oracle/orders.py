@@ -17,6 +17,7 @@ from saflite.flight.world.jsbsim_world import HOME_LAT_DEG, HOME_LON_DEG
 
 Array = NDArray[np.float64]
 NEVER_S = 1e6
+SLOW_DPS = 15.0
 FORCE = (21196.0, 2989.0)  # magic numbers with which MAVLink forces motors off or on
 
 _MOVING = re.compile(
@@ -152,11 +153,16 @@ def _origin(test_case: TestCase) -> tuple[float, float] | None:
 
 
 def headings(given: Sequence[Given], yaw_deg: NDArray[np.float32], times: Array) -> list[tuple[float, float]]:
-    """Return (time, heading ordered) of each CONDITION_YAW; a relative one counts from the heading at its time."""
+    """Return (time, heading ordered) of each CONDITION_YAW; a relative one counts from the heading at its time.
+
+    Orders to turn slowly (2nd number, degrees a second) are left out: they may take minutes.
+    """
     found = []
     for stimulus, _, _ in given:
         if _is(stimulus, "CONDITION_YAW"):
-            angle, _, way, relative = _numbers(stimulus)[:4]
+            angle, rate_dps, way, relative = _numbers(stimulus)[:4]
+            if 0.0 < rate_dps < SLOW_DPS:
+                continue
             if relative:
                 at = min(int(np.searchsorted(times, stimulus.at_s)), len(yaw_deg) - 1)
                 angle = float(yaw_deg[at]) + (-angle if way < 0 else angle)

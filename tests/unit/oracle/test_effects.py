@@ -67,6 +67,12 @@ def test_a_lasting_effect_is_over_when_it_was_taken_back_and_recovered_from() ->
     assert down("gps_settled", given("sensor_fault", "SIM_GPS_NOISE", 0.0)) == [], "it was off and stays off"
 
 
+def test_a_drift_that_has_stopped_leaves_its_offset() -> None:
+    drift = given("sensor_fault", "SIM_BARO_DRIFT", -4.0), given("sensor_fault", "SIM_BARO_DRIFT", 0.0, at_s=20.0)
+    assert down("baro_true", *drift)[-1] == TIMES[-1]
+    assert down("baro_settled", *drift)[-1] == 20.0 + SETTLE_S - 0.5, "the estimate follows it all the same"
+
+
 def test_what_was_set_before_the_start_is_in_force_from_the_start() -> None:
     assert down("baro_settled", before={"SIM_BARO_RND": 2.0}) == TIMES.tolist()
     assert down("baro_settled", before={"SIM_BARO_GLITCH": 2.0}) == [], "settled long before"

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from saflite.contract.errors import Refused
-from saflite.contract.flight import Delivered, DeliveryAnswer, Ending, Flight, Trace, TraceMessage
+from saflite.contract.flight import Delivered, DeliveryAnswer, Ending, Flight, Given, Trace, TraceMessage
 from saflite.contract.signals import SIGNALS
 from saflite.contract.test_case import Scenario, Stimulus, StimulusKind, Target, TestCase
 from saflite.oracle.log_text import describe, facts_of, rule_of_thumb
-from saflite.oracle.orders import SETTINGS, stops_motors
+from saflite.oracle.orders import SETTINGS, headings, stops_motors
 from saflite.oracle.signals import FlightSignals
 
 STEP_S = 0.5
@@ -111,6 +111,14 @@ def test_what_was_delivered_counts_and_not_the_plan(name: str) -> None:
     for answer in answers:
         assert seen(Delivered(index=0, at_s=0.5, answer=answer)) == idle, answer
     assert seen() == idle, "never given: the flight ended before"
+
+
+def test_an_order_to_turn_slowly_is_none_of_those_that_are_soon_reached() -> None:
+    yaw, times = np.zeros(11, dtype=np.float32), np.arange(11.0)
+    slow = stimulus("command", "MAV_CMD_CONDITION_YAW", 90.0, 1.0, at_s=1.0)
+    fast = stimulus("command", "MAV_CMD_CONDITION_YAW", 40.0, 30.0, at_s=2.0)
+    given = [Given(slow, "accepted"), Given(TURN, "accepted"), Given(fast, "accepted")]
+    assert headings(given, yaw, times) == [(0.5, 90.0), (2.0, 40.0)]
 
 
 def test_a_signal_made_of_the_plan_does_not_escape_the_test_above() -> None:

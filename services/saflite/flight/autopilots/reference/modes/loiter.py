@@ -47,7 +47,8 @@ class Loiter(Mode):
         asked = pitch_stick != 0.0 or roll_stick != 0.0
         top = p["LOIT_SPEED"] / 100.0
         yaw = board["est_yaw"]
-        forward, right = -pitch_stick * top, roll_stick * top
+        size = max(1.0, math.hypot(pitch_stick, roll_stick))  # over ground LOIT_SPEED holds in every direction
+        forward, right = -pitch_stick * top / size, roll_stick * top / size
         want = self.ap.failsafes.limit_speed(
             forward * math.cos(yaw) - right * math.sin(yaw), forward * math.sin(yaw) + right * math.cos(yaw)
         )
