@@ -22,7 +22,7 @@ class Rtl(Mode):
         super().__init__(*args)  # type: ignore[arg-type]
         self.phase = "climb"
         self._until_s = 0.0
-        self._start = (0.0, 0.0)
+        self._start = self._home = (0.0, 0.0)
         self._altitude = 0.0
 
     def enter(self, previous: Mode) -> None:
@@ -30,6 +30,7 @@ class Rtl(Mode):
         p, board = self.ap.parameters, self.board
         height = board["altitude_est_m"]
         self._start = (board["est_n"], board["est_e"])
+        self._home = (self.ap.home[0], self.ap.home[1])  # another home counts from the next return on
         self._altitude = max(p["RTL_ALT"] / 100.0, height + p["RTL_CLIMB_MIN"] / 100.0, height)
         if "rtl-altitude-unit" in self.ap.defects:
             self._altitude = p["RTL_ALT"] / 1000.0
@@ -64,7 +65,7 @@ class Rtl(Mode):
 
     def _fly(self) -> None:
         plane, up, down = self._speeds()
-        north, east = self.ap.home[0], self.ap.home[1]
+        north, east = self._home
         gap_n, gap_e = north - self.board["est_n"], east - self.board["est_e"]
         steer.position(self.board, north, east, plane)
         steer.altitude(self.board, self._altitude, up, down)
@@ -75,18 +76,18 @@ class Rtl(Mode):
 
     def _wait(self) -> None:
         plane, up, down = self._speeds()
-        steer.position(self.board, *self.ap.home[:2], plane)
+        steer.position(self.board, *self._home, plane)
         steer.altitude(self.board, self._altitude, up, down)
         if self.ap.time_s >= self._until_s:
             self.phase = "descend" if self.ap.parameters["RTL_ALT_FINAL"] > 0.0 else "land"
 
     def _descend(self) -> None:
         plane, up, down = self._speeds()
-        steer.position(self.board, *self.ap.home[:2], plane)
+        steer.position(self.board, *self._home, plane)
         steer.altitude(self.board, self.ap.parameters["RTL_ALT_FINAL"] / 100.0, up, down)
 
     def _land(self) -> None:
-        steer.position(self.board, *self.ap.home[:2], 3.0)
+        steer.position(self.board, *self._home, 3.0)
         descend(self)
 
 
