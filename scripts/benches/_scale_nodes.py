@@ -100,7 +100,9 @@ def _made(count: int, farm_here: bool) -> Iterator[list[Node]]:
             node.take(f"10.215.1.{number + 1}")
         yield made
     finally:
-        for node in made:  # their end of the cable goes with them, and ours with it
+        for node in made:
+            # the cable first, by name: with its namespace it would go, too, but later, when the kernel gets to it
+            subprocess.run(["ip", "link", "del", node.cable], capture_output=True, check=False)
             subprocess.run(["ip", "netns", "del", node.name], check=False)
         subprocess.run(["ip", "link", "del", bridge], capture_output=True, check=False)
 
