@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
 import time
@@ -10,6 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import browser
+import msgspec
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "console"))
@@ -17,6 +19,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "console"))
 from dashboard_runs import make_run
 
 from saflite.console.view.dashboard import pages
+from saflite.console.view.dashboard.source import RunSource
 
 pytestmark = [pytest.mark.live, pytest.mark.skipif(bool(browser.MISSING), reason=browser.MISSING or "there is one")]
 EXAMPLES = Path(__file__).resolve().parents[2] / "deploy" / "examples" / "targets"
@@ -60,6 +63,42 @@ def test_a_find_is_opened_by_keys_beside_a_good_flight(window: browser.Browser, 
                           "document.querySelector('#find-content').textContent)")  # fmt: skip
         window.keys("\ue00c")
         window.until("!document.querySelector('#find').open")
+
+
+def test_finds_that_come_in_leave_the_reader_where_he_is(window: browser.Browser, tmp_path: Path) -> None:
+    """One more find arrives in a table that is sorted and filtered, while the reader types."""
+    run = make_run(tmp_path / "run", 12)
+    one = RunSource(run).violations(public=False)[0]
+    many = [msgspec.structs.replace(one, test_case=f"{at:016x}", fingerprint=f"{7 * at % 9}e{at}") for at in range(9)]
+    field, rows = "document.querySelector('input.filter')", "[...document.querySelectorAll('tr.find')]"
+    names = f"{rows}.filter(row => !row.hidden).map(row => row.cells[0].textContent)"
+    with served(str(run)) as address:
+        window.size(1280, 900)
+        window.open(f"{address}/run/0/")
+        window.until("shown >= 0")
+        window.run("window.arrive = told; window.told = () => {}")  # what the books tell comes whenever it comes
+        window.run("arrive(arguments[0])", pages.finds(many[:8]))
+        window.run("document.querySelector('#finds th').click()")
+        window.keys("jjj")
+        chosen = window.run("return document.querySelector('tr.here').dataset.find")
+        window.run(f"{field}.focus()")
+        window.keys("e")
+        window.run("arrive(arguments[0])", pages.finds(many))
+        assert window.run(f"return document.activeElement === {field}"), "the keyboard stays where it was"
+        assert window.run(f"return {field}.value") == "e"
+        assert window.run(f"return {names}") == sorted(one.fingerprint for one in many), "sorted as it was"
+        assert window.run("return document.querySelector('tr.here').dataset.find") == chosen
+
+
+def test_ctrl_c_ends_it_though_a_page_is_open(window: browser.Browser, tmp_path: Path) -> None:
+    command = [*SAFLITE, "dashboard", str(make_run(tmp_path / "run", 12)), "--port", "0"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    window.open(process.stdout.readline().split()[1])
+    window.until("shown >= 0")  # the stream of figures is open
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=20)
+    assert (process.returncode, said) == (0, "")
 
 
 def test_dark_mode_and_a_phone(window: browser.Browser, tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import socket
+from collections.abc import Iterator
 from pathlib import Path
 
 import msgspec
@@ -13,9 +14,12 @@ from starlette.requests import Request
 from starlette.testclient import TestClient
 
 from saflite.console.cli import main
+from saflite.console.run_data import farm_lookup
+from saflite.console.run_data.run_folder import RunFolder
+from saflite.console.view import html_text
 from saflite.console.view.dashboard import access, pages
 from saflite.console.view.dashboard.app import _Site, application
-from saflite.console.view.dashboard.source import Figures, Head, RunSource
+from saflite.console.view.dashboard.source import _PARTS, REST, Figures, Head, RunSource
 from saflite.contract.control import Answer, Verb
 from saflite.contract.errors import Refused
 from saflite.contract.flight import AUTOPILOT_ALIVE
@@ -124,6 +128,41 @@ def test_a_token_gives_a_role_and_a_cookie() -> None:
     assert source.orders == [("budget", "", 50)]
 
 
+@pytest.mark.parametrize("path", ["//evil.example/", "///evil.example/", "//evil.example//x", "/%2f/evil.example/"])
+def test_a_token_leads_to_no_other_host(path: str) -> None:
+    for tokens in ({}, {"0123456789abcdef": "viewer"}):
+        web = client(tokens=tokens)  # type: ignore[arg-type]
+        url = web.build_request("GET", "/").url.copy_with(raw_path=f"{path}?token=0123456789abcdef".encode())
+        place = web.get(url).headers.get("location", "/")
+        assert place.startswith("/")
+        assert not place.startswith(("//", "/\\", "/%5c"))
+
+
+def test_an_order_longer_than_any_is_not_read_to_its_end() -> None:
+    read = []
+
+    def parts() -> Iterator[bytes]:
+        for number in range(1000):
+            read.append(number)
+            yield b" " * 4096
+
+    answer = client().post("/run/0/order", content=parts(), headers=HEADER)
+    assert answer.status_code == 400
+    assert "at most" in answer.json()["message"]
+
+
+def test_a_recording_that_is_a_link_is_not_handed_out(tmp_path: Path) -> None:
+    (tmp_path / "secret").write_text("secret")
+    make_run(tmp_path / "run", 2)
+    (tmp_path / "run" / "recordings").mkdir(exist_ok=True)
+    (tmp_path / "run" / "recordings" / "a-0.mcap").symlink_to(tmp_path / "secret")
+    assert RunSource(tmp_path / "run").file("a-0.mcap", public=False) is None
+    (tmp_path / "run" / "recordings" / "b-0.mcap").write_text("ours")
+    assert RunSource(tmp_path / "run").file("b-0.mcap", public=False) is not None
+    for name in ("../secret", "../../secret", "b-0.mcap/", "/etc/passwd", "..", ""):
+        assert RunSource(tmp_path / "run").file(name, public=False) is None
+
+
 def test_orders_need_the_header_and_a_known_verb() -> None:
     source = Stub()
     web = client(source)
@@ -141,6 +180,18 @@ def test_what_came_from_elsewhere_is_escaped_and_nothing_else_runs() -> None:
     assert client().get("/run/7/").status_code == 404
     assert client().get("/run/0/part/nosuch").status_code == 404
     assert client().get("/assets/nosuch").status_code == 404
+
+
+HIDDEN = ("\u202e", "\u2066", "\u200b", "\u200d", "\ufeff", "\u00ad", "\u2028", "\x9b", "\U000e0041", "\x1b", "\x00")
+
+
+@pytest.mark.parametrize("char", HIDDEN, ids=ascii)
+def test_no_text_of_others_hides_or_turns_what_a_page_says(char: str) -> None:
+    found = msgspec.structs.replace(VIOLATION, behaviour=f"upright{char}thgirpu", message=f"it fell{char}not")
+    web = client(Stub(f"night{char}thgin", found=(found,)))
+    for text in (web.get("/run/0/").text, html_text.escape(f"<b{char}>")):
+        assert char not in text
+        assert "\\" in text
 
 
 def test_several_runs_stand_in_order_of_time() -> None:
@@ -171,7 +222,8 @@ def test_the_stream_tells_figures_and_finds_as_they_come() -> None:
 
     async def told() -> list[str]:
         found = []
-        stream = _Site([source], 0.0)._stream(Request({"type": "http", "state": {"role": "operator"}}, receive), source)
+        request = Request({"type": "http", "state": {"role": "operator"}}, receive)
+        stream = _Site([source], 0.0, asyncio.Event())._stream(request, source)
         async for text in stream:
             found.append(text)
             source.found, source.version = [VIOLATION], 2
@@ -198,6 +250,33 @@ def test_a_run_shows_its_books(tmp_path: Path) -> None:
     with pytest.raises(Refused):
         source.find("nosuch", public=False)
     assert source.file("../books.sqlite", public=False) is None
+
+
+def test_a_part_rests_while_flights_go_on_and_is_new_once_they_ended(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    source, runs, made = RunSource(make_run(tmp_path / "run", 4)), [True], list[int]()
+    monkeypatch.setattr(farm_lookup, "is_running", lambda _place: runs[0])
+
+    def make(_run: RunFolder) -> str:
+        made.append(1)
+        return str(len(made))
+
+    monkeypatch.setitem(_PARTS, "faults", make)
+
+    def age(seconds: float) -> None:
+        """Let something have happened since it was made, `seconds` ago, in 2 s."""
+        kept = source._kept["faults"]
+        source._kept["faults"] = kept._replace(version=-1, made_s=source._clock.monotonic_s() - seconds, took_s=2.0)
+
+    assert [source.part("faults"), source.part("faults")] == ["1", "1"]
+    age(REST)
+    assert source.part("faults") == "1", "made a moment ago, for what it takes"
+    age(3 * REST)
+    assert source.part("faults") == "2"
+    age(REST)
+    runs[0] = False
+    assert source.part("faults") == "3", "the last word"
 
 
 @pytest.mark.parametrize(

@@ -1,9 +1,9 @@
 """Show runs in a browser: live figures, what was found, workers, orders.
 
 Takes run folders, a folder that holds runs, or the endpoint of a farm elsewhere (with --campaign). Finds show the map,
-the inputs and signals around the violation, and the last good flight beside it. Needs the extra `dashboard`:
-`pip install saflite-farm[dashboard]`. Another address than loopback needs tokens; nothing is encrypted there, so put it
-behind a proxy that does, or reach it by `ssh -L`.
+the inputs and signals around the violation, and the last good flight beside it. Needs the extra `dashboard`;
+without it you are told the command that installs it. Another address than loopback needs tokens; nothing is encrypted
+there, so put it behind a proxy that does, or reach it by `ssh -L`.
 
 examples:
   saflite dashboard runs/avoidance-m2
@@ -57,7 +57,7 @@ def _sources(args: argparse.Namespace) -> list[Source]:
     from saflite.console.view.dashboard.source import EndpointSource, RunSource
     from saflite.contract.errors import Refused
 
-    words = args.what or [str(farm_lookup.newest_running())]
+    words = args.what or [str(farm_lookup.newest(None))]
     if not any(serving.is_endpoint(word) for word in words):
         return [RunSource(folder) for word in words for folder in serving.run_folders(Path(word))]
     if len(words) > 1 or not args.campaign:

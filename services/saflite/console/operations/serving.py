@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from saflite.console.view import out
-from saflite.contract.errors import Refused, Unavailable
+from saflite.contract.errors import Refused, not_installed
 
 if TYPE_CHECKING:
     from saflite.console.view.dashboard.access import Tokens
@@ -18,13 +18,15 @@ if TYPE_CHECKING:
 
 ENDPOINT = re.compile(r"(tcp|tls|unixsock-stream)/")
 RUNS_MAX = 100
+ENDING_S = 5
+"""What is being asked of a farm or made of a page may take so long after Ctrl-C."""
 
 
 def check_extra() -> None:
     """Raise Unavailable unless the packages of the extra are installed."""
     missing = [name for name in ("starlette", "uvicorn") if find_spec(name) is None]
     if missing:
-        raise Unavailable(f"{', '.join(missing)} not installed: pip install 'saflite-farm[dashboard]'")
+        raise not_installed(f"{', '.join(missing)} {'is' if len(missing) == 1 else 'are'}", "dashboard")
 
 
 def is_endpoint(text: str) -> bool:
@@ -46,18 +48,32 @@ def run_folders(folder: Path) -> list[Path]:
 
 def serve(sources: Sequence[Source], host: str, port: int, tokens: Tokens) -> int:
     """Serve until Ctrl-C; raises Refused where nobody can listen there."""
+    import asyncio
+    import logging
+
     import uvicorn
 
     from saflite.console.view.dashboard.app import application
+
+    ending = asyncio.Event()
+
+    class Server(uvicorn.Server):
+        """Ends the streams of open pages before it waits for their requests to end."""
+
+        async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+            ending.set()
+            logging.getLogger("uvicorn.error").setLevel(logging.CRITICAL)  # what is cut off now is no error
+            await super().shutdown(sockets)
 
     listener = _listener(host, port)
     place = f"[{host}]" if ":" in host else host
     hint = "   open it with ?token=TOKEN" if tokens else ""
     out.line(f"dashboard  http://{place}:{listener.getsockname()[1]}/{hint}   (Ctrl-C ends it; runs go on)")
     out.flush()
-    config = uvicorn.Config(application(sources, tokens), log_level="warning", timeout_graceful_shutdown=1, ws="none")
+    app = application(sources, tokens, ending=ending)
+    config = uvicorn.Config(app, log_level="warning", timeout_graceful_shutdown=ENDING_S, ws="none")
     try:
-        uvicorn.Server(config).run(sockets=[listener])
+        Server(config).run(sockets=[listener])
     except KeyboardInterrupt:
         out.line()
     return 0
@@ -69,6 +85,7 @@ def _listener(host: str, port: int) -> socket.socket:
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         listener.bind((host, port))
+        listener.listen()  # before the address is told: who reads it may connect at once
     except OSError as fault:
         listener.close()
         raise Refused("--port", expected="one that is free", got=f"{host}:{port}, {fault}") from fault

@@ -130,6 +130,7 @@ def _plain(found: Conclusion, ended: ExitSummary) -> dict[str, Any]:
         "behaviours": len(found.behaviours),
         "confirmed": len(found.confirmed),
         "similar": found.similar,
+        "arms": () if ended.status is None else ended.status.arms,
         "restarts": ended.restarts,
         "fallbacks": found.fallbacks[0],
         "fallback_why": found.fallbacks[1],
@@ -154,6 +155,8 @@ def _tell(found: Conclusion, ended: ExitSummary) -> None:
     )
     if found.fallbacks[0]:
         out.line(f"{found.fallbacks[0]} scores by the embedded scorer instead of the one asked: {found.fallbacks[1]}")
+    if ended.status is not None and ended.status.arms:
+        out.line(f"arms: {live.arms_told(ended.status.arms)}")
     known = {(one.violation.fingerprint, one.violation.test_case): one.circumstances for one in found.findings}
     for violation in good[:SHOWN]:
         out.line(f"  {live.violation_line(with_mode_named(violation, found.modes))}")

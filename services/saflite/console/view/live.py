@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -11,7 +11,7 @@ import msgspec
 
 from saflite.console.run_data.run_folder import RunFolder, open_run
 from saflite.console.view import out
-from saflite.contract.control import Exposed, Status
+from saflite.contract.control import ArmStanding, Exposed, Status
 from saflite.contract.events import FaultSeen, Quarantined, ScorerChanged, ViolationFound
 from saflite.contract.verdict import Violation, failed_again, with_mode_named
 
@@ -113,6 +113,7 @@ def one_line(status: Status) -> str:
     busy = sum(1 for worker in status.workers if worker.state == "busy")
     instead = f"  {_instead(status)}" if status.fallbacks else ""
     share = f"  {shared}" if (shared := decided_share(status)) else ""
+    arms = f"  arms: {arms_told(status.arms)}" if status.arms else ""
     trouble = f"  nothing goes on: {status.trouble}" if status.trouble else ""
     return (
         f"{status.elapsed_s:6.1f} s  {status.flights}/{status.budget} flights  {_phase(status)}"
@@ -122,6 +123,7 @@ def one_line(status: Status) -> str:
         f"  states {status.exposure.states}  workers {busy}/{len(status.workers)} busy"
         + (f"  waiting: {queues}" if queues else "")
         + share
+        + arms
         + instead
         + trouble
     )
@@ -132,6 +134,12 @@ def decided_share(status: Status) -> str:
     if status.scores_by_model >= status.scores:
         return ""
     return f"{status.scorer} decided {status.scores_by_model / status.scores:.0%} of {status.scores} scores"
+
+
+def arms_told(arms: Sequence[ArmStanding]) -> str:
+    """Return in words what share of the flights each arm of a portfolio had, and what came of them."""
+    flights = max(1, sum(one.flights for one in arms))
+    return ", ".join(f"{one.arm} {one.flights / flights:.0%} of flights, {one.founded} behaviours" for one in arms)
 
 
 def _phase(status: Status) -> str:
@@ -281,6 +289,8 @@ def _drawn(status: Status) -> RenderableType:
     if shared := decided_share(status):
         facts.add_row("", escape(shared))
     facts.add_row(*exposed(status.exposure))
+    if status.arms:
+        facts.add_row("arms", escape(arms_told(status.arms)))
     workers = Table(box=None, padding=(0, 2), header_style="dim")
     several = len({worker.host for worker in status.workers}) > 1
     for head in ("worker", *(("host",) if several else ()), "state", "done", "busy", "memory", "silent"):

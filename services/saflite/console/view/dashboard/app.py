@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
+from contextlib import suppress
 from typing import Literal
 
 import msgspec
@@ -73,7 +74,7 @@ class _Guard(BaseHTTPMiddleware):
             return PlainTextResponse(f"{words}\n", 401 if self._tokens else 403)
         response: Response
         if asked:
-            response = RedirectResponse(request.url.path, 303)
+            response = RedirectResponse(f"/{request.url.path.lstrip('/')}", 303)  # never to another host
             response.set_cookie(COOKIE, asked, httponly=True, samesite="strict")
         else:
             request.state.role = role
@@ -84,13 +85,19 @@ class _Guard(BaseHTTPMiddleware):
 
 
 def application(
-    sources: Sequence[Source], tokens: Tokens, *, every_s: float = EVERY_S, is_ours: IsOurs = access.is_ours
+    sources: Sequence[Source],
+    tokens: Tokens,
+    *,
+    every_s: float = EVERY_S,
+    is_ours: IsOurs = access.is_ours,
+    ending: asyncio.Event | None = None,
 ) -> Starlette:
     """Return the application over the campaigns.
 
-    Without `tokens` whoever asks by a loopback name, from a socket that `is_ours`, is an operator.
+    Without `tokens` whoever asks by a loopback name, from a socket that `is_ours`, is an operator. Streams end once
+    `ending` is set: a server waits for them before it stops.
     """
-    site = _Site(sources, every_s)
+    site = _Site(sources, every_s, ending or asyncio.Event())
     run = "/run/{run:int}"
     routes = [
         Route("/", site.home),
@@ -120,8 +127,8 @@ def _unknown(_request: Request, _fault: Exception) -> Response:
 class _Site:
     """What answers the routes. Plain functions run in threads: they read the books and ask the farm."""
 
-    def __init__(self, sources: Sequence[Source], every_s: float) -> None:
-        self._sources, self._every_s = dict(enumerate(sources)), every_s
+    def __init__(self, sources: Sequence[Source], every_s: float, ending: asyncio.Event) -> None:
+        self._sources, self._every_s, self._ending = dict(enumerate(sources)), every_s, ending
 
     def _source(self, request: Request) -> Source:
         return self._sources[request.path_params["run"]]
@@ -165,7 +172,7 @@ class _Site:
 
     async def _stream(self, request: Request, source: Source) -> AsyncIterator[str]:
         told: tuple[int, str] | None = None
-        while not await request.is_disconnected():
+        while not self._ending.is_set() and not await request.is_disconnected():
             figures = await run_in_threadpool(source.figures)
             yield f"data: {msgspec.json.encode(figures).decode()}\n\n"
             if told is None or told[0] != figures.version:
@@ -173,7 +180,8 @@ class _Site:
                 if told is None or told[1] != table:  # the first one, too: finds may have come since the page was made
                     yield f"event: finds\ndata: {msgspec.json.encode(table).decode()}\n\n"
                 told = (figures.version, table)
-            await asyncio.sleep(self._every_s)
+            with suppress(TimeoutError):
+                await asyncio.wait_for(self._ending.wait(), self._every_s)
 
     async def order(self, request: Request) -> Response:
         """Hand an order on, if whoever asks is an operator."""
@@ -181,11 +189,21 @@ class _Site:
         if role != "operator" or ORDER_HEADER not in request.headers:
             return _answer(403, "orders need the role operator")
         try:
-            order = msgspec.json.decode((await request.body())[:BODY_BYTES_MAX], type=Order)
+            order = msgspec.json.decode(await _body(request), type=Order)
             answer = await run_in_threadpool(self._source(request).order, order.verb, order.text, order.number)
         except (msgspec.MsgspecError, FarmError) as fault:
             return _answer(400, str(fault))
         return _answer(200, answer.message, accepted=answer.accepted)
+
+
+async def _body(request: Request) -> bytes:
+    """Return what was sent; raises Refused as soon as it is more than any order."""
+    sent = b""
+    async for part in request.stream():
+        sent += part
+        if len(sent) > BODY_BYTES_MAX:
+            raise Refused("order", expected=f"at most {BODY_BYTES_MAX} bytes", got="more")
+    return sent
 
 
 def _public(request: Request) -> bool:

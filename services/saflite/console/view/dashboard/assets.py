@@ -62,7 +62,7 @@ const share=cell(row,''),bar=document.createElement('span'),full=document.create
 full.style.width=(100*one.busy_share).toFixed(0)+'%';bar.append(full);share.append(bar);
 cell(row,one.silent_s.toFixed(1)+' s');cell(row,one.resident_mib.toFixed(0)+' MiB');cell(row,one.host);
 cell(row,one.build.slice(0,12));return row}));$('#workers').hidden=!found.length}
-let shown=-1,at=0,paused=false;
+let shown=-1,at=0,paused=false,lived=false;
 function figures(now){paused=now.state==='paused';const state=$('.state');state.textContent=now.state;
 state.dataset.state=now.state;set('behaviours',String(now.behaviours));set('finds',String(now.finds));
 set('flaky',String(now.flaky));set('flights',now.flights+' of '+now.budget);set('reflown',String(now.reflown));
@@ -73,10 +73,20 @@ set('speed',live.real_time_factor.toFixed(0)+'\\u00d7');set('scorer',live.scorer
 set('eta',live.flights_per_s>0?span(Math.max(0,now.budget-now.flights)/live.flights_per_s):'\\u2013');
 set('queues',Object.entries(live.queues).filter(one=>one[1]).map(one=>one.join(' ')).join(', ')||'none');
 const pause=$('#pause');if(pause)pause.textContent=paused?'resume':'pause'}
-workers(live?live.workers:[]);if(now.version!==shown){shown=now.version;const time=Date.now();
-if(time-at>4000||!live){at=time;refresh()}}}
+workers(live?live.workers:[]);const ended=lived&&!live;lived=!!live;
+if(now.version!==shown||ended){shown=now.version;const time=Date.now();if(time-at>4000||!live){at=time;refresh()}}}
+function field_of(table){const field=table.closest('.scroll').previousElementSibling;
+return field&&field.className==='filter'?field:null}
+function fill(place,html){const were=[...place.querySelectorAll('table.sorts')].map(table=>{
+const field=field_of(table),head=table.querySelector('[aria-sort]');return{words:field?field.value:'',
+typing:field!==null&&field===document.activeElement,at:head?head.cellIndex:-1,
+turns:head&&head.getAttribute('aria-sort')==='descending'?2:1}});
+place.innerHTML=html;equip(place);rows();
+[...place.querySelectorAll('table.sorts')].forEach((table,number)=>{const was=were[number];if(!was)return;
+if(was.at>=0)for(let turn=0;turn<was.turns;turn++)sort(table.tHead.rows[0].cells[was.at]);
+const field=field_of(table);if(!field)return;field.value=was.words;field.oninput();if(was.typing)field.focus()})}
 async function load(place){const answer=await fetch('part/'+place.dataset.part);if(answer.ok){
-place.innerHTML=await answer.text();place.dataset.loaded='1';equip(place);rows()}}
+fill(place,await answer.text());place.dataset.loaded='1'}}
 const seen=new IntersectionObserver(all=>{for(const one of all){one.target.dataset.seen=one.isIntersecting?'1':'';
 if(one.isIntersecting&&!one.target.dataset.loaded)load(one.target)}},{rootMargin:'200px'});
 for(const place of document.querySelectorAll('[data-part]'))seen.observe(place);
@@ -87,6 +97,12 @@ function list(){return [...document.querySelectorAll('tr.find')].filter(row=>!ro
 function choose(to){const all=list();if(!all.length)return;chosen=Math.max(0,Math.min(all.length-1,to));
 all.forEach((row,place)=>row.classList.toggle('here',place===chosen));all[chosen].scrollIntoView({block:'nearest'});
 all[chosen].focus()}
+function told(html){const place=$('#finds'),fresh=document.createElement('div');fresh.innerHTML=html;
+const names=root=>[...root.querySelectorAll('tr.find')].map(row=>row.dataset.find+row.textContent).sort().join();
+if(names(fresh)===names(place))return;
+const before=list()[chosen],focused=before&&before===document.activeElement;fill(place,html);
+chosen=before?list().findIndex(row=>row.dataset.find===before.dataset.find):-1;const row=list()[chosen];if(!row)return;
+row.classList.add('here');if(focused)row.focus({preventScroll:true})}
 async function open_(name){const box=$('#find');$('#find-content').textContent='\\u2026';if(!box.open)box.showModal();
 const answer=await fetch('find/'+encodeURIComponent(name));$('#find-content').innerHTML=await answer.text();
 equip(box);box.scrollTop=0;history.replaceState(null,'','#'+name)}
@@ -112,11 +128,9 @@ if(event.target===box)box.close()});on('#'+box.id+' .close','click',()=>box.clos
 box.addEventListener('close',()=>history.replaceState(null,'',location.pathname))}
 rows();
 if(here){const stream=new EventSource('events');stream.onmessage=event=>figures(JSON.parse(event.data));
-stream.addEventListener('finds',event=>{const place=$('#finds'),fresh=document.createElement('div');
-fresh.innerHTML=JSON.parse(event.data);const names=root=>[...root.querySelectorAll('tr.find')].map(row=>
-row.dataset.find+row.textContent).sort().join();if(names(fresh)===names(place))return;
-place.replaceChildren(...fresh.childNodes);equip(place);
-rows();choose(chosen)});stream.onerror=()=>{const state=$('.state');state.textContent='connection lost';
-state.dataset.state='lost'};if(location.hash.length>1)open_(location.hash.slice(1))}
+stream.addEventListener('finds',event=>told(JSON.parse(event.data)));
+stream.onerror=()=>{const state=$('.state');
+state.textContent='connection lost';state.dataset.state='lost'};
+if(location.hash.length>1)open_(location.hash.slice(1))}
 """
 )

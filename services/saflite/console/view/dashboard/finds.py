@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from html import escape
-
 import numpy as np
 from numpy.typing import NDArray
 
 from saflite.console.run_data.run_folder import RunFolder
+from saflite.console.view.html_text import escape
 from saflite.console.view.report import charts, data, evidence, layout
 from saflite.contract.errors import Refused
 from saflite.contract.test_case import TestCase, stimulus_text

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from datetime import UTC, datetime
-from html import escape
 
 from saflite.console.view.dashboard.access import Role
 from saflite.console.view.dashboard.source import Figures, Head, Source
+from saflite.console.view.html_text import escape
 from saflite.console.view.report.page import duration, html_table
 from saflite.contract.verdict import Violation, failed_again
 
@@ -30,7 +30,8 @@ def document(title: str, body: str, *, role: Role, run: str = "") -> str:
     head = (
         '<meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">'
         f"<title>{escape(title)} · SaFliTe Farm</title>"
-        '<link rel="stylesheet" href="/assets/style.css"><script defer src="/assets/script.js"></script>'
+        '<link rel="icon" href="data:,"><link rel="stylesheet" href="/assets/style.css">'
+        '<script defer src="/assets/script.js"></script>'
     )
     rows = "".join(f"<tr><td><kbd>{key}</kbd></td><td>{text}</td></tr>" for key, text in KEYS)
     closing = '<button class="close" aria-label="close">close</button>'

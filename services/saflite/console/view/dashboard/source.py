@@ -28,6 +28,8 @@ from saflite.runtime.clock import WallClock
 FRESH_S = 0.8
 """A status younger than this is shown again instead of asking the books."""
 PATIENCE_S = 2.0
+REST = 20.0
+"""Times the time it took to make, a part of a run that goes on is shown before it is made again."""
 
 
 class Head(NamedTuple):
@@ -128,13 +130,23 @@ class _Farm:
             self._client = None
 
 
+class _Part(NamedTuple):
+    """A part of the page as it was made: of the events up to `version`, when, in what time."""
+
+    version: int
+    html: str
+    made_s: float
+    took_s: float
+
+
 class RunSource:
     """A run folder."""
 
     def __init__(self, run_dir: Path) -> None:
         self._dir = run_dir
         self._farm = _Farm(lambda: FarmClient.of_run(run_dir))
-        self._kept: dict[str, tuple[int, str]] = {}
+        self._kept: dict[str, _Part] = {}
+        self._making, self._clock = {name: threading.Lock() for name in _PARTS}, WallClock()
         with open_run(run_dir) as run:
             self._head = _head(run)
 
@@ -172,16 +184,24 @@ class RunSource:
             return [with_mode_named(one, run.target.modes) for one in found]
 
     def part(self, name: str) -> str:
-        """Return a part of the page; what has not changed is not made again."""
+        """Return a part of the page; what has not changed is not made again.
+
+        Nor is what was made a moment ago while flights go on: a part of a long run takes seconds of a core that flies.
+        """
         maker = _PARTS.get(name)
         if maker is None:
             raise Refused("part", expected=f"one of {', '.join(_PARTS)}", got=repr(name))
-        with open_run(self._dir) as run:
+        with self._making[name], open_run(self._dir) as run:
             last = run.last_events(1)
-            version = last[-1].seq if last else 0
-            if self._kept.get(name, (-1, ""))[0] != version:
-                self._kept[name] = (version, maker(run))
-        return self._kept[name][1]
+            version, kept, now_s = last[-1].seq if last else 0, self._kept.get(name), self._clock.monotonic_s()
+            if kept is not None and (kept.version == version or self._is_fresh(kept, now_s)):
+                return kept.html
+            html = maker(run)
+            self._kept[name] = _Part(version, html, now_s, self._clock.monotonic_s() - now_s)
+            return html
+
+    def _is_fresh(self, kept: _Part, now_s: float) -> bool:
+        return now_s < kept.made_s + REST * kept.took_s and farm_lookup.is_running(self._dir)
 
     def find(self, test_case: str, *, public: bool) -> str:
         """Return one find with its pictures, beside the last good flight."""
@@ -197,7 +217,8 @@ class RunSource:
             with open_run(self._dir) as run:
                 if name.partition("-")[0] in run.memory_faults():
                     return None
-        return path if path.name == name and path.suffix == ".mcap" and path.is_file() else None
+        is_ours = path.name == name and path.suffix == ".mcap" and not (path.is_symlink() or path.parent.is_symlink())
+        return path if is_ours and path.is_file() else None
 
     def order(self, verb: Verb, text: str, number: int) -> Answer:
         """Give the farm an order."""
@@ -236,14 +257,15 @@ def _troubles(run: RunFolder) -> str:
     return page.troubles(quarantined, faults) or '<p class="muted">No fault so far.</p>'
 
 
-def _states(run: RunFolder) -> str:
-    seen = data.states_named(run.target, run.states())
-    return page.states(seen, data.modes_unseen(run.target, seen))
+def _coverage(run: RunFolder) -> str:
+    rulings, states = run.coverage()
+    seen = data.states_named(run.target, states)
+    return page.policies(rulings) + page.states(seen, data.modes_unseen(run.target, seen))
 
 
 _PARTS: dict[str, Callable[[RunFolder], str]] = {
     "search": lambda run: page.progress_charts(data.progress(run)),
-    "coverage": lambda run: page.policies(run.rulings()) + _states(run),
+    "coverage": _coverage,
     "scorers": lambda run: page.calibration(data.calibrations(run)) + page.usage(run.usage()),
     "faults": _troubles,
 }

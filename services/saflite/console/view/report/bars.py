@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from saflite.scorer_pool.calibration import Calibration
 
 WIDTH_PX, ROW_PX, LEFT_PX, RIGHT_PX, TOP_PX = 760.0, 26.0, 170.0, 90.0, 34.0
-GRAPH_WIDTH_PX, GRAPH_HEIGHT_PX, GRAPH_LEFT_PX, GRAPH_TOP_PX, GRAPH_BOTTOM_PX = 560.0, 170.0, 40.0, 26.0, 30.0
+GRAPH_WIDTH_PX, GRAPH_HEIGHT_PX, GRAPH_LEFT_PX, GRAPH_TOP_PX, GRAPH_BOTTOM_PX = 420.0, 170.0, 40.0, 26.0, 30.0
 _COLOURS: dict[Band, str] = {"interesting": "#cf2f3a", "middling": "#e2a93b", "dull": "#8a93a3"}
 
 
@@ -57,7 +57,7 @@ def reliability(one: Calibration) -> str:
 
     A dashed line marks the share a score promises if it is read as ten times the chance of a violation.
     """
-    parts = [label(GRAPH_LEFT_PX, 13, f"{one.model}: share violated, by score", "title")]
+    parts = [label(0, 13, f"{one.model}: share violated, by score", "title")]
     span, width = GRAPH_HEIGHT_PX - GRAPH_TOP_PX - GRAPH_BOTTOM_PX, (GRAPH_WIDTH_PX - GRAPH_LEFT_PX) / 5.0
     foot = GRAPH_HEIGHT_PX - GRAPH_BOTTOM_PX
     for share in (0.0, 0.5, 1.0):

@@ -4,21 +4,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from html import escape
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from saflite.console.view.html_text import escape
 from saflite.console.view.report.svg import label, nice_step, points, tag
 
-WIDTH_PX, HEIGHT_PX = 560.0, 202.0
-LEFT_PX, RIGHT_PX, TOP_PX, BOTTOM_PX = 46.0, 10.0, 22.0, 38.0
+WIDTH_PX, HEIGHT_PX = 420.0, 202.0
+LEFT_PX, RIGHT_PX, TOP_PX, BOTTOM_PX = 46.0, 12.0, 22.0, 42.0
+"""A chart as wide as a phone, nearly: on a wide page it is drawn larger, so that no page has to make letters tiny."""
+TICK_ROW_PX, NAME_ROW_PX, LEGEND_ROW_PX = 13.0, 25.0, 38.0
+"""Feet of the rows below the axis: its numbers, its name, what the lines are."""
+TICKS = 5
 POINTS_MAX = 500
-CHAR_PX, ROW_PX, ROWS_MAX = 5.6, 11.0, 6
-"""Width of a letter of a tick's text, about; height of a row of names, and how many there may be."""
-NAME_PX, NAME_PLACES, NAME_SAMPLES = 10.0, 9, 24
-"""Height of a level's name; places along the line that are tried for it; samples of the curves over its width."""
+CHAR_PX, ROW_PX, ROWS_MAX = 7.2, 12.0, 6
+"""Width of a letter of a tick's text, at most, as a phone draws it; height of a row of names, and how many may be."""
 
 
 class Curve(NamedTuple):
@@ -74,19 +76,17 @@ def chart(
 ) -> str:
     """Return a chart as an SVG element; `y_max` cuts off what is above, `counts` says that there are whole numbers."""
     frame = _frame(curves, levels, y_max)
-    parts = [label(LEFT_PX, 13, title, "title")]
+    parts = [label(0, 13, title, "title")]
     parts += _marks(frame, marks)
     parts += _axes(frame, x_name, 1.0 if counts else 0.0)
     for level in levels:
         y = frame.y(level.y)
         parts.append(tag("line", x1=LEFT_PX, y1=y, x2=WIDTH_PX - RIGHT_PX, y2=y, class_=level.css))
-    drawn = [_places(frame, curve) for curve in curves]
     parts += [
-        tag("polyline", points=points(places.tolist()), class_=f"curve {curve.css}")
-        for curve, places in zip(curves, drawn, strict=True)
+        tag("polyline", points=points(_places(frame, curve).tolist()), class_=f"curve {curve.css}") for curve in curves
     ]
-    parts += [_level_name(frame, level, drawn) for level in levels]
-    parts.append(_legend([curve for curve in curves if curve.name]))
+    named = [(f"curve {curve.css}", curve.name) for curve in curves] + [(level.css, level.name) for level in levels]
+    parts.append(_legend([(css, name) for css, name in named if name]))
     return tag("svg", "".join(parts), viewBox=f"0 0 {WIDTH_PX:.0f} {HEIGHT_PX:.0f}", class_="chart", role="img")
 
 
@@ -114,10 +114,11 @@ def _axes(frame: _Frame, x_name: str, y_step_min: float) -> list[str]:
         y = frame.y(number * step)
         parts.append(tag("line", x1=LEFT_PX, y1=y, x2=WIDTH_PX - RIGHT_PX, y2=y, class_="grid"))
         parts.append(label(LEFT_PX - 5, y + 3, f"{number * step:g}", "tick", "end"))
-    step = nice_step(frame.x_high - frame.x_low, 7)
+    step = nice_step(frame.x_high - frame.x_low, TICKS)
+    foot = HEIGHT_PX - BOTTOM_PX
     for number in range(math.ceil(frame.x_low / step), math.floor(frame.x_high / step) + 1):
-        parts.append(label(frame.x(number * step), HEIGHT_PX - 26, f"{number * step:g}", "tick", "middle"))
-    parts.append(label(WIDTH_PX - RIGHT_PX, HEIGHT_PX - 15, x_name, "tick", "end"))
+        parts.append(label(frame.x(number * step), foot + TICK_ROW_PX, f"{number * step:g}", "tick", "middle"))
+    parts.append(label(WIDTH_PX - RIGHT_PX, foot + NAME_ROW_PX, x_name, "tick", "end"))
     return parts
 
 
@@ -157,29 +158,6 @@ def _places(frame: _Frame, curve: Curve) -> NDArray[np.float64]:
     return np.array([(frame.x(x), frame.y(y)) for x, y in zip(xs[good].tolist(), ys[good].tolist(), strict=True)])
 
 
-def _level_name(frame: _Frame, level: Level, drawn: Sequence[NDArray[np.float64]]) -> str:
-    """Return the name of a level beside its line, where the least of the curves runs under it; right first."""
-    line, width = frame.y(level.y), CHAR_PX * len(level.name)
-    lefts = np.linspace(WIDTH_PX - RIGHT_PX - 2 - width, LEFT_PX + 2, NAME_PLACES)
-    feet = [foot for foot in (line - 3, line + NAME_PX) if TOP_PX + NAME_PX <= foot <= HEIGHT_PX - BOTTOM_PX]
-    along = np.linspace(0.0, 1.0, NAME_SAMPLES)
-
-    def covered(left: float, foot: float) -> int:
-        """Count the places along the name at which a curve passes through it."""
-        found = 0
-        for places in drawn:
-            if len(places) > 0:
-                ys = np.interp(left + along * width, places[:, 0], places[:, 1], left=np.inf, right=np.inf)
-                found += int(np.count_nonzero((ys > foot - NAME_PX) & (ys < foot + 2)))
-        return found
-
-    choices = [
-        (covered(float(left), foot), number, float(left), foot) for number, left in enumerate(lefts) for foot in feet
-    ]
-    _, _, left, foot = min(choices, key=lambda one: one[:2], default=(0, 0, float(lefts[0]), line - 3))
-    return label(left, foot, level.name, "tick name")
-
-
 def _thinned(ys: NDArray[np.float64]) -> NDArray[np.intp]:
     """Return the indices to draw: of each stretch its least and greatest value, so that no peak is lost."""
     if len(ys) <= POINTS_MAX:
@@ -191,11 +169,11 @@ def _thinned(ys: NDArray[np.float64]) -> NDArray[np.intp]:
     return np.array(sorted(keep), dtype=np.intp)
 
 
-def _legend(curves: Sequence[Curve]) -> str:
-    """Return the names of the curves, on the last row of the chart."""
-    parts, x, y = [], LEFT_PX, HEIGHT_PX - 3
-    for curve in curves:
-        parts.append(tag("line", x1=x, y1=y - 4, x2=x + 14, y2=y - 4, class_=f"curve {curve.css}"))
-        parts.append(label(x + 18, y, curve.name, "tick"))
-        x += 18 + CHAR_PX * len(curve.name) + 16
+def _legend(lines: Sequence[tuple[str, str]]) -> str:
+    """Return what the lines are, each its style and name, on the last row of the chart, where nothing else is."""
+    parts, x, y = [], 0.0, HEIGHT_PX - BOTTOM_PX + LEGEND_ROW_PX
+    for css, name in lines:
+        parts.append(tag("line", x1=x, y1=y - 4, x2=x + 18, y2=y - 4, class_=css))
+        parts.append(label(x + 22, y, name, "tick"))
+        x += 22 + CHAR_PX * len(name) + 10
     return "".join(parts)

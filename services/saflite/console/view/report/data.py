@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from saflite.campaign.engine.exposure import ArmCounts
 from saflite.console.run_data.embargo import Released, is_public
 from saflite.console.run_data.run_folder import ArtefactRow, FlightRow, RunFolder, UsageRow
 from saflite.contract.circumstances import Circumstances
@@ -20,6 +22,7 @@ from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import TestCase
 from saflite.contract.verdict import Judgement, Violation, with_mode_named
 from saflite.contract.work import PolicyTexts
+from saflite.mutator.strategies.portfolio import NAME as PORTFOLIO
 from saflite.recorder.summary import Finding, Rulings
 from saflite.scorer_pool.calibration import Calibration, Row, calibrate_all
 
@@ -68,12 +71,14 @@ class ReportData(NamedTuple):
     modes_unseen: tuple[str, ...]
     finds: Counter[str]  # by fingerprint, similar ones included
     fallbacks: tuple[int, str] = (0, "")
+    arms: Mapping[str, ArmCounts] = MappingProxyType({})  # of a portfolio
     withheld: int = 0  # findings of memory safety not shown
 
 
 def read(run: RunFolder, released: Released = ()) -> ReportData:
     """Read everything the report shows; of findings of memory safety the released ones only."""
-    flights, states = tuple(run.flights()), states_named(run.target, run.states())
+    rulings, reached = run.coverage()
+    flights, states = tuple(run.flights()), states_named(run.target, reached)
     by_case: dict[str, list[FlightRow]] = {}
     for row in flights:
         by_case.setdefault(row.test_case, []).append(row)
@@ -98,9 +103,10 @@ def read(run: RunFolder, released: Released = ()) -> ReportData:
         fallbacks=run.fallbacks(),
         faults=faults,
         quarantined=quarantined,
-        rulings=run.rulings(),
+        rulings=rulings,
         states=states,
         modes_unseen=modes_unseen(run.target, states),
+        arms=arms_of(run),
         finds=Counter(
             one.fingerprint
             for one in run.violations()
@@ -108,6 +114,15 @@ def read(run: RunFolder, released: Released = ()) -> ReportData:
         ),
         withheld=len(found) - len(shown),
     )
+
+
+def arms_of(run: RunFolder) -> dict[str, ArmCounts]:
+    """Return what came of the arms of a portfolio; empty for other strategies."""
+    found: dict[str, ArmCounts] = {}
+    for outcome in run.outcomes() if run.campaign.strategy.name == PORTFOLIO else ():
+        if arm := outcome.test_case.origin.arm:
+            found.setdefault(arm, ArmCounts()).add(outcome.founded)
+    return dict(sorted(found.items()))
 
 
 def troubles(run: RunFolder) -> tuple[tuple[Quarantined, ...], tuple[str, ...]]:

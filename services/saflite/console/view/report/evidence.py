@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from html import escape
-
 import numpy as np
 from numpy.typing import NDArray
 
+from saflite.console.view.html_text import escape
 from saflite.console.view.report import charts, layout, timeline
 from saflite.console.view.report.data import Exhibit
 from saflite.console.view.report.svg import tag

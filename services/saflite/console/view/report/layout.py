@@ -69,12 +69,10 @@ def legend(test_case: TestCase) -> str:
     """Return what lines and marks of the picture mean."""
     boxes = bool(test_case.scenario.obstacles)
     rows = [("path", "flown", True), ("mission", "mission", test_case.scenario.mission is not None)]
-    rows += [("danger", f"nearer than {SAFE_M:g} m to a box", boxes), ("gapline", "closest point", boxes)]
-    shown = [
-        f"<span>{tag('svg', tag('line', x1=1, y1=6, x2=25, y2=6, class_=css), viewBox='0 0 26 12')} {text}</span>"
-        for css, text, wanted in rows
-        if wanted
-    ]
+    rows += [("danger", f"nearer than {SAFE_M:g} m to a box", boxes)]
+    drawn = [(tag("line", x1=1, y1=6, x2=25, y2=6, class_=css), text) for css, text, wanted in rows if wanted]
+    drawn += [(tag("circle", cx=13, cy=6, r=4.5, class_="closest"), "closest point")] if boxes else []
+    shown = [f"<span>{tag('svg', mark, viewBox='0 0 26 12')} {text}</span>" for mark, text in drawn]
     return f'<div class="legend">{"".join(shown)}</div>'
 
 

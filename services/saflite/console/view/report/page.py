@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from html import escape
 
 import numpy as np
 
+from saflite.campaign.engine.exposure import ArmCounts
 from saflite.console.run_data.deduplication import deduplicate
 from saflite.console.run_data.embargo import withheld_words
 from saflite.console.run_data.run_folder import UsageRow
+from saflite.console.view.html_text import escape
 from saflite.console.view.report import bars, charts, evidence
 from saflite.console.view.report.data import Progress, ReportData
 from saflite.console.view.report.script import TABLES
@@ -39,6 +40,7 @@ def render(data: ReportData, run_name: str) -> str:
         _causes(data),
         policies(data.rulings),
         states(data.states, data.modes_unseen),
+        arms(data.arms),
         *(evidence.section(number, exhibit, run_name) for number, exhibit in enumerate(data.exhibits, start=1)),
         calibration(data.calibrations),
         usage(data.usage),
@@ -142,8 +144,8 @@ def _table(data: ReportData) -> str:
             f"{violation.robustness:+.3f}",
             f'<span class="badge {violation.severity}">{violation.severity}</span>',
             f'<span class="badge {violation.confirmation}">{violation.confirmation}</span>',
+            escape(violation.behaviour.removeprefix(f"{violation.policy}, {violation.severity}, ")),
             failed_again(violation),
-            escape(violation.behaviour),
             str(data.finds[violation.fingerprint]),
             f"{len(exhibit.test_case.scenario.obstacles)} boxes"
             if exhibit.test_case.scenario.obstacles
@@ -157,8 +159,8 @@ def _table(data: ReportData) -> str:
         "robustness",
         "severity",
         "confirmation",
-        "re-flown",
         "behaviour",
+        "re-flown",
         "finds",
         "inputs",
     )
@@ -212,6 +214,20 @@ def states(seen: Mapping[str, int], modes_unseen: Sequence[str]) -> str:
         '<p class="muted">Mode, standing, disarmed, failsafes raised, in first flights.</p>'
         + html_table(("state", "test cases that reached it"), rows)
     )
+
+
+def arms(found: Mapping[str, ArmCounts]) -> str:
+    """Return what came of the arms of a portfolio, as a section."""
+    if not found:
+        return ""
+    flights = sum(one.flights for one in found.values())
+    rows = [
+        f"<tr><td>{escape(arm)}</td><td>{one.flights}</td><td>{one.flights / flights:.0%}</td>"
+        f"<td>{one.founded}</td></tr>"
+        for arm, one in found.items()
+    ]
+    heads = ("arm", "test cases flown", "share", "behaviours first shown")
+    return f"<h2>Arms of the portfolio</h2>{html_table(heads, rows)}"
 
 
 def html_table(heads: Sequence[str], rows: Sequence[str]) -> str:

@@ -2,7 +2,7 @@
 
 TABLES = """
 function value(row,at){const cell=row.cells[at];const text=cell?cell.textContent.trim():'';
-const number=parseFloat(text.replace('+',''));return isNaN(number)?text.toLowerCase():number}
+return /^[+-]?\\d[\\d.]*(e[+-]\\d+)?(?![\\w.])/.test(text)?parseFloat(text):text.toLowerCase()}
 function sort(head){const table=head.closest('table'),at=[...head.parentNode.children].indexOf(head);
 const down=head.getAttribute('aria-sort')==='ascending';
 for(const other of head.parentNode.children)other.removeAttribute('aria-sort');

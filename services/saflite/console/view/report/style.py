@@ -51,8 +51,8 @@ svg .closestname{fill:var(--red);font-weight:700;font-size:12.5px;paint-order:st
 .curve{fill:none;stroke-width:1.8;stroke-linejoin:round}.curve1{stroke:var(--blue)}.curve2{stroke:var(--amber)}
 .curve3{stroke:var(--red)}.faint{stroke:var(--muted);stroke-width:1;opacity:.45}
 .limit{stroke:var(--red);stroke-dasharray:6 4}.level{stroke:var(--muted);stroke-dasharray:3 4}
-@media(max-width:640px){main{padding:16px 10px 40px}.violation{padding:12px 10px}figure{overflow-x:auto}
-svg.chart{min-width:540px}svg.layout text,svg.layout .tick{font-size:15px}
+@media(max-width:640px){main{padding:16px 10px 40px}.violation{padding:12px 8px}figure{padding:8px}
+svg.chart .tick{font-size:12px}svg.layout text,svg.layout .tick{font-size:15px}
 .facts td{overflow-wrap:anywhere}.facts th{white-space:nowrap}h1{font-size:22px}}
 svg .name{paint-order:stroke;stroke:var(--bg);stroke-width:2.5px}
 thead th[data-sorts]{cursor:pointer}thead th[data-sorts]:hover{color:var(--ink)}

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from html import escape
+
+from saflite.console.view.html_text import escape
 
 Point = tuple[float, float]
 

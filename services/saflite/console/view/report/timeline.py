@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from html import escape
 
 import numpy as np
 
+from saflite.console.view.html_text import escape
 from saflite.console.view.report import charts
 from saflite.console.view.report.svg import label, nice_step, tag
 from saflite.contract.flight import Given, Trace
@@ -46,7 +46,7 @@ def _lanes(given: Sequence[Given], verdict: Verdict, from_s: float, until_s: flo
     def x(at_s: float) -> float:
         return 90.0 + (min(until_s, max(from_s, at_s)) - from_s) / (until_s - from_s) * span
 
-    parts = [label(0, 13, "inputs around the violation (those before and after stand at the edges)", "title")]
+    parts = [label(0, 13, "inputs around the violation, others at the edges", "title")]
     band = max(2.0, x(verdict.witness_to_s) - x(verdict.witness_from_s))
     parts.append(
         tag(
@@ -58,7 +58,7 @@ def _lanes(given: Sequence[Given], verdict: Verdict, from_s: float, until_s: flo
         parts.append(label(0, y + 4, kind.replace("_", " "), "tick"))
         parts.append(tag("line", x1=90.0, y1=y, x2=charts.WIDTH_PX - charts.RIGHT_PX, y2=y, class_="grid"))
         parts += _lane([one for one in given if one.stimulus.kind == kind], x, y)
-    step = nice_step(until_s - from_s, 7)
+    step = nice_step(until_s - from_s, charts.TICKS)
     for number in range(int(np.ceil(from_s / step)), int(np.floor(until_s / step)) + 1):
         parts.append(label(x(number * step), height - 3, f"{number * step:g} s", "tick", "middle"))
     size = f"0 0 {charts.WIDTH_PX:.0f} {height:.0f}"
