@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import argparse
 import errno
+import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -30,7 +31,22 @@ class _Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Raise Refused where argparse would print its usage."""
-        raise Refused(self.prog, expected="valid arguments", got=message, fix=f"see `{self.prog} --help`")
+        near = _near_argument(message, self._option_string_actions)
+        fix = "; ".join(filter(None, (near, f"see `{self.prog} --help`")))
+        raise Refused(self.prog, expected="valid arguments", got=message, fix=fix)
+
+
+def _near_argument(message: str, options: Iterable[str]) -> str:
+    """Return a question after the choice or option that is most like the one argparse does not know, empty if none."""
+    import difflib
+
+    choice = re.search(r"invalid choice: '([^']*)' \(choose from (.*)\)", message)
+    option = re.search(r"unrecognized arguments: (--[^\s=]+)", message)
+    if choice:
+        near = difflib.get_close_matches(choice[1], re.findall(r"[\w.-]+", choice[2]), 1)
+    else:
+        near = difflib.get_close_matches(option[1], options, 1) if option else []
+    return f"did you mean {near[0]}?" if near else ""
 
 
 def command_names() -> tuple[str, ...]:

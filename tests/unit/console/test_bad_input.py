@@ -59,7 +59,7 @@ def refused(capsys: pytest.CaptureFixture[str], *words: str) -> str:
         (["report", "nosuch"], "books.sqlite"),
         (["export", "nosuch", "--format", "yaml"], "books.sqlite"),
         (["scorer", "use", "nosuch"], "blend"),
-        (["watch"], "running farm"),
+        (["watch"], "name a run folder"),
         (["worker"], "--join"),
         (["worker", "--join", "nonsense"], "tcp/HOST:PORT"),
         (["worker", "--join", "tcp/10.0.0.5:7447"], "add --insecure"),
@@ -78,6 +78,7 @@ def test_wrong_words_are_refused(
     words: list[str], expected: str, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))  # no farm of somebody else's
     assert expected in refused(capsys, *words)
     assert list(tmp_path.iterdir()) == []
 

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import os
+import shlex
+import sys
 from pathlib import Path
 
 import msgspec
 import pytest
 
 from saflite.console.cli import BROKEN_PIPE, main
+from saflite.console.operations import serving
 from saflite.console.run_data import farm_lookup
 from saflite.console.view import live, out
 from saflite.contract.control import Status
@@ -28,6 +31,12 @@ from saflite.runtime.client import FarmInfo, write_info
         (["run", "policy-a-chute", "--defect", "parachute-in-akro"], "parachute-in-acro"),
         (["list", "polices"], "policies"),
         (["runn"], "run"),
+        (["control", "stauts"], "status"),
+        (["new", "polcy", "x"], "policy"),
+        (["scorer", "lst"], "list"),
+        (["run", "avoidance-m2", "--budgt", "3"], "--budget"),
+        (["run", "avoidance-m2", "--target-set", "defect=x"], "defects"),
+        (["watch", "runs/x", "--kind", "violaton"], "violation"),
     ],
 )
 def test_names_that_are_nearly_right_are_asked_back(
@@ -35,6 +44,13 @@ def test_names_that_are_nearly_right_are_asked_back(
 ) -> None:
     assert main(words) == 2
     assert f"did you mean {near}" in capsys.readouterr().err.replace("`saflite run`", "run")
+
+
+def test_a_run_that_is_nearly_there_is_asked_back(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    runs_of(tmp_path, "night")
+    for command in ("report", "resume", "audit"):
+        assert main([command, str(tmp_path / "runs" / "nigt")]) == 2
+        assert f"did you mean {tmp_path / 'runs' / 'night'}?" in capsys.readouterr().err
 
 
 def test_what_is_like_nothing_is_not_guessed_at() -> None:
@@ -59,21 +75,55 @@ def test_the_newest_running_farm_is_found_wherever_its_run_lies(
         farm_lookup.newest_running()
 
 
-def test_without_a_running_farm_the_last_run_is_meant(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.chdir(tmp_path)
-    for at, name in enumerate(("older", "newer")):
-        folder = tmp_path / "runs" / name
+def runs_of(place: Path, *names: str) -> None:
+    """Make empty runs below `runs/`, the oldest first."""
+    for at, name in enumerate(names):
+        folder = place / "runs" / name
         folder.mkdir(parents=True)
         (folder / "books.sqlite").touch()
         os.utime(folder / "books.sqlite", (at, at))
+
+
+def test_without_a_running_farm_the_last_run_is_meant(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.chdir(tmp_path)
+    runs_of(tmp_path, "older", "newer")
     assert farm_lookup.newest(None) == Path("runs/newer")
+    assert "note: no RUN was named: runs/newer is meant" in capsys.readouterr().err
     assert farm_lookup.newest(Path("x")) == Path("x")
+    assert not capsys.readouterr().err
+
+
+def test_what_cannot_be_done_to_a_running_farm_means_the_last_run_at_rest(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.chdir(tmp_path)
+    runs_of(tmp_path, "older", "works")
+    write_info(Path("runs/works"), FarmInfo(campaign="c", endpoint="e", pid=os.getpid()))
+    assert farm_lookup.newest(None) == Path("runs/works")
+    assert farm_lookup.newest_at_rest(None) == Path("runs/older")
+    write_info(Path("runs/older"), FarmInfo(campaign="c", endpoint="e", pid=os.getpid()))
+    with pytest.raises(Refused, match="a run that no farm works on, got none"):
+        farm_lookup.newest_at_rest(None)
 
 
 def test_the_run_may_be_the_last_word() -> None:
     assert farm_lookup.last_as_run(["500", "runs/a"]) == (["500"], Path("runs/a"))
     assert farm_lookup.last_as_run(["500"]) == (["500"], None)
+
+
+def test_what_is_missing_is_told_with_the_command_for_the_python_that_runs(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(serving, "find_spec", lambda name: None)
+    monkeypatch.setattr(sys, "executable", "/a place/bin/python")
+    assert main(["dashboard", "nosuch"]) == 3
+    told = capsys.readouterr().err
+    advice = told[told.index("'/a place") :].strip()
+    assert shlex.split(advice) == ["/a place/bin/python", "-m", "pip", "install", "saflite-farm[dashboard]"]
 
 
 def status(**changed: object) -> Status:

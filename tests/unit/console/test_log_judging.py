@@ -4,11 +4,18 @@ from __future__ import annotations
 
 import csv
 import json
+import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+sys.path.insert(0, str(Path(__file__).parents[1] / "flight"))
+
+from log_bytes import KINDS, ardupilot_flight, dataflash
+
 from saflite.console.cli import main
+from saflite.flight.logs.dataflash import read_dataflash_log
 
 HEAD = "t_s,x,y,z,vx,vy,vz,roll_deg,pitch_deg,yaw_deg,nav_state,arming_state,landed\n"
 
@@ -45,6 +52,36 @@ def test_settings_that_a_log_does_not_tell_are_missing_not_usual(
     (verdict,) = json.loads(capsys.readouterr().out)["verdicts"]
     assert verdict["outcome"] == "inconclusive"
     assert "disarm_delay_set_s" in verdict["message"]
+
+
+@pytest.mark.parametrize(
+    ("policy", "lacks"), [("arming-has-order", "order_quiet_s"), ("mode-has-cause", "order_quiet_s")]
+)
+def test_what_a_stick_or_switch_ordered_is_not_taken_for_no_order(
+    policy: str, lacks: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Armed by the stick, then another mode by the switch, as most pilots do it; a log tells neither as an order."""
+    path = tmp_path / "flight.bin"
+    rows: list[tuple[str, tuple[Any, ...]]] = [("MODE", (1_000_000, 5, 5, 1)), ("EV", (1_000_000, 11))]
+    for tenth in range(200):
+        at = 1_000_000 + tenth * 100_000
+        rows.append(("XKF1", (at, 0, 0.0, 0.0, -0.01 * tenth, 0.0, 0.0, -0.1)))
+        if tenth == 30:
+            rows += [("EV", (at, 10)), ("EV", (at, 28))]
+        elif tenth == 120:
+            rows.append(("MODE", (at, 2, 2, 1)))
+    path.write_bytes(dataflash(KINDS, rows))
+    assert main(["judge", str(path), "--policy", policy, "--json"]) == 4
+    (verdict,) = json.loads(capsys.readouterr().out)["verdicts"]
+    assert (verdict["outcome"], lacks in verdict["message"]) == ("inconclusive", True)
+
+
+def test_commands_are_known_where_the_autopilot_logs_them(tmp_path: Path) -> None:
+    path = tmp_path / "flight.bin"
+    path.write_bytes(ardupilot_flight())
+    assert "command_quiet_s" in read_dataflash_log(path).untold
+    path.write_bytes(ardupilot_flight({**KINDS, "MAVC": ("QHf", "TimeUS,Cmd,P1")}))
+    assert "command_quiet_s" not in read_dataflash_log(path).untold
 
 
 def test_a_folder_is_a_table_a_csv_file_and_a_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -30,12 +30,12 @@ def run(args: argparse.Namespace) -> int:
 def script(shell: str) -> str:
     """Return the script for a shell; raises Unavailable where shtab is not installed."""
     from saflite.console.cli import whole_parser
-    from saflite.contract.errors import Unavailable
+    from saflite.contract.errors import not_installed
 
     try:
         import shtab
     except ImportError as fault:
-        raise Unavailable("shtab is not installed: pip install 'saflite-farm[completion]'") from fault
+        raise not_installed("shtab is", "completion") from fault
     parser = whole_parser()
     _complete_files(parser, shtab.FILE)
     return str(shtab.complete(parser, shell=shell)) + "\n"

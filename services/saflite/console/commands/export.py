@@ -1,7 +1,8 @@
 """Export the violations of a run: competition YAML, SARIF, JUnit, CSV, QGroundControl plans; or one recording.
 
 A campaign records one find of each behaviour; `--recording` flies any other test case again, holds it against
-its record bit by bit and writes its MCAP. `--standalone` writes a script for the maintainers of an autopilot.
+its record bit by bit and writes its MCAP. `--standalone` writes a script for the maintainers of an autopilot, of the
+smallest form of the finding that was confirmed.
 
 examples:
   saflite export runs/avoidance-m2 --format yaml

@@ -19,7 +19,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Name the arguments."""
     from saflite.console.io import arguments
 
-    arguments.add_run(parser)
+    arguments.add_run(parser, "the newest at rest")
     parser.add_argument("--max-mb", type=float, metavar="MB", help="let go of the least bad finds, too, down to this")
     parser.add_argument("--for-good", action="store_true", help="also what cannot be flown again bit by bit")
     parser.add_argument("--dry-run", action="store_true", help="only say what would go")
@@ -37,7 +37,7 @@ def run(args: argparse.Namespace) -> int:
 
     if args.max_mb is not None:
         campaign_options.at_least("--max-mb", args.max_mb, 0.0)
-    args.run = farm_lookup.newest(args.run)
+    args.run = farm_lookup.newest_at_rest(args.run)
     with open_run(args.run) as folder:
         repeats = folder.target.repeats
     if repeats != "bitwise" and not args.for_good:

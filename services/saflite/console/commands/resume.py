@@ -23,7 +23,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Name the arguments."""
     from saflite.console.io import arguments
 
-    arguments.add_run(parser)
+    arguments.add_run(parser, "the newest at rest")
     parser.add_argument("--budget", type=int, metavar="N", help="new number of flights, those flown included")
     parser.add_argument("--workers", type=int, metavar="N", help="simulator workers (one per core)")
     parser.add_argument(
@@ -42,7 +42,7 @@ def run(args: argparse.Namespace) -> int:
     from saflite.console.run_data.run_folder import open_run
     from saflite.runtime import campaign_runner
 
-    args.run = farm_lookup.newest(args.run)
+    args.run = farm_lookup.newest_at_rest(args.run)
     farm_options.check(args)
     if args.budget is not None:
         campaign_options.at_least("--budget", args.budget, 1)

@@ -27,7 +27,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     shadow = verbs.add_parser("shadow", help="let models score without deciding")
     shadow.add_argument("model", nargs="*", help="models; none: no shadow scoring; then the run folder")
     listing = verbs.add_parser("list", help="what scores, with live calibration")
-    listing.add_argument("run", type=Path, nargs="?", metavar="RUN", help="run folder (the newest running one)")
+    listing.add_argument("run", type=Path, nargs="?", metavar="RUN", help="run folder (the newest)")
     for verb in (use, shadow, listing):
         farm_options.connecting(verb)
         verb.add_argument("--json", action="store_true", help="print as JSON")

@@ -28,7 +28,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Name the arguments."""
     from saflite.console.io import arguments
 
-    arguments.add_run(parser, "the newest running one")
+    arguments.add_run(parser)
     parser.add_argument("--from", dest="from_seq", type=int, default=1, metavar="SEQ", help="first event (1: all)")
     parser.add_argument("--kind", action="append", default=[], help="only this kind (may be repeated)")
     farm_options.connecting(parser)
@@ -41,8 +41,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Print events until the campaign ends; 1 if a confirmed violation was among them."""
     from saflite.console.view import out
-    from saflite.contract.events import ViolationFound, kind_of
+    from saflite.contract.errors import Refused
+    from saflite.contract.events import KINDS, ViolationFound, kind_of
 
+    for kind in args.kind:
+        if kind not in KINDS:
+            raise Refused("--kind", expected=f"one of {', '.join(KINDS)}", got=repr(kind))
     if args.webhook:
         return _bridged(args)
     found = False
@@ -79,7 +83,7 @@ def _events(args: argparse.Namespace) -> Iterator[Event]:
     campaign_options.at_least("--from", args.from_seq, 0)
     run_dir = args.run
     if not args.connect:
-        run_dir = run_dir or farm_lookup.newest_running()
+        run_dir = farm_lookup.newest(run_dir)
         if not farm_lookup.is_running(run_dir):
             with open_run(run_dir) as run_folder:
                 yield from run_folder.events(args.from_seq)

@@ -13,7 +13,7 @@ from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 from typing import Literal, NamedTuple
 
-from saflite.contract.errors import FarmError, Refused, Unavailable
+from saflite.contract.errors import FarmError, Refused, Unavailable, pip_install
 
 DISK_FREE_MIN_GIB = 1.0
 DEFAULT_OLLAMA = "http://127.0.0.1:11434"
@@ -76,7 +76,7 @@ def _packages() -> Finding:
         except PackageNotFoundError:
             missing.append(name)
     if missing:
-        return Finding("packages", "bad", f"missing {', '.join(missing)}; run `pip install .`")
+        return Finding("packages", "bad", f"missing {', '.join(missing)}; run `{pip_install(*missing)}`")
     return Finding("packages", "ok", f"{found} installed")
 
 
@@ -100,7 +100,7 @@ def _jsbsim() -> Finding:
     try:
         import jsbsim
     except ImportError as fault:
-        return Finding("JSBSim", "bad", f"{fault}; run `pip install jsbsim`")
+        return Finding("JSBSim", "bad", f"{fault}; run `{pip_install('jsbsim')}`")
     aircraft = Path(jsbsim.get_default_root_dir()) / "aircraft" / "F450"
     if not aircraft.exists():
         return Finding("JSBSim", "bad", f"no F450 in {aircraft.parent}; install jsbsim 1.3 or newer")

@@ -6,13 +6,15 @@ from collections.abc import Sequence
 
 import msgspec
 
-from saflite.console.io.target_options import assignment, with_settings
+from saflite.console.io.target_options import with_settings
 from saflite.contract.bounds import COUNT_MAX
 from saflite.contract.config import Campaign, StrategyConfig, check_campaign
 from saflite.contract.errors import Refused
 from saflite.contract.flight import AUTOPILOT_ALIVE
+from saflite.contract.outside import assignment
 from saflite.contract.signals import can_show
 from saflite.contract.target_info import TargetInfo
+from saflite.contract.test_case import Settings
 
 WORKERS_MAX = 1_000  # of a farm at a time (`campaign/engine/worker_registry.py`)
 
@@ -39,17 +41,15 @@ def changed(
 ) -> Campaign:
     """Return the campaign with the changes given; raises Refused for unknown strategies, scorers and settings.
 
-    A strategy other than the campaign's starts from its own defaults.
+    A strategy other than the campaign's starts from its own defaults; a portfolio hands the campaign's settings on to
+    its arms if the campaign's strategy is one of them.
     """
     from saflite.mutator.registry import load_strategy
     from saflite.scorer_pool.registry import check_label
     from saflite.simulator_worker.registry import describe_target
 
-    same = not strategy or strategy == campaign.strategy.name
-    kept = campaign.strategy if same else StrategyConfig(name=strategy)
-    found = msgspec.structs.replace(
-        kept, settings={**kept.settings, **dict(assignment("--set", text) for text in settings)}
-    )
+    own = dict(assignment("--set", text) for text in settings)
+    found = _chosen(campaign.strategy, strategy or campaign.strategy.name, own)
     models = msgspec.structs.replace(
         campaign.scorer, model=scorer or campaign.scorer.model, shadow=tuple(shadow) or campaign.scorer.shadow
     )
@@ -71,6 +71,18 @@ def changed(
     return new
 
 
+def _chosen(old: StrategyConfig, name: str, own: Settings) -> StrategyConfig:
+    from saflite.mutator.strategies import portfolio
+
+    if name == old.name:
+        return StrategyConfig(name=name, settings={**old.settings, **own})
+    if name != portfolio.NAME or not portfolio.may_be_arm(old.name, own):
+        return StrategyConfig(name=name, settings=own)
+    typed = own.get("given", [])
+    given = [*portfolio.given_of(old.settings), *typed] if isinstance(typed, list) else typed
+    return StrategyConfig(name=name, settings={**own, "given": given})
+
+
 def remarks(campaign: Campaign) -> list[str]:
     """Return what a campaign may be started with but its user may not have meant."""
     from saflite.simulator_worker.registry import describe_target
@@ -90,14 +102,15 @@ def remarks(campaign: Campaign) -> list[str]:
 
 
 def load(name_or_path: str, target: str = "") -> Campaign:
-    """Return a campaign by name or file, made for or put on `target` if one is named; see `load_campaign`."""
+    """Return a campaign by name or file, put on `target` if one is named; see `load_campaign` and `told`."""
     from saflite.campaign.presets.campaigns import load_campaign
+    from saflite.campaign.presets.policy_campaigns import told
     from saflite.simulator_worker.registry import describe_target
 
-    if not target:
-        return load_campaign(name_or_path)
-    campaign = load_campaign(name_or_path, describe_target(target))
-    return msgspec.structs.replace(campaign, target=msgspec.structs.replace(campaign.target, name=target))
+    campaign = load_campaign(name_or_path, describe_target(target) if target else None)
+    if target:
+        campaign = msgspec.structs.replace(campaign, target=msgspec.structs.replace(campaign.target, name=target))
+    return told(campaign, describe_target(campaign.target.name))
 
 
 def check_runnable(campaign: Campaign) -> None:

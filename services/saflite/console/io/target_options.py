@@ -7,23 +7,11 @@ from collections.abc import Sequence
 import msgspec
 
 from saflite.contract.errors import Refused
+from saflite.contract.outside import assignment
 from saflite.contract.target_info import TargetInfo, check_settings
-from saflite.contract.test_case import Setting, Target
+from saflite.contract.test_case import Target
 
 DEFECTS = "defects"
-
-
-def assignment(option: str, text: str) -> tuple[str, Setting]:
-    """Return the name and value in `name=value`, the value read as TOML where it is, as text elsewhere."""
-    import tomllib
-
-    name, equals, value = text.partition("=")
-    if not equals or not name:
-        raise Refused(option, expected="NAME=VALUE", got=text)
-    try:
-        return name, tomllib.loads(f"value = {value}")["value"]
-    except tomllib.TOMLDecodeError:
-        return name, value
 
 
 def with_settings(target: Target, info: TargetInfo, settings: Sequence[str], defects: Sequence[str]) -> Target:

@@ -40,7 +40,7 @@ def run(args: argparse.Namespace, say: Callable[[str], None]) -> None:
     secret = read_secret(args.secret) if args.secret is not None else b""
     webhook = Webhook(args.webhook, clock, secret)
     if not args.connect:
-        args.run = args.run or farm_lookup.newest_running()
+        args.run = farm_lookup.newest(args.run)
     bridge = Bridge(frozenset(args.kind), webhook, _cursor_file(args))
     cursor = read_cursor(bridge.cursor_file)
     if cursor is not None:

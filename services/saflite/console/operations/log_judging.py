@@ -6,11 +6,11 @@ import csv
 import io
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from html import escape
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from saflite.console.io import cases, log_files
+from saflite.console.view.html_text import escape
 from saflite.console.view.report.style import CSS
 from saflite.contract.errors import Refused
 from saflite.contract.flight import Flight
@@ -66,7 +66,8 @@ def judge_file(path: Path, case_path: Path | None, policies: tuple[str, ...]) ->
     case = log_files.case_of(path, log, cases.load_case(case_path) if case_path else None)
     flight = log_files.flight_of(case, log)
     chosen = policies or policies_for(case.target.name)
-    return Judged(path, case, flight, judge(case, flight, log.trace, chosen, sources=log.sources or None))
+    told = judge(case, flight, log.trace, chosen, sources=log.sources or None, untold=log.untold)
+    return Judged(path, case, flight, told)
 
 
 def judge_folder(folder: Path, case_path: Path | None, policies: tuple[str, ...]) -> Iterator[Judged]:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from saflite.console.io import outputs
 from saflite.console.operations import judging
 from saflite.console.run_data.run_folder import FlightRow, open_run
-from saflite.contract.errors import Refused, Unavailable
+from saflite.contract.errors import Refused
 from saflite.contract.flight import UNTOLD
 from saflite.contract.verdict import Judgement
 from saflite.contract.work import RecordWork
@@ -60,9 +61,5 @@ def _written(work: RecordWork, packed: bytes, folder: Path, judgement: Judgement
     from saflite.runtime.clock import WallClock
 
     path = folder / f"{judgement.test_case}-{judgement.flight_index}.mcap"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(mcap.write(work, packed, WallClock().unix_s() - work.flight.simulated_s))
-    except OSError as fault:
-        raise Unavailable(f"writing {path}: {fault}") from fault
+    outputs.write(path, mcap.write(work, packed, WallClock().unix_s() - work.flight.simulated_s), force=True)
     return path

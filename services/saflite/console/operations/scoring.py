@@ -76,8 +76,8 @@ def show(where: Where, as_json: bool) -> int:
     from saflite.console.run_data.run_folder import open_run
     from saflite.console.view.report.data import calibrations
 
-    now = _now(where)
-    place = where.run_dir or (None if where.endpoint else farm_lookup.newest_running())
+    place = None if where.endpoint else farm_lookup.newest(where.run_dir)
+    now = _now(where._replace(run_dir=place))
     if place is None:
         out.json({"scorer": now}) if as_json else out.line(f"scorer  {now}")
         return 0

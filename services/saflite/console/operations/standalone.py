@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import cast
 
 from saflite.console.io import outputs
 from saflite.console.run_data.embargo import Released, is_public
 from saflite.console.run_data.run_folder import RunFolder, open_run
+from saflite.console.view import out
 from saflite.contract.circumstances import in_words
 from saflite.contract.errors import Refused
 from saflite.contract.flight import Flight
@@ -17,8 +19,8 @@ from saflite.recorder.summary import Finding
 
 
 def export_standalone(run_dir: Path, wanted: str, folder: Path, released: Released) -> list[Path]:
-    """Write the script of a finding, named by its test case or fingerprint (or the start of one); returns the files,
-    the one to run first.
+    """Write the script of a finding, named by its test case or fingerprint (or the start of one), in its smallest
+    confirmed form; returns the files, the one to run first.
 
     Raises:
         Refused: there is no such finding, its target makes no such scripts, or the finding is withheld.
@@ -41,10 +43,38 @@ def export_standalone(run_dir: Path, wanted: str, folder: Path, released: Releas
 
 
 def _finding(run: RunFolder, wanted: str) -> Finding:
-    for finding in run.findings(similar=True):
+    found = run.findings(similar=True)
+    for finding in found:
         if finding.violation.test_case.startswith(wanted) or finding.violation.fingerprint.startswith(wanted):
-            return finding
+            least = smallest_form(finding, found)
+            if least is not finding:
+                name, size, of = least.violation.test_case, _size(least), _size(finding)
+                words = f"the smallest confirmed form of {finding.violation.test_case} is taken"
+                out.complain("note", f"{words}: {name}, {size} of {of} inputs")
+            return least
     raise Refused("--standalone", where=str(run.path), expected="a finding of this run", got=repr(wanted))
+
+
+def smallest_form(finding: Finding, found: Sequence[Finding]) -> Finding:
+    """Return the confirmed finding that takes the fewest steps to the same behaviour, `finding` where none takes less.
+
+    Whoever reads a script asks what is needed; a find still holds all that the search happened to draw.
+    """
+    violation = finding.violation
+    same = [
+        one
+        for one in found
+        if (one.violation.fingerprint, one.violation.policy) == (violation.fingerprint, violation.policy)
+        and one.violation.confirmation == "confirmed"
+        and one.circumstances is not None
+        and one.circumstances.minimal
+    ]
+    return min((finding, *same), key=_size)
+
+
+def _size(finding: Finding) -> int:
+    case = finding.test_case
+    return len(case.scenario.obstacles) + len(case.target.parameters) + len(case.stimuli)
 
 
 def _flight(run: RunFolder, finding: Finding) -> Flight:

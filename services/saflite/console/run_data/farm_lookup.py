@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+from saflite.console.view import out
 from saflite.contract.errors import Refused
 
 if TYPE_CHECKING:
@@ -50,20 +51,38 @@ def _shown(path: Path) -> Path:
 
 
 def newest(given: Path | None) -> Path:
-    """Return the run folder given, or the newest run: the one that works, else the last one below `runs/`.
+    """Return the run folder given, or the newest run, and say which: the one that works, else the last below `runs/`.
 
     Raises Refused if there is none.
     """
     if given is not None:
         return given
     try:
-        return newest_running()
+        return _told(newest_running(), "the newest that runs")
     except Refused:
-        found = list(RUNS.glob("*/books.sqlite"))
-        if not found:
-            fix = "name a run folder"
-            raise Refused("run folder", where=str(RUNS), expected="a run", got="none", fix=fix) from None
-        return max(found, key=lambda path: path.stat().st_mtime).parent
+        return _told(_last(lambda _place: True, "a run"), "the newest")
+
+
+def newest_at_rest(given: Path | None) -> Path:
+    """Return the run folder given, or the last below `runs/` that no farm works on, and say which.
+
+    For what cannot or should not be done to a running one. Raises Refused if there is none.
+    """
+    if given is not None:
+        return given
+    return _told(_last(lambda place: not is_running(place), "a run that no farm works on"), "the newest at rest")
+
+
+def _last(fits: Callable[[Path], bool], expected: str) -> Path:
+    found = [path for path in RUNS.glob("*/books.sqlite") if fits(path.parent)]
+    if not found:
+        raise Refused("run folder", where=str(RUNS), expected=expected, got="none", fix="name a run folder")
+    return max(found, key=lambda path: path.stat().st_mtime).parent
+
+
+def _told(place: Path, which: str) -> Path:
+    out.complain("note", f"no RUN was named: {place} is meant, {which}")
+    return place
 
 
 def last_as_run(words: Sequence[str]) -> tuple[list[str], Path | None]:
@@ -94,7 +113,7 @@ def connect(where: Where) -> FarmClient:
             raise Refused("--campaign", expected="the campaign's name, with --connect", got="nothing")
         keys = peer_credentials(where.keys, WallClock().unix_s()) if where.keys is not None else None
         return FarmClient.connect(where.endpoint, where.campaign, insecure=where.insecure, keys=keys)
-    place = where.run_dir or newest_running()
+    place = where.run_dir or _told(newest_running(), "the newest that runs")
     if not is_running(place):
         fix = f"`saflite resume {place}` goes on with it"
         raise Refused("run folder", where=str(place), expected="a running farm", got="none that runs", fix=fix)

@@ -14,6 +14,7 @@ import msgspec
 
 from saflite.campaign.storage.audit import told_of
 from saflite.campaign.storage.contents import Contents
+from saflite.campaign.storage.packing import Packing
 from saflite.campaign.storage.sqlite import connect_reading, damage_named
 from saflite.campaign.storage.store import store_file
 from saflite.console.run_data.embargo import Released, is_public
@@ -123,9 +124,8 @@ class RunFolder:
 
     def violations(self, confirmation: str = "", *, similar: bool = True) -> list[Violation]:
         """Return the violations in the order found: of one standing if given, without `similar` ones if asked to."""
-        query = """SELECT content FROM violations
-            WHERE ?1 IN ('', confirmation) AND (?2 OR confirmation <> 'similar') ORDER BY rowid"""
-        return [wire.decode(content, Violation) for (content,) in self._rows(query, confirmation, similar)]
+        with damage_named(self._file):
+            return self._contents.violations(confirmation, similar=similar)
 
     def standings(self) -> Counter[str]:
         """Return how many violations there are of each standing."""
@@ -155,18 +155,22 @@ class RunFolder:
 
     def states(self) -> dict[str, int]:
         """Return the states of the target that test cases reached in their first flights, most often reached first."""
-        found: Counter[str] = Counter()
-        for judgement in self._first_judgements():
-            found.update({state for one in judgement.transitions for state in (one.before, one.after)})
-        return dict(sorted(found.items(), key=lambda pair: (-pair[1], pair[0])))
+        return self.coverage()[1]
 
     def rulings(self) -> dict[str, Rulings]:
         """Return what each of the campaign's policies said of the test cases searched, by their first flights."""
+        return self.coverage()[0]
+
+    def coverage(self) -> tuple[dict[str, Rulings], dict[str, int]]:
+        """Return `rulings` and `states` in one pass over the judgements."""
         counts: dict[str, Counter[str]] = {name: Counter() for name in self.campaign.policies}
+        reached: Counter[str] = Counter()
         for judgement in self._first_judgements():
             for verdict in judgement.verdicts:
                 counts.setdefault(verdict.policy, Counter())[verdict.outcome] += 1
-        return {name: Rulings(**count) for name, count in counts.items()}
+            reached.update({state for one in judgement.transitions for state in (one.before, one.after)})
+        rulings = {name: Rulings(**count) for name, count in counts.items()}
+        return rulings, dict(sorted(reached.items(), key=lambda pair: (-pair[1], pair[0])))
 
     def _first_judgements(self) -> Iterator[Judgement]:
         query = (
@@ -344,35 +348,32 @@ class RunFolder:
         )
         return [UsageRow(*row) for row in self._rows(query)]
 
-    # ---- events --------------------------------------------------------------------------------------------------
-
     def events(self, from_seq: int = 1) -> Iterator[Event]:
         """Yield the committed events from a sequence number on."""
         while True:
-            query = "SELECT event FROM events WHERE seq >= ? ORDER BY seq LIMIT ?"
-            found = [wire.decode(data, Event) for (data,) in self._rows(query, from_seq, EVENTS_AT_ONCE)]
-            yield from found
+            query = "SELECT seq, event FROM events WHERE seq >= ? ORDER BY seq LIMIT ?"
+            yield from (found := self._events(query, from_seq, EVENTS_AT_ONCE))
             if len(found) < EVENTS_AT_ONCE:
                 return
             from_seq = found[-1].seq + 1
 
     def last_events(self, count: int) -> list[Event]:
         """Return the last committed events, in order."""
-        rows = list(self._rows("SELECT event FROM events ORDER BY seq DESC LIMIT ?", count))
-        return [wire.decode(data, Event) for (data,) in reversed(rows)]
+        return self._events("SELECT seq, event FROM events ORDER BY seq DESC LIMIT ?", count)[::-1]
 
     def first_event(self) -> Event | None:
         """Return the first event, None before there is one."""
-        for (data,) in self._rows("SELECT event FROM events ORDER BY seq LIMIT 1"):
-            return wire.decode(data, Event)
-        return None
+        return next(iter(self._events("SELECT seq, event FROM events ORDER BY seq LIMIT 1")), None)
+
+    def _events(self, query: str, *values: object) -> list[Event]:
+        """Return the events of the (number, content) rows that a query finds."""
+        packing = Packing(self._db, "events")
+        return [wire.decode(packing.unpack(seq, data), Event) for seq, data in self._rows(query, *values)]
 
     def elapsed_s(self) -> float:
         """Return the wall time between the first and the last event, pauses between sittings included."""
         first, last = next(self._rows("SELECT min(at_unix_s), max(at_unix_s) FROM events"))
         return 0.0 if first is None else float(last) - float(first)
-
-    # ---- underneath ----------------------------------------------------------------------------------------------
 
     def _rows(self, query: str, *values: object) -> Iterator[tuple]:  # type: ignore[type-arg]
         with damage_named(self._file):

@@ -15,7 +15,15 @@ from saflite.contract.flight import Trace
 from saflite.contract.signals import MODES
 from saflite.contract.test_case import Stimulus
 from saflite.flight.logs.commands import command
-from saflite.flight.logs.flight_log import FlightLog, add_taken_off, changed_by_hand, stands_by_height, within
+from saflite.flight.logs.flight_log import (
+    NO_ORDERS,
+    UNTOLD,
+    FlightLog,
+    add_taken_off,
+    changed_by_hand,
+    stands_by_height,
+    within,
+)
 from saflite.flight.logs.resample import Columns
 from saflite.flight.logs.settings import ARDUPILOT, add_settings, sources
 from saflite.flight.mission import to_local
@@ -34,6 +42,7 @@ _FIELDS: dict[str, dict[str, str]] = {
     "CTUN": {"DAlt": "altitude_target_m", "ThO": "throttle"},
     "MISE": {"CNum": "mission_item", "CTot": "mission_count"},
 }
+_OF_COMMANDS = ("command_quiet_s", "place_order_s", "ordered_x_m", "ordered_y_m", "ordered_altitude_m", "yaw_order_s")
 _SOURCES = {
     **dict.fromkeys(("x_m", "y_m"), "XKF1, NKF1 or POS"),
     **dict.fromkeys(("altitude_m",), "XKF1, NKF1, POS or CTUN.Alt"),
@@ -43,6 +52,8 @@ _SOURCES = {
     **dict.fromkeys(("failsafe_radio", "failsafe_battery", "failsafe_gps", "failsafe_fence", "crashed"), "EV and ERR"),
     **dict.fromkeys(("armed", "landed", "taken_off", "chute_released", "stop_ordered", "rc_present"), "EV"),
     **dict.fromkeys(("circle_radius_m", "circle_rate_dps"), "no message: what CIRCLE aims at is not logged"),
+    **dict.fromkeys(_OF_COMMANDS, "MAVC"),
+    **NO_ORDERS,
     "takeoff": "MISE",
     "gps_ok": "GPS.Status",
     "baro_ok": "BARO",
@@ -107,7 +118,8 @@ def read_dataflash_log(path: Path, *, placed: bool = False) -> FlightLog:
     trace = columns.trace("ArduPilot log", str(path), placed=placed)
     given = [*changes, *_commands(rows)]
     stimuli = within(given, *columns.span("ArduPilot log", str(path), placed=placed))
-    return FlightLog(trace, stimuli, _SOURCES, crashed="crashed" in columns and bool(trace.array("crashed").any()))
+    crashed = "crashed" in columns and bool(trace.array("crashed").any())
+    return FlightLog(trace, stimuli, _SOURCES, crashed, UNTOLD if "MAVC" in formats else UNTOLD.union(_OF_COMMANDS))
 
 
 def _check_copter(rows: dict[str, list[Row]], path: Path) -> None:

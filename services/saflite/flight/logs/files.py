@@ -12,7 +12,7 @@ from pathlib import Path
 from saflite.contract.errors import FarmError, Refused
 from saflite.contract.flight import TRACE_BYTES_MAX, Trace, unpack_trace
 from saflite.contract.outside import check_file, read_bytes
-from saflite.flight.logs.flight_log import FlightLog
+from saflite.flight.logs.flight_log import UNTOLD, FlightLog
 
 
 def read_log(path: Path, *, placed: bool = False) -> FlightLog:
@@ -75,7 +75,7 @@ def _extract(path: Path, *, placed: bool = True) -> FlightLog:
     from saflite.flight.logs.extract import read_extract
     from saflite.flight.logs.ulog import SOURCES
 
-    return FlightLog(read_extract(path, placed=placed), sources=SOURCES)
+    return FlightLog(read_extract(path, placed=placed), sources=SOURCES, untold=UNTOLD)
 
 
 def _dataflash(path: Path, *, placed: bool = True) -> FlightLog:

@@ -15,6 +15,10 @@ _OWN_PREFIXES = ("STAT_", "COMPASS_", "CAL_", "INS_", "COM_FLIGHT", "LND_FLIGHT"
 _OWN_SUFFIXES = ("_GND_PRESS", "_GNDTEMP", "_ABS_PRESS", "_DEVID", "_DEV_ID")
 _LEFT_GROUND_M = 1.0
 
+UNTOLD = frozenset({"order_quiet_s"})
+"""No log tells sticks and switches that order something from those that fly."""
+NO_ORDERS = {"order_quiet_s": "no message: what a stick or switch ordered is not logged as such"}
+
 Points = list[tuple[float, float]]
 
 
@@ -26,12 +30,14 @@ class FlightLog(NamedTuple):
         stimuli: parameters that were changed and commands that were given in flight, times from the trace's start.
         sources: by signal, the message or parameter of the autopilot it is read from, whether this log has it or not.
         crashed: the autopilot itself said so at the end.
+        untold: signals made of orders that this log does not keep: that it shows none does not say that none was given.
     """
 
     trace: Trace
     stimuli: tuple[Stimulus, ...] = ()
     sources: Mapping[str, str] = {}
     crashed: bool = False
+    untold: frozenset[str] = frozenset()
 
 
 def changed_by_hand(name: str) -> bool:

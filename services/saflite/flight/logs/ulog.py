@@ -22,7 +22,7 @@ from saflite.contract.signals import MODES
 from saflite.contract.test_case import Stimulus
 from saflite.flight.logs import ulog_states
 from saflite.flight.logs.commands import command
-from saflite.flight.logs.flight_log import FlightLog, changed_by_hand, within
+from saflite.flight.logs.flight_log import NO_ORDERS, UNTOLD, FlightLog, changed_by_hand, within
 from saflite.flight.logs.resample import Columns
 from saflite.flight.logs.settings import PX4, add_settings, sources
 
@@ -67,6 +67,7 @@ SOURCES = {
     "battery_v": "battery_status",
     "altitude_target_m": "vehicle_local_position_setpoint",
     **ulog_states.SOURCES,
+    **NO_ORDERS,
     **sources(PX4),
 }
 
@@ -104,7 +105,7 @@ def read_ulog_log(path: Path, *, placed: bool = False) -> FlightLog:
     ]
     trace = columns.trace("PX4 log", str(path), placed=placed)
     stimuli = within([*set_by_hand, *_commands(topics)], *columns.span("PX4 log", str(path), placed=placed))
-    return FlightLog(trace, stimuli, SOURCES)
+    return FlightLog(trace, stimuli, SOURCES, untold=UNTOLD)
 
 
 def _load(path: Path) -> _Load:

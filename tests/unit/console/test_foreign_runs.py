@@ -1,0 +1,168 @@
+"""A run folder that others made: nothing is written, cut or removed outside of it, and nothing in it is obeyed."""
+
+from __future__ import annotations
+
+import sqlite3
+import zlib
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+
+from saflite.campaign.presets.campaigns import load_campaign, template
+from saflite.campaign.storage import snapshot_file
+from saflite.campaign.storage.sqlite import connect_reading
+from saflite.campaign.storage.store import Store
+from saflite.campaign.storage.witness import start_of
+from saflite.console.cli import main
+from saflite.contract.errors import Refused
+from saflite.flight.autopilots.reference.describe import describe
+
+REFUSED, UNAVAILABLE = 2, 3
+WRITERS = (["prune"], ["resume"], ["audit", "--rebuild"], ["resume", "--accept-loss"])
+FILES = (
+    *("books.lock", "books.witness", "books.witness.part", "books.snapshot", "books.snapshot.part", "books.rebuilt"),
+    *("books.seal", "books.sqlite-wal", "books.sqlite-shm", "farm.json", "farm.json.part", "software.json"),
+    *("modules.json", "campaign.toml", "logs/books.log", "spool/fly-1/x.part", "recordings/x.mcap.part"),
+    *("blobs/probe", "blobs/ab/x", "test_cases/x.yaml", "modules/0123/module.py"),
+)
+FOLDERS = ("blobs", "blobs/ab", "blobs/incoming", "blobs/incoming/fly-1", "recordings", "logs", "spool", "modules")
+
+
+@pytest.fixture
+def outside(tmp_path: Path) -> Path:
+    """A folder of the user's own, somewhere else."""
+    folder = tmp_path / "outside"
+    (folder / "incoming").mkdir(parents=True)
+    for name in ("file", "incoming/file", "a" * 64):
+        (folder / name).write_text("precious")
+    return folder
+
+
+@pytest.fixture
+def run_dir(tmp_path: Path) -> Path:
+    campaign = load_campaign("avoidance-m2")
+    Store.create(tmp_path / "run", campaign, template(campaign), describe()).close()
+    return tmp_path / "run"
+
+
+def _is_untouched(outside: Path) -> bool:
+    files = {path.relative_to(outside).as_posix(): path.read_text() for path in outside.rglob("*") if path.is_file()}
+    return files == dict.fromkeys(("file", "incoming/file", "a" * 64), "precious")
+
+
+def _put(link: Path, target: Path) -> None:
+    link.parent.mkdir(parents=True, exist_ok=True)
+    link.unlink(missing_ok=True)
+    link.symlink_to(target)
+
+
+@pytest.mark.parametrize("words", WRITERS, ids=" ".join)
+@pytest.mark.parametrize("name", [*FILES, *FOLDERS])
+def test_a_link_in_a_run_is_refused_and_leads_nowhere(
+    name: str, words: list[str], run_dir: Path, outside: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    _put(run_dir / name, outside if name in FOLDERS else outside / "file")
+    command, *options = words
+    code, said = main([command, str(run_dir), *options]), capsys.readouterr().err
+    assert name.partition("/")[0].partition("-")[0] in said
+    assert said.count("\n") == 1
+    assert code == REFUSED or (code == UNAVAILABLE and name.startswith("books.sqlite-")), said  # SQLite's own refusal
+    assert _is_untouched(outside)
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_link_to_nothing_makes_nothing(name: str, run_dir: Path, tmp_path: Path) -> None:
+    _put(run_dir / name, tmp_path / "made")
+    assert main(["resume", str(run_dir)]) == REFUSED
+    assert main(["prune", str(run_dir)]) == REFUSED
+    assert not (tmp_path / "made").exists()
+
+
+@pytest.mark.parametrize("name", ["blobs", "recordings", "spool", "logs"])
+def test_what_is_to_be_a_folder_is_refused_at_once_where_it_is_none(
+    name: str, run_dir: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (run_dir / name).write_text("")
+    assert main(["resume", str(run_dir)]) == REFUSED
+    assert name in capsys.readouterr().err
+
+
+def test_links_are_refused_where_a_new_run_is_to_begin(tmp_path: Path, outside: Path) -> None:
+    _put(tmp_path / "new" / "books.lock", outside / "file")
+    campaign = load_campaign("avoidance-m2")
+    with pytest.raises(Refused, match="link"):
+        Store.create(tmp_path / "new", campaign, template(campaign), describe())
+    assert _is_untouched(outside)
+
+
+def test_the_run_folder_itself_may_be_a_link(run_dir: Path, tmp_path: Path) -> None:
+    (tmp_path / "link").symlink_to(run_dir)
+    assert main(["prune", str(tmp_path / "link")]) == 0
+
+
+ENDLESS = "WITH RECURSIVE t(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM t) SELECT"
+FOREIGN = {
+    "a view in place of violations": [
+        "ALTER TABLE violations RENAME TO v",
+        f"CREATE VIEW violations AS {ENDLESS} x FROM t",
+    ],
+    "a view in place of meta": [
+        "ALTER TABLE meta RENAME TO m",
+        f"CREATE VIEW meta AS {ENDLESS} x AS key, x AS value FROM t",
+    ],
+    "a view in place of events": ["ALTER TABLE events RENAME TO e", f"CREATE VIEW events AS {ENDLESS} x AS seq FROM t"],
+    "a view in place of a store of another version": [
+        "UPDATE meta SET value = '7' WHERE key = 'format'",
+        "ALTER TABLE journal RENAME TO j",
+        f"CREATE VIEW journal AS {ENDLESS} x AS n FROM t",
+    ],
+    "a view besides": [f"CREATE VIEW more AS {ENDLESS} x FROM t"],
+    "a trigger on what is written": ["CREATE TRIGGER t AFTER INSERT ON journal BEGIN DELETE FROM flights; END"],
+    "a trigger on commits": ["CREATE TRIGGER t AFTER UPDATE ON meta BEGIN DELETE FROM journal WHERE n > 3; END"],
+    "an index over an expression": ["CREATE INDEX i ON flights(hex(zeroblob(length(test_case) * 99999999)))"],
+    "a generated column": ["ALTER TABLE flights ADD COLUMN more AS (hex(zeroblob(99999999)))"],
+    "a virtual table": ["CREATE VIRTUAL TABLE more USING fts5(words)"],
+    "another type of column": [
+        "DROP TABLE recordings",
+        "CREATE TABLE recordings (test_case, flight_index, digest, size_bytes)",
+    ],
+}
+
+
+@pytest.mark.parametrize("statements", FOREIGN.values(), ids=FOREIGN)
+def test_what_would_act_in_a_store_is_refused_before_it_does(
+    statements: list[str], run_dir: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with closing(sqlite3.connect(run_dir / "books.sqlite")) as database:
+        for statement in statements:
+            database.execute(statement)
+        database.commit()
+    (run_dir / "books.seal").unlink()
+    for words in (*WRITERS, ["audit"], ["report"], ["replay"], ["watch"], ["export", "--format", "csv"], ["artefacts"]):
+        command, *options = words
+        if "--rebuild" in options and "meta" not in " ".join(statements) and "journal" not in " ".join(statements):
+            continue  # reads no other table
+        assert main([command, str(run_dir), *options]) == REFUSED, command
+        said = capsys.readouterr().err
+        assert "books" in said.lower(), said
+        assert said.count("\n") == 1, said
+
+
+def test_a_value_larger_than_any_of_ours_is_not_read(run_dir: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with closing(sqlite3.connect(run_dir / "books.sqlite")) as database:
+        database.execute("UPDATE meta SET value = zeroblob(200000000) WHERE key = 'campaign'")
+        database.commit()
+    for command in ("report", "prune", "watch"):
+        assert main([command, str(run_dir)]) == REFUSED
+    assert "too big" in capsys.readouterr().err
+
+
+def test_a_snapshot_that_unpacks_without_end_is_not_used(run_dir: Path, caplog: pytest.LogCaptureFixture) -> None:
+    with closing(connect_reading(run_dir / "books.sqlite")) as database:
+        start = start_of(database)
+        bomb = zlib.compress(bytes(2**29), 9)
+        head = snapshot_file._HEAD.pack(snapshot_file.code(), start, 0, 0)
+        (run_dir / "books.snapshot").write_bytes(head + bomb + snapshot_file._check(head, bomb))
+        assert snapshot_file.kept(run_dir, start, database) is None
+    assert "is not used" in caplog.text
