@@ -56,7 +56,7 @@ class Messages:
     def step(self) -> int:
         """Say a valid message, or a wrong one."""
         self.number += 1
-        self._peer = self._peer or Peer()
+        self._peer = self._peer or self._new_peer()
         said = self._peer.valid(self.kind, self.number)
         if said is None:
             self.close()
@@ -67,6 +67,9 @@ class Messages:
         unread = self._unread(said) if wrong else 0
         self._say(said, payload, wrong=wrong)
         return int(wrong) + unread
+
+    def _new_peer(self) -> Peer:
+        return Peer("all" if self.kind == "Report recorded" else "violations")
 
     def _unread(self, said: Said) -> int:
         """Have the decoder alone read wrong messages: it refuses most, and those cost the books no lease here."""
@@ -79,7 +82,7 @@ class Messages:
 
     def say(self, edits: list[Edit]) -> None:
         """Say a message with certain places changed."""
-        self._peer = self._peer or Peer()
+        self._peer = self._peer or self._new_peer()
         said = self._peer.valid(self.kind, 0)
         assert said is not None, "a new campaign has ended"
         message = said.message

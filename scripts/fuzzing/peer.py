@@ -80,13 +80,17 @@ class _Clock:
 
 
 class Peer:
-    """Books of a campaign on a bus in memory, with their real store, and the peer."""
+    """Books of a campaign on a bus in memory, with their real store, and the peer.
 
-    def __init__(self) -> None:
+    Args:
+        record: which flights the campaign records; with all of them there is a recording to report soon.
+    """
+
+    def __init__(self, record: str = "violations") -> None:
         shm = Path("/dev/shm")
         self.folder = Path(tempfile.mkdtemp(prefix="saflite-fuzz-", dir=shm if shm.is_dir() else None))
         self.network = MemoryNetwork()
-        campaign = doubles.campaign(BUDGET, candidates_per_round=40, flights_per_round=20)
+        campaign = doubles.campaign(BUDGET, candidates_per_round=40, flights_per_round=20, record=record)
         self.name = campaign.name
         self.store = Store.create(self.folder / "run", campaign, doubles.TEMPLATE, doubles.TARGET)
         self.books = self.store.rebuild()

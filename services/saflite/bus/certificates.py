@@ -68,7 +68,7 @@ def expiry(certificate: bytes) -> datetime:
     """Return until when a certificate is good; raises Refused if it is none."""
     try:
         return x509.load_pem_x509_certificate(certificate).not_valid_after_utc
-    except ValueError as fault:
+    except (ValueError, x509.InvalidVersion, UnsupportedAlgorithm) as fault:
         raise Refused("certificate", expected="an X.509 certificate as PEM", got=str(fault)) from fault
 
 
@@ -76,7 +76,7 @@ def _signer(authority: Pair) -> tuple[ec.EllipticCurvePrivateKey, x509.Certifica
     try:
         key = serialization.load_pem_private_key(authority.key, None)
         certificate = x509.load_pem_x509_certificate(authority.certificate)
-    except (ValueError, TypeError, UnsupportedAlgorithm) as fault:
+    except (ValueError, TypeError, x509.InvalidVersion, UnsupportedAlgorithm) as fault:
         raise Refused("authority", expected="its key and certificate as PEM", got=str(fault)) from fault
     if not isinstance(key, ec.EllipticCurvePrivateKey):
         raise Refused("authority", expected="an ECDSA key", got=type(key).__name__)

@@ -52,6 +52,14 @@ class Exposed(msgspec.Struct, frozen=True, kw_only=True):
     steps: Count = 0
 
 
+class ArmStanding(msgspec.Struct, frozen=True, kw_only=True):
+    """What an arm of a portfolio had flown, and the behaviours its test cases were the first to show."""
+
+    arm: Word
+    flights: Count
+    founded: Count
+
+
 class Status(msgspec.Struct, frozen=True, kw_only=True):
     """The campaign at a glance. All counts are exact; rates are over the last minute.
 
@@ -94,6 +102,7 @@ class Status(msgspec.Struct, frozen=True, kw_only=True):
     workers: Annotated[tuple[WorkerStatus, ...], msgspec.Meta(max_length=ITEMS_MAX)]
     seq: Count
     exposure: Exposed = Exposed()
+    arms: Annotated[tuple[ArmStanding, ...], msgspec.Meta(max_length=ITEMS_MAX)] = ()
     trouble: Text = ""
 
     @property

@@ -51,3 +51,16 @@ def _near(got: object, known: Iterable[str]) -> str:
 
 class Unavailable(FarmError):
     """A dependency did not answer; trying again later may help."""
+
+
+def pip_install(*what: str) -> str:
+    """Return the command that installs packages where this program runs, whatever is activated in the shell."""
+    import shlex
+    import sys
+
+    return shlex.join((sys.executable, "-m", "pip", "install", *what))
+
+
+def not_installed(what: str, extra: str) -> Unavailable:
+    """Return what to raise where packages of an extra are missing."""
+    return Unavailable(f"{what} not installed: {pip_install(f'saflite-farm[{extra}]')}")

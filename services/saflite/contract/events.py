@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
 import msgspec
 
@@ -126,6 +126,10 @@ class Event(msgspec.Struct, frozen=True, kw_only=True):
     seq: Count
     at_unix_s: Number
     fact: Fact
+
+
+KINDS = tuple(str(kind.__struct_config__.tag) for kind in get_args(Fact))
+"""Of every kind of fact the word that stands for it."""
 
 
 def kind_of(fact: Fact) -> str:

@@ -10,6 +10,7 @@ import csv
 import json
 import math
 import os
+import re
 import stat
 import tomllib
 from collections.abc import Callable
@@ -27,6 +28,7 @@ LOG_BYTES_MAX = 512 * 2**20
 
 DEPTH_MAX = 32
 WHOLE_MAX = 2**63 - 1
+_LONG_KEY = re.compile(r"""(?>(?>[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){33}""")  # one more than DEPTH_MAX
 
 
 def read_bytes(path: Path, what: str, bytes_max: int) -> bytes:
@@ -75,8 +77,21 @@ def check_file(path: Path, what: str, bytes_max: int = LOG_BYTES_MAX) -> Path:
 
 def parse_toml(text: str, what: str, where: str) -> dict[str, Any]:
     """Return TOML text as plain data; raises Refused for what is no TOML, or as `check_plain` does."""
+    if _LONG_KEY.search(text):  # the parser takes time with the square of a key's length
+        raise Refused(what, where=where, expected=f"keys of at most {DEPTH_MAX} words", got="more")
     data: dict[str, Any] = _parsed(tomllib.loads, text, what, where, "TOML")
     return data
+
+
+def assignment(option: str, text: str) -> tuple[str, Any]:
+    """Return the name and value in `name=value`, the value read as TOML where it is, as text elsewhere; or Refused."""
+    name, equals, value = text.partition("=")
+    if not equals or not name:
+        raise Refused(option, expected="NAME=VALUE", got=text)
+    try:
+        return name, tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError:
+        return name, value
 
 
 def parse_json(text: str, what: str, where: str) -> Any:
@@ -109,7 +124,9 @@ def check_plain(data: Any, what: str, where: str, *, finite: bool = True) -> Non
         if depth > DEPTH_MAX:
             raise Refused(what, where=where, expected=f"at most {DEPTH_MAX} levels of nesting", got="more")
         if isinstance(value, dict):
-            left += [(part, depth + 1) for part in value.values()]
+            left += [(part, depth + 1) for pair in value.items() for part in pair]
+        elif isinstance(value, str) and not value.isascii() and any("\ud800" <= char <= "\udfff" for char in value):
+            raise Refused(what, where=where, expected="texts in Unicode", got="half a pair of surrogates")
         elif isinstance(value, list):
             left += [(part, depth + 1) for part in value]
         elif finite and isinstance(value, float) and not math.isfinite(value):

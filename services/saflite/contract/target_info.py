@@ -107,7 +107,7 @@ def check_settings(given: Mapping[str, Setting], known: Mapping[str, SettingInfo
     for name, value in given.items():
         if name not in known:
             expected = f"a setting of {target}: {', '.join(sorted(known)) or 'it has none'}"
-            raise Refused("target setting", expected=expected, got=repr(name))
+            raise Refused("target setting", expected=expected, got=repr(name), known=known)
         _check_value(f"target setting {name}", value, known[name])
 
 

@@ -135,9 +135,10 @@ class Target(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Origin(msgspec.Struct, frozen=True, kw_only=True):
-    """Where a test case came from. Not part of its identity."""
+    """Where a test case came from; `arm` names the arm of a portfolio. Not part of its identity."""
 
     strategy: Word = ""
+    arm: Word = ""
     parent: Word = ""
     round: Place = 0
     index: Count = 0

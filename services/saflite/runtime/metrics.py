@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from saflite.contract.clock import Clock
 from saflite.contract.control import Status, WorkerStatus
-from saflite.contract.errors import Refused, Unavailable
+from saflite.contract.errors import Refused, Unavailable, not_installed
 from saflite.runtime.clock import WallClock
 
 if TYPE_CHECKING:
@@ -175,7 +175,7 @@ class Endpoint:
         try:
             from prometheus_client import CollectorRegistry, start_http_server
         except ModuleNotFoundError as fault:
-            raise Unavailable("--metrics needs prometheus-client: pip install 'saflite-farm[metrics]'") from fault
+            raise not_installed("prometheus-client is", "metrics") from fault
         registry = CollectorRegistry(auto_describe=False)
         registry.register(source)
         try:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from saflite.bus.access import STAGE_OF
 from saflite.bus.keyring import AUTHORITY_KEY, PEERS, add, read_register
-from saflite.contract.errors import Refused, Unavailable
+from saflite.contract.errors import Refused, not_installed
 from saflite.runtime.clock import WallClock
 from saflite.runtime.farm import Elsewhere
 from saflite.scorer_pool.key_hosts import with_key_hosts
@@ -36,7 +36,7 @@ def check_place(place: str, *, listen: str) -> None:
     if kind != RAY or (":" in place and not address):
         raise Refused("--on", expected=EXPECTED, got=repr(place))
     if find_spec("ray") is None:
-        raise Unavailable("Ray is not installed: pip install 'saflite-farm[ray]'")
+        raise not_installed("Ray is", "ray")
     if address and not listen:
         fix = "add --listen tls/HOST:PORT --keys FOLDER (see `saflite keys`)"
         raise Refused(

@@ -1,6 +1,7 @@
 """Which modules from outside a run was made with: noted and copied into its folder, for `resume` and `replay`.
 
-The file a run was made with is used while it is as it was; otherwise the copy, so that a run can go on elsewhere.
+The file a run was made with is used while it is as it was; otherwise the copy, so that a run can go on elsewhere. Only
+in runs of this user's own farms: modules are code, and a run folder may come from anybody.
 """
 
 from __future__ import annotations
@@ -19,10 +20,11 @@ from saflite.contract.ids import digest
 from saflite.contract.modules import Outside
 from saflite.contract.outside import TEXT_BYTES_MAX, read_bytes
 from saflite.contract.wire import UNREADABLE
+from saflite.runtime import own_runs
 
 log = logging.getLogger(__name__)
 
-FILE, FOLDER = "modules.json", "modules"
+FILE, FOLDER, MARK = "modules.json", "modules", "modules.mark"
 
 
 def note(run_dir: Path, used: Sequence[Outside]) -> None:
@@ -34,7 +36,9 @@ def note(run_dir: Path, used: Sequence[Outside]) -> None:
             data = module.path.read_bytes()
             if digest(data) == module.digest:
                 _copy(data, _copy_of(run_dir, module))
-        (run_dir / FILE).write_bytes(msgspec.json.format(msgspec.json.encode(used)) + b"\n")
+        noted = msgspec.json.format(msgspec.json.encode(used)) + b"\n"
+        (run_dir / FILE).write_bytes(noted)
+        own_runs.mark(run_dir / MARK, noted)
     except OSError as fault:
         raise Unavailable(f"{run_dir}: {fault}") from fault
 
@@ -43,11 +47,14 @@ def use(run_dir: Path, files: Sequence[Path] = ()) -> tuple[Outside, ...]:
     """Let this process find the modules of a run; `files` stand for those of the same name, and are added.
 
     Raises:
-        Refused: one has gone or changed since the run was made, its copy, too, and nothing stands for it.
+        Refused: one has gone or changed since the run was made, its copy, too, and nothing stands for it; or one is
+            code, and nothing says that the run was made by this user.
     """
     now = modules.use(files)
     named = {module.key for module in now}
-    kept = [_intact(run_dir, module) for module in _noted(run_dir) if module.key not in named]
+    noted = [module for module in _noted(run_dir) if module.key not in named]
+    _check_ours(run_dir, noted)
+    kept = [_intact(run_dir, module) for module in noted]
     return (*modules.use(kept), *now)
 
 
@@ -55,6 +62,20 @@ def needed(run_dir: Path, campaign: Campaign) -> tuple[Outside, ...]:
     """Return the modules of a run without which a campaign cannot go on: its target, its strategy, and all scorers."""
     names = {"target": campaign.target.name, "strategy": campaign.strategy.name}
     return tuple(module for module in _noted(run_dir) if names.get(module.kind, module.name) == module.name)
+
+
+def _check_ours(run_dir: Path, noted: Sequence[Outside]) -> None:
+    """Raise Refused where a module that is code would be run because a folder of somebody else's says so."""
+    code = [module for module in noted if module.kind != "policy"]
+    if code and not own_runs.is_marked(run_dir / MARK, read_bytes(run_dir / FILE, "list of modules", TEXT_BYTES_MAX)):
+        copy = _copy_of(run_dir, code[0])
+        raise Refused(
+            "module",
+            where=str(run_dir / FILE),
+            expected="code that you name, in a run that no farm of yours here has made",
+            got=code[0].key,
+            fix=f"read it, and if you would run it: --module {copy}",
+        )
 
 
 def _intact(run_dir: Path, module: Outside) -> Path:

@@ -11,8 +11,8 @@ import base64
 import binascii
 import hashlib
 import hmac
-import json
 import logging
+import os
 from pathlib import Path
 from typing import Protocol
 
@@ -22,8 +22,10 @@ import msgspec
 from saflite.contract import wire
 from saflite.contract.clock import Clock
 from saflite.contract.cloud_event import CONTENT_TYPE, CloudEvent, cloud_event
-from saflite.contract.errors import Refused, Unavailable
+from saflite.contract.errors import Refused
 from saflite.contract.events import Event
+from saflite.contract.outside import TEXT_BYTES_MAX, read_bytes
+from saflite.evidence.files import write_whole
 
 log = logging.getLogger(__name__)
 
@@ -32,6 +34,7 @@ RETRY_FIRST_S, RETRY_MAX_S = 0.5, 60.0
 AGAIN = frozenset({408, 425, 429})  # of 4xx: the receiver is busy; any other says that it will never take this
 SECRET_PREFIX = "whsec_"  # noqa: S105 (how Standard Webhooks writes a secret)
 SECRET_BYTES_MIN = 16
+SECRET_BYTES_MAX = 4096
 
 
 class WaitingClock(Clock, Protocol):
@@ -52,31 +55,26 @@ class Cursor(msgspec.Struct, frozen=True, kw_only=True):
 
 def read_cursor(path: Path) -> Cursor | None:
     """Return where an earlier bridge stopped, None if there was none; raises Refused for a file that is not one."""
-    try:
-        return msgspec.json.decode(path.read_bytes(), type=Cursor)
-    except FileNotFoundError:
+    if not os.path.lexists(path):
         return None
-    except (OSError, *wire.UNREADABLE, json.JSONDecodeError) as fault:
+    try:
+        return msgspec.json.decode(read_bytes(path, "--cursor", TEXT_BYTES_MAX), type=Cursor)
+    except wire.UNREADABLE as fault:
         raise Refused("--cursor", where=str(path), expected="one an earlier bridge wrote", got=str(fault)) from fault
 
 
 def keep_cursor(path: Path, cursor: Cursor) -> None:
     """Write how far the bridge is, whole or not at all; raises Unavailable if the disk fails."""
-    part = path.with_name(f"{path.name}.part")
-    try:
-        part.write_bytes(msgspec.json.encode(cursor))
-        part.replace(path)
-    except OSError as fault:
-        raise Unavailable(f"{path} cannot be written: {fault}") from fault
+    write_whole(path, msgspec.json.encode(cursor))
 
 
 def read_secret(path: Path) -> bytes:
     """Return the secret in a file, `whsec_` and Base64 or plain text; raises Refused for one too short to be any."""
     try:
-        text = path.read_text(encoding="ascii").strip()
+        text = read_bytes(path, "--secret", SECRET_BYTES_MAX).decode("ascii").strip()
         plain = not text.startswith(SECRET_PREFIX)
         secret = text.encode() if plain else base64.b64decode(text.removeprefix(SECRET_PREFIX), validate=True)
-    except (OSError, UnicodeDecodeError, binascii.Error) as fault:
+    except (UnicodeDecodeError, binascii.Error) as fault:
         raise Refused("--secret", where=str(path), expected="a file with a secret", got=str(fault)) from fault
     if len(secret) < SECRET_BYTES_MIN:
         expected = f"at least {SECRET_BYTES_MIN} bytes"
@@ -93,6 +91,12 @@ def check_url(url: str) -> str:
     if parsed.scheme not in ("http", "https") or not parsed.host:
         raise Refused("--webhook", expected="http(s)://HOST/PATH", got=repr(url[:200]))
     return url
+
+
+def shown_url(url: str) -> str:
+    """Return a URL as it may stand in messages and logs: without password, path and query, which may hold secrets."""
+    parsed = httpx.URL(url)
+    return f"{parsed.scheme}://{parsed.netloc.decode('ascii')}/..."
 
 
 def headers_of(event: CloudEvent, body: bytes, now_unix_s: float, secret: bytes) -> dict[str, str]:
@@ -148,5 +152,5 @@ class Webhook:
             return ""
         if code < 500 and code not in AGAIN:
             words = f"HTTP {code} for event {event.data.seq}"
-            raise Refused("--webhook", where=self._url, expected="a receiver that takes events", got=words)
+            raise Refused("--webhook", where=shown_url(self._url), expected="a receiver that takes events", got=words)
         return f"HTTP {code}"

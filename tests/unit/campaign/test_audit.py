@@ -90,7 +90,7 @@ def test_a_stopped_run_balances(tmp_path: Path) -> None:
         "DELETE FROM endings WHERE test_case = (SELECT min(test_case) FROM endings)",
         "UPDATE scores SET value = value + 1 WHERE rowid = 5",
         "DELETE FROM violations WHERE rowid = 1",
-        "UPDATE violations SET content = x'00' WHERE rowid = 1",
+        "UPDATE violations SET event = event + 1 WHERE rowid = 1",
         "INSERT INTO recordings VALUES ('../../x', 0, 'y', 1)",
         "UPDATE attempts SET how = 'lost' WHERE work = (SELECT min(work) FROM attempts)",
         "DELETE FROM events WHERE seq = 9",

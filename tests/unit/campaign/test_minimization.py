@@ -12,6 +12,7 @@ from books_drive import Driver, doubles
 
 from saflite.campaign.storage.audit import audit
 from saflite.campaign.storage.contents import Contents
+from saflite.campaign.storage.sqlite import entries
 from saflite.campaign.storage.store import Store, store_file
 from saflite.contract import wire
 from saflite.contract.blobs import Blobs
@@ -91,7 +92,7 @@ def finish(driver: Driver, workers: tuple[str, ...] = ("a", "b")) -> None:
 def smallest(run_dir: Path) -> list[tuple[Violation, TestCase]]:
     """The smallest forms a run found, each with its test case."""
     database = sqlite3.connect(store_file(run_dir))
-    facts = [wire.decode(row[0], Event).fact for row in database.execute("SELECT event FROM events ORDER BY seq")]
+    facts = [wire.decode(event, Event).fact for event in entries(database, "events", store_file(run_dir))]
     found = [fact.violation for fact in facts if isinstance(fact, ViolationFound)]
     forms = [violation for violation in found if violation.message.startswith("smallest form of")]
     cases = [Contents(database).test_case(violation.test_case) for violation in forms]

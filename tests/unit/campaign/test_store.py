@@ -10,6 +10,7 @@ import pytest
 from books_drive import Driver, doubles
 
 from saflite.campaign.storage.projections import FORMAT
+from saflite.campaign.storage.sqlite import entries
 from saflite.campaign.storage.store import Store, store_file
 from saflite.contract import wire
 from saflite.contract.control import Control, Status
@@ -126,8 +127,8 @@ def test_a_trace_lost_before_its_judgement_is_flown_again(tmp_path: Path) -> Non
 
 
 def _faults(run_dir: Path) -> list[FaultSeen]:
-    rows = sqlite3.connect(store_file(run_dir)).execute("SELECT event FROM events WHERE kind = 'fault'")
-    facts = [wire.decode(row[0], Event).fact for row in rows]
+    events = entries(sqlite3.connect(store_file(run_dir)), "events", store_file(run_dir))
+    facts = [wire.decode(event, Event).fact for event in events]
     return [fact for fact in facts if isinstance(fact, FaultSeen)]
 
 
@@ -186,7 +187,7 @@ def test_a_full_disk_refuses_the_batch_whole_and_takes_it_later(
     store, books = driver.store, driver.books
     assert store is not None
     store._db.execute(f"PRAGMA max_page_count = {store._db.execute('PRAGMA page_count').fetchone()[0]}")
-    books.fault("test", "x" * 200_000, driver.now)
+    books.fault("test", "".join(digest(b"%d" % number) for number in range(4000)), driver.now)
     batch = books.drain()
     with pytest.raises(Unavailable, match="takes no writes"):
         store.commit(batch)

@@ -54,7 +54,7 @@ def test_what_steps_of_a_centimetre_do_not_hold_stays_as_it_is(odd: float) -> No
 def test_a_track_takes_a_quarter_of_its_numbers() -> None:
     track = tuple((float(t), 1.37 * t % 40.0, -0.91 * t % 30.0, 10.0) for t in range(100))
     usual = tuple((t, round(x, 2), round(y, 2), z) for t, x, y, z in track)
-    assert len(encode_line(line_of(usual))) < 100 * 4 * 9 / 4
+    assert len(pack_track(usual)) < 100 * 4 * 9 / 4
 
 
 @pytest.mark.parametrize("data", [b"h\0\0\0", b"x" * 9, b"i" + b"\0" * 17])

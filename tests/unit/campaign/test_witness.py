@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import shutil
 from pathlib import Path
 
 import pytest
@@ -116,3 +117,27 @@ def test_a_witness_that_takes_no_writes_is_a_failed_commit_taken_later(
     driver.run()
     store.close()
     assert audit(tmp_path / "run")["problems"] == []
+
+
+def test_an_older_store_put_back_with_its_witness_is_told_by_the_snapshot(tmp_path: Path) -> None:
+    run_dir, older = tmp_path / "run", tmp_path / "older"
+    store = Store.create(run_dir, doubles.campaign(8, record="none"), doubles.TEMPLATE, doubles.TARGET)
+    driver = Driver(store.rebuild(), store)
+    driver.run(until_flights=3)
+    store.close()
+    shutil.copytree(run_dir, older)
+    store = Store.open(run_dir)
+    driver = Driver(store.rebuild(), store)
+    driver.run()
+    store.keep(driver.books.snapshot())
+    store.close()
+    assert told_of(run_dir) == ""
+    for name in ("books.sqlite", "books.witness"):
+        shutil.copyfile(older / name, run_dir / name)
+    assert "older than books.snapshot" in told_of(run_dir)
+    assert not audit(run_dir, blobs=False)["clean"]
+    with pytest.raises(Refused, match="older than"):
+        Store.open(run_dir)
+    accept_loss(run_dir)
+    assert told_of(run_dir) == ""
+    Store.open(run_dir).close()

@@ -22,6 +22,13 @@ def test_a_file_is_read_whole(tmp_path: Path) -> None:
     assert outside.check_file(tmp_path / "link", "file") == tmp_path / "link"
 
 
+@pytest.mark.parametrize("text", [r'{"a": "\ud800"}', r'{"\udfff": 1}', r'[["x", {"a": ["\ud83d"]}]]'])
+def test_half_a_pair_of_surrogates_is_refused(text: str) -> None:
+    with pytest.raises(Refused, match="surrogates"):
+        outside.parse_json(text, "test case", "file")
+    assert outside.parse_json(r'"\ud83d\ude00"', "test case", "file") == "\U0001f600"
+
+
 def test_what_is_no_regular_file_is_refused_at_once(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "zero").symlink_to("/dev/zero")
@@ -53,6 +60,8 @@ def test_too_large_or_no_text_is_refused(tmp_path: Path) -> None:
         *("x = nan", "x = inf", "x = -1e999", f"x = {'9' * 400}", f"x = {'9' * 5000}", "x = ", "x = 1\nx = 2"),
         *(f"x = {'[' * depth}{']' * depth}" for depth in (33, 400, 100_000)),
         f"[{'.'.join('a' * 40)}]",
+        *(f"{key} = 1" for key in (".".join("a" * 100_000), " . ".join(["'a'", '"b.c"'] * 50_000))),
+        f"x = {{ {'.'.join('a' * 100_000)} = 1 }}",
     ],
 )
 def test_toml_that_no_machine_should_hold_is_refused(text: str) -> None:

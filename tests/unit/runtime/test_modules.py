@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -38,6 +39,13 @@ class Model:
     def warm(self, cancelled): pass
     def close(self): pass
 """
+
+
+@pytest.fixture(autouse=True)
+def own_home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A place for the key that marks this user's runs."""
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+    return tmp_path / "data"
 
 
 @pytest.fixture
@@ -149,3 +157,53 @@ def test_a_run_without_modules_has_none(tmp_path: Path) -> None:
     (tmp_path / run_modules.FILE).write_text("{")
     with pytest.raises(Refused, match="list of modules"):
         run_modules.use(tmp_path)
+
+
+KEY = Path("saflite/own-runs.key")
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        "rm data/saflite/own-runs.key",  # as any other user has none, or another
+        "head -c 32 /dev/zero > data/saflite/own-runs.key",
+        "head -c 31 data/saflite/own-runs.key > k; chmod 600 k; mv k data/saflite/own-runs.key",
+        "chmod 644 data/saflite/own-runs.key",
+        "mv data/saflite/own-runs.key k; ln -s ../../k data/saflite/own-runs.key",
+        "rm received/modules.mark",
+        "rm received/modules.mark; mkfifo received/modules.mark",
+        "echo > received/modules.mark",
+        "head -c 64 /dev/zero | tr '\\0' 0 > received/modules.mark",
+        "echo ' ' >> received/modules.json",
+    ],
+)
+def test_code_in_a_run_of_somebody_else_is_not_run_unless_it_is_named(
+    damage: str, files: list[Path], tmp_path: Path
+) -> None:
+    run_dir = tmp_path / "received"
+    run_dir.mkdir()
+    run_modules.note(run_dir, modules.use(files))
+    modules.forget()
+    assert len(run_modules.use(run_dir)) == len(files)
+    modules.forget()
+    subprocess.run(damage, shell=True, cwd=tmp_path, check=True)
+    with pytest.raises(Refused, match=r"--module .*modules/.*/cart\.py") as refused:
+        run_modules.use(run_dir)
+    assert "\n" not in str(refused.value)
+    assert "cart" not in target_names()
+    assert len(run_modules.use(run_dir, files[:3])) == len(files)  # all that is code is named
+
+
+def test_the_key_is_this_users_alone(files: list[Path], tmp_path: Path, own_home: Path) -> None:
+    run_modules.note(tmp_path, modules.use(files))
+    assert (own_home / KEY).stat().st_mode & 0o777 == 0o600
+    assert [path.name for path in (own_home / KEY).parent.iterdir()] == [KEY.name]
+
+
+def test_a_policy_of_somebody_else_is_data(files: list[Path], tmp_path: Path) -> None:
+    run_dir = tmp_path / "received"
+    run_dir.mkdir()
+    run_modules.note(run_dir, modules.use(files[3:]))
+    modules.forget()
+    (run_dir / run_modules.MARK).unlink()
+    assert [module.key for module in run_modules.use(run_dir)] == [POLICY]

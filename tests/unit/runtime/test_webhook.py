@@ -5,6 +5,8 @@ from __future__ import annotations
 import base64
 import hashlib
 import hmac
+import os
+from collections.abc import Callable
 from pathlib import Path
 
 import httpx
@@ -14,7 +16,16 @@ import pytest
 from saflite.contract.cloud_event import CloudEvent
 from saflite.contract.errors import Refused
 from saflite.contract.events import Event, FaultSeen
-from saflite.runtime.webhook import RETRY_MAX_S, Cursor, Webhook, check_url, keep_cursor, read_cursor, read_secret
+from saflite.runtime.webhook import (
+    RETRY_MAX_S,
+    Cursor,
+    Webhook,
+    check_url,
+    keep_cursor,
+    read_cursor,
+    read_secret,
+    shown_url,
+)
 
 EVENT = Event(seq=7, at_unix_s=1.7e9, fact=FaultSeen(where="here", message="a\nb"))
 CURSOR = Cursor(campaign="night", begun_unix_s=1.6e9, seq=6)
@@ -99,6 +110,33 @@ def test_a_secret_is_plain_or_base64_and_long_enough(tmp_path: Path) -> None:
         path.write_bytes(bad)
         with pytest.raises(Refused, match="--secret"):
             read_secret(path)
+
+
+@pytest.mark.parametrize("odd", [os.mkfifo, lambda path: path.symlink_to("/dev/zero"), Path.mkdir])
+def test_files_that_are_none_are_refused_at_once(odd: Callable[[Path], None], tmp_path: Path) -> None:
+    odd(tmp_path / "odd")
+    with pytest.raises(Refused, match="--secret"):
+        read_secret(tmp_path / "odd")
+    with pytest.raises(Refused, match="--cursor"):
+        read_cursor(tmp_path / "odd")
+
+
+def test_a_link_beside_the_cursor_is_not_followed(tmp_path: Path) -> None:
+    (tmp_path / "other").write_text("precious")
+    for name in ("cursor", "cursor.part"):
+        (tmp_path / name).symlink_to(tmp_path / "other")
+    keep_cursor(tmp_path / "cursor", CURSOR)
+    assert (tmp_path / "other").read_text() == "precious"
+    assert read_cursor(tmp_path / "cursor") == CURSOR
+
+
+def test_secrets_in_the_address_are_not_told() -> None:
+    url = "https://user:secret@there:8443/hooks/secret?token=secret"
+    assert shown_url(url) == "https://there:8443/..."
+    webhook = Webhook(url, _Clock(), b"", httpx.MockTransport(lambda request: httpx.Response(404)))
+    with pytest.raises(Refused) as refused:
+        webhook.deliver(EVENT, CURSOR)
+    assert "secret" not in str(refused.value)
 
 
 @pytest.mark.parametrize("url", ["", "there", "ftp://there/x", "http://", "http://[::1", "file:///etc/passwd"])

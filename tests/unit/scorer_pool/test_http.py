@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import gzip
 from collections.abc import AsyncIterator
 
 import httpx
@@ -104,6 +105,18 @@ def test_the_users_own_server_gets_the_key_and_no_redirect_is_followed(monkeypat
         asyncio.run(OpenAIChat("m").ask(QUESTION))
     assert [str(request.url.host) for request in wire.sent] == ["api.openai.com"]
     assert wire.sent[0].headers["authorization"] == "Bearer secret"
+
+
+@pytest.mark.parametrize("packed", ["gzip", "gzip, gzip", "deflate", "br", "zstd", "GZIP", "x-gzip"])
+def test_a_packed_answer_is_not_unpacked(packed: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    bomb = gzip.compress(gzip.compress(bytes(2**26)))
+    answers = [httpx.Response(200, headers={"content-encoding": packed}, stream=Parts(bomb)) for _ in range(2)]
+    wire = Wire(monkeypatch, *answers)
+    for chat in (OpenAIChat("m"), OllamaChat("m")):
+        with pytest.raises(FarmError, match="packed"):
+            asyncio.run(chat.ask(QUESTION))
+    assert {request.headers["accept-encoding"] for request in wire.sent} == {"identity"}
+    assert all(not answer.stream.read for answer in answers if isinstance(answer.stream, Parts))
 
 
 @pytest.mark.parametrize(("part", "limit"), [(b"x" * 65536, LINE_BYTES_MAX), (b"x" * 65535 + b"\n", ANSWER_BYTES_MAX)])

@@ -6,7 +6,7 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import Literal
 
-from saflite.campaign.engine.exposure import Exposure
+from saflite.campaign.engine.exposure import ArmCounts, Exposure
 from saflite.campaign.engine.outbox import Outbox
 from saflite.campaign.lifecycle.confirmation import Trial
 from saflite.campaign.lifecycle.repeats import RepeatRule
@@ -77,6 +77,7 @@ class Core:
     tasks: TaskTable = field(default_factory=TaskTable)
     counts: Counts = field(default_factory=Counts)
     exposure: Exposure = field(default_factory=Exposure)
+    arms: dict[str, ArmCounts] = field(default_factory=dict)  # of a portfolio
     trials: dict[str, Trial] = field(default_factory=dict)
     records: dict[RecordKey, RecordingParts] = field(default_factory=dict)
     flown: dict[str, int] = field(default_factory=dict)  # every test case ever selected: its round

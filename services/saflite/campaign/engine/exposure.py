@@ -13,6 +13,19 @@ Step = tuple[str, str, str, str]
 
 
 @dataclass(slots=True)
+class ArmCounts:
+    """What an arm of a portfolio had flown, and the behaviours its test cases were the first to show."""
+
+    flights: int = 0
+    founded: int = 0
+
+    def add(self, founded: int) -> None:
+        """Count one test case."""
+        self.flights += 1
+        self.founded += founded
+
+
+@dataclass(slots=True)
 class Exposure:
     """Counts over first flights that were judged."""
 

@@ -6,7 +6,6 @@ written down as decided, so that a replay never decides again.
 
 from __future__ import annotations
 
-import zlib
 from typing import Literal
 
 import msgspec
@@ -152,22 +151,16 @@ class _Stored(msgspec.Struct, frozen=True, array_like=True):
 
 
 _DECODER = msgspec.msgpack.Decoder(_Stored)
-_PACKED = b"\x78"
-"""First byte of a zlib stream; a line begins with that of an array, so it is not to be mistaken."""
-
-PACKED_FROM_BYTES = 256
-LINE_MAX_BYTES = 64 * 2**20
 
 
 def encode_line(line: Line) -> bytes:
-    """Return a journal line as bytes; equal lines give equal bytes. Proposals and judgements shrink to a third."""
-    data = _ENCODER.encode(_with_track_beside(line))
-    return zlib.compress(data, 1) if len(data) >= PACKED_FROM_BYTES else data
+    """Return a journal line as bytes; equal lines give equal bytes."""
+    return _ENCODER.encode(_with_track_beside(line))
 
 
 def decode_line(data: bytes) -> Line:
     """Return the journal line in `data`; raises msgspec.MsgspecError if it is none."""
-    stored: _Stored = _DECODER.decode(_unpacked(data) if data.startswith(_PACKED) else data)
+    stored: _Stored = _DECODER.decode(data)
     return Line(stored.at_s, _with_track(stored) if stored.track else stored.entry, stored.placed)
 
 
@@ -195,10 +188,3 @@ def _with_track(stored: _Stored) -> Settled:
 def _of_track(entry: Settled, result: JudgeResult, track: Track) -> Settled:
     judgement = msgspec.structs.replace(result.judgement, track=track)
     return msgspec.structs.replace(entry, result=msgspec.structs.replace(result, judgement=judgement))
-
-
-def _unpacked(data: bytes) -> bytes:
-    try:
-        return zlib.decompressobj().decompress(data, LINE_MAX_BYTES)
-    except zlib.error as fault:
-        raise msgspec.DecodeError(f"a packed line that cannot be unpacked: {fault}") from fault

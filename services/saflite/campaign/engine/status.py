@@ -8,7 +8,7 @@ from saflite.campaign.engine.core import Core
 from saflite.campaign.engine.reducer import Reducer
 from saflite.campaign.engine.worker_registry import Worker, WorkerRegistry
 from saflite.campaign.scheduling.leases import Leases
-from saflite.contract.control import Exposed, Status, WorkerStatus
+from saflite.contract.control import ArmStanding, Exposed, Status, WorkerStatus
 from saflite.contract.work import FlyResult, Result
 
 WINDOW_S = 60.0
@@ -97,6 +97,10 @@ def status_of(reducer: Reducer, registry: WorkerRegistry, leases: Leases, rates:
         ),
         seq=core.out.seq,
         exposure=_exposed(core),
+        arms=tuple(
+            ArmStanding(arm=arm, flights=counts.flights, founded=counts.founded)
+            for arm, counts in sorted(core.arms.items())
+        ),
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from saflite.campaign.engine.core import Core, RecordingParts
+from saflite.campaign.engine.exposure import ArmCounts
 from saflite.campaign.engine.journal import Pick
 from saflite.campaign.lifecycle.behaviours import Behaviours
 from saflite.campaign.lifecycle.confirmation import (
@@ -316,9 +317,9 @@ class Flights:
         else:
             core.counts.unconfirmed += 1
         core.tell(ViolationFound(violation=violation))
-        content = wire.encode(violation)
         key = (violation.fingerprint, violation.test_case, violation.policy)
-        core.out.row("violations", *key, violation.confirmation, violation.robustness, violation.severity, content)
+        told = violation.confirmation, violation.robustness, violation.severity
+        core.out.row("violations", *key, *told, core.out.seq)
 
     def _record(self, trial: Trial, violation: Violation | None) -> None:
         core, first = self._core, trial.flights[trial.first]
@@ -363,6 +364,8 @@ class Flights:
         core.counts.ended += 1
         if trial.judgement is not None:
             core.exposure.add(trial.test_case, trial.judgement)
+        if arm := trial.test_case.origin.arm:
+            core.arms.setdefault(arm, ArmCounts()).add(trial.founded)
         round_ = core.rounds.under_way[trial.round]
         ways = tuple(sorted(trial.behaviours.values()))
         outcome = outcome_of(trial.test_case, trial.round, ending, trial.judgement, ways, trial.founded)

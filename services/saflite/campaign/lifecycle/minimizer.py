@@ -147,6 +147,7 @@ def _unique(cases: Iterator[TestCase]) -> Iterator[TestCase]:
 def _with(test_case: TestCase, stimuli: Stimuli, note: str) -> TestCase:
     origin = Origin(
         strategy=test_case.origin.strategy,
+        arm=test_case.origin.arm,
         parent=test_case.origin.parent if test_case.origin.note.startswith("shrunk") else identity(test_case),
         round=test_case.origin.round,
         index=test_case.origin.index,

@@ -16,17 +16,17 @@ from typing import Any
 from saflite.campaign.engine.outbox import Row
 from saflite.campaign.engine.state import Books
 from saflite.campaign.storage.journal_audit import JournalAudit
-from saflite.campaign.storage.projections import KEYS, TABLES
+from saflite.campaign.storage.own_folder import check_own
+from saflite.campaign.storage.projections import CHAINED, KEYS, TABLES
 from saflite.campaign.storage.rebuild import books_of
 from saflite.campaign.storage.seal import digest_of, has_log, is_sealed, seal, was_closed
 from saflite.campaign.storage.snapshot_file import Kept, kept
 from saflite.campaign.storage.sqlite import (
     check_file,
-    checked_chain,
     connect_reading,
     damage_named,
+    entries,
     in_use,
-    journal_after,
 )
 from saflite.campaign.storage.store import store_file
 from saflite.campaign.storage.witness import loss, start_of
@@ -101,8 +101,9 @@ def resume_faults(run_dir: Path) -> list[str]:
     older entries is told when they are read, in tables by `audit` and before anything is reported of the run.
 
     Raises:
-        Refused: there is no run, or its store cannot be read at all.
+        Refused: there is no run, its store cannot be read at all, or a link in it leads elsewhere.
     """
+    check_own(run_dir)
     lost = loss(run_dir)
     if not lost and is_sealed(run_dir):
         return []
@@ -126,7 +127,7 @@ def _fault_behind_snapshot(run_dir: Path) -> str:
     try:
         with _reading(run_dir) as (connection, path):
             snapshot = kept(run_dir, start_of(connection), connection) or Kept(0, 0, b"")
-            for _ in journal_after(connection, path, snapshot.line, snapshot.chain):
+            for _ in entries(connection, "journal", path, after=snapshot.line, chain=snapshot.chain):
                 pass
     except Refused as fault:
         return str(fault)
@@ -137,11 +138,8 @@ def _chain_fault(run_dir: Path) -> str:
     """Return the first entry of journal or events that is damaged, in words."""
     try:
         with _reading(run_dir) as (connection, path):
-            for table, query in (
-                ("journal", "SELECT n, chain, line FROM journal ORDER BY n"),
-                ("event", "SELECT seq, chain, event FROM events ORDER BY seq"),
-            ):
-                for _ in checked_chain(connection.execute(query), table, path):
+            for table in CHAINED:
+                for _ in entries(connection, table, path):
                     pass
     except Refused as fault:
         return str(fault)
@@ -155,11 +153,10 @@ def _audit(run_dir: Path, connection: sqlite3.Connection, path: Path, quick: boo
     counted = JournalAudit()
     replayed = _Replayed(books_of(connection), kept(run_dir, start_of(connection), connection))
     try:
-        for line in journal_after(connection, path):
+        for line in entries(connection, "journal", path):
             counted.add(line)
             replayed.add(line)
-        stored = connection.execute("SELECT seq, chain, event FROM events ORDER BY seq")
-        events = list(checked_chain(stored, "event", path))
+        events = list(entries(connection, "events", path))
     except Refused as fault:
         return {"problems": [*problems, str(fault)]}
     replayed.finish()

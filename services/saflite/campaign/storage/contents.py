@@ -10,18 +10,24 @@ import msgspec
 
 from saflite.campaign.engine.journal import Line, Settled, decode_line
 from saflite.campaign.lifecycle.outcomes import outcome_of
-from saflite.campaign.storage.sqlite import chain_at, checked_chain
+from saflite.campaign.storage.packing import Packing
+from saflite.campaign.storage.sqlite import chain_at, entries
 from saflite.contract import wire
 from saflite.contract.errors import Refused
+from saflite.contract.events import Event, ViolationFound
 from saflite.contract.flight import Flight, Purpose
 from saflite.contract.test_case import TestCase
-from saflite.contract.verdict import Judgement
+from saflite.contract.verdict import Judgement, Violation
 from saflite.contract.work import FlyResult, JudgeResult, MutateResult, Outcome, Result
 
 _CASE = "SELECT line, place, round, content FROM test_cases WHERE test_case = ? ORDER BY rowid DESC"
 _FLOWN = "SELECT line, place, round, content FROM test_cases WHERE test_case = ? AND round = ? AND place >= 0"
 _JUDGEMENT = "SELECT line FROM judgements WHERE test_case = ? AND flight_index = ?"
 _FLIGHT = "SELECT line FROM flights WHERE test_case = ? AND purpose = ? AND flight_index = ? AND line IS NOT NULL"
+_VIOLATIONS = (
+    "SELECT v.event, e.event FROM violations v LEFT JOIN events e ON e.seq = v.event"
+    " WHERE ?1 IN ('', confirmation) AND (?2 OR confirmation <> 'similar') ORDER BY v.rowid"
+)
 _OUTCOMES = (
     "SELECT round, test_case, ending, flight_index, behaviours, founded FROM outcomes WHERE round > ? AND round <= ?"
     " ORDER BY round, rank"
@@ -67,6 +73,16 @@ class Contents:
         assert isinstance(result, FlyResult), f"journal entry {row[0]} tells of no flight"
         return result.flight
 
+    def violations(self, confirmation: str = "", *, similar: bool = True) -> list[Violation]:
+        """Return the violations in the order found: of one standing if given, without `similar` ones if asked to."""
+        packing, found = Packing(self._db, "events"), []
+        for seq, event in self._db.execute(_VIOLATIONS, (confirmation, similar)).fetchall():
+            fact = wire.decode(packing.unpack(seq, event), Event).fact
+            if not isinstance(fact, ViolationFound):
+                raise Refused("books", expected=f"a violation in event {seq}", got="another; the tables are damaged")
+            found.append(fact.violation)
+        return found
+
     def outcomes(self, after_round: int, upto_round: int) -> Iterator[Outcome]:
         """Yield the outcomes of the rounds in (after, upto], in order."""
         for round_, name, ending, flight_index, behaviours, founded in self._db.execute(
@@ -83,11 +99,9 @@ class Contents:
         return self._held[1]
 
     def _read(self, number: int) -> Result:
-        query = "SELECT n, chain, line FROM journal WHERE n = ?"
-        chain = chain_at(self._db, "journal", number - 1)
-        row = self._db.execute(query, (number,))
-        rows = checked_chain(row, "journal", Path("books.sqlite"), after=number - 1, chain=chain)
-        data = next(rows, None)
+        before = number - 1
+        chain = chain_at(self._db, "journal", before)
+        data = next(entries(self._db, "journal", Path("books.sqlite"), after=before, chain=chain, limit=1), None)
         try:
             line: Line | None = None if data is None else decode_line(data)
         except wire.UNREADABLE:

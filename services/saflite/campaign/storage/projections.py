@@ -1,20 +1,23 @@
 """Tables of the store. `journal` is the truth; the others are made of it, for people, queries and reports.
 
 What the journal holds in full (a flight, a judgement, a proposed test case) is not told twice: its row names the
-journal `line` it stands in, and `contents.py` reads it there.
+journal `line` it stands in, and `contents.py` reads it there. So it is with a violation and the event that tells of it.
 """
 
 from __future__ import annotations
 
 import sqlite3
 import zlib
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 from saflite.campaign.engine.outbox import Batch, Value
+from saflite.campaign.storage.packing import Packing
 from saflite.contract import wire
+from saflite.contract.errors import Refused
 from saflite.contract.events import kind_of
 
-FORMAT = 7
+FORMAT = 8
 """Version of the store; a store of another version is refused."""
 
 TABLES: dict[str, tuple[str, ...]] = {
@@ -103,7 +106,7 @@ TABLES: dict[str, tuple[str, ...]] = {
         "confirmation TEXT",
         "robustness REAL",
         "severity TEXT",
-        "content BLOB",
+        "event INTEGER",  # the one that tells of it in full
         "PRIMARY KEY (test_case, policy)",
     ),
     "endings": ("test_case TEXT PRIMARY KEY", "state TEXT", "ending TEXT", "flights INTEGER"),
@@ -140,9 +143,13 @@ TABLES: dict[str, tuple[str, ...]] = {
 BY_KEY = ("usage", "selected", "judgements", "endings", "outcomes", "recordings", "attempts")
 """Tables that stand in order of their keys, so that keys stand once; the others are read in the order of writing."""
 
+CHAINED: dict[str, tuple[str, str]] = {"journal": ("n", "line"), "events": ("seq", "event")}
+"""The tables whose entries are numbered without gap and bear a running checksum: the columns of number and content."""
+
 CREATE = (
     "CREATE TABLE meta (key TEXT PRIMARY KEY, value BLOB) WITHOUT ROWID",
     "CREATE TABLE journal (n INTEGER PRIMARY KEY, chain INTEGER NOT NULL, line BLOB NOT NULL)",
+    "CREATE TABLE words (chained TEXT, after INTEGER, content BLOB, PRIMARY KEY (chained, after)) WITHOUT ROWID",
     "CREATE TABLE events (seq INTEGER PRIMARY KEY, kind TEXT, at_unix_s REAL, chain INTEGER NOT NULL, event BLOB)",
     *(
         f"CREATE TABLE {table} ({', '.join(columns)}){' WITHOUT ROWID' if table in BY_KEY else ''}"
@@ -186,35 +193,54 @@ class Tables:
 
     def __init__(self, connection: sqlite3.Connection) -> None:
         self._db = connection
+        self._packings = {table: Packing(connection, table) for table in CHAINED}
         self.tails = Tails(*self._tail("journal", "n"), *self._tail("events", "seq"))
+        for table, last in (("journal", self.tails.lines), ("events", self.tails.events)):
+            self._packings[table].begin(last + 1)
 
     def add(self, batch: Batch) -> Tails:
         """Write a batch; returns where the tables end then, to be set as `tails` once it is committed."""
         assert batch.first_line == self.tails.lines or not batch.lines, "a batch was left out or committed twice"
+        assert not batch.events or batch.events[0].seq == self.tails.events + 1, "events were left out or told twice"
         rows: dict[str, list[tuple[Value, ...]]] = {}
         for row in batch.rows:
             rows.setdefault(row.table, []).append(row.values)
-        lines, events = self._chained(batch)
+        lines = self._chained("journal", self.tails.lines, self.tails.chain, batch.lines)
         self._db.executemany("INSERT INTO journal VALUES (?, ?, ?)", lines)
+        facts = self._chained("events", self.tails.events, self.tails.event_chain, [*map(wire.encode, batch.events)])
+        events = [
+            (seq, kind_of(event.fact), event.at_unix_s, chain, packed)
+            for event, (seq, chain, packed) in zip(batch.events, facts, strict=True)
+        ]
         self._db.executemany("INSERT INTO events VALUES (?, ?, ?, ?, ?)", events)
         for table, values in rows.items():
             self._db.executemany(INSERT[table], values)
         tails = self.tails
         if lines:
             tails = tails._replace(lines=lines[-1][0], chain=lines[-1][1])
-        return tails._replace(events=events[-1][0], event_chain=events[-1][3]) if events else tails
+        return tails._replace(events=facts[-1][0], event_chain=facts[-1][1]) if facts else tails
 
-    def _chained(self, batch: Batch) -> tuple[list[tuple[int, int, bytes]], list[tuple[int, str, float, int, bytes]]]:
-        chain, event_chain = self.tails.chain, self.tails.event_chain
-        lines, events = [], []
-        for number, line in enumerate(batch.lines, self.tails.lines + 1):
-            chain = zlib.crc32(line, chain)
-            lines.append((number, chain, line))
-        for event in batch.events:
-            data = wire.encode(event)
-            event_chain = zlib.crc32(data, event_chain)
-            events.append((event.seq, kind_of(event.fact), event.at_unix_s, event_chain, data))
-        return lines, events
+    def _chained(self, table: str, last: int, chain: int, entries: Sequence[bytes]) -> list[tuple[int, int, bytes]]:
+        """Return number, running checksum and packed content of entries that come after the `last` one."""
+        packing, chained = self._packings[table], []
+        for number, entry in enumerate(entries, last + 1):
+            chain = zlib.crc32(entry, chain)
+            chained.append((number, chain, packing.pack(number, entry)))
+            words = packing.learn(number, self._latest(table, last, entries[: number - last]))
+            if words is not None:
+                self._db.execute("INSERT INTO words VALUES (?, ?, ?)", (table, number, words))
+        return chained
+
+    def _latest(self, table: str, last: int, new: Sequence[bytes]) -> Iterator[bytes]:
+        """Yield the entries of a table, the last first: the `new` ones, and those up to the `last` one stored."""
+        yield from reversed(new)
+        key, content = CHAINED[table]
+        query = f"SELECT {key}, {content} FROM {table} WHERE {key} <= ? ORDER BY {key} DESC"  # noqa: S608
+        for number, packed in self._db.execute(query, (last,)):
+            try:
+                yield self._packings[table].unpack(number, packed)
+            except Refused:  # told whenever it is read; what comes now does not need it
+                return
 
     def _tail(self, table: str, column: str) -> tuple[int, int]:
         row = self._db.execute(f"SELECT {column}, chain FROM {table} ORDER BY {column} DESC LIMIT 1").fetchone()  # noqa: S608

@@ -14,7 +14,7 @@ from saflite.campaign.engine.state import Books
 from saflite.campaign.storage import snapshot_file
 from saflite.campaign.storage.projections import CREATE, Tables
 from saflite.campaign.storage.seal import seal
-from saflite.campaign.storage.sqlite import connect, damage_named, journal_after, lock_run, meta, transaction
+from saflite.campaign.storage.sqlite import bound, connect, damage_named, entries, lock_run, meta, no_run, transaction
 from saflite.campaign.storage.store import store_file
 from saflite.contract import wire
 from saflite.contract.config import Campaign
@@ -24,6 +24,7 @@ from saflite.contract.test_case import TestCase
 from saflite.evidence.files import flush
 
 REPLAY_STEP = 2000
+READ = ("meta", "journal", "words")
 
 
 def rebuild(run_dir: Path) -> int:
@@ -35,12 +36,13 @@ def rebuild(run_dir: Path) -> int:
     """
     path = store_file(run_dir)
     if not path.is_file():
-        raise Refused("run folder", where=str(run_dir), expected="a run with a books.sqlite", got="none")
+        raise no_run(run_dir)
     beside = path.with_suffix(".rebuilt")
     with lock_run(run_dir):
         try:
             _remove(beside)
             with damage_named(path), closing(sqlite3.connect(path, isolation_level=None)) as old:
+                bound(old, path, READ)
                 lines = _write(old, beside, path)
                 _fold_in(old, path)
             _put_in_place(beside, path)
@@ -72,7 +74,7 @@ def books_of(connection: sqlite3.Connection) -> Books:
 def _replay(old: sqlite3.Connection, new: sqlite3.Connection, path: Path) -> int:
     books = books_of(old)
     tables = Tables(new)
-    for number, line in enumerate(journal_after(old, path), 1):
+    for number, line in enumerate(entries(old, "journal", path), 1):
         books.replay(line, announce=True)
         if number % REPLAY_STEP == 0:
             tables.tails = tables.add(books.drain())

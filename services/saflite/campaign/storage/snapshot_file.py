@@ -67,20 +67,26 @@ def keep(run_dir: Path, start: bytes, line: int, chain: int, state: bytes) -> No
             beside.unlink(missing_ok=True)
 
 
+def lines_of(run_dir: Path, start: bytes) -> int:
+    """Return how many journal entries there were when the snapshot was made, 0 where none of this run is whole."""
+    if not os.path.lexists(snapshot_file(run_dir)):
+        return 0
+    try:
+        _, run, line, _, _ = _read(run_dir)
+    except Refused:
+        return 0
+    return line if run == start else 0
+
+
 def kept(run_dir: Path, start: bytes, connection: sqlite3.Connection) -> Kept | None:
     """Return the snapshot if it is whole, of this run, of this code, and stands behind an entry of this journal."""
     if not os.path.lexists(snapshot_file(run_dir)):
         return None
     try:
-        data = read_bytes(snapshot_file(run_dir), "snapshot", BYTES_MAX)
+        made_by, run, line, chain, packed = _read(run_dir)
     except Refused as fault:
         log.warning("the snapshot is not used: %s", fault)
         return None
-    head, packed, check = data[: _HEAD.size], data[_HEAD.size : -_CHECK_BYTES], data[-_CHECK_BYTES:]
-    if len(head) < _HEAD.size or check != _check(head, packed):
-        log.warning("%s is damaged and not used", snapshot_file(run_dir))
-        return None
-    made_by, run, line, chain = _HEAD.unpack(head)
     for fits, other in (
         (run == start, "another run"),
         (made_by == code(), "other code than this"),
@@ -89,7 +95,22 @@ def kept(run_dir: Path, start: bytes, connection: sqlite3.Connection) -> Kept | 
         if not fits:
             log.warning("%s is of %s and not used: the whole journal is read", snapshot_file(run_dir), other)
             return None
-    return Kept(line, chain, zlib.decompress(packed))
+    unpacker = zlib.decompressobj()
+    state = unpacker.decompress(packed, BYTES_MAX)
+    if not unpacker.eof:
+        log.warning("%s unpacks to more than %d bytes and is not used", snapshot_file(run_dir), BYTES_MAX)
+        return None
+    return Kept(line, chain, state)
+
+
+def _read(run_dir: Path) -> tuple[bytes, bytes, int, int, bytes]:
+    """Return what stands in a snapshot's head, and its state, packed; raises Refused for a damaged one."""
+    path = snapshot_file(run_dir)
+    data = read_bytes(path, "snapshot", BYTES_MAX)
+    head, packed, check = data[: _HEAD.size], data[_HEAD.size : -_CHECK_BYTES], data[-_CHECK_BYTES:]
+    if len(head) < _HEAD.size or check != _check(head, packed):
+        raise Refused("snapshot", where=str(path), expected="one that fits its checksum", got="a damaged one")
+    return (*_HEAD.unpack(head), packed)
 
 
 def remove(run_dir: Path) -> None:

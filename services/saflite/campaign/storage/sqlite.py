@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import difflib
+import errno
 import fcntl
 import logging
 import os
@@ -9,17 +11,21 @@ import secrets
 import sqlite3
 import stat
 import zlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Container, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
 
-from saflite.campaign.storage.projections import CREATE, FORMAT
+from saflite.campaign.storage.own_folder import check_own
+from saflite.campaign.storage.packing import BYTES_MAX, FIX, Packing
+from saflite.campaign.storage.projections import CHAINED, CREATE, FORMAT
 from saflite.contract import wire
 from saflite.contract.config import Campaign
 from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import TestCase
+
+BOOKS = "books.sqlite"
 
 log = logging.getLogger(__name__)
 
@@ -31,8 +37,11 @@ _NOT_TO_BE_HAD = (
     sqlite3.SQLITE_CANTOPEN,
     sqlite3.SQLITE_IOERR,
 )
-FIX = "`saflite audit RUN --rebuild` makes all but the journal anew; else restore the run folder from a copy"
 
+
+VALUE_BYTES_MAX = 2 * BYTES_MAX
+MADE_BY: dict[str, str] = {statement.split()[2]: statement for statement in CREATE}
+"""How each table is made, by name."""
 
 FIRST_FACTS = ("format", "run_id", "campaign", "template", "target")
 """What of `meta` never changes."""
@@ -41,20 +50,58 @@ FIRST_FACTS = ("format", "run_id", "campaign", "template", "target")
 def connect(path: Path) -> sqlite3.Connection:
     """Open a store for writing: write-ahead log, every commit flushed to disk."""
     connection = sqlite3.connect(path, isolation_level=None, timeout=5.0, check_same_thread=False)
+    bound(connection, path)
     connection.execute("PRAGMA journal_mode = WAL")
     connection.execute("PRAGMA synchronous = FULL")
     connection.execute("PRAGMA cache_size = -8192")
     return connection
 
 
+def no_run(run_dir: Path) -> Refused:
+    """Return what to raise where a folder holds no run; a run beside it with nearly that name is asked back."""
+    beside = sorted(str(path.parent) for path in run_dir.parent.glob(f"*/{BOOKS}"))
+    near = difflib.get_close_matches(str(run_dir), beside, 1)
+    fix = f"did you mean {near[0]}?" if near else ""
+    return Refused("run folder", where=str(run_dir), expected=f"a run with a {BOOKS}", got="none", fix=fix)
+
+
 def connect_reading(path: Path) -> sqlite3.Connection:
     """Open a store for reading beside whoever writes it; raises Refused if there is none or it cannot be read."""
     if not path.is_file():
-        raise Refused("run folder", where=str(path.parent), expected="a run with a books.sqlite", got="none")
+        raise no_run(path.parent)
     with damage_named(path):
         connection = sqlite3.connect(f"{Path(os.path.realpath(path)).as_uri()}?mode=ro", uri=True, timeout=5.0)
-        connection.execute("SELECT 1 FROM meta").fetchone()
+        try:
+            bound(connection, path)
+            connection.execute("SELECT 1 FROM meta").fetchone()
+        except BaseException:
+            connection.close()
+            raise
     return connection
+
+
+def bound(connection: sqlite3.Connection, path: Path, tables: Container[str] = MADE_BY) -> None:
+    """Let nothing in a store act: it holds tables as we make them, no views, triggers or indices of others.
+
+    A run may come from somebody else. A view that never ends would be read for ever, a trigger would change what is
+    written. Values larger than any of ours are not read. With `tables` only what bears their names is looked at.
+
+    Raises:
+        Refused: something else is in it, or it is of another version.
+        sqlite3.DatabaseError: it is damaged.
+    """
+    connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, VALUE_BYTES_MAX)
+    connection.execute("PRAGMA trusted_schema = OFF")
+    schema = connection.execute(
+        "SELECT type, name, tbl_name, sql FROM sqlite_schema ORDER BY name <> 'meta'"
+    ).fetchall()
+    for kind, name, table, made_by in schema:
+        if (kind == "table" and MADE_BY.get(name) == made_by) or (kind == "index" and made_by is None):
+            if name == "meta":
+                check_version(connection, path)
+        elif tables is MADE_BY or name in tables or table in tables:
+            got = f"{kind} {name!r}, which is none of ours or made otherwise"
+            raise Refused("books", where=str(path), expected="the tables of a store and nothing else", got=got, fix=FIX)
 
 
 def fold_in(connection: sqlite3.Connection) -> None:
@@ -124,7 +171,7 @@ def damage_named(path: Path) -> Iterator[None]:
 
 def chain_at(connection: sqlite3.Connection, table: str, number: int) -> int:
     """Return the running checksum that an entry of a chained table bears; 0 before the first, -1 where it is gone."""
-    key = {"journal": "n", "events": "seq"}[table]
+    key = CHAINED[table][0]
     row = connection.execute(f"SELECT chain FROM {table} WHERE {key} = ?", (number,)).fetchone()  # noqa: S608
     return 0 if not number else -1 if row is None or not isinstance(row[0], int) else row[0]
 
@@ -134,7 +181,8 @@ def check_version(connection: sqlite3.Connection, path: Path) -> None:
     row = connection.execute("SELECT value FROM meta WHERE key = 'format'").fetchone()
     version = "none" if row is None else _text(row[0])
     if version != str(FORMAT):
-        raise Refused("books", where=str(path), expected=f"store format {FORMAT}", got=f"format {version}")
+        fix = "the version of saflite that wrote the run reads it (software.json in its folder names it)"
+        raise Refused("books", where=str(path), expected=f"store format {FORMAT}", got=f"format {version}", fix=fix)
 
 
 def check_file(connection: sqlite3.Connection, path: Path) -> None:
@@ -158,8 +206,8 @@ def in_use(run_dir: Path) -> bool:
             fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except FileNotFoundError:
         return False
-    except OSError:
-        return True
+    except OSError as fault:
+        return fault.errno != errno.ELOOP  # a link: refused by whoever would write
     return False
 
 
@@ -167,32 +215,39 @@ def _text(value: object) -> str:
     return value.decode(errors="replace") if isinstance(value, bytes) else str(value)
 
 
-def checked_chain(
-    rows: Iterable[tuple[int, int, bytes]], table: str, path: Path, *, after: int = 0, chain: int = 0
+def entries(
+    connection: sqlite3.Connection, table: str, path: Path, *, after: int = 0, chain: int = 0, limit: int = -1
 ) -> Iterator[bytes]:
-    """Yield the contents of (number, checksum, content) rows; raises Refused at a gap or a wrong checksum.
+    """Yield the contents of a chained table's entries after one, at most `limit` of them, each checked.
 
-    The rows are those `after` an entry, whose running checksum is `chain`.
+    Args:
+        connection: an open store.
+        table: `journal` or `events`.
+        path: the store's file, for what is said of damage.
+        after: the number of the entry they come after.
+        chain: the running checksum of that one.
+        limit: -1 for all.
+
+    Raises:
+        Refused: there is a gap, a wrong checksum, or what cannot be unpacked.
     """
-    for expected, (number, stored, content) in enumerate(rows, after + 1):
-        chain = zlib.crc32(content, chain) if isinstance(content, bytes) else -1
+    key, content = CHAINED[table]
+    query = f"SELECT {key}, chain, {content} FROM {table} WHERE {key} > ? ORDER BY {key} LIMIT ?"  # noqa: S608
+    packing = Packing(connection, table)
+    for expected, (number, stored, packed) in enumerate(connection.execute(query, (after, limit)), after + 1):
+        entry = packing.unpack(expected, packed) if number == expected else b""
+        chain = zlib.crc32(entry, chain)
         if number != expected or chain != stored:
-            what = f"{table} entry {expected}"
+            where = f"{path}, {table} entry {expected}"
             got = f"entry {number}" if number != expected else "a wrong checksum"
-            raise Refused("books", where=f"{path}, {what}", expected="an unbroken journal", got=got, fix=FIX)
-        yield content
-
-
-def journal_after(connection: sqlite3.Connection, path: Path, after: int = 0, chain: int = 0) -> Iterator[bytes]:
-    """Yield the journal lines after one with the running checksum `chain`; raises Refused at a damaged one."""
-    rows = connection.execute("SELECT n, chain, line FROM journal WHERE n > ? ORDER BY n", (after,))
-    return checked_chain(rows, "journal", path, after=after, chain=chain)
+            raise Refused("books", where=where, expected="an unbroken journal", got=got, fix=FIX)
+        yield entry
 
 
 def _lock_file(run_dir: Path, flags: int) -> IO[bytes]:
     """Open the file that is locked, without waiting for anybody; raises Refused where something else stands there."""
     path = run_dir / "books.lock"
-    handle = os.open(path, flags | os.O_NONBLOCK | os.O_CLOEXEC, 0o644)
+    handle = os.open(path, flags | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOFOLLOW, 0o644)
     if not stat.S_ISREG(os.fstat(handle).st_mode):
         os.close(handle)
         raise Refused("books.lock", where=str(run_dir), expected="a regular file", got="a folder, device or pipe")
@@ -204,7 +259,13 @@ class InUse(Refused):
 
 
 def lock_run(run_dir: Path) -> IO[bytes]:
-    """Lock a run folder for this process until the file is closed; raises InUse if another process has it."""
+    """Lock a run folder for this process until the file is closed, before anything is written into it.
+
+    Raises:
+        InUse: another process has it.
+        Refused: a link in it leads elsewhere, or the lock is no file.
+    """
+    check_own(run_dir)
     file = _lock_file(run_dir, os.O_RDWR | os.O_CREAT)
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -19,19 +19,20 @@ from saflite.campaign.storage.contents import Contents
 from saflite.campaign.storage.projections import Tables
 from saflite.campaign.storage.seal import break_seal, is_sealed, seal
 from saflite.campaign.storage.sqlite import (
+    BOOKS,
     chain_at,
     check_file,
     check_version,
-    checked_chain,
     connect,
     connect_reading,
     damage_named,
+    entries,
     fold_in,
-    journal_after,
     lock_run,
     make_one_file,
     make_tables,
     meta,
+    no_run,
     transaction,
 )
 from saflite.campaign.storage.witness import Mark, Witness, check_loss, mark_of, start_of
@@ -56,7 +57,7 @@ CHECKPOINT_COMMITS = 256
 
 def store_file(run_dir: Path) -> Path:
     """Return the SQLite file of a run folder."""
-    return run_dir / "books.sqlite"
+    return run_dir / BOOKS
 
 
 def campaign_of(run_dir: Path) -> Campaign:
@@ -143,7 +144,7 @@ class Store:
         """
         path = store_file(run_dir)
         if not path.is_file():
-            raise Refused("run folder", where=str(run_dir), expected="a run with a books.sqlite", got="none")
+            raise no_run(run_dir)
         lock = lock_run(run_dir)
         try:
             check_loss(run_dir)  # before anything is opened for writing: that gives up what SQLite does not take
@@ -287,7 +288,7 @@ class Store:
     def journal(self, after: int = 0, chain: int = 0) -> Iterator[bytes]:
         """Yield the journal lines after one with the running checksum `chain`; raises Refused at a damaged one."""
         with damage_named(self._path):
-            yield from journal_after(self._db, self._path, after, chain)
+            yield from entries(self._db, "journal", self._path, after=after, chain=chain)
 
     def blob_fault(self, blob: BlobRef, *, deep: bool = False) -> str:
         """See `ReadModel.blob_fault`."""
@@ -304,10 +305,9 @@ class Store:
 
     def events(self, from_seq: int, limit: int) -> tuple[bytes, ...]:
         """Return up to `limit` encoded events from `from_seq` on; raises Refused if one of them is damaged."""
-        query = "SELECT seq, chain, event FROM events WHERE seq >= ? ORDER BY seq LIMIT ?"
-        rows, before = self._db.execute(query, (from_seq, limit)), from_seq - 1
+        before = from_seq - 1
         chain = chain_at(self._db, "events", before)
-        return tuple(checked_chain(rows, "event", self._path, after=before, chain=chain))
+        return tuple(entries(self._db, "events", self._path, after=before, chain=chain, limit=limit))
 
     def _meta(self, key: str) -> bytes:
         return meta(self._db, key)

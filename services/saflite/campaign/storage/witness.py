@@ -18,6 +18,8 @@ from contextlib import closing
 from pathlib import Path
 from typing import NamedTuple
 
+from saflite.campaign.storage.snapshot_file import lines_of
+from saflite.campaign.storage.snapshot_file import remove as remove_snapshot
 from saflite.campaign.storage.sqlite import (
     FIRST_FACTS,
     check_version,
@@ -76,7 +78,7 @@ class Witness:
         record, check = _record(mark, self._start)
         beside = self._path.with_suffix(".witness.part")
         try:
-            file = os.open(beside, os.O_RDWR | os.O_CREAT | os.O_TRUNC, 0o644)
+            file = os.open(beside, os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW, 0o644)
             try:
                 if os.write(file, record) != len(record):
                     raise OSError("a part of the record only")
@@ -135,7 +137,7 @@ def loss(run_dir: Path) -> str:
     try:
         with damage_named(path):
             check_version(connection, path)
-            return _compare(said, connection, running=running)
+            return _compare(said, connection, running=running) or _rolled_back(run_dir, connection)
     finally:
         connection.close()
 
@@ -159,6 +161,8 @@ def accept_loss(run_dir: Path) -> None:
     path = run_dir / "books.sqlite"
     with lock_run(run_dir), damage_named(path), closing(connect_reading(path)) as connection:
         Witness(run_dir, start_of(connection), mark_of(connection)).close()
+        if lines_of(run_dir, start_of(connection)) > mark_of(connection).lines:
+            remove_snapshot(run_dir)  # of what is lost
 
 
 def _read(run_dir: Path) -> bytes:
@@ -192,6 +196,18 @@ def _compare(data: bytes, connection: sqlite3.Connection, *, running: bool) -> s
         if (row or (0,))[0] != chain:
             return f"{table} entry {number} is not the one that was committed"
     return ""
+
+
+def _rolled_back(run_dir: Path, connection: sqlite3.Connection) -> str:
+    """Tell a store that was put in place of a newer one together with its witness: the snapshot has seen more.
+
+    It is made after a commit, never before.
+    """
+    seen = lines_of(run_dir, start_of(connection))
+    there = mark_of(connection).lines
+    if seen <= there:
+        return ""
+    return f"the store and its witness are older than books.snapshot: {there} journal entries of at least {seen}"
 
 
 def _last(data: bytes, check: bytes) -> tuple[Mark | None, int]:

@@ -11,14 +11,21 @@ LINE_BYTES_MAX = 2 * 2**20
 
 
 class BoundedTransport(httpx.AsyncBaseTransport):
-    """Ends an answer that is longer, or has a longer line, than any honest one, before it fills the memory."""
+    """Ends an answer that is longer, or has a longer line, than any honest one, before it fills the memory.
+
+    Packed answers are neither asked for nor taken.
+    """
 
     def __init__(self, inner: httpx.AsyncBaseTransport | None = None) -> None:
         self._inner = inner or httpx.AsyncHTTPTransport()
 
     async def handle_async_request(self, request: httpx.Request) -> httpx.Response:
         """Pass the request on and watch what comes back."""
+        request.headers["accept-encoding"] = "identity"
         response = await self._inner.handle_async_request(request)
+        if response.headers.get("content-encoding", "identity").strip().lower() not in ("", "identity"):
+            await response.aclose()  # a small one may unpack to more than any memory holds
+            raise httpx.ReadError("a packed answer, which was not asked for")
         assert isinstance(response.stream, httpx.AsyncByteStream), "an asynchronous client has asynchronous streams"
         response.stream = _Bounded(response.stream)
         return response
