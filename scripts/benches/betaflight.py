@@ -1,7 +1,8 @@
 """Betaflight in lockstep: how fast beside bare JSBSim, what a fork costs, whether it is the flight from power-up.
 
 Parts: `lockstep` (simulated time per second of one core's time, firmware and world together, beside the bare F450 that
-JSBSim ships and our own bare file of it, at the same step in turns), `forks` (to the first step, memory), `cases`
+JSBSim ships and our own bare file of it, at the same step in turns), `forks` (to the first step, on demand and as a
+session does it, which forks ahead; memory), `cases`
 (test cases of 10 s per second), `equal` (forked flights against cold ones, bit by bit), `again` (cases re-flown),
 `leaks` (forks in a row). Core time counts, wall time is beside it: a busy machine stretches the latter.
 """
@@ -9,7 +10,6 @@ JSBSim ships and our own bare file of it, at the same step in turns), `forks` (t
 from __future__ import annotations
 
 import argparse
-import ctypes
 import json
 import os
 import sys
@@ -27,13 +27,16 @@ import flight as flight_bench
 from saflite.conformance.flying import DEADLINE_S, opened
 from saflite.contract.flight import FlightRecord, trace_digest
 from saflite.contract.rng import derive
+from saflite.contract.service import Cancelled
 from saflite.contract.test_case import Scenario, StartState, Stimulus, Target, TestCase
 from saflite.flight.autopilots.betaflight.configuration import configure
 from saflite.flight.autopilots.betaflight.firmware import VARIANTS
 from saflite.flight.autopilots.betaflight.flight import TICK_STEPS, BetaflightFlight
+from saflite.flight.autopilots.betaflight.vehicle import OK
 from saflite.flight.world.jsbsim_world import World
 from saflite.flight.world.state import STEP_S
 from saflite.simulator_worker.agreement import differences
+from saflite.simulator_worker.forks import Forks
 from saflite.simulator_worker.processes import children, resident_mib
 from saflite.simulator_worker.registry import load_target, why_missing
 from saflite.simulator_worker.targets._betaflight import BetaflightSession
@@ -42,7 +45,7 @@ NAME, VARIANT = "betaflight", VARIANTS["gps"]
 CASE_S = 10.0
 TURN_TICKS, TURNS = 250, 8
 WARM_UP_TICKS = 50
-SYS_FORK = 57  # on x86_64
+BETWEEN_ORDERS_S = 0.01  # enough for the fork that is made ahead
 ENDING_POLLS = 100  # of 0.1 s, for the last fork to end
 
 
@@ -133,23 +136,73 @@ def forks(options: argparse.Namespace) -> dict[str, Any]:
         flight.begin()
         try:
             rows = [_forked(flight) for _ in range(options.forks)]
-            bare = [_bare_fork() for _ in range(options.forks)]
         finally:
             flight.close()
+    ordered = _ordered(case, options.forks)
     with _session() as session:
         session.fly(case, DEADLINE_S, never)
         before = resident_mib(os.getpid())
         held = [session.snapshot(case, 0.02 * number, DEADLINE_S, never) for number in range(1, 11)]
         memory = (resident_mib(os.getpid()) - before) / len(held)
-    took = sorted(row["to_first_step_ms"] for row in rows)
+    took = [row["to_first_step_ms"] for row in rows]
     return {
         "forks": len(took),
-        "to_first_step_ms": round(median(took), 3),
-        "p95_ms": round(took[int(0.95 * len(took))], 3),
+        "to_first_step_ms": _spread(took),
+        "ordered_to_first_step_ms": _spread(ordered),
         "least": {key: round(min(row[key] for row in rows), 3) for key in rows[0]},
-        "least_of_world": {key: round(min(row[key] for row in bare), 3) for key in bare[0]},
         "memory_each_mib": round(memory, 1),
     }
+
+
+def _spread(took: list[float]) -> dict[str, float]:
+    places = {"least": 0, "median": len(took) // 2, "p95": int(0.95 * len(took))}
+    return {key: round(sorted(took)[place], 3) for key, place in places.items()}
+
+
+class _FirstStep:
+    """A held flight whose forks, ordered to fly on, do one step and say when it was done."""
+
+    def __init__(self, flight: BetaflightFlight) -> None:
+        self._flight = flight
+        self.forking, self.take_up = flight.forking, flight.take_up
+        self.fly_to, self.close = flight.fly_to, flight.close
+
+    @property
+    def files(self) -> frozenset[int]:
+        """See `HeldFlight`."""
+        return self._flight.files
+
+    def fly_on(self, test_case: TestCase, cancelled: Cancelled) -> FlightRecord:
+        """Do one step; `message` is the monotonic time at its end."""
+        self._flight._follow(test_case)
+        self._flight.inputs.tick(0.0)
+        assert self._flight.vehicle.run(1) == OK, "no step"
+        done_s = time.monotonic()
+        self._flight.close()
+        return FlightRecord("completed", None, repr(done_s), ())
+
+
+def _ordered(case: TestCase, count: int) -> list[float]:
+    """Order flights of one step from a held hover, with a short pause between them; ms from each order to the step."""
+    took = []
+    with TemporaryDirectory() as place:
+        memory = configure(VARIANT, {}, Path(place))
+
+        def begin(test_case: TestCase) -> _FirstStep:
+            flight = BetaflightFlight(test_case, VARIANT, memory, Path(place))
+            flight.begin()
+            return _FirstStep(flight)
+
+        forks = Forks(begin)
+        held = forks.hold(case, 0.0, never)
+        for _ in range(count):
+            time.sleep(BETWEEN_ORDERS_S)
+            began_s = time.monotonic()
+            record = forks.fly_from(held, case, never)
+            assert record is not None, "the held flight is gone"
+            took.append((float(record.message) - began_s) * 1e3)
+        forks.close()
+    return took
 
 
 def _forked(flight: BetaflightFlight) -> dict[str, float]:
@@ -160,24 +213,6 @@ def _forked(flight: BetaflightFlight) -> dict[str, float]:
         pid = os.fork()
         if pid == 0:
             _first_step(flight, began_s, theirs)
-    os.close(theirs)
-    said = os.read(ours, 4096)
-    os.close(ours)
-    os.waitpid(pid, 0)
-    return cast(dict[str, float], json.loads(said))
-
-
-def _bare_fork() -> dict[str, float]:
-    """Fork this process alone; return what the kernel takes, and what Python takes to set itself up in the fork."""
-    ours, theirs = os.pipe()
-    began_s = time.monotonic()
-    pid = ctypes.PyDLL(None).syscall(SYS_FORK)
-    if pid == 0:
-        forked_s = time.monotonic()
-        ctypes.pythonapi.PyOS_AfterFork_Child()
-        row = {"kernel_ms": (forked_s - began_s) * 1e3, "python_ms": (time.monotonic() - forked_s) * 1e3}
-        os.write(theirs, json.dumps(row).encode())
-        os._exit(0)
     os.close(theirs)
     said = os.read(ours, 4096)
     os.close(ours)

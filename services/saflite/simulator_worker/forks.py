@@ -1,8 +1,9 @@
 """Snapshots of flights by forking the process that flies them: held at a moment, flown on from any number of times.
 
 Each snapshot is a process that waits: the session's own, or forked from that of an earlier moment. To fly on, it forks
-once more, and the fork flies to the end and sends the record. So the processes form a tree whose parents hold earlier
-moments than their children. Everyone dies with its parent, and ends when the session lets go of its socket.
+once more, ahead of the order, and the fork flies to the end and sends the record. So the processes form a tree whose
+parents hold earlier moments than their children. Everyone dies with its parent, and ends when the session lets go of
+its socket.
 
 For simulators that live in the session's process and run one thread.
 """
@@ -30,6 +31,7 @@ from saflite.simulator_worker.prefixes import agree_until_s
 from saflite.simulator_worker.processes import die_with_parent
 
 POLL_S = 0.02
+AFTER_S = 0.003  # of wall time that a flight begins alone, before the fork for the next is made
 BROKEN = 70
 
 
@@ -46,6 +48,10 @@ class HeldFlight(Protocol):
     @property
     def files(self) -> Collection[int]:
         """Open files that it goes on with; all others are closed in a fork."""
+        ...
+
+    def take_up(self) -> None:
+        """In a fork: take up what was forked beside it, if that was not done yet."""
         ...
 
     def close(self) -> None:
@@ -101,14 +107,20 @@ class Forks:
         """Fly up to `at_s`, from the latest snapshot on the way there, and hold.
 
         Raises:
-            Unavailable: the flight ends before, or was stopped.
+            Unavailable: the flight ends before, was stopped, or a process died.
         """
         base = self._latest(test_case, at_s)
-        pipe, pid = self._order(base, _Order(test_case, at_s))
+        try:
+            pipe, pid = self._order(base, _Order(test_case, at_s))
+        except BrokenPipeError as fault:
+            if base is not None:
+                self.drop(base.snapshot)
+            raise Unavailable(f"no snapshot at {at_s:g} s: the process of the one before it died") from fault
         try:
             data = _answer(pipe, stop)
-            held = _Held(False) if data is None else _HELD.decode(data)
-            if not held.there:
+            if data is None:
+                raise Unavailable(f"no snapshot at {at_s:g} s: its process died")
+            if not _HELD.decode(data).there:
                 raise Unavailable(f"no snapshot at {at_s:g} s: the flight ends before")
         except Unavailable:
             _let_go(pipe, pid)
@@ -167,14 +179,17 @@ class Forks:
         with theirs:
             try:
                 if base is None:
-                    pid = _fork(theirs.fileno(), lambda pipe: _obey(self._begin(order.test_case), order, pipe))
+                    pid = _fork({theirs.fileno()}, partial(self._first, order, theirs.fileno()))
                 else:
-                    base.pipe.send_bytes(_ENCODER.encode(order))
-                    send_handle(base.pipe, theirs.fileno(), 0)
+                    _send(base.pipe, order, theirs.fileno())
             except OSError:
                 ours.close()
                 raise
         return Connection(ours.detach()), pid
+
+    def _first(self, order: _Order, handle: int) -> None:
+        pipe = Connection(handle)
+        _obey(self._begin(order.test_case), order, pipe)
 
 
 # ---- the session's side -------------------------------------------------------------------------------------------
@@ -202,8 +217,8 @@ def _let_go(pipe: Connection, pid: int) -> None:
 # ---- in the forks -------------------------------------------------------------------------------------------------
 
 
-def _fork(handle: int, act: Callable[[Connection], None], files: Collection[int] = ()) -> int:
-    """Fork a process that does `act` with no open files but the socket `handle` and `files`; return its id."""
+def _fork(files: Collection[int], act: Callable[[], None]) -> int:
+    """Fork a process that does `act` with no open files but `files`; return its id."""
     parent = os.getpid()
     pid = os.fork()
     if pid:
@@ -211,15 +226,17 @@ def _fork(handle: int, act: Callable[[Connection], None], files: Collection[int]
     code = BROKEN
     try:
         die_with_parent(parent)
-        _close_all_but({handle, *files})
-        act(Connection(handle))
+        _close_all_but(files)
+        act()
         code = 0
     except (FarmError, EOFError, BrokenPipeError):  # said again by the flight from the start that takes our place
         code = 0
     finally:
-        if code:
-            traceback.print_exc()
-        os._exit(code)
+        try:
+            if code:
+                traceback.print_exc()
+        finally:  # nothing may lead a fork back to where its parent goes on
+            os._exit(code)
 
 
 def _obey(flight: HeldFlight, order: _Order, pipe: Connection) -> None:
@@ -230,23 +247,60 @@ def _obey(flight: HeldFlight, order: _Order, pipe: Connection) -> None:
     there = flight.fly_to(order.test_case, order.hold_at_s, pipe.poll)
     pipe.send_bytes(_ENCODER.encode(_Held(there)))
     if there:
-        _hold(flight, pipe)
+        _hold(flight, order.test_case, pipe)
 
 
-def _hold(flight: HeldFlight, pipe: Connection) -> None:
-    """Wait for orders, each for a fork of this process; end with the socket, after all forks."""
-    while True:
-        try:
-            order = _ORDERS.decode(pipe.recv_bytes())
-            handle = recv_handle(pipe)
-        except (EOFError, OSError):
-            flight.close()
-            break
-        with flight.forking():
-            _fork(handle, partial(_obey, flight, order), flight.files)
-        os.close(handle)
+def _hold(flight: HeldFlight, test_case: TestCase, pipe: Connection) -> None:
+    """Have orders done, each by a fork made ahead of it; end with the socket or a fork that fails, after all forks."""
+    while _taken(flight, test_case, pipe):
         _reap(os.WNOHANG)
+    pipe.close()
+    flight.close()
     _reap(0)
+
+
+def _taken(flight: HeldFlight, test_case: TestCase, pipe: Connection) -> bool:
+    """Fork for the next order and wait until that has come; False if none comes any more or the fork died before."""
+    here, there = socket.socketpair()
+    ours, theirs = Connection(here.detach()), Connection(there.detach())
+    with ours:
+        with theirs, flight.forking():
+            _fork({pipe.fileno(), theirs.fileno(), *flight.files}, partial(_do_next, flight, test_case, pipe, theirs))
+        try:
+            ours.recv_bytes()
+        except EOFError:
+            return False
+        ours.poll(AFTER_S)  # or until the fork has ended
+    return True
+
+
+def _do_next(flight: HeldFlight, test_case: TestCase, pipe: Connection, taken: Connection) -> None:
+    """In a fork: get ready, wait for the next order on the socket that is shared with the one held, say so, do it."""
+    flight.take_up()
+    _rehearse(test_case)
+    order, answer = _next(pipe)
+    pipe.close()
+    taken.send_bytes(b"")
+    _obey(flight, order, answer)
+
+
+def _next(pipe: Connection) -> tuple[_Order, Connection]:
+    """Wait for an order; return it and the socket for its answer."""
+    return _ORDERS.decode(pipe.recv_bytes()), Connection(recv_handle(pipe))
+
+
+def _send(pipe: Connection, order: _Order, answer: int) -> None:
+    """Send an order with a socket for its answer."""
+    pipe.send_bytes(_ENCODER.encode(order))
+    send_handle(pipe, answer, 0)
+
+
+def _rehearse(test_case: TestCase) -> None:
+    """Take an order from ourselves: the memory that this touches is copied now, not when the order comes."""
+    ends = [Connection(end.detach()) for end in socket.socketpair()]
+    with ends[0], ends[1]:
+        _send(ends[0], _Order(msgspec.structs.replace(test_case, stimuli=()), None), ends[0].fileno())
+        _next(ends[1])[1].close()
 
 
 def _reap(options: int) -> None:

@@ -132,7 +132,8 @@ class Simulator:
     def _fly(self, opened: _Open, request: FlightRequest) -> FlightRecord:
         test_case, info = request.test_case, opened.info
         if test_case.target.build not in ("", info.build):
-            raise Refused(f"build of target {info.name}", expected=test_case.target.build, got=info.build)
+            fix = "`saflite regress RUN` flies the finds of a run on the build that is here"
+            raise Refused(f"build of target {info.name}", expected=test_case.target.build, got=info.build, fix=fix)
         opened.target.check(test_case)
 
         asked = False

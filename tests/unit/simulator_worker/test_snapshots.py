@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 from collections.abc import Iterator
 from itertools import pairwise
 
@@ -92,6 +93,31 @@ def test_snapshots_on_the_way_from_others(session: ReferenceSession) -> None:
     session.drop(held[1])  # and with it those held on from it
     same(session, held[3], some)
     same(session, held[0], some)
+
+
+def kill_what_was_forked_ahead() -> None:
+    (holder,) = children(os.getpid())
+    while not (ahead := [pid for pid in children(holder) if not children(pid)]):
+        pass
+    for pid in ahead:
+        os.kill(pid, signal.SIGKILL)
+
+
+def test_a_fork_made_ahead_that_was_killed_costs_only_its_snapshot(session: ReferenceSession) -> None:
+    held = session.snapshot(case(CLIMB), 1.5, DEADLINE_S, never)
+    same(session, held, case(CLIMB, LAND))
+    kill_what_was_forked_ahead()
+    same(session, held, case(CLIMB, GUST))
+    session.drop(held)
+    session.snapshot(case(CLIMB), 1.5, DEADLINE_S, never)
+    kill_what_was_forked_ahead()
+    with pytest.raises(Unavailable, match="died"):
+        session.snapshot(case(CLIMB), 2.0, DEADLINE_S, never)
+
+
+def test_an_order_larger_than_a_socket_holds(session: ReferenceSession) -> None:
+    many = case(CLIMB, *(given(2.0, "stick", "RC3", 1500.0 + k % 100) for k in range(9_000)), limit_s=3.0)
+    same(session, session.snapshot(many, 1.5, DEADLINE_S, never), many)
 
 
 def test_what_cannot_be_held_is_said(session: ReferenceSession) -> None:

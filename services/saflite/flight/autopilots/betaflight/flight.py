@@ -132,6 +132,14 @@ class BetaflightFlight:
         if self._firmware is not None:
             self._firmware.close(self.vehicle.pid)
 
+    def take_up(self) -> None:
+        """In a fork of the process that held it: go on with a fork of the firmware.
+
+        Raises:
+            Unavailable: the held firmware is gone.
+        """
+        self._follow(self.test_case)
+
     def _follow(self, test_case: TestCase) -> None:
         self.inputs.replace(test_case.stimuli)
         self.test_case = test_case

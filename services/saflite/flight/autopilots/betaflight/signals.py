@@ -43,11 +43,17 @@ OWN_SIGNALS: dict[str, SignalInfo] = {
     "angle_limit_set_deg": SignalInfo(unit="deg", meaning="greatest lean angle in ANGLE (angle_limit)"),
     "failsafe_delay_set_s": SignalInfo(unit="s", meaning="loss of signal until stage 2 (failsafe_delay)"),
     "failsafe_recovery_set_s": SignalInfo(unit="s", meaning="signal back until control (failsafe_recovery_delay)"),
-    "failsafe_procedure": SignalInfo(meaning="stage 2: 0 AUTO-LAND, 1 DROP, 2 GPS-RESCUE", kind="code"),
-    "failsafe_switch_mode": SignalInfo(meaning="the failsafe box: 0 stage 1, 1 kill, 2 stage 2", kind="code"),
+    "failsafe_procedure": SignalInfo(
+        meaning="stage 2 (failsafe_procedure): 0 AUTO-LAND, 1 DROP, 2 GPS-RESCUE", kind="code"
+    ),
+    "failsafe_switch_mode": SignalInfo(
+        meaning="the failsafe box (failsafe_switch_mode): 0 stage 1, 1 kill, 2 stage 2", kind="code"
+    ),
     "failsafe_landing_set_s": SignalInfo(unit="s", meaning="time AUTO-LAND takes (failsafe_landing_time)"),
     "auto_disarm_set_s": SignalInfo(unit="s", meaning="idle on the ground until disarmed (auto_disarm_delay)"),
-    "rescue_sanity_checks": SignalInfo(meaning="0 off, 1 on, 2 in failsafe only", kind="code"),
+    "rescue_sanity_checks": SignalInfo(
+        meaning="gps_rescue_sanity_checks: 0 off, 1 on, 2 in failsafe only", kind="code"
+    ),
     "rescue_descend_set_mps": SignalInfo(unit="m/s", meaning="rescue's speed of descent (gps_rescue_descend_rate)"),
     "rescue_angle_set_deg": SignalInfo(unit="deg", meaning="rescue's greatest lean angle (gps_rescue_max_angle)"),
 }
