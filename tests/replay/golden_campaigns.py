@@ -56,6 +56,7 @@ SEARCHES: dict[str, Search] = {
     "near_miss": Search(BOXES, "near_miss", {"population": 4}, "blend"),
     "camba": Search(BOXES, "camba", {}, "gap", budget=8),
     "tumb": Search(BOXES, "tumb", {}, "gap", budget=8),
+    "portfolio": Search(BOXES, "portfolio", {"given": ["population=4"]}, "gap", budget=12),
     "pgfuzz": Search(CHUTE, "pgfuzz", {"focus": 0.9}, "relevance", budget=12, rng_seed=3),
     "exposure": Search(CHUTE, "exposure", {}, "relevance", budget=16),
     f"random_boxes{FREE}": Search(BOXES, "random_boxes", {}, "gap", True, budget=8),

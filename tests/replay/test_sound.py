@@ -96,6 +96,40 @@ TURNED_BY_THE_PILOT_AS_ITS_MISSION_CLIMBS: Case = (
     (given(20.7, "stick", "RC4", 2000.0),),
     ("a-auto1",),
 )
+STOPS_AT_ITS_PLACE_FROM_HIGH_SPEED: Case = (
+    Scenario(start=StartState(mode="GUIDED", altitude_m=25.0), time_limit_s=25.0),
+    {"WPNAV_ACCEL": 476.0},
+    (
+        given(0.5, "command", "MAV_CMD_DO_CHANGE_SPEED", 1.0, 16.0, -1.0, 0.0, 0.0, 0.0, 0.0),
+        given(0.8, "command", "MAV_CMD_DO_REPOSITION", -1.0, 0.0, 0.0, 0.0, 47.3980963, 8.5457387, 30.0),
+    ),
+    ("place-reached",),
+)
+ARMED_ANEW_IN_THE_AIR: Case = (
+    Scenario(start=StartState(mode="ACRO", altitude_m=200.0), time_limit_s=15.0),
+    {},
+    (
+        given(0.5, "command", "MAV_CMD_COMPONENT_ARM_DISARM", 0.0, 21196.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+        given(1.1, "command", "MAV_CMD_COMPONENT_ARM_DISARM", 1.0, 21196.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+    ),
+    ("estimate-true", "a-alt-hold1"),
+)
+LINK_LOST_IN_A_CIRCLE: Case = (
+    Scenario(start=StartState(mode="CIRCLE", altitude_m=20.0), time_limit_s=25.0),
+    {},
+    (
+        given(0.5, "stick", "RC2", 1000.0),
+        given(1.0, "sensor_fault", "SIM_RC_FAIL", 1.0),
+        given(3.0, "mode", "CIRCLE"),
+    ),
+    ("a-circle1", "px-orbit1"),
+)
+LANDS_FASTER_THAN_IT_MAY_SINK: Case = (
+    Scenario(start=StartState(mode="GUIDED", altitude_m=14.0), time_limit_s=45.0),
+    {"LAND_SPEED": 150.0, "WPNAV_SPEED_DN": 50.0},
+    (given(0.5, "mode", "RTL"),),
+    ("climb-limit",),
+)
 
 
 @pytest.mark.parametrize(
@@ -109,6 +143,10 @@ TURNED_BY_THE_PILOT_AS_ITS_MISSION_CLIMBS: Case = (
         LANDS_OUT_OF_A_LOW_CIRCLE,
         LANDS_WHERE_IT_WAS_FAST,
         TURNED_BY_THE_PILOT_AS_ITS_MISSION_CLIMBS,
+        STOPS_AT_ITS_PLACE_FROM_HIGH_SPEED,
+        ARMED_ANEW_IN_THE_AIR,
+        LINK_LOST_IN_A_CIRCLE,
+        LANDS_FASTER_THAN_IT_MAY_SINK,
     ],
 )
 def test_nothing_is_broken_where_the_manual_allows_it(

@@ -38,6 +38,11 @@ RUNS: dict[str, Run] = {
     "saflite judge logs/ --quiet --csv all.csv --html all.html": Run(codes=(0, 1, 4)),
     "saflite run policy-a-chute --defect parachute-in-acro": Run(FEW),
     "saflite run policy-a-chute": Run(FEW),
+    "saflite run avoidance-m3 --strategy portfolio": Run(FEW),
+    'saflite run avoidance-m3 --strategy portfolio --set \'arms=["camba", "near_miss:fresh=0.5,population=8"]\'': Run(
+        FEW
+    ),
+    "saflite run policy-all --strategy portfolio": Run(FEW),
     "saflite run my-policy.toml": Run(FEW),
     "saflite run my-campaign.toml": Run(FEW),
     "saflite run my-campaign.toml --minutes 10 --stop-at-first": Run(FEW),

@@ -11,7 +11,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 BENCHES = ROOT / "scripts" / "benches"
 PAGES = [ROOT / "README.md", BENCHES / "FIDELITY.md", *sorted((ROOT / "deploy" / "docs").glob("*.md"))]
-MADE = ("rq1", "rq2", "rq3", "search")
+MADE = ("books", "rq1", "rq2", "rq3", "search")
 
 MADE_OF_ROWS = re.compile(r"This page\s+is\s+made\s+of.{1,600}?scripts/bench \w+ +--page", re.DOTALL)
 RESULT = re.compile(

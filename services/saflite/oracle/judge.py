@@ -31,6 +31,7 @@ def judge(
     policies: tuple[str, ...],
     policy_texts: PolicyTexts | None = None,
     sources: Mapping[str, str] | None = None,
+    untold: frozenset[str] = frozenset(),
 ) -> Judgement:
     """Return the judgement on one flight.
 
@@ -42,6 +43,7 @@ def judge(
         policies: names, or paths of policy files.
         policy_texts: the text of policies that do not ship.
         sources: where each signal comes from in a log, for verdicts that miss one; None if it is a flight of ours.
+        untold: signals made of orders that a log does not keep.
 
     Raises:
         Refused: a policy is unknown or its file is wrong.
@@ -52,10 +54,10 @@ def judge(
         verdicts = [_inconclusive(policy, reason) for policy in loaded]
         return _judgement(test_case, flight, verdicts, {}, None)
     is_log = sources is not None
-    signals = FlightSignals(test_case, flight, trace, is_log=is_log)
+    signals = FlightSignals(test_case, flight, trace, is_log=is_log, untold=untold)
     features = features_of(test_case, signals)
     wanted = frozenset[str]().union(*(policy.signals for policy in loaded))
-    judged = FlightSignals(test_case, flight, trace, between=True, is_log=is_log)
+    judged = FlightSignals(test_case, flight, trace, between=True, is_log=is_log, untold=untold)
     shown = judged.pick(wanted)
     common = Evaluator(shown, trace.step_s, judged.moments.row)
     verdicts = []

@@ -51,16 +51,24 @@ class FlightSignals:
         flight: how it went; its `delivered` tells what was given.
         trace: the samples.
         is_log: what the trace does not hold is not known, least of all by a default or the test case's settings.
+        untold: what is made of orders and not known either, as a log does not keep them.
         between: show what held between stimuli of one instant, too (`moments.py`); otherwise samples alone.
     """
 
     def __init__(
-        self, test_case: TestCase, flight: Flight, trace: Trace, *, between: bool = False, is_log: bool = False
+        self,
+        test_case: TestCase,
+        flight: Flight,
+        trace: Trace,
+        *,
+        between: bool = False,
+        is_log: bool = False,
+        untold: frozenset[str] = frozenset(),
     ) -> None:
         self._test_case, self._flight, self._trace = test_case, flight, trace
         self.moments = moments_of(trace, flight.delivered) if between else samples_of(trace)
         self._given = tuple(one for one in given(test_case.stimuli, flight.delivered) if one.is_cause)
-        self._is_log = is_log
+        self._is_log, self._orders_untold = is_log, untold
         self._made: dict[str, Array] = {}
         self.samples, self.step_s, self.written = len(self.moments.row), trace.step_s, frozenset(trace.signals)
         self._makers: dict[str, Callable[[], Any]] = {
@@ -116,10 +124,10 @@ class FlightSignals:
         return np.stack([self["x_m"], self["y_m"], self["altitude_m"]], axis=1).astype(np.float64)
 
     def _untold(self, name: str) -> bool:
-        """Say whether a log does not tell a signal that of our own flights is known: settings, crashes, obstacles."""
+        """Say whether a log does not tell a signal known of our own flights: settings, crashes, obstacles, orders."""
         if name == "obstacle_distance_m":
             return not self._test_case.scenario.obstacles
-        return (name in SETTINGS or name == "crashed") and name not in self.written
+        return (name in SETTINGS or name in ("crashed", *self._orders_untold)) and name not in self.written
 
     def _time(self) -> NDArray[np.float64]:
         return self.moments.time_s

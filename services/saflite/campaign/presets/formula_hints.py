@@ -18,7 +18,7 @@ _LASTING = re.compile(r"\b(?:lasting|historically)\s*\[\s*(?:[\d.]+\s*:\s*)?([\d
 _AFTER = re.compile(r"\b[a-z_]*(?:quiet|calm|order)_s\s*>=?\s*([\d.]+)")
 _AHEAD = re.compile(r"\b(?:eventually|always)\s*\[\s*[\d.]+\s*:\s*([\d.]+)")
 _COMPARED = re.compile(r"\b([a-z_0-9]+)\s*(==|>=|<=)\s*([\d.]+)\b")
-SETTING = re.compile(r"\b[A-Z][A-Z0-9]*_[A-Z0-9_]+\b")
+SETTING = re.compile(r"\b[A-Za-z][A-Za-z0-9]*_[A-Za-z0-9_]+\b")
 
 
 def whole_formula(data: dict[str, Any]) -> str:
@@ -38,7 +38,7 @@ def modes_named(formula: str) -> tuple[str, ...]:
 
 def failsafes_named(formula: str) -> tuple[str, ...]:
     """Return the failsafes a formula asks to be raised."""
-    return tuple(dict.fromkeys(_FAILSAFE.findall(formula)))
+    return tuple(name for name in dict.fromkeys(_FAILSAFE.findall(formula)) if f"failsafe_{name}" in SIGNALS)
 
 
 def quiet_asked_s(formula: str) -> float:
@@ -52,7 +52,7 @@ def settings_asked(formula: str, target: TargetInfo) -> tuple[tuple[InputInfo, f
     inputs = {entry.name: entry for entry in target.inputs if entry.kind == "parameter"}
     found: dict[tuple[str, float], InputInfo] = {}
     for signal, _, number in _COMPARED.findall(formula):
-        known, value = SIGNALS.get(signal), float(number.rstrip("."))
+        known, value = SIGNALS.get(signal, target.own_signals.get(signal)), float(number.rstrip("."))
         if known is None or (known.unit and value) or signal.endswith("_true"):
             continue
         for name in SETTING.findall(known.meaning):

@@ -32,12 +32,14 @@ from saflite.contract.work import PolicyText
 POLICIES_DIR = Path(__file__).parents[2] / "oracle" / "policies"
 PREFIX, ALL = "policy-", "policy-all"
 MISSION = "mission2"
+EXPOSURE = "exposure"
 SHORT_S, MISSION_S, ALL_S = 60.0, 150.0, 120.0
 ALL_PHASES = 10  # of a test case for several policies, in twice the time of one for a single policy
 MISSION_SHARE = 0.08  # of the flights of the campaign over all, where rules need a mission
 AIRBORNE_S = 32.0  # with a mission the vehicle leaves the ground after 19.5 s and climbs for 7
 MODE_COMMAND = "Flight_Mode"  # among the commands of a policy: any mode
 _EXCUSED = re.compile(r"\b(gps|baro|body)_true\b")  # the rule is silent after a fault of these sensors
+_RADIO = "radio"  # faults of the link begin with it: they falsify no sensor
 _STICK_SIGNAL = re.compile(r"rc(\d+)_pwm$")
 _INPUTS: dict[str, StimulusKind] = {
     "parameters": "parameter",
@@ -125,6 +127,20 @@ def campaign_over(path: Path, text: str, target: TargetInfo) -> Campaign:
     return msgspec.structs.replace(made, policy_texts={name: kept})
 
 
+def told(campaign: Campaign, target: TargetInfo) -> Campaign:
+    """Return a campaign whose strategy is told what is known of its policies, where it is told nothing yet.
+
+    Policies of one's own are unknown here.
+    """
+    strategy = campaign.strategy
+    if strategy.name != EXPOSURE or "hints" in strategy.settings:
+        return campaign
+    known = [data for data in _policies() if data["id"] in campaign.policies]
+    hints: list[Any] = [_hint(data, data.get("start", {}), _known(data, target), target) for data in known]
+    settings: dict[str, Setting] = {**strategy.settings, "hints": hints}
+    return msgspec.structs.replace(campaign, strategy=msgspec.structs.replace(strategy, settings=settings))
+
+
 def refuse_unfit(campaign: str, target: TargetInfo) -> None:
     """Raise Refused if it is the campaign of a policy that ships but cannot be broken on the target: say why."""
     for data in _policies():
@@ -177,7 +193,7 @@ def _one(data: dict[str, Any], target: TargetInfo, inputs: dict[str, list[Any]])
         time_limit_s=MISSION_S if needs_mission else SHORT_S,
         policies=(data["id"],),
         budget_flights=300,
-        strategy=StrategyConfig(name="exposure", settings=settings),
+        strategy=StrategyConfig(name=EXPOSURE, settings=settings),
         scorer=ScorerConfig(model="relevance", batch=16),
         search=_SEARCH,
     )
@@ -192,7 +208,7 @@ def _hint(data: dict[str, Any], start: dict[str, Any], inputs: dict[str, list[An
     words = ["".join(str(data["id"]).split())]  # an id that is none is refused by the oracle
     if start and not data.get("needs_mission"):
         state = StartState(**start)
-        words.append(f"start:{state.mode}@{state.altitude_m:g}")
+        words.append(f"start:{state.mode}@{state.altitude_m:g}{'' if state.armed else ':disarmed'}")
     formula = whole_formula(data)
     words += ["mission:"] if data.get("needs_mission") else []
     words += [f"in:{mode}" for mode in modes_named(formula) if ("mode", mode) in kinds]
@@ -201,7 +217,8 @@ def _hint(data: dict[str, Any], start: dict[str, Any], inputs: dict[str, list[An
     words += [f"asks:{entry.name}={value:g}" for entry, value in settings_asked(formula, target)]
     words += [f"reads:{kind}:{name}" for kind, name in _read_by(data, target)]
     for word, kind in _INPUTS.items():
-        for name in () if kind == "sensor_fault" and _EXCUSED.search(formula) else inputs.get(word, ()):
+        excused = kind == "sensor_fault" and _EXCUSED.search(formula)
+        for name in (one for one in inputs.get(word, ()) if not excused or one.startswith(_RADIO)):
             if kind == "command" and name == MODE_COMMAND:
                 continue
             if kind == "command" and (kind, name) not in kinds and ("stick", name) in kinds:
@@ -232,9 +249,15 @@ def _start(start: dict[str, Any], target: TargetInfo) -> StartState:
 
 
 def _all(policies: list[dict[str, Any]], target: TargetInfo) -> Campaign:
-    """Return the campaign that looks for whatever breaks any rule; inputs come from all the target has."""
+    """Return the campaign that looks for whatever breaks any rule; inputs come from all the target has.
+
+    What a rule asks of a setting in its formula is no precondition of all: it is given where the rule is meant.
+    """
     preconditions = {
-        name: float(value) for data in policies for name, value in sorted(data.get("preconditions", {}).items())
+        name: float(value)
+        for data in policies
+        for name, value in sorted(data.get("preconditions", {}).items())
+        if not any(entry.name == name for entry, _ in settings_asked(whole_formula(data), target))
     }
     loiter = {"mode": "LOITER", "altitude_m": 30.0} if "LOITER" in target.modes else {}
     hints: list[Any] = [_hint(data, data.get("start", {}), _known(data, target), target) for data in policies]
@@ -248,7 +271,7 @@ def _all(policies: list[dict[str, Any]], target: TargetInfo) -> Campaign:
         policies=tuple(data["id"] for data in policies),
         budget_flights=2000,
         strategy=StrategyConfig(
-            name="exposure", settings={"hints": hints, "missions": missions, "phases_max": ALL_PHASES}
+            name=EXPOSURE, settings={"hints": hints, "missions": missions, "phases_max": ALL_PHASES}
         ),
         scorer=ScorerConfig(model="relevance", batch=16),
         search=_SEARCH,

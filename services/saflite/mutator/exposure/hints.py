@@ -13,9 +13,10 @@ KINDS: tuple[StimulusKind, ...] = get_args(StimulusKind)
 HEIGHT_MAX_M = 1e6
 QUIET_MAX_S = 3600.0
 START, IN, READS, MISSION, RAISED, QUIET, ASKS = "start", "in", "reads", "mission", "raised", "quiet", "asks"
+DISARMED = "disarmed"
 SHAPE = (
-    "'<policy> start:<mode>@<metres> mission: in:<mode> raised:<failsafe> quiet:<seconds> asks:<parameter>=<value> "
-    "reads:<kind>:<input> <kind>:<input> ...'"
+    "'<policy> start:<mode>@<metres>[:disarmed] mission: in:<mode> raised:<failsafe> quiet:<seconds> "
+    "asks:<parameter>=<value> reads:<kind>:<input> <kind>:<input> ...'"
 )
 
 
@@ -36,9 +37,19 @@ class Hint(NamedTuple):
     quiet_s: float = 0.0
     flies_mission: bool = False
 
+    @property
+    def begins(self) -> str:
+        """Where its flights begin: a mission, the ground, or the air."""
+        on_ground = self.start is not None and self.start.altitude_m <= 0.0
+        return "mission" if self.flies_mission else "ground" if on_ground else "air"
+
     def kinds(self) -> tuple[StimulusKind, ...]:
         """Return the kinds of its inputs, sorted."""
         return tuple(sorted({entry.kind for entry in (*self.inputs, *self.read)}))
+
+    def orders(self) -> tuple[Input, ...]:
+        """Return the commands whose values it reads: it is about what follows them."""
+        return tuple(entry for entry in self.read if entry.kind == "command")
 
 
 def read_hints(texts: list[str], policies: tuple[str, ...], have: Have) -> tuple[Hint, ...]:
@@ -94,8 +105,11 @@ def _kind(word: str, text: str) -> StimulusKind:
 
 
 def _start(word: str, text: str) -> StartState:
-    mode, _, height = word.partition("@")
-    return StartState(mode=mode, altitude_m=_number(height, HEIGHT_MAX_M, text))
+    mode, _, rest = word.partition("@")
+    height, _, how = rest.partition(":")
+    if how not in ("", DISARMED):
+        raise Refused("strategy setting hints", expected=SHAPE, got=repr(text))
+    return StartState(mode=mode, altitude_m=_number(height, HEIGHT_MAX_M, text), armed=not how)
 
 
 def _number(word: str, most: float, text: str) -> float:

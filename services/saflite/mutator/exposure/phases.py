@@ -56,8 +56,10 @@ class Script:
         """Let time go by, all sizes alike."""
         self.at_s += math.exp(rng.uniform(math.log(low_s), math.log(high_s)))
 
-    def phase(self, rng: Rng, entry: Sequence[Stimulus], draw: Draw, quiet_s: float = 0.0) -> None:
-        """Add a phase: the inputs that enter a state, a few more, quiet; what is taken back then.
+    def phase(
+        self, rng: Rng, entry: Sequence[Stimulus], draw: Draw, quiet_s: float = 0.0, last: Stimulus | None = None
+    ) -> None:
+        """Add a phase: the inputs that enter a state, a few more, the `last`, quiet; what is taken back then.
 
         The quiet lasts `quiet_s` mostly, if that is told.
         """
@@ -70,6 +72,8 @@ class Script:
             given.append(draw(rng))
             self.give(given[-1])
             self.pause(rng, *PAUSE_S)
+        if last is not None:
+            self.give(last)
         if quiet_s and rng.random() < QUIET_SHARE:
             self.pause(rng, quiet_s, QUIET_LONGER * quiet_s)
         else:

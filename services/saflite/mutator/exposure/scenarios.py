@@ -19,6 +19,7 @@ HEIGHT_M = (3.0, 120.0)
 GROUND_SHARE = 0.15
 MISSION_HEIGHT_M = (4.0, 40.0)
 MISSION_LONGER_S = 60.0  # a mission begins with half a minute on the ground and the way up
+ITEMS_MAX = 8  # between take-off and end: what a mission counts, skips and jumps shows with several only
 TAKEOFF, WAYPOINT, WAIT, LAND, RETURN, DELAY, YAW, SPEED = 22, 16, 19, 21, 20, 112, 115, 178
 
 
@@ -50,10 +51,10 @@ class Scenarios(NamedTuple):
         return self.begin(msgspec.structs.replace(start, altitude_m=height_m))
 
     def mission(self, rng: Rng) -> Scenario:
-        """Return a short mission near home: take-off, one to three items, an end or none."""
+        """Return a mission near home: take-off, one to eight items, an end or none."""
         height_m = round(_log_uniform(rng, *MISSION_HEIGHT_M), 1)
         items = [_item(TAKEOFF, place=(HOME_LAT_DEG, HOME_LON_DEG, height_m))]
-        items += [_leg(rng, height_m) for _ in range(int(rng.integers(1, 4)))]
+        items += [_leg(rng, height_m) for _ in range(int(rng.integers(1, ITEMS_MAX + 1)))]
         end = (LAND, RETURN, 0)[int(rng.integers(3))]
         if end == LAND:
             items.append(_item(LAND, place=_near(rng, 0.0)))

@@ -34,6 +34,7 @@ from saflite.mutator.exposure.scenarios import Scenarios, scenarios_of
 from saflite.mutator.exposure.state_model import StateModel
 from saflite.mutator.exposure.vocabulary import Vocabulary
 from saflite.mutator.operators import inputs
+from saflite.mutator.operators.sequences import moved_to_start
 from saflite.mutator.strategy import Chosen, Option, Options, Proposes, Settings
 
 Rng = np.random.Generator
@@ -44,6 +45,7 @@ SHIFT_S = (0.05, 15.0)
 SECONDS_EACH = 20.0  # of a fresh test case for one policy: it is for as many as its time allows, a phase in turn
 POLICIES_MOST = 60  # however long it is
 ASKED = 0.6  # chance that a setting has the value a rule asks for
+ORDERED = 0.5  # share of phases that end with a command their rule is about: it waits for what follows, undisturbed
 CAUSED = 0.25  # share of inputs that raised a failsafe before, for rules that ask for it
 
 
@@ -92,6 +94,7 @@ class Strategy:
         if not self._have:
             raise Refused("strategy", expected="a target with inputs to give", got=f"{target.name}, which has none")
         self._template = template
+        self._at_start = frozenset(key for key, entry in self._have.items() if entry.at_start)
         hints = read_hints(self._chosen.words("hints"), policies, self._have)
         self._hints = {hint.policy: hint for hint in hints}
         self._rest = {(entry.kind, entry.name): entry.default for entry in target.inputs if entry.default is not None}
@@ -119,10 +122,10 @@ class Strategy:
     # ---- ask ---------------------------------------------------------------------------------------------------
 
     def ask(self, count: int, rng: Rng) -> list[TestCase]:
-        """Return `count` test cases; each is for a few policies."""
+        """Return `count` test cases; each is for a few policies that want the same kind of start."""
         each = max(1, round(min(POLICIES_MOST, self._template.scenario.time_limit_s / SECONDS_EACH)))
-        wanted = self._attention.rotation(rng, each * count)
-        return [self._one(rng, tuple(wanted[place::count])) for place in range(count)]
+        wanted = sorted(self._attention.rotation(rng, each * count), key=lambda name: self._hints[name].begins)
+        return [self._one(rng, tuple(wanted[place * each :][:each])) for place in rng.permutation(count)]
 
     def _one(self, rng: Rng, policies: tuple[str, ...]) -> TestCase:
         way = rng.random()
@@ -140,6 +143,8 @@ class Strategy:
 
     def _made(self, scenario: Scenario, stimuli: Stimuli, text: str, parent: str = "") -> TestCase:
         origin = Origin(strategy="exposure", parent=parent, note=text)
+        if self._at_start:
+            stimuli = moved_to_start(stimuli, self._at_start)
         return msgspec.structs.replace(self._template, scenario=scenario, stimuli=stimuli, origin=origin)
 
     # ---- fresh test cases --------------------------------------------------------------------------------------
@@ -170,7 +175,12 @@ class Strategy:
 
     def _phase(self, rng: Rng, script: Script, style: Style, mode: str) -> None:
         entry = self._entry(rng, style.hint, mode)
-        script.phase(rng, entry, partial(self._draw, style), style.hint.quiet_s)
+        script.phase(rng, entry, partial(self._draw, style), style.hint.quiet_s, self._order(rng, style.hint))
+
+    def _order(self, rng: Rng, hint: Hint) -> Stimulus | None:
+        """Return a command the rule is about, to be followed by nothing but quiet; often none."""
+        orders = hint.orders()
+        return self._given(rng, orders[int(rng.integers(len(orders)))]) if orders and rng.random() < ORDERED else None
 
     def _asked(self, rng: Rng, policies: Iterable[str]) -> list[Stimulus]:
         """Return settings with values that the formulas of the policies ask for."""
@@ -215,7 +225,9 @@ class Strategy:
         entry = None
         if rng.random() < self._chosen.real("own"):
             entry = self._vocabulary.draw_own(rng, style.hint, style.kinds)
-        entry = entry or self._vocabulary.draw(rng, style.hint.policy, style.kinds)
+        return self._given(rng, entry or self._vocabulary.draw(rng, style.hint.policy, style.kinds))
+
+    def _given(self, rng: Rng, entry: inputs.Input) -> Stimulus:
         default = self._rest.get((entry.kind, entry.name))
         given = numbers.draw(rng, entry, default, self._chosen.real("beyond"))
         return Stimulus(at_s=0.0, kind=entry.kind, name=entry.name, values=given)

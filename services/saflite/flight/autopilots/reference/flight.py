@@ -89,6 +89,9 @@ class ReferenceFlight:
         """Return what a fork is made in: no other process belongs to the flight."""
         return nullcontext()
 
+    def take_up(self) -> None:
+        """Take up nothing: see `forking`."""
+
     def fly_to(self, test_case: TestCase, at_s: float, cancelled: Cancelled) -> bool:
         """Fly a test case with the same past until just before what is due at `at_s`, whether there is any or not.
 

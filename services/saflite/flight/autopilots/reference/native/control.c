@@ -10,6 +10,7 @@
 #include "vehicle.h"
 
 static const double OUTER_S = STEPS_PER_OUTER * STEP_S;
+static const double BRAKING_SHARE = 0.6; /* of what the greatest lean gives: the lean follows late, the rest makes good */
 
 /* Share of the way a first-order low pass goes in one step; 0 Hz means no filter. */
 static double share(double cut_hz, double dt)
@@ -31,6 +32,7 @@ static void reset_outer(Vehicle *v)
         v->vel_sum[i] = v->vel_filtered[i] = v->vel_last[i] = v->accel_out[i] = 0.0;
         v->at[S_target_vn + i] = v->at[S_est_vn + i];
     }
+    v->leaning_full = 0;
     v->accz_sum = 0.0;
     v->climb_set = AT(climb_est_mps);
     AT(reset_loops) = 0.0;
@@ -55,8 +57,9 @@ static void wanted_speed(const Vehicle *v, double want[2])
     want[0] = AT(set_vn), want[1] = AT(set_ve);
     if (AT(want_xy) == WANT_XY_POSITION) {
         const double dn = AT(set_n) - AT(est_n), de = AT(set_e) - AT(est_e), gap = sqrt(dn * dn + de * de);
-        const double p = AT(k_pos_p), knee = AT(k_acc_xy) / (p * p);
-        double speed = gap > knee ? sqrt(2.0 * AT(k_acc_xy) * (gap - 0.5 * knee)) : gap * p;
+        const double most = BRAKING_SHARE * GRAVITY * tan(AT(tilt_max)), p = AT(k_pos_p);
+        const double braking = AT(k_acc_xy) < most ? AT(k_acc_xy) : most, knee = braking / (p * p);
+        double speed = gap > knee ? sqrt(2.0 * braking * (gap - 0.5 * knee)) : gap * p;
         speed = speed > AT(speed_max) ? AT(speed_max) : speed;
         if (gap > 1e-6)
             want[0] += speed * dn / gap, want[1] += speed * de / gap;
@@ -74,7 +77,8 @@ static void plane_loop(Vehicle *v)
         *target += clamp(want[i] - *target, -AT(k_acc_xy) * OUTER_S, AT(k_acc_xy) * OUTER_S);
         const double error = *target - v->at[S_est_vn + i];
         v->vel_filtered[i] += share(AT(k_vel_flte), OUTER_S) * (error - v->vel_filtered[i]);
-        v->vel_sum[i] = clamp(v->vel_sum[i] + AT(k_vel_i) * error * OUTER_S, -AT(k_vel_imax), AT(k_vel_imax));
+        if (!v->leaning_full || v->accel_out[i] * error < 0.0) /* what is cut off is not summed up (AC_PID_2D) */
+            v->vel_sum[i] = clamp(v->vel_sum[i] + AT(k_vel_i) * error * OUTER_S, -AT(k_vel_imax), AT(k_vel_imax));
         const double slope = (v->vel_filtered[i] - v->vel_last[i]) / OUTER_S;
         v->vel_last[i] = v->vel_filtered[i];
         accel[i] = AT(k_vel_p) * v->vel_filtered[i] + v->vel_sum[i] + AT(k_vel_d) * slope;
@@ -82,7 +86,8 @@ static void plane_loop(Vehicle *v)
         v->accel_out[i] += clamp(accel[i] - v->accel_out[i], -jerk, jerk);
     }
     const double size = sqrt(v->accel_out[0] * v->accel_out[0] + v->accel_out[1] * v->accel_out[1]);
-    if (size > limit)
+    v->leaning_full = size > limit;
+    if (v->leaning_full)
         v->accel_out[0] *= limit / size, v->accel_out[1] *= limit / size;
     const double cy = cos(AT(est_yaw)), sy = sin(AT(est_yaw));
     const double forward = cy * v->accel_out[0] + sy * v->accel_out[1];
