@@ -22,8 +22,9 @@ Array = NDArray[np.float64]
 
 
 class Layout(NamedTuple):
-    """One unique layout of the simulations: the mean of the distances found for it."""
+    """One unique layout of the simulations: the mean of the distances found for it; `name` is the hash of its boxes."""
 
+    name: str
     obstacles: tuple[Obstacle, ...]
     boxes: Array
     min_distance_m: float
@@ -42,6 +43,10 @@ class RealFlight(NamedTuple):
     boxes: Array
     track: Array
     half: str
+
+
+def _name_of(key: str) -> str:
+    return hashlib.sha256(key.encode()).hexdigest()[:12]
 
 
 def half_of(key: str) -> str:
@@ -77,7 +82,10 @@ def layouts() -> list[Layout]:
         key = ",".join(value for name, value in row.items() if name != "min_distance_m")
         found[key].append(float(row["min_distance_m"]))
         boxes[key] = (_obstacle(row, "1"), _obstacle(row, "2"))
-    return [Layout(boxes[key], boxes_array(boxes[key]), float(np.mean(found[key])), half_of(key)) for key in found]
+    return [
+        Layout(_name_of(key), boxes[key], boxes_array(boxes[key]), float(np.mean(found[key])), half_of(key))
+        for key in found
+    ]
 
 
 def real_flights() -> list[RealFlight]:

@@ -24,6 +24,7 @@ from _bootstrap import bootstrap_95
 from numpy.typing import NDArray
 
 from saflite.campaign.presets.campaigns import load_campaign
+from saflite.console.run_data.run_folder import open_run
 from saflite.contract.errors import FarmError, Unavailable
 from saflite.contract.events import Event, Flown, Scored, ScorerChanged
 from saflite.contract.rng import derive
@@ -39,7 +40,6 @@ UNSCORED = (
     "(SELECT test_case FROM scores WHERE shadow = 0)"
 )
 FLOWN = "SELECT count(*) FROM flights WHERE ending NOT IN ('infra', 'lost')"
-EVENTS = "SELECT event FROM events ORDER BY seq"
 BUDGET_AT_FIRST = 100_000
 LEFT_TO_FLY = 20  # more than rounds under way can hold in reserve
 
@@ -132,7 +132,8 @@ def swaps(count: int) -> dict[str, object]:
         with closing(sqlite3.connect(f"file:{run_dir}/books.sqlite?mode=ro", uri=True)) as store:
             unscored = store.execute(UNSCORED).fetchone()[0]
             flown = store.execute(FLOWN).fetchone()[0]
-            events = [msgspec.msgpack.decode(row[0], type=Event) for row in store.execute(EVENTS)]
+        with open_run(run_dir) as run:
+            events = list(run.events())
     if not done or status is None or status.state != "ended":
         raise Unavailable("the swaps broke off; the reason stands above")
     swapper = done[0]

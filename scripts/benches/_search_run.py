@@ -6,7 +6,7 @@ import tempfile
 import time
 from collections import Counter
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import msgspec
 from _authored_faults import Patch
@@ -16,6 +16,7 @@ from _inline import Flights, Inline
 from saflite.campaign.presets.campaigns import load_campaign
 from saflite.campaign.presets.policy_campaigns import pgfuzz_settings
 from saflite.conformance.flying import fly_once
+from saflite.console.io.campaign_options import changed
 from saflite.console.run_data.run_folder import RunFolder
 from saflite.contract.config import Campaign, ScorerConfig, SearchConfig, StrategyConfig
 from saflite.contract.control import Status
@@ -47,6 +48,7 @@ ARMS: dict[str, str] = {
     "published": "the own campaign, drawn as the published PGFuzz draws: its list, its rounds; no scorer",
     "random": "the vocabulary, starts and phases of policy-all drawn evenly; no hints, no memory, no scorer",
     "unscored": "policy-all, its proposals flown as they come",
+    "portfolio": "policy-all, its strategy one arm of a portfolio beside pgfuzz",
 }
 
 
@@ -82,6 +84,7 @@ class Row(NamedTuple):
     silent: list[str]
     states: int
     wall_s: float
+    alarm_cases: tuple[dict[str, Any], ...] = ()
 
 
 class Faulty(Flights):
@@ -105,6 +108,7 @@ class Watch:
         self.found: dict[str, int] = {}
         self.by_policy: dict[str, set[str]] = {}
         self.false_alarms: Counter[str] = Counter()
+        self.alarm_cases: list[dict[str, Any]] = []
         self.spoke: Counter[str] = Counter()
         self.states: set[str] = set()
         self.judged = self.any_spoke = 0
@@ -142,6 +146,7 @@ class Watch:
             return
         if self._breaks(case, (), (), policy):
             self.false_alarms[policy] += 1
+            self.alarm_cases.append(msgspec.to_builtins(case))
             return
         lines = {line.name: line for line in self._job.lines}
         for fault in left:
@@ -184,6 +189,8 @@ def campaign_of(job: Job) -> Campaign:
         strategy = without_lists(strategy)
     if job.arm == "blanked":
         scorer = ScorerConfig(model="random", batch=16)
+    if job.arm == "portfolio":
+        strategy = changed(base, strategy="portfolio").strategy
     if job.arm in ("random", "unscored", "published"):
         search = msgspec.structs.replace(search, candidates_per_round=search.flights_per_round)
         scorer = ScorerConfig(model="constant", batch=16)
@@ -237,4 +244,5 @@ def search(job: Job) -> Row:
         silent=[policy for policy in campaign.policies if not watch.spoke[policy]],
         states=len(watch.states),
         wall_s=round(time.perf_counter() - start, 1),
+        alarm_cases=tuple(watch.alarm_cases),
     )

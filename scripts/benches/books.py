@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import msgspec
+from _books_page import page, rows
 from _books_services import FARM, LEAVES, Services
 
 if TYPE_CHECKING:
@@ -27,6 +28,9 @@ if TYPE_CHECKING:
     from saflite.contract.control import Status
 
 WORKERS = ("a", "b")
+HERE = Path(__file__).resolve().parent
+ROWS = HERE / "results" / "books.jsonl"
+PAGE = HERE.parents[1] / "deploy" / "docs" / "books.md"
 
 
 def main(argv: list[str]) -> int:
@@ -40,19 +44,34 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--keep", type=Path, metavar="FOLDER", help="make the run here and leave it")
     parser.add_argument("--resume", type=Path, help="only open this run and work out its books")
     parser.add_argument("--json", action="store_true", help="print JSON")
+    parser.add_argument(
+        "--note", default="", help="add a row to results/books.jsonl, with these words about the machine"
+    )
+    parser.add_argument("--page", action="store_true", help="write deploy/docs/books.md from the rows, run nothing")
     options = parser.parse_args(argv)
     sys.path.insert(0, str(FARM))
+    if options.page:
+        PAGE.write_text(page(rows(ROWS)), encoding="utf-8")
+        return 0
     if options.resume:
         figures = _resumed(options.resume)
     else:
         with tempfile.TemporaryDirectory() as folder:
             figures = _measure(options.keep or Path(folder) / "run", options)
+    if options.note:
+        with ROWS.open("a", encoding="utf-8") as file:
+            file.write(json.dumps({"commit": _commit(), "note": options.note, **figures}) + "\n")
     if options.json:
         print(json.dumps(figures))
     else:
         for name, value in figures.items():
             print(f"{name:32} {value:,.2f}" if isinstance(value, float) else f"{name:32} {value:,}")
     return 0
+
+
+def _commit() -> str:
+    command = ["git", "-C", str(HERE), "rev-parse", "--short", "HEAD"]
+    return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
 
 
 def _measure(run_dir: Path, options: argparse.Namespace) -> dict[str, float | int]:

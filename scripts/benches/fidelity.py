@@ -4,7 +4,8 @@ Protocol: fit on one half of the layouts (split by hash), report the other. Simu
 layouts, median of the seeds, 500 s): area under the ROC curve and rank correlation of simulation, of the gap between
 the boxes, and of both, with bootstrap intervals over layouts. Real flights: same route, deviation, clearance of the
 boxes other than the nearest, duration, correlation of the distance inside each tool; never a pooled area, which would
-only tell the tools apart.
+only tell the tools apart. Every simulation is a row (`--rows FILE`); the figures are worked out
+from rows alone (`--read FILE`).
 """
 
 from __future__ import annotations
@@ -13,10 +14,13 @@ import argparse
 import json
 import sys
 import time
+from collections import defaultdict
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
+from pathlib import Path
 from typing import NamedTuple
 
+import msgspec
 import numpy as np
 from _bootstrap import bootstrap_95
 from _fidelity_data import HALVES, Layout, RealFlight, layouts, real_flights
@@ -28,7 +32,7 @@ from _fidelity_score import (
     same_route,
     within_tools,
 )
-from _fidelity_worlds import WORLDS, Flown, World
+from _fidelity_worlds import WORLDS, World
 from numpy.typing import NDArray
 from scipy.stats import rankdata
 
@@ -56,9 +60,49 @@ def free_flight(world: World) -> dict[str, dict[str, float]]:
     return {m: {"flown_s": world(m, (), 0, LIMIT_S).duration_s, "real_s": real} for m, real in FREE_FLIGHT_S.items()}
 
 
-def median_distance(layout: Layout, world: World, seeds: int) -> float:
-    """Return the median distance of one layout over the seeds."""
-    return float(np.median([world("mission2", layout.obstacles, s, LIMIT_S).min_distance_m for s in range(seeds)]))
+class Row(msgspec.Struct, omit_defaults=True):
+    """One simulation: of a published layout, or of a real flight laid over its track (the last three fields)."""
+
+    world: str
+    half: str
+    of: str
+    rng_seed: int
+    min_distance_m: float
+    duration_s: float
+    deviation_m: float = 0.0
+    same_route: bool = False
+    clearances_m: list[float] = []
+
+
+def fly_layout(layout: Layout, world: str, seeds: int) -> list[Row]:
+    """Fly a published layout with every seed."""
+    flown = [WORLDS[world]()("mission2", layout.obstacles, seed, LIMIT_S) for seed in range(seeds)]
+    return [
+        Row(world, layout.half, layout.name, seed, round(one.min_distance_m, 4), round(one.duration_s, 2))
+        for seed, one in enumerate(flown)
+    ]
+
+
+def fly_again(flight: RealFlight, world: str, seeds: int) -> list[Row]:
+    """Fly a real flight's layout with every seed and lay the tracks over the real one."""
+    rows = []
+    for seed in range(seeds):
+        one = WORLDS[world]()(flight.mission, flight.obstacles, seed, REAL_LIMIT_S)
+        apart = off_route(flight.track[:, 1:], one.track)
+        rows.append(
+            Row(
+                world,
+                flight.half,
+                flight.name,
+                seed,
+                round(one.min_distance_m, 4),
+                round(one.duration_s, 2),
+                round(float(np.median(apart)), 4),
+                same_route(apart),
+                [round(float(each), 4) for each in clearances(one.track, flight.boxes)],
+            )
+        )
+    return rows
 
 
 def judge_layouts(chosen: list[Layout], flown_m: Array) -> dict[str, object]:
@@ -86,20 +130,18 @@ def judge_layouts(chosen: list[Layout], flown_m: Array) -> dict[str, object]:
     return result
 
 
-def compare(flight: RealFlight, world: World, seeds: int) -> Compared:
-    """Fly a real flight's layout with every seed and lay the tracks over the real one."""
-    flown: list[Flown] = [world(flight.mission, flight.obstacles, seed, REAL_LIMIT_S) for seed in range(seeds)]
-    apart = [off_route(flight.track[:, 1:], one.track) for one in flown]
+def compare(flight: RealFlight, rows: list[Row]) -> Compared:
+    """Compare a real flight with the medians of its simulations."""
     real_m = clearances(flight.track[:, 1:], flight.boxes)
-    flown_m = np.median([clearances(one.track, flight.boxes) for one in flown], axis=0)
+    flown_m = np.median([row.clearances_m for row in rows], axis=0)
     others = [i for i in range(len(real_m)) if i != int(np.argmin(real_m))]
     return Compared(
-        deviation_m=float(np.median([np.median(distances) for distances in apart])),
-        route_share=float(np.mean([same_route(distances) for distances in apart])),
+        deviation_m=float(np.median([row.deviation_m for row in rows])),
+        route_share=float(np.mean([row.same_route for row in rows])),
         real_others_m=[float(real_m[i]) for i in others],
         flown_others_m=[float(flown_m[i]) for i in others],
-        duration_s=float(np.median([one.duration_s for one in flown])),
-        min_distance_m=float(np.median([one.min_distance_m for one in flown])),
+        duration_s=float(np.median([row.duration_s for row in rows])),
+        min_distance_m=float(np.median([row.min_distance_m for row in rows])),
     )
 
 
@@ -123,23 +165,55 @@ def judge_flights(chosen: list[RealFlight], compared: list[Compared]) -> dict[st
     }
 
 
-def measure(world_name: str, half: str, seeds: int, workers: int) -> dict[str, object]:
-    """Run the whole protocol with one world."""
-    world = WORLDS[world_name]()
+def fly(world: str, half: str, seeds: int, workers: int) -> list[Row]:
+    """Fly every layout and every real flight's boxes of a half."""
     shapes = [layout for layout in layouts() if half in ("all", layout.half)]
     flights = [flight for flight in real_flights() if half in ("all", flight.half)]
-    began = time.perf_counter()
     with ProcessPoolExecutor(workers) as pool:
-        flown_m = np.array(list(pool.map(partial(median_distance, world=world, seeds=seeds), shapes)))
-        compared = list(pool.map(partial(compare, world=world, seeds=seeds), flights))
+        flown = [
+            *pool.map(partial(fly_layout, world=world, seeds=seeds), shapes),
+            *pool.map(partial(fly_again, world=world, seeds=seeds), flights),
+        ]
+    return [row for rows in flown for row in rows]
+
+
+def read_rows(path: Path, world: str, half: str) -> list[Row] | str:
+    """Return the rows of a world and half, or what is wrong with the file."""
+    try:
+        read = msgspec.json.Decoder(Row).decode_lines(path.read_bytes())
+    except (OSError, msgspec.MsgspecError) as error:
+        return f"not rows that --rows writes: {error}"
+    rows = [row for row in read if row.world == world and half in ("all", row.half)]
+    return rows or f"no rows of --world {world} --half {half}; fly them with --rows"
+
+
+def by_seed(chosen: list[Layout], rows: dict[str, list[Row]]) -> dict[str, tuple[float, ...]]:
+    """Return area and rank correlation of the simulated layouts with each seed alone, sorted."""
+    real_m = np.array([layout.min_distance_m for layout in chosen])
+    areas, ranks = [], []
+    for seed in range(min(len(rows[layout.name]) for layout in chosen)):
+        flown_m = np.array([rows[layout.name][seed].min_distance_m for layout in chosen])
+        area = roc_area(real_m < SAFE_M, -flown_m)
+        areas.append(float("nan") if area is None else area)
+        ranks.append(rank_correlation(real_m, flown_m))
+    return {"area": tuple(sorted(areas)), "rank_correlation": tuple(sorted(ranks))}
+
+
+def judge(found: list[Row]) -> dict[str, object]:
+    """Return the protocol's numbers of one world and half from its rows."""
+    rows: dict[str, list[Row]] = defaultdict(list)
+    for row in sorted(found, key=lambda row: row.rng_seed):
+        rows[row.of].append(row)
+    shapes = [layout for layout in layouts() if layout.name in rows]
+    flights = [flight for flight in real_flights() if flight.name in rows]
+    flown_m = np.array([np.median([row.min_distance_m for row in rows[layout.name]]) for layout in shapes])
     return {
-        "world": world_name,
-        "half": half,
-        "seeds": seeds,
-        "free_flight": free_flight(world),
+        "world": found[0].world,
+        "half": found[0].half if len({row.half for row in found}) == 1 else "all",
+        "seeds": max(row.rng_seed for row in found) + 1,
         "simulated_layouts": judge_layouts(shapes, flown_m),
-        "real_flights": judge_flights(flights, compared),
-        "wall_s": time.perf_counter() - began,
+        "simulated_layouts_with_each_seed_alone": by_seed(shapes, rows),
+        "real_flights": judge_flights(flights, [compare(flight, rows[flight.name]) for flight in flights]),
     }
 
 
@@ -165,8 +239,22 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--json", action="store_true")
+    parser.add_argument("--rows", type=Path, help="write every simulation to this file, one a line")
+    parser.add_argument("--read", type=Path, help="fly nothing: work the figures out from such a file")
     options = parser.parse_args(argv)
-    result = measure(options.world, options.half, options.seeds, options.workers)
+    began = time.perf_counter()
+    if options.read:
+        rows = read_rows(options.read, options.world, options.half)
+        if isinstance(rows, str):
+            sys.stderr.write(f"fidelity: {options.read}: {rows}\n")
+            return 2
+        result = judge(rows)
+    else:
+        rows = fly(options.world, options.half, options.seeds, options.workers)
+        flown = {"free_flight": free_flight(WORLDS[options.world]()), "wall_s": time.perf_counter() - began}
+        result = {**judge(rows), **flown}
+    if options.rows:
+        options.rows.write_bytes(msgspec.json.Encoder().encode_lines(rows))
     if options.json:
         sys.stdout.write(json.dumps(result) + "\n")
     else:

@@ -8,7 +8,8 @@ get three behaviour faults planted into what the rule promises (`FAULTS`); a fau
 in any of them. Rules that applied in no flight, or cannot be checked on the reference, are tried on their examples.
 The faults are the same for all rules and know none of them. A rule that kills none is marked.
 alarms: the campaigns of all policies, guided as users run them, all defects off; every flight is judged by all rules,
-every violation is a false alarm. Told is also in which share of flights each rule applied.
+every violation is a false alarm, its test case is kept in the row. Told is also in which share of flights each rule
+applied.
 
 Rows in the `--out` file are not made again.
 """
@@ -199,6 +200,7 @@ class JudgedFlights(Flights):
         super().__init__()
         self.applied: Counter[str] = Counter()
         self.alarms: list[str] = []
+        self.cases: list[Any] = []
         self.endings: Counter[str] = Counter()
 
     def _fly(self, work: FlyWork, cancelled: Cancelled) -> tuple[Flight, bytes]:
@@ -212,6 +214,7 @@ class JudgedFlights(Flights):
             self.applied[verdict.policy] += verdict.outcome in ("held", "violated")
             if verdict.outcome == "violated":
                 self.alarms.append(f"{verdict.message}: {told_in_order(case.stimuli)}")
+                self.cases.append(msgspec.to_builtins(case))
 
 
 def guided(name: str, flights: int, rng_seed: int) -> dict[str, Any]:
@@ -230,6 +233,7 @@ def guided(name: str, flights: int, rng_seed: int) -> dict[str, Any]:
         "rng_seed": rng_seed,
         "flights": flyer.flown,
         "alarms": flyer.alarms,
+        "cases": flyer.cases,
         "endings": dict(flyer.endings),
         "applied": dict(sorted(flyer.applied.items())),
     }

@@ -1,11 +1,12 @@
 """`scripts/bench strategies`: what each strategy finds in a whole campaign with the same budget, scorer and seeds.
 
     scripts/bench strategies [--campaigns avoidance-m2] [--arms NAME[:SETTING=VALUE,...] ...] [--scorer blend]
-                             [--rng-seeds 1 2 3] [--budget 100] [--candidates N] [--jobs 1] [--json]
+                             [--rng-seeds 1 2 3] [--budget 100] [--candidates N] [--jobs 1] [--rows FILE] [--json]
 
 Every arm flies the campaign as shipped, only the strategy (and what the arm sets) differs: real books, scorers, JSBSim
-flights and oracle in one process. Told are confirmed and distinct violations, flights to
-the first one, and simulated minutes a flight: medians over the seeds with the least and the most.
+flights and oracle in one process. Told are behaviours (distinct) and
+confirmed violations, behaviours per minute of the processor time of that process, flights to the first one, and
+simulated minutes a flight: medians over the seeds with the least and the most.
 """
 
 from __future__ import annotations
@@ -48,6 +49,7 @@ class Result(NamedTuple):
     distinct: int
     first: int
     simulated_min: float
+    core_s: float
     wall_s: float
 
 
@@ -97,7 +99,7 @@ def campaign_of(name: str, arm: str, rng_seed: int, args: argparse.Namespace) ->
 def run(job: tuple[str, str, int, argparse.Namespace]) -> Result:
     """Run one campaign to its end."""
     name, arm, rng_seed, args = job
-    flights, start, first = Counted(), time.perf_counter(), 0
+    flights, start, core_start_s, first = Counted(), time.perf_counter(), time.process_time(), 0
 
     def look(status: Status) -> bool:
         nonlocal first
@@ -120,7 +122,8 @@ def run(job: tuple[str, str, int, argparse.Namespace]) -> Result:
         distinct=distinct,
         first=first,
         simulated_min=flights.simulated_s / 60.0 / max(1, flights.flown),
-        wall_s=time.perf_counter() - start,
+        core_s=round(time.process_time() - core_start_s, 1),
+        wall_s=round(time.perf_counter() - start, 1),
     )
 
 
@@ -138,13 +141,18 @@ def _spread(numbers: list[int]) -> str:
 def report(results: list[Result]) -> None:
     """Print one line per campaign and arm."""
     out = sys.stdout
-    out.write(f"{'campaign':14s} {'arm':34s} {'distinct':>14s} {'confirmed':>14s} {'first':>12s}  min/flight\n")
+    out.write(
+        f"{'campaign':14s} {'arm':34s} {'distinct':>14s} {'per core-minute':>18s} {'confirmed':>14s} {'first':>12s}"
+        "  min/flight\n"
+    )
     for key in dict.fromkeys((result.campaign, result.arm) for result in results):
         mine = [result for result in results if (result.campaign, result.arm) == key]
+        rates = [60.0 * result.distinct / result.core_s for result in mine]
         firsts = [result.first for result in mine if result.first]
         first = f"{median(firsts):5.1f} of {len(firsts)}/{len(mine)}" if firsts else "none"
         out.write(
             f"{key[0]:14s} {key[1]:34s} {_spread([one.distinct for one in mine]):>14s} "
+            f"{median(rates):6.2f} [{min(rates):.2f}-{max(rates):.2f}] "
             f"{_spread([one.confirmed for one in mine]):>14s} {first:>12s}  "
             f"{median(one.simulated_min for one in mine):.1f}\n"
         )
@@ -160,6 +168,7 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--budget", type=int, default=100)
     parser.add_argument("--candidates", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--rows", type=Path, help="file the raw rows are added to, one JSON object a line")
     parser.add_argument("--json", action="store_true")
     args = parser.parse_args(argv)
     jobs = [(name, arm, seed, args) for name in args.campaigns for seed in args.rng_seeds for arm in args.arms]
@@ -168,6 +177,9 @@ def main(argv: list[str]) -> int:
         for result in pool.imap(run, jobs):
             results.append(result)
             sys.stderr.write(f"{result}\n")
+            if args.rows:
+                with args.rows.open("a", encoding="utf-8") as file:
+                    file.write(json.dumps(result._asdict()) + "\n")
     if args.json:
         sys.stdout.write(json.dumps([result._asdict() for result in results], indent=2) + "\n")
     else:
