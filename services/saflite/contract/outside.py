@@ -28,7 +28,8 @@ LOG_BYTES_MAX = 512 * 2**20
 
 DEPTH_MAX = 32
 WHOLE_MAX = 2**63 - 1
-_LONG_KEY = re.compile(r"""(?>(?>[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){33}""")  # one more than DEPTH_MAX
+# A key of one word more than DEPTH_MAX, looked for where a key can begin: anywhere else, long words take ever longer.
+_LONG_KEY = re.compile(r"""(?<![\w.-])(?>(?>[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){33}""")
 
 
 def read_bytes(path: Path, what: str, bytes_max: int) -> bytes:

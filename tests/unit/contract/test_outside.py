@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from contextlib import suppress
 from pathlib import Path
 
@@ -80,3 +81,12 @@ def test_no_text_ends_in_a_traceback(text: str) -> None:
     for parse in (outside.parse_toml, outside.parse_json):
         with suppress(Refused):
             outside.check_plain(parse(text, "file", "here"), "file", "here")
+
+
+@pytest.mark.parametrize("part", ["x", "-", "a ", "a.b ", "'", "\"'", "' ", "x" * 999 + " ", "a." * 31 + "b ", "[a]\n"])
+def test_toml_takes_time_with_its_length_alone(part: str) -> None:
+    text = part * (200_000 // len(part))
+    began_s = time.process_time()
+    with suppress(Refused):
+        outside.parse_toml(text, "campaign file", "file")
+    assert time.process_time() - began_s < 5.0, "measured: under 0.5 s"

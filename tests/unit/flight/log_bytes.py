@@ -76,12 +76,12 @@ KINDS = {
 }
 
 
-def ardupilot_flight(kinds: dict[str, tuple[str, str]] = KINDS) -> bytes:
+def ardupilot_flight(kinds: dict[str, tuple[str, str]] = KINDS, tenths: int = 100) -> bytes:
     rows: list[tuple[str, tuple[float, ...]]] = [("MODE", (1_000_000, 4, 4, 1)), ("EV", (1_000_000, 10))]
-    for tenth in range(101):
+    for tenth in range(tenths + 1):
         at = 1_000_000 + tenth * 100_000
         rows.append(("XKF1", (at, 0, 0.1 * tenth, 0.0, -5.0 - 0.1 * tenth, 1.0, 0.0, -1.0)))
         rows.append(("XKF1", (at, 1, 99.0, 99.0, 99.0, 0.0, 0.0, 0.0)))
-        if tenth == 50:
+        if tenth == tenths // 2:
             rows += [("MODE", (at, 6, 6, 1)), ("ERR", (at, 5, 1)), ("EV", (at, 51))]
     return dataflash(kinds, rows)
