@@ -27,11 +27,11 @@ __all__ = ["Driver", "MemoryStore", "doubles", "new_books"]
 class Driver:
     """One set of books, a store (or none) and the services of the simulated farm."""
 
-    def __init__(self, books: Books, store: Store | None = None) -> None:
+    def __init__(self, books: Books, store: Store | None = None, unix_s: float = 1.7e9) -> None:
         self.books, self.store, self.now = books, store, 100.0
         self.targets: dict[str, tuple[TargetBuild, ...]] = {}
         self.service = doubles.Service(None if store is None else store.blobs)
-        books.begin(self.now, 1.7e9)
+        books.begin(self.now, unix_s)
         self.commit()
 
     def commit(self) -> None:

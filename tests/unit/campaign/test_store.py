@@ -12,6 +12,7 @@ from books_drive import Driver, doubles
 from saflite.campaign.storage.projections import FORMAT
 from saflite.campaign.storage.sqlite import entries
 from saflite.campaign.storage.store import Store, store_file
+from saflite.console.run_data.run_folder import open_run
 from saflite.contract import wire
 from saflite.contract.control import Control, Status
 from saflite.contract.errors import Refused, Unavailable
@@ -64,6 +65,19 @@ def test_a_campaign_interrupted_anywhere_finds_the_same_with_an_exact_budget(tmp
     query = "SELECT fingerprint, test_case, policy, confirmation FROM violations ORDER BY 1, 2, 3"
     found = [sqlite3.connect(store_file(tmp_path / name)).execute(query).fetchall() for name in ("whole", "parts")]
     assert found[0] == found[1] != []
+
+
+def test_the_time_between_two_sittings_is_none_of_the_run(tmp_path: Path) -> None:
+    driver = started(tmp_path / "run")
+    driver.run(until_flights=11)
+    closed(driver)
+    for after_s in (86_400.0, -3_600.0):  # a day later; then by a clock put back
+        store = Store.open(tmp_path / "run")
+        driver = Driver(store.rebuild(), store, unix_s=1.7e9 + after_s)
+        driver.run(until_flights=driver.books.status(driver.now).flights + 4)
+        open_s = closed(driver).elapsed_s
+        with open_run(tmp_path / "run") as run:
+            assert 0.0 < run.elapsed_s() == pytest.approx(open_s, abs=1.0)  # what came last may not be written down
 
 
 def test_events_can_be_read_again_from_any_place(tmp_path: Path) -> None:

@@ -133,6 +133,7 @@ class Reducer:
         core = self.core
         core.out.set_wall_time(core.at_s, entry.unix_s)
         core.incarnation, core.opened_s = entry.incarnation, core.at_s
+        core.out.row("sittings", entry.incarnation, entry.unix_s, core.elapsed_before_s)
         if entry.incarnation == 1:
             core.tell(CampaignChanged(state="running", why="started"))
         elif core.stopped:

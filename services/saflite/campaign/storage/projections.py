@@ -17,7 +17,7 @@ from saflite.contract import wire
 from saflite.contract.errors import Refused
 from saflite.contract.events import kind_of
 
-FORMAT = 8
+FORMAT = 9
 """Version of the store; a store of another version is refused."""
 
 TABLES: dict[str, tuple[str, ...]] = {
@@ -126,6 +126,11 @@ TABLES: dict[str, tuple[str, ...]] = {
         "digest TEXT",
         "size_bytes INTEGER",
         "PRIMARY KEY (test_case, flight_index)",
+    ),
+    "sittings": (  # from an opening of the books to the next
+        "incarnation INTEGER PRIMARY KEY",
+        "opened_unix_s REAL",
+        "elapsed_before_s REAL",  # how long the books had been open before
     ),
     "attempts": (
         "work TEXT",

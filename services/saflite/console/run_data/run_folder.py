@@ -36,8 +36,7 @@ from saflite.recorder.recording import read as read_recording
 from saflite.recorder.summary import Finding, PolicyFacts, Rulings, RunSummary
 
 T = TypeVar("T")
-EVENTS_AT_ONCE = 500
-ROUNDS_MAX = 10**9
+EVENTS_AT_ONCE, ROUNDS_MAX = 500, 10**9
 
 
 class FlightRow(NamedTuple):
@@ -371,9 +370,10 @@ class RunFolder:
         return [wire.decode(packing.unpack(seq, data), Event) for seq, data in self._rows(query, *values)]
 
     def elapsed_s(self) -> float:
-        """Return the wall time between the first and the last event, pauses between sittings included."""
-        first, last = next(self._rows("SELECT min(at_unix_s), max(at_unix_s) FROM events"))
-        return 0.0 if first is None else float(last) - float(first)
+        """Return how long the books were open, up to the last event; the time between sittings is none of it."""
+        last = "SELECT at_unix_s FROM events ORDER BY seq DESC LIMIT 1"
+        query = f"SELECT elapsed_before_s + max(0, ({last}) - opened_unix_s) FROM sittings ORDER BY incarnation"  # noqa: S608
+        return float([0.0, *(elapsed_s for (elapsed_s,) in self._rows(query))][-1])
 
     def _rows(self, query: str, *values: object) -> Iterator[tuple]:  # type: ignore[type-arg]
         with damage_named(self._file):
