@@ -25,6 +25,8 @@ STALE_S = 10.0  # the books have not answered for so long: `saflite_up` is 0
 MIB = 2**20
 _ADDRESS = re.compile(r"(?:(?:\[(?P<six>[0-9A-Fa-f:.]+)\]|(?P<host>[A-Za-z0-9.-]+)):)?(?P<port>\d{1,5})")
 
+_HOST = re.compile(r"(?P<host>\[[0-9A-Fa-f:.]+\]|[^:\[\]]+)(?::\d{1,5})?")
+
 
 def parse_address(text: str) -> tuple[str, int]:
     """Return host and port of `[HOST:]PORT`; the loopback interface where no host is said. Raises Refused."""
@@ -162,6 +164,22 @@ def _filled(family: Any, values: Mapping[Any, float]) -> Metric:
     return metric
 
 
+def _for_this_machine(app: Any) -> Any:
+    """Return the WSGI application for those who ask for this machine by address or as `localhost`.
+
+    A name of somebody else's that leads to loopback (DNS rebinding) would have a page of theirs read the answer.
+    """
+
+    def answer(asked: dict[str, Any], start: Any) -> Any:
+        match = _HOST.fullmatch(asked.get("HTTP_HOST", ""))
+        if match is not None and (match["host"].lower() == "localhost" or _is_ip(match["host"].strip("[]"))):
+            return app(asked, start)
+        start("403 Forbidden", [("Content-Type", "text/plain")])
+        return [b"ask for 127.0.0.1 or localhost\n"]
+
+    return answer
+
+
 class Endpoint:
     """An HTTP server that answers `/metrics`; open it with `with`.
 
@@ -182,6 +200,8 @@ class Endpoint:
             self._server, self._thread = start_http_server(port, host, registry=registry)
         except (OSError, socket.gaierror) as fault:
             raise Unavailable(f"--metrics cannot listen on {host}:{port}: {fault}") from fault
+        if host == "localhost" or (_is_ip(host) and ipaddress.ip_address(host).is_loopback):
+            self._server.set_app(_for_this_machine(self._server.get_app()))
         self.port = port
 
     def __enter__(self) -> Endpoint:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import http.client
+import socket
+
 import msgspec
 import pytest
 from prometheus_client import CollectorRegistry
@@ -11,7 +14,7 @@ from prometheus_client.openmetrics.parser import text_string_to_metric_families
 from saflite.contract.clock import Clock
 from saflite.contract.control import Status, WorkerStatus
 from saflite.contract.errors import Refused
-from saflite.runtime.metrics import STALE_S, FarmMetrics, GroupMetrics, parse_address
+from saflite.runtime.metrics import STALE_S, Endpoint, FarmMetrics, GroupMetrics, parse_address
 
 WORKER = WorkerStatus(worker="lab-fly-1", stage="fly", state="busy", leases=2, done=7, busy_share=0.5, silent_s=1.5)
 STATUS = Status(
@@ -114,3 +117,24 @@ def test_metrics_stay_on_loopback_unless_told_otherwise(text: str, address: tupl
 def test_what_is_no_address_is_refused(text: str) -> None:
     with pytest.raises(Refused, match="--metrics"):
         parse_address(text)
+
+
+@pytest.mark.parametrize(
+    ("name", "status"),
+    [
+        *((name, 200) for name in ("localhost", "LOCALHOST:1", "127.0.0.1:9464", "[::1]:9464", "[::1]")),
+        *((name, 403) for name in ("evil.example", "evil.example:80", "127.0.0.1.evil.example", "", "a:b:c")),
+    ],
+)
+def test_on_loopback_no_page_of_another_site_reads_them_by_a_name_of_its_own(name: str, status: int) -> None:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    with Endpoint(str(port), FarmMetrics(Still())):
+        connection = http.client.HTTPConnection("127.0.0.1", port, timeout=5.0)
+        connection.putrequest("GET", "/metrics", skip_host=True)
+        connection.putheader("Host", name)
+        connection.endheaders()
+        answer = connection.getresponse()
+        assert (answer.status, b"saflite_up" in answer.read()) == (status, status == 200)
+        connection.close()
