@@ -17,6 +17,8 @@ from saflite.contract.verdict import Judgement
 from saflite.contract.wire import UNREADABLE
 
 T = TypeVar("T")
+ATTACHMENTS_MAX = 64
+"""We write four."""
 _MAGIC = b"\x89MCAP0\r\n"
 _FOOTER, _DATA_END = struct.Struct("<BQQQI"), struct.Struct("<BQI")
 _TAIL = _FOOTER.size + len(_MAGIC)
@@ -70,8 +72,11 @@ def _attachments(path: Path) -> dict[str, bytes]:
         _check_sums(path)
         with path.open("rb") as file:
             reader = make_reader(file, validate_crcs=True)
-            if reader.get_summary() is None:
+            summary = reader.get_summary()
+            if summary is None:
                 raise _damaged(path, "no summary at its end")
+            if len(summary.attachment_indexes) > ATTACHMENTS_MAX:  # the same large one may be listed again and again
+                raise _damaged(path, f"{len(summary.attachment_indexes)} attachments, not at most {ATTACHMENTS_MAX}")
             return {attachment.name: bytes(attachment.data) for attachment in reader.iter_attachments()}
     except _faults() as fault:
         raise _damaged(path, fault) from fault

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import sqlite3
+import struct
 import zlib
 from contextlib import closing
 from pathlib import Path
@@ -166,3 +168,33 @@ def test_a_snapshot_that_unpacks_without_end_is_not_used(run_dir: Path, caplog: 
         (run_dir / "books.snapshot").write_bytes(head + bomb + snapshot_file._check(head, bomb))
         assert snapshot_file.kept(run_dir, start, database) is None
     assert "is not used" in caplog.text
+
+
+def _journal_naming(victim: Path, store: Path) -> bytes:
+    """A rollback journal without pages that names another file, as SQLite's file format has it (section 3)."""
+    data, magic, name = store.read_bytes(), bytes.fromhex("d9d505f920a163d7"), str(victim).encode()
+    page = struct.unpack(">H", data[16:18])[0]
+    head = magic + struct.pack(">5I", 0, 1, len(data) // page, 512, page)
+    tail = struct.pack(">I", 2**30 // page + 1) + name + struct.pack(">2I", len(name), sum(name)) + magic
+    return head.ljust(512, b"\0") + tail
+
+
+@pytest.mark.parametrize("words", [*WRITERS, ["report"], ["audit"], ["replay"]], ids=" ".join)
+def test_a_journal_that_has_other_files_removed_is_refused(
+    words: list[str], run_dir: Path, outside: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (run_dir / "books.sqlite-journal").write_bytes(_journal_naming(outside / "file", run_dir / "books.sqlite"))
+    assert main([words[0], str(run_dir), *words[1:]]) == REFUSED
+    assert "names another file" in capsys.readouterr().err
+    assert _is_untouched(outside)
+
+
+@pytest.mark.parametrize("suffix", ["", "-wal", "-shm", "-journal"])
+@pytest.mark.parametrize("words", [*WRITERS, ["report"], ["audit"], ["artefacts"]], ids=" ".join)
+def test_no_pipe_beside_a_store_is_waited_for(
+    words: list[str], suffix: str, run_dir: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (run_dir / f"books.sqlite{suffix}").unlink(missing_ok=True)
+    os.mkfifo(run_dir / f"books.sqlite{suffix}")
+    assert main([words[0], str(run_dir), *words[1:]]) == REFUSED
+    assert capsys.readouterr().err.count("\n") == 1

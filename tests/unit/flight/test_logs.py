@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import time
 from pathlib import Path
 from typing import Any
 
@@ -194,3 +195,22 @@ def test_the_log_of_a_plane_is_refused(tmp_path: Path) -> None:
     path.write_bytes(dataflash(kinds, said) + ardupilot_rows(kinds))
     with pytest.raises(Refused, match="ArduPlane"):
         read_dataflash_log(path)
+
+
+@pytest.mark.parametrize(
+    "formats",
+    [
+        [*(f"x{i}:x{i + 1}[100] a;" for i in range(6)), "x6:float a;", "x:uint64_t timestamp;x0 a;"],
+        ["x:uint64_t timestamp;" + "".join(f"float[65535] a{i};" for i in range(500))],
+        ["x:uint64_t timestamp;x a;"],
+        [*(f"x{i}:x{i + 1} a;" for i in range(500)), "x500:float a;", "x:uint64_t timestamp;x0 a;"],
+    ],
+)
+def test_formats_that_unfold_without_end_are_refused_at_once(formats: list[str], tmp_path: Path) -> None:
+    head = px4_flight()[:16] + message("B", b"\0" * 40)
+    told = b"".join(message("F", text.encode()) for text in formats)
+    (tmp_path / "a.ulg").write_bytes(head + told + message("A", b"\0\0\0x") + message("D", b"\0" * 100))
+    began_s = time.process_time()
+    with pytest.raises(Refused, match="PX4 log"):
+        read_ulog(tmp_path / "a.ulg", placed=False)
+    assert time.process_time() - began_s < 5.0, "measured: 0.1 s"

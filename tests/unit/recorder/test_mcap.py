@@ -11,6 +11,7 @@ import msgspec
 import numpy as np
 import pytest
 from mcap.reader import make_reader
+from mcap.writer import Writer
 from mcap_protobuf.decoder import DecoderFactory
 
 from saflite.contract.blobs import BlobMissing, ref_of
@@ -264,3 +265,16 @@ def test_a_flight_said_to_have_lasted_for_ages_begins_at_the_beginning_of_time()
     flight = msgspec.structs.replace(work.flight, simulated_s=1e12, trace=blobs.put(packed))
     result = open_service(blobs, FixedClock()).do(msgspec.structs.replace(work, flight=flight), lambda: False)
     assert isinstance(result, RecordResult)
+
+
+def test_a_recording_that_lists_one_attachment_again_and_again_is_refused(tmp_path: Path) -> None:
+    buffer = io.BytesIO()
+    writer = Writer(buffer, enable_data_crcs=True)
+    writer.start()
+    writer.add_attachment(0, 0, "trace.bin", "x", b"\0" * 1_000_000)
+    listed = next(held for held in vars(writer).values() if isinstance(held, list) and held)
+    listed.extend(listed * 10_000)
+    writer.finish()
+    (tmp_path / "a.mcap").write_bytes(buffer.getvalue())
+    with pytest.raises(Refused, match="10001 attachments"):
+        recording.read(tmp_path / "a.mcap")

@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
 
-from saflite.campaign.storage.own_folder import check_own
+from saflite.campaign.storage.own_folder import check_own, check_store
 from saflite.campaign.storage.packing import BYTES_MAX, FIX, Packing
 from saflite.campaign.storage.projections import CHAINED, CREATE, FORMAT
 from saflite.contract import wire
@@ -69,8 +69,10 @@ def connect_reading(path: Path) -> sqlite3.Connection:
     """Open a store for reading beside whoever writes it; raises Refused if there is none or it cannot be read."""
     if not path.is_file():
         raise no_run(path.parent)
+    real = Path(os.path.realpath(path))
+    check_store(real)
     with damage_named(path):
-        connection = sqlite3.connect(f"{Path(os.path.realpath(path)).as_uri()}?mode=ro", uri=True, timeout=5.0)
+        connection = sqlite3.connect(f"{real.as_uri()}?mode=ro", uri=True, timeout=5.0)
         try:
             bound(connection, path)
             connection.execute("SELECT 1 FROM meta").fetchone()

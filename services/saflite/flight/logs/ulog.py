@@ -10,7 +10,7 @@ and take-off are GUIDED, orbit is CIRCLE, descend and land are LAND.
 from __future__ import annotations
 
 import struct
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -49,6 +49,9 @@ _TAKEOFF = 17
 _ROTARY_WING = 1  # vehicle_status.VEHICLE_TYPE_ROTARY_WING; 0 is not known
 ARMED = 2
 FIX_3D = 3
+FIELDS_MAX = 500_000
+"""Of all subscriptions of a log together; logs of flights have some thousand."""
+NESTED_MAX = 16
 _LOCAL = {"x": ("x_m", 1.0), "y": ("y_m", 1.0), "z": ("altitude_m", -1.0)}
 _SPEED = {"vx": ("vx_mps", 1.0), "vy": ("vy_mps", 1.0), "vz": ("climb_mps", -1.0)}
 _RATES = ("roll_rate_dps", "pitch_rate_dps", "yaw_rate_dps")
@@ -109,7 +112,6 @@ def read_ulog_log(path: Path, *, placed: bool = False) -> FlightLog:
 
 
 def _load(path: Path) -> _Load:
-    from pyulog import ULog
     from pyulog.exceptions import ULogException
 
     try:
@@ -117,7 +119,7 @@ def _load(path: Path) -> _Load:
             start = file.read(len(_MAGIC))
         if start != _MAGIC:
             raise Refused("PX4 log", where=str(path), expected="a ULog file", got=f"{start[:8]!r} at its start")
-        log = ULog(str(path))
+        log = _bounded()(str(path))
     except (OSError, ValueError, TypeError, LookupError, AttributeError, struct.error, ULogException) as fault:
         raise Refused("PX4 log", where=str(path), expected="a whole ULog file", got=repr(fault)) from fault
     topics = {dataset.name: dataset.data for dataset in reversed(log.data_list) if len(dataset.data["timestamp"]) > 0}
@@ -125,6 +127,39 @@ def _load(path: Path) -> _Load:
     parameters = {str(name): float(value) for name, value in log.initial_parameters.items()}
     changes = [(stamp / 1e6, str(name), float(value)) for stamp, name, value in log.changed_parameters]
     return _Load(topics, texts, parameters, changes)
+
+
+def _bounded() -> Any:
+    """Return the reader for one log; it raises ValueError before the formats subscribed to unfold to too many fields.
+
+    The library makes an object of each field of each subscription, arrays and formats in formats unfolded: six formats
+    of a hundred each of the next are some 300 bytes and 10^12 fields.
+    """
+    from pyulog import ULog
+
+    left = FIELDS_MAX
+
+    class Subscription(ULog._MessageAddLogged):  # type: ignore[misc]  # the library has no types
+        def _parse_format(self, formats: Mapping[str, Any]) -> None:
+            nonlocal left
+            left -= _fields(self.message_name, formats, ULog._UNPACK_TYPES, {})
+            if left < 0:
+                raise ValueError(f"formats that unfold to more than {FIELDS_MAX} fields")
+            super()._parse_format(formats)
+
+    return type("Bounded", (ULog,), {"_MessageAddLogged": Subscription})
+
+
+def _fields(name: str, formats: Mapping[str, Any], plain: Container[str], known: dict[str, int], depth: int = 0) -> int:
+    """Return how many fields a format unfolds to, one at least."""
+    if depth > NESTED_MAX:
+        raise ValueError(f"formats nested deeper than {NESTED_MAX}")
+    if name not in known:
+        known[name] = 1 + sum(
+            max(1, many) * (1 if kind in plain else _fields(kind, formats, plain, known, depth + 1))
+            for kind, many, _ in formats[name].fields
+        )
+    return known[name]
 
 
 def _commands(topics: Mapping[str, Topic]) -> list[Stimulus]:
