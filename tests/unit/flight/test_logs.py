@@ -214,3 +214,12 @@ def test_formats_that_unfold_without_end_are_refused_at_once(formats: list[str],
     with pytest.raises(Refused, match="PX4 log"):
         read_ulog(tmp_path / "a.ulg", placed=False)
     assert time.process_time() - began_s < 5.0, "measured: 0.1 s"
+
+
+@pytest.mark.parametrize("length", [0, 1, 2])
+def test_dataflash_messages_without_length_are_not_read_for_ever(length: int, tmp_path: Path) -> None:
+    described = [(128, 89, b"FMT", b"BBnNZ", b"Type,Length,Name,Format,Columns"), (1, length, b"EMP", b"", b"")]
+    head = b"".join(b"\xa3\x95\x80" + struct.pack("<BB4s16s64s", *one) for one in described)
+    (tmp_path / "a.bin").write_bytes(head + b"\xa3\x95\x01" * 100)
+    with pytest.raises(Refused, match="expected a position"):
+        read_dataflash(tmp_path / "a.bin")

@@ -29,6 +29,7 @@ from saflite.flight.logs.settings import ARDUPILOT, add_settings, sources
 from saflite.flight.mission import to_local
 
 _HEAD = b"\xa3\x95"
+HEAD_BYTES = len(_HEAD) + 1  # and the number of the format
 _ESTIMATORS = ("XKF1", "NKF1")
 _MESSAGES = ("POS", "ATT", "RATE", "MODE", "EV", "ERR", "GPS", "BARO", "RCIN", "BAT", "CTUN", "MSG", "MISE", "MAVC")
 _WANTED = (*_ESTIMATORS, *_MESSAGES, "PARM", "ARM")
@@ -157,15 +158,13 @@ def _commands(rows: dict[str, list[Row]]) -> list[Stimulus]:
 
 
 def _load(path: Path) -> _Load:
-    from pymavlink import DFReader
-
     rows: dict[str, list[Row]] = defaultdict(list)
     try:
         with path.open("rb") as file:
             start = file.read(len(_HEAD))
         if start != _HEAD:
             raise Refused("ArduPilot log", where=str(path), expected="a dataflash log", got=f"{start!r} at its start")
-        log = DFReader.DFReader_binary(str(path))
+        log = _reader()(str(path))
         while (message := log.recv_match(type=list(_WANTED))) is not None:
             kind, fields = message.get_type(), message.to_dict()
             if fields.get("C", fields.get("I", 0)) in (0, "0") or kind not in (*_ESTIMATORS, "GPS", "BARO", "BAT"):
@@ -174,6 +173,31 @@ def _load(path: Path) -> _Load:
         raise Refused("ArduPilot log", where=str(path), expected="a whole dataflash log", got=repr(fault)) from fault
     formats = {kind.name: kind.format for kind in log.formats.values()}
     return _Load(rows, formats)
+
+
+class _Formats(dict[int, Any]):
+    """Formats by number; none shorter than a message's head, by which the library would go on without end."""
+
+    def __setitem__(self, number: int, kind: Any) -> None:
+        if kind.len < HEAD_BYTES:
+            raise ValueError(f"format {number} of {kind.len} bytes a message, fewer than the head has")
+        super().__setitem__(number, kind)
+
+
+def _reader() -> Any:
+    """Return the library's reader with formats that are checked."""
+    from pymavlink import DFReader
+
+    class Reader(DFReader.DFReader_binary):  # type: ignore[misc]  # the library has no types
+        @property
+        def formats(self) -> _Formats:
+            return self._formats
+
+        @formats.setter
+        def formats(self, found: dict[int, Any]) -> None:
+            self._formats = _Formats(found)
+
+    return Reader
 
 
 def _column(columns: Columns, signal: str, points: list[tuple[float, float]]) -> None:
