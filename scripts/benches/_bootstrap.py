@@ -6,7 +6,6 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import bootstrap
 
 
 def bootstrap_95(
@@ -15,10 +14,14 @@ def bootstrap_95(
     """Return the 95 % percentile interval of `statistic(indices)`, the indices drawn with replacement below `count`.
 
     Each index is one independent observation (a layout, a campaign, a stretch of time); NaN below two of them.
+    Draws for which the statistic has no value (NaN: no failing layout among them, say) are left out.
     """
     if count < 2:
         return float("nan"), float("nan")
-    found = bootstrap(
-        (np.arange(count),), statistic, n_resamples=draws, vectorized=False, method="percentile", rng=rng
-    ).confidence_interval
-    return float(found.low), float(found.high)
+    drawn = rng.integers(0, count, (draws, count))
+    found = np.array([statistic(indices) for indices in drawn], float)
+    found = found[~np.isnan(found)]
+    if not found.size:
+        return float("nan"), float("nan")
+    low, high = np.percentile(found, (2.5, 97.5))
+    return float(low), float(high)

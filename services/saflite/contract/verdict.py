@@ -14,7 +14,7 @@ from saflite.contract.names import Name, ShortId, ShortIdOrNone, StateWords
 Ruling = Literal["held", "violated", "vacuous", "inconclusive"]
 """held, violated; vacuous: the rule never applied in this flight; inconclusive: it could not be judged."""
 
-_IN_MODE = re.compile(r"in mode (\d+)")
+_IN_MODE = re.compile(r"in mode (-?\d+)")
 NEVER_APPLIED = "the rule never applied"
 """What people are told of a vacuous verdict."""
 
@@ -113,9 +113,13 @@ class Violation(msgspec.Struct, frozen=True, kw_only=True):
 
 def with_mode_named(violation: Violation, modes: Mapping[str, int]) -> Violation:
     """Return a violation for people: its behaviour has the mode's name in place of the number where there is one."""
-    names = {str(number): name for name, number in modes.items()}
-    told = _IN_MODE.sub(lambda found: f"in {names[found[1]]}" if found[1] in names else found[0], violation.behaviour)
-    return msgspec.structs.replace(violation, behaviour=told)
+    return msgspec.structs.replace(violation, behaviour=modes_named(violation.behaviour, modes))
+
+
+def modes_named(behaviour: str, modes: Mapping[str, int]) -> str:
+    """Return a behaviour for people: names of modes in place of numbers; -1 is that of a target that tells none."""
+    names = {"-1": "an unknown mode", **{str(number): name for name, number in modes.items()}}
+    return _IN_MODE.sub(lambda found: f"in {names[found[1]]}" if found[1] in names else found[0], behaviour)
 
 
 def failed_again(violation: Violation) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[3] / "scripts" / "benches"))
+from _bootstrap import bootstrap_95
 from _paired import compare, holm
 from _search_page import Tries, share
 from _search_run import Row
@@ -86,3 +87,14 @@ def test_every_defect_counts_once_and_unfinished_searches_count() -> None:
     assert line[5] == "70"
     assert share("own", "fit", [hard, never, never])[5] == "over 100"  # type: ignore[index]
     assert share("own", "report", [easy]) is None, "nothing of that half was tried"
+
+
+def test_draws_without_a_value_do_not_take_the_interval_away() -> None:
+    failed = np.array([True, False, False, False])
+
+    def share_of_failed(index: np.ndarray) -> float:
+        return float(index[failed[index]].size / index.size) if failed[index].any() else math.nan
+
+    low, high = bootstrap_95(share_of_failed, 4, derive(1, "draws"))
+    assert 0.25 <= low < high <= 1.0
+    assert all(math.isnan(bound) for bound in bootstrap_95(lambda _: math.nan, 4, derive(1, "none")))

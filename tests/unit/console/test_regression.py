@@ -16,7 +16,7 @@ from saflite.console.run_data.known import Known
 from saflite.console.view import ci_files
 from saflite.contract.errors import Refused
 from saflite.contract.test_case import Scenario, Target, TestCase
-from saflite.contract.verdict import Ruling, Verdict
+from saflite.contract.verdict import Ruling, Verdict, modes_named
 
 HERE = Build("reference", Target(), None, "abc")
 WAY = "upright, soft, in mode 5"
@@ -134,7 +134,7 @@ def test_files_for_others_withhold_findings_of_memory_safety() -> None:
         [Sample(0, "autopilot_died", (died,))],
         HERE,
     )
-    assert (result.state, result.words) == ("still there", way)
+    assert (result.state, result.words) == ("still there", way.replace("mode 0", "STABILIZE"))
     row = regressing.check(result, known_ok=False)
     assert "somewhere" not in ci_files.junit("x", [row]) + str(ci_files.sarif("x", [row]))
 
@@ -171,9 +171,15 @@ def test_rates_are_told_by_policy_with_lost_flights_apart() -> None:
     flown = flaking.Flaked(KNOWN, HERE, samples, rates)
     assert [(one.violated, one.judged) for one in rates] == [(1, 3), (1, 1)]
     assert flaking.exit_code(flown) == 1
+    assert any("1 x upright, soft, in LOITER" in text for text in flaking.lines(flown)), "modes have names"
     assert any("1 of 4 flights say nothing: no simulator" in text for text in flaking.lines(flown))
     silent = flaking.Flaked(KNOWN, HERE, (LOST,), (flaking._rate("upright", (LOST,)),))
     assert flaking.exit_code(silent) == 3
+
+
+def test_a_violation_on_a_target_that_tells_no_mode_says_so() -> None:
+    assert modes_named("upright, soft, in mode -1", {"LOITER": 5}) == "upright, soft, in an unknown mode"
+    assert modes_named("upright, soft, in mode 77", {"LOITER": 5}) == "upright, soft, in mode 77"
 
 
 def test_new_is_what_the_flights_show_to_be_new() -> None:

@@ -19,6 +19,7 @@ from saflite.console.view.ci_files import Check
 from saflite.contract.config import Campaign
 from saflite.contract.errors import Unavailable
 from saflite.contract.test_case import Target
+from saflite.contract.verdict import modes_named
 
 
 class Compared(NamedTuple):
@@ -142,9 +143,12 @@ def lines(found: Difference, old: Build, new: Build, confidence: float) -> list[
 
 
 def _line(one: Compared) -> str:
+    from saflite.simulator_worker.registry import describe_target
+
     lost = f", {one.lost} flights lost" if one.lost else ""
+    way = modes_named(one.known.behaviour, describe_target(one.known.test_case.target.name).modes)
     return (
-        f"{one.known.fingerprint}  {one.known.behaviour or one.known.policy}  test case {one.known.name}  violated in "
+        f"{one.known.fingerprint}  {way or one.known.policy}  test case {one.known.name}  violated in "
         f"{one.old[0]} of {one.old[1]} before, {one.new[0]} of {one.new[1]} now, probability {one.chance:.3f}{lost}"
     )
 

@@ -9,6 +9,8 @@ from saflite.console.operations.builds import Bench, Build, Sample, noises
 from saflite.console.run_data.known import Known
 from saflite.contract.flight import AUTOPILOT_ALIVE
 from saflite.contract.interval import Interval, wilson
+from saflite.contract.verdict import modes_named
+from saflite.simulator_worker.registry import describe_target
 
 
 class PolicyRate(NamedTuple):
@@ -74,7 +76,8 @@ def lines(flown: Flaked) -> list[str]:
         least = f", least robustness {one.least:+.3f}" if one.least is not None else ""
         interval = f"rate {one.rate.value:.2f} (95 %: {one.rate.low:.2f} to {one.rate.high:.2f})"
         found.append(f"  {one.policy}: violated in {one.violated} of {one.judged}, {interval}{least}")
-        found += [f"    {count} x {way}" for way, count in one.ways.most_common()]
+        modes = describe_target(flown.build.target.name).modes
+        found += [f"    {count} x {modes_named(way, modes)}" for way, count in one.ways.most_common()]
     if flown.lost:
         found.append(f"  {len(flown.lost)} of {len(flown.samples)} flights say nothing: {flown.lost[0].message}")
     return found

@@ -12,7 +12,7 @@ from saflite.console.run_data.known import Known
 from saflite.console.view.ci_files import Check, Outcome
 from saflite.contract.interval import wilson
 from saflite.contract.target_info import Repeats
-from saflite.contract.verdict import Verdict
+from saflite.contract.verdict import Verdict, modes_named
 from saflite.simulator_worker.registry import describe_target
 
 TIMES: dict[Repeats, int] = {"bitwise": 3, "statistically": 5}
@@ -87,6 +87,7 @@ def told(known: Known, samples: Sequence[Sample], build: Build) -> Regressed:
     if not verdicts:
         state = "not flown" if lost else "not judged"
         words = lost[0].message if lost else _why_not(samples, known.policy)
+    words = modes_named(words, describe_target(build.target.name).modes)
     return Regressed(known, state, len(broken), len(verdicts), len(lost), words, build.digest, memory)
 
 

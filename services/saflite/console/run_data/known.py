@@ -169,7 +169,8 @@ def _of_file(what: Path, policies: tuple[str, ...]) -> Known:
     elif case.scenario.obstacles:
         judged = judged or ("min-obstacle-distance",)
     if not judged:
-        raise Refused("--policy", where=str(what), expected="the policy in question", got="none")
+        fix = "name it by --policy, or name the run and --violation ID"
+        raise Refused("--policy", where=str(what), expected="the policy in question", got="none", fix=fix)
     name = identity(case)
     return Known(
         fingerprint=name, name=name, policy=judged[0], behaviour="", test_case=case, policies=judged, noise=noise

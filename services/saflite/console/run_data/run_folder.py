@@ -372,7 +372,7 @@ class RunFolder:
     def elapsed_s(self) -> float:
         """Return how long the books were open, up to the last event; the time between sittings is none of it."""
         last = "SELECT at_unix_s FROM events ORDER BY seq DESC LIMIT 1"
-        query = f"SELECT elapsed_before_s + max(0, ({last}) - opened_unix_s) FROM sittings ORDER BY incarnation"  # noqa: S608
+        query = f"SELECT elapsed_before_s + max(0, ifnull(({last}), 0) - opened_unix_s) FROM sittings ORDER BY rowid"  # noqa: S608
         return float([0.0, *(elapsed_s for (elapsed_s,) in self._rows(query))][-1])
 
     def _rows(self, query: str, *values: object) -> Iterator[tuple]:  # type: ignore[type-arg]
