@@ -60,6 +60,7 @@ ODD_SAMPLES_SHARE = 0.5  # of wrong traces
 STAGES: dict[str, Stage] = {"mutate": "mutate", "score": "score", "warm": "score", "judge": "judge", "record": "record"}
 MODELS = ("blend", "gap", "surrogate", "relevance", "novelty", "low_fidelity", "random", "ensemble:gap,blend")
 FLOWN_S = 5.0  # of simulated time
+WALL_S = 120.0  # beside other work flights take long; with 5 s a machine under load had no trace to show
 TRACE_EVERY = 5  # with this message the trace is made wrong, not the work
 
 
@@ -79,7 +80,7 @@ class Fliers:
         scenario = case.scenario
         short = msgspec.structs.replace(scenario, time_limit_s=min(scenario.time_limit_s, FLOWN_S))
         case = msgspec.structs.replace(case, scenario=short)
-        record = self._session.fly(case, 5.0, lambda: False)
+        record = self._session.fly(case, WALL_S, lambda: False)
         flight = Flight(
             test_case=identity(case), flight_index=0, ending=record.ending, delivered=record.delivered,
             message=record.message,
