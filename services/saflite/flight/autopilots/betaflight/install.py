@@ -72,7 +72,10 @@ def install(names: Sequence[str]) -> None:
             raise Refused("betaflight variant", expected=f"one of {', '.join(VARIANTS)}", got=repr(name))
     compiler = _compiler()
     folder = cache_folder()
-    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as fault:
+        raise Unavailable(f"{folder} cannot be made ({fault}); SAFLITE_CACHE names another place") from fault
     source = _source(folder)
     for variant in (VARIANTS[name] for name in names):
         recipe = _recipe(source, compiler, variant)
@@ -146,10 +149,11 @@ def _unpack(source: Path, place: Path) -> Path:
         with tarfile.open(source) as archive:
             members = [member for member in archive if _needed(member.name)]
             archive.extractall(place, members, filter="data")
-    except (tarfile.TarError, OSError, EOFError) as fault:
+        return next(place.glob("*/betaflight/firmware"))
+    except (tarfile.TarError, OSError, EOFError, StopIteration) as fault:
         source.unlink(missing_ok=True)
-        raise Unavailable(f"{source.name} cannot be unpacked ({fault}); run again to fetch it anew") from fault
-    return next(place.glob("*/betaflight/firmware"))
+        why = str(fault).partition("\n")[0] or "the firmware is not in it"
+        raise Unavailable(f"{source.name} cannot be unpacked ({why}); run again to fetch it anew") from fault
 
 
 def _needed(name: str) -> bool:
