@@ -110,6 +110,17 @@ def test_the_arm_switch_stops_a_rescue_but_one_a_failsafe_took_over(
     assert (last(record, "armed") == 0.0) is stops
 
 
+def test_a_rescue_switched_off_while_nobody_hears_it_is_no_failsafe(session: BetaflightSession) -> None:
+    rescue = Stimulus(at_s=0.5, kind="mode", name="RESCUE")
+    off = Stimulus(at_s=2.0, kind="mode", name="ANGLE")
+    record = fly(session, case(rescue, LOST, off, limit_s=8.0, failsafe_procedure=1.0, failsafe_delay=50.0))
+    assert record.trace is not None
+    failsafe, rescued = record.trace.array("failsafe_radio"), record.trace.array("box_rescue")
+    assert rescued[200] == 1.0
+    assert failsafe[:290].max() == 0.0, "stage 2 begins 5 s after the loss"
+    assert failsafe.max() == 1.0
+
+
 def test_forks_fly_as_from_power_up(session: BetaflightSession) -> None:
     for number in range(12):
         one = random_case(number)

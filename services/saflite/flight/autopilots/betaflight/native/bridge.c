@@ -79,7 +79,10 @@ static void send_radio(Bridge *b)
         payload[2 * i] = (uint8_t)pulse, payload[2 * i + 1] = (uint8_t)(pulse >> 8);
     }
     AT(arm_switch) = AT(rc_5) >= SWITCHED_ON_US, AT(rescue_switch) = AT(rc_10) >= SWITCHED_ON_US;
-    b->rescue_asked_s = AT(rescue_switch) != 0.0 ? ASKED_S : b->rescue_asked_s - STEPS_PER_FRAME * STEP_S;
+    /* without a valid signal the firmware keeps the switches that it heard last */
+    const int kept = AT(rc_valid) == 0.0 && b->rescue_asked_s >= ASKED_S;
+    const int asked = kept || (AT(rc_present) != 0.0 && AT(rescue_switch) != 0.0);
+    b->rescue_asked_s = asked ? ASKED_S : b->rescue_asked_s - STEPS_PER_FRAME * STEP_S;
     AT(failsafe_switch) = AT(rc_11) >= SWITCHED_ON_US;
     if (AT(rc_link) == 2.0)
         b->down.has |= LINK_HAS_RC;
