@@ -101,7 +101,7 @@ def test_a_lost_link_cuts_the_motors_and_rescue_brings_it_home(session: Betaflig
 def test_the_arm_switch_stops_a_rescue_but_one_a_failsafe_took_over(
     lost_s: float, armed: float, session: BetaflightSession
 ) -> None:
-    """What `bf-arm-switch` is silent about: stage 2 begins after 1.5 s, in the pilot's rescue, and outlasts the loss."""
+    """What `bf-arm-switch` is silent about: stage 2 begins after 1.5 s and outlasts the loss."""
     rescue = Stimulus(at_s=0.5, kind="mode", name="RESCUE")
     back = msgspec.structs.replace(LOST, at_s=1.0 + lost_s, values=(0.0,))
     off = Stimulus(at_s=6.0, kind="command", name="SWITCH_ARM", values=(0.0,))
