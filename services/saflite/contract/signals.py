@@ -115,6 +115,11 @@ SIGNALS: dict[str, Signal] = {
     "fence_radius_set_m": Signal("m", "radius of the circle about home (FENCE_RADIUS)"),
     "arming_checks_set": Signal("", "checks before arming, 0 none (ARMING_CHECK)", "code"),
     "angle_max_set_deg": Signal("deg", "greatest lean angle (ANGLE_MAX)"),
+    "acceleration_set_mps2": Signal("m/s2", "acceleration of autonomous modes in the plane (WPNAV_ACCEL)"),
+    "stopping_s": Signal(
+        "s", "time in which it can be asked to stop from its speed and lean now, by the settings in force"
+    ),
+    "settling_s": Signal("s", "time in which it can be asked to stop and to come back to where it was"),
     "pilot_speed_down_set_mps": Signal("m/s", "greatest descent rate a pilot may ask (PILOT_SPEED_DN)"),
     "cruise_speed_set_mps": Signal("m/s", "speed of autonomous modes (WPNAV_SPEED, MAV_CMD_DO_CHANGE_SPEED)"),
     "return_speed_set_mps": Signal("m/s", "speed of a return (RTL_SPEED, or that of autonomous modes if 0)"),
@@ -172,6 +177,7 @@ time_s quiet_s order_quiet_s command_quiet_s calm_s home_quiet_s crashed stop_or
 gps_true gps_settled baro_true baro_settled body_true sticks_true place_order_s ordered_x_m ordered_y_m
 ordered_altitude_m battery_timer_set_s battery_low_action_set battery_critical_set_v battery_low_charge_set_mah
 fence_action_set fence_on_set fence_type_set fence_radius_set_m arming_checks_set angle_max_set_deg
+acceleration_set_mps2
 cruise_speed_set_mps return_speed_set_mps return_climb_min_set_m loiter_speed_set_mps disarm_delay_set_s
 circle_radius_set_m circle_rate_set_dps descent_speed_set_mps trim_roll_set_deg trim_pitch_set_deg
 """
@@ -181,6 +187,8 @@ MADE_FROM: dict[str, tuple[str, ...]] = {
     "yaw_order_s": ("yaw_deg",),
     "ordered_yaw_deg": ("yaw_deg",),
     "ground_speed_mps": ("vx_mps", "vy_mps"),
+    "stopping_s": ("vx_mps", "vy_mps", "roll_deg", "pitch_deg"),
+    "settling_s": ("vx_mps", "vy_mps", "roll_deg", "pitch_deg"),
     "home_distance_m": ("x_m", "y_m"),
     "tilt_deg": ("roll_deg", "pitch_deg"),
     "obstacle_distance_m": ("x_m", "y_m", "altitude_m"),

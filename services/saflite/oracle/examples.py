@@ -12,6 +12,7 @@ from saflite.contract.errors import Refused
 from saflite.contract.signals import MODES, Signal
 from saflite.oracle.effects import FLAGS
 from saflite.oracle.orders import SETTINGS
+from saflite.oracle.settling import braking_mps2, settling
 from saflite.oracle.windows import Array
 
 _SAMPLES_MAX = 10_000
@@ -23,7 +24,8 @@ _QUIET: dict[str, float] = {
     **{name: row.default * row.unit for name, row in SETTINGS.items()},
     "return_speed_set_mps": SETTINGS["cruise_speed_set_mps"].default * SETTINGS["cruise_speed_set_mps"].unit,
 }
-"""Examples need not say that nothing was done lately and nothing is broken; `time_s` is always made."""
+"""Examples need not say that nothing was done lately and nothing is broken; `time_s` is always made,
+`stopping_s` and `settling_s` where they are not given, of the speed and the usual settings."""
 Value = float | str
 
 
@@ -80,7 +82,8 @@ def example_signals(
         **{name: value for name, value in _QUIET.items() if name in wanted},
         **example.signals,
     }
-    given = frozenset(courses) | (wanted & {"time_s"})
+    made_here = (wanted & {"time_s", "stopping_s", "settling_s"}) - frozenset(courses)
+    given = frozenset(courses) | made_here
     if given != wanted:
         expected = f"exactly the signals {', '.join(sorted(wanted))}"
         raise Refused(name, where=where, expected=expected, got=", ".join(sorted(given ^ wanted)) + " amiss")
@@ -92,7 +95,11 @@ def example_signals(
         signal: _course(signal, course, times, table[signal].kind == "real", name, where)
         for signal, course in courses.items()
     }
-    return {**made, "time_s": times} if "time_s" in wanted else made
+    usual = [SETTINGS[name].default * SETTINGS[name].unit for name in ("acceleration_set_mps2", "angle_max_set_deg")]
+    braking = braking_mps2(*(np.full(count, value) for value in usual))
+    level = np.zeros(count)
+    ours = {"time_s": times, **settling(made.get("ground_speed_mps", level), made.get("tilt_deg", level), braking)}
+    return {**made, **{name: ours[name] for name in made_here}}
 
 
 def _course(signal: str, course: Course, times: Array, real: bool, name: str, where: str) -> Array:

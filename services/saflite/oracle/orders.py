@@ -48,6 +48,7 @@ SETTINGS: dict[str, Setting] = {
     "fence_radius_set_m": Setting("FENCE_RADIUS", 300.0, 30.0, 10_000.0),
     "arming_checks_set": Setting("ARMING_CHECK", 1.0),
     "angle_max_set_deg": Setting("ANGLE_MAX", 3000.0, 1000.0, 8000.0, 0.01),
+    "acceleration_set_mps2": Setting("WPNAV_ACCEL", 250.0, 50.0, 500.0, 0.01),
     "pilot_speed_down_set_mps": Setting("PILOT_SPEED_DN", 0.0, 0.0, 500.0, 0.01),
     "cruise_speed_set_mps": Setting("WPNAV_SPEED", 1000.0, 20.0, 2000.0, 0.01),
     "return_speed_set_mps": Setting("RTL_SPEED", 0.0, 0.0, 2000.0, 0.01),

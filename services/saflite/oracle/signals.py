@@ -32,6 +32,7 @@ from saflite.oracle import orders
 from saflite.oracle.effects import FLAGS, undisturbed
 from saflite.oracle.moments import moments_of, samples_of
 from saflite.oracle.orders import NEVER_S, SETTINGS
+from saflite.oracle.settling import braking_mps2, settling
 
 Array = NDArray[np.float32]
 STIMULI: tuple[str, ...] = get_args(StimulusKind)
@@ -90,6 +91,7 @@ class FlightSignals:
             "yaw_order_s": lambda: orders.since([at_s for at_s, _ in self._headings()], self._time(), -NEVER_S),
             "ordered_yaw_deg": lambda: orders.held(self._headings(), self._time()),
             "ground_speed_mps": lambda: np.hypot(self["vx_mps"], self["vy_mps"]),
+            **{name: partial(self._settling, name) for name in ("stopping_s", "settling_s")},
             "home_distance_m": lambda: np.hypot(self["x_m"], self["y_m"]),
             "tilt_deg": self._tilt,
             **{name: partial(self.__getitem__, true) for name, true in ESTIMATES.items()},
@@ -127,6 +129,8 @@ class FlightSignals:
         """Say whether a log does not tell a signal known of our own flights: settings, crashes, obstacles, orders."""
         if name == "obstacle_distance_m":
             return not self._test_case.scenario.obstacles
+        if name in ("stopping_s", "settling_s"):
+            return any(self._untold(one) for one in ("acceleration_set_mps2", "angle_max_set_deg"))
         return (name in SETTINGS or name in ("crashed", *self._orders_untold)) and name not in self.written
 
     def _time(self) -> NDArray[np.float64]:
@@ -166,6 +170,11 @@ class FlightSignals:
 
     def _headings(self) -> list[tuple[float, float]]:
         return orders.headings(self._given, self["yaw_deg"], self._time())
+
+    def _settling(self, name: str) -> NDArray[Any]:
+        askew_deg = np.hypot(self["trim_roll_set_deg"], self["trim_pitch_set_deg"])
+        braking = braking_mps2(self["acceleration_set_mps2"], self["angle_max_set_deg"] - askew_deg)
+        return settling(self["ground_speed_mps"], self["tilt_deg"], braking)[name]
 
     def _crashed(self) -> Array:
         flags = np.zeros(self.samples, dtype=np.float32)

@@ -319,3 +319,30 @@ def test_trace_names_are_all_in_the_signal_table() -> None:
     assert len(record.trace.signals) > 50
     assert record.trace.samples == 51
     assert math.isclose(record.trace.duration_s, 1.0)
+
+
+# ---- settings at the ends of their ranges ---------------------------------------------------------------------------
+
+
+def test_the_least_jerk_set_does_not_make_the_vehicle_swing() -> None:
+    stop: list[Input] = [
+        (1.0, "stick", "RC2", (1000.0,)),
+        (5.0, "stick", "RC2", (1500.0,)),
+        (5.0, "mode", "GUIDED", ()),
+    ]
+    record = fly(case("ALT_HOLD", 30.0, 40.0, stop, PSC_JERK_XY=3.0, PSC_VELXY_P=3.4))
+    assert record.trace is not None
+    late = slice(int(25.0 / record.trace.step_s), None)
+    speed = np.hypot(record.trace.array("vx_mps")[late], record.trace.array("vy_mps")[late])
+    assert speed.max() < 0.5
+
+
+def test_the_speed_loop_sums_nothing_up_while_it_leans_as_far_as_it_may() -> None:
+    """Summed up, the same braking ends 7 m behind the farthest point, not 3 m."""
+    brake: list[Input] = [(1.0, "stick", "RC2", (1000.0,)), (9.0, "stick", "RC2", (1500.0,)), (9.0, "mode", "LAND", ())]
+    record = fly(
+        case("ALT_HOLD", 30.0, 40.0, brake, ANGLE_MAX=1000.0, PSC_VELXY_I=1.2, PSC_VELXY_IMAX=1000.0, WPNAV_ACCEL=500.0)
+    )
+    assert record.trace is not None
+    away = np.hypot(record.trace.array("x_m"), record.trace.array("y_m"))
+    assert away.max() - away[away.argmax() :].min() < 4.5

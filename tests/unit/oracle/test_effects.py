@@ -7,7 +7,7 @@ import pytest
 
 from saflite.contract.errors import Refused
 from saflite.contract.test_case import Stimulus, StimulusKind
-from saflite.oracle.effects import FLAGS, SETTLE_S, effect_of, silencing, undisturbed
+from saflite.oracle.effects import FLAGS, LEARNT_S, SETTLE_S, effect_of, silencing, undisturbed
 from saflite.oracle.policy import POLICIES_DIR, parse_policy, policy_names
 
 TIMES = np.arange(0.0, 300.0, 0.5)
@@ -103,3 +103,15 @@ def test_a_setting_out_of_its_documented_range_excuses_nothing() -> None:
     offset, ranges = given("parameter", "GND_ALT_OFFSET", 300.0), {"GND_ALT_OFFSET": (-10.0, 10.0)}
     assert undisturbed("baro_settled", [offset], {}, TIMES).min() == 0.0, "nothing is known of its range"
     assert undisturbed("baro_settled", [offset], {}, TIMES, ranges).min() == 1.0
+
+
+def test_a_bias_the_estimator_learnt_is_unlearnt_in_the_same_time() -> None:
+    def recovered_s(held_s: float) -> float:
+        faults = (
+            given("sensor_fault", "SIM_GYR_BIAS_X", 0.05),
+            given("sensor_fault", "SIM_GYR_BIAS_X", 0.0, at_s=10.0 + held_s),
+        )
+        return down("body_true", *faults)[-1] + 0.5 - 10.0 - held_s
+
+    assert recovered_s(10.0) == SETTLE_S + 10.0
+    assert recovered_s(100.0) == SETTLE_S + LEARNT_S, "the excuse ends"

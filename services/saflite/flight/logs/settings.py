@@ -93,6 +93,7 @@ ARDUPILOT: dict[str, Plain | Made] = {
     "battery_low_charge_set_mah": _of("BATT_LOW_MAH"),
     "arming_checks_set": _of("ARMING_CHECK"),
     "angle_max_set_deg": _of("ANGLE_MAX", unit=_CM),
+    "acceleration_set_mps2": _of("WPNAV_ACCEL", unit=_CM),
     "disarm_delay_set_s": _of("DISARM_DELAY"),
     "trim_roll_set_deg": _of("AHRS_TRIM_X", unit=57.29578),
     "trim_pitch_set_deg": _of("AHRS_TRIM_Y", unit=57.29578),
@@ -136,6 +137,7 @@ PX4: dict[str, Plain | Made] = {
     "angle_max_set_deg": Made(
         "MPC_TILTMAX_AIR and MPC_MAN_TILT_MAX", lambda given: max(given["MPC_TILTMAX_AIR"], given["MPC_MAN_TILT_MAX"])
     ),
+    "acceleration_set_mps2": _of("MPC_ACC_HOR"),
     "disarm_delay_set_s": Made("COM_DISARM_LAND", lambda given: max(given["COM_DISARM_LAND"], 0.0)),
     "fence_enabled": Made(
         "GF_ACTION and GF_MAX_VER_DIST", lambda given: float(given["GF_ACTION"] > 0 and given["GF_MAX_VER_DIST"] > 0)

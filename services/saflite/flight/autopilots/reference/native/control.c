@@ -66,7 +66,10 @@ static void wanted_speed(const Vehicle *v, double want[2])
     }
 }
 
-/* Speed loop: tilt from the wanted acceleration. */
+/* Speed loop: tilt from the wanted acceleration.
+ *
+ * PSC_JERK_XY shapes what is asked. Slower than the loop takes back the acceleration it asked for itself it would make
+ * the vehicle swing wider and wider, so it does not go below that (AC_PosControl leaves the feedback unshaped). */
 static void plane_loop(Vehicle *v)
 {
     double want[2], accel[2];
@@ -82,7 +85,7 @@ static void plane_loop(Vehicle *v)
         const double slope = (v->vel_filtered[i] - v->vel_last[i]) / OUTER_S;
         v->vel_last[i] = v->vel_filtered[i];
         accel[i] = AT(k_vel_p) * v->vel_filtered[i] + v->vel_sum[i] + AT(k_vel_d) * slope;
-        const double jerk = AT(k_jerk_xy) * OUTER_S;
+        const double jerk = fmax(AT(k_jerk_xy), AT(k_vel_p) * AT(k_acc_xy)) * OUTER_S;
         v->accel_out[i] += clamp(accel[i] - v->accel_out[i], -jerk, jerk);
     }
     const double size = sqrt(v->accel_out[0] * v->accel_out[0] + v->accel_out[1] * v->accel_out[1]);
