@@ -86,6 +86,7 @@ SHOWN: dict[str, Shown] = {
     "battery_low_charge_set_mah": Shown(("BATT_LOW_MAH",)),
     "arming_checks_set": Shown(("ARMING_CHECK",)),
     "angle_max_set_deg": Shown(("ANGLE_MAX",), 0.01),
+    "acceleration_set_mps2": Shown(("WPNAV_ACCEL",), 0.01),
     "cruise_speed_set_mps": Shown(("WPNAV_SPEED",), 0.01),
     "return_climb_min_set_m": Shown(("RTL_CLIMB_MIN",), 0.01),
     "loiter_speed_set_mps": Shown(("LOIT_SPEED",), 0.01),
