@@ -8,6 +8,7 @@ import logging
 import shutil
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,6 +20,7 @@ from forgers import forgeries
 from testbed import Testbed
 
 from saflite.bus.zenoh import leave_process
+from saflite.campaign.storage.projections import FORMAT
 from saflite.contract.errors import FarmError
 from saflite.contract.rng import derive
 from saflite.runtime.client import FarmClient
@@ -185,8 +187,26 @@ def parser() -> argparse.ArgumentParser:
     text.add_argument("--fuzz", type=float, default=0.0, metavar="SECONDS", help="run scripts/fuzz with a fresh seed")
     text.add_argument("--rng-seed", type=int, default=1)
     text.add_argument("--keep", type=Path, help="copy the run folder here at the end")
+    text.add_argument("--row", type=Path, metavar="FILE", help="append the figures as one line of JSON")
     text.add_argument("--json", action="store_true")
     return text
+
+
+def _add_row(figures: dict[str, Any], options: argparse.Namespace) -> None:
+    """Append one line: the commit, the store's format, what was asked for, all figures, and whether all is clean."""
+    words = ["git", "-C", str(FUZZ.parent), "rev-parse", "--short", "HEAD"]
+    commit = subprocess.run(words, check=False, capture_output=True, text=True)
+    asked = {key: value for key, value in vars(options).items() if key not in ("keep", "row", "json")}
+    row = {
+        "commit": commit.stdout.strip(),
+        "date": time.strftime("%Y-%m-%d"),
+        "store_format": FORMAT,
+        **asked,
+        "clean": is_clean(figures),
+        "figures": figures,
+    }
+    with options.row.open("a") as file:
+        file.write(json.dumps(row) + "\n")
 
 
 def main(argv: list[str]) -> int:
@@ -196,6 +216,8 @@ def main(argv: list[str]) -> int:
         level=logging.ERROR, stream=sys.stderr, format="%(asctime)s %(levelname).1s %(name)s: %(message)s"
     )
     figures = run(options)
+    if options.row is not None:
+        _add_row(figures, options)
     if options.json:
         print(json.dumps(figures))
     else:
