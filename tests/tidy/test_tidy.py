@@ -25,7 +25,9 @@ SUFFIXES = (".py", ".c", ".h", ".toml", ".md", ".json", ".yaml", ".yml", ".sh", 
 TIME = re.compile(r"time\.(time|monotonic|perf_counter|sleep)(_ns)?$|datetime\.(now|utcnow|today)$")
 ENVIRONMENT = re.compile(r"os\.(environ|getenv)")
 RANDOM = re.compile(r"random\.\w+$|np\.random\.(?!Generator$|PCG64$)\w+$|secrets\.\w+$|uuid\.uuid[14]$")
+LEARNING = re.compile(r"msgspec\.convert$|msgspec\.(json|msgpack|toml|yaml)\.(Decoder|decode)$")
 RULES = (
+    ("how msgspec learns a type, which two threads at once die of", LEARNING, {"contract/wire.py"}),
     ("wall time", TIME, {"runtime/clock.py"}),
     ("the environment", ENVIRONMENT, {"contract/config.py"}),
     (

@@ -22,6 +22,7 @@ import tomli_w
 
 from saflite.bus.access import ANY_CAMPAIGN, Peer, Role
 from saflite.bus.certificates import Pair, expiry, make_authority, make_certificate
+from saflite.contract import wire
 from saflite.contract.errors import Refused
 from saflite.contract.names import NAME_EXPECTED, is_name
 from saflite.contract.outside import parse_toml, read_bytes, read_text
@@ -217,7 +218,7 @@ def _read(path: Path) -> bytes:
 
 def _toml(path: Path, kind: type[T]) -> T:
     try:
-        return msgspec.convert(parse_toml(read_text(path, "keys"), "keys", str(path)), kind)
+        return wire.convert(parse_toml(read_text(path, "keys"), "keys", str(path)), kind)
     except msgspec.ValidationError as fault:
         raise Refused("keys", where=str(path), expected="what `saflite keys` writes", got=str(fault)) from fault
 

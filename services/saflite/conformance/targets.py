@@ -15,6 +15,7 @@ import msgspec
 from saflite.conformance.flying import DEADLINE_S, opened
 from saflite.conformance.kit import Check
 from saflite.conformance.target_cases import default_cases, scenario
+from saflite.contract import wire
 from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.flight import FLOWN_ENDINGS, DeliveryAnswer, FlightRecord
 from saflite.contract.target import ForkingSession, Session, TargetModule
@@ -79,7 +80,7 @@ def _says(target: TargetModule, repeats: str) -> Iterator[str]:
 def _description(target: TargetModule) -> Iterator[str]:
     info = target.describe()
     yield from agreement.own_contradictions(info)
-    if msgspec.msgpack.decode(msgspec.msgpack.encode(info), type=TargetInfo) != info:
+    if wire.unpack(msgspec.msgpack.encode(info), TargetInfo) != info:
         yield "describe() does not survive the way over the wire"
     if target.describe() != info:
         yield "describe() says something else each time"

@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 import msgspec
 
+from saflite.contract import wire
 from saflite.contract.errors import Refused
 from saflite.contract.gaps import told
 from saflite.contract.outside import check_plain, parse_toml
@@ -116,7 +117,7 @@ def parse_campaign(text: str, where: str) -> Campaign:
     """Return the campaign in TOML `text`; raises Refused naming `where`, the key and what was expected."""
     data = parse_toml(text, "campaign file", where)
     try:
-        campaign = msgspec.convert(data, Campaign, strict=False)
+        campaign = wire.convert(data, Campaign, strict=False)
     except msgspec.ValidationError as fault:
         got = told(fault, data, Campaign)
         raise Refused("campaign file", where=where, expected="a valid campaign", got=got) from fault

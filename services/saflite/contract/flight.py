@@ -17,7 +17,7 @@ from saflite.contract.errors import Refused
 from saflite.contract.ids import digest
 from saflite.contract.names import DigestOrNone, Name, NameOrNone, ShortId
 from saflite.contract.test_case import Stimulus
-from saflite.contract.wire import UNREADABLE
+from saflite.contract.wire import UNREADABLE, unpack
 
 Ending = Literal["completed", "crashed", "timed_out", "autopilot_died", "wedged", "infra", "lost"]
 """How an attempt ended; a closed list.
@@ -198,7 +198,6 @@ def given(stimuli: Sequence[Stimulus], delivered: tuple[Delivered, ...] | None) 
 
 
 _ENCODER = msgspec.msgpack.Encoder(order="deterministic")
-_DECODER = msgspec.msgpack.Decoder(Trace)
 TRACE_BYTES_MAX = 64 * 2**20
 STEP_MIN_S, STEP_MAX_S = 1e-6, 3600.0
 
@@ -243,7 +242,7 @@ def unpack_trace(data: bytes, trace_digest: str = "") -> Trace:
         content = inflate.decompress(data, TRACE_BYTES_MAX)
         if inflate.unconsumed_tail or not inflate.eof:
             raise Refused("trace", expected="a whole packed trace of at most 64 MiB", got=f"{len(data)} bytes")
-        folded: Trace = _DECODER.decode(content)
+        folded: Trace = unpack(content, Trace)
     except (zlib.error, *UNREADABLE) as fault:
         raise Refused("trace", expected="a packed trace", got=str(fault)) from fault
     trace = msgspec.structs.replace(folded, signals={name: _unfolded(data) for name, data in folded.signals.items()})

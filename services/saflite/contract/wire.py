@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import threading
-from functools import cache
-from typing import Any, TypeVar
+from typing import Any, TypeVar, overload
 
 import msgspec
 
@@ -16,22 +16,53 @@ UNREADABLE = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError)
 
 T = TypeVar("T")
 _LEARNING = threading.Lock()
+os.register_at_fork(  # a child must not inherit it held by a thread that it does not have
+    before=_LEARNING.acquire, after_in_parent=_LEARNING.release, after_in_child=_LEARNING.release
+)
+_DECODERS: dict[tuple[Any, Any], Any] = {}
 _ENCODER = msgspec.msgpack.Encoder(order="deterministic")
-
-
-@cache
-def _made(make: Any, kind: Any) -> Any:
-    return make(kind)
 
 
 def _decoder(make: Any, kind: Any) -> Any:
     """Return a decoder of a type, made by one thread at a time.
 
     While msgspec learns a type for the first time it runs Python; another thread that meets the type half learnt
-    then reads at address 0 (msgspec 0.22; `tests/unit/contract/test_threads.py`).
+    then reads at address 0 (msgspec 0.22; `tests/unit/contract/test_threads.py`). So nothing else in the farm has
+    msgspec learn a type: whoever reads or converts does it here.
     """
+    known = _DECODERS.get((make, kind))
+    if known is not None:
+        return known
     with _LEARNING:
-        return _made(make, kind)
+        return _DECODERS.setdefault((make, kind), make(kind))
+
+
+@overload
+def unpack(data: bytes, kind: type[T]) -> T: ...
+@overload
+def unpack(data: bytes, kind: Any) -> Any: ...
+def unpack(data: bytes, kind: Any) -> Any:
+    """Return what MessagePack `data` holds as a type; raises one of `UNREADABLE`. For bytes of our own."""
+    return _decoder(msgspec.msgpack.Decoder, kind).decode(data)
+
+
+@overload
+def unpack_json(data: bytes | str, kind: type[T]) -> T: ...
+@overload
+def unpack_json(data: bytes | str, kind: Any) -> Any: ...
+def unpack_json(data: bytes | str, kind: Any) -> Any:
+    """Return what JSON `data` holds as a type; raises one of `UNREADABLE`."""
+    return _decoder(msgspec.json.Decoder, kind).decode(data)
+
+
+@overload
+def convert(data: Any, kind: type[T], *, strict: bool = True) -> T: ...
+@overload
+def convert(data: Any, kind: Any, *, strict: bool = True) -> Any: ...
+def convert(data: Any, kind: Any, *, strict: bool = True) -> Any:
+    """Return plain data as a type; raises msgspec.ValidationError. Not `strict`: texts may stand for numbers."""
+    _decoder(msgspec.msgpack.Decoder, kind)  # the type is learnt now
+    return msgspec.convert(data, kind, strict=strict)
 
 
 def encode(message: msgspec.Struct) -> bytes:
@@ -48,12 +79,10 @@ def decode(data: bytes, kind: type[T]) -> T:
     name = getattr(kind, "__name__", "message")
     if len(data) > MESSAGE_BYTES_MAX:
         raise Refused(name, expected=f"at most {MESSAGE_BYTES_MAX} bytes", got=f"{len(data)} bytes")
-    hashable: Any = kind
     try:
-        message: T = _decoder(msgspec.msgpack.Decoder, hashable).decode(data)
+        return unpack(data, kind)
     except UNREADABLE as fault:
         raise Refused(name, expected="a valid message", got=str(fault)) from fault
-    return message
 
 
 def is_json(data: bytes) -> bool:
@@ -68,12 +97,10 @@ def encode_json(message: msgspec.Struct) -> bytes:
 
 def decode_json(data: bytes, kind: type[T]) -> T:
     """Return the message in JSON `data`; raises Refused as `decode` does."""
-    hashable: Any = kind
     try:
-        message: T = _decoder(msgspec.json.Decoder, hashable).decode(data)
+        return unpack_json(data, kind)
     except UNREADABLE as fault:
         raise Refused(kind.__name__, expected="a valid message", got=str(fault)) from fault
-    return message
 
 
 def checked(message: T, kind: Any) -> T:

@@ -33,7 +33,7 @@ from saflite.contract.score import Score, Usage
 from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import Settings, TestCase
 from saflite.contract.verdict import TRANSITIONS_MAX, Judgement, Ruling, Transition, Violation
-from saflite.contract.wire import UNREADABLE
+from saflite.contract.wire import UNREADABLE, unpack
 
 Stage = Literal["mutate", "score", "fly", "judge", "record"]
 TARGETS_MAX = 256  # that one worker can fly
@@ -329,7 +329,7 @@ class LeaseNamed(msgspec.Struct, frozen=True, kw_only=True):
 def lease_named(report: bytes) -> LeaseNamed | None:
     """Return the lease an encoded report is for, None if that cannot be read either."""
     try:
-        return msgspec.msgpack.decode(report, type=LeaseNamed)
+        return unpack(report, LeaseNamed)
     except UNREADABLE:
         return None
 

@@ -14,6 +14,7 @@ from typing import Any, Literal, NamedTuple
 
 import msgspec
 
+from saflite.contract import wire
 from saflite.contract.bounds import Word
 from saflite.contract.errors import Refused
 from saflite.contract.outside import parse_json, read_text
@@ -138,7 +139,7 @@ def _is_number_or_none(value: Any) -> bool:
 def _is_plain(key: str, value: Any) -> bool:
     """Return whether the value fits `MissionItem.extra`; anything deeper, longer or larger is kept in `plan_extra`."""
     try:
-        msgspec.convert({key: value}, dict[Word, Plain | None])
+        wire.convert({key: value}, dict[Word, Plain | None])
     except msgspec.ValidationError:
         return False
     return True

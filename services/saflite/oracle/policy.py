@@ -16,6 +16,7 @@ from typing import Literal, NamedTuple
 import msgspec
 import numpy as np
 
+from saflite.contract import wire
 from saflite.contract.errors import Refused
 from saflite.contract.gaps import told
 from saflite.contract.modules import given
@@ -188,7 +189,7 @@ def parse_policy(text: str, where: str) -> Policy:
     """
     data = parse_toml(text, "policy file", where)
     try:
-        file = msgspec.convert(data, PolicyFile)
+        file = wire.convert(data, PolicyFile)
     except msgspec.ValidationError as fault:
         place, got = _near(text, where, str(fault)), told(fault, data, PolicyFile)
         raise Refused("policy file", where=place, expected="a policy", got=got) from fault

@@ -15,6 +15,7 @@ from typing import Any
 
 import msgspec
 
+from saflite.contract import wire
 from saflite.contract.errors import Refused
 from saflite.contract.outside import parse_json
 from saflite.contract.test_case import Mission, Obstacle, Scenario, StartState, Stimulus, Target, TestCase, Wind
@@ -110,7 +111,7 @@ def _refused(document: Located, path: Place, expected: str, got: object) -> Refu
 
 def _ours(document: Located) -> Ours:
     try:
-        return msgspec.convert(document.data.get(OURS, {}), Ours, strict=True)
+        return wire.convert(document.data.get(OURS, {}), Ours, strict=True)
     except msgspec.ValidationError as fault:
         raise _refused(document, (OURS,), "what the farm wrote", str(fault)) from fault
 

@@ -7,14 +7,12 @@ import zlib
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
-import msgspec
-
 from saflite.contract.errors import Refused
 from saflite.contract.flight import Flight, Trace, unpack_trace
 from saflite.contract.outside import LOG_BYTES_MAX, read_bytes
 from saflite.contract.test_case import TestCase
 from saflite.contract.verdict import Judgement
-from saflite.contract.wire import UNREADABLE
+from saflite.contract.wire import UNREADABLE, unpack_json
 
 T = TypeVar("T")
 ATTACHMENTS_MAX = 64
@@ -119,7 +117,7 @@ def _part(parts: dict[str, bytes], name: str, path: Path) -> bytes:
 
 def _decoded(parts: dict[str, bytes], name: str, kind: type[T], path: Path) -> T:
     try:
-        return msgspec.json.decode(_part(parts, name, path), type=kind)
+        return unpack_json(_part(parts, name, path), kind)
     except UNREADABLE as fault:
         raise Refused("recording", where=f"{path}, {name}", expected=f"a {kind.__name__}", got=str(fault)) from fault
 

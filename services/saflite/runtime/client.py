@@ -52,7 +52,7 @@ def read_info(run_dir: Path) -> FarmInfo:
     """Return what `farm.json` says; raises Refused if there is none or it is damaged."""
     path = run_dir / FARM_FILE
     try:
-        return msgspec.json.decode(read_bytes(path, FARM_FILE, TEXT_BYTES_MAX), type=FarmInfo)
+        return wire.unpack_json(read_bytes(path, FARM_FILE, TEXT_BYTES_MAX), FarmInfo)
     except Refused as fault:
         raise Refused("run folder", where=str(run_dir), expected="one of a running farm", got=fault.got) from fault
     except wire.UNREADABLE as fault:

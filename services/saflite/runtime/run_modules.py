@@ -19,7 +19,7 @@ from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.ids import digest
 from saflite.contract.modules import Outside
 from saflite.contract.outside import TEXT_BYTES_MAX, read_bytes
-from saflite.contract.wire import UNREADABLE
+from saflite.contract.wire import UNREADABLE, unpack_json
 from saflite.runtime import own_runs
 
 log = logging.getLogger(__name__)
@@ -117,6 +117,6 @@ def _noted(run_dir: Path) -> tuple[Outside, ...]:
         if not os.path.lexists(run_dir / FILE):
             return ()
         data = read_bytes(run_dir / FILE, "list of modules", TEXT_BYTES_MAX)
-        return msgspec.json.decode(data, type=tuple[Outside, ...])
+        return unpack_json(data, tuple[Outside, ...])
     except UNREADABLE as fault:
         raise Refused("run folder", where=str(run_dir / FILE), expected="a list of modules", got=str(fault)) from fault

@@ -58,7 +58,7 @@ def read_cursor(path: Path) -> Cursor | None:
     if not os.path.lexists(path):
         return None
     try:
-        return msgspec.json.decode(read_bytes(path, "--cursor", TEXT_BYTES_MAX), type=Cursor)
+        return wire.unpack_json(read_bytes(path, "--cursor", TEXT_BYTES_MAX), Cursor)
     except wire.UNREADABLE as fault:
         raise Refused("--cursor", where=str(path), expected="one an earlier bridge wrote", got=str(fault)) from fault
 

@@ -22,6 +22,7 @@ from typing import NamedTuple, Protocol
 
 import msgspec
 
+from saflite.contract import wire
 from saflite.contract.errors import FarmError, Unavailable
 from saflite.contract.flight import FlightRecord
 from saflite.contract.service import Cancelled
@@ -91,8 +92,6 @@ class _Node(NamedTuple):
 
 
 _ENCODER = msgspec.msgpack.Encoder()
-_ORDERS, _HELD = msgspec.msgpack.Decoder(_Order), msgspec.msgpack.Decoder(_Held)
-_RECORDS = msgspec.msgpack.Decoder(FlightRecord | None)
 
 
 class Forks:
@@ -120,7 +119,7 @@ class Forks:
             data = _answer(pipe, stop)
             if data is None:
                 raise Unavailable(f"no snapshot at {at_s:g} s: its process died")
-            if not _HELD.decode(data).there:
+            if not wire.unpack(data, _Held).there:
                 raise Unavailable(f"no snapshot at {at_s:g} s: the flight ends before")
         except Unavailable:
             _let_go(pipe, pid)
@@ -148,7 +147,7 @@ class Forks:
             data = _answer(pipe, stop)
         finally:
             _let_go(pipe, pid)
-        return None if data is None else _RECORDS.decode(data)
+        return None if data is None else wire.unpack(data, FlightRecord | None)
 
     def drop(self, snapshot: Snapshot) -> None:
         """Let go of a snapshot and those held on from it."""
@@ -286,7 +285,7 @@ def _do_next(flight: HeldFlight, test_case: TestCase, pipe: Connection, taken: C
 
 def _next(pipe: Connection) -> tuple[_Order, Connection]:
     """Wait for an order; return it and the socket for its answer."""
-    return _ORDERS.decode(pipe.recv_bytes()), Connection(recv_handle(pipe))
+    return wire.unpack(pipe.recv_bytes(), _Order), Connection(recv_handle(pipe))
 
 
 def _send(pipe: Connection, order: _Order, answer: int) -> None:

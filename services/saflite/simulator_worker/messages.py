@@ -8,6 +8,7 @@ from typing import Literal
 
 import msgspec
 
+from saflite.contract import wire
 from saflite.contract.clock import Clock
 from saflite.contract.flight import Delivered, Ending
 from saflite.contract.target import Slot
@@ -98,8 +99,6 @@ ToSimulator = Setup | OpenRequest | FlightRequest | Cancel
 FromSimulator = Ready | Opened | FlightReply
 
 _ENCODER = msgspec.msgpack.Encoder()
-_TO = msgspec.msgpack.Decoder(ToSimulator)
-_FROM = msgspec.msgpack.Decoder(FromSimulator)
 
 
 def send(pipe: Connection, message: ToSimulator | FromSimulator) -> None:
@@ -109,11 +108,11 @@ def send(pipe: Connection, message: ToSimulator | FromSimulator) -> None:
 
 def to_simulator(pipe: Connection) -> ToSimulator:
     """Wait for and return the next message of the worker; raises EOFError if it is gone."""
-    message: ToSimulator = _TO.decode(pipe.recv_bytes())
+    message: ToSimulator = wire.unpack(pipe.recv_bytes(), ToSimulator)
     return message
 
 
 def from_simulator(pipe: Connection) -> FromSimulator:
     """Wait for and return the next message of the simulator; raises EOFError or OSError if it is gone."""
-    message: FromSimulator = _FROM.decode(pipe.recv_bytes())
+    message: FromSimulator = wire.unpack(pipe.recv_bytes(), FromSimulator)
     return message

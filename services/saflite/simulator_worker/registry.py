@@ -19,6 +19,7 @@ from typing import cast
 
 import msgspec
 
+from saflite.contract import wire
 from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.modules import OFFERED, given, load_file
 from saflite.contract.target import TargetModule
@@ -94,7 +95,7 @@ def _described(target: TargetModule, name: str) -> TargetInfo:
     if not isinstance(said, TargetInfo):
         raise Refused("target", where=name, expected="describe() that returns a TargetInfo", got=type(said).__name__)
     try:
-        return msgspec.convert(msgspec.to_builtins(said), TargetInfo)
+        return wire.convert(msgspec.to_builtins(said), TargetInfo)
     except (msgspec.ValidationError, TypeError) as fault:
         raise Refused("target", where=name, expected="describe() with fields of their types", got=str(fault)) from fault
 

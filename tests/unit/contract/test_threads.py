@@ -23,20 +23,28 @@ together = threading.Barrier(len(kinds))
 def read(kind, decode, data):
     together.wait()
     for _ in range(3):
-        with suppress(Refused):
+        with suppress(Refused, msgspec.ValidationError):
             decode(data, kind)
 
 case = {"scenario": {"obstacles": [{"x_m": 1}], "start": {"mode": "x"}}}
 grant = {"leases": [{"lease_id": "a", "epoch": 1, "lease_s": 1.0, "work": {"type": "fly", "test_case": case}}]}
-decode, data = {"msgpack": (wire.decode, msgspec.msgpack), "json": (wire.decode_json, msgspec.json)}[sys.argv[1]]
-threads = [threading.Thread(target=read, args=(kind, decode, data.encode(grant))) for kind in kinds]
+ways = {
+    "msgpack": (wire.decode, msgspec.msgpack.encode(grant)),
+    "json": (wire.decode_json, msgspec.json.encode(grant)),
+    "convert": (wire.convert, grant),
+    "plain json": (wire.unpack_json, msgspec.json.encode(grant)),
+}
+asked = [ways[word] for word in sys.argv[1].split(",")]
+threads = [
+    threading.Thread(target=read, args=(kind, *asked[place % len(asked)])) for place, kind in enumerate(kinds)
+]
 [thread.start() for thread in threads]
 [thread.join() for thread in threads]
 """
 
 
-@pytest.mark.parametrize("language", ["msgpack", "json"])
-def test_threads_that_read_for_the_first_time_at_once(language: str) -> None:
-    words = [sys.executable, "-c", PROGRAM, language]
+@pytest.mark.parametrize("ways", ["msgpack", "json", "convert", "plain json", "convert,plain json,msgpack"])
+def test_threads_that_read_for_the_first_time_at_once(ways: str) -> None:
+    words = [sys.executable, "-c", PROGRAM, ways]
     ended = [subprocess.run(words, check=False, timeout=60).returncode for _ in range(3)]
     assert ended == [0] * 3, "without the lock, about every second one died of SIGSEGV"

@@ -242,3 +242,11 @@ def test_any_text_is_read_or_refused(text: str) -> None:
 def test_a_missing_file_is_refused(tmp_path: Path) -> None:
     with pytest.raises(Refused, match=r"none\.yaml"):
         read_case(tmp_path / "none.yaml")
+
+
+@pytest.mark.parametrize(
+    "text", ["a: [" + "1," * 50_000 + "]", "a:\n" + "- 1\n" * 50_000, "a: [" + "{}," * 50_000 + "]"]
+)
+def test_a_text_of_endless_values_is_refused_before_it_is_read(text: str) -> None:
+    with pytest.raises(Refused, match=f"more than {yaml_text.NODES_MAX} values"):
+        yaml_text.read(text, "case.yaml")

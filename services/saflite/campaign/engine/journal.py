@@ -12,6 +12,7 @@ import msgspec
 
 from saflite.campaign.engine.track_packing import Track, pack_track, unpack_track
 from saflite.campaign.scheduling.work_keys import WorkKey
+from saflite.contract import wire
 from saflite.contract.blobs import BlobRef
 from saflite.contract.control import Control
 from saflite.contract.events import Fact
@@ -150,9 +151,6 @@ class _Stored(msgspec.Struct, frozen=True, array_like=True):
     placed: tuple[Placed, ...] = ()
 
 
-_DECODER = msgspec.msgpack.Decoder(_Stored)
-
-
 def encode_line(line: Line) -> bytes:
     """Return a journal line as bytes; equal lines give equal bytes."""
     return _ENCODER.encode(_with_track_beside(line))
@@ -160,7 +158,7 @@ def encode_line(line: Line) -> bytes:
 
 def decode_line(data: bytes) -> Line:
     """Return the journal line in `data`; raises msgspec.MsgspecError if it is none."""
-    stored: _Stored = _DECODER.decode(data)
+    stored: _Stored = wire.unpack(data, _Stored)
     return Line(stored.at_s, _with_track(stored) if stored.track else stored.entry, stored.placed)
 
 

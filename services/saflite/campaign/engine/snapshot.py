@@ -28,6 +28,7 @@ from saflite.campaign.lifecycle.scorer_swap import Scorers
 from saflite.campaign.scheduling.rounds import Round, Rounds
 from saflite.campaign.scheduling.tasks import Task, TaskTable
 from saflite.campaign.scheduling.work_keys import FlyKey, WarmKey, WorkKey
+from saflite.contract import wire
 from saflite.contract.flight import Flight
 from saflite.contract.test_case import TestCase
 from saflite.flight.novelty import Features
@@ -100,7 +101,7 @@ def put_back(reducer: Reducer, data: bytes) -> None:
         ValueError: it is none, or one of other books; the state is then undefined.
     """
     try:
-        core, beside = msgspec.msgpack.decode(data)
+        core, beside = wire.unpack(data, tuple[Any, Any])
         for name, kind in _core().items():
             _put(reducer.core, name, kind, core[name])
         for part, values in zip(_beside(reducer), beside, strict=True):
@@ -161,7 +162,7 @@ def _unpack(kind: Any, value: Any) -> Any:
         points, labels = value
         return Features(np.asarray(points, dtype=np.float64), np.asarray(labels, dtype=np.int64))
     if value is None or _is_plain(kind):
-        return msgspec.convert(value, kind)
+        return wire.convert(value, kind)
     if kind is Minimizer:
         return _restore(Minimizer.__new__(Minimizer), value)
     if dataclasses.is_dataclass(kind):
@@ -170,12 +171,12 @@ def _unpack(kind: Any, value: Any) -> Any:
     origin, parts = get_origin(kind), _parts(kind)
     if origin is dict:
         if all(map(_is_plain, parts)):
-            return dict(msgspec.convert(value, list[tuple[parts[0], parts[1]]]))  # type: ignore[valid-type]
-        return {msgspec.convert(key, parts[0]): _unpack(parts[1], one) for key, one in value}
+            return dict(wire.convert(value, list[tuple[parts[0], parts[1]]]))  # type: ignore[valid-type]
+        return {wire.convert(key, parts[0]): _unpack(parts[1], one) for key, one in value}
     if origin is Counter:
-        return Counter(dict(msgspec.convert(value, list[tuple[parts[0], int]])))  # type: ignore[valid-type]
+        return Counter(dict(wire.convert(value, list[tuple[parts[0], int]])))  # type: ignore[valid-type]
     if origin in (set, frozenset):
-        return origin(msgspec.convert(value, list[parts[0]]))  # type: ignore[valid-type]
+        return origin(wire.convert(value, list[parts[0]]))  # type: ignore[valid-type]
     if origin in (Union, UnionType):
         return _unpack(parts[0], value)
     return [_unpack(parts[0], one) for one in value]

@@ -11,6 +11,7 @@ from typing import ClassVar, get_args
 
 import msgspec
 
+from saflite.contract import wire
 from saflite.contract.flight import Purpose
 from saflite.contract.work import Stage
 
@@ -98,7 +99,7 @@ def read_key(text: str) -> WorkKey | None:
         return None
     values = rest.split("/", len(kind.__struct_fields__) - 1)
     try:
-        key = msgspec.convert((tag, *values), kind, strict=False)
+        key = wire.convert((tag, *values), kind, strict=False)
     except msgspec.ValidationError:
         return None
     return key if str(key) == text else None

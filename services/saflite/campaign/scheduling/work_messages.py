@@ -229,6 +229,6 @@ def _candidates(search: SearchConfig, flights: int) -> int:
 
 def receipt_for(report: Report, status: str, message: str = "") -> Receipt:
     """Return the answer to a report."""
-    return msgspec.convert(
+    return wire.convert(
         {"lease_id": report.lease_id, "epoch": report.epoch, "status": status, "message": message}, Receipt
     )

@@ -20,6 +20,7 @@ from typing import Literal, NamedTuple, Protocol
 import msgspec
 import numpy as np
 
+from saflite.contract import wire
 from saflite.contract.clock import Clock
 from saflite.contract.errors import Refused
 from saflite.contract.interval import Interval
@@ -127,7 +128,7 @@ def bugs() -> tuple[Bug, ...]:
     """Return the ten bugs; raises Refused if the data file is damaged."""
     text = files("saflite.console.evaluation").joinpath("data/rq2_bugs.toml").read_text(encoding="utf-8")
     try:
-        return msgspec.convert(tomllib.loads(text), _File).bugs
+        return wire.convert(tomllib.loads(text), _File).bugs
     except (tomllib.TOMLDecodeError, msgspec.ValidationError) as fault:
         raise Refused("rq2_bugs.toml", expected="a list of bugs", got=str(fault)) from fault
 

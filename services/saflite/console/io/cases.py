@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from saflite.console.io.target_options import with_settings
+from saflite.contract import wire
 from saflite.contract.errors import Refused
 from saflite.contract.test_case import TestCase
 
@@ -27,7 +28,7 @@ def load_case(path: Path) -> TestCase:
         text = read_text(path, "test case")
         data = parse_json(text, "test case", str(path))
         try:
-            return msgspec.convert(data, TestCase)
+            return wire.convert(data, TestCase)
         except msgspec.MsgspecError as fault:
             raise Refused("test case", where=str(path), expected="a saflite test case", got=str(fault)) from fault
     if path.suffix in (".yaml", ".yml"):

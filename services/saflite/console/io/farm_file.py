@@ -6,6 +6,7 @@ from pathlib import Path
 
 import msgspec
 
+from saflite.contract import wire
 from saflite.contract.errors import Refused
 from saflite.contract.outside import parse_toml, read_text
 from saflite.contract.work import Stage
@@ -43,7 +44,7 @@ def read_farm_file(path: Path) -> FarmFile:
     """
     where = str(path)
     try:
-        farm = msgspec.convert(parse_toml(read_text(path, "farm file", FILE_BYTES_MAX), "farm file", where), FarmFile)
+        farm = wire.convert(parse_toml(read_text(path, "farm file", FILE_BYTES_MAX), "farm file", where), FarmFile)
     except msgspec.ValidationError as fault:
         raise Refused("farm file", where=where, expected="a valid farm", got=str(fault)) from fault
     for stage, count in farm.workers.items():

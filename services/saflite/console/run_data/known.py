@@ -14,6 +14,7 @@ import msgspec
 
 from saflite.console.io import outputs
 from saflite.console.run_data.run_folder import open_run
+from saflite.contract import wire
 from saflite.contract.errors import Refused
 from saflite.contract.outside import parse_json, read_text
 from saflite.contract.test_case import TestCase
@@ -85,7 +86,7 @@ def _corpus(folder: Path) -> list[Known]:
 def _read(path: Path) -> Known:
     data = parse_json(read_text(path, "known violation"), "known violation", str(path))
     try:
-        return msgspec.convert(data, Known)
+        return wire.convert(data, Known)
     except msgspec.ValidationError as fault:
         raise Refused(
             "known violation", where=str(path), expected="one that `regress` wrote", got=str(fault)

@@ -10,7 +10,7 @@ import msgspec
 from saflite.contract.errors import FarmError, Unavailable
 from saflite.contract.outside import TEXT_BYTES_MAX, read_bytes
 from saflite.contract.target_info import TargetInfo
-from saflite.contract.wire import UNREADABLE
+from saflite.contract.wire import UNREADABLE, unpack_json
 from saflite.flight.build import library_version
 
 FILE = "software.json"
@@ -54,7 +54,7 @@ def differs(run_dir: Path) -> str:
     from saflite.simulator_worker.registry import describe_target
 
     try:
-        then = msgspec.json.decode(read_bytes(run_dir / FILE, FILE, TEXT_BYTES_MAX), type=Provenance)
+        then = unpack_json(read_bytes(run_dir / FILE, FILE, TEXT_BYTES_MAX), Provenance)
         now = here(describe_target(then.target))
     except (*UNREADABLE, FarmError):
         return ""

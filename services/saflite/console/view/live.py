@@ -11,6 +11,7 @@ import msgspec
 
 from saflite.console.run_data.run_folder import RunFolder, open_run
 from saflite.console.view import out
+from saflite.contract import wire
 from saflite.contract.control import ArmStanding, Exposed, Status
 from saflite.contract.events import FaultSeen, Quarantined, ScorerChanged, ViolationFound
 from saflite.contract.verdict import Violation, failed_again, with_mode_named
@@ -267,7 +268,7 @@ def _drawn(status: Status) -> RenderableType:
     from rich.progress_bar import ProgressBar
     from rich.table import Table
 
-    status = msgspec.convert(_shown(msgspec.to_builtins(status)), Status, strict=False)
+    status = wire.convert(_shown(msgspec.to_builtins(status)), Status, strict=False)
     facts = Table.grid(padding=(0, 3))
     last = "none yet" if status.since_last_find_s is None else f"{status.since_last_find_s:.0f} s ago"
     pending = f" (warming {escape(status.scorer_pending)})" if status.scorer_pending else ""

@@ -11,7 +11,7 @@ import numpy as np
 from saflite.contract.bounds import Count, Share
 from saflite.contract.errors import Refused
 from saflite.contract.test_case import Scenario, Stimulus, TestCase, draw_key, identity
-from saflite.contract.wire import UNREADABLE
+from saflite.contract.wire import UNREADABLE, unpack_json
 
 Rng = np.random.Generator
 COVERING_MAX = 48
@@ -40,7 +40,7 @@ class Sown(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
 def read_sown(texts: list[str]) -> tuple[Sown, ...]:
     """Return the entries in the setting `corpus`; raises Refused for a text that is none."""
     try:
-        return tuple(msgspec.json.decode(text, type=Sown) for text in texts)
+        return tuple(unpack_json(text, Sown) for text in texts)
     except UNREADABLE as fault:
         raise Refused("strategy setting corpus", expected="entries of a corpus as JSON", got=str(fault)) from fault
 

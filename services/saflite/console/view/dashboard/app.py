@@ -28,6 +28,7 @@ from saflite.console.view.dashboard import access, pages
 from saflite.console.view.dashboard.access import COOKIE, ORDER_HEADER, Role, Tokens, role_of
 from saflite.console.view.dashboard.assets import SCRIPT, STYLE
 from saflite.console.view.dashboard.source import Source
+from saflite.contract import wire
 from saflite.contract.errors import FarmError, Refused
 
 EVERY_S = 1.0
@@ -189,9 +190,9 @@ class _Site:
         if role != "operator" or ORDER_HEADER not in request.headers:
             return _answer(403, "orders need the role operator")
         try:
-            order = msgspec.json.decode(await _body(request), type=Order)
+            order = wire.unpack_json(await _body(request), Order)
             answer = await run_in_threadpool(self._source(request).order, order.verb, order.text, order.number)
-        except (msgspec.MsgspecError, FarmError) as fault:
+        except (*wire.UNREADABLE, FarmError) as fault:
             return _answer(400, str(fault))
         return _answer(200, answer.message, accepted=answer.accepted)
 

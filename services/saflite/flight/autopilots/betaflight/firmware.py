@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import msgspec
 
+from saflite.contract import wire
 from saflite.contract.config import environment
 from saflite.flight.autopilots.betaflight.settings import BetaflightSetting
 from saflite.flight.build import build_of
@@ -95,7 +96,7 @@ def listing(variant: Variant) -> Listing:
 
 @cache
 def _listing(path: Path, changed_ns: int) -> Listing:
-    return msgspec.json.decode(path.read_bytes(), type=Listing)
+    return wire.unpack_json(path.read_bytes(), Listing)
 
 
 def digest(path: Path) -> str:

@@ -9,6 +9,7 @@ from typing import Any
 
 import msgspec
 
+from saflite.contract import wire
 from saflite.contract.errors import Unavailable
 from saflite.flight.mavlink.client import Client
 
@@ -83,8 +84,8 @@ def _file(folder: Path, digest: str) -> Path:
 @cache
 def _read(path: Path, changed_ns: int) -> Listing | None:
     try:
-        found = msgspec.json.decode(path.read_bytes(), type=Listing)
-    except (msgspec.DecodeError, OSError):
+        found = wire.unpack_json(path.read_bytes(), Listing)
+    except (*wire.UNREADABLE, OSError):
         return None
     return found if found.version == VERSION else None
 

@@ -7,7 +7,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import msgspec
+from saflite.contract import wire
 
 
 class Documented(NamedTuple):
@@ -39,6 +39,6 @@ def documented(path: Path, rows: Rows) -> Mapping[str, Documented]:
 @cache
 def _read(path: Path, changed_ns: int, rows: Rows) -> Mapping[str, Documented]:
     try:
-        return rows(msgspec.json.decode(path.read_bytes()))
-    except (msgspec.DecodeError, KeyError, TypeError, ValueError, AttributeError):
+        return rows(wire.unpack_json(path.read_bytes(), Any))
+    except (*wire.UNREADABLE, KeyError, TypeError, ValueError, AttributeError):
         return {}
