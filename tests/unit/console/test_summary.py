@@ -134,3 +134,14 @@ def test_the_summary_counts_in_how_many_flights_each_rule_applied(
     _, said = _ended(tmp_path / "run", lambda blobs: NeverApplies(blobs, 3), capsys, as_json=True)
     counts = {"held": 2, "violated": 0, "vacuous": 4, "inconclusive": 0}
     assert json.loads(said)["policies"] == {"min-obstacle-distance": counts}
+
+
+def test_what_is_so_of_every_find_is_said_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    code, said = _ended(tmp_path / "run", doubles.Service, capsys)
+    assert code == FOUND
+    lines = said.splitlines()
+    assert sum(line.startswith("  VIOLATION") for line in lines) > 1
+    (common,) = (line for line in lines if line.startswith("  all of "))
+    for question in ("values: ", "link needed: ", "build: "):
+        assert question in common
+        assert said.count(question) == 1

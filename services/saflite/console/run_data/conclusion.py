@@ -157,14 +157,7 @@ def _tell(found: Conclusion, ended: ExitSummary) -> None:
         out.line(f"{found.fallbacks[0]} scores by the embedded scorer instead of the one asked: {found.fallbacks[1]}")
     if ended.status is not None and ended.status.arms:
         out.line(f"arms: {live.arms_told(ended.status.arms)}")
-    known = {(one.violation.fingerprint, one.violation.test_case): one.circumstances for one in found.findings}
-    for violation in good[:SHOWN]:
-        out.line(f"  {live.violation_line(with_mode_named(violation, found.modes))}")
-        circumstances = known.get((violation.fingerprint, violation.test_case))
-        if circumstances is not None:
-            out.line("    " + "; ".join(f"{what}: {words}" for what, words in in_words(circumstances).items()))
-    if len(good) > SHOWN:
-        out.line(f"  ... and {len(good) - SHOWN} more")
+    _tell_behaviours(found)
     _tell_rulings(found.rulings)
     if found.exit_code == INFRASTRUCTURE:
         out.line("this says nothing of the vehicle: no test case could be flown and judged; see the faults above")
@@ -172,6 +165,26 @@ def _tell(found: Conclusion, ended: ExitSummary) -> None:
         out.line("what it takes:" if found.minimised else "what it takes, not minimised ([search] shrink = true):")
     for cause in found.causes[:SHOWN]:
         out.line(f"  {cause.policy}, {cause.violations} of them: {cause.words}   (test case {cause.name})")
+
+
+def _tell_behaviours(found: Conclusion) -> None:
+    """Show behaviours with what maintainers ask of a finding; what is so of all that are shown is said once."""
+    good = found.behaviours
+    known = {(one.violation.fingerprint, one.violation.test_case): one.circumstances for one in found.findings}
+    asked = [known.get((one.fingerprint, one.test_case)) for one in good[:SHOWN]]
+    answers = [{} if one is None else in_words(one) for one in asked]
+    common = set.intersection(*({*one.items()} for one in answers)) if len(answers) > 1 else set()
+    for violation, answer in zip(good, answers, strict=False):
+        out.line(f"  {live.violation_line(with_mode_named(violation, found.modes))}")
+        own = [f"{what}: {words}" for what, words in answer.items() if (what, words) not in common]
+        if own:
+            out.line("    " + "; ".join(own))
+    if len(good) > SHOWN:
+        out.line(f"  ... and {len(good) - SHOWN} more")
+    if common:
+        shown = "those shown" if len(good) > SHOWN else "them"
+        said = [f"{what}: {words}" for what, words in answers[0].items() if (what, words) in common]
+        out.line(f"  all of {shown}: {'; '.join(said)}")
 
 
 def _value(ended: ExitSummary) -> str:
