@@ -1,6 +1,6 @@
 """The command line: `saflite COMMAND ...`. A command is one file under `commands/`; nothing else is imported before it.
 
-Exit codes: 0 nothing found, 1 violations found, 2 refused input, 3 infrastructure.
+Exit codes: 0 nothing found, 1 violations found, 2 refused input, 3 infrastructure, 4 nothing judged.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typing import NoReturn
 from saflite.console.view import out
 from saflite.contract.errors import Refused, Unavailable
 
-NOTHING_FOUND, FOUND, REFUSED, INFRASTRUCTURE = 0, 1, 2, 3
+NOTHING_FOUND, FOUND, REFUSED, INFRASTRUCTURE, NOTHING_JUDGED = 0, 1, 2, 3, 4
 INTERRUPTED = 130
 BROKEN_PIPE = 141  # 128 and SIGPIPE, as the shell has it
 NO_PLACE = (errno.ENAMETOOLONG, errno.ELOOP, errno.ENOTDIR, errno.EISDIR, errno.EINVAL)
@@ -184,7 +184,7 @@ def _overview() -> str:
             *rows,
             "",
             "first steps: saflite run avoidance-m2",
-            "exit codes:  0 nothing found, 1 violations found, 2 refused input, 3 infrastructure",
+            "exit codes:  0 nothing found, 1 violations found, 2 refused input, 3 infrastructure, 4 nothing judged",
         ]
     )
 

@@ -14,7 +14,7 @@ import pytest
 
 from saflite.campaign.presets.campaigns import load_campaign, template
 from saflite.campaign.storage.store import Store
-from saflite.console.cli import FOUND, INFRASTRUCTURE, NOTHING_FOUND, main
+from saflite.console.cli import FOUND, INFRASTRUCTURE, NOTHING_FOUND, NOTHING_JUDGED, main
 from saflite.console.io import campaign_options
 from saflite.console.run_data.conclusion import conclude
 from saflite.console.run_data.run_folder import open_run
@@ -145,3 +145,13 @@ def test_what_is_so_of_every_find_is_said_once(tmp_path: Path, capsys: pytest.Ca
     for question in ("values: ", "link needed: ", "build: "):
         assert question in common
         assert said.count(question) == 1
+
+
+def test_a_run_that_ended_before_a_flight_was_judged_is_no_success(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    campaign = campaign_options.changed(load_campaign("avoidance-m2"), budget=6)
+    Store.create(tmp_path / "run", campaign, template(campaign), describe()).close()
+    ended = ExitSummary(False, "0.1 minutes are over, as asked for", None, 0)
+    assert conclude(tmp_path / "run", ended, as_json=False) == NOTHING_JUDGED
+    assert "before a flight was judged" in capsys.readouterr().out

@@ -9,6 +9,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from saflite.console.cli import NOTHING_JUDGED
 from saflite.console.io import cases, log_files
 from saflite.console.view.html_text import escape
 from saflite.console.view.report.style import CSS
@@ -22,7 +23,6 @@ from saflite.oracle.judge import judge
 from saflite.oracle.policy import policies_for
 from saflite.recorder import recording
 
-NOTHING_JUDGED = 4
 SUFFIXES = (".mcap", *READERS)
 _HEADERS = ("log", "result", "violated", "held", "vacuous", "inconclusive", "why")
 

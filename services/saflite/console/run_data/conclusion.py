@@ -9,7 +9,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from saflite.console.cli import FOUND, INFRASTRUCTURE, NOTHING_FOUND
+from saflite.console.cli import FOUND, INFRASTRUCTURE, NOTHING_FOUND, NOTHING_JUDGED
 from saflite.console.run_data import reporting
 from saflite.console.run_data.deduplication import Cause, deduplicate
 from saflite.console.run_data.embargo import withheld_words
@@ -67,7 +67,9 @@ class Conclusion(NamedTuple):
         """For scripts; a run in which nothing could be judged is no success."""
         if self.set_aside and self.set_aside == self.cases:
             return INFRASTRUCTURE
-        return FOUND if self.confirmed else NOTHING_FOUND
+        if self.confirmed:
+            return FOUND
+        return NOTHING_FOUND if any(ruled.judged for ruled in self.rulings.values()) else NOTHING_JUDGED
 
 
 def conclude(run_dir: Path, ended: ExitSummary, *, as_json: bool) -> int:
@@ -97,7 +99,8 @@ def conclude(run_dir: Path, ended: ExitSummary, *, as_json: bool) -> int:
 def _code(found: Conclusion, ended: ExitSummary) -> int:
     """Return the exit code; a campaign that its closed terminal cut short is no success."""
     cut = ended.why == f"signal {signal.SIGHUP.name}" and not ended.ended
-    return 128 + signal.SIGHUP if cut and found.exit_code == NOTHING_FOUND else found.exit_code
+    quiet = found.exit_code in {NOTHING_FOUND, NOTHING_JUDGED}
+    return 128 + signal.SIGHUP if cut and quiet else found.exit_code
 
 
 def _read(run: RunFolder) -> Conclusion:
@@ -161,6 +164,8 @@ def _tell(found: Conclusion, ended: ExitSummary) -> None:
     _tell_rulings(found.rulings)
     if found.exit_code == INFRASTRUCTURE:
         out.line("this says nothing of the vehicle: no test case could be flown and judged; see the faults above")
+    if found.exit_code == NOTHING_JUDGED:
+        out.line("this says nothing of the vehicle: it ended before a flight was judged")
     if found.causes:
         out.line("what it takes:" if found.minimised else "what it takes, not minimised ([search] shrink = true):")
     for cause in found.causes[:SHOWN]:

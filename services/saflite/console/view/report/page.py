@@ -137,6 +137,7 @@ def _table(data: ReportData) -> str:
     rows = []
     for number, exhibit in enumerate(data.exhibits, start=1):
         violation = exhibit.violation
+        said = f"{violation.policy}, {violation.severity}, "
         cells = [
             evidence.anchor(number, str(number)),
             evidence.anchor(number, violation.fingerprint),
@@ -144,8 +145,8 @@ def _table(data: ReportData) -> str:
             f"{violation.robustness:+.3f}",
             f'<span class="badge {violation.severity}">{violation.severity}</span>',
             f'<span class="badge {violation.confirmation}">{violation.confirmation}</span>',
-            escape(violation.behaviour.removeprefix(f"{violation.policy}, {violation.severity}, ")),
-            failed_again(violation),
+            f'<span class="words">{escape(violation.behaviour.removeprefix(said))}</span>',
+            f'<span class="words">{failed_again(violation)}</span>',
             str(data.finds[violation.fingerprint]),
             f"{len(exhibit.test_case.scenario.obstacles)} boxes"
             if exhibit.test_case.scenario.obstacles
@@ -173,7 +174,8 @@ def _causes(data: ReportData) -> str:
         return ""
     numbers = {exhibit.violation.test_case: number for number, exhibit in enumerate(data.exhibits, start=1)}
     rows = [
-        f"<tr><td>{escape(cause.policy)}</td><td>{cause.violations}</td><td>{escape(cause.words)}</td>"
+        f"<tr><td>{escape(cause.policy)}</td><td>{cause.violations}</td>"
+        f'<td class="words">{escape(cause.words)}</td>'
         f"<td>{evidence.anchor(numbers[cause.name], cause.name)}</td></tr>"
         for cause in taken
     ]

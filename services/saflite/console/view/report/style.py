@@ -29,7 +29,8 @@ svg{display:block;width:100%;height:auto;margin:0 auto}
 .violation figure{background:var(--bg)}
 .scroll{overflow-x:auto;background:var(--panel);border:1px solid var(--line);border-radius:10px}
 table{border-collapse:collapse;width:100%;font-variant-numeric:tabular-nums}
-th,td{text-align:left;padding:6px 12px;border-bottom:1px solid var(--line);white-space:nowrap}
+th,td{text-align:left;padding:6px 9px;border-bottom:1px solid var(--line);white-space:nowrap}
+td.words,td:has(>.words){white-space:normal;min-width:13ch}
 thead th{color:var(--muted);font-weight:500;font-size:13px}tbody tr:last-child td{border-bottom:0}
 .facts{margin-top:12px;width:auto}.facts th{color:var(--muted);font-weight:500;padding-left:0}
 .facts td,.facts th{border:0;padding:2px 14px 2px 0;white-space:normal;vertical-align:top}
