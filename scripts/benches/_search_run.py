@@ -23,7 +23,7 @@ from saflite.contract.control import Status
 from saflite.contract.flight import AUTOPILOT_ALIVE, Flight
 from saflite.contract.service import Cancelled
 from saflite.contract.test_case import Setting, StartState, TestCase, identity
-from saflite.contract.work import JudgeResult, Result, Work
+from saflite.contract.work import FlyResult, JudgeResult, Result, Work
 from saflite.flight.autopilots.reference.defects import SETTING, TABLE
 from saflite.flight.autopilots.reference.describe import describe
 from saflite.oracle.judge import judge
@@ -85,6 +85,8 @@ class Row(NamedTuple):
     states: int
     wall_s: float
     alarm_cases: tuple[dict[str, Any], ...] = ()
+    crashed: int = 0  # of the first flights
+    core_s: float = 0.0
 
 
 class Faulty(Flights):
@@ -111,7 +113,7 @@ class Watch:
         self.alarm_cases: list[dict[str, Any]] = []
         self.spoke: Counter[str] = Counter()
         self.states: set[str] = set()
-        self.judged = self.any_spoke = 0
+        self.judged = self.any_spoke = self.crashed = 0
         self._examined: Counter[str] = Counter()
         self._seen: set[tuple[str, str]] = set()
 
@@ -129,6 +131,11 @@ class Watch:
         self.spoke.update(spoke)
         self.any_spoke += bool(spoke)
         self.states |= {step.after for step in result.judgement.transitions}
+
+    def flew(self, result: Result) -> None:
+        """Count the first flights that crashed."""
+        if isinstance(result, FlyResult) and not result.flight.flight_index:
+            self.crashed += result.flight.ending == "crashed"
 
     def look(self, run_dir: Path, status: Status) -> bool:
         """Take the new confirmed violations; return whether all faults there are have been found."""
@@ -220,12 +227,13 @@ def without_lists(strategy: StrategyConfig) -> StrategyConfig:
 
 def search(job: Job) -> Row:
     """Search until every fault is found or the flights are spent."""
-    campaign, start = campaign_of(job), time.perf_counter()
+    campaign, start, core = campaign_of(job), time.perf_counter(), time.process_time()
     watch, flights = Watch(job, campaign), Faulty(job.lines)
     with tempfile.TemporaryDirectory(prefix="saflite-search-") as folder:
         run_dir = Path(folder) / "run"
         inline = Inline(campaign, run_dir, flights)
         inline.watch("judge", watch.saw)
+        inline.watch("fly", watch.flew)
         status = inline.run(lambda now: watch.look(run_dir, now))
         inline.close()
     judged = max(1, watch.judged)
@@ -245,4 +253,6 @@ def search(job: Job) -> Row:
         states=len(watch.states),
         wall_s=round(time.perf_counter() - start, 1),
         alarm_cases=tuple(watch.alarm_cases),
+        crashed=watch.crashed,
+        core_s=round(time.process_time() - core, 1),
     )
