@@ -15,6 +15,7 @@ from saflite.conformance.flying import fly_once
 from saflite.contract.flight import AUTOPILOT_ALIVE, Flight, FlightRecord
 from saflite.contract.rng import derive
 from saflite.contract.test_case import Setting, Stimulus, TestCase, identity
+from saflite.contract.verdict import Verdict
 from saflite.flight.autopilots.reference.defects import TABLE, trigger
 from saflite.flight.autopilots.reference.describe import describe
 from saflite.mutator.strategies.pgfuzz import Strategy
@@ -41,18 +42,23 @@ class Shrunk(NamedTuple):
     exhausted: bool
 
 
-def breaks(test_case: TestCase, policy: str) -> bool:
-    """Fly the test case on the reference target and say whether it breaks the policy."""
-    return violates(test_case, policy, fly_once(test_case))
+def broken(test_case: TestCase, policy: str) -> Verdict | None:
+    """Fly the test case on the reference target and say how it breaks the policy, None if it does not."""
+    return violated(test_case, policy, fly_once(test_case))
 
 
 def violates(test_case: TestCase, policy: str, record: FlightRecord) -> bool:
     """Return whether a flight broke the policy."""
-    if policy == AUTOPILOT_ALIVE:
-        return record.ending == "autopilot_died"
+    return violated(test_case, policy, record) is not None
+
+
+def violated(test_case: TestCase, policy: str, record: FlightRecord) -> Verdict | None:
+    """Return the verdict of a flight that broke the policy."""
     name, delivered = identity(test_case), record.delivered
-    flight = Flight(test_case=name, flight_index=0, ending=record.ending, delivered=delivered)
-    return any(verdict.outcome == "violated" for verdict in judge(test_case, flight, record.trace, (policy,)).verdicts)
+    simulated_s = record.trace.duration_s if record.trace else 0.0
+    flight = Flight(test_case=name, flight_index=0, ending=record.ending, delivered=delivered, simulated_s=simulated_s)
+    verdicts = judge(test_case, flight, record.trace, () if policy == AUTOPILOT_ALIVE else (policy,)).verdicts
+    return next((one for one in verdicts if one.policy == policy and one.outcome == "violated"), None)
 
 
 def padded(defect: str, rng_seed: int) -> Iterator[TestCase]:
@@ -84,14 +90,15 @@ def _at(stimulus: Stimulus, at_s: float) -> Stimulus:
 def shrink(defect: str, rng_seed: int) -> Shrunk | None:
     """Minimise the first padded case that breaks the defect's policy; None if the noise hides the trigger each time."""
     policy = TABLE[defect].policy
-    large = next((case for case in padded(defect, rng_seed) if breaks(case, policy)), None)
-    if large is None:
+    found = ((case, verdict) for case in padded(defect, rng_seed) if (verdict := broken(case, policy)) is not None)
+    large, verdict = next(found, (None, None))
+    if large is None or verdict is None:
         return None
     start_s, start_core_s, flights = time.perf_counter(), time.process_time(), 0
-    minimizer = Minimizer(large, FLIGHTS_MAX, ONE_FLIGHT)
+    minimizer = Minimizer(large, FLIGHTS_MAX, ONE_FLIGHT, verdict.witness_to_s)
     while asked := minimizer.ask():
         for case, number in asked:
-            minimizer.tell(identity(case), number, breaks(case, policy))
+            minimizer.tell(identity(case), number, broken(case, policy) is not None)
         flights += len(asked)
     wall_s, core_s = time.perf_counter() - start_s, time.process_time() - start_core_s
     left, known = len(minimizer.best.stimuli), len(trigger(defect).stimuli)

@@ -1,10 +1,12 @@
 """`scripts/bench defects`: false alarms with all planted defects off, and how soon a trigger is minimised.
 
-    scripts/bench defects [--part alarms shrink] [--defects NAME ...] [--cases 2000] [--rng-seed 1] [--json]
+    scripts/bench defects [--part alarms shrink spent] [--defects NAME ...] [--cases 2000] [--rng-seed 1]
+                          [--budget 24] [--json]
 
 alarms: mutants of all policy campaigns flown with all defects off and judged by all policies; every violation is a
 false alarm.
 shrink: the shortest known trigger of each defect, hidden among random inputs (twenty in all), is minimised on one core.
+spent: what `policy-all` with three defects drawn by the seed flies at first and to make its finds smaller.
 
 How soon each defect is found: `scripts/bench search`.
 """
@@ -19,6 +21,7 @@ from collections import Counter, defaultdict
 from statistics import median
 from typing import Any
 
+from _defect_campaign import campaign
 from _defect_shrink import INPUTS, shrinks
 
 from saflite.campaign.presets.campaigns import load_campaign, template
@@ -33,7 +36,7 @@ from saflite.mutator.registry import load_strategy
 from saflite.oracle.judge import judge
 from saflite.oracle.policy import policy_names
 
-PARTS = ("alarms", "shrink")
+PARTS = ("alarms", "shrink", "spent")
 
 
 # ---- false alarms -------------------------------------------------------------------------------------------------
@@ -87,10 +90,11 @@ def _mutants(campaign: str, count: int, rng_seed: int) -> list[TestCase]:
 def main(argv: list[str]) -> int:
     """Measure and print."""
     parser = argparse.ArgumentParser(prog="scripts/bench defects", description=__doc__)
-    parser.add_argument("--part", nargs="+", choices=PARTS, default=list(PARTS))
+    parser.add_argument("--part", nargs="+", choices=PARTS, default=["alarms", "shrink"])
     parser.add_argument("--defects", nargs="+", choices=sorted(TABLE), default=sorted(TABLE))
     parser.add_argument("--cases", type=int, default=2000)
     parser.add_argument("--rng-seed", type=int, default=1, help="of the false-alarm and shrink cases")
+    parser.add_argument("--budget", type=int, default=24, help="first flights of the campaign of `spent`")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args(argv)
     result: dict[str, Any] = {}
@@ -98,7 +102,9 @@ def main(argv: list[str]) -> int:
         result["alarms"] = alarms(options.cases, options.rng_seed)
     if "shrink" in options.part:
         result["shrink"] = [one._asdict() for one in shrinks(options.defects, options.rng_seed)]
-    if options.json:
+    if "spent" in options.part:
+        result["spent"] = campaign(options.rng_seed, options.budget)._asdict()
+    if options.json or "spent" in result:
         print(json.dumps(result, indent=2))
     else:
         _print(result)

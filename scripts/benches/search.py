@@ -1,7 +1,7 @@
 """`scripts/bench search`: how many faults does a search find that nobody told it of, and what did it expose?
 
     scripts/bench search [--set fit report blind clean ...] [--arms all own pgfuzz random unscored] [--together 1]
-                         [--rng-seeds 1 2 3] [--budget 200] [--blind-faults 12] [--blind-seed 1] [--jobs 1]
+                         [--faults NAME ...] [--rng-seeds 1 2 3] [--budget 200] [--blind-faults 12] [--blind-seed 1] [--jobs 1]
                          [--out FILE.jsonl] [--json]
     scripts/bench search --page         # writes deploy/docs/defects.md from the rows in results/search*.jsonl
 
@@ -11,6 +11,7 @@ first, figures are given for the second. `authored-fit`, `authored-report`: faul
 (`data/authored_faults.toml`), parted likewise. `blind`: faults drawn blindly from the lines of the reference autopilot
 (`_blind_faults.py`); `clean`: no fault, for exposure and false alarms. `--together` plants so many defects at once; a
 search ends when all are found, or with its budget of flights, re-flights included; what is not found counts as such.
+`--faults` names planted and hand-written ones that are all on at once, in place of a set.
 Searches that stand in the `--out` file already are not run again. In-process campaigns, real books, flights, oracle.
 """
 
@@ -48,6 +49,15 @@ PAGE = HERE.parents[1] / "deploy" / "docs" / "defects.md"
 def half(name: str) -> str:
     """Return the set a planted defect belongs to, by a fixed hash of its name."""
     return ("fit", "report")[hashlib.sha256(name.encode()).digest()[0] % 2]
+
+
+def named(options: argparse.Namespace) -> Iterator[Job]:
+    """Yield the searches for the faults named, all of which are on."""
+    defects = tuple(name for name in options.faults if name in TABLE)
+    lines = tuple(authored()[name] for name in options.faults if name not in TABLE)
+    for arm in options.arms:
+        for rng_seed in options.rng_seeds:
+            yield Job(arm, defects, lines, rng_seed, options.budget)
 
 
 def members(which: str, options: argparse.Namespace) -> Iterator[Job]:
@@ -115,7 +125,7 @@ def page(found: Sequence[Row]) -> str:
 
 def run(options: argparse.Namespace) -> list[Row]:
     """Run what is not in the file yet; return all rows asked for."""
-    jobs = [job for which in options.set for job in members(which, options)]
+    jobs = list(named(options)) if options.faults else [job for one in options.set for job in members(one, options)]
     known = rows_of(options.out)
     todo = [job for job in jobs if key_of(job) not in known]
     with get_context("spawn").Pool(options.jobs, die_with_parent, (os.getpid(),)) as pool:
@@ -162,6 +172,7 @@ def main(argv: list[str]) -> int:
     """Measure and print."""
     parser = argparse.ArgumentParser(prog="scripts/bench search", description=__doc__.splitlines()[0])
     parser.add_argument("--set", nargs="+", choices=SETS, default=["report"])
+    parser.add_argument("--faults", nargs="+", choices=[*TABLE, *authored()], help="all on at once, in place of a set")
     parser.add_argument("--arms", nargs="+", choices=list(ARMS), default=["all", "pgfuzz", "random"])
     parser.add_argument("--together", type=int, default=1, help="planted defects that are on at once")
     parser.add_argument("--rng-seeds", type=int, nargs="+", default=[1, 2, 3])

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import msgspec
 import pytest
 
 from saflite.campaign.lifecycle.minimizer import Minimizer
 from saflite.campaign.lifecycle.repeats import ONE_FLIGHT
 from saflite.contract.rng import derive
-from saflite.contract.test_case import Scenario, StartState, Stimulus, Target, TestCase, identity
+from saflite.contract.test_case import Mission, Scenario, StartState, Stimulus, Target, TestCase, identity
 
 Breaks = Callable[[TestCase], bool]
 
@@ -44,9 +45,9 @@ def chute_in_acro(test_case: TestCase) -> bool:
 
 
 def shrink(
-    start: TestCase, breaks: Breaks, flights_max: int = 200, shuffle: int = 0
+    start: TestCase, breaks: Breaks, flights_max: int = 200, shuffle: int = 0, shown_s: float | None = None
 ) -> tuple[Minimizer, list[TestCase]]:
-    minimizer, flown = Minimizer(start, flights_max, ONE_FLIGHT), []
+    minimizer, flown = Minimizer(start, flights_max, ONE_FLIGHT, shown_s), []
     rng = derive(shuffle, "order")
     while not minimizer.done:
         batch = list(minimizer.ask())
@@ -123,3 +124,45 @@ def test_a_smaller_case_names_the_one_it_came_from() -> None:
     minimizer, _ = shrink(start, chute_in_acro)
     assert minimizer.best.origin.parent == identity(start)
     assert minimizer.best.origin.note.startswith("shrunk")
+
+
+def test_what_comes_after_the_violation_was_shown_is_flown_no_more() -> None:
+    start = msgspec.structs.replace(twenty(), scenario=Scenario(start=StartState(), time_limit_s=120.0))
+    whole, flown = shrink(start, chute_in_acro)
+    shown, soon = shrink(start, chute_in_acro, shown_s=35.6)
+    assert shown.best.stimuli == whole.best.stimuli
+    assert soon[0].scenario.time_limit_s == 36.6
+    assert max(stimulus.at_s for stimulus in soon[0].stimuli) <= 35.6
+    assert all(each.scenario.time_limit_s <= 36.6 for each in soon[3:])
+    assert 2 * sum(each.scenario.time_limit_s for each in soon) < sum(each.scenario.time_limit_s for each in flown)
+
+
+@pytest.mark.parametrize("shown_s", [0.5, 20.0, 59.5, 1e9])
+def test_a_moment_told_wrongly_costs_three_flights_at_most(shown_s: float) -> None:
+    told, _ = shrink(twenty(), chute_in_acro, shown_s=shown_s)
+    assert [one.name for one in told.best.stimuli] == ["ACRO", "MAV_CMD_DO_PARACHUTE"]
+    assert len(Minimizer(twenty(), 200, ONE_FLIGHT, shown_s).ask()) <= 3
+
+
+def test_a_mission_keeps_its_time_and_loses_what_was_given_later() -> None:
+    flown = Mission(name="m", home_lat_deg=47.4, home_lon_deg=8.5, home_alt_m=400.0, items=())
+    mission = Scenario(mission=flown, time_limit_s=60.0)
+    start = msgspec.structs.replace(twenty(), scenario=mission)
+    (first, *_) = Minimizer(start, 50, ONE_FLIGHT, 35.6).ask()
+    assert first.test_case.scenario == mission
+    assert len(first.test_case.stimuli) < len(start.stimuli)
+
+
+def test_few_flights_are_flown_beside_one_that_violates() -> None:
+    minimizer = Minimizer(twenty(), 200, ONE_FLIGHT)
+    widths = []
+    for _ in range(4):
+        asked = minimizer.ask()
+        widths.append(len(asked))
+        for each in asked:
+            minimizer.tell(identity(each.test_case), each.number, False)
+    assert widths == [2, 4, 4, 4]
+    asked = minimizer.ask()
+    for each in asked:
+        minimizer.tell(identity(each.test_case), each.number, True)
+    assert len(minimizer.ask()) == 2

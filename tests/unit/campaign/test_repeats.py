@@ -71,9 +71,11 @@ def test_one_flight_shows_it_all_only_where_flights_are_bit_equal() -> None:
     assert shrink_rule(bitwise).flights == 1
     chancy = confirm_rule(SearchConfig(), "statistically")
     assert shrink_rule(chancy) == chancy
-    assert shrink_flights_max(SearchConfig(), shrink_rule(bitwise)) == 60
-    assert shrink_flights_max(SearchConfig(), chancy) == 300
-    assert shrink_flights_max(SearchConfig(shrink_flights_max=7), chancy) == 7
+    assert shrink_flights_max(SearchConfig(), shrink_rule(bitwise), is_first=True) == 60
+    assert shrink_flights_max(SearchConfig(), chancy, is_first=True) == 300
+    assert shrink_flights_max(SearchConfig(shrink_flights_max=7), chancy, is_first=True) == 7
+    assert shrink_flights_max(SearchConfig(), shrink_rule(bitwise), is_first=False) == 30
+    assert shrink_flights_max(SearchConfig(shrink_flights_max=7), chancy, is_first=False) == 3
 
 
 @pytest.mark.parametrize(("flights", "needed"), [(3, 4), (3, 0), (None, 0), (-1, None)])

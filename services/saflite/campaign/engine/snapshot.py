@@ -68,6 +68,7 @@ FIELDS: dict[type, dict[str, Any]] = {
         "_decided": set[str],
         "_evidence": dict[str, Evidence],
         "_generation": dict[str, TestCase],
+        "_width": int,
         "_wave": dict[tuple[str, int], bool | None],
         "_phase": int,
         "_helped": bool,

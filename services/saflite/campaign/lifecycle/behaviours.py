@@ -14,7 +14,7 @@ from functools import cache, partial
 from saflite.campaign.engine.core import Core
 from saflite.campaign.lifecycle.confirmation import Trial, violated_verdicts
 from saflite.contract.ids import short_id
-from saflite.contract.verdict import Verdict
+from saflite.contract.verdict import Verdict, Violation
 from saflite.flight.track_shape import Shape, first_like, shape_of
 
 
@@ -23,6 +23,7 @@ class Behaviour:
     """One way to violate a rule: the words that all its finds share, the cause and the track of the first."""
 
     fingerprint: str
+    policy: str
     words: str
     cause: tuple[str, ...]
     shape: Shape
@@ -51,6 +52,11 @@ class Behaviours:
     def representatives(self) -> dict[str, str]:
         """The test cases that have confirmed a behaviour, by its fingerprint."""
         return {name: one.representative for name, one in self._known.items() if one.representative}
+
+    def is_first(self, violation: Violation) -> bool:
+        """Whether no other behaviour that violates the policy was found before; alike whatever comes back first."""
+        first = next(one for one in self._known.values() if one.policy == violation.policy)
+        return first.fingerprint == violation.fingerprint
 
     def expect(self, trial: Trial) -> None:
         """Note that a test case was selected; in order."""
@@ -100,7 +106,7 @@ class Behaviours:
             behaviour = self._like(verdict, words, shape()) if name is None else self._known.get(name)
             if behaviour is None:
                 name = name or short_id(f"{words}\x1f{len(self._by_words.get(words, ()))}".encode())
-                behaviour = self._found(Behaviour(name, words, verdict.cause, shape()))
+                behaviour = self._found(Behaviour(name, verdict.policy, words, verdict.cause, shape()))
                 trial.founded += 1
             trial.behaviours[verdict.policy] = behaviour.fingerprint
             if not behaviour.representative:

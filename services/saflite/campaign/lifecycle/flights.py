@@ -300,8 +300,8 @@ class Flights:
             self._record(trial, found[0] if found else None)
         self._end(trial, first.flight.ending, found[0].confirmation if found else "held")
         for violation in found[:1]:
-            if violation.confirmation == "confirmed":
-                self._minimization.begin(trial, violation)
+            if violation.confirmation == "confirmed" and trial.is_selected:
+                self._minimization.begin(trial, violation, is_first=self._behaviours.is_first(violation))
 
     def _announce(self, violation: Violation) -> None:
         core = self._core

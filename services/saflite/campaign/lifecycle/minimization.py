@@ -1,5 +1,8 @@
 """Flies what the minimizer asks for. These flights count against no budget and no round waits for them.
 
+What they tell goes down with every further find of a policy, so the first behaviour of each has most of them, and at
+once as many as make most finds small. All others wait until no flight of the search does.
+
 The smallest test case that still violates is then flown as a test case of its own, with re-flights and recording.
 """
 
@@ -20,6 +23,10 @@ from saflite.contract.work import FlyResult, JudgeResult, TargetBuild
 
 AFTER_REFLIGHTS = 10**6
 """Place of these flights in the order of the work for one test case: behind any re-flight."""
+AFTER_SEARCH = 10**9
+"""Place of those that can wait in the order of all work: behind every round."""
+AT_ONCE = 30
+"""Flights of a policy's first behaviour that do not wait."""
 
 
 @dataclass(slots=True)
@@ -29,6 +36,7 @@ class MinimizationCandidate:
     trial: Trial
     violation: Violation
     minimizer: Minimizer
+    waits_below: int  # flights left to it: with fewer, they wait until the search has nothing to fly
 
 
 @dataclass(slots=True)
@@ -67,13 +75,18 @@ class Minimization:
 
     # ---- beginning and end ---------------------------------------------------------------------------------------
 
-    def begin(self, trial: Trial, violation: Violation) -> None:
-        """Begin to make a confirmed violation smaller, if the campaign wants that and there is anything to drop."""
+    def begin(self, trial: Trial, violation: Violation, *, is_first: bool) -> None:
+        """Begin to make a confirmed violation smaller, if the campaign wants that and there is anything to drop.
+
+        `is_first`: of the behaviours that violate its policy it is the first found.
+        """
         search = self._core.campaign.search
-        if search.shrink and trial.is_selected and trial.test_case.stimuli:
+        if search.shrink and trial.test_case.stimuli:
             rule = shrink_rule(self._core.confirm)
-            minimizer = Minimizer(trial.test_case, shrink_flights_max(search, rule), rule)
-            self._candidates.append(MinimizationCandidate(trial, violation, minimizer))
+            most = shrink_flights_max(search, rule, is_first=is_first)
+            minimizer = Minimizer(trial.test_case, most, rule, _shown_s(trial, violation.policy))
+            waits_below = most - AT_ONCE * rule.flights if is_first else most + 1
+            self._candidates.append(MinimizationCandidate(trial, violation, minimizer, waits_below))
 
     def advance(self) -> list[MinimizationCandidate]:
         """Ask for the flights every candidate needs next; returns and forgets those that are done."""
@@ -101,7 +114,8 @@ class Minimization:
         if key in self._under_way:
             return
         self._under_way[key] = Attempt(test_case, candidate.trial.build)
-        order = (candidate.trial.round, candidate.trial.rank, AFTER_REFLIGHTS, 0)
+        after = AFTER_SEARCH if candidate.minimizer.left < candidate.waits_below else 0
+        order = (after + candidate.trial.round, candidate.trial.rank, AFTER_REFLIGHTS, 0)
         self._core.tasks.add(Task(key, order, target=TargetBuild(test_case.target.name, candidate.trial.build)))
 
     def validate(self) -> None:
@@ -189,6 +203,12 @@ class Minimization:
         if attempt.flight is not None:
             self._core.let_go(*attempt.flight.blobs)
             attempt.flight = None
+
+
+def _shown_s(trial: Trial, policy: str) -> float | None:
+    """Return by when the first flight showed the violation, None if nobody told."""
+    assert trial.judgement is not None, f"{trial.name} was not judged"
+    return next((one.witness_to_s for one in trial.judgement.verdicts if one.policy == policy), 0.0) or None
 
 
 def _flying(key: FlightKey) -> FlyKey:

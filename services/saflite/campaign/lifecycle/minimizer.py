@@ -6,8 +6,11 @@ it still violates; once every answer of a wave is there, the first in order that
 generation is over. So the result does not depend on which flight came back first, and a wave is flown in parallel.
 What the flights of a test case showed is kept, so one that comes up again needs only the flights still missing.
 
-Order of work: drop runs of inputs (halves, quarters, ... single ones: Zeller's ddmin), then simplify numbers (0, fewer
-digits), then shorten (earlier inputs, an earlier end); from the start again as long as anything helped.
+Order of work: end soon after the moment that showed the violation, for what comes later has no part in it and every
+flight after that is shorter; drop runs of inputs (halves, quarters, ... single ones: Zeller's ddmin), then simplify
+numbers (0, fewer digits), then shorten (earlier inputs, an earlier end); from the dropping again as long as anything
+helped. A generation begins with two test cases, for the first often violates and the others are flown for nothing; it
+is twice as wide after each that did not help.
 """
 
 from __future__ import annotations
@@ -28,7 +31,8 @@ TAIL_S = 4.0  # least time a shortened flight goes on after its last input
 PAUSES_S = (0.5, 1.0, 2.0)  # shorter pauses that are tried
 DIGITS = (1, 2)
 COMMAND_VALUES_MAX = 7  # of a vehicle command; more are bytes of a message
-BATCH = 8  # flights of the first wave of a generation, at most; at least one test case
+BATCH_LEAST, BATCH = 2, 4  # flights of the first wave of a generation; at least one test case
+ENDS_AFTER_S = (1.0, TAIL_S)  # what was shown, where the flight is cut off
 
 
 class Asked(NamedTuple):
@@ -47,16 +51,21 @@ class Evidence:
 
 
 class Minimizer:
-    """The search for the smallest violating test case. `flights_max` bounds the flights asked for."""
+    """The search for the smallest violating test case. `flights_max` bounds the flights asked for.
 
-    def __init__(self, test_case: TestCase, flights_max: int, rule: RepeatRule) -> None:
+    `shown_s` is the moment by which the violation was shown, if that is known.
+    """
+
+    def __init__(self, test_case: TestCase, flights_max: int, rule: RepeatRule, shown_s: float | None = None) -> None:
         self.original = identity(test_case)
         self.rule = rule
         self._forms = [test_case]
         self._left = flights_max
         self._decided = {self.original}
         self._evidence: dict[str, Evidence] = {}
-        self._generation: dict[str, TestCase] = {}  # not decided yet
+        ends = () if shown_s is None else ended(test_case, shown_s)
+        self._generation = {identity(case): case for case in ends}  # not decided yet
+        self._width = BATCH_LEAST
         self._wave: dict[tuple[str, int], bool | None] = {}
         self._phase = 0
         self._helped = False
@@ -70,6 +79,11 @@ class Minimizer:
     def forms(self) -> tuple[TestCase, ...]:
         """Every smaller test case that was the best for a time, the smallest last; empty where nothing helped."""
         return tuple(self._forms[1:])
+
+    @property
+    def left(self) -> int:
+        """How many more flights may be asked for."""
+        return self._left
 
     @property
     def done(self) -> bool:
@@ -101,7 +115,7 @@ class Minimizer:
 
     def _begin_generation(self) -> bool:
         fresh = (case for case in PHASES[self._phase](self.best) if identity(case) not in self._decided)
-        many = max(1, BATCH // self.rule.least_to_decide(0, 0))
+        many = max(1, self._width // self.rule.least_to_decide(0, 0))
         self._generation = {identity(case): case for case in islice(_unique(fresh), many)}
         return bool(self._generation)
 
@@ -127,8 +141,10 @@ class Minimizer:
         better = next((case for name, case in self._generation.items() if answers[name]), None)
         if better is not None:
             self._forms.append(better)
-            self._helped, self._generation = True, {}
+            self._helped, self._generation, self._width = True, {}, BATCH_LEAST
         self._generation = {name: case for name, case in self._generation.items() if answers[name] is None}
+        if better is None and not self._generation:
+            self._width = min(BATCH, 2 * self._width)
 
     def _decide(self, name: str) -> bool | None:
         seen = self._evidence.get(name, Evidence())
@@ -156,7 +172,20 @@ def _with(test_case: TestCase, stimuli: Stimuli, note: str) -> TestCase:
     return msgspec.structs.replace(test_case, stimuli=stimuli, origin=origin)
 
 
-# ---- the three ways to get smaller --------------------------------------------------------------------------------
+# ---- the ways to get smaller --------------------------------------------------------------------------------------
+
+
+def ended(test_case: TestCase, shown_s: float) -> Iterator[TestCase]:
+    """Yield the test case without what comes after the violation was shown, the shortest first."""
+    stimuli = tuple(stimulus for stimulus in test_case.stimuli if stimulus.at_s <= shown_s)
+    scenario = test_case.scenario
+    for after_s in ENDS_AFTER_S:
+        limit_s = round(shown_s + after_s, 1)
+        if scenario.mission is None and limit_s < scenario.time_limit_s:
+            shorter = msgspec.structs.replace(scenario, time_limit_s=limit_s)
+            yield msgspec.structs.replace(_with(test_case, stimuli, f"ends at {limit_s:g} s"), scenario=shorter)
+    if len(stimuli) < len(test_case.stimuli):
+        yield _with(test_case, stimuli, f"nothing after {shown_s:g} s")
 
 
 def dropped(test_case: TestCase) -> Iterator[TestCase]:

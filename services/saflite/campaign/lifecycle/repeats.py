@@ -56,6 +56,7 @@ def shrink_rule(confirm: RepeatRule) -> RepeatRule:
     return ONE_FLIGHT if confirm.repeats == "bitwise" else confirm
 
 
-def shrink_flights_max(search: SearchConfig, rule: RepeatRule) -> int:
-    """Return how many flights may be spent on making one violation smaller."""
-    return 60 * rule.flights if search.shrink_flights_max is None else search.shrink_flights_max
+def shrink_flights_max(search: SearchConfig, rule: RepeatRule, *, is_first: bool) -> int:
+    """Return how many flights may be spent on making one violation smaller: half for further behaviours of a policy."""
+    most = 60 * rule.flights if search.shrink_flights_max is None else search.shrink_flights_max
+    return most if is_first else most // 2
