@@ -1,8 +1,8 @@
 """`scripts/bench search`: how many faults does a search find that nobody told it of, and what did it expose?
 
     scripts/bench search [--set fit report blind clean ...] [--arms all own pgfuzz random unscored] [--together 1]
-                         [--faults NAME ...] [--rng-seeds 1 2 3] [--budget 200] [--blind-faults 12] [--blind-seed 1] [--jobs 1]
-                         [--out FILE.jsonl] [--json]
+                         [--faults NAME ...] [--rng-seeds 1 2 3] [--budget 200] [--blind-faults 12] [--blind-seed 1]
+                         [--jobs 1] [--out FILE.jsonl] [--json]
     scripts/bench search --page         # writes deploy/docs/defects.md from the rows in results/search*.jsonl
 
 Ground truth: a fault is found by a confirmed violation that its test case shows again with this fault alone and not

@@ -113,7 +113,7 @@ def test_a_violation_of_twenty_inputs_is_brought_down_to_the_two_that_matter(run
     assert any({stimulus.name for stimulus in test_case.stimuli} == TRIGGER for _, test_case in forms)
     for violation, test_case in forms:
         names = {stimulus.name for stimulus in test_case.stimuli}
-        assert names == TRIGGER or names > TRIGGER and len(names) < 8, "further behaviours may cost half"
+        assert names == TRIGGER or (names > TRIGGER and len(names) < 8), "further behaviours may cost half"
         assert (violation.confirmation, violation.failed_again, violation.reflown) == ("confirmed", 3, 3)
         assert re.fullmatch("[0-9a-f]{16}", violation.fingerprint)
         assert test_case.origin.parent
