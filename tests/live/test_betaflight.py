@@ -121,6 +121,15 @@ def test_a_rescue_switched_off_while_nobody_hears_it_is_no_failsafe(session: Bet
     assert failsafe.max() == 1.0
 
 
+def test_the_failsafe_switch_is_heard(session: BetaflightSession) -> None:
+    on = Stimulus(at_s=0.5, kind="command", name="SWITCH_FAILSAFE", values=(1.0,))
+    record = fly(session, case(on, limit_s=3.0))
+    assert record.trace is not None
+    assert record.trace.array("rx_throttle_us")[40] <= 1000.0, "stage 1 closes the throttle"
+    assert record.trace.array("failsafe_radio")[80] == 0.0
+    assert record.trace.array("failsafe_radio")[120] == 1.0, "stage 2 begins 1.5 s after the switch"
+
+
 def test_forks_fly_as_from_power_up(session: BetaflightSession) -> None:
     for number in range(12):
         one = random_case(number)

@@ -12,6 +12,7 @@ import pytest
 from saflite.contract.errors import Unavailable
 from saflite.contract.test_case import Scenario, StartState, Target, TestCase
 from saflite.flight.autopilots.betaflight import firmware, install, msp
+from saflite.flight.autopilots.betaflight.configuration import TUNE
 from saflite.flight.autopilots.betaflight.firmware import VARIANTS, Listing, Variant, why_missing
 from saflite.flight.autopilots.betaflight.settings import BetaflightSetting, read_settings
 from saflite.flight.autopilots.betaflight.signals import SHOWN_SETTINGS, trace_names
@@ -73,6 +74,7 @@ def test_a_spoilt_answer_is_none() -> None:
 def test_each_box_has_a_channel_of_its_own() -> None:
     assert len({switch.channel for switch in SWITCHES.values()}) == len(SWITCHES)
     assert all(5 <= switch.channel <= 16 for switch in SWITCHES.values())
+    assert max(switch.channel for switch in SWITCHES.values()) <= 4 + TUNE["max_aux_channels"], "it would not be heard"
     assert len(switch_lines(gps=True)) == len(SWITCHES) > len(switch_lines(gps=False))
     assert set(pilot_modes(gps=True)) < set(MODES)
     assert set(mode_channels("ACRO").values()) == {1000.0}

@@ -30,6 +30,7 @@ TUNE: dict[str, float] = {
     "angle_p_gain": 35,
     "pid_process_denom": 4,  # 2 kHz: enough for sensors at 400 Hz
     "pwr_on_arm_grace": 0,
+    "max_aux_channels": 14,  # boards' default; the simulator build's 6 would leave half the switches unheard
 }
 TUNE_GPS: dict[str, float] = {"ap_hover_throttle": HOVER_US}
 _PORTS = ("serial UART3 1 115200 57600 0 115200", "serial UART4 1 115200 57600 0 115200")
