@@ -94,3 +94,8 @@ def test_the_wheel_runs_the_examples_it_brings_where_nothing_else_of_ours_is(bui
     ran(saflite, "replay", "run", cwd=tmp_path, code=1)
     loaded = "from saflite.flight.native_library import native_library; native_library()"
     ran(python, "-c", loaded, cwd=tmp_path)
+    advice = "from saflite.flight.mending import *; print(builds_library(), builds_firmware('gps').strip('`'))"
+    said = ran(python, "-c", advice, cwd=tmp_path)
+    assert "scripts/" not in said, "a wheel brings no scripts"
+    _, _, module = said.rpartition(" -m ")
+    ran(python, "-c", f"import {module.split()[0]}", cwd=tmp_path)

@@ -10,14 +10,12 @@ from pathlib import Path
 from typing import TypeVar
 
 from saflite.contract.errors import Unavailable
+from saflite.flight.mending import builds_library
 from saflite.flight.native_sources import digest
 
 LIBRARY = Path(__file__).parent / "native" / "_native.so"
 AnyLibrary = TypeVar("AnyLibrary", bound=ctypes.CDLL)
 Memory = ctypes.Array[ctypes.c_char]
-
-
-BUILD = "build it with `python scripts/build_native.py`"
 
 
 @cache
@@ -44,9 +42,11 @@ def _loaded(kind: type[AnyLibrary]) -> AnyLibrary:
     try:
         library = kind(str(LIBRARY))
     except OSError as fault:
-        raise Unavailable(f"native library: {fault}; {BUILD}") from fault
+        raise Unavailable(f"native library: {fault}; {builds_library()} mends that") from fault
     if built_from(library) != digest():
-        raise Unavailable(f"native library: built from other sources than those beside it; {BUILD}")
+        raise Unavailable(
+            f"native library: built from other sources than those beside it; {builds_library()} mends that"
+        )
     return library
 
 

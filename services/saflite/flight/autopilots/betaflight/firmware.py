@@ -19,6 +19,7 @@ from saflite.contract import wire
 from saflite.contract.config import environment
 from saflite.flight.autopilots.betaflight.settings import BetaflightSetting
 from saflite.flight.build import build_of
+from saflite.flight.mending import builds_firmware, builds_library
 
 AUTOPILOT = "betaflight"
 VERSION = "4.6.0"
@@ -68,11 +69,11 @@ def cache_folder() -> Path:
 
 def why_missing(variant: Variant) -> str:
     """Return why a build cannot fly here, empty if it can."""
-    again = f"`scripts/setup betaflight {variant.name}` builds it again"
+    again = f"{builds_firmware(variant.name)} builds it again"
     if not CLOCK_LIBRARY.exists():
-        return "its clock library is not built (python scripts/build_native.py)"
+        return f"its clock library is not built ({builds_library()})"
     if not variant.binary.exists() or not variant.listing.exists():
-        build = f"`scripts/setup betaflight{' sanitized' if variant.sanitized else ''}`"
+        build = builds_firmware(*(("sanitized",) if variant.sanitized else ()))
         return f"the firmware is not built: {build} does that (gcc and make are needed)"
     try:
         said, found = listing(variant), digest(variant.binary)

@@ -18,6 +18,7 @@ from saflite.flight.autopilots.reference.parameter import Parameter
 from saflite.flight.autopilots.reference.parameters import parameter_table
 from saflite.flight.autopilots.reference.radio import CENTRED
 from saflite.flight.build import build_of
+from saflite.flight.mending import builds_library
 from saflite.flight.native_library import LIBRARY
 
 NAME = DEFAULT_TARGET
@@ -59,7 +60,7 @@ def missing() -> str:
     """Return what this machine lacks to fly, empty if nothing."""
     if importlib.util.find_spec("jsbsim") is None:
         return "the jsbsim package is not installed"
-    return "" if LIBRARY.exists() else "the native library is not built (python scripts/build_native.py)"
+    return "" if LIBRARY.exists() else f"the native library is not built ({builds_library()})"
 
 
 def _sticks() -> tuple[InputInfo, ...]:
