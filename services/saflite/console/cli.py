@@ -129,7 +129,8 @@ def _fly_with(path: Path) -> None:
     from saflite.flight.autopilots.ardupilot import binary as ardupilot
     from saflite.flight.autopilots.px4 import binary as px4
 
-    (px4 if px4.is_px4(path) else ardupilot).BINARIES.use(path)
+    either = "name a simulator build: ArduCopter's (SITL), or bin/px4 of PX4's"
+    (px4.BINARIES if px4.is_px4(path) else ardupilot.BINARIES._replace(wanted=either)).use(path)
 
 
 def parser_of(name: str, parser: argparse.ArgumentParser | None = None) -> argparse.ArgumentParser:

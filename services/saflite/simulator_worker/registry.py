@@ -29,7 +29,7 @@ from saflite.simulator_worker import targets
 log = logging.getLogger(__name__)
 
 ENTRY_POINTS = "saflite.targets"
-DESCRIBE_S = 20.0  # a target that has not described itself by then is broken
+DESCRIBE_S = 20.0  # a target from outside that has not described itself by then is broken
 
 
 @cache
@@ -73,19 +73,9 @@ def describe_target(name: str, files: Sequence[Path] = ()) -> TargetInfo:
 
 
 def _described(target: TargetModule, name: str) -> TargetInfo:
-    answers: queue.SimpleQueue[object] = queue.SimpleQueue()
-
-    def ask() -> None:
-        try:
-            answers.put(target.describe())
-        except BaseException as fault:  # noqa: BLE001  (code from outside: whatever it raises is told as its fault)
-            answers.put(fault)
-
-    threading.Thread(target=ask, name=f"describe {name}", daemon=True).start()
-    try:
-        said = answers.get(timeout=DESCRIBE_S)
-    except queue.Empty:
-        said = TimeoutError(f"no answer for {DESCRIBE_S:.0f} s")
+    if name in _placed():
+        return target.describe()  # ours: one that starts a binary limits each wait itself and says which was too long
+    said = _said_in_time(target, name)
     if isinstance(said, Refused | Unavailable):
         raise said
     if isinstance(said, BaseException):
@@ -98,6 +88,23 @@ def _described(target: TargetModule, name: str) -> TargetInfo:
         return wire.convert(msgspec.to_builtins(said), TargetInfo)
     except (msgspec.ValidationError, TypeError) as fault:
         raise Refused("target", where=name, expected="describe() with fields of their types", got=str(fault)) from fault
+
+
+def _said_in_time(target: TargetModule, name: str) -> object:
+    """Return what `describe` of code from outside returned or raised, or that it did not end."""
+    answers: queue.SimpleQueue[object] = queue.SimpleQueue()
+
+    def ask() -> None:
+        try:
+            answers.put(target.describe())
+        except BaseException as fault:  # noqa: BLE001  (code from outside: whatever it raises is told as its fault)
+            answers.put(fault)
+
+    threading.Thread(target=ask, name=f"describe {name}", daemon=True).start()
+    try:
+        return answers.get(timeout=DESCRIBE_S)
+    except queue.Empty:
+        return TimeoutError(f"no answer for {DESCRIBE_S:.0f} s")
 
 
 def _placed() -> set[str]:

@@ -156,9 +156,23 @@ def test_what_cannot_fly_is_refused_in_one_line(
 
 def test_no_file_and_no_program_are_refused(tmp_path: Path) -> None:
     (tmp_path / "text").write_text("#!/bin/sh\n")
-    for path in (tmp_path / "nothing", tmp_path / "text", tmp_path):
-        with pytest.raises(Refused, match="a program"):
+    (tmp_path / "empty").write_text("")
+    build = tmp_path / "a build"
+    (build / "bin").mkdir(parents=True)
+    program(build / "bin" / "px4", b"px4_daemon")
+    said = {
+        tmp_path / "nothing": "got nothing there; name",
+        tmp_path / "text": "got another kind of file; name",
+        tmp_path / "text" / "below": "got nothing there; name",
+        tmp_path / "empty": "got an empty file; name",
+        tmp_path: "got a folder; name",
+        build: f"got a folder; did you mean '{build}/bin/px4'?; name",
+        Path("/dev/null"): "got something else than a file; name",
+    }
+    for path, words in said.items():
+        with pytest.raises(Refused, match="a program") as caught:
             binary.BINARIES.inspect(path)
+        assert words in str(caught.value)
 
 
 def test_the_command_line_uses_the_slots_ports_only() -> None:

@@ -11,9 +11,12 @@ from collections.abc import Callable
 from functools import partial
 from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 from saflite.contract.errors import FarmError, Refused, Unavailable, pip_install
+
+if TYPE_CHECKING:
+    from saflite.flight.autopilots.external.binary import Binaries
 
 DISK_FREE_MIN_GIB = 1.0
 DEFAULT_OLLAMA = "http://127.0.0.1:11434"
@@ -208,9 +211,10 @@ def _ardupilot() -> Finding:
 
 
 def _ardupilot_parameters() -> Finding:
+    from saflite.flight.autopilots.ardupilot.binary import BINARIES
     from saflite.simulator_worker.targets.ardupilot import parameters_known
 
-    return _starts("ArduPilot", parameters_known)
+    return _starts(BINARIES, parameters_known)
 
 
 def _px4() -> Finding:
@@ -221,9 +225,10 @@ def _px4() -> Finding:
 
 
 def _px4_parameters() -> Finding:
+    from saflite.flight.autopilots.px4.binary import BINARIES
     from saflite.simulator_worker.targets.px4 import parameters_known
 
-    return _starts("PX4", parameters_known)
+    return _starts(BINARIES, parameters_known)
 
 
 def _named(autopilot: str, told: Callable[[], str]) -> Finding:
@@ -235,12 +240,16 @@ def _named(autopilot: str, told: Callable[[], str]) -> Finding:
         return Finding(autopilot, "bad", str(fault))
 
 
-def _starts(autopilot: str, known: Callable[[], tuple[int, int]]) -> Finding:
-    what = f"{autopilot} starts"
+def _starts(binaries: Binaries, known: Callable[[], tuple[int, int]]) -> Finding:
+    what = f"{binaries.label} starts"
     try:
-        count, documented = known()
+        binaries.named()
     except Unavailable as fault:
         return Finding(what, "note", f"not tried: {fault}")
     except Refused as fault:
+        return Finding(what, "bad", str(fault))
+    try:
+        count, documented = known()
+    except FarmError as fault:  # a person who names a binary wants it to fly
         return Finding(what, "bad", str(fault))
     return Finding(what, "ok", f"in lockstep, answers over MAVLink: {count} parameters, {documented} with ranges")

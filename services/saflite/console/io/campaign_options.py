@@ -9,7 +9,7 @@ import msgspec
 from saflite.console.io.target_options import with_settings
 from saflite.contract.bounds import COUNT_MAX
 from saflite.contract.config import Campaign, StrategyConfig, check_campaign
-from saflite.contract.errors import Refused
+from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.flight import AUTOPILOT_ALIVE
 from saflite.contract.outside import assignment
 from saflite.contract.signals import can_show
@@ -120,6 +120,8 @@ def check_runnable(campaign: Campaign) -> None:
     from saflite.simulator_worker.registry import describe_target, load_target
 
     base, target = template(campaign), describe_target(campaign.target.name)
+    if target.missing:
+        raise Unavailable(target.missing)  # a target without its binary writes fewer signals than policies need
     for name in campaign.policies:
         _check_policy(name, campaign, target)
     load_target(campaign.target.name).check(base)  # says first what is missing here

@@ -6,12 +6,17 @@ The autopilot is an external program; nothing of it is part of this package.
 from __future__ import annotations
 
 import os
+import shlex
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
 from saflite.contract.config import environment, set_environment
 from saflite.contract.errors import Refused, Unavailable
+
+_LABELS = {"SAFLITE_ARDUPILOT": "ArduPilot", "SAFLITE_PX4": "PX4"}
+_IN_BUILDS = "bin/px4", "bin/arducopter", "px4", "arducopter"
+"""Where programs lie in the folder that their build makes."""
 
 
 class Binary(NamedTuple):
@@ -42,12 +47,16 @@ class Binaries(NamedTuple):
             found = path.resolve()
             state = found.stat()
             if not found.is_file() or state.st_size == 0:
-                raise Refused("autopilot", where=str(path), expected="a program", got="no file with content")
+                raise self._no_program(path, _kind(found), _meant(path))
             return self.look(found, state.st_mtime_ns)
+        except (FileNotFoundError, NotADirectoryError) as fault:
+            raise self._no_program(path, "nothing there") from fault
         except OSError as fault:
-            raise Refused(
-                "autopilot", where=str(path), expected="a program", got=str(fault), fix=self.wanted
-            ) from fault
+            raise self._no_program(path, fault.strerror or str(fault)) from fault
+
+    def _no_program(self, path: Path, got: str, meant: str = "") -> Refused:
+        fix = "; ".join(filter(None, (meant, self.wanted)))
+        return Refused("autopilot", where=str(path), expected="a program", got=got, fix=fix)
 
     def use(self, path: Path) -> None:
         """Have this process and those it starts fly with the binary in `path`; raises Refused as `inspect`."""
@@ -63,7 +72,9 @@ class Binaries(NamedTuple):
         """
         place, how = environment(self.variable), f"name its simulator build: --autopilot PATH or {self.variable}=PATH"
         if not place:
-            raise Unavailable(f"no {self.label} binary is named; {how}")
+            only = [label for name, label in _LABELS.items() if name != self.variable and environment(name)]
+            but = f", only {only[0]}'s" if only else ""
+            raise Unavailable(f"no {self.label} binary is named{but}; {how}")
         if not Path(place).is_file():
             raise Unavailable(f"{self.variable}: no file at {place}; {how}")
         return self.inspect(Path(place))
@@ -76,4 +87,16 @@ class Binaries(NamedTuple):
 def check_runnable(path: Path) -> None:
     """Raise Refused where this user may not run a file."""
     if not os.access(path, os.X_OK):
-        raise Refused("autopilot", where=str(path), expected="leave to run it", got="none", fix=f"chmod +x {path}")
+        fix = f"chmod +x {shlex.quote(str(path))}"
+        raise Refused("autopilot", where=str(path), expected="leave to run it", got="none", fix=fix)
+
+
+def _kind(path: Path) -> str:
+    """Return in words what lies at a path that is no file with content."""
+    return "a folder" if path.is_dir() else "an empty file" if path.is_file() else "something else than a file"
+
+
+def _meant(folder: Path) -> str:
+    """Return the advice to name the program in a build folder, empty where none lies there."""
+    found = [folder / name for name in _IN_BUILDS if (folder / name).is_file()]
+    return f"did you mean {shlex.quote(str(found[0]))}?" if found else ""
