@@ -46,7 +46,7 @@ CASE_S = 10.0
 TURN_TICKS, TURNS = 250, 8
 WARM_UP_TICKS = 50
 BETWEEN_ORDERS_S = 0.01  # enough for the fork that is made ahead
-ENDING_POLLS = 100  # of 0.1 s, for the last fork to end
+ENDING_POLLS, ALIKE_POLLS = 100, 10  # of 0.1 s, for the last fork to end: until nothing changes any more
 
 
 def never() -> bool:
@@ -324,10 +324,6 @@ def leaks(options: argparse.Namespace) -> dict[str, Any]:
         before = _left()
         for number in range(options.leaks):
             session.fly(_short(number), DEADLINE_S, never)
-        for _ in range(ENDING_POLLS):
-            if len(_held()) <= before["processes"]:
-                break
-            time.sleep(0.1)
         after = _left()
     grown = {key: round(after[key] - before[key], 2) for key in before}
     return {"forks": options.leaks, "grown": grown}
@@ -337,16 +333,30 @@ def _short(number: int) -> TestCase:
     return hover(0.1, Stimulus(at_s=0.04, kind="stick", name="RC1", values=(1400.0 + number % 200,)))
 
 
-def _held() -> list[int]:
-    return [pid for child in children(os.getpid()) for pid in (child, *children(child))]
+def _held(pid: int) -> list[int]:
+    """Return the processes below one, without those that have ended and wait for their parent to notice."""
+    below = [one for one in children(pid) if _memory_pages(one)]
+    return [*below, *(further for one in below for further in _held(one))]
+
+
+def _memory_pages(pid: int) -> int:
+    try:
+        return int(Path(f"/proc/{pid}/statm").read_text().split()[0])
+    except OSError:
+        return 0
 
 
 def _left() -> dict[str, float]:
-    held = _held()
+    """Return what is held once the last fork has ended and the next waits; pages that processes share count once."""
+    alike, held = 0, _held(os.getpid())
+    for _ in range(ENDING_POLLS):
+        time.sleep(0.1)
+        now = _held(os.getpid())
+        alike, held = (alike + 1 if now == held else 0), now
+        if alike >= ALIKE_POLLS:
+            break
     files = sum(len(os.listdir(f"/proc/{pid}/fd")) for pid in (os.getpid(), *held))
-    pages = sum(int(Path(f"/proc/{pid}/statm").read_text().split()[1]) for pid in (os.getpid(), *held))
-    memory_mib = pages * os.sysconf("SC_PAGESIZE") / 2**20
-    return {"memory_mib": memory_mib, "files": float(files), "processes": float(len(held))}
+    return {"memory_mib": resident_mib(os.getpid()), "files": float(files), "processes": float(len(held))}
 
 
 def _session() -> Any:
