@@ -35,7 +35,6 @@ SWITCHES = {
     "RESCUE": Switch(46, 10, "GPS rescue: climbs, flies home, lands", gps=True),
     "FAILSAFE": Switch(27, 11, "the pilot's own failsafe switch"),
     "AIRMODE": Switch(28, 12, "full control at zero throttle"),
-    "HEADFREE": Switch(6, 13, "sticks count from the heading at arming"),
     "CRASHFLIP": Switch(35, 14, "turns over after a crash"),
     "PARALYZE": Switch(45, 15, "disables the vehicle until it is powered again"),
     "ACROTRAINER": Switch(47, 16, "limits the lean angle in ACRO"),
