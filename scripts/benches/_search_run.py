@@ -162,6 +162,10 @@ class Watch:
                 self.found[fault] = flights
                 self.by_policy.setdefault(fault, set()).add(policy)
 
+    def is_of(self, case: TestCase, defect: str, policy: str) -> bool:
+        """Whether a test case breaks a policy with a planted defect alone, and not without any."""
+        return self._breaks(case, (defect,), (), policy) and not self._breaks(case, (), (), policy)
+
     def _breaks(self, case: TestCase, defects: tuple[str, ...], lines: tuple[Site | Patch, ...], policy: str) -> bool:
         settings: dict[str, Setting] = {SETTING: list(defects)} if defects else {}
         target = msgspec.structs.replace(case.target, settings=settings)

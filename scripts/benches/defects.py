@@ -1,12 +1,12 @@
 """`scripts/bench defects`: false alarms with all planted defects off, and how soon a trigger is minimised.
 
-    scripts/bench defects [--part alarms shrink spent] [--defects NAME ...] [--cases 2000] [--rng-seed 1]
-                          [--budget 24] [--json]
+    scripts/bench defects [--part alarms shrink three] [--defects NAME ...] [--cases 2000] [--rng-seed 1]
+                          [--budget 200] [--out FILE.jsonl] [--json]
 
 alarms: mutants of all policy campaigns flown with all defects off and judged by all policies; every violation is a
 false alarm.
 shrink: the shortest known trigger of each defect, hidden among random inputs (twenty in all), is minimised on one core.
-spent: what `policy-all` with three defects drawn by the seed flies at first and to make its finds smaller.
+three: `policy-all` with three defects on, drawn by the seed: which are found, told apart and made small, at what cost.
 
 How soon each defect is found: `scripts/bench search`.
 """
@@ -18,10 +18,11 @@ import json
 import sys
 import time
 from collections import Counter, defaultdict
+from pathlib import Path
 from statistics import median
 from typing import Any
 
-from _defect_campaign import campaign
+from _defect_campaign import three
 from _defect_shrink import INPUTS, shrinks
 
 from saflite.campaign.presets.campaigns import load_campaign, template
@@ -36,7 +37,7 @@ from saflite.mutator.registry import load_strategy
 from saflite.oracle.judge import judge
 from saflite.oracle.policy import policy_names
 
-PARTS = ("alarms", "shrink", "spent")
+PARTS = ("alarms", "shrink", "three")
 
 
 # ---- false alarms -------------------------------------------------------------------------------------------------
@@ -94,7 +95,8 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--defects", nargs="+", choices=sorted(TABLE), default=sorted(TABLE))
     parser.add_argument("--cases", type=int, default=2000)
     parser.add_argument("--rng-seed", type=int, default=1, help="of the false-alarm and shrink cases")
-    parser.add_argument("--budget", type=int, default=24, help="first flights of the campaign of `spent`")
+    parser.add_argument("--budget", type=int, default=200, help="first flights of `three`")
+    parser.add_argument("--out", type=Path, help="the row of `three` is added to it")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args(argv)
     result: dict[str, Any] = {}
@@ -102,9 +104,12 @@ def main(argv: list[str]) -> int:
         result["alarms"] = alarms(options.cases, options.rng_seed)
     if "shrink" in options.part:
         result["shrink"] = [one._asdict() for one in shrinks(options.defects, options.rng_seed)]
-    if "spent" in options.part:
-        result["spent"] = campaign(options.rng_seed, options.budget)._asdict()
-    if options.json or "spent" in result:
+    if "three" in options.part:
+        result["three"] = three(options.rng_seed, options.budget)._asdict()
+        if options.out:
+            with options.out.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(result["three"]) + "\n")
+    if options.json or "three" in result:
         print(json.dumps(result, indent=2))
     else:
         _print(result)
