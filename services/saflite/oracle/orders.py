@@ -62,6 +62,9 @@ SETTINGS: dict[str, Setting] = {
     "circle_radius_set_m": Setting("CIRCLE_RADIUS", 1000.0, 0.0, 200_000.0, 0.01),
 }
 
+SWITCHED_BY = {"FENCE_ENABLE": "DO_FENCE_ENABLE"}
+"""Commands that stand for a setting: without them a rule asks for a fence that was switched off."""
+
 
 def moves(stimulus: Stimulus) -> bool:
     """Say whether an input can move a vehicle, or what it believes of itself, by itself."""
@@ -109,11 +112,17 @@ def setting_over_time(name: str, test_case: TestCase, given: Sequence[Given], ti
     usual = default_settings(test_case.target.name).get(row.parameter, row.default)
     held = np.full(len(times), test_case.target.parameters.get(row.parameter, usual))
     for stimulus, answer, _ in given:
-        if stimulus.name != row.parameter or not stimulus.values:
+        if not stimulus.values or not (stimulus.name == row.parameter or _switches(stimulus, row.parameter)):
             continue
         if answer != "unanswered" or row.low <= stimulus.values[0] <= row.high:
             held[times >= stimulus.at_s] = stimulus.values[0]
     return held * row.unit
+
+
+def _switches(stimulus: Stimulus, parameter: str) -> bool:
+    """Say whether a command switches a setting off (0) or on (1); MAVLink has other numbers mean other things."""
+    command = SWITCHED_BY.get(parameter)
+    return command is not None and _is(stimulus, command) and stimulus.values[0] in (0.0, 1.0)
 
 
 def speed_ordered(given: Sequence[Given], usual_mps: Array, times: Array) -> Array:

@@ -138,6 +138,19 @@ def test_an_accepted_value_out_of_range_is_in_force_a_planned_one_is_held_to_be_
     )
 
 
+def test_a_fence_switched_by_command_is_switched() -> None:
+    plan = (
+        stimulus("parameter", "FENCE_ENABLE", 1.0, at_s=0.5),
+        stimulus("command", "MAV_CMD_DO_FENCE_ENABLE", 0.0, 79.0, at_s=1.0),
+        stimulus("command", "MAV_CMD_DO_FENCE_ENABLE", 2.0, at_s=1.5),
+        stimulus("command", "MAV_CMD_DO_FENCE_ENABLE", 1.0, at_s=2.0),
+    )
+    given = tuple(Delivered(index=index, at_s=one.at_s) for index, one in enumerate(plan))
+    assert signals(*plan, delivered=given, x_m=[0.0] * 5)["fence_on_set"].tolist() == [0.0, 1.0, 0.0, 0.0, 1.0]
+    denied = (given[0], msgspec.structs.replace(given[1], answer="denied"))
+    assert signals(*plan, delivered=denied, x_m=[0.0] * 5)["fence_on_set"].tolist() == [0.0, 1.0, 1.0, 1.0, 1.0]
+
+
 def test_stimuli_count_in_the_order_given_and_a_stranger_is_refused() -> None:
     plan = (stimulus("parameter", "BATT_LOW_TIMER", 20.0, at_s=0.5), stimulus("parameter", "BATT_LOW_TIMER", 30.0))
     turned = (Delivered(index=1, at_s=0.5), Delivered(index=0, at_s=1.0, answer="late"))
