@@ -13,7 +13,7 @@ from collections.abc import Iterable, Sequence
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from saflite.console.view import out
 from saflite.contract.errors import Refused, Unavailable
@@ -34,6 +34,11 @@ class _Parser(argparse.ArgumentParser):
         near = _near_argument(message, self._option_string_actions)
         fix = "; ".join(filter(None, (near, f"see `{self.prog} --help`")))
         raise Refused(self.prog, expected="valid arguments", got=message, fix=fix)
+
+    def print_help(self, file: Any = None) -> None:
+        """Write help as all output is written: argparse keeps to itself that it could not be."""
+        out.line(self.format_help().rstrip("\n"))
+        out.flush()
 
 
 def _near_argument(message: str, options: Iterable[str]) -> str:
@@ -60,8 +65,11 @@ def command_names() -> tuple[str, ...]:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code; faults of the user or of a dependency become one line on stderr."""
     words = list(sys.argv[1:] if argv is None else argv)
+    out.open_closed()
     try:
-        return _dispatch(words)
+        code = _dispatch(words)
+        out.flush()
+        return code
     except Refused as fault:
         out.complain("refused", str(fault))
         return REFUSED
@@ -72,7 +80,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         out.complain("interrupted", "stopped by the keyboard")
         return INTERRUPTED
     except BrokenPipeError:
-        out.mute()
+        out.mute(sys.stdout)
         return BROKEN_PIPE
     except OSError as fault:
         text = f"{str(fault.filename)[:200]}: {fault.strerror}" if fault.filename else _in_a_line(fault)
@@ -120,7 +128,6 @@ def _dispatch(words: list[str]) -> int:
     if getattr(args, "autopilot", None) is not None:
         _fly_with(args.autopilot)
     code: int = module.run(args)
-    sys.stdout.flush()
     return code
 
 

@@ -6,8 +6,9 @@ import os
 import sys
 import unicodedata
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 LINE_MAX = 1_500
 """Characters of one complaint."""
@@ -56,10 +57,15 @@ def flush() -> None:
 
 
 def complain(kind: str, text: str) -> None:
-    """Write one line to stderr; line breaks inside `text` are folded, and what nobody reads to its end is cut."""
-    sys.stdout.flush()
+    """Write one line to stderr, if it can be; line breaks are folded, and what nobody reads to its end is cut."""
     said = " ".join(text.split())
-    sys.stderr.write(f"saflite: {kind}: {word(said if len(said) <= LINE_MAX else f'{said[:LINE_MAX]}...')}\n")
+    shown = f"saflite: {kind}: {word(said if len(said) <= LINE_MAX else f'{said[:LINE_MAX]}...')}\n"
+    for stream, words in ((sys.stdout, ""), (sys.stderr, shown)):
+        try:
+            stream.write(words)
+            stream.flush()
+        except OSError:
+            mute(stream)
 
 
 def json(value: Any) -> None:
@@ -104,6 +110,18 @@ def program() -> str:
     return str(called.relative_to(here) if called.is_relative_to(here) else called)
 
 
-def mute() -> None:
-    """Stop writing for good: the reader of our output has gone."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+def mute(stream: TextIO) -> None:
+    """Stop writing for good: the reader has gone, or the disk is full; what is still buffered must fail nobody."""
+    with suppress(OSError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+
+
+def open_closed() -> None:
+    """Let standard input, output and errors that were closed lead nowhere.
+
+    Python has none then, and the next file opened, of a run maybe, would stand where libraries write what they say.
+    """
+    for name in ("stdin", "stdout", "stderr"):
+        if getattr(sys, name) is None:
+            handle = os.open(os.devnull, os.O_RDWR)  # the lowest that is free, so the one that is missing
+            setattr(sys, name, os.fdopen(handle, "r" if name == "stdin" else "w", closefd=False))
