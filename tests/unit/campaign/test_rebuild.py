@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import sqlite3
+import subprocess
+import sys
 from contextlib import closing
 from pathlib import Path
 
@@ -135,3 +137,40 @@ def test_a_rebuilt_run_goes_on(kept: Path, tmp_path: Path) -> None:
     assert driver.books.status(driver.now).flights == 20
     store.close()
     assert audit(tmp_path / "run")["problems"] == []
+
+
+ON_A_SMALL_DISK = """
+import os, shutil, subprocess, sys
+from pathlib import Path
+from saflite.campaign.storage.audit import audit
+from saflite.campaign.storage.rebuild import rebuild
+from saflite.contract.errors import Unavailable
+
+kept, disk = Path(sys.argv[1]), Path(sys.argv[2])
+size = (kept / "books.sqlite").stat().st_size
+for eighths in range(0, 25, 2):
+    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={size + 65536 + size * eighths // 8}", "none", disk])
+    mounted.returncode and sys.exit(77)
+    for file in ("books.sqlite", "books.witness"):
+        shutil.copy(kept / file, disk / file)
+    try:
+        rebuild(disk)
+    except Unavailable:
+        print("full", end=" ")
+    else:
+        print("made", end=" ")
+    figures = audit(disk, quick=True, blobs=False)
+    assert figures["clean"], (eighths, figures)
+    subprocess.run(["umount", disk], check=True)
+"""
+
+
+def test_whatever_room_the_disk_has_nothing_is_lost(kept: Path, tmp_path: Path) -> None:
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    words = ["unshare", "--user", "--map-root-user", "--mount", sys.executable, "-c", ON_A_SMALL_DISK, kept, disk]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    if done.returncode == 77 or "unshare" in done.stderr:
+        pytest.skip("no file system of one's own here")
+    assert done.returncode == 0, done.stderr
+    assert {"full", "made"} == set(done.stdout.split()), "from too little room to enough"

@@ -14,7 +14,7 @@ from saflite.campaign.engine.state import Books
 from saflite.campaign.storage import snapshot_file
 from saflite.campaign.storage.projections import CREATE, Tables
 from saflite.campaign.storage.seal import seal
-from saflite.campaign.storage.sqlite import bound, connect, damage_named, entries, lock_run, meta, no_run, transaction
+from saflite.campaign.storage.sqlite import bound, damage_named, entries, lock_run, meta, no_run, transaction
 from saflite.campaign.storage.store import store_file
 from saflite.contract import wire
 from saflite.contract.config import Campaign
@@ -56,7 +56,16 @@ def rebuild(run_dir: Path) -> int:
 
 
 def _write(old: sqlite3.Connection, beside: Path, path: Path) -> int:
-    with closing(connect(beside)) as new, transaction(new):
+    with closing(sqlite3.connect(beside, isolation_level=None)) as new:
+        bound(new, beside)
+        # No log beside it: on a full disk what is not folded in is lost with it when this file takes its place.
+        new.execute("PRAGMA journal_mode = OFF")
+        new.execute("PRAGMA synchronous = FULL")
+        return _filled(old, new, path)
+
+
+def _filled(old: sqlite3.Connection, new: sqlite3.Connection, path: Path) -> int:
+    with transaction(new):
         for statement in CREATE:
             new.execute(statement)
         new.executemany("INSERT INTO meta VALUES (?, ?)", old.execute("SELECT key, value FROM meta"))
