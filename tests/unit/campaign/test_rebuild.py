@@ -168,8 +168,8 @@ for eighths in range(0, 25, 2):
 def test_whatever_room_the_disk_has_nothing_is_lost(kept: Path, tmp_path: Path) -> None:
     disk = tmp_path / "disk"
     disk.mkdir()
-    words = ["unshare", "--user", "--map-root-user", "--mount", sys.executable, "-c", ON_A_SMALL_DISK, kept, disk]
-    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    words = ["unshare", "--user", "--map-root-user", "--mount", sys.executable, "-c", ON_A_SMALL_DISK]
+    done = subprocess.run([*words, str(kept), str(disk)], capture_output=True, text=True, check=False)
     if done.returncode == 77 or "unshare" in done.stderr:
         pytest.skip("no file system of one's own here")
     assert done.returncode == 0, done.stderr
