@@ -12,7 +12,8 @@ from typing import NamedTuple
 from books_drive import Driver, doubles
 
 from saflite.campaign.storage.audit import audit, resume_faults, told_of
-from saflite.campaign.storage.projections import TABLES
+from saflite.campaign.storage.packing import Packing
+from saflite.campaign.storage.projections import CHAINED, TABLES
 from saflite.campaign.storage.store import Store, store_file
 from saflite.contract.errors import FarmError
 
@@ -73,10 +74,14 @@ def inflict(fault: Fault, run_dir: Path) -> None:
 
 
 def journal(run_dir: Path) -> list[tuple[object, ...]]:
-    """Return what the journal and the events say."""
+    """Return what the journal and the events say, unpacked: bits behind the end of packed bytes say nothing."""
     with closing(sqlite3.connect(f"{store_file(run_dir).as_uri()}?mode=ro", uri=True)) as database:
-        lines = database.execute("SELECT n, line FROM journal ORDER BY n").fetchall()
-        return lines + database.execute("SELECT seq, event FROM events ORDER BY seq").fetchall()
+        said: list[tuple[object, ...]] = []
+        for table, (key, content) in CHAINED.items():
+            packing = Packing(database, table)
+            rows = database.execute(f"SELECT {key}, {content} FROM {table} ORDER BY {key}")
+            said += [(table, number, packing.unpack(number, packed)) for number, packed in rows]
+        return said
 
 
 def tables(run_dir: Path) -> list[tuple[object, ...]]:
