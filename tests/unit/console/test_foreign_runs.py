@@ -98,6 +98,31 @@ def test_links_are_refused_where_a_new_run_is_to_begin(tmp_path: Path, outside: 
     assert _is_untouched(outside)
 
 
+def test_a_new_run_is_closed_to_other_users(run_dir: Path) -> None:
+    assert run_dir.stat().st_mode & 0o077 == 0
+
+
+@pytest.mark.parametrize("words", WRITERS, ids=" ".join)
+def test_nothing_is_written_where_others_can_write(
+    words: list[str], run_dir: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run_dir.chmod(0o777)
+    files = {path: path.read_bytes() for path in run_dir.rglob("*") if path.is_file()}
+    assert main([words[0], str(run_dir), *words[1:]]) == REFUSED
+    assert "anybody can write" in capsys.readouterr().err
+    assert files == {path: path.read_bytes() for path in run_dir.rglob("*") if path.is_file()}
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root gives files away")
+@pytest.mark.parametrize("words", WRITERS, ids=" ".join)
+def test_nothing_is_written_in_the_folder_of_another_user(
+    words: list[str], run_dir: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    os.chown(run_dir, 12345, 12345)
+    assert main([words[0], str(run_dir), *words[1:]]) == REFUSED
+    assert "one of user 12345" in capsys.readouterr().err
+
+
 def test_the_run_folder_itself_may_be_a_link(run_dir: Path, tmp_path: Path) -> None:
     (tmp_path / "link").symlink_to(run_dir)
     assert main(["prune", str(tmp_path / "link")]) == 0

@@ -23,7 +23,9 @@ _SUPER_MAGIC = bytes.fromhex("d9d505f920a163d7")
 
 
 def check_own(run_dir: Path) -> None:
-    """Raise Refused where a link stands in a run folder, or no folder where we keep files. The run folder may be one.
+    """Raise Refused where others can write, a link stands, or no folder where we keep files. The run folder may be one.
+
+    Whoever can write in the folder can put a link there after it was looked through.
 
     Raises:
         Refused: as said.
@@ -32,6 +34,7 @@ def check_own(run_dir: Path) -> None:
     if not run_dir.is_dir():
         return
     try:
+        _check_closed(run_dir)
         for entry in _entries(run_dir, 1):
             if entry.is_symlink():
                 _refuse(entry.path, "a file or folder itself", "a symbolic link")
@@ -40,6 +43,17 @@ def check_own(run_dir: Path) -> None:
         check_store(run_dir / STORE)
     except OSError as fault:
         raise Unavailable(f"{run_dir} cannot be looked through: {fault}") from fault
+
+
+def _check_closed(run_dir: Path) -> None:
+    found = run_dir.stat()
+    if found.st_uid not in (0, os.geteuid()):
+        got, fix = f"one of user {found.st_uid}", "work on a copy (cp -r), or have the folder given to you (chown -R)"
+    elif found.st_mode & stat.S_IWOTH:
+        got, fix = "one that anybody can write in", "chmod o-w the folder, if what is in it is still yours"
+    else:
+        return
+    raise Refused("run folder", where=str(run_dir), expected="one of your own or root's", got=got, fix=fix)
 
 
 def _entries(folder: Path | str, depth: int) -> Iterator[os.DirEntry[str]]:

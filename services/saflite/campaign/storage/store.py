@@ -123,7 +123,7 @@ class Store:
                 fix=f"`saflite resume {run_dir}` goes on with it; or choose another folder",
             )
         try:
-            run_dir.mkdir(parents=True, exist_ok=True)
+            run_dir.mkdir(mode=0o700, parents=True, exist_ok=True)
             lock = lock_run(run_dir)
             connection = connect(store_file(run_dir))
             make_tables(connection, campaign, template, target)
