@@ -16,7 +16,7 @@ from saflite.recorder import recording
 
 pytestmark = pytest.mark.live
 SAFLITE = [sys.executable, "-m", "saflite"]
-FOUND, STOPPED_CLEAN = 1, (0, 1)
+FOUND, STOPPED_CLEAN = 1, (0, 1, 4)  # 4: stopped before a flight was judged
 CAMPAIGN = """
 name = "chute-in-acro"
 description = "The one command that opens the parachute, given again and again in the mode in which it must not open"
@@ -123,15 +123,20 @@ def test_one_rng_seed_finds_the_same_at_any_number_of_workers(run_dir: Path, tmp
 def test_stopped_by_the_keyboard_it_goes_on_with_an_exact_budget(tmp_path: Path) -> None:
     folder = tmp_path / "run"
     process = subprocess.Popen(
-        [*SAFLITE, *parachute(folder)], stdout=subprocess.PIPE, text=True, start_new_session=True
+        [*SAFLITE, *parachute(folder)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
     )
     until_s = time.monotonic() + 60.0
     while not (folder / "farm.json").exists() and time.monotonic() < until_s:
         time.sleep(0.05)
     assert (folder / "farm.json").exists(), "it never started"
     os.kill(process.pid, signal.SIGINT)
-    said, _ = process.communicate(timeout=60)
+    said, told = process.communicate(timeout=60)
     assert process.returncode in STOPPED_CLEAN
+    assert "signal SIGINT: stopping; what is under way is handed back" in told
     stopped = json.loads(said)
     assert not stopped["ended"] or stopped["flights"] == 40
     done = saflite("resume", str(folder), "--json")

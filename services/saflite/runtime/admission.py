@@ -90,7 +90,8 @@ def _target(card: Join, target: Target) -> str:
     build = card.build_of(target.name)
     if target.build and build != target.build:
         wanted, got = target.build[:DIGEST_SHOWN], _said(build[:DIGEST_SHOWN])
-        return f"build of {target.name}: expected {wanted}, which this campaign flies, got {got}"
+        remedy = "fly with the software that it began with, or start another run"
+        return f"build of {target.name}: expected {wanted}, which this campaign flies, got {got}; {remedy}"
     return ""
 
 

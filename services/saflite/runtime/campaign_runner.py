@@ -287,6 +287,8 @@ def _follow(farm: LocalFarm, on_status: OnStatus | None, interrupted: list[str],
         if client is not None:
             client.close()
     why = interrupted[0] if interrupted else "the campaign is over"
+    if interrupted:  # its processes may take a while to end
+        log.warning("%s: stopping; what is under way is handed back", why)
     return ExitSummary(farm.over(), why, status, farm.restarts)
 
 

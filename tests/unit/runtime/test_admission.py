@@ -56,7 +56,7 @@ def test_what_fits_may_join(stage: Stage) -> None:
         ({"software": "other-code-1234", "version": "0.9"}, ("software of fly", "fly-code", "other-code-1", "0.9")),
         ({"targets": ()}, ("targets", "reference", "nothing")),
         ({"targets": (TargetBuild("px4", "b1"),)}, ("targets", "reference", "px4")),
-        ({"targets": (TargetBuild("reference", "b2"),)}, ("build of reference", "b1", "b2")),
+        ({"targets": (TargetBuild("reference", "b2"),)}, ("build of reference", "b1", "b2", "start another run")),
     ],
     ids=str,
 )
