@@ -1,0 +1,81 @@
+"""A peer with a key says valid messages late, twice, out of order, for another's lease, attempt or run."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import suppress
+from typing import get_args
+
+import msgspec
+import numpy as np
+import pytest
+from books_drive import Driver, new_books
+
+from saflite.contract import wire
+from saflite.contract.blobs import BlobMissing
+from saflite.contract.rng import derive
+from saflite.contract.work import HandedBack, Heartbeat, Lease, Report, Stage
+
+WORKERS = ("a", "b", "c")
+
+
+def _rogue(report: Report) -> Iterator[Report]:
+    """Yield what others may say of a result: under another name, of another attempt, of another run."""
+    for worker in (*WORKERS, "stranger"):
+        if worker != report.worker:
+            yield msgspec.structs.replace(report, worker=worker)
+    for epoch in {report.epoch + 1, max(report.epoch - 1, 0)}:
+        yield msgspec.structs.replace(report, epoch=epoch)
+    yield msgspec.structs.replace(report, lease_id="0" * 12 + report.lease_id[12:])
+
+
+def _said(driver: Driver, report: Report) -> str:
+    receipt = driver.books.report(wire.decode(wire.encode(report), Report), driver.now)
+    driver.commit()
+    return receipt.status
+
+
+def _result_of(driver: Driver, lease: Lease, worker: str) -> Report:
+    report = Report(worker=worker, lease_id=lease.lease_id, epoch=lease.epoch, result=HandedBack())
+    with suppress(BlobMissing):  # so late that its trace is gone
+        return msgspec.structs.replace(report, result=driver.service.do(lease.work))
+    return report
+
+
+def _one_step(driver: Driver, held: list[tuple[str, Lease]], rng: np.random.Generator, taken: list[Report]) -> None:
+    stage: Stage = get_args(Stage)[rng.integers(len(get_args(Stage)))]
+    worker = WORKERS[rng.integers(len(WORKERS))]
+    held += [(worker, lease) for lease in driver.ask(stage, worker, int(rng.integers(1, 4)))]
+    if held and rng.random() < 0.8:
+        worker, lease = held.pop(int(rng.integers(len(held))))
+        report = _result_of(driver, lease, worker)
+        before = msgspec.structs.replace(report, result=HandedBack())
+        assert not [one for one in _rogue(before) if _said(driver, one) == "accepted"], "before it was done"
+        if _said(driver, report) == "accepted":
+            taken.append(report)
+        assert not [one for one in _rogue(report) if _said(driver, one) == "accepted"], "after it was done"
+    for _, lease in held[-1:]:
+        beat = Heartbeat(worker="stranger", stage=stage, leases=((lease.lease_id, lease.epoch),))
+        assert driver.books.beat(beat, driver.now).refused
+    if rng.random() < 0.05:
+        driver.books.absent(worker, stage, driver.now)
+        driver.commit()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_only_who_holds_a_lease_is_believed_and_once(seed: int) -> None:
+    driver, rng = new_books(6, shrink=bool(seed % 2), shrink_flights_max=5 * (seed % 2)), derive(seed, "rogue")
+    held: list[tuple[str, Lease]] = []
+    taken: list[Report] = []
+    while not driver.books.ended:
+        _one_step(driver, held, rng, taken)
+        again = taken[int(rng.integers(len(taken)))] if taken else None
+        assert again is None or isinstance(again.result, HandedBack) or _said(driver, again) != "accepted"
+        driver.now += float(rng.choice([0.0, 0.1, 0.5, 30.0], p=[0.4, 0.3, 0.29, 0.01]))
+        driver.books.tick(driver.now)
+        driver.commit()
+        assert driver.now < 1e5, "the campaign does not end"
+    settled = Counter(report.lease_id for report in taken if not isinstance(report.result, HandedBack))
+    assert set(settled.values()) == {1}, "counted twice"
+    assert driver.books.status(driver.now).flights == 6
