@@ -107,10 +107,13 @@ def ends(pid: int, within_s: float = 20.0) -> bool:
 
 
 def really_flown(adapter: Adapter, *cases: TestCase) -> list[FlightRecord]:
-    """Fly in one session with the binary that the environment names, skip where it names none; no process is left."""
+    """Fly in one session with the binary that the environment names, skip where it names none; no process is left.
+
+    A binary that is named and does not start fails the test.
+    """
     variable, name = adapter.binaries.variable, adapter.binaries.target
-    lacking = why_missing(name) if os.environ.get(variable) else f"{variable} names no binary"
-    if lacking:
-        pytest.skip(lacking)
+    if not os.environ.get(variable):
+        pytest.skip(f"{variable} names no binary")
+    assert not why_missing(name)
     with nothing_left(), opened(load_target(name)) as session:
         return [session.fly(one, 300.0, lambda: False) for one in cases]

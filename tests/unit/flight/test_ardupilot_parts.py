@@ -187,6 +187,7 @@ def test_deaths_are_told_without_addresses() -> None:
     console = "Setting up\r\nPANIC: bad thing at 0x55aa12\nbacktrace 1\nbacktrace 2\n"
     assert last_line(console) == "PANIC: bad thing at 0x.."
     assert last_line("one\ntwo\n") == "two"
+    assert last_line("\x1b[31mERROR [px4] no script\x1b[0m\n") == "ERROR [px4] no script"
     assert last_line("") == "it said nothing"
 
 

@@ -24,6 +24,7 @@ _PRIORITY = ctypes.c_int(REALTIME_PRIORITY)
 _BUSY = "RD"
 _DEATHS = re.compile(r"PANIC|floating point exception|AddressSanitizer|runtime error:|segmentation|aborted", re.I)
 _ADDRESS = re.compile(r"0x[0-9a-fA-F]+")
+_COLOUR = re.compile(r"\x1b\[[0-9;]*m")
 
 
 class Process:
@@ -147,7 +148,7 @@ def _hurried() -> None:
 
 
 def last_line(console: str) -> str:
-    """Return the line that tells a death, the last one otherwise; without addresses, so that equals read the same."""
-    lines = [line.strip() for line in console.splitlines() if line.strip()]
+    """Return the line that tells a death, the last one otherwise; no addresses, no colours: equals read the same."""
+    lines = [line.strip() for line in _COLOUR.sub("", console).splitlines() if line.strip()]
     told = next((line for line in lines if _DEATHS.search(line)), lines[-1] if lines else "it said nothing")
     return _ADDRESS.sub("0x..", told)[:300]
