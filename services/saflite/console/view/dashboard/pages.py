@@ -130,7 +130,7 @@ def finds(found: Sequence[Violation]) -> str:
             f'<span class="badge {one.severity}">{one.severity}</span>',
             f'<span class="badge {one.confirmation}">{one.confirmation}</span>',
             escape(_way(one)),
-            escape(failed_again(one)),
+            f'<span class="words">{escape(failed_again(one))}</span>',
         )
         row = "".join(f"<td>{cell}</td>" for cell in cells)
         rows.append(f'<tr class="find" data-find="{escape(one.test_case)}">{row}</tr>')
