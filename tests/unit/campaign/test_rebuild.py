@@ -149,7 +149,8 @@ from saflite.contract.errors import Unavailable
 kept, disk = Path(sys.argv[1]), Path(sys.argv[2])
 size = (kept / "books.sqlite").stat().st_size
 for eighths in range(0, 25, 2):
-    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={size + 65536 + size * eighths // 8}", "none", disk])
+    options = f"mode=0700,size={size + 65536 + size * eighths // 8}"
+    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", options, "none", disk])
     mounted.returncode and sys.exit(77)
     for file in ("books.sqlite", "books.witness"):
         shutil.copy(kept / file, disk / file)

@@ -158,5 +158,5 @@ def test_a_reader_that_has_gone_is_no_success(monkeypatch: pytest.MonkeyPatch) -
         raise BrokenPipeError
 
     monkeypatch.setattr(out, "line", gone)
-    monkeypatch.setattr(out, "mute", lambda: None)
+    monkeypatch.setattr(out, "mute", lambda *_: None)
     assert main(["--version"]) == BROKEN_PIPE
