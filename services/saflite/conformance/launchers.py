@@ -23,7 +23,7 @@ from saflite.runtime.launchers.base import Condition, Launcher, Meeting, RoleSpe
 Factory = Callable[[Meeting], Launcher]
 Promise = Callable[[Factory], None]
 
-PATIENCE_S = 30.0
+PATIENCE_S = 120.0  # only what hangs is given up: a Ray actor of a busy machine takes tens of seconds to start
 POLL_S = 0.05
 ROUTER = RoleSpec(kind="router", name="router", listens=True)
 NO_BOOKS = RoleSpec(kind="books", name="no-books")  # books without a run folder are refused

@@ -74,13 +74,17 @@ def signal_group(group: int, number: signal.Signals) -> None:
 
 
 def kill_strays(known: Collection[int]) -> list[int]:
-    """Kill and reap every child of this process not in `known`, with whatever it started; return their ids.
+    """Kill and reap every child of this process not in `known`, with whatever it started; return whom it killed.
 
     Only sees what `adopt_orphans` brought here: a child of ours keeps its id until we reap it, so none is mistaken.
+    Those that had ended by themselves, and only wait for somebody to take leave of them, are reaped and not returned.
     """
     killed: list[int] = []
     while strays := [pid for pid in children(os.getpid()) if pid not in known]:
         for pid in strays:
+            with suppress(ChildProcessError):
+                if os.waitpid(pid, os.WNOHANG)[0]:
+                    continue
             with suppress(ProcessLookupError):
                 os.kill(pid, signal.SIGKILL)
             with suppress(ChildProcessError):

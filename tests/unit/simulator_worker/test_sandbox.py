@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -15,7 +16,7 @@ from saflite.contract.work import FlyResult, FlyWork
 from saflite.evidence.memory import MemoryBlobs
 from saflite.runtime.clock import WallClock
 from saflite.simulator_worker import registry
-from saflite.simulator_worker.processes import children
+from saflite.simulator_worker.processes import children, kill_strays
 from saflite.simulator_worker.work import Flyer, open_service
 
 TARGET = Path(__file__).parents[3] / "scripts" / "soaking" / "soak.py"
@@ -83,6 +84,14 @@ def test_what_a_flight_leaves_behind_is_killed(flyer: Flyer) -> None:
     before = children(os.getpid())
     assert _fly(flyer, STRAY).flight.ending == "completed"
     assert children(os.getpid()) == before
+
+
+def test_what_had_ended_by_itself_is_reaped_and_not_called_left_behind() -> None:
+    with subprocess.Popen(["sleep", "60"]) as alive, subprocess.Popen(["true"]) as dead:
+        os.waitid(os.P_PID, dead.pid, os.WEXITED | os.WNOWAIT)
+        known = set(children(os.getpid())) - {alive.pid, dead.pid}
+        assert kill_strays(known) == [alive.pid]
+        assert set(children(os.getpid())) == known
 
 
 def test_broken_target_code_ends_the_simulator_not_the_worker(flyer: Flyer) -> None:
