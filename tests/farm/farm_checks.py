@@ -259,7 +259,7 @@ def state_of(books: Books) -> dict[str, object]:
         core.rounds.planned,
         core.rounds.budget,
         sorted(core.flown),
-        {blob.digest: count for blob, count in core.holds.items()},
+        {digest: hold.times for digest, hold in core.holds.items()},
     )
     return {
         "tasks": tasks,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import cast
 
+import msgspec
 import pytest
 from books_drive import Driver, MemoryStore, doubles, new_books
 
@@ -129,6 +130,36 @@ def test_blobs_of_a_result_that_comes_too_late_are_dropped_unless_held() -> None
     driver.service.do(lease.work)
     assert driver.report(lease, result).status == "duplicate"
     assert set(store.blobs.kept) == {blob.digest for blob in driver.books.wanted_blobs}
+
+
+def sized_wrong(result: Result) -> FlyResult:
+    """Name the trace of a flight as larger than it is."""
+    assert isinstance(result, FlyResult)
+    flight = result.flight
+    assert flight.trace is not None
+    trace = BlobRef(digest=flight.trace.digest, size_bytes=flight.trace.size_bytes + 1)
+    return FlyResult(flight=msgspec.structs.replace(flight, trace=trace))
+
+
+@pytest.mark.parametrize("lease_id", ["of this run", "of another run", "no lease"])
+def test_a_refused_result_cannot_drop_what_others_left_by_naming_its_digest(lease_id: str) -> None:
+    """The books find what they hold by the digest: a wrong size beside it must not make it a blob nobody needs."""
+    driver = new_books(10)
+    store = cast(object, driver.store)
+    assert isinstance(store, MemoryStore)
+    lease = lent(driver, "fly")
+    result = driver.service.do(lease.work)
+    driver.report(lease, result)
+    before = set(store.blobs.kept)
+    assert before == {blob.digest for blob in driver.books.wanted_blobs}
+    names = {"of this run": lease.lease_id, "of another run": "other:fly:x:search:0", "no lease": "x"}
+    forged = Report(worker="rogue", lease_id=names[lease_id], epoch=lease.epoch, result=sized_wrong(result))
+    assert driver.books.report(forged, driver.now, "blob 0123 is damaged").status != "accepted"
+    driver.commit()
+    assert set(store.blobs.kept) == before, "a stranger had a blob dropped that waits to be judged"
+    driver.run()
+    assert not any("is missing" in message for message in faults(driver)), "a flight was flown again"
+    assert driver.books.status(driver.now).flights == 10
 
 
 class Losing(doubles.Service):

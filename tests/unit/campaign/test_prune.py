@@ -99,7 +99,7 @@ def kept_bytes(keep_mb: int) -> int:
     driver.run()
     assert driver.books.status(driver.now).flights == 30
     assert core.full == (keep_mb == 1)
-    return sum(blob.size_bytes for blob in core.holds)
+    return sum(hold.size_bytes for hold in core.holds.values())
 
 
 def test_no_more_is_kept_than_the_campaign_allows(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -65,6 +65,14 @@ class RecordingParts:
 
 
 @dataclass(slots=True)
+class Hold:
+    """A blob that is needed: how large it is, and by how many flights and recordings."""
+
+    size_bytes: int
+    times: int = 0
+
+
+@dataclass(slots=True)
 class Core:
     """The shared state of the fold. `at_s` is the moment of the entry being applied."""
 
@@ -84,7 +92,7 @@ class Core:
     shrunk: set[str] = field(default_factory=set)  # smallest forms of violations, flown besides
     latest: deque[Features] = field(default_factory=lambda: deque(maxlen=REFERENCES_MAX))
     promised: dict[str, float] = field(default_factory=dict)  # finds that the flights chosen promise, by kind
-    holds: dict[BlobRef, int] = field(default_factory=dict)  # how many flights or recordings need it
+    holds: dict[str, Hold] = field(default_factory=dict)  # by digest, as the store does: peers may claim any size
     full: bool = False  # as much is kept as the campaign allows
     state: State = "running"
     stopped: bool = False  # ended by an operator, so opening the books again goes on
@@ -147,19 +155,24 @@ class Core:
     def hold(self, *blobs: BlobRef) -> None:
         """Note that blobs are needed once more."""
         for blob in blobs:
-            self.holds[blob] = self.holds.get(blob, 0) + 1
+            self.holds.setdefault(blob.digest, Hold(blob.size_bytes)).times += 1
             self.out.keep_blob(blob.digest)
 
     def let_go(self, *blobs: BlobRef) -> None:
         """Note that blobs are needed once less; drop each with the last need of it."""
         for blob in blobs:
-            self.holds[blob] -= 1
-            if not self.holds[blob]:
-                del self.holds[blob]
-                self.out.drop_blob(blob.digest)
+            hold = self.holds[blob.digest]
+            hold.times -= 1
+            if not hold.times:
+                self.drop(blob.digest)
+
+    def drop(self, digest: str) -> None:
+        """Note that a blob is not needed, whoever needed it."""
+        self.holds.pop(digest, None)
+        self.out.drop_blob(digest)
 
     def flush(self, *blobs: BlobRef) -> None:
         """Have those of the blobs that are still needed safe on disk: they are kept for good."""
         for blob in blobs:
-            if blob in self.holds:
+            if blob.digest in self.holds:
                 self.out.flush_blob(blob.digest)

@@ -64,13 +64,13 @@ def _repeats_are_on_one_build(core: Core) -> None:
 
 
 def _traces_are_held(core: Core) -> None:
-    assert all(count > 0 for count in core.holds.values()), "a blob is held by nobody"
+    assert all(hold.times > 0 for hold in core.holds.values()), "a blob is held by nobody"
     for trial in core.trials.values():
         for note in trial.flights.values():
-            held = all(blob in core.holds for blob in note.flight.blobs)
+            held = all(blob.digest in core.holds for blob in note.flight.blobs)
             assert note.settled or held, f"{trial.name}: a trace to be judged was dropped"
     for parts in core.records.values():
-        held = all(blob in core.holds for blob in parts.flight.blobs)
+        held = all(blob.digest in core.holds for blob in parts.flight.blobs)
         assert held, f"{parts.flight.test_case}: a trace to be recorded was dropped"
 
 

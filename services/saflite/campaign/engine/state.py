@@ -127,7 +127,8 @@ class Books:
     @property
     def wanted_blobs(self) -> frozenset[BlobRef]:
         """The blobs some flight or recording needs; any other is left over from an interrupted commit."""
-        return frozenset(self._core.holds)
+        holds = self._core.holds.items()
+        return frozenset(BlobRef(digest=digest, size_bytes=hold.size_bytes) for digest, hold in holds)
 
     def audit_status(self) -> dict[str, Any]:
         """Return what an audit needs to know; `over`: ended for good, not by an operator's order."""
@@ -240,7 +241,7 @@ class Books:
         """Take a result; the worker may forget it once it has the receipt. `damage`: what is wrong with its blobs."""
         receipt = self._report(report, now, damage)
         for blob in blobs_left(report.result):
-            if blob not in self._core.holds:
+            if blob.digest not in self._core.holds:
                 self._out.drop_blob(blob.digest)
         return receipt
 

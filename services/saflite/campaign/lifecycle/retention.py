@@ -20,7 +20,7 @@ MB = 10**6
 def is_full(core: Core) -> bool:
     """Return whether as much is kept as the campaign allows; the first time it is, that is announced."""
     limit_mb = core.campaign.keep_mb
-    if not core.full and sum(blob.size_bytes for blob in core.holds) > limit_mb * MB:
+    if not core.full and sum(hold.size_bytes for hold in core.holds.values()) > limit_mb * MB:
         core.full = True
         core.fault("keep_mb", f"{limit_mb} MB are kept: finds from here on leave no recordings")
     return core.full
@@ -56,8 +56,8 @@ def needed(core: Core, flight_of: Callable[[JudgeKey], Flight]) -> frozenset[Blo
 def prune(core: Core, entry: Pruned) -> None:
     """Let go of blobs whoever needed them."""
     for blob in entry.blobs:
-        if core.holds.pop(blob, 0):
-            core.out.drop_blob(blob.digest)
+        if blob.digest in core.holds:
+            core.drop(blob.digest)
     for test_case, flight_index in entry.recordings:
         core.out.row("recordings", test_case, flight_index, "", 0)
     core.full = False
