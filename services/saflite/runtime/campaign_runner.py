@@ -20,7 +20,7 @@ from saflite.runtime import run_modules
 from saflite.runtime.autoscaling import Bounds
 from saflite.runtime.client import FarmClient
 from saflite.runtime.clock import WallClock
-from saflite.runtime.farm import LocalFarm, counts_of, default_simulators, roles_of, with_scorers
+from saflite.runtime.farm import LocalFarm, WorkerRefused, counts_of, default_simulators, roles_of, with_scorers
 from saflite.runtime.on_ray import HERE, workers_on
 from saflite.scorer_pool.key_hosts import hosts_named_by
 
@@ -40,12 +40,16 @@ T = TypeVar("T")
 
 
 class ExitSummary(NamedTuple):
-    """How a local run ended. `ended` False: stopped before its end, `saflite resume` continues it."""
+    """How a local run ended. `ended` False: stopped before its end, `saflite resume` continues it.
+
+    `refused`: it was stopped because one of its own workers is let in no more.
+    """
 
     ended: bool
     why: str
     status: Status | None
     restarts: int
+    refused: bool = False
 
 
 class StopWhen(NamedTuple):
@@ -265,7 +269,10 @@ def _follow(farm: LocalFarm, on_status: OnStatus | None, interrupted: list[str],
     next_s = clock.monotonic_s()
     try:
         while not interrupted and not farm.over():
-            farm.poll()
+            try:
+                farm.poll()
+            except WorkerRefused as fault:
+                return ExitSummary(False, str(fault), status, farm.restarts, refused=True)
             clock.sleep_s(POLL_S)
             if why := stop_when.why(clock.monotonic_s() - began_s, status):
                 return ExitSummary(False, why, status, farm.restarts)

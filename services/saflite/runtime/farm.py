@@ -35,6 +35,11 @@ Elsewhere = Callable[[Meeting], Launcher]
 
 ELSEWHERE_PATIENCE_S = 60.0
 BOOKS_FAILURES_MAX = 5  # books that cannot even start this often in a row end the farm
+REFUSALS_MAX = 8  # a worker refused this often in a row, which takes longer than a dead one's name is held, does so too
+
+
+class WorkerRefused(Unavailable):
+    """The books let one of the farm's own workers in no more: its code is another than when the run began."""
 
 
 def default_simulators() -> int:
@@ -167,11 +172,14 @@ class LocalFarm:
 
         Raises:
             Unavailable: the books cannot start.
+            WorkerRefused: a worker is refused again and again.
         """
         try:
             changed = self._supervisor.poll()
         except GaveUp as fault:
             logs = self.run_dir / "logs"
+            if fault.spec.kind != "books":
+                raise WorkerRefused(f"{fault.spec.name} may not work for this run: {fault.state.message}") from fault
             raise Unavailable(f"{fault.spec.name} cannot start: {fault.state.message}; see {logs}") from fault
         if changed:
             self._write_info()
@@ -235,5 +243,6 @@ def _met_elsewhere(meeting: Meeting, keys: Path | None) -> Meeting:
 
 
 def _gives_up(spec: RoleSpec, state: RoleState, failures: int) -> bool:
-    no_start = spec.kind == "books" and state.condition in ("refused", "unavailable")
-    return no_start and failures >= BOOKS_FAILURES_MAX
+    if spec.kind == "books":
+        return state.condition in ("refused", "unavailable") and failures >= BOOKS_FAILURES_MAX
+    return state.condition == "refused" and failures >= REFUSALS_MAX

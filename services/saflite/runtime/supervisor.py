@@ -143,7 +143,8 @@ class Supervisor:
         role.finished = state.condition == "finished"
         if role.finished:
             return
-        steady = state.condition in ("killed", "again") or now_s - role.started_s > STEADY_S
+        lived = state.condition != "refused" and now_s - role.started_s > STEADY_S  # not: took long to be refused
+        steady = lived or state.condition in ("killed", "again")
         role.failures = 1 if steady else role.failures + 1
         role.wait_s = BACK_OFF_FIRST_S if steady else min(2 * role.wait_s, BACK_OFF_MAX_S)
         role.start_at_s = now_s + role.wait_s

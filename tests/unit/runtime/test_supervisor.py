@@ -6,7 +6,9 @@ from collections.abc import Collection
 
 import pytest
 
+from saflite.campaign.engine.state import SILENT_S
 from saflite.contract.errors import Unavailable
+from saflite.runtime.farm import REFUSALS_MAX, _gives_up
 from saflite.runtime.launchers.base import Condition, RoleSpec, RoleState
 from saflite.runtime.supervisor import BACK_OFF_MAX_S, STEADY_S, GaveUp, Supervisor
 
@@ -168,3 +170,36 @@ def test_who_waits_to_be_started_again_is_drained_at_once() -> None:
     supervisor.poll()
     assert launcher.started.count("fly-1") == 1
     assert supervisor.counts() == {"running": 2, "finished": 0, "waiting": 0}
+
+
+def test_a_worker_that_is_refused_for_good_ends_the_farm_however_long_it_takes_to_say_so() -> None:
+    """One just killed may leave its name in use for a while, so the first refusals do not count for all."""
+    launcher, clock = Scripted(), Clock()
+    supervisor = Supervisor(launcher, CAST, clock, _gives_up)
+    supervisor.start()
+    began_s = clock.now_s
+    with pytest.raises(GaveUp, match="fly-1: why"):
+        _refused_until_given_up(supervisor, launcher, clock)
+    assert launcher.started.count("fly-1") == REFUSALS_MAX
+    assert clock.now_s - began_s > SILENT_S
+
+
+def _refused_until_given_up(supervisor: Supervisor, launcher: Scripted, clock: Clock) -> None:
+    while clock.now_s < 1000.0:
+        if launcher.states["fly-1"].condition == "running":
+            clock.now_s += STEADY_S + 1.0 if launcher.started.count("fly-1") % 2 else 0.5
+            launcher.end("fly-1", "refused")
+        supervisor.poll()
+        clock.now_s += 0.1
+
+
+@pytest.mark.parametrize("condition", ["broken", "killed", "unavailable", "again"])
+def test_a_worker_that_dies_otherwise_is_started_again_for_ever(condition: Condition) -> None:
+    launcher, clock = Scripted(), Clock()
+    supervisor = Supervisor(launcher, CAST, clock, _gives_up)
+    supervisor.start()
+    while launcher.started.count("fly-1") < 3 * REFUSALS_MAX:
+        launcher.end("fly-1", condition)
+        supervisor.poll()
+        clock.now_s += BACK_OFF_MAX_S + 0.1
+        supervisor.poll()

@@ -50,10 +50,14 @@ FIRST_FACTS = ("format", "run_id", "campaign", "template", "target")
 def connect(path: Path) -> sqlite3.Connection:
     """Open a store for writing: write-ahead log, every commit flushed to disk."""
     connection = sqlite3.connect(path, isolation_level=None, timeout=5.0, check_same_thread=False)
-    bound(connection, path)
-    connection.execute("PRAGMA journal_mode = WAL")
-    connection.execute("PRAGMA synchronous = FULL")
-    connection.execute("PRAGMA cache_size = -8192")
+    try:
+        bound(connection, path)
+        connection.execute("PRAGMA journal_mode = WAL")
+        connection.execute("PRAGMA synchronous = FULL")
+        connection.execute("PRAGMA cache_size = -8192")
+    except BaseException:
+        connection.close()
+        raise
     return connection
 
 

@@ -16,6 +16,7 @@ from saflite.campaign.engine.outbox import Batch
 from saflite.campaign.engine.state import Books
 from saflite.campaign.storage import snapshot_file
 from saflite.campaign.storage.contents import Contents
+from saflite.campaign.storage.new_folder import new_folder
 from saflite.campaign.storage.projections import Tables
 from saflite.campaign.storage.seal import break_seal, is_sealed, seal
 from saflite.campaign.storage.sqlite import (
@@ -39,7 +40,7 @@ from saflite.campaign.storage.witness import Mark, Witness, check_loss, mark_of,
 from saflite.contract import wire
 from saflite.contract.blobs import BlobRef
 from saflite.contract.config import Campaign
-from saflite.contract.errors import FarmError, Refused, Unavailable
+from saflite.contract.errors import FarmError, Unavailable
 from saflite.contract.names import recording_file
 from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import Target, TestCase
@@ -114,22 +115,17 @@ class Store:
             Unavailable: the disk cannot be written.
         """
         template, target = wire.checked(template, TestCase), wire.checked(target, TargetInfo)
-        if store_file(run_dir).exists():
-            raise Refused(
-                "run folder",
-                where=str(run_dir),
-                expected="a folder without a run in it",
-                got="the books of an earlier run",
-                fix=f"`saflite resume {run_dir}` goes on with it; or choose another folder",
-            )
         try:
-            run_dir.mkdir(mode=0o700, parents=True, exist_ok=True)
-            lock = lock_run(run_dir)
-            connection = connect(store_file(run_dir))
-            make_tables(connection, campaign, template, target)
+            with new_folder(run_dir) as lock:
+                connection = connect(store_file(run_dir))
+                try:
+                    make_tables(connection, campaign, template, target)
+                    return cls(run_dir, connection, lock, whole=True)
+                except BaseException:
+                    connection.close()
+                    raise
         except (OSError, sqlite3.OperationalError) as fault:
             raise Unavailable(f"no store can be made in {run_dir}: {fault}") from fault
-        return cls(run_dir, connection, lock, whole=True)
 
     @classmethod
     def open(cls, run_dir: Path) -> Store:

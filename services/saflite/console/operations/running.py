@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from pathlib import Path
@@ -42,7 +43,7 @@ def check_new(folder: Path) -> None:
 
 
 def create(run_dir: Path, campaign: Campaign, target: TargetInfo) -> None:
-    """Make the run folder: the books, the campaign as it is run, the software that runs it.
+    """Make the run folder, whole or not at all: the books, the campaign as it is run, the software that runs it.
 
     Raises:
         Refused: a run stands there already.
@@ -55,13 +56,19 @@ def create(run_dir: Path, campaign: Campaign, target: TargetInfo) -> None:
     from saflite.contract.modules import all_given
     from saflite.runtime import run_modules
 
-    Store.create(run_dir, campaign, template(campaign, target.build), target).close()
+    made = not run_dir.exists()
+    store = Store.create(run_dir, campaign, template(campaign, target.build), target)
     try:
+        store.close()
         (run_dir / "campaign.toml").write_text(dump(campaign), encoding="utf-8")
-    except OSError as fault:
-        raise Unavailable(f"{run_dir}: {fault}") from fault
-    provenance.note(run_dir, target)
-    run_modules.note(run_dir, all_given())
+        provenance.note(run_dir, target)
+        run_modules.note(run_dir, all_given())
+    except BaseException as fault:
+        if made:  # or the next try would be refused because of what is left of this one
+            shutil.rmtree(run_dir, ignore_errors=True)
+        if isinstance(fault, OSError):
+            raise Unavailable(f"{run_dir}: {fault}") from fault
+        raise
 
 
 def check_books(run_dir: Path, *, accept_loss: bool) -> None:

@@ -97,9 +97,12 @@ def conclude(run_dir: Path, ended: ExitSummary, *, as_json: bool) -> int:
 
 
 def _code(found: Conclusion, ended: ExitSummary) -> int:
-    """Return the exit code; a campaign that its closed terminal cut short is no success."""
+    """Return the exit code; a campaign that its closed terminal or a refused worker cut short is no success."""
     cut = ended.why == f"signal {signal.SIGHUP.name}" and not ended.ended
     quiet = found.exit_code in {NOTHING_FOUND, NOTHING_JUDGED}
+    if ended.refused:
+        out.complain("unavailable", ended.why)
+        return INFRASTRUCTURE if quiet else found.exit_code
     return 128 + signal.SIGHUP if cut and quiet else found.exit_code
 
 
