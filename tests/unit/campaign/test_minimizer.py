@@ -7,7 +7,7 @@ from collections.abc import Callable
 import msgspec
 import pytest
 
-from saflite.campaign.lifecycle.minimizer import Minimizer
+from saflite.campaign.lifecycle.minimizer import Minimizer, names_of
 from saflite.campaign.lifecycle.repeats import ONE_FLIGHT
 from saflite.contract.rng import derive
 from saflite.contract.test_case import Mission, Scenario, StartState, Stimulus, Target, TestCase, identity
@@ -166,3 +166,16 @@ def test_few_flights_are_flown_beside_one_that_violates() -> None:
     for each in asked:
         minimizer.tell(identity(each.test_case), each.number, True)
     assert len(minimizer.ask()) == 2
+
+
+def test_inputs_that_were_enough_for_another_find_are_tried_first() -> None:
+    enough = names_of(case(Stimulus(at_s=0.0, kind="mode", name="ACRO"), *twenty().stimuli[13:14]))
+    minimizer = Minimizer(twenty(), 30, ONE_FLIGHT, enough=enough)
+    first = minimizer.ask()[0].test_case
+    assert [one.name for one in first.stimuli] == ["ACRO", "MAV_CMD_DO_PARACHUTE"]
+
+
+@pytest.mark.parametrize("enough", [frozenset(), frozenset({"mode NOWHERE"}), names_of(twenty())])
+def test_inputs_that_drop_none_or_all_are_no_test_case(enough: frozenset[str]) -> None:
+    without = Minimizer(twenty(), 30, ONE_FLIGHT)
+    assert Minimizer(twenty(), 30, ONE_FLIGHT, enough=enough).ask() == without.ask()

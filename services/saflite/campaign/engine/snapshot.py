@@ -20,7 +20,7 @@ from saflite.campaign.engine.core import Core
 from saflite.campaign.engine.outbox import Outbox
 from saflite.campaign.engine.reducer import Reducer
 from saflite.campaign.lifecycle.behaviours import Behaviour, Behaviours
-from saflite.campaign.lifecycle.minimization import Attempt, Minimization, MinimizationCandidate
+from saflite.campaign.lifecycle.minimization import Attempt, Follower, Minimization, MinimizationCandidate
 from saflite.campaign.lifecycle.minimizer import Evidence, Minimizer
 from saflite.campaign.lifecycle.repeat_checks import RepeatChecks
 from saflite.campaign.lifecycle.repeats import RepeatRule
@@ -57,6 +57,8 @@ FIELDS: dict[type, dict[str, Any]] = {
     RepeatChecks: {"_under_way": dict[FlyKey, tuple[TestCase, Flight]]},
     Minimization: {
         "_candidates": list[MinimizationCandidate],
+        "_followers": list[Follower],
+        "_enough": dict[str, frozenset[str]],
         "_under_way": dict[FlyKey, Attempt],
         "_shown": dict[FlyKey, frozenset[str]],
     },

@@ -27,6 +27,7 @@ class Behaviour:
     words: str
     cause: tuple[str, ...]
     shape: Shape
+    founder: str  # the test case that was the first to show it
     representative: str = ""  # the test case that has confirmed it
     line: list[str] = field(default_factory=list)  # finds not decided upon, in order; the first stands for all
     stood: dict[str, bool] = field(default_factory=dict)  # of those in line that have ended: whether they confirm it
@@ -53,10 +54,20 @@ class Behaviours:
         """The test cases that have confirmed a behaviour, by its fingerprint."""
         return {name: one.representative for name, one in self._known.items() if one.representative}
 
+    def represents(self, violation: Violation) -> bool:
+        """Whether the test case of a violation has confirmed the behaviour that it is."""
+        return self._known[violation.fingerprint].representative == violation.test_case
+
     def is_first(self, violation: Violation) -> bool:
         """Whether no other behaviour that violates the policy was found before; alike whatever comes back first."""
-        first = next(one for one in self._known.values() if one.policy == violation.policy)
-        return first.fingerprint == violation.fingerprint
+        return self._first(violation.policy).fingerprint == violation.fingerprint
+
+    def leads(self, trial: Trial, policy: str) -> bool:
+        """Whether no find before that of the test case violated the policy; alike whatever comes back first."""
+        return self._first(policy).founder == trial.name
+
+    def _first(self, policy: str) -> Behaviour:
+        return next(one for one in self._known.values() if one.policy == policy)
 
     def expect(self, trial: Trial) -> None:
         """Note that a test case was selected; in order."""
@@ -106,7 +117,7 @@ class Behaviours:
             behaviour = self._like(verdict, words, shape()) if name is None else self._known.get(name)
             if behaviour is None:
                 name = name or short_id(f"{words}\x1f{len(self._by_words.get(words, ()))}".encode())
-                behaviour = self._found(Behaviour(name, verdict.policy, words, verdict.cause, shape()))
+                behaviour = self._found(Behaviour(name, verdict.policy, words, verdict.cause, shape(), trial.name))
                 trial.founded += 1
             trial.behaviours[verdict.policy] = behaviour.fingerprint
             if not behaviour.representative:

@@ -299,9 +299,11 @@ class Flights:
         if keep(core, trial) and core.campaign.record != "none":
             self._record(trial, found[0] if found else None)
         self._end(trial, first.flight.ending, found[0].confirmation if found else "held")
-        for violation in found[:1]:
-            if violation.confirmation == "confirmed" and trial.is_selected:
-                self._minimization.begin(trial, violation, is_first=self._behaviours.is_first(violation))
+        for violation in found if trial.is_selected else ():
+            if violation.confirmation == "confirmed" and self._behaviours.represents(violation):
+                is_first = self._behaviours.is_first(violation)
+                leads = self._behaviours.leads(trial, violation.policy)
+                self._minimization.begin(trial, violation, is_first=is_first, leads=leads)
 
     def _announce(self, violation: Violation) -> None:
         core = self._core
@@ -374,6 +376,9 @@ class Flights:
             "outcomes", trial.round, trial.rank, trial.name, ending, trial.first, ",".join(ways), trial.founded
         )
         self._behaviours.ended(trial)
+        for policy in trial.behaviours.keys() - trial.stood:
+            if self._behaviours.leads(trial, policy):
+                self._minimization.lead(policy, None)
         round_.open_trials -= 1
         if round_.open_trials == 0:
             core.rounds.close(trial.round)

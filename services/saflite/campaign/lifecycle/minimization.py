@@ -1,7 +1,8 @@
 """Flies what the minimizer asks for. These flights count against no budget and no round waits for them.
 
 What they tell goes down with every further find of a policy, so the first behaviour of each has most of them, and at
-once as many as make most finds small. All others wait until no flight of the search does.
+once as many as make most finds small. All others wait until no flight of the search does, and begin with the inputs
+that were enough for the first find of the policy: two behaviours often have one cause.
 
 The smallest test case that still violates is then flown as a test case of its own, with re-flights and recording.
 """
@@ -12,7 +13,7 @@ from dataclasses import dataclass
 
 from saflite.campaign.engine.core import Core
 from saflite.campaign.lifecycle.confirmation import Trial
-from saflite.campaign.lifecycle.minimizer import Minimizer
+from saflite.campaign.lifecycle.minimizer import Minimizer, names_of
 from saflite.campaign.lifecycle.repeats import shrink_flights_max, shrink_rule
 from saflite.campaign.scheduling.tasks import Task, is_enough
 from saflite.campaign.scheduling.work_keys import FlightKey, FlyKey, JudgeKey
@@ -37,6 +38,16 @@ class MinimizationCandidate:
     violation: Violation
     minimizer: Minimizer
     waits_below: int  # flights left to it: with fewer, they wait until the search has nothing to fly
+    leads: bool  # it is the first find of its policy
+
+
+@dataclass(slots=True)
+class Follower:
+    """A violation to be made smaller once the first find of its policy was."""
+
+    trial: Trial
+    violation: Violation
+    is_first: bool
 
 
 @dataclass(slots=True)
@@ -55,13 +66,15 @@ class Minimization:
     def __init__(self, core: Core) -> None:
         self._core = core
         self._candidates: list[MinimizationCandidate] = []
+        self._followers: list[Follower] = []
+        self._enough: dict[str, frozenset[str]] = {}  # by policy: inputs of its first find, made small; maybe none
         self._under_way: dict[FlyKey, Attempt] = {}
         self._shown: dict[FlyKey, frozenset[str]] = {}
 
     @property
     def candidates(self) -> int:
-        """How many violations are being made smaller."""
-        return len(self._candidates)
+        """How many violations are being made smaller, or will be."""
+        return len(self._candidates) + len(self._followers)
 
     def test_case(self, key: FlightKey) -> TestCase:
         """Return the test case of a flight under way."""
@@ -75,23 +88,45 @@ class Minimization:
 
     # ---- beginning and end ---------------------------------------------------------------------------------------
 
-    def begin(self, trial: Trial, violation: Violation, *, is_first: bool) -> None:
+    def begin(self, trial: Trial, violation: Violation, *, is_first: bool, leads: bool) -> None:
         """Begin to make a confirmed violation smaller, if the campaign wants that and there is anything to drop.
 
-        `is_first`: of the behaviours that violate its policy it is the first found.
+        `is_first`: of the behaviours that violate its policy it is the first found. `leads`: it is the first find of
+        its policy; the others wait for that one. Which finds lead does not depend on what comes back first.
         """
-        search = self._core.campaign.search
-        if search.shrink and trial.test_case.stimuli:
-            rule = shrink_rule(self._core.confirm)
-            most = shrink_flights_max(search, rule, is_first=is_first)
-            minimizer = Minimizer(trial.test_case, most, rule, _shown_s(trial, violation.policy))
-            waits_below = most - AT_ONCE * rule.flights if is_first else most + 1
-            self._candidates.append(MinimizationCandidate(trial, violation, minimizer, waits_below))
+        if not self._core.campaign.search.shrink or not trial.test_case.stimuli:
+            if leads:
+                self.lead(violation.policy, None)
+        elif leads or violation.policy in self._enough:
+            self._take_up(Follower(trial, violation, is_first), leads=leads)
+        else:
+            self._followers.append(Follower(trial, violation, is_first))
+
+    def lead(self, policy: str, smallest: TestCase | None) -> None:
+        """Note the smallest form of the first find of a policy; None: it was not confirmed, or is as it was."""
+        self._enough[policy] = frozenset() if smallest is None else names_of(smallest)
+        ready = [one for one in self._followers if one.violation.policy == policy]
+        self._followers = [one for one in self._followers if one not in ready]
+        for follower in ready:
+            self._take_up(follower, leads=False)
+
+    def _take_up(self, one: Follower, *, leads: bool) -> None:
+        rule, policy = shrink_rule(self._core.confirm), one.violation.policy
+        most = shrink_flights_max(self._core.campaign.search, rule, is_first=one.is_first)
+        shown_s, enough = _shown_s(one.trial, policy), self._enough.get(policy, frozenset())
+        minimizer = Minimizer(one.trial.test_case, most, rule, shown_s, enough)
+        waits_below = most - AT_ONCE * rule.flights if one.is_first else most + 1
+        self._candidates.append(MinimizationCandidate(one.trial, one.violation, minimizer, waits_below, leads))
 
     def advance(self) -> list[MinimizationCandidate]:
         """Ask for the flights every candidate needs next; returns and forgets those that are done."""
-        finished = [candidate for candidate in self._candidates if self._is_done(candidate)]
-        self._candidates = [candidate for candidate in self._candidates if candidate not in finished]
+        finished: list[MinimizationCandidate] = []
+        while done := [candidate for candidate in self._candidates if self._is_done(candidate)]:
+            self._candidates = [candidate for candidate in self._candidates if candidate not in done]
+            for candidate in done:
+                if candidate.leads:
+                    self.lead(candidate.violation.policy, candidate.minimizer.best)
+            finished += done
         return finished
 
     def _is_done(self, candidate: MinimizationCandidate) -> bool:

@@ -6,8 +6,8 @@ it still violates; once every answer of a wave is there, the first in order that
 generation is over. So the result does not depend on which flight came back first, and a wave is flown in parallel.
 What the flights of a test case showed is kept, so one that comes up again needs only the flights still missing.
 
-Order of work: end soon after the moment that showed the violation, for what comes later has no part in it and every
-flight after that is shorter; drop runs of inputs (halves, quarters, ... single ones: Zeller's ddmin), then simplify
+Order of work: keep only inputs of the names that were enough for another violation of the policy; end soon after the
+moment that showed the violation, for what comes later has no part in it and every flight after that is shorter; drop runs of inputs (halves, quarters, ... single ones: Zeller's ddmin), then simplify
 numbers (0, fewer digits), then shorten (earlier inputs, an earlier end); from the dropping again as long as anything
 helped. A generation begins with two test cases, for the first often violates and the others are flown for nothing; it
 is twice as wide after each that did not help.
@@ -53,10 +53,18 @@ class Evidence:
 class Minimizer:
     """The search for the smallest violating test case. `flights_max` bounds the flights asked for.
 
-    `shown_s` is the moment by which the violation was shown, if that is known.
+    `shown_s` is the moment by which the violation was shown, if that is known, and `enough` are the inputs (`names_of`)
+    of a smallest test case of another behaviour that violates the same policy, if there is one.
     """
 
-    def __init__(self, test_case: TestCase, flights_max: int, rule: RepeatRule, shown_s: float | None = None) -> None:
+    def __init__(
+        self,
+        test_case: TestCase,
+        flights_max: int,
+        rule: RepeatRule,
+        shown_s: float | None = None,
+        enough: frozenset[str] = frozenset(),
+    ) -> None:
         self.original = identity(test_case)
         self.rule = rule
         self._forms = [test_case]
@@ -64,7 +72,8 @@ class Minimizer:
         self._decided = {self.original}
         self._evidence: dict[str, Evidence] = {}
         ends = () if shown_s is None else ended(test_case, shown_s)
-        self._generation = {identity(case): case for case in ends}  # not decided yet
+        first = (*reduced(test_case, enough), *ends)
+        self._generation = {identity(case): case for case in first}  # not decided yet
         self._width = BATCH_LEAST
         self._wave: dict[tuple[str, int], bool | None] = {}
         self._phase = 0
@@ -173,6 +182,18 @@ def _with(test_case: TestCase, stimuli: Stimuli, note: str) -> TestCase:
 
 
 # ---- the ways to get smaller --------------------------------------------------------------------------------------
+
+
+def names_of(test_case: TestCase) -> frozenset[str]:
+    """Return the inputs of a test case by kind and name."""
+    return frozenset(f"{one.kind} {one.name}" for one in test_case.stimuli)
+
+
+def reduced(test_case: TestCase, enough: frozenset[str]) -> Iterator[TestCase]:
+    """Yield the test case with no inputs but those named, if that drops some and leaves some."""
+    stimuli = tuple(one for one in test_case.stimuli if f"{one.kind} {one.name}" in enough)
+    if 0 < len(stimuli) < len(test_case.stimuli):
+        yield _with(test_case, stimuli, "as another of the policy")
 
 
 def ended(test_case: TestCase, shown_s: float) -> Iterator[TestCase]:
