@@ -7,10 +7,11 @@ generation is over. So the result does not depend on which flight came back firs
 What the flights of a test case showed is kept, so one that comes up again needs only the flights still missing.
 
 Order of work: keep only inputs of the names that were enough for another violation of the policy; end soon after the
-moment that showed the violation, for what comes later has no part in it and every flight after that is shorter; drop runs of inputs (halves, quarters, ... single ones: Zeller's ddmin), then simplify
-numbers (0, fewer digits), then shorten (earlier inputs, an earlier end); from the dropping again as long as anything
-helped. A generation begins with two test cases, for the first often violates and the others are flown for nothing; it
-is twice as wide after each that did not help.
+moment that showed the violation, for what comes later has no part in it and every flight after that is shorter; drop
+runs of inputs (halves, quarters, ... single ones: Zeller's ddmin), then simplify numbers (0, fewer digits), then
+shorten (earlier inputs, an earlier end); from the dropping again as long as anything helped. A generation begins with
+two test cases, for the first often violates and the others are flown for nothing; it is twice as wide after each that
+did not help.
 """
 
 from __future__ import annotations
