@@ -40,11 +40,12 @@ KINDS = ("stick", "mode", "parameter", "sensor_fault", "command")
 LISTENING = "0A"  # TCP state in /proc/net/tcp
 
 
-def hover(name: str, limit_s: float, *stimuli: Stimulus) -> TestCase:
+def hover(target: Target, limit_s: float, *stimuli: Stimulus) -> TestCase:
     """Return a flight from the target's first start state, 20 m up, with some inputs."""
+    name = target.name
     start = load_target(name).describe().start_states[0]
     scenario = Scenario(start=StartState(mode=start.mode, altitude_m=20.0), time_limit_s=limit_s)
-    return TestCase(target=Target(name=name), scenario=scenario, stimuli=stimuli, rng_seed=1)
+    return TestCase(target=target, scenario=scenario, stimuli=stimuli, rng_seed=1)
 
 
 def on_ground(case: TestCase) -> TestCase:
@@ -53,8 +54,9 @@ def on_ground(case: TestCase) -> TestCase:
     return replace(case, scenario=replace(case.scenario, start=start))
 
 
-def drawn(name: str, number: int, limit_s: float) -> TestCase:
+def drawn(target: Target, number: int, limit_s: float) -> TestCase:
     """Return a test case with three inputs, each of a kind drawn first, values within documented ranges."""
+    name = target.name
     rng = derive(number, "bench", "autopilots", name)
     inputs = [one for one in load_target(name).describe().inputs if not one.at_start]
     groups = [found for kind in KINDS if (found := [one for one in inputs if one.kind == kind and _usable(one)])]
@@ -64,7 +66,7 @@ def drawn(name: str, number: int, limit_s: float) -> TestCase:
         one = group[int(rng.integers(len(group)))]
         values = () if one.low is None or one.high is None else (round(float(rng.uniform(one.low, one.high)), 3),)
         stimuli.append(Stimulus(at_s=round(float(at_s), 2), kind=one.kind, name=one.name, values=values))
-    return hover(name, limit_s, *stimuli)
+    return hover(target, limit_s, *stimuli)
 
 
 def _usable(one: InputInfo) -> bool:
@@ -82,7 +84,7 @@ def fly(session: Session, case: TestCase) -> FlightRecord:
 def speed(options: argparse.Namespace) -> dict[str, Any]:
     """Return factors of real time by core time: bare, flown, bringing up; medians over the turns."""
     held = take_slot()
-    session = load_target(options.target).open(held.info.slot(WallClock()))
+    session = load_target(options.target.name).open(held.info.slot(WallClock()))
     rows = []
     try:
         for _ in range(options.turns):
@@ -135,11 +137,11 @@ def again(options: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def _flown(name: str, numbers: list[int]) -> dict[int, FlightRecord]:
+def _flown(target: Target, numbers: list[int]) -> dict[int, FlightRecord]:
     held = take_slot()
-    session = load_target(name).open(held.info.slot(WallClock()))
+    session = load_target(target.name).open(held.info.slot(WallClock()))
     try:
-        return {number: fly(session, drawn(name, number, SHORT_S)) for number in numbers}
+        return {number: fly(session, drawn(target, number, SHORT_S)) for number in numbers}
     finally:
         session.close()
         held.release()
@@ -150,7 +152,7 @@ def leaks(options: argparse.Namespace) -> dict[str, Any]:
     held = take_slot()
     info = held.info
     ports = range(info.first_port, info.first_port + info.ports)
-    session = load_target(options.target).open(info.slot(WallClock()))
+    session = load_target(options.target.name).open(info.slot(WallClock()))
     try:
         fly(session, on_ground(drawn(options.target, 0, 1.0)))
         before = _left(Path(info.folder), ports)
@@ -192,26 +194,32 @@ def main(argv: list[str]) -> int:
     """Run the parts asked for; 3 where the target cannot fly here."""
     parser = argparse.ArgumentParser(prog="scripts/bench autopilots", description=__doc__)
     parser.add_argument("--target", default="ardupilot")
+    parser.add_argument(
+        "--set", dest="settings", action="append", default=[], metavar="NAME=VALUE", help="of the target"
+    )
     parser.add_argument("--parts", nargs="+", choices=sorted(PARTS), default=list(PARTS))
     for name, default in (("turns", 5), ("again", 40), ("leaks", 200)):
         parser.add_argument(f"--{name}", type=int, default=default)
     parser.add_argument("--json", action="store_true", help="one JSON object a part, as in the committed rows")
     options = parser.parse_args(argv)
-    lacking = why_missing(options.target)
+    name, settings = options.target, dict(one.split("=", 1) for one in options.settings)
+    options.target = Target(name=name, settings=settings)
+    lacking = why_missing(name)
     if lacking:
-        sys.stderr.write(f"{options.target}: {lacking}\n")
+        sys.stderr.write(f"{name}: {lacking}\n")
         return 3
-    autopilot = load_target(options.target).describe().autopilot
-    for name in options.parts:
+    autopilot = load_target(name).describe().autopilot
+    for part in options.parts:
         load = f"{os.getloadavg()[0]:.0f} on {os.cpu_count()} cores"
-        found = PARTS[name](options)
+        found = PARTS[part](options)
         row = {
             "bench": "autopilots",
-            "part": name,
-            "target": options.target,
+            "part": part,
+            "target": name,
+            **({"settings": settings} if settings else {}),
             "autopilot": autopilot,
             "load": load,
             **found,
         }
-        print(json.dumps(row) if options.json else f"{name}: {json.dumps(found)}", flush=True)
+        print(json.dumps(row) if options.json else f"{part}: {json.dumps(found)}", flush=True)
     return 0

@@ -12,6 +12,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 from external_flights import answers, case, really_flown
+from msgspec.structs import replace
 
 from saflite.contract.standalone import Evidence
 from saflite.contract.test_case import Obstacle, Scenario, StartState
@@ -33,6 +34,20 @@ def test_it_hovers_changes_modes_and_repeats() -> None:
     assert first.trace is not None
     assert np.abs(first.trace.array("altitude_m") - 20.0).max() < 1.0
     assert list(differences(first, again)) == []
+
+
+def test_it_flies_on_its_own_physics_and_repeats() -> None:
+    hover = Scenario(start=StartState(altitude_m=20.0), time_limit_s=20.0)
+    one = case("ardupilot", (2.0, "mode", "LOITER", 0.0), (5.0, "parameter", "RTL_ALT", 3000.0), scenario=hover)
+    fall = case("ardupilot", (1.0, "command", "MAV_CMD_DO_FLIGHTTERMINATION", 1.0), scenario=hover)
+    cases = [replace(each, target=replace(each.target, settings={"physics": "native"})) for each in (one, fall, one)]
+    first, fallen, again = really_flown(ADAPTER, *cases)
+    assert first.ending == "completed"
+    assert answers(first) == ["accepted", "accepted"]
+    assert first.trace is not None
+    assert np.abs(first.trace.array("altitude_m") - 20.0).max() < 1.0
+    assert list(differences(first, again)) == []
+    assert fallen.ending == "crashed"
 
 
 def test_it_flies_a_mission_round_a_box() -> None:

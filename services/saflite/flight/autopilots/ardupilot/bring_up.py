@@ -10,6 +10,7 @@ from socket import socket
 import numpy as np
 from numpy.typing import NDArray
 
+from saflite.contract.errors import Unavailable
 from saflite.flight.autopilots.ardupilot.link import Radio, called_tcp
 from saflite.flight.autopilots.ardupilot.settings import as_file
 from saflite.flight.autopilots.ardupilot.vehicle import Vehicle
@@ -19,7 +20,7 @@ from saflite.flight.autopilots.external.binary import Binary
 from saflite.flight.autopilots.external.link import LockstepPort, bound_udp
 from saflite.flight.autopilots.external.place import FailedBringUp, Place
 from saflite.flight.autopilots.external.process import Process
-from saflite.flight.autopilots.external.vehicle import OK
+from saflite.flight.autopilots.external.vehicle import OK, SILENT
 from saflite.flight.mavlink.client import Client
 
 PORTS_NEEDED = 14
@@ -28,13 +29,18 @@ DEFAULTS_FILE = "start.parm"
 START_TIME_S = 1_700_000_000  # the calendar begins here in every flight
 RATE_HZ = 400
 LISTEN_S, HEARTBEAT_S = 20.0, 30.0
+WORLD_MODEL, OWN_MODEL = "JSON:127.0.0.1", "x"
+GATE_LIBRARY = Path(__file__).parent / "preload" / "_clock.so"
+UNGATED = "its own physics cannot be held between frames: linked statically, or never looking for its parent"
 
 
-def command(binary: Path, ports: range, home: tuple[float, float, float], yaw_deg: float) -> list[str]:
-    """Return the command line: JSON backend, the slot's ports only, one link that is waited for."""
+def command(
+    binary: Path, ports: range, home: tuple[float, float, float], yaw_deg: float, model: str = WORLD_MODEL
+) -> list[str]:
+    """Return the command line: JSON backend or its own physics, the slot's ports only, one link that is waited for."""
     return [
         str(binary),
-        *("--model", "JSON:127.0.0.1", "--speedup", "1000", "--rate", str(RATE_HZ), "--wipe"),
+        *("--model", model, "--speedup", "1000", "--rate", str(RATE_HZ), "--wipe"),
         *("--start-time", str(START_TIME_S), "--defaults", DEFAULTS_FILE),
         *("--home", f"{home[0]:.7f},{home[1]:.7f},{home[2]:.2f},{yaw_deg:.1f}"),
         *("--base-port", str(ports[0]), "--serial0", "tcp:0:wait"),
@@ -51,6 +57,7 @@ class Aircraft(aircraft.Aircraft):
         boxes: obstacles, shape (k, 8).
         home: latitude, longitude in degrees, height above sea in metres.
         before_tick: called before each step of 20 ms while anything waits on the link.
+        own_physics: it flies on its own physics, not in our world.
     """
 
     def __init__(
@@ -62,9 +69,11 @@ class Aircraft(aircraft.Aircraft):
         home: tuple[float, float, float] = HOME,
         yaw_deg: float = 0.0,
         before_tick: Callable[[], None] = lambda: None,
+        *,
+        own_physics: bool = False,
     ) -> None:
-        self._parameters, self._before_tick = parameters, before_tick
-        self._command = command(binary.path, place.ports, home, yaw_deg)
+        self._parameters, self._before_tick, self._own_physics = parameters, before_tick, own_physics
+        self._command = command(binary.path, place.ports, home, yaw_deg, OWN_MODEL if own_physics else WORLD_MODEL)
         super().__init__(Vehicle(boxes, yaw_deg), place, "ardupilot", PORTS_NEEDED)
 
     def _bring_up(self, opened: ExitStack) -> None:
@@ -73,17 +82,29 @@ class Aircraft(aircraft.Aircraft):
         self.radio = opened.enter_context(closing(Radio(ports[RECEIVER])))
         self.pulses_us = self.radio.pulses_us
         udp = opened.enter_context(bound_udp(ports[SIMULATOR]))
-        self.process = self._started(opened, Process(self._command, self.folder))
+        self.process = self._started(opened, Process(self._command, self.folder, environment=self._environment()))
         tcp = opened.enter_context(self._called(ports[0]))
-        came = self.vehicle.connect(udp, tcp)
+        came = self.vehicle.connect(udp, tcp, own_physics=self._own_physics)
         if came != OK:
-            raise FailedBringUp(self.trouble(came))
+            raise FailedBringUp(UNGATED if self._own_physics and came == SILENT else self.trouble(came))
 
         def before() -> None:
             self._before_tick()
             self.radio.send()
 
         self.client = Client(self.clock, LockstepPort(self.vehicle, tcp.sendall, before))
+
+    def _environment(self) -> dict[str, str] | None:
+        """Return what the process sees of one: with its own physics the library that lets it run frame by frame.
+
+        Raises:
+            Unavailable: that library was not built.
+        """
+        if not self._own_physics:
+            return None
+        if not GATE_LIBRARY.is_file():
+            raise Unavailable(f"{GATE_LIBRARY.name} of ArduPilot's own physics is not built: scripts/setup")
+        return {"LD_PRELOAD": str(GATE_LIBRARY), "SAFLITE_GATE": str(self._place.ports[SIMULATOR])}
 
     def _called(self, port: int) -> socket:
         if not self.process.wait_for_words("Waiting for connection", LISTEN_S):

@@ -10,7 +10,7 @@ from saflite.contract.test_case import DEFAULT_TARGET, StartState
 from saflite.flight.autopilots.ardupilot.binary import AUTOPILOT
 from saflite.flight.autopilots.ardupilot.inputs import COMMANDS, SIMULATION
 from saflite.flight.autopilots.ardupilot.metadata import documented
-from saflite.flight.autopilots.ardupilot.settings import TUNE
+from saflite.flight.autopilots.ardupilot.settings import SETTINGS, TUNE
 from saflite.flight.autopilots.ardupilot.signals import trace_names
 from saflite.flight.autopilots.ardupilot.telemetry import MODES
 from saflite.flight.autopilots.described import setting_ranges
@@ -61,6 +61,7 @@ def describe(binary: Binary | None, listing: Listing | None, lacking: str) -> Ta
         inputs=(*sticks(), *modes_and_commands(MODES, COMMANDS), *parameters),
         signals=trace_names(),
         modes=MODES,
+        settings=SETTINGS,
         start_states=(
             *(StartState(mode=mode) for mode in START_MODES),
             StartState(mode="STABILIZE", altitude_m=0.0, armed=False),

@@ -8,7 +8,8 @@ from saflite.contract.test_case import TestCase
 from saflite.flight.autopilots.ardupilot.bring_up import HEARTBEAT_S, Aircraft
 from saflite.flight.autopilots.ardupilot.inputs import MODE_NUMBERS
 from saflite.flight.autopilots.ardupilot.mission import as_taken
-from saflite.flight.autopilots.ardupilot.settings import start_parameters
+from saflite.flight.autopilots.ardupilot.own_truth import OWN_RATES_HZ, OwnTruth
+from saflite.flight.autopilots.ardupilot.settings import own_physics, start_parameters
 from saflite.flight.autopilots.ardupilot.signals import trace_names
 from saflite.flight.autopilots.ardupilot.telemetry import MODES, RATES_HZ, Telemetry
 from saflite.flight.autopilots.external.binary import Binary
@@ -33,12 +34,15 @@ class ArduPilotFlight(ExternalFlight):
 
     def __init__(self, test_case: TestCase, binary: Binary, listing: Listing, place: Place) -> None:
         super().__init__(test_case, binary, listing, place, trace_names())
+        self._own_physics = own_physics(test_case)
+        self._rates_hz = OWN_RATES_HZ if self._own_physics else RATES_HZ
         self._changes_seen = -1
         self._wind_told = tuple(listing.values.get(name, 0.0) for name in WIND)
 
     def _powered_up(self) -> Aircraft:
         given = self.test_case.target.parameters
-        parameters = start_parameters(given, self._listing.parameters, obstacles=bool(len(self._boxes)))
+        known, own = self._listing.parameters, self._own_physics
+        parameters = start_parameters(given, known, obstacles=bool(len(self._boxes)), own_physics=own)
         self._parameters = {**self._listing.values, **parameters}
         return Aircraft(
             self._binary,
@@ -48,12 +52,13 @@ class ArduPilotFlight(ExternalFlight):
             home=self._home,
             yaw_deg=self._yaw_deg,
             before_tick=self._before_tick,
+            own_physics=own,
         )
 
     def _change_weather(self) -> None:
-        """Let the wind be what the binary's own wind parameters say, once one of them is changed: the world is ours."""
+        """Let our world's wind be what the binary's own wind parameters say, once one of them is changed."""
         told = self._telemetry
-        if told.changes == self._changes_seen:
+        if self._own_physics or told.changes == self._changes_seen:
             return
         self._changes_seen = told.changes
         wind = tuple(told.parameters.get(name, 0.0) for name in WIND)
@@ -62,7 +67,8 @@ class ArduPilotFlight(ExternalFlight):
             self._wind.change(min(max(wind[0], 0.0), WIND_MAX_MPS), wind[1], min(max(wind[2], 0.0), WIND_MAX_MPS))
 
     def _greet(self, aircraft: Aircraft) -> None:
-        self._telemetry = Telemetry(aircraft.vehicle, self._parameters, self._home)
+        made = OwnTruth if self._own_physics else Telemetry
+        self._telemetry = made(aircraft.vehicle, self._parameters, self._home)
         pulses_us, stimuli = aircraft.pulses_us, self.test_case.stimuli
         self._inputs = Inputs(aircraft.client, pulses_us, stimuli, self._listing, MODE_NUMBERS)
         if not aircraft.client.wait_for_heartbeat(HEARTBEAT_S):
@@ -71,7 +77,7 @@ class ArduPilotFlight(ExternalFlight):
 
     def _reach_start(self, aircraft: Aircraft) -> str:
         why = self._get_ready(aircraft)
-        self._ask_for(aircraft, RATES_HZ)
+        self._ask_for(aircraft, self._rates_hz)
         return why or self._lift_off(aircraft)
 
     def _get_ready(self, aircraft: Aircraft) -> str:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping
 from typing import NamedTuple
 
+from saflite.contract.target_info import SettingInfo
+from saflite.contract.test_case import TestCase
 from saflite.flight.autopilots.ardupilot.vehicle import Vehicle
 
 _CHANNELS = range(1, 9)
@@ -18,6 +20,15 @@ F450: dict[str, float] = {
     "ATC_RAT_PIT_D": 0.0045,
     "INS_GYRO_FILTER": 50,
     "MOT_THST_HOVER": 0.435,
+}
+PHYSICS, NATIVE = "physics", "native"
+SETTINGS = {
+    PHYSICS: SettingInfo(
+        meaning="whose physics is flown",
+        default="jsbsim",
+        choices=("jsbsim", NATIVE),
+        choice_meanings={NATIVE: "the binary's own quadrotor with its own gains; no boxes, wind by SIM_WIND_SPD"},
+    )
 }
 TUNE: dict[str, float] = {
     "FRAME_CLASS": 1,  # quadrotor
@@ -101,9 +112,20 @@ _CEILING = 1  # bit of FENCE_TYPE
 _HEIGHT_BY_SOURCE = {1.0: 0.0, 2.0: 1.0, 3.0: 2.0}  # EK3_SRC1_POSZ to what EK2_ALT_SOURCE said
 
 
-def start_parameters(given: Mapping[str, float], known: Collection[str], *, obstacles: bool) -> dict[str, float]:
-    """Return what the vehicle starts with beyond the binary's own defaults; names it does not know are left out."""
-    ours = {**TUNE, **(AVOIDANCE if obstacles else {})}
+def own_physics(test_case: TestCase) -> bool:
+    """Return whether a test case is flown on the binary's own physics."""
+    return test_case.target.settings.get(PHYSICS) == NATIVE
+
+
+def start_parameters(
+    given: Mapping[str, float], known: Collection[str], *, obstacles: bool, own_physics: bool = False
+) -> dict[str, float]:
+    """Return what the vehicle starts with beyond the binary's own defaults; names it does not know are left out.
+
+    On its own physics it is no F450, and flies with its own gains.
+    """
+    tune = {name: value for name, value in TUNE.items() if not (own_physics and name in F450)}
+    ours = {**tune, **(AVOIDANCE if obstacles else {})}
     return {name: float(value) for name, value in {**ours, **given}.items() if name in known}
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 from saflite.contract.signals import MODES as COMMON_MODES
@@ -45,8 +45,14 @@ _CLEARED = {"Radio Failsafe Cleared": "failsafe_radio", "EKF Failsafe Cleared": 
 class Telemetry(telemetry.Telemetry):
     """Takes the vehicle's messages; `parameters` are all that are known, kept up to date."""
 
-    def __init__(self, vehicle: Vehicle, parameters: Mapping[str, float], home: tuple[float, float, float]) -> None:
-        super().__init__(vehicle, parameters, home, RATES_HZ, settings.show)
+    def __init__(
+        self,
+        vehicle: Vehicle,
+        parameters: Mapping[str, float],
+        home: tuple[float, float, float],
+        kinds: Collection[str] = tuple(RATES_HZ),
+    ) -> None:
+        super().__init__(vehicle, parameters, home, kinds, settings.show)
         self._prearm = self._ekf = False
 
     def tick(self) -> None:

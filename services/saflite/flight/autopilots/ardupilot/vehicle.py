@@ -14,7 +14,7 @@ from saflite.flight.native_library import python_library
 @cache
 def _library() -> ctypes.PyDLL:
     library, pointer, number = python_library(), ctypes.c_void_p, ctypes.c_int
-    library.lockstep_connect.argtypes = [pointer, number, number, number]
+    library.lockstep_connect.argtypes = [pointer, number, number, number, number]
     library.lockstep_await.argtypes = [pointer]
     return library
 
@@ -24,7 +24,11 @@ class Vehicle(LockstepVehicle):
 
     WHOLE, PARTS = "lockstep", ("world", "lockstep")
 
-    def connect(self, udp: socket.socket, tcp: socket.socket) -> int:
-        """Fly with the autopilot at the other end from now on; return what came of its first outputs."""
-        _library().lockstep_connect(self.address, udp.fileno(), tcp.fileno(), vehicle.SILENT_MS)
+    def connect(self, udp: socket.socket, tcp: socket.socket, *, own_physics: bool = False) -> int:
+        """Fly with the autopilot at the other end from now on; return what came of its first outputs.
+
+        Where it has physics of its own, ours stands still: `run` lets it run its frames, and whoever hears its
+        telemetry writes the truth.
+        """
+        _library().lockstep_connect(self.address, udp.fileno(), tcp.fileno(), vehicle.SILENT_MS, int(own_physics))
         return int(_library().lockstep_await(self.address))

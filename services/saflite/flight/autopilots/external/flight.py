@@ -42,6 +42,7 @@ RESULTS = {
 }
 """What MAV_MISSION_RESULT means."""
 SLOW_MPS = 0.3
+FALLING_MPS = 2.0
 SET_INTERVAL = 511
 CHECK_EVERY = 50
 MISSION_YAW_DEG = 90.0
@@ -202,7 +203,10 @@ class ExternalFlight(ABC):
         if board["world_state"] == CRASHED:
             return "crashed"
         flew = self._mission is not None or self.start.armed
-        over = flew and board["armed"] == 0.0 and board["landed"] != 0.0 and self._inputs.finished
+        down = (
+            board["landed"] != 0.0 and abs(board["climb_mps"]) < FALLING_MPS
+        )  # disarmed in the air it says landed, too
+        over = flew and board["armed"] == 0.0 and down and self._inputs.finished
         if not over:
             self._ended_s = None
         elif self._ended_s is None:

@@ -23,9 +23,10 @@ size_t lockstep_offset(int part) /* of the world 0, of the slots here 1 */
     return part == 0 ? offsetof(Lockstep, world) : offsetof(Lockstep, at);
 }
 
-void lockstep_connect(Lockstep *l, int udp, int tcp, int silent_ms)
+void lockstep_connect(Lockstep *l, int udp, int tcp, int silent_ms, int own_physics)
 {
     l->udp = udp, l->tcp = tcp, l->silent_ms = silent_ms, l->heard_one = 0, l->said_bytes = 0;
+    l->own_physics = own_physics;
 }
 
 void lockstep_record(Lockstep *l, float *rows, const int32_t *columns, int column_count, int row_limit, int steps_per_row)
@@ -61,14 +62,25 @@ static int drain(Lockstep *l)
     }
 }
 
+/* The gate's word: how many frames are over. */
+static int gate_packet(const uint8_t *data, ssize_t bytes, uint32_t *frame)
+{
+    if (bytes != (ssize_t)sizeof *frame)
+        return 0;
+    memcpy(frame, data, sizeof *frame);
+    return 1;
+}
+
 static int take_packet(Lockstep *l)
 {
     uint8_t data[256];
     socklen_t size = sizeof l->peer;
     uint32_t frame;
-    double throttles[MOTORS];
+    double throttles[MOTORS] = {0.0};
     const ssize_t got = recvfrom(l->udp, data, sizeof data, MSG_DONTWAIT, (struct sockaddr *)l->peer, &size);
-    if (got <= 0 || !servo_packet(data, (int)got, &frame, throttles) || (l->heard_one && frame == l->frame))
+    const int good = got > 0
+        && (l->own_physics ? gate_packet(data, got, &frame) : servo_packet(data, (int)got, &frame, throttles));
+    if (!good || (l->heard_one && frame == l->frame))
         return 0; /* a repeat: it was answered */
     l->peer_bytes = size, l->frame = frame, l->heard_one = 1;
     memcpy(l->throttles, throttles, sizeof throttles);
@@ -124,9 +136,24 @@ static int step(Lockstep *l)
     return trouble == LOCKSTEP_OK ? lockstep_await(l) : trouble;
 }
 
+/* Have the autopilot's own physics run steps of 2.5 ms and wait until it says that they are over. */
+static int let_run(Lockstep *l, int steps)
+{
+    const uint32_t frames = (uint32_t)steps;
+    const ssize_t sent = sendto(l->udp, &frames, sizeof frames, 0, (struct sockaddr *)l->peer, l->peer_bytes);
+    const int trouble = sent == (ssize_t)sizeof frames ? lockstep_await(l) : LOCKSTEP_GONE;
+    if (trouble != LOCKSTEP_OK)
+        return trouble;
+    TRUTH(step) += steps, TRUTH(time_s) = TRUTH(step) * STEP_S;
+    recorder_step(&l->recorder, (const double *)l, (int64_t)TRUTH(step));
+    return drain(l);
+}
+
 /* Run steps of 2.5 ms and read what was said in them; ends early in trouble, or when the world has crashed. */
 int lockstep_run(Lockstep *l, int steps)
 {
+    if (l->own_physics)
+        return TRUTH(world_state) != WORLD_CRASHED ? let_run(l, steps) : drain(l);
     for (int i = 0; i < steps && TRUTH(world_state) != WORLD_CRASHED; i++) {
         const int trouble = step(l);
         if (trouble != LOCKSTEP_OK)

@@ -42,7 +42,8 @@ typedef struct {
     double at[LOCKSTEP_SLOT_COUNT];
     Recorder recorder;
     int32_t udp, tcp, silent_ms, heard_one;
-    uint32_t frame;          /* of the last servo packet taken */
+    int32_t own_physics;     /* the autopilot's, run frame by frame through the gate of `preload/gate.c` */
+    uint32_t frame;          /* of the last packet taken */
     uint32_t said_bytes;
     double throttles[MOTORS];
     uint8_t peer[32];        /* sockaddr of the autopilot's end */
