@@ -237,6 +237,8 @@ class LoadGenerator:
         elif isinstance(instruction, machine.Begin):
             lease = instruction.lease
             result = self._made.do(lease.work, worker.config.worker)
+            if isinstance(lease.work, MutateWork | ScoreWork):
+                worker.cursor = lease.work.cursor  # as real ones: nobody is told twice
             wait_s = self._think_s if stage == "fly" else 0.0
             self._timer(now_s + wait_s, index, machine.Done(Key(lease.lease_id, lease.epoch), result))
 

@@ -14,6 +14,7 @@ from books_drive import Driver, doubles
 
 from saflite.campaign.engine.state import Books
 from saflite.campaign.storage.audit import audit, told_of
+from saflite.campaign.storage.contents import Contents
 from saflite.campaign.storage.packing import BYTES_MAX, FIRST, Packing, learnt_after
 from saflite.campaign.storage.rebuild import rebuild
 from saflite.campaign.storage.store import Store, store_file
@@ -111,3 +112,16 @@ def test_an_entry_that_unpacks_without_end_is_refused() -> None:
             with pytest.raises(Refused, match="entry 1"):
                 packing.unpack(1, data)
         assert packing.unpack(1, packing.pack(1, b"")) == b""
+
+
+def test_reading_a_whole_campaign_unpacks_words_and_proposals_once(run_dir: Path) -> None:
+    """A mutator that starts anew is told all: that used to unpack 32 KB of words, and a round, for each result read."""
+    with closing(sqlite3.connect(store_file(run_dir))) as database:
+        read: list[str] = []
+        database.set_trace_callback(read.append)
+        outcomes = list(Contents(database).outcomes(-1, 10_000))
+    rounds = {outcome.round for outcome in outcomes}
+    assert len(outcomes) > 40
+    assert len(rounds) < len(outcomes) / 2
+    assert sum("FROM words" in statement for statement in read) <= 2  # the run has taken words twice
+    assert sum("line FROM journal" in statement for statement in read) <= len(rounds) + len(outcomes)

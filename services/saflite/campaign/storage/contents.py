@@ -32,6 +32,7 @@ _OUTCOMES = (
     "SELECT round, test_case, ending, flight_index, behaviours, founded FROM outcomes WHERE round > ? AND round <= ?"
     " ORDER BY round, rank"
 )
+HELD_MAX = 4  # results kept decoded: a round's proposal, and the verdicts read beside it
 
 
 class Contents:
@@ -39,7 +40,8 @@ class Contents:
 
     def __init__(self, connection: sqlite3.Connection) -> None:
         self._db = connection
-        self._held: tuple[int, Result] | None = None  # the test cases of a round stand in one line
+        self._packing = Packing(connection, "journal")
+        self._held: dict[int, Result] = {}  # by line, read last comes last: the test cases of a round stand in one
 
     def test_case(self, name: str) -> TestCase | None:
         """Return a test case by its identity, as it was proposed last; None if there is none of that name."""
@@ -94,14 +96,19 @@ class Contents:
             yield outcome_of(self._test_case(*proposal), round_, ending, judgement, ways, founded)
 
     def _result(self, number: int) -> Result:
-        if self._held is None or self._held[0] != number:
-            self._held = number, self._read(number)
-        return self._held[1]
+        result = self._held.pop(number, None) or self._read(number)
+        self._held[number] = result
+        if len(self._held) > HELD_MAX:
+            del self._held[next(iter(self._held))]
+        return result
 
     def _read(self, number: int) -> Result:
         before = number - 1
         chain = chain_at(self._db, "journal", before)
-        data = next(entries(self._db, "journal", Path("books.sqlite"), after=before, chain=chain, limit=1), None)
+        found = entries(
+            self._db, "journal", Path("books.sqlite"), after=before, chain=chain, limit=1, packing=self._packing
+        )
+        data = next(found, None)
         try:
             line: Line | None = None if data is None else decode_line(data)
         except wire.UNREADABLE:

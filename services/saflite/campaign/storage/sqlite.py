@@ -222,7 +222,14 @@ def _text(value: object) -> str:
 
 
 def entries(
-    connection: sqlite3.Connection, table: str, path: Path, *, after: int = 0, chain: int = 0, limit: int = -1
+    connection: sqlite3.Connection,
+    table: str,
+    path: Path,
+    *,
+    after: int = 0,
+    chain: int = 0,
+    limit: int = -1,
+    packing: Packing | None = None,
 ) -> Iterator[bytes]:
     """Yield the contents of a chained table's entries after one, at most `limit` of them, each checked.
 
@@ -233,13 +240,14 @@ def entries(
         after: the number of the entry they come after.
         chain: the running checksum of that one.
         limit: -1 for all.
+        packing: of this table, where many entries are read one by one: it keeps the words they are told in.
 
     Raises:
         Refused: there is a gap, a wrong checksum, or what cannot be unpacked.
     """
     key, content = CHAINED[table]
     query = f"SELECT {key}, chain, {content} FROM {table} WHERE {key} > ? ORDER BY {key} LIMIT ?"  # noqa: S608
-    packing = Packing(connection, table)
+    packing = packing or Packing(connection, table)
     for expected, (number, stored, packed) in enumerate(connection.execute(query, (after, limit)), after + 1):
         entry = packing.unpack(expected, packed) if number == expected else b""
         chain = zlib.crc32(entry, chain)
