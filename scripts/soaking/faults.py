@@ -25,6 +25,16 @@ class Done(NamedTuple):
     after_s: float = 0.0
 
 
+class Injected(NamedTuple):
+    """One fault as it happened."""
+
+    kind: str
+    whom: str
+    at_s: float
+    at_unix_s: float
+    until_s: float
+
+
 class FaultContext(NamedTuple):
     """What faults need."""
 

@@ -6,17 +6,15 @@ import re
 import sqlite3
 from collections import Counter
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from byzantine_client import ByzantineClient
+from faults import Injected
 from testbed import Testbed
 
 from saflite.campaign.storage.audit import audit
 from saflite.contract.events import WorkerChanged
-
-if TYPE_CHECKING:
-    from soak_driver import Injected
 
 NOTICED_WITHIN_S = 30.0
 APART_S = 4.0

@@ -10,11 +10,11 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from block_flips import corruptions
 from byzantine_client import ByzantineClient
-from faults import HEAVY, KINDS, Done, FaultContext
+from faults import HEAVY, KINDS, Done, FaultContext, Injected
 from figures import CENTRE, figures_of, is_clean
 from forgers import forgeries
 from testbed import Testbed
@@ -32,16 +32,6 @@ WORKERS_SHARE = 0.25  # of the time only workers are harmed, so that noticing it
 FROZEN_MAX = 2
 END_PATIENCE_S = 180.0
 LAST_FLIGHTS = 24  # how many more flights the campaign may make once the faults are over
-
-
-class Injected(NamedTuple):
-    """One fault as it happened."""
-
-    kind: str
-    whom: str
-    at_s: float
-    at_unix_s: float
-    until_s: float
 
 
 class SoakDriver:
