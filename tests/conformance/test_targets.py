@@ -9,7 +9,7 @@ from saflite.conformance.kit import Check, findings, name_of
 from saflite.conformance.targets import checks_of
 from saflite.simulator_worker.registry import load_target, target_names, why_missing
 
-EXTERNAL = ("betaflight", "ardupilot", "px4")  # autopilots of others, in processes of their own
+EXTERNAL = ("aerialist", "betaflight", "ardupilot", "px4")  # autopilots of others, in processes of their own
 
 
 def _case(name: str, check: Check) -> ParameterSet:

@@ -88,6 +88,8 @@ _AUTOPILOT = "needs a build of that autopilot: tests/live fly a stand-in"
 _SCRIPT = "a step of CI itself, or a measurement of minutes to days"
 _INSTALLS = "changes the environment that runs the tests"
 
+_IMAGE = "needs a container engine and an image of gigabytes"
+
 NOT_RUN: dict[str, str] = {
     "saflite run avoidance-m3 --scorer ollama:mistral": _MODEL,
     "saflite run avoidance-m2 --scorer ollama:mistral --shadow surrogate": _MODEL,
@@ -98,6 +100,8 @@ NOT_RUN: dict[str, str] = {
     "saflite scorer use ollama:tiny-b@127.0.0.1:11435": _MODEL,
     "saflite evaluate bugs --model relevance --plot bugs.svg": "as `saflite evaluate bugs`, a minute more",
     "saflite evaluate logs FOLDER --labels labels.csv --model ollama:mistral": _MODEL,
+    "docker pull skhatiri/aerialist:2.0": _IMAGE,
+    "saflite run aerialist-avoidance --workers 2": _IMAGE,
     "saflite run avoidance-m2 --on ray": _CLUSTER,
     "saflite run night.toml --on ray": _CLUSTER,
     "saflite run night.toml --on ray:10.0.0.5:6379 --listen tls/0.0.0.0:7447 --keys keys": _CLUSTER,

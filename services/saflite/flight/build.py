@@ -10,7 +10,9 @@ from pathlib import Path
 
 FLIGHT = Path(__file__).resolve().parent
 SUFFIXES = frozenset({".py", ".c", ".h", ".xml"})
-BESIDE_THE_FLIGHT = frozenset({"logs", "mavlink", "missions"})  # read or write what was flown; no trace depends on them
+BESIDE_THE_FLIGHT = frozenset(
+    {"competition", "logs", "mavlink", "missions"}
+)  # read or write what was flown; no trace depends on them
 AUTOPILOTS = "autopilots"
 
 

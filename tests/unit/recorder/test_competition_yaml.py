@@ -24,8 +24,9 @@ from saflite.contract.test_case import (
     Wind,
     identity,
 )
+from saflite.flight.competition import document as competition
+from saflite.flight.competition import yaml_text
 from saflite.flight.mission import builtin_mission, dump_plan
-from saflite.recorder import competition, yaml_text
 from saflite.recorder.exports.aerialist import parse_case, read_case, write_case
 
 OLD = """\

@@ -12,8 +12,9 @@ from pathlib import Path
 from saflite.contract.errors import Refused
 from saflite.contract.outside import read_text
 from saflite.contract.test_case import Mission, TestCase, identity
+from saflite.flight.competition import document as competition
+from saflite.flight.competition import yaml_text
 from saflite.flight.mission import load_plan
-from saflite.recorder import competition, yaml_text
 from saflite.recorder.files import write_file
 from saflite.recorder.plans import write_plan
 from saflite.recorder.summary import RunSummary

@@ -19,8 +19,8 @@ from saflite.contract import wire
 from saflite.contract.errors import Refused
 from saflite.contract.outside import parse_json
 from saflite.contract.test_case import Mission, Obstacle, Scenario, StartState, Stimulus, Target, TestCase, Wind
-from saflite.recorder.yaml_text import Located
-from saflite.recorder.yaml_text import Path as Place
+from saflite.flight.competition.yaml_text import Located
+from saflite.flight.competition.yaml_text import Path as Place
 
 OURS = "saflite"
 ROBOT_WORDS, PLAN_WORDS = ("robot", "drone"), ("mission", "test")

@@ -1,0 +1,1 @@
+"""The UAV testing competition's test-case documents, as Aerialist reads them."""
