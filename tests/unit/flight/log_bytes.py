@@ -7,23 +7,33 @@ import struct
 from collections.abc import Sequence
 from typing import Any
 
-FLOATS = {"f": "float", "B": "uint8_t", "?": "bool"}
+FLOATS = {"f": "float", "d": "double", "B": "uint8_t", "H": "uint16_t", "?": "bool"}
 
 
 def message(kind: str, body: bytes) -> bytes:
     return struct.pack("<HB", len(body), ord(kind)) + body
 
 
-def ulog(topics: dict[str, list[tuple[str, str]]], rows: Sequence[tuple[str, float, tuple[float, ...]]]) -> bytes:
-    """A ULog file: per topic its fields (format, name), and rows (topic, seconds, values)."""
-    data = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 0)
+def ulog(
+    topics: dict[str, list[tuple[str, str]]],
+    rows: Sequence[tuple[str, float, tuple[float, ...]]],
+    parameters: dict[str, float] | None = None,
+    began_s: float = 0.0,
+) -> bytes:
+    """A ULog file: per topic its fields (format, name), and rows (topic, seconds, values); `topic#1` is an instance."""
+    data = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", int(began_s * 1e6))
     data += message("B", bytes(40))
     for name, fields in topics.items():
         text = "".join(f"{FLOATS[code]} {field};" for code, field in fields)
-        data += message("F", f"{name}:uint64_t timestamp;{text}".encode())
+        if "#" not in name:
+            data += message("F", f"{name}:uint64_t timestamp;{text}".encode())
+    for name, value in (parameters or {}).items():
+        key = f"float {name}".encode()
+        data += message("P", bytes([len(key)]) + key + struct.pack("<f", value))
     ids = {name: number for number, name in enumerate(topics)}
     for name, number in ids.items():
-        data += message("A", struct.pack("<BH", 0, number) + name.encode())
+        topic, _, instance = name.partition("#")
+        data += message("A", struct.pack("<BH", int(instance or 0), number) + topic.encode())
     for name, at_s, values in rows:
         codes = "".join(code for code, _ in topics[name])
         data += message("D", struct.pack("<HQ" + codes, ids[name], int(at_s * 1e6), *values))
@@ -49,7 +59,7 @@ def px4_flight() -> bytes:
 
 def dataflash(kinds: dict[str, tuple[str, str]], rows: Sequence[tuple[str, tuple[Any, ...]]]) -> bytes:
     """An ArduPilot log: per message its format letters and column names, and rows."""
-    codes = {"Q": "Q", "f": "f", "B": "B", "H": "H", "N": "16s", "Z": "64s"}
+    codes = {"Q": "Q", "f": "f", "d": "d", "B": "B", "H": "H", "N": "16s", "Z": "64s"}
     fmt = "BBnNZ"
     data = b""
     numbers = {name: 10 + index for index, name in enumerate(kinds)}

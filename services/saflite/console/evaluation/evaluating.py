@@ -14,7 +14,7 @@ from saflite.console.view import out
 from saflite.console.view.report import bars
 from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.interval import Interval
-from saflite.flight.logs.files import READERS, read_trace
+from saflite.flight.logs.files import SUFFIXES, read_trace
 from saflite.scorer_pool.calibration import Calibration
 
 POSITION = ("x_m", "y_m", "altitude_m")
@@ -77,8 +77,8 @@ def _logs_in(folder: Path) -> list[Path]:
 
     if not folder.is_dir():
         raise Refused("logs", where=str(folder), expected="a folder with flight logs", got="none")
-    known = {".mcap", *READERS}
-    files = sorted(path for path in folder.rglob("*") if path.suffix in known and path.is_file())
+    known = {".mcap", *SUFFIXES}
+    files = sorted(path for path in folder.rglob("*") if path.suffix.lower() in known and path.is_file())
     paths = [path for path in files if path.suffix != ".csv" or is_extract(path)]
     if not paths:
         raise Refused("logs", where=str(folder), expected=f"files ending in {', '.join(sorted(known))}", got="none")

@@ -2,29 +2,27 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import msgspec
 
 from saflite.contract.flight import Flight, trace_digest
 from saflite.contract.test_case import DEFAULT_TARGET, Scenario, Target, TestCase, identity
 from saflite.flight.logs.flight_log import FlightLog
 
-_TARGETS = {".trace": DEFAULT_TARGET, ".bin": "ardupilot", ".BIN": "ardupilot"}
+_TARGETS = {".trace": DEFAULT_TARGET, ".bin": "ardupilot"}
 
 
-def case_of(path: Path, log: FlightLog, known: TestCase | None) -> TestCase:
+def case_of(kind: str, log: FlightLog, known: TestCase | None) -> TestCase:
     """Return what was flown as far as the log tells: its autopilot as target, what was changed and ordered in flight.
 
     Args:
-        path: the log; its suffix tells the autopilot.
+        kind: the kind of log (`kind_of`), which tells the autopilot.
         log: what was read of it.
         known: what somebody says of the flight (obstacles, mission); its inputs stand where the log tells of none.
     """
-    if path.suffix == ".trace" and known is not None:
+    if kind == ".trace" and known is not None:
         return known
     case = known or TestCase(target=Target(), scenario=Scenario())
-    target = msgspec.structs.replace(case.target, name=_TARGETS.get(path.suffix, "px4"))
+    target = msgspec.structs.replace(case.target, name=_TARGETS.get(kind, "px4"))
     return msgspec.structs.replace(case, target=target, stimuli=log.stimuli or case.stimuli)
 
 

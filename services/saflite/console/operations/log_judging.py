@@ -17,13 +17,14 @@ from saflite.contract.errors import Refused
 from saflite.contract.flight import Flight
 from saflite.contract.test_case import TestCase
 from saflite.contract.verdict import Judgement, Verdict
+from saflite.flight.logs import files
 from saflite.flight.logs.extract import is_extract
-from saflite.flight.logs.files import READERS, read_log
+from saflite.flight.logs.files import read_log
 from saflite.oracle.judge import judge
 from saflite.oracle.policy import policies_for
 from saflite.recorder import recording
 
-SUFFIXES = (".mcap", *READERS)
+SUFFIXES = (".mcap", *files.SUFFIXES)
 _HEADERS = ("log", "result", "violated", "held", "vacuous", "inconclusive", "why")
 
 
@@ -60,10 +61,8 @@ def judge_file(path: Path, case_path: Path | None, policies: tuple[str, ...]) ->
         found = recording.read(path)
         case = cases.load_case(case_path) if case_path else found.test_case
         return Judged(path, case, found.flight, judge(case, found.flight, found.trace, policies or policies_for("")))
-    if path.suffix not in READERS:
-        raise Refused("flight log", where=str(path), expected=", ".join(SUFFIXES), got=path.suffix or "no suffix")
     log = read_log(path)
-    case = log_files.case_of(path, log, cases.load_case(case_path) if case_path else None)
+    case = log_files.case_of(files.kind_of(path), log, cases.load_case(case_path) if case_path else None)
     flight = log_files.flight_of(case, log)
     chosen = policies or policies_for(case.target.name)
     told = judge(case, flight, log.trace, chosen, sources=log.sources or None, untold=log.untold)
@@ -75,7 +74,9 @@ def judge_folder(folder: Path, case_path: Path | None, policies: tuple[str, ...]
 
     Raises Refused if there is none.
     """
-    paths = sorted(path for path in folder.rglob("*") if path.suffix in SUFFIXES and path.is_file() and _is_log(path))
+    paths = sorted(
+        path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES and path.is_file() and _is_log(path)
+    )
     if not paths:
         raise Refused("folder of logs", where=str(folder), expected=f"files {', '.join(SUFFIXES)}", got="none")
     for path in paths:

@@ -1,57 +1,59 @@
 """ArduPilot flight logs (`.bin`) as traces, through pymavlink: estimate, attitude, modes, events, failsafes, sticks.
 
 Messages and fields are those of ArduPilot's LogStructure; events and errors those of LogEvent and LogErrorSubsystem.
+What one release logs in another message than the next is read from either; what a log does not hold is not told.
 """
 
 from __future__ import annotations
 
-import struct
 from collections import defaultdict
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
 
 from saflite.contract.errors import Refused
 from saflite.contract.flight import Trace
 from saflite.contract.signals import MODES
 from saflite.contract.test_case import Stimulus
 from saflite.flight.logs.commands import command
+from saflite.flight.logs.dataflash_rows import Rows, load, points, settings_told
 from saflite.flight.logs.flight_log import (
     NO_ORDERS,
     UNTOLD,
     FlightLog,
+    Points,
     add_taken_off,
+    begins_in_flight,
     changed_by_hand,
     stands_by_height,
+    told_of,
     within,
 )
 from saflite.flight.logs.resample import Columns
 from saflite.flight.logs.settings import ARDUPILOT, add_settings, sources
 from saflite.flight.mission import to_local
 
-_HEAD = b"\xa3\x95"
-HEAD_BYTES = len(_HEAD) + 1  # and the number of the format
-_ESTIMATORS = ("XKF1", "NKF1")
-_MESSAGES = ("POS", "ATT", "RATE", "MODE", "EV", "ERR", "GPS", "BARO", "RCIN", "BAT", "CTUN", "MSG", "MISE", "MAVC")
-_WANTED = (*_ESTIMATORS, *_MESSAGES, "PARM", "ARM")
 _FIELDS: dict[str, dict[str, str]] = {
-    "ATT": {"Roll": "roll_deg", "Pitch": "pitch_deg", "Yaw": "yaw_deg"},
     "RATE": {"R": "roll_rate_dps", "P": "pitch_rate_dps", "Y": "yaw_rate_dps"},
     "MODE": {"ModeNum": "mode"},
     "GPS": {"NSats": "gps_satellites"},
     "BARO": {"Alt": "baro_altitude_m"},
-    "BAT": {"Volt": "battery_v"},
     "CTUN": {"DAlt": "altitude_target_m", "ThO": "throttle"},
     "MISE": {"CNum": "mission_item", "CTot": "mission_count"},
 }
+_ATTITUDES = ("ATT", "AHR2", "XKF1", "NKF1", "EKF1")
+_LEAN = {"Roll": "roll_deg", "Pitch": "pitch_deg", "Yaw": "yaw_deg"}
 _OF_COMMANDS = ("command_quiet_s", "place_order_s", "ordered_x_m", "ordered_y_m", "ordered_altitude_m", "yaw_order_s")
 _SOURCES = {
     **dict.fromkeys(("x_m", "y_m"), "XKF1, NKF1 or POS"),
     **dict.fromkeys(("altitude_m",), "XKF1, NKF1, POS or CTUN.Alt"),
     **dict.fromkeys(("vx_mps", "vy_mps", "climb_mps"), "XKF1 or NKF1"),
     **{signal: f"{kind}.{field}" for kind, fields in _FIELDS.items() for field, signal in fields.items()},
+    **{signal: f"ATT.{field} or AHR2.{field}" for field, signal in _LEAN.items()},
+    "battery_v": "BAT.Volt or CURR.Volt",
     **{f"rc{number}_pwm": "RCIN" for number in range(1, 5)},
     **dict.fromkeys(("failsafe_radio", "failsafe_battery", "failsafe_gps", "failsafe_fence", "crashed"), "EV and ERR"),
-    **dict.fromkeys(("armed", "landed", "taken_off", "chute_released", "stop_ordered", "rc_present"), "EV"),
+    **dict.fromkeys(("armed", "landed", "taken_off"), "EV or ARM"),
+    **dict.fromkeys(("chute_released", "stop_ordered", "rc_present"), "EV"),
     **dict.fromkeys(("circle_radius_m", "circle_rate_dps"), "no message: what CIRCLE aims at is not logged"),
     **dict.fromkeys(_OF_COMMANDS, "MAVC"),
     **NO_ORDERS,
@@ -60,9 +62,11 @@ _SOURCES = {
     "baro_ok": "BARO",
     **sources(ARDUPILOT),
 }
+_ARMED, _DISARMED, _NOT_LANDED = 10, 11, 28
+_SAY_ARMED = (15, 17, 28, 57)  # armed for autonomous modes, may have landed, has left the ground, motors run
+_SOON_S = 10.0  # after arming the motors run, for autonomous modes it is up to the pilot
+_LANDINGS = (17, 18)
 _EVENTS: dict[int, tuple[str, float]] = {
-    10: ("armed", 1.0),
-    11: ("armed", 0.0),
     18: ("landed", 1.0),
     28: ("landed", 0.0),
     51: ("chute_released", 1.0),
@@ -80,14 +84,11 @@ _FAILSAFES: dict[int, str] = {
 _FIX_3D = 3
 _NAV_TAKEOFF = 22
 _CM_PER_M = 100.0
-_OTHERS = ("ArduPlane", "ArduRover", "ArduSub", "Rover", "Blimp", "AntennaTracker")
-
-Row = tuple[float, dict[str, Any]]
-
-
-class _Load(NamedTuple):
-    rows: dict[str, list[Row]]
-    formats: dict[str, str]  # by kind of message the format letters of its fields
+_IN_THE_AIR_M = 2.0
+_OTHERS = ("ArduPlane", "ArduRover", "ArduSub", "Rover", "Blimp", "AntennaTracker", "APM:Plane", "APM:Rover")
+_OF_OTHERS = ("ARSPD_FBW_MIN", "AIRSPEED_MIN", "CRUISE_SPEED", "PILOT_SPEED", "YAW_RANGE")
+_OF_COPTERS = ("WPNAV_SPEED", "PILOT_SPEED_UP", "PILOT_VELZ_MAX", "LAND_SPEED", "RTL_ALT")
+_NO_HOME = "ORGN, without which a log that begins in the air does not tell places"
 
 
 def read_dataflash(path: Path, *, placed: bool = True) -> Trace:
@@ -102,44 +103,51 @@ def read_dataflash_log(path: Path, *, placed: bool = False) -> FlightLog:
         Refused: the file is missing, is no dataflash log, is damaged, is not of a copter, or lacks a position (if
             `placed`) or all signals.
     """
-    rows, formats = _load(path)
-    _check_copter(rows, path)
+    rows, formats = load(path)
+    held = {name: value for _, name, value in reversed(settings_told(rows))}
+    _check_copter(rows, held, path)
     columns = Columns()
     _position(rows, columns)
     _height(rows, formats, columns)
+    _attitude(rows, columns)
     for kind, fields in _FIELDS.items():
         for field, signal in fields.items():
-            _column(columns, signal, [(at, row[field]) for at, row in rows[kind] if field in row])
-    _column(columns, "gps_ok", [(at, float(row["Status"] >= _FIX_3D)) for at, row in rows["GPS"] if "Status" in row])
-    _sticks(rows, columns)
-    _events(rows, formats, columns)
+            _column(columns, signal, points(rows[kind], field))
+    _column(columns, "battery_v", points(rows["BAT"], "Volt") or points(rows["CURR"], "Volt"))
+    _column(columns, "gps_ok", [(at, float(status >= _FIX_3D)) for at, status in points(rows["GPS"], "Status")])
+    _sticks(rows, held, columns)
+    _events(rows, formats, held, columns)
     _modes(rows, columns)
-    changes = _parameters(rows, columns)
+    changes = _parameters(rows, held, columns)
     columns.messages = [(at, str(row.get("Message", "")), "info") for at, row in rows["MSG"]]
+    homeless = () if placed else _from_home(rows, columns)
     trace = columns.trace("ArduPilot log", str(path), placed=placed)
     given = [*changes, *_commands(rows)]
     stimuli = within(given, *columns.span("ArduPilot log", str(path), placed=placed))
     crashed = "crashed" in columns and bool(trace.array("crashed").any())
-    return FlightLog(trace, stimuli, _SOURCES, crashed, UNTOLD if "MAVC" in formats else UNTOLD.union(_OF_COMMANDS))
+    logged = {kind for kind, told in rows.items() if told}
+    told = {**told_of(_SOURCES, logged, columns), **dict.fromkeys(homeless, _NO_HOME)}
+    return FlightLog(trace, stimuli, told, crashed, UNTOLD if "MAVC" in formats else UNTOLD.union(_OF_COMMANDS))
 
 
-def _check_copter(rows: dict[str, list[Row]], path: Path) -> None:
+def _check_copter(rows: Rows, held: Mapping[str, float], path: Path) -> None:
+    """Refuse the log of another vehicle by what it says it is, or by its parameters: its modes have other numbers."""
     said = [str(row.get("Message", "")) for _, row in rows["MSG"]]
     other = next((text for text in said if text.startswith(_OTHERS)), None)
+    if other is None and not any(name in held for name in _OF_COPTERS):
+        other = next((f"one with the parameter {name}" for name in _OF_OTHERS if name in held), None)
     if other:
         raise Refused("ArduPilot log", where=str(path), expected="an ArduCopter log", got=other)
 
 
-def _parameters(rows: dict[str, list[Row]], columns: Columns) -> list[Stimulus]:
+def _parameters(rows: Rows, first: Mapping[str, float], columns: Columns) -> list[Stimulus]:
     """Add the settings in force and return what was changed in flight; the first value of each is what it was."""
     held: dict[str, float] = {}
     changes: list[tuple[float, str, float]] = []
-    for at, row in rows["PARM"]:
-        name, value = str(row["Name"]), float(row["Value"])
+    for at, name, value in settings_told(rows):
         if name in held and held[name] != value:
             changes.append((at, name, value))
         held[name] = value
-    first = {str(row["Name"]): float(row["Value"]) for _, row in reversed(rows["PARM"])}
     add_settings(columns, ARDUPILOT, first, changes)
     if first and "chute_released" not in columns and not first.get("CHUTE_ENABLED"):
         columns.hold("chute_released", [0.0], [0.0])  # there is none on board
@@ -150,104 +158,70 @@ def _parameters(rows: dict[str, list[Row]], columns: Columns) -> list[Stimulus]:
     ]
 
 
-def _commands(rows: dict[str, list[Row]]) -> list[Stimulus]:
+def _commands(rows: Rows) -> list[Stimulus]:
     """Return the commands that came over MAVLink (MAVC)."""
     fields = ("P1", "P2", "P3", "P4", "X", "Y", "Z")
-    made = (command(at, int(row["Cmd"]), [float(row.get(name, 0.0)) for name in fields]) for at, row in rows["MAVC"])
+    made = (
+        command(at, int(row["Cmd"]), [float(row.get(name, 0.0)) for name in fields])
+        for at, row in rows["MAVC"]
+        if "Cmd" in row
+    )
     return [one for one in made if one is not None]
 
 
-def _load(path: Path) -> _Load:
-    rows: dict[str, list[Row]] = defaultdict(list)
-    try:
-        with path.open("rb") as file:
-            start = file.read(len(_HEAD))
-        if start != _HEAD:
-            raise Refused("ArduPilot log", where=str(path), expected="a dataflash log", got=f"{start!r} at its start")
-        log = _reader()(str(path))
-        while (message := log.recv_match(type=list(_WANTED))) is not None:
-            kind, fields = message.get_type(), message.to_dict()
-            if fields.get("C", fields.get("I", 0)) in (0, "0") or kind not in (*_ESTIMATORS, "GPS", "BARO", "BAT"):
-                rows[kind].append((fields.get("TimeUS", message._timestamp * 1e6) / 1e6, fields))
-    except (OSError, ValueError, TypeError, KeyError, IndexError, AttributeError, struct.error) as fault:
-        raise Refused("ArduPilot log", where=str(path), expected="a whole dataflash log", got=repr(fault)) from fault
-    formats = {kind.name: kind.format for kind in log.formats.values()}
-    return _Load(rows, formats)
-
-
-class _Formats(dict[int, Any]):
-    """Formats by number; none shorter than a message's head, by which the library would go on without end."""
-
-    def __setitem__(self, number: int, kind: Any) -> None:
-        if kind.len < HEAD_BYTES:
-            raise ValueError(f"format {number} of {kind.len} bytes a message, fewer than the head has")
-        super().__setitem__(number, kind)
-
-
-def _reader() -> Any:
-    """Return the library's reader with formats that are checked."""
-    from pymavlink import DFReader
-
-    class Reader(DFReader.DFReader_binary):  # type: ignore[misc]  # the library has no types
-        @property
-        def formats(self) -> _Formats:
-            return self._formats
-
-        @formats.setter
-        def formats(self, found: dict[int, Any]) -> None:
-            self._formats = _Formats(found)
-
-    return Reader
-
-
-def _column(columns: Columns, signal: str, points: list[tuple[float, float]]) -> None:
-    if points:
-        times, values = zip(*points, strict=True)
+def _column(columns: Columns, signal: str, found: Points) -> None:
+    if found:
+        times, values = zip(*found, strict=True)
         columns.add(signal, times, values)
 
 
-def _position(rows: dict[str, list[Row]], columns: Columns) -> None:
-    estimator = next((kind for kind in _ESTIMATORS if rows[kind]), None)
+def _position(rows: Rows, columns: Columns) -> None:
+    """Add the estimate of the filter that flies (AHRS_EKF_TYPE), of another that was logged, or POS."""
+    flies = [f"{'X' if value == 3 else 'N'}KF1" for _, name, value in settings_told(rows) if name == "AHRS_EKF_TYPE"]
+    estimator = next((kind for kind in (*flies, "XKF1", "NKF1", "EKF1") if rows[kind]), None)
     if estimator is None:
         _geographic(rows, columns)
         return
     fields = {"PN": ("x_m", 1.0), "PE": ("y_m", 1.0), "PD": ("altitude_m", -1.0)}
     speeds = {"VN": ("vx_mps", 1.0), "VE": ("vy_mps", 1.0), "VD": ("climb_mps", -1.0)}
     for field, (signal, sign) in {**fields, **speeds}.items():
-        _column(columns, signal, [(at, sign * row[field]) for at, row in rows[estimator] if field in row])
+        _column(columns, signal, points(rows[estimator], field, scale=sign))
 
 
-def _geographic(rows: dict[str, list[Row]], columns: Columns) -> None:
+def _geographic(rows: Rows, columns: Columns) -> None:
     """Fall back on the POS message: degrees and the height above home."""
-    points = rows["POS"]
-    if not points:
+    told = [row for row in rows["POS"] if {"Lat", "Lng"} <= row[1].keys()]
+    if not told:
         return
-    home = points[0][1]
-    local = [to_local(row["Lat"], row["Lng"], home["Lat"], home["Lng"]) for _, row in points]
-    _column(columns, "x_m", [(at, x) for (at, _), (x, _) in zip(points, local, strict=True)])
-    _column(columns, "y_m", [(at, y) for (at, _), (_, y) in zip(points, local, strict=True)])
-    _column(
-        columns,
-        "altitude_m",
-        [(at, float(row["RelHomeAlt"] if "RelHomeAlt" in row else row["Alt"])) for at, row in points],
-    )
+    home = told[0][1]
+    local = [to_local(row["Lat"], row["Lng"], home["Lat"], home["Lng"]) for _, row in told]
+    _column(columns, "x_m", [(at, x) for (at, _), (x, _) in zip(told, local, strict=True)])
+    _column(columns, "y_m", [(at, y) for (at, _), (_, y) in zip(told, local, strict=True)])
+    _column(columns, "altitude_m", points(told, "RelHomeAlt", "RelAlt", "Alt"))
 
 
-def _height(rows: dict[str, list[Row]], formats: dict[str, str], columns: Columns) -> None:
+def _height(rows: Rows, formats: Mapping[str, str], columns: Columns) -> None:
     """Add the height of CTUN where no estimate was logged, that the barometer answers, and what CIRCLE shows outside.
 
     CTUN.CRt is in cm/s where it is a whole number.
     """
     if "altitude_m" not in columns:
-        _column(columns, "altitude_m", [(at, float(row["Alt"])) for at, row in rows["CTUN"] if "Alt" in row])
+        _column(columns, "altitude_m", points(rows["CTUN"], "Alt"))
         if formats.get("CTUN", "").endswith("h"):
-            _column(columns, "climb_mps", [(at, row["CRt"] / _CM_PER_M) for at, row in rows["CTUN"] if "CRt" in row])
-    _column(columns, "baro_ok", [(at, float(bool(row.get("H", row.get("Health", 1))))) for at, row in rows["BARO"]])
+            _column(columns, "climb_mps", points(rows["CTUN"], "CRt", scale=1.0 / _CM_PER_M))
+    healthy = [(at, float(bool(row.get("H", row.get("Health", 1))))) for at, row in rows["BARO"]]
+    _column(columns, "baro_ok", healthy)
 
 
-def _sticks(rows: dict[str, list[Row]], columns: Columns) -> None:
+def _attitude(rows: Rows, columns: Columns) -> None:
+    """Add the lean by the first message that tells it; logs may leave ATT out."""
+    kind = next((kind for kind in _ATTITUDES if points(rows[kind], "Roll")), None)
+    for field, signal in _LEAN.items() if kind else ():
+        _column(columns, signal, points(rows[str(kind)], field))
+
+
+def _sticks(rows: Rows, held: Mapping[str, float], columns: Columns) -> None:
     """Add the sticks as fractions of their calibrated way: 1000 to 2000, 1500 where the trim is (RCn_MIN, RCMAP_*)."""
-    held = {str(row["Name"]): float(row["Value"]) for _, row in reversed(rows["PARM"])}
     for number, use in enumerate(("ROLL", "PITCH", "THROTTLE", "YAW"), start=1):
         channel = int(held.get(f"RCMAP_{use}", number))
         low, trim, high = (
@@ -257,16 +231,16 @@ def _sticks(rows: dict[str, list[Row]], columns: Columns) -> None:
             trim = (low + high) / 2
         if not low < trim < high:
             low, trim, high = 1000.0, 1500.0, 2000.0
-        sign = -1.0 if held.get(f"RC{channel}_REVERSED", 0.0) == 1.0 else 1.0
-        points = [(at, float(row[f"C{channel}"])) for at, row in rows["RCIN"] if row.get(f"C{channel}")]
-        way = [(at, (pwm - trim) / (high - trim if pwm > trim else trim - low)) for at, pwm in points]
+        sign = -1.0 if held.get(f"RC{channel}_REVERSED", 0.0) == 1.0 or held.get(f"RC{channel}_REV", 1.0) < 0 else 1.0
+        given = [(at, pwm) for at, pwm in points(rows["RCIN"], f"C{channel}") if pwm]
+        way = [(at, (pwm - trim) / (high - trim if pwm > trim else trim - low)) for at, pwm in given]
         _column(columns, f"rc{number}_pwm", [(at, 1500.0 + 500.0 * sign * share) for at, share in way])
 
 
-def _modes(rows: dict[str, list[Row]], columns: Columns) -> None:
+def _modes(rows: Rows, columns: Columns) -> None:
     """Add what follows from modes and mission: take-off items, the end of a parachute's absence, aims of CIRCLE."""
-    items = [(at, float(row["CId"] == _NAV_TAKEOFF)) for at, row in rows["MISE"] if "CId" in row]
-    flown = {int(row["ModeNum"]) for _, row in rows["MODE"] if "ModeNum" in row}
+    items = [(at, float(number == _NAV_TAKEOFF)) for at, number in points(rows["MISE"], "CId")]
+    flown = {int(mode) for _, mode in points(rows["MODE"], "ModeNum")}
     if items:
         columns.hold("takeoff", *zip((0.0, 0.0), *items, strict=True))
     if flown and MODES["CIRCLE"] not in flown:
@@ -276,28 +250,82 @@ def _modes(rows: dict[str, list[Row]], columns: Columns) -> None:
         columns.hold("takeoff", [0.0], [0.0])
 
 
-def _events(rows: dict[str, list[Row]], formats: dict[str, str], columns: Columns) -> None:
+def _events(rows: Rows, formats: Mapping[str, str], held: Mapping[str, float], columns: Columns) -> None:
     """Add what events and errors tell; a log that can hold them and does not hold one says that it did not happen."""
-    courses: dict[str, list[tuple[float, float]]] = defaultdict(list)
-    for at, row in rows["EV"]:
-        if row["Id"] in _EVENTS:
-            signal, value = _EVENTS[row["Id"]]
+    courses: dict[str, Points] = defaultdict(list)
+    events = points(rows["EV"], "Id")
+    for at, number in events:
+        if number in _EVENTS:
+            signal, value = _EVENTS[int(number)]
             courses[signal].append((at, value))
     if any(row.get("Forced") for _, row in rows["ARM"]):
         courses["arming_forced"] = [(at, 1.0) for at, row in rows["ARM"] if row.get("Forced")]
     for at, row in rows["ERR"]:
-        if row["Subsys"] in _FAILSAFES:
-            courses[_FAILSAFES[row["Subsys"]]].append((at, float(row["ECode"] != 0)))
+        if row.get("Subsys") in _FAILSAFES:
+            courses[_FAILSAFES[row["Subsys"]]].append((at, float(row.get("ECode", 1) != 0)))
     if "EV" in formats or "ERR" in formats:
         for signal in {*_FAILSAFES.values(), "stop_ordered"} - courses.keys():
             columns.hold(signal, [0.0], [0.0])
-    if courses["armed"] and not any(value == 0.0 for _, value in courses["landed"]):
-        columns.hold("landed", *zip(*stands_by_height(columns, courses["armed"]), strict=True))
-        del courses["landed"]
-    for signal, points in courses.items():
-        if points:
-            columns.hold(signal, *zip((0.0, 1.0 - points[0][1]), *points, strict=True))
+    courses["armed"] = _arming(rows, events, held, "EV" in formats)
+    landed = _standing(events, courses["armed"], courses.pop("landed", []), columns)
+    if landed:
+        columns.hold("landed", *zip(*landed, strict=True))
+    for signal, course in courses.items():
+        if course:
+            columns.hold(signal, *zip(*_with_before(course), strict=True))
     lost = columns.get("failsafe_radio")
     if lost is not None and rows["RCIN"]:
         columns.hold("rc_present", lost[0], 1.0 - lost[1])
     add_taken_off(columns)
+
+
+def _arming(rows: Rows, events: Points, held: Mapping[str, float], can_tell: bool) -> Points:
+    """Return when the motors were armed and disarmed.
+
+    A log that is opened by arming (LOG_DISARMED is 0) may lose that event: what only happens armed says it as well.
+    A log of what comes before, too, that tells neither says that they never were.
+    """
+    told = [(at, 1.0 if number == _ARMED else 0.0) for at, number in events if number in (_ARMED, _DISARMED)]
+    told += [(at, float(state > 0)) for at, state in points(rows["ARM"], "ArmState")]
+    if told:
+        return sorted(told)
+    logs_disarmed = held.get("LOG_DISARMED", 0.0) > 0.0
+    implied_s = min((at for at, number in events if number in _SAY_ARMED), default=None)
+    if implied_s is None:
+        return [(0.0, 0.0)] if can_tell and logs_disarmed else []
+    began_s = min(at for kind in rows.values() for at, _ in kind)
+    return [(0.0 if not logs_disarmed and implied_s - began_s <= _SOON_S else implied_s, 1.0)]
+
+
+def _standing(events: Points, armed: Points, landed: Points, columns: Columns) -> Points:
+    """Return when the vehicle stood: by its events, or by its height where they do not say when it left the ground."""
+    if not armed:
+        return landed and _with_before(landed)
+    first = next((number for _, number in events if number in (_ARMED, _NOT_LANDED, *_LANDINGS)), None)
+    height = columns.get("altitude_m")
+    if first in _LANDINGS and height is not None and height[1][0] > _IN_THE_AIR_M:
+        return [(0.0, 0.0), *(landed or [(at, 1.0) for at, motors in armed if not motors])]
+    if any(value == 0.0 for _, value in landed):
+        return _with_before(landed)
+    return stands_by_height(columns, armed)
+
+
+def _with_before(course: Points) -> Points:
+    """Return a course of flags from the log's beginning on: what is told first was otherwise before."""
+    return course if course[0][0] == 0.0 else [(0.0, 1.0 - course[0][1]), *course]
+
+
+def _from_home(rows: Rows, columns: Columns) -> tuple[str, ...]:
+    """Measure places of a log that begins in the air from home; return what is not known where home is not told.
+
+    Heights count from home as the messages give them; the place of home is told beside that of the origin (ORGN).
+    """
+    if not begins_in_flight(columns):
+        return ()
+    columns.origin = {"altitude_m": 0.0, "baro_altitude_m": 0.0}
+    told = {row["Type"]: row for _, row in reversed(rows["ORGN"]) if {"Type", "Lat", "Lng"} <= row.keys()}
+    if not {0, 1} <= told.keys():
+        return columns.drop("x_m", "y_m")
+    x_m, y_m = to_local(told[1]["Lat"], told[1]["Lng"], told[0]["Lat"], told[0]["Lng"])
+    columns.origin.update({"x_m": x_m, "y_m": y_m})
+    return ()

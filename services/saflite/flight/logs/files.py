@@ -1,4 +1,4 @@
-"""Flight logs by the ending of their names: our traces, PX4's ULog and extracts of it, ArduPilot's dataflash logs."""
+"""Flight logs by what they begin with: our traces, PX4's ULog and extracts of it, ArduPilot's dataflash logs."""
 
 from __future__ import annotations
 
@@ -19,12 +19,13 @@ def read_log(path: Path, *, placed: bool = False) -> FlightLog:
     """Return what a flight log tells; a stored trace tells itself alone.
 
     Raises:
-        Refused: the file is missing or damaged, or has no position (if `placed`).
+        Refused: the file is missing, damaged or no log, or has no position (if `placed`).
     """
     check_file(path, "flight log")
+    kind = kind_of(path)
     try:
         with _quiet():
-            found = READERS[path.suffix](path, placed=placed)
+            found = READERS[kind](path, placed=placed)
     except FarmError:
         raise
     except Exception as fault:  # others' parsers, and logs that lack what every log has
@@ -33,12 +34,29 @@ def read_log(path: Path, *, placed: bool = False) -> FlightLog:
 
 
 def read_trace(path: Path, *, placed: bool = True) -> Trace:
-    """Return the trace in a flight log; its suffix must be one of `READERS`.
+    """Return the trace in a flight log.
 
     Raises:
         Refused: the file is missing or damaged, or has no position (if `placed`).
     """
     return read_log(path, placed=placed).trace
+
+
+def kind_of(path: Path) -> str:
+    """Return which of `READERS` a file is for: by its first bytes, as logs get renamed, else by the end of its name.
+
+    Raises Refused for none of them.
+    """
+    with suppress(OSError), path.open("rb") as file:
+        start = file.read(len(ULOG_MAGIC))
+        if start.startswith(ULOG_MAGIC):
+            return ".ulg"
+        if start.startswith(DATAFLASH_HEAD):
+            return ".bin"
+    kind = _SAME.get(path.suffix.lower(), path.suffix.lower())
+    if kind not in READERS:
+        raise Refused("flight log", where=str(path), expected=", ".join(READERS), got=path.suffix or "no suffix")
+    return kind
 
 
 @contextmanager
@@ -88,6 +106,9 @@ READERS: dict[str, Callable[..., Trace | FlightLog]] = {
     ".trace": _packed,
     ".ulg": _ulog,
     ".bin": _dataflash,
-    ".BIN": _dataflash,
     ".csv": _extract,
 }
+ULOG_MAGIC, DATAFLASH_HEAD = b"ULog\x01\x12\x35", b"\xa3\x95"
+_SAME = {".ulog": ".ulg"}
+SUFFIXES = (*READERS, *_SAME)
+"""What names of logs end in, in small letters."""

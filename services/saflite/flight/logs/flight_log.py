@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -63,6 +63,30 @@ def add_taken_off(columns: Columns) -> None:
         off = bool(motors) and (off or not ground)
         flags.append(float(off))
     columns.hold("taken_off", times, flags)
+
+
+def begins_in_flight(columns: Columns) -> bool:
+    """Say whether the first thing a log tells of the vehicle is that it flies: armed, and not standing."""
+    armed, landed = columns.get("armed"), columns.get("landed")
+    return armed is not None and landed is not None and armed[1][0] > 0 and landed[1][0] <= 0
+
+
+def told_of(table: Mapping[str, str], logged: Container[str], columns: Columns) -> dict[str, str]:
+    """Return where each signal comes from; of one whose message is logged and does not tell it here, that, too.
+
+    Args:
+        table: by signal the messages it may stand in, in words.
+        logged: the names of the messages in the log.
+        columns: what was read.
+    """
+    return {
+        signal: f"{source}: logged, without a value" if signal not in columns and _is_of(source, logged) else source
+        for signal, source in table.items()
+    }
+
+
+def _is_of(source: str, logged: Container[str]) -> bool:
+    return any(word.split(".")[0] in logged for word in source.replace(",", " ").split())
 
 
 def stands_by_height(columns: Columns, armed: Points) -> Points:

@@ -23,12 +23,19 @@ class Columns:
     """Logged values by signal name, to be put on one clock.
 
     Values that are no finite numbers are dropped: a column without any is as good as missing.
+
+    Args:
+        began_s: when the log began. What it holds of before (a state that was told long ago and still holds) counts as
+            the state at its beginning, not as a part of the flight.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, began_s: float = 0.0) -> None:
         self._columns: dict[str, tuple[Array, Array]] = {}
         self._held: set[str] = set()
+        self._began_s = began_s
         self.messages: list[tuple[float, str, str]] = []
+        self.origin: dict[str, float] = {}
+        """Where positions count from, by signal; from the first one where it is not told."""
 
     def __contains__(self, name: str) -> bool:
         return name in self._columns
@@ -48,6 +55,12 @@ class Columns:
         self.add(name, times_s, values)
         self._held.add(name)
 
+    def drop(self, *names: str) -> tuple[str, ...]:
+        """Forget columns and return the names."""
+        for name in names:
+            self._columns.pop(name, None)
+        return names
+
     def get(self, name: str) -> tuple[Array, Array] | None:
         """Return times and values of a column, shapes (n,), or None."""
         return self._columns.get(name)
@@ -55,8 +68,8 @@ class Columns:
     def trace(self, what: str, where: str, *, placed: bool = True) -> Trace:
         """Return all columns at 20 Hz over `span`.
 
-        Positions are taken relative to the first one, as the testing competition does. Real signals run in straight
-        lines between samples; flags, codes and settings keep their value.
+        Positions are taken relative to `origin`, or to the first one, as the testing competition does. Real signals run
+        in straight lines between samples; flags, codes and settings keep their value.
         """
         start, end = self.span(what, where, placed=placed)
         times = start + np.arange(int((end - start) / STEP_S) + 1, dtype=np.float64) * STEP_S
@@ -74,7 +87,9 @@ class Columns:
         telling = [name for name in self._columns if name not in self._held] if missing else POSITION
         if not telling:
             raise Refused(what, where=where, expected="logged signals", got="none")
-        spans = [(float(at[0]), float(at[-1])) for at, _ in (self._columns[name] for name in telling)]
+        spans = [
+            (max(float(at[0]), self._began_s), float(at[-1])) for at, _ in (self._columns[name] for name in telling)
+        ]
         starts, ends = zip(*spans, strict=True)
         start, end = (min(starts), max(ends)) if missing else (max(starts), min(ends))
         if not STEP_S <= end - start <= DURATION_MAX_S:
@@ -94,6 +109,8 @@ class Columns:
     def _origin(self, name: str, start_s: float) -> float:
         """What is taken off a column: positions count from the first one, a height aimed at from the first height."""
         whose = {**dict(zip(POSITION, POSITION, strict=True)), **_MEASURED_FROM}.get(name)
+        if whose in self.origin:
+            return self.origin[whose]
         column = self._columns.get(whose) if whose else None
         return 0.0 if column is None else float(np.interp(start_s, *column))
 

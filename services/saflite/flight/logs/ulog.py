@@ -1,7 +1,8 @@
 """PX4 flight logs (`.ulg`) as traces: local position, attitude, modes, landing, GPS, sticks, battery, texts.
 
-Topics and fields are those of PX4's uORB messages (msg/*.msg), releases 1.8 to 1.16; what failsafes and settings say is
-read by `ulog_states.py` and `settings.py`.
+Topics and fields are those of PX4's uORB messages (msg/*.msg), releases 1.8 to 1.16, each read where a log has it; what
+failsafes and settings say is read by `ulog_states.py` and `settings.py`. Lean and modes of what flies or drives as
+anything but a rotary wing (planes, VTOLs as planes, rovers, boats) are not told: the rules are those of multicopters.
 
 PX4's modes are told by ArduCopter's numbers, as policies name them: position mode is LOITER, HOLD is BRAKE, offboard
 and take-off are GUIDED, orbit is CIRCLE, descend and land are LAND.
@@ -22,9 +23,19 @@ from saflite.contract.signals import MODES
 from saflite.contract.test_case import Stimulus
 from saflite.flight.logs import ulog_states
 from saflite.flight.logs.commands import command
-from saflite.flight.logs.flight_log import NO_ORDERS, UNTOLD, FlightLog, changed_by_hand, within
-from saflite.flight.logs.resample import Columns
+from saflite.flight.logs.flight_log import (
+    NO_ORDERS,
+    UNTOLD,
+    FlightLog,
+    begins_in_flight,
+    changed_by_hand,
+    told_of,
+    within,
+)
+from saflite.flight.logs.resample import DURATION_MAX_S, POSITION, Columns
 from saflite.flight.logs.settings import PX4, add_settings, sources
+from saflite.flight.logs.topics import Topics, chosen, field, held, times
+from saflite.flight.mission import to_local
 
 _MAGIC = b"ULog\x01\x12\x35"
 MODE_NAMES: dict[int, str] = {
@@ -46,21 +57,27 @@ MODE_NAMES: dict[int, str] = {
 }
 OTHER_MODE = -1.0
 _TAKEOFF = 17
+_TAKEOFF_ORDERS = (22, 84)  # MAV_CMD_NAV_TAKEOFF, MAV_CMD_NAV_VTOL_TAKEOFF
 _ROTARY_WING = 1  # vehicle_status.VEHICLE_TYPE_ROTARY_WING; 0 is not known
 ARMED = 2
 FIX_3D = 3
 FIELDS_MAX = 500_000
 """Of all subscriptions of a log together; logs of flights have some thousand."""
 NESTED_MAX = 16
+_WANTED = tuple(
+    "vehicle_local_position vehicle_global_position vehicle_attitude vehicle_angular_velocity vehicle_status"  # noqa: SIM905
+    " mission_result vehicle_gps_position sensor_gps manual_control_setpoint battery_status home_position"
+    " vehicle_local_position_setpoint vehicle_land_detected vehicle_command failsafe_flags vehicle_status_flags"
+    " geofence_result vehicle_air_data vehicle_control_mode actuator_armed orbit_status".split()
+)
+_NO_COPTERS = (1, 7, 8, 9, 10, 11, 12, 16)  # MAV_TYPE of planes, airships, balloons, rockets, rovers, boats, wings
 _LOCAL = {"x": ("x_m", 1.0), "y": ("y_m", 1.0), "z": ("altitude_m", -1.0)}
 _SPEED = {"vx": ("vx_mps", 1.0), "vy": ("vy_mps", 1.0), "vz": ("climb_mps", -1.0)}
+_GLOBAL_SPEED = {"vel_n": ("vx_mps", 1.0), "vel_e": ("vy_mps", 1.0), "vel_d": ("climb_mps", -1.0)}
 _RATES = ("roll_rate_dps", "pitch_rate_dps", "yaw_rate_dps")
-
-Topic = Mapping[str, Any]
-
-
+_PLACE = "vehicle_local_position or vehicle_global_position"
 SOURCES = {
-    **dict.fromkeys(("x_m", "y_m", "altitude_m", "vx_mps", "vy_mps", "climb_mps"), "vehicle_local_position"),
+    **dict.fromkeys(("x_m", "y_m", "altitude_m", "vx_mps", "vy_mps", "climb_mps"), _PLACE),
     **dict.fromkeys(("roll_deg", "pitch_deg", "yaw_deg"), "vehicle_attitude"),
     **dict.fromkeys(_RATES, "vehicle_angular_velocity"),
     **dict.fromkeys(("mode", "armed", "takeoff"), "vehicle_status"),
@@ -72,14 +89,17 @@ SOURCES = {
     **ulog_states.SOURCES,
     **NO_ORDERS,
     **sources(PX4),
+    "takeoff_altitude_set_m": "parameter MIS_TAKEOFF_ALT with vehicle_command and home_position",
 }
+NO_HOME = "home_position, without which a log that begins in the air does not tell heights and places"
 
 
 class _Load(NamedTuple):
-    topics: dict[str, Topic]
+    topics: Topics
     texts: list[tuple[float, str, str]]
     parameters: dict[str, float]
     changes: list[tuple[float, str, float]]
+    began_s: float
 
 
 def read_ulog(path: Path, *, placed: bool = True) -> Trace:
@@ -93,14 +113,17 @@ def read_ulog_log(path: Path, *, placed: bool = False) -> FlightLog:
     Raises:
         Refused: the file is missing, is no ULog, is damaged, or lacks a position (if `placed`) or all signals.
     """
-    topics, texts, parameters, changes = _load(path)
-    columns = Columns()
+    topics, texts, parameters, changes, began_s = _load(path)
+    columns = Columns(began_s)
     columns.messages = texts
     readers = (_position, _attitude, _status, _ground, _gps, _sticks, _battery, _aims, ulog_states.add)
     for reader in readers:
         reader(topics, columns)
     add_settings(columns, PX4, parameters, changes)
+    _takeoff_height(topics, columns)
     ulog_states.add_parachute(topics, parameters, columns)
+    ulog_states.add_fence_that_never_acts(parameters, changes, columns)
+    homeless = () if placed else _from_home(topics, columns)
     set_by_hand = [
         Stimulus(at_s=at, kind="parameter", name=name, values=(value,))
         for at, name, value in changes
@@ -108,7 +131,8 @@ def read_ulog_log(path: Path, *, placed: bool = False) -> FlightLog:
     ]
     trace = columns.trace("PX4 log", str(path), placed=placed)
     stimuli = within([*set_by_hand, *_commands(topics)], *columns.span("PX4 log", str(path), placed=placed))
-    return FlightLog(trace, stimuli, SOURCES, untold=UNTOLD)
+    told = {**told_of(SOURCES, topics, columns), **dict.fromkeys(homeless, NO_HOME)}
+    return FlightLog(trace, stimuli, told, untold=UNTOLD)
 
 
 def _load(path: Path) -> _Load:
@@ -118,15 +142,20 @@ def _load(path: Path) -> _Load:
         with path.open("rb") as file:
             start = file.read(len(_MAGIC))
         if start != _MAGIC:
-            raise Refused("PX4 log", where=str(path), expected="a ULog file", got=f"{start[:8]!r} at its start")
-        log = _bounded()(str(path))
+            raise Refused(
+                "PX4 log",
+                where=str(path),
+                expected="a ULog file",
+                got=f"{start[:8]!r} at its start" if start else "an empty file",
+            )
+        log = _bounded()(str(path), _WANTED)
     except (OSError, ValueError, TypeError, LookupError, AttributeError, struct.error, ULogException) as fault:
         raise Refused("PX4 log", where=str(path), expected="a whole ULog file", got=repr(fault)) from fault
-    topics = {dataset.name: dataset.data for dataset in reversed(log.data_list) if len(dataset.data["timestamp"]) > 0}
+    topics = chosen(log.data_list, DURATION_MAX_S)
     texts = [(text.timestamp / 1e6, text.message, _severity(text.log_level)) for text in log.logged_messages]
     parameters = {str(name): float(value) for name, value in log.initial_parameters.items()}
     changes = [(stamp / 1e6, str(name), float(value)) for stamp, name, value in log.changed_parameters]
-    return _Load(topics, texts, parameters, changes)
+    return _Load(topics, texts, parameters, changes, log.start_timestamp / 1e6)
 
 
 def _bounded() -> Any:
@@ -162,13 +191,13 @@ def _fields(name: str, formats: Mapping[str, Any], plain: Container[str], known:
     return known[name]
 
 
-def _commands(topics: Mapping[str, Topic]) -> list[Stimulus]:
+def _commands(topics: Topics) -> list[Stimulus]:
     """Return the commands that came from outside the vehicle (vehicle_command.from_external)."""
-    topic = topics.get("vehicle_command")
-    if topic is None or "from_external" not in topic:
+    topic = topics.get("vehicle_command", {})
+    if not {"command", "from_external"} <= topic.keys():
         return []
-    values = [np.asarray(topic[f"param{number}"], dtype=np.float64) for number in range(1, 8)]
-    told = zip(_times(topic), topic["command"], topic["from_external"], *values, strict=True)
+    values = [np.asarray(topic.get(f"param{number}", np.zeros(len(topic["command"])))) for number in range(1, 8)]
+    told = zip(times(topic), topic["command"], topic["from_external"], *values, strict=True)
     made = [command(float(at), int(number), given) for at, number, outside, *given in told if outside]
     return [one for one in made if one is not None]
 
@@ -179,109 +208,157 @@ def _severity(level: int) -> str:
     return "error" if number <= 3 else "warning" if number == 4 else "info"
 
 
-def _times(topic: Topic) -> Any:
-    return np.asarray(topic["timestamp"], dtype=np.float64) / 1e6
-
-
-def _first(topics: Mapping[str, Topic], *names: str) -> Topic | None:
-    return next((topics[name] for name in names if name in topics), None)
-
-
-def _position(topics: Mapping[str, Topic], columns: Columns) -> None:
-    topic = _first(topics, "vehicle_local_position")
-    if topic is None:
-        return
-    for field, (signal, sign) in {**_LOCAL, **_SPEED}.items():
-        if field not in topic:
+def _position(topics: Topics, columns: Columns) -> None:
+    """Add where it is and how fast: as the controllers see it, in its place the geographic estimate."""
+    name = "vehicle_local_position"
+    for told, (signal, sign) in {**_LOCAL, **_SPEED}.items():
+        found = field(topics, name, told)
+        if found is None:
             continue
-        valid = topic.get({"z": "z_valid", "vz": "v_z_valid"}.get(field, "xy_valid"))
-        values = np.asarray(topic[field], dtype=np.float64) * sign
-        columns.add(signal, _times(topic), values if valid is None else np.where(valid, values, np.nan))
-
-
-def _attitude(topics: Mapping[str, Topic], columns: Columns) -> None:
-    topic = _first(topics, "vehicle_attitude")
-    if topic is not None and "q[0]" in topic:
-        w, x, y, z = (np.asarray(topic[f"q[{i}]"], dtype=np.float64) for i in range(4))
-        columns.add("roll_deg", _times(topic), np.degrees(np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))))
-        columns.add("pitch_deg", _times(topic), np.degrees(np.arcsin(np.clip(2 * (w * y - z * x), -1, 1))))
-        columns.add("yaw_deg", _times(topic), np.degrees(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))))
-    rates = _first(topics, "vehicle_angular_velocity", "vehicle_attitude")
-    for index, name in enumerate(_RATES):
-        field = (f"xyz[{index}]", ("rollspeed", "pitchspeed", "yawspeed")[index])
-        found = next((key for key in field if rates is not None and key in rates), None)
-        if rates is not None and found:
-            columns.add(name, _times(rates), np.degrees(np.asarray(rates[found], dtype=np.float64)))
-
-
-def _status(topics: Mapping[str, Topic], columns: Columns) -> None:
-    topic = _first(topics, "vehicle_status")
-    if topic is None:
+        says = {"z": "z_valid", "vz": "v_z_valid", "vx": "v_xy_valid", "vy": "v_xy_valid"}.get(told, "xy_valid")
+        valid = field(topics, name, says)
+        values = found[1] * sign
+        columns.add(signal, found[0], values if valid is None else np.where(valid[1] > 0, values, np.nan))
+    if all(signal in columns for signal in POSITION):
         return
-    states = [int(state) for state in topic["nav_state"]]
-    named = [float(MODES[MODE_NAMES[state]]) if state in MODE_NAMES else OTHER_MODE for state in states]
-    columns.add("mode", _times(topic), np.where(_hovers(topic), named, OTHER_MODE))
-    columns.add("takeoff", _times(topic), [float(state == _TAKEOFF) for state in states])
-    if "arming_state" in topic:
-        columns.add("armed", _times(topic), np.asarray(topic["arming_state"]) == ARMED)
-    if "rc_signal_lost" in topic:
-        columns.add("rc_present", _times(topic), np.asarray(topic["rc_signal_lost"]) == 0)
-    if "mission_result" in topics and "seq_current" in topics["mission_result"]:
-        result = topics["mission_result"]
-        columns.add("mission_item", _times(result), result["seq_current"])
-        columns.add("mission_count", _times(result), result["seq_total"])
+    name = "vehicle_global_position"
+    places = [field(topics, name, part) for part in ("lat", "lon", "alt")]
+    if None in places:
+        return
+    (at_s, north), (_, east), (_, height) = (place for place in places if place is not None)
+    local = np.array([to_local(lat, lon, north[0], east[0]) for lat, lon in zip(north, east, strict=True)])
+    for signal, values in zip(POSITION, (*local.T, height), strict=True):
+        columns.add(signal, at_s, values)
+    for told, (signal, sign) in _GLOBAL_SPEED.items():
+        found = field(topics, name, told)
+        if found is not None and signal not in columns:
+            columns.add(signal, at_s, found[1] * sign)
 
 
-def _hovers(topic: Topic) -> Any:
-    """Say when the vehicle flies as a rotary wing: the rules of modes are those of one."""
-    if "vehicle_type" in topic:
-        return np.isin(topic["vehicle_type"], (0, _ROTARY_WING))
-    return (
-        np.asarray(topic["is_rotary_wing"]) > 0 if "is_rotary_wing" in topic else np.full(len(topic["nav_state"]), True)
-    )
+def _attitude(topics: Topics, columns: Columns) -> None:
+    turned = [field(topics, "vehicle_attitude", f"q[{i}]") for i in range(4)]
+    if None not in turned:
+        at_s = turned[0][0]  # type: ignore[index]  # none of them is None
+        w, x, y, z = (part[1] for part in turned if part is not None)
+        hovers = _hovers(topics, at_s)
+        roll, pitch = (
+            np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
+            np.arcsin(np.clip(2 * (w * y - z * x), -1, 1)),
+        )
+        columns.add("roll_deg", at_s, np.where(hovers, np.degrees(roll), np.nan))
+        columns.add("pitch_deg", at_s, np.where(hovers, np.degrees(pitch), np.nan))
+        columns.add("yaw_deg", at_s, np.degrees(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))))
+    for index, signal in enumerate(_RATES):
+        older = ("rollspeed", "pitchspeed", "yawspeed")[index]
+        found = field(topics, "vehicle_angular_velocity", f"xyz[{index}]") or field(topics, "vehicle_attitude", older)
+        if found is not None:
+            columns.add(signal, found[0], np.where(_hovers(topics, found[0]), np.degrees(found[1]), np.nan))
 
 
-def _aims(topics: Mapping[str, Topic], columns: Columns) -> None:
+def _status(topics: Topics, columns: Columns) -> None:
+    states = field(topics, "vehicle_status", "nav_state")
+    if states is not None:
+        named = [float(MODES[MODE_NAMES[state]]) if state in MODE_NAMES else OTHER_MODE for state in states[1]]
+        columns.add("mode", states[0], np.where(_hovers(topics, states[0]), named, OTHER_MODE))
+        columns.add("takeoff", states[0], states[1] == _TAKEOFF)
+    arming = field(topics, "vehicle_status", "arming_state")
+    if arming is not None:
+        columns.add("armed", arming[0], arming[1] == ARMED)
+    for told, signal in (("seq_current", "mission_item"), ("seq_total", "mission_count")):
+        mission = field(topics, "mission_result", told)
+        if mission is not None:
+            columns.add(signal, *mission)
+
+
+def _takeoff_height(topics: Topics, columns: Columns) -> None:
+    """Let a take-off that was ordered to a height aim there (vehicle_command, above sea), the others at the setting."""
+    name = "takeoff_altitude_set_m"
+    takeoff, setting = columns.get("takeoff"), columns.get(name)
+    if takeoff is None or setting is None or not takeoff[1].any():
+        return
+    orders, heights = field(topics, "vehicle_command", "command"), field(topics, "vehicle_command", "param7")
+    home = field(topics, "home_position", "alt")
+    if orders is None or heights is None:
+        columns.drop(name)
+        return
+    aims = list(zip(*setting, strict=True))
+    for number in np.flatnonzero(np.isin(orders[1], _TAKEOFF_ORDERS)):
+        at_s, above_sea_m = (float(part[number]) for part in heights)
+        if np.isfinite(above_sea_m):
+            aims.append((at_s, above_sea_m - float(held(home, at_s)) if home is not None else np.nan))
+        else:
+            aims.append((at_s, float(held(setting, at_s))))
+    columns.drop(name)
+    if np.isfinite([aim for _, aim in aims]).all():
+        columns.hold(name, *zip(*sorted(aims), strict=True))
+
+
+def _hovers(topics: Topics, at_s: Any) -> Any:
+    """Say when the vehicle moves as a rotary wing."""
+    kind, rotary = field(topics, "vehicle_status", "vehicle_type"), field(topics, "vehicle_status", "is_rotary_wing")
+    built = field(topics, "vehicle_status", "system_type")
+    hovers = np.full(np.shape(at_s), True)
+    if kind is not None:
+        hovers &= np.isin(held(kind, at_s), (0, _ROTARY_WING))
+    elif rotary is not None:
+        hovers &= held(rotary, at_s) > 0
+    return hovers if built is None else hovers & ~np.isin(held(built, at_s), _NO_COPTERS)
+
+
+def _aims(topics: Topics, columns: Columns) -> None:
     """Add the height the controller aims at; where it aims at none (NaN) the estimate."""
-    topic, height = topics.get("vehicle_local_position_setpoint"), columns.get("altitude_m")
-    if topic is None or height is None:
-        return
-    aimed = -np.asarray(topic["z"], dtype=np.float64)
-    columns.add(
-        "altitude_target_m", _times(topic), np.where(np.isfinite(aimed), aimed, np.interp(_times(topic), *height))
-    )
+    aim, height = field(topics, "vehicle_local_position_setpoint", "z"), columns.get("altitude_m")
+    if aim is not None and height is not None:
+        aimed = np.where(np.isfinite(aim[1]), -aim[1], np.interp(aim[0], *height))
+        columns.add("altitude_target_m", aim[0], aimed)
 
 
-def _ground(topics: Mapping[str, Topic], columns: Columns) -> None:
-    topic = _first(topics, "vehicle_land_detected")
-    if topic is not None and "landed" in topic:
-        columns.add("landed", _times(topic), topic["landed"])
+def _ground(topics: Topics, columns: Columns) -> None:
+    landed = field(topics, "vehicle_land_detected", "landed")
+    if landed is not None:
+        columns.add("landed", *landed)
 
 
-def _gps(topics: Mapping[str, Topic], columns: Columns) -> None:
-    topic = _first(topics, "vehicle_gps_position", "sensor_gps")
-    if topic is None:
-        return
-    columns.add("gps_satellites", _times(topic), topic["satellites_used"])
-    columns.add("gps_ok", _times(topic), np.asarray(topic["fix_type"]) >= FIX_3D)
+def _gps(topics: Topics, columns: Columns) -> None:
+    name = "vehicle_gps_position" if "vehicle_gps_position" in topics else "sensor_gps"
+    satellites, fix = field(topics, name, "satellites_used"), field(topics, name, "fix_type")
+    if satellites is not None:
+        columns.add("gps_satellites", *satellites)
+    if fix is not None:
+        columns.add("gps_ok", fix[0], fix[1] >= FIX_3D)
 
 
-def _sticks(topics: Mapping[str, Topic], columns: Columns) -> None:
-    topic = _first(topics, "manual_control_setpoint")
-    if topic is None:
-        return
-    older = "x" in topic
+def _sticks(topics: Topics, columns: Columns) -> None:
+    """Add the sticks while they are valid; where they never are nobody moves any, and they stand in the middle."""
+    name = "manual_control_setpoint"
+    older, valid = "x" in topics.get(name, {}), field(topics, name, "valid")
     fields = ("y", "x", "z", "r") if older else ("roll", "pitch", "throttle", "yaw")
-    for number, field in enumerate(fields, start=1):
-        if field not in topic:
+    for number, told in enumerate(fields, start=1):
+        found = field(topics, name, told)
+        if found is None:
             continue
-        value = np.asarray(topic[field], dtype=np.float64)
+        at_s, value = found
         if number == 3 and older:
             value = 2 * value - 1  # throttle ran from 0 to 1 before PX4 1.14
-        columns.add(f"rc{number}_pwm", _times(topic), 1500 + 500 * (-value if number == 2 else value))
+        pwm = 1500 + 500 * (-value if number == 2 else value)
+        if valid is not None:
+            pwm = np.where(valid[1] > 0, pwm, np.nan if (valid[1] > 0).any() else 1500.0)
+        columns.add(f"rc{number}_pwm", at_s, pwm)
 
 
-def _battery(topics: Mapping[str, Topic], columns: Columns) -> None:
-    topic = _first(topics, "battery_status")
-    if topic is not None and "voltage_v" in topic:
-        columns.add("battery_v", _times(topic), topic["voltage_v"])
+def _battery(topics: Topics, columns: Columns) -> None:
+    volts = field(topics, "battery_status", "voltage_v")
+    if volts is not None:
+        columns.add("battery_v", *volts)
+
+
+def _from_home(topics: Topics, columns: Columns) -> tuple[str, ...]:
+    """Measure places of a log that begins in the air from home; return what is not known where home is not told."""
+    if not begins_in_flight(columns):
+        return ()
+    home = [field(topics, "home_position", part) for part in ("x", "y", "z")]
+    if "vehicle_local_position" in topics and None not in home:
+        x, y, z = (float(part[1][0]) for part in home if part is not None)
+        columns.origin = {"x_m": x, "y_m": y, "altitude_m": -z}
+        return ()
+    return columns.drop(*POSITION, "altitude_target_m", "baro_altitude_m")

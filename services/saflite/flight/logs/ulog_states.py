@@ -6,24 +6,22 @@ before its names); both say of each state whether it is lost or valid.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
 from saflite.contract.signals import MODES
 from saflite.flight.logs.flight_log import add_taken_off
 from saflite.flight.logs.resample import Columns
+from saflite.flight.logs.topics import Topics, field, held, times
 
-Topic = Mapping[str, Any]
-Topics = Mapping[str, Topic]
 SOURCES: dict[str, str] = {
     **dict.fromkeys(("landed", "taken_off"), "vehicle_land_detected"),
     "failsafe_gps": "failsafe_flags.local_position_invalid or vehicle_status_flags.local_position_valid",
     "failsafe_radio": "failsafe_flags.manual_control_signal_lost or vehicle_status.rc_signal_lost",
     "rc_present": "failsafe_flags.manual_control_signal_lost or vehicle_status.rc_signal_lost",
     "failsafe_battery": "battery_status.warning",
-    "failsafe_fence": "failsafe_flags.geofence_breached or geofence_result",
+    "failsafe_fence": "failsafe_flags.geofence_breached, geofence_result or vehicle_status.geofence_violated",
     "baro_altitude_m": "vehicle_air_data",
     "baro_ok": "vehicle_air_data",
     "chute_released": "vehicle_control_mode.flag_control_termination_enabled or actuator_armed.force_failsafe",
@@ -33,6 +31,7 @@ SOURCES: dict[str, str] = {
 }
 _NO_TERMINATION = 121212  # CBRK_FLIGHTTERM: the circuit breaker that forbids termination
 _WARNING_LOW = 1  # battery_status.BATTERY_WARNING_LOW
+_ONLY_TELLS = {0.0, 1.0}  # GF_ACTION: nothing, a warning
 _KILLS = ("kill", "manual_lockdown", "termination", "force_failsafe", "lockdown")
 
 # signal: where it may stand (topic, field, value that makes it 1), the newest first
@@ -51,6 +50,7 @@ _FLAGS: dict[str, tuple[tuple[str, str, int], ...]] = {
         ("failsafe_flags", "geofence_breached", 1),
         ("geofence_result", "primary_geofence_breached", 1),
         ("geofence_result", "geofence_violated", 1),
+        ("vehicle_status", "geofence_violated", 1),
         ("vehicle_status_flags", "geofence_violated", 1),
     ),
 }
@@ -59,72 +59,72 @@ _FLAGS: dict[str, tuple[tuple[str, str, int], ...]] = {
 def add(topics: Topics, columns: Columns) -> None:
     """Add failsafes, link, barometer and orders to stop; parameters are told apart (`settings.py`)."""
     for signal, places in _FLAGS.items():
-        for name, field, raised in places:
-            if name in topics and field in topics[name]:
-                columns.hold(signal, _times(topics[name]), np.asarray(topics[name][field]).astype(bool) == bool(raised))
-                break
+        found = ((field(topics, name, told), raised) for name, told, raised in places)
+        flag = next(((column, raised) for column, raised in found if column is not None), None)
+        if flag is not None:
+            (at_s, values), raised = flag
+            columns.hold(signal, at_s, (values > 0) == bool(raised))
     _lost(columns)
     _radio(topics, columns)
-    battery = topics.get("battery_status")
-    if battery is not None and "warning" in battery:
-        columns.hold("failsafe_battery", _times(battery), np.asarray(battery["warning"]) >= _WARNING_LOW)
-    air = topics.get("vehicle_air_data")
-    if air is not None and "baro_alt_meter" in air:
-        columns.add("baro_altitude_m", _times(air), air["baro_alt_meter"])
-        columns.hold("baro_ok", _times(air), 1.0)
-    armed = topics.get("actuator_armed")
-    if armed is not None:
-        ordered = np.zeros(len(armed["timestamp"]))
-        for field in _KILLS:
-            ordered = np.maximum(ordered, np.asarray(armed[field], dtype=np.float64) if field in armed else 0.0)
-        columns.hold("stop_ordered", _times(armed), np.maximum.accumulate(ordered))
+    warning = field(topics, "battery_status", "warning")
+    if warning is not None:
+        columns.hold("failsafe_battery", warning[0], warning[1] >= _WARNING_LOW)
+    height = field(topics, "vehicle_air_data", "baro_alt_meter")
+    if height is not None:
+        columns.add("baro_altitude_m", *height)
+        columns.hold("baro_ok", height[0], 1.0)
+    orders = [order for name in _KILLS if (order := field(topics, "actuator_armed", name)) is not None]
+    if "actuator_armed" in topics:
+        at_s = times(topics["actuator_armed"])
+        ordered = np.max([np.zeros(len(at_s)), *(values for _, values in orders)], axis=0)
+        columns.hold("stop_ordered", at_s, np.maximum.accumulate(ordered))
     _orbit(topics, columns)
     add_taken_off(columns)
 
 
 def add_parachute(topics: Topics, parameters: Mapping[str, float], columns: Columns) -> None:
     """Add `chute_released`: PX4 gives a parachute to flight termination, which a circuit breaker may forbid."""
-    mode, armed = topics.get("vehicle_control_mode"), topics.get("actuator_armed")
     if parameters.get("CBRK_FLIGHTTERM") == _NO_TERMINATION:
         columns.hold("chute_released", [0.0], [0.0])
-    elif mode is not None and "flag_control_termination_enabled" in mode:
-        columns.hold("chute_released", _times(mode), mode["flag_control_termination_enabled"])
-    elif armed is not None and "force_failsafe" in armed:
-        columns.hold("chute_released", _times(armed), armed["force_failsafe"])
+        return
+    ended = field(topics, "vehicle_control_mode", "flag_control_termination_enabled")
+    ended = ended or field(topics, "actuator_armed", "force_failsafe")
+    if ended is not None:
+        columns.hold("chute_released", *ended)
+
+
+def add_fence_that_never_acts(
+    parameters: Mapping[str, float], changes: Iterable[tuple[float, str, float]], columns: Columns
+) -> None:
+    """Add `failsafe_fence` where no message tells of a breach and nothing is set to come of one (GF_ACTION)."""
+    actions = {parameters.get("GF_ACTION"), *(value for _, name, value in changes if name == "GF_ACTION")}
+    if "failsafe_fence" not in columns and actions <= _ONLY_TELLS:
+        columns.hold("failsafe_fence", [0.0], [0.0])
 
 
 def _lost(columns: Columns) -> None:
     """A position that never was there is not lost: the failsafe counts once it was valid."""
     invalid = columns.get("failsafe_gps")
     if invalid is not None:
-        times, values = invalid
-        columns.hold("failsafe_gps", times, values * np.maximum.accumulate(1.0 - values))
+        at_s, values = invalid
+        columns.hold("failsafe_gps", at_s, values * np.maximum.accumulate(1.0 - values))
 
 
 def _radio(topics: Topics, columns: Columns) -> None:
     """Raised while the link is lost and the vehicle is in a failsafe; a link that is not asked for raises none."""
-    present, status = columns.get("rc_present"), topics.get("vehicle_status")
-    if present is None or status is None or "failsafe" not in status:
+    present, failsafe = columns.get("rc_present"), field(topics, "vehicle_status", "failsafe")
+    if present is None or failsafe is None:
         return
-    times = np.union1d(present[0], _times(status))
-    lost = _at(present[0], 1.0 - present[1], times)
-    columns.hold("failsafe_radio", times, lost * _at(_times(status), np.asarray(status["failsafe"]), times))
+    at_s = np.union1d(present[0], failsafe[0])
+    columns.hold("failsafe_radio", at_s, (1.0 - held(present, at_s)) * held(failsafe, at_s))
 
 
 def _orbit(topics: Topics, columns: Columns) -> None:
     """Add the radius of an orbit, 0 in other modes; the rate only where there was none."""
-    mode = columns.get("mode")
-    if "orbit_status" in topics and "radius" in topics["orbit_status"]:
-        columns.hold("circle_radius_m", _times(topics["orbit_status"]), np.abs(topics["orbit_status"]["radius"]))
+    mode, radius = columns.get("mode"), field(topics, "orbit_status", "radius")
+    if radius is not None:
+        columns.hold("circle_radius_m", radius[0], np.abs(radius[1]))
     if mode is None or (mode[1] == MODES["CIRCLE"]).any():
         return
     for signal in ("circle_radius_m", "circle_rate_dps"):
         columns.hold(signal, [0.0], [0.0])
-
-
-def _at(at: Any, values: Any, times: Any) -> Any:
-    return np.asarray(values, dtype=np.float64)[np.maximum(np.searchsorted(at, times + 1e-9, side="right") - 1, 0)]
-
-
-def _times(topic: Topic) -> Any:
-    return np.asarray(topic["timestamp"], dtype=np.float64) / 1e6

@@ -1,0 +1,50 @@
+"""Topics of a PX4 log by name, and what their fields say; one that a release does not have says nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Topic = Mapping[str, Any]
+Topics = Mapping[str, Topic]
+Column = tuple[NDArray[np.float64], NDArray[np.float64]]
+
+
+def chosen(datasets: Iterable[Any], later_max_s: float) -> dict[str, Topic]:
+    """Return a topic of each name: the lowest instance that has data, of batteries the first that is connected.
+
+    Rows whose time is later than most of the log by more than `later_max_s` are damage, and left out.
+    """
+    found: dict[str, Topic] = {}
+    told = [one for one in datasets if len(one.data["timestamp"]) > 0]
+    middle_us = float(np.median(np.concatenate([one.data["timestamp"] for one in told]))) if told else 0.0
+    for dataset in sorted(told, key=lambda one: (one.name, not _connected(one), one.multi_id)):
+        good = dataset.data["timestamp"] <= middle_us + later_max_s * 1e6
+        if good.any():
+            found.setdefault(dataset.name, {name: values[good] for name, values in dataset.data.items()})
+    return found
+
+
+def times(topic: Topic) -> NDArray[np.float64]:
+    """Return when the rows of a topic were told, seconds since boot, shape (n,)."""
+    return np.asarray(topic["timestamp"], dtype=np.float64) / 1e6
+
+
+def field(topics: Topics, name: str, *names: str) -> Column | None:
+    """Return times and values of the first of a topic's fields that it has, or None."""
+    topic = topics.get(name, {})
+    has = next((one for one in names if one in topic), None)
+    return None if has is None else (times(topic), np.asarray(topic[has], dtype=np.float64))
+
+
+def held(column: Column, at_s: Any) -> NDArray[np.float64]:
+    """Return what a column that keeps each value until the next says at some times, shape of `at_s`."""
+    told_s, values = column
+    return values[np.maximum(np.searchsorted(told_s, np.asarray(at_s) + 1e-9, side="right") - 1, 0)]
+
+
+def _connected(dataset: Any) -> bool:
+    return dataset.name != "battery_status" or bool(np.any(dataset.data.get("connected", True)))
