@@ -5,13 +5,16 @@ from __future__ import annotations
 import tempfile
 import time
 from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import msgspec
 from _authored_faults import Patch
 from _blind_faults import Site, planted
 from _inline import Flights, Inline
+from _search_exposure import Exposure
 
 from saflite.campaign.presets.campaigns import load_campaign
 from saflite.campaign.presets.policy_campaigns import pgfuzz_settings
@@ -23,7 +26,7 @@ from saflite.contract.control import Status
 from saflite.contract.flight import AUTOPILOT_ALIVE, Flight
 from saflite.contract.service import Cancelled
 from saflite.contract.test_case import Setting, StartState, TestCase, identity
-from saflite.contract.work import FlyResult, JudgeResult, Result, Work
+from saflite.contract.work import FlyResult, FlyWork, JudgeResult, Result, Work
 from saflite.flight.autopilots.reference.defects import SETTING, TABLE
 from saflite.flight.autopilots.reference.describe import describe
 from saflite.oracle.judge import judge
@@ -87,6 +90,8 @@ class Row(NamedTuple):
     alarm_cases: tuple[dict[str, Any], ...] = ()
     crashed: int = 0  # of the first flights
     core_s: float = 0.0
+    by_way: Mapping[str, str] = MappingProxyType({})  # how the test case that found a fault was made
+    exposure: Mapping[str, Any] = MappingProxyType({})  # of the first flights: `_search_exposure.py`
 
 
 class Faulty(Flights):
@@ -95,20 +100,28 @@ class Faulty(Flights):
     def __init__(self, lines: tuple[Site | Patch, ...]) -> None:
         super().__init__()
         self._lines = lines
+        self.exposure = Exposure()
+        self.cases: dict[str, TestCase] = {}
 
     def do(self, work: Work, cancelled: Cancelled) -> Result:
         """Fly the test case of the lease."""
         with planted(self._lines):
-            return super().do(work, cancelled)
+            result = super().do(work, cancelled)
+        if isinstance(work, FlyWork) and isinstance(result, FlyResult) and not work.flight_index:
+            self.cases[identity(work.test_case)] = work.test_case
+            if result.flight.trace is not None:
+                self.exposure.flew(work.test_case, result.flight, self.blobs.get(result.flight.trace))
+        return result
 
 
 class Watch:
     """Looks over the shoulder of a campaign: what was judged, which faults its confirmed violations are from."""
 
-    def __init__(self, job: Job, campaign: Campaign) -> None:
-        self._job, self._campaign = job, campaign
+    def __init__(self, job: Job, campaign: Campaign, flights: Faulty | None = None) -> None:
+        self._job, self._campaign, self._flights = job, campaign, flights
         self.found: dict[str, int] = {}
         self.by_policy: dict[str, set[str]] = {}
+        self.by_way: dict[str, str] = {}
         self.false_alarms: Counter[str] = Counter()
         self.alarm_cases: list[dict[str, Any]] = []
         self.spoke: Counter[str] = Counter()
@@ -131,6 +144,8 @@ class Watch:
         self.spoke.update(spoke)
         self.any_spoke += bool(spoke)
         self.states |= {step.after for step in result.judgement.transitions}
+        if self._flights is not None:
+            self._flights.exposure.judged(self._flights.cases[result.judgement.test_case], result.judgement)
 
     def flew(self, result: Result) -> None:
         """Count the first flights that crashed."""
@@ -161,6 +176,7 @@ class Watch:
             if len(self.faults) == 1 or self._breaks(case, () if line else (fault,), line, policy):
                 self.found[fault] = flights
                 self.by_policy.setdefault(fault, set()).add(policy)
+                self.by_way[fault] = case.origin.note.partition(" for ")[0]
 
     def is_of(self, case: TestCase, defect: str, policy: str) -> bool:
         """Whether a test case breaks a policy with a planted defect alone, and not without any."""
@@ -232,7 +248,8 @@ def without_lists(strategy: StrategyConfig) -> StrategyConfig:
 def search(job: Job) -> Row:
     """Search until every fault is found or the flights are spent."""
     campaign, start, core = campaign_of(job), time.perf_counter(), time.process_time()
-    watch, flights = Watch(job, campaign), Faulty(job.lines)
+    flights = Faulty(job.lines)
+    watch = Watch(job, campaign, flights)
     with tempfile.TemporaryDirectory(prefix="saflite-search-") as folder:
         run_dir = Path(folder) / "run"
         inline = Inline(campaign, run_dir, flights)
@@ -259,4 +276,6 @@ def search(job: Job) -> Row:
         alarm_cases=tuple(watch.alarm_cases),
         crashed=watch.crashed,
         core_s=round(time.process_time() - core, 1),
+        by_way=watch.by_way,
+        exposure=flights.exposure.figures(),
     )

@@ -8,6 +8,7 @@ from saflite.campaign.presets.formula_hints import (
     modes_named,
     quiet_asked_s,
     settings_asked,
+    sticks_held,
     whole_formula,
 )
 from saflite.flight.autopilots.reference.describe import describe
@@ -28,10 +29,30 @@ def test_named_parts_and_constants_are_written_out() -> None:
     assert [(entry.name, value) for entry, value in asked] == [("FENCE_ACTION", 4.0)]
 
 
-def test_numbers_with_a_unit_and_defaults_are_asked_of_no_setting() -> None:
+def test_a_size_that_a_setting_does_not_have_by_default_is_asked_for_in_its_unit() -> None:
+    asked = settings_asked("always (rtl_altitude_final_set_m >= 4 implies land_speed_set_mps <= 0.2)", describe())
+    assert [(entry.name, value) for entry, value in asked] == [("RTL_ALT_FINAL", 800.0)]
+    assert settings_asked("always (rtl_altitude_final_set_m >= 900 implies landed == 1)", describe()) == ()
+
+
+def test_sizes_that_settings_have_and_defaults_are_asked_of_no_setting() -> None:
     assert settings_asked("always (rtl_altitude_set_m >= 15 implies battery_low_action_set >= 2)", describe()) == ()
     assert quiet_asked_s("always (altitude_m >= 0)") == 0.0
     assert quiet_asked_s("always (lasting[500] (altitude_m >= 0) implies landed == 1)") == QUIET_MAX_S
+
+
+def test_a_time_among_the_constants_is_waited_for() -> None:
+    formula = "always (gps_ok == 0 implies failsafe_gps == 1)"
+    assert quiet_asked_s(formula, {"grace_s": 12.0, "least_m": 30.0, "forever_s": 1e6}) == 13.0
+    assert quiet_asked_s("always (lasting[20] (landed == 1) implies armed == 0)", {"grace_s": 12.0}) == 20.0
+    assert quiet_asked_s(formula, {"odd_s": "soon"}) == 0.0
+
+
+def test_sticks_are_held_where_a_formula_asks_for_them_off_the_middle() -> None:
+    formula = (
+        "lasting[3] (rc3_pwm >= 1950 or rc3_pwm <= 1050) and rc1_pwm >= 1500 and rc2_pwm <= 1900 and rc4_pwm < limit"
+    )
+    assert sticks_held(formula) == (("RC3", True), ("RC3", False))
 
 
 def test_a_rule_with_odd_parts_tells_what_it_can() -> None:

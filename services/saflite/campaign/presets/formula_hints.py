@@ -11,14 +11,21 @@ from typing import Any
 from saflite.contract.signals import SIGNALS
 from saflite.contract.target_info import InputInfo, TargetInfo
 
-QUIET_MAX_S = 45.0
+QUIET_MAX_S = 85.0
+DUE_S = 1.0  # after a time that a rule allows its promise is due
 _MODE = re.compile(r"\bmode\s*==\s*([A-Z_0-9]+)")
 _FAILSAFE = re.compile(r"\bfailsafe_([a-z]+)\s*==\s*1\b")
 _LASTING = re.compile(r"\b(?:lasting|historically)\s*\[\s*(?:[\d.]+\s*:\s*)?([\d.]+)")
 _AFTER = re.compile(r"\b[a-z_]*(?:quiet|calm|order)_s\s*>=?\s*([\d.]+)")
 _AHEAD = re.compile(r"\b(?:eventually|always)\s*\[\s*[\d.]+\s*:\s*([\d.]+)")
 _COMPARED = re.compile(r"\b([a-z_0-9]+)\s*(==|>=|<=)\s*([\d.]+)\b")
+_STICK = re.compile(r"\brc([1-4])_pwm\s*(>=?|<=?)\s*([\d.]+)")
+_STICK_MIDDLE = 1500.0
+_STICK_CLEAR = 50.0  # what is asked nearer to the middle is met with the stick let go
 SETTING = re.compile(r"\b[A-Za-z][A-Za-z0-9]*_[A-Za-z0-9_]+\b")
+
+
+_SCALES = {("m", "cm"): 100.0, ("m/s", "cm/s"): 100.0, ("s", "ms"): 1000.0, ("deg", "cdeg"): 100.0}
 
 
 def whole_formula(data: dict[str, Any]) -> str:
@@ -41,21 +48,57 @@ def failsafes_named(formula: str) -> tuple[str, ...]:
     return tuple(name for name in dict.fromkeys(_FAILSAFE.findall(formula)) if f"failsafe_{name}" in SIGNALS)
 
 
-def quiet_asked_s(formula: str) -> float:
-    """Return for how long a state must last, undisturbed, until the rule speaks and its promise is due."""
+def quiet_asked_s(formula: str, constants: dict[str, Any] | None = None) -> float:
+    """Return for how long a state must last, undisturbed, until the rule speaks and its promise is due.
+
+    No less than the longest time among the rule's constants (named with `_s` last), which its promise may wait for.
+    """
     parts = ([float(text) for text in pattern.findall(formula)] for pattern in (_LASTING, _AFTER, _AHEAD))
-    return min(QUIET_MAX_S, sum(max(found, default=0.0) for found in parts))
+    times = [float(value) for name, value in (constants or {}).items() if name.endswith("_s") and _is_time(value)]
+    longest = max(times, default=-DUE_S) + DUE_S
+    return min(QUIET_MAX_S, max(longest, sum(max(found, default=0.0) for found in parts)))
+
+
+def _is_time(value: Any) -> bool:
+    return isinstance(value, int | float) and 0.0 < value <= QUIET_MAX_S
+
+
+def sticks_held(formula: str) -> tuple[tuple[str, bool], ...]:
+    """Return sticks that a formula asks to be held well off the middle, and whether above it."""
+    found: dict[tuple[str, bool], None] = {}
+    for channel, how, number in _STICK.findall(formula):
+        off = float(number.rstrip(".")) - _STICK_MIDDLE
+        if abs(off) > _STICK_CLEAR and (off > 0.0) == how.startswith(">"):
+            found[f"RC{channel}", off > 0.0] = None
+    return tuple(found)
 
 
 def settings_asked(formula: str, target: TargetInfo) -> tuple[tuple[InputInfo, float], ...]:
-    """Return parameters with a value a formula compares them to: codes and flags, and 0 of any unit; no defaults."""
+    """Return parameters with a value a formula compares them to, no defaults.
+
+    Codes, flags, and 0 of any unit; of a size the double of what the formula asks for at least, where the parameter is
+    smaller by default.
+    """
     inputs = {entry.name: entry for entry in target.inputs if entry.kind == "parameter"}
     found: dict[tuple[str, float], InputInfo] = {}
-    for signal, _, number in _COMPARED.findall(formula):
-        known, value = SIGNALS.get(signal, target.own_signals.get(signal)), float(number.rstrip("."))
-        if known is None or (known.unit and value) or signal.endswith("_true"):
+    for signal, how, number in _COMPARED.findall(formula):
+        known, asked = SIGNALS.get(signal, target.own_signals.get(signal)), float(number.rstrip("."))
+        if known is None or signal.endswith("_true"):
             continue
         for name in SETTING.findall(known.meaning):
-            if name in inputs and inputs[name].default != value:
-                found[name, value] = inputs[name]
+            entry = inputs.get(name)
+            if entry is None or entry.default is None:
+                continue
+            value = asked if not (known.unit and asked) else _enough(asked, how, known.unit, entry)
+            if value is not None and entry.default != value:
+                found[name, value] = entry
     return tuple((entry, value) for (_, value), entry in found.items())
+
+
+def _enough(asked: float, how: str, unit: str, entry: InputInfo) -> float | None:
+    """Return twice what is asked for in the parameter's unit; None where its default is enough or it cannot be had."""
+    scale = 1.0 if entry.unit == unit else _SCALES.get((unit, entry.unit))
+    if how != ">=" or scale is None or entry.default is None or entry.default >= asked * scale:
+        return None
+    value = 2.0 * asked * scale
+    return value if (entry.high is None or value <= entry.high) else None

@@ -19,6 +19,7 @@ from saflite.campaign.presets.formula_hints import (
     modes_named,
     quiet_asked_s,
     settings_asked,
+    sticks_held,
     whole_formula,
 )
 from saflite.contract.config import Campaign, ScorerConfig, SearchConfig, StrategyConfig
@@ -49,6 +50,7 @@ _INPUTS: dict[str, StimulusKind] = {
     "sensor_faults": "sensor_fault",
 }
 _SEARCH = SearchConfig(candidates_per_round=24, flights_per_round=12, lag=2, shrink=True)
+ALL_RANDOM_SHARE = 0.33  # a scorer passes over the same few rules; their flights are to be flown, too
 
 
 def policy_campaigns(target: TargetInfo) -> dict[str, Campaign]:
@@ -213,8 +215,10 @@ def _hint(data: dict[str, Any], start: dict[str, Any], inputs: dict[str, list[An
     words += ["mission:"] if data.get("needs_mission") else []
     words += [f"in:{mode}" for mode in modes_named(formula) if ("mode", mode) in kinds]
     words += [f"raised:{name}" for name in failsafes_named(formula)]
-    words += [f"quiet:{quiet_s:g}" for quiet_s in (quiet_asked_s(formula),) if quiet_s]
+    words += [f"quiet:{quiet_s:g}" for quiet_s in (quiet_asked_s(formula, data.get("constants")),) if quiet_s]
     words += [f"asks:{entry.name}={value:g}" for entry, value in settings_asked(formula, target)]
+    ends = {entry.name: (entry.low, entry.high) for entry in target.inputs if entry.kind == "stick"}
+    words += [f"holds:{name}={ends[name][up]:g}" for name, up in sticks_held(formula) if _bounded(ends.get(name))]
     words += [f"reads:{kind}:{name}" for kind, name in _read_by(data, target)]
     for word, kind in _INPUTS.items():
         excused = kind == "sensor_fault" and _EXCUSED.search(formula)
@@ -226,6 +230,10 @@ def _hint(data: dict[str, Any], start: dict[str, Any], inputs: dict[str, list[An
             else:
                 words.append(f"{kind}:{name}")
     return " ".join(words)
+
+
+def _bounded(ends: tuple[float | None, float | None] | None) -> bool:
+    return ends is not None and None not in ends
 
 
 def _read_by(data: dict[str, Any], target: TargetInfo) -> list[tuple[StimulusKind, str]]:
@@ -274,5 +282,5 @@ def _all(policies: list[dict[str, Any]], target: TargetInfo) -> Campaign:
             name=EXPOSURE, settings={"hints": hints, "missions": missions, "phases_max": ALL_PHASES}
         ),
         scorer=ScorerConfig(model="relevance", batch=16),
-        search=_SEARCH,
+        search=msgspec.structs.replace(_SEARCH, random_share=ALL_RANDOM_SHARE),
     )

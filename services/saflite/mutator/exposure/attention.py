@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +14,8 @@ Rng = np.random.Generator
 SILENT, NEAR_MISS, FOUND = 2.0, 1.5, 0.25
 """How many times as much attention a policy gets whose rule never applied, that came close, that was broken before."""
 NEAR = 0.8  # progress from which on a flight counts as a near miss
-EASED = 4.0  # flights for a policy after which it gets half the attention
+SUSPECTED = 3.0  # the same for one that a setting bears on which takes values outside its range
+EASED = 8.0  # flights for a policy after which it gets a quarter of the attention: what a scorer passes over catches up
 MARK = "for "
 
 
@@ -30,7 +31,7 @@ class Standing(NamedTuple):
     def weight(self) -> float:
         """Its share of the attention."""
         state = FOUND if self.found else SILENT if not self.applied else NEAR_MISS if self.best >= NEAR else 1.0
-        return state / (1.0 + self.attended / EASED)
+        return state / (1.0 + self.attended / EASED) ** 2
 
 
 class Attention:
@@ -51,16 +52,20 @@ class Attention:
                 found=old.found or value == 1.0,
             )
 
-    def rotation(self, rng: Rng, count: int) -> list[str]:
+    def rotation(self, rng: Rng, count: int, suspected: Collection[str] = ()) -> list[str]:
         """Return `count` policies in mixed order: each as often as its weight asks, to within one.
 
-        Source: Kitagawa 1996, systematic resampling.
+        Those `suspected` and not broken yet weigh more. Source: Kitagawa 1996, systematic resampling.
         """
         names = list(self._standing)
-        edges = np.cumsum([self._standing[name].weight for name in names])
+        edges = np.cumsum([self._weight(name, suspected) for name in names])
         places = (np.arange(count) + rng.random()) / count * edges[-1]
         drawn = np.minimum(np.searchsorted(edges, places, side="right"), len(names) - 1)
         return [names[place] for place in rng.permutation(drawn)]
+
+    def _weight(self, name: str, suspected: Collection[str]) -> float:
+        standing = self._standing[name]
+        return standing.weight * (SUSPECTED if name in suspected and not standing.found else 1.0)
 
 
 def note(policies: tuple[str, ...], how: str) -> str:

@@ -12,11 +12,12 @@ from saflite.mutator.operators.inputs import Have, Input, named
 KINDS: tuple[StimulusKind, ...] = get_args(StimulusKind)
 HEIGHT_MAX_M = 1e6
 QUIET_MAX_S = 3600.0
-START, IN, READS, MISSION, RAISED, QUIET, ASKS = "start", "in", "reads", "mission", "raised", "quiet", "asks"
+START, IN, READS, MISSION, RAISED, QUIET = "start", "in", "reads", "mission", "raised", "quiet"
+ASKS, HOLDS = "asks", "holds"
 DISARMED = "disarmed"
 SHAPE = (
     "'<policy> start:<mode>@<metres>[:disarmed] mission: in:<mode> raised:<failsafe> quiet:<seconds> "
-    "asks:<parameter>=<value> reads:<kind>:<input> <kind>:<input> ...'"
+    "asks:<parameter>=<value> holds:<stick>=<value> reads:<kind>:<input> <kind>:<input> ...'"
 )
 
 
@@ -24,7 +25,8 @@ class Hint(NamedTuple):
     """One policy: where its flights may begin (None: where the campaign does), its own inputs.
 
     `modes` are those its formula names, `raised` the failsafes, `asked` settings with the values it compares them to,
-    `read` the inputs whose values it reads; its state must last `quiet_s`; `flies_mission` if all is about missions.
+    `held` sticks with values at which it asks them to stay, `read` the inputs whose values it reads; its state must
+    last `quiet_s`; `flies_mission` if all is about missions.
     """
 
     policy: str
@@ -34,6 +36,7 @@ class Hint(NamedTuple):
     read: tuple[Input, ...] = ()
     raised: tuple[str, ...] = ()
     asked: tuple[tuple[Input, float], ...] = ()
+    held: tuple[tuple[Input, float], ...] = ()
     quiet_s: float = 0.0
     flies_mission: bool = False
 
@@ -46,6 +49,10 @@ class Hint(NamedTuple):
     def kinds(self) -> tuple[StimulusKind, ...]:
         """Return the kinds of its inputs, sorted."""
         return tuple(sorted({entry.kind for entry in (*self.inputs, *self.read)}))
+
+    def names(self) -> tuple[str, ...]:
+        """Return the names of all inputs that bear on it."""
+        return tuple(entry.name for entry in (*self.inputs, *self.read))
 
     def orders(self) -> tuple[Input, ...]:
         """Return the commands whose values it reads: it is about what follows them."""
@@ -70,6 +77,7 @@ def _read(text: str, have: Have) -> Hint:
     read: list[Input] = []
     raised: list[str] = []
     asked: list[tuple[Input, float]] = []
+    held: list[tuple[Input, float]] = []
     quiet_s, flies_mission = 0.0, False
     for word in words:
         kind, _, name = word.partition(":")
@@ -84,6 +92,9 @@ def _read(text: str, have: Have) -> Hint:
         elif kind == ASKS:
             name, _, value = name.partition("=")
             asked += [(entry, _number(value, math.inf, text)) for entry in named("parameter", [name], have, "hints")]
+        elif kind == HOLDS:
+            name, _, value = name.partition("=")
+            held += [(entry, _number(value, math.inf, text)) for entry in named("stick", [name], have, "hints")]
         elif kind == IN:
             modes.extend(entry.name for entry in named("mode", [name], have, "hints"))
         elif kind == READS:
@@ -93,8 +104,18 @@ def _read(text: str, have: Have) -> Hint:
             inputs.extend(named(_kind(kind, text), [name], have, "hints"))
     if not policy:
         raise Refused("strategy setting hints", expected=SHAPE, got=repr(text))
-    own = tuple(dict.fromkeys(inputs))
-    return Hint(policy, start, own, tuple(modes), tuple(read), tuple(raised), tuple(asked), quiet_s, flies_mission)
+    return Hint(
+        policy=policy,
+        start=start,
+        inputs=tuple(dict.fromkeys(inputs)),
+        modes=tuple(modes),
+        read=tuple(read),
+        raised=tuple(raised),
+        asked=tuple(asked),
+        held=tuple(held),
+        quiet_s=quiet_s,
+        flies_mission=flies_mission,
+    )
 
 
 def _kind(word: str, text: str) -> StimulusKind:

@@ -14,7 +14,9 @@ from saflite.mutator.operators.inputs import Input
 Rng = np.random.Generator
 DECADES = 3.0  # how far below its upper end a value on the log scale may lie
 STICK_ENDS = 0.35  # more sticks at an end, where they do most
+PAST_ENDS = 0.3  # share of those beyond it: a radio that fails, or is set up wrong
 NEAR_DEFAULT, ON_LOG_SCALE = 0.3, 0.3
+EXTREME = 0.25  # share of commands of which one number is negative, 0, tiny or huge
 ORDINALS = 4  # the first number of a command often says which of a few things to do
 STEPS = (0.003, 0.3)  # local search: least and greatest change, as a share of the value or the range
 
@@ -22,7 +24,8 @@ STEPS = (0.003, 0.3)  # local search: least and greatest change, as a share of t
 def draw(rng: Rng, entry: Input, default: float | None, beyond: float) -> values.Values:
     """Return values for an input; a share `beyond` of bounded ones lies outside the valid range."""
     if entry.kind == "stick" and rng.random() < STICK_ENDS and math.isfinite(entry.high - entry.low):
-        return (entry.low if rng.random() < 0.5 else entry.high,)
+        past = values.STICK_BEYOND * float(rng.random()) * (entry.high - entry.low) if rng.random() < PAST_ENDS else 0.0
+        return (float(round(entry.low - past if rng.random() < 0.5 else entry.high + past)),)
     if entry.kind in ("mode", "stick") or entry.choices:
         return values.draw(rng, entry, beyond)
     if entry.kind == "command":
@@ -40,8 +43,24 @@ def draw(rng: Rng, entry: Input, default: float | None, beyond: float) -> values
 def _command(rng: Rng, entry: Input, beyond: float) -> values.Values:
     numbers = values.draw(rng, entry, beyond)
     if numbers and math.isnan(entry.low) and not values.has_choices(entry.name) and rng.random() < 0.5:
-        return (float(rng.integers(ORDINALS)), *numbers[1:])
+        numbers = (float(rng.integers(ORDINALS)), *numbers[1:])
+    if numbers and math.isnan(entry.low) and rng.random() < EXTREME:
+        places = [place for place in values.telling(entry.name) if place < len(numbers)]
+        place = places[int(rng.integers(len(places)))]
+        numbers = (*numbers[:place], _extreme(rng, numbers[place]), *numbers[place + 1 :])
     return numbers
+
+
+def _extreme(rng: Rng, value: float) -> float:
+    """Return what a command's number should not be taken at unless it says so: the one or the other way out."""
+    way = int(rng.integers(5))
+    if way == 0:
+        return 0.0
+    if way == 1:
+        return -abs(value) or -1.0
+    low, high = ((2.0, 5.0), (0.0, 4.0), (-3.0, -0.5))[way - 2]
+    size = values.neat(10.0 ** rng.uniform(low, high))
+    return -size if way == 3 else size
 
 
 def _fit(entry: Input, value: float) -> float:

@@ -18,10 +18,16 @@ Draw = Callable[[Rng], Stimulus]
 
 PAUSE_S = (0.1, 4.0)  # between the inputs of one phase; all sizes alike
 TAIL_S = 6.0  # least time left after the last input, for its effect to show
-MORE = 0.65  # chance of one more input in a phase
+BARE, BARE_ORDER = 0.15, 0.4  # share of phases, and of those with an order, without any other input
+MORE = 0.6  # chance of one more input in a phase
 INPUTS_MAX = 6
-QUIET_SHARE, QUIET_LONGER = 0.6, 1.5  # how often a phase lasts as long as the rule asks for, how much longer at most
-RECOVER: dict[StimulusKind, float] = {"stick": 0.8, "sensor_fault": 0.5, "parameter": 0.1}
+QUIET_SHARE, QUIET_LONGER = 0.75, 1.5  # how often a phase lasts as long as the rule asks for, how much longer at most
+MUCH_LONGER_SHARE, MUCH_LONGER = 0.3, 4.0  # where the vehicle has to come to first: over home, to the ground
+LEAD_PAUSE_S = (0.5, 4.0)  # between inputs that bring the vehicle to where a phase begins
+ACT_S = (2.0, 12.0)  # for what moves the vehicle before a phase's state is entered
+EARLY = 0.5  # share of phases with inputs before the state is entered, and share of those inputs
+LET_GO = 0.5  # share of phases in which the sticks are let go before the quiet
+RECOVER: dict[StimulusKind, float] = {"stick": 0.95, "sensor_fault": 0.9, "parameter": 0.6}
 """Chance that an input is taken back at the end of its phase: sticks let go, faults mended, settings reset."""
 
 
@@ -32,6 +38,24 @@ class Tempo(NamedTuple):
     last_s: float
     settle_s: tuple[float, float]
     rest: Mapping[tuple[StimulusKind, str], float]
+
+
+class Phase(NamedTuple):
+    """What a phase is made of.
+
+    `lead` brings the vehicle to where it begins, `act` is given there and has its time, `entry` enters the state,
+    `first` are inputs it must have before those that `draw` gives, `held` sticks stay through the quiet, which is
+    `quiet_s` long mostly if that is told; `last` is given right before it.
+    """
+
+    draw: Draw
+    entry: tuple[Stimulus, ...] = ()
+    lead: tuple[Stimulus, ...] = ()
+    act: tuple[Stimulus, ...] = ()
+    first: tuple[Stimulus, ...] = ()
+    held: tuple[Stimulus, ...] = ()
+    quiet_s: float = 0.0
+    last: Stimulus | None = None
 
 
 class Script:
@@ -56,36 +80,43 @@ class Script:
         """Let time go by, all sizes alike."""
         self.at_s += math.exp(rng.uniform(math.log(low_s), math.log(high_s)))
 
-    def phase(
-        self, rng: Rng, entry: Sequence[Stimulus], draw: Draw, quiet_s: float = 0.0, last: Stimulus | None = None
-    ) -> None:
-        """Add a phase: the inputs that enter a state, a few more, the `last`, quiet; what is taken back then.
-
-        The quiet lasts `quiet_s` mostly, if that is told.
-        """
-        given = []
-        early = draw(rng) if entry and rng.random() < 0.3 else None  # settings are read on entry
-        for stimulus in (*((early,) if early else ()), *entry):
+    def phase(self, rng: Rng, phase: Phase) -> None:
+        """Add a phase: into a state, a few inputs, quiet; what is taken back then."""
+        for stimulus in phase.lead:
+            self.give(stimulus)
+            self.pause(rng, *LEAD_PAUSE_S)
+        for stimulus in phase.act:
+            self.give(stimulus)
+            self.pause(rng, *ACT_S)
+        bare = rng.random() < (BARE if phase.last is None else BARE_ORDER)
+        many = 0 if bare else _count(rng) - len(phase.first)
+        given = [*phase.first, *(phase.draw(rng) for _ in range(many))]
+        early: list[Stimulus] = []
+        if phase.entry and rng.random() < EARLY:  # settings are read on entry, faults matter to it
+            early = [one for one in given if rng.random() < EARLY and one.kind != "mode"]
+        for stimulus in (*early, *phase.entry, *(one for one in given if one not in early), *phase.held):
             self.give(stimulus)
             self.pause(rng, *PAUSE_S)
-        for _ in range(_count(rng)):
-            given.append(draw(rng))
-            self.give(given[-1])
-            self.pause(rng, *PAUSE_S)
-        if last is not None:
-            self.give(last)
-        if quiet_s and rng.random() < QUIET_SHARE:
-            self.pause(rng, quiet_s, QUIET_LONGER * quiet_s)
+        if phase.last is not None:
+            self.give(phase.last)
+        if not phase.held and rng.random() < LET_GO:
+            self._let_go(rng, (*phase.act, *given), ("stick",))
+        if phase.quiet_s and rng.random() < QUIET_SHARE:
+            longer = MUCH_LONGER if rng.random() < MUCH_LONGER_SHARE else QUIET_LONGER
+            self.pause(rng, phase.quiet_s, longer * phase.quiet_s)
         else:
             self.pause(rng, *self._tempo.settle_s)
-        for stimulus in (*((early,) if early else ()), *given):
-            self._take_back(rng, stimulus)
+        self._let_go(rng, (*phase.act, *given, *phase.held), tuple(RECOVER))
 
-    def _take_back(self, rng: Rng, stimulus: Stimulus) -> None:
-        rest = self._tempo.rest.get((stimulus.kind, stimulus.name))
-        if rest is None or stimulus.values == (rest,) or rng.random() >= RECOVER.get(stimulus.kind, 0.0):
-            return
-        self.give(msgspec.structs.replace(stimulus, values=(rest,)))
+    def _let_go(self, rng: Rng, given: Sequence[Stimulus], kinds: Sequence[StimulusKind]) -> None:
+        """Take inputs back, each once; one that is at rest already stays."""
+        last = {(one.kind, one.name): one for one in self._stimuli}
+        for key in dict.fromkeys((one.kind, one.name) for one in given):
+            rest = self._tempo.rest.get(key)
+            if key[0] not in kinds or rest is None or key not in last or last[key].values == (rest,):
+                continue
+            if rng.random() < RECOVER.get(key[0], 0.0):
+                self.give(msgspec.structs.replace(last[key], values=(rest,)))
 
     def stimuli(self) -> Stimuli:
         """Return what was written, in order of time."""

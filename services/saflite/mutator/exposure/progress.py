@@ -27,3 +27,16 @@ def by_policy(outcome: Outcome) -> dict[str, float]:
     """Return the progress of every policy that the flight said something of."""
     told = ((rule.policy, progress(rule)) for rule in outcome.rules)
     return {policy: value for policy, value in told if value is not None}
+
+
+def answers(outcome: Outcome) -> tuple[frozenset[int], frozenset[int]]:
+    """Return the places of the inputs that were given in a flight, and of those that the target took.
+
+    What was refused makes no step; what was due after the last that made one may never have been given.
+    """
+    stimuli = outcome.test_case.stimuli
+    taken = frozenset(step.stimulus for step in outcome.transitions if 0 <= step.stimulus < len(stimuli))
+    if not outcome.transitions:
+        return frozenset(range(len(stimuli))), frozenset(range(len(stimuli)))
+    last_s = max((stimuli[place].at_s for place in taken), default=-1.0)
+    return taken | {place for place, one in enumerate(stimuli) if one.at_s <= last_s}, taken

@@ -20,7 +20,7 @@ GROUND_SHARE = 0.15
 MISSION_HEIGHT_M = (4.0, 40.0)
 MISSION_LONGER_S = 60.0  # a mission begins with half a minute on the ground and the way up
 ITEMS_MAX = 8  # between take-off and end: what a mission counts, skips and jumps shows with several only
-TAKEOFF, WAYPOINT, WAIT, LAND, RETURN, DELAY, YAW, SPEED = 22, 16, 19, 21, 20, 112, 115, 178
+TAKEOFF, WAYPOINT, WAIT, LAND, RETURN, DELAY, YAW, SPEED, JUMP = 22, 16, 19, 21, 20, 112, 115, 178, 177
 
 
 class Scenarios(NamedTuple):
@@ -54,7 +54,8 @@ class Scenarios(NamedTuple):
         """Return a mission near home: take-off, one to eight items, an end or none."""
         height_m = round(_log_uniform(rng, *MISSION_HEIGHT_M), 1)
         items = [_item(TAKEOFF, place=(HOME_LAT_DEG, HOME_LON_DEG, height_m))]
-        items += [_leg(rng, height_m) for _ in range(int(rng.integers(1, ITEMS_MAX + 1)))]
+        for _ in range(int(rng.integers(1, ITEMS_MAX + 1))):
+            items.append(_leg(rng, height_m, len(items)))
         end = (LAND, RETURN, 0)[int(rng.integers(3))]
         if end == LAND:
             items.append(_item(LAND, place=_near(rng, 0.0)))
@@ -81,12 +82,15 @@ def _log_uniform(rng: Rng, low: float, high: float) -> float:
     return math.exp(rng.uniform(math.log(low), math.log(high)))
 
 
-def _leg(rng: Rng, height_m: float) -> MissionItem:
+def _leg(rng: Rng, height_m: float, before: int) -> MissionItem:
+    """Return an item that follows `before` others; a jump goes back to one of them, or to the next, once or twice."""
     way = rng.random()
-    if way < 0.6:
+    if way < 0.55:
         hold_s = float(rng.integers(0, 6)) if rng.random() < 0.3 else 0.0
         up_m = round(height_m * _log_uniform(rng, 0.5, 2.0), 1)
         return _item(WAIT if hold_s else WAYPOINT, hold_s, place=_near(rng, up_m))
+    if way < 0.62:
+        return _item(JUMP, float(rng.integers(2, before + 3)), float(rng.integers(1, 3)))
     if way < 0.75:
         return _item(SPEED, 1.0, float(rng.integers(1, 11)))
     if way < 0.9:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +14,7 @@ from saflite.contract.verdict import Transition
 Rng = np.random.Generator
 Coverage = tuple[str, str, str, str]
 """State before, state after, kind of the input given (empty: changed by itself), kind of the one before it."""
+STANDING, DISARMED = "standing", "disarmed"
 
 
 class Leg(NamedTuple):
@@ -39,10 +40,14 @@ class StateModel:
         self._origins: dict[str, Origin] = {}
         self._given: dict[str, Counter[str]] = {}
         self._raised_by: dict[str, dict[tuple[str, str], Stimulus]] = {}
+        self._flown_in: Counter[str] = Counter()  # by word of a state in the air: flights in which it was seen
+        self._came_down: Counter[str] = Counter()  # those of them in which it came to the ground by itself
+        self._crashed: Counter[str] = Counter()  # those that ended in it otherwise
 
-    def tell(self, case: TestCase, transitions: Sequence[Transition]) -> int:
-        """Add a flight; return how many (state, state, kind, preceding kind) were new in it."""
+    def tell(self, case: TestCase, transitions: Sequence[Transition], *, crashed: bool = False) -> int:
+        """Add a flight, which `crashed` or not; return how many (state, state, kind, preceding kind) were new in it."""
         new = 0
+        self._learn_landings(transitions, crashed=crashed)
         for number, step in enumerate(transitions):
             if number == 0:
                 self._origins.setdefault(step.before, Origin(case.scenario, step.before))
@@ -56,6 +61,53 @@ class StateModel:
             if step.after != step.before:
                 self._legs.setdefault(step.before, {}).setdefault(step.after, Leg(stimulus, step.after))
         return new
+
+    def _learn_landings(self, transitions: Sequence[Transition], *, crashed: bool) -> None:
+        flown: set[str] = set()
+        down: set[str] = set()
+        for step in transitions:
+            flown.update(step.before.split() if _flies(step.before) else ())
+            if _flies(step.before) and not _flies(step.after) and step.stimulus < 0:
+                down.update(step.before.split())
+        if crashed and transitions:
+            flown.update(transitions[-1].after.split())
+            self._crashed.update(set(transitions[-1].after.split()) - down)
+        self._flown_in.update(flown)
+        self._came_down.update(down)
+
+    def comes_down(self, words: Iterable[str]) -> float:
+        """Return the share of flights that ended on the ground from states with the words: of the word with most."""
+        ended = ((self._came_down[word] + self._crashed[word]) / (self._flown_in[word] + 2.0) for word in words)
+        return max(ended, default=0.0)
+
+    def crashes(self, word: str) -> float:
+        """Return the share of flights with a word in their states that crashed in such a state."""
+        return self._crashed[word] / (self._flown_in[word] + 2.0)
+
+    def lands(self) -> str:
+        """Return the mode in which most flights came to the ground whole, empty where none did mostly."""
+        modes = sorted({state.split()[0] for state in self.states})
+        shares = [(self._came_down[mode] / (self._flown_in[mode] + 2.0), mode) for mode in modes]
+        share, mode = max(shares, default=(0.0, ""))
+        return mode if share > 0.5 else ""
+
+    def lift(self) -> list[Stimulus]:
+        """Return the fewest inputs known to lead from the ground, motors off, into the air; none if not known."""
+        ways: dict[str, list[Stimulus]] = {}
+        for state in self.states:
+            if state.split()[1:] == [STANDING, DISARMED]:
+                ways[state] = [Stimulus(at_s=0.0, kind="mode", name=state.split()[0])]
+        waiting = deque(ways)
+        while waiting:
+            state = waiting.popleft()
+            for leg in self._legs.get(state, {}).values():
+                if leg.state in ways or leg.stimulus is None or leg.stimulus.kind not in ("mode", "command", "stick"):
+                    continue
+                ways[leg.state] = [*ways[state], leg.stimulus]
+                if _flies(leg.state):
+                    return ways[leg.state]
+                waiting.append(leg.state)
+        return []
 
     def _learn_causes(self, step: Transition, stimulus: Stimulus | None) -> None:
         if stimulus is None or stimulus.kind == "mode":
@@ -101,6 +153,11 @@ class StateModel:
                     return ways[goal]
                 waiting.append(leg.state)
         return None
+
+
+def _flies(state: str) -> bool:
+    words = state.split()
+    return STANDING not in words and DISARMED not in words
 
 
 def coverage(case: TestCase, step: Transition) -> Coverage:

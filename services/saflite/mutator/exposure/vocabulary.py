@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -13,9 +14,11 @@ from saflite.mutator.exposure.hints import Hint
 from saflite.mutator.operators.inputs import Have, Input
 
 Rng = np.random.Generator
+Item = TypeVar("Item")
 Key = tuple[StimulusKind, str]
 TRUST = 4.0
 """Flights with an input after which what was seen weighs as much as the mean of all flights."""
+REFUSED_LEAST = 0.1
 READ_SHARE = 0.3  # of a policy's own inputs, those whose values its formula reads
 SHARPNESS = 4.0
 """Power of the learnt ratio: an input whose flights came 20 % further is drawn twice as often."""
@@ -41,15 +44,22 @@ class Vocabulary:
             self._by_kind[kind] = tuple(entry for (other, _), entry in have.items() if other == kind)
         self._seen: dict[str, dict[Key, Seen]] = defaultdict(dict)
         self._all: dict[str, Seen] = {}
+        self._refused: dict[Key, int] = {}  # times given and refused, -1 once it was taken
 
     @property
     def kinds(self) -> tuple[StimulusKind, ...]:
         """The kinds there are, sorted."""
         return tuple(self._by_kind)
 
-    def tell(self, case: TestCase, progress: Mapping[str, float]) -> None:
-        """Learn how far a flight with these inputs came for every policy."""
-        keys = sorted({(stimulus.kind, stimulus.name) for stimulus in case.stimuli})
+    def tell(self, case: TestCase, progress: Mapping[str, float], given: Iterable[int], taken: Collection[int]) -> None:
+        """Learn how far a flight with these inputs came for every policy; inputs by place: all given, those taken."""
+        for place in sorted(given):
+            key = (case.stimuli[place].kind, case.stimuli[place].name)
+            if place in taken or self._refused.get(key, 0) < 0:
+                self._refused[key] = -1
+            else:
+                self._refused[key] = self._refused.get(key, 0) + 1
+        keys = sorted({(case.stimuli[place].kind, case.stimuli[place].name) for place in taken})
         for policy, value in progress.items():
             self._all[policy] = self._all.get(policy, Seen()).more(value)
             seen = self._seen[policy]
@@ -65,11 +75,17 @@ class Vocabulary:
             return 1.0
         return float((seen.progress + TRUST * mean) / ((seen.flights + TRUST) * mean))
 
+    def _weight(self, policy: str, entry: Input) -> float:
+        """What was always refused is drawn less, down to a tenth: it says nothing."""
+        refused = max(0, self._refused.get((entry.kind, entry.name), 0))
+        heard = max(REFUSED_LEAST, 2.0 / (2.0 + refused))
+        return heard * math.pow(self.relevance(policy, (entry.kind, entry.name)), SHARPNESS)
+
     def draw(self, rng: Rng, policy: str, kinds: Sequence[StimulusKind]) -> Input:
         """Return any input of the target: its kind evenly among `kinds`, its name by learnt relevance."""
         kind = kinds[int(rng.integers(len(kinds)))]
         entries = self._by_kind[kind]
-        return pick(rng, entries, [self.relevance(policy, (kind, entry.name)) ** SHARPNESS for entry in entries])
+        return pick(rng, entries, [self._weight(policy, entry) for entry in entries])
 
     def draw_own(self, rng: Rng, hint: Hint, kinds: Iterable[StimulusKind]) -> Input | None:
         """Return an input the policy reads, or of its own list; None if it has none of these kinds."""
@@ -79,11 +95,10 @@ class Vocabulary:
             return None
         kind = mine[int(rng.integers(len(mine)))]
         entries = [entry for entry in every if entry.kind == kind]
-        weights = [self.relevance(hint.policy, (kind, entry.name)) ** SHARPNESS for entry in entries]
-        return pick(rng, entries, weights)
+        return pick(rng, entries, [self._weight(hint.policy, entry) for entry in entries])
 
 
-def pick(rng: Rng, entries: Sequence[Input], weights: Sequence[float]) -> Input:
+def pick(rng: Rng, entries: Sequence[Item], weights: Sequence[float]) -> Item:
     """Return one of the entries with a chance proportional to its weight."""
     edges = np.cumsum(weights)
     place = int(np.searchsorted(edges, rng.random() * edges[-1], side="right"))

@@ -48,6 +48,11 @@ def has_choices(command: str) -> bool:
     return command in _CHOICES or command in _PLACES
 
 
+def telling(command: str) -> tuple[int, ...]:
+    """Return the numbers of a command (from 0) that say most: a height rather than a place, else the first four."""
+    return (6, 6, 4, 5, 0) if command in _PLACES else (0, 1, 2, 3)
+
+
 def neat(value: float) -> float:
     """Return the number with six digits, so that it reads well and survives every text form."""
     return float(f"{value:.6g}")

@@ -12,9 +12,9 @@ spliced, extended. Routes to states seldom tried are read from the state model.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from functools import partial
-from typing import ClassVar, NamedTuple
+from typing import ClassVar
 
 import msgspec
 import numpy as np
@@ -22,17 +22,20 @@ import numpy as np
 from saflite.contract.errors import Refused
 from saflite.contract.flight import FLOWN_ENDINGS
 from saflite.contract.target_info import TargetInfo
-from saflite.contract.test_case import Origin, Scenario, Stimulus, StimulusKind, TestCase
+from saflite.contract.test_case import Origin, Scenario, TestCase
 from saflite.contract.work import Outcome
 from saflite.mutator.exposure import numbers
 from saflite.mutator.exposure.attention import Attention, note
 from saflite.mutator.exposure.corpus import Corpus, Entry, read_sown
+from saflite.mutator.exposure.drawing import Drawing, Shares, Style
 from saflite.mutator.exposure.hints import SHAPE, Hint, read_hints
-from saflite.mutator.exposure.phases import TAIL_S, Draw, Script, Stimuli, Tempo, cut, shifted
-from saflite.mutator.exposure.progress import by_policy
+from saflite.mutator.exposure.phases import TAIL_S, Draw, Phase, Script, Stimuli, Tempo, cut, shifted
+from saflite.mutator.exposure.probes import Probes
+from saflite.mutator.exposure.progress import answers, by_policy
 from saflite.mutator.exposure.scenarios import Scenarios, scenarios_of
 from saflite.mutator.exposure.state_model import StateModel
 from saflite.mutator.exposure.vocabulary import Vocabulary
+from saflite.mutator.exposure.writer import Writer
 from saflite.mutator.operators import inputs
 from saflite.mutator.operators.sequences import moved_to_start
 from saflite.mutator.strategy import Chosen, Option, Options, Proposes, Settings
@@ -40,20 +43,9 @@ from saflite.mutator.strategy import Chosen, Option, Options, Proposes, Settings
 Rng = np.random.Generator
 AIRBORNE_S = (20.0, 40.0)  # a mission takes off after about 20 s
 SETTLE_LEAST_S = 1.5
-MODES_WITHIN = 0.15  # share of test cases that change the mode within a phase, too
 SHIFT_S = (0.05, 15.0)
 SECONDS_EACH = 20.0  # of a fresh test case for one policy: it is for as many as its time allows, a phase in turn
 POLICIES_MOST = 60  # however long it is
-ASKED = 0.6  # chance that a setting has the value a rule asks for
-ORDERED = 0.5  # share of phases that end with a command their rule is about: it waits for what follows, undisturbed
-CAUSED = 0.25  # share of inputs that raised a failsafe before, for rules that ask for it
-
-
-class Style(NamedTuple):
-    """What the inputs of one test case have in common: whose they are, and the kinds that are not left out."""
-
-    hint: Hint
-    kinds: tuple[StimulusKind, ...]
 
 
 class Strategy:
@@ -68,7 +60,7 @@ class Strategy:
         "own": Option(0.75, "share of inputs from the policy's own list; the rest from all the target has", 0, 1),
         "starts": Option(0.3, "share of fresh test cases that begin in any mode at any height", 0, 1),
         "missions": Option(0.0, "share of fresh test cases that fly a short mission", 0, 1),
-        "kept": Option(0.4, "share of test cases that change one of the corpus", 0, 1),
+        "kept": Option(0.2, "share of test cases that change one of the corpus", 0, 1),
         "routed": Option(0.1, "share of test cases that go to a state and a kind of input seldom tried there", 0, 1),
         "swarm": Option(0.8, "chance of a kind of the policy's own inputs; half that for others", 0.05, 1),
         "faults": Option(0.15, "the same for sensor faults beyond the policy's own: a fault excuses most rules", 0, 1),
@@ -98,10 +90,15 @@ class Strategy:
         hints = read_hints(self._chosen.words("hints"), policies, self._have)
         self._hints = {hint.policy: hint for hint in hints}
         self._rest = {(entry.kind, entry.name): entry.default for entry in target.inputs if entry.default is not None}
+        self._rest.update({("parameter", name): value for name, value in template.target.parameters.items()})
+        self._probes = Probes(self._have)
         self._scenarios: Scenarios = scenarios_of(template.scenario, target)
         self._vocabulary = Vocabulary(self._have)
         self._attention = Attention(policies)
         self._states = StateModel()
+        shares = Shares(*(self._chosen.real(name) for name in Shares._fields))
+        self._drawing = Drawing(self._vocabulary, self._rest, shares)
+        self._writer = Writer(self._have, self._drawing, self._states, self._probes)
         self._corpus = Corpus()
         for sown in read_sown(self._chosen.words("corpus")):
             case = msgspec.structs.replace(template, scenario=sown.scenario, stimuli=sown.stimuli)
@@ -115,17 +112,28 @@ class Strategy:
             if outcome.ending not in FLOWN_ENDINGS:
                 continue
             case, progress = outcome.test_case, by_policy(outcome)
-            self._vocabulary.tell(case, progress)
+            given, taken = answers(outcome)
+            self._probes.tell(case, given, taken)
+            self._vocabulary.tell(case, progress, given, taken)
             self._attention.tell(case, progress)
-            self._corpus.tell(case, progress, self._states.tell(case, outcome.transitions))
+            crashed = outcome.ending == "crashed"
+            self._corpus.tell(case, progress, self._states.tell(case, outcome.transitions, crashed=crashed))
 
     # ---- ask ---------------------------------------------------------------------------------------------------
 
     def ask(self, count: int, rng: Rng) -> list[TestCase]:
         """Return `count` test cases; each is for a few policies that want the same kind of start."""
         each = max(1, round(min(POLICIES_MOST, self._template.scenario.time_limit_s / SECONDS_EACH)))
-        wanted = sorted(self._attention.rotation(rng, each * count), key=lambda name: self._hints[name].begins)
-        return [self._one(rng, tuple(wanted[place * each :][:each])) for place in rng.permutation(count)]
+        lax = self._probes.singled_out
+        suspected = {hint.policy for hint in self._hints.values() if lax.intersection(hint.names())}
+        rotation = self._attention.rotation(rng, each * count, suspected)
+        wanted = sorted(rotation, key=lambda name: self._hints[name].begins)
+        groups = [tuple(wanted[place * each :][:each]) for place in rng.permutation(count)]
+        return [self._one(rng, self._led(group)) for group in groups]
+
+    def _led(self, policies: tuple[str, ...]) -> tuple[str, ...]:
+        """Return the policies, one that only a mission can show first: the first decides how the flight begins."""
+        return tuple(sorted(policies, key=lambda name: not self._hints[name].flies_mission))
 
     def _one(self, rng: Rng, policies: tuple[str, ...]) -> TestCase:
         way = rng.random()
@@ -139,7 +147,10 @@ class Strategy:
             if routed is not None:
                 return routed
         scenario = self._scenario(rng, self._hints[policies[0]])
-        return self._made(scenario, self._fresh(rng, scenario, policies), note(policies, "fresh"))
+        hints = [self._hints[policy] for policy in dict.fromkeys(policies)]
+        tempo, many = self._tempo(rng, scenario), self._chosen.whole("phases_max")
+        made = self._writer.fresh(rng, tempo, scenario.start, hints, many)
+        return self._made(scenario, made, note(policies, "fresh"))
 
     def _made(self, scenario: Scenario, stimuli: Stimuli, text: str, parent: str = "") -> TestCase:
         origin = Origin(strategy="exposure", parent=parent, note=text)
@@ -161,76 +172,12 @@ class Strategy:
             return scenarios.own
         return scenarios.elsewhere(rng, hint.start) if rng.random() < 0.5 else scenarios.begin(hint.start)
 
-    def _fresh(self, rng: Rng, scenario: Scenario, policies: Sequence[str]) -> Stimuli:
-        script = Script(self._tempo(rng, scenario))
-        styles = [self._style(rng, self._hints[policy]) for policy in policies]
-        for stimulus in self._asked(rng, dict.fromkeys(policies)):
-            script.give(stimulus)
-        for number in range(self._chosen.whole("phases_max")):
-            mode = scenario.start.mode if number == 0 and scenario.start is not None else ""
-            self._phase(rng, script, styles[number % len(styles)], mode)
-            if script.is_full:
-                break
-        return script.stimuli()
-
-    def _phase(self, rng: Rng, script: Script, style: Style, mode: str) -> None:
-        entry = self._entry(rng, style.hint, mode)
-        script.phase(rng, entry, partial(self._draw, style), style.hint.quiet_s, self._order(rng, style.hint))
-
-    def _order(self, rng: Rng, hint: Hint) -> Stimulus | None:
-        """Return a command the rule is about, to be followed by nothing but quiet; often none."""
-        orders = hint.orders()
-        return self._given(rng, orders[int(rng.integers(len(orders)))]) if orders and rng.random() < ORDERED else None
-
-    def _asked(self, rng: Rng, policies: Iterable[str]) -> list[Stimulus]:
-        """Return settings with values that the formulas of the policies ask for."""
-        asked = [pair for policy in policies for pair in self._hints[policy].asked if rng.random() < ASKED]
-        return [Stimulus(at_s=0.0, kind=entry.kind, name=entry.name, values=(value,)) for entry, value in asked]
-
-    def _entry(self, rng: Rng, hint: Hint, mode: str) -> list[Stimulus]:
-        """Return what enters a state a policy is about: a mode its formula names, of its inputs, seldom any."""
-        way, about = rng.random(), list(hint.modes)
-        own = [entry.name for entry in hint.inputs if entry.kind == "mode"]
-        every = [name for kind, name in self._have if kind == "mode"]
-        names = (about or own or every) if way < 0.7 else (own or about or every) if way < 0.9 else every
-        if not names or (mode in names and rng.random() < 0.5):
-            return []
-        name = names[int(rng.integers(len(names)))]
-        return [] if name == mode else [Stimulus(at_s=0.0, kind="mode", name=name)]
-
     def _tempo(self, rng: Rng, scenario: Scenario) -> Tempo:
         first_s = self._chosen.real("start_s")
         if scenario.mission is not None and self._template.scenario.mission is None:
             first_s = float(rng.uniform(*AIRBORNE_S))
         last_s = max(first_s, scenario.time_limit_s - TAIL_S)
         return Tempo(first_s, last_s, (SETTLE_LEAST_S, self._chosen.real("settle_max_s")), self._rest)
-
-    # ---- drawing -----------------------------------------------------------------------------------------------
-
-    def _style(self, rng: Rng, hint: Hint) -> Style:
-        """Draw which kinds of input a test case has (modes aside, which begin its phases)."""
-        kinds, swarm = self._vocabulary.kinds, self._chosen.real("swarm")
-        chances = {kind: swarm if kind in hint.kinds() else swarm / 2.0 for kind in kinds}
-        if "sensor_fault" not in hint.kinds():
-            chances["sensor_fault"] = swarm * self._chosen.real("faults")
-        chances["mode"] = MODES_WITHIN
-        kept = tuple(kind for kind in kinds if rng.random() < chances[kind])
-        return Style(hint, kept or (kinds[int(rng.integers(len(kinds)))],))
-
-    def _draw(self, style: Style, rng: Rng) -> Stimulus:
-        if style.hint.raised and rng.random() < CAUSED:
-            known = self._states.cause(rng, style.hint.raised)
-            if known is not None:
-                return known
-        entry = None
-        if rng.random() < self._chosen.real("own"):
-            entry = self._vocabulary.draw_own(rng, style.hint, style.kinds)
-        return self._given(rng, entry or self._vocabulary.draw(rng, style.hint.policy, style.kinds))
-
-    def _given(self, rng: Rng, entry: inputs.Input) -> Stimulus:
-        default = self._rest.get((entry.kind, entry.name))
-        given = numbers.draw(rng, entry, default, self._chosen.real("beyond"))
-        return Stimulus(at_s=0.0, kind=entry.kind, name=entry.name, values=given)
 
     # ---- changing what is kept ---------------------------------------------------------------------------------
 
@@ -251,7 +198,7 @@ class Strategy:
 
     def _changed(self, rng: Rng, way: str, stimuli: Stimuli, tempo: Tempo, policies: Sequence[str]) -> Stimuli:
         place = int(rng.integers(len(stimuli))) if stimuli else 0
-        draw = partial(self._draw, self._style(rng, self._hints[policies[0]]))
+        draw = partial(self._drawing.draw, self._drawing.style(rng, self._hints[policies[0]]))
         match way:
             case "value":
                 return self._nudged(rng, stimuli, place)
@@ -297,7 +244,7 @@ class Strategy:
             stimuli = stimuli[:end]
             first_s = min(tempo.last_s, stimuli[-1].at_s + float(rng.uniform(0.1, 8.0)))
         script = Script(tempo, stimuli, first_s)
-        script.phase(rng, [], draw)
+        script.phase(rng, Phase(draw))
         return script.stimuli()
 
     def _routed(self, rng: Rng, policy: str) -> TestCase | None:
@@ -314,7 +261,8 @@ class Strategy:
             script.give(stimulus)
             script.pause(rng, 1.0, 6.0)
         hint = self._hints[policy]
-        script.phase(rng, [], partial(self._draw, Style(hint, (goal[1],))))
+        script.phase(rng, Phase(partial(self._drawing.draw, Style(hint, (goal[1],)))))
+        mode = ""
         while not script.is_full:
-            self._phase(rng, script, self._style(rng, hint), "")
+            mode = self._writer.phase(rng, script, self._drawing.style(rng, hint), mode)
         return self._made(scenario, script.stimuli(), note((policy,), f"to {goal[0].replace(' ', '-')}"))
