@@ -112,7 +112,14 @@ def test_the_state_model_knows_what_raised_a_failsafe() -> None:
     steps = (Transition("LOITER", "LOITER gps", 0, -1), Transition("LOITER gps", "LAND gps radio", 1, 0))
     model.tell(case(fault, mode), steps)
     assert model.cause(rng, ("gps",)) == fault
-    assert model.cause(rng, ("radio",)) is None, "a change of mode raises nothing"
+    assert model.cause(rng, ("battery",)) is None
+    assert model.cause(rng, ("radio",)) == fault, "a change of mode raises nothing; what came before it may"
+    stick = given("stick", "RC1", 1700.0, at_s=3.0)
+    model.tell(case(stick), (Transition("LOITER", "LOITER gps", 0, -1),))
+    for _ in range(30):
+        model.tell(case(stick), (Transition("LOITER", "LOITER", 0, -1),))
+    causes = [model.cause(rng, ("gps",)) for _ in range(100)]
+    assert causes.count(fault) > 90, "a stick that is given all the time was there by chance"
 
 
 def test_the_state_model_knows_what_comes_down_and_what_lifts_again() -> None:
@@ -134,6 +141,26 @@ def test_the_state_model_knows_what_comes_down_and_what_lifts_again() -> None:
     model.tell(case(), (Transition("ACRO", "ACRO", -1, -1),), crashed=True)
     assert model.comes_down(("ACRO",)) > 0.0
     assert model.lands() == "LAND"
+
+
+def test_a_vehicle_that_has_come_down_is_lifted_again_before_the_next_phase() -> None:
+    hints: list[str] = ["a-rtl1 start:LOITER@20 in:LAND quiet:5", "upright start:LOITER@20 in:LOITER quiet:5"]
+    settings: dict[str, Setting] = {"hints": list(hints), "kept": 0.0, "routed": 0.0, "starts": 0.0}
+
+    def lifted(*, comes_down: bool) -> int:
+        searching = Strategy(TEMPLATE, settings, ("a-rtl1", "upright"), describe())
+        down = (Transition("LOITER", "LAND", 0, -1), Transition("LAND", "LAND standing", -1, 0))
+        for number in range(5 if comes_down else 0):
+            flown = case(given("mode", "LAND", at_s=1.0 + number))
+            searching.tell([Outcome(test_case=flown, round=0, ending="completed", robustness=None, transitions=down)])
+        climb = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 20.0)
+        return sum(
+            any(one.name == "MAV_CMD_NAV_TAKEOFF" and one.values == climb for one in test_case.stimuli)
+            for test_case in searching.ask(40, derive(1, "ask"))
+        )
+
+    assert lifted(comes_down=True) > 20
+    assert lifted(comes_down=False) == 0
 
 
 def test_what_was_refused_is_told_from_what_was_taken_and_from_what_was_never_given() -> None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from saflite.contract.test_case import Scenario, Stimulus, StimulusKind, TestCase
 from saflite.contract.verdict import Transition
+from saflite.mutator.exposure.vocabulary import pick
 
 Rng = np.random.Generator
 Coverage = tuple[str, str, str, str]
@@ -40,6 +41,8 @@ class StateModel:
         self._origins: dict[str, Origin] = {}
         self._given: dict[str, Counter[str]] = {}
         self._raised_by: dict[str, dict[tuple[str, str], Stimulus]] = {}
+        self._raised: Counter[tuple[str, tuple[str, str]]] = Counter()  # times a word came after an input
+        self._times: Counter[tuple[str, str]] = Counter()  # times an input was given
         self._flown_in: Counter[str] = Counter()  # by word of a state in the air: flights in which it was seen
         self._came_down: Counter[str] = Counter()  # those of them in which it came to the ground by itself
         self._crashed: Counter[str] = Counter()  # those that ended in it otherwise
@@ -57,7 +60,7 @@ class StateModel:
             self.covered[seen] += 1
             self._given.setdefault(step.after, Counter())
             self._given.setdefault(step.before, Counter())[stimulus.kind if stimulus else ""] += 1
-            self._learn_causes(step, stimulus or _at(case, step.preceding))
+            self._learn_causes(case, step)
             if step.after != step.before:
                 self._legs.setdefault(step.before, {}).setdefault(step.after, Leg(stimulus, step.after))
         return new
@@ -109,16 +112,29 @@ class StateModel:
                 waiting.append(leg.state)
         return []
 
-    def _learn_causes(self, step: Transition, stimulus: Stimulus | None) -> None:
-        if stimulus is None or stimulus.kind == "mode":
-            return
+    def _learn_causes(self, case: TestCase, step: Transition) -> None:
+        """Credit the last two inputs with the words that came into the state: an effect may take its time."""
+        given = [one for place in (step.stimulus, step.preceding) if (one := _at(case, place)) is not None]
+        if step.stimulus >= 0 and given[0].kind != "mode":
+            self._times[given[0].kind, given[0].name] += 1
         for word in sorted(set(step.after.split()) - set(step.before.split())):
-            self._raised_by.setdefault(word, {})[stimulus.kind, stimulus.name] = stimulus
+            for stimulus in given:
+                if stimulus.kind != "mode":
+                    key = (stimulus.kind, stimulus.name)
+                    self._raised_by.setdefault(word, {})[key] = stimulus
+                    self._raised[word, key] += 1
 
     def cause(self, rng: Rng, words: Sequence[str]) -> Stimulus | None:
-        """Return an input after which one of the words came into the state (a failsafe); None if none is known."""
-        known = [stimulus for word in words for stimulus in self._raised_by.get(word, {}).values()]
-        return known[int(rng.integers(len(known)))] if known else None
+        """Return an input after which one of the words came into the state (a failsafe); None if none is known.
+
+        Those that raise it in most of the times they are given rather than what happened to be given before.
+        """
+        known = [(word, key) for word in words for key in self._raised_by.get(word, {})]
+        if not known:
+            return None
+        shares = [self._raised[word, key] / (self._times[key] + 1.0) for word, key in known]
+        word, key = pick(rng, known, [share**2 for share in shares])
+        return self._raised_by[word][key]
 
     @property
     def states(self) -> tuple[str, ...]:

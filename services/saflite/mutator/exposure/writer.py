@@ -15,11 +15,13 @@ from saflite.mutator.exposure.probes import Probes, beyond
 from saflite.mutator.exposure.state_model import StateModel
 from saflite.mutator.exposure.vocabulary import pick
 from saflite.mutator.operators.inputs import Have
+from saflite.mutator.operators.values import LIFT
 
 Rng = np.random.Generator
 ASKED = 0.6  # chance that a setting has the value a rule asks for
 ORDERED = 0.7  # share of phases that end with a command their rule is about: it waits for what follows, undisturbed
 CAUSED = 0.7  # share of phases, for rules about a raised failsafe, that begin with what may raise it
+KNOWN = 0.7  # share of those that begin with what raised it before, where something did
 ACTS = 0.5  # share of phases, from one mode into another, before which something moves the vehicle
 FROM_START = 0.6  # share of phases that come from the mode in which the rule's own flights begin
 HELD = 0.7  # share of phases in which a stick stays where a rule asks for it
@@ -34,6 +36,9 @@ class Writer:
 
     def __init__(self, have: Have, drawing: Drawing, states: StateModel, probes: Probes) -> None:
         self._have, self._drawing, self._states, self._probes = have, drawing, states, probes
+        given = [key for key in LIFT if key[:2] in have]
+        common = [Stimulus(at_s=0.0, kind=kind, name=name, values=values) for kind, name, values in given]
+        self._lift = common if len(common) == len(LIFT) else []
 
     def fresh(self, rng: Rng, tempo: Tempo, start: StartState | None, hints: Sequence[Hint], many: int) -> Stimuli:
         """Return up to `many` phases, the policies in turn, for a flight with this start (None: a mission)."""
@@ -69,7 +74,7 @@ class Writer:
 
         Returns the mode and how likely it stands on the ground then.
         """
-        way = self._states.lift()
+        way = self._lift or self._states.lift()
         grounded = hint.begins == "ground"
         if not way or rng.random() >= MOVED or (not grounded and down < COMES_DOWN):
             return mode, down
@@ -127,7 +132,7 @@ class Writer:
     def _cause(self, rng: Rng, style: Style) -> tuple[Stimulus, ...]:
         """Return what raised a failsafe of the rule before; where nothing is known a fault or setting of its own."""
         known = self._states.cause(rng, style.hint.raised)
-        if known is not None and rng.random() < 0.5:
+        if known is not None and rng.random() < KNOWN:
             return (known,)
         faults = [entry for entry in style.hint.inputs if entry.kind == "sensor_fault"]
         entries = faults or [entry for entry in style.hint.inputs if entry.kind in ("parameter", "stick")]

@@ -12,6 +12,7 @@ import math
 
 import numpy as np
 
+from saflite.contract.test_case import StimulusKind
 from saflite.mutator.operators.inputs import Input
 
 Rng = np.random.Generator
@@ -46,6 +47,14 @@ NEAR_DEG = 0.0005  # about 50 m
 def has_choices(command: str) -> bool:
     """Return whether numbers that mean something are known for a command."""
     return command in _CHOICES or command in _PLACES
+
+
+LIFT: tuple[tuple[StimulusKind, str, Values], ...] = (
+    ("mode", "GUIDED", ()),
+    ("command", "MAV_CMD_COMPONENT_ARM_DISARM", (1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)),
+    ("command", "MAV_CMD_NAV_TAKEOFF", (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 20.0)),
+)
+"""What lifts a vehicle from the ground by MAVLink's common message set, motors off or on."""
 
 
 def telling(command: str) -> tuple[int, ...]:
