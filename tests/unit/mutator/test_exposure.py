@@ -9,10 +9,11 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
+from exposure_cases import HAVE, LAST, POLICIES, START, TEMPLATE, case, given, strategy
 
 from saflite.contract.errors import Refused
 from saflite.contract.rng import derive
-from saflite.contract.test_case import Origin, Scenario, Setting, StartState, Stimulus, Target, TestCase, identity
+from saflite.contract.test_case import Scenario, Setting, identity
 from saflite.contract.verdict import Transition
 from saflite.contract.work import Outcome, RuleOutcome
 from saflite.flight.autopilots.reference.check import check_test_case
@@ -22,36 +23,11 @@ from saflite.mutator.exposure.attention import Attention, note, read_note
 from saflite.mutator.exposure.corpus import Corpus
 from saflite.mutator.exposure.hints import Hint, read_hints
 from saflite.mutator.exposure.phases import Phase, Script, Tempo, shifted
-from saflite.mutator.exposure.probes import Probes
-from saflite.mutator.exposure.progress import APPLIED, answers, progress
+from saflite.mutator.exposure.progress import APPLIED, progress
 from saflite.mutator.exposure.state_model import StateModel
 from saflite.mutator.exposure.vocabulary import Vocabulary
-from saflite.mutator.operators.inputs import target_inputs
 from saflite.mutator.strategies.exposure import Strategy
 from saflite.recorder.exports.aerialist import read_case, write_case
-
-HAVE = target_inputs(describe())
-BOUNDED = [entry for entry in HAVE.values() if entry.kind == "parameter" and np.isfinite(entry.high)]
-START = StartState(mode="LOITER", altitude_m=30.0)
-TEMPLATE = TestCase(target=Target(), scenario=Scenario(start=START, time_limit_s=60.0), rng_seed=5)
-POLICIES = ("a-rtl1", "a-chute", "upright")
-LAST = Stimulus(at_s=60.0, kind="mode", name="LAND")  # the end of a flight
-HINTS = ["a-rtl1 start:GUIDED@12 mode:RTL parameter:RTL_ALT", "a-chute start:ALT_HOLD@50 command:MAV_CMD_DO_PARACHUTE"]
-
-
-def case(*stimuli: Stimulus, text: str = "", parent: str = "", altitude_m: float = 30.0) -> TestCase:
-    start = StartState(mode="LOITER", altitude_m=altitude_m)
-    scenario = Scenario(start=start, time_limit_s=60.0)
-    origin = Origin(strategy="exposure", note=text, parent=parent)
-    return msgspec.structs.replace(TEMPLATE, scenario=scenario, stimuli=stimuli, origin=origin)
-
-
-def given(kind: str, name: str, *values: float, at_s: float = 1.0) -> Stimulus:
-    return Stimulus(at_s=at_s, kind=kind, name=name, values=values)  # type: ignore[arg-type]
-
-
-def strategy(**settings: object) -> Strategy:
-    return Strategy(TEMPLATE, {"hints": list(HINTS), **settings}, POLICIES, describe())  # type: ignore[dict-item]
 
 
 def test_progress_ranks_silent_applied_near_and_violated() -> None:
@@ -120,103 +96,6 @@ def test_the_state_model_knows_what_raised_a_failsafe() -> None:
         model.tell(case(stick), (Transition("LOITER", "LOITER", 0, -1),))
     causes = [model.cause(rng, ("gps",)) for _ in range(100)]
     assert causes.count(fault) > 90, "a stick that is given all the time was there by chance"
-
-
-def test_the_state_model_knows_what_comes_down_and_what_lifts_again() -> None:
-    model = StateModel()
-    assert (model.lift(), model.lands()) == ([], "")
-    assert model.comes_down(("LAND", "RTL")) == 0.0
-    arm, climb = given("command", "MAV_CMD_COMPONENT_ARM_DISARM", 1.0), given("command", "MAV_CMD_NAV_TAKEOFF", 20.0)
-    down = (Transition("LOITER", "LAND", 0, -1), Transition("LAND", "LAND standing", -1, 0))
-    for _ in range(4):
-        model.tell(case(given("mode", "LAND")), down)
-    assert model.comes_down(("LOITER",)) == 0.0
-    assert model.comes_down(("LOITER", "LAND")) > 0.5
-    assert model.lands() == "LAND"
-    armed, up = "GUIDED standing disarmed", Transition("GUIDED standing", "GUIDED", 1, 0)
-    model.tell(case(arm, climb), (Transition(armed, "GUIDED standing", 0, -1), up))
-    mode, *rest = model.lift()
-    assert (mode.kind, mode.name) == ("mode", "GUIDED")
-    assert rest == [arm, climb]
-    model.tell(case(), (Transition("ACRO", "ACRO", -1, -1),), crashed=True)
-    assert model.comes_down(("ACRO",)) > 0.0
-    assert model.lands() == "LAND"
-
-
-def test_a_vehicle_that_has_come_down_is_lifted_again_before_the_next_phase() -> None:
-    hints: list[str] = ["a-rtl1 start:LOITER@20 in:LAND quiet:5", "upright start:LOITER@20 in:LOITER quiet:5"]
-    settings: dict[str, Setting] = {"hints": list(hints), "kept": 0.0, "routed": 0.0, "starts": 0.0}
-
-    def lifted(*, comes_down: bool) -> int:
-        searching = Strategy(TEMPLATE, settings, ("a-rtl1", "upright"), describe())
-        down = (Transition("LOITER", "LAND", 0, -1), Transition("LAND", "LAND standing", -1, 0))
-        for number in range(5 if comes_down else 0):
-            flown = case(given("mode", "LAND", at_s=1.0 + number))
-            searching.tell([Outcome(test_case=flown, round=0, ending="completed", robustness=None, transitions=down)])
-        climb = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 20.0)
-        return sum(
-            any(one.name == "MAV_CMD_NAV_TAKEOFF" and one.values == climb for one in test_case.stimuli)
-            for test_case in searching.ask(40, derive(1, "ask"))
-        )
-
-    assert lifted(comes_down=True) > 20
-    assert lifted(comes_down=False) == 0
-
-
-def test_what_was_refused_is_told_from_what_was_taken_and_from_what_was_never_given() -> None:
-    stimuli = [given("stick", "RC1", 1000.0, at_s=float(at_s)) for at_s in (1, 2, 3, 4)]
-    steps = (Transition("LOITER", "LOITER", 0, -1), Transition("LOITER", "LOITER", 2, 0))
-    flown = Outcome(test_case=case(*stimuli), round=0, ending="crashed", robustness=None, transitions=steps)
-    assert answers(flown) == (frozenset({0, 1, 2}), frozenset({0, 2}))
-    blind = msgspec.structs.replace(flown, transitions=())
-    assert answers(blind) == (frozenset(range(4)), frozenset(range(4)))
-
-
-def test_a_setting_that_takes_what_it_should_refuse_is_set_again_and_again_and_in_tune_with_another() -> None:
-    probes, rng = Probes(HAVE), derive(1, "test")
-    assert probes.at_once > 0
-    assert probes.lax_values(rng, 1.0) == []
-    names = [probes.draw(rng).name for _ in range(60)]
-    assert len(set(names)) > 40
-    wide, low = given("parameter", "RTL_ALT", 1e6), given("parameter", "LAND_SPEED", -5.0)
-    refused = [given("parameter", entry.name, entry.high + 1.0) for entry in BOUNDED[:60] if entry.name[0] != "L"]
-    probes.tell(case(*refused), range(len(refused)), ())
-    probes.tell(case(wide, low), {0, 1}, {0})
-    assert [entry.name for entry in probes.lax] == ["RTL_ALT"]
-    values = [value for _ in range(200) for entry, value in probes.lax_values(rng, 1.0)]
-    assert min(values) < 0.0 < max(values)
-    assert all(not 200.0 <= value <= 8000.0 or value == 0.0 for value in values)
-    probes.tell(case(low), {0}, {0})
-    pairs = [tuple(value for _, value in probes.lax_values(rng, 1.0)) for _ in range(200)]
-    assert 5 < sum(len(pair) == 2 and pair[0] == pair[1] for pair in pairs) < 100
-
-
-def test_a_target_that_takes_most_values_is_hardly_asked() -> None:
-    probes = Probes(HAVE)
-    asked = [given("parameter", entry.name, entry.high + 1.0) for entry in BOUNDED[:40]]
-    probes.tell(case(*asked), range(40), range(40))
-    assert probes.at_once == 0
-    rng = derive(1, "test")
-    assert sum(len(probes.lax_values(rng, 1.0)) for _ in range(100)) < 10
-
-
-def test_refused_values_are_asked_for_and_a_stick_stays_where_a_rule_wants_it() -> None:
-    settings: dict[str, Setting] = {"hints": ["upright in:LOITER quiet:15 holds:RC3=1000"], "kept": 0.0}
-    cases = Strategy(TEMPLATE, settings, ("upright",), describe()).ask(40, derive(1, "test"))
-    bounds = {entry.name: (entry.low, entry.high) for entry in HAVE.values() if entry.kind == "parameter"}
-    outside = [
-        one.name
-        for test_case in cases
-        for one in test_case.stimuli
-        if one.kind == "parameter" and not bounds[one.name][0] <= one.values[0] <= bounds[one.name][1]
-    ]
-    assert len(set(outside)) > 60
-    held = 0
-    for test_case in cases:
-        low = [one.at_s for one in test_case.stimuli if one.name == "RC3" and one.values == (1000.0,)]
-        other = [one.at_s for one in test_case.stimuli if one.name == "RC3" and one.values != (1000.0,)]
-        held += any(all(not at_s < later < at_s + 14.0 for later in other) for at_s in low)
-    assert held > 20
 
 
 def test_a_campaign_without_a_policy_is_refused() -> None:
@@ -389,23 +268,3 @@ def test_a_corpus_is_sown_as_it_was_kept_and_texts_that_are_none_are_refused() -
     assert parents == {identity(flown)}
     with pytest.raises(Refused, match="strategy setting corpus"):
         strategy(corpus=["{}"])
-
-
-def test_a_policy_that_a_lax_setting_bears_on_is_attended_more() -> None:
-    attention = Attention(POLICIES)
-    assert Counter(attention.rotation(derive(1, "test"), 100, {"a-rtl1"}))["a-rtl1"] == pytest.approx(60, abs=1)
-    attention.tell(case(), {"a-rtl1": 1.0})
-    assert Counter(attention.rotation(derive(1, "test"), 100, {"a-rtl1"}))["a-rtl1"] < 20
-
-    policies = ("a-rtl1", *(f"p{number}" for number in range(30)))
-    settings: dict[str, Setting] = {"hints": list(HINTS[:1]), "kept": 0.0, "routed": 0.0}
-    flown = case(*(given("parameter", entry.name, entry.high + 1.0) for entry in BOUNDED))
-    place = [one.name for one in flown.stimuli].index("RTL_ALT")
-
-    def aimed(*taken: int) -> int:
-        searching = Strategy(TEMPLATE, settings, policies, describe())
-        steps = tuple(Transition("LOITER", "LOITER", one, -1) for one in (*taken, -1))
-        searching.tell([Outcome(test_case=flown, round=0, ending="completed", robustness=None, transitions=steps)])
-        return sum("a-rtl1" in read_note(one.origin.note) for one in searching.ask(40, derive(1, "ask")))
-
-    assert aimed(place) > 1.5 * aimed()
