@@ -215,3 +215,12 @@ def test_gusts_have_the_size_asked_for_and_repeat() -> None:
     assert rows[:, 0].std() == pytest.approx(1.0, rel=0.2)
     assert rows[:, 2].std() == pytest.approx(0.33, rel=0.2)
     assert WindField(Wind(), 1).still
+
+
+def test_a_wind_that_drops_is_told_to_the_world_and_leaves_no_gust() -> None:
+    field = WindField(Wind(mean_mps=5.0, gust_mps=2.0), 7)
+    assert any(field.tick())
+    field.change(0.0, 0.0, 0.0)
+    assert not field.still, "the world has not been told yet"
+    assert field.tick() == (0.0, 0.0, 0.0)
+    assert field.still

@@ -26,20 +26,28 @@ class WindField:
         self._gust = np.zeros(3)
         self._draws = np.zeros((0, 3))
         self._next = 0
+        self._blew = False
 
     @property
     def still(self) -> bool:
-        """Whether the air does not move at all."""
+        """Whether the air does not move at all; not before a tick has told the world that it has dropped."""
+        return not self._blew and self._calm
+
+    @property
+    def _calm(self) -> bool:
         return self.wind.mean_mps == 0.0 and self.wind.gust_mps == 0.0
 
     def change(self, mean_mps: float, from_deg: float, gust_mps: float) -> None:
-        """Replace the steady wind and the size of the gusts."""
+        """Replace the steady wind and the size of the gusts; where there are none any more, the last one is over."""
         period_s = self.wind.gust_period_s
         self.wind = Wind(mean_mps=mean_mps, from_deg=from_deg, gust_mps=gust_mps, gust_period_s=period_s)
+        if gust_mps == 0.0:
+            self._gust = np.zeros(3)
 
     def tick(self) -> tuple[float, float, float]:
         """Return the air's velocity north, east, down in m/s for the next 20 ms."""
         wind = self.wind
+        self._blew = not self._calm
         towards = math.radians(wind.from_deg + 180.0)
         if wind.gust_mps > 0.0:
             keep = 1.0 - TICK_S / max(TICK_S, wind.gust_period_s)

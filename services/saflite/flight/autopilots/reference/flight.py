@@ -220,16 +220,22 @@ class ReferenceFlight:
     # -- during ---------------------------------------------------------------------------------------------------
 
     def _weather(self) -> None:
-        p = self.autopilot.parameters
-        if self._wind_seen != p.changes:
-            self._wind_seen = p.changes
-            if p["SIM_WIND_SPD"] > 0.0 or p["SIM_WIND_TURB"] > 0.0:
-                self.wind.change(p["SIM_WIND_SPD"], p["SIM_WIND_DIR"], p["SIM_WIND_TURB"])
+        if self._wind_seen != self.autopilot.parameters.changes:
+            self._wind_seen = self.autopilot.parameters.changes
+            self._change_wind()
         if not self.wind.still:
             self.world.set_wind(*self.wind.tick())
         if not self._chute_open and self.autopilot.parachute.open_now():
             self._chute_open = True
             self.world.set_drag_area(CHUTE_AREA_M2)
+
+    def _change_wind(self) -> None:
+        """Let it blow as the parameters say; where they say nothing (any more), as the scenario does."""
+        p, own = self.autopilot.parameters, self.scenario.wind
+        blows = (own.mean_mps, own.from_deg, own.gust_mps)
+        if p["SIM_WIND_SPD"] > 0.0 or p["SIM_WIND_TURB"] > 0.0:
+            blows = (p["SIM_WIND_SPD"], p["SIM_WIND_DIR"], p["SIM_WIND_TURB"])
+        self.wind.change(*blows)
 
     def _ending(self, limit_s: float) -> Ending | None:
         time_s = self.time_s
