@@ -94,6 +94,8 @@ class Mode:
             ap.lift()
         if ap.landed and not ap.taken_off:
             self._take_off_to_m = p["PILOT_TKOFF_ALT"] / 100.0
+        if rate < 0.0:
+            self._take_off_to_m = -1000.0  # the pilot breaks it off (ArduCopter: do_pilot_takeoff)
         if board["altitude_est_m"] < self._take_off_to_m:
             rate = max(rate, 0.5 * p["PILOT_SPEED_UP"] / 100.0)
         else:

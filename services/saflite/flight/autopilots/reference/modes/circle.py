@@ -57,7 +57,7 @@ class Circle(Mode):
         north, east = self._centre[0] + radius * math.cos(self._angle), self._centre[1] + radius * math.sin(self._angle)
         steer.position(board, north, east, SPEED_MAX_MPS)
         board.set(set_vn=-turn * radius * math.sin(self._angle), set_ve=turn * radius * math.cos(self._angle))
-        steer.heading(board, self._angle + math.pi if radius > 0.1 else self._angle)
+        steer.heading(board, self._angle + math.pi)
         self.pilot_climb()
         board["circle_radius_m"] = radius
         board["circle_rate_dps"] = self._rate_dps

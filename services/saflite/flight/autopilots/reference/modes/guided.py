@@ -25,7 +25,8 @@ class Guided(Mode):
         self.yaw_rad: float | None = None
 
     def enter(self, previous: Mode) -> None:
-        """Stop and stay here."""
+        """Stop and stay here, nose as it is: orders to turn that were given before do not count any more."""
+        self.ap.yaw_order_rad = None
         if not self.ap.landed:
             self.go_to(*self._stopping_point(), self.board["altitude_est_m"])
 

@@ -23,7 +23,7 @@ class Rtl(Mode):
         self.phase = "climb"
         self._until_s = 0.0
         self._start = self._home = (0.0, 0.0)
-        self._altitude = 0.0
+        self._altitude = self._altitude_final = 0.0
 
     def enter(self, previous: Mode) -> None:
         """Begin with the climb, from here."""
@@ -31,10 +31,12 @@ class Rtl(Mode):
         height = board["altitude_est_m"]
         self._start = (board["est_n"], board["est_e"])
         self._home = (self.ap.home[0], self.ap.home[1])  # another home counts from the next return on
-        self._altitude = max(p["RTL_ALT"] / 100.0, height + p["RTL_CLIMB_MIN"] / 100.0, height)
+        wanted = max(p["RTL_ALT"] / 100.0, height + p["RTL_CLIMB_MIN"] / 100.0, height)
+        # the ceiling may keep it from climbing; even above it a return does not begin with a descent
+        self._altitude = max(self.ap.failsafes.limit_altitude(wanted), height)
         if "rtl-altitude-unit" in self.ap.defects:
-            self._altitude = p["RTL_ALT"] / 1000.0
-        self._altitude = self.ap.failsafes.limit_altitude(self._altitude)
+            self._altitude = self.ap.failsafes.limit_altitude(p["RTL_ALT"] / 1000.0)
+        self._altitude_final = p["RTL_ALT_FINAL"] / 100.0
         steer.heading(board, board["est_yaw"])
 
     def may_arm(self) -> bool:
@@ -79,12 +81,12 @@ class Rtl(Mode):
         steer.position(self.board, *self._home, plane)
         steer.altitude(self.board, self._altitude, up, down)
         if self.ap.time_s >= self._until_s:
-            self.phase = "descend" if self.ap.parameters["RTL_ALT_FINAL"] > 0.0 else "land"
+            self.phase = "descend" if self._altitude_final > 0.0 else "land"
 
     def _descend(self) -> None:
         plane, up, down = self._speeds()
         steer.position(self.board, *self._home, plane)
-        steer.altitude(self.board, self.ap.parameters["RTL_ALT_FINAL"] / 100.0, up, down)
+        steer.altitude(self.board, self._altitude_final, up, down)
 
     def _land(self) -> None:
         steer.position(self.board, *self._home, 3.0)
