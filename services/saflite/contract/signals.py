@@ -120,9 +120,12 @@ SIGNALS: dict[str, Signal] = {
         "s", "time in which it can be asked to stop from its speed and lean now, by the settings in force"
     ),
     "settling_s": Signal("s", "time in which it can be asked to stop and to come back to where it was"),
+    "pilot_takeoff_set_m": Signal("m", "height to which a pilot's take-off climbs by itself (PILOT_TKOFF_ALT)"),
+    "yaw_slew_set_dps": Signal("deg/s", "turning speed of autonomous modes (ATC_SLEW_YAW)"),
     "pilot_speed_down_set_mps": Signal("m/s", "greatest descent rate a pilot may ask (PILOT_SPEED_DN)"),
     "cruise_speed_set_mps": Signal("m/s", "speed of autonomous modes (WPNAV_SPEED, MAV_CMD_DO_CHANGE_SPEED)"),
     "return_speed_set_mps": Signal("m/s", "speed of a return (RTL_SPEED, or that of autonomous modes if 0)"),
+    "return_wait_set_s": Signal("s", "wait over home before a return descends (RTL_LOIT_TIME)"),
     "return_climb_min_set_m": Signal("m", "least climb before a return (RTL_CLIMB_MIN)"),
     "loiter_speed_set_mps": Signal("m/s", "greatest speed in LOITER (LOIT_SPEED)"),
     "disarm_delay_set_s": Signal("s", "time on the ground before disarming, 0 never (DISARM_DELAY)"),
@@ -178,7 +181,8 @@ gps_true gps_settled baro_true baro_settled body_true sticks_true place_order_s 
 ordered_altitude_m battery_timer_set_s battery_low_action_set battery_critical_set_v battery_low_charge_set_mah
 fence_action_set fence_on_set fence_type_set fence_radius_set_m arming_checks_set angle_max_set_deg
 acceleration_set_mps2
-cruise_speed_set_mps return_speed_set_mps return_climb_min_set_m loiter_speed_set_mps disarm_delay_set_s
+cruise_speed_set_mps return_speed_set_mps return_climb_min_set_m return_wait_set_s
+loiter_speed_set_mps disarm_delay_set_s pilot_takeoff_set_m yaw_slew_set_dps
 circle_radius_set_m circle_rate_set_dps descent_speed_set_mps trim_roll_set_deg trim_pitch_set_deg
 """
 MADE_FROM: dict[str, tuple[str, ...]] = {

@@ -28,6 +28,10 @@ SETTLE_S = 20.0
 LEARNT_S = 40.0
 """A false gyro, compass or accelerometer is learnt as a bias while it lasts and unlearnt in the same time; measured on
 the reference: 49 s after a gyro bias of 0.05 rad/s for 60 s the vehicle is level again."""
+STRONG_SHARE, STRONG_TIMES = 0.5, 12.0
+"""One stronger than half of its documented range takes this many times as long: on the reference a compass off by
+0.5 Gauss, or a gyro by 0.2 rad/s, for 9 s leaves it leaning by more than 5 degrees for another 60 s, while it spins for
+100 s; at half of that it levels itself at once."""
 WIND_STOOD_MPS, GUSTS_STOOD_MPS = 8.0, 2.0  # a small multirotor holds its place in that much
 _STICK_USUAL = {"trim": 1500.0, "min": 1000.0, "max": 2000.0, "dz": 20.0, "thr_dz": 100.0}
 
@@ -67,7 +71,7 @@ _FAULTS: tuple[tuple[str, Effect], ...] = (
 _SETTINGS: tuple[tuple[str, Effect], ...] = (
     (r"gnd_alt_offset", Effect(passing=("baro_settled",), lasting=("baro_true",), per_unit_s=1.0)),
     (r"gnd_temp|gnd_primary|ek\d_alt_source|baro", Effect(passing=("baro_settled",), per_unit_s=1.0)),
-    (r"gps_(pos|type|primary)", Effect(passing=("gps_settled",))),
+    (r"gps_(pos|type|primary|sats)", Effect(passing=("gps_settled",))),
     (r"rc\d+_(trim|dz|option|reversed?)|rc3_|rcmap_|thr_dz", Effect(lasting=("sticks_true",))),
 )
 """RC1_MIN and the like only scale a stick: its centre and its sense stay. The throttle has no other centre. A setting
@@ -138,7 +142,7 @@ def undisturbed(
         down |= (times >= one.at_s - 1e-9) & (times < settled_s)
         if name in since:
             start_s = since.pop(name)
-            settled_s += min(LEARNT_S, one.at_s - start_s) if effect.learnt else 0.0
+            settled_s += _unlearnt_s(old, (low, high), one.at_s - start_s) if effect.learnt else 0.0
             down |= (times >= start_s - 1e-9) & (times < settled_s)
         if flag in effect.lasting and value != effect.healthy:
             since[name] = one.at_s
@@ -146,3 +150,10 @@ def undisturbed(
     for start_s in since.values():
         down |= times >= start_s - 1e-9
     return (~down).astype(np.float64)
+
+
+def _unlearnt_s(offset: float, limits: tuple[float, float], lasted_s: float) -> float:
+    """Return how long the estimator takes to unlearn an offset that it took for a bias."""
+    greatest = max(abs(limit) for limit in limits)
+    strong = STRONG_SHARE * greatest < abs(offset)
+    return min(LEARNT_S, lasted_s) * (STRONG_TIMES if strong else 1.0)

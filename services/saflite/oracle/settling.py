@@ -17,6 +17,17 @@ SHARE = 0.5
 LEAN_S = 1.25  # a vehicle that leans goes on gaining speed until it has been levelled
 RETURN_MPS = 3.0  # LAND comes back to the place of its entry at 3 m/s, CIRCLE to its circle at 5 m/s
 LEAST_MPS2 = 0.1  # the excuse stays bounded where a setting leaves no lean at all
+AHEAD_S = 30.0
+"""A stop may still be under way this long after it began: a setting that brakes less, given until then, counts."""
+
+
+def least_ahead(values: NDArray[Any], times: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the least of a setting within `AHEAD_S` from each moment on, shape (moments,)."""
+    least = np.array(values, dtype=np.float64)
+    for at in np.flatnonzero(np.diff(values)) + 1:
+        until = (times < times[at]) & (times >= times[at] - AHEAD_S)
+        least[until] = np.minimum(least[until], values[at])
+    return least
 
 
 def braking_mps2(acceleration_mps2: NDArray[Any], lean_deg: NDArray[Any]) -> NDArray[np.float64]:

@@ -32,7 +32,7 @@ from saflite.oracle import orders
 from saflite.oracle.effects import FLAGS, undisturbed
 from saflite.oracle.moments import moments_of, samples_of
 from saflite.oracle.orders import NEVER_S, SETTINGS
-from saflite.oracle.settling import braking_mps2, settling
+from saflite.oracle.settling import braking_mps2, least_ahead, settling
 
 Array = NDArray[np.float32]
 STIMULI: tuple[str, ...] = get_args(StimulusKind)
@@ -174,7 +174,7 @@ class FlightSignals:
     def _settling(self, name: str) -> NDArray[Any]:
         askew_deg = np.hypot(self["trim_roll_set_deg"], self["trim_pitch_set_deg"])
         braking = braking_mps2(self["acceleration_set_mps2"], self["angle_max_set_deg"] - askew_deg)
-        return settling(self["ground_speed_mps"], self["tilt_deg"], braking)[name]
+        return settling(self["ground_speed_mps"], self["tilt_deg"], least_ahead(braking, self._time()))[name]
 
     def _crashed(self) -> Array:
         flags = np.zeros(self.samples, dtype=np.float32)

@@ -7,7 +7,7 @@ import pytest
 
 from saflite.contract.errors import Refused
 from saflite.contract.test_case import Stimulus, StimulusKind
-from saflite.oracle.effects import FLAGS, LEARNT_S, SETTLE_S, effect_of, silencing, undisturbed
+from saflite.oracle.effects import FLAGS, LEARNT_S, SETTLE_S, STRONG_TIMES, effect_of, silencing, undisturbed
 from saflite.oracle.policy import POLICIES_DIR, parse_policy, policy_names
 
 TIMES = np.arange(0.0, 300.0, 0.5)
@@ -65,6 +65,13 @@ def test_a_lasting_effect_is_over_when_it_was_taken_back_and_recovered_from() ->
     times = down("baro_settled", noise, given("sensor_fault", "SIM_BARO_RND", 0.0, at_s=40.0))
     assert (times[0], times[-1]) == (10.0, 40.0 + SETTLE_S - 0.5)
     assert down("gps_settled", given("sensor_fault", "SIM_GPS_NOISE", 0.0)) == [], "it was off and stays off"
+
+
+@pytest.mark.parametrize(("field", "times"), [(200.0, 1.0), (500.0, STRONG_TIMES)])
+def test_a_strong_false_sensor_is_unlearnt_slowly(field: float, times: float) -> None:
+    fault = given("sensor_fault", "SIM_MAG_OFFSET_Y", field), given("sensor_fault", "SIM_MAG_OFFSET_Y", 0.0, at_s=15.0)
+    flag = undisturbed("body_true", fault, {}, TIMES, {"SIM_MAG_OFFSET_Y": (-500.0, 500.0)})
+    assert TIMES[flag == 0][-1] == 15.0 + SETTLE_S + 5.0 * times - 0.5, "5 s of it"
 
 
 def test_a_drift_that_has_stopped_leaves_its_offset() -> None:

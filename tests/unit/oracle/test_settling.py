@@ -12,9 +12,11 @@ from saflite.contract.test_case import Scenario, Stimulus, Target, TestCase
 from saflite.oracle.signals import FlightSignals
 
 
-def given(speed_mps: float, *stimuli: Stimulus, roll_deg: float = 0.0, **parameters: float) -> FlightSignals:
+def given(
+    speed_mps: float, *stimuli: Stimulus, roll_deg: float = 0.0, seconds: float = 10.0, **parameters: float
+) -> FlightSignals:
     written = {"vx_mps": speed_mps, "vy_mps": 0.0, "roll_deg": roll_deg, "pitch_deg": 0.0}
-    columns = {name: np.full(21, value, dtype="<f4").tobytes() for name, value in written.items()}
+    columns = {name: np.full(round(seconds / 0.5) + 1, value, dtype="<f4").tobytes() for name, value in written.items()}
     case = TestCase(target=Target(parameters=parameters), scenario=Scenario(), stimuli=stimuli)
     flight = Flight(test_case="", flight_index=0, ending="completed")
     return FlightSignals(case, flight, Trace(step_s=0.5, signals=columns))
@@ -38,8 +40,14 @@ def test_little_lean_brakes_little_and_a_board_mounted_askew_takes_of_it() -> No
 
 
 def test_settings_count_from_when_they_were_given() -> None:
-    held = stopping_s(6.0, Stimulus(at_s=5.0, kind="parameter", name="WPNAV_ACCEL", values=(100.0,)))
+    held = stopping_s(6.0, Stimulus(at_s=5.0, kind="parameter", name="WPNAV_ACCEL", values=(500.0,)))
+    assert [held[0], held[-1]] == pytest.approx([4.0, 2.4])
+
+
+def test_what_brakes_less_counts_for_a_stop_that_may_be_under_way() -> None:
+    held = stopping_s(6.0, Stimulus(at_s=40.0, kind="parameter", name="WPNAV_ACCEL", values=(100.0,)), seconds=50.0)
     assert [held[0], held[-1]] == pytest.approx([4.0, 12.0])
+    assert [held[18], held[22]] == pytest.approx([4.0, 12.0]), "from 30 s before it was given"
 
 
 def test_a_lean_makes_it_faster_first_and_the_way_back_counts() -> None:

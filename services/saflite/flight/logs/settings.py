@@ -62,6 +62,9 @@ def _ardupilot_height(given: Parameters) -> float:
 ARDUPILOT: dict[str, Plain | Made] = {
     "rtl_altitude_set_m": _of("RTL_ALT", unit=_CM),
     "rtl_altitude_final_set_m": _of("RTL_ALT_FINAL", unit=_CM),
+    "return_wait_set_s": _of("RTL_LOIT_TIME", unit=0.001),
+    "pilot_takeoff_set_m": _of("PILOT_TKOFF_ALT", unit=_CM),
+    "yaw_slew_set_dps": _of("ATC_SLEW_YAW", unit=_CM),
     "return_climb_min_set_m": _of("RTL_CLIMB_MIN", unit=_CM),
     "return_speed_set_mps": _instead_of_0(_of("RTL_SPEED", unit=_CM), _of("WPNAV_SPEED", unit=_CM)),
     "cruise_speed_set_mps": _of("WPNAV_SPEED", unit=_CM),
