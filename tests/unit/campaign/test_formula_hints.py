@@ -52,7 +52,14 @@ def test_sticks_are_held_where_a_formula_asks_for_them_off_the_middle() -> None:
     formula = (
         "lasting[3] (rc3_pwm >= 1950 or rc3_pwm <= 1050) and rc1_pwm >= 1500 and rc2_pwm <= 1900 and rc4_pwm < limit"
     )
-    assert sticks_held(formula) == (("RC3", True), ("RC3", False))
+    held = [(entry.name, value) for entry, value in sticks_held(formula, describe())]
+    assert held == [("RC3", 2000.0), ("RC3", 1000.0)]
+
+
+def test_a_stick_compared_with_a_setting_is_held_beside_its_default() -> None:
+    held = sticks_held("lasting[2] (rc3_pwm < fs_throttle_set_pwm) implies armed == 0", describe())
+    assert [(entry.name, value) for entry, value in held] == [("RC3", 950.0)]
+    assert sticks_held("rc3_pwm < rc2_pwm and rc1_pwm > no_such_signal", describe()) == ()
 
 
 def test_a_rule_with_odd_parts_tells_what_it_can() -> None:

@@ -89,6 +89,16 @@ def test_a_setting_that_takes_what_it_should_refuse_is_set_again_and_again_and_i
     assert 5 < sum(len(pair) == 2 and pair[0] == pair[1] for pair in pairs) < 100
 
 
+def test_a_lax_setting_that_broke_something_is_set_less_so_that_it_hides_nothing_else() -> None:
+    def times(*, ended: bool) -> int:
+        probes, rng = Probes(HAVE), derive(1, "test")
+        for _ in range(4):
+            probes.tell(case(given("parameter", "RTL_ALT", 1e6)), {0}, {0}, ended=ended)
+        return sum(len(probes.lax_values(rng, 1.0)) for _ in range(400))
+
+    assert 0 < times(ended=True) < 0.4 * times(ended=False)
+
+
 def test_a_target_that_takes_most_values_is_hardly_asked() -> None:
     probes = Probes(HAVE)
     asked = [given("parameter", entry.name, entry.high + 1.0) for entry in BOUNDED[:40]]

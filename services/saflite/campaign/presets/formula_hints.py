@@ -19,7 +19,7 @@ _LASTING = re.compile(r"\b(?:lasting|historically)\s*\[\s*(?:[\d.]+\s*:\s*)?([\d
 _AFTER = re.compile(r"\b[a-z_]*(?:quiet|calm|order)_s\s*>=?\s*([\d.]+)")
 _AHEAD = re.compile(r"\b(?:eventually|always)\s*\[\s*[\d.]+\s*:\s*([\d.]+)")
 _COMPARED = re.compile(r"\b([a-z_0-9]+)\s*(==|>=|<=)\s*([\d.]+)\b")
-_STICK = re.compile(r"\brc([1-4])_pwm\s*(>=?|<=?)\s*([\d.]+)")
+_STICK = re.compile(r"\brc([1-4])_pwm\s*(>=?|<=?)\s*(?:([\d.]+)|([a-z_]+))")
 _STICK_MIDDLE = 1500.0
 _STICK_CLEAR = 50.0  # what is asked nearer to the middle is met with the stick let go
 SETTING = re.compile(r"\b[A-Za-z][A-Za-z0-9]*_[A-Za-z0-9_]+\b")
@@ -63,14 +63,31 @@ def _is_time(value: Any) -> bool:
     return isinstance(value, int | float) and 0.0 < value <= QUIET_MAX_S
 
 
-def sticks_held(formula: str) -> tuple[tuple[str, bool], ...]:
-    """Return sticks that a formula asks to be held well off the middle, and whether above it."""
-    found: dict[tuple[str, bool], None] = {}
-    for channel, how, number in _STICK.findall(formula):
-        off = float(number.rstrip(".")) - _STICK_MIDDLE
-        if abs(off) > _STICK_CLEAR and (off > 0.0) == how.startswith(">"):
-            found[f"RC{channel}", off > 0.0] = None
-    return tuple(found)
+def sticks_held(formula: str, target: TargetInfo) -> tuple[tuple[InputInfo, float], ...]:
+    """Return sticks that a formula asks to be held well off the middle, with a value that does: an end.
+
+    Where it compares one with a signal that shows a setting, a little to that side of the setting's default.
+    """
+    sticks = {entry.name: entry for entry in target.inputs if entry.kind == "stick"}
+    found: dict[tuple[str, float], InputInfo] = {}
+    for channel, how, number, signal in _STICK.findall(formula):
+        entry, above = sticks.get(f"RC{channel}"), how.startswith(">")
+        if entry is None or entry.low is None or entry.high is None:
+            continue
+        off = float(number.rstrip(".")) - _STICK_MIDDLE if number else 0.0
+        if abs(off) > _STICK_CLEAR and (off > 0.0) == above:
+            found[entry.name, entry.high if above else entry.low] = entry
+        for setting in _shown_by(signal, target):
+            found[entry.name, setting + (_STICK_CLEAR if above else -_STICK_CLEAR) / 2.0] = entry
+    return tuple((entry, value) for (_, value), entry in found.items())
+
+
+def _shown_by(signal: str, target: TargetInfo) -> list[float]:
+    """Return the defaults of the settings that a signal shows."""
+    known = SIGNALS.get(signal, target.own_signals.get(signal))
+    names = SETTING.findall(known.meaning) if known is not None else []
+    defaults = {entry.name: entry.default for entry in target.inputs if entry.kind == "parameter"}
+    return [default for name in names if (default := defaults.get(name)) is not None]
 
 
 def settings_asked(formula: str, target: TargetInfo) -> tuple[tuple[InputInfo, float], ...]:

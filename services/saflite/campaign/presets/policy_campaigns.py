@@ -217,8 +217,7 @@ def _hint(data: dict[str, Any], start: dict[str, Any], inputs: dict[str, list[An
     words += [f"raised:{name}" for name in failsafes_named(formula)]
     words += [f"quiet:{quiet_s:g}" for quiet_s in (quiet_asked_s(formula, data.get("constants")),) if quiet_s]
     words += [f"asks:{entry.name}={value:g}" for entry, value in settings_asked(formula, target)]
-    ends = {entry.name: (entry.low, entry.high) for entry in target.inputs if entry.kind == "stick"}
-    words += [f"holds:{name}={ends[name][up]:g}" for name, up in sticks_held(formula) if _bounded(ends.get(name))]
+    words += [f"holds:{entry.name}={value:g}" for entry, value in sticks_held(formula, target)]
     words += [f"reads:{kind}:{name}" for kind, name in _read_by(data, target)]
     for word, kind in _INPUTS.items():
         excused = kind == "sensor_fault" and _EXCUSED.search(formula)
@@ -230,10 +229,6 @@ def _hint(data: dict[str, Any], start: dict[str, Any], inputs: dict[str, list[An
             else:
                 words.append(f"{kind}:{name}")
     return " ".join(words)
-
-
-def _bounded(ends: tuple[float | None, float | None] | None) -> bool:
-    return ends is not None and None not in ends
 
 
 def _read_by(data: dict[str, Any], target: TargetInfo) -> list[tuple[StimulusKind, str]]:

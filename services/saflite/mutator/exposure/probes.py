@@ -35,16 +35,21 @@ class Probes:
         self._bounded = tuple(entry for entry in have.values() if _asks(entry))
         self._asked: Counter[Key] = Counter()
         self._taken: Counter[Key] = Counter()
+        self._ended: Counter[Key] = Counter()
         self._inputs = {(entry.kind, entry.name): entry for entry in self._bounded}
 
-    def tell(self, case: TestCase, given: Collection[int], taken: Collection[int]) -> None:
-        """Learn from the inputs of a flight, by their places: those that were given, those that were taken."""
+    def tell(self, case: TestCase, given: Collection[int], taken: Collection[int], *, ended: bool = False) -> None:
+        """Learn from the inputs of a flight, by their places: those that were given, those that were taken.
+
+        `ended`: it broke a rule or crashed, so what was set is known for that, and hides all else.
+        """
         for place in sorted(given):
             stimulus = case.stimuli[place]
             entry = self._inputs.get((stimulus.kind, stimulus.name))
             if entry is not None and stimulus.values and not entry.low <= stimulus.values[0] <= entry.high:
                 self._asked[entry.kind, entry.name] += 1
                 self._taken[entry.kind, entry.name] += place in taken
+                self._ended[entry.kind, entry.name] += ended and place in taken
 
     @property
     def lax(self) -> tuple[Input, ...]:
@@ -77,7 +82,8 @@ class Probes:
     def lax_values(self, rng: Rng, chance: float) -> list[tuple[Input, float]]:
         """Return some of the lax settings with values; two of them may get one value, which differences do not bear."""
         each = chance * self._worth / max(1.0, len(self.lax) / AT_ONCE)
-        chosen = [entry for entry in self.lax if rng.random() < each]
+        ended = (self._ended[entry.kind, entry.name] for entry in self.lax)
+        chosen = [entry for entry, times in zip(self.lax, ended, strict=True) if rng.random() < each / (1.0 + times)]
         found = [(entry, beyond(rng, entry)) for entry in chosen]
         if len(found) > 1 and rng.random() < SAME_SHARE:
             found = [(entry, found[0][1]) for entry, _ in found]

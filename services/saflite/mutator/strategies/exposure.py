@@ -113,10 +113,10 @@ class Strategy:
                 continue
             case, progress = outcome.test_case, by_policy(outcome)
             given, taken = answers(outcome)
-            self._probes.tell(case, given, taken)
+            crashed = outcome.ending == "crashed"
+            self._probes.tell(case, given, taken, ended=crashed or bool(outcome.violated))
             self._vocabulary.tell(case, progress, given, taken)
             self._attention.tell(case, progress)
-            crashed = outcome.ending == "crashed"
             self._corpus.tell(case, progress, self._states.tell(case, outcome.transitions, crashed=crashed))
 
     # ---- ask ---------------------------------------------------------------------------------------------------
