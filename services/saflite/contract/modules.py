@@ -16,8 +16,10 @@ from typing import Literal
 
 import msgspec
 
+from saflite.contract.bounds import Word
 from saflite.contract.errors import Refused
 from saflite.contract.ids import digest
+from saflite.contract.names import Digest, Name
 from saflite.contract.outside import TEXT_BYTES_MAX, check_file, parse_toml, read_bytes, read_text
 
 Kind = Literal["target", "strategy", "scorer", "policy"]
@@ -34,9 +36,9 @@ class Outside(msgspec.Struct, frozen=True, kw_only=True):
     """A module from outside: what it is, its name, where it lies, and the SHA-256 of its content."""
 
     kind: Kind
-    name: str
-    file: str
-    digest: str
+    name: Name
+    file: Word
+    digest: Digest
 
     @property
     def key(self) -> str:

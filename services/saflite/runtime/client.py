@@ -6,7 +6,7 @@ import itertools
 import queue
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TypeVar
+from typing import Annotated, TypeVar
 
 import msgspec
 
@@ -14,10 +14,12 @@ from saflite.bus.access import Peer
 from saflite.bus.base import Bus, Happening, Reply, Sample
 from saflite.bus.keyring import Credentials
 from saflite.contract import topics, wire
+from saflite.contract.bounds import Word
 from saflite.contract.clock import Clock
 from saflite.contract.control import Answer, Control, Status, Verb
 from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.events import Event
+from saflite.contract.names import Name
 from saflite.contract.outside import TEXT_BYTES_MAX, read_bytes
 from saflite.runtime.clock import WallClock
 
@@ -27,16 +29,17 @@ RETRY_S = 0.2
 QUIET_S = 1.0  # after this long without a fact the books are asked whether one was missed
 
 T = TypeVar("T")
+Pid = Annotated[int, msgspec.Meta(ge=1, le=2**31 - 1)]
 
 
 class FarmInfo(msgspec.Struct, frozen=True, kw_only=True):
     """Where a farm is reached; `farm.json` in the run folder."""
 
-    campaign: str
-    endpoint: str
+    campaign: Name
+    endpoint: Word
     insecure: bool = False
-    pid: int
-    processes: dict[str, int] = {}
+    pid: Pid
+    processes: Annotated[dict[Name, Pid], msgspec.Meta(max_length=10_000)] = {}
 
 
 def write_info(run_dir: Path, info: FarmInfo) -> None:

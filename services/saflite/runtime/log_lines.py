@@ -12,6 +12,7 @@ import sys
 import traceback
 from datetime import UTC, datetime
 
+from saflite.contract.plain import plain, plain_json
 from saflite.contract.test_case import identity
 from saflite.contract.work import Work
 
@@ -39,13 +40,21 @@ class JsonLines(logging.Formatter):
         line |= {name: getattr(record, name) for name in ("test_case", "lease") if hasattr(record, name)}
         if record.exc_info:
             line["traceback"] = "".join(traceback.format_exception(*record.exc_info))
-        return json.dumps(line, ensure_ascii=False)
+        return plain_json(json.dumps(line, ensure_ascii=False))
+
+
+class TextLines(logging.Formatter):
+    """Formats a record for people; what workers and servers said in it steers no terminal it is shown on."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        """Return the line, and the traceback if there is one."""
+        return plain(super().format(record))
 
 
 def begin(campaign: str, role: str, worker: str, *, as_json: bool) -> None:
     """Send this process's log to standard error."""
     handler = logging.StreamHandler(sys.stderr)
-    handler.setFormatter(JsonLines(campaign, role, worker) if as_json else logging.Formatter(TEXT))
+    handler.setFormatter(JsonLines(campaign, role, worker) if as_json else TextLines(TEXT))
     logging.basicConfig(level=logging.INFO, handlers=[handler])
     WORK_LOG.setLevel(logging.INFO if as_json else logging.WARNING)
 

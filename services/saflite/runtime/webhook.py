@@ -20,10 +20,12 @@ import httpx
 import msgspec
 
 from saflite.contract import wire
+from saflite.contract.bounds import Place, Seconds
 from saflite.contract.clock import Clock
 from saflite.contract.cloud_event import CONTENT_TYPE, CloudEvent, cloud_event
 from saflite.contract.errors import Refused
 from saflite.contract.events import Event
+from saflite.contract.names import Name
 from saflite.contract.outside import TEXT_BYTES_MAX, read_bytes
 from saflite.evidence.files import write_whole
 
@@ -48,9 +50,9 @@ class WaitingClock(Clock, Protocol):
 class Cursor(msgspec.Struct, frozen=True, kw_only=True):
     """How far a bridge is: the run, when it began, and the last event that was taken."""
 
-    campaign: str
-    begun_unix_s: float
-    seq: int = 0
+    campaign: Name
+    begun_unix_s: Seconds
+    seq: Place = 0
 
 
 def read_cursor(path: Path) -> Cursor | None:

@@ -113,6 +113,35 @@ def test_nothing_is_written_where_others_can_write(
     assert files == {path: path.read_bytes() for path in run_dir.rglob("*") if path.is_file()}
 
 
+@pytest.mark.parametrize("words", WRITERS, ids=" ".join)
+@pytest.mark.parametrize("below", ["", "blobs", "spool"])
+def test_nothing_is_written_where_a_group_can_write(
+    below: str, words: list[str], run_dir: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (run_dir / below).mkdir(exist_ok=True)
+    (run_dir / below).chmod(0o775)
+    group = next((one for one in os.getgroups() if one != os.getegid()), 12345 if os.geteuid() == 0 else None)
+    if group is None:
+        pytest.skip("this user is in no second group")
+    os.chown(run_dir / below, -1, group)
+    assert main([words[0], str(run_dir), *words[1:]]) == REFUSED
+    assert "others of its group can write" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("words", WRITERS, ids=" ".join)
+@pytest.mark.parametrize("name", ["books.sqlite", "books.witness", "books.lock", "logs/books.log", "farm.json"])
+def test_nothing_is_written_to_a_file_that_has_a_second_name(
+    name: str, words: list[str], run_dir: Path, outside: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (run_dir / name).parent.mkdir(exist_ok=True)
+    (run_dir / name).touch()
+    os.link(run_dir / name, outside / "second")
+    before = (outside / "second").read_bytes()
+    assert main([words[0], str(run_dir), *words[1:]]) == REFUSED
+    assert "hard link" in capsys.readouterr().err
+    assert (outside / "second").read_bytes() == before
+
+
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root gives files away")
 @pytest.mark.parametrize("words", WRITERS, ids=" ".join)
 def test_nothing_is_written_in_the_folder_of_another_user(

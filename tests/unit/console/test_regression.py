@@ -110,6 +110,16 @@ def test_what_is_not_known_is_refused(tmp_path: Path) -> None:
         known.read(tmp_path)
 
 
+@pytest.mark.parametrize("field", ["fingerprint", "name"])
+@pytest.mark.parametrize("value", ["../../outside", "/tmp/outside", "0123456789abcde\n", "0123456789ABCDEF", "x"])
+def test_a_corpus_that_others_made_names_no_file_elsewhere(field: str, value: str, tmp_path: Path) -> None:
+    """`regress` writes what it found over the file of each: by names that were read from it."""
+    told = msgspec.to_builtins(KNOWN)
+    (tmp_path / KNOWN.file).write_bytes(msgspec.json.encode({**told, field: value}))
+    with pytest.raises(Refused, match=field):
+        known.read(tmp_path)
+
+
 def test_junit_and_sarif_tell_all(tmp_path: Path) -> None:
     states: list[State] = ["fixed", "still there", "came back", "not flown", "not judged", "flaky"]
     checks = [regressing.check(told(state), known_ok=True) for state in states]

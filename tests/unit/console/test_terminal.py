@@ -9,6 +9,7 @@ import pytest
 from saflite.console.view import live, out
 from saflite.contract.control import Status, WorkerStatus
 from saflite.contract.events import FaultSeen, Quarantined
+from saflite.contract.plain import plain
 
 EVIL = "\x1b]0;owned\x07\x1b[2J\x9b31m\r\x08\x7f\u202egnp.exe\u2028x"
 STEERING = set("\x1b\x07\x9b\r\x08\x7f\u202e\u2028")
@@ -34,7 +35,7 @@ def test_json_stays_json_and_holds_no_controls(capsys: pytest.CaptureFixture[str
 
 def test_ordinary_text_is_left_alone() -> None:
     for text in ("", "altitude 30° ±0.5 m · µs", "日本", "back\\slash"):
-        assert out.plain(text) == text
+        assert plain(text) == text
 
 
 def test_no_fact_looks_like_several() -> None:

@@ -9,6 +9,9 @@ import msgspec
 import pytest
 from msgspec import inspect
 
+from saflite.console.run_data.known import Known
+from saflite.console.run_data.provenance import Provenance
+from saflite.console.view.dashboard.app import Order
 from saflite.contract import topics, wire
 from saflite.contract.blobs import BlobGet
 from saflite.contract.bounds import TEXT_CHARS_MAX, told
@@ -16,10 +19,13 @@ from saflite.contract.control import Control
 from saflite.contract.errors import Refused
 from saflite.contract.flight import Trace
 from saflite.contract.join import Join
+from saflite.contract.modules import Outside
 from saflite.contract.score import Score, Usage
 from saflite.contract.test_case import Stimulus
 from saflite.contract.verdict import Judgement, Verdict
 from saflite.contract.work import Ask, Heartbeat, Report
+from saflite.runtime.client import FarmInfo
+from saflite.runtime.webhook import Cursor
 
 ID = "0123456789abcdef"
 SCORE = {"test_case": ID, "value": 1.0, "model": "m", "scored_by": "m"}
@@ -80,6 +86,12 @@ def test_no_field_of_any_message_is_without_bounds() -> None:
     types: tuple[type[msgspec.Struct], ...] = (*kinds, Trace)
     found = sorted({f"{place}" for kind in types for place in _unbounded(inspect.type_info(kind), kind.__name__)})
     assert not [place for place in found if not place.endswith(MAY_BE_ANY)], found
+
+
+@pytest.mark.parametrize("kind", [Known, FarmInfo, Provenance, Order, Outside, Cursor])
+def test_no_field_of_a_file_or_order_is_without_bounds(kind: type[msgspec.Struct]) -> None:
+    """What is read from files that others may have made (a corpus, a run folder) and from a page; it becomes paths."""
+    assert not [place for place in _unbounded(inspect.type_info(kind), kind.__name__) if not place.endswith(MAY_BE_ANY)]
 
 
 MAY_BE_ANY = (

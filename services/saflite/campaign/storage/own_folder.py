@@ -1,12 +1,15 @@
 """Nothing that is written into a run folder may end up elsewhere: links in it are refused before anything is opened.
 
 A run may come from somebody else. A link that stands where the books keep a file would be followed: what it points to
-would be cut, written over, or, below `blobs`, removed as what nobody needs.
+would be cut, written over, or, below `blobs`, removed as what nobody needs. A second name of one file (a hard link, as
+`cp -al` or an archive makes them) would have both written.
 """
 
 from __future__ import annotations
 
+import grp
 import os
+import pwd
 import stat
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,6 +18,9 @@ from saflite.contract.errors import Refused, Unavailable
 
 FOLDERS = ("blobs", "logs", "modules", "recordings", "spool", "test_cases")
 """The folders below that we write into."""
+
+SHARED = ("blobs", "recordings")
+"""Those in which we give one file two names ourselves: a recording is its blob, and neither is ever written again."""
 
 DEPTH_MAX = 3  # blobs/incoming/WORKER
 STORE = "books.sqlite"
@@ -40,20 +46,53 @@ def check_own(run_dir: Path) -> None:
                 _refuse(entry.path, "a file or folder itself", "a symbolic link")
             if entry.name.startswith("books.") and not entry.is_file(follow_symlinks=False):
                 _refuse(entry.path, "a regular file", "a folder, device or pipe")
+            _check_entry(entry, run_dir)
         check_store(run_dir / STORE)
     except OSError as fault:
         raise Unavailable(f"{run_dir} cannot be looked through: {fault}") from fault
 
 
-def _check_closed(run_dir: Path) -> None:
-    found = run_dir.stat()
+def _check_closed(folder: Path | str) -> None:
+    found = os.stat(folder)
     if found.st_uid not in (0, os.geteuid()):
         got, fix = f"one of user {found.st_uid}", "work on a copy (cp -r), or have the folder given to you (chown -R)"
     elif found.st_mode & stat.S_IWOTH:
         got, fix = "one that anybody can write in", "chmod o-w the folder, if what is in it is still yours"
+    elif found.st_mode & stat.S_IWGRP and not _is_ones_own(found.st_gid):
+        got, fix = "one that others of its group can write in", "chmod g-w the folder, if what is in it is still yours"
+    elif "system.posix_acl_access" in _attributes(folder) and found.st_mode & stat.S_IWGRP:
+        got, fix = (
+            "one that an access list lets others write in",
+            "setfacl -b the folder, if what is in it is still yours",
+        )
     else:
         return
-    raise Refused("run folder", where=str(run_dir), expected="one of your own or root's", got=got, fix=fix)
+    raise Refused("run folder", where=str(folder), expected="one of your own or root's", got=got, fix=fix)
+
+
+def _is_ones_own(group: int) -> bool:
+    """Return whether a group bears our user's name and has nobody else in it, as most systems make one."""
+    try:
+        name, found = pwd.getpwuid(os.geteuid()).pw_name, grp.getgrgid(group)
+    except KeyError:
+        return False
+    return found.gr_name == name and set(found.gr_mem) <= {name}
+
+
+def _attributes(folder: Path | str) -> list[str]:
+    try:
+        return os.listxattr(folder)
+    except OSError:
+        return []  # a file system without any has no access lists either
+
+
+def _check_entry(entry: os.DirEntry[str], run_dir: Path) -> None:
+    """Refuse a folder of ours that others can write in, and a file that has another name as well."""
+    top = Path(entry.path).relative_to(run_dir).parts[0]
+    if entry.is_dir(follow_symlinks=False) and top in FOLDERS:
+        _check_closed(entry.path)
+    if entry.is_file(follow_symlinks=False) and top not in SHARED and os.lstat(entry.path).st_nlink > 1:
+        _refuse(entry.path, "a file with one name", "one that has another name, too (a hard link)")
 
 
 def _entries(folder: Path | str, depth: int) -> Iterator[os.DirEntry[str]]:

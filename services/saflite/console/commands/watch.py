@@ -98,8 +98,9 @@ def _events(args: argparse.Namespace) -> Iterator[Event]:
 def _line(event: Event) -> str:
     import msgspec
 
-    from saflite.console.view import live, out
+    from saflite.console.view import live
     from saflite.contract.events import Flown, Judged, WorkerChanged, kind_of
+    from saflite.contract.plain import word
 
     fact = event.fact
     text = live.fact_text(fact)
@@ -112,7 +113,7 @@ def _line(event: Event) -> str:
     elif not text:
         values = {key: value for key, value in msgspec.to_builtins(fact).items() if key != "type"}
         text = f"{kind_of(fact)}  " + " ".join(f"{key}={_short(value)}" for key, value in values.items() if value != "")
-    return f"{event.seq:6d}  {out.word(text)}"
+    return f"{event.seq:6d}  {word(text)}"
 
 
 def _change(fact: WorkerChanged) -> str:

@@ -15,6 +15,7 @@ from saflite.console.view.html_text import escape
 from saflite.console.view.report.style import CSS
 from saflite.contract.errors import Refused
 from saflite.contract.flight import Flight
+from saflite.contract.plain import cell
 from saflite.contract.test_case import TestCase
 from saflite.contract.verdict import Judgement, Verdict
 from saflite.flight.logs import files
@@ -134,13 +135,12 @@ def as_csv(judged: Sequence[Judged]) -> bytes:
     writer.writerow(("log", "policy", "outcome", "robustness", "from_s", "to_s", "severity", "message"))
     for one in judged:
         if one.refused:
-            writer.writerow((one.path, "", "refused", "", "", "", "", one.refused))
+            writer.writerow(map(cell, (str(one.path), "", "refused", "", "", "", "", one.refused)))
         for verdict in one.verdicts:
             value = "" if verdict.robustness is None else verdict.robustness
             spans = (verdict.witness_from_s, verdict.witness_to_s) if verdict.outcome == "violated" else ("", "")
-            writer.writerow(
-                (one.path, verdict.policy, verdict.outcome, value, *spans, verdict.severity, verdict.message)
-            )
+            told = (str(one.path), verdict.policy, verdict.outcome, value, *spans, verdict.severity, verdict.message)
+            writer.writerow(map(cell, told))
     return text.getvalue().encode()
 
 

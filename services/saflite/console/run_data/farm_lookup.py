@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from saflite.console.view import out
-from saflite.contract.errors import Refused
+from saflite.contract.errors import FarmError, Refused
 
 if TYPE_CHECKING:
     from saflite.runtime.client import FarmClient
@@ -37,11 +37,19 @@ def newest_running() -> Path:
     from saflite.runtime.client import FARM_FILE
 
     places = {*(path.parent for path in RUNS.glob(f"*/{FARM_FILE}")), *map(_shown, farm_register.noted())}
-    found = [place for place in places if is_running(place)]
+    found = [place for place in places if _says_it_runs(place)]
     if not found:
         fix = "name its run folder, or --connect and --campaign"
         raise Refused("run folder", where=str(RUNS), expected="one with a running farm", got="none", fix=fix)
     return max(found, key=lambda place: (place / FARM_FILE).stat().st_mtime)
+
+
+def _says_it_runs(place: Path) -> bool:
+    """As `is_running`; a run whose file of it is damaged is none, and keeps no other from being found."""
+    try:
+        return is_running(place)
+    except FarmError:
+        return False
 
 
 def _shown(path: Path) -> Path:

@@ -8,20 +8,23 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import msgspec
 
 from saflite.console.io import outputs
 from saflite.console.run_data.run_folder import open_run
 from saflite.contract import wire
+from saflite.contract.bounds import Count, Text, Word
 from saflite.contract.errors import Refused
+from saflite.contract.names import ShortId
 from saflite.contract.outside import parse_json, read_text
 from saflite.contract.test_case import TestCase
 from saflite.contract.verdict import Judgement, Violation
 from saflite.contract.work import PolicyTexts
 
 Standing = Literal["violates", "fixed"]
+Words = Annotated[tuple[Word, ...], msgspec.Meta(max_length=1_000)]
 
 
 class Known(msgspec.Struct, frozen=True, kw_only=True):
@@ -31,20 +34,20 @@ class Known(msgspec.Struct, frozen=True, kw_only=True):
     `standing` is what the last flights of the corpus made of it, on the build `seen_on`.
     """
 
-    fingerprint: str
-    name: str
-    policy: str
-    behaviour: str
+    fingerprint: ShortId
+    name: ShortId
+    policy: Word
+    behaviour: Text
     test_case: TestCase
-    policies: tuple[str, ...]
+    policies: Words
     policy_texts: PolicyTexts = {}
-    also: tuple[str, ...] = ()
-    noise: int = 0
-    severity: str = "soft"
-    found_in: str = ""
+    also: Words = ()
+    noise: Count = 0
+    severity: Literal["none", "soft", "hard"] = "soft"
+    found_in: Word = ""
     memory_safety: bool = False
     standing: Standing = "violates"
-    seen_on: str = ""
+    seen_on: Word = ""
 
     @property
     def file(self) -> str:

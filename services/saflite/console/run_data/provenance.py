@@ -7,7 +7,9 @@ from pathlib import Path
 
 import msgspec
 
+from saflite.contract.bounds import Word
 from saflite.contract.errors import FarmError, Unavailable
+from saflite.contract.names import Name
 from saflite.contract.outside import TEXT_BYTES_MAX, read_bytes
 from saflite.contract.target_info import TargetInfo
 from saflite.contract.wire import UNREADABLE, unpack_json
@@ -19,13 +21,13 @@ FILE = "software.json"
 class Provenance(msgspec.Struct, frozen=True, kw_only=True):
     """Versions, and the build of the target that flew: all code that shapes a trace."""
 
-    saflite: str
-    target: str
-    build: str
-    jsbsim: str
-    numpy: str
-    python: str
-    machine: str
+    saflite: Word
+    target: Name
+    build: Word
+    jsbsim: Word
+    numpy: Word
+    python: Word
+    machine: Word
 
 
 def here(target: TargetInfo) -> Provenance:

@@ -9,6 +9,7 @@ from typing import Any, Literal, NamedTuple
 from xml.etree import ElementTree as Xml
 
 from saflite.console.io import outputs
+from saflite.contract.plain import plain_data
 from saflite.recorder.exports.junit import clean
 from saflite.recorder.exports.sarif import SCHEMA
 
@@ -33,7 +34,7 @@ def write(args: argparse.Namespace, suite: str, checks: Sequence[Check]) -> None
     if args.junit is not None:
         outputs.write(args.junit, junit(suite, checks).encode(), force=args.force, option="--junit")
     if args.sarif is not None:
-        text = json.dumps(sarif(suite, checks), indent=2, ensure_ascii=False) + "\n"
+        text = json.dumps(plain_data(sarif(suite, checks)), indent=2, ensure_ascii=False) + "\n"
         outputs.write(args.sarif, text.encode(), force=args.force, option="--sarif")
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import html
 
-from saflite.console.view import out
+from saflite.contract.plain import plain
 
 
 def escape(text: str) -> str:
     """Return `text` as it may stand in a page or an attribute."""
-    return html.escape(out.plain(text))
+    return html.escape(plain(text))

@@ -14,6 +14,7 @@ from saflite.console.view import out
 from saflite.contract import wire
 from saflite.contract.control import ArmStanding, Exposed, Status
 from saflite.contract.events import FaultSeen, Quarantined, ScorerChanged, ViolationFound
+from saflite.contract.plain import word
 from saflite.contract.verdict import Violation, failed_again, with_mode_named
 
 if TYPE_CHECKING:
@@ -79,7 +80,7 @@ class News:
 
 def fact_text(fact: object, modes: Mapping[str, int] | None = None) -> str:
     """Return the line for a fact worth one, empty for the others; `modes` are those of the target, if it is known."""
-    return out.word(_fact_text(fact, modes or {}))
+    return word(_fact_text(fact, modes or {}))
 
 
 def _fact_text(fact: object, modes: Mapping[str, int]) -> str:
@@ -258,7 +259,7 @@ def _shown(value: Any) -> Any:
         return {_shown(key): _shown(one) for key, one in value.items()}
     if isinstance(value, list | tuple):
         return [_shown(one) for one in value]
-    return out.word(value) if isinstance(value, str) else value
+    return word(value) if isinstance(value, str) else value
 
 
 def _drawn(status: Status) -> RenderableType:

@@ -4,46 +4,15 @@ from __future__ import annotations
 
 import os
 import sys
-import unicodedata
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, TextIO
 
+from saflite.contract.plain import plain, plain_json, word
+
 LINE_MAX = 1_500
 """Characters of one complaint."""
-
-_TEXT = frozenset("\n\t")  # control characters that are layout
-_UNSAFE = ("Cc", "Cf", "Cs", "Zl", "Zp")  # controls, directions of writing and other invisibles, surrogates, line ends
-
-
-def plain(text: str, keep: frozenset[str] = _TEXT) -> str:
-    """Return `text` with everything that could move the cursor, colour, hide or reorder it written as an escape.
-
-    Names and messages come from workers, simulators and model servers.
-    """
-    return text if text.isprintable() else "".join(char if char in keep else _shown(char) for char in text)
-
-
-def word(text: str) -> str:
-    """Return `plain` text on one line: no message can look like several."""
-    return plain(text, frozenset())
-
-
-def _shown(char: str) -> str:
-    if not _is_unsafe(char):
-        return char
-    code = ord(char)
-    return f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}" if code < 0x10000 else f"\\U{code:08x}"
-
-
-def _in_json(char: str) -> str:
-    units = char.encode("utf-16-be")
-    return "".join(f"\\u{units[at]:02x}{units[at + 1]:02x}" for at in range(0, len(units), 2))
-
-
-def _is_unsafe(char: str) -> bool:
-    return unicodedata.category(char) in _UNSAFE
 
 
 def line(text: str = "") -> None:
@@ -72,10 +41,7 @@ def json(value: Any) -> None:
     """Write `value` (structs, mappings, numbers; bytes become base64) as one line of JSON."""
     import msgspec
 
-    text = msgspec.json.encode(value, order="deterministic").decode()
-    if not text.isprintable():  # JSON leaves the controls beyond ASCII as they are
-        text = "".join(_in_json(char) if char > "~" and _is_unsafe(char) else char for char in text)
-    sys.stdout.write(text + "\n")
+    sys.stdout.write(plain_json(msgspec.json.encode(value, order="deterministic").decode()) + "\n")
     sys.stdout.flush()
 
 

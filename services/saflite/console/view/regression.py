@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from typing import Any
 
 from saflite.console.operations.regressing import Regressed
-from saflite.console.view import out
+from saflite.contract.plain import word
 
 
 def line(result: Regressed) -> str:
     """Return a known violation in one line."""
-    words = f"  {out.word(result.words)}" if result.words else ""
+    words = f"  {word(result.words)}" if result.words else ""
     return f"{result.state:<11}  {result.known.fingerprint}  {result.known.policy}  {result.rate}{words}"
 
 

@@ -6,6 +6,7 @@ import csv
 import io
 from pathlib import Path
 
+from saflite.contract.plain import cell
 from saflite.contract.test_case import TestCase, told_in_order
 from saflite.recorder.files import write_file
 from saflite.recorder.summary import Finding, RunSummary
@@ -24,7 +25,7 @@ def export(summary: RunSummary, folder: Path) -> tuple[Path, ...]:
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")
     table.writerow(COLUMNS)
-    table.writerows(_row(finding) for finding in summary.findings)
+    table.writerows(map(cell, _row(finding)) for finding in summary.findings)
     write_file(path, text.getvalue())
     return (path,)
 

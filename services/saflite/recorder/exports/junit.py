@@ -9,6 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 from xml.etree import ElementTree as Xml
 
+from saflite.contract.plain import plain
 from saflite.contract.verdict import failed_again
 from saflite.recorder.files import write_file
 from saflite.recorder.summary import Finding, RunSummary
@@ -80,9 +81,5 @@ def _add(suite: Xml.Element, finding: Finding) -> None:
 
 
 def clean(text: str) -> str:
-    """Return the text without characters that XML 1.0 cannot hold."""
-    return "".join(char if char in "\t\n\r" or ord(char) >= 0x20 else " " for char in text if not _odd(char))
-
-
-def _odd(char: str) -> bool:
-    return 0xD800 <= ord(char) <= 0xDFFF or ord(char) in (0xFFFE, 0xFFFF)
+    """Return the text made plain, without characters that XML 1.0 cannot hold."""
+    return "".join(char for char in plain(text) if ord(char) not in (0xFFFE, 0xFFFF))

@@ -11,6 +11,7 @@ from typing import Any
 
 import msgspec
 
+from saflite.contract.plain import plain_data
 from saflite.contract.verdict import failed_again
 from saflite.recorder.files import write_file
 from saflite.recorder.summary import Finding, PolicyFacts, RunSummary
@@ -22,7 +23,7 @@ SCHEMA = "https://json.schemastore.org/sarif-2.1.0.json"
 def export(summary: RunSummary, folder: Path) -> tuple[Path, ...]:
     """Write `violations.sarif` into `folder`; returns the file written."""
     path = folder / FILE
-    write_file(path, json.dumps(to_sarif(summary), indent=2, ensure_ascii=False) + "\n")
+    write_file(path, json.dumps(plain_data(to_sarif(summary)), indent=2, ensure_ascii=False) + "\n")
     return (path,)
 
 

@@ -8,6 +8,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
+from saflite.contract.plain import plain_json
+
 FILE_BYTES_MAX = 64 * 2**20
 
 
@@ -38,7 +40,7 @@ class TranscriptFile:
 
     def __call__(self, exchange: Exchange) -> None:
         """Append one exchange."""
-        line = (json.dumps(exchange._asdict(), ensure_ascii=False) + "\n").encode("utf-8", "replace")
+        line = (plain_json(json.dumps(exchange._asdict(), ensure_ascii=False)) + "\n").encode()
         with self._lock:
             if self._bytes + len(line) > FILE_BYTES_MAX:
                 return

@@ -29,6 +29,7 @@ from saflite.console.view.dashboard.access import COOKIE, ORDER_HEADER, Role, To
 from saflite.console.view.dashboard.assets import SCRIPT, STYLE
 from saflite.console.view.dashboard.source import Source
 from saflite.contract import wire
+from saflite.contract.bounds import Count, Text
 from saflite.contract.errors import FarmError, Refused
 
 EVERY_S = 1.0
@@ -50,8 +51,8 @@ class Order(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What the page may ask of the farm."""
 
     verb: Literal["pause", "resume", "stop", "budget", "scorer", "shadow"]
-    text: str = ""
-    number: int = 0
+    text: Text = ""
+    number: Count = 0
 
 
 class _Guard(BaseHTTPMiddleware):

@@ -1,0 +1,67 @@
+"""Words of others as they may be shown: nothing in them moves a cursor, colours, hides or reorders text.
+
+Names and messages come from workers, simulators, model servers, logs and files; they are shown on terminals, in pages,
+in logs, and in the views of those who read our JSON, SARIF, JUnit and CSV files.
+"""
+
+from __future__ import annotations
+
+import unicodedata
+
+TEXT = frozenset("\n\t")  # control characters that are layout
+_UNSAFE = ("Cc", "Cf", "Cs", "Zl", "Zp")  # controls, directions of writing and other invisibles, surrogates, line ends
+_FORMULA = ("=", "+", "-", "@", "\t", "\r")
+
+
+def plain(text: str, keep: frozenset[str] = TEXT) -> str:
+    """Return `text` with everything that could steer or hide written as an escape."""
+    return text if text.isprintable() else "".join(char if char in keep else _shown(char) for char in text)
+
+
+def word(text: str) -> str:
+    """Return `plain` text on one line: no message can look like several."""
+    return plain(text, frozenset())
+
+
+def cell(value: object) -> object:
+    """Return a value as it may stand in a CSV file: no text there is a formula to whoever opens it as a table."""
+    if not isinstance(value, str):
+        return value
+    shown = word(value)
+    return f"'{shown}" if shown.startswith(_FORMULA) else shown
+
+
+def plain_data(value: object) -> object:
+    """Return lists, mappings and texts with each text, and each name in a mapping, made `plain`."""
+    match value:
+        case str():
+            return plain(value)
+        case dict():
+            return {plain_data(name): plain_data(part) for name, part in value.items()}
+        case list() | tuple():
+            return [plain_data(part) for part in value]
+        case _:
+            return value
+
+
+def plain_json(text: str) -> str:
+    """Return JSON with what could steer or hide as escapes of JSON: it says the same, and shows nothing else."""
+    if text.isprintable():  # JSON leaves the controls beyond ASCII as they are
+        return text
+    return "".join(_in_json(char) if char > "~" and _is_unsafe(char) else char for char in text)
+
+
+def _shown(char: str) -> str:
+    if not _is_unsafe(char):
+        return char
+    code = ord(char)
+    return f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}" if code < 0x10000 else f"\\U{code:08x}"
+
+
+def _in_json(char: str) -> str:
+    units = char.encode("utf-16-be", "surrogatepass")
+    return "".join(f"\\u{units[at]:02x}{units[at + 1]:02x}" for at in range(0, len(units), 2))
+
+
+def _is_unsafe(char: str) -> bool:
+    return unicodedata.category(char) in _UNSAFE
