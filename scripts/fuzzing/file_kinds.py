@@ -27,8 +27,11 @@ from saflite.campaign.presets.campaigns import BUILTIN_DIR, load_campaign
 from saflite.console.evaluation.evaluating import read_cases
 from saflite.console.evaluation.labels import read_labels
 from saflite.console.io import campaign_options, case_files, cases, toml_text
+from saflite.console.io.farm_file import read_farm_file
 from saflite.console.operations import log_judging, replaying
-from saflite.console.run_data import provenance
+from saflite.console.run_data import known, provenance
+from saflite.console.view import ci_files
+from saflite.console.view.dashboard import access
 from saflite.contract import wire
 from saflite.contract.flight import pack_trace, unpack_trace
 from saflite.contract.ids import digest
@@ -42,7 +45,7 @@ from saflite.oracle.judge import judge
 from saflite.oracle.policy import POLICIES_DIR, _foreign, load_policy
 from saflite.recorder import mcap, recording
 from saflite.recorder.exports.aerialist import write_case
-from saflite.runtime import run_modules
+from saflite.runtime import run_modules, webhook
 from saflite.runtime.client import FarmInfo, read_info
 from saflite.runtime.spool import Spool
 from saflite.simulator_worker.registry import describe_target, load_target
@@ -260,6 +263,27 @@ def spooled(path: Path) -> None:
         wire.encode(report)
 
 
+def corpus(path: Path) -> None:
+    """As `regress` takes it and writes it again: nowhere but in the folder."""
+    found = known.read(path.parent)
+    known.with_standing(found, path.parent)
+    folder = path.parent / "written" / "corpus"
+    known.keep(found, folder)
+    assert all(one.parent == folder for one in (path.parent / "written").rglob("*.json")), "written elsewhere"
+    checks = [
+        ci_files.Check(one.policy, one.name, "failed", one.behaviour, "warning", "new", "f", "p") for one in found
+    ]
+    ci_files.junit("nightly", checks).encode()
+    ci_files.sarif("nightly", checks)
+
+
+def tokens(path: Path) -> None:
+    """As `dashboard --tokens` takes it."""
+    found = access.read_tokens(path)
+    assert access.role_of(found, "127.0.0.1", "") is None
+    assert all(access.role_of(found, "x", token) == role for token, role in found.items())
+
+
 # ---- behind checksums ---------------------------------------------------------------------------------------------
 
 
@@ -312,6 +336,26 @@ def _software() -> list[bytes]:
     return [msgspec.json.encode(provenance.here(describe_target("reference")))]
 
 
+def _known() -> list[bytes]:
+    one, name = proposed()[0], "0123456789abcdef"
+    found = known.Known(
+        fingerprint=name, name=name, policy="upright", behaviour="b", test_case=one, policies=("upright", "a-flip1")
+    )
+    return [msgspec.json.encode(found)]
+
+
+FARM_FILE = b"""campaign = "avoidance-m2"
+run = "run"
+listen = "tls/lab.example.org:7447"
+keys = "keys"
+metrics = "127.0.0.1:9000"
+modules = ["a.py"]
+workers = { fly = 4, score = 1 }
+scale = { judge = { min = 1, max = 3 } }
+"""
+CURSOR = webhook.Cursor(campaign="night", begun_unix_s=NOW_S, seq=7)
+TOKENS = b"# who may\nviewer 0123456789abcdef0\noperator fedcba9876543210f\nabcdefabcdefabcdef\n"
+SECRETS = (b"whsec_MDEyMzQ1Njc4OTAxMjM0NTY3ODkwMTIzNDU2Nzg5MDE=\n", b"0123456789012345678901234567890123456789\n")
 LABELS = b"log_id,shows_issue\n12,true\n13,false\n"
 ALL: tuple[FileKind, ...] = (
     FileKind("case.json", "json", lambda: [msgspec.json.encode(one) for one in proposed()], case),
@@ -332,5 +376,10 @@ ALL: tuple[FileKind, ...] = (
     FileKind("farm.json", "json", _json(FARM), lambda path: read_info(path.parent)),
     FileKind("modules.json", "json", _json(MODULES), modules),
     FileKind("software.json", "json", _software, lambda path: provenance.differs(path.parent)),
+    FileKind("0123456789abcdef-0123456789abcdef.json", "json", _known, corpus),
+    FileKind("up.toml", "toml", lambda: [FARM_FILE], read_farm_file),
+    FileKind("cursor.json", "json", _json(CURSOR), webhook.read_cursor),
+    FileKind("tokens", "words", lambda: [TOKENS], tokens),
+    FileKind("secret", "words", lambda: list(SECRETS), webhook.read_secret),
     FileKind("l.1.report", "bytes", _report, spooled, _wrong_report),
 )

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import pytest
+from msgspec.structs import replace
 
 from saflite.console.view import live, out
 from saflite.contract.control import Status, WorkerStatus
@@ -48,21 +50,33 @@ def test_no_fact_looks_like_several() -> None:
         assert "\n" not in text
 
 
-def test_the_live_screen_takes_names_for_names() -> None:
+def screen(said: str, of_worker: str) -> str:
+    """What the live screen shows of a farm that says something wherever it can."""
     from rich.console import Console
 
     worker = WorkerStatus(
-        worker=f"[/][red]{EVIL}", stage="fly", state="[bold]", leases=0, done=0, busy_share=0.0, silent_s=0.0
+        worker=said, host=said, stage="fly", state=of_worker, leases=0, done=0, busy_share=0.0, silent_s=0.0
     )
     status = Status(
-        campaign=f"[blink]{EVIL}", state="running", round=0, budget=1, flights=0, reflown=0, test_cases=0, candidates=0,
-        violations_confirmed=0, violations_flaky=0, violations_pending=0, quarantined=0, flights_per_s=0.0,
-        real_time_factor=0.0, since_last_find_s=None, elapsed_s=0.0, scorer="[link=x]y[/link]", scorer_pending="",
-        fallbacks=0, queues={"[/nonsense]": 1}, workers=(worker,), seq=0,
+        campaign=said, state="running", round=0, budget=1, flights=0, reflown=0, test_cases=0, candidates=0,
+        violations_confirmed=0, violations_flaky=0, violations_pending=0, quarantined=1, flights_per_s=0.0,
+        real_time_factor=0.0, since_last_find_s=None, elapsed_s=0.0, scorer=said, scorer_pending=said, trouble=said,
+        fallbacks=1, fallback_why=said, queues={said: 1}, workers=(worker, replace(worker, host="other")), seq=0,
     )  # fmt: skip
-    console = Console(width=200, record=True, file=open("/dev/null", "w"))  # noqa: SIM115
-    console.print(live._drawn(status))
-    shown = console.export_text()
-    assert not (STEERING - {"\x1b"}) & set(shown)
-    for text in ("[/][red]", "[bold]", "[blink]", "[link=x]y[/link]", "[/nonsense]"):
-        assert text in shown
+    with Path("/dev/null").open("w") as nowhere:
+        console = Console(width=400, record=True, file=nowhere)
+        console.print(live._drawn(status))
+        console.print(live._styled(f"VIOLATION {said}"))
+        return console.export_text()
+
+
+@pytest.mark.parametrize(
+    "said", ["[/][red]", "[blink]", "[link=x]y[/link]", "[/nonsense]", "\\", "\\" * 3, "[red]\\\\\\"]
+)
+def test_the_live_screen_takes_words_for_words(said: str) -> None:
+    assert screen(said, said).count(said) >= 7
+
+
+@pytest.mark.parametrize("said", [EVIL, EVIL * 60, "\ud800"])
+def test_the_live_screen_shows_no_controls_and_every_length(said: str) -> None:
+    assert not (STEERING - {"\x1b"}) & set(screen(said, "idle"))

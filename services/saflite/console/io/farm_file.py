@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
 
 import msgspec
 
 from saflite.contract import wire
+from saflite.contract.bounds import Word
 from saflite.contract.errors import Refused
 from saflite.contract.outside import parse_toml, read_text
 from saflite.contract.work import Stage
@@ -24,14 +26,14 @@ class FarmFile(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     same names.
     """
 
-    campaign: str
-    run: str
-    listen: str = ""
-    keys: str = ""
+    campaign: Word
+    run: Word
+    listen: Word = ""
+    keys: Word = ""
     insecure: bool = False
-    metrics: str = ""
+    metrics: Word = ""
     json_logs: bool = False
-    modules: tuple[str, ...] = ()
+    modules: Annotated[tuple[Word, ...], msgspec.Meta(max_length=1_000)] = ()
     workers: dict[Stage, int] = {}
     scale: dict[Stage, Bounds] = {}
 

@@ -5,13 +5,10 @@ from __future__ import annotations
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
-
-import msgspec
+from typing import TYPE_CHECKING, Protocol
 
 from saflite.console.run_data.run_folder import RunFolder, open_run
 from saflite.console.view import out
-from saflite.contract import wire
 from saflite.contract.control import ArmStanding, Exposed, Status
 from saflite.contract.events import FaultSeen, Quarantined, ScorerChanged, ViolationFound
 from saflite.contract.plain import word
@@ -20,6 +17,8 @@ from saflite.contract.verdict import Violation, failed_again, with_mode_named
 if TYPE_CHECKING:
     from rich.console import RenderableType
     from rich.live import Live
+    from rich.table import Table
+    from rich.text import Text
 
 PLAIN_EVERY_S = 5.0
 SILENT_SHOWN = 4
@@ -246,72 +245,93 @@ class _Screen:
         self._news.close()
 
 
-def _styled(text: str) -> str:
-    from rich.markup import escape
-
-    colour = "bold red" if text.startswith("VIOLATION") else "yellow" if text.startswith(("fault", "quar")) else ""
-    return f"[{colour}]{escape(text)}[/]" if colour else escape(text)
+def _styled(text: str) -> Text:
+    return _words((text, "bold red" if text.startswith("VIOLATION") else "yellow" if _is_trouble(text) else ""))
 
 
-def _shown(value: Any) -> Any:
-    """Return a status whose texts, told by workers, hold no control characters."""
-    if isinstance(value, dict):
-        return {_shown(key): _shown(one) for key, one in value.items()}
-    if isinstance(value, list | tuple):
-        return [_shown(one) for one in value]
-    return word(value) if isinstance(value, str) else value
+def _is_trouble(text: str) -> bool:
+    return text.startswith(("fault", "quar"))
+
+
+def _words(*parts: str | tuple[str, str]) -> Text:
+    """Return texts, or pairs of text and style, for the screen: no control or markup of whoever said them counts."""
+    from rich.text import Text
+
+    pairs = ((part, "") if isinstance(part, str) else part for part in parts)
+    return Text.assemble(*((word(text), style) for text, style in pairs))
 
 
 def _drawn(status: Status) -> RenderableType:
     from rich.console import Group
-    from rich.markup import escape
     from rich.panel import Panel
     from rich.progress_bar import ProgressBar
+
+    bar = ProgressBar(total=max(1, status.budget), completed=status.flights, width=None)
+    title = _words(
+        (status.campaign, "bold"),
+        f"  {status.flights}/{status.budget} flights  ",
+        (f"{status.behaviours} violations", "bold red"),
+        "  ",
+        (_phase(status), "yellow" if status.state == "paused" else ""),
+        f"  {status.elapsed_s:.0f} s",
+    )
+    shown = Group(bar, _facts(status), _workers(status))
+    return Panel(shown, title=title, title_align="left", border_style="blue")
+
+
+def _facts(status: Status) -> Table:
     from rich.table import Table
 
-    status = wire.convert(_shown(msgspec.to_builtins(status)), Status, strict=False)
     facts = Table.grid(padding=(0, 3))
     last = "none yet" if status.since_last_find_s is None else f"{status.since_last_find_s:.0f} s ago"
-    pending = f" (warming {escape(status.scorer_pending)})" if status.scorer_pending else ""
+    pending = f" (warming {status.scorer_pending})" if status.scorer_pending else ""
     facts.add_row(
-        f"[b]{status.flights}[/] of {status.budget} flights, beside them {_beside(status)}",
-        f"[b red]{status.behaviours}[/] behaviours in {_finds(status)} finds, {status.violations_flaky} flaky, "
-        f"{status.violations_pending} being confirmed",
+        _words((f"{status.flights}", "bold"), f" of {status.budget} flights, beside them {_beside(status)}"),
+        _words(
+            (f"{status.behaviours}", "bold red"),
+            f" behaviours in {_finds(status)} finds, {status.violations_flaky} flaky, "
+            f"{status.violations_pending} being confirmed",
+        ),
     )
     facts.add_row(
-        f"[b]{status.flights_per_s:.2f}[/] flights/s, [b]{status.real_time_factor:.0f}x[/] real time",
-        f"last find {last}{_value(status)}",
+        _words(
+            (f"{status.flights_per_s:.2f}", "bold"),
+            " flights/s, ",
+            (f"{status.real_time_factor:.0f}x", "bold"),
+            " real time",
+        ),
+        _words(f"last find {last}{_value(status)}"),
     )
-    queues = escape(", ".join(f"{name} {count}" for name, count in status.queues.items()))
-    facts.add_row(f"round {status.round}, scorer {escape(status.scorer)}{pending}", f"waiting: {queues}")
+    queues = ", ".join(f"{name} {count}" for name, count in status.queues.items())
+    facts.add_row(_words(f"round {status.round}, scorer {status.scorer}{pending}"), _words(f"waiting: {queues}"))
     if status.trouble:
-        facts.add_row("[b red]nothing goes on[/]", f"[red]{escape(status.trouble)}[/]")
+        facts.add_row(_words(("nothing goes on", "bold red")), _words((status.trouble, "red")))
     if status.quarantined or status.fallbacks:
-        facts.add_row(f"{status.quarantined} quarantined", f"[yellow]{escape(_instead(status))}[/]")
+        facts.add_row(_words(f"{status.quarantined} quarantined"), _words((_instead(status), "yellow")))
     if shared := decided_share(status):
-        facts.add_row("", escape(shared))
-    facts.add_row(*exposed(status.exposure))
+        facts.add_row("", _words(shared))
+    facts.add_row(*map(_words, exposed(status.exposure)))
     if status.arms:
-        facts.add_row("arms", escape(arms_told(status.arms)))
+        facts.add_row("arms", _words(arms_told(status.arms)))
+    return facts
+
+
+def _workers(status: Status) -> Table:
+    from rich.table import Table
+
     workers = Table(box=None, padding=(0, 2), header_style="dim")
     several = len({worker.host for worker in status.workers}) > 1
     for head in ("worker", *(("host",) if several else ()), "state", "done", "busy", "memory", "silent"):
         workers.add_column(head, justify="left" if head in ("worker", "host", "state") else "right")
     for worker in status.workers:
         colour = {"busy": "green", "idle": "dim"}.get(worker.state, "yellow")
-        host = (escape(worker.host),) if several else ()
-        cells = (
-            escape(worker.worker),
-            *host,
-            f"[{colour}]{escape(worker.state)}[/]",
+        workers.add_row(
+            _words(worker.worker),
+            *((_words(worker.host),) if several else ()),
+            _words((worker.state, colour)),
             str(worker.done),
             f"{100 * worker.busy_share:.0f} %",
+            f"{worker.resident_mib:.0f} MiB",
+            f"{worker.silent_s:.1f} s",
         )
-        workers.add_row(*cells, f"{worker.resident_mib:.0f} MiB", f"{worker.silent_s:.1f} s")
-    bar = ProgressBar(total=max(1, status.budget), completed=status.flights, width=None)
-    colour = "yellow" if status.state == "paused" else "default"
-    title = (
-        f"[b]{escape(status.campaign)}[/]  {status.flights}/{status.budget} flights"
-        f"  [b red]{status.behaviours} violations[/]  [{colour}]{_phase(status)}[/]  {status.elapsed_s:.0f} s"
-    )
-    return Panel(Group(bar, facts, workers), title=title, title_align="left", border_style="blue")
+    return workers
