@@ -46,6 +46,13 @@ HIGH_UP_AND_BACK = Mission(
     home_alt_m=0.0,
     items=(item(22, 47.3977419, 8.5455938, 25.0), item(20)),
 )
+UP_AND_HIGHER = Mission(
+    name="up-and-higher",
+    home_lat_deg=47.3977419,
+    home_lon_deg=8.5455938,
+    home_alt_m=0.0,
+    items=(item(22, 47.3977419, 8.5455938, 6.0), item(16, 47.3977419, 8.5455938, 30.0), item(20)),
+)
 Case = tuple[Scenario, dict[str, float], tuple[Stimulus, ...], tuple[str, ...]]
 FLIP_UPON_FLIP: Case = (
     Scenario(start=START, time_limit_s=20.0),
@@ -131,6 +138,22 @@ LANDS_FASTER_THAN_IT_MAY_SINK: Case = (
     ("climb-limit",),
 )
 
+MISSION_BEGUN_ANEW_ON_THE_WAY: Case = (
+    Scenario(mission=UP_AND_HIGHER, time_limit_s=45.0),
+    {},
+    (given(28.0, "command", "MAV_CMD_MISSION_START", 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),),
+    ("px-takeoff1",),
+)
+TAKES_OFF_BEFORE_A_JUMP_IS_BELIEVED: Case = (
+    Scenario(start=StartState(mode="GUIDED", altitude_m=0.0), time_limit_s=45.0),
+    {},
+    (
+        given(0.5, "sensor_fault", "SIM_GPS_GLITCH_X", 60.0),
+        given(9.2, "command", "MAV_CMD_NAV_TAKEOFF", 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 60.0),
+    ),
+    ("takeoff-straight",),
+)
+
 
 @pytest.mark.parametrize(
     ("scenario", "parameters", "stimuli", "rules"),
@@ -147,6 +170,8 @@ LANDS_FASTER_THAN_IT_MAY_SINK: Case = (
         ARMED_ANEW_IN_THE_AIR,
         LINK_LOST_IN_A_CIRCLE,
         LANDS_FASTER_THAN_IT_MAY_SINK,
+        MISSION_BEGUN_ANEW_ON_THE_WAY,
+        TAKES_OFF_BEFORE_A_JUMP_IS_BELIEVED,
     ],
 )
 def test_nothing_is_broken_where_the_manual_allows_it(

@@ -39,6 +39,14 @@ def goto(at_s: float, place: tuple[float, ...], altitude_m: float) -> Stimulus:
     return given(at_s, "command", "MAV_CMD_DO_REPOSITION", *place, altitude_m)
 
 
+def armed(at_s: float) -> Stimulus:
+    return given(at_s, "command", "MAV_CMD_COMPONENT_ARM_DISARM", 1.0, 21196.0)
+
+
+def disarmed(at_s: float) -> Stimulus:
+    return given(at_s, "command", "MAV_CMD_COMPONENT_ARM_DISARM", 0.0)
+
+
 class Case(NamedTuple):
     """A flight from a start, and the rules that must not be broken in it."""
 
@@ -226,6 +234,50 @@ CASES = {
         {"WPNAV_SPEED_UP": 500.0, "WPNAV_ACCEL_Z": 50.0},
         (given(1.0, "command", "MAV_CMD_NAV_TAKEOFF", 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 90.0),),
         ("px-takeoff2", "takeoff-climbs"),
+    ),
+    "a flip is broken off half-way": Case(
+        ("ALT_HOLD", 40.0),
+        12.0,
+        {},
+        (stick(1.0, 3, 2000.0), stick(3.9, 3, 1500.0), mode(4.3, "FLIP"), mode(4.8, "ALT_HOLD")),
+        ("a-alt-hold2", "px-altitude1"),
+    ),
+    "a full lean is held until the motors do not carry it": Case(
+        ("ALT_HOLD", 15.0),
+        40.0,
+        {"ANGLE_MAX": 4500.0},
+        (setting(2.0, "AHRS_TRIM_X", -0.1745), stick(14.0, 1, 2000.0)),
+        ("a-alt-hold2", "px-altitude1"),
+    ),
+    "it is armed while the barometer is off, which stays so": Case(
+        ("STABILIZE", 0.0),
+        60.0,
+        {},
+        (disarmed(0.5), fault(1.0, "SIM_BARO_GLITCH", 5.0), armed(35.0)),
+        ("a-alt-hold1", "estimate-true"),
+    ),
+    "it is armed while the barometer is off, which ends": Case(
+        ("STABILIZE", 0.0),
+        85.0,
+        {"DISARM_DELAY": 0.0},
+        (
+            disarmed(0.5),
+            fault(1.0, "SIM_BARO_GLITCH", 8.0),
+            armed(35.0),
+            fault(36.0, "SIM_BARO_GLITCH", 0.0),
+        ),
+        ("a-alt-hold1", "estimate-true"),
+    ),
+    "it is armed in the air, then loses its position": Case(
+        ("ALT_HOLD", 200.0),
+        25.0,
+        {"FS_EKF_ACTION": 2.0},
+        (
+            given(0.5, "command", "MAV_CMD_COMPONENT_ARM_DISARM", 0.0, 21196.0),
+            given(1.1, "command", "MAV_CMD_COMPONENT_ARM_DISARM", 1.0, 21196.0),
+            fault(3.0, "SIM_GPS_DISABLE", 1.0),
+        ),
+        ("a-gps-fs2",),
     ),
     "a fence is switched on by a number that is no whole one": Case(
         ("STABILIZE", 60.0),

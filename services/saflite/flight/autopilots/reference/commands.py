@@ -130,6 +130,8 @@ def _mission_start(ap: Autopilot, v: Numbers) -> MavResult:
     """Start the mission on board."""
     if not ap.armed:
         return MavResult.FAILED
+    if ap.mode.name == "AUTO":
+        return MavResult.ACCEPTED if ap.mode.jump(0) else MavResult.FAILED  # type: ignore[attr-defined]
     ap.mission_index = 0
     return _outcome(ap.set_mode("AUTO", "command"))
 

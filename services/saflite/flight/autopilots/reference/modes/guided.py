@@ -22,26 +22,33 @@ class Guided(Mode):
         self.speed: tuple[float, float, float] | None = None
         self._speed_until_s = 0.0
         self.taking_off = False
+        self._chosen_here = False  # the place was not ordered but is where the vehicle was
         self.yaw_rad: float | None = None
 
     def enter(self, previous: Mode) -> None:
         """Stop and stay here, nose as it is: orders to turn that were given before do not count any more."""
         self.ap.yaw_order_rad = None
         if not self.ap.landed:
-            self.go_to(*self._stopping_point(), self.board["altitude_est_m"])
+            self._stay_here()
+
+    def shift(self, north_m: float, east_m: float) -> None:
+        """Hold the same ground, not the same numbers; a place that was ordered stays where it is."""
+        if self.target is not None and self._chosen_here:
+            self.target = (self.target[0] + north_m, self.target[1] + east_m, self.target[2])
 
     def take_off(self, altitude_m: float) -> None:
         """Climb straight up to a height above home."""
         endless = 1e5 if altitude_m <= 0.0 else altitude_m  # only with takeoff-altitude-unchecked
         self.target = (self.board["est_n"], self.board["est_e"], endless)
         self.speed = None
-        self.taking_off = True
+        self.taking_off = self._chosen_here = True
         self.board.set(takeoff=1.0, takeoff_altitude_set_m=altitude_m, set_altitude=self.board["altitude_est_m"])
         self.ap.lift()
 
     def go_to(self, north_m: float, east_m: float, altitude_m: float) -> None:
         """Fly to a place."""
         self.target, self.speed = (north_m, east_m, altitude_m), None
+        self._chosen_here = False
         self.end_take_off()
 
     def fly_at(self, north_mps: float, east_mps: float, climb_mps: float) -> None:
@@ -77,7 +84,7 @@ class Guided(Mode):
             steer.climb(board, min(up, max(-down, self.ap.failsafes.limit_climb(self.speed[2]))))
             return
         if self.target is None or self.speed is not None:
-            self.go_to(*self._stopping_point(), board["altitude_est_m"])
+            self._stay_here()
         assert self.target is not None
         steer.position(board, self.target[0], self.target[1], plane)
         steer.altitude(board, self.ap.failsafes.limit_altitude(self.target[2]), up, down)
@@ -90,6 +97,10 @@ class Guided(Mode):
             steer.heading(self.board, self.ap.yaw_order_rad)
         else:
             self.hold_heading()
+
+    def _stay_here(self) -> None:
+        self.go_to(*self._stopping_point(), self.board["altitude_est_m"])
+        self._chosen_here = True
 
     def _stopping_point(self) -> tuple[float, float]:
         board = self.board
