@@ -165,7 +165,8 @@ def _numbers(paired: Paired, p: float) -> tuple[str, ...]:
     interval = "" if paired.pairs < PAIRS_MIN else f" [{paired.low:+.1f}, {paired.high:+.1f}]"
     return (
         f"{paired.difference:+.1f}{interval}",
-        *("-" if np.isnan(value) else f"{value:.2f}" for value in (p, paired.effect)),
+        "-" if np.isnan(p) else "< 0.01" if p < 0.01 else f"{p:.2f}",
+        "-" if np.isnan(paired.effect) else f"{paired.effect:.2f}",
         "-" if np.isnan(paired.detectable) else f"{paired.detectable:.1f}",
     )
 
