@@ -3,6 +3,7 @@
     speed   a hover by the core time of autopilot and world together, a long flight less a short one, so that bringing
             up does not count; the F450 that JSBSim ships is stepped alone in the same turn
     again   drawn cases flown in one session, then in another in the opposite order: after others as alone
+    forks   drawn cases flown from power-up, and forked from the held start state: outcome, and core time of each
     leaks   cases in a row, from the ground: processes, open files, listening ports and files on disk that are left
 
 Core time counts: a busy machine stretches wall time. The binary is the one that the environment names for the target.
@@ -34,8 +35,10 @@ from saflite.simulator_worker.agreement import differences
 from saflite.simulator_worker.processes import children
 from saflite.simulator_worker.registry import load_target, why_missing
 from saflite.simulator_worker.slots import take_slot
+from saflite.simulator_worker.targets._external import ForkingExternalSession
 
 SHORT_S, LONG_S = 10.0, 70.0
+STARTS = 20
 KINDS = ("stick", "mode", "parameter", "sensor_fault", "command")
 LISTENING = "0A"  # TCP state in /proc/net/tcp
 
@@ -147,6 +150,48 @@ def _flown(target: Target, numbers: list[int]) -> dict[int, FlightRecord]:
         held.release()
 
 
+def forks(options: argparse.Namespace) -> dict[str, Any]:
+    """Fly drawn cases from power-up and forked from their start; return how many are equal bit by bit, and the times.
+
+    `fork_wall_ms` is the wall time, of a flight cut short, until a forked flight is over: an upper bound of its start.
+    """
+    cases = [drawn(options.target, number, SHORT_S) for number in range(options.forks)]
+    cut_short = hover(options.target, 0.05)
+    held = take_slot()
+    session = load_target(options.target.name).open(held.info.slot(WallClock()))
+    assert isinstance(session, ForkingExternalSession), "this target does not fork"
+    try:
+        began_s = time.monotonic()
+        cold = [session.fly_cold(case, DEADLINE_S, lambda: False) for case in cases]
+        cold_s = time.monotonic() - began_s
+        fly(session, cases[0])  # reaches the start state
+        began_s = time.monotonic()
+        forked = [fly(session, case) for case in cases]
+        forked_s = time.monotonic() - began_s
+        fly(session, cut_short)
+        starts_ms = [_wall_ms(session, cut_short) for _ in range(STARTS)]
+    finally:
+        session.close()
+        held.release()
+    wrong = {number: list(differences(*pair)) for number, pair in enumerate(zip(cold, forked, strict=True))}
+    endings = [record.ending for record in cold]
+    return {
+        "flown": len(cases),
+        "equal": sum(not parts for parts in wrong.values()),
+        "endings": {ending: endings.count(ending) for ending in sorted(set(endings))},
+        "cold_wall_s": round(cold_s / len(cases), 3),
+        "forked_wall_s": round(forked_s / len(cases), 3),
+        "fork_wall_ms": {"least": round(min(starts_ms), 2), "median": round(median(starts_ms), 2)},
+        "wrong": {number: parts for number, parts in wrong.items() if parts},
+    }
+
+
+def _wall_ms(session: Session, case: TestCase) -> float:
+    began_s = time.monotonic()
+    fly(session, case)
+    return 1000.0 * (time.monotonic() - began_s)
+
+
 def leaks(options: argparse.Namespace) -> dict[str, Any]:
     """Fly drawn cases in a row in one session; return what grew between the first and the last."""
     held = take_slot()
@@ -187,7 +232,12 @@ def _bound() -> set[int]:
     return found
 
 
-PARTS: dict[str, Callable[[argparse.Namespace], dict[str, Any]]] = {"speed": speed, "again": again, "leaks": leaks}
+PARTS: dict[str, Callable[[argparse.Namespace], dict[str, Any]]] = {
+    "speed": speed,
+    "again": again,
+    "forks": forks,
+    "leaks": leaks,
+}
 
 
 def main(argv: list[str]) -> int:
@@ -197,8 +247,8 @@ def main(argv: list[str]) -> int:
     parser.add_argument(
         "--set", dest="settings", action="append", default=[], metavar="NAME=VALUE", help="of the target"
     )
-    parser.add_argument("--parts", nargs="+", choices=sorted(PARTS), default=list(PARTS))
-    for name, default in (("turns", 5), ("again", 40), ("leaks", 200)):
+    parser.add_argument("--parts", nargs="+", choices=sorted(PARTS), default=["speed", "again", "leaks"])
+    for name, default in (("turns", 5), ("again", 40), ("forks", 40), ("leaks", 200)):
         parser.add_argument(f"--{name}", type=int, default=default)
     parser.add_argument("--json", action="store_true", help="one JSON object a part, as in the committed rows")
     options = parser.parse_args(argv)

@@ -11,11 +11,13 @@ import argparse
 import json
 import math
 import os
+import select
 import signal
 import socket
 import struct
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -52,6 +54,10 @@ class Peer:
         self.tcp.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self.udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.world = ("127.0.0.1", args.sim_port_out)
+        self.receiver = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.receiver.bind(("127.0.0.1", args.rc_in_port))
+        self.receiver.setblocking(False)
+        self.pulses = (0,) * 16
         self.mav = dialect.MAVLink(self, srcSystem=1, srcComponent=1)
         self.intervals_s = {"HEARTBEAT": 1.0}
         self.due_s: dict[str, float] = {}
@@ -80,6 +86,8 @@ class Peer:
             packet = struct.pack("<HHI16H", 18458, 400, self.frame, *pulses, *[1000] * 12)
             for _ in range(1 + self.frame % 2):  # every second one is said twice, as the backend does when it waits
                 self.udp.sendto(packet, self.world)
+            while not select.select([self.udp], [], [], 0.1)[0]:
+                pass  # as the backend waits
             lines = self.udp.recv(65536).decode().split("\n")
             self.state = json.loads(lines[1])
             self.hear()
@@ -168,6 +176,12 @@ class Peer:
     def say_heartbeat(self) -> None:
         self.mav.heartbeat_send(2, 3, 1 + 128 * self.armed, self.mode, 4)
 
+    def say_rc_channels(self) -> None:
+        with suppress(BlockingIOError):
+            while True:
+                self.pulses = struct.unpack("<16H", self.receiver.recv(64))
+        self.mav.rc_channels_send(0, 16, *self.pulses, 65535, 65535, 255)
+
     def say_sys_status(self) -> None:
         ready = self.time_s > READY_S and not self.parameters["SIM_NEVER_READY"]
         health = 65536 + 8 + (dialect.MAV_SYS_STATUS_PREARM_CHECK if ready else 0)
@@ -191,6 +205,7 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--base-port", type=int)
     parser.add_argument("--sim-port-out", type=int)
+    parser.add_argument("--rc-in-port", type=int)
     parser.add_argument("--defaults")
     args, _ = parser.parse_known_args()
     assert math.isfinite(args.base_port)

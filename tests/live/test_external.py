@@ -10,10 +10,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from external_flights import StandIn, answers, case, ends, nothing_left, program
+from external_flights import Given, StandIn, answers, case, ends, nothing_left, program
+from msgspec.structs import replace
 
 from saflite.contract.errors import Refused, Unavailable
-from saflite.contract.test_case import Scenario, StartState, Wind
+from saflite.contract.target import Slot
+from saflite.contract.test_case import Scenario, StartState, TestCase, Wind
 from saflite.flight.autopilots.ardupilot.adapter import ADAPTER as ARDUPILOT
 from saflite.flight.autopilots.external import vehicle as vehicle_module
 from saflite.flight.autopilots.external.adapter import Adapter
@@ -21,10 +23,17 @@ from saflite.flight.autopilots.external.place import Place
 from saflite.flight.autopilots.external.process import Process
 from saflite.flight.autopilots.px4.adapter import ADAPTER as PX4
 from saflite.flight.mission import builtin_mission
+from saflite.runtime.clock import WallClock
 from saflite.simulator_worker.agreement import differences
 from saflite.simulator_worker.slots import take_slot
+from saflite.simulator_worker.targets._external import ForkingExternalSession
 
 pytestmark = pytest.mark.live
+
+
+def never() -> bool:
+    """Never stop."""
+    return False
 
 
 @pytest.fixture(autouse=True)
@@ -121,6 +130,63 @@ def test_flights_repeat_bit_by_bit_also_after_others(ardupilot: StandIn) -> None
     first = ardupilot.fly(one)
     ardupilot.flown((0.5, "parameter", "SIM_CUT", 1.0))
     assert list(differences(first, ardupilot.fly(one))) == []
+
+
+@pytest.fixture
+def forking(ardupilot: StandIn) -> Iterator[ForkingExternalSession]:
+    """A session whose flights are forked from their start."""
+    folder, ports = ardupilot.place
+    slot = Slot(index=0, folder=folder, clock=WallClock(), ports=ports)
+    session = ForkingExternalSession(slot, ardupilot.adapter, ardupilot.binary, ardupilot.listing)
+    yield session
+    session.close()
+
+
+def unlogged(test_case: TestCase) -> TestCase:
+    return replace(test_case, target=replace(test_case.target, settings={"log": "none"}))
+
+
+STICK: Given = (1.0, "stick", "RC1", 1700.0)
+
+
+def test_a_flight_forked_from_its_start_is_the_one_from_power_up(forking: ForkingExternalSession) -> None:
+    one = unlogged(case("ardupilot", STICK, (2.0, "parameter", "RTL_ALT", 900.0), (2.5, "mode", "LAND", 0.0)))
+    other = unlogged(case("ardupilot", (0.0, "stick", "RC1", 1200.0), (0.5, "parameter", "SIM_CUT", 1.0)))
+    cold = [forking.fly_cold(each, 60.0, never) for each in (one, other)]
+    assert [each.ending for each in cold] == ["completed", "crashed"]
+    assert cold[0].trace is not None
+    assert cold[0].trace.array("rc1_pwm").max() == 1700.0
+    forked = [forking.fly(each, 60.0, never) for each in (one, other, one)]
+    for first, again in zip([*cold, cold[0]], forked, strict=True):
+        assert list(differences(first, again)) == []
+    assert forking._start is not None
+
+
+def test_a_flight_is_held_on_its_way_and_goes_on_from_there(forking: ForkingExternalSession) -> None:
+    one = unlogged(case("ardupilot", STICK, (3.0, "mode", "LAND", 0.0)))
+    other = unlogged(case("ardupilot", STICK, (3.5, "stick", "RC1", 1200.0)))
+    cold = [forking.fly_cold(each, 60.0, never) for each in (one, other)]
+    snapshot = forking.snapshot(one, 2.0, 60.0, never)
+    for first, each in zip(cold, (one, other), strict=True):
+        assert list(differences(first, forking.fly_from(snapshot, each, 60.0, never))) == []
+    forking.drop(snapshot)
+    assert list(differences(cold[0], forking.fly_from(snapshot, one, 60.0, never))) == []
+
+
+def test_a_death_in_a_fork_is_told_as_one_from_power_up(forking: ForkingExternalSession) -> None:
+    dies = unlogged(case("ardupilot", (1.0, "parameter", "SIM_DIE", 1.0)))
+    cold, forked = forking.fly_cold(dies, 60.0, never), forking.fly(dies, 60.0, never)
+    assert "SIGABRT: PANIC: told to" in forked.message
+    assert list(differences(cold, forked)) == []
+    assert "PANIC" in dict(forked.artefacts)["console.txt"].decode()
+
+
+def test_what_cannot_be_forked_is_flown_from_power_up(forking: ForkingExternalSession) -> None:
+    logged = case("ardupilot", STICK)
+    snapshot = forking.snapshot(logged, 2.0, 60.0, never)
+    first, again = forking.fly(logged, 60.0, never), forking.fly_from(snapshot, logged, 60.0, never)
+    assert list(differences(first, again)) == []
+    assert forking._start is None
 
 
 def test_landing_ends_the_flight(peer: StandIn) -> None:

@@ -8,7 +8,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +18,9 @@ import pytest
 from saflite.contract.errors import Refused
 from saflite.contract.test_case import Obstacle, Scenario, StartState, Target, TestCase, Wind
 from saflite.flight.autopilots.ardupilot import settings
-from saflite.flight.autopilots.ardupilot.bring_up import GATE_LIBRARY, OWN_MODEL, WORLD_MODEL, command
+from saflite.flight.autopilots.ardupilot.bring_up import OWN_MODEL, WORLD_MODEL, command
 from saflite.flight.autopilots.ardupilot.check import check_test_case
+from saflite.flight.autopilots.ardupilot.gate import LIBRARY, Gate
 from saflite.flight.autopilots.ardupilot.own_truth import OwnTruth
 from saflite.flight.autopilots.ardupilot.vehicle import Vehicle
 from saflite.flight.autopilots.external.listing import Listing, Row
@@ -43,14 +44,14 @@ for frame in range(1, int(sys.argv[1]) + 1):
 def gated(frames: int) -> Iterator[tuple[Vehicle, socket.socket, subprocess.Popen[bytes]]]:
     """Run a program that looks for its parent once a frame, with the gate preloaded; yield our ends and it."""
     mavlink, theirs = socket.socketpair()
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as udp, mavlink, theirs:
-        udp.bind(("127.0.0.1", 0))
-        port = str(udp.getsockname()[1])
-        told = {**os.environ, "LD_PRELOAD": str(GATE_LIBRARY), "SAFLITE_GATE": port}
+    gate = Gate(own_physics=True, log=True, physics_port=0, receiver_port=0)
+    with closing(gate), mavlink, theirs:
+        told, keeps = {**os.environ, **gate.environment}, [gate.theirs.fileno()]
         words = [sys.executable, "-c", FRAMES, str(frames)]
-        with subprocess.Popen(words, env=told, stdout=subprocess.PIPE, bufsize=0) as running:
+        with subprocess.Popen(words, env=told, pass_fds=keeps, stdout=subprocess.PIPE, bufsize=0) as running:
+            gate.theirs.close()
             vehicle = Vehicle(np.zeros((0, 8)), 0.0)
-            assert vehicle.connect(udp, mavlink, own_physics=True) == OK
+            assert vehicle.connect(gate.channel, mavlink, own_physics=True) == OK
             try:
                 yield vehicle, theirs, running
             finally:
@@ -98,7 +99,7 @@ def test_a_crashed_vehicle_is_not_run_on() -> None:
 
 
 def test_without_a_world_to_ask_the_program_ends() -> None:
-    told = {**os.environ, "LD_PRELOAD": str(GATE_LIBRARY), "SAFLITE_GATE": "1"}
+    told = {**os.environ, "LD_PRELOAD": str(LIBRARY), "SAFLITE_GATE": "1:1:0:0:0"}
     done = subprocess.run([sys.executable, "-c", FRAMES, "5"], env=told, check=False, timeout=20.0)
     assert done.returncode == 3
 

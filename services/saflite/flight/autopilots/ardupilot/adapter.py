@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
+from saflite.contract.test_case import TestCase
 from saflite.flight.autopilots.ardupilot.binary import BINARIES
 from saflite.flight.autopilots.ardupilot.bring_up import Aircraft
 from saflite.flight.autopilots.ardupilot.check import check_test_case
 from saflite.flight.autopilots.ardupilot.describe import describe
 from saflite.flight.autopilots.ardupilot.flight import ArduPilotFlight
+from saflite.flight.autopilots.ardupilot.held_flight import HeldFlight
+from saflite.flight.autopilots.ardupilot.settings import without_log
 from saflite.flight.autopilots.external.adapter import Adapter
 from saflite.flight.autopilots.external.binary import Binary
 from saflite.flight.autopilots.external.place import Place
@@ -18,4 +21,9 @@ def _powered_up(binary: Binary, place: Place) -> Aircraft:
     return Aircraft(binary, place, {}, np.zeros((0, 8)))
 
 
-ADAPTER = Adapter(BINARIES, describe, check_test_case, ArduPilotFlight, _powered_up)
+def _forkable(test_case: TestCase) -> bool:
+    """Whether nothing of it runs in a thread: neither its log nor, where there are obstacles, BendyRuler."""
+    return without_log(test_case) and not test_case.scenario.obstacles
+
+
+ADAPTER = Adapter(BINARIES, describe, check_test_case, ArduPilotFlight, _powered_up, HeldFlight, _forkable)

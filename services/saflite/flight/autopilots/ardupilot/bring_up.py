@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack, closing
 from pathlib import Path
@@ -11,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saflite.contract.errors import Unavailable
+from saflite.flight.autopilots.ardupilot import gate
+from saflite.flight.autopilots.ardupilot.gate import Fork, Gate
 from saflite.flight.autopilots.ardupilot.link import Radio, called_tcp
 from saflite.flight.autopilots.ardupilot.settings import as_file
 from saflite.flight.autopilots.ardupilot.vehicle import Vehicle
@@ -19,7 +22,7 @@ from saflite.flight.autopilots.external.aircraft import HOME
 from saflite.flight.autopilots.external.binary import Binary
 from saflite.flight.autopilots.external.link import LockstepPort, bound_udp
 from saflite.flight.autopilots.external.place import FailedBringUp, Place
-from saflite.flight.autopilots.external.process import Process
+from saflite.flight.autopilots.external.process import ForkedProcess, Process
 from saflite.flight.autopilots.external.vehicle import OK, SILENT
 from saflite.flight.mavlink.client import Client
 
@@ -30,7 +33,6 @@ START_TIME_S = 1_700_000_000  # the calendar begins here in every flight
 RATE_HZ = 400
 LISTEN_S, HEARTBEAT_S = 20.0, 30.0
 WORLD_MODEL, OWN_MODEL = "JSON:127.0.0.1", "x"
-GATE_LIBRARY = Path(__file__).parent / "preload" / "_clock.so"
 UNGATED = "its own physics cannot be held between frames: linked statically, or never looking for its parent"
 
 
@@ -81,10 +83,15 @@ class Aircraft(aircraft.Aircraft):
         (self.folder / DEFAULTS_FILE).write_text(as_file(self._parameters))
         self.radio = opened.enter_context(closing(Radio(ports[RECEIVER])))
         self.pulses_us = self.radio.pulses_us
-        udp = opened.enter_context(bound_udp(ports[SIMULATOR]))
-        self.process = self._started(opened, Process(self._command, self.folder, environment=self._environment()))
-        tcp = opened.enter_context(self._called(ports[0]))
-        came = self.vehicle.connect(udp, tcp, own_physics=self._own_physics)
+        self.gate = self._gate(opened)
+        port = ports[SIMULATOR]
+        self._physics = self.gate.channel if self._own_physics else opened.enter_context(bound_udp(port))
+        environment, keeps = {**os.environ, **self.gate.environment}, (self.gate.theirs.fileno(),)
+        process = Process(self._command, self.folder, environment=environment, keeps=keeps)
+        self.gate.theirs.close()
+        self.process = self._started(opened, process)
+        self._tcp = opened.enter_context(_called(process, ports[0]))
+        came = self.vehicle.connect(self._physics, self._tcp, own_physics=self._own_physics)
         if came != OK:
             raise FailedBringUp(UNGATED if self._own_physics and came == SILENT else self.trouble(came))
 
@@ -92,26 +99,54 @@ class Aircraft(aircraft.Aircraft):
             self._before_tick()
             self.radio.send()
 
-        self.client = Client(self.clock, LockstepPort(self.vehicle, tcp.sendall, before))
+        self.client = Client(self.clock, LockstepPort(self.vehicle, self._tcp.sendall, before))
 
-    def _environment(self) -> dict[str, str] | None:
-        """Return what the process sees of one: with its own physics the library that lets it run frame by frame.
+    def _gate(self, opened: ExitStack) -> Gate:
+        """Return the gate that is preloaded into the process.
 
         Raises:
-            Unavailable: that library was not built.
+            Unavailable: it was not built.
         """
-        if not self._own_physics:
-            return None
-        if not GATE_LIBRARY.is_file():
-            raise Unavailable(f"{GATE_LIBRARY.name} of ArduPilot's own physics is not built: scripts/setup")
-        return {"LD_PRELOAD": str(GATE_LIBRARY), "SAFLITE_GATE": str(self._place.ports[SIMULATOR])}
+        if not gate.LIBRARY.is_file():
+            raise Unavailable(f"{gate.LIBRARY.name}, preloaded into ArduPilot, is not built: scripts/setup")
+        ports = self._place.ports
+        log = self._parameters.get("LOG_BACKEND_TYPE") != 0.0
+        simulator, receiver = ports[SIMULATOR], ports[RECEIVER]
+        made = Gate(own_physics=self._own_physics, log=log, physics_port=simulator, receiver_port=receiver)
+        opened.callback(made.close)
+        return made
 
-    def _called(self, port: int) -> socket:
-        if not self.process.wait_for_words("Waiting for connection", LISTEN_S):
-            why = self.process.how_it_ended() if self.process.gone else f"silent for {LISTEN_S:.0f} s at its start"
-            raise FailedBringUp(why)
-        return called_tcp(port)
+    @property
+    def files(self) -> tuple[int, ...]:
+        """What must stay open in a fork of this process until it has taken up a fork of the autopilot."""
+        return (self._tcp.fileno(), self._physics.fileno(), self.radio.fileno(), self.gate.channel.fileno())
+
+    def take_up(self, fork: Fork, said: str) -> None:
+        """In a fork of this process: go on with a fork of the autopilot; the other and its folder are not ours.
+
+        Args:
+            fork: of the autopilot; its files are ours from now on.
+            said: what the autopilot had printed.
+        """
+        channel, link, receiver = self.gate.channel.fileno(), self._tcp.fileno(), self.radio.fileno()
+        pairs = [(fork.channel, channel), (fork.link, link), (fork.receiver, receiver)]
+        if fork.physics is not None:
+            pairs.append((fork.physics, self._physics.fileno()))
+        for given, kept in pairs:
+            os.dup2(given.fileno(), kept, inheritable=False)
+        console = os.dup(fork.console)
+        fork.leave()
+        self.vehicle.moved()
+        self.process = ForkedProcess(fork.pid, console, said)
+        self._opened = ExitStack()
+        self._opened.callback(self.process.end)
 
     def logs(self) -> dict[str, bytes]:
         """Return the DataFlash logs it wrote, by name."""
         return {path.name: path.read_bytes() for path in sorted((self.folder / "logs").glob("*.BIN"))}
+
+
+def _called(process: Process, port: int) -> socket:
+    if not process.wait_for_words("Waiting for connection", LISTEN_S):
+        raise FailedBringUp(process.how_it_ended() if process.gone else f"silent for {LISTEN_S:.0f} s at its start")
+    return called_tcp(port)

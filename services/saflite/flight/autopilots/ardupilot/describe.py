@@ -69,6 +69,7 @@ def describe(binary: Binary | None, listing: Listing | None, lacking: str) -> Ta
         missions=True,
         obstacles=True,
         wind=True,
+        snapshots=True,
         time_limit_max_s=TIME_LIMIT_MAX_S,
         vehicle=VEHICLE,
         autopilot=binary.version if binary is not None else "ArduCopter",

@@ -9,7 +9,7 @@ from saflite.flight.autopilots.ardupilot.bring_up import HEARTBEAT_S, Aircraft
 from saflite.flight.autopilots.ardupilot.inputs import MODE_NUMBERS
 from saflite.flight.autopilots.ardupilot.mission import as_taken
 from saflite.flight.autopilots.ardupilot.own_truth import OWN_RATES_HZ, OwnTruth
-from saflite.flight.autopilots.ardupilot.settings import own_physics, start_parameters
+from saflite.flight.autopilots.ardupilot.settings import own_physics, start_parameters, without_log
 from saflite.flight.autopilots.ardupilot.signals import trace_names
 from saflite.flight.autopilots.ardupilot.telemetry import MODES, RATES_HZ, Telemetry
 from saflite.flight.autopilots.external.binary import Binary
@@ -42,7 +42,8 @@ class ArduPilotFlight(ExternalFlight):
     def _powered_up(self) -> Aircraft:
         given = self.test_case.target.parameters
         known, own = self._listing.parameters, self._own_physics
-        parameters = start_parameters(given, known, obstacles=bool(len(self._boxes)), own_physics=own)
+        boxes, log = bool(len(self._boxes)), not without_log(self.test_case)
+        parameters = start_parameters(given, known, obstacles=boxes, own_physics=own, log=log)
         self._parameters = {**self._listing.values, **parameters}
         return Aircraft(
             self._binary,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import socket
 import struct
+from contextlib import suppress
 
 from saflite.contract.errors import Unavailable
 from saflite.flight.autopilots.external.link import CENTRE_US, LOOPBACK, LOW_US
@@ -17,13 +18,18 @@ class Radio:
 
     def __init__(self, port: int) -> None:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._address = (LOOPBACK, port)
+        self._socket.connect((LOOPBACK, port))
         self.pulses_us = [CENTRE_US] * CHANNELS
         self.pulses_us[2] = LOW_US
 
     def send(self) -> None:
-        """Send the pulses once."""
-        self._socket.sendto(struct.pack(f"<{CHANNELS}H", *self.pulses_us), self._address)
+        """Send the pulses once; where nobody takes them, another link tells that."""
+        with suppress(OSError):
+            self._socket.send(struct.pack(f"<{CHANNELS}H", *self.pulses_us), socket.MSG_DONTWAIT)
+
+    def fileno(self) -> int:
+        """Return the number of the socket."""
+        return self._socket.fileno()
 
     def close(self) -> None:
         """Close the socket."""

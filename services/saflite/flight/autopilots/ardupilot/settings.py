@@ -22,13 +22,20 @@ F450: dict[str, float] = {
     "MOT_THST_HOVER": 0.435,
 }
 PHYSICS, NATIVE = "physics", "native"
+LOG, NO_LOG = "log", "none"
 SETTINGS = {
+    LOG: SettingInfo(
+        meaning="whether the autopilot keeps its log; flights without are forked from their start",
+        default="dataflash",
+        choices=("dataflash", NO_LOG),
+        choice_meanings={NO_LOG: "only so can flights be forked: a thread writes the log, and a fork copies none"},
+    ),
     PHYSICS: SettingInfo(
         meaning="whose physics is flown",
         default="jsbsim",
         choices=("jsbsim", NATIVE),
         choice_meanings={NATIVE: "the binary's own quadrotor with its own gains; no boxes, wind by SIM_WIND_SPD"},
-    )
+    ),
 }
 TUNE: dict[str, float] = {
     "FRAME_CLASS": 1,  # quadrotor
@@ -117,15 +124,25 @@ def own_physics(test_case: TestCase) -> bool:
     return test_case.target.settings.get(PHYSICS) == NATIVE
 
 
+def without_log(test_case: TestCase) -> bool:
+    """Return whether a test case is flown without the autopilot's own log."""
+    return test_case.target.settings.get(LOG) == NO_LOG
+
+
 def start_parameters(
-    given: Mapping[str, float], known: Collection[str], *, obstacles: bool, own_physics: bool = False
+    given: Mapping[str, float],
+    known: Collection[str],
+    *,
+    obstacles: bool,
+    own_physics: bool = False,
+    log: bool = True,
 ) -> dict[str, float]:
     """Return what the vehicle starts with beyond the binary's own defaults; names it does not know are left out.
 
     On its own physics it is no F450, and flies with its own gains.
     """
     tune = {name: value for name, value in TUNE.items() if not (own_physics and name in F450)}
-    ours = {**tune, **(AVOIDANCE if obstacles else {})}
+    ours = {**tune, **(AVOIDANCE if obstacles else {}), **({} if log else {"LOG_BACKEND_TYPE": 0.0})}
     return {name: float(value) for name, value in {**ours, **given}.items() if name in known}
 
 

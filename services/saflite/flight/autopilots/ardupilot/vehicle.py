@@ -16,6 +16,7 @@ def _library() -> ctypes.PyDLL:
     library, pointer, number = python_library(), ctypes.c_void_p, ctypes.c_int
     library.lockstep_connect.argtypes = [pointer, number, number, number, number]
     library.lockstep_await.argtypes = [pointer]
+    library.lockstep_moved.argtypes = [pointer]
     return library
 
 
@@ -32,3 +33,7 @@ class Vehicle(LockstepVehicle):
         """
         _library().lockstep_connect(self.address, udp.fileno(), tcp.fileno(), vehicle.SILENT_MS, int(own_physics))
         return int(_library().lockstep_await(self.address))
+
+    def moved(self) -> None:
+        """Go on with what lies behind the same numbers of open files now."""
+        _library().lockstep_moved(self.address)

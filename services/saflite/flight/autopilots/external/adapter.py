@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from saflite.contract.errors import Unavailable
 from saflite.contract.target_info import TargetInfo
@@ -21,7 +21,8 @@ class Adapter(NamedTuple):
     """An autopilot that people name a binary of.
 
     `describe` takes binary, list of parameters and what this machine lacks; `check` raises Refused for what the binary
-    cannot fly; `flight` makes one flight; `powered_up` starts the binary only to be asked.
+    cannot fly; `flight` makes one flight; `powered_up` starts the binary only to be asked. Where flights can be forked,
+    `held` makes one that can be held, and `forkable` says which test cases are flown so.
     """
 
     binaries: Binaries
@@ -29,6 +30,8 @@ class Adapter(NamedTuple):
     check: Callable[[TestCase, Listing], None]
     flight: Callable[[TestCase, Binary, Listing, Place], ExternalFlight]
     powered_up: Callable[[Binary, Place], Aircraft]
+    held: Callable[[TestCase, Binary, Listing, Place], Any] | None = None
+    forkable: Callable[[TestCase], bool] = lambda test_case: False
 
     def known(self, binary: Binary) -> Listing | None:
         """Return what is remembered of a binary's parameters, None where it was never asked."""

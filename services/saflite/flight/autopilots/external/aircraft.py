@@ -10,7 +10,7 @@ from typing import Any
 from saflite.contract.errors import Unavailable
 from saflite.flight.autopilots.external.link import WORDS, SimulatedClock
 from saflite.flight.autopilots.external.place import Place
-from saflite.flight.autopilots.external.process import Process
+from saflite.flight.autopilots.external.process import ForkedProcess, Process
 from saflite.flight.autopilots.external.vehicle import GONE, LockstepVehicle
 from saflite.flight.mavlink.client import Client
 from saflite.flight.world.jsbsim_world import HOME_ALT_M, HOME_LAT_DEG, HOME_LON_DEG
@@ -32,7 +32,7 @@ class Aircraft(ABC):
         FailedBringUp: it ended, or does not answer.
     """
 
-    process: Process
+    process: Process | ForkedProcess
     client: Client
     pulses_us: list[int]
     """Of the radio's channels, sticks first."""

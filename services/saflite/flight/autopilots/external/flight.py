@@ -77,6 +77,7 @@ class ExternalFlight(ABC):
         self._inputs: Inputs
         self._aircraft: Any = None
         self._ended_s: float | None = None
+        self._over_s = -1.0  # the last moment at which nothing but stimuli to come kept the flight from its end
         self.note = ""
 
     @abstractmethod
@@ -120,10 +121,7 @@ class ExternalFlight(ABC):
         except BaseException:
             aircraft.close()
             raise
-        try:
-            return self._rest(aircraft)
-        finally:
-            aircraft.close()
+        return self._rest(aircraft)
 
     def _unstarted(self, why: str, artefacts: tuple[tuple[str, bytes], ...] = ()) -> FlightRecord:
         """Return the record of a flight that never began: a death is a finding where the test case set parameters.
@@ -136,6 +134,12 @@ class ExternalFlight(ABC):
         return FlightRecord("autopilot_died", None, f"before the start: {why}", (), artefacts)
 
     def _rest(self, aircraft: Any) -> FlightRecord:
+        try:
+            return self._flown(aircraft)
+        finally:
+            aircraft.close()
+
+    def _flown(self, aircraft: Any) -> FlightRecord:
         ending: Ending | None = None
         trouble = ""
         try:
@@ -206,8 +210,10 @@ class ExternalFlight(ABC):
         down = (
             board["landed"] != 0.0 and abs(board["climb_mps"]) < FALLING_MPS
         )  # disarmed in the air it says landed, too
-        over = flew and board["armed"] == 0.0 and down and self._inputs.finished
-        if not over:
+        over = flew and board["armed"] == 0.0 and down
+        if over:
+            self._over_s = time_s
+        if not over or not self._inputs.finished:
             self._ended_s = None
         elif self._ended_s is None:
             self._ended_s = time_s

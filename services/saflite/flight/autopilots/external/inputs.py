@@ -64,6 +64,19 @@ class Inputs:
         self.asked: list[Asked] = []
 
     @property
+    def last_s(self) -> float:
+        """When the last stimulus is due."""
+        return max((one.at_s for one in self._stimuli), default=0.0)
+
+    def replace(self, stimuli: Sequence[Stimulus]) -> None:
+        """Go on with other stimuli that are the same as far as they were given."""
+        self._stimuli = tuple(stimuli)
+        self._order = sorted(range(len(stimuli)), key=lambda index: (stimuli[index].at_s, index))
+        self.delivered = [
+            msgspec.structs.replace(one, index=self._order[place]) for place, one in enumerate(self.delivered)
+        ]
+
+    @property
     def finished(self) -> bool:
         """Whether everything was given and every answer came or is overdue."""
         return len(self.delivered) == len(self._order) and not self.asked

@@ -35,6 +35,7 @@ class Process:
         folder: where it runs.
         environment: all it sees of one; ours by default.
         realtime: give it real-time priority where this user may, so that it runs before the world whenever it can.
+        keeps: open files of ours that it inherits.
 
     Raises:
         Unavailable: it cannot be started.
@@ -47,6 +48,7 @@ class Process:
         *,
         environment: Mapping[str, str] | None = None,
         realtime: bool = False,
+        keeps: Sequence[int] = (),
     ) -> None:
         ours, theirs = os.openpty()
         os.set_blocking(ours, False)
@@ -59,6 +61,7 @@ class Process:
                 stdout=theirs,
                 stderr=theirs,
                 start_new_session=True,
+                pass_fds=keeps,
                 preexec_fn=_hurried if realtime else _die_with_parent,  # noqa: PLW1509  (system calls, looked up before)
             )
         except OSError as fault:
@@ -121,8 +124,7 @@ class Process:
             code = self._process.wait(END_S)
         except subprocess.TimeoutExpired:
             return "the autopilot hangs"
-        how = f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
-        return f"the autopilot ended with {how}: {last_line(self.console)}"
+        return told(code, self.console)
 
     def end(self) -> None:
         """Kill it and everything it started; may be called twice."""
@@ -134,6 +136,66 @@ class Process:
         self.listen()
         os.close(self._console)
         self._console = -1
+
+
+class ForkedProcess:
+    """A fork of the autopilot's process. It is the other's child: how it ended is read from the kernel's `proc` files.
+
+    Args:
+        pid: its number.
+        console: what it prints goes into this file, which is ours from now on.
+        before: what the other had printed.
+    """
+
+    def __init__(self, pid: int, console: int, before: str) -> None:
+        self._pid, self._console, self._before = pid, console, before
+
+    @property
+    def console(self) -> str:
+        """The end of what it printed."""
+        said = b"" if self._console < 0 else os.pread(self._console, CONSOLE_MAX, 0)
+        return self._before + said.decode("utf-8", "replace")
+
+    def how_it_ended(self) -> str:
+        """See `Process`."""
+        if not ended_within(self._pid, END_S):
+            return "the autopilot hangs"
+        try:
+            status = int(Path(f"/proc/{self._pid}/stat").read_text().rpartition(")")[2].split()[-1])
+        except OSError:  # the other has taken leave of it
+            return f"the autopilot ended: {last_line(self.console)}"
+        return told(os.waitstatus_to_exitcode(status), self.console)
+
+    def listen(self) -> None:
+        """Nothing has to be taken from it: it never waits for us."""
+
+    def end(self) -> None:
+        """Kill it and wait until nothing of it is left but its status; may be called twice."""
+        if self._console < 0:
+            return
+        with suppress(ProcessLookupError):
+            os.kill(self._pid, signal.SIGKILL)
+        ended_within(self._pid, END_S)
+        os.close(self._console)
+        self._console = -1
+
+
+def ended_within(pid: int, limit_s: float) -> bool:
+    """Return whether a process, anybody's child, has ended within some time."""
+    try:
+        watched = os.pidfd_open(pid)
+    except ProcessLookupError:
+        return True
+    try:
+        return bool(select.select([watched], [], [], limit_s)[0])
+    finally:
+        os.close(watched)
+
+
+def told(code: int, console: str) -> str:
+    """Return in words how a process ended: its code, negative for a signal, and the line that says why."""
+    how = f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
+    return f"the autopilot ended with {how}: {last_line(console)}"
 
 
 def _die_with_parent() -> None:

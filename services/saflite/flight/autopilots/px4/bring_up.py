@@ -58,6 +58,8 @@ class Aircraft(aircraft.Aircraft):
         before_tick: called before each step of 20 ms while anything waits on the link.
     """
 
+    process: Process
+
     def __init__(
         self,
         binary: Binary,

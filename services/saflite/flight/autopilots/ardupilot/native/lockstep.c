@@ -29,6 +29,9 @@ void lockstep_connect(Lockstep *l, int udp, int tcp, int silent_ms, int own_phys
     l->own_physics = own_physics;
 }
 
+/* The sockets are other ones now, each with a peer of its own. */
+void lockstep_moved(Lockstep *l) { l->peer_bytes = 0; }
+
 void lockstep_record(Lockstep *l, float *rows, const int32_t *columns, int column_count, int row_limit, int steps_per_row)
 {
     l->recorder = (Recorder){rows, columns, column_count, row_limit, 0, steps_per_row};
