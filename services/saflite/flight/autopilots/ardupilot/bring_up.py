@@ -11,6 +11,7 @@ from socket import socket
 import numpy as np
 from numpy.typing import NDArray
 
+from saflite.contract.config import environment_with
 from saflite.contract.errors import Unavailable
 from saflite.flight.autopilots.ardupilot import gate
 from saflite.flight.autopilots.ardupilot.gate import Fork, Gate
@@ -86,7 +87,7 @@ class Aircraft(aircraft.Aircraft):
         self.gate = self._gate(opened)
         port = ports[SIMULATOR]
         self._physics = self.gate.channel if self._own_physics else opened.enter_context(bound_udp(port))
-        environment, keeps = {**os.environ, **self.gate.environment}, (self.gate.theirs.fileno(),)
+        environment, keeps = environment_with(**self.gate.environment), (self.gate.theirs.fileno(),)
         process = Process(self._command, self.folder, environment=environment, keeps=keeps)
         self.gate.theirs.close()
         self.process = self._started(opened, process)
