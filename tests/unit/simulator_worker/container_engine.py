@@ -56,8 +56,8 @@ def execute(container: str, words: list[str]) -> int:
     assert document["agent"]["engine"] == "local"
     if os.environ.get("STANDIN_HANGS"):
         signal.pause()
-    place(container, "/root/.ros/log.ulg").write_bytes(flight(document["simulation"]["timeout"]))
-    print("a warning of something\n" + os.environ.get("STANDIN_WORDS", "LOG:/root/.ros/log.ulg"), flush=True)
+    place(container, "/src/ros/log.ulg").write_bytes(flight(document["simulation"]["timeout"]))
+    print("a warning of something\n" + os.environ.get("STANDIN_WORDS", "LOG:/src/ros/log.ulg"), flush=True)
     return 0
 
 
@@ -83,7 +83,7 @@ def main(words: list[str]) -> int:
     elif words[0] == "run":
         assert words[1:4] == ["--rm", "-d", "--name"], words
         assert words[5:7] == [IMAGE, "sleep"], words
-        for folder in ("/src/aerialist/results", "/root/.ros"):
+        for folder in ("/src/aerialist/results", "/src/ros"):
             place(words[4], folder).mkdir(parents=True)
         print("0123456789ab")
     elif words[0] == "cp":

@@ -67,7 +67,7 @@ def test_the_target_keeps_what_targets_promise() -> None:
     assert findings(checks_of(aerialist)) == []
 
 
-@pytest.mark.parametrize("words", ["nothing of a log", "LOG:", "LOG:/root/.ros/another.ulg"])
+@pytest.mark.parametrize("words", ["nothing of a log", "LOG:", "LOG:/src/ros/another.ulg"])
 def test_a_flight_without_a_log_is_no_finding(containers: Path, monkeypatch: pytest.MonkeyPatch, words: str) -> None:
     monkeypatch.setenv("STANDIN_WORDS", words)
     with pytest.raises(Unavailable, match=r"nothing of a log|named no log|another\.ulg"):
