@@ -142,7 +142,7 @@ class LoadGenerator:
         self._reported_s: dict[tuple[int, Key], float] = {}
         self.reports = self.grants = 0
         self.stopped = False
-        self.reported_at_s: dict[str, float] = {}  # test case: when its last fly or judge result went out
+        self.reported_at_s: dict[str, list[float]] = {}  # test case: when its fly and judge results went out
 
     def join(
         self, stage: Stage, count: int, *, targets: tuple[TargetBuild, ...] = REFERENCE, poll_s: float = 5.0
@@ -229,9 +229,9 @@ class LoadGenerator:
             key = Key(report.lease_id, report.epoch)
             self._reported_s[index, key] = now_s
             if isinstance(report.result, FlyResult):
-                self.reported_at_s[report.result.flight.test_case] = now_s
+                self.reported_at_s.setdefault(report.result.flight.test_case, []).append(now_s)
             elif isinstance(report.result, JudgeResult):
-                self.reported_at_s[report.result.judgement.test_case] = now_s
+                self.reported_at_s.setdefault(report.result.judgement.test_case, []).append(now_s)
             data = wire.encode(report)
             bus.ask(topics.result(self._campaign, stage), data, (index, key), self._inbox.put, instruction.timeout_s)
         elif isinstance(instruction, machine.Begin):

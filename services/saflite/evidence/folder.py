@@ -20,7 +20,8 @@ from shutil import rmtree
 from saflite.contract.blobs import BlobRef, check_ref, ref_of
 from saflite.contract.errors import Unavailable
 from saflite.contract.join import check_worker_name
-from saflite.evidence import files, quota
+from saflite.evidence import files
+from saflite.evidence.quota import Quota
 
 BLOBS = "blobs"
 INCOMING = "incoming"
@@ -41,6 +42,10 @@ class BlobFolder:
     def incoming(self, worker: str) -> Path:
         """Return the folder of what a worker leaves; raises Refused for a name that cannot be one."""
         return self._folder / INCOMING / check_worker_name(worker)
+
+    def quota(self) -> Quota:
+        """Return what may still be left there, for one that lets it be left."""
+        return Quota(self._folder / INCOMING)
 
     # ---- for workers in the same process, and for readers --------------------------------------------------------
 
@@ -146,6 +151,7 @@ class WorkerFolder:
     def __init__(self, run_dir: Path, worker: str) -> None:
         self._store = BlobFolder(run_dir)
         self._incoming = self._store.incoming(worker)
+        self._quota = self._store.quota()
 
     @staticmethod
     def sees(run_dir: Path, worker: str, probe: str) -> bool:
@@ -163,7 +169,7 @@ class WorkerFolder:
     def put(self, data: bytes) -> BlobRef:
         """See `Blobs.put`."""
         ref = ref_of(data)
-        if words := quota.excess(self._incoming.parent, self._incoming.name, ref.size_bytes):
+        if words := self._quota.excess(self._incoming.name, ref.size_bytes):
             raise Unavailable(words)
         files.write_whole(self._incoming / ref.digest, data)
         return ref

@@ -1,0 +1,69 @@
+"""What may wait for the books: exact for a worker, counted now and then for all."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from saflite.evidence import quota
+from saflite.evidence.folder import BlobFolder
+
+KIB = 1024
+
+
+@pytest.fixture()
+def looks(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
+    """Return the list of folders under which all was counted, growing."""
+    looks: list[Path] = []
+    whole = quota._folders
+    monkeypatch.setattr(quota, "_folders", lambda incoming: looks.append(incoming) or whole(incoming))
+    return looks
+
+
+def leave(folder: BlobFolder, worker: str, name: str, size_bytes: int) -> None:
+    path = folder.incoming(worker) / name
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(bytes(size_bytes))
+
+
+def test_not_every_blob_has_the_folders_of_all_workers_looked_through(tmp_path: Path, looks: list[Path]) -> None:
+    folder = BlobFolder(tmp_path)
+    writer = folder.quota()
+    for number in range(300):
+        assert not writer.excess("fly-1", 100 * KIB), "nothing of it stays"
+        assert not folder.quota().excess(f"fly-{number}", 100 * KIB), "a worker's first ones need no look at others"
+    assert 0 < len(looks) < 10
+
+
+def test_writers_that_count_apart_pass_the_limit_of_all_by_less_than_itself(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(quota, "ALL_BYTES_MAX", 100 * KIB)
+    folder, left = BlobFolder(tmp_path), 0
+    for number in range(20):
+        writer = folder.quota()
+        for blob in range(20):
+            if not writer.excess(f"w{number}", KIB // 2):
+                leave(folder, f"w{number}", str(blob), KIB // 2)
+                left += KIB // 2
+    assert 100 * KIB <= left + KIB < 200 * KIB
+
+
+def test_one_refused_for_all_may_again_once_there_is_room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(quota, "ALL_BYTES_MAX", 10 * KIB)
+    folder = BlobFolder(tmp_path)
+    writer = folder.quota()
+    leave(folder, "w1", "a", 9 * KIB)
+    for _ in range(3):
+        assert "of all workers would wait" in writer.excess("w2", 2 * KIB)
+    folder.forget("w1", ["a"])
+    assert not writer.excess("w2", 2 * KIB)
+
+
+def test_files_of_all_count_as_well_as_their_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(quota, "FILES_MAX", 20)
+    folder = BlobFolder(tmp_path)
+    for number in range(21):
+        leave(folder, f"w{number}", "a", 0)
+    assert "21 files of all workers" in folder.quota().excess("x", 1)
