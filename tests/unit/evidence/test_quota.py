@@ -12,12 +12,17 @@ from saflite.evidence.folder import BlobFolder
 KIB = 1024
 
 
-@pytest.fixture()
+@pytest.fixture
 def looks(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
     """Return the list of folders under which all was counted, growing."""
     looks: list[Path] = []
     whole = quota._folders
-    monkeypatch.setattr(quota, "_folders", lambda incoming: looks.append(incoming) or whole(incoming))
+
+    def look(incoming: Path) -> list[str]:
+        looks.append(incoming)
+        return whole(incoming)
+
+    monkeypatch.setattr(quota, "_folders", look)
     return looks
 
 
