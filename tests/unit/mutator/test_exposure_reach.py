@@ -6,7 +6,7 @@ from collections import Counter
 
 import msgspec
 import pytest
-from exposure_cases import BOUNDED, HAVE, HINTS, POLICIES, TEMPLATE, case, given
+from exposure_cases import BOUNDED, HAVE, HINTS, POLICIES, TEMPLATE, case, given, strategy
 
 from saflite.contract.rng import derive
 from saflite.contract.test_case import Setting
@@ -125,6 +125,24 @@ def test_refused_values_are_asked_for_and_a_stick_stays_where_a_rule_wants_it() 
         other = [one.at_s for one in test_case.stimuli if one.name == "RC3" and one.values != (1000.0,)]
         held += any(all(not at_s < later < at_s + 14.0 for later in other) for at_s in low)
     assert held > 20
+
+
+def test_a_search_that_asks_for_no_value_outside_its_range_proposes_none_whatever_was_taken() -> None:
+    searching = strategy(beyond=0.0, kept=0.4)
+    flown = [case(given("parameter", entry.name, entry.high)) for entry in BOUNDED[:5]]
+    for seed in range(4):
+        taken = (Transition("LOITER", "LOITER", 0, -1),)
+        told = Outcome(test_case=flown[0], round=0, ending="completed", robustness=None, transitions=taken)
+        searching.tell([msgspec.structs.replace(told, test_case=one) for one in flown])
+        flown = searching.ask(60, derive(seed, "test"))
+        outside = [
+            f"{one.name} {one.values[0]:g}"
+            for test_case in flown
+            for one in test_case.stimuli
+            if one.kind in ("parameter", "sensor_fault")
+            and not HAVE[one.kind, one.name].low <= one.values[0] <= HAVE[one.kind, one.name].high
+        ]
+        assert outside == []
 
 
 def test_a_policy_that_a_lax_setting_bears_on_is_attended_more() -> None:

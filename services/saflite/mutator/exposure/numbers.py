@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 import msgspec
 import numpy as np
 
 from saflite.contract.test_case import Stimulus
 from saflite.mutator.operators import values
-from saflite.mutator.operators.inputs import Input
+from saflite.mutator.operators.inputs import Have, Input
 
 Rng = np.random.Generator
 DECADES = 3.0  # how far below its upper end a value on the log scale may lie
@@ -66,6 +67,18 @@ def _extreme(rng: Rng, value: float) -> float:
 def _fit(entry: Input, value: float) -> float:
     kept = min(max(value, entry.low), entry.high)
     return float(round(kept)) if entry.whole else values.neat(kept)
+
+
+def in_range(have: Have, stimuli: Iterable[Stimulus]) -> tuple[Stimulus, ...]:
+    """Return stimuli with settings and faults within their range; sticks go past theirs where a radio fails."""
+    return tuple(_in_range(have.get((one.kind, one.name)), one) for one in stimuli)
+
+
+def _in_range(entry: Input | None, stimulus: Stimulus) -> Stimulus:
+    if entry is None or entry.kind not in ("parameter", "sensor_fault") or len(stimulus.values) != 1:
+        return stimulus
+    kept = min(max(stimulus.values[0], entry.low), entry.high) if math.isfinite(entry.high - entry.low) else None
+    return stimulus if kept in (None, stimulus.values[0]) else msgspec.structs.replace(stimulus, values=(kept,))
 
 
 def nudge(rng: Rng, entry: Input, stimulus: Stimulus) -> Stimulus:

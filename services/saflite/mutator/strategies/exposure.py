@@ -64,7 +64,7 @@ class Strategy:
         "routed": Option(0.1, "share of test cases that go to a state and a kind of input seldom tried there", 0, 1),
         "swarm": Option(0.8, "chance of a kind of the policy's own inputs; half that for others", 0.05, 1),
         "faults": Option(0.15, "the same for sensor faults beyond the policy's own: a fault excuses most rules", 0, 1),
-        "beyond": Option(0.15, "share of values outside their valid range", 0, 1),
+        "beyond": Option(0.15, "share of values outside their valid range; 0: settings and faults never are", 0, 1),
         "phases_max": Option(5, "greatest number of phases in a test case", 1, 20),
         "settle_max_s": Option(20.0, "longest quiet at the end of a phase", 2, 600),
         "corpus": Option([], "kept flights of an earlier run to begin with (`saflite run --corpus RUN`)"),
@@ -91,7 +91,8 @@ class Strategy:
         self._hints = {hint.policy: hint for hint in hints}
         self._rest = {(entry.kind, entry.name): entry.default for entry in target.inputs if entry.default is not None}
         self._rest.update({("parameter", name): value for name, value in template.target.parameters.items()})
-        self._probes = Probes(self._have)
+        self._in_range = self._chosen.real("beyond") == 0.0
+        self._probes = Probes({} if self._in_range else self._have)
         self._scenarios: Scenarios = scenarios_of(template.scenario, target)
         self._vocabulary = Vocabulary(self._have)
         self._attention = Attention(policies)
@@ -156,6 +157,8 @@ class Strategy:
         origin = Origin(strategy="exposure", parent=parent, note=text)
         if self._at_start:
             stimuli = moved_to_start(stimuli, self._at_start)
+        if self._in_range:  # neither changes nor an earlier run's corpus know of it
+            stimuli = numbers.in_range(self._have, stimuli)
         return msgspec.structs.replace(self._template, scenario=scenario, stimuli=stimuli, origin=origin)
 
     # ---- fresh test cases --------------------------------------------------------------------------------------
