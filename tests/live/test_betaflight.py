@@ -14,6 +14,7 @@ import pytest
 
 from saflite.conformance.flying import opened
 from saflite.contract.circumstances import is_memory_fault
+from saflite.contract.config import environment_with
 from saflite.contract.errors import Refused
 from saflite.contract.flight import Flight, FlightRecord, trace_digest
 from saflite.contract.rng import derive
@@ -199,16 +200,29 @@ def test_a_finding_reproduces_without_the_farm(session: BetaflightSession, tmp_p
     )
     assert other.returncode == 1, "another setting must not show it"
     assert "violation not seen" in other.stdout
+    junk = tmp_path / "junk"
+    for content, mode, words in ((b"x", 0o755, "does not run"), (b"#!/bin/sh\n", 0o755, "not start"), (b"", 0o644, "")):
+        junk.write_bytes(content)
+        junk.chmod(mode)
+        told = _replayed(tmp_path / "it.py", text, junk)
+        assert told.returncode == 1
+        assert words in told.stderr
+        assert told.stderr.count("\n") == 1
+    told = _replayed(tmp_path / "it.py", text, PATH=str(tmp_path))
+    assert told.returncode == 1
+    assert told.stderr.startswith("gcc is needed")
     unlike = msgspec.structs.replace(flight, trace_digest="0" * 64)
     with pytest.raises(Refused, match="export it with the binary"):
         load_target("betaflight").standalone(broken, unlike, evidence)  # type: ignore[attr-defined]
 
 
-def _replayed(script: Path, text: str) -> subprocess.CompletedProcess[str]:
+def _replayed(
+    script: Path, text: str, binary: Path = VARIANTS["gps"].binary, **variables: str
+) -> subprocess.CompletedProcess[str]:
     """Run a script as somebody without our package does."""
     script.write_text(text)
-    command = [sys.executable, "-I", "-S", str(script), str(VARIANTS["gps"].binary)]
-    return subprocess.run(command, capture_output=True, text=True, check=False, cwd=script.parent)
+    command, where = [sys.executable, "-I", "-S", str(script), str(binary)], environment_with(**variables)
+    return subprocess.run(command, capture_output=True, text=True, check=False, cwd=script.parent, env=where)
 
 
 def test_a_runaway_take_off_is_told_and_so_are_settings_that_were_lost(session: BetaflightSession) -> None:

@@ -101,6 +101,17 @@ def test_a_fixed_one_stays_in_the_corpus_and_is_remembered(tmp_path: Path) -> No
     assert known.one_of(tmp_path, "", ("a-chute",)).policy == "a-chute"
 
 
+def test_several_policies_or_flights_of_one_fingerprint_can_be_told_apart(tmp_path: Path) -> None:
+    other = msgspec.structs.replace(KNOWN, fingerprint="1" * 16, policy="a-chute")
+    twin = msgspec.structs.replace(KNOWN, name="7" * 16)
+    known.keep([KNOWN, other, twin], tmp_path)
+    with pytest.raises(Refused) as told:
+        known.one_of(tmp_path, "", ())
+    assert all(word in str(told.value) for word in (KNOWN.name, twin.name, "a-chute", "--policy"))
+    assert known.one_of(tmp_path, "7777", ()).name == twin.name
+    assert known.one_of(tmp_path, "fedc", ("a-chute",)).fingerprint == other.fingerprint
+
+
 def test_what_is_not_known_is_refused(tmp_path: Path) -> None:
     known.keep([KNOWN], tmp_path)
     with pytest.raises(Refused, match=KNOWN.fingerprint):

@@ -52,7 +52,10 @@ def build_library(folder: Path) -> Path:
         path.write_text(text)
     library = folder / "clock.so"
     files = sorted(str(path) for path in (folder / "source").rglob("*.c"))
-    subprocess.run([*COMPILER, "-o", str(library), *files], check=True)
+    try:
+        subprocess.run([*COMPILER, "-o", str(library), *files], check=True)
+    except (OSError, subprocess.CalledProcessError) as fault:
+        sys.exit(f"gcc is needed, and does not compile here: {fault}")
     return library
 
 
@@ -65,11 +68,15 @@ class Firmware:
         self.console = (folder / "console.txt").open("w+b")
         with theirs:
             variables = {"LD_PRELOAD": str(library), "SAFLITE_LINK": str(theirs.fileno()), **FACTS["variables"]}
-            self.process = subprocess.Popen(
-                [str(binary)], cwd=folder, env=variables, pass_fds=[theirs.fileno()], stdin=subprocess.DEVNULL,
-                stdout=self.console, stderr=self.console,
-            )  # fmt: skip
-        self.hear()  # its word that it has started
+            try:
+                self.process = subprocess.Popen(
+                    [str(binary)], cwd=folder, env=variables, pass_fds=[theirs.fileno()], stdin=subprocess.DEVNULL,
+                    stdout=self.console, stderr=self.console,
+                )  # fmt: skip
+            except OSError as fault:
+                sys.exit(f"{binary} does not run here: {fault.strerror}")
+        if not self.hear():  # its word that it has started
+            sys.exit(f"{binary} does not start as a simulator build of Betaflight: {self.end()[-500:]!r}")
 
     def step(self, message: bytes) -> bytes:
         """Send one step and return the answer, empty where it died or hangs."""
@@ -116,7 +123,9 @@ def expected() -> list[int]:
 
 
 def said(answer: bytes, port: int) -> bytes:
-    """Return what a serial port said in an answer."""
+    """Return what a serial port said in an answer, nothing where there was none."""
+    if not answer:
+        return b""
     sizes = struct.unpack_from("<3I", answer, 40)
     at = 52 + sum(sizes[:port])
     return answer[at : at + sizes[port]]
