@@ -139,7 +139,7 @@ def test_a_search_that_asks_for_no_value_outside_its_range_proposes_none_whateve
             f"{one.name} {one.values[0]:g}"
             for test_case in flown
             for one in test_case.stimuli
-            if one.kind in ("parameter", "sensor_fault")
+            if one.kind in ("parameter", "sensor_fault", "stick")
             and not HAVE[one.kind, one.name].low <= one.values[0] <= HAVE[one.kind, one.name].high
         ]
         assert outside == []

@@ -70,12 +70,12 @@ def _fit(entry: Input, value: float) -> float:
 
 
 def in_range(have: Have, stimuli: Iterable[Stimulus]) -> tuple[Stimulus, ...]:
-    """Return stimuli with settings and faults within their range; sticks go past theirs where a radio fails."""
+    """Return stimuli with settings, sticks and faults within their range; that of a pulse reaches past it."""
     return tuple(_in_range(have.get((one.kind, one.name)), one) for one in stimuli)
 
 
 def _in_range(entry: Input | None, stimulus: Stimulus) -> Stimulus:
-    if entry is None or entry.kind not in ("parameter", "sensor_fault") or len(stimulus.values) != 1:
+    if entry is None or entry.kind not in ("parameter", "sensor_fault", "stick") or len(stimulus.values) != 1:
         return stimulus
     kept = min(max(stimulus.values[0], entry.low), entry.high) if math.isfinite(entry.high - entry.low) else None
     return stimulus if kept in (None, stimulus.values[0]) else msgspec.structs.replace(stimulus, values=(kept,))

@@ -64,7 +64,7 @@ class Strategy:
         "routed": Option(0.1, "share of test cases that go to a state and a kind of input seldom tried there", 0, 1),
         "swarm": Option(0.8, "chance of a kind of the policy's own inputs; half that for others", 0.05, 1),
         "faults": Option(0.15, "the same for sensor faults beyond the policy's own: a fault excuses most rules", 0, 1),
-        "beyond": Option(0.15, "share of values outside their valid range; 0: settings and faults never are", 0, 1),
+        "beyond": Option(0.15, "share of values outside their valid range; 0: none", 0, 1),
         "phases_max": Option(5, "greatest number of phases in a test case", 1, 20),
         "settle_max_s": Option(20.0, "longest quiet at the end of a phase", 2, 600),
         "corpus": Option([], "kept flights of an earlier run to begin with (`saflite run --corpus RUN`)"),
