@@ -22,7 +22,7 @@ from saflite.flight.autopilots.betaflight.firmware import CLOCK_LIBRARY, Variant
 from saflite.flight.autopilots.betaflight.inputs import Inputs, spoil_pulses
 from saflite.flight.autopilots.betaflight.pilot import Pilot, hands_off
 from saflite.flight.autopilots.betaflight.process import Firmware, FirmwareDied, start
-from saflite.flight.autopilots.betaflight.signals import SHOWN_SETTINGS, trace_names
+from saflite.flight.autopilots.betaflight.signals import SHOWN_SETTINGS, height_tune_usual, trace_names
 from saflite.flight.autopilots.betaflight.switches import ON_US, SWITCHES, mode_channels
 from saflite.flight.autopilots.betaflight.vehicle import EXITED, GONE, OK, SILENT, TEST, Vehicle
 from saflite.flight.autopilots.betaflight.wind import Air
@@ -247,6 +247,7 @@ class BetaflightFlight:
         for slot, (name, scale) in SHOWN_SETTINGS.items():
             board[slot] = scale * set_up.get(name, known[name].default if name in known else 0.0)
         board["settings_lost"] = float(len(self._memory.lost))
+        board["height_tune_usual"] = float(height_tune_usual(set_up))
         hands_off(board)
         self._check(board.connect(self._files_fd()))
         self._wait(POWER_UP_S)

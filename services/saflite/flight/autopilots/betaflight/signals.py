@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from saflite.contract.signals import SIGNALS
 from saflite.contract.target_info import SignalInfo
 from saflite.flight.autopilots.betaflight.vehicle import Vehicle
@@ -24,6 +26,9 @@ OWN_SIGNALS: dict[str, SignalInfo] = {
     "crash_stopped": SignalInfo(meaning="1 while crash recovery, which disarmed, forbids arming", kind="flag"),
     "settings_lost": SignalInfo(
         meaning="settings that the command line took but that read otherwise after the next power-up", kind="code"
+    ),
+    "height_tune_usual": SignalInfo(
+        meaning="1 where gains, filters and throttle of the height's control are such that it holds our F450", kind="flag"
     ),
     "runaway_prevention_set": SignalInfo(meaning="1 where runaway_takeoff_prevention is on", kind="flag"),
     "runaway_throttle_set_percent": SignalInfo(
@@ -76,6 +81,24 @@ SHOWN_SETTINGS: dict[str, tuple[str, float]] = {
     "rx_max_set_us": ("rx_max_usec", 1.0),
 }
 """Slot of the bridge to the setting it shows and the scale to its unit."""
+
+HEIGHT_TUNE: dict[str, tuple[float, float]] = {
+    "ap_altitude_p": (8.0, 30.0),
+    "ap_altitude_i": (5.0, 20.0),
+    "ap_altitude_d": (10.0, 30.0),
+    "altitude_lpf": (100.0, 1000.0),
+    "altitude_d_lpf": (50.0, 1000.0),
+    "ap_hover_throttle": (1370.0, 1470.0),
+    "ap_throttle_min": (1050.0, 1250.0),
+    "ap_throttle_max": (1600.0, 2000.0),
+}
+"""Ranges of settings within which ALTHOLD kept our F450's height within 2 m in flights; documented ranges reach far past
+what holds any vehicle: an integral gain of 30, range 0 to 200, let it swing by 6 m."""
+
+
+def height_tune_usual(set_up: Mapping[str, float]) -> bool:
+    """Return whether the settings given, beside defaults, leave the control of height a usual tune."""
+    return all(low <= set_up.get(name, low) <= high for name, (low, high) in HEIGHT_TUNE.items())
 
 
 def show_setting(board: Board, name: str, value: float) -> None:
