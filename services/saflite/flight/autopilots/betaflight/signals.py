@@ -28,7 +28,7 @@ OWN_SIGNALS: dict[str, SignalInfo] = {
         meaning="settings that the command line took but that read otherwise after the next power-up", kind="code"
     ),
     "height_tune_usual": SignalInfo(
-        meaning="1 where gains, filters and throttle of the height's control are such that it holds our F450", kind="flag"
+        meaning="1 where gains, filters and throttle of the height's control are near what holds our F450", kind="flag"
     ),
     "runaway_prevention_set": SignalInfo(meaning="1 where runaway_takeoff_prevention is on", kind="flag"),
     "runaway_throttle_set_percent": SignalInfo(
@@ -92,8 +92,8 @@ HEIGHT_TUNE: dict[str, tuple[float, float]] = {
     "ap_throttle_min": (1050.0, 1250.0),
     "ap_throttle_max": (1600.0, 2000.0),
 }
-"""Ranges of settings within which ALTHOLD kept our F450's height within 2 m in flights; documented ranges reach far past
-what holds any vehicle: an integral gain of 30, range 0 to 200, let it swing by 6 m."""
+"""Ranges within which ALTHOLD kept our F450's height within 2 m in flights. Documented ones reach past what holds any
+vehicle: an integral gain of 30, of 0 to 200, let it swing by 6 m."""
 
 
 def height_tune_usual(set_up: Mapping[str, float]) -> bool:
