@@ -151,6 +151,7 @@ def test_settings_act_and_bad_ones_are_told(session: BetaflightSession) -> None:
     swinging = Stimulus(at_s=0.0, kind="parameter", name="ap_altitude_i", values=(200.0,))
     assert last(fly(session, case(limit_s=0.2)), "height_tune_usual") == 1.0
     assert last(fly(session, case(swinging, limit_s=0.2)), "height_tune_usual") == 0.0
+    assert last(fly(session, case(limit_s=0.2, level_race_mode=1.0)), "race_mode_set") == 1.0
     early = Stimulus(at_s=0.0, kind="parameter", name="angle_limit", values=(30.0,))
     lean = Stimulus(at_s=1.0, kind="stick", name="RC1", values=(2000.0,))
     record = fly(session, case(early, lean, limit_s=2.5))

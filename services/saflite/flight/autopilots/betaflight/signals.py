@@ -30,6 +30,7 @@ OWN_SIGNALS: dict[str, SignalInfo] = {
     "height_tune_usual": SignalInfo(
         meaning="1 where gains, filters and throttle of the height's control are near what holds our F450", kind="flag"
     ),
+    "race_mode_set": SignalInfo(meaning="1 where ANGLE levels roll only (level_race_mode)", kind="flag"),
     "runaway_prevention_set": SignalInfo(meaning="1 where runaway_takeoff_prevention is on", kind="flag"),
     "runaway_throttle_set_percent": SignalInfo(
         unit="percent", meaning="throttle of a take-off (runaway_takeoff_deactivate_throttle_percent)"
@@ -74,6 +75,7 @@ SHOWN_SETTINGS: dict[str, tuple[str, float]] = {
     "rescue_sanity_checks": ("gps_rescue_sanity_checks", 1.0),
     "rescue_descend_set_mps": ("gps_rescue_descend_rate", 0.01),
     "rescue_angle_set_deg": ("gps_rescue_max_angle", 1.0),
+    "race_mode_set": ("level_race_mode", 1.0),
     "runaway_prevention_set": ("runaway_takeoff_prevention", 1.0),
     "runaway_throttle_set_percent": ("runaway_takeoff_deactivate_throttle_percent", 1.0),
     "crash_recovery_set": ("crash_recovery", 1.0),

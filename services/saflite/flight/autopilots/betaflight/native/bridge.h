@@ -35,7 +35,7 @@
     X(angle_limit_set_deg) X(failsafe_delay_set_s) X(failsafe_recovery_set_s) X(failsafe_procedure) \
     X(failsafe_switch_mode) X(failsafe_landing_set_s) X(auto_disarm_set_s) X(rescue_sanity_checks) \
     X(rescue_descend_set_mps) X(rescue_angle_set_deg) X(rx_min_set_us) X(rx_max_set_us) X(runaway_prevention_set) \
-    X(runaway_throttle_set_percent) X(crash_recovery_set) X(settings_lost) X(height_tune_usual)
+    X(runaway_throttle_set_percent) X(crash_recovery_set) X(settings_lost) X(height_tune_usual) X(race_mode_set)
 
 #define BRIDGE_SLOTS(X) BRIDGE_RADIO(X) BRIDGE_FAULTS(X) BRIDGE_TOLD(X) BRIDGE_SHOWN(X) BRIDGE_SETTINGS(X)
 
