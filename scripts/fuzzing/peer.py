@@ -102,7 +102,7 @@ class Peer:
         self.bus = self.network.connect("peer")
         self.worker = doubles.Service(self.store.blobs)
         self._replies: list[Reply] = []
-        self._swaps = self._seen = 0
+        self._swaps = self._seen = self._asked = 0
         for stage in topics.STAGES:
             for worker in workers(stage):
                 self.ask(topics.join(self.name, stage), card(stage, worker))
@@ -112,12 +112,13 @@ class Peer:
     def send(self, key: str, payload: bytes) -> Reply | None:
         """Send a message and let the books handle it; what they raise comes out here."""
         self._replies.clear()
-        self.bus.ask(key, payload, 0, self._replies.append, 60.0)  # type: ignore[arg-type]
+        self._asked += 1
+        self.bus.ask(key, payload, self._asked, self._replies.append, 60.0)  # type: ignore[arg-type]
         for _ in range(2):
             self.network.run_until(self.network.now_s + 0.01)
             self.service.step(0.0)
         self.network.run_until(self.network.now_s)
-        return self._replies[0] if self._replies else None
+        return next((reply for reply in self._replies if reply.tag == self._asked), None)  # not of a poll that waited
 
     def ask(self, key: str, message: msgspec.Struct) -> Any:
         """Say something valid; returns the answer, which must be one."""

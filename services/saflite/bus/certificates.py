@@ -64,10 +64,11 @@ def make_certificate(authority: Pair, common_name: str, now: datetime, days: int
     return _pair(key, builder.sign(signer, hashes.SHA256()))
 
 
-def expiry(certificate: bytes) -> datetime:
-    """Return until when a certificate is good; raises Refused if it is none."""
+def validity(certificate: bytes) -> tuple[datetime, datetime]:
+    """Return from when until when a certificate is good; raises Refused if it is none."""
     try:
-        return x509.load_pem_x509_certificate(certificate).not_valid_after_utc
+        loaded = x509.load_pem_x509_certificate(certificate)
+        return loaded.not_valid_before_utc, loaded.not_valid_after_utc
     except (ValueError, x509.InvalidVersion, UnsupportedAlgorithm) as fault:
         raise Refused("certificate", expected="an X.509 certificate as PEM", got=str(fault)) from fault
 

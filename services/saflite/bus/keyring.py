@@ -13,7 +13,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Sequence
-from datetime import UTC, datetime, timedelta
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
@@ -21,8 +21,9 @@ import msgspec
 import tomli_w
 
 from saflite.bus.access import ANY_CAMPAIGN, Peer, Role
-from saflite.bus.certificates import Pair, expiry, make_authority, make_certificate
+from saflite.bus.certificates import Pair, make_authority, make_certificate, validity
 from saflite.contract import wire
+from saflite.contract.clock import in_utc
 from saflite.contract.errors import Refused
 from saflite.contract.names import NAME_EXPECTED, is_name
 from saflite.contract.outside import parse_toml, read_bytes, read_text
@@ -155,7 +156,7 @@ def peer_credentials(folder: Path, now_s: float) -> Credentials:
     """Return what a participant shows, out of the folder it was given.
 
     Raises:
-        Refused: it is no such folder, others can read its key, or it has expired.
+        Refused: it is no such folder, others can read its key, it has expired, or begins later.
     """
     if not (folder / PEER).is_file():
         fix = "`saflite keys add NAME --role ROLE` makes one, on the machine of the farm"
@@ -175,17 +176,16 @@ def _checked(credentials: Credentials, now_s: float) -> Credentials:
         raise Refused(
             "key", where=str(key), expected="mode 0600", got="one that others can read", fix=f"chmod 600 {key}"
         )
-    until = expiry(_read(credentials.folder / CERTIFICATE))
-    if until <= _instant(now_s):
+    begins, until = validity(_read(credentials.folder / CERTIFICATE))
+    if begins <= _instant(now_s) < until:
+        return credentials
+    if _instant(now_s) < begins:
+        got = f"one that begins at {begins:%Y-%m-%d %H:%M} UTC"
+        fix = f"set the clock of this machine, which says {_instant(now_s):%Y-%m-%d %H:%M} UTC"
+    else:
+        got = f"one that expired at {until:%Y-%m-%d %H:%M} UTC"
         fix = "make a new one where the farm's keys are"
-        raise Refused(
-            "certificate",
-            where=str(credentials.folder),
-            expected="one that is good",
-            got=f"one that expired at {until:%Y-%m-%d %H:%M} UTC",
-            fix=fix,
-        )
-    return credentials
+    raise Refused("certificate", where=str(credentials.folder), expected="one that is good", got=got, fix=fix)
 
 
 def _written(instant: datetime) -> str:
@@ -209,7 +209,7 @@ def _check_days(days: int) -> None:
 
 
 def _instant(now_s: float) -> datetime:
-    return datetime.fromtimestamp(now_s, UTC)
+    return in_utc(now_s)
 
 
 def _read(path: Path) -> bytes:

@@ -23,6 +23,7 @@ INTERRUPTED = 130
 BROKEN_PIPE = 141  # 128 and SIGPIPE, as the shell has it
 NO_PLACE = (errno.ENAMETOOLONG, errno.ELOOP, errno.ENOTDIR, errno.EISDIR, errno.EINVAL)
 """What the system says of a path that can be none, or is of another kind than what was asked for."""
+NUL_IN_PATH = "embedded null byte"  # a ValueError, as Python has it; no argument holds one, a path in a file may
 _ORDER = ("run", "resume", "replay", "watch", "report", "list")
 
 
@@ -89,9 +90,18 @@ def main(argv: Sequence[str] | None = None) -> int:
             return REFUSED
         out.complain("unavailable", text)
         return INFRASTRUCTURE
+    except ValueError as fault:
+        if str(fault) != NUL_IN_PATH:
+            return _own_fault(fault)
+        out.complain("refused", "a path holds a NUL")
+        return REFUSED
     except Exception as fault:  # noqa: BLE001 (exit code 1, Python's own, must only ever mean violations)
-        out.complain("fault of saflite itself", f"{_in_a_line(fault)}; the traceback is in {_kept_traceback()}")
-        return INFRASTRUCTURE
+        return _own_fault(fault)
+
+
+def _own_fault(fault: Exception) -> int:
+    out.complain("fault of saflite itself", f"{_in_a_line(fault)}; the traceback is in {_kept_traceback()}")
+    return INFRASTRUCTURE
 
 
 def _in_a_line(fault: Exception) -> str:

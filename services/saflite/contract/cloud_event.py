@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from datetime import UTC, datetime
-
 import msgspec
 
 from saflite.contract.bounds import Word
+from saflite.contract.clock import in_utc
 from saflite.contract.events import Event, kind_of
 
 CONTENT_TYPE = "application/cloudevents+json"
@@ -31,7 +30,7 @@ def cloud_event(event: Event, campaign: str, run: str) -> CloudEvent:
         id=f"{run}-{event.seq}",
         source=f"/saflite/{campaign}",
         type=f"saflite.{kind_of(event.fact)}",
-        time=datetime.fromtimestamp(event.at_unix_s, UTC).isoformat(timespec="microseconds"),
+        time=in_utc(event.at_unix_s).isoformat(timespec="microseconds"),
         sequence=f"{event.seq:012d}",
         data=event,
     )

@@ -1,11 +1,12 @@
 """A campaign file: what flies, which policies, how the search is run. Unknown keys are refused.
 
-The only place that reads the environment (`environment`).
+The only place that reads the environment (`environment`), and that says how a Python of ours is started (`own_python`).
 """
 
 from __future__ import annotations
 
 import os
+import sys
 from typing import Any, Literal
 
 import msgspec
@@ -187,6 +188,14 @@ def _may_be_needed(search: SearchConfig) -> bool:
 def environment_with(**variables: str) -> dict[str, str]:
     """Return the environment for another process, with some variables set."""
     return {**os.environ, **variables}
+
+
+def own_python(module: str) -> list[str]:
+    """Return the words that run a module in a Python like this one, without what lies in the working folder.
+
+    `python -m` alone looks there first: a run folder of somebody else's could bring a `logging.py` of its own.
+    """
+    return [sys.executable, "-P", "-m", module]
 
 
 def set_environment(name: str, value: str) -> None:

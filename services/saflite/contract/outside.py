@@ -27,6 +27,7 @@ LOG_BYTES_MAX = 512 * 2**20
 """Flight logs and recordings."""
 
 DEPTH_MAX = 32
+NAME_SHOWN = 80
 WHOLE_MAX = 2**63 - 1
 # A key of one word more than DEPTH_MAX, looked for where a key can begin: anywhere else, long words take ever longer.
 _LONG_KEY = re.compile(r"""(?<![\w.-])(?>(?>[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){33}""")
@@ -85,14 +86,20 @@ def parse_toml(text: str, what: str, where: str) -> dict[str, Any]:
 
 
 def assignment(option: str, text: str) -> tuple[str, Any]:
-    """Return the name and value in `name=value`, the value read as TOML where it is, as text elsewhere; or Refused."""
+    """Return the name and value in `name=value`, the value read as TOML where it is, as text elsewhere; or Refused.
+
+    Numbers and nesting that no machine holds are refused as in files.
+    """
     name, equals, value = text.partition("=")
     if not equals or not name:
         raise Refused(option, expected="NAME=VALUE", got=text)
     try:
-        return name, tomllib.loads(f"value = {value}")["value"]
+        tomllib.loads(f"value = {value}")
     except tomllib.TOMLDecodeError:
         return name, value
+    except (ValueError, RecursionError):  # no machine holds it; said below
+        pass
+    return name, parse_toml(f"value = {value}", option, name[:NAME_SHOWN])["value"]
 
 
 def parse_json(text: str, what: str, where: str) -> Any:

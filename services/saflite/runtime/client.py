@@ -21,6 +21,7 @@ from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.events import Event
 from saflite.contract.names import Name
 from saflite.contract.outside import TEXT_BYTES_MAX, read_bytes
+from saflite.runtime import farm_register
 from saflite.runtime.clock import WallClock
 
 FARM_FILE = "farm.json"
@@ -52,10 +53,15 @@ def write_info(run_dir: Path, info: FarmInfo) -> None:
 
 
 def read_info(run_dir: Path) -> FarmInfo:
-    """Return what `farm.json` says; raises Refused if there is none or it is damaged."""
+    """Return what `farm.json` says; raises Refused if there is none or it is damaged.
+
+    That all who reach the endpoint may be trusted is believed only of a farm that this user started: a run folder may
+    come from anybody, and name any address.
+    """
     path = run_dir / FARM_FILE
     try:
-        return wire.unpack_json(read_bytes(path, FARM_FILE, TEXT_BYTES_MAX), FarmInfo)
+        info = wire.unpack_json(read_bytes(path, FARM_FILE, TEXT_BYTES_MAX), FarmInfo)
+        return msgspec.structs.replace(info, insecure=info.insecure and farm_register.is_noted(run_dir))
     except Refused as fault:
         raise Refused("run folder", where=str(run_dir), expected="one of a running farm", got=fault.got) from fault
     except wire.UNREADABLE as fault:
@@ -106,10 +112,10 @@ class FarmClient:
         return cls(bus, campaign, peer=keys.peer if keys is not None else None, access=bus.access)
 
     @classmethod
-    def of_run(cls, run_dir: Path) -> FarmClient:
-        """Return a client of the farm that works in `run_dir`."""
+    def of_run(cls, run_dir: Path, *, insecure: bool = False) -> FarmClient:
+        """Return a client of the farm that works in `run_dir`; raises as `read_info` and `connect` do."""
         info = read_info(run_dir)
-        return cls.connect(info.endpoint, info.campaign, insecure=info.insecure)
+        return cls.connect(info.endpoint, info.campaign, insecure=insecure or info.insecure)
 
     @property
     def campaign(self) -> str:

@@ -29,6 +29,13 @@ def forget(run_dir: Path) -> None:
         _file(run_dir).unlink(missing_ok=True)
 
 
+def is_noted(run_dir: Path) -> bool:
+    """Return whether this user started a farm in a run folder that has not ended in order since."""
+    with suppress(OSError, RuntimeError, UnicodeDecodeError):
+        return _file(run_dir).read_text(encoding="utf-8") == str(run_dir.resolve())
+    return False
+
+
 def noted() -> list[Path]:
     """Return the run folders noted; some may be of farms that were killed."""
     found = []

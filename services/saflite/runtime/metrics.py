@@ -23,7 +23,8 @@ if TYPE_CHECKING:
 LOOPBACK = "127.0.0.1"
 STALE_S = 10.0  # the books have not answered for so long: `saflite_up` is 0
 MIB = 2**20
-_ADDRESS = re.compile(r"(?:(?:\[(?P<six>[0-9A-Fa-f:.]+)\]|(?P<host>[A-Za-z0-9.-]+)):)?(?P<port>\d{1,5})")
+_LABEL = "[A-Za-z0-9-]{1,63}"
+_ADDRESS = re.compile(rf"(?:(?:\[(?P<six>[0-9A-Fa-f:.]+)\]|(?P<host>(?:{_LABEL}\.)*{_LABEL}\.?)):)?(?P<port>\d{{1,5}})")
 
 _HOST = re.compile(r"(?P<host>\[[0-9A-Fa-f:.]+\]|[^:\[\]]+)(?::\d{1,5})?")
 

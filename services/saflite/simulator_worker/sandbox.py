@@ -11,14 +11,13 @@ import os
 import signal
 import socket
 import subprocess
-import sys
 from collections.abc import Sequence
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import NamedTuple
 
 from saflite.contract.clock import Clock
-from saflite.contract.config import environment_with
+from saflite.contract.config import environment_with, own_python
 from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.service import Cancelled
 from saflite.contract.test_case import TestCase
@@ -201,7 +200,7 @@ class Sandbox:
         slot.empty()
         ours, theirs = socket.socketpair()
         self._process = subprocess.Popen(
-            [sys.executable, "-m", PROGRAM, str(theirs.fileno()), str(os.getpid())],
+            [*own_python(PROGRAM), str(theirs.fileno()), str(os.getpid())],
             pass_fds=[theirs.fileno(), *slot.files],  # the slot is taken until the process, too, is gone
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,  # JSBSim chatters there

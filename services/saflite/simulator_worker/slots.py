@@ -21,15 +21,28 @@ from saflite.contract.errors import Unavailable
 from saflite.flight.autopilots.external.place import left_outside, outside
 from saflite.simulator_worker.messages import SlotInfo
 
+SHARED = "/tmp/saflite"  # noqa: S108  (checked: ours, nobody else's)
 SLOTS_MAX = 512
 PORTS_FIRST, PORTS_EACH = 20_000, 20
 LOCK_SUFFIX = ".lock"
 
 
 def slots_folder() -> Path:
-    """Return the folder of this user's slots: `SAFLITE_SLOTS`, or one that is the same for all farms of the host."""
+    """Return the folder of this user's slots: `SAFLITE_SLOTS`, or one that is the same for all farms of the host.
+
+    Any user can make something of our name in `/tmp`: then it is one in the user's runtime directory or home.
+    """
     given = environment("SAFLITE_SLOTS")
-    return Path(given) if given else Path(f"/tmp/saflite-{os.getuid()}")  # noqa: S108  (checked: ours, nobody else's)
+    shared = Path(f"{SHARED}-{os.getuid()}")
+    if given or not os.path.lexists(shared) or _is_ours(shared):
+        return Path(given) if given else shared
+    runtime = environment("XDG_RUNTIME_DIR")
+    try:
+        return (
+            Path(runtime) if runtime else Path.home() / ".cache" / "saflite"
+        ) / f"saflite-slots-{os.uname().nodename}"
+    except RuntimeError:  # this user has no home
+        return shared
 
 
 class HeldSlot:
@@ -145,10 +158,19 @@ def _lock(root: Path, index: int) -> int | None:
         os.close(lock)  # its holder released it, and so removed the file, while we waited to lock it
 
 
+def _is_ours(root: Path) -> bool:
+    """Return whether it is a folder of this user, no link, in which nobody else can write."""
+    try:
+        found = root.lstat()
+    except OSError:
+        return False
+    return stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & 0o022
+
+
 def _make_private(root: Path) -> None:
+    root.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     root.mkdir(mode=0o700, exist_ok=True)
-    found = root.lstat()
-    if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or found.st_mode & 0o022:
+    if not _is_ours(root):
         raise Unavailable(f"{root} is not a folder that only we may write to; set SAFLITE_SLOTS to another")
 
 

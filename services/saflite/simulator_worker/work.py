@@ -20,6 +20,7 @@ from saflite.simulator_worker.sandbox import SNAPSHOTS_MAX, Sandbox, SandboxConf
 
 log = logging.getLogger(__name__)
 
+DIGITS_MAX = 9
 SHARING = frozenset({"search", "shrink"})
 """Purposes whose flights may begin from a snapshot; any other is a flight of its own from the start."""
 
@@ -92,6 +93,6 @@ def open_service(
 def snapshots_max() -> int:
     """Return how many snapshots a simulator may hold: `SAFLITE_SNAPSHOTS_MAX`, 0 switches them off."""
     text = environment("SAFLITE_SNAPSHOTS_MAX", str(SNAPSHOTS_MAX))
-    if not text.isdecimal():
-        raise Refused("SAFLITE_SNAPSHOTS_MAX", expected="a whole number, 0 to hold no snapshots", got=repr(text))
+    if not text.isdecimal() or len(text) > DIGITS_MAX:
+        raise Refused("SAFLITE_SNAPSHOTS_MAX", expected="a whole number, 0 to hold no snapshots", got=repr(text[:80]))
     return int(text)

@@ -75,6 +75,8 @@ def test_faults_of_a_folder_are_told_by_name(keys: Path, tmp_path: Path) -> None
     bundle = keyring.add(keys, "lab2", ["worker"], now_s=NOW_S)
     with pytest.raises(Refused, match="expired"):
         keyring.peer_credentials(bundle, NOW_S + 91 * DAY_S)
+    with pytest.raises(Refused, match="set the clock of this machine"):
+        keyring.peer_credentials(bundle, NOW_S - DAY_S)
     (bundle / "key.pem").chmod(0o644)
     with pytest.raises(Refused, match="mode 0600"):
         keyring.peer_credentials(bundle, NOW_S)

@@ -17,6 +17,7 @@ from saflite.campaign.storage.store import Store
 from saflite.console.cli import main
 from saflite.contract.flight import Trace, pack_trace
 from saflite.flight.autopilots.reference.describe import describe
+from saflite.recorder.exports.aerialist import write_case
 
 REFUSED, INFRASTRUCTURE = 2, 3
 
@@ -227,6 +228,13 @@ DIGITS = "9" * 400
         ["replay", "nothing.json", "--times", DIGITS],
         ["score", "nothing.json", "--deadline", "nan"],
         ["control", "budget", DIGITS, "--run", "nothing"],
+        ["control", "budget", "9" * 5_000],
+        ["run", "avoidance-m2", "--out", "run", "--set", f"boxes_min={'9' * 5_000}"],
+        ["run", "avoidance-m2", "--out", "run", "--set", f"boxes_min={'[' * 5_000}"],
+        ["run", "avoidance-m2", "--out", "run", "--set", "boxes_min=1e999"],
+        ["run", "avoidance-m2", "--out", "run", "--target-set", f"x={'9' * 5_000}"],
+        ["run", "avoidance-m2", "--out", "run", "--target-set", f"x={'{a=' * 5_000}"],
+        ["run", "avoidance-m2", "--out", "run", "--metrics", f"{'h' * 70}:9464"],
         ["watch", "nothing", "--from", DIGITS],
         ["keys", "init", "--host", "a", "--days", DIGITS],
         ["worker", "--join", "unixsock-stream//nobody", "--workers", DIGITS],
@@ -236,6 +244,23 @@ DIGITS = "9" * 400
 def test_numbers_of_400_digits_are_refused(words: list[str], here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     ends_in_a_line(capsys, *words)
     assert not (here / "run").exists()
+
+
+def test_a_number_in_the_environment_that_no_machine_holds_is_refused(
+    here: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_case(template(load_campaign("avoidance-m2")), here, "case")
+    for number in ("9" * 5_000, "-1", "1e3", "nan", "\x1b[2J"):
+        monkeypatch.setenv("SAFLITE_SNAPSHOTS_MAX", number)
+        assert "\x1b" not in ends_in_a_line(capsys, "fly", "case.yaml")
+
+
+def test_a_path_with_a_nul_in_a_file_is_refused(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for key in ("run", "campaign", "keys", "modules"):
+        value = '["a\\u0000b"]' if key == "modules" else '"a\\u0000b"'
+        lines = {"campaign": '"avoidance-m2"', "run": '"runs/x"', key: value}
+        (here / "farm.toml").write_text("".join(f"{name} = {one}\n" for name, one in lines.items()))
+        ends_in_a_line(capsys, "up", "farm.toml")
 
 
 @pytest.mark.parametrize(

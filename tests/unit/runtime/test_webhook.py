@@ -139,7 +139,23 @@ def test_secrets_in_the_address_are_not_told() -> None:
     assert "secret" not in str(refused.value)
 
 
-@pytest.mark.parametrize("url", ["", "there", "ftp://there/x", "http://", "http://[::1", "file:///etc/passwd"])
+@pytest.mark.parametrize(
+    "url", ["", "there", "ftp://there/x", "http://", "http://[::1", "file:///etc/passwd", "http://["]
+)
 def test_what_is_no_web_server_is_refused(url: str) -> None:
     with pytest.raises(Refused, match="--webhook"):
         check_url(url)
+
+
+@pytest.mark.parametrize("url", ["ana:secret@there/hook", "ftp://ana:secret@there", "http://ana:secret@[/x?t=secret"])
+def test_what_is_refused_is_not_told(url: str) -> None:
+    with pytest.raises(Refused) as refused:
+        check_url(url)
+    assert "secret" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    "url", ["http://there", "https://a.b-c.example:8443/x", "http://[::1]:80/x", "http://bücher.example"]
+)
+def test_what_is_one_is_taken(url: str) -> None:
+    assert check_url(url) == url

@@ -11,6 +11,7 @@ import pytest
 
 from saflite.contract.errors import Unavailable
 from saflite.flight.autopilots.external.place import outside
+from saflite.simulator_worker import slots
 from saflite.simulator_worker.slots import take_slot
 
 HOLDER = """
@@ -125,3 +126,27 @@ def test_a_folder_that_others_may_write_to_is_not_used(tmp_path: Path) -> None:
     with pytest.raises(Unavailable):
         take_slot(link)
     assert os.listdir(root) == []
+
+
+def test_what_another_user_made_under_our_name_keeps_nobody_from_flying(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("SAFLITE_SLOTS", raising=False)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "runtime"))
+    monkeypatch.setattr(slots, "SHARED", str(tmp_path / "shared"))
+    shared = Path(f"{tmp_path / 'shared'}-{os.getuid()}")
+    assert slots.slots_folder() == shared
+    shared.mkdir(mode=0o700)
+    assert slots.slots_folder() == shared
+    shared.chmod(0o777)  # as one that others made: they can write in it
+    assert slots.slots_folder().is_relative_to(tmp_path / "runtime")
+    shared.rmdir()
+    shared.symlink_to(tmp_path)
+    assert slots.slots_folder().is_relative_to(tmp_path / "runtime")
+    held = take_slot()
+    assert held.info.folder.startswith(str(tmp_path / "runtime"))
+    held.release()
+
+
+def test_a_folder_for_slots_below_one_that_is_not_there_is_made(tmp_path: Path) -> None:
+    take_slot(tmp_path / "a" / "b" / "slots").release()

@@ -12,6 +12,8 @@ import argparse
 
 from saflite.console.io import farm_options
 
+DIGITS_MAX = 18  # of a number; what they say is bounded by the books
+
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Name the arguments."""
@@ -30,8 +32,11 @@ def run(args: argparse.Namespace) -> int:
     from saflite.contract.errors import Refused
 
     words, args.run = farm_lookup.last_as_run(args.words)
-    if len(words) > int(args.verb == "budget") or not all(word.isdecimal() for word in words):
-        raise Refused(args.verb, expected="a number with `budget`, then a run folder", got=" ".join(args.words))
+    if len(words) > int(args.verb == "budget") or not all(
+        word.isdecimal() and len(word) <= DIGITS_MAX for word in words
+    ):
+        got = " ".join(args.words)[:200]
+        raise Refused(args.verb, expected="a number with `budget`, then a run folder", got=got)
     number = int(words[0]) if words else 0
     if args.verb == "budget":
         campaign_options.at_least("budget", number, 1)

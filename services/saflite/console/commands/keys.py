@@ -17,7 +17,6 @@ examples:
 from __future__ import annotations
 
 import argparse
-from datetime import UTC, datetime
 from pathlib import Path
 
 FOLDER = Path("keys")
@@ -91,13 +90,14 @@ def _add(args: argparse.Namespace, now_s: float) -> None:
 def _list(args: argparse.Namespace, now_s: float) -> None:
     from saflite.bus import keyring
     from saflite.console.view import out
+    from saflite.contract.clock import in_utc
 
     register = keyring.read_register(args.keys)
     if args.json:
         out.json(register)
         return
     out.line(f"reached by {', '.join(register.hosts)}")
-    today = datetime.fromtimestamp(now_s, UTC).isoformat()
+    today = in_utc(now_s).isoformat()
     for peer in register.peers:
         past = "expired" if peer.expires and peer.expires < today else "until"
         state = "revoked" if peer.revoked else f"{past} {peer.expires}"

@@ -84,7 +84,7 @@ def _events(args: argparse.Namespace) -> Iterator[Event]:
     run_dir = args.run
     if not args.connect:
         run_dir = farm_lookup.newest(run_dir)
-        if not farm_lookup.is_running(run_dir):
+        if not farm_lookup.says_it_runs(run_dir):
             with open_run(run_dir) as run_folder:
                 yield from run_folder.events(args.from_seq)
             return

@@ -77,7 +77,7 @@ def _carry(args: argparse.Namespace, bridge: Bridge) -> bool:
 
 def _new_events(args: argparse.Namespace, bridge: Bridge) -> Iterator[tuple[Event, Cursor]]:
     """Yield the events that come after what was told, with the run they are of."""
-    if not args.connect and not farm_lookup.is_running(args.run):
+    if not args.connect and not farm_lookup.says_it_runs(args.run):
         with open_run(args.run) as folder:
             first = next(folder.events(1), None)
             if first is not None:
@@ -96,7 +96,7 @@ def _connected(args: argparse.Namespace) -> FarmClient:
     try:
         return farm_lookup.connect(farm_options.where(args)._replace(run_dir=args.run))
     except Refused as fault:
-        if args.connect or farm_lookup.is_running(args.run):
+        if args.connect or farm_lookup.says_it_runs(args.run):
             raise
         raise Unavailable(f"it has ended just now: {fault}") from fault
 

@@ -102,7 +102,7 @@ def show(where: Where, as_json: bool) -> int:
 
 def _now(where: Where) -> str:
     """Return the model that decides now, empty for a run that does not work."""
-    if where.run_dir is not None and not where.endpoint and not farm_lookup.is_running(where.run_dir):
+    if where.run_dir is not None and not where.endpoint and not farm_lookup.says_it_runs(where.run_dir):
         return ""
     client = farm_lookup.connect(where)
     try:

@@ -37,19 +37,28 @@ def newest_running() -> Path:
     from saflite.runtime.client import FARM_FILE
 
     places = {*(path.parent for path in RUNS.glob(f"*/{FARM_FILE}")), *map(_shown, farm_register.noted())}
-    found = [place for place in places if _says_it_runs(place)]
-    if not found:
+    found = [place for place in places if says_it_runs(place)]
+    newest = max(found, key=lambda place: _changed_s(place / FARM_FILE), default=None)
+    if newest is None:
         fix = "name its run folder, or --connect and --campaign"
         raise Refused("run folder", where=str(RUNS), expected="one with a running farm", got="none", fix=fix)
-    return max(found, key=lambda place: (place / FARM_FILE).stat().st_mtime)
+    return newest
 
 
-def _says_it_runs(place: Path) -> bool:
+def says_it_runs(place: Path) -> bool:
     """As `is_running`; a run whose file of it is damaged is none, and keeps no other from being found."""
     try:
         return is_running(place)
     except FarmError:
         return False
+
+
+def _changed_s(path: Path) -> float:
+    """Return when a file was written, before all others for one that has gone meanwhile."""
+    try:
+        return path.stat().st_mtime
+    except OSError:
+        return 0.0
 
 
 def _shown(path: Path) -> Path:
@@ -78,14 +87,14 @@ def newest_at_rest(given: Path | None) -> Path:
     """
     if given is not None:
         return given
-    return _told(_last(lambda place: not is_running(place), "a run that no farm works on"), "the newest at rest")
+    return _told(_last(lambda place: not says_it_runs(place), "a run that no farm works on"), "the newest at rest")
 
 
 def _last(fits: Callable[[Path], bool], expected: str) -> Path:
     found = [path for path in RUNS.glob("*/books.sqlite") if fits(path.parent)]
     if not found:
         raise Refused("run folder", where=str(RUNS), expected=expected, got="none", fix="name a run folder")
-    return max(found, key=lambda path: path.stat().st_mtime).parent
+    return max(found, key=_changed_s).parent
 
 
 def _told(place: Path, which: str) -> Path:
@@ -125,4 +134,4 @@ def connect(where: Where) -> FarmClient:
     if not is_running(place):
         fix = f"`saflite resume {place}` goes on with it"
         raise Refused("run folder", where=str(place), expected="a running farm", got="none that runs", fix=fix)
-    return FarmClient.of_run(place)
+    return FarmClient.of_run(place, insecure=where.insecure)

@@ -7,13 +7,12 @@ import os
 import re
 import signal
 import subprocess
-import sys
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import IO
 
-from saflite.contract.config import environment_with
+from saflite.contract.config import environment_with, own_python
 from saflite.contract.errors import Refused, Unavailable
 from saflite.runtime.clock import WallClock
 from saflite.runtime.launchers.base import Condition, Meeting, RoleSpec, RoleState
@@ -136,7 +135,7 @@ class LocalLauncher:
 
     def _command(self, spec: RoleSpec) -> list[str]:
         meeting = self._meeting
-        command = [*self._prefix_of(spec), sys.executable, "-m", "saflite.runtime.serve", spec.kind]
+        command = [*self._prefix_of(spec), *own_python("saflite.runtime.serve"), spec.kind]
         command += ["--campaign", meeting.campaign, "--worker", spec.name, "--parent", str(os.getpid())]
         command += ["--listen", meeting.listen or meeting.connect] if spec.listens else ["--connect", meeting.connect]
         command += ["--gate", meeting.gate] if spec.listens and meeting.gate else []

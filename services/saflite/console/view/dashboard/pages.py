@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from datetime import UTC, datetime
 
 from saflite.console.view.dashboard.access import Role
 from saflite.console.view.dashboard.source import Figures, Head, Source
 from saflite.console.view.html_text import escape
 from saflite.console.view.report.page import duration, html_table
+from saflite.contract.clock import in_utc
 from saflite.contract.verdict import Violation, failed_again
 
 KEYS = (
@@ -22,7 +22,7 @@ RANK = {"confirmed": 0, "unconfirmed": 1, "flaky": 2}
 
 def day_of(unix_s: float) -> str:
     """Return a moment in words, in UTC."""
-    return datetime.fromtimestamp(unix_s, UTC).strftime("%Y-%m-%d %H:%M UTC")
+    return in_utc(unix_s).strftime("%Y-%m-%d %H:%M UTC")
 
 
 def document(title: str, body: str, *, role: Role, run: str = "") -> str:

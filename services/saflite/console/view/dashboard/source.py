@@ -156,7 +156,7 @@ class RunSource:
 
     def figures(self) -> Figures:
         """Return how it stands: from the farm, or from the books of one that does not run."""
-        status = self._farm.status() if farm_lookup.is_running(self._dir) else None
+        status = self._farm.status() if farm_lookup.says_it_runs(self._dir) else None
         if status is not None:
             return _of_status(status)
         with open_run(self._dir) as run:
@@ -201,7 +201,7 @@ class RunSource:
             return html
 
     def _is_fresh(self, kept: _Part, now_s: float) -> bool:
-        return now_s < kept.made_s + REST * kept.took_s and farm_lookup.is_running(self._dir)
+        return now_s < kept.made_s + REST * kept.took_s and farm_lookup.says_it_runs(self._dir)
 
     def find(self, test_case: str, *, public: bool) -> str:
         """Return one find with its pictures, beside the last good flight."""

