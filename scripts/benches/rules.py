@@ -1,12 +1,14 @@
 """`scripts/bench rules`: does each rule bite, does any bark for nothing, how often does any speak?
 
-    scripts/bench rules [--part kills alarms] [--policies NAME ...] [--cases 4] [--flights 14] [--rng-seed 1]
+    scripts/bench rules [--part kills planted alarms] [--policies NAME ...] [--cases 4] [--flights 14] [--rng-seed 1]
                         [--out FILE.jsonl]
 
 kills: a mutation score per rule. Flights of the rule's own campaign, all defects off, in which it applied and was kept,
 get three behaviour faults planted into what the rule promises (`FAULTS`); a fault is killed if the rule is then broken
 in any of them. Rules that applied in no flight, or cannot be checked on the reference, are tried on their examples.
 The faults are the same for all rules and know none of them. A rule that kills none is marked.
+planted: faults a stranger might plant (`data/rule_faults.toml`), each in a flight that reaches it, all rules judging;
+told are the rules that see it, and those that are broken in the same flight without it.
 alarms: the campaigns of all policies, guided as users run them, all defects off; every flight is judged by all rules,
 every violation is a false alarm, its test case is kept in the row. Told is also in which share of flights each rule
 applied.
@@ -28,6 +30,7 @@ from typing import Any
 import msgspec
 import numpy as np
 from _inline import Flights, Inline
+from _rule_faults import rule_faults, seen_by
 from numpy.typing import NDArray
 
 from saflite.campaign.presets.campaigns import load_campaign, template
@@ -245,7 +248,7 @@ def guided(name: str, flights: int, rng_seed: int) -> dict[str, Any]:
 def main(argv: list[str]) -> int:
     """Measure and print."""
     parser = argparse.ArgumentParser(prog="scripts/bench rules", description=__doc__)
-    parser.add_argument("--part", nargs="+", choices=("kills", "alarms"), default=["kills", "alarms"])
+    parser.add_argument("--part", nargs="+", choices=("kills", "planted", "alarms"), default=["kills", "alarms"])
     parser.add_argument("--policies", nargs="+", default=list(policy_names()))
     parser.add_argument("--campaigns", nargs="+", default=sorted(policy_campaigns(describe())))
     parser.add_argument("--cases", type=int, default=4, help="flights of a rule's own campaign that get faults")
@@ -254,15 +257,22 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--out", type=Path, help="one JSON line a rule or campaign; those in it are not made again")
     options = parser.parse_args(argv)
     rows = _recorded(options.out)
-    done = {(row["part"], row.get("policy", row.get("campaign")), row.get("rng_seed")) for row in rows}
+    done = {(row["part"], _of(row), row.get("rng_seed")) for row in rows}
     if "kills" in options.part:
         wanted = [name for name in options.policies if ("kills", name, None) not in done]
         rows += [_noted(kills(name, options.cases, options.rng_seed), options.out) for name in wanted]
+    if "planted" in options.part:
+        rows += [_noted(seen_by(name), options.out) for name in rule_faults() if ("planted", name, None) not in done]
     if "alarms" in options.part:
         names = [name for name in options.campaigns if ("alarms", name, options.rng_seed) not in done]
         rows += [_noted(guided(name, options.flights, options.rng_seed), options.out) for name in names]
     _print(rows)
     return 0
+
+
+def _of(row: Mapping[str, Any]) -> Any:
+    """Return the rule, fault or campaign that a row is of."""
+    return row.get("policy", row.get("campaign", row.get("fault")))
 
 
 def _recorded(path: Path | None) -> list[dict[str, Any]]:
@@ -272,7 +282,7 @@ def _recorded(path: Path | None) -> list[dict[str, Any]]:
 
 
 def _noted(row: dict[str, Any], path: Path | None) -> dict[str, Any]:
-    sys.stderr.write(f"{row['part']} {row.get('policy', row.get('campaign'))} done\n")
+    sys.stderr.write(f"{row['part']} {_of(row)} done\n")
     if path is not None:
         with path.open("a", encoding="utf-8") as file:
             file.write(json.dumps(row) + "\n")
@@ -286,6 +296,11 @@ def _print(rows: list[dict[str, Any]]) -> None:
         mark = "" if any(faults.values()) else "   kills none"
         words = " ".join(f"{name}:{'killed' if dead else 'lives'}" for name, dead in faults.items())
         print(f"  {row['policy']:26} {words} ({row['bases']} {row['on']}){mark}")
+    for row in (row for row in rows if row["part"] == "planted"):
+        seen = ", ".join(row["seen_by"]) or "no rule"
+        print(
+            f"  {row['fault']:40} seen by {seen}" + (f"; false alarms {row['without_it']}" if row["without_it"] else "")
+        )
     flights = sum(row["flights"] for row in rows if row["part"] == "alarms")
     if not flights:
         return

@@ -101,6 +101,8 @@ SIGNALS: dict[str, Signal] = {
     # made by the oracle from the rest of the trace, the test case and the ending; flights need not write them
     "time_s": Signal("s", "time since the start of the flight"),
     "ground_speed_mps": Signal("m/s", "speed in the plane"),
+    "forward_mps": Signal("m/s", "speed over ground the way the nose points"),
+    "right_mps": Signal("m/s", "speed over ground to the right of where the nose points"),
     "tilt_deg": Signal("deg", "angle between the vehicle's axis and the vertical"),
     "quiet_s": Signal(
         "s", "time since the last stimulus was given and not denied (since the start where there was none)"
@@ -109,12 +111,14 @@ SIGNALS: dict[str, Signal] = {
     "battery_low_action_set": Signal("", "low battery: 0 warn, 1 LAND, 2 RTL (BATT_FS_LOW_ACT)", "code"),
     "battery_critical_set_v": Signal("V", "voltage that counts as critical, 0 off (BATT_CRT_VOLT)"),
     "battery_low_charge_set_mah": Signal("mAh", "charge left that counts as low, 0 off (BATT_LOW_MAH)"),
+    "battery_capacity_set_mah": Signal("mAh", "charge of a full battery (BATT_CAPACITY)"),
     "fence_action_set": Signal("", "breach: 0 report, 1 RTL or LAND, 2 LAND, 4 BRAKE (FENCE_ACTION)", "code"),
     "fence_on_set": Signal("", "1 while fences are on (FENCE_ENABLE)", "flag"),
     "fence_type_set": Signal("", "bits: 1 ceiling, 2 circle about home (FENCE_TYPE)", "code"),
     "fence_radius_set_m": Signal("m", "radius of the circle about home (FENCE_RADIUS)"),
     "arming_checks_set": Signal("", "checks before arming, 0 none (ARMING_CHECK)", "code"),
     "angle_max_set_deg": Signal("deg", "greatest lean angle (ANGLE_MAX)"),
+    "waypoint_radius_set_m": Signal("m", "distance at which a way-point counts as reached (WPNAV_RADIUS)"),
     "acceleration_set_mps2": Signal("m/s2", "acceleration of autonomous modes in the plane (WPNAV_ACCEL)"),
     "stopping_s": Signal(
         "s", "time in which it can be asked to stop from its speed and lean now, by the settings in force"
@@ -145,7 +149,15 @@ SIGNALS: dict[str, Signal] = {
     "ordered_y_m": Signal("m", "east of the place ordered last"),
     "ordered_altitude_m": Signal("m", "height of the place ordered last, above home"),
     "yaw_order_s": Signal("s", "time since the last order to turn, above 1,000,000 where none was given"),
+    "pause_order_s": Signal(
+        "s",
+        "time since a pause that no order to go on followed (MAV_CMD_DO_PAUSE_CONTINUE), above 1,000,000 without one",
+    ),
     "ordered_yaw_deg": Signal("deg", "heading ordered last (MAV_CMD_CONDITION_YAW)"),
+    "item_wait_s": Signal("s", "time that the mission item at hand asks to wait where it is, 0 if none"),
+    "item_off_m": Signal("m", "distance in the plane to the way-point at hand as estimated, -1 where the item is none"),
+    "item_height_off_m": Signal("m", "distance in height to the way-point at hand, -1 where the item is none"),
+    "item_unexpected": Signal("", "1 where the mission item at hand is not the one that had to follow", "flag"),
     "gps_true": Signal("", "0 while a stimulus falsifies the GPS", "flag"),
     "gps_settled": Signal("", "0 until the estimate has followed what a stimulus did to the GPS", "flag"),
     "baro_true": Signal("", "0 while a stimulus falsifies the barometer", "flag"),
@@ -177,10 +189,11 @@ UNNAMED_MODE = "mode "
 
 _OF_STIMULI = """
 time_s quiet_s order_quiet_s command_quiet_s calm_s home_quiet_s crashed stop_ordered arming_forced
-gps_true gps_settled baro_true baro_settled body_true sticks_true place_order_s ordered_x_m ordered_y_m
+gps_true gps_settled baro_true baro_settled body_true sticks_true place_order_s pause_order_s ordered_x_m ordered_y_m
 ordered_altitude_m battery_timer_set_s battery_low_action_set battery_critical_set_v battery_low_charge_set_mah
+battery_capacity_set_mah
 fence_action_set fence_on_set fence_type_set fence_radius_set_m arming_checks_set angle_max_set_deg
-acceleration_set_mps2
+acceleration_set_mps2 waypoint_radius_set_m
 cruise_speed_set_mps return_speed_set_mps return_climb_min_set_m return_wait_set_s
 loiter_speed_set_mps disarm_delay_set_s pilot_takeoff_set_m yaw_slew_set_dps
 circle_radius_set_m circle_rate_set_dps descent_speed_set_mps trim_roll_set_deg trim_pitch_set_deg
@@ -188,9 +201,15 @@ circle_radius_set_m circle_rate_set_dps descent_speed_set_mps trim_roll_set_deg 
 MADE_FROM: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(_OF_STIMULI.split(), ()),
     "pilot_speed_down_set_mps": ("pilot_speed_up_set_mps",),
+    "item_wait_s": ("mission_item",),
+    "item_off_m": ("mission_item", "x_est_m", "y_est_m"),
+    "item_height_off_m": ("mission_item", "altitude_est_m"),
+    "item_unexpected": ("mission_item", "mode", "x_est_m", "y_est_m"),
     "yaw_order_s": ("yaw_deg",),
     "ordered_yaw_deg": ("yaw_deg",),
     "ground_speed_mps": ("vx_mps", "vy_mps"),
+    "forward_mps": ("vx_mps", "vy_mps", "yaw_deg"),
+    "right_mps": ("vx_mps", "vy_mps", "yaw_deg"),
     "stopping_s": ("vx_mps", "vy_mps", "roll_deg", "pitch_deg"),
     "settling_s": ("vx_mps", "vy_mps", "roll_deg", "pitch_deg"),
     "home_distance_m": ("x_m", "y_m"),

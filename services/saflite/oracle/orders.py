@@ -18,6 +18,7 @@ from saflite.flight.world.jsbsim_world import HOME_LAT_DEG, HOME_LON_DEG
 Array = NDArray[np.float64]
 NEVER_S = 1e6
 SLOW_DPS = 15.0
+SPEED_LEAST_MPS = 0.2  # ArduCopter accepts an order to fly more slowly and does not follow it (WPNAV_WP_SPEED_MIN)
 FORCE = (21196.0, 2989.0)  # magic numbers with which MAVLink forces motors off or on
 
 _MOVING = re.compile(
@@ -42,12 +43,14 @@ SETTINGS: dict[str, Setting] = {
     "battery_low_action_set": Setting("BATT_FS_LOW_ACT", 0.0, 0.0, 7.0),
     "battery_critical_set_v": Setting("BATT_CRT_VOLT", 0.0, 0.0),
     "battery_low_charge_set_mah": Setting("BATT_LOW_MAH", 0.0, 0.0),
+    "battery_capacity_set_mah": Setting("BATT_CAPACITY", 3300.0, 0.0),
     "fence_action_set": Setting("FENCE_ACTION", 1.0, 0.0, 5.0),
     "fence_on_set": Setting("FENCE_ENABLE", 0.0, 0.0, 1.0),
     "fence_type_set": Setting("FENCE_TYPE", 7.0, 0.0, 15.0),
     "fence_radius_set_m": Setting("FENCE_RADIUS", 300.0, 30.0, 10_000.0),
     "arming_checks_set": Setting("ARMING_CHECK", 1.0),
     "angle_max_set_deg": Setting("ANGLE_MAX", 3000.0, 1000.0, 8000.0, 0.01),
+    "waypoint_radius_set_m": Setting("WPNAV_RADIUS", 200.0, 5.0, 1000.0, 0.01),
     "acceleration_set_mps2": Setting("WPNAV_ACCEL", 250.0, 50.0, 500.0, 0.01),
     "pilot_takeoff_set_m": Setting("PILOT_TKOFF_ALT", 0.0, 0.0, 1000.0, 0.01),
     "yaw_slew_set_dps": Setting("ATC_SLEW_YAW", 6000.0, 500.0, 18000.0, 0.01),
@@ -132,7 +135,7 @@ def speed_ordered(given: Sequence[Given], usual_mps: Array, times: Array) -> Arr
     """Return the speed of autonomous modes, shape (moments,): as set, or as DO_CHANGE_SPEED last ordered it."""
     held = usual_mps.copy()
     for stimulus, _, _ in given:
-        if _is(stimulus, "DO_CHANGE_SPEED") and _numbers(stimulus)[1] > 0.0:
+        if _is(stimulus, "DO_CHANGE_SPEED") and _numbers(stimulus)[1] >= SPEED_LEAST_MPS:
             held[times >= stimulus.at_s] = _numbers(stimulus)[1]
     return held
 
@@ -181,6 +184,15 @@ def headings(given: Sequence[Given], yaw_deg: NDArray[np.float32], times: Array)
                 angle = float(yaw_deg[at]) + (-angle if way < 0 else angle)
             found.append((stimulus.at_s, angle % 360.0))
     return found
+
+
+def paused(given: Sequence[Given], times: Array) -> Array:
+    """Return the time since the last order to pause that no order to go on followed, shape (moments,)."""
+    last = np.full(len(times), -NEVER_S)
+    for stimulus, _, _ in given:
+        if _is(stimulus, "DO_PAUSE_CONTINUE"):
+            last[times >= stimulus.at_s - 1e-9] = stimulus.at_s if _numbers(stimulus)[0] == 0.0 else -NEVER_S
+    return np.asarray(times - last)
 
 
 def since(at_s: Sequence[float], times: Array, never_s: float = 0.0) -> Array:

@@ -28,7 +28,7 @@ from saflite.contract.signals import MADE_FROM, can_show, lacking
 from saflite.contract.test_case import Stimulus, StimulusKind, TestCase
 from saflite.flight.autopilots.described import setting_ranges
 from saflite.flight.geometry import boxes_array, distance_to_boxes
-from saflite.oracle import orders
+from saflite.oracle import itinerary, orders
 from saflite.oracle.effects import FLAGS, undisturbed
 from saflite.oracle.moments import moments_of, samples_of
 from saflite.oracle.orders import NEVER_S, SETTINGS
@@ -85,6 +85,8 @@ class FlightSignals:
             "arming_forced": lambda: self._ordered_from(orders.forces_arming),
             **{name: partial(self._setting, name) for name in SETTINGS},
             "place_order_s": lambda: orders.since([one.at_s for one in self._places()], self._time(), -NEVER_S),
+            "pause_order_s": lambda: orders.paused(self._given, self._time()),
+            **{name: partial(self._of_item, name) for name in itinerary.NAMES},
             "ordered_x_m": lambda: self._last_place("x_m"),
             "ordered_y_m": lambda: self._last_place("y_m"),
             "ordered_altitude_m": lambda: self._last_place("altitude_m"),
@@ -92,6 +94,8 @@ class FlightSignals:
             "ordered_yaw_deg": lambda: orders.held(self._headings(), self._time()),
             "ground_speed_mps": lambda: np.hypot(self["vx_mps"], self["vy_mps"]),
             **{name: partial(self._settling, name) for name in ("stopping_s", "settling_s")},
+            "forward_mps": lambda: self._along(0.0),
+            "right_mps": lambda: self._along(90.0),
             "home_distance_m": lambda: np.hypot(self["x_m"], self["y_m"]),
             "tilt_deg": self._tilt,
             **{name: partial(self.__getitem__, true) for name, true in ESTIMATES.items()},
@@ -131,7 +135,9 @@ class FlightSignals:
             return not self._test_case.scenario.obstacles
         if name in ("stopping_s", "settling_s"):
             return any(self._untold(one) for one in ("acceleration_set_mps2", "angle_max_set_deg"))
-        return (name in SETTINGS or name in ("crashed", *self._orders_untold)) and name not in self.written
+        return (
+            name in SETTINGS or name in ("crashed", *itinerary.NAMES, *self._orders_untold)
+        ) and name not in self.written
 
     def _time(self) -> NDArray[np.float64]:
         return self.moments.time_s
@@ -171,6 +177,17 @@ class FlightSignals:
     def _headings(self) -> list[tuple[float, float]]:
         return orders.headings(self._given, self["yaw_deg"], self._time())
 
+    def _of_item(self, name: str) -> NDArray[np.float64]:
+        items, item = itinerary.items_of(self._test_case.scenario.mission), self["mission_item"]
+        if name == "item_wait_s":
+            return np.nan_to_num(itinerary.of_items([one.wait_s for one in items], item))
+        if name == "item_off_m":
+            return itinerary.off(items, item, self["x_est_m"], self["y_est_m"])
+        if name == "item_height_off_m":
+            return itinerary.height_off(items, item, self["altitude_est_m"])
+        off = [np.hypot(self["x_est_m"] - one.x_m, self["y_est_m"] - one.y_m) for one in items]
+        return itinerary.unexpected(items, item, self["mode"], off, itinerary.afresh(self._given), self._time())
+
     def _settling(self, name: str) -> NDArray[Any]:
         askew_deg = np.hypot(self["trim_roll_set_deg"], self["trim_pitch_set_deg"])
         braking = braking_mps2(self["acceleration_set_mps2"], self["angle_max_set_deg"] - askew_deg)
@@ -181,6 +198,10 @@ class FlightSignals:
         if self._flight.ending == "crashed":
             flags[-1:] = 1.0
         return flags
+
+    def _along(self, off_deg: float) -> NDArray[np.float64]:
+        way_rad = np.radians(self["yaw_deg"] + off_deg)
+        return np.asarray(self["vx_mps"] * np.cos(way_rad) + self["vy_mps"] * np.sin(way_rad))
 
     def _tilt(self) -> NDArray[np.float64]:
         upright = np.cos(np.radians(self["roll_deg"])) * np.cos(np.radians(self["pitch_deg"]))

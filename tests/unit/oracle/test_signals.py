@@ -82,6 +82,7 @@ CAUSES = {
     "stop_ordered": stimulus("command", "MAV_CMD_COMPONENT_ARM_DISARM", 0.0, 21196.0, at_s=0.5),
     "arming_forced": stimulus("command", "MAV_CMD_COMPONENT_ARM_DISARM", 1.0, 21196.0, at_s=0.5),
     **dict.fromkeys(("place_order_s", "ordered_x_m", "ordered_y_m", "ordered_altitude_m"), REPOSITION),
+    "pause_order_s": stimulus("command", "MAV_CMD_DO_PAUSE_CONTINUE", 0.0, at_s=0.5),
     **dict.fromkeys(("yaw_order_s", "ordered_yaw_deg"), TURN),
     **{
         name: stimulus("parameter", row.parameter, row.high if row.high < 1e5 else 7.0, at_s=0.5)

@@ -42,7 +42,15 @@ _FIELDS: dict[str, dict[str, str]] = {
 }
 _ATTITUDES = ("ATT", "AHR2", "XKF1", "NKF1", "EKF1")
 _LEAN = {"Roll": "roll_deg", "Pitch": "pitch_deg", "Yaw": "yaw_deg"}
-_OF_COMMANDS = ("command_quiet_s", "place_order_s", "ordered_x_m", "ordered_y_m", "ordered_altitude_m", "yaw_order_s")
+_OF_COMMANDS = (
+    "command_quiet_s",
+    "place_order_s",
+    "ordered_x_m",
+    "ordered_y_m",
+    "ordered_altitude_m",
+    "yaw_order_s",
+    "pause_order_s",
+)
 _SOURCES = {
     **dict.fromkeys(("x_m", "y_m"), "XKF1, NKF1 or POS"),
     **dict.fromkeys(("altitude_m",), "XKF1, NKF1, POS or CTUN.Alt"),

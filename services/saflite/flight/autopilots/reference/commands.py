@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 FORCE = 21196.0
 FAR_M = 50_000.0
+SPEED_LEAST_MPS = 0.2  # AC_WPNav: WPNAV_WP_SPEED_MIN
 MODE_CHANGE_FLAG = 1
 
 
@@ -161,12 +162,13 @@ def _yaw(ap: Autopilot, v: Numbers) -> MavResult:
 
 
 def _speed(ap: Autopilot, v: Numbers) -> MavResult:
-    """Set the speed of autonomous modes (2nd number, m/s)."""
+    """Set the speed of autonomous modes (2nd number, m/s); one too slow to fly at is accepted and not taken."""
     if v[0] not in (0.0, 1.0):
         return MavResult.FAILED
     if math.isnan(v[1]) or v[1] <= 0.0:
         return MavResult.FAILED
-    ap.speed_order_mps = min(15.0, v[1])
+    if v[1] >= SPEED_LEAST_MPS:
+        ap.speed_order_mps = min(15.0, v[1])
     return MavResult.ACCEPTED
 
 

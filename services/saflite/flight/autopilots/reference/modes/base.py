@@ -81,7 +81,10 @@ class Mode:
     def hold_altitude_here(self) -> None:
         """Aim at the height the vehicle would come to rest at."""
         climb = self.board["climb_est_mps"]
-        self.board["set_altitude"] = self.board["altitude_est_m"] + 0.4 * climb
+        ahead_m = 0.4 * climb
+        if climb > 0.0:  # a fast climb takes longer (AC_PosControl::init_z_controller_stopping_point)
+            ahead_m = max(ahead_m, climb * climb / (2.0 * self.ap.parameters["WPNAV_ACCEL_Z"] / 100.0))
+        self.board["set_altitude"] = self.board["altitude_est_m"] + ahead_m
 
     def pilot_climb(self) -> None:
         """Move the target height as the throttle stick asks; the target never runs far ahead of the vehicle."""

@@ -10,6 +10,7 @@
 #include "vehicle.h"
 
 static const double OUTER_S = STEPS_PER_OUTER * STEP_S;
+static const double SOFTEST_S = 0.25;    /* a speed loop over an attitude that follows more softly swings (AC_PosControl lowers its jerk) */
 static const double BRAKING_SHARE = 0.6; /* of what the greatest lean gives: the lean follows late, the rest makes good */
 
 /* Share of the way a first-order low pass goes in one step; 0 Hz means no filter. */
@@ -26,13 +27,19 @@ static double wrap(double angle)
     return angle - 2.0 * PI * floor((angle + PI) / (2.0 * PI));
 }
 
-static void reset_outer(Vehicle *v)
+/* The speed loop begins at the speed at hand, not at what it aimed at when it last ran (AC_PosControl::init_xy_controller). */
+static void reset_plane(Vehicle *v)
 {
     for (int i = 0; i < 2; i++) {
         v->vel_sum[i] = v->vel_filtered[i] = v->vel_last[i] = v->accel_out[i] = 0.0;
         v->at[S_target_vn + i] = v->at[S_est_vn + i];
     }
     v->leaning_full = 0;
+}
+
+static void reset_outer(Vehicle *v)
+{
+    reset_plane(v);
     v->accz_sum = 0.0;
     v->climb_set = AT(climb_est_mps);
     AT(reset_loops) = 0.0;
@@ -134,7 +141,8 @@ static void learn_hover(Vehicle *v)
 static double shape(const Vehicle *v, double now, double want, double rate_max)
 {
     const double limit = (rate_max > 0.0 ? rate_max : 12.0) * STEP_S;
-    return now + clamp((want - now) * STEP_S / AT(k_input_tc), -limit, limit);
+    const double constant_s = AT(want_xy) != WANT_XY_NONE ? fmin(AT(k_input_tc), SOFTEST_S) : AT(k_input_tc);
+    return now + clamp((want - now) * STEP_S / constant_s, -limit, limit);
 }
 
 static double shape_yaw(const Vehicle *v, double now)
@@ -278,8 +286,12 @@ void control_step(Vehicle *v)
     if (step_of(v) % STEPS_PER_OUTER == 0) {
         if (AT(reset_loops) != 0.0)
             reset_outer(v);
-        if (AT(want_xy) != WANT_XY_NONE)
+        if (AT(want_xy) != WANT_XY_NONE) {
+            if (!v->plane_ran)
+                reset_plane(v);
             plane_loop(v);
+        }
+        v->plane_ran = AT(want_xy) != WANT_XY_NONE;
         if (AT(want_z) != WANT_Z_THROTTLE) {
             height_loop(v);
             learn_hover(v);

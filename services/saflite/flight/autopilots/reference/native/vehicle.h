@@ -91,6 +91,7 @@ typedef struct {
     double vel_sum[2], vel_filtered[2], vel_last[2], accel_out[2], accz_sum, accz_last, climb_set, throttle_filtered;
     double gyro_filtered[3], acc_z_filtered, motor[MOTORS];
     int leaning_full;          /* the lean asked for was cut to the greatest allowed */
+    int plane_ran;             /* the speed loop ran in the step before */
     Pid roll, pitch, yaw;
     Recorder recorder;
 } Vehicle;

@@ -1,0 +1,139 @@
+"""What a mission's items ask of a flight, as signals: place and wait of the item at hand, and the one to follow.
+
+Numbers and their meaning are MAVLink's (MAV_CMD). Items are told by `mission_item`, the index counted from 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saflite.contract.flight import Given
+from saflite.contract.signals import MODES
+from saflite.contract.test_case import Mission
+from saflite.flight.mission import to_local
+
+Array = NDArray[np.float64]
+NAMES = ("item_wait_s", "item_off_m", "item_height_off_m", "item_unexpected")
+FLOWN_TO, WAITS, JUMP = (16, 82, 19), (93, 112), 177
+NO_PLACE_M = -1.0
+NEAR_M, PASSED_MAX = 12.0, 64  # the greatest WPNAV_RADIUS and a little; items, loops of jumps that do not show as well
+AFRESH_S = 0.1  # what an order or an entry does to the item shows within this
+
+
+class Item(NamedTuple):
+    """Place in metres from the origin of the track and height above home, NaN without; wait; item to jump to, times."""
+
+    x_m: float = np.nan
+    y_m: float = np.nan
+    altitude_m: float = np.nan
+    wait_s: float = 0.0
+    target: int = -1
+    times: float = 0.0
+
+
+def items_of(mission: Mission | None) -> tuple[Item, ...]:
+    """Return what each item asks for; only way-points have a place: where take-offs and landings go others tell."""
+    found: list[Item] = []
+    for raw in mission.items if mission is not None else ():
+        assert mission is not None
+        numbers = [value or 0.0 for value in raw.params]
+        if raw.command in FLOWN_TO and raw.params[4] and raw.params[5] and raw.params[6] is not None:
+            x_m, y_m = to_local(numbers[4], numbers[5], mission.home_lat_deg, mission.home_lon_deg)
+            up_m = numbers[6] - (mission.home_alt_m if raw.frame in (0, 5) else 0.0)
+            found.append(Item(x_m, y_m, up_m, wait_s=numbers[0]))
+        elif raw.command in WAITS:
+            found.append(Item(wait_s=max(0.0, numbers[0])))
+        elif raw.command == JUMP:
+            found.append(Item(target=int(numbers[0]) - 1, times=numbers[1]))
+        else:
+            found.append(Item())
+    return tuple(found)
+
+
+def of_items(values: Sequence[float], item: NDArray[Any]) -> Array:
+    """Return a number of the item at hand, shape (moments,); NaN where there is no such item."""
+    index = item.astype(int)
+    known = np.array([*values, np.nan])
+    return np.asarray(known[np.where((index >= 0) & (index < len(values)), index, len(values))])
+
+
+def off(items: Sequence[Item], item: NDArray[Any], x_m: NDArray[Any], y_m: NDArray[Any]) -> Array:
+    """Return the distance in the plane to the way-point at hand, `NO_PLACE_M` where the item is none."""
+    far_m = np.hypot(x_m - of_items([one.x_m for one in items], item), y_m - of_items([one.y_m for one in items], item))
+    return np.asarray(np.nan_to_num(far_m, nan=NO_PLACE_M))
+
+
+def height_off(items: Sequence[Item], item: NDArray[Any], altitude_m: NDArray[Any]) -> Array:
+    """Return the distance in height to the way-point at hand, `NO_PLACE_M` where the item is none."""
+    gap_m = np.abs(altitude_m - of_items([one.altitude_m for one in items], item))
+    return np.asarray(np.nan_to_num(gap_m, nan=NO_PLACE_M))
+
+
+def afresh(given: Sequence[Given]) -> list[float]:
+    """Return when a mission was ordered to begin anew, in seconds."""
+    return [one.at_s for one, _, _ in given if one.kind == "command" and one.name.upper().endswith("MISSION_START")]
+
+
+def unexpected(
+    items: Sequence[Item],
+    item: NDArray[Any],
+    mode: NDArray[Any],
+    place_off_m: Sequence[Array],
+    started_s: Sequence[float],
+    times: Array,
+) -> Array:
+    """Return 1 where the item at hand is not the one that had to follow, shape (moments,).
+
+    An item that is over at once may not show between two samples: one without a place or a wait, a way-point at which
+    the vehicle is.
+
+    Args:
+        items: of the mission, as `items_of` has them.
+        item: index at each moment.
+        mode: flight mode at each moment; only what changes within AUTO is looked at.
+        place_off_m: of each item, how far in the plane the vehicle is from it at each moment; NaN without a place.
+        started_s: when the mission was ordered to begin anew; jumps are counted from then, or from the entry into AUTO.
+        times: of the moments, seconds.
+    """
+    flags = np.zeros(len(times))
+    auto = np.asarray(mode) == MODES["AUTO"]
+    jumped: dict[int, int] = {}
+    for at in np.flatnonzero((np.diff(item) != 0) | (np.diff(auto.astype(int)) != 0)) + 1:
+        if not (auto[at] and auto[at - 1]) or any(0.0 <= times[at] - one <= AFRESH_S for one in started_s):
+            jumped = {}
+            continue
+        near = {number for number, off_m in enumerate(place_off_m) if not off_m[at] > NEAR_M}
+        passed = {number for number in near if not items[number].wait_s}
+        followed = _followed(items, int(item[at - 1]), int(item[at]), jumped, passed)
+        flags[at] = 1.0 if followed is None else 0.0
+        jumped = jumped if followed is None else followed
+    return flags
+
+
+def _followed(
+    items: Sequence[Item], index: int, now: int, jumped: dict[int, int], passed: set[int]
+) -> dict[int, int] | None:
+    """Return the jumps counted once item `now` has followed `index`; None if it cannot."""
+    counted = dict(jumped)
+    for _ in range(PASSED_MAX):
+        index = _after(items, index, counted)
+        if index == now:
+            return counted
+        if index not in passed:
+            return None
+    return None
+
+
+def _after(items: Sequence[Item], index: int, jumped: dict[int, int]) -> int:
+    """Return the item that follows one, and count a jump."""
+    if not 0 <= index < len(items):
+        return index + 1
+    one, done = items[index], jumped.get(index, 0)
+    if one.target >= 0 and one.target != index and one.target < len(items) and (one.times < 0 or done < one.times):
+        jumped[index] = done + 1
+        return one.target
+    return index + 1

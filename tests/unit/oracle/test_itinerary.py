@@ -1,0 +1,74 @@
+"""Which mission item has to follow which, and what it asks for: from the mission and the index at each moment."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from saflite.contract.signals import MODES
+from saflite.contract.test_case import Mission, MissionItem
+from saflite.oracle import itinerary
+
+UP, POINT, JUMP, DELAY, SPEED = 22, 16, 177, 112, 178
+
+
+def mission(*rows: tuple[float, ...]) -> Mission:
+    items = tuple(MissionItem(command=int(row[0]), params=(*row[1:], *[0.0] * 7)[:7]) for row in rows)
+    return Mission(name="m", home_lat_deg=47.0, home_lon_deg=8.0, home_alt_m=0.0, items=items)
+
+
+def place(north_deg: float, hold_s: float = 0.0) -> tuple[float, ...]:
+    return (POINT, hold_s, 0.0, 0.0, 0.0, 47.0 + north_deg, 8.0, 10.0)
+
+
+ROUND = mission((UP, 0, 0, 0, 0, 47.0, 8.0, 10.0), place(1e-3), place(2e-3), (JUMP, 2, 1), place(3e-3), (DELAY, 5))
+
+
+def wrong(index: list[int], *, modes: list[str] | None = None, started_s: list[float] | None = None) -> list[int]:
+    item = np.repeat(np.array(index, dtype=np.float64), 2)
+    mode = np.repeat(np.array([MODES[name] for name in modes or ["AUTO"] * len(index)]), 2)
+    items = itinerary.items_of(ROUND)
+    far = [np.full(len(item), 500.0 if np.isfinite(one.x_m) else np.nan, dtype=np.float64) for one in items]
+    flags = itinerary.unexpected(items, item, mode, far, started_s or [], np.arange(len(item), dtype=np.float64))
+    return [int(one) // 2 for one in np.flatnonzero(flags)]
+
+
+@pytest.mark.parametrize(
+    ("index", "at"),
+    [
+        ([0, 1, 2, 3, 1, 2, 3, 4, 5], []),
+        ([0, 1, 2, 1, 2, 4, 5], []),  # the jump itself does not show
+        ([0, 1, 2, 3, 4, 5], [4]),  # the jump is not taken
+        ([0, 1, 2, 3, 1, 2, 3, 1], [7]),  # taken twice
+        ([0, 2, 3], [1]),  # skipped
+        ([0, 1, 0], [2]),  # gone back
+    ],
+)
+def test_an_item_that_need_not_follow_is_told(index: list[int], at: list[int]) -> None:
+    assert wrong(index) == at
+
+
+def test_a_mission_begun_anew_or_entered_again_counts_afresh() -> None:
+    assert wrong([3, 1, 2, 0, 1], started_s=[6.0]) == []
+    assert wrong([3, 1, 2, 0, 1]) == [3]
+    assert wrong([0, 1, 1, 4, 4, 5], modes=["AUTO", "AUTO", "GUIDED", "GUIDED", "AUTO", "AUTO"]) == []
+
+
+def test_jumps_among_items_that_are_over_at_once_need_not_show() -> None:
+    loop = mission((UP, 0, 0, 0, 0, 47.0, 8.0, 10.0), (SPEED, 1, 6), (JUMP, 2, 2), (115, 340.0), place(1e-3))
+    items = itinerary.items_of(loop)
+    item, mode = np.array([0.0, 0.0, 1.0, 1.0, 4.0, 4.0]), np.full(6, MODES["AUTO"], dtype=np.float64)
+    off = [np.full(6, 500.0 if np.isfinite(one.x_m) else np.nan, dtype=np.float64) for one in items]
+    flags = itinerary.unexpected(items, item, mode, off, [], np.arange(6, dtype=np.float64))
+    assert not flags.any()
+
+
+def test_what_the_item_at_hand_asks_for() -> None:
+    items = itinerary.items_of(mission(place(1e-3, 4.0), (DELAY, 5), (SPEED, 1, 3)))
+    item = np.array([0.0, 1.0, 2.0, 7.0])
+    assert np.nan_to_num(itinerary.of_items([one.wait_s for one in items], item)).tolist() == [4.0, 5.0, 0.0, 0.0]
+    off = itinerary.off(items, item, np.zeros(4), np.zeros(4))
+    assert off[0] == pytest.approx(111.2, abs=0.5)
+    assert off[1:].tolist() == [itinerary.NO_PLACE_M] * 3
+    height = itinerary.height_off(items, item, np.full(4, 4.0))
+    assert height.tolist() == [6.0, *[itinerary.NO_PLACE_M] * 3]
