@@ -84,6 +84,18 @@ def circumstances_of(
     )
 
 
+def ranges_kept(test_case: TestCase, target: TargetInfo) -> dict[str, tuple[float, float]]:
+    """Return the documented ranges, by kind and name, of the inputs whose values all lie within."""
+    known, found, left = {(info.kind, info.name): info for info in target.inputs}, {}, set()
+    for one in test_case.stimuli:
+        info, name = known.get((one.kind, one.name)), f"{one.kind} {one.name}"
+        if info is None or info.low is None or info.high is None or not _is_documented(one, known):
+            continue
+        found[name] = (info.low, info.high)
+        left |= {name} if _outside(one, known) else set()
+    return {name: ends for name, ends in found.items() if name not in left}
+
+
 def is_memory_fault(ending: Ending, message: str) -> bool:
     """Return whether an autopilot died of what may be misused: a fatal signal, or a sanitizer's report."""
     return ending == "autopilot_died" and bool(_MEMORY.search(message))

@@ -9,8 +9,11 @@ import pytest
 
 from saflite.campaign.lifecycle.minimizer import Minimizer, names_of
 from saflite.campaign.lifecycle.repeats import ONE_FLIGHT
+from saflite.contract.circumstances import ranges_kept
 from saflite.contract.rng import derive
+from saflite.contract.target_info import InputInfo
 from saflite.contract.test_case import Mission, Scenario, StartState, Stimulus, Target, TestCase, identity
+from saflite.flight.autopilots.reference.describe import describe
 
 Breaks = Callable[[TestCase], bool]
 
@@ -179,3 +182,27 @@ def test_inputs_that_were_enough_for_another_find_are_tried_first() -> None:
 def test_inputs_that_drop_none_or_all_are_no_test_case(enough: frozenset[str]) -> None:
     without = Minimizer(twenty(), 30, ONE_FLIGHT)
     assert Minimizer(twenty(), 30, ONE_FLIGHT, enough=enough).ask() == without.ask()
+
+
+def test_a_find_within_documented_ranges_is_not_made_smaller_outside_of_them() -> None:
+    stick = Stimulus(at_s=1.0, kind="stick", name="RC2", values=(877.3,))
+    setting = Stimulus(at_s=0.5, kind="parameter", name="RTL_ALT", values=(8123.0,))
+    inputs = (
+        InputInfo(kind="stick", name="RC2", low=850.0, high=2200.0),
+        InputInfo(kind="parameter", name="RTL_ALT", low=200.0, high=8000.0),  # it was outside before
+    )
+    start = case(setting, stick)
+    ranges = ranges_kept(start, msgspec.structs.replace(describe(), inputs=inputs))
+    assert ranges == {"stick RC2": (850.0, 2200.0)}
+
+    def tried(ranges: dict[str, tuple[float, float]], name: str) -> set[float]:
+        minimizer, found = Minimizer(start, 60, ONE_FLIGHT, ranges=ranges), set()
+        while not minimizer.done:
+            for flown, number in minimizer.ask():
+                found |= {one.values[0] for one in flown.stimuli if one.name == name}
+                minimizer.tell(identity(flown), number, len(flown.stimuli) == 2)
+        return found
+
+    assert 0.0 in tried({}, "RC2")
+    assert tried(ranges, "RC2") == {877.3, 880.0, 900.0}
+    assert 0.0 in tried(ranges, "RTL_ALT")

@@ -67,6 +67,7 @@ FIELDS: dict[type, dict[str, Any]] = {
         "rule": RepeatRule,
         "_forms": list[TestCase],
         "_left": int,
+        "_ranges": dict[str, tuple[float, float]],
         "_decided": set[str],
         "_evidence": dict[str, Evidence],
         "_generation": dict[str, TestCase],

@@ -17,6 +17,7 @@ from saflite.campaign.lifecycle.minimizer import Minimizer, names_of
 from saflite.campaign.lifecycle.repeats import shrink_flights_max, shrink_rule
 from saflite.campaign.scheduling.tasks import Task, is_enough
 from saflite.campaign.scheduling.work_keys import FlightKey, FlyKey, JudgeKey
+from saflite.contract.circumstances import ranges_kept
 from saflite.contract.flight import FLOWN_ENDINGS, Flight
 from saflite.contract.test_case import TestCase, identity
 from saflite.contract.verdict import Violation
@@ -114,7 +115,8 @@ class Minimization:
         rule, policy = shrink_rule(self._core.confirm), one.violation.policy
         most = shrink_flights_max(self._core.campaign.search, rule, is_first=one.is_first)
         shown_s, enough = _shown_s(one.trial, policy), self._enough.get(policy, frozenset())
-        minimizer = Minimizer(one.trial.test_case, most, rule, shown_s, enough)
+        ranges = ranges_kept(one.trial.test_case, self._core.target)
+        minimizer = Minimizer(one.trial.test_case, most, rule, shown_s, enough, ranges)
         waits_below = most - AT_ONCE * rule.flights if one.is_first else most + 1
         self._candidates.append(MinimizationCandidate(one.trial, one.violation, minimizer, waits_below, leads))
 

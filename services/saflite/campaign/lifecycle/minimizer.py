@@ -16,7 +16,7 @@ did not help.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import islice
 from typing import NamedTuple
@@ -28,6 +28,7 @@ from saflite.contract.test_case import Origin, Stimulus, TestCase, identity
 
 Stimuli = tuple[Stimulus, ...]
 
+EVERYTHING = (float("-inf"), float("inf"))
 TAIL_S = 4.0  # least time a shortened flight goes on after its last input
 PAUSES_S = (0.5, 1.0, 2.0)  # shorter pauses that are tried
 DIGITS = (1, 2)
@@ -55,7 +56,8 @@ class Minimizer:
     """The search for the smallest violating test case. `flights_max` bounds the flights asked for.
 
     `shown_s` is the moment by which the violation was shown, if that is known, and `enough` are the inputs (`names_of`)
-    of a smallest test case of another behaviour that violates the same policy, if there is one.
+    of a smallest test case of another behaviour that violates the same policy, if there is one. `ranges` are those of
+    inputs, by kind and name, whose values are to stay within: a find within documented ranges must not end outside.
     """
 
     def __init__(
@@ -65,11 +67,13 @@ class Minimizer:
         rule: RepeatRule,
         shown_s: float | None = None,
         enough: frozenset[str] = frozenset(),
+        ranges: Mapping[str, tuple[float, float]] | None = None,
     ) -> None:
         self.original = identity(test_case)
         self.rule = rule
         self._forms = [test_case]
         self._left = flights_max
+        self._ranges = dict(ranges or {})
         self._decided = {self.original}
         self._evidence: dict[str, Evidence] = {}
         ends = () if shown_s is None else ended(test_case, shown_s)
@@ -124,10 +128,18 @@ class Minimizer:
     # ---- generations and waves -----------------------------------------------------------------------------------
 
     def _begin_generation(self) -> bool:
-        fresh = (case for case in PHASES[self._phase](self.best) if identity(case) not in self._decided)
+        smaller = filter(self._is_in_range, PHASES[self._phase](self.best))
+        fresh = (case for case in smaller if identity(case) not in self._decided)
         many = max(1, self._width // self.rule.least_to_decide(0, 0))
         self._generation = {identity(case): case for case in islice(_unique(fresh), many)}
         return bool(self._generation)
+
+    def _is_in_range(self, test_case: TestCase) -> bool:
+        for one in test_case.stimuli:
+            low, high = self._ranges.get(f"{one.kind} {one.name}", EVERYTHING)
+            if not all(low <= value <= high for value in one.values):
+                return False
+        return True
 
     def _next_phase(self) -> None:
         self._phase += 1
