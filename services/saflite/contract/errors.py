@@ -62,5 +62,9 @@ def pip_install(*what: str) -> str:
 
 
 def not_installed(what: str, extra: str) -> Unavailable:
-    """Return what to raise where packages of an extra are missing."""
-    return Unavailable(f"{what} not installed: {pip_install(f'saflite-farm[{extra}]')}")
+    """Return what to raise where packages of an extra are missing; names those packages, wherever ours came from."""
+    from importlib.metadata import requires
+
+    lines = [line.partition(";") for line in requires("saflite-farm") or ()]
+    wanted = [name.strip() for name, _, marker in lines if f'extra == "{extra}"' in marker.replace("'", '"')]
+    return Unavailable(f"{what} not installed: {pip_install(*wanted)}")

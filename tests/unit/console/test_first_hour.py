@@ -11,11 +11,10 @@ import msgspec
 import pytest
 
 from saflite.console.cli import BROKEN_PIPE, main
-from saflite.console.operations import serving
 from saflite.console.run_data import farm_lookup
 from saflite.console.view import live, out
 from saflite.contract.control import Status
-from saflite.contract.errors import Refused
+from saflite.contract.errors import Refused, not_installed
 from saflite.runtime import farm_register
 from saflite.runtime.client import FarmInfo, write_info
 
@@ -115,15 +114,14 @@ def test_the_run_may_be_the_last_word() -> None:
     assert farm_lookup.last_as_run(["500"]) == (["500"], None)
 
 
-def test_what_is_missing_is_told_with_the_command_for_the_python_that_runs(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(("extra", "package"), [("ray", "ray>=2.56"), ("metrics", "prometheus-client>=0.21")])
+def test_what_is_missing_is_told_with_a_command_that_works_wherever_ours_came_from(
+    monkeypatch: pytest.MonkeyPatch, extra: str, package: str
 ) -> None:
-    monkeypatch.setattr(serving, "find_spec", lambda name: None)
     monkeypatch.setattr(sys, "executable", "/a place/bin/python")
-    assert main(["dashboard", "nosuch"]) == 3
-    told = capsys.readouterr().err
+    told = str(not_installed("it is", extra))
     advice = told[told.index("'/a place") :].strip()
-    assert shlex.split(advice) == ["/a place/bin/python", "-m", "pip", "install", "saflite-farm[dashboard]"]
+    assert shlex.split(advice) == ["/a place/bin/python", "-m", "pip", "install", package]
 
 
 def status(**changed: object) -> Status:

@@ -1,6 +1,6 @@
 """Print what makes a shell complete commands, options and files: for bash, zsh or fish.
 
-Needs the extra `completion` when it is printed, nothing when it is used. Print it anew after an update.
+Nothing is needed where it is used. Print it anew after an update.
 
 examples:
   saflite completion bash > ~/.local/share/bash-completion/completions/saflite
@@ -28,14 +28,11 @@ def run(args: argparse.Namespace) -> int:
 
 
 def script(shell: str) -> str:
-    """Return the script for a shell; raises Unavailable where shtab is not installed."""
-    from saflite.console.cli import whole_parser
-    from saflite.contract.errors import not_installed
+    """Return the script for a shell."""
+    import shtab
 
-    try:
-        import shtab
-    except ImportError as fault:
-        raise not_installed("shtab is", "completion") from fault
+    from saflite.console.cli import whole_parser
+
     parser = whole_parser()
     _complete_files(parser, shtab.FILE)
     return str(shtab.complete(parser, shell=shell)) + "\n"

@@ -46,7 +46,6 @@ def run(args: argparse.Namespace) -> int:
 
     tokens = access.read_tokens(args.tokens) if args.tokens is not None else {}
     access.check_address(args.host, tokens)
-    serving.check_extra()
     return serving.serve(_sources(args), args.host, args.port, tokens)
 
 

@@ -5,12 +5,11 @@ from __future__ import annotations
 import re
 import socket
 from collections.abc import Sequence
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from saflite.console.view import out
-from saflite.contract.errors import Refused, not_installed
+from saflite.contract.errors import Refused
 
 if TYPE_CHECKING:
     from saflite.console.view.dashboard.access import Tokens
@@ -20,13 +19,6 @@ ENDPOINT = re.compile(r"(tcp|tls|unixsock-stream)/")
 RUNS_MAX = 100
 ENDING_S = 5
 """What is being asked of a farm or made of a page may take so long after Ctrl-C."""
-
-
-def check_extra() -> None:
-    """Raise Unavailable unless the packages of the extra are installed."""
-    missing = [name for name in ("starlette", "uvicorn") if find_spec(name) is None]
-    if missing:
-        raise not_installed(f"{', '.join(missing)} {'is' if len(missing) == 1 else 'are'}", "dashboard")
 
 
 def is_endpoint(text: str) -> bool:
