@@ -31,6 +31,18 @@ pytestmark = [
     pytest.mark.skipif(importlib.util.find_spec("ray") is None, reason="the extra [ray] is not installed"),
 ]
 STORE_BYTES = 100 * 2**20
+WAIT = """
+BEGAN_S = time.monotonic()
+
+
+def wait():  # a flight lasts until there are two actors: on a busy machine the second takes longer than a campaign
+    import pathlib
+
+    until_s = time.monotonic() + 20.0
+    while not pathlib.Path(PLACE).exists() and time.monotonic() < min(until_s, BEGAN_S + 200.0):
+        time.sleep(0.1)
+    time.sleep(0.1)
+"""
 
 
 @pytest.fixture
@@ -119,10 +131,15 @@ def test_actors_follow_the_queue_and_those_that_leave_take_no_work_with_them(
     run_dir = _new_run(tmp_path / "run", _campaign())
     seen: list[int] = []
     given: list[str] = []
+    two_are_there = tmp_path / "two are there"
+    waiting = near.dart.read_text().replace("time.sleep(0.1)", "wait()") + WAIT.replace("PLACE", repr(str(two_are_there)))
+    (tmp_path / "dart.py").write_text(waiting)
 
     def pause_until_one_is_left(status: Status) -> None:
         """A queue without work, in the middle of the campaign."""
         seen.append(sum(worker.stage == "fly" for worker in status.workers))
+        if seen[-1] == 2:
+            two_are_there.touch()
         order: Verb | None = None
         if not given and status.flights >= BUDGET // 3 and seen[-1] == 2:
             order = "pause"
@@ -136,7 +153,7 @@ def test_actors_follow_the_queue_and_those_that_leave_take_no_work_with_them(
 
     summary = resume(
         run_dir,
-        modules=[near.dart],
+        modules=[tmp_path / "dart.py"],
         on="ray",
         scale={"fly": Bounds(1, 2), "score": Bounds(1, 1)},
         on_status=pause_until_one_is_left,
