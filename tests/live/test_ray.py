@@ -132,8 +132,8 @@ def test_actors_follow_the_queue_and_those_that_leave_take_no_work_with_them(
     seen: list[int] = []
     given: list[str] = []
     two_are_there = tmp_path / "two are there"
-    waiting = near.dart.read_text().replace("time.sleep(0.1)", "wait()") + WAIT.replace("PLACE", repr(str(two_are_there)))
-    (tmp_path / "dart.py").write_text(waiting)
+    waiting = near.dart.read_text().replace("time.sleep(0.1)", "wait()")
+    (tmp_path / "dart.py").write_text(waiting + WAIT.replace("PLACE", repr(str(two_are_there))))
 
     def pause_until_one_is_left(status: Status) -> None:
         """A queue without work, in the middle of the campaign."""
