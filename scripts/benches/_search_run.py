@@ -37,6 +37,7 @@ UNIFORM: dict[str, Setting] = {
     "own": 0.0,
     "kept": 0.0,
     "routed": 0.0,
+    "recalled": 0.0,
     "starts": 0.9,
     "missions": 0.1,
     "swarm": 1.0,

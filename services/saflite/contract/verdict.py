@@ -26,7 +26,8 @@ class Verdict(msgspec.Struct, frozen=True, kw_only=True):
 
     `robustness` is the signed distance to violation in the policy's own unit: negative means violated; None unless
     the rule held or was violated. `nearness`, 0 to 1, is the greatest share of the rule's conditions that were true at
-    once: 1 where the rule applied, 0 where it could not be judged. The witness window is the stretch of simulated time
+    once: 1 where the rule applied, 0 where it could not be judged. `applied_from_s` is when its condition first held,
+    None where it never did or the rule has none. The witness window is the stretch of simulated time
     that decided the outcome. `behaviour` says in words in which way the rule was violated, as far as one flight tells;
     `cause` names the inputs that may be behind it. Both are empty where it was not violated, or nobody can tell.
     """
@@ -35,6 +36,7 @@ class Verdict(msgspec.Struct, frozen=True, kw_only=True):
     outcome: Ruling
     robustness: Number | None = None
     nearness: Share = 1.0
+    applied_from_s: Number | None = None
     witness_from_s: Number = 0.0
     witness_to_s: Number = 0.0
     severity: Literal["none", "soft", "hard"] = "none"

@@ -49,6 +49,7 @@ class RuleOutcome(msgspec.Struct, frozen=True, array_like=True):
     outcome: Ruling
     nearness: Share = 1.0
     robustness: Number | None = None
+    applied_from_s: Number | None = None
 
 
 class Outcome(msgspec.Struct, frozen=True, kw_only=True):

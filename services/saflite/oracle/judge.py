@@ -153,6 +153,7 @@ def _ruled(policy: Policy, finding: Finding, hard: bool, features: dict[str, flo
         policy=policy.id,
         outcome="violated" if violated else "held",
         robustness=_finite(finding.robustness),
+        applied_from_s=finding.applied_from_s,
         witness_from_s=finding.witness_from_s,
         witness_to_s=finding.witness_to_s,
         severity=("hard" if hard else "soft") if violated else "none",

@@ -217,7 +217,8 @@ class Finding(NamedTuple):
 
     The witness window is the stretch of time that decided; `applied_share` the share of the samples at which the
     rule's condition held (1 for rules without one); `judged_s` the time over which the rule could be judged;
-    `nearness` the greatest share of the condition's parts that were true at once (1 where it applied).
+    `nearness` the greatest share of the condition's parts that were true at once (1 where it applied);
+    `applied_from_s` when it first held, None where it never did or there is none.
     """
 
     robustness: float
@@ -226,6 +227,7 @@ class Finding(NamedTuple):
     applied_share: float
     judged_s: float
     nearness: float = 1.0
+    applied_from_s: float | None = None
 
 
 def find(evaluator: Evaluator, formula: Node) -> Finding | None:
@@ -250,6 +252,7 @@ def find(evaluator: Evaluator, formula: Node) -> Finding | None:
     start, end = _stretch(values, at)
     window = ahead if math.isfinite(ahead) else (samples - 1) * step_s
     applied = _applied(evaluator, judged, first, last)
+    applied_at = _applied_first(evaluator, judged, first, last)
     return Finding(
         robustness=float(values[at]),
         witness_from_s=float(row[first + start]) * step_s,
@@ -257,6 +260,7 @@ def find(evaluator: Evaluator, formula: Node) -> Finding | None:
         applied_share=applied,
         judged_s=float(row[last - 1] + 1 - row[first]) * step_s,
         nearness=1.0 if applied > 0 else _nearness(evaluator, judged, first, last),
+        applied_from_s=None if applied_at is None else float(row[first + applied_at]) * step_s,
     )
 
 
@@ -277,18 +281,30 @@ def _applied(evaluator: Evaluator, judged: Node, first: int, last: int) -> float
     return float(np.mean(evaluator.trace(judged.args[0])[first:last] > 0))
 
 
+def _applied_first(evaluator: Evaluator, judged: Node, first: int, last: int) -> int | None:
+    """Return the first moment, counted from `first`, at which a condition of the rule held; None if there is none."""
+    if judged.op == "and":
+        places = [_applied_first(evaluator, part, first, last) for part in judged.args]
+        return min((place for place in places if place is not None), default=None)
+    if judged.op != "implies":
+        return None
+    true = evaluator.trace(judged.args[0])[first:last] > 0
+    return int(true.argmax()) if true.any() else None
+
+
 def _nearness(evaluator: Evaluator, judged: Node, first: int, last: int) -> float:
     """Greatest share of the parts of a condition that were true at once, so that a search can come nearer to it."""
     if judged.op != "implies":
         return max((_nearness(evaluator, part, first, last) for part in judged.args), default=0.0)
-    parts = _parts(judged.args[0])
+    parts = parts_of(judged.args[0])
     true = np.zeros(last - first, dtype=np.int8)
     for part in parts:
         true += evaluator.trace(part)[first:last] > 0
     return int(true.max()) / len(parts)
 
 
-def _parts(condition: Node) -> list[Node]:
+def parts_of(condition: Node) -> list[Node]:
+    """Return what has to be true together for a condition to hold."""
     if condition.op in ("and", "lasting", "prev"):
-        return [part for child in condition.args for part in _parts(child)]
+        return [part for child in condition.args for part in parts_of(child)]
     return [condition]

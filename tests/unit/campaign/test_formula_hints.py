@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from saflite.campaign.presets.formula_hints import (
     QUIET_MAX_S,
+    antecedents,
     failsafes_named,
+    far_asked_m,
     modes_named,
     quiet_asked_s,
+    sensor_lost,
     settings_asked,
+    settings_pushed,
     sticks_held,
     whole_formula,
 )
@@ -64,3 +68,43 @@ def test_a_stick_compared_with_a_setting_is_held_beside_its_default() -> None:
 
 def test_a_rule_with_odd_parts_tells_what_it_can() -> None:
     assert whole_formula({"formula": 3, "terms": "none", "constants": []}) == "3"
+
+
+def test_what_a_rule_asks_for_is_told_from_what_it_promises() -> None:
+    rule = {
+        "formula": "always (lasting[2] away implies mode == LAND)",
+        "terms": {"away": "flying and home_distance_m >= far_m + 5", "flying": "mode == GUIDED"},
+        "constants": {"far_m": 10.0},
+    }
+    asked = antecedents(rule)
+    assert modes_named(asked) == ("GUIDED",)
+    assert far_asked_m(asked, describe()) == 15.0
+    assert far_asked_m("home_distance_m >= fence_radius_set_m + 5", describe()) == 30.0
+    assert far_asked_m("home_distance_m <= 5", describe()) == 0.0
+    assert antecedents({"formula": "always (tilt_deg <= 60)"}) == "always (tilt_deg <= 60)"
+    assert antecedents({"formula": 3, "terms": "none", "constants": []}) == "3"
+    endless = {"formula": "always (a implies b)", "terms": {"a": "(a or a)"}}
+    assert antecedents(endless)
+
+
+def test_sums_of_a_stick_s_middle_are_worked_out() -> None:
+    rule = {"formula": "rc1_pwm <= 1500 - off and rc2_pwm >= 1500 + off", "constants": {"off": 100.0}}
+    held = [(entry.name, value) for entry, value in sticks_held(whole_formula(rule), describe())]
+    assert held == [("RC1", 1000.0), ("RC2", 2000.0)]
+    product = {"formula": "altitude_m >= 2 + 3 * off", "constants": {"off": 100.0}}
+    assert "2 + 3 * 100.0" in whole_formula(product)
+
+
+def test_a_setting_beside_a_state_is_pushed_the_way_that_makes_it_true() -> None:
+    asked = "altitude_est_m >= fence_altitude_max_set_m + 2 and altitude_est_m < latch(rtl_altitude_set_m, mode == RTL)"
+    pushed = [(entry.name, sense) for entry, sense in settings_pushed(asked, describe())]
+    assert pushed == [("FENCE_ALT_MAX", -1.0), ("RTL_ALT", 1.0)]
+    assert settings_pushed("land_speed_set_mps <= cruise_speed_set_mps and odd >= battery_low_set_v", describe()) == ()
+    assert settings_pushed("altitude_m >= altitude_est_m and mode >= fence_type_set", describe()) == ()
+
+
+def test_a_rule_about_a_lost_sensor_is_told_from_one_that_excuses_it() -> None:
+    assert sensor_lost({"formula": "always ((gps_ok == 0 and armed == 1) implies failsafe_gps == 1)"})
+    assert sensor_lost({"formula": "always (rise(armed == 1) implies prev(gps_ok == 1))"})
+    assert not sensor_lost({"formula": "always ((gps_ok == 1 and armed == 1) implies climb_mps > 0)"})
+    assert not sensor_lost({"formula": "always ((rc_present == 0 or rc1_pwm <= 1520) implies climb_mps > 0)"})

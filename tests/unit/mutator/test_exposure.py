@@ -251,7 +251,7 @@ def test_told_flights_are_changed_and_routes_to_states_are_taken() -> None:
     )
     found = searching.ask(100, derive(1, "ask"))
     children = [one for one in found if one.origin.parent == identity(flown)]
-    assert len(children) > 30
+    assert len(children) > 10
     assert all(one.scenario.start == flown.scenario.start for one in children)
     assert any(one.origin.note.startswith("to RTL") for one in found)
     assert Hint("upright") in searching._hints.values()
@@ -260,11 +260,11 @@ def test_told_flights_are_changed_and_routes_to_states_are_taken() -> None:
 def test_a_corpus_is_sown_as_it_was_kept_and_texts_that_are_none_are_refused() -> None:
     corpus = Corpus()
     flown = case(given("mode", "RTL"))
-    corpus.tell(flown, {"a-rtl1": 0.7}, 2)
+    corpus.tell(flown, {"a-rtl1": 0.9}, 2)
     texts = corpus.sown()
     searching = strategy(corpus=texts, kept=1.0)
     assert searching._corpus.sown() == texts
     parents = {one.origin.parent for one in searching.ask(40, derive(1, "ask"))}
-    assert parents == {identity(flown)}
+    assert parents == {"", identity(flown)}  # of a near miss always, else now and then
     with pytest.raises(Refused, match="strategy setting corpus"):
         strategy(corpus=["{}"])

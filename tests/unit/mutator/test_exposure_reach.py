@@ -43,7 +43,7 @@ def test_the_state_model_knows_what_comes_down_and_what_lifts_again() -> None:
 
 def test_a_vehicle_that_has_come_down_is_lifted_again_before_the_next_phase() -> None:
     hints: list[str] = ["a-rtl1 start:LOITER@20 in:LAND quiet:5", "upright start:LOITER@20 in:LOITER quiet:5"]
-    settings: dict[str, Setting] = {"hints": list(hints), "kept": 0.0, "routed": 0.0, "starts": 0.0}
+    settings: dict[str, Setting] = {"hints": list(hints), "kept": 0.0, "routed": 0.0, "starts": 0.0, "phases_max": 4}
 
     def lifted(*, comes_down: bool) -> int:
         searching = Strategy(TEMPLATE, settings, ("a-rtl1", "upright"), describe())

@@ -58,7 +58,18 @@ def test_nearness_counts_the_parts_of_a_condition_that_held_at_once() -> None:
     for mode, nearness in (([0, 0, 0, 0], 1 / 3), ([0, 6, 6, 0], 2 / 3), ([0, 0, 0, 6], 2 / 3)):
         finding = found(text, mode=mode, **given)
         assert finding is not None
-        assert (finding.applied_share, finding.nearness) == (0.0, nearness)
+        assert (finding.applied_share, finding.nearness, finding.applied_from_s) == (0.0, nearness, None)
+
+
+def test_the_first_moment_at_which_any_condition_of_a_rule_held_is_told() -> None:
+    text = "always (((mode == RTL) implies climb_mps > 0) and ((lasting[1] armed == 1) implies climb_mps > 0))"
+    for mode, armed, first_s in (([0, 0, 0, 6], [0, 1, 1, 0], 2.0), ([0, 6, 6, 0], [0, 0, 1, 1], 1.0)):
+        finding = found(text, mode=mode, armed=armed, climb_mps=[1, 1, 1, 1])
+        assert finding is not None
+        assert finding.applied_from_s == first_s
+    plain = found("always (climb_mps > 0)", climb_mps=[1, 1])
+    assert plain is not None
+    assert plain.applied_from_s is None
 
 
 def test_a_promise_that_could_still_be_kept_is_not_judged() -> None:

@@ -33,7 +33,7 @@ def outcome_of(
         founded=founded,
         points=max((verdict.points for verdict in judgement.verdicts), default=0.0),
         rules=tuple(
-            RuleOutcome(verdict.policy, verdict.outcome, verdict.nearness, verdict.robustness)
+            RuleOutcome(verdict.policy, verdict.outcome, verdict.nearness, verdict.robustness, verdict.applied_from_s)
             for verdict in judgement.verdicts
         ),
         transitions=judgement.transitions,

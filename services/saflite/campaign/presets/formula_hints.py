@@ -13,6 +13,7 @@ from saflite.contract.target_info import InputInfo, TargetInfo
 
 QUIET_MAX_S = 85.0
 DUE_S = 1.0  # after a time that a rule allows its promise is due
+_BARRED = re.compile(r"\bmode\s*!=\s*([A-Z_0-9]+)")
 _MODE = re.compile(r"\bmode\s*==\s*([A-Z_0-9]+)")
 _FAILSAFE = re.compile(r"\bfailsafe_([a-z]+)\s*==\s*1\b")
 _LASTING = re.compile(r"\b(?:lasting|historically)\s*\[\s*(?:[\d.]+\s*:\s*)?([\d.]+)")
@@ -22,6 +23,12 @@ _COMPARED = re.compile(r"\b([a-z_0-9]+)\s*(==|>=|<=)\s*([\d.]+)\b")
 _STICK = re.compile(r"\brc([1-4])_pwm\s*(>=?|<=?)\s*(?:([\d.]+)|([a-z_]+))")
 _STICK_MIDDLE = 1500.0
 _STICK_CLEAR = 50.0  # what is asked nearer to the middle is met with the stick let go
+_SUM = re.compile(r"(?<![\w.*/)] )(?<![\w.*/)-])(\d+(?:\.\d+)?) ([+-]) (\d+(?:\.\d+)?)(?! ?[*/]|[\w.])")
+_BESIDE = re.compile(r"\b([a-z_0-9]+)\s*(>=?|<=?)\s*\(?\s*(?:latch\(\s*)?([a-z_0-9]+)\b")
+_LOST = re.compile(r"\b[a-z]+_(?:ok|present)\s*==\s*0\b(?!\s*or\b)")
+_PROMISED = re.compile(r"\bimplies\s+(?:prev\()?\(?\s*[a-z]+_(?:ok|present)\s*==\s*1\b")
+_FAR = re.compile(r"\bhome_distance_m\s*>=?\s*([\d.]+)\b")
+TERMS_DEEP, TEXT_MAX = 6, 100_000
 SETTING = re.compile(r"\b[A-Za-z][A-Za-z0-9]*_[A-Za-z0-9_]+\b")
 
 
@@ -32,15 +39,48 @@ def whole_formula(data: dict[str, Any]) -> str:
     """Return a rule's formula with its named parts, constants as numbers."""
     terms = data.get("terms", {})
     text = "\n".join([str(data.get("formula", "")), *map(str, terms.values() if isinstance(terms, dict) else ())])
+    return with_numbers(text, data)
+
+
+def antecedents(data: dict[str, Any]) -> str:
+    """Return what a rule asks for before it speaks: what stands before each `implies`, named parts put in their places.
+
+    Of several promises joined by `and` those between stay; a rule without conditions is returned whole.
+    """
+    terms = data.get("terms", {})
+    text = str(data.get("formula", ""))
+    named = {str(name): str(part) for name, part in terms.items()} if isinstance(terms, dict) else {}
+    for _ in range(TERMS_DEEP):
+        before = text
+        for name, part in named.items():
+            text = re.sub(rf"\b{re.escape(name)}\b", f"({part})".replace("\\", r"\\"), text)
+        if text == before or len(text) > TEXT_MAX:
+            break
+    before, promise, _ = text.rpartition(" implies ")
+    return with_numbers(before if promise else text, data)
+
+
+def with_numbers(text: str, data: dict[str, Any]) -> str:
+    """Return a formula with its constants as numbers, and sums and differences of two numbers worked out."""
     constants = data.get("constants", {})
     for name, value in constants.items() if isinstance(constants, dict) else ():
         text = re.sub(rf"\b{re.escape(name)}\b", str(value), text)
-    return text
+    return _SUM.sub(_worked_out, text)
+
+
+def _worked_out(sum_: re.Match[str]) -> str:
+    left, how, right = sum_.groups()
+    return f"{float(left) + float(right) if how == '+' else float(left) - float(right):g}"
 
 
 def modes_named(formula: str) -> tuple[str, ...]:
     """Return the modes a formula asks for, in its order."""
     return tuple(dict.fromkeys(_MODE.findall(formula)))
+
+
+def modes_barred(formula: str) -> tuple[str, ...]:
+    """Return the modes in which a formula says that something must not be."""
+    return tuple(dict.fromkeys(_BARRED.findall(formula)))
 
 
 def failsafes_named(formula: str) -> tuple[str, ...]:
@@ -80,6 +120,49 @@ def sticks_held(formula: str, target: TargetInfo) -> tuple[tuple[InputInfo, floa
         for setting in _shown_by(signal, target):
             found[entry.name, setting + (_STICK_CLEAR if above else -_STICK_CLEAR) / 2.0] = entry
     return tuple((entry, value) for (_, value), entry in found.items())
+
+
+def settings_pushed(formula: str, target: TargetInfo) -> tuple[tuple[InputInfo, float], ...]:
+    """Return the parameters that a state is compared with, and the sense (1, -1) in which setting them makes it true.
+
+    A height above the ceiling of a fence comes of climbing, or of a low ceiling: the setting can be had anywhere.
+    """
+    inputs = {entry.name: entry for entry in target.inputs if entry.kind == "parameter"}
+    found: dict[tuple[str, float], InputInfo] = {}
+    for state, how, setting in _BESIDE.findall(formula):
+        shown = SIGNALS.get(setting, target.own_signals.get(setting))
+        if shown is None or not shown.unit or not (state in SIGNALS or state in target.own_signals):
+            continue
+        if any(name in inputs for name in _names_in(state, target)):
+            continue  # two settings side by side, or a command's speed: neither is a state
+        for name in _names_in(setting, target):
+            if name in inputs:
+                found[name, -1.0 if how.startswith(">") else 1.0] = inputs[name]
+    return tuple((entry, sense) for (_, sense), entry in found.items())
+
+
+def _names_in(signal: str, target: TargetInfo) -> list[str]:
+    known = SIGNALS.get(signal, target.own_signals.get(signal))
+    return SETTING.findall(known.meaning) if known is not None else []
+
+
+def sensor_lost(data: dict[str, Any]) -> bool:
+    """Return whether a rule is about a sensor or link that is lost: it asks for that, or promises that it is not."""
+    return bool(_LOST.search(antecedents(data)) or _PROMISED.search(whole_formula(data)))
+
+
+def far_asked_m(formula: str, target: TargetInfo) -> float:
+    """Return how far from home a formula wants the vehicle, 0 where it does not say.
+
+    Where it compares the distance with a setting it is the least one that can be set.
+    """
+    inputs = {entry.name: entry for entry in target.inputs if entry.kind == "parameter"}
+    asked = [float(text) for text in _FAR.findall(formula)]
+    for state, how, setting in _BESIDE.findall(formula):
+        if state == "home_distance_m" and how.startswith(">"):
+            named = [inputs[name] for name in _names_in(setting, target) if name in inputs]
+            asked += [entry.low / _SCALES.get(("m", entry.unit), 1.0) for entry in named if entry.low is not None]
+    return max(asked, default=0.0)
 
 
 def _shown_by(signal: str, target: TargetInfo) -> list[float]:

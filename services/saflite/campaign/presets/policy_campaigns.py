@@ -15,10 +15,15 @@ import msgspec
 
 from saflite.campaign.presets.formula_hints import (
     SETTING,
+    antecedents,
     failsafes_named,
+    far_asked_m,
+    modes_barred,
     modes_named,
     quiet_asked_s,
+    sensor_lost,
     settings_asked,
+    settings_pushed,
     sticks_held,
     whole_formula,
 )
@@ -211,13 +216,17 @@ def _hint(data: dict[str, Any], start: dict[str, Any], inputs: dict[str, list[An
     if start and not data.get("needs_mission"):
         state = StartState(**start)
         words.append(f"start:{state.mode}@{state.altitude_m:g}{'' if state.armed else ':disarmed'}")
-    formula = whole_formula(data)
+    formula, asked = whole_formula(data), antecedents(data)
+    modes = modes_named(asked) or modes_named(formula) or modes_barred(formula)
     words += ["mission:"] if data.get("needs_mission") else []
-    words += [f"in:{mode}" for mode in modes_named(formula) if ("mode", mode) in kinds]
+    words += [f"in:{mode}" for mode in modes if ("mode", mode) in kinds]
     words += [f"raised:{name}" for name in failsafes_named(formula)]
     words += [f"quiet:{quiet_s:g}" for quiet_s in (quiet_asked_s(formula, data.get("constants")),) if quiet_s]
     words += [f"asks:{entry.name}={value:g}" for entry, value in settings_asked(formula, target)]
     words += [f"holds:{entry.name}={value:g}" for entry, value in sticks_held(formula, target)]
+    words += [f"pushes:{entry.name}={sense:+g}" for entry, sense in settings_pushed(asked, target)]
+    words += ["upset:"] if sensor_lost(data) else []
+    words += [f"far:{far_m:g}" for far_m in (far_asked_m(asked, target),) if far_m]
     words += [f"reads:{kind}:{name}" for kind, name in _read_by(data, target)]
     for word, kind in _INPUTS.items():
         excused = kind == "sensor_fault" and _EXCUSED.search(formula)

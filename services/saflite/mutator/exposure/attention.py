@@ -16,6 +16,7 @@ SILENT, NEAR_MISS, FOUND = 2.0, 1.5, 0.25
 NEAR = 0.8  # progress from which on a flight counts as a near miss
 SUSPECTED = 3.0  # the same for one that a setting bears on which takes values outside its range
 EASED = 8.0  # flights for a policy after which it gets a quarter of the attention: what a scorer passes over catches up
+SPOKEN = 40.0  # flights in which its rule applied, asked for or not, after which it gets half
 MARK = "for "
 
 
@@ -31,7 +32,7 @@ class Standing(NamedTuple):
     def weight(self) -> float:
         """Its share of the attention."""
         state = FOUND if self.found else SILENT if not self.applied else NEAR_MISS if self.best >= NEAR else 1.0
-        return state / (1.0 + self.attended / EASED) ** 2
+        return state / (1.0 + self.attended / EASED) ** 2 / (1.0 + self.applied / SPOKEN)
 
 
 class Attention:

@@ -56,6 +56,10 @@ class Drawing:
             entry = self._vocabulary.draw_own(rng, style.hint, style.kinds)
         return self.given(rng, entry or self._vocabulary.draw(rng, style.hint.policy, style.kinds))
 
+    def pushed(self, rng: Rng, entry: Input, sense: float) -> float:
+        """Return a value of a setting well off where it rests, up or down."""
+        return numbers.pushed(rng, entry, self._rest.get((entry.kind, entry.name)), sense)
+
     def given(self, rng: Rng, entry: Input) -> Stimulus:
         """Return an input with values, rather not those that it has at rest."""
         default = self._rest.get((entry.kind, entry.name))

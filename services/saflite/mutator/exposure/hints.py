@@ -13,11 +13,13 @@ KINDS: tuple[StimulusKind, ...] = get_args(StimulusKind)
 HEIGHT_MAX_M = 1e6
 QUIET_MAX_S = 3600.0
 START, IN, READS, MISSION, RAISED, QUIET = "start", "in", "reads", "mission", "raised", "quiet"
-ASKS, HOLDS = "asks", "holds"
+ASKS, HOLDS, PUSHES, FAR, UPSET = "asks", "holds", "pushes", "far", "upset"
+FAR_MAX_M = 1e5
 DISARMED = "disarmed"
 SHAPE = (
     "'<policy> start:<mode>@<metres>[:disarmed] mission: in:<mode> raised:<failsafe> quiet:<seconds> "
-    "asks:<parameter>=<value> holds:<stick>=<value> reads:<kind>:<input> <kind>:<input> ...'"
+    "asks:<parameter>=<value> holds:<stick>=<value> pushes:<parameter>=<sense> far:<metres> upset: "
+    "reads:<kind>:<input> <kind>:<input> ...'"
 )
 
 
@@ -25,8 +27,10 @@ class Hint(NamedTuple):
     """One policy: where its flights may begin (None: where the campaign does), its own inputs.
 
     `modes` are those its formula names, `raised` the failsafes, `asked` settings with the values it compares them to,
-    `held` sticks with values at which it asks them to stay, `read` the inputs whose values it reads; its state must
-    last `quiet_s`; `flies_mission` if all is about missions.
+    `held` sticks with values at which it asks them to stay, `pushed` settings that it compares a state with and the
+    sense (1 up, -1 down) in which they make that true, `far_m` how far from home it wants the vehicle, `upset` if it is
+    about a lost sensor, `read` the inputs whose values it reads; its state must last `quiet_s`; `flies_mission` if all
+    is about missions.
     """
 
     policy: str
@@ -37,6 +41,9 @@ class Hint(NamedTuple):
     raised: tuple[str, ...] = ()
     asked: tuple[tuple[Input, float], ...] = ()
     held: tuple[tuple[Input, float], ...] = ()
+    pushed: tuple[tuple[Input, float], ...] = ()
+    far_m: float = 0.0
+    upset: bool = False
     quiet_s: float = 0.0
     flies_mission: bool = False
 
@@ -76,9 +83,8 @@ def _read(text: str, have: Have) -> Hint:
     modes: list[str] = []
     read: list[Input] = []
     raised: list[str] = []
-    asked: list[tuple[Input, float]] = []
-    held: list[tuple[Input, float]] = []
-    quiet_s, flies_mission = 0.0, False
+    valued: dict[str, list[tuple[Input, float]]] = {ASKS: [], HOLDS: [], PUSHES: []}
+    quiet_s, far_m, flies_mission, upset = 0.0, 0.0, False, False
     for word in words:
         kind, _, name = word.partition(":")
         if kind == START:
@@ -89,12 +95,14 @@ def _read(text: str, have: Have) -> Hint:
             raised.append(name)
         elif kind == QUIET:
             quiet_s = _number(name, QUIET_MAX_S, text)
-        elif kind == ASKS:
+        elif kind == UPSET:
+            upset = True
+        elif kind == FAR:
+            far_m = _number(name, FAR_MAX_M, text)
+        elif kind in valued:
             name, _, value = name.partition("=")
-            asked += [(entry, _number(value, math.inf, text)) for entry in named("parameter", [name], have, "hints")]
-        elif kind == HOLDS:
-            name, _, value = name.partition("=")
-            held += [(entry, _number(value, math.inf, text)) for entry in named("stick", [name], have, "hints")]
+            entries = named("stick" if kind == HOLDS else "parameter", [name], have, "hints")
+            valued[kind] += [(entry, _number(value, math.inf, text)) for entry in entries]
         elif kind == IN:
             modes.extend(entry.name for entry in named("mode", [name], have, "hints"))
         elif kind == READS:
@@ -111,8 +119,11 @@ def _read(text: str, have: Have) -> Hint:
         modes=tuple(modes),
         read=tuple(read),
         raised=tuple(raised),
-        asked=tuple(asked),
-        held=tuple(held),
+        asked=tuple(valued[ASKS]),
+        held=tuple(valued[HOLDS]),
+        pushed=tuple(valued[PUSHES]),
+        far_m=far_m,
+        upset=upset,
         quiet_s=quiet_s,
         flies_mission=flies_mission,
     )

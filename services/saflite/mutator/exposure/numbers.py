@@ -19,6 +19,7 @@ PAST_ENDS = 0.3  # share of those beyond it: a radio that fails, or is set up wr
 NEAR_DEFAULT, ON_LOG_SCALE = 0.3, 0.3
 EXTREME = 0.25  # share of commands of which one number is negative, 0, tiny or huge
 ORDINALS = 4  # the first number of a command often says which of a few things to do
+PUSHED_LEAST = 0.1  # of the way to the end of the range
 STEPS = (0.003, 0.3)  # local search: least and greatest change, as a share of the value or the range
 
 
@@ -62,6 +63,17 @@ def _extreme(rng: Rng, value: float) -> float:
     low, high = ((2.0, 5.0), (0.0, 4.0), (-3.0, -0.5))[way - 2]
     size = values.neat(10.0 ** rng.uniform(low, high))
     return -size if way == 3 else size
+
+
+def pushed(rng: Rng, entry: Input, default: float | None, sense: float) -> float:
+    """Return a value well off the default, up or down: all sizes of the way to that end of the range alike."""
+    end, share = entry.high if sense > 0.0 else entry.low, math.exp(rng.uniform(math.log(PUSHED_LEAST), 0.0))
+    base = default if default is not None else entry.low if sense > 0.0 else entry.high
+    if not math.isfinite(base):
+        return draw(rng, entry, default, 0.0)[0]
+    if not math.isfinite(end):
+        return values.neat(base + sense * share * max(1.0, 9.0 * abs(base)))
+    return _fit(entry, base + share * (end - base))
 
 
 def _fit(entry: Input, value: float) -> float:

@@ -23,6 +23,7 @@ MORE = 0.6  # chance of one more input in a phase
 INPUTS_MAX = 6
 QUIET_SHARE, QUIET_LONGER = 0.75, 1.5  # how often a phase lasts as long as the rule asks for, how much longer at most
 MUCH_LONGER_SHARE, MUCH_LONGER = 0.3, 4.0  # where the vehicle has to come to first: over home, to the ground
+SET_PAUSE_S = (0.05, 0.3)  # between settings given first of all
 LEAD_PAUSE_S = (0.5, 4.0)  # between inputs that bring the vehicle to where a phase begins
 ACT_S = (2.0, 12.0)  # for what moves the vehicle before a phase's state is entered
 EARLY = 0.5  # share of phases with inputs before the state is entered, and share of those inputs
@@ -43,15 +44,18 @@ class Tempo(NamedTuple):
 class Phase(NamedTuple):
     """What a phase is made of.
 
-    `lead` brings the vehicle to where it begins, `act` is given there and has its time, `entry` enters the state,
-    `first` are inputs it must have before those that `draw` gives, `held` sticks stay through the quiet, which is
-    `quiet_s` long mostly if that is told; `last` is given right before it.
+    `pushed` are settings given first of all, `lead` brings the vehicle to where the phase begins, `act` is given there
+    and has its time (and `act_s` more), `entry` enters the state, `first` are inputs it must have before those that
+    `draw` gives, `held` sticks stay through the quiet, which is `quiet_s` long mostly if that is told; `last` is given
+    right before it.
     """
 
     draw: Draw
     entry: tuple[Stimulus, ...] = ()
+    pushed: tuple[Stimulus, ...] = ()
     lead: tuple[Stimulus, ...] = ()
     act: tuple[Stimulus, ...] = ()
+    act_s: float = 0.0
     first: tuple[Stimulus, ...] = ()
     held: tuple[Stimulus, ...] = ()
     quiet_s: float = 0.0
@@ -82,11 +86,15 @@ class Script:
 
     def phase(self, rng: Rng, phase: Phase) -> None:
         """Add a phase: into a state, a few inputs, quiet; what is taken back then."""
+        for stimulus in phase.pushed:
+            self.give(stimulus)
+            self.pause(rng, *SET_PAUSE_S)
         for stimulus in phase.lead:
             self.give(stimulus)
             self.pause(rng, *LEAD_PAUSE_S)
         for stimulus in phase.act:
             self.give(stimulus)
+            self.at_s += phase.act_s
             self.pause(rng, *ACT_S)
         bare = rng.random() < (BARE if phase.last is None else BARE_ORDER)
         many = 0 if bare else _count(rng) - len(phase.first)
@@ -106,7 +114,22 @@ class Script:
             self.pause(rng, phase.quiet_s, longer * phase.quiet_s)
         else:
             self.pause(rng, *self._tempo.settle_s)
-        self._let_go(rng, (*phase.act, *given, *phase.held), tuple(RECOVER))
+        self._let_go(rng, (*phase.pushed, *phase.act, *given, *phase.held), tuple(RECOVER))
+
+    def again(
+        self, rng: Rng, lead: Sequence[Stimulus], steps: Sequence[tuple[float, Stimulus]], lasts_s: float
+    ) -> None:
+        """Add inputs at their times from now on, after the `lead`; then quiet, and what is taken back."""
+        for stimulus in lead:
+            self.give(stimulus)
+            self.pause(rng, *LEAD_PAUSE_S)
+        begin_s = self.at_s
+        for after_s, stimulus in steps:
+            self.at_s = begin_s + after_s
+            self.give(stimulus)
+        self.at_s = begin_s + lasts_s
+        self.pause(rng, *self._tempo.settle_s)
+        self._let_go(rng, [stimulus for _, stimulus in steps], tuple(RECOVER))
 
     def _let_go(self, rng: Rng, given: Sequence[Stimulus], kinds: Sequence[StimulusKind]) -> None:
         """Take inputs back, each once; one that is at rest already stays."""

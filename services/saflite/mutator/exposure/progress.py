@@ -29,6 +29,11 @@ def by_policy(outcome: Outcome) -> dict[str, float]:
     return {policy: value for policy, value in told if value is not None}
 
 
+def applied_s(outcome: Outcome) -> dict[str, float]:
+    """Return when each rule that applied first did."""
+    return {rule.policy: rule.applied_from_s for rule in outcome.rules if rule.applied_from_s is not None}
+
+
 def answers(outcome: Outcome) -> tuple[frozenset[int], frozenset[int]]:
     """Return the places of the inputs that were given in a flight, and of those that the target took.
 

@@ -17,6 +17,7 @@ from saflite.mutator.operators.values import HOME_LAT_DEG, HOME_LON_DEG, NEAR_DE
 Rng = np.random.Generator
 HEIGHT_M = (3.0, 120.0)
 GROUND_SHARE = 0.15
+ELSEWHERE = (0.25, 3.0)  # times a policy's own height: to sink for long takes height
 MISSION_HEIGHT_M = (4.0, 40.0)
 MISSION_LONGER_S = 60.0  # a mission begins with half a minute on the ground and the way up
 ITEMS_MAX = 8  # between take-off and end: what a mission counts, skips and jumps shows with several only
@@ -47,7 +48,7 @@ class Scenarios(NamedTuple):
         """Return a start in the same mode at another height; what begins on the ground stays there."""
         if start.altitude_m <= 0.0:
             return self.begin(start)
-        height_m = round(start.altitude_m * _log_uniform(rng, 0.25, 2.0), 1)
+        height_m = round(start.altitude_m * _log_uniform(rng, *ELSEWHERE), 1)
         return self.begin(msgspec.structs.replace(start, altitude_m=height_m))
 
     def mission(self, rng: Rng) -> Scenario:

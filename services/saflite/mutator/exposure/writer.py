@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from functools import partial
 
+import msgspec
 import numpy as np
 
 from saflite.contract.test_case import StartState, Stimulus
@@ -12,39 +14,66 @@ from saflite.mutator.exposure.drawing import Drawing, Style
 from saflite.mutator.exposure.hints import Hint
 from saflite.mutator.exposure.phases import Phase, Script, Stimuli, Tempo
 from saflite.mutator.exposure.probes import Probes, beyond
+from saflite.mutator.exposure.recipes import Recipe, Recipes
 from saflite.mutator.exposure.state_model import StateModel
 from saflite.mutator.exposure.vocabulary import pick
 from saflite.mutator.operators.inputs import Have
-from saflite.mutator.operators.values import LIFT
+from saflite.mutator.operators.values import LIFT, MOVES, away
 
 Rng = np.random.Generator
 ASKED = 0.6  # chance that a setting has the value a rule asks for
 ORDERED = 0.7  # share of phases that end with a command their rule is about: it waits for what follows, undisturbed
-CAUSED = 0.7  # share of phases, for rules about a raised failsafe, that begin with what may raise it
-KNOWN = 0.7  # share of those that begin with what raised it before, where something did
+CAUSED = 0.85  # share of phases, for rules about a raised failsafe, that begin with what may raise it
+KNOWN = 0.8  # share of those that begin with what raised it before, where something did
 ACTS = 0.5  # share of phases, from one mode into another, before which something moves the vehicle
 FROM_START = 0.6  # share of phases that come from the mode in which the rule's own flights begin
-HELD = 0.7  # share of phases in which a stick stays where a rule asks for it
+HELD = 0.8  # share of phases in which a stick stays where a rule asks for it
+UPSET = 0.5  # share of phases, for rules about a lost sensor, in which a fault of their own comes first
+MOVED_OFF = 0.5  # share of phases in which one of the settings that the rule reads is off its default from the start
+DEFLECTED = 0.2  # the same for rules that ask for no stick but have some
+PUSHED = 0.7  # chance that a setting is moved the way in which a comparison with it becomes true
+AWAY = 0.85  # share of phases, for rules that want the vehicle away from home, in which it is sent there
+AWAY_S = (2.0, 20.0)  # it is given to come there, besides
+KIN = 0.5  # share of recipes, for a rule about a failsafe, that are of another rule about it
 COMES_DOWN, MOVED = 0.2, 0.8  # share of landings from which on the vehicle is lifted again, and how often it is
 DEADLY = 6.0
+GROUND_ORDERS = 0.25  # how much later an order comes that lifts the vehicle from the ground, mostly
+SINKS = 0.05  # chance that it stands on the ground after any phase, for a reason not known
+ABOUT, OWN_MODE = 0.85, 0.95  # share of phases entered by a mode the formula names; by one of these or of its inputs
 LIFT_S, LAND_S = (5.0, 10.0), (10.0, 30.0)
+HEIGHT_M = 20.0  # where a rule names no start
+REDRAWN, STRETCHED, ADDED = 0.25, 0.5, 0.5  # of its inputs; of its times; chance of one more input
+ADDED_MAX = 3
+STRETCH = (0.7, 1.6)
 LAX = 0.6  # share of test cases that set what is known to take any value
 
 
 class Writer:
     """Writes with what is drawn, known of the target's states, and of the ranges it checks."""
 
-    def __init__(self, have: Have, drawing: Drawing, states: StateModel, probes: Probes) -> None:
+    def __init__(
+        self, have: Have, drawing: Drawing, states: StateModel, probes: Probes, recipes: Recipes, recalled: float
+    ) -> None:
+        """Take what is drawn from; `recalled` is the share of phases that give a recipe again where one is known."""
         self._have, self._drawing, self._states, self._probes = have, drawing, states, probes
+        self._recipes, self._recalled = recipes, recalled
+        self._kin: dict[str, tuple[str, ...]] = {}
         given = [key for key in LIFT if key[:2] in have]
         common = [Stimulus(at_s=0.0, kind=kind, name=name, values=values) for kind, name, values in given]
         self._lift = common if len(common) == len(LIFT) else []
+
+    def tell_of(self, hints: Sequence[Hint]) -> None:
+        """Take what is known of all policies: which are about the same failsafes."""
+        for hint in hints:
+            words = set(hint.raised)
+            kin = [one.policy for one in hints if one.policy != hint.policy and words.intersection(one.raised)]
+            self._kin[hint.policy] = tuple(kin)
 
     def fresh(self, rng: Rng, tempo: Tempo, start: StartState | None, hints: Sequence[Hint], many: int) -> Stimuli:
         """Return up to `many` phases, the policies in turn, for a flight with this start (None: a mission)."""
         script, mode = Script(tempo), start.mode if start is not None else ""
         down = 1.0 if start is not None and start.altitude_m <= 0.0 else 0.0
-        styles = [self._drawing.style(rng, hint) for hint in self._in_turn(rng, hints)]
+        styles = [self._drawing.style(rng, hint) for hint in hints]
         for stimulus in (*self._asked(rng, hints), *self._probed(rng)):
             script.give(stimulus)
         for number in range(many):
@@ -52,12 +81,12 @@ class Writer:
             if number:
                 mode, down = self._moved(rng, script, style.hint, mode, down)
             mode = self.phase(rng, script, style, mode)
-            down = max(down, self._states.comes_down((mode, *style.hint.raised)))
+            down = 1.0 - (1.0 - down) * (1.0 - max(SINKS, self._states.comes_down((mode, *style.hint.raised))))
             if script.is_full:
                 break
         return script.stimuli()
 
-    def _in_turn(self, rng: Rng, hints: Sequence[Hint]) -> list[Hint]:
+    def in_turn(self, rng: Rng, hints: Sequence[Hint]) -> list[Hint]:
         """Return the policies in the order of their phases: those whose states end on the ground mostly last.
 
         Among those that begin there the ones about an order, which lifts the vehicle mostly, come last.
@@ -65,7 +94,7 @@ class Writer:
 
         def late(hint: Hint) -> float:
             down = self._states.comes_down((*hint.modes[:1], *hint.raised))
-            return (0.5 * bool(hint.orders()) if hint.begins == "ground" else down) - hint.flies_mission
+            return (GROUND_ORDERS * bool(hint.orders()) if hint.begins == "ground" else down) - hint.flies_mission
 
         return sorted(hints, key=lambda hint: late(hint) + float(rng.uniform(0.0, 0.5)))
 
@@ -79,7 +108,8 @@ class Writer:
         if not way or rng.random() >= MOVED or (not grounded and down < COMES_DOWN):
             return mode, down
         if grounded:
-            way = way[:-1]
+            armed = hint.start is None or hint.start.armed
+            way = way[:-1] if armed else way[:1]
             if down < COMES_DOWN and (lands := self._states.lands()):
                 script.give(self._mode(lands)[0])
                 script.pause(rng, *LAND_S)
@@ -93,17 +123,24 @@ class Writer:
     def phase(self, rng: Rng, script: Script, style: Style, mode: str) -> str:
         """Write a phase; return the mode it is meant to be flown in."""
         hint = style.hint
+        recipe = self._recalled_for(rng, hint) if rng.random() < self._recalled else None
+        if recipe is not None:
+            return self._again(rng, script, style, recipe, mode)
         lead: tuple[Stimulus, ...] = ()
         start_mode = hint.start.mode if hint.start is not None and hint.start.altitude_m > 0.0 else mode
-        if start_mode != mode and rng.random() < FROM_START:
+        far = self._away(rng, hint)
+        if start_mode != mode and (far or rng.random() < FROM_START):
             lead, mode = self._mode(start_mode), start_mode
         entry = self._entry(rng, hint, mode)
-        first = self._cause(rng, style) if hint.raised and rng.random() < CAUSED else ()
+        caused = (CAUSED if hint.raised else 0.0, UPSET if hint.upset else 0.0)
+        first = self._cause(rng, style) if rng.random() < max(caused) else ()
         phase = Phase(
             draw=partial(self._drawing.draw, style),
             entry=entry,
+            pushed=self._pushed(rng, hint),
             lead=lead,
-            act=self._act(rng, hint) if entry and mode == start_mode else (),
+            act=far or (self._act(rng, hint) if entry and mode == start_mode else ()),
+            act_s=float(rng.uniform(*AWAY_S)) if far else 0.0,
             first=first,
             held=self._held(rng, hint),
             quiet_s=hint.quiet_s,
@@ -111,6 +148,66 @@ class Writer:
         )
         script.phase(rng, phase)
         return entry[0].name if entry else mode
+
+    def _recalled_for(self, rng: Rng, hint: Hint) -> Recipe | None:
+        """Return what made a rule apply; for one about a raised failsafe also what raised it for another rule."""
+        kin = self._kin.get(hint.policy, ())
+        if kin and rng.random() < KIN:
+            other = self._recipes.draw(rng, kin[int(rng.integers(len(kin)))])
+            if other is not None:
+                return other
+        return self._recipes.draw(rng, hint.policy)
+
+    def _again(self, rng: Rng, script: Script, style: Style, recipe: Recipe, mode: str) -> str:
+        """Write a phase that made the rule apply before, with other values, times and a few inputs more."""
+        low, high = (math.log(share) for share in STRETCH)
+        stretch = math.exp(rng.uniform(low, high)) if rng.random() < STRETCHED else 1.0
+        first_s, lasts_s = recipe.stimuli[0].at_s, stretch * recipe.lasted_s
+        steps = [(stretch * (one.at_s - first_s), self._varied(rng, style.hint, one)) for one in recipe.stimuli]
+        for _ in range(ADDED_MAX):
+            if rng.random() >= ADDED:
+                break
+            steps.append((float(rng.uniform(0.0, lasts_s)), self._drawing.draw(style, rng)))
+        steps.sort(key=lambda step: step[0])
+        script.again(rng, self._mode(recipe.mode) if recipe.mode != mode else (), steps, lasts_s)
+        return next((one.name for _, one in reversed(steps) if one.kind == "mode"), recipe.mode)
+
+    def _varied(self, rng: Rng, hint: Hint, stimulus: Stimulus) -> Stimulus:
+        """Return an input again, now and then with other values, or another mode that the rule is about."""
+        entry = self._have.get((stimulus.kind, stimulus.name))
+        if entry is None or rng.random() >= REDRAWN:
+            return stimulus
+        if stimulus.kind == "mode":
+            others = hint.modes if stimulus.name in hint.modes else (stimulus.name,)
+            return msgspec.structs.replace(stimulus, name=pick(rng, others, [self._worth(hint, one) for one in others]))
+        return self._drawing.given(rng, entry)
+
+    def _worth(self, hint: Hint, mode: str) -> float:
+        """Return what a mode is worth entering: less where flights crash, and where the rule has applied before."""
+        return self._recipes.seldom(hint.policy, mode) / (1.0 + DEADLY * self._states.crashes(mode))
+
+    def _pushed(self, rng: Rng, hint: Hint) -> tuple[Stimulus, ...]:
+        """Return settings moved the way in which what the rule compares with them comes true, and one that it reads."""
+        asked = {entry.name for entry, _ in hint.asked}
+        free = [(entry, sense) for entry, sense in hint.pushed if entry.name not in asked]
+        chosen = [(entry, sense) for entry, sense in free if rng.random() < PUSHED]
+        pushed = [
+            Stimulus(at_s=0.0, kind=entry.kind, name=entry.name, values=(self._drawing.pushed(rng, entry, sense),))
+            for entry, sense in chosen
+        ]
+        told = asked.union(entry.name for entry, _ in hint.pushed)
+        read = [entry for entry in hint.read if entry.kind == "parameter" and entry.name not in told]
+        if read and rng.random() < MOVED_OFF:  # a setting at its default does not show whether it acts
+            pushed.append(self._drawing.given(rng, read[int(rng.integers(len(read)))]))
+        return tuple(pushed)
+
+    def _away(self, rng: Rng, hint: Hint) -> tuple[Stimulus, ...]:
+        """Return an order to leave home, for a rule that wants the vehicle away from it."""
+        if not hint.far_m or ("command", MOVES) not in self._have or rng.random() >= AWAY:
+            return ()
+        about_m = hint.start.altitude_m if hint.start is not None and hint.start.altitude_m > 0.0 else HEIGHT_M
+        place = away(rng, hint.far_m, about_m * 2.0 ** rng.uniform(-1.0, 1.0))
+        return (Stimulus(at_s=0.0, kind="command", name=MOVES, values=place),)
 
     def _act(self, rng: Rng, hint: Hint) -> tuple[Stimulus, ...]:
         """Return a command or stick of the rule's own that moves the vehicle in the mode where its flights begin."""
@@ -123,7 +220,15 @@ class Writer:
         return (Stimulus(at_s=0.0, kind="mode", name=name),) if ("mode", name) in self._have else ()
 
     def _held(self, rng: Rng, hint: Hint) -> tuple[Stimulus, ...]:
-        """Return a stick where the formula asks for it, mostly, if it asks for any."""
+        """Return a stick where the formula asks for it, mostly; where it asks for none one of the rule's own at an end.
+
+        A limit is kept by whoever asks for nothing: what bounds speed or lean shows only under a full stick.
+        """
+        own = [entry for entry in hint.inputs if entry.kind == "stick" and math.isfinite(entry.high - entry.low)]
+        if not hint.held and own and rng.random() < DEFLECTED:
+            stick = own[int(rng.integers(len(own)))]
+            end = stick.low if rng.random() < 0.5 else stick.high
+            return (Stimulus(at_s=0.0, kind=stick.kind, name=stick.name, values=(end,)),)
         if not hint.held or rng.random() >= HELD:
             return ()
         entry, value = hint.held[int(rng.integers(len(hint.held)))]
@@ -171,9 +276,8 @@ class Writer:
         way, about = rng.random(), list(hint.modes)
         own = [entry.name for entry in hint.inputs if entry.kind == "mode"]
         every = [name for kind, name in self._have if kind == "mode"]
-        names = (about or own or every) if way < 0.7 else (own or about or every) if way < 0.9 else every
+        names = (about or own or every) if way < ABOUT else (own or about or every) if way < OWN_MODE else every
         if not names or (mode in names and rng.random() < 0.5):
             return ()
-        sound = [1.0 / (1.0 + DEADLY * self._states.crashes(name)) for name in names]
-        name = pick(rng, names, sound)
+        name = pick(rng, names, [self._worth(hint, name) for name in names])
         return () if name == mode else (Stimulus(at_s=0.0, kind="mode", name=name),)

@@ -44,6 +44,18 @@ HOME_LAT_DEG, HOME_LON_DEG = 47.3977419, 8.5455938  # where flights without a mi
 NEAR_DEG = 0.0005  # about 50 m
 
 
+MOVES, DEG_PER_M = "MAV_CMD_DO_REPOSITION", 1.0 / 111_320.0
+
+
+def away(rng: Rng, far_m: float, height_m: float) -> Values:
+    """Return the numbers of an order to go to a place 1.2 to 12 times as far from home, at a height."""
+    distance = far_m * math.exp(rng.uniform(math.log(1.2), math.log(12.0)))
+    heading = float(rng.uniform(0.0, 2.0 * math.pi))
+    north = distance * math.cos(heading) * DEG_PER_M
+    east = distance * math.sin(heading) * DEG_PER_M / math.cos(math.radians(HOME_LAT_DEG))
+    return (0.0, 0.0, 0.0, 0.0, round(HOME_LAT_DEG + north, 7), round(HOME_LON_DEG + east, 7), neat(height_m))
+
+
 def has_choices(command: str) -> bool:
     """Return whether numbers that mean something are known for a command."""
     return command in _CHOICES or command in _PLACES

@@ -25,13 +25,14 @@ from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import Origin, Scenario, TestCase
 from saflite.contract.work import Outcome
 from saflite.mutator.exposure import numbers
-from saflite.mutator.exposure.attention import Attention, note
+from saflite.mutator.exposure.attention import NEAR, Attention, note
 from saflite.mutator.exposure.corpus import Corpus, Entry, read_sown
 from saflite.mutator.exposure.drawing import Drawing, Shares, Style
 from saflite.mutator.exposure.hints import SHAPE, Hint, read_hints
 from saflite.mutator.exposure.phases import TAIL_S, Draw, Phase, Script, Stimuli, Tempo, cut, shifted
 from saflite.mutator.exposure.probes import Probes
-from saflite.mutator.exposure.progress import answers, by_policy
+from saflite.mutator.exposure.progress import answers, applied_s, by_policy
+from saflite.mutator.exposure.recipes import Recipes
 from saflite.mutator.exposure.scenarios import Scenarios, scenarios_of
 from saflite.mutator.exposure.state_model import StateModel
 from saflite.mutator.exposure.vocabulary import Vocabulary
@@ -45,6 +46,7 @@ AIRBORNE_S = (20.0, 40.0)  # a mission takes off after about 20 s
 SETTLE_LEAST_S = 1.5
 SHIFT_S = (0.05, 15.0)
 SECONDS_EACH = 20.0  # of a fresh test case for one policy: it is for as many as its time allows, a phase in turn
+COVERING = 0.3  # share of changed flights, where a policy had no near miss, that change one that covered something new
 POLICIES_MOST = 60  # however long it is
 
 
@@ -60,8 +62,9 @@ class Strategy:
         "own": Option(0.75, "share of inputs from the policy's own list; the rest from all the target has", 0, 1),
         "starts": Option(0.3, "share of fresh test cases that begin in any mode at any height", 0, 1),
         "missions": Option(0.0, "share of fresh test cases that fly a short mission", 0, 1),
-        "kept": Option(0.2, "share of test cases that change one of the corpus", 0, 1),
-        "routed": Option(0.1, "share of test cases that go to a state and a kind of input seldom tried there", 0, 1),
+        "kept": Option(0.08, "share of test cases that change one of the corpus", 0, 1),
+        "routed": Option(0.04, "share of test cases that go to a state and a kind of input seldom tried there", 0, 1),
+        "recalled": Option(0.5, "share of phases that give again, changed, what made the rule apply before", 0, 1),
         "swarm": Option(0.8, "chance of a kind of the policy's own inputs; half that for others", 0.05, 1),
         "faults": Option(0.15, "the same for sensor faults beyond the policy's own: a fault excuses most rules", 0, 1),
         "beyond": Option(0.15, "share of values outside their valid range; 0: none", 0, 1),
@@ -99,7 +102,10 @@ class Strategy:
         self._states = StateModel()
         shares = Shares(*(self._chosen.real(name) for name in Shares._fields))
         self._drawing = Drawing(self._vocabulary, self._rest, shares)
-        self._writer = Writer(self._have, self._drawing, self._states, self._probes)
+        recalled = self._chosen.real("recalled")
+        self._recipes = Recipes({hint.policy: hint.quiet_s for hint in hints})
+        self._writer = Writer(self._have, self._drawing, self._states, self._probes, self._recipes, recalled)
+        self._writer.tell_of(hints)
         self._corpus = Corpus()
         for sown in read_sown(self._chosen.words("corpus")):
             case = msgspec.structs.replace(template, scenario=sown.scenario, stimuli=sown.stimuli)
@@ -118,6 +124,7 @@ class Strategy:
             self._probes.tell(case, given, taken, ended=crashed or bool(outcome.violated))
             self._vocabulary.tell(case, progress, given, taken)
             self._attention.tell(case, progress)
+            self._recipes.tell(case, applied_s(outcome), sorted(taken))
             self._corpus.tell(case, progress, self._states.tell(case, outcome.transitions, crashed=crashed))
 
     # ---- ask ---------------------------------------------------------------------------------------------------
@@ -147,8 +154,8 @@ class Strategy:
             routed = self._routed(rng, policies[0])
             if routed is not None:
                 return routed
-        scenario = self._scenario(rng, self._hints[policies[0]])
-        hints = [self._hints[policy] for policy in dict.fromkeys(policies)]
+        hints = self._writer.in_turn(rng, [self._hints[policy] for policy in dict.fromkeys(policies)])
+        scenario = self._scenario(rng, hints[0])
         tempo, many = self._tempo(rng, scenario), self._chosen.whole("phases_max")
         made = self._writer.fresh(rng, tempo, scenario.start, hints, many)
         return self._made(scenario, made, note(policies, "fresh"))
@@ -185,8 +192,11 @@ class Strategy:
     # ---- changing what is kept ---------------------------------------------------------------------------------
 
     def _parent(self, rng: Rng, policy: str) -> Entry | None:
+        """Return a near miss of the policy, now and then a flight that covered something new; None for neither."""
         best = self._corpus.best(policy)
-        return best if best is not None and rng.random() < 0.7 else self._corpus.covering(rng)
+        if best is not None and best.progress >= NEAR:
+            return best
+        return self._corpus.covering(rng) if rng.random() < COVERING else None
 
     def _change(self, rng: Rng, parent: Entry, policies: Sequence[str]) -> tuple[str, Stimuli]:
         """Return one or two changes of a kept sequence, in words and as stimuli."""
