@@ -108,6 +108,13 @@ CASES = {
         (order(0.5, "DO_REPOSITION", *FAR, 20.0), mode(26.0, "RTL")),
         ("a-rtl2",),
     ),
+    "an antenna is said to be far from the middle": Case(
+        ("GUIDED", 8.0),
+        110.0,
+        {"GPS_POS1_X": 5.0, "GPS_POS1_Y": -5.0, "RTL_ALT": 800.0, "RTL_LOIT_TIME": 0.0},
+        (order(0.5, "DO_REPOSITION", *FAR, 8.0), mode(26.0, "RTL")),
+        ("estimate-true", "return-ends-at-home", "a-rtl2", "place-reached"),
+    ),
     "a heading is ordered of a board said to be mounted askew": Case(
         ("GUIDED", 20.0),
         24.0,

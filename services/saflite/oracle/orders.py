@@ -61,6 +61,8 @@ SETTINGS: dict[str, Setting] = {
     "return_climb_min_set_m": Setting("RTL_CLIMB_MIN", 0.0, 0.0, 3000.0, 0.01),
     "loiter_speed_set_mps": Setting("LOIT_SPEED", 1250.0, 20.0, 3500.0, 0.01),
     "disarm_delay_set_s": Setting("DISARM_DELAY", 10.0, 0.0, 127.0),
+    "gps_forward_set_m": Setting("GPS_POS1_X", 0.0, -5.0, 5.0),
+    "gps_right_set_m": Setting("GPS_POS1_Y", 0.0, -5.0, 5.0),
     "trim_roll_set_deg": Setting("AHRS_TRIM_X", 0.0, -0.1745, 0.1745, 57.29578),
     "trim_pitch_set_deg": Setting("AHRS_TRIM_Y", 0.0, -0.1745, 0.1745, 57.29578),
     "circle_rate_set_dps": Setting("CIRCLE_RATE", 20.0, -90.0, 90.0),
