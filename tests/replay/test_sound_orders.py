@@ -108,6 +108,13 @@ CASES = {
         (order(0.5, "DO_REPOSITION", *FAR, 20.0), mode(26.0, "RTL")),
         ("a-rtl2",),
     ),
+    "a landing reaches the height where it slows down": Case(
+        ("LOITER", 15.0),
+        25.0,
+        {"WPNAV_SPEED_DN": 300.0, "PSC_JERK_XY": 20.0},
+        (mode(0.5, "LAND"),),
+        ("a-land2", "px-land1"),
+    ),
     "an antenna is said to be far from the middle": Case(
         ("GUIDED", 8.0),
         110.0,
