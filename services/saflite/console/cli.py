@@ -23,6 +23,7 @@ INTERRUPTED = 130
 BROKEN_PIPE = 141  # 128 and SIGPIPE, as the shell has it
 NO_PLACE = (errno.ENAMETOOLONG, errno.ELOOP, errno.ENOTDIR, errno.EISDIR, errno.EINVAL)
 """What the system says of a path that can be none, or is of another kind than what was asked for."""
+NO_MEMORY = ("failed to map segment", "Cannot allocate memory")  # as the loader of libraries has it
 NUL_IN_PATH = "embedded null byte"  # a ValueError, as Python has it; no argument holds one, a path in a file may
 _ORDER = ("run", "resume", "replay", "watch", "report", "list")
 
@@ -89,6 +90,14 @@ def main(argv: Sequence[str] | None = None) -> int:
             out.complain("refused", text)
             return REFUSED
         out.complain("unavailable", text)
+        return INFRASTRUCTURE
+    except MemoryError:
+        out.complain("unavailable", "this process was given too little memory")
+        return INFRASTRUCTURE
+    except ImportError as fault:
+        if not any(words in str(fault) for words in NO_MEMORY):
+            return _own_fault(fault)
+        out.complain("unavailable", f"this process was given too little memory: {_in_a_line(fault)}")
         return INFRASTRUCTURE
     except ValueError as fault:
         if str(fault) != NUL_IN_PATH:

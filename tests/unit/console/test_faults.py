@@ -24,3 +24,17 @@ def test_any_exception_is_one_line_and_exit_code_3(
     [log] = tmp_path.glob("saflite-*.log")
     assert str(log) in said
     assert "in broken" in log.read_text()
+
+
+@pytest.mark.parametrize("fault", [MemoryError(), ImportError("x.so: failed to map segment from shared object")])
+def test_too_little_memory_is_no_fault_of_ours(
+    fault: Exception, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def starved(words: list[str]) -> int:
+        raise fault
+
+    monkeypatch.setattr(cli, "_dispatch", starved)
+    assert cli.main(["list"]) == cli.INFRASTRUCTURE
+    said = capsys.readouterr().err
+    assert said.startswith("saflite: unavailable: this process was given too little memory")
+    assert said.count("\n") == 1

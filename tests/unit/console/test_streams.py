@@ -5,11 +5,13 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import pytest
 
+from saflite.bus import keyring
 from saflite.console.cli import BROKEN_PIPE, INFRASTRUCTURE, NOTHING_FOUND, REFUSED
 
 SAYS: tuple[list[str], ...] = (
@@ -86,3 +88,18 @@ def test_no_file_of_ours_stands_where_output_was_closed(tmp_path: Path) -> None:
     )
     words = [sys.executable, "-c", program, str(tmp_path / "file")]
     assert subprocess.run(["sh", "-c", 'exec "$@" <&- >&- 2>&-', "sh", *words], check=False).returncode == 0
+
+
+@pytest.mark.parametrize("verb", [["init", "--host", "h"], ["add", "b", "--role", "viewer"], ["list"], ["revoke", "a"]])
+def test_keys_are_not_blamed_for_where_their_words_go(verb: list[str], tmp_path: Path, unread: int) -> None:
+    with open("/dev/full", "wb") as full:
+        for output, code, told in ((full.fileno(), INFRASTRUCTURE, "No space left"), (unread, BROKEN_PIPE, "")):
+            keys = tmp_path / f"keys{code}"
+            if verb[0] != "init":
+                keyring.init(keys, ["h"], now_s=time.time(), days=9)
+                keyring.add(keys, "a", ["viewer"], now_s=time.time(), days=9)
+            words = [*COMMAND, "keys", *verb, "--keys", str(keys)]
+            done = subprocess.run(words, stdout=output, stderr=subprocess.PIPE, text=True, check=False, env=BUFFERED)
+            assert done.returncode == code, done.stderr
+            assert told in done.stderr
+            assert str(keys) not in done.stderr

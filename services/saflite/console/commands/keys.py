@@ -43,33 +43,42 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Do it and say what to do next."""
-    from saflite.bus import keyring
     from saflite.console.view import out
     from saflite.contract.errors import Unavailable
     from saflite.runtime.clock import WallClock
 
     now_s = WallClock().unix_s()
+    if args.verb == "list":
+        _list(args, now_s)
+        return 0
     try:
-        if args.verb == "init":
-            register = keyring.init(args.keys, args.host, now_s=now_s, days=args.days)
-            out.line(f"keys in {args.keys}; the router is reached by {', '.join(register.hosts)}")
-            out.line(f"next: saflite keys add NAME --role ROLE --keys {args.keys}")
-        elif args.verb == "add":
-            _add(args, now_s)
-        elif args.verb == "revoke":
-            keyring.revoke(args.keys, args.name)
-            out.line(f"the key of {args.name} counts no more")
-        else:
-            _list(args, now_s)
+        done = _do(args, now_s)
     except OSError as fault:
         raise Unavailable(f"{args.keys} cannot be written: {fault.strerror or fault}") from fault
+    for line in done:  # what is wrong with where that goes is not said of the keys
+        out.line(line)
     return 0
 
 
-def _add(args: argparse.Namespace, now_s: float) -> None:
+def _do(args: argparse.Namespace, now_s: float) -> list[str]:
+    """Do it and return what to say."""
+    from saflite.bus import keyring
+
+    if args.verb == "init":
+        register = keyring.init(args.keys, args.host, now_s=now_s, days=args.days)
+        return [
+            f"keys in {args.keys}; the router is reached by {', '.join(register.hosts)}",
+            f"next: saflite keys add NAME --role ROLE --keys {args.keys}",
+        ]
+    if args.verb == "add":
+        return _add(args, now_s)
+    keyring.revoke(args.keys, args.name)
+    return [f"the key of {args.name} counts no more"]
+
+
+def _add(args: argparse.Namespace, now_s: float) -> list[str]:
     from saflite.bus import keyring
     from saflite.bus.access import ANY_CAMPAIGN, ROLES
-    from saflite.console.view import out
     from saflite.contract.errors import Refused
 
     unknown = [role for role in args.role if role not in ROLES]
@@ -83,8 +92,10 @@ def _add(args: argparse.Namespace, now_s: float) -> None:
         now_s=now_s,
         days=args.days,
     )
-    out.line(f"{bundle}: copy this folder to where {args.name} works, and keep it as secret as a password")
-    out.line("there: --keys FOLDER with `saflite worker --join`, `watch`, `control` and `scorer`")
+    return [
+        f"{bundle}: copy this folder to where {args.name} works, and keep it as secret as a password",
+        "there: --keys FOLDER with `saflite worker --join`, `watch`, `control` and `scorer`",
+    ]
 
 
 def _list(args: argparse.Namespace, now_s: float) -> None:
