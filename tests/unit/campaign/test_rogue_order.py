@@ -15,7 +15,7 @@ from books_drive import Driver, new_books
 from saflite.contract import wire
 from saflite.contract.blobs import BlobMissing
 from saflite.contract.rng import derive
-from saflite.contract.work import HandedBack, Heartbeat, Lease, Report, Stage
+from saflite.contract.work import HandedBack, Heartbeat, Lease, MutateResult, Report, Stage
 
 WORKERS = ("a", "b", "c")
 
@@ -79,3 +79,18 @@ def test_only_who_holds_a_lease_is_believed_and_once(seed: int) -> None:
     settled = Counter(report.lease_id for report in taken if not isinstance(report.result, HandedBack))
     assert set(settled.values()) == {1}, "counted twice"
     assert driver.books.status(driver.now).flights == 6
+
+
+def test_a_mutator_plants_no_defect() -> None:
+    """What flies is the campaign's to say: a find of a vehicle made worse would be one of another vehicle."""
+    driver = new_books()
+    (lease,) = driver.ask("mutate")
+    honest = driver.service.do(lease.work)
+    assert isinstance(honest, MutateResult)
+    case = honest.test_cases[0]
+    settings = {**case.target.settings, "defects": ["parachute-in-acro"]}
+    worse = msgspec.structs.replace(case, target=msgspec.structs.replace(case.target, settings=settings))
+    planted = msgspec.structs.replace(honest, test_cases=(worse, *honest.test_cases[1:]))
+    receipt = driver.report(lease, planted)
+    assert receipt.status == "refused"
+    assert "settings" in receipt.message

@@ -83,6 +83,8 @@ def _check_mutants(core: Core, task: Task, result: MutateResult) -> None:
     wanted = core.template.target.name, core.template.target.build
     for case in result.test_cases:
         _same(task, "target and build", wanted, (case.target.name, case.target.build))
+        if case.target.settings != core.template.target.settings:  # planted defects among them
+            _refuse(task, "the target's settings as the campaign has them", case.target.settings)
         _check_size(task, "test case", case, max(TEST_CASE_BYTES_MAX, 2 * len(wire.encode(core.template))))
 
 
