@@ -48,13 +48,15 @@ def test_a_campaign_adds_the_hosts_its_labels_name_and_no_others(monkeypatch: py
         model="openai:m@https://gpu.example/v1",
         shadow=("ollama:mistral:7b@box:11434", "gap", "openai:gpt", "openai:m@"),
     )
-    assert hosts_named_by(scorer) == ("gpu.example:443", "box:11434")
+    assert hosts_named_by(scorer) == ("https://gpu.example:443", "box:11434")
     set_there = with_key_hosts(hosts_named_by(scorer))
-    assert set_there == {"SAFLITE_KEY_HOSTS": "api.example,gpu.example:443,box:11434"}
+    assert set_there == {"SAFLITE_KEY_HOSTS": "api.example,https://gpu.example:443,box:11434"}
     monkeypatch.setenv("SAFLITE_KEY_HOSTS", set_there["SAFLITE_KEY_HOSTS"])
     for good in ("https://gpu.example/v2", "http://box:11434", "https://api.example"):
         assert may_have_key(good, "https://api.openai.com/v1")
     assert not may_have_key("https://evil.test/v1", "https://api.openai.com/v1")
+    for plain in ("http://gpu.example:443/v1", "http://api.example:443", "http://api.openai.com:443/v1"):
+        assert not may_have_key(plain, "https://api.openai.com/v1"), "a key would go through the net in the clear"
     monkeypatch.delenv("SAFLITE_KEY_HOSTS")
     assert with_key_hosts(hosts_named_by(ScorerConfig())) == {}
 
