@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -35,6 +35,9 @@ from saflite.oracle.units import margin_unit
 POLICIES_DIR = Path(__file__).parent / "policies"
 DEFAULT_POLICY = "min-obstacle-distance"
 ID = re.compile(r"[a-z0-9][a-z0-9-]*")
+
+ENTRIES_MAX = 1_000
+"""Of a kind in a policy file: each is looked for in the text, and examples are judged."""
 
 
 class Inputs(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -193,6 +196,10 @@ def parse_policy(text: str, where: str) -> Policy:
     except msgspec.ValidationError as fault:
         place, got = _near(text, where, str(fault)), told(fault, data, PolicyFile)
         raise Refused("policy file", where=place, expected="a policy", got=got) from fault
+    most = max(len(file.examples), len(file.terms), len(file.signals), len(file.constants))
+    if most > ENTRIES_MAX:
+        expected = f"at most {ENTRIES_MAX} examples, terms, signals and constants"
+        raise Refused("policy file", where=where, expected=expected, got=most)
     _check_names(file, text, where)
     place = f"{where} line {_line_of(text, 'formula')}"
     policy = _compiled(file, text, where, place)
@@ -335,18 +342,25 @@ def _check_example(policy: Policy, example: Example, name: str, place: str) -> N
 
 # ---- where things stand in the text -------------------------------------------------------------------------------
 
+NEAR_CHARS = 200  # of what is said of a fault: each word in it is looked for in the whole text
+
 
 def _line_of(text: str, key: str, occurrence: int = 1) -> int:
     """Return the line on which `key` first stands as a key, a table or a word; 1 if nowhere."""
-    lines = text.splitlines()
-    starts = [n for n, line in enumerate(lines, 1) if line.lstrip(' ["').startswith(key)]
+    starts = _starts(text, key)
     if len(starts) >= occurrence:
         return starts[occurrence - 1]
-    return next((n for n, line in enumerate(lines, 1) if key in line), 1)
+    return text.count("\n", 0, max(text.find(key), 0)) + 1
+
+
+@lru_cache(maxsize=4)  # examples are looked for one by one
+def _starts(text: str, key: str) -> list[int]:
+    return [n for n, line in enumerate(text.splitlines(), 1) if line.lstrip(' ["').startswith(key)]
 
 
 def _near(text: str, where: str, fault: str) -> str:
-    words = [word.strip("`.$[]…") for word in fault.replace(".", " ").split() if "`" in word]
+    said = fault[:NEAR_CHARS].replace(".", " ").split()
+    words = [word.strip("`.$[]…") for word in said if "`" in word]
     line = next((_line_of(text, word) for word in words if word and word in text), 1)
     return f"{where} line {line}"
 

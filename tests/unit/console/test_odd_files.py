@@ -331,6 +331,22 @@ def test_a_policy_of_any_size_is_judged_by_or_refused(
     assert (code == REFUSED) == said.err.startswith("saflite: refused: ")
 
 
+@pytest.mark.parametrize("part", ["examples", "terms", "signals", "constants"])
+def test_a_policy_of_thousands_of_parts_is_refused_at_once(
+    part: str, here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text, many = own_policy("always altitude_m > 0"), range(3_000)
+    example = '[[examples]]\nholds = true\nwhy = "above"\nduration_s = 3.0\nsignals = { altitude_m = 5 }\n'
+    values = {"terms": '"altitude_m > 0"', "signals": '"m"', "constants": "1.0"}
+    table = "".join(f"name{number} = {values.get(part)}\n" for number in many)
+    if part == "signals":
+        text = text.replace('signals = { altitude_m = "m" }\n', "") + f'[signals]\naltitude_m = "m"\n{table}'
+    else:
+        text += example * 3_000 if part == "examples" else f"[{part}]\n{table}"
+    (here / "own.toml").write_text(text + "#\n" * 50_000)
+    assert "at most 1000" in ends_in_a_line(capsys, "judge", "flight.trace", "--policy", "own.toml")
+
+
 def test_a_policy_whose_numbers_are_none_is_refused_before_a_run(
     here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
