@@ -19,7 +19,7 @@ BUG_SEEDS_MAX = 80
 LIKELY = {
     "answers_before_commit": 103,
     "anybody_may_report": 20,
-    "planned_on_what_happens_to_be_known": 133,
+    "planned_on_what_happens_to_be_known": 1671,
     "the_mutator_is_told_too_early": 10,
 }
 """Where a bug was seen first when the test was written; only saves time."""
