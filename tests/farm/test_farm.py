@@ -72,9 +72,7 @@ def test_a_planted_bug_is_caught(name: str) -> None:
                 assert not never_ran(), f"caught before the planted code ran: {never_ran()} of {name} is stale"
                 return
     if name == "planned_on_what_happens_to_be_known":
-        pytest.xfail(
-            "met by seed 133 until messages grew, since then by none of some 1,300: needs a world of its own"
-        )
+        pytest.xfail("met by seed 133 until messages grew, since then by none of some 1,300: needs a world of its own")
     pytest.fail(f"{name} got through {BUG_SEEDS_MAX} seeds")
 
 
