@@ -13,6 +13,7 @@ class FarmBlobs:
 
     def __init__(self) -> None:
         self.kept: dict[str, bytes] = {}
+        self.lost: set[str] = set()  # by the world: one that was judged before may be wanted all the same
         self.left: dict[tuple[str, str], bytes] = {}
 
     def put(self, data: bytes) -> BlobRef:

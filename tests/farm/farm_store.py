@@ -72,7 +72,7 @@ class MemoryStore:
         if self.crash_next == "before" and batch.lines:
             raise Crash
         assert batch.first_line == len(self.lines), "a batch was left out or committed twice"
-        assert set(batch.flushed) <= set(self.blobs.kept), "a blob that is to be kept is not there"
+        assert set(batch.flushed) <= self.blobs.kept.keys() | self.blobs.lost, "a blob that is to be kept is not there"
         self.lines += batch.lines
         for event in batch.events:
             assert event.seq == len(self.all_events) + 1, f"event {event.seq} after {len(self.all_events)}"

@@ -281,6 +281,7 @@ class World:
             self.ghost.spoiled.update((flight.test_case, flight.flight_index) for flight in spoiled)
             if self.rng.random() < 0.5:
                 del blobs.kept[name]
+                blobs.lost.add(name)
             else:
                 blobs.kept[name] = b"\0" + blobs.kept[name][1:]
         elif blobs.left:
