@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from stimuli import given
 
 from saflite.conformance.flying import fly_once
 from saflite.contract.flight import Flight
@@ -12,7 +13,6 @@ from saflite.contract.test_case import (
     Scenario,
     StartState,
     Stimulus,
-    StimulusKind,
     Target,
     TestCase,
     identity,
@@ -22,10 +22,6 @@ from saflite.oracle.judge import judge
 START = StartState(mode="ALT_HOLD", altitude_m=50.0)
 HEIGHT_RULES = ("a-alt-hold2", "px-altitude1")
 STOP_RULES = ("a-rtl4", "px-rtl5")
-
-
-def given(at_s: float, kind: StimulusKind, name: str, *values: float) -> Stimulus:
-    return Stimulus(at_s=at_s, kind=kind, name=name, values=values)
 
 
 def item(command: int, *where: float) -> MissionItem:

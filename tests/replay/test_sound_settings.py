@@ -5,34 +5,15 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import pytest
+from stimuli import fault, given, mode, setting, stick
 
 from saflite.conformance.flying import fly_once
 from saflite.contract.flight import Flight
-from saflite.contract.test_case import Scenario, StartState, Stimulus, StimulusKind, Target, TestCase, identity
+from saflite.contract.test_case import Scenario, StartState, Stimulus, Target, TestCase, identity
 from saflite.oracle.judge import judge
 
 RETURNS = ("a-rtl1", "px-rtl1", "a-rtl2")
 FAR = (0.0, 1.0, 0.0, 0.0, 47.3987419, 8.5456138)  # 110 m north
-
-
-def given(at_s: float, kind: StimulusKind, name: str, *values: float) -> Stimulus:
-    return Stimulus(at_s=at_s, kind=kind, name=name, values=values)
-
-
-def mode(at_s: float, name: str) -> Stimulus:
-    return given(at_s, "mode", name)
-
-
-def stick(at_s: float, number: int, pwm: float) -> Stimulus:
-    return given(at_s, "stick", f"RC{number}", pwm)
-
-
-def setting(at_s: float, name: str, value: float) -> Stimulus:
-    return given(at_s, "parameter", name, value)
-
-
-def fault(at_s: float, name: str, value: float) -> Stimulus:
-    return given(at_s, "sensor_fault", name, value)
 
 
 def goto(at_s: float, place: tuple[float, ...], altitude_m: float) -> Stimulus:
