@@ -77,7 +77,7 @@ def shape_of(seed: int) -> Shape:
     loss = float(rng.choice([0.0, 0.1, 0.3]))
     return Shape(
         search_seed=seed % SEARCHES,
-        budget=9,
+        budget=13 if _is_scarce(seed % SEARCHES) else 9,
         simulators=int(rng.integers(1, 4)),
         trouble=Trouble(loss, float(rng.choice([0.0, 0.2])), float(rng.choice([0.01, 0.5, 2.0])), float(loss / 2)),
         chaos_per_s=float(rng.choice([0.0, 0.1, 0.4])),
@@ -95,16 +95,23 @@ def clean(shape: Shape) -> Shape:
     )
 
 
+def _is_scarce(search_seed: int) -> bool:
+    """Whether all candidates of a round are to fly: many rounds then fly fewer than planned, and close out of turn."""
+    return search_seed % 4 == 3
+
+
 def campaign_of(shape: Shape) -> Campaign:
     """Return the campaign of a farm."""
+    candidates, flights, lag = (4, 4, 3) if _is_scarce(shape.search_seed) else (5, 2, 2)
     lease = LeaseConfig(lease_s=2.0, heartbeat_s=0.4, wall_limit_s=20.0)
     by_chance = shape.repeats == "statistically"
     return doubles.campaign(
         shape.budget,
         rng_seed=shape.search_seed,
         lease=lease,
-        candidates_per_round=5,
-        flights_per_round=2,
+        candidates_per_round=candidates,
+        flights_per_round=flights,
+        lag=lag,
         shrink=shape.search_seed % 4 == 0,
         shrink_flights_max=30 if by_chance else 10,
         confirm_flights=3 if by_chance else None,
