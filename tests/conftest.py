@@ -1,15 +1,22 @@
 """Live tests and golden searches are skipped, with the reason, unless asked for.
 
-No generated test case has a time limit.
+No generated test case has a time limit. Processes that tests start hear signals, however the tests were started.
 """
 
 from __future__ import annotations
+
+import signal
 
 import pytest
 from hypothesis import settings
 
 settings.register_profile("farm", deadline=None)  # a busy machine is no defect; speed is for benchmarks
 settings.load_profile("farm")
+
+# A shell's background job, and nohup, ignore these two; ignoring is inherited, also by the farms that tests stop.
+for _ending, _usual in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):
+    if signal.getsignal(_ending) is signal.SIG_IGN:
+        signal.signal(_ending, _usual)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

@@ -15,47 +15,22 @@ import numpy as np
 from farm_blobs import FarmWorkerBlobs
 from farm_checks import Ghost, at_the_end, at_the_end_of_a_clean_run, journal_is_the_state
 from farm_members import BooksMember, members
+from farm_shapes import CALM, SEARCHES, Shape, campaign_of, clean, shape_of
 from farm_store import MemoryStore
 
 from saflite.bus.base import Happening, Reply
-from saflite.bus.faulty import FaultyNetwork, Trouble
+from saflite.bus.faulty import FaultyNetwork
 from saflite.campaign.scheduling.work_keys import FlyKey, JudgeKey
 from saflite.contract import topics, wire, work
-from saflite.contract.config import Campaign, LeaseConfig
 from saflite.contract.control import Control
 from saflite.contract.errors import Refused
 from saflite.contract.rng import derive
-from saflite.contract.target_info import Repeats
 
 CHAOS_S = 40.0
 """Until when, in virtual seconds, faults are made; after that the farm must come to its end by itself."""
 
-SEARCHES = 12
-"""How many different searches the seeds make; all seeds of one search must find the same."""
-
 LIMIT_S = 900.0
 """A campaign that has not ended by then, long after the last fault, never will."""
-
-CALM = Trouble(loss=0.0, duplicate=0.0, delay_max_s=0.01)
-
-
-class Shape(NamedTuple):
-    """What a seed makes of the farm. The search depends on `search_seed` only, so that runs can be compared."""
-
-    search_seed: int
-    budget: int
-    simulators: int
-    trouble: Trouble
-    chaos_per_s: float
-    babbles: float
-    wedges: float
-    breaks: float
-    builds: bool
-
-    @property
-    def repeats(self) -> Repeats:
-        """What the target says of its repeats: part of the search."""
-        return "statistically" if self.search_seed % 3 == 0 else "bitwise"
 
 
 class Report(NamedTuple):
@@ -69,55 +44,6 @@ class Report(NamedTuple):
     virtual_s: float
     flights: int
     orders: int
-
-
-def shape_of(seed: int) -> Shape:
-    """Return the farm of a seed: few searches, many kinds of trouble."""
-    rng = derive(seed, "shape")
-    loss = float(rng.choice([0.0, 0.1, 0.3]))
-    return Shape(
-        search_seed=seed % SEARCHES,
-        budget=13 if _is_scarce(seed % SEARCHES) else 9,
-        simulators=int(rng.integers(1, 4)),
-        trouble=Trouble(loss, float(rng.choice([0.0, 0.2])), float(rng.choice([0.01, 0.5, 2.0])), float(loss / 2)),
-        chaos_per_s=float(rng.choice([0.0, 0.1, 0.4])),
-        babbles=float(rng.choice([0.0, 0.0, 0.3])),
-        wedges=float(rng.choice([0.0, 0.0, 0.1])),
-        breaks=float(rng.choice([0.0, 0.0, 0.1])),
-        builds=bool(rng.choice([False, True])),
-    )
-
-
-def clean(shape: Shape) -> Shape:
-    """Return the same search without any trouble, on two simulators."""
-    return shape._replace(
-        simulators=2, trouble=CALM, chaos_per_s=0.0, babbles=0.0, wedges=0.0, breaks=0.0, builds=False
-    )
-
-
-def _is_scarce(search_seed: int) -> bool:
-    """Whether all candidates of a round are to fly: many rounds then fly fewer than planned, and close out of turn."""
-    return search_seed % 4 == 3
-
-
-def campaign_of(shape: Shape) -> Campaign:
-    """Return the campaign of a farm."""
-    candidates, flights, lag = (4, 4, 3) if _is_scarce(shape.search_seed) else (5, 2, 2)
-    lease = LeaseConfig(lease_s=2.0, heartbeat_s=0.4, wall_limit_s=20.0)
-    by_chance = shape.repeats == "statistically"
-    return doubles.campaign(
-        shape.budget,
-        rng_seed=shape.search_seed,
-        lease=lease,
-        candidates_per_round=candidates,
-        flights_per_round=flights,
-        lag=lag,
-        shrink=shape.search_seed % 4 == 0,
-        shrink_flights_max=30 if by_chance else 10,
-        confirm_flights=3 if by_chance else None,
-        confirm_needed=2 if by_chance else None,
-        batch=3,
-    )
 
 
 @dataclass

@@ -10,7 +10,8 @@ from typing import Any
 
 import pytest
 from farm_bugs import BUGS, _patched, is_stale, never_ran
-from farm_world import CALM, World, clean, know_the_clean_finds, run_seed, shape_of
+from farm_shapes import CALM, clean, shape_of
+from farm_world import World, know_the_clean_finds, run_seed
 
 from saflite.campaign.engine.state import Books
 

@@ -147,14 +147,14 @@ def test_time_that_passed_while_all_stood_still_ends_no_lease(clock: SetClock, t
     run_dir = tmp_path / "run"
     campaign = tmp_path / "night.toml"
     text = 'name = "night"\nmission = "mission2"\npolicies = ["min-obstacle-distance"]\nbudget_flights = 10\n'
-    campaign.write_text(f"{text}[lease]\nlease_s = 3.0\n")  # shorter ones end by themselves on a busy machine
+    campaign.write_text(f"{text}[lease]\nlease_s = 6.0\n")  # shorter ones end by themselves on a busy machine
     farm = started(clock, "run", str(campaign), "--workers", "1", "--out", str(run_dir))
     try:
         wait_for("flights", run_dir, farm, 1)
         everybody = [*read_info(run_dir).processes.values(), farm.pid]
         for process in everybody:
             os.kill(process, signal.SIGSTOP)
-        time.sleep(4.0)
+        time.sleep(8.0)
         clock.step(7 * 3_600)
         for process in everybody:
             os.kill(process, signal.SIGCONT)

@@ -70,6 +70,6 @@ def test_only_what_is_new_is_reported(versions: Path, capsys: pytest.CaptureFixt
 
 def test_a_run_ends_in_time(versions: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ("run", "point-mass.toml", "--out", "run", "--budget", "100000", "--module", "v1/point_mass.py")
-    (ended,) = said(capsys, 0, *words, "--minutes", "0.1")
+    (ended,) = said(capsys, 0, *words, "--minutes", "0.4")
     assert ended["ended"] is False
     assert "minutes are over" in str(ended["why"])
