@@ -22,6 +22,7 @@ from saflite.contract.control import Status
 from saflite.contract.flight import Flight, pack_trace, trace_digest
 from saflite.contract.join import Join
 from saflite.contract.service import Cancelled, Service
+from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import identity, told_in_order, under_noise
 from saflite.contract.topics import PROTOCOL
 from saflite.contract.work import Ask, Failure, FlyResult, FlyWork, Report, Result, Stage, Work
@@ -32,6 +33,7 @@ from saflite.oracle import work as oracle
 from saflite.runtime.clock import WallClock
 from saflite.runtime.stages import brief_of
 from saflite.scorer_pool import work as scorer_pool
+from saflite.scorer_pool.model import BriefOf
 
 CAST: tuple[tuple[Stage, int], ...] = (("mutate", 1), ("score", 1), ("fly", 1), ("judge", 1), ("fly", 2), ("judge", 1))
 """Who asks in turn. Two take turns flying: a confirmation waits for a worker other than the finder, and were the second
@@ -85,14 +87,22 @@ class Flights:
 class Inline:
     """A campaign from its first round to `run`'s end. Services may be shared by several campaigns."""
 
-    def __init__(self, campaign: Campaign, run_dir: Path, flights: Flights) -> None:
-        self._store = Store.create(run_dir, campaign, template(campaign), describe())
+    def __init__(
+        self,
+        campaign: Campaign,
+        run_dir: Path,
+        flights: Flights,
+        target: TargetInfo | None = None,
+        brief: BriefOf = brief_of,
+    ) -> None:
+        """Begin; on the reference target, with scorers told all of the policies, if not said otherwise."""
+        self._store = Store.create(run_dir, campaign, template(campaign), target or describe())
         self._books: Books = self._store.rebuild()
         flights.blobs = self._store.blobs
         self._clock = WallClock()
         self._services: dict[Stage, Service] = {
             "mutate": mutator.open_service(),
-            "score": scorer_pool.open_service(brief_of, self._clock),
+            "score": scorer_pool.open_service(brief, self._clock),
             "fly": flights,
             "judge": oracle.open_service(self._store.blobs),
         }

@@ -1,11 +1,16 @@
 """`scripts/bench bugs-real`: which of the paper's ten bugs a real binary still has, by flying each one's known trigger.
 
     scripts/bench bugs-real [--target ardupilot|px4] [--json]
+    scripts/bench bugs-real --blind BUG ... [--seeds 5] [--budget 100] [--out FILE.jsonl]
 
 The triggers are those of the public reports (`services/saflite/console/evaluation/data/rq2_bugs.toml`); parameters
 that were renamed since have today's names. Each is flown once for every random seed and judged by the bug's own policy:
 `present` where that is violated in all flights, `sometimes` in some, `absent` where it holds or where the binary lacks
 what triggers it, `never applied` where the rule's condition did not come about, `not judged` where a signal is missing.
+
+With `--blind` the rules of the bugs named are searched for without being told the triggers, by PGFuzz's own draws from
+its list and from every input of the binary, with and without a scorer that has read the paper's words. Searches that
+are in the file are passed over.
 """
 
 from __future__ import annotations
@@ -14,7 +19,10 @@ import argparse
 import json
 import os
 import sys
+from pathlib import Path
 from typing import Any, NamedTuple
+
+from _bugs_blind import searches
 
 from saflite.conformance.flying import DEADLINE_S
 from saflite.console.evaluation.bugs import bugs
@@ -23,6 +31,7 @@ from saflite.contract.errors import Refused
 from saflite.contract.test_case import Scenario, StartState, Stimulus, StimulusKind, Target, TestCase
 from saflite.simulator_worker.registry import load_target, why_missing
 
+ROWS = Path(__file__).resolve().parent / "results" / "bugs_real.jsonl"
 SEEDS = 3
 LIMIT_S = 45.0
 TARGETS = {"ArduPilot": "ardupilot", "PX4": "px4"}
@@ -109,16 +118,35 @@ def _state(outcomes: set[str]) -> str:
     return "absent" if "held" in outcomes else "not judged" if "inconclusive" in outcomes else "never applied"
 
 
+def blind(options: argparse.Namespace) -> int:
+    """Search for the rules of bugs, and add a row for each search."""
+    lines = options.out.read_text(encoding="utf-8").splitlines() if options.out.exists() else []
+    had = [row for row in map(json.loads, lines) if row.get("part") == "blind" and row["target"] == options.target]
+    done = {(row["policy"], row["arm"], row["rng_seed"]) for row in had}
+    for row in searches(options.target, options.blind, range(1, options.seeds + 1), options.budget, done):
+        with options.out.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(row._asdict()) + "\n")
+        told = f"flight {row.found}: {row.trigger}" if row.found else f"not found in {row.judged}"
+        print(f"{row.policy}, {row.arm}, seed {row.rng_seed}: {told} ({row.wall_s:.0f} s)", flush=True)
+    return 0
+
+
 def main(argv: list[str]) -> int:
     """Fly the triggers of a target's bugs; 3 where the target cannot fly here."""
     parser = argparse.ArgumentParser(prog="scripts/bench bugs-real", description=__doc__)
     parser.add_argument("--target", choices=sorted(TARGETS.values()), default="ardupilot")
     parser.add_argument("--json", action="store_true", help="one JSON object a bug, as in the committed rows")
+    parser.add_argument("--blind", nargs="+", choices=sorted(KNOWN), metavar="BUG", help="search for these")
+    parser.add_argument("--seeds", type=int, default=5, help="searches of each arm")
+    parser.add_argument("--budget", type=int, default=100, help="first flights of a search")
+    parser.add_argument("--out", type=Path, default=ROWS, help="rows of searches are added to it")
     options = parser.parse_args(argv)
     lacking = why_missing(options.target)
     if lacking:
         sys.stderr.write(f"{options.target}: {lacking}\n")
         return 3
+    if options.blind:
+        return blind(options)
     load = f"{os.getloadavg()[0]:.0f} on {os.cpu_count()} cores"
     autopilot = load_target(options.target).describe().autopilot
     simulator = judging.OwnSimulator()
