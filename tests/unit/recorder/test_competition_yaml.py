@@ -251,3 +251,9 @@ def test_a_missing_file_is_refused(tmp_path: Path) -> None:
 def test_a_text_of_endless_values_is_refused_before_it_is_read(text: str) -> None:
     with pytest.raises(Refused, match=f"more than {yaml_text.NODES_MAX} values"):
         yaml_text.read(text, "case.yaml")
+
+
+@pytest.mark.parametrize("text", ["[" * 200, "a: " + "{a: " * 200, "- " * 200, "? " * 200])
+def test_a_text_that_nests_without_end_is_refused_where_it_does(text: str) -> None:
+    with pytest.raises(Refused, match=r"case\.yaml, line 1.*more than 32 levels of nesting"):
+        yaml_text.read(text, "case.yaml")

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import yaml
 
 from saflite.contract.errors import Refused
-from saflite.contract.outside import check_plain
+from saflite.contract.outside import DEPTH_MAX, check_plain
 
 TEXT_MAX = 250_000
 NODES_MAX = 20_000
@@ -19,15 +19,23 @@ _DATE = "tag:yaml.org,2002:timestamp"
 class _Reader(yaml.SafeLoader):
     """Safe YAML without dates: what looks like one stays text, so that nothing is lost on the way through JSON."""
 
-    nodes = 0
+    nodes = depth = 0
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
-        """Compose one value, of no more than there may be in a text."""
+        """Compose one value, of no more and no deeper than there may be in a text."""
         self.nodes += 1
+        self.depth += 1
         if self.nodes > NODES_MAX:
-            mark = self.peek_event().start_mark  # type: ignore[no-untyped-call]
-            raise yaml.MarkedYAMLError(problem=f"more than {NODES_MAX} values", problem_mark=mark)
-        return super().compose_node(parent, index)
+            raise self._too_much(f"more than {NODES_MAX} values")
+        if self.depth > DEPTH_MAX + 1:  # the scanner takes time with the depth for every word
+            raise self._too_much(f"more than {DEPTH_MAX} levels of nesting")
+        node = super().compose_node(parent, index)
+        self.depth -= 1
+        return node
+
+    def _too_much(self, problem: str) -> yaml.MarkedYAMLError:
+        mark = self.peek_event().start_mark  # type: ignore[no-untyped-call]
+        return yaml.MarkedYAMLError(problem=problem, problem_mark=mark)
 
 
 _Reader.yaml_implicit_resolvers = {
