@@ -260,6 +260,13 @@ CASES = {
         ),
         ("a-gps-fs2",),
     ),
+    "it touches the ground that its barometer places 25 m lower": Case(
+        ("ACRO", 50.0),
+        75.0,
+        {},
+        (fault(0.5, "SIM_BARO_GLITCH", 25.0), mode(25.0, "LAND")),
+        ("a-land1", "a-land2", "px-land1", "landing-stays"),
+    ),
     "a fence is switched on by a number that is no whole one": Case(
         ("STABILIZE", 60.0),
         20.0,
