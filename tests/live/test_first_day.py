@@ -45,7 +45,9 @@ def test_from_a_log_to_a_check_in_ci(tmp_path: Path) -> None:
 
     # what breaks the rule is searched for, found, and repeats bit by bit
     search = shown("deploy/docs/own-policy.md", "saflite run stays-below.toml --budget 24")
-    said(tmp_path, f"{search} --out runs/mine --json", 1)
+    told = said(tmp_path, f"{search} --out runs/mine", 1)
+    assert "what it takes" in told
+    assert "no input at all" not in told, "found by where a flight began, not by what was given"
     found = json.loads(said(tmp_path, "saflite report runs/mine --json"))
     assert found["confirmed"] > 0
     fingerprint = found["findings"][0]["fingerprint"]

@@ -63,7 +63,8 @@ class ArmStanding(msgspec.Struct, frozen=True, kw_only=True):
 class Status(msgspec.Struct, frozen=True, kw_only=True):
     """The campaign at a glance. All counts are exact; rates are over the last minute.
 
-    `processor_s` is the processor time of the books and all workers with their simulators in this sitting.
+    `processor_s` is the processor time of the books and all workers with their simulators in this sitting, the last of
+    `sittings`: a run that is taken up again has one more.
 
     `flights` are first flights, which alone count against `budget`; beside them are those `reflown` to confirm,
     `checked` for repeating bit by bit (`unequal` did not), and flown to make violations smaller. `trouble`, if there is
@@ -90,6 +91,7 @@ class Status(msgspec.Struct, frozen=True, kw_only=True):
     flights_per_s: Quantity
     real_time_factor: Quantity
     processor_s: Quantity = 0.0
+    sittings: Count = 1
     since_last_find_s: Quantity | None
     elapsed_s: Quantity
     scorer: Word
@@ -107,8 +109,8 @@ class Status(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def behaviours_per_core_minute(self) -> float | None:
-        """New behaviours per minute of processor time; None before any was told of."""
-        return 60.0 * self.behaviours / self.processor_s if self.processor_s else None
+        """New behaviours per minute of processor time; None before any was told of, or where earlier sittings spent some."""
+        return 60.0 * self.behaviours / self.processor_s if self.processor_s and self.sittings == 1 else None
 
 
 class Answer(msgspec.Struct, frozen=True, kw_only=True):

@@ -18,10 +18,11 @@ from saflite.oracle.features import features_of, track_of
 from saflite.oracle.policy import Policy, load_policy
 from saflite.oracle.signals import FlightSignals
 from saflite.oracle.states import transitions_of
-from saflite.oracle.stl import Evaluator, Finding, find
+from saflite.oracle.stl import Evaluator, Finding, begins_broken, find
 
 ROBUSTNESS_MAX = 1000.0
 CRISP = 1.0  # told where only yes-or-no parts decided
+BEGAN_BROKEN = "the state in which the flight began breaks the rule: nothing that was given did"
 
 
 def judge(
@@ -68,7 +69,10 @@ def judge(
             verdicts.append(_inconclusive(policy, why))
             continue
         own = Evaluator({**shown, **without}, trace.step_s, judged.moments.row) if without else common
-        verdicts.append(_verdict(policy, flight, own, signals, features))
+        verdict = _verdict(policy, flight, own, signals, features)
+        if verdict.outcome == "violated" and not is_log and begins_broken(own, policy.formula):
+            verdict = _inconclusive(policy, BEGAN_BROKEN)
+        verdicts.append(verdict)
     return _judgement(test_case, flight, verdicts, features, signals)
 
 

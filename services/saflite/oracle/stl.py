@@ -238,7 +238,7 @@ def find(evaluator: Evaluator, formula: Node) -> Finding | None:
     """
     step_s, row = evaluator.step_s, evaluator.row
     samples = int(row[-1]) + 1 if len(row) else 0
-    body = formula.args[0] if formula.op == "always" and math.isinf(formula.high_s) else None
+    body = _body(formula)
     judged = body if body is not None else formula
     ahead = reach_s(judged)
     last_row = samples - (math.ceil(ahead / step_s - 1e-9) if math.isfinite(ahead) else 0)
@@ -262,6 +262,19 @@ def find(evaluator: Evaluator, formula: Node) -> Finding | None:
         nearness=1.0 if applied > 0 else _nearness(evaluator, judged, first, last),
         applied_from_s=None if applied_at is None else float(row[first + applied_at]) * step_s,
     )
+
+
+def begins_broken(evaluator: Evaluator, formula: Node) -> bool:
+    """Whether the state at the first sample, before anything was given, breaks a rule that does not look ahead."""
+    body = _body(formula)
+    if body is None or formula.low_s > 0 or reach_s(body) > 0 or not evaluator.samples:
+        return False
+    return bool(evaluator.trace(body)[0] < 0)
+
+
+def _body(formula: Node) -> Node | None:
+    """Return what always has to be true, None where a formula asks for something else."""
+    return formula.args[0] if formula.op == "always" and math.isinf(formula.high_s) else None
 
 
 def _stretch(values: Array, at: int) -> tuple[int, int]:

@@ -67,6 +67,20 @@ def test_a_campaign_interrupted_anywhere_finds_the_same_with_an_exact_budget(tmp
     assert found[0] == found[1] != []
 
 
+def test_what_processor_time_was_worth_is_told_of_one_whole_sitting_only(tmp_path: Path) -> None:
+    """Behaviours are counted over all sittings, processor time in each by itself."""
+    driver = started(tmp_path / "run")
+    driver.run(until_flights=11)
+    first = msgspec.structs.replace(closed(driver), processor_s=60.0)
+    assert first.behaviours_per_core_minute == first.behaviours
+    store = Store.open(tmp_path / "run")
+    driver = Driver(store.rebuild(), store)
+    driver.run(until_flights=12)
+    second = msgspec.structs.replace(closed(driver), processor_s=1.0)
+    assert (first.sittings, second.sittings) == (1, 2)
+    assert second.behaviours_per_core_minute is None
+
+
 def test_the_time_between_two_sittings_is_none_of_the_run(tmp_path: Path) -> None:
     driver = started(tmp_path / "run")
     driver.run(until_flights=11)

@@ -9,7 +9,7 @@ from saflite.contract.errors import Refused
 from saflite.contract.flight import Delivered, DeliveryAnswer, Ending, Flight, Trace, pack_trace
 from saflite.contract.test_case import Obstacle, Scenario, Stimulus, Target, TestCase, identity
 from saflite.contract.verdict import NEVER_APPLIED, Judgement, Verdict, nearest, vacuous, worst
-from saflite.contract.work import JudgeResult, JudgeWork
+from saflite.contract.work import JudgeResult, JudgeWork, PolicyText
 from saflite.evidence.memory import MemoryBlobs
 from saflite.oracle.judge import judge
 from saflite.oracle.work import open_service
@@ -155,6 +155,47 @@ def test_the_nearest_of_the_rules_that_never_applied_counts_and_the_worst_of_tho
     both = msgspec.structs.replace(nothing, verdicts=(*verdicts, *held))
     assert worst(both) == held[1]
     assert nearest(msgspec.structs.replace(both, verdicts=held)) is None
+
+
+CEILING = """id = "ceiling"
+title = "Stays below 20 m"
+source = "test"
+interestingness = "climbs"
+formula = "always (altitude_m <= 20)"
+[signals]
+altitude_m = "m"
+[[examples]]
+holds = true
+why = "below"
+duration_s = 2.0
+signals = { altitude_m = 10 }
+[[examples]]
+holds = false
+why = "above"
+duration_s = 2.0
+signals = { altitude_m = 30 }
+"""
+
+
+@pytest.mark.parametrize(
+    ("heights", "is_log", "outcome"),
+    [
+        ([10, 15, 25, 25], False, "violated"),
+        ([25, 25, 25, 25], False, "inconclusive"),
+        ([25, 25, 25, 25], True, "violated"),
+        ([10, 10, 10, 10], False, "held"),
+    ],
+)
+def test_a_rule_that_the_state_at_the_beginning_breaks_is_broken_by_nobody(
+    heights: list[float], is_log: bool, outcome: str
+) -> None:
+    """A search may begin flights where a rule of somebody's own is broken already; a log tells what really was."""
+    trace = Trace(step_s=1.0, signals={"altitude_m": packed(heights)})
+    flight = Flight(test_case=identity(case()), flight_index=0, ending="completed")
+    sources = {"altitude_m": "POS"} if is_log else None
+    (verdict,) = judge(case(), flight, trace, ("ceiling",), {"ceiling": PolicyText(text=CEILING, file="ceiling.toml")}, sources).verdicts
+    assert verdict.outcome == outcome
+    assert ("began" in verdict.message) == (outcome == "inconclusive")
 
 
 def test_unknown_policy_is_refused() -> None:

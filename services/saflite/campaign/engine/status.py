@@ -82,6 +82,7 @@ def status_of(reducer: Reducer, registry: WorkerRegistry, leases: Leases, rates:
         flights_per_s=flights_per_s,
         real_time_factor=real_time_factor,
         processor_s=registry.processor_s,
+        sittings=core.incarnation,
         since_last_find_s=None if counts.last_find_s is None else elapsed_s - counts.last_find_s,
         elapsed_s=elapsed_s,
         scorer=reducer.scorers.model,
