@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import importlib
 import re
+from collections import Counter
 from pathlib import Path
 
 import pytest
+
+from saflite.console.view.catalogue import policies_told
+from saflite.oracle.policy import load_policy, policies_for, policy_names
 
 ROOT = Path(__file__).resolve().parents[2]
 BENCHES = ROOT / "scripts" / "benches"
@@ -90,3 +94,14 @@ def test_the_page_of_scale_holds_the_tables_that_are_computed(monkeypatch: pytes
     monkeypatch.syspath_prepend(str(BENCHES))
     tables = importlib.import_module("_scale_table").tables()
     assert tables in (ROOT / "deploy" / "docs" / "scale.md").read_text()
+
+
+def test_the_pages_count_the_policies_there_are() -> None:
+    page = (ROOT / "deploy" / "docs" / "policies.md").read_text()
+    many = {target: len(policies_for(target)) for target in ("px4", "ardupilot")}
+    assert f"({many['px4']} for PX4, {many['ardupilot']} for\nArduCopter)" in page
+    lists = Counter(load_policy(name).file.published[:1] for name in policy_names())
+    assert f"# {lists['A'] + lists['P']} published ones ({lists['A']} ArduPilot, {lists['P']} PX4)" in page
+    whole, good, rules = map(int, re.findall(r"\d+", policies_told("reference")))
+    row = f"| policies | {whole}, of which {good} can be checked on the reference vehicle, by {rules} different rules |"
+    assert row in (ROOT / "README.md").read_text()

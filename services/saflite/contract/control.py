@@ -109,7 +109,7 @@ class Status(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def behaviours_per_core_minute(self) -> float | None:
-        """New behaviours per minute of processor time; None before any was told of, or where earlier sittings spent some."""
+        """New behaviours per minute of processor time; None before any was told of, or after earlier sittings."""
         return 60.0 * self.behaviours / self.processor_s if self.processor_s and self.sittings == 1 else None
 
 

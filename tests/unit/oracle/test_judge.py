@@ -193,7 +193,9 @@ def test_a_rule_that_the_state_at_the_beginning_breaks_is_broken_by_nobody(
     trace = Trace(step_s=1.0, signals={"altitude_m": packed(heights)})
     flight = Flight(test_case=identity(case()), flight_index=0, ending="completed")
     sources = {"altitude_m": "POS"} if is_log else None
-    (verdict,) = judge(case(), flight, trace, ("ceiling",), {"ceiling": PolicyText(text=CEILING, file="ceiling.toml")}, sources).verdicts
+    (verdict,) = judge(
+        case(), flight, trace, ("ceiling",), {"ceiling": PolicyText(text=CEILING, file="ceiling.toml")}, sources
+    ).verdicts
     assert verdict.outcome == outcome
     assert ("began" in verdict.message) == (outcome == "inconclusive")
 

@@ -55,6 +55,9 @@ def run(args: argparse.Namespace) -> int:
         judged = list(log_judging.judge_folder(args.file, args.test_case, policies))
     else:
         judged = [log_judging.judge_file(args.file, args.test_case, policies)]
+    for one in judged:
+        if one.lost:
+            out.complain("damaged", f"{one.path}: {'; '.join(one.lost)}")
     if args.csv is not None:
         outputs.write(args.csv, log_judging.as_csv(judged), force=args.force, option="--csv")
     if args.html is not None:

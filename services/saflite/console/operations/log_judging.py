@@ -30,13 +30,14 @@ _HEADERS = ("log", "result", "violated", "held", "vacuous", "inconclusive", "why
 
 
 class Judged(NamedTuple):
-    """What came of one file: the judgement, or why the file was refused."""
+    """What came of one file: the judgement, or why the file was refused; what of it is damaged (`FlightLog.lost`)."""
 
     path: Path
     case: TestCase | None = None
     flight: Flight | None = None
     judgement: Judgement | None = None
     refused: str = ""
+    lost: tuple[str, ...] = ()
 
     @property
     def verdicts(self) -> tuple[Verdict, ...]:
@@ -67,7 +68,7 @@ def judge_file(path: Path, case_path: Path | None, policies: tuple[str, ...]) ->
     flight = log_files.flight_of(case, log)
     chosen = policies or policies_for(case.target.name)
     told = judge(case, flight, log.trace, chosen, sources=log.sources or None, untold=log.untold)
-    return Judged(path, case, flight, told)
+    return Judged(path, case, flight, told, lost=log.lost)
 
 
 def judge_folder(folder: Path, case_path: Path | None, policies: tuple[str, ...]) -> Iterator[Judged]:
@@ -154,6 +155,7 @@ def as_html(judged: Sequence[Judged]) -> bytes:
             if (why := verdict.message) or verdict.outcome == "held"
         ]
         body = f"<p>{escape(one.refused)}</p>" if one.refused else _html_table(("outcome", "policy", "by", "why"), told)
+        body = "".join(f"<p>Damaged: {escape(part)}.</p>" for part in one.lost) + body
         parts.append(f"<h2>{escape(one.path.name)} <small>{one.result}</small></h2>{body}")
     head = f'<meta charset="utf-8"><meta name="viewport" content="width=device-width"><title>Logs</title><style>{CSS}'
     page = f"<!doctype html><html lang=en><head>{head}</style></head><body><main><h1>{len(judged)} logs judged</h1>"

@@ -111,7 +111,7 @@ def read_dataflash_log(path: Path, *, placed: bool = False) -> FlightLog:
         Refused: the file is missing, is no dataflash log, is damaged, is not of a copter, or lacks a position (if
             `placed`) or all signals.
     """
-    rows, formats = load(path)
+    rows, formats, lost = load(path)
     held = {name: value for _, name, value in reversed(settings_told(rows))}
     _check_copter(rows, held, path)
     columns = Columns()
@@ -135,7 +135,8 @@ def read_dataflash_log(path: Path, *, placed: bool = False) -> FlightLog:
     crashed = "crashed" in columns and bool(trace.array("crashed").any())
     logged = {kind for kind, told in rows.items() if told}
     told = {**told_of(_SOURCES, logged, columns), **dict.fromkeys(homeless, _NO_HOME)}
-    return FlightLog(trace, stimuli, told, crashed, UNTOLD if "MAVC" in formats else UNTOLD.union(_OF_COMMANDS))
+    untold = UNTOLD if "MAVC" in formats else UNTOLD.union(_OF_COMMANDS)
+    return FlightLog(trace, stimuli, told, crashed, untold, lost)
 
 
 def _check_copter(rows: Rows, held: Mapping[str, float], path: Path) -> None:

@@ -6,18 +6,19 @@ Names of fields are those of ArduCopter 3.4 to 4.6. A row in the middle of damag
 from __future__ import annotations
 
 import struct
+import tempfile
 from bisect import bisect_right
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from statistics import median
 from typing import Any, NamedTuple
 
 from saflite.contract.errors import Refused
+from saflite.flight.logs.dataflash_damage import HEAD, sound
 from saflite.flight.logs.resample import DURATION_MAX_S
 
-_HEAD = b"\xa3\x95"
-HEAD_BYTES = len(_HEAD) + 1  # and the number of the format
 _PLAIN = (
     "POS",
     "ATT",
@@ -45,39 +46,41 @@ Rows = dict[str, list[Row]]
 
 
 class Load(NamedTuple):
-    """The rows of each kind in the order of the log, and by kind the format letters of its fields."""
+    """The rows of each kind in the order of the log, by kind the format letters of its fields, and what was lost."""
 
     rows: Rows
     formats: dict[str, str]
+    lost: tuple[str, ...] = ()
 
 
 def load(path: Path) -> Load:
     """Return what an ArduPilot log holds of what we read; raises Refused if it is none, or damaged beyond reading."""
     rows: Rows = defaultdict(list)
     try:
-        with path.open("rb") as file:
-            start = file.read(len(_HEAD))
-        if start != _HEAD:
+        data = path.read_bytes()
+        if not data.startswith(HEAD):
+            start = data[: len(HEAD)]
             raise Refused(
                 "ArduPilot log",
                 where=str(path),
                 expected="a dataflash log",
                 got=f"{start!r} at its start" if start else "an empty file",
             )
-        log = _reader()(str(path))
-        formats = {kind.name: kind for kind in log.formats.values()}
-        time_s = _clock(formats)
-        while (message := log.recv_match(type=list(_WANTED))) is not None:
-            rows[message.get_type()].append((time_s(message), message.to_dict()))
+        log, lost = sound(data)
+        with _reader(log) as reader:
+            formats = {kind.name: kind for kind in reader.formats.values()}
+            time_s = _clock(formats)
+            while (message := reader.recv_match(type=list(_WANTED))) is not None:
+                rows[message.get_type()].append((time_s(message), message.to_dict()))
     except (OSError, ValueError, TypeError, KeyError, IndexError, AttributeError, struct.error) as fault:
         raise Refused("ArduPilot log", where=str(path), expected="a whole dataflash log", got=repr(fault)) from fault
-    _leave_out_damage(rows)
+    lost += _leave_out_damage(rows)
     rows["GPS"] = _used_receiver(rows)
     for kind in ("BARO", "BAT", "CURR"):
         rows[kind] = _of_lowest(rows[kind])
     for kind in ("XKF", "NKF"):
         rows[f"{kind}1"] = _of_primary(rows[f"{kind}1"], rows[f"{kind}4"])
-    return Load(rows, {name: kind.format for name, kind in formats.items()})
+    return Load(rows, {name: kind.format for name, kind in formats.items()}, lost)
 
 
 def points(rows: list[Row], *names: str, scale: float = 1.0) -> list[tuple[float, float]]:
@@ -109,12 +112,14 @@ def _clock(formats: dict[str, Any]) -> Callable[[Any], float]:
     return lambda message: float(message._timestamp)
 
 
-def _leave_out_damage(rows: Rows) -> None:
-    """Drop rows whose time is further from most of the log than any flight lasts."""
+def _leave_out_damage(rows: Rows) -> tuple[str, ...]:
+    """Drop rows whose time is further from most of the log than any flight lasts; return in words how many."""
     times = [at_s for told in rows.values() for at_s, _ in told]
     middle_s = median(times) if times else 0.0
     for kind, told in rows.items():
         rows[kind] = [row for row in told if abs(row[0] - middle_s) <= DURATION_MAX_S]
+    dropped = len(times) - sum(map(len, rows.values()))
+    return (f"{dropped} messages have a time far from all others",) if dropped else ()
 
 
 def _used_receiver(rows: Rows) -> list[Row]:
@@ -144,26 +149,13 @@ def _of_primary(rows: list[Row], health: list[Row]) -> list[Row]:
     return chosen or _of_lowest(rows)
 
 
-class _Formats(dict[int, Any]):
-    """Formats by number; none shorter than a message's head, by which the library would go on without end."""
-
-    def __setitem__(self, number: int, kind: Any) -> None:
-        if kind.len < HEAD_BYTES:
-            raise ValueError(f"format {number} of {kind.len} bytes a message, fewer than the head has")
-        super().__setitem__(number, kind)
-
-
-def _reader() -> Any:
-    """Return the library's reader with formats that are checked."""
+@contextmanager
+def _reader(log: bytes) -> Iterator[Any]:
+    """Open the library's reader, which takes files only."""
     from pymavlink import DFReader
 
-    class Reader(DFReader.DFReader_binary):  # type: ignore[misc]  # the library has no types
-        @property
-        def formats(self) -> _Formats:
-            return self._formats
-
-        @formats.setter
-        def formats(self, found: dict[int, Any]) -> None:
-            self._formats = _Formats(found)
-
-    return Reader
+    with tempfile.NamedTemporaryFile(prefix="saflite-", suffix=".bin") as file:
+        file.write(log)
+        file.flush()
+        with DFReader.DFReader_binary(file.name) as reader:
+            yield reader

@@ -31,6 +31,7 @@ class FlightLog(NamedTuple):
         sources: by signal, the message or parameter of the autopilot it is read from, whether this log has it or not.
         crashed: the autopilot itself said so at the end.
         untold: signals made of orders that this log does not keep: that it shows none does not say that none was given.
+        lost: in words, what of the log is damaged and was left out.
     """
 
     trace: Trace
@@ -38,6 +39,7 @@ class FlightLog(NamedTuple):
     sources: Mapping[str, str] = {}
     crashed: bool = False
     untold: frozenset[str] = frozenset()
+    lost: tuple[str, ...] = ()
 
 
 def changed_by_hand(name: str) -> bool:

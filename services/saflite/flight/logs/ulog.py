@@ -91,6 +91,7 @@ SOURCES = {
     **sources(PX4),
     "takeoff_altitude_set_m": "parameter MIS_TAKEOFF_ALT with vehicle_command and home_position",
 }
+DAMAGED = "parts of the file are no messages; what could be read before and after them was"
 NO_HOME = "home_position, without which a log that begins in the air does not tell heights and places"
 
 
@@ -100,6 +101,7 @@ class _Load(NamedTuple):
     parameters: dict[str, float]
     changes: list[tuple[float, str, float]]
     began_s: float
+    lost: tuple[str, ...] = ()
 
 
 def read_ulog(path: Path, *, placed: bool = True) -> Trace:
@@ -113,7 +115,7 @@ def read_ulog_log(path: Path, *, placed: bool = False) -> FlightLog:
     Raises:
         Refused: the file is missing, is no ULog, is damaged, or lacks a position (if `placed`) or all signals.
     """
-    topics, texts, parameters, changes, began_s = _load(path)
+    topics, texts, parameters, changes, began_s, lost = _load(path)
     columns = Columns(began_s)
     columns.messages = texts
     readers = (_position, _attitude, _status, _ground, _gps, _sticks, _battery, _aims, ulog_states.add)
@@ -132,7 +134,7 @@ def read_ulog_log(path: Path, *, placed: bool = False) -> FlightLog:
     trace = columns.trace("PX4 log", str(path), placed=placed)
     stimuli = within([*set_by_hand, *_commands(topics)], *columns.span("PX4 log", str(path), placed=placed))
     told = {**told_of(SOURCES, topics, columns), **dict.fromkeys(homeless, NO_HOME)}
-    return FlightLog(trace, stimuli, told, untold=UNTOLD)
+    return FlightLog(trace, stimuli, told, untold=UNTOLD, lost=lost)
 
 
 def _load(path: Path) -> _Load:
@@ -155,7 +157,8 @@ def _load(path: Path) -> _Load:
     texts = [(text.timestamp / 1e6, text.message, _severity(text.log_level)) for text in log.logged_messages]
     parameters = {str(name): float(value) for name, value in log.initial_parameters.items()}
     changes = [(stamp / 1e6, str(name), float(value)) for stamp, name, value in log.changed_parameters]
-    return _Load(topics, texts, parameters, changes, log.start_timestamp / 1e6)
+    lost = (DAMAGED,) if log.file_corruption else ()
+    return _Load(topics, texts, parameters, changes, log.start_timestamp / 1e6, lost)
 
 
 def _bounded() -> Any:

@@ -1,0 +1,109 @@
+"""A log with holes is judged by what can be read of it, and what was lost is said."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from log_bytes import KINDS, ardupilot_flight, px4_flight
+
+from saflite.console.cli import main
+from saflite.flight.logs.files import read_log
+from saflite.flight.logs.flight_log import FlightLog
+
+FMT_BYTES = 89
+NUMBERS = {name: 10 + place for place, name in enumerate(KINDS)}  # as `log_bytes.dataflash` counts them
+
+
+def read(data: bytes, folder: Path, name: str = "log.bin") -> FlightLog:
+    (folder / name).write_bytes(data)
+    return read_log(folder / name)
+
+
+def described(data: bytes, name: str) -> int:
+    """Return where the description of a kind stands."""
+    return next(
+        place for place in range(0, len(data), FMT_BYTES) if data[place + 5 : place + 9].startswith(name.encode())
+    )
+
+
+def changed(name: str, offset: int, value: bytes) -> bytes:
+    data = bytearray(ardupilot_flight())
+    place = described(bytes(data), name) + offset
+    data[place : place + len(value)] = value
+    return bytes(data)
+
+
+DAMAGES = {
+    "a letter that is none": (9, b"!"),
+    "a letter of another size": (10, b"d"),
+    "its number": (3, b"\xc8"),
+    "its mark": (0, b"\0\0\0"),
+    "all of it": (0, bytes(FMT_BYTES)),
+    "its name": (5, b"\x07"),
+    "a comma between its fields": (31, b"x"),
+}
+
+
+@pytest.mark.parametrize("name", ["EV", "MODE", "ERR"])
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_a_damaged_description_costs_its_own_messages_and_says_so(damage: str, name: str, tmp_path: Path) -> None:
+    found = read(changed(name, *DAMAGES[damage]), tmp_path)
+    assert found.trace.duration_s == pytest.approx(10.0, abs=0.06)
+    assert found.trace.array("x_m")[100] == pytest.approx(5.0, abs=1e-3)
+    (said,) = found.lost
+    assert "left out" in said
+    assert name in said or f"number {NUMBERS[name]}" in said
+    kept = {"EV": "mode", "MODE": "armed", "ERR": "mode"}[name]
+    lost = {"EV": "chute_released", "MODE": "mode", "ERR": None}[name]
+    assert kept in found.trace.signals
+    assert lost not in found.trace.signals
+
+
+@pytest.mark.parametrize("length", [0, 2, 30, 255])
+def test_a_damaged_length_is_that_of_the_fields(length: int, tmp_path: Path) -> None:
+    whole = read(ardupilot_flight(), tmp_path)
+    found = read(changed("MODE", 4, bytes([length])), tmp_path)
+    assert (found.trace, found.lost) == (whole.trace, ())
+
+
+def test_a_number_that_is_another_kinds_mixes_up_neither(tmp_path: Path) -> None:
+    found = read(changed("EV", 3, bytes([NUMBERS["XKF1"]])), tmp_path)
+    assert found.trace.array("x_m")[100] == pytest.approx(5.0, abs=1e-3)
+    assert "chute_released" not in found.trace.signals
+    assert len(found.lost) == 1
+
+
+@pytest.mark.parametrize("fill", [bytes(300), b"\xa3\x95" * 150, b"\xa3\x95\x0a" * 100])
+def test_a_hole_costs_what_lay_there(fill: bytes, tmp_path: Path) -> None:
+    data = ardupilot_flight()
+    middle = len(data) // 3
+    found = read(data[:middle] + fill + data[middle + len(fill) :], tmp_path)
+    assert found.lost
+    assert found.trace.duration_s == pytest.approx(10.0, abs=0.06)
+    assert found.trace.array("x_m")[[10, 190]] == pytest.approx([0.5, 9.5], abs=1e-2)
+
+
+@pytest.mark.parametrize("tail", [b"", bytes(249), b"\xff" * 249, b"\xa3\x95\x0a\0\0"])
+def test_the_rest_of_a_page_after_the_last_message_is_no_damage(tail: bytes, tmp_path: Path) -> None:
+    assert read(ardupilot_flight() + tail, tmp_path).lost == ()
+
+
+def test_a_hole_in_a_px4_log_is_told(tmp_path: Path) -> None:
+    data = px4_flight()
+    assert read(data, tmp_path, "log.ulg").lost == ()
+    place = len(data) // 2
+    found = read(data[:place] + b"\xff" * 90 + data[place + 90 :], tmp_path, "log.ulg")
+    assert len(found.lost) == 1
+
+
+@pytest.mark.parametrize("more", [(), ("--quiet",), ("--json",)])
+def test_what_was_lost_is_said_whatever_else_is_printed(
+    more: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "log.bin"
+    path.write_bytes(changed("EV", 9, b"!"))
+    main(["judge", str(path), *more])
+    said = capsys.readouterr()
+    assert "the description of EV is damaged: its 2 messages are left out" in said.err
+    assert "damaged" not in said.out
