@@ -173,6 +173,8 @@ class Sandbox:
         """
         if self._process is not None and self._process.poll() is not None:
             self.kill()
+        if self._target not in ("", name):
+            self._end()  # it may have left the network, which another target may need
         if self._pipe is None:
             self.builds()
         assert self._pipe is not None

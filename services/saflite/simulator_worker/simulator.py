@@ -19,7 +19,7 @@ from saflite.contract.flight import FlightRecord, pack_trace, trace_digest
 from saflite.contract.service import Cancelled
 from saflite.contract.target import ForkingSession, Session, TargetModule
 from saflite.contract.target_info import TargetInfo
-from saflite.simulator_worker import agreement
+from saflite.simulator_worker import agreement, own_network
 from saflite.simulator_worker.messages import (
     Cancel,
     FlightReply,
@@ -69,6 +69,7 @@ class Simulator:
         self._slot = setup.slot.slot(clock)
         self._files = tuple(Path(name) for name in setup.target_files)
         self._open: _Open | None = None
+        self._alone = False
 
     def answer(self) -> None:
         """Take one request and answer it; raises EOFError when the worker is gone."""
@@ -109,6 +110,8 @@ class Simulator:
             raise Unavailable(f"target {name}: {info.missing}")
         for leftover in self._slot.folder.iterdir():  # of the session before
             shutil.rmtree(leftover) if leftover.is_dir() and not leftover.is_symlink() else leftover.unlink()
+        if getattr(target, "own_network", False) and not self._alone:
+            self._alone = own_network.enter()
         session = target.open(self._slot)
         most = self._setup.snapshots_max
         if info.snapshots and most > 0 and isinstance(session, ForkingSession):

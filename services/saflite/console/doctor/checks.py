@@ -52,6 +52,7 @@ def all_checks(folder: Path, ollama: str) -> list[Check]:
         _ardupilot_parameters,
         _px4,
         _px4_parameters,
+        _own_network,
         *(partial(_target, name) for name in target_names()),
         partial(_ollama, ollama),
     ]
@@ -229,6 +230,15 @@ def _px4_parameters() -> Finding:
     from saflite.simulator_worker.targets.px4 import parameters_known
 
     return _starts(BINARIES, parameters_known)
+
+
+def _own_network() -> Finding:
+    from saflite.simulator_worker import own_network
+
+    if own_network.may_enter():
+        return Finding("own network", "ok", "nobody else of this machine reaches the ports of ArduPilot and PX4")
+    text = "this user may make none: who reaches this machine can steer flights of ArduPilot and PX4"
+    return Finding("own network", "note", f"{text}; allow user namespaces, or keep to a machine of your own")
 
 
 def _named(autopilot: str, told: Callable[[], str]) -> Finding:
