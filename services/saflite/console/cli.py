@@ -24,6 +24,8 @@ BROKEN_PIPE = 141  # 128 and SIGPIPE, as the shell has it
 NO_PLACE = (errno.ENAMETOOLONG, errno.ELOOP, errno.ENOTDIR, errno.EISDIR, errno.EINVAL)
 """What the system says of a path that can be none, or is of another kind than what was asked for."""
 NO_MEMORY = ("failed to map segment", "Cannot allocate memory")  # as the loader of libraries has it
+NO_TEMPORARY = "No usable temporary directory"
+"""As `tempfile` has it where no folder takes a file: it says that none was found, whatever the system said."""
 NUL_IN_PATH = "embedded null byte"  # a ValueError, as Python has it; no argument holds one, a path in a file may
 _ORDER = ("run", "resume", "replay", "watch", "report", "list")
 
@@ -86,6 +88,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         return BROKEN_PIPE
     except OSError as fault:
         text = f"{str(fault.filename)[:200]}: {fault.strerror}" if fault.filename else _in_a_line(fault)
+        if NO_TEMPORARY in str(fault):
+            text = "no folder for temporary files takes one (TMPDIR): full, read-only, or files are limited (ulimit -f)"
         if fault.errno in NO_PLACE:
             out.complain("refused", text)
             return REFUSED

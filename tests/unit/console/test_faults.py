@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -38,3 +40,11 @@ def test_too_little_memory_is_no_fault_of_ours(
     said = capsys.readouterr().err
     assert said.startswith("saflite: unavailable: this process was given too little memory")
     assert said.count("\n") == 1
+
+
+def test_files_of_no_size_are_told_of_as_such() -> None:
+    """The library says that it found no folder; nothing is wrong with the folders."""
+    words = ["sh", "-c", 'ulimit -f 0; exec "$@"', "sh", sys.executable, "-m", "saflite", "worker", "--join"]
+    done = subprocess.run([*words, "unixsock-stream//nowhere/bus"], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr.count("\n")) == (cli.INFRASTRUCTURE, 1), done.stderr
+    assert "files are limited" in done.stderr
