@@ -118,3 +118,9 @@ def test_targets_are_found_by_place_and_by_file() -> None:
     assert registry.builds_here([TARGET]).keys() >= {"soak", "reference"}
     with pytest.raises(Refused, match="target"):
         registry.load_target("no-such-target")
+
+
+@pytest.mark.parametrize("name", ["ardupilot", "px4"])
+def test_builds_that_listen_for_orders_fly_in_a_network_of_their_own(name: str) -> None:
+    """What that keeps away: `tests/live/test_own_network.py`."""
+    assert getattr(registry.load_target(name), "own_network", False)

@@ -15,9 +15,10 @@ import pytest
 from saflite.contract.test_case import Scenario, Target, TestCase
 from saflite.evidence.memory import MemoryBlobs
 from saflite.runtime.clock import WallClock
-from saflite.simulator_worker.registry import load_target
 from saflite.simulator_worker.slots import slots_folder, take_slot
 from saflite.simulator_worker.work import Flyer, open_service
+
+pytestmark = pytest.mark.live
 
 LISTENS = '''"""Listens at all addresses while it flies, as simulator builds do, and says who came."""
 import os, socket, time
@@ -121,11 +122,6 @@ def test_other_targets_stay_where_they_are_even_after_one_that_was_alone(flyer: 
     after, last = _flown(flyer, "amid")
     assert after == "reached"
     assert len({first, alone, last}) == 3
-
-
-@pytest.mark.parametrize("name", ["ardupilot", "px4"])
-def test_builds_that_listen_for_orders_fly_alone(name: str) -> None:
-    assert load_target(name).own_network  # type: ignore[attr-defined]
 
 
 def test_the_ports_of_a_slot_stay_claimed(flyer: Flyer) -> None:
