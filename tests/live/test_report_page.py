@@ -39,6 +39,16 @@ TEXTS = """return [...document.querySelectorAll('svg.chart')].map(chart => {
     return wrong;
 })"""
 
+HOLES = """return [...document.querySelectorAll('.violation .pictures')].flatMap(pictures => {
+    const below = {};
+    for (const figure of pictures.children) {
+        const box = figure.getBoundingClientRect(), column = Math.round(box.left);
+        (below[column] = below[column] || []).push(box);
+    }
+    return Object.values(below).flatMap(boxes =>
+        boxes.sort((a, b) => a.top - b.top).slice(1).map((box, at) => box.top - boxes[at].bottom));
+})"""
+
 
 @pytest.fixture(scope="module")
 def window() -> Iterator[browser.Browser]:
@@ -70,3 +80,11 @@ def test_texts_of_charts_can_be_read(window: browser.Browser, report: Path, widt
     assert len(found) > 8
     assert [wrong for chart in found for wrong in chart] == []
     assert window.run("return document.documentElement.scrollWidth <= innerWidth"), "nothing sticks out sideways"
+
+
+def test_pictures_of_a_find_leave_no_hole_between_them(window: browser.Browser, report: Path) -> None:
+    window.size(1280, 900)
+    window.open(report.as_uri())
+    holes = window.run(HOLES)
+    assert len(holes) >= 2
+    assert max(holes) <= 20

@@ -125,7 +125,7 @@ def test_robustness_is_drawn_where_several_inputs_fall_on_one_instant() -> None:
 
 def data(count: int) -> ReportData:
     exhibits = tuple(exhibit(f"{number:016x}") for number in range(count))
-    steps = np.arange(count + 1, dtype=float)
+    steps = np.arange(count + 2, dtype=float)  # a flight at least, whatever was found
     rows = [Row("blend", 8.0, True), Row("blend", 2.0, False), Row("blend", 9.0, True, "random")]
     return ReportData(
         campaign=load_campaign("avoidance-m2"),
@@ -188,6 +188,15 @@ def test_a_policy_that_never_applied_is_named_and_the_others_are_not() -> None:
     assert len(rows) == 3
     assert ["never applied" in row for row in rows] == [False, True, False]
     assert "<td>min-obstacle-distance</td><td>5</td><td>5</td><td>2</td><td>0</td><td>0</td>" in rows[0]
+
+
+def test_a_run_without_a_judged_flight_draws_no_empty_charts_and_says_nothing_of_the_vehicle() -> None:
+    empty = data(0)._replace(progress=Progress(*[np.zeros(1)] * 4), rulings={"a-chute": Rulings(inconclusive=5)})
+    told = page.render(empty, "runs/x")
+    assert "No flight was judged: this says nothing of the vehicle." in told
+    assert "No violation was found" not in told
+    assert "violations over flights" not in told
+    assert "No violation was found." in page.render(data(0), "runs/x")
 
 
 def test_reliability_is_drawn_for_every_model_with_enough_flights() -> None:

@@ -154,4 +154,6 @@ def test_a_run_that_ended_before_a_flight_was_judged_is_no_success(
     Store.create(tmp_path / "run", campaign, template(campaign), describe()).close()
     ended = ExitSummary(False, "0.1 minutes are over, as asked for", None, 0)
     assert conclude(tmp_path / "run", ended, as_json=False) == NOTHING_JUDGED
-    assert "before a flight was judged" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "before a flight was judged" in said
+    assert "recordings" not in said, "there is no such folder"

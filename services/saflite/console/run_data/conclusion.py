@@ -25,6 +25,10 @@ if TYPE_CHECKING:
 
 SHOWN = 12
 FEW = 4
+LEFT = (
+    ("recordings", "recordings", "open in Foxglove or PlotJuggler"),
+    ("test cases", reporting.TEST_CASES, "competition YAML"),
+)
 """Policies that are told of one by one; of more only those that never applied."""
 
 
@@ -69,7 +73,8 @@ class Conclusion(NamedTuple):
             return INFRASTRUCTURE
         if self.confirmed:
             return FOUND
-        return NOTHING_FOUND if any(ruled.judged for ruled in self.rulings.values()) else NOTHING_JUDGED
+        told = any(ruled.judged > ruled.inconclusive for ruled in self.rulings.values())
+        return NOTHING_FOUND if told else NOTHING_JUDGED
 
 
 def conclude(run_dir: Path, ended: ExitSummary, *, as_json: bool) -> int:
@@ -87,8 +92,9 @@ def conclude(run_dir: Path, ended: ExitSummary, *, as_json: bool) -> int:
     out.line()
     kept = f"   ({withheld_words(shown.withheld)}; `saflite report --release`)" if shown.withheld else ""
     out.line(f"report      {report}{kept}")
-    out.line(f"recordings  {run_dir / 'recordings'}   (open in Foxglove or PlotJuggler)")
-    out.line(f"test cases  {run_dir / reporting.TEST_CASES}   (competition YAML)")
+    for what, name, words in LEFT:
+        if (run_dir / name).is_dir():
+            out.line(f"{what}  {run_dir / name}   ({words})")
     if found.confirmed:
         out.line(f"prove it    {out.program()} replay {run_dir}")
     if not ended.ended:
@@ -168,7 +174,12 @@ def _tell(found: Conclusion, ended: ExitSummary) -> None:
     if found.exit_code == INFRASTRUCTURE:
         out.line("this says nothing of the vehicle: no test case could be flown and judged; see the faults above")
     if found.exit_code == NOTHING_JUDGED:
-        out.line("this says nothing of the vehicle: it ended before a flight was judged")
+        why = (
+            "no rule could be judged, `saflite fly` says why"
+            if _judged(found)
+            else "it ended before a flight was judged"
+        )
+        out.line(f"this says nothing of the vehicle: {why}")
     if found.causes:
         out.line("what it takes:" if found.minimised else "what it takes, not minimised ([search] shrink = true):")
     for cause in found.causes[:SHOWN]:
@@ -208,6 +219,10 @@ def _beside(flown: Counter[Purpose]) -> str:
     shrinking = flown["shrink"] + flown["shrunk"]
     words = f"and {flown['confirm']} to confirm, {flown['check']} to check the farm"
     return words + (f", {shrinking} to shrink" if shrinking else "")
+
+
+def _judged(found: Conclusion) -> bool:
+    return any(ruled.judged for ruled in found.rulings.values())
 
 
 def _tell_rulings(rulings: dict[str, Rulings]) -> None:

@@ -32,9 +32,9 @@ dialog::backdrop{background:rgba(0,0,0,.5)}
 .bar-share i{display:block;height:100%;background:var(--blue)}
 [data-part]:empty::before{content:"\\2026";color:var(--muted)}
 kbd{font:12px ui-monospace,monospace;border:1px solid var(--line);border-radius:4px;padding:0 5px}
-td.mark{text-align:center}.dot-confirmed{color:var(--red)}.dot-flaky{color:var(--amber)}.dot-other{color:var(--muted)}
+td.mark,th:has(.build){text-align:center}.dot-confirmed{color:var(--red)}.dot-flaky{color:var(--amber)}.dot-other{color:var(--muted)}
 @media(max-width:640px){header.bar{padding:8px 10px;position:static}dialog{padding:8px}.tiles{gap:8px}
-.tiles{grid-template-columns:repeat(2,1fr)}.tile b{font-size:21px}}
+.tile b{font-size:21px}}
 """
 )
 

@@ -119,7 +119,7 @@ def _dialog() -> str:
 def finds(found: Sequence[Violation]) -> str:
     """Return the table of finds, confirmed and worst first; a row opens its evidence."""
     if not found:
-        return '<p class="quiet">No violation was found yet.</p>'
+        return '<p class="quiet">No violation was found.</p>'
     ranked = sorted(found, key=lambda one: (RANK.get(one.confirmation, 3), one.robustness, one.test_case))
     rows = []
     for one in ranked[:FINDS_SHOWN]:
@@ -185,7 +185,10 @@ def _matrix(order: Sequence[int], heads: Sequence[Head], found: Sequence[Sequenc
     if not ways:
         return ""
     named = zip(order, heads, strict=True)
-    titles = [f'<a href="/run/{at}/">{escape(head.build[:6] or head.name)}</a>' for at, head in named]
+    titles = [
+        f'<a class="build" href="/run/{at}/" title="{escape(head.name)}">{escape(head.build[:6] or head.name)}</a>'
+        for at, head in named
+    ]
     rows = []
     for (policy, way), marks in sorted(ways.items()):
         cells = "".join(f'<td class="mark">{_mark(at, one)}</td>' for at, one in zip(order, marks, strict=True))

@@ -260,13 +260,19 @@ def _troubles(run: RunFolder) -> str:
 def _coverage(run: RunFolder) -> str:
     rulings, states = run.coverage()
     seen = data.states_named(run.target, states)
-    return page.policies(rulings) + page.states(seen, data.modes_unseen(run.target, seen))
+    told = page.policies(rulings) + page.states(seen, data.modes_unseen(run.target, seen))
+    return told or '<p class="muted">No flight was judged.</p>'
+
+
+def _scorers(run: RunFolder) -> str:
+    told = page.calibration(data.calibrations(run)) + page.usage(run.usage())
+    return told or '<p class="muted">No score was given.</p>'
 
 
 _PARTS: dict[str, Callable[[RunFolder], str]] = {
     "search": lambda run: page.progress_charts(data.progress(run)),
     "coverage": _coverage,
-    "scorers": lambda run: page.calibration(data.calibrations(run)) + page.usage(run.usage()),
+    "scorers": _scorers,
     "faults": _troubles,
 }
 

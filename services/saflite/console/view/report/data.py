@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from saflite.campaign.engine.exposure import ArmCounts
 from saflite.console.run_data.embargo import Released, is_public
+from saflite.console.run_data.farm_lookup import says_it_runs
 from saflite.console.run_data.run_folder import ArtefactRow, FlightRow, RunFolder, UsageRow
 from saflite.contract.circumstances import Circumstances
 from saflite.contract.config import Campaign
@@ -86,10 +87,10 @@ def read(run: RunFolder, released: Released = ()) -> ReportData:
     shown = [finding for finding in found if is_public(finding, released)]
     hidden = {one.violation.fingerprint for one in found} - {one.violation.fingerprint for one in shown}
     exhibits = tuple(exhibit(run, one, by_case.get(one.violation.test_case, [])) for one in shown)
-    state = "running"
-    for event in run.events():
-        if isinstance(event.fact, CampaignChanged):
-            state = f"{event.fact.state}: {event.fact.why}" if event.fact.why else event.fact.state
+    changes = [event.fact for event in run.events() if isinstance(event.fact, CampaignChanged)]
+    state = f"{changes[-1].state}: {changes[-1].why}".removesuffix(": ") if changes else ""
+    if not state.startswith("ended") and not says_it_runs(run.path):
+        state = "not running"
     quarantined, faults = troubles(run)
     return ReportData(
         campaign=run.campaign,

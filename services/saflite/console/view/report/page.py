@@ -78,7 +78,7 @@ def _tiles(data: ReportData) -> str:
     flown = Counter(row.purpose for row in data.flights)
     elapsed_s = max(data.elapsed_s, 1e-9)
     tiles = [
-        (str(behaviours), "behaviours confirmed", "bad" if confirmed else "good"),
+        (str(behaviours), "behaviours confirmed", "bad" if confirmed else "good" if flown["search"] else ""),
         (str(sum(data.finds.values())), "finds of them", ""),
         (str(flaky), "flaky", "warn" if flaky else ""),
         (f"{flown['search']}", f"flights of {data.campaign.budget_flights}", ""),
@@ -104,7 +104,9 @@ def duration(seconds: float) -> str:
 
 
 def progress_charts(progress: Progress) -> str:
-    """Return both charts of the search."""
+    """Return both charts of the search; a word where nothing was flown."""
+    if not progress.flights.any():
+        return '<p class="muted">No flight yet.</p>'
     drawn = (finds_chart(progress), search_chart(progress))
     return f'<div class="pictures">{"".join(f"<figure>{one}</figure>" for one in drawn)}</div>'
 
@@ -133,7 +135,9 @@ def _table(data: ReportData) -> str:
     words = withheld_words(data.withheld) + ": reported to the maintainers first" if data.withheld else ""
     withheld = f'<p class="muted">{words}.</p>' if words else ""
     if not data.exhibits:
-        return withheld or '<p class="quiet">No violation was found.</p>'
+        judged = any(ruled.judged > ruled.inconclusive for ruled in data.rulings.values())
+        nothing = "No violation was found." if judged else "No flight was judged: this says nothing of the vehicle."
+        return withheld or f'<p class="quiet">{nothing}</p>'
     rows = []
     for number, exhibit in enumerate(data.exhibits, start=1):
         violation = exhibit.violation

@@ -15,8 +15,8 @@ h3{margin:0 0 2px;font-size:17px}p{margin:4px 0 10px}small{color:var(--muted);fo
 .muted,.quiet{color:var(--muted)}.quiet{font-size:18px;padding:24px 0}
 a{color:var(--blue);text-decoration:none}a:hover{text-decoration:underline}
 code{font:13px ui-monospace,SFMono-Regular,Menlo,monospace;background:var(--grid);padding:1px 5px;border-radius:4px}
-.tiles{display:grid;grid-template-columns:repeat(auto-fit,minmax(150px,1fr));gap:12px;margin:18px 0}
-.tile{background:var(--panel);border:1px solid var(--line);border-radius:10px;padding:12px 14px}
+.tiles{display:flex;flex-wrap:wrap;gap:12px;margin:18px 0}
+.tile{flex:1 1 170px;background:var(--panel);border:1px solid var(--line);border-radius:10px;padding:12px 14px}
 .tile b{display:block;font-size:26px;line-height:1.2;font-variant-numeric:tabular-nums}
 .tile span{color:var(--muted);font-size:13px}
 .tile.bad b{color:var(--red)}.tile.good b{color:var(--green)}.tile.warn b{color:var(--amber)}
@@ -25,7 +25,8 @@ code{font:13px ui-monospace,SFMono-Regular,Menlo,monospace;background:var(--grid
 figure{margin:0;background:var(--panel);border:1px solid var(--line);border-radius:10px;padding:10px}
 svg{display:block;width:100%;height:auto;margin:0 auto}
 .violation{background:var(--panel);border:1px solid var(--line);border-radius:12px;padding:16px 18px;margin:18px 0}
-.violation figure:first-child{grid-row:span 2}
+.violation:not(.beside) .pictures{display:block;columns:2 420px;column-gap:14px}
+.violation:not(.beside) figure{break-inside:avoid;margin-bottom:14px}
 .violation figure{background:var(--bg)}
 .scroll{overflow-x:auto;background:var(--panel);border:1px solid var(--line);border-radius:10px}
 table{border-collapse:collapse;width:100%;font-variant-numeric:tabular-nums}
@@ -52,7 +53,8 @@ svg .closestname{fill:var(--red);font-weight:700;font-size:12.5px;paint-order:st
 .curve{fill:none;stroke-width:1.8;stroke-linejoin:round}.curve1{stroke:var(--blue)}.curve2{stroke:var(--amber)}
 .curve3{stroke:var(--red)}.faint{stroke:var(--muted);stroke-width:1;opacity:.45}
 .limit{stroke:var(--red);stroke-dasharray:6 4}.level{stroke:var(--muted);stroke-dasharray:3 4}
-@media(max-width:640px){main{padding:16px 10px 40px}.violation{padding:12px 8px}figure{padding:8px}
+@media(max-width:640px){.tile{flex-basis:140px}td.words,td:has(>.words){min-width:26ch}
+main{padding:16px 10px 40px}.violation{padding:12px 8px}figure{padding:8px}
 svg.chart .tick{font-size:12px}svg.layout text,svg.layout .tick{font-size:15px}
 .facts td{overflow-wrap:anywhere}.facts th{white-space:nowrap}h1{font-size:22px}}
 svg .name{paint-order:stroke;stroke:var(--bg);stroke-width:2.5px}
