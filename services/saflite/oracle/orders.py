@@ -45,6 +45,7 @@ SETTINGS: dict[str, Setting] = {
     "battery_low_charge_set_mah": Setting("BATT_LOW_MAH", 0.0, 0.0),
     "battery_capacity_set_mah": Setting("BATT_CAPACITY", 3300.0, 0.0),
     "fence_action_set": Setting("FENCE_ACTION", 1.0, 0.0, 5.0),
+    "failsafe_options_set": Setting("FS_OPTIONS", 16.0, 0.0, 127.0),
     "fence_on_set": Setting("FENCE_ENABLE", 0.0, 0.0, 1.0),
     "fence_type_set": Setting("FENCE_TYPE", 7.0, 0.0, 15.0),
     "fence_radius_set_m": Setting("FENCE_RADIUS", 300.0, 30.0, 10_000.0),

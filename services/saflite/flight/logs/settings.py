@@ -78,6 +78,7 @@ ARDUPILOT: dict[str, Plain | Made] = {
     "chute_altitude_min_set_m": _of("CHUTE_ALT_MIN"),
     "fs_throttle_set_pwm": _of("FS_THR_VALUE"),
     "fs_throttle_enabled": _of("FS_THR_ENABLE"),
+    "failsafe_options_set": _of("FS_OPTIONS"),
     "fs_gps_action": _of("FS_EKF_ACTION"),
     "fs_gps_delay_set_s": Made("FS_EKF_ACTION", lambda given: 0.0 * given["FS_EKF_ACTION"]),  # there is no delay to set
     "fence_enabled": Made(

@@ -91,6 +91,7 @@ SHOWN: dict[str, Shown] = {
     "chute_altitude_min_set_m": Shown(("CHUTE_ALT_MIN",)),
     "fs_throttle_set_pwm": Shown(("FS_THR_VALUE",)),
     "fs_throttle_enabled": Shown(("FS_THR_ENABLE",)),
+    "failsafe_options_set": Shown(("FS_OPTIONS",)),
     "fs_gps_action": Shown(("FS_EKF_ACTION",)),
     "fence_on_set": Shown(("FENCE_ENABLE",)),
     "fence_type_set": Shown(("FENCE_TYPE",)),

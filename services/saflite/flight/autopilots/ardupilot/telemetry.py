@@ -17,7 +17,6 @@ MODES: dict[str, int] = {
     "POSHOLD": 16,
     "THROW": 18,
     "GUIDED_NOGPS": 20,
-    "SMART_RTL": 21,
     "FLOWHOLD": 22,
     "ZIGZAG": 24,
     "TURTLE": 28,
