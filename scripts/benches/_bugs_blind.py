@@ -38,6 +38,7 @@ ARMS = {
     "open, text": "the same, 8 of 24 chosen by `relevance`, told only the paper's words",
 }
 CANDIDATES, CHOSEN = 24, 8
+NO_LOG = {"log": "none"}  # a target that keeps its own log cannot fork a flight from its start
 
 
 class Row(NamedTuple):
@@ -114,9 +115,11 @@ def campaign_of(base: Campaign, policy: str, arm: str, target: TargetInfo, rng_s
         confirm_flights=1,
         confirm_needed=1,
     )
+    forked = {name: value for name, value in NO_LOG.items() if name in target.settings}
     return msgspec.structs.replace(
         base,
         name="bench-bugs-real",
+        target=msgspec.structs.replace(base.target, settings={**base.target.settings, **forked}),
         strategy=StrategyConfig(name="pgfuzz", settings=settings),
         scorer=ScorerConfig(model="relevance" if chooses == "text" else "constant", batch=16),
         search=search,
