@@ -42,7 +42,7 @@ class Vehicle:
         place = dict(zip(("PX4_HOME_LAT", "PX4_HOME_LON", "PX4_HOME_ALT"), map(str, FACTS["home"]), strict=True))
         model = {"PX4_SIM_MODEL": "sihsim_quadx", "PX4_SIM_SPEED_FACTOR": f"{speed:g}"}
         words = [str(binary), "-d", "-w", str(folder), str(binary.parent.parent / "etc")]
-        told = {**os.environ, **model, **place, **given}
+        told = {"PATH": os.defpath, **model, **place, **given}
         self.link: Any = mavutil.mavlink_connection(LINK, source_system=255)
         self.console = (folder / "console.txt").open("wb")
         self.process = subprocess.Popen(words, cwd=folder, env=told, stdout=self.console, stderr=self.console)
