@@ -22,7 +22,7 @@
     X(land_altitude_low_set_m) X(pilot_speed_up_set_mps) X(pilot_speed_down_set_mps) X(takeoff_speed_set_mps) \
     X(takeoff_altitude_set_m) X(chute_altitude_min_set_m) X(fs_throttle_set_pwm) X(fs_throttle_enabled) \
     X(fs_gps_action) X(fence_enabled) X(fence_altitude_max_set_m) X(fence_action_set) X(fence_on_set) X(fence_type_set) \
-    X(fence_radius_set_m) X(battery_low_set_v) X(battery_timer_set_s) X(battery_low_action_set) \
+    X(fence_radius_set_m) X(battery_low_set_v) X(battery_timer_set_s) X(battery_low_action_set) X(failsafe_options_set) \
     X(battery_critical_set_v) X(battery_low_charge_set_mah) X(arming_checks_set) X(angle_max_set_deg) \
     X(cruise_speed_set_mps) X(return_speed_set_mps) X(return_climb_min_set_m) X(loiter_speed_set_mps) \
     X(disarm_delay_set_s) X(circle_radius_set_m) X(descent_speed_set_mps) X(trim_roll_set_deg) X(trim_pitch_set_deg) \
