@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
+import csv
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
+
 import msgspec
 import numpy as np
 import pytest
 from external_flights import answers, case, really_flown
 
+from saflite.contract.standalone import Evidence
 from saflite.contract.test_case import Obstacle, Scenario, StartState
 from saflite.flight.autopilots.px4.adapter import ADAPTER
 from saflite.flight.mission import builtin_mission
+from saflite.simulator_worker.targets import px4
 
 pytestmark = pytest.mark.live
 HOVER = Scenario(start=StartState(mode="LOITER", altitude_m=20.0), time_limit_s=20.0)
@@ -59,3 +68,25 @@ def test_it_flies_a_mission() -> None:
     assert record.ending == "completed"
     assert record.trace is not None
     assert record.trace.array("mission_item").max() >= 2.0
+
+
+@pytest.mark.parametrize("mission", [False, True])
+def test_a_finding_flies_without_the_farm(tmp_path: Path, mission: bool) -> None:
+    plan = Scenario(mission=builtin_mission("mission2"), time_limit_s=40.0)
+    first, second = (1.0, "mode", "ALT_HOLD", 0.0), (3.0, "parameter", "RTL_RETURN_ALT", 30.0)
+    given = case("px4", first, second, scenario=plan if mission else HOVER)
+    evidence = Evidence("finding.py", "px-hold1", "HOLD holds", 1.0, 2.0, {}, [])
+    flight = cast(Any, SimpleNamespace(ending="completed"))
+    for name, text in px4.standalone(given, flight, evidence).items():
+        (tmp_path / name).write_text(text)
+    out = tmp_path / "out"
+    words = [sys.executable, str(tmp_path / "finding.py"), str(ADAPTER.binaries.named().path), "--folder", str(out)]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=300.0, check=False)
+    assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-4000:]
+    (log,) = out.rglob("*.ulg")
+    assert log.stat().st_size > 100_000
+    rows = list(csv.DictReader((out / "track.csv").open()))
+    assert "2.0" in {row["mode"] for row in rows}  # PX4_CUSTOM_MAIN_MODE_ALTCTL
+    if not mission:
+        assert abs(float(rows[0]["altitude_m"]) - 20.0) < 1.5
+    assert (tmp_path / "finding.plan").is_file() == mission
