@@ -59,6 +59,12 @@ def test_it_flies_a_mission_round_a_box() -> None:
     assert record.trace.array("contact").max() == 0.0
 
 
+def test_parameters_of_groups_that_are_off_are_known() -> None:
+    found = {one.name: one.default for one in ardupilot.describe().inputs}
+    assert found["CHUTE_ENABLED"] == 0.0
+    assert {"CHUTE_ALT_MIN", "BATT_LOW_VOLT", "BATT_FS_LOW_ACT"} <= found.keys()
+
+
 def test_it_flies_a_finding_without_the_farm(tmp_path: Path) -> None:
     script = _exported(tmp_path) / "finding.py"
     program, out = ADAPTER.binaries.named().path, tmp_path / "out"

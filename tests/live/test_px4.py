@@ -73,8 +73,8 @@ def test_it_flies_a_mission() -> None:
 @pytest.mark.parametrize("mission", [False, True])
 def test_a_finding_flies_without_the_farm(tmp_path: Path, mission: bool) -> None:
     plan = Scenario(mission=builtin_mission("mission2"), time_limit_s=40.0)
-    first, second = (1.0, "mode", "ALT_HOLD", 0.0), (3.0, "parameter", "RTL_RETURN_ALT", 30.0)
-    given = case("px4", first, second, scenario=plan if mission else HOVER)
+    scenario = plan if mission else HOVER
+    given = case("px4", (1.0, "mode", "ALT_HOLD", 0.0), (3.0, "parameter", "RTL_RETURN_ALT", 30.0), scenario=scenario)
     evidence = Evidence("finding.py", "px-hold1", "HOLD holds", 1.0, 2.0, {}, [])
     flight = cast(Any, SimpleNamespace(ending="completed"))
     for name, text in px4.standalone(given, flight, evidence).items():

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from saflite.contract.test_case import TestCase
@@ -11,14 +13,14 @@ from saflite.flight.autopilots.ardupilot.check import check_test_case
 from saflite.flight.autopilots.ardupilot.describe import describe
 from saflite.flight.autopilots.ardupilot.flight import ArduPilotFlight
 from saflite.flight.autopilots.ardupilot.held_flight import HeldFlight
-from saflite.flight.autopilots.ardupilot.settings import without_log
+from saflite.flight.autopilots.ardupilot.settings import opening, without_log
 from saflite.flight.autopilots.external.adapter import Adapter
 from saflite.flight.autopilots.external.binary import Binary
 from saflite.flight.autopilots.external.place import Place
 
 
-def _powered_up(binary: Binary, place: Place) -> Aircraft:
-    return Aircraft(binary, place, {}, np.zeros((0, 8)))
+def _powered_up(binary: Binary, place: Place, parameters: Mapping[str, float]) -> Aircraft:
+    return Aircraft(binary, place, parameters, np.zeros((0, 8)))
 
 
 def _forkable(test_case: TestCase) -> bool:
@@ -26,4 +28,4 @@ def _forkable(test_case: TestCase) -> bool:
     return without_log(test_case) and not test_case.scenario.obstacles
 
 
-ADAPTER = Adapter(BINARIES, describe, check_test_case, ArduPilotFlight, _powered_up, HeldFlight, _forkable)
+ADAPTER = Adapter(BINARIES, describe, check_test_case, ArduPilotFlight, _powered_up, HeldFlight, _forkable, opening)

@@ -10,6 +10,7 @@ from saflite.contract.test_case import TestCase
 from saflite.flight.autopilots.ardupilot.vehicle import Vehicle
 
 _CHANNELS = range(1, 9)
+SWITCHES = ("_ENABLE", "_ENABLED")
 F450: dict[str, float] = {
     # stock gains oscillate: the F450's motors follow in 45 ms
     "ATC_RAT_RLL_P": 0.09,
@@ -147,6 +148,13 @@ def start_parameters(
     tune = {name: value for name, value in TUNE.items() if not (own_physics and name in F450)}
     ours = {**tune, **(AVOIDANCE if obstacles else {}), **({} if log else {"LOG_BACKEND_TYPE": 0.0})}
     return {name: float(value) for name, value in {**ours, **given}.items() if name in known}
+
+
+def opening(known: Collection[str]) -> dict[str, float]:
+    """Return values with which ArduPilot shows the parameters that it hides while what they belong to is off."""
+    ours = {**TUNE, **AVOIDANCE}
+    switches = [name for name in known if name.endswith(SWITCHES)]
+    return {name: float(ours.get(name, 1.0)) for name in (*switches, *(name for name in ours if name in known))}
 
 
 def as_file(parameters: Mapping[str, float]) -> str:

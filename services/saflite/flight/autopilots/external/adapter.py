@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 from saflite.contract.errors import Unavailable
@@ -13,7 +13,7 @@ from saflite.flight.autopilots.external.aircraft import Aircraft
 from saflite.flight.autopilots.external.binary import Binaries, Binary
 from saflite.flight.autopilots.external.flight import ExternalFlight
 from saflite.flight.autopilots.external.link import Stopped
-from saflite.flight.autopilots.external.listing import Listing
+from saflite.flight.autopilots.external.listing import Listing, Row
 from saflite.flight.autopilots.external.place import FailedBringUp, Place
 
 
@@ -21,7 +21,8 @@ class Adapter(NamedTuple):
     """An autopilot that people name a binary of.
 
     `describe` takes binary, list of parameters and what this machine lacks; `check` raises Refused for what the binary
-    cannot fly; `flight` makes one flight; `powered_up` starts the binary only to be asked. Where flights can be forked,
+    cannot fly; `flight` makes one flight; `powered_up` starts the binary only to be asked, with parameters that open
+    groups: `opening` names those, of the parameters that show without. Where flights can be forked,
     `held` makes one that can be held, and `forkable` says which test cases are flown so.
     """
 
@@ -29,9 +30,10 @@ class Adapter(NamedTuple):
     describe: Callable[[Binary | None, Listing | None, str], TargetInfo]
     check: Callable[[TestCase, Listing], None]
     flight: Callable[[TestCase, Binary, Listing, Place], ExternalFlight]
-    powered_up: Callable[[Binary, Place], Aircraft]
+    powered_up: Callable[[Binary, Place, Mapping[str, float]], Aircraft]
     held: Callable[[TestCase, Binary, Listing, Place], Any] | None = None
     forkable: Callable[[TestCase], bool] = lambda test_case: False
+    opening: Callable[[Mapping[str, Row]], dict[str, float]] = lambda rows: {}
 
     def known(self, binary: Binary) -> Listing | None:
         """Return what is remembered of a binary's parameters, None where it was never asked."""
@@ -46,15 +48,29 @@ class Adapter(NamedTuple):
         remembered = self.known(binary)
         if remembered is not None:
             return remembered
+        rows = self._listed(binary, place, {})
+        opening = self.opening(rows)
+        if opening:
+            rows = {**self._opened(binary, place, opening), **rows}  # values stay those before anything is set
+        found = Listing(binary=binary.digest, parameters=rows)
+        listing.remember(self.binaries.cache_folder(), found)
+        return found
+
+    def _opened(self, binary: Binary, place: Place, opening: Mapping[str, float]) -> dict[str, Row]:
+        """Return what shows with groups open; nothing where the build does not come up so: it has its plain list."""
         try:
-            aircraft = self.powered_up(binary, place)
+            return self._listed(binary, place, opening)
+        except Unavailable:
+            return {}
+
+    def _listed(self, binary: Binary, place: Place, parameters: Mapping[str, float]) -> dict[str, Row]:
+        try:
+            aircraft = self.powered_up(binary, place, parameters)
         except FailedBringUp as fault:
             raise Unavailable(f"{binary.version}: {fault}") from fault
         try:
-            found = Listing(binary=binary.digest, parameters=listing.listed(aircraft.client))
+            return listing.listed(aircraft.client)
         except Stopped as fault:
             raise Unavailable(f"{binary.version}: {aircraft.trouble(fault.came)}") from fault
         finally:
             aircraft.close()
-        listing.remember(self.binaries.cache_folder(), found)
-        return found

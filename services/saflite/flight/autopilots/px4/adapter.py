@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from saflite.flight.autopilots.external.adapter import Adapter
@@ -15,8 +17,9 @@ from saflite.flight.autopilots.px4.flight import Px4Flight
 from saflite.flight.autopilots.px4.settings import NO_LOG
 
 
-def _powered_up(binary: Binary, place: Place) -> Aircraft:
-    return Aircraft(binary, place, {name: str(round(value)) for name, value in NO_LOG.items()}, np.zeros((0, 8)))
+def _powered_up(binary: Binary, place: Place, parameters: Mapping[str, float]) -> Aircraft:
+    given = {name: str(round(value)) for name, value in {**NO_LOG, **parameters}.items()}
+    return Aircraft(binary, place, given, np.zeros((0, 8)))
 
 
 ADAPTER = Adapter(BINARIES, describe, check_test_case, Px4Flight, _powered_up)
