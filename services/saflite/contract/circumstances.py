@@ -6,7 +6,7 @@ For every target alike: documented ranges and links are those of `TargetInfo.inp
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from typing import Annotated, Literal
 
 import msgspec
@@ -60,17 +60,20 @@ def circumstances_of(
 ) -> Circumstances:
     """Return what a test case takes; inputs that were denied or not given any more do not count.
 
-    One whose answer never came does: it may be what ended the autopilot.
+    One whose answer never came does: it may be what ended the autopilot. In a case made as small as it goes one that
+    was denied counts, too: without it nothing showed, so the autopilot denied what it did.
     """
     known = {(info.kind, info.name): info for info in target.inputs}
-    heard = (one.stimulus for one in given(test_case.stimuli, delivered) if one.answer != "denied")
-    taken = [*_set_before(test_case), *heard]
+    shrunk = test_case.origin.note.startswith("shrunk")
+    heard = [one for one in given(test_case.stimuli, delivered) if shrunk or one.answer != "denied"]
+    denied = [one.stimulus for one in heard if one.answer == "denied"]
+    taken = [*_set_before(test_case), *(one.stimulus for one in heard)]
     outside = [words for one in taken if (words := _outside(one, known))]
     undocumented = sorted({one.name for one in taken if not _is_documented(one, known)})
     changed = {name: value for name, value in test_case.target.settings.items() if _is_changed(target, name, value)}
     planted = [name for name in changed if target.settings[name].breaks]
     options = [*([target.options] if target.options else []), *(f"planted: {changed[name]}" for name in planted)]
-    steps = tuple(_steps(test_case, changed, taken))
+    steps = tuple(_steps(test_case, changed, taken, denied))
     return Circumstances(
         values="outside" if outside else "undocumented" if undocumented else "inside",
         outside=tuple(outside),
@@ -80,7 +83,7 @@ def circumstances_of(
         options="; ".join(options),
         repeats=target.repeats,
         steps=steps,
-        minimal=test_case.origin.note.startswith("shrunk") or len(steps) <= 1,
+        minimal=shrunk or len(steps) <= 1,
     )
 
 
@@ -169,11 +172,14 @@ def _widest(links: Iterable[Link]) -> Link:
     return max(links, key=LINKS.index, default="none")
 
 
-def _steps(test_case: TestCase, changed: Mapping[str, object], taken: Iterable[Stimulus]) -> Iterator[str]:
+def _steps(
+    test_case: TestCase, changed: Mapping[str, object], taken: Iterable[Stimulus], denied: Collection[Stimulus]
+) -> Iterator[str]:
     for box in test_case.scenario.obstacles:
         size = f"{box.length_m:g} x {box.width_m:g} x {box.height_m:g} m"
         yield f"box of {size} at ({box.x_m:g}, {box.y_m:g}) m, turned {box.rotation_deg:g} degrees"
     for name in changed:
         yield f"{name} = {setting_text(test_case.target.settings[name])}"
     for one in taken:
-        yield ("" if one.kind == "parameter" and one.at_s <= 0.0 else f"at {one.at_s:g} s: ") + stimulus_text(one)
+        at = "" if one.kind == "parameter" and one.at_s <= 0.0 else f"at {one.at_s:g} s: "
+        yield at + stimulus_text(one) + (" (denied)" if one in denied else "")

@@ -122,3 +122,10 @@ def test_an_input_that_got_no_answer_counts_for_it_may_be_what_ended_the_autopil
     assert unheard.undocumented == ("MESSAGE",)
     denied = found(message, delivered=(Delivered(index=0, at_s=3.0, answer="denied"),))
     assert denied.steps == ()
+
+
+def test_an_input_that_was_denied_and_without_which_nothing_shows_counts() -> None:
+    moved = given("command", "MESSAGE", 1.0, 255.0)
+    denied = found(moved, delivered=(Delivered(index=0, at_s=3.0, answer="denied"),), note="shrunk: to 1")
+    assert [step.endswith("(denied)") for step in denied.steps] == [True]
+    assert denied.link == "trusted"
