@@ -24,6 +24,7 @@ from saflite.simulator_worker.messages import SlotInfo
 SHARED = "/tmp/saflite"  # noqa: S108  (checked: ours, nobody else's)
 SLOTS_MAX = 512
 PORTS_FIRST, PORTS_EACH = 20_000, 20
+_FIRST_PORTS = range(PORTS_FIRST, PORTS_FIRST + SLOTS_MAX * PORTS_EACH, PORTS_EACH)
 LOCK_SUFFIX = ".lock"
 
 
@@ -110,6 +111,8 @@ def _sweep(root: Path, own: int) -> None:
             _remove(root, index)
             os.close(lock)
     for first_port, path in left_outside():
+        if first_port not in _FIRST_PORTS:  # somebody's own autopilot, started by hand
+            continue
         claim = _claim(first_port)
         if claim is not None:
             with claim, suppress(OSError):  # another user's

@@ -78,6 +78,18 @@ def test_what_a_killed_autopilot_left_outside_its_folder_is_cleared_away(tmp_pat
     assert not ours[0].exists()
 
 
+def test_files_of_an_autopilot_that_somebody_started_by_hand_stay(tmp_path: Path) -> None:
+    theirs = outside(10_007)  # no slot has such ports
+    for path in theirs:
+        path.touch()
+    try:
+        take_slot(tmp_path / "slots").release()
+        assert [path.exists() for path in theirs] == [True, True]
+    finally:
+        for path in theirs:
+            path.unlink(missing_ok=True)
+
+
 def test_a_released_slot_leaves_no_file(tmp_path: Path) -> None:
     root = tmp_path / "slots"
     held = take_slot(root)

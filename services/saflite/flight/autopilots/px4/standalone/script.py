@@ -20,7 +20,7 @@ from pymavlink import mavutil
 FACTS: dict[str, Any] = json.loads(r"""{"@FACTS@": 0}""")
 LINK = "udpin:127.0.0.1:14550"
 READY_S, CLIMB_S, SETTLE_S, ANSWER_S = 60.0, 60.0, 4.0, 3.0  # of the autopilot's own time
-SILENT_S = 30.0  # of wall time
+BOOT_S, SILENT_S = 120.0, 30.0  # of wall time
 ARM, TAKEOFF, SET_MODE, SET_INTERVAL = 400, 22, 176, 511
 STREAMED = {"LOCAL_POSITION_NED": 32, "SYS_STATUS": 1, "GLOBAL_POSITION_INT": 33, "ATTITUDE": 30}
 COLUMNS = (
@@ -148,7 +148,7 @@ def mode_of(beat: Any) -> str:
 
 def start(vehicle: Vehicle) -> None:
     """Reach the start state."""
-    vehicle.link.wait_heartbeat(timeout=SILENT_S)
+    vehicle.link.wait_heartbeat(timeout=BOOT_S)
     for number in STREAMED.values():
         vehicle.link.mav.command_long_send(1, 1, SET_INTERVAL, 0, number, 20_000, 0, 0, 0, 0, 0)
     vehicle.poll()
