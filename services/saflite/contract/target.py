@@ -37,7 +37,10 @@ class Slot:
 
 
 class Session(Protocol):
-    """An open target. Used from one thread; result (B after A) equals result (B alone)."""
+    """An open target. Used from one thread; result (B after A) equals result (B alone).
+
+    Where the target says that flights repeat bit by bit, a session may except test cases by `repeatable(test_case)`.
+    """
 
     def fly(self, test_case: TestCase, deadline_s: float, cancelled: Cancelled) -> FlightRecord:
         """Fly once, within `deadline_s` of wall time.

@@ -19,6 +19,7 @@ from saflite.contract.flight import FlightRecord, pack_trace, trace_digest
 from saflite.contract.service import Cancelled
 from saflite.contract.target import ForkingSession, Session, TargetModule
 from saflite.contract.target_info import TargetInfo
+from saflite.contract.test_case import TestCase
 from saflite.simulator_worker import agreement, own_network
 from saflite.simulator_worker.messages import (
     Cancel,
@@ -153,7 +154,7 @@ class Simulator:
         else:
             record = opened.session.fly(test_case, request.deadline_s, cancelled)
         wrong = list(agreement.contradictions(info, test_case, record))
-        if request.twice and not wrong:
+        if request.twice and not wrong and _repeatable(opened.session, test_case):
             wrong = list(_repeated(opened.session, request, record, cancelled))
         if wrong:
             raise _Contradicted("; ".join(wrong))
@@ -162,6 +163,12 @@ class Simulator:
 
 class _Contradicted(Exception):
     """The target does not do what it says of itself."""
+
+
+def _repeatable(session: Session, test_case: TestCase) -> bool:
+    """Whether a session means this test case, too, when its target says that flights repeat bit by bit."""
+    told = getattr(session, "repeatable", None)
+    return told is None or bool(told(test_case))
 
 
 def _repeated(session: Session, request: FlightRequest, record: FlightRecord, cancelled: Cancelled) -> Iterator[str]:

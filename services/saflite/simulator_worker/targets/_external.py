@@ -106,6 +106,10 @@ class ExternalSession:
     def close(self) -> None:
         """Nothing outlives a flight."""
 
+    def repeatable(self, test_case: TestCase) -> bool:
+        """Return whether flights of a test case repeat bit by bit, where the target says that flights do."""
+        return self._adapter.repeatable(test_case)
+
     @property
     def _place(self) -> Place:
         return Place(self._slot.folder, self._slot.ports)

@@ -28,4 +28,11 @@ def _forkable(test_case: TestCase) -> bool:
     return without_log(test_case) and not test_case.scenario.obstacles
 
 
-ADAPTER = Adapter(BINARIES, describe, check_test_case, ArduPilotFlight, _powered_up, HeldFlight, _forkable, opening)
+def _repeatable(test_case: TestCase) -> bool:
+    """Whether nothing that flies it runs by wall time, as BendyRuler does where there are obstacles."""
+    return not test_case.scenario.obstacles
+
+
+ADAPTER = Adapter(
+    BINARIES, describe, check_test_case, ArduPilotFlight, _powered_up, HeldFlight, _forkable, opening, _repeatable
+)

@@ -23,7 +23,8 @@ class Adapter(NamedTuple):
     `describe` takes binary, list of parameters and what this machine lacks; `check` raises Refused for what the binary
     cannot fly; `flight` makes one flight; `powered_up` starts the binary only to be asked, with parameters that open
     groups: `opening` names those, of the parameters that show without. Where flights can be forked,
-    `held` makes one that can be held, and `forkable` says which test cases are flown so.
+    `held` makes one that can be held, and `forkable` says which test cases are flown so. `repeatable` says of which
+    test cases flights repeat bit by bit, where the target says that flights do.
     """
 
     binaries: Binaries
@@ -34,6 +35,7 @@ class Adapter(NamedTuple):
     held: Callable[[TestCase, Binary, Listing, Place], Any] | None = None
     forkable: Callable[[TestCase], bool] = lambda test_case: False
     opening: Callable[[Mapping[str, Row]], dict[str, float]] = lambda rows: {}
+    repeatable: Callable[[TestCase], bool] = lambda test_case: True
 
     def known(self, binary: Binary) -> Listing | None:
         """Return what is remembered of a binary's parameters, None where it was never asked."""
