@@ -8,14 +8,14 @@ from xml.etree import ElementTree as Xml
 import msgspec
 import pytest
 
-from saflite.console.operations import builds, comparing, flaking, regressing
+from saflite.console.operations import beginning, builds, comparing, flaking, regressing
 from saflite.console.operations.builds import Build, Sample
 from saflite.console.operations.regressing import State
 from saflite.console.run_data import known
 from saflite.console.run_data.known import Known
 from saflite.console.view import ci_files
 from saflite.contract.errors import Refused
-from saflite.contract.test_case import Scenario, Target, TestCase
+from saflite.contract.test_case import Scenario, Stimulus, Target, TestCase
 from saflite.contract.verdict import Ruling, Verdict, modes_named
 
 HERE = Build("reference", Target(), None, "abc")
@@ -110,6 +110,28 @@ def test_several_policies_or_flights_of_one_fingerprint_can_be_told_apart(tmp_pa
     assert all(word in str(told.value) for word in (KNOWN.name, twin.name, "a-chute", "--policy"))
     assert known.one_of(tmp_path, "7777", ()).name == twin.name
     assert known.one_of(tmp_path, "fedc", ("a-chute",)).fingerprint == other.fingerprint
+
+
+def test_of_the_test_cases_of_one_behaviour_the_smallest_is_meant(tmp_path: Path) -> None:
+    """A find and its smallest form share a fingerprint, which is what summary, report and pages name it by."""
+    steps = tuple(Stimulus(at_s=1.0 + at, kind="mode", name="RTL") for at in range(3))
+    found, small = (
+        msgspec.structs.replace(
+            KNOWN, name=name, test_case=msgspec.structs.replace(KNOWN.test_case, stimuli=steps[:many])
+        )
+        for name, many in (("1" * 16, 3), ("7" * 16, 1))
+    )
+    known.keep([found, small], tmp_path)
+    assert known.one_of(tmp_path, KNOWN.fingerprint, ()).name == small.name
+    assert known.one_of(tmp_path, found.name, ()).name == found.name
+
+
+def test_a_policy_file_is_judged_by_the_id_in_it(tmp_path: Path) -> None:
+    known.keep([KNOWN], tmp_path)
+    (file,) = beginning.begin("policy", "stays-below", tmp_path, force=False)
+    meant = known.one_of(tmp_path, "", (str(file), "upright"))
+    assert (meant.policy, meant.policies) == ("stays-below", ("stays-below", "upright"))
+    assert meant.policy_texts["stays-below"].text == file.read_text(encoding="utf-8")
 
 
 def test_what_is_not_known_is_refused(tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ from typing import Annotated, Literal
 
 import msgspec
 
+from saflite.campaign.presets.policy_campaigns import policy_text
 from saflite.console.io import outputs
 from saflite.console.run_data.run_folder import open_run
 from saflite.contract import wire
@@ -137,18 +138,26 @@ def with_standing(known: Iterable[Known], folder: Path) -> list[Known]:
 def one_of(what: Path, wanted: str, policies: tuple[str, ...]) -> Known:
     """Return the violation meant: of a run or corpus the one named, a file of a corpus, a recording or a test case.
 
+    Of several test cases that violate one policy in one way the smallest is meant.
+
     Args:
         what: folder or file.
         wanted: fingerprint or test case, or the start of it; empty where there is only one.
-        policies: judged by these; the first is the one in question. Those of the record if none is given.
+        policies: judged by these, names or policy files; the first is the one in question. Those of the record if
+            none is given.
 
     Raises:
         Refused: nothing or more than one thing is meant, or nobody says which policy is in question.
     """
+    files = dict(policy_text(Path(name)) for name in policies if name.endswith(".toml"))
+    named = {text.file: name for name, text in files.items()}
+    policies = tuple(named.get(str(Path(name)), name) for name in policies)
     if what.is_dir():
         found = read(what, wanted)
         if len(found) > 1:  # one flight may violate several policies, and several flights one in the same way
             found = [one for one in found if one.policy in policies[:1]] or found
+        if len({(one.fingerprint, one.policy) for one in found}) == 1:
+            found = [min(found, key=_size)]
         if len(found) != 1:
             names = ", ".join(f"{one.fingerprint} ({one.policy}, test case {one.name})" for one in found) or "none"
             raise Refused("--violation", where=str(what), expected="one violation, maybe by --policy", got=names)
@@ -157,7 +166,15 @@ def one_of(what: Path, wanted: str, policies: tuple[str, ...]) -> Known:
         known = _read(what)
     else:
         known = _of_file(what, policies)
-    return msgspec.structs.replace(known, policy=policies[0], policies=policies, behaviour="") if policies else known
+    if not policies:
+        return known
+    texts = {**known.policy_texts, **files}
+    return msgspec.structs.replace(known, policy=policies[0], policies=policies, policy_texts=texts, behaviour="")
+
+
+def _size(known: Known) -> tuple[int, int, str]:
+    case = known.test_case
+    return len(case.stimuli), len(case.scenario.obstacles), known.name
 
 
 def _of_file(what: Path, policies: tuple[str, ...]) -> Known:
