@@ -6,6 +6,7 @@ import base64
 import hashlib
 import hmac
 import os
+import socket
 from collections.abc import Callable
 from pathlib import Path
 
@@ -159,3 +160,19 @@ def test_what_is_refused_is_not_told(url: str) -> None:
 )
 def test_what_is_one_is_taken(url: str) -> None:
     assert check_url(url) == url
+
+
+def test_no_proxy_of_the_environment_sees_an_event(monkeypatch: pytest.MonkeyPatch) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as proxy:
+        monkeypatch.setenv("HTTP_PROXY", f"http://127.0.0.1:{proxy.getsockname()[1]}")
+        monkeypatch.setenv("NO_PROXY", "")
+        proxy.settimeout(0.2)
+        with pytest.raises(httpx.ReadTimeout):
+            httpx.get("http://127.0.0.1:9", timeout=0.2)
+        proxy.accept()[0].close()  # as a web client would
+        webhook = Webhook("http://127.0.0.1:9/finds", _Clock())
+        with pytest.raises(httpx.ConnectError):
+            webhook._client.post("http://127.0.0.1:9/finds", content=b"{}", timeout=5.0)
+        webhook.close()
+        with pytest.raises(TimeoutError):
+            proxy.accept()

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import gzip
+import socket
 from collections.abc import AsyncIterator
+from concurrent.futures import ThreadPoolExecutor
 
 import httpx
 import pytest
@@ -134,3 +136,32 @@ def test_endless_answers_end(part: bytes, limit: int) -> None:
     with pytest.raises(httpx.ReadError, match="longer"):
         asyncio.run(read())
     assert stream.read <= limit + len(part)
+
+
+def test_no_proxy_of_the_environment_sees_a_question_or_a_key(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A proxy of the environment, which a web client goes to by itself, hears of the first question, no other."""
+    monkeypatch.setenv("OPENAI_API_KEY", "secret")
+    with socket.create_server(("127.0.0.1", 0)) as proxy, socket.create_server(("127.0.0.1", 0)) as server:
+        server_at, proxy_at = (f"127.0.0.1:{one.getsockname()[1]}" for one in (server, proxy))
+        monkeypatch.setenv("SAFLITE_KEY_HOSTS", server_at)
+        for name in ("HTTP_PROXY", "HTTPS_PROXY", "ALL_PROXY", "http_proxy", "https_proxy", "all_proxy"):
+            monkeypatch.setenv(name, f"http://{proxy_at}")
+        monkeypatch.setenv("NO_PROXY", "")
+        server.settimeout(30.0)
+        proxy.settimeout(0.2)
+        with pytest.raises(httpx.ReadTimeout):
+            httpx.get(f"http://{server_at}", timeout=0.2)
+        proxy.accept()[0].close()
+        with ThreadPoolExecutor(1) as asking:
+            asked = asking.submit(_fails, OpenAIChat(f"m@http://{server_at}/v1"))
+            link = server.accept()[0]
+            assert b"Bearer secret" in link.recv(65536)
+            link.close()
+            asked.result()
+        with pytest.raises(TimeoutError):
+            proxy.accept()
+
+
+def _fails(chat: OpenAIChat) -> None:
+    with pytest.raises(FarmError):
+        asyncio.run(chat.ask(QUESTION))
