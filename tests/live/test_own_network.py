@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import socket
 import subprocess
 import sys
@@ -12,9 +13,12 @@ from pathlib import Path
 
 import pytest
 
-from saflite.contract.test_case import Scenario, Target, TestCase
+from saflite.conformance.flying import opened
+from saflite.contract.test_case import Scenario, StartState, Target, TestCase
 from saflite.evidence.memory import MemoryBlobs
 from saflite.runtime.clock import WallClock
+from saflite.simulator_worker.processes import children
+from saflite.simulator_worker.registry import load_target, why_missing
 from saflite.simulator_worker.slots import slots_folder, take_slot
 from saflite.simulator_worker.work import Flyer, open_service
 
@@ -133,3 +137,27 @@ def test_the_ports_of_a_slot_stay_claimed(flyer: Flyer) -> None:
         assert other.info.first_port != flyer._sandbox._slot.info.first_port  # type: ignore[union-attr]
     finally:
         other.release()
+
+
+def _inodes_of_ports() -> set[str]:
+    tables = (Path(f"/proc/net/{kind}").read_text().splitlines()[1:] for kind in ("tcp", "tcp6", "udp", "udp6"))
+    return {line.split()[9] for table in tables for line in table}
+
+
+def _sockets(pid: int) -> set[str]:
+    links = [os.readlink(one) for one in Path(f"/proc/{pid}/fd").iterdir() if one.is_symlink()]
+    return {link[8:-1] for link in links if link.startswith("socket:[")}
+
+
+def test_betaflight_has_no_ports() -> None:
+    if why_missing("betaflight_stock"):
+        pytest.skip(why_missing("betaflight_stock"))
+    before = set(children(os.getpid()))
+    with opened(load_target("betaflight_stock")) as session, socket.create_server(("127.0.0.1", 0)):
+        start = StartState(mode="ANGLE", altitude_m=10.0)
+        case = TestCase(target=Target(name="betaflight_stock"), scenario=Scenario(start=start, time_limit_s=2.0))
+        assert session.fly(case, 60.0, lambda: False).ending == "completed"
+        alive = [pid for pid in children(os.getpid()) if pid not in before]
+        assert any(_sockets(pid) for pid in alive), "the firmware that flights are forked from is held"
+        assert _sockets(os.getpid()) & _inodes_of_ports(), "ports are found where there are any"
+        assert [pid for pid in alive if _sockets(pid) & _inodes_of_ports()] == []
