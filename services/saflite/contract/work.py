@@ -352,12 +352,12 @@ class Heartbeat(msgspec.Struct, frozen=True, kw_only=True):
     session: NameOrNone = ""
     leases: Annotated[tuple[tuple[LeaseId, Count], ...], msgspec.Meta(max_length=1_000)] = ()
     state: Literal["idle", "busy", "draining"] = "idle"
-    busy_s: Quantity = 0.0
-    idle_s: Quantity = 0.0
+    busy_s: Seconds = 0.0
+    idle_s: Seconds = 0.0
     done: Count = 0
-    simulated_s: Quantity = 0.0
+    simulated_s: Seconds = 0.0
     resident_mib: Quantity = 0.0
-    processor_s: Quantity = 0.0
+    processor_s: Seconds = 0.0
 
 
 class Orders(msgspec.Struct, frozen=True, kw_only=True):

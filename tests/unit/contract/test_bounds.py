@@ -9,13 +9,14 @@ import msgspec
 import pytest
 from msgspec import inspect
 
+from saflite.campaign.engine.worker_registry import WORKERS_MAX
 from saflite.console.run_data.known import Known
 from saflite.console.run_data.provenance import Provenance
 from saflite.console.view.dashboard.app import Order
 from saflite.contract import topics, wire
 from saflite.contract.blobs import BlobGet
 from saflite.contract.bounds import TEXT_CHARS_MAX, told
-from saflite.contract.control import Control
+from saflite.contract.control import Control, Status
 from saflite.contract.errors import Refused
 from saflite.contract.flight import Trace
 from saflite.contract.join import Join
@@ -139,3 +140,17 @@ def test_what_cannot_be_sent_is_refused_before_it_is() -> None:
             wire.checked(Stimulus(at_s=0.0, kind="command", name=name), Stimulus)
     stimulus = Stimulus(at_s=0.0, kind="command", name="x")
     assert wire.checked(stimulus, Stimulus) == stimulus
+
+
+def test_what_all_workers_say_of_their_time_fits_into_a_status() -> None:
+    """It is summed there over all lives of all workers; each of two said the most there is, and nobody got a status."""
+    assert _most(Heartbeat, "processor_s") * WORKERS_MAX * 1e6 < _most(Status, "processor_s")
+
+
+def _most(kind: type, name: str) -> float:
+    found = inspect.type_info(kind)
+    assert isinstance(found, inspect.StructType)
+    number = next(field.type for field in found.fields if field.name == name)
+    assert isinstance(number, inspect.FloatType)
+    assert number.le is not None
+    return number.le
