@@ -26,6 +26,8 @@ from saflite.oracle.policy import policies_for
 from saflite.recorder import recording
 
 SUFFIXES = (".mcap", *files.SUFFIXES)
+_FIRST = ("violated", "held", "inconclusive", "vacuous")
+_LONG = 26  # letters
 _HEADERS = ("log", "result", "violated", "held", "vacuous", "inconclusive", "why")
 
 
@@ -151,7 +153,7 @@ def as_html(judged: Sequence[Judged]) -> bytes:
     for one in judged:
         told = [
             (verdict.outcome, verdict.policy, "" if verdict.robustness is None else f"{verdict.robustness:+.3g}", why)
-            for verdict in sorted(one.verdicts, key=lambda verdict: verdict.outcome != "violated")
+            for verdict in sorted(one.verdicts, key=lambda verdict: _FIRST.index(verdict.outcome))
             if (why := verdict.message) or verdict.outcome == "held"
         ]
         body = f"<p>{escape(one.refused)}</p>" if one.refused else _html_table(("outcome", "policy", "by", "why"), told)
@@ -164,8 +166,15 @@ def as_html(judged: Sequence[Judged]) -> bytes:
 
 def _html_table(heads: Sequence[str], lines: Iterable[Sequence[object]]) -> str:
     head = "".join(f"<th>{escape(word)}</th>" for word in heads)
-    body = "".join("<tr>" + "".join(f"<td>{escape(str(cell))}</td>" for cell in row) + "</tr>" for row in lines)
+    body = "".join("<tr>" + "".join(map(_html_cell, row)) + "</tr>" for row in lines)
     return f"<div class=scroll><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>"
+
+
+def _html_cell(value: object) -> str:
+    """Return a cell; what is long, such as names of files, is broken into lines."""
+    text = str(value)
+    wraps = ' class="words" style="min-width:26ch;overflow-wrap:anywhere"' if len(text) > _LONG else ""
+    return f"<td{wraps}>{escape(text)}</td>"
 
 
 def as_json(judged: Sequence[Judged]) -> list[Mapping[str, Any]]:

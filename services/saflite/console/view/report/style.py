@@ -10,6 +10,7 @@ CSS = """
 *{box-sizing:border-box}
 body{margin:0;background:var(--bg);color:var(--ink);font:15px/1.5 system-ui,-apple-system,"Segoe UI",Roboto,sans-serif}
 main{max-width:1180px;margin:0 auto;padding:28px 20px 60px}
+h1,h2,h3{overflow-wrap:anywhere}
 h1{margin:0 0 4px;font-size:28px;letter-spacing:-.01em}h2{margin:36px 0 10px;font-size:20px}
 h3{margin:0 0 2px;font-size:17px}p{margin:4px 0 10px}small{color:var(--muted);font-weight:400}
 .muted,.quiet{color:var(--muted)}.quiet{font-size:18px;padding:24px 0}
