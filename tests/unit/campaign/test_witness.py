@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import shutil
+import sqlite3
 from pathlib import Path
 
 import pytest
@@ -141,3 +142,24 @@ def test_an_older_store_put_back_with_its_witness_is_told_by_the_snapshot(tmp_pa
     accept_loss(run_dir)
     assert told_of(run_dir) == ""
     Store.open(run_dir).close()
+
+
+@pytest.mark.parametrize("words", [["audit"], ["report"], ["artefacts"], ["prune"], ["resume"]], ids=" ".join)
+def test_what_a_dying_process_left_half_done_is_taken_back(words: list[str], ended: Path, tmp_path: Path) -> None:
+    """Whoever is killed as it makes one file of a store leaves a rollback journal, which only writers heed."""
+    before, died = tmp_path / "before", tmp_path / "died"
+    shutil.copytree(ended, before)
+    writing = sqlite3.connect(before / "books.sqlite", isolation_level=None)
+    writing.execute("PRAGMA cache_size = 5")
+    writing.execute("BEGIN")
+    writing.execute("CREATE TABLE half_done (x)")
+    for _ in range(100):
+        writing.execute("INSERT INTO half_done VALUES (zeroblob(4096))")
+    shutil.copytree(before, died)
+    writing.close()
+    assert (died / "books.sqlite-journal").stat().st_size > 0
+    assert (died / "books.sqlite").read_bytes() != (ended / "books.sqlite").read_bytes()
+    assert main([words[0], str(died), *words[1:]]) in (0, 1)
+    assert audit(died)["clean"]
+    if words == ["audit"]:
+        assert (died / "books.sqlite").read_bytes() == (ended / "books.sqlite").read_bytes()

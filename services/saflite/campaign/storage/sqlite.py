@@ -76,14 +76,37 @@ def connect_reading(path: Path) -> sqlite3.Connection:
     real = Path(os.path.realpath(path))
     check_store(real)
     with damage_named(path):
-        connection = sqlite3.connect(f"{real.as_uri()}?mode=ro", uri=True, timeout=5.0)
         try:
-            bound(connection, path)
-            connection.execute("SELECT 1 FROM meta").fetchone()
-        except BaseException:
-            connection.close()
-            raise
+            return _reading(path, real)
+        except sqlite3.OperationalError as fault:
+            if fault.sqlite_errorcode != sqlite3.SQLITE_READONLY_ROLLBACK:
+                raise
+        check_own(path.parent)
+        _roll_back(real)
+        return _reading(path, real)
+
+
+def _reading(path: Path, real: Path) -> sqlite3.Connection:
+    connection = sqlite3.connect(f"{real.as_uri()}?mode=ro", uri=True, timeout=5.0)
+    try:
+        bound(connection, path)
+        connection.execute("SELECT 1 FROM meta").fetchone()
+    except BaseException:
+        connection.close()
+        raise
     return connection
+
+
+def _roll_back(path: Path) -> None:
+    """Take back what a process that died, or its disk, left half done as it was making one file of a store, or a log.
+
+    Only who may write can, and until then nobody can read.
+    """
+    connection = sqlite3.connect(path, isolation_level=None, timeout=5.0)
+    try:
+        connection.execute("SELECT 1 FROM sqlite_schema").fetchone()
+    finally:
+        connection.close()
 
 
 def bound(connection: sqlite3.Connection, path: Path, tables: Container[str] = MADE_BY) -> None:
