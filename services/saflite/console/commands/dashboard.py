@@ -1,9 +1,8 @@
 """Show runs in a browser: live figures, what was found, workers, orders.
 
 Takes run folders, a folder that holds runs, or the endpoint of a farm elsewhere (with --campaign). Finds show the map,
-the inputs and signals around the violation, and the last good flight beside it. Needs the extra `dashboard`;
-without it you are told the command that installs it. Another address than loopback needs tokens; nothing is encrypted
-there, so put it behind a proxy that does, or reach it by `ssh -L`.
+the inputs and signals around the violation, and the last good flight beside it. Another address than loopback needs
+tokens; nothing is encrypted there, so put it behind a proxy that does, or reach it by `ssh -L`.
 
 examples:
   saflite dashboard runs/avoidance-m2
