@@ -71,6 +71,7 @@ def test_policy_file(name: str) -> None:
     published = family(file) in ("ArduPilot", "PX4")
     assert bool(file.published) == published
     assert not published or file.deviations, "what was mended against the published check"
+    assert len(set(file.deviations)) == len(file.deviations), "each is told once"
 
 
 def test_at_least_forty_policies_can_be_checked_on_the_reference() -> None:
