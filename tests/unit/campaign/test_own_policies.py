@@ -32,13 +32,14 @@ POLICY = """id = "stay-low"
 title = "Stay below the ceiling"
 source = "our own flight manual"
 interestingness = "The vehicle must stay below the ceiling. Interesting are climbs."
-formula = "always (altitude_m <= ceiling_m)"
+formula = "always (time_s >= 1 implies altitude_m <= ceiling_m)"
 
 [constants]
 ceiling_m = 5.0
 
 [signals]
 altitude_m = "m"
+time_s = "s"
 
 [start]
 mode = "ALT_HOLD"

@@ -47,8 +47,9 @@ def test_slots_differ_in_number_folder_and_ports(tmp_path: Path) -> None:
     assert take_slot(root).info.index == 1
 
 
-def test_slots_of_different_folders_share_no_port(tmp_path: Path) -> None:
-    """Two farms of one host, each with slots of its own."""
+def test_slots_of_different_folders_share_no_port(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two farms of one host, each with slots of its own; at ports that no other farm here claims meanwhile."""
+    monkeypatch.setattr(slots, "PORTS_FIRST", slots.PORTS_FIRST + slots.SLOTS_MAX * slots.PORTS_EACH)
     one, other = take_slot(tmp_path / "one"), take_slot(tmp_path / "other")
     assert one.info.index == other.info.index == 0
     assert abs(one.info.first_port - other.info.first_port) >= one.info.ports
