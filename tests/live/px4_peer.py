@@ -34,6 +34,7 @@ WHOLE = {"RC_MAP_ROLL", "GF_ACTION"}
 INT32, REAL32 = 6, 9
 HOVER, READY_S, LANDED_M = 0.435, 2.0, 0.3
 HOLD, LAND, TAKEOFF = (4, 3), (4, 6), (4, 2)
+HOME_MM = 488_786  # above sea
 
 
 class Simulator:
@@ -220,16 +221,17 @@ class Peer:
         self.mav.sys_status_send(health, health, health, 0, 16_200, 100, 90, 0, 0, 0, 0, 0, 0)
 
     def say_home_position(self) -> None:
-        self.mav.home_position_send(473977419, 85455938, 488786, 0, 0, 0, [1, 0, 0, 0], 0, 0, 0)
+        self.mav.home_position_send(473977419, 85455938, HOME_MM, 0, 0, 0, [1, 0, 0, 0], 0, 0, 0)
 
     def say_gps_raw_int(self) -> None:
-        self.mav.gps_raw_int_send(0, 3, 0, 0, 488786 + round(1000 * self.altitude_m), 0, 0, 0, 0, 10)
+        self.mav.gps_raw_int_send(0, 3, 0, 0, HOME_MM + round(1000 * self.altitude_m), 0, 0, 0, 0, 10)
 
     def say_extended_sys_state(self) -> None:
         self.mav.extended_sys_state_send(0, 1 if self.altitude_m < LANDED_M and not self.armed else 2)
 
     def say_global_position_int(self) -> None:
-        self.mav.global_position_int_send(0, 0, 0, 0, round(1000 * self.altitude_m), 0, 0, 0, 0)
+        height_mm = round(1000 * self.altitude_m)
+        self.mav.global_position_int_send(0, 0, 0, HOME_MM + height_mm, height_mm, 0, 0, 0, 0)
 
     def say_local_position_ned(self) -> None:
         self.mav.local_position_ned_send(0, *self.places, -self.altitude_m, *self.speeds, -self.climb_mps)
