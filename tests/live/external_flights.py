@@ -106,14 +106,19 @@ def ends(pid: int, within_s: float = 20.0) -> bool:
         os.close(watched)
 
 
+def needs_binary(adapter: Adapter) -> None:
+    """Skip a test where the environment names no binary; one that is named and does not start fails it."""
+    if not os.environ.get(adapter.binaries.variable):
+        pytest.skip(f"{adapter.binaries.variable} names no binary")
+    assert not why_missing(adapter.binaries.target)
+
+
 def really_flown(adapter: Adapter, *cases: TestCase) -> list[FlightRecord]:
     """Fly in one session with the binary that the environment names, skip where it names none; no process is left.
 
     A binary that is named and does not start fails the test.
     """
-    variable, name = adapter.binaries.variable, adapter.binaries.target
-    if not os.environ.get(variable):
-        pytest.skip(f"{variable} names no binary")
-    assert not why_missing(name)
+    needs_binary(adapter)
+    name = adapter.binaries.target
     with nothing_left(), opened(load_target(name)) as session:
         return [session.fly(one, 300.0, lambda: False) for one in cases]

@@ -11,7 +11,7 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
-from external_flights import answers, case, really_flown
+from external_flights import answers, case, needs_binary, really_flown
 from msgspec.structs import replace
 
 from saflite.contract.standalone import Evidence
@@ -60,6 +60,7 @@ def test_it_flies_a_mission_round_a_box() -> None:
 
 
 def test_parameters_of_groups_that_are_off_are_known() -> None:
+    needs_binary(ADAPTER)
     found = {one.name: one.default for one in ardupilot.describe().inputs}
     assert found["CHUTE_ENABLED"] == 0.0
     assert {"CHUTE_ALT_MIN", "BATT_LOW_VOLT", "BATT_FS_LOW_ACT"} <= found.keys()

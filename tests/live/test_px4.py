@@ -12,7 +12,7 @@ from typing import Any, cast
 import msgspec
 import numpy as np
 import pytest
-from external_flights import answers, case, really_flown
+from external_flights import answers, case, needs_binary, really_flown
 
 from saflite.contract.standalone import Evidence
 from saflite.contract.test_case import Obstacle, Scenario, StartState
@@ -72,6 +72,7 @@ def test_it_flies_a_mission() -> None:
 
 @pytest.mark.parametrize("mission", [False, True])
 def test_a_finding_flies_without_the_farm(tmp_path: Path, mission: bool) -> None:
+    needs_binary(ADAPTER)
     plan = Scenario(mission=builtin_mission("mission2"), time_limit_s=40.0)
     scenario = plan if mission else HOVER
     given = case("px4", (1.0, "mode", "ALT_HOLD", 0.0), (3.0, "parameter", "RTL_RETURN_ALT", 30.0), scenario=scenario)
