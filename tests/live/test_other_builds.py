@@ -69,6 +69,10 @@ def test_only_what_is_new_is_reported(versions: Path, capsys: pytest.CaptureFixt
 
 
 def test_a_run_ends_in_time(versions: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    policy = versions / "point-mass-stays.toml"
+    text = policy.read_text().replace("far_m = 30.0", "far_m = 300.0").replace("place_m = -45", "place_m = -450")
+    policy.write_text(text)  # the mass never gets that far: a quick machine finds a violation of the policy as it is
+    assert "far_m = 300.0" in text
     words = ("run", "point-mass.toml", "--out", "run", "--budget", "100000", "--module", "v1/point_mass.py")
     (ended,) = said(capsys, 0, *words, "--minutes", "0.4")
     assert ended["ended"] is False
