@@ -125,7 +125,8 @@ class Failsafes:
         elif action == 2 and ap.mode.name == "AUTO":
             ap.say("Radio failsafe: continuing mission", "warning")
         else:
-            self._leave("LAND" if action == 3 else "RTL", "radio failsafe")
+            # 4 and 5 ask for SMART_RTL first, which it does not have, and else for these
+            self._leave("LAND" if action in (3, 5) else "RTL", "radio failsafe")
 
     def _leave(self, mode: str, reason: str) -> None:
         """Go to a mode, or land where it cannot be entered."""

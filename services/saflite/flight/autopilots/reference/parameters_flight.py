@@ -49,7 +49,7 @@ ROWS: tuple[Row, ...] = (
     Row("RTL_LOIT_TIME", 5000, 0, 60000, "ms", "wait over home before descending"),
     Row("CIRCLE_RADIUS", 1000, 0, 20000, "cm", "radius of CIRCLE, 0 turns on the spot"),
     Row("CIRCLE_RATE", 20, -90, 90, "deg/s", "turning rate of CIRCLE, positive clockwise"),
-    Row("FS_THR_ENABLE", 1, 0, 5, "", "radio failsafe: 0 off, 1 RTL, 2 continue a mission, 3 LAND, 4 or 5 RTL"),
+    Row("FS_THR_ENABLE", 1, 0, 5, "", "radio failsafe: 0 off, 1 RTL, 2 continue a mission, 3 or 5 LAND, 4 RTL"),
     Row("FS_THR_VALUE", 975, 910, 1100, "us", "throttle pulse below which the radio counts as lost"),
     Row("FS_EKF_ACTION", 1, 1, 3, "", "loss of position: 1 LAND, 2 ALT_HOLD, 3 LAND in every mode"),
     Row("FS_EKF_THRESH", 0.8, 0.6, 1, "", "GPS error, as a share of the gate, that counts as loss"),
