@@ -63,7 +63,8 @@ def test_every_failsafe_has_its_codes_here() -> None:
 
 @pytest.mark.parametrize(("name", "code"), list(codes()))
 def test_no_rule_is_broken_by_an_action_that_is_documented(name: str, code: float) -> None:
-    broken, spoke = {}, False
+    broken: dict[str, str] = {}
+    spoke = False
     for before in MODES:
         told = verdicts(name, code, before, RAISED[name])
         broken |= {f"{rule} from {before}": why for rule, (how, why) in told.items() if how == "violated"}
