@@ -6,12 +6,13 @@ import os
 import select
 import stat
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
 import pytest
+from msgspec.structs import replace
 
 from saflite.conformance.flying import opened
 from saflite.contract.flight import FlightRecord
@@ -33,6 +34,7 @@ class StandIn(NamedTuple):
     binary: Binary
     listing: Listing
     place: Place
+    settings: Mapping[str, str] = {}
 
     def flown(
         self, *stimuli: Given, start: StartState | None = None, limit_s: float = 4.0, **parameters: float
@@ -41,7 +43,10 @@ class StandIn(NamedTuple):
         return self.fly(case(self.name, *stimuli, start=start, limit_s=limit_s, scenario=None, **parameters))
 
     def fly(self, test_case: TestCase, *, cancelled: bool = False) -> FlightRecord:
-        """Fly a test case."""
+        """Fly a test case, with the settings it has here."""
+        target = replace(test_case.target, settings=dict(self.settings))
+        test_case = replace(test_case, target=target)
+        self.adapter.check(test_case, self.listing)
         return self.adapter.flight(test_case, self.binary, self.listing, self.place).run(lambda: cancelled)
 
     @property

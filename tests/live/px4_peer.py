@@ -1,13 +1,15 @@
 """The other end of the PX4 adapter's links, for tests without the real one: a program started as it would be.
 
 It speaks the simulator's interface in lockstep and MAVLink, and hovers, climbs and lands by a few gains. It knows no
-world: all it has are the sensors our side sends. Its parameters `SIM_DIE`, `SIM_HANG` and `SIM_CUT` make it end by a
-signal, fall silent, or stop its motors.
+world: all it has are the sensors our side sends, or on physics of its own a mass that the throttles lift. Its
+parameters `SIM_DIE`, `SIM_HANG` and `SIM_CUT` make it end by a signal, fall silent, or stop its motors.
 """
 
 from __future__ import annotations
 
 import argparse
+import ctypes
+import math
 import os
 import re
 import signal
@@ -16,7 +18,7 @@ import struct
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
@@ -30,11 +32,14 @@ NAMES = {
     "SIM_CUT": 0.0,
     "SIM_NEVER_READY": 0.0,
 }
-WHOLE = {"RC_MAP_ROLL", "GF_ACTION"}
+OWN_NAMES = {"SIH_VEHICLE_TYPE": 0.0, "SIM_GPS_USED": 10.0, "SIM_BARO_OFF_P": 0.0}
+"""It has these where it flies on its own physics."""
+WHOLE = {"RC_MAP_ROLL", "GF_ACTION", "SIH_VEHICLE_TYPE", "SIM_GPS_USED"}
 INT32, REAL32 = 6, 9
 HOVER, READY_S, LANDED_M = 0.435, 2.0, 0.3
 HOLD, LAND, TAKEOFF = (4, 3), (4, 6), (4, 2)
 HOME_MM = 488_786  # above sea
+OWN_STEP_S, GRAVITY, LIFT_LAG = 0.005, 9.81, 0.1
 
 
 class Simulator:
@@ -66,13 +71,15 @@ class Peer:
         ground = re.search(r"-u (\d+) -o (\d+)", texts["px4-rc.mavlink"])
         assert simulator is not None
         assert ground is not None
-        self.parameters = dict(NAMES)
+        self.own_physics = os.environ["PX4_SIM_MODEL"].startswith("sihsim")
+        self.parameters = {**NAMES, **(OWN_NAMES if self.own_physics else {})}
         for name, value in os.environ.items():
             if name.startswith("PX4_PARAM_"):
                 self.parameters[name.removeprefix("PX4_PARAM_")] = float(value)
         print("px4 starting.", flush=True)
         print("Startup script returned successfully", flush=True)
-        self.simulator = Simulator(int(simulator[1]))
+        self.simulator = None if self.own_physics else Simulator(int(simulator[1]))
+        self.outputs = [0.0] * 4
         self.udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.udp.bind(("127.0.0.1", int(ground[1])))
         self.udp.setblocking(False)
@@ -93,6 +100,8 @@ class Peer:
 
     def run(self) -> None:
         """Fly until the world hangs up."""
+        if self.simulator is None:
+            self.run_own()
         while True:
             for message in self.simulator.messages():
                 kind = message.get_type()
@@ -102,6 +111,26 @@ class Peer:
                     self.pulses = [message.chan1_raw, message.chan2_raw, message.chan3_raw, message.chan4_raw]
                 elif kind == "HIL_SENSOR":
                     self.on_sensors(message)
+
+    def run_own(self) -> NoReturn:
+        """Step its own physics as PX4's does: look at the wall clock, step, sleep."""
+        library, now = ctypes.CDLL(None), (ctypes.c_long * 2)()
+        while True:
+            library.gettimeofday(now, None)
+            self.own_step()
+            library.usleep(5000)
+
+    def own_step(self) -> None:
+        """Lift the mass by the throttles of the step before; the ground stops it."""
+        self.time_s += OWN_STEP_S
+        lift = GRAVITY * (sum(self.outputs) / 4.0 / HOVER - 1.0)
+        self.climb_mps += OWN_STEP_S * (lift - LIFT_LAG * self.climb_mps)
+        self.altitude_m += OWN_STEP_S * self.climb_mps
+        if self.altitude_m < 0.0:
+            self.altitude_m = self.climb_mps = 0.0
+        self.zero_m, self.gps = 0.001 * HOME_MM, self.gps + 1
+        self.turn()
+        self.outputs = self.throttles()
 
     def on_gps(self, message: Any) -> None:
         self.gps += 1
@@ -114,6 +143,13 @@ class Peer:
         self.angles = [one + rate * min(step_s, 0.01) for one, rate in zip(self.angles, self.rates, strict=True)]
         self.zero_m = message.pressure_alt if self.zero_m is None else self.zero_m
         self.altitude_m += 0.02 * (message.pressure_alt - self.zero_m - self.altitude_m) + step_s * self.climb_mps
+        self.turn()
+        assert self.simulator is not None
+        controls = self.throttles() + [0.0] * 12
+        self.simulator.mav.hil_actuator_controls_send(message.time_usec, controls, 128 * self.armed + 1, 1)
+
+    def turn(self) -> None:
+        """Hear and say what there is; end where told to."""
         self.hear()
         self.tell()
         if self.parameters["SIM_DIE"]:
@@ -121,8 +157,6 @@ class Peer:
             os.kill(os.getpid(), signal.SIGABRT)
         if self.parameters["SIM_HANG"]:
             signal.pause()
-        controls = self.throttles() + [0.0] * 12
-        self.simulator.mav.hil_actuator_controls_send(message.time_usec, controls, 128 * self.armed + 1, 1)
 
     def throttles(self) -> list[float]:
         """Level out, hold the place, seek the height."""
@@ -191,6 +225,9 @@ class Peer:
             result = dialect.MAV_RESULT_UNSUPPORTED
         self.mav.command_ack_send(message.command, result)
 
+    def on_rc_channels_override(self, message: Any) -> None:
+        self.pulses = [message.chan1_raw, message.chan2_raw, message.chan3_raw, message.chan4_raw]
+
     def on_mission_count(self, message: Any) -> None:
         """Ask for the second item, and take none."""
         self.mav.mission_request_int_send(message.get_srcSystem(), message.get_srcComponent(), 1)
@@ -235,6 +272,14 @@ class Peer:
 
     def say_local_position_ned(self) -> None:
         self.mav.local_position_ned_send(0, *self.places, -self.altitude_m, *self.speeds, -self.climb_mps)
+
+    def say_hil_state_quaternion(self) -> None:
+        up_mm, down_cmps = HOME_MM + round(1000 * self.altitude_m), round(-100 * self.climb_mps)
+        place = (473977419, 85455938, up_mm, 0, 0, down_cmps, 0, 0, 0, 0, 0)
+        self.mav.hil_state_quaternion_send(0, [math.cos(0.1), 0.0, 0.0, math.sin(0.1)], 0, 0, 0, *place)
+
+    def say_hil_actuator_controls(self) -> None:
+        self.mav.hil_actuator_controls_send(0, self.outputs + [0.0] * 12, 128 * self.armed + 1, 1)
 
     def say_rc_channels(self) -> None:
         if self.pulses:

@@ -15,7 +15,7 @@ from msgspec.structs import replace
 
 from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.target import Slot
-from saflite.contract.test_case import Scenario, StartState, TestCase, Wind
+from saflite.contract.test_case import Obstacle, Scenario, StartState, Target, TestCase, Wind
 from saflite.flight.autopilots.ardupilot.adapter import ADAPTER as ARDUPILOT
 from saflite.flight.autopilots.external import vehicle as vehicle_module
 from saflite.flight.autopilots.external.adapter import Adapter
@@ -51,16 +51,21 @@ def place() -> Iterator[Place]:
     held.release()
 
 
-def standing_in(adapter: Adapter, place: Place, folder: Path, monkeypatch: pytest.MonkeyPatch) -> StandIn:
+def standing_in(
+    adapter: Adapter, place: Place, folder: Path, monkeypatch: pytest.MonkeyPatch, **settings: str
+) -> StandIn:
     """Return the program that stands in for an autopilot; no file of an earlier listing is known."""
     monkeypatch.setenv("SAFLITE_CACHE", str(folder / "cache"))
     binary = program(adapter, folder)
-    return StandIn(adapter, binary, adapter.ask(binary, place), place)
+    return StandIn(adapter, binary, adapter.ask(binary, place), place, settings)
 
 
-@pytest.fixture(params=[ARDUPILOT, PX4], ids=["ardupilot", "px4"])
+@pytest.fixture(
+    params=[(ARDUPILOT, {}), (PX4, {}), (PX4, {"physics": "sih"})], ids=["ardupilot", "px4", "px4 on its own physics"]
+)
 def peer(request: pytest.FixtureRequest, place: Place, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> StandIn:
-    return standing_in(request.param, place, tmp_path, monkeypatch)
+    adapter, settings = request.param
+    return standing_in(adapter, place, tmp_path, monkeypatch, **settings)
 
 
 @pytest.fixture
@@ -122,6 +127,53 @@ def test_px4_hovers_and_takes_what_it_is_given(px4: StandIn) -> None:
     assert (trace.array("fence_action_set")[0], trace.array("fence_action_set")[-1]) == (4.0, 1.0)
     assert (trace.array("rc1_pwm")[0], trace.array("rc1_pwm")[-1]) == (1500.0, 1600.0)
     assert trace.array("armed").min() == 1.0
+
+
+@pytest.fixture
+def own_px4(place: Place, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> StandIn:
+    return standing_in(PX4, place, tmp_path, monkeypatch, physics="sih")
+
+
+def test_px4_hovers_on_its_own_physics_and_takes_what_it_is_given(own_px4: StandIn) -> None:
+    record = own_px4.flown(
+        (0.2, "parameter", "GF_ACTION", 3.0),
+        (0.3, "sensor_fault", "baro_offset", 2.0),
+        (0.4, "sensor_fault", "gps_satellites", 3.0),
+        (0.5, "mode", "LOITER", 0.0),
+        (1.0, "stick", "RC1", 1600.0),
+        (1.5, "sensor_fault", "radio_loss", 1.0),
+        (1.6, "stick", "RC1", 1700.0),
+        SIM_GPS_USED=9.0,
+    )
+    assert record.ending == "completed"
+    assert answers(record) == ["accepted"] * 7
+    trace = record.trace
+    assert trace is not None
+    assert trace.samples == 101
+    assert np.abs(trace.array("altitude_m") - 5.0).max() < 0.5
+    assert np.ptp(trace.array("altitude_m")) > 0.0
+    assert trace.array("yaw_deg")[-1] == pytest.approx(np.degrees(0.2), abs=1e-3)
+    assert (trace.array("fence_action_set")[0], trace.array("fence_action_set")[-1]) == (4.0, 1.0)
+    assert trace.array("armed").min() == 1.0
+    rc1 = trace.array("rc1_pwm")
+    assert (rc1[0], rc1[-1]) == (1500.0, 1600.0)  # then nothing was heard of the pilot
+
+
+def test_a_box_ends_a_flight_on_physics_that_feels_none(own_px4: StandIn) -> None:
+    box = Obstacle(length_m=4.0, width_m=4.0, height_m=9.0, x_m=0.0, y_m=0.0)
+    scenario = Scenario(start=StartState(mode="BRAKE", altitude_m=5.0), obstacles=(box,), time_limit_s=4.0)
+    target = Target(name="px4", parameters={"SIM_CUT": 0.0})
+    record = own_px4.fly(TestCase(target=target, scenario=scenario, rng_seed=3))
+    assert record.ending == "crashed"
+
+
+def test_a_build_that_does_not_start_on_its_own_physics_is_told(own_px4: StandIn) -> None:
+    assert "SIH_VEHICLE_TYPE" in own_px4.listing.parameters
+    program, text = own_px4.binary.path, own_px4.binary.path.read_text()
+    program.write_text(text.replace("exec ", 'test "$PX4_SIM_MODEL" = none_iris || exit 3\nexec ', 1))
+    listing = own_px4.adapter.ask(own_px4.binary._replace(digest="cd" * 32), own_px4.place)
+    assert "SIH_VEHICLE_TYPE" not in listing.parameters
+    assert "GF_ACTION" in listing.parameters
 
 
 def test_flights_repeat_bit_by_bit_also_after_others(ardupilot: StandIn) -> None:

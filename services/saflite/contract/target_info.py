@@ -46,7 +46,7 @@ class SettingInfo(msgspec.Struct, frozen=True, kw_only=True):
     """One entry of the settings table of `Target`: what it does, its default, the values it may take if they are few.
 
     A setting whose default is a list takes any part of `choices`. By choice: `choice_meanings` says what it does,
-    `breaks` which policy it is known to break (planted defects).
+    `breaks` which policy it is known to break (planted defects), `lacks` which inputs cannot be given with it.
     """
 
     meaning: Text
@@ -54,6 +54,7 @@ class SettingInfo(msgspec.Struct, frozen=True, kw_only=True):
     choices: Annotated[tuple[Plain, ...], msgspec.Meta(max_length=10_000)] = ()
     choice_meanings: Annotated[dict[Word, Text], msgspec.Meta(max_length=10_000)] = {}
     breaks: Annotated[dict[Word, Text], msgspec.Meta(max_length=10_000)] = {}
+    lacks: Annotated[dict[Word, tuple[Word, ...]], msgspec.Meta(max_length=10_000)] = {}
 
 
 class SignalInfo(msgspec.Struct, frozen=True, kw_only=True):
@@ -100,6 +101,11 @@ class TargetInfo(msgspec.Struct, frozen=True, kw_only=True):
     options: Text = ""
     needs: Annotated[tuple[Text, ...], msgspec.Meta(max_length=100)] = ()
     missing: Text = ""
+
+    def lacking(self, given: Mapping[str, Setting]) -> frozenset[str]:
+        """Return the names of inputs that cannot be given with these settings."""
+        chosen = ((name, str(value)) for name, value in given.items() if name in self.settings)
+        return frozenset(word for name, choice in chosen for word in self.settings[name].lacks.get(choice, ()))
 
 
 def check_settings(given: Mapping[str, Setting], known: Mapping[str, SettingInfo], target: str) -> None:

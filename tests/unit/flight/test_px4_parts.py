@@ -88,8 +88,8 @@ def sent(vehicle: Vehicle, name: str, *flags: int) -> Any:
     """Return the message that the native code packs, read by pymavlink."""
     place = (ctypes.c_double * 3)(*HOME)
     library, frame = python_library(), ctypes.create_string_buffer(280)
-    library.px4_connect.argtypes = [ctypes.c_void_p, ctypes.c_int, ctypes.c_int, ctypes.c_int, ctypes.c_void_p]
-    library.px4_connect(vehicle.address, -1, -1, 10, place)
+    library.px4_connect.argtypes = [ctypes.c_void_p, *[ctypes.c_int] * 3, ctypes.c_void_p, ctypes.c_int]
+    library.px4_connect(vehicle.address, -1, -1, 10, place, 0)
     pack = getattr(library, name)
     pack.argtypes = [ctypes.c_void_p, ctypes.c_uint64, *[ctypes.c_int] * len(flags), ctypes.c_char_p]
     count = pack(vehicle.address, 4_000_000, *flags, frame)

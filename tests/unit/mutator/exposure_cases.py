@@ -10,7 +10,7 @@ from saflite.flight.autopilots.reference.describe import describe
 from saflite.mutator.operators.inputs import target_inputs
 from saflite.mutator.strategies.exposure import Strategy
 
-HAVE = target_inputs(describe())
+HAVE = target_inputs(describe(), {})
 BOUNDED = [entry for entry in HAVE.values() if entry.kind == "parameter" and np.isfinite(entry.high)]
 START = StartState(mode="LOITER", altitude_m=30.0)
 TEMPLATE = TestCase(target=Target(), scenario=Scenario(start=START, time_limit_s=60.0), rng_seed=5)

@@ -107,12 +107,12 @@ def odd_target(**changes: object) -> TargetInfo:
 )
 def test_a_range_that_is_none_is_refused(wrong: dict[str, object]) -> None:
     with pytest.raises(Refused, match="input P"):
-        inputs.target_inputs(odd_target(**wrong))
+        inputs.target_inputs(odd_target(**wrong), {})
 
 
 @pytest.mark.parametrize("kind", ["parameter", "stick"])
 def test_a_range_of_whole_numbers_that_holds_none_gives_one_beside_it(kind: str) -> None:
-    (entry,) = inputs.target_inputs(odd_target(kind=kind, low=0.2, high=0.8, type="whole")).values()
+    (entry,) = inputs.target_inputs(odd_target(kind=kind, low=0.2, high=0.8, type="whole"), {}).values()
     drawn = {values.draw(derive(number, "odd"), entry, 0.0)[0] for number in range(50)}
     assert drawn <= {0.0, 0.2, 0.8, 1.0}
 

@@ -68,7 +68,7 @@ def test_forty_nine_published_lists() -> None:
 
 
 def test_what_the_target_does_not_have_is_left_out() -> None:
-    have = inputs.target_inputs(describe())
+    have = inputs.target_inputs(describe(), {})
     here = inputs.on_target(inputs.published_inputs("A.CHUTE"), have)
     assert 80 < len(here) < 228
     assert {entry.kind for entry in here} == {"parameter", "command", "stick", "mode", "sensor_fault"}
@@ -76,7 +76,7 @@ def test_what_the_target_does_not_have_is_left_out() -> None:
 
 
 def test_inputs_are_named_as_in_the_lists() -> None:
-    have = inputs.target_inputs(describe())
+    have = inputs.target_inputs(describe(), {})
     modes = inputs.named("command", ["Flight_Mode"], have, "commands")
     assert {entry.kind for entry in modes} == {"mode"}
     assert inputs.named("command", ["RC3"], have, "commands")[0].kind == "stick"
@@ -198,7 +198,7 @@ def test_commands_get_seven_numbers_and_those_that_mean_something() -> None:
 
 
 def test_sticks_and_heights_go_beyond_as_a_share_of_draws() -> None:
-    stick = inputs.target_inputs(describe())["stick", "RC3"]
+    stick = inputs.target_inputs(describe(), {})["stick", "RC3"]
     assert all(1000.0 <= pulse <= 2000.0 for pulse in drawn(stick, 0.0))
     beyond = drawn(stick, 0.4)
     assert min(beyond) < 975.0, "a throttle below FS_THR_VALUE: the radio failsafe"

@@ -127,3 +127,10 @@ int world_step(World *w, const double throttles[MOTORS])
             AT(world_state) = WORLD_FLYING;
     return world_actuate(w, throttles) ? -1 : world_advance(w);
 }
+
+void world_follow(World *w)
+{
+    tell(w);
+    if (AT(contact) != 0.0)
+        AT(world_state) = WORLD_CRASHED;
+}

@@ -61,6 +61,7 @@ int world_read(World *w);                                     /* all truth anew,
 int world_step(World *w, const double throttles[MOTORS]);     /* actuate, then advance; the first throttle lifts off */
 int world_actuate(World *w, const double throttles[MOTORS]);  /* what the motors do from now on */
 int world_advance(World *w);                                  /* one step of physics with the motors as they are */
+void world_follow(World *w);                                  /* another's physics wrote the truth: what follows from it */
 
 /* JSBSim behind CPython (jsbsim.c). */
 int jsbsim_run(World *w);

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
@@ -11,7 +12,7 @@ from typing import NamedTuple
 from saflite.contract.errors import Refused
 from saflite.contract.signals import MODES
 from saflite.contract.target_info import InputInfo, TargetInfo
-from saflite.contract.test_case import StimulusKind
+from saflite.contract.test_case import Setting, StimulusKind
 
 PUBLISHED_FILE = Path(__file__).parent.parent / "data" / "published_inputs.csv"
 MODE_COMMAND = "Flight_Mode"
@@ -114,9 +115,13 @@ def _as_input(row: Published) -> Input:
 Have = dict[tuple[StimulusKind, str], Input]
 
 
-def target_inputs(target: TargetInfo) -> Have:
-    """Return every input the target describes, in its order; raises Refused for a range that is none."""
-    return {(entry.kind, entry.name): _described(entry) for entry in target.inputs}
+def target_inputs(target: TargetInfo, settings: Mapping[str, Setting]) -> Have:
+    """Return every input that can be given with these settings of the target, in its order.
+
+    Raises Refused for a range that is none.
+    """
+    without = target.lacking(settings)
+    return {(entry.kind, entry.name): _described(entry) for entry in target.inputs if entry.name not in without}
 
 
 def _described(entry: InputInfo) -> Input:

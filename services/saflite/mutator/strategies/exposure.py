@@ -12,7 +12,7 @@ spliced, extended. Routes to states seldom tried are read from the state model.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from functools import partial
 from typing import ClassVar
 
@@ -85,12 +85,14 @@ class Strategy:
             raise Refused("strategy", expected="a campaign with at least one policy", got="none")
         if template.scenario.start is None and template.scenario.mission is None:
             raise Refused("strategy", expected="a campaign with a start state or a mission", got="neither")
-        self._have = inputs.target_inputs(target)
+        self._have = inputs.target_inputs(target, template.target.settings)
         if not self._have:
             raise Refused("strategy", expected="a target with inputs to give", got=f"{target.name}, which has none")
         self._template = template
         self._at_start = frozenset(key for key, entry in self._have.items() if entry.at_start)
-        hints = read_hints(self._chosen.words("hints"), policies, self._have)
+        lacking = target.lacking(template.target.settings)
+        texts = [_without(text, lacking) for text in self._chosen.words("hints")]
+        hints = read_hints(texts, policies, self._have)
         self._hints = {hint.policy: hint for hint in hints}
         self._rest = {(entry.kind, entry.name): entry.default for entry in target.inputs if entry.default is not None}
         self._rest.update({("parameter", name): value for name, value in template.target.parameters.items()})
@@ -279,3 +281,8 @@ class Strategy:
         while not script.is_full:
             mode = self._writer.phase(rng, script, self._drawing.style(rng, hint), mode)
         return self._made(scenario, script.stimuli(), note((policy,), f"to {goal[0].replace(' ', '-')}"))
+
+
+def _without(text: str, lacking: Collection[str]) -> str:
+    """Return a hint without the inputs that cannot be given with the target's settings."""
+    return " ".join(word for word in text.split() if word.rpartition(":")[2] not in lacking)

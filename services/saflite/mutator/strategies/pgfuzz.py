@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from bisect import insort
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from functools import partial
 from typing import ClassVar, NamedTuple
 
@@ -122,11 +122,11 @@ class Strategy:
             got = f"{self._chosen.whole('steps_min')} and {self._chosen.whole('steps_max')}"
             raise Refused("strategy settings steps_min, steps_max", expected="steps_min at most steps_max", got=got)
         self._template = template
-        have = inputs.target_inputs(target)
+        have = inputs.target_inputs(target, template.target.settings)
         if not have:
             raise Refused("strategy", expected="a target with inputs to give", got=f"{target.name}, which has none")
         self._rhythm = self._read_rhythm(scenario.time_limit_s, have)
-        self._own = self._read_own(have)
+        self._own = self._read_own(have, target.lacking(template.target.settings))
         self._broad = self._read_broad(have)
         self._inputs = {(entry.kind, entry.name): entry for entry in (*self._broad, *self._own)}
         self._at_start = frozenset(key for key, entry in self._inputs.items() if entry.at_start)
@@ -148,10 +148,12 @@ class Strategy:
             rest={entry.name: entry.rest for entry in have.values() if not math.isnan(entry.rest)},
         )
 
-    def _read_own(self, have: Have) -> tuple[Input, ...]:
+    def _read_own(self, have: Have, lacking: Collection[str]) -> tuple[Input, ...]:
+        """Return the policy's own inputs, but for those that cannot be given with the target's settings."""
         found: list[Input] = []
         for setting, kind in _OWN.items():
-            found.extend(inputs.named(kind, self._chosen.words(setting), have, setting))
+            words = [word for word in self._chosen.words(setting) if word not in lacking]
+            found.extend(inputs.named(kind, words, have, setting))
         return tuple(dict.fromkeys(found))
 
     def _read_broad(self, have: Have) -> tuple[Input, ...]:

@@ -14,7 +14,7 @@ from saflite.contract.errors import Unavailable
 from saflite.flight.mavlink.client import Client
 
 HEARTBEAT_S, ASK_S, AGAIN_S = 30.0, 30.0, 2.0  # simulated
-VERSION = 2
+VERSION = 3
 
 
 class Row(msgspec.Struct, frozen=True):

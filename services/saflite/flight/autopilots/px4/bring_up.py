@@ -21,7 +21,9 @@ from saflite.flight.autopilots.external.link import CENTRE_US, LOOPBACK, LOW_US,
 from saflite.flight.autopilots.external.place import FailedBringUp, Place, outside
 from saflite.flight.autopilots.external.process import Process
 from saflite.flight.autopilots.external.vehicle import GONE, OK
-from saflite.flight.autopilots.px4.binary import AIRFRAME, START_UP, start_up_of
+from saflite.flight.autopilots.px4.binary import AIRFRAME, OWN_AIRFRAME, START_UP, start_up_of
+from saflite.flight.autopilots.px4.gate import Gate
+from saflite.flight.autopilots.px4.settings import TUNE
 from saflite.flight.autopilots.px4.vehicle import Vehicle
 from saflite.flight.mavlink.client import Client
 
@@ -32,9 +34,16 @@ STARTED = "Startup script returned"
 STEPS_PER_MESSAGE = 2  # as `native/hil.c`
 LOOK_S, LOOKS_ALIKE, LOOKS_MAX = 0.0005, 2, 1000
 CHANNELS = 8
+RATE = "IMU_INTEG_RATE"
+OWN_SCRIPT = "px4-rc.sihsim"
 SCRIPTS = {
+    OWN_SCRIPT: """#!/bin/sh
+param set MAV_SYS_ID 1
+param set IMU_INTEG_RATE {rate_hz}
+""",
     "px4-rc.mavlinksim": """#!/bin/sh
 param set MAV_SYS_ID 1
+param set IMU_INTEG_RATE {rate_hz}
 param set-default EKF2_GPS_DELAY 10
 param set-default EKF2_MULTI_IMU 1
 param set-default SENS_IMU_MODE 1
@@ -44,7 +53,11 @@ simulator_mavlink start -c {simulator}
 mavlink start -u {vehicle} -o {ground} -t {host} -r 4000000 -m minimal
 """,
 }
-"""Start-up files of ours in place of those of the same names: one inertial unit, the slot's ports, one link."""
+"""Start-up files of ours in place of those of the same names: one inertial unit, the slot's ports, one link.
+
+That of its own physics goes on with what stands there. The rate is set here: PX4's script sets another default after
+the parameters, and a value that was its default then does not last.
+"""
 
 
 class Aircraft(aircraft.Aircraft):
@@ -56,6 +69,7 @@ class Aircraft(aircraft.Aircraft):
         home: latitude, longitude in degrees, height above sea in metres.
         rng_seed: of the sensors' noise.
         before_tick: called before each step of 20 ms while anything waits on the link.
+        own_physics: it flies on its own physics (SIH), not in our world.
     """
 
     process: Process
@@ -71,33 +85,61 @@ class Aircraft(aircraft.Aircraft):
         yaw_deg: float = 0.0,
         rng_seed: int = 0,
         before_tick: Callable[[], None] = lambda: None,
+        own_physics: bool = False,
     ) -> None:
         import_module("pymavlink.dialects.v20.ardupilotmega")  # now: later, PX4's start-up would run on meanwhile
         self.pulses_us = [CENTRE_US] * CHANNELS
         self.pulses_us[2] = LOW_US
         self._binary, self._parameters, self._home, self._before_tick = binary, parameters, home, before_tick
+        self._own_physics = own_physics
         super().__init__(Vehicle(boxes, yaw_deg, rng_seed), place, "px4", PORTS_NEEDED)
 
     def _bring_up(self, opened: ExitStack) -> None:
-        binary, ports = self._binary.path, self._place.ports
-        self._lay_out(start_up_of(binary))
-        server = opened.enter_context(_listening(ports[SIMULATOR]))
-        udp = opened.enter_context(bound_udp(ports[GROUND]))
+        self._lay_out(start_up_of(self._binary.path))
+        udp = opened.enter_context(bound_udp(self._place.ports[GROUND]))
         opened.callback(self._remove_names)
-        command = [str(binary), "-i", str(self._instance), "-d", "-w", str(self.folder)]
-        environment = _environment(self._parameters)
-        self.process = self._started(opened, Process(command, self.folder, environment=environment, realtime=True))
-        self.vehicle.connect(opened.enter_context(self._called(server)), udp, self._home)
+        simulator = self._on_its_own(opened) if self._own_physics else self._in_our_world(opened)
+        self.vehicle.connect(simulator, udp, self._home, own_physics=self._own_physics)
         self._wait_for_outputs()
+        vehicle_port = self._place.ports[VEHICLE]
 
         def send(data: bytes) -> None:
-            udp.sendto(data, (LOOPBACK, ports[VEHICLE]))
+            udp.sendto(data, (LOOPBACK, vehicle_port))
 
         def before() -> None:
             self._before_tick()
-            self.vehicle.set_pulses(self.pulses_us)
+            self._radio()
 
         self.client = Client(self.clock, LockstepPort(self.vehicle, send, before))
+
+    def _in_our_world(self, opened: ExitStack) -> socket:
+        """Start it; return the link it calls the simulator on."""
+        server = opened.enter_context(_listening(self._place.ports[SIMULATOR]))
+        self._start(opened, _environment(AIRFRAME, self._parameters))
+        return opened.enter_context(self._called(server))
+
+    def _on_its_own(self, opened: ExitStack) -> socket:
+        """Start it with the gate preloaded; return the channel to that, where its physics waits."""
+        gate = Gate()
+        opened.callback(gate.close)
+        home = dict(zip(("PX4_HOME_LAT", "PX4_HOME_LON", "PX4_HOME_ALT"), map(repr, self._home), strict=True))
+        environment = {**_environment(OWN_AIRFRAME, self._parameters), **home, **gate.environment}
+        self._start(opened, environment, (gate.theirs.fileno(),))
+        gate.theirs.close()
+        gate.greet(self.process, CALL_S)
+        return gate.channel
+
+    def _start(self, opened: ExitStack, environment: Mapping[str, str], keeps: tuple[int, ...] = ()) -> None:
+        command = [str(self._binary.path), "-i", str(self._instance), "-d", "-w", str(self.folder)]
+        made = Process(command, self.folder, environment=environment, realtime=True, keeps=keeps)
+        self.process = self._started(opened, made)
+
+    def _radio(self) -> None:
+        """Say what the pilot's sticks do: by the simulator's link in our world, by MAVLink on its own physics."""
+        if not self._own_physics:
+            self.vehicle.set_pulses(self.pulses_us)
+        elif self.vehicle["rc_silent"] == 0.0:
+            self.client.mav.rc_channels_override_send(1, 1, *self.pulses_us)
 
     @property
     def _instance(self) -> int:
@@ -112,10 +154,12 @@ class Aircraft(aircraft.Aircraft):
             for path in there.iterdir():
                 if path.name not in (START_UP, *SCRIPTS):
                     (here / path.name).symlink_to(path)
-        ports = self._place.ports
+        ports, rate = self._place.ports, {"rate_hz": self._parameters.get(RATE, str(round(TUNE[RATE])))}
+        links = {"simulator": ports[SIMULATOR], "vehicle": ports[VEHICLE], "ground": ports[GROUND], "host": LOOPBACK}
         for name, text in SCRIPTS.items():
-            words = text.format(simulator=ports[SIMULATOR], vehicle=ports[VEHICLE], ground=ports[GROUND], host=LOOPBACK)
-            (scripts / name).write_text(words)
+            there = start_up / START_UP / name
+            more = there.read_text() if name == OWN_SCRIPT and there.is_file() else ""
+            (scripts / name).write_text(text.format(**links, **rate) + more)
 
     def _called(self, server: socket) -> socket:
         """Return the link it calls us on."""
@@ -138,7 +182,9 @@ class Aircraft(aircraft.Aircraft):
         Meanwhile its clock must not go on while it works, or waits for a disk: each flight would start in its own way.
         """
         step = 0
-        while not self.vehicle.answers or STARTED not in self.process.console or step % TICK_STEPS:
+        while (
+            not (self.vehicle.answers or self._own_physics) or STARTED not in self.process.console or step % TICK_STEPS
+        ):
             self._let_work()
             came = self.vehicle.run(STEPS_PER_MESSAGE)
             step += STEPS_PER_MESSAGE
@@ -166,8 +212,8 @@ class Aircraft(aircraft.Aircraft):
             path.unlink(missing_ok=True)
 
 
-def _environment(parameters: Mapping[str, str]) -> dict[str, str]:
-    number, _, model = AIRFRAME.partition("_")
+def _environment(airframe: str, parameters: Mapping[str, str]) -> dict[str, str]:
+    number, _, model = airframe.partition("_")
     return {
         "PATH": os.defpath,
         "PX4_SIM_MODEL": model,

@@ -21,10 +21,10 @@ from saflite.flight.autopilots.external.describe import (
 from saflite.flight.autopilots.external.listing import Listing
 from saflite.flight.autopilots.external.metadata import Documented
 from saflite.flight.autopilots.px4.binary import AUTOPILOT
-from saflite.flight.autopilots.px4.inputs import COMMANDS, INJECTED, MOTORS, OWN
+from saflite.flight.autopilots.px4.inputs import COMMANDS, INJECTED, MOTORS, NOT_OWN_PHYSICS, OWN
 from saflite.flight.autopilots.px4.metadata import documented
 from saflite.flight.autopilots.px4.modes import MODES, NUMBERS
-from saflite.flight.autopilots.px4.settings import TUNE
+from saflite.flight.autopilots.px4.settings import PHYSICS, SIH, TUNE
 from saflite.flight.autopilots.px4.signals import trace_names
 from saflite.flight.logs import settings as log_settings
 
@@ -36,7 +36,14 @@ SETTINGS = {
         default="none",
         choices=("none", "planner"),
         choice_meanings={"planner": "our local planner, in OFFBOARD, round the boxes; PX4 takes off and lands"},
-    )
+    ),
+    PHYSICS: SettingInfo(
+        meaning="whose physics is flown",
+        default="jsbsim",
+        choices=("jsbsim", SIH),
+        choice_meanings={SIH: "PX4's own quadrotor and sensors, in lockstep; boxes end the flight, no wind"},
+        lacks={SIH: NOT_OWN_PHYSICS},
+    ),
 }
 _NOT_OFFERED = ("MAV_", "SYS_", "SDLOG_", "IMU_INTEG_RATE", "CAL_", "SER_", "UXRCE_", "SIM_", "SIH_", "COM_FLIGHT")
 """Parameters that would take the link, the clock or the log away rather than say anything of the vehicle."""

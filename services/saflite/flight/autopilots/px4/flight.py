@@ -17,7 +17,8 @@ from saflite.flight.autopilots.px4.bring_up import Aircraft
 from saflite.flight.autopilots.px4.companion import Companion
 from saflite.flight.autopilots.px4.describe import COMPANION
 from saflite.flight.autopilots.px4.inputs import Inputs
-from saflite.flight.autopilots.px4.settings import as_texts, start_parameters
+from saflite.flight.autopilots.px4.own_truth import OWN_RATES_HZ, OwnTruth
+from saflite.flight.autopilots.px4.settings import as_texts, own_physics, start_parameters
 from saflite.flight.autopilots.px4.signals import trace_names
 from saflite.flight.autopilots.px4.telemetry import RATES_HZ, Telemetry
 
@@ -37,6 +38,7 @@ class Px4Flight(ExternalFlight):
         super().__init__(test_case, binary, listing, place, trace_names(listing.values))
         self.start = test_case.scenario.start or DEFAULT_START
         self._companion: Companion | None = None
+        self._own_physics = own_physics(test_case)
 
     def _powered_up(self) -> Aircraft:
         given = self.test_case.target.parameters
@@ -51,6 +53,7 @@ class Px4Flight(ExternalFlight):
             yaw_deg=self._yaw_deg,
             rng_seed=self.test_case.rng_seed,
             before_tick=self._before_tick,
+            own_physics=self._own_physics,
         )
 
     def _assist(self, aircraft: Aircraft) -> None:
@@ -59,12 +62,13 @@ class Px4Flight(ExternalFlight):
 
     def _greet(self, aircraft: Aircraft) -> None:
         client = aircraft.client
-        self._telemetry = Telemetry(aircraft.vehicle, client, self._parameters, self._home)
-        stimuli = self.test_case.stimuli
-        self._inputs = Inputs(aircraft.vehicle, client, aircraft.pulses_us, stimuli, self._listing)
+        made, rates_hz = (OwnTruth, OWN_RATES_HZ) if self._own_physics else (Telemetry, RATES_HZ)
+        self._telemetry = made(aircraft.vehicle, client, self._parameters, self._home)
+        given, own = (aircraft.pulses_us, self.test_case.stimuli, self._listing), self._own_physics
+        self._inputs = Inputs(aircraft.vehicle, client, *given, own_physics=own)
         if not client.wait_for_heartbeat(HEARTBEAT_S):
             raise Unavailable(f"{self._version}: no heartbeat within {HEARTBEAT_S:.0f} simulated s")
-        self._ask_for(aircraft, RATES_HZ)
+        self._ask_for(aircraft, rates_hz)
         if self._mission is not None and self.test_case.target.settings.get(COMPANION, "none") != "none":
             self._companion = Companion(self._mission, self._boxes, aircraft.vehicle, client)
 

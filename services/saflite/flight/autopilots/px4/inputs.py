@@ -45,6 +45,22 @@ OWN: dict[str, Fault] = {
     "motor_failed": Fault("", 0, MOTORS, "number of the motor that stops, 0 none"),
 }
 """Faults of the world's side."""
+
+
+class ByParameter(NamedTuple):
+    """A fault that the sensors of PX4's own physics have: a parameter, and its size for one of the fault's unit."""
+
+    parameter: str
+    share: float = 1.0
+
+
+OWN_PHYSICS: dict[str, ByParameter] = {
+    "gps_satellites": ByParameter("SIM_GPS_USED"),
+    "baro_offset": ByParameter("SIM_BARO_OFF_P", -11.4),  # Pa for a metre at 500 m above sea
+    **{f"compass_offset_{axis}": ByParameter(f"SIM_MAG_OFFSET_{axis.upper()}") for axis in "xyz"},
+}
+NOT_OWN_PHYSICS = tuple(name for name in OWN if name not in (*OWN_PHYSICS, "radio_loss"))
+"""Faults that only our world makes."""
 COMMANDS: dict[str, str] = {
     "MAV_CMD_NAV_TAKEOFF": "climb to a height above sea",
     "MAV_CMD_NAV_LAND": "land here",
@@ -85,13 +101,21 @@ class Inputs(inputs.Inputs):
 
     Args:
         vehicle: where effects are seen, and faults of the world's side are put on.
+        own_physics: its sensors are those of its own physics, so faults are parameters of these.
     """
 
     def __init__(
-        self, vehicle: Vehicle, client: Client, pulses_us: list[int], stimuli: Sequence[Stimulus], listing: Listing
+        self,
+        vehicle: Vehicle,
+        client: Client,
+        pulses_us: list[int],
+        stimuli: Sequence[Stimulus],
+        listing: Listing,
+        *,
+        own_physics: bool = False,
     ) -> None:
         super().__init__(client, pulses_us, stimuli, listing, NUMBERS)
-        self._vehicle = vehicle
+        self._vehicle, self._own_physics = vehicle, own_physics
         self._checks: list[_Check] = []
 
     @property
@@ -125,6 +149,10 @@ class Inputs(inputs.Inputs):
             return "timed_out"
         if name == "radio_loss":
             self._vehicle["rc_silent"] = float(value != 0.0)
+        elif self._own_physics:
+            parameter, share = OWN_PHYSICS[name]
+            self._set(parameter, share * value, time_s)
+            return "timed_out"
         elif name == "motor_failed":
             self._vehicle.world.fail_motor(round(value))
         else:
@@ -143,11 +171,13 @@ def _look(vehicle: Vehicle, name: str, value: float) -> Callable[[], bool] | Non
     return None
 
 
-def check_stimulus(stimulus: Stimulus, known: Collection[str], where: str) -> None:
+def check_stimulus(stimulus: Stimulus, known: Collection[str], where: str, *, own_physics: bool = False) -> None:
     """Raise Refused for a stimulus that cannot even be given; `known` are the binary's parameters."""
     inputs.check_stimulus(stimulus, known, NUMBERS, where)
     if stimulus.kind == "sensor_fault":
         _check_fault(stimulus.name, stimulus.values[0] if stimulus.values else 1.0, where)
+        if own_physics:
+            _check_own(stimulus.name, known, where)
 
 
 def _check_fault(name: str, value: float, where: str) -> None:
@@ -162,3 +192,13 @@ def _check_fault(name: str, value: float, where: str) -> None:
     if not fault.low <= value <= fault.high:
         expected = f"{fault.low:g} to {fault.high:g} {fault.unit}".strip()
         raise Refused(f"sensor fault {name}", where=where, expected=expected, got=value)
+
+
+def _check_own(name: str, known: Collection[str], where: str) -> None:
+    """Raise Refused where no sensor of PX4's own physics has a fault."""
+    needed = OWN_PHYSICS[name].parameter if name in OWN_PHYSICS else ""
+    if name not in NOT_OWN_PHYSICS and (not needed or needed in known):
+        return
+    expected = f"physics = jsbsim, or one that the sensors of SIH have: {', '.join(('radio_loss', *OWN_PHYSICS))}"
+    got = "physics = sih" if name in NOT_OWN_PHYSICS else f"physics = sih of a build without {needed}"
+    raise Refused(f"sensor fault {name}", where=where, expected=expected, got=got)

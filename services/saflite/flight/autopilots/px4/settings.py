@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from saflite.contract.test_case import TestCase
 from saflite.flight.autopilots.external.listing import Listing
 from saflite.flight.autopilots.px4.vehicle import Vehicle
 from saflite.flight.logs.settings import PX4
 from saflite.flight.mavlink.client import WHOLE
 
+PHYSICS, SIH = "physics", "sih"
+OWN_KIND, QUADROTOR = "SIH_VEHICLE_TYPE", 0.0  # a parameter that only a build with physics of its own has
 TUNE: dict[str, float] = {
     "IMU_INTEG_RATE": 200,  # the rate of the world's sensors
     "COM_RC_IN_MODE": 0,  # a radio that can be lost, no joystick
@@ -28,6 +31,11 @@ TUNE: dict[str, float] = {
 AVOIDANCE: dict[str, float] = {"CP_DIST": 3}
 """Set where a scenario has obstacles, unless the test case sets it itself: collision prevention in position mode."""
 NO_LOG: dict[str, float] = {"SDLOG_BACKEND": 0}
+
+
+def own_physics(test_case: TestCase) -> bool:
+    """Return whether a test case is flown on the binary's own physics."""
+    return test_case.target.settings.get(PHYSICS) == SIH
 
 
 def start_parameters(given: Mapping[str, float], listing: Listing, *, obstacles: bool) -> dict[str, float]:

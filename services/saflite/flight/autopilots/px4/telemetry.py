@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 from saflite.flight.autopilots.external import telemetry
@@ -38,9 +38,14 @@ class Telemetry(telemetry.Telemetry):
     """Takes the vehicle's messages; `parameters` are all that are known, kept up to date."""
 
     def __init__(
-        self, vehicle: Vehicle, client: Client, parameters: Mapping[str, float], home: tuple[float, float, float]
+        self,
+        vehicle: Vehicle,
+        client: Client,
+        parameters: Mapping[str, float],
+        home: tuple[float, float, float],
+        kinds: Collection[str] = tuple(RATES_HZ),
     ) -> None:
-        super().__init__(vehicle, parameters, home, (TOLD, *RATES_HZ), settings.show)
+        super().__init__(vehicle, parameters, home, (TOLD, *kinds), settings.show)
         self._client = client
         self._prearm = self._homed = self._failsafe = False
         self._flag_said_s = dict.fromkeys((GPS, RADIO, BATTERY, FENCE), -math.inf)
@@ -52,7 +57,9 @@ class Telemetry(telemetry.Telemetry):
         super().tick()
         if self._now_s - self._gps_said_s > FRESH_S:
             self.vehicle["gps_ok"] = 0.0
-        if self.vehicle["armed"] == 0.0:  # the armed bit comes with the motor commands (`native/packets.c`)
+        if (
+            self.vehicle["armed"] == 0.0
+        ):  # the armed bit comes with the motor commands (`native/packets.c`, `own_truth.py`)
             self.vehicle["taken_off"] = 0.0
         self.ready = self._prearm and self._homed
 

@@ -19,8 +19,9 @@ from saflite.flight.sensors.sensors import Sensors
 @cache
 def _library() -> ctypes.PyDLL:
     library, pointer, number = python_library(), ctypes.c_void_p, ctypes.c_int
-    library.px4_connect.argtypes = [pointer, number, number, number, pointer]
+    library.px4_connect.argtypes = [pointer, number, number, number, pointer, number]
     library.px4_answers.argtypes = [pointer]
+    library.px4_follow.argtypes = [pointer]
     return library
 
 
@@ -37,10 +38,25 @@ class Vehicle(LockstepVehicle):
         super().__init__(boxes, yaw_deg)
         self.sensors = Sensors(rng_seed, self.part("sensors"))
 
-    def connect(self, tcp: socket.socket, udp: socket.socket, home: tuple[float, float, float]) -> None:
-        """Fly with the autopilot at the other end from now on; `home` in degrees and metres above sea."""
-        place = (ctypes.c_double * 3)(*home)
-        _library().px4_connect(self.address, tcp.fileno(), udp.fileno(), vehicle.SILENT_MS, place)
+    def connect(
+        self,
+        simulator: socket.socket,
+        udp: socket.socket,
+        home: tuple[float, float, float],
+        *,
+        own_physics: bool = False,
+    ) -> None:
+        """Fly with the autopilot at the other end from now on; `home` in degrees and metres above sea.
+
+        Where it has physics of its own, ours stands still: `simulator` is the channel to its gate, `run` lets it run
+        its steps, and whoever hears its telemetry writes the truth.
+        """
+        place, files = (ctypes.c_double * 3)(*home), (simulator.fileno(), udp.fileno())
+        _library().px4_connect(self.address, *files, vehicle.SILENT_MS, place, int(own_physics))
+
+    def follow(self) -> None:
+        """Tell what follows from a truth that was written into the slots: angles in degrees, distances to boxes."""
+        _library().px4_follow(self.address)
 
     @property
     def answers(self) -> bool:

@@ -26,9 +26,9 @@ size_t px4_offset(int part) /* of the world 0, of the sensors 1, of the slots he
     return part == 0 ? offsetof(Px4, world) : part == 1 ? offsetof(Px4, sensors) : offsetof(Px4, at);
 }
 
-void px4_connect(Px4 *p, int tcp, int udp, int silent_ms, const double home[3])
+void px4_connect(Px4 *p, int tcp, int udp, int silent_ms, const double home[3], int own_physics)
 {
-    p->tcp = tcp, p->udp = udp, p->silent_ms = silent_ms;
+    p->tcp = tcp, p->udp = udp, p->silent_ms = silent_ms, p->own_physics = own_physics;
     p->answered_us = 0, p->unanswered = p->quiet = 0, p->held_bytes = p->said_bytes = 0;
     memcpy(p->home, home, sizeof p->home);
 }
@@ -41,6 +41,9 @@ void px4_record(Px4 *p, float *rows, const int32_t *columns, int column_count, i
 
 int px4_rows(const Px4 *p) { return p->recorder.row_count; }
 int px4_answers(const Px4 *p) { return p->answered_us > 0; }
+
+/* The truth was written by whoever hears it: distances to boxes anew, and the end at one. */
+void px4_follow(Px4 *p) { world_follow(&p->world); }
 
 /* Take what was said to the ground station; returns the number of bytes. */
 int px4_heard(Px4 *p, uint8_t *into)
@@ -150,9 +153,51 @@ static void settle(Px4 *p)
         TRUTH(world_state) = WORLD_STANDING;
 }
 
+/* Wait for the gate's word: its step is over, PX4 waits for us. */
+static int await_gate(Px4 *p)
+{
+    uint32_t over;
+    struct pollfd gate = {p->tcp, POLLIN, 0};
+    for (;;) {
+        const int ready = poll(&gate, 1, p->silent_ms);
+        if (ready < 0 && errno == EINTR)
+            continue;
+        if (ready <= 0)
+            return PX4_SILENT;
+        return recv(p->tcp, &over, sizeof over, MSG_DONTWAIT) == (ssize_t)sizeof over ? PX4_OK : PX4_GONE;
+    }
+}
+
+/* Have PX4's own physics run one of its steps of 5 ms; each is ordered apart, so that all its threads are done with it. */
+static int let_run(Px4 *p)
+{
+    const uint32_t one = 1;
+    if (send(p->tcp, &one, sizeof one, MSG_NOSIGNAL) != (ssize_t)sizeof one)
+        return PX4_GONE;
+    const int trouble = await_gate(p);
+    if (trouble != PX4_OK)
+        return trouble;
+    TRUTH(step) += STEPS_PER_MESSAGE, TRUTH(time_s) = TRUTH(step) * STEP_S;
+    recorder_step(&p->recorder, (const double *)p, (int64_t)TRUTH(step));
+    return PX4_OK;
+}
+
+static int run_own(Px4 *p, int steps)
+{
+    for (int i = 0; i < steps && TRUTH(world_state) != WORLD_CRASHED; i += STEPS_PER_MESSAGE) {
+        const int trouble = let_run(p);
+        if (trouble != PX4_OK)
+            return trouble;
+    }
+    drain_ground(p);
+    return PX4_OK;
+}
+
 /* Run steps of 2.5 ms; ends early in trouble, or when the world has crashed. */
 int px4_run(Px4 *p, int steps)
 {
+    if (p->own_physics)
+        return run_own(p, steps);
     for (int i = 0; i < steps && TRUTH(world_state) != WORLD_CRASHED; i++) {
         if (world_step(&p->world, p->throttles))
             return PX4_PYTHON;

@@ -48,6 +48,7 @@ typedef struct {
     double throttles[MOTORS];
     uint64_t answered_us;    /* time of the last motor commands */
     int32_t tcp, udp, silent_ms, unanswered, quiet; /* the last two count messages */
+    int32_t own_physics;     /* PX4's, run step by step through the gate of `preload/gate.c`, which `tcp` then is */
     uint32_t held_bytes, said_bytes;
     uint8_t sequence, armed;
     uint8_t held[PX4_BUFFER]; /* of the TCP link, not yet a whole message */
