@@ -27,6 +27,8 @@ KINDS: dict[str, FileKind] = {kind.name: kind for kind in ALL}
 CORPUS = Path(__file__).resolve().parents[2] / "tests" / "corpus" / "files"
 SHM = Path("/dev/shm")
 """Where a folder is removed in microseconds; on a disk that takes longer than most files do."""
+if SHM.is_dir():
+    tempfile.tempdir = str(SHM)
 
 CPU_S = 30.0
 MEMORY_MB = 700

@@ -23,6 +23,7 @@ VALID_SHARE = 0.3  # sent as they are, so that the campaign goes on
 TORN_SHARE = 0.05
 UNREAD = 4  # read by the decoder alone, for each that is sent
 LOOK_EVERY = 100
+ROUND_SHORT = 3  # flights until there is the next round to propose
 FILE = "file "
 
 
@@ -69,7 +70,8 @@ class Messages:
         return int(wrong) + unread
 
     def _new_peer(self) -> Peer:
-        return Peer("all" if self.kind == "Report recorded" else "violations")
+        record = "all" if self.kind == "Report recorded" else "violations"
+        return Peer(record, ROUND_SHORT) if self.kind == "Report mutated" else Peer(record)
 
     def _unread(self, said: Said) -> int:
         """Have the decoder alone read wrong messages: it refuses most, and those cost the books no lease here."""

@@ -84,13 +84,15 @@ class Peer:
 
     Args:
         record: which flights the campaign records; with all of them there is a recording to report soon.
+        flights: those of a round, out of twice as many candidates; with few of them there is a round to propose soon.
     """
 
-    def __init__(self, record: str = "violations") -> None:
+    def __init__(self, record: str = "violations", flights: int = 20) -> None:
         shm = Path("/dev/shm")
         self.folder = Path(tempfile.mkdtemp(prefix="saflite-fuzz-", dir=shm if shm.is_dir() else None))
         self.network = MemoryNetwork()
-        campaign = doubles.campaign(BUDGET, candidates_per_round=40, flights_per_round=20, record=record)
+        rounds: dict[str, Any] = {"candidates_per_round": 2 * flights, "flights_per_round": flights}
+        campaign = doubles.campaign(BUDGET, **rounds, record=record)
         self.name = campaign.name
         self.store = Store.create(self.folder / "run", campaign, doubles.TEMPLATE, doubles.TARGET)
         self.books = self.store.rebuild()

@@ -52,14 +52,15 @@ from saflite.simulator_worker.registry import describe_target, load_target
 
 CAMPAIGNS = ("avoidance-m2", "policy-a-flip1")
 TARGETS = ("reference", "ardupilot", "betaflight")
-POLICIES_TOGETHER = 8
+POLICIES_TOGETHER = 3
 CROSSED_SHARE = 0.4  # of wrong works, first given one to three parts of another of their kind
 CHANGES_MAX = 4
 INPUTS_OF_A_KIND = 8
 ODD_SAMPLES_SHARE = 0.5  # of wrong traces
 STAGES: dict[str, Stage] = {"mutate": "mutate", "score": "score", "warm": "score", "judge": "judge", "record": "record"}
 MODELS = ("blend", "gap", "surrogate", "relevance", "novelty", "low_fidelity", "random", "ensemble:gap,blend")
-FLOWN_S = 5.0  # of simulated time
+FLOWN_S = 5.0  # of simulated time, for traces that others read
+TRIED_S = 2.0  # of simulated time, where flying is what is tried: the first inputs come at 0.5 s
 WALL_S = 120.0  # beside other work flights take long; with 5 s a machine under load had no trace to show
 TRACE_EVERY = 5  # with this message the trace is made wrong, not the work
 
@@ -69,7 +70,8 @@ class Fliers:
 
     stage: Stage = "fly"
 
-    def __init__(self) -> None:
+    def __init__(self, flown_s: float = FLOWN_S) -> None:
+        self._flown_s = flown_s
         folder = Path(tempfile.mkdtemp(prefix="saflite-fuzz-"))
         self._target = load_target("reference")
         self._session: Session = self._target.open(Slot(index=0, folder=folder, clock=WallClock()))
@@ -78,7 +80,7 @@ class Fliers:
         """Check and fly as `simulator_worker/simulator.py` does."""
         self._target.check(case)
         scenario = case.scenario
-        short = msgspec.structs.replace(scenario, time_limit_s=min(scenario.time_limit_s, FLOWN_S))
+        short = msgspec.structs.replace(scenario, time_limit_s=min(scenario.time_limit_s, self._flown_s))
         case = msgspec.structs.replace(case, scenario=short)
         record = self._session.fly(case, WALL_S, lambda: False)
         flight = Flight(
@@ -103,7 +105,7 @@ class Works:
     def __init__(self, kind: str, rng: np.random.Generator) -> None:
         self.rng, self.number, self.blobs = rng, 0, MemoryBlobs()
         context = ServiceContext("w", WallClock(), None, self.blobs)
-        self.service: Any = Fliers() if kind == "fly" else open_stage(STAGES[kind], context)
+        self.service: Any = Fliers(TRIED_S) if kind == "fly" else open_stage(STAGES[kind], context)
         self.valid = [work for name in CAMPAIGNS for work in works(name, self.blobs) if _kind(work) == kind]
         self._said = [plain(work) for work in self.valid]
 

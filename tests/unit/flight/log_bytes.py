@@ -45,14 +45,15 @@ STATUS = [("B", "nav_state"), ("B", "arming_state")]
 ATTITUDE = [("f", "q[0]"), ("f", "q[1]"), ("f", "q[2]"), ("f", "q[3]")]
 
 
-def px4_flight() -> bytes:
+def px4_flight(tenths: int = 200) -> bytes:
     rows: list[tuple[str, float, tuple[float, ...]]] = []
-    for tenth in range(201):
+    for tenth in range(tenths + 1):
         at = 5 + tenth / 10
         rows.append(("vehicle_local_position", at, (3.0, 4.0 + tenth / 10, -10.0, 0.0, 1.0, 0.0, True)))
         yaw = math.radians(350 + tenth / 10)
         rows.append(("vehicle_attitude", at, (math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2))))
-    rows += [("vehicle_status", 5.0, (17, 2)), ("vehicle_status", 10.0, (3, 2)), ("vehicle_status", 20.0, (4, 2))]
+    statuses = ((0.0, (17, 2)), (tenths / 40, (3, 2)), (3 * tenths / 40, (4, 2)))
+    rows += [("vehicle_status", 5.0 + after_s, status) for after_s, status in statuses]
     topics = {"vehicle_local_position": POSITION, "vehicle_status": STATUS, "vehicle_attitude": ATTITUDE}
     return ulog(topics, rows)
 

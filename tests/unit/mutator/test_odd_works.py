@@ -19,6 +19,7 @@ from saflite.contract.test_case import (
     Target,
     TestCase,
 )
+from saflite.contract.verdict import Transition
 from saflite.contract.work import Outcome, RuleOutcome
 from saflite.flight.autopilots.reference.describe import describe
 from saflite.flight.geometry import COMPETITION_AREA, COMPETITION_SIZES, overlap
@@ -180,6 +181,17 @@ def test_a_start_at_no_height_is_refused(text: str) -> None:
 def test_a_corpus_that_is_none_is_refused(text: str) -> None:
     with pytest.raises(Refused, match="corpus"):
         exposure.Strategy(HELD, {"corpus": [text]}, ("p",), describe())
+
+
+@pytest.mark.parametrize("place", [1, 2**53, -1, -(2**63)])
+@pytest.mark.parametrize("preceding", [0, 1, -1])
+def test_a_step_after_an_input_that_was_never_given_is_learnt_from_all_the_same(place: int, preceding: int) -> None:
+    given = Stimulus(at_s=0.0, kind="parameter", name="RTL_ALT", values=(1.0,))
+    case = msgspec.structs.replace(HELD, stimuli=(given,))
+    step = Transition("STABILIZE", "LAND failsafe", place, preceding)
+    strategy = exposure.Strategy(HELD, {}, ("p",), describe())
+    strategy.tell([told(case, transitions=(step,))])
+    assert len(strategy.ask(2, derive(1, "odd"))) == 2
 
 
 def test_a_flight_without_end_gets_no_more_inputs_than_a_test_case_holds() -> None:

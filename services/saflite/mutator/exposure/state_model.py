@@ -115,8 +115,9 @@ class StateModel:
     def _learn_causes(self, case: TestCase, step: Transition) -> None:
         """Credit the last two inputs with the words that came into the state: an effect may take its time."""
         given = [one for place in (step.stimulus, step.preceding) if (one := _at(case, place)) is not None]
-        if step.stimulus >= 0 and given[0].kind != "mode":
-            self._times[given[0].kind, given[0].name] += 1
+        caused = _at(case, step.stimulus)
+        if caused is not None and caused.kind != "mode":
+            self._times[caused.kind, caused.name] += 1
         for word in sorted(set(step.after.split()) - set(step.before.split())):
             for stimulus in given:
                 if stimulus.kind != "mode":
