@@ -6,13 +6,22 @@ import asyncio
 import threading
 from collections.abc import Coroutine
 from concurrent.futures import Future
+from contextlib import suppress
 from typing import Any, TypeVar
 
 from saflite.contract.service import Cancelled
 
 LOOK_S = 0.1
+CLOSE_S = 5.0
 
 T = TypeVar("T")
+
+
+async def _cancel_all() -> None:
+    others = asyncio.all_tasks() - {asyncio.current_task()}
+    for task in others:
+        task.cancel()
+    await asyncio.gather(*others, return_exceptions=True)
 
 
 class Background:
@@ -41,13 +50,18 @@ class Background:
                     future.cancel()
 
     def close(self) -> None:
-        """Stop the loop and its thread."""
+        """Cancel what runs, and stop the loop and its thread."""
         with self._lock:
             loop, thread = self._loop, self._thread
             self._loop = self._thread = None
-        if loop is not None and thread is not None:
-            loop.call_soon_threadsafe(loop.stop)
-            thread.join(timeout=5.0)
+        if loop is None or thread is None:
+            return
+        with suppress(TimeoutError):
+            asyncio.run_coroutine_threadsafe(_cancel_all(), loop).result(timeout=CLOSE_S)
+        loop.call_soon_threadsafe(loop.stop)
+        thread.join(timeout=CLOSE_S)
+        if not thread.is_alive():
+            loop.close()
 
     def _running(self) -> asyncio.AbstractEventLoop:
         with self._lock:

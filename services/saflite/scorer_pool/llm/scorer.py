@@ -254,10 +254,12 @@ class LanguageModel:
                 return ""
             if self._loading is None or (self._loading.done() and not self._ready):
                 self._loading = self._background.start(self._warm())
-            async with asyncio.timeout(min(LOADING_WAIT_S, self._left(ends_s))):
-                await asyncio.shield(asyncio.wrap_future(self._loading))
-        except TimeoutError:
-            return "loading"
+            loading = asyncio.wrap_future(self._loading)
+            loading.add_done_callback(_seen)  # it may fail when nobody waits for it any more
+            await asyncio.wait([loading], timeout=min(LOADING_WAIT_S, self._left(ends_s)))
+            if not loading.done():
+                return "loading"
+            loading.result()
         except Refused:
             return "refused"
         except Unavailable:
@@ -359,6 +361,12 @@ def _split(cases: tuple[TestCase, ...], size: int, job: Job) -> list[tuple[TestC
         else:
             parts.append(part)
     return parts
+
+
+def _seen(future: asyncio.Future[str]) -> None:
+    """Look at what became of a future, so that the loop does not complain that nobody did."""
+    if not future.cancelled():
+        future.exception()
 
 
 def _fault(name: str, message: str = "") -> ModelScore:
