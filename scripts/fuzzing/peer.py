@@ -197,8 +197,8 @@ class Peer:
         if found is None:
             return None
         lease, worker = found
-        others: dict[str, Result] = {"failed": Failure(message="x"), "handed_back": HandedBack(message="x")}
-        result = others.get(tag) or self.worker.do(lease.work)
+        done = self.worker.do(lease.work) if tag != "failed" else None  # done, a scorer need not be told all again
+        result = HandedBack(message="x") if tag == "handed_back" else done or Failure(message="x")
         report = Report(worker=worker, lease_id=lease.lease_id, epoch=lease.epoch, result=result)
         return Said(topics.result(self.name, stage_of(lease)), plain(report), lease)
 
