@@ -52,6 +52,24 @@ def check_own(run_dir: Path) -> None:
         raise Unavailable(f"{run_dir} cannot be looked through: {fault}") from fault
 
 
+def check_writable(run_dir: Path) -> None:
+    """Raise Unavailable where the run, or a folder or book of it, cannot be written: a farm would try for ever.
+
+    For whoever has the run locked: in one at work, files come and go.
+    """
+    books = (path for path in run_dir.glob(f"{STORE.partition('.')[0]}.*") if path.is_file())
+    folders = (folder for name in FOLDERS if (folder := run_dir / name).is_dir())
+    for path in (run_dir, *folders, *books):
+        try:
+            wanted = os.W_OK | (os.X_OK if path.is_dir() else 0)
+            if os.access(path, wanted, effective_ids=True):
+                continue
+        except OSError as fault:
+            raise Unavailable(f"{path} cannot be looked at: {fault.strerror}") from fault
+        why = "its file system is read-only" if os.statvfs(path).f_flag & os.ST_RDONLY else "this user may not"
+        raise Unavailable(f"{path} cannot be written: {why}")
+
+
 def _check_closed(folder: Path | str) -> None:
     found = os.stat(folder)
     if found.st_uid not in (0, os.geteuid()):

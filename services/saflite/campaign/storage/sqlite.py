@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
 
-from saflite.campaign.storage.own_folder import check_own, check_store
+from saflite.campaign.storage.own_folder import check_own, check_store, check_writable
 from saflite.campaign.storage.packing import BYTES_MAX, FIX, Packing
 from saflite.campaign.storage.projections import CHAINED, CREATE, FORMAT
 from saflite.contract import wire
@@ -301,6 +301,7 @@ def lock_run(run_dir: Path) -> IO[bytes]:
     Raises:
         InUse: another process has it.
         Refused: a link in it leads elsewhere, or the lock is no file.
+        Unavailable: something in it cannot be written.
     """
     check_own(run_dir)
     file = _lock_file(run_dir, os.O_RDWR | os.O_CREAT)
@@ -311,6 +312,11 @@ def lock_run(run_dir: Path) -> IO[bytes]:
         raise InUse(
             "run folder", where=str(run_dir), expected="one not in use", got="one another process works on"
         ) from fault
+    try:
+        check_writable(run_dir)
+    except Unavailable:
+        file.close()
+        raise
     file.truncate(0)
     file.write(str(os.getpid()).encode())
     file.flush()
