@@ -6,13 +6,11 @@ import re
 import shutil
 import sys
 import tempfile
-import tomllib
 import zlib
 from collections.abc import Callable
-from copy import deepcopy
-from functools import cache, lru_cache
+from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
@@ -71,16 +69,6 @@ class FileKind(NamedTuple):
     made_wrong: Callable[[bytes, np.random.Generator], bytes] | None = None
     """Instead of what is done to every file of its language: behind checksums, or in a packed part."""
 
-
-_loads = lru_cache(8)(tomllib.loads)
-
-
-def _loads_once(text: str) -> dict[str, Any]:
-    """As `tomllib.loads`: readers of one command parse the same text up to four times."""
-    return deepcopy(_loads(text))
-
-
-tomllib.loads = _loads_once  # type: ignore[assignment]
 
 # ---- what is read -------------------------------------------------------------------------------------------------
 

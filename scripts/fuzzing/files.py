@@ -11,11 +11,14 @@ import resource
 import shutil
 import signal
 import tempfile
+import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from functools import cache
+from copy import deepcopy
+from functools import cache, lru_cache
 from pathlib import Path
 from types import FrameType
+from typing import Any
 
 import numpy as np
 from file_kinds import ALL, FileKind
@@ -32,6 +35,17 @@ if SHM.is_dir():
 
 CPU_S = 30.0
 MEMORY_MB = 700
+
+
+_loads = lru_cache(8)(tomllib.loads)
+
+
+def _loads_once(text: str) -> dict[str, Any]:
+    """As `tomllib.loads`: readers of one command parse the same text up to four times."""
+    return deepcopy(_loads(text))
+
+
+tomllib.loads = _loads_once  # type: ignore[assignment]
 
 
 class TooMuch(Exception):

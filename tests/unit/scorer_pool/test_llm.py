@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-import gc
 import json
 from collections.abc import Callable
-from concurrent.futures import wait
 from pathlib import Path
 from typing import Any
 
@@ -229,32 +227,6 @@ def test_model_that_cannot_be_loaded_is_a_fault_and_warming_says_why() -> None:
     assert "loaded" in scorer.warm(lambda: False)
     assert not any(score.fault for score in scorer.score(job()).scores)
     scorer.close()
-
-
-def test_a_load_that_fails_when_nobody_waits_for_it_is_no_noise(caplog: pytest.LogCaptureFixture) -> None:
-    scorer, chat = model(good)
-    chat.load_fault, chat.load_wait = Unavailable("RemoteProtocolError: disconnected"), asyncio.Event()
-    assert {score.fault for score in scorer.score(job(deadline_s=0.05)).scores} == {"loading"}
-    scorer._background._running().call_soon_threadsafe(chat.load_wait.set)
-    assert scorer._loading is not None
-    wait([scorer._loading])
-    assert {score.fault for score in scorer.score(job()).scores} == {"unreachable"}, "it is tried again"
-    scorer.close()
-    gc.collect()
-    assert caplog.text == ""
-
-
-def test_closing_ends_what_is_being_asked(caplog: pytest.LogCaptureFixture, recwarn: pytest.WarningsRecorder) -> None:
-    scorer, chat = model(None)
-    chat.load_wait = asyncio.Event()
-    assert {score.fault for score in scorer.score(job(deadline_s=0.05)).scores} == {"loading"}
-    assert scorer._loading is not None
-    scorer.close()
-    assert scorer._loading.cancelled()
-    del scorer, chat
-    gc.collect()
-    assert caplog.text == ""
-    assert not list(recwarn)
 
 
 def test_a_server_that_came_back_is_loaded_again() -> None:
