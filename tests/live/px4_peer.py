@@ -2,7 +2,8 @@
 
 It speaks the simulator's interface in lockstep and MAVLink, and hovers, climbs and lands by a few gains. It knows no
 world: all it has are the sensors our side sends, or on physics of its own a mass that the throttles lift. Its
-parameters `SIM_DIE`, `SIM_HANG` and `SIM_CUT` make it end by a signal, fall silent, or stop its motors.
+parameters `SIM_DIE`, `SIM_HANG`, `SIM_CUT` and `SIM_NO_MISSION` make it end by a signal, fall silent, stop its motors,
+or take no mission. On physics of its own it goes where set-points and sticks lead it.
 """
 
 from __future__ import annotations
@@ -31,13 +32,16 @@ NAMES = {
     "SIM_HANG": 0.0,
     "SIM_CUT": 0.0,
     "SIM_NEVER_READY": 0.0,
+    "SIM_NO_MISSION": 0.0,
 }
 OWN_NAMES = {"SIH_VEHICLE_TYPE": 0.0, "SIM_GPS_USED": 10.0, "SIM_BARO_OFF_P": 0.0}
 """It has these where it flies on its own physics."""
 WHOLE = {"RC_MAP_ROLL", "GF_ACTION", "SIH_VEHICLE_TYPE", "SIM_GPS_USED"}
 INT32, REAL32 = 6, 9
 HOVER, READY_S, LANDED_M = 0.435, 2.0, 0.3
-HOLD, LAND, TAKEOFF = (4, 3), (4, 6), (4, 2)
+HOLD, LAND, TAKEOFF, MISSION, POSITION, OFFBOARD = (4, 3), (4, 6), (4, 2), (4, 4), (3, 0), (6, 0)
+SPEED_MPS, TURN_RPS = 5.0, 1.0  # of set-points at most, and of a stick held over
+PLACE, METRES_PER_DEGREE = (47.3977419, 8.5455938), 111_195.0
 HOME_MM = 488_786  # above sea
 OWN_STEP_S, GRAVITY, LIFT_LAG = 0.005, 9.81, 0.1
 
@@ -80,6 +84,9 @@ class Peer:
         print("Startup script returned successfully", flush=True)
         self.simulator = None if self.own_physics else Simulator(int(simulator[1]))
         self.outputs = [0.0] * 4
+        self.items: list[Any] = []
+        self.item, self.yaw = 0, 0.2
+        self.aim = [0.0, 0.0]
         self.udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.udp.bind(("127.0.0.1", int(ground[1])))
         self.udp.setblocking(False)
@@ -129,8 +136,30 @@ class Peer:
         if self.altitude_m < 0.0:
             self.altitude_m = self.climb_mps = 0.0
         self.zero_m, self.gps = 0.001 * HOME_MM, self.gps + 1
+        self.go()
         self.turn()
         self.outputs = self.throttles()
+
+    def go(self) -> None:
+        """Move over ground: to the set-point of OFFBOARD, or as the sticks say; take off by the mission's item."""
+        if self.mode == MISSION and self.items:
+            lifts = next(number for number, item in enumerate(self.items) if item.command == 22)
+            self.target_m, self.item = self.items[lifts].z, lifts
+            if self.altitude_m > self.target_m - 0.5:
+                self.item = lifts + 1
+        speeds = [0.0, 0.0]
+        if self.mode == OFFBOARD:
+            ways = [to - at for to, at in zip(self.aim, self.places, strict=True)]
+            much = min(SPEED_MPS, 2.0 * math.hypot(*ways)) / max(math.hypot(*ways), 1e-6)
+            speeds = [much * way for way in ways]
+        elif self.mode == POSITION and self.pulses:
+            roll, pitch, _, yaw = ((pulse - 1500) / 500 for pulse in self.pulses)
+            self.yaw += OWN_STEP_S * TURN_RPS * yaw
+            ahead, right = -SPEED_MPS * pitch, SPEED_MPS * roll
+            cos, sin = math.cos(self.yaw), math.sin(self.yaw)
+            speeds = [ahead * cos - right * sin, ahead * sin + right * cos]
+        self.speeds = speeds
+        self.places = [at + OWN_STEP_S * speed for at, speed in zip(self.places, speeds, strict=True)]
 
     def on_gps(self, message: Any) -> None:
         self.gps += 1
@@ -229,11 +258,25 @@ class Peer:
         self.pulses = [message.chan1_raw, message.chan2_raw, message.chan3_raw, message.chan4_raw]
 
     def on_mission_count(self, message: Any) -> None:
-        """Ask for the second item, and take none."""
-        self.mav.mission_request_int_send(message.get_srcSystem(), message.get_srcComponent(), 1)
+        self.items, self.expected, self.asking = [], message.count, message
+        self.ask_for_item(1 if self.parameters["SIM_NO_MISSION"] else 0)
+
+    def ask_for_item(self, number: int) -> None:
+        self.mav.mission_request_int_send(self.asking.get_srcSystem(), self.asking.get_srcComponent(), number)
 
     def on_mission_item_int(self, message: Any) -> None:
-        self.mav.mission_ack_send(message.get_srcSystem(), message.get_srcComponent(), dialect.MAV_MISSION_UNSUPPORTED)
+        self.items.append(message)
+        refused = self.parameters["SIM_NO_MISSION"] != 0.0
+        if len(self.items) < self.expected and not refused:
+            self.ask_for_item(len(self.items))
+            return
+        result = dialect.MAV_MISSION_UNSUPPORTED if refused else dialect.MAV_MISSION_ACCEPTED
+        self.mav.mission_ack_send(message.get_srcSystem(), message.get_srcComponent(), result)
+
+    def on_set_position_target_local_ned(self, message: Any) -> None:
+        self.aim = [message.x, message.y]
+        if self.mode == OFFBOARD:
+            self.target_m, self.yaw = -message.z, message.yaw
 
     def tell(self) -> None:
         """Say what is due."""
@@ -275,11 +318,17 @@ class Peer:
 
     def say_hil_state_quaternion(self) -> None:
         up_mm, down_cmps = HOME_MM + round(1000 * self.altitude_m), round(-100 * self.climb_mps)
-        place = (473977419, 85455938, up_mm, 0, 0, down_cmps, 0, 0, 0, 0, 0)
-        self.mav.hil_state_quaternion_send(0, [math.cos(0.1), 0.0, 0.0, math.sin(0.1)], 0, 0, 0, *place)
+        north, east = (at / METRES_PER_DEGREE for at in self.places)
+        place = [round(1e7 * (PLACE[0] + north)), round(1e7 * (PLACE[1] + east / math.cos(math.radians(PLACE[0]))))]
+        speeds = [round(100 * speed) for speed in self.speeds]
+        turned = [math.cos(self.yaw / 2), 0.0, 0.0, math.sin(self.yaw / 2)]
+        self.mav.hil_state_quaternion_send(0, turned, 0, 0, 0, *place, up_mm, *speeds, down_cmps, 0, 0, 0, 0, 0)
 
     def say_hil_actuator_controls(self) -> None:
         self.mav.hil_actuator_controls_send(0, self.outputs + [0.0] * 12, 128 * self.armed + 1, 1)
+
+    def say_mission_current(self) -> None:
+        self.mav.mission_current_send(self.item)
 
     def say_rc_channels(self) -> None:
         if self.pulses:

@@ -167,6 +167,26 @@ def test_a_box_ends_a_flight_on_physics_that_feels_none(own_px4: StandIn) -> Non
     assert record.ending == "crashed"
 
 
+@pytest.mark.parametrize(("who", "mode"), [("planner", 4.0), ("pilot", 5.0)])
+def test_a_mission_is_flown_by_who_stands_beside_it(own_px4: StandIn, who: str, mode: float) -> None:
+    """Our planner goes round the box; a pilot, blind, runs into it: this vehicle has no collision prevention."""
+    box = Obstacle(length_m=8, width_m=6, height_m=25, x_m=-3, y_m=30)
+    scenario = Scenario(mission=builtin_mission("mission2"), obstacles=(box,), time_limit_s=70.0)
+    own_px4 = own_px4._replace(settings={**own_px4.settings, "companion": who})
+    record = own_px4.fly(case("px4", scenario=scenario))
+    trace = record.trace
+    assert trace is not None
+    assert mode in trace.array("mode")
+    least_m = trace.array("obstacle_distance_m").min()
+    if who == "planner":
+        assert record.ending == "timed_out"
+        assert least_m > 1.0
+        assert trace.array("y_m").max() > 36.0  # past the box
+    else:
+        assert record.ending == "crashed"
+        assert 20.0 < trace.array("y_m")[-1] < 30.0
+
+
 def test_a_build_that_does_not_start_on_its_own_physics_is_told(own_px4: StandIn) -> None:
     assert "SIH_VEHICLE_TYPE" in own_px4.listing.parameters
     program, text = own_px4.binary.path, own_px4.binary.path.read_text()
@@ -290,8 +310,10 @@ def test_bring_up_that_fails_is_ours_unless_the_test_case_asked_for_it(peer: Sta
 
 def test_a_mission_that_it_does_not_take_is_refused_in_one_line(peer: StandIn) -> None:
     scenario = Scenario(mission=builtin_mission("mission2"), time_limit_s=60.0)
+    given = case(peer.name, scenario=scenario)
+    told = {"SIM_NO_MISSION": 1.0} if peer.name == "px4" else {}
     with pytest.raises(Refused) as caught:
-        peer.fly(case(peer.name, scenario=scenario))
+        peer.fly(replace(given, target=replace(given.target, parameters=told)))
     said = str(caught.value)
     item = {"ardupilot": 1, "px4": 2}[peer.name]  # ArduPilot has home before the items
     assert f"got command not supported (MAV_MISSION_RESULT 3) at item {item}" in said

@@ -8,7 +8,7 @@ import struct
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,12 +18,11 @@ from saflite.contract.errors import Refused
 from saflite.contract.test_case import Scenario, StartState, Stimulus, Target, TestCase
 from saflite.flight.autopilots.external.elf import MACHINES
 from saflite.flight.autopilots.external.inputs import command_numbers
-from saflite.flight.autopilots.external.link import TICK_S, SimulatedClock
+from saflite.flight.autopilots.external.link import SimulatedClock
 from saflite.flight.autopilots.external.listing import Listing, Row
 from saflite.flight.autopilots.external.telemetry import PREARM
 from saflite.flight.autopilots.px4 import binary, modes, settings
 from saflite.flight.autopilots.px4.check import check_test_case
-from saflite.flight.autopilots.px4.companion import Companion
 from saflite.flight.autopilots.px4.describe import describe
 from saflite.flight.autopilots.px4.inputs import COMMANDS, Inputs
 from saflite.flight.autopilots.px4.metadata import documented
@@ -31,7 +30,6 @@ from saflite.flight.autopilots.px4.telemetry import RADIO, Telemetry
 from saflite.flight.autopilots.px4.vehicle import Vehicle
 from saflite.flight.logs.settings import PX4 as SHOWN
 from saflite.flight.mavlink.client import Client
-from saflite.flight.mission import builtin_mission
 from saflite.flight.native_library import python_library
 from saflite.simulator_worker.agreement import own_contradictions
 
@@ -287,47 +285,6 @@ def test_a_home_that_px4_moves_by_itself_in_flight_is_no_climb(vehicle: Vehicle,
         heights.append(vehicle["altitude_est_m"])
         told.take(message("EXTENDED_SYS_STATE", landed_state=1 if len(heights) == 1 else 2), 1.0)
     assert heights == pytest.approx([22.0, 21.0, 21.0, 21.0, -10.0])
-
-
-def test_the_companion_takes_over_after_take_off_and_hands_back_for_the_landing(vehicle: Vehicle) -> None:
-    """Flown by a vehicle that is where it was told to be."""
-    sent: list[Any] = []
-
-    class Link:
-        latest: ClassVar[dict[str, Any]] = {"LOCAL_POSITION_NED": message("LOCAL_POSITION_NED", z=-10.0)}
-        mav = dialect.MAVLink(None)
-
-    link: Any = Link()
-    link.mav.send = lambda given, **_: sent.append(given)
-    companion = Companion(builtin_mission("mission2"), np.zeros((0, 8)), vehicle, link)
-    vehicle.set(armed=1.0, mission_item=1.0, altitude_m=10.0)
-    companion.tick(0.0, TICK_S)
-    assert sent == []  # PX4 takes off
-    vehicle["mission_item"] = 2.0
-    orders: list[Any] = []
-    for tick in range(6000):
-        companion.tick(tick * TICK_S, TICK_S)
-        orders += [one for one in sent if one.get_type() == "COMMAND_LONG"]
-        points = [one for one in sent if one.get_type() == "SET_POSITION_TARGET_LOCAL_NED"]
-        sent.clear()
-        if not points:
-            break
-        (at,) = points
-        vehicle.set(x_m=at.x, y_m=at.y, altitude_m=-at.z, yaw_rad=at.yaw)
-        link.latest["LOCAL_POSITION_NED"] = at
-    assert [(one.param2, one.param3) for one in orders] == [(modes.OFFBOARD, 0.0), (modes.AUTO, modes.LAND)]
-    assert 500 < tick < 5999
-    assert (vehicle["x_m"], vehicle["y_m"]) == pytest.approx((-12.4, 0.1), abs=3.0)
-
-
-def test_a_companion_needs_a_mission_to_fly() -> None:
-    alone = TestCase(target=Target(name="px4", settings={"companion": "planner"}), scenario=Scenario())
-    with pytest.raises(Refused, match="a mission for it to fly"):
-        check_test_case(alone, LISTING)
-    flown = Scenario(mission=builtin_mission("mission2"))
-    dog = TestCase(target=Target(name="px4", settings={"companion": "dog"}), scenario=flown)
-    with pytest.raises(Refused, match="one of none, planner"):
-        check_test_case(dog, LISTING)
 
 
 def test_what_is_acknowledged_must_be_seen(vehicle: Vehicle, client: Client) -> None:

@@ -8,9 +8,9 @@ from saflite.contract.errors import Refused
 from saflite.contract.test_case import Scenario, TestCase
 from saflite.flight.autopilots.external import check
 from saflite.flight.autopilots.external.listing import Listing
-from saflite.flight.autopilots.px4.describe import COMPANION, SETTINGS, START_MODES
+from saflite.flight.autopilots.px4.describe import SETTINGS, START_MODES
 from saflite.flight.autopilots.px4.inputs import check_stimulus
-from saflite.flight.autopilots.px4.settings import OWN_KIND, own_physics
+from saflite.flight.autopilots.px4.settings import OWN_KIND, PILOT, companion_of, own_physics
 from saflite.flight.mission import waypoints
 
 ITEMS_MAX = 500
@@ -19,10 +19,12 @@ ITEMS_MAX = 500
 def check_test_case(test_case: TestCase, listing: Listing) -> None:
     """Raise Refused for unknown parameters, settings, modes, commands, or numbers without sense."""
     mission, own = test_case.scenario.mission, own_physics(test_case)
-    if test_case.target.settings.get(COMPANION, "none") != "none":
+    if companion_of(test_case):
         if mission is None:
             raise Refused("companion", expected="a mission for it to fly", got="none")
         waypoints(mission)
+    if companion_of(test_case) == PILOT and any(one.kind == "stick" for one in test_case.stimuli):
+        raise Refused("companion pilot", expected="no stick among the inputs: the pilot holds them", got="one")
     if own:
         _check_own_physics(test_case.scenario, listing)
     check.check_test_case(

@@ -24,18 +24,20 @@ from saflite.flight.autopilots.px4.binary import AUTOPILOT
 from saflite.flight.autopilots.px4.inputs import COMMANDS, INJECTED, MOTORS, NOT_OWN_PHYSICS, OWN
 from saflite.flight.autopilots.px4.metadata import documented
 from saflite.flight.autopilots.px4.modes import MODES, NUMBERS
-from saflite.flight.autopilots.px4.settings import PHYSICS, SIH, TUNE
+from saflite.flight.autopilots.px4.settings import COMPANION, PHYSICS, PILOT, PLANNER, SIH, TUNE
 from saflite.flight.autopilots.px4.signals import trace_names
 from saflite.flight.logs import settings as log_settings
 
 START_MODES = ("BRAKE", "LOITER", "ALT_HOLD", "STABILIZE", "RTL", "LAND", "ACRO", "GUIDED")
-COMPANION = "companion"
 SETTINGS = {
     COMPANION: SettingInfo(
-        meaning="what flies a mission's way-points beside PX4",
+        meaning="who flies a mission's way-points in PX4's place, which takes off and lands",
         default="none",
-        choices=("none", "planner"),
-        choice_meanings={"planner": "our local planner, in OFFBOARD, round the boxes; PX4 takes off and lands"},
+        choices=("none", PLANNER, PILOT),
+        choice_meanings={
+            PLANNER: "our local planner, in OFFBOARD, round the boxes",
+            PILOT: "a pilot by the sticks, in position mode, blind to boxes: PX4's collision prevention must hold",
+        },
     ),
     PHYSICS: SettingInfo(
         meaning="whose physics is flown",

@@ -15,10 +15,17 @@ from saflite.flight.autopilots.external.place import Place
 from saflite.flight.autopilots.px4 import modes
 from saflite.flight.autopilots.px4.bring_up import Aircraft
 from saflite.flight.autopilots.px4.companion import Companion
-from saflite.flight.autopilots.px4.describe import COMPANION
 from saflite.flight.autopilots.px4.inputs import Inputs
+from saflite.flight.autopilots.px4.legs import Legs
 from saflite.flight.autopilots.px4.own_truth import OWN_RATES_HZ, OwnTruth
-from saflite.flight.autopilots.px4.settings import as_texts, own_physics, start_parameters
+from saflite.flight.autopilots.px4.pilot import Pilot
+from saflite.flight.autopilots.px4.settings import (
+    PILOT,
+    as_texts,
+    companion_of,
+    own_physics,
+    start_parameters,
+)
 from saflite.flight.autopilots.px4.signals import trace_names
 from saflite.flight.autopilots.px4.telemetry import RATES_HZ, Telemetry
 
@@ -37,7 +44,7 @@ class Px4Flight(ExternalFlight):
     def __init__(self, test_case: TestCase, binary: Binary, listing: Listing, place: Place) -> None:
         super().__init__(test_case, binary, listing, place, trace_names(listing.values))
         self.start = test_case.scenario.start or DEFAULT_START
-        self._companion: Companion | None = None
+        self._companion: Legs | None = None
         self._own_physics = own_physics(test_case)
 
     def _powered_up(self) -> Aircraft:
@@ -69,8 +76,14 @@ class Px4Flight(ExternalFlight):
         if not client.wait_for_heartbeat(HEARTBEAT_S):
             raise Unavailable(f"{self._version}: no heartbeat within {HEARTBEAT_S:.0f} simulated s")
         self._ask_for(aircraft, rates_hz)
-        if self._mission is not None and self.test_case.target.settings.get(COMPANION, "none") != "none":
-            self._companion = Companion(self._mission, self._boxes, aircraft.vehicle, client)
+        if self._mission is not None and (who := companion_of(self.test_case)):
+            led = (aircraft.vehicle, client)
+            by_sticks = who == PILOT
+            self._companion = (
+                Pilot(self._mission, aircraft.pulses_us, *led)
+                if by_sticks
+                else Companion(self._mission, self._boxes, *led)
+            )
 
     def _reach_start(self, aircraft: Aircraft) -> str:
         """Arm at a fixed time, once ready, and reach the start state; return why not."""

@@ -11,6 +11,7 @@ from saflite.flight.logs.settings import PX4
 from saflite.flight.mavlink.client import WHOLE
 
 PHYSICS, SIH = "physics", "sih"
+COMPANION, PLANNER, PILOT = "companion", "planner", "pilot"
 OWN_KIND, QUADROTOR = "SIH_VEHICLE_TYPE", 0.0  # a parameter that only a build with physics of its own has
 TUNE: dict[str, float] = {
     "IMU_INTEG_RATE": 200,  # the rate of the world's sensors
@@ -36,6 +37,12 @@ NO_LOG: dict[str, float] = {"SDLOG_BACKEND": 0}
 def own_physics(test_case: TestCase) -> bool:
     """Return whether a test case is flown on the binary's own physics."""
     return test_case.target.settings.get(PHYSICS) == SIH
+
+
+def companion_of(test_case: TestCase) -> str:
+    """Return who flies the mission of a test case in PX4's place, empty for nobody."""
+    named = str(test_case.target.settings.get(COMPANION, "none"))
+    return "" if named == "none" else named
 
 
 def start_parameters(given: Mapping[str, float], listing: Listing, *, obstacles: bool) -> dict[str, float]:
