@@ -61,7 +61,9 @@ def drawn(target: Target, number: int, limit_s: float) -> TestCase:
     """Return a test case with three inputs, each of a kind drawn first, values within documented ranges."""
     name = target.name
     rng = derive(number, "bench", "autopilots", name)
-    inputs = [one for one in load_target(name).describe().inputs if not one.at_start]
+    info = load_target(name).describe()
+    without = info.lacking(target.settings)
+    inputs = [one for one in info.inputs if not one.at_start and one.name not in without]
     groups = [found for kind in KINDS if (found := [one for one in inputs if one.kind == kind and _usable(one)])]
     stimuli = []
     for at_s in sorted(rng.uniform(0.1, 0.8 * limit_s, 3)):

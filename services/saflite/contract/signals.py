@@ -114,6 +114,9 @@ SIGNALS: dict[str, Signal] = {
     "battery_capacity_set_mah": Signal("mAh", "charge of a full battery (BATT_CAPACITY)"),
     "fence_action_set": Signal("", "breach: 0 report, 1 RTL or LAND, 2 LAND, 4 BRAKE (FENCE_ACTION)", "code"),
     "failsafe_options_set": Signal("", "bits: in which modes a failsafe does nothing (FS_OPTIONS)", "code"),
+    "circle_options_set": Signal("", "bits: 1 sticks change the circle, 2 nose along it (CIRCLE_OPTIONS)", "code"),
+    "auto_options_set": Signal("", "bits: 4 the yaw stick does nothing in AUTO (AUTO_OPTIONS)", "code"),
+    "pilot_turn_speed_set_dps": Signal("deg/s", "turning speed of a full yaw stick (PILOT_Y_RATE)"),
     "fence_on_set": Signal("", "1 while fences are on (FENCE_ENABLE)", "flag"),
     "fence_type_set": Signal("", "bits: 1 ceiling, 2 circle about home (FENCE_TYPE)", "code"),
     "fence_radius_set_m": Signal("m", "radius of the circle about home (FENCE_RADIUS)"),
@@ -197,7 +200,8 @@ time_s quiet_s order_quiet_s command_quiet_s calm_s home_quiet_s crashed stop_or
 gps_true gps_settled baro_true baro_settled body_true sticks_true place_order_s pause_order_s ordered_x_m ordered_y_m
 ordered_altitude_m battery_timer_set_s battery_low_action_set battery_critical_set_v battery_low_charge_set_mah
 battery_capacity_set_mah
-failsafe_options_set fence_action_set fence_on_set fence_type_set fence_radius_set_m arming_checks_set angle_max_set_deg
+failsafe_options_set circle_options_set auto_options_set pilot_turn_speed_set_dps
+fence_action_set fence_on_set fence_type_set fence_radius_set_m arming_checks_set angle_max_set_deg
 acceleration_set_mps2 waypoint_radius_set_m
 cruise_speed_set_mps return_speed_set_mps return_climb_min_set_m return_wait_set_s
 loiter_speed_set_mps disarm_delay_set_s pilot_takeoff_set_m yaw_slew_set_dps

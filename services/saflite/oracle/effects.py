@@ -72,10 +72,11 @@ _SETTINGS: tuple[tuple[str, Effect], ...] = (
     (r"gnd_alt_offset", Effect(passing=("baro_settled",), lasting=("baro_true",), per_unit_s=1.0)),
     (r"gnd_temp|gnd_primary|ek\d_alt_source|baro", Effect(passing=("baro_settled",), per_unit_s=1.0)),
     (r"gps_(pos|type|primary|sats)", Effect(passing=("gps_settled",))),
-    (r"rc\d+_(trim|dz|option|reversed?)|rc3_|rcmap_|thr_dz", Effect(lasting=("sticks_true",))),
+    (r"rc\d+_(trim|dz|option|reversed?)|rc3_|rcmap_|thr_dz|tune$", Effect(lasting=("sticks_true",))),
 )
-"""RC1_MIN and the like only scale a stick: its centre and its sense stay. The throttle has no other centre. A setting
-out of its documented range excuses nothing: it should have been refused."""
+"""RC1_MIN and the like only scale a stick: its centre and its sense stay. The throttle has no other centre. TUNE gives
+channel 6 what a stick or a setting else decides. A setting out of its documented range excuses nothing: it should have
+been refused."""
 
 
 def effect_of(stimulus: Stimulus) -> Effect:

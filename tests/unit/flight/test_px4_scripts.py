@@ -19,7 +19,12 @@ from saflite.flight.autopilots.px4.standalone.export import files_of
 from saflite.flight.mission import builtin_mission, parse_plan
 
 REAL32, INT32 = 9, 6
-ROWS = {"RTL_RETURN_ALT": (60.0, REAL32), "NAV_RCL_ACT": (2.0, INT32), "RC_FAILS_THR": (0.0, INT32)}
+ROWS = {
+    "SIM_BARO_OFF_P": (0.0, REAL32),
+    "RTL_RETURN_ALT": (60.0, REAL32),
+    "NAV_RCL_ACT": (2.0, INT32),
+    "RC_FAILS_THR": (0.0, INT32),
+}
 LISTING = Listing(binary="0" * 64, parameters={name: Row(*row) for name, row in ROWS.items()})
 KNOWN = Binary(Path("/nowhere/px4"), "ab" * 32, "PX4")
 TOLD = Evidence("it.py", "px-rtl1", 'RTL "climbs"', 6.0, 8.0, {"ranges": "all inside"}, ["5 s: mode RTL"])
@@ -58,6 +63,26 @@ def test_a_finding_leaves_as_a_script_that_python_takes() -> None:
     assert found["parameters"] == {"RTL_RETURN_ALT": "30", "COM_RC_IN_MODE": "1"}
     assert files["it.params"].splitlines()[1:] == ["1\t1\tRTL_RETURN_ALT\t30\t9"]
     assert list(files) == ["it.py", "it.params", "it-steps.txt"]
+
+
+def test_a_fault_that_its_own_sensors_have_leaves_as_their_parameter() -> None:
+    (found,) = facts(exported(Stimulus(at_s=1.0, kind="sensor_fault", name="baro_offset", values=(2.0,))))["inputs"]
+    assert (found["kind"], found["name"], found["number"]) == ("parameter", "SIM_BARO_OFF_P", REAL32)
+    assert found["values"] == pytest.approx([-22.8])
+
+
+def test_who_was_flown_by_somebody_else_does_not_leave_as_a_script() -> None:
+    target = Target(name="px4", settings={"companion": "planner"})
+    flown = TestCase(target=target, scenario=Scenario(mission=builtin_mission("mission2")))
+    with pytest.raises(Refused, match="a finding that PX4 flies alone, got a planner"):
+        files_of(flown, FLIGHT, TOLD, KNOWN, LISTING)
+
+
+def test_the_script_of_a_finding_on_its_own_physics_says_so() -> None:
+    target = Target(name="px4", settings={"physics": "sih"})
+    start = StartState(mode="BRAKE", altitude_m=20.0)
+    flown = TestCase(target=target, scenario=Scenario(start=start, time_limit_s=30.0))
+    assert "the farm flew it there, too" in files_of(flown, FLIGHT, TOLD, KNOWN, LISTING)["it.py"]
 
 
 def test_a_mission_leaves_as_a_plan_too() -> None:

@@ -42,6 +42,8 @@ def down(flag: str, *stimuli: Stimulus, before: dict[str, float] | None = None) 
         ("parameter", "RC3_MIN", 1100.0, {"sticks_true"}),
         ("parameter", "RC1_MIN", 1100.0, set()),
         ("parameter", "RC1_TRIM", 1500.0, set()),
+        ("parameter", "TUNE", 39.0, {"sticks_true"}),  # channel 6 decides the rate of CIRCLE
+        ("parameter", "TUNE", 0.0, set()),
         ("parameter", "RTL_ALT", 3000.0, set()),
         ("stick", "RC3", 1500.0, set()),
         ("mode", "LOITER", 0.0, set()),

@@ -79,6 +79,9 @@ ARDUPILOT: dict[str, Plain | Made] = {
     "fs_throttle_set_pwm": _of("FS_THR_VALUE"),
     "fs_throttle_enabled": _of("FS_THR_ENABLE"),
     "failsafe_options_set": _of("FS_OPTIONS"),
+    "circle_options_set": _of("CIRCLE_OPTIONS"),
+    "auto_options_set": _of("AUTO_OPTIONS"),
+    "pilot_turn_speed_set_dps": _of("PILOT_Y_RATE"),
     "fs_gps_action": _of("FS_EKF_ACTION"),
     "fs_gps_delay_set_s": Made("FS_EKF_ACTION", lambda given: 0.0 * given["FS_EKF_ACTION"]),  # there is no delay to set
     "fence_enabled": Made(

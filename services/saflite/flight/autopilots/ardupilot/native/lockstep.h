@@ -26,7 +26,8 @@
     X(battery_critical_set_v) X(battery_low_charge_set_mah) X(arming_checks_set) X(angle_max_set_deg) \
     X(cruise_speed_set_mps) X(return_speed_set_mps) X(return_climb_min_set_m) X(loiter_speed_set_mps) \
     X(disarm_delay_set_s) X(circle_radius_set_m) X(descent_speed_set_mps) X(trim_roll_set_deg) X(trim_pitch_set_deg) \
-    X(circle_rate_set_dps) X(acceleration_set_mps2) X(battery_capacity_set_mah) X(waypoint_radius_set_m)
+    X(circle_rate_set_dps) X(acceleration_set_mps2) X(battery_capacity_set_mah) X(waypoint_radius_set_m) \
+    X(circle_options_set) X(auto_options_set) X(pilot_turn_speed_set_dps)
 
 #define LOCKSTEP_SLOTS(X) LOCKSTEP_TOLD(X) LOCKSTEP_SETTINGS(X)
 

@@ -17,9 +17,9 @@ from saflite.flight.autopilots.external.binary import Binary
 from saflite.flight.autopilots.external.inputs import command_number
 from saflite.flight.autopilots.external.listing import Listing
 from saflite.flight.autopilots.px4.flight import DEFAULT_START
-from saflite.flight.autopilots.px4.inputs import ALL, INJECT_FAILURE, INJECTED, OK
+from saflite.flight.autopilots.px4.inputs import ALL, INJECT_FAILURE, INJECTED, OK, OWN_PHYSICS
 from saflite.flight.autopilots.px4.modes import NUMBERS
-from saflite.flight.autopilots.px4.settings import as_texts, start_parameters
+from saflite.flight.autopilots.px4.settings import as_texts, companion_of, own_physics, start_parameters
 from saflite.flight.mavlink.client import CUSTOM_MODE, DO_SET_MODE
 from saflite.flight.mavlink.items import item_fields
 from saflite.flight.mission import dump_plan
@@ -39,9 +39,9 @@ What it needs: Python 3.10 or later, pymavlink, and PX4 built for its simulator 
 
   python3 {name} build/px4_sitl_default/bin/px4
 
-What it does: it starts the binary on its own physics (SIH, its quadrotor X; the farm flew an F450 by HIL messages),
+What it does: it starts the binary on its own physics (SIH, its quadrotor X; {farm}),
 reaches the start state, gives the inputs at their times of simulated time, and tells what happens. Console, track and
-ULog stay in a folder. Vehicle and noise are others than in the farm: what shows again does not hang on them.
+ULog stay in a folder. {same}
 MAV_CMD_INJECT_FAILURE acts on SIH only where PX4 has it for that unit: the answer is shown. Exit code 0: flown to the
 end (or died, where that is the finding); 1: otherwise.
 
@@ -52,7 +52,7 @@ def files_of(test_case: TestCase, flight: Flight, evidence: Evidence, binary: Bi
     """Return what maintainers run and load: script, `.params`, `.plan` where there is a mission, steps.
 
     Raises:
-        Refused: the finding has obstacles, or faults of the farm's own sensors, which SIH does not know.
+        Refused: the finding has obstacles, somebody beside PX4 who flies, or faults that SIH's sensors do not have.
     """
     facts = _facts(test_case, flight, evidence, rows)
     stem = evidence.file.removesuffix(".py")
@@ -71,6 +71,8 @@ def _facts(test_case: TestCase, flight: Flight, evidence: Evidence, rows: Listin
     scenario, given = test_case.scenario, test_case.target.parameters
     if scenario.obstacles:
         raise Refused("--standalone", expected="a finding without boxes", got=f"{len(scenario.obstacles)}")
+    if companion_of(test_case):
+        raise Refused("--standalone", expected="a finding that PX4 flies alone", got=f"a {companion_of(test_case)}")
     mission, start = scenario.mission, scenario.start or DEFAULT_START
     ours = start_parameters(given, rows, obstacles=False)
     kept = {name: value for name, value in ours.items() if name in given or not name.startswith(_OF_OUR_WORLD)}
@@ -120,6 +122,10 @@ def _input(one: Stimulus, types: Mapping[str, int]) -> dict[str, Any]:
             unit, what, _ = INJECTED[one.name]
             row["number"] = INJECT_FAILURE
             values = (unit, what if value else OK, value if one.name == "motor_off" else ALL)
+        elif one.name in OWN_PHYSICS and OWN_PHYSICS[one.name].parameter in types:
+            parameter, share = OWN_PHYSICS[one.name]
+            row.update(kind="parameter", name=parameter, number=types[parameter])
+            values = (share * value,)
         elif one.name != _SILENCE:
             raise Refused("--standalone", expected="a finding without faults of our world", got=one.name)
     return {**row, "values": _open(values)}
@@ -133,7 +139,12 @@ def _as_params(texts: Mapping[str, str], types: Mapping[str, int]) -> str:
 
 def _described(case: TestCase, evidence: Evidence, binary: Binary) -> str:
     start = case.scenario.start or DEFAULT_START
+    own = own_physics(case)
     words = _DESCRIPTION.format(
+        farm="the farm flew it there, too" if own else "the farm flew an F450 by HIL messages",
+        same="The farm has the moments of its inputs in step with the simulation, this script by its clock."
+        if own
+        else "Vehicle and noise are others than in the farm: what shows again does not hang on them.",
         title=evidence.title,
         asked="".join(f"{what}: {answer}\n" for what, answer in evidence.asked.items()),
         start="the mission's start" if case.scenario.mission else f"{start.mode}, {start.altitude_m:g} m",
