@@ -73,6 +73,8 @@ class Aircraft(aircraft.Aircraft):
     """
 
     process: Process
+    patient = False
+    """Whether time stands still before each tick while anything of it works or waits for a disk."""
 
     def __init__(
         self,
@@ -107,6 +109,8 @@ class Aircraft(aircraft.Aircraft):
             udp.sendto(data, (LOOPBACK, vehicle_port))
 
         def before() -> None:
+            if self.patient:
+                self._let_work()
             self._before_tick()
             self._radio()
 

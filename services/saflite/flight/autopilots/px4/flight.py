@@ -105,7 +105,10 @@ class Px4Flight(ExternalFlight):
     def _start_mission(self, aircraft: Aircraft) -> str:
         assert self._mission is not None
         client = aircraft.client
-        why = self._upload(aircraft, self._mission, home=False) or self._enter(aircraft, "AUTO")
+        aircraft.patient = True  # it gives up a transfer by its own clock, and stores items by the disk's
+        why = self._upload(aircraft, self._mission, home=False)
+        aircraft.patient = False
+        why = why or self._enter(aircraft, "AUTO")
         if not why and not client.command(ARM, (1.0,), ANSWER_S).ok:
             why = f"did not arm: {self._last_words()}"
         return why
