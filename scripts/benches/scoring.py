@@ -1,12 +1,13 @@
 """`scripts/bench scoring`: what scoring costs, how well it overlaps with flying, swaps, and what each model is worth.
 
-    scripts/bench scoring [--part surrogate cheap overlap cascade swaps first] [--seeds 20] [--jobs 2] [--json]
+    scripts/bench scoring [--part surrogate cheap overlap cascade swaps first deep] [--seeds 20] [--jobs 2] [--json]
 
 Parts: `surrogate` learning and scoring times; `cheap` screens and kinematic flights a second; `overlap` a scorer of ten
 seconds a batch, beside the serial loop of the paper (at most 60 flights: its rounds are all alike); `cascade` wall time
 with servers of several speeds against none; `swaps` fifty
 changes of the scorer under load; `first` flights to the first confirmed violation per embedded model: it takes about
-half a minute per mission and seed on one core, and its counts do not depend on how busy the machine is.
+half a minute per mission and seed on one core, and its counts do not depend on how busy the machine is; `deep` whether
+real flights come below 0.25 m where cheap flights do (rows in `--out`, results/deep.jsonl if left out).
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ import numpy as np
 
 SERIAL_FLIGHTS_MAX = 60
 CASCADE_FLIGHTS_MAX, CASCADE_BATCHES_S = 60, (2.0, 10.0, 60.0)
-PARTS = ("surrogate", "cheap", "overlap", "cascade", "swaps", "first")
+PARTS = ("surrogate", "cheap", "overlap", "cascade", "swaps", "first", "deep")
 
 
 def main(argv: list[str]) -> int:
@@ -35,7 +36,9 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--jobs", type=int, default=1, help="processes for `first`: one per core")
     parser.add_argument("--flights", type=int, default=300, help="budget of the overlap campaign")
     parser.add_argument("--swaps", type=int, default=50)
-    parser.add_argument("--out", type=Path, help="note campaigns of `first` here; those in it are not run again")
+    parser.add_argument(
+        "--out", type=Path, help="note campaigns of `first` and flights of `deep` here; those in it are not run again"
+    )
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args(argv)
     found = {part: _measure(part, options) for part in options.part}
@@ -57,6 +60,12 @@ def _measure(part: str, options: argparse.Namespace) -> Any:
         from _scoring_first import MODELS, table
 
         return table(options.missions, options.seeds, options.models or MODELS, options.jobs, options.out)
+    if part == "deep":
+        from _scoring_deep import deep_table, fly_all, rows_in
+
+        rows = options.out or Path(__file__).parent / "results" / "deep.jsonl"
+        fly_all(options.missions, rows)
+        return deep_table(rows_in(rows))
     if part == "overlap":
         from _scoring_farm import overlap
 

@@ -88,6 +88,8 @@ def campaign_of(search: Search) -> Campaign:
 
 
 def _settings(search: Search, base: Campaign) -> dict[str, Setting]:
+    if search.campaign == BOXES:
+        return {}  # strategies as they are by default
     return pgfuzz_settings("a-chute", describe()) if search.strategy == "pgfuzz" else base.strategy.settings
 
 

@@ -12,7 +12,7 @@ from saflite.contract.rng import derive
 from saflite.contract.test_case import Obstacle, Scenario, Target, TestCase
 from saflite.flight.autopilots.reference.describe import describe
 from saflite.flight.geometry import COMPETITION_AREA, COMPETITION_SIZES, Area, corners, gap, point_distance
-from saflite.flight.mission import Waypoint, builtin_mission
+from saflite.flight.mission import Waypoint, builtin_mission, waypoints
 from saflite.mutator.operators import boxes, layouts
 from saflite.mutator.strategies.random_boxes import Strategy
 
@@ -66,6 +66,32 @@ def test_gates_stand_astride_the_path_and_random_boxes_spread_over_the_area() ->
     assert len(middles) == 240
     assert min(middles) < -30
     assert max(middles) > 20
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_walls_stand_across_the_path_with_a_passage_beside_them(count: int) -> None:
+    strategy = Strategy(TEMPLATE, {"walls": 1, "gates": 0, "boxes_min": count, "boxes_max": count}, (), describe())
+    walls = strategy.ask(60, derive(1, "walls"))
+    assert {case.origin.note for case in walls} == {"wall"}
+    assert TEMPLATE.scenario.mission is not None
+    way = waypoints(TEMPLATE.scenario.mission)
+    legs = boxes.legs_in_area(way, COMPETITION_AREA)
+    for case in walls:
+        layout = case.scenario.obstacles
+        first, second = layout[:2]
+        on_legs = [(x0 + k * (x1 - x0) / 50, y0 + k * (y1 - y0) / 50) for x0, y0, x1, y1 in legs for k in range(51)]
+        assert min(point_distance(first, x, y) for x, y in on_legs) <= 1.0, "6 m wide, at most 3 m off the path"
+        assert 5.0 <= gap(first, second) <= 8.0
+        assert all(min(gap(box, other) for other in layout if other is not box) <= 8.0 for box in layout[2:])
+        rules = boxes.Rules(COMPETITION_AREA, COMPETITION_SIZES, boxes.places_to_keep_clear(TEMPLATE.scenario.mission))
+        assert all(boxes.allowed(box, layout[:place], rules) for place, box in enumerate(layout))
+    assert sum(len(case.scenario.obstacles) == count for case in walls) >= 55, "further boxes mostly find room"
+
+
+def test_without_walls_draws_are_as_before() -> None:
+    shipped, none = Strategy(TEMPLATE, {}, (), describe()), Strategy(TEMPLATE, {"walls": 0}, (), describe())
+    assert shipped.ask(10, derive(1, "draws")) == none.ask(10, derive(1, "draws"))
+    assert {case.origin.note for case in shipped.ask(40, derive(1, "draws"))} == {"gate", "anywhere"}
 
 
 def test_rules_without_room_are_refused() -> None:

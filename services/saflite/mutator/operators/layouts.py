@@ -11,7 +11,14 @@ import numpy as np
 from saflite.contract.errors import Refused
 from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import Mission, Obstacle
-from saflite.flight.geometry import COMPETITION_AREA, COMPETITION_OBSTACLES_MAX, COMPETITION_SIZES, Area, SizeLimits
+from saflite.flight.geometry import (
+    COMPETITION_AREA,
+    COMPETITION_OBSTACLES_MAX,
+    COMPETITION_SIZES,
+    Area,
+    SizeLimits,
+    gap,
+)
 from saflite.flight.mission import waypoints
 from saflite.mutator.operators import boxes
 from saflite.mutator.operators.boxes import Rng, Rules
@@ -77,11 +84,20 @@ def anywhere(rng: Rng, count: int, sizes: Sizes, place: Area, rules: Rules) -> t
 
 
 class Gate(NamedTuple):
-    """How a gate is drawn: how far its first box may stand off the path, and how far apart the centres are."""
+    """How a gate is drawn: how far its first box may stand off the path, how far apart centres and boxes are."""
 
     off_path_m: float = 5.0
     apart_m: tuple[float, float] = (8.0, 16.0)
     slant_deg: float = 45.0
+    passage_m: tuple[float, float] = (0.0, math.inf)
+    tries: int = TRIES_PER_LAYOUT
+
+
+WALL = Gate(off_path_m=3.0, apart_m=(8.0, 24.0), passage_m=(5.0, 8.0), tries=400)
+"""A box across the path and one beside it, with a passage that looks wide enough and that the vehicle does not take."""
+
+WALL_SIDE_M, WALL_NEAR_M = 6.0, 8.0
+"""Least side of these two, and how near one of them any further box stands."""
 
 
 def astride(rng: Rng, mission: Mission, sizes: Sizes, rules: Rules, gate: Gate) -> tuple[Obstacle, ...] | None:
@@ -93,11 +109,26 @@ def astride(rng: Rng, mission: Mission, sizes: Sizes, rules: Rules, gate: Gate) 
     legs = boxes.legs_in_area(waypoints(mission), rules.area)
     if not legs:
         return None
-    for _ in range(TRIES_PER_LAYOUT):
+    for _ in range(gate.tries):
         pair = _gate(rng, legs[int(rng.integers(len(legs)))], sizes, rules.area, gate)
+        if not gate.passage_m[0] <= gap(*pair) <= gate.passage_m[1]:
+            continue
         if boxes.allowed(pair[0], (), rules) and boxes.allowed(pair[1], pair[:1], rules):
             return pair
     return None
+
+
+def wall(rng: Rng, count: int, mission: Mission, sizes: Sizes, rules: Rules) -> tuple[Obstacle, ...] | None:
+    """Return a wall of two boxes and `count` - 2 near them, None if none of the tries kept the rules."""
+    limits = rules.sizes
+    side_m = min(max(WALL_SIDE_M, limits.side_min_m), limits.side_max_m), limits.side_max_m
+    layout: tuple[Obstacle, ...] | None = astride(rng, mission, sizes._replace(side_m=side_m), rules, WALL)
+    tries = TRIES_PER_BOX
+    while layout is not None and len(layout) < count and tries:
+        box, tries = boxes.draw_box(rng, sizes.side_m, sizes.height_m, rules.area), tries - 1
+        if boxes.allowed(box, layout, rules) and min(gap(box, other) for other in layout) <= WALL_NEAR_M:
+            layout = (*layout, box)
+    return layout
 
 
 def _gate(

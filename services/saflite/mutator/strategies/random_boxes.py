@@ -1,8 +1,11 @@
-"""Random box layouts under the competition's rules; a share of them as gates astride the mission's path.
+"""Random box layouts under the competition's rules; a share of them as gates or walls astride the mission's path.
 
 Idea of the 2025 competition's winner (Pseudo-Random): draw many layouts, let a cheap scorer pick, fly the best.
 Boxes are drawn evenly over the area, sides and heights evenly in their limits, rotation 0 to 90 degrees; whole
 rotated boxes stay in the area, do not overlap, and keep clear of take-off, way-points and landing. Learns nothing.
+
+A wall is a box across the path and another beside it, 5 to 8 m away: the vehicle takes neither the passage nor the way
+round, gets stuck, and from pockets like that it collides. Such a gap is CAMBA's, too.
 """
 
 from __future__ import annotations
@@ -28,6 +31,7 @@ class Strategy:
         "boxes_min": Option(2, "least number of boxes", 1, layouts.COUNT_MAX),
         "boxes_max": Option(3, "greatest number of boxes", 1, layouts.COUNT_MAX),
         "gates": Option(0.5, "share of layouts that are two boxes astride the path", 0, 1),
+        "walls": Option(0.0, "share of layouts that are a box across the path and a passage beside it", 0, 1),
         **layouts.RULE_OPTIONS,
     }
 
@@ -41,7 +45,7 @@ class Strategy:
         limits = self._rules.sizes
         self._sizes = layouts.Sizes((limits.side_min_m, limits.side_max_m), (limits.height_min_m, limits.height_max_m))
         self._count = (chosen.whole("boxes_min"), chosen.whole("boxes_max"))
-        self._gates = chosen.real("gates")
+        self._gates, self._walls = chosen.real("gates"), chosen.real("walls")
 
     def tell(self, outcomes: Sequence[Outcome]) -> None:
         """Learn nothing: every draw is independent of what was flown."""
@@ -53,7 +57,10 @@ class Strategy:
     def _draw(self, rng: np.random.Generator) -> TestCase:
         layout: tuple[Obstacle, ...] | None = None
         note = ""
-        if rng.random() < self._gates:
+        if self._walls and rng.random() < self._walls:
+            boxes = layouts.count_between(rng, *self._count)
+            layout, note = layouts.wall(rng, boxes, self._mission, self._sizes, self._rules), "wall"
+        if layout is None and rng.random() < self._gates:
             layout, note = layouts.astride(rng, self._mission, self._sizes, self._rules, layouts.Gate()), "gate"
         if layout is None:
             boxes = layouts.count_between(rng, *self._count)

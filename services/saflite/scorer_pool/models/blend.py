@@ -36,7 +36,7 @@ class Model:
         if others:
             part = job._replace(test_cases=tuple(job.test_cases[place] for place in others))
             scores |= zip(others, self._relevance.score(part).scores, strict=True)
-        return ScoreSheet(tuple(scores[place] for place in range(len(job.test_cases))), digest="blend-3")
+        return ScoreSheet(tuple(scores[place] for place in range(len(job.test_cases))), digest="blend-4")
 
     def warm(self, cancelled: Cancelled) -> str:
         """Warm the parts."""

@@ -1,7 +1,8 @@
 """Flies the mission on a kinematic vehicle with the real planner, where a first look says that it is worth it.
 
 The look is geometry, more than 1,000 test cases a second; what looks safe beyond doubt is not flown. A flight costs a
-fifteenth of a real one, except where the vehicle gets stuck: there it is given up.
+fifteenth of a real one. Collisions come late: a vehicle that found no way on wanders in a pocket until it touches a
+box. So cheap flights are flown to their end, and again under other noise where the first came very close.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import math
 import threading
 from collections import OrderedDict
 from functools import lru_cache
+from statistics import fmean
 
 import numpy as np
 
@@ -32,10 +34,17 @@ WORTH_FLYING = 0.5
 """Geometry score from which a kinematic flight is spent on a test case: none of 58 violating layouts was below."""
 
 LATE = 1.75
-"""So many times as long as without obstacles a kinematic flight may last; what is not there then is stuck or lost."""
+"""What flies more than so many times as long as without obstacles is stuck or lost."""
 
 LATE_WORTH = 0.25
-"""What such a test case is worth: its real flight costs four times as much and violated as seldom as any other."""
+"""What a graze is worth then: the real flight costs four times as much and violates as seldom as any other."""
+
+CLOSE_M, MORE = 0.8, 2
+"""Nearer than this, a test case is flown so many times more; hardly any other comes below `DEEP_M`."""
+
+DEEP_M = 0.25
+"""The competition gives most points below it. Where 0, 1, 2 and 3 of three cheap flights came so near, real flights did
+in 0 of 28, 3 of 8, 4 of 6 and 11 of 12 (`scripts/bench scoring --part deep`): the share is taken for the chance."""
 
 EXPECTED_M = 2.0
 """Below it a behaviour is expected; closer flights of the kind are worth more."""
@@ -67,7 +76,7 @@ class Model:
 
     def score(self, job: Job) -> ScoreSheet:
         """Return one score per test case; stops early, with the middle for the rest, once cancelled."""
-        return ScoreSheet(tuple(self._mark(case, job) for case in job.test_cases), digest="low_fidelity-4")
+        return ScoreSheet(tuple(self._mark(case, job) for case in job.test_cases), digest="low_fidelity-5")
 
     def warm(self, cancelled: Cancelled) -> str:
         """Nothing to load."""
@@ -98,21 +107,34 @@ class Model:
 
 def _flown(test_case: TestCase) -> ModelScore:
     flight = _fly(test_case, 0)
-    value, came_m = _danger(flight.min_distance_m), flight.min_distance_m
-    kind = _kind(test_case, flight) if came_m < EXPECTED_M else ""
-    if flight.ending == "timed_out":
-        reason = f"came within {came_m:.2f} m and was not there after {flight.duration_s:.0f} s"
-        return ModelScore(SCORE_MAX * LATE_WORTH * value, reason, kind=kind)
-    return ModelScore(SCORE_MAX * value, f"came within {came_m:.2f} m in {flight.duration_s:.0f} s", kind=kind)
+    flights = [flight]
+    if flight.min_distance_m < CLOSE_M:
+        flights += [_fly(test_case, number) for number in range(1, 1 + MORE)]
+    came_m = fmean(one.min_distance_m for one in flights)
+    deep = fmean(one.min_distance_m < DEEP_M for one in flights)
+    graze = _danger(came_m) * (LATE_WORTH if _is_late(test_case, flight) else 1.0)
+    kind = _kind(test_case, flight, deep) if came_m < EXPECTED_M else ""
+    reason = f"came within {came_m:.2f} m in {flight.duration_s:.0f} s"
+    if len(flights) > 1:
+        reason += f", on average of {len(flights)} flights, {deep:.0%} of them below {DEEP_M:g} m"
+    return ModelScore(SCORE_MAX * (deep + (1.0 - deep) * graze), reason, kind=kind)
+
+
+def _is_late(test_case: TestCase, flight: KinematicFlight) -> bool:
+    return flight.duration_s > LATE * _alone_s(_way(test_case))
+
+
+def _way(test_case: TestCase) -> tuple[Waypoint, ...]:
+    mission = test_case.scenario.mission
+    assert mission is not None
+    return waypoints(mission)
 
 
 def _fly(test_case: TestCase, number: int) -> KinematicFlight:
     """Fly once; the noise depends on the test case and the number only, so a score is the same in every batch."""
-    mission = test_case.scenario.mission
-    assert mission is not None
-    way = waypoints(mission)
     seed = derive_seed(test_case.rng_seed, "low_fidelity", draw_key(test_case), number)
-    return _flight(way, test_case.scenario.obstacles, seed, min(VehicleSettings().time_limit_s, LATE * _alone_s(way)))
+    limit_s = min(VehicleSettings().time_limit_s, test_case.scenario.time_limit_s)
+    return _flight(_way(test_case), test_case.scenario.obstacles, seed, limit_s)
 
 
 @lru_cache(maxsize=64)
@@ -128,14 +150,14 @@ def _flight(way: tuple[Waypoint, ...], boxes: tuple[Obstacle, ...], rng_seed: in
         return fly_kinematic(points, boxes_array(boxes), rng_seed=rng_seed, settings=settings)
 
 
-def _kind(test_case: TestCase, flight: KinematicFlight) -> str:
-    """Return how the nearest obstacle was passed, as the oracle says it, and about where the way led."""
+def _kind(test_case: TestCase, flight: KinematicFlight, deep: float) -> str:
+    """Return how the nearest obstacle was passed, as the oracle says it, about where the way led, and how close."""
     track = flight.track[:, 1:4]
     row = int(np.argmin(distances_to_boxes(track, boxes_array(test_case.scenario.obstacles)).min(axis=1)))
     passing = passing_of(test_case.scenario, track, row, track[row])
     centre = centre_of(shape_of(tuple(map(tuple, flight.track[:, :4].tolist()))))
     x, y = (CELL_M * math.floor(round(place, 3) / CELL_M) for place in centre)
-    return f"{passing}, way {x:.0f} {y:.0f}"
+    return f"{passing}, way {x:.0f} {y:.0f}" + (", deep" if deep > 0.5 else "")
 
 
 def _danger(distance_m: float) -> float:
