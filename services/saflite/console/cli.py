@@ -8,8 +8,10 @@ from __future__ import annotations
 import argparse
 import errno
 import re
+import signal
 import sys
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -70,6 +72,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code; faults of the user or of a dependency become one line on stderr."""
     words = list(sys.argv[1:] if argv is None else argv)
     out.open_closed()
+    _hear_of_children()
     try:
         code = _dispatch(words)
         out.flush()
@@ -110,6 +113,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         return REFUSED
     except Exception as fault:  # noqa: BLE001 (exit code 1, Python's own, must only ever mean violations)
         return _own_fault(fault)
+
+
+def _hear_of_children() -> None:
+    """Let the kernel tell how our processes end, where whoever started us asked it not to: a dead one looked well."""
+    with suppress(ValueError):  # not the main thread
+        if signal.getsignal(signal.SIGCHLD) == signal.SIG_IGN:
+            signal.signal(signal.SIGCHLD, signal.SIG_DFL)
 
 
 def _own_fault(fault: Exception) -> int:

@@ -48,3 +48,9 @@ def test_files_of_no_size_are_told_of_as_such() -> None:
     done = subprocess.run([*words, "unixsock-stream//nowhere/bus"], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr.count("\n")) == (cli.INFRASTRUCTURE, 1), done.stderr
     assert "files are limited" in done.stderr
+
+
+def test_children_are_heard_of_where_who_started_us_ignores_theirs() -> None:
+    code = "import signal; from saflite.console.cli import main; signal.signal(signal.SIGCHLD, signal.SIG_IGN); "
+    code += "main(['--version']); assert signal.getsignal(signal.SIGCHLD) == signal.SIG_DFL"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, check=False).returncode == 0

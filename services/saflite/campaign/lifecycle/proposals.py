@@ -10,6 +10,7 @@ from saflite.campaign.lifecycle.flights import Flights
 from saflite.campaign.scheduling.rounds import Round
 from saflite.campaign.scheduling.tasks import Task
 from saflite.campaign.scheduling.work_keys import MutateKey, ScoreKey
+from saflite.contract.bounds import WORD_CHARS_MAX, told
 from saflite.contract.events import Proposed, Scored
 from saflite.contract.score import Score
 from saflite.contract.test_case import identity
@@ -136,8 +137,9 @@ class Proposals:
             return
         round_ = core.rounds.under_way[key.round]
         core.done(task, "failed", message)
+        fault = told(message, WORD_CHARS_MAX) or "lost"
         scores = tuple(
-            Score(test_case=name, value=FALLBACK_SCORE, model=task.model, scored_by="none", fault=message or "lost")
+            Score(test_case=name, value=FALLBACK_SCORE, model=task.model, scored_by="none", fault=fault)
             for name in round_.batches[key.batch]
         )
         self._fell_back([score.fault for score in scores])

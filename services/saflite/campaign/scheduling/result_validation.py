@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import msgspec
 
@@ -30,7 +31,9 @@ from saflite.contract.work import (
 
 SAID_MAX = 500  # characters of what a result says, in our words
 TEST_CASE_BYTES_MAX = 2**18
+BATCH_BYTES_MAX = 8 * 2**20  # of test cases that are scored at a time; outcomes are told beside them
 JUDGEMENT_BYTES_MAX = 2**20
+FLIGHT_BYTES_MAX = SCORES_BYTES_MAX = 2**22
 
 
 def check_result(core: Core, task: Task, result: Result, damage: str = "") -> None:
@@ -73,7 +76,7 @@ def _check_verdicts(core: Core, task: Task, result: JudgeResult) -> None:
     _same(task, "policies", sorted(core.campaign.policies), judged)
     for verdict in verdicts:
         _check_verdict(task, verdict)
-    _check_size(task, "judgement", result.judgement, JUDGEMENT_BYTES_MAX)
+    _check_size(task, "a judgement", (result.judgement,), JUDGEMENT_BYTES_MAX)
 
 
 def _check_mutants(core: Core, task: Task, result: MutateResult) -> None:
@@ -85,19 +88,23 @@ def _check_mutants(core: Core, task: Task, result: MutateResult) -> None:
         _same(task, "target and build", wanted, (case.target.name, case.target.build))
         if case.target.settings != core.template.target.settings:  # planted defects among them
             _refuse(task, "the target's settings as the campaign has them", case.target.settings)
-        _check_size(task, "test case", case, max(TEST_CASE_BYTES_MAX, 2 * len(wire.encode(core.template))))
+        _check_size(task, "a test case", (case,), max(TEST_CASE_BYTES_MAX, 2 * len(wire.encode(core.template))))
+    batch = sorted((len(wire.encode(case)) for case in result.test_cases), reverse=True)[: core.campaign.scorer.batch]
+    if sum(batch) > BATCH_BYTES_MAX:
+        _refuse(task, f"{len(batch)} test cases of at most {BATCH_BYTES_MAX} bytes together", sum(batch))
 
 
-def _check_size(task: Task, what: str, part: msgspec.Struct, bytes_max: int) -> None:
-    """What is told to others with every round must stay far below what a message may hold."""
-    size_bytes = len(wire.encode(part))
+def _check_size(task: Task, what: str, parts: Sequence[msgspec.Struct], bytes_max: int) -> None:
+    """What is told to others must stay far below what a message may hold: none could read it."""
+    size_bytes = sum(len(wire.encode(part)) for part in parts)
     if size_bytes > bytes_max:
-        _refuse(task, f"a {what} of at most {bytes_max} bytes", size_bytes)
+        _refuse(task, f"{what} of at most {bytes_max} bytes", size_bytes)
 
 
 def _check_scores(task: Task, result: ScoreResult, names: tuple[str, ...]) -> None:
     deciding = [score for score in result.scores if not score.shadow]
     _same(task, "deciding scores, one for each test case asked", sorted(names), sorted(s.test_case for s in deciding))
+    _check_size(task, "scores", result.scores, SCORES_BYTES_MAX)
     for score in result.scores:
         if not (math.isfinite(score.value) and SCORE_MIN <= score.value <= SCORE_MAX):
             _refuse(task, f"scores from {SCORE_MIN:g} to {SCORE_MAX:g}", score.value)
@@ -107,6 +114,7 @@ def _check_scores(task: Task, result: ScoreResult, names: tuple[str, ...]) -> No
 
 def _check_flight(task: Task, result: FlyResult) -> None:
     flight = result.flight
+    _check_size(task, "a flight", (flight,), FLIGHT_BYTES_MAX)
     if flight.simulated_s < 0 or not math.isfinite(flight.simulated_s) or not math.isfinite(flight.wall_s):
         _refuse(task, "finite times", (flight.simulated_s, flight.wall_s))
     delivered = flight.delivered or ()

@@ -191,7 +191,7 @@ class WorkMessages:
             return Told(outcomes[len(outcomes) - _fitting(outcomes[::-1]) :], after, upto)
         kept = _whole_rounds(outcomes, _fitting(outcomes))
         complete = complete and len(kept) == len(outcomes)
-        return Told(kept, after, upto if complete or not kept else kept[-1].round)
+        return Told(_in_short(kept), after, upto if complete or not kept else kept[-1].round)
 
 
 def _fitting(outcomes: tuple[Outcome, ...]) -> int:
@@ -204,6 +204,17 @@ def _fitting(outcomes: tuple[Outcome, ...]) -> int:
     return len(outcomes)
 
 
+def _in_short(outcomes: tuple[Outcome, ...]) -> tuple[Outcome, ...]:
+    """Return the outcomes without their courses, and then no more of them than go into one message, if all do not.
+
+    One round is told as a whole: of thousands of flights, or of flights about which an oracle says too much.
+    """
+    if _fitting(outcomes) == len(outcomes):
+        return outcomes
+    short = tuple(msgspec.structs.replace(one, track=(), transitions=(), features={}) for one in outcomes)
+    return short[: _fitting(short)]
+
+
 def _whole_rounds(outcomes: tuple[Outcome, ...], count: int) -> tuple[Outcome, ...]:
     """Return the first `count` outcomes without a last round of which some are missing; one round at least."""
     if count == len(outcomes):
@@ -214,12 +225,8 @@ def _whole_rounds(outcomes: tuple[Outcome, ...], count: int) -> tuple[Outcome, .
 
 
 def weight_bytes(work: Work) -> int:
-    """Return about how large work is as a message: one grant stays far below what a message may be."""
-    if isinstance(work, MutateWork):
-        return 12_000 * len(work.outcomes)
-    if isinstance(work, ScoreWork):
-        return 2_500 * len(work.recent) + 2_500 * len(work.test_cases)
-    return 40_000 if isinstance(work, JudgeWork | RecordWork) else 4_000
+    """Return how large work is as a message: one grant stays far below what a message may be."""
+    return len(wire.encode(work))
 
 
 def _candidates(search: SearchConfig, flights: int) -> int:
