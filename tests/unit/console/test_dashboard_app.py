@@ -296,3 +296,9 @@ def test_another_address_needs_tokens(tmp_path: Path, capsys: pytest.CaptureFixt
     assert main(["dashboard", str(tmp_path)]) == 2
     for host in ("127.0.0.1", "localhost", "::1"):
         access.check_address(host, {})
+
+
+@pytest.mark.parametrize("number", ["1", "-1", "9" * 5_000, "0x0", "\u0660", "%00", "0%0a"])
+@pytest.mark.parametrize("rest", ["", "part/search", "find/x", "recordings/x", "events"])
+def test_a_run_that_is_not_there_is_no_fault(number: str, rest: str) -> None:
+    assert client(Stub("night")).get(f"/run/{number}/{rest}").status_code == 404

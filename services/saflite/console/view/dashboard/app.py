@@ -100,7 +100,7 @@ def application(
     `ending` is set: a server waits for them before it stops.
     """
     site = _Site(sources, every_s, ending or asyncio.Event())
-    run = "/run/{run:int}"
+    run = "/run/{run}"  # no number: what is too long for one would be no page that is not there, but a fault
     routes = [
         Route("/", site.home),
         Route("/assets/{name}", site.asset),
@@ -130,7 +130,8 @@ class _Site:
     """What answers the routes. Plain functions run in threads: they read the books and ask the farm."""
 
     def __init__(self, sources: Sequence[Source], every_s: float, ending: asyncio.Event) -> None:
-        self._sources, self._every_s, self._ending = dict(enumerate(sources)), every_s, ending
+        self._sources = {str(number): source for number, source in enumerate(sources)}
+        self._every_s, self._ending = every_s, ending
 
     def _source(self, request: Request) -> Source:
         return self._sources[request.path_params["run"]]
@@ -151,8 +152,8 @@ class _Site:
 
     def run(self, request: Request) -> Response:
         """One run."""
-        number, role = request.path_params["run"], request.state.role
-        return HTMLResponse(pages.of_run(number, self._source(request), role, alone=len(self._sources) == 1))
+        source, number, role = self._source(request), int(request.path_params["run"]), request.state.role
+        return HTMLResponse(pages.of_run(number, source, role, alone=len(self._sources) == 1))
 
     def part(self, request: Request) -> Response:
         """A part of its page."""
