@@ -63,6 +63,10 @@ class MemoryStore:
         """See `Store`."""
         self._kept = len(self.lines), state
 
+    def room_bytes(self) -> int | None:
+        """See `Store`."""
+        return 0 if self.full else None
+
     def commit(self, batch: Batch) -> None:
         """Make a batch durable, or not."""
         if not batch:

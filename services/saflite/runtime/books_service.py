@@ -37,6 +37,7 @@ from saflite.runtime.liveness import Liveness
 from saflite.runtime.log_lines import WORK_LOG
 from saflite.runtime.long_poll_queue import LongPollQueue
 from saflite.runtime.rate_limit import RateLimit
+from saflite.runtime.room import Room
 from saflite.runtime.software import software_of, version
 from saflite.simulator_worker.processes import processor_s
 
@@ -105,14 +106,12 @@ class BooksService:
         self._long_polls = LongPollQueue()
         self._lease_s = books.campaign.lease.lease_s
         self._liveness = Liveness(self._lease_s)
-        self._stepped_s = clock.monotonic_s()
-        self._tick_from_s = 0.0
+        self._stepped_s, self._tick_from_s = clock.monotonic_s(), 0.0
         self._outbox: list[tuple[Request, msgspec.Struct]] = []
         self._blocked: Batch | None = None
         self._trouble, self._trouble_until_s = "", 0.0
-        self._commit_s = 0.0
-        self._complaints = Complaints()
-        self._rates = RateLimit()
+        self._commit_s, self._room = 0.0, Room(store)
+        self._complaints, self._rates = Complaints(), RateLimit()
         self._ended_s: float | None = None
         self._stopping = ""
 
@@ -150,6 +149,8 @@ class BooksService:
         for happening in happenings:
             self._take(happening, now_s)
         if self._blocked is None:
+            if full := self._room.trouble(now_s):
+                self._in_trouble(full, now_s)
             self._pass_time(now_s)
             self._unpark(now_s)
         self._settle(now_s)

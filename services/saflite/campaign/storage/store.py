@@ -6,6 +6,7 @@ Every journal line and event carries a running checksum, so a flipped bit is fou
 from __future__ import annotations
 
 import logging
+import os
 import sqlite3
 from collections.abc import Iterable, Iterator
 from contextlib import closing
@@ -186,6 +187,15 @@ class Store:
         self.blobs.drop(batch.dropped)
         if self._commits % CHECKPOINT_COMMITS == 0:
             self._checkpoint()
+
+    def room_bytes(self) -> int | None:
+        """Return how much the disk takes yet, 0 where it takes no more files; None where that is not known."""
+        try:
+            disk = os.statvfs(self._run_dir)
+        except OSError:
+            return None
+        no_files = disk.f_files > 0 and disk.f_favail == 0  # some file systems do not count them
+        return 0 if no_files else disk.f_bavail * disk.f_frsize
 
     def _write(self, batch: Batch) -> None:
         commits = self._commits + 1
