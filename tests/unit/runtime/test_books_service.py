@@ -36,10 +36,7 @@ class _FullDisk:
     def __init__(self, store: Store) -> None:
         self.store, self.full, self.blobs = store, False, store.blobs
         self.snapshot_due, self.keep = True, store.keep
-        self.room: int | None = None
-
-    def room_bytes(self) -> int | None:
-        return self.room
+        self.room_bytes = store.room_bytes
 
     def commit(self, batch: Batch) -> None:
         if self.full and batch:
@@ -144,17 +141,6 @@ def trouble_of(stand: Stand) -> str:
     status = stand.last(Answer).status
     assert status is not None
     return status.trouble
-
-
-def test_a_full_disk_is_said_before_anything_has_to_be_saved(stand: Stand) -> None:
-    stand.store.room = 4096
-    stand.turn(12)
-    stand.send(topics.control("c", "status"), Control(verb="status"))
-    assert trouble_of(stand) == "the disk of the run is full: 4096 bytes are left"
-    stand.store.room = 2**30
-    stand.turn(80)
-    stand.send(topics.control("c", "status"), Control(verb="status"))
-    assert not trouble_of(stand)
 
 
 def test_while_the_store_takes_no_writes_nothing_is_handed_out_or_acknowledged(stand: Stand) -> None:
