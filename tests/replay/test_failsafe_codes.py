@@ -71,3 +71,10 @@ def test_no_rule_is_broken_by_an_action_that_is_documented(name: str, code: floa
         spoke |= name in SPEAKS and told[SPEAKS[name]][0] == "held"
     assert not broken
     assert spoke or name not in SPEAKS or code == 0.0, "its rule said nothing of any of these flights"
+
+
+@pytest.mark.parametrize("name", list(RAISED))
+def test_of_a_number_between_two_codes_the_fraction_is_lost(name: str) -> None:
+    for code in [code for known, code in codes() if known == name][:-1]:
+        told = verdicts(name, code + 0.3, "LOITER", RAISED[name])
+        assert not {rule: why for rule, (how, why) in told.items() if how == "violated"}

@@ -156,6 +156,13 @@ CASES = {
         (),
         ("mission-goes-on", "mission-in-order"),
     ),
+    "a mission that asked for speed is left for a return": Case(
+        mission("fast", up(10.0), (178, 1, 8), point(4e-3, 0.0, 10.0)),
+        130.0,
+        {"WPNAV_SPEED": 300.0, "RTL_ALT": 3000.0},
+        (mode(75.0, "RTL"),),
+        ("speed-limit",),
+    ),
 }
 
 

@@ -18,6 +18,7 @@ from saflite.flight.world.jsbsim_world import HOME_LAT_DEG, HOME_LON_DEG
 Array = NDArray[np.float64]
 NEVER_S = 1e6
 SLOW_DPS = 15.0
+ROUNDED_UP = 0.01  # AP_Param takes 1.995 for 2: a float on the link may fall short of it
 SPEED_LEAST_MPS = 0.2  # ArduCopter accepts an order to fly more slowly and does not follow it (WPNAV_WP_SPEED_MIN)
 FORCE = (21196.0, 2989.0)  # magic numbers with which MAVLink forces motors off or on
 
@@ -29,28 +30,32 @@ _STILL = ("DO_SEND_BANNER", "DO_CHANGE_SPEED", "DO_FENCE_ENABLE")
 
 
 class Setting(NamedTuple):
-    """A parameter that policies read: its name, the manual's default and limits, the size of its unit in SI."""
+    """A parameter that policies read: its name, the manual's default and limits, the size of its unit in SI.
+
+    Of a `whole` one an autopilot keeps no fraction, so what was given as 1.9 acts as 1.
+    """
 
     parameter: str
     default: float
     low: float = -np.inf
     high: float = np.inf
     unit: float = 1.0
+    whole: bool = False
 
 
 SETTINGS: dict[str, Setting] = {
     "battery_timer_set_s": Setting("BATT_LOW_TIMER", 10.0, 0.0, 120.0),
-    "battery_low_action_set": Setting("BATT_FS_LOW_ACT", 0.0, 0.0, 7.0),
+    "battery_low_action_set": Setting("BATT_FS_LOW_ACT", 0.0, 0.0, 7.0, whole=True),
     "battery_critical_set_v": Setting("BATT_CRT_VOLT", 0.0, 0.0),
     "battery_low_charge_set_mah": Setting("BATT_LOW_MAH", 0.0, 0.0),
     "battery_capacity_set_mah": Setting("BATT_CAPACITY", 3300.0, 0.0),
-    "fence_action_set": Setting("FENCE_ACTION", 1.0, 0.0, 5.0),
-    "failsafe_options_set": Setting("FS_OPTIONS", 16.0, 0.0, 127.0),
-    "circle_options_set": Setting("CIRCLE_OPTIONS", 1.0, 0.0, 15.0),
-    "auto_options_set": Setting("AUTO_OPTIONS", 0.0, 0.0, 255.0),
+    "fence_action_set": Setting("FENCE_ACTION", 1.0, 0.0, 5.0, whole=True),
+    "failsafe_options_set": Setting("FS_OPTIONS", 16.0, 0.0, 127.0, whole=True),
+    "circle_options_set": Setting("CIRCLE_OPTIONS", 1.0, 0.0, 15.0, whole=True),
+    "auto_options_set": Setting("AUTO_OPTIONS", 0.0, 0.0, 255.0, whole=True),
     "pilot_turn_speed_set_dps": Setting("PILOT_Y_RATE", 202.5, 1.0, 360.0),
-    "fence_on_set": Setting("FENCE_ENABLE", 0.0, 0.0, 1.0),
-    "fence_type_set": Setting("FENCE_TYPE", 7.0, 0.0, 15.0),
+    "fence_on_set": Setting("FENCE_ENABLE", 0.0, 0.0, 1.0, whole=True),
+    "fence_type_set": Setting("FENCE_TYPE", 7.0, 0.0, 15.0, whole=True),
     "fence_radius_set_m": Setting("FENCE_RADIUS", 300.0, 30.0, 10_000.0),
     "arming_checks_set": Setting("ARMING_CHECK", 1.0),
     "angle_max_set_deg": Setting("ANGLE_MAX", 3000.0, 1000.0, 8000.0, 0.01),
@@ -128,7 +133,7 @@ def setting_over_time(name: str, test_case: TestCase, given: Sequence[Given], ti
             continue
         if answer != "unanswered" or row.low <= stimulus.values[0] <= row.high:
             held[times >= stimulus.at_s] = stimulus.values[0]
-    return held * row.unit
+    return np.trunc(held + np.copysign(ROUNDED_UP, held)) if row.whole else held * row.unit
 
 
 def _switches(stimulus: Stimulus, parameter: str) -> bool:

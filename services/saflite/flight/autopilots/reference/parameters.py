@@ -11,8 +11,10 @@ from functools import cache
 
 from saflite.flight.autopilots.reference import parameters_flight, parameters_loops, parameters_simulation
 from saflite.flight.autopilots.reference.parameter import Parameter
+from saflite.flight.autopilots.reference.parameter_types import TYPES
 
 STANDARD_DEGC, KELVIN = 15.0, 273.15
+ROUNDED_UP = 0.01  # 1.995 is taken for 2: a float on the link may fall short of it
 
 
 @cache
@@ -22,6 +24,11 @@ def parameter_table() -> dict[str, Parameter]:
     table = {row.name: row for row in rows}
     assert len(table) == len(rows), "a parameter is listed twice"
     return table
+
+
+def _kept(name: str, value: float) -> float:
+    """Return the number that is kept: of a whole one the fraction is lost, as in AP_Param::set_float."""
+    return value if name not in TYPES else float(math.trunc(value + math.copysign(ROUNDED_UP, value)))
 
 
 class ParameterSet:
@@ -60,7 +67,7 @@ class ParameterSet:
             return f"{name} must be a finite number"
         if name not in self.unchecked and not row.low <= value <= row.high:
             return f"{name} must be {row.low:g} to {row.high:g} {row.unit}".rstrip()
-        self.values[name] = value
+        self.values[name] = _kept(name, value)
         self.changes += 1
         if not row.reboot:
             self._apply(row)

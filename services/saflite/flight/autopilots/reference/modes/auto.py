@@ -44,6 +44,8 @@ class Auto(Mode):
         self._paused: Point | None = None
         self.done = False
         self._pilot_turns = False
+        self._speed_mps: float | None = None
+        self._speed_before_mps: float | None = None
 
     def why_not(self) -> str:
         """A mission must be on board."""
@@ -57,6 +59,11 @@ class Auto(Mode):
         self._items = understand(self.ap.mission)
         self._goal = self._here()
         self._begin(min(self.ap.mission_index, len(self._items) - 1))
+
+    def leave(self) -> None:
+        """Let go of the speed that an item asked for: it is of the mission, other modes fly as fast as was set."""
+        if self._speed_mps is not None and self.ap.speed_order_mps == self._speed_mps:
+            self.ap.speed_order_mps = self._speed_before_mps
 
     def may_disarm(self) -> bool:
         """Only once the mission is over."""
@@ -186,7 +193,9 @@ class Auto(Mode):
         self._travel()
 
     def _speed(self) -> None:
-        self.ap.speed_order_mps = self._item().number or None
+        if self._speed_mps is None:
+            self._speed_before_mps = self.ap.speed_order_mps
+        self._speed_mps = self.ap.speed_order_mps = self._item().number or None
         self._next()
 
     def _yaw(self) -> None:
