@@ -27,19 +27,23 @@ from saflite.contract.blobs import BlobGet, BlobOpen, BlobPut, BlobRef, ref_of
 from saflite.contract.control import Answer, Control
 from saflite.contract.events import Event
 from saflite.contract.join import Join
+from saflite.contract.test_case import identity
 from saflite.contract.work import (
     Ask,
     Failure,
     Grant,
     HandedBack,
     Heartbeat,
+    JudgeWork,
     Lease,
     Receipt,
+    RecordWork,
     Report,
     Result,
     ScoreWork,
     Stage,
     WarmWork,
+    Work,
 )
 from saflite.runtime.books_service import BooksService
 from saflite.runtime.evidence import BlobRequests
@@ -144,7 +148,7 @@ class Peer:
                 for lease in self._granted(stage, worker, 1):
                     if not kinds or isinstance(lease.work, kinds):
                         return lease, worker
-                    self.report(lease, self.worker.do(lease.work), worker)
+                    self.report(lease, self._done(lease.work), worker)
             if self.books.ended:
                 return None
             if WarmWork in kinds:
@@ -160,7 +164,15 @@ class Peer:
     def _work(self, stage: Stage, turn: int) -> None:
         worker = workers(stage)[turn % 2]
         for lease in self._granted(stage, worker, 16):
-            self.report(lease, self.worker.do(lease.work), worker)
+            self.report(lease, self._done(lease.work), worker)
+
+    def _done(self, work: Work) -> Result:
+        """Do work as the stage it is for; a flight whose digest is another's was not to be refused, and is found here."""
+        if isinstance(work, JudgeWork | RecordWork) and work.flight.trace is not None:
+            name = identity(work.test_case)
+            if doubles.flown(name, work.flight.flight_index)[1] != work.flight.trace_digest:
+                return Failure(message="the trace is not the flight's", unread=(work.flight.trace,))
+        return self.worker.do(work)
 
     def _granted(self, stage: Stage, worker: str, many: int) -> tuple[Lease, ...]:
         cursor = self.worker.cursor_of(stage)
@@ -197,7 +209,7 @@ class Peer:
         if found is None:
             return None
         lease, worker = found
-        done = self.worker.do(lease.work) if tag != "failed" else None  # done, a scorer need not be told all again
+        done = self._done(lease.work) if tag != "failed" else None  # done, a scorer need not be told all again
         result = HandedBack(message="x") if tag == "handed_back" else done or Failure(message="x")
         report = Report(worker=worker, lease_id=lease.lease_id, epoch=lease.epoch, result=result)
         return Said(topics.result(self.name, stage_of(lease)), plain(report), lease)

@@ -252,3 +252,31 @@ def test_no_pipe_beside_a_store_is_waited_for(
     os.mkfifo(run_dir / f"books.sqlite{suffix}")
     assert main([words[0], str(run_dir), *words[1:]]) == REFUSED
     assert capsys.readouterr().err.count("\n") == 1
+
+
+PLACES = {"report": "report.html", "export": "export-yaml"}
+
+
+@pytest.mark.parametrize("command", PLACES)
+def test_what_is_made_of_a_run_of_others_goes_elsewhere(
+    command: str, run_dir: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = [command, str(run_dir), *(["--format", "yaml"] if command == "export" else [])]
+    run_dir.chmod(0o777)
+    assert main(words) == REFUSED
+    assert "anybody can write" in capsys.readouterr().err
+    assert not (run_dir / PLACES[command]).exists()
+    assert main([*words, "--out", str(tmp_path / "made")]) == 0
+
+
+def test_an_export_follows_no_link_in_a_run(run_dir: Path, outside: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    _put(run_dir / "export-yaml", outside)
+    assert main(["export", str(run_dir), "--format", "yaml"]) == REFUSED
+    assert "symbolic link" in capsys.readouterr().err
+    assert _is_untouched(outside)
+
+
+def test_a_report_takes_the_place_of_a_link(run_dir: Path, outside: Path) -> None:
+    _put(run_dir / "report.html", outside / "file")
+    assert main(["report", str(run_dir)]) == 0
+    assert _is_untouched(outside)

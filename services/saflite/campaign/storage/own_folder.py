@@ -40,7 +40,7 @@ def check_own(run_dir: Path) -> None:
     if not run_dir.is_dir():
         return
     try:
-        _check_closed(run_dir)
+        check_closed(run_dir)
         for entry in _entries(run_dir, 1):
             if entry.is_symlink():
                 _refuse(entry.path, "a file or folder itself", "a symbolic link")
@@ -70,7 +70,8 @@ def check_writable(run_dir: Path) -> None:
         raise Unavailable(f"{path} cannot be written: {why}")
 
 
-def _check_closed(folder: Path | str) -> None:
+def check_closed(folder: Path | str) -> None:
+    """Raise Refused where a folder is another user's, or others can write in it."""
     found = os.stat(folder)
     if found.st_uid not in (0, os.geteuid()):
         got, fix = f"one of user {found.st_uid}", "work on a copy (cp -r), or have the folder given to you (chown -R)"
@@ -108,7 +109,7 @@ def _check_entry(entry: os.DirEntry[str], run_dir: Path) -> None:
     """Refuse a folder of ours that others can write in, and a file that has another name as well."""
     top = Path(entry.path).relative_to(run_dir).parts[0]
     if entry.is_dir(follow_symlinks=False) and top in FOLDERS:
-        _check_closed(entry.path)
+        check_closed(entry.path)
     if entry.is_file(follow_symlinks=False) and top not in SHARED and os.lstat(entry.path).st_nlink > 1:
         _refuse(entry.path, "a file with one name", "one that has another name, too (a hard link)")
 

@@ -37,6 +37,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Write the files; 0 once they are written, whatever they tell."""
+    from saflite.campaign.storage.own_folder import check_own
     from saflite.console.run_data import farm_lookup
     from saflite.console.run_data.run_folder import open_run, tell_loss
     from saflite.console.view import out
@@ -45,6 +46,8 @@ def run(args: argparse.Namespace) -> int:
     args.run = farm_lookup.newest(args.run)
     if args.out is not None:
         outputs.check_folder(args.out, force=args.force)
+    else:
+        check_own(args.run)  # what stands there for a folder may be a link of somebody else's
     tell_loss(args.run)
     if args.recording is not None:
         return _record(args)

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import msgspec
 
+from saflite.campaign.storage.own_folder import check_closed
 from saflite.console.io import farm_options
 from saflite.console.run_data import farm_lookup
 from saflite.console.run_data.run_folder import open_run
@@ -57,6 +58,7 @@ def _cursor_file(args: argparse.Namespace) -> Path:
         return Path(args.cursor)
     if args.connect:
         raise Refused("--cursor", expected="a file that keeps how far it is, with --connect", got="nothing")
+    check_closed(args.run)
     return Path(args.run) / f"webhook-{short_id(args.webhook.encode())[:8]}.json"
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from saflite.campaign.storage.own_folder import check_closed
 from saflite.console.io import outputs
 from saflite.console.run_data.embargo import ALL, Released
 from saflite.console.run_data.run_folder import open_run
@@ -24,12 +25,14 @@ def write(
     Findings of memory safety that are not among the `released` fingerprints are only counted in it.
 
     Raises:
-        Refused: no run stands there, or its store is damaged.
+        Refused: no run stands there, its store is damaged, or the report is to stand in the folder of somebody else.
         Unavailable: the file cannot be written.
     """
     from saflite.console.view.report import data, page
 
     place = path or run_dir / REPORT
+    if path is None and run_dir.is_dir():
+        check_closed(run_dir)
     with open_run(run_dir) as run:
         found = data.read(run, released)
     text = page.render(found, str(run_dir))
