@@ -167,7 +167,7 @@ class Peer:
             self.report(lease, self._done(lease.work), worker)
 
     def _done(self, work: Work) -> Result:
-        """Do work as the stage it is for; a flight whose digest is another's was not to be refused, and is found here."""
+        """Do work as its stage does; a flight whose digest is another's could not be refused, and is found here."""
         if isinstance(work, JudgeWork | RecordWork) and work.flight.trace is not None:
             name = identity(work.test_case)
             if doubles.flown(name, work.flight.flight_index)[1] != work.flight.trace_digest:
