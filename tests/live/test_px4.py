@@ -15,7 +15,7 @@ import pytest
 from external_flights import answers, case, needs_binary, really_flown
 
 from saflite.contract.standalone import Evidence
-from saflite.contract.test_case import Obstacle, Scenario, StartState
+from saflite.contract.test_case import Obstacle, Scenario, StartState, TestCase
 from saflite.flight.autopilots.px4.adapter import ADAPTER
 from saflite.flight.mission import builtin_mission
 from saflite.simulator_worker.targets import px4
@@ -49,16 +49,34 @@ def test_it_sees_faults() -> None:
     assert deaf.trace.array("mode")[-1] in (6.0, 9.0)  # returns, then lands
 
 
-def test_our_planner_flies_it_round_a_box() -> None:
+def with_settings(given: TestCase, **settings: str) -> TestCase:
+    """Return a test case with settings of the target's own."""
+    return msgspec.structs.replace(given, target=msgspec.structs.replace(given.target, settings=dict(settings)))
+
+
+@pytest.mark.parametrize(("who", "mode"), [("planner", 4.0), ("pilot", 5.0)])  # offboard; position mode
+@pytest.mark.parametrize("physics", ["jsbsim", "sih"])
+def test_who_flies_beside_it_comes_round_a_box(who: str, mode: float, physics: str) -> None:
+    """Our planner sees the box; for a pilot who does not PX4's collision prevention must hold."""
     box = Obstacle(length_m=8, width_m=6, height_m=25, x_m=-3, y_m=30)
     scenario = Scenario(mission=builtin_mission("mission2"), obstacles=(box,), time_limit_s=60.0)
-    given = case("px4", scenario=scenario)
-    target = msgspec.structs.replace(given.target, settings={"companion": "planner"})
-    (record,) = really_flown(ADAPTER, msgspec.structs.replace(given, target=target))
+    (record,) = really_flown(ADAPTER, with_settings(case("px4", scenario=scenario), companion=who, physics=physics))
     assert record.trace is not None
     assert record.trace.array("obstacle_distance_m").min() > 0.5
     assert record.trace.array("y_m").max() > 34.0  # past the box, which stands across the leg
-    assert record.trace.array("mode")[-1] == 4.0  # offboard
+    assert mode in record.trace.array("mode")
+
+
+def test_it_flies_on_its_own_physics_and_crashes_there() -> None:
+    hover = case("px4", (2.0, "mode", "ALT_HOLD", 0.0), (3.0, "sensor_fault", "gps_satellites", 3.0), scenario=HOVER)
+    fall = case("px4", (2.0, "mode", "STABILIZE", 0.0), (3.0, "stick", "RC3", 1000.0), scenario=HOVER)
+    held, fallen = really_flown(ADAPTER, *(with_settings(one, physics="sih") for one in (hover, fall)))
+    assert held.ending == "completed"
+    assert answers(held) == ["accepted", "accepted"]
+    assert held.trace is not None
+    assert np.abs(held.trace.array("altitude_m") - 20.0).max() < 3.0
+    assert (held.trace.array("gps_ok")[0], held.trace.array("gps_ok")[-1]) == (1.0, 0.0)
+    assert fallen.ending == "crashed"
 
 
 def test_it_flies_a_mission() -> None:
