@@ -54,7 +54,9 @@ class SettingInfo(msgspec.Struct, frozen=True, kw_only=True):
     choices: Annotated[tuple[Plain, ...], msgspec.Meta(max_length=10_000)] = ()
     choice_meanings: Annotated[dict[Word, Text], msgspec.Meta(max_length=10_000)] = {}
     breaks: Annotated[dict[Word, Text], msgspec.Meta(max_length=10_000)] = {}
-    lacks: Annotated[dict[Word, tuple[Word, ...]], msgspec.Meta(max_length=10_000)] = {}
+    lacks: Annotated[
+        dict[Word, Annotated[tuple[Word, ...], msgspec.Meta(max_length=10_000)]], msgspec.Meta(max_length=1_000)
+    ] = {}
 
 
 class SignalInfo(msgspec.Struct, frozen=True, kw_only=True):

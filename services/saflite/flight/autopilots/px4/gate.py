@@ -41,16 +41,17 @@ class Gate:
             FailedBringUp: it ended, or never did within some wall time.
         """
         self.channel.settimeout(LOOK_S)
+        ended = False
         for _ in range(round(within_s / LOOK_S)):
             with suppress(TimeoutError):
                 if len(self.channel.recv(_WORD.size)) == _WORD.size:
                     self.channel.settimeout(None)
                     return
-                break
+                ended = True  # its end of the channel closes with it, before it can be seen to be gone
             process.listen()
-            if process.gone:
+            if ended or process.gone:
                 break
-        raise FailedBringUp(process.how_it_ended() if process.gone else UNGATED)
+        raise FailedBringUp(process.how_it_ended() if ended or process.gone else UNGATED)
 
     def close(self) -> None:
         """Let go of PX4: it ends where it next waits."""
