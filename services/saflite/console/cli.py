@@ -111,7 +111,9 @@ def main(argv: Sequence[str] | None = None) -> int:
             return _own_fault(fault)
         out.complain("refused", "a path holds a NUL")
         return REFUSED
-    except Exception as fault:  # noqa: BLE001 (exit code 1, Python's own, must only ever mean violations)
+    except (SystemExit, GeneratorExit):
+        raise
+    except BaseException as fault:  # noqa: BLE001 (exit code 1, Python's own, must only mean violations; Rust panics)
         return _own_fault(fault)
 
 
@@ -122,12 +124,12 @@ def _hear_of_children() -> None:
             signal.signal(signal.SIGCHLD, signal.SIG_DFL)
 
 
-def _own_fault(fault: Exception) -> int:
+def _own_fault(fault: BaseException) -> int:
     out.complain("fault of saflite itself", f"{_in_a_line(fault)}; the traceback is in {_kept_traceback()}")
     return INFRASTRUCTURE
 
 
-def _in_a_line(fault: Exception) -> str:
+def _in_a_line(fault: BaseException) -> str:
     text = str(fault).splitlines()
     return f"{type(fault).__name__}: {text[0][:200]}" if text else type(fault).__name__
 

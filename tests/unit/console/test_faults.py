@@ -54,3 +54,17 @@ def test_children_are_heard_of_where_who_started_us_ignores_theirs() -> None:
     code = "import signal; from saflite.console.cli import main; signal.signal(signal.SIGCHLD, signal.SIG_IGN); "
     code += "main(['--version']); assert signal.getsignal(signal.SIGCHLD) == signal.SIG_DFL"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, check=False).returncode == 0
+
+
+def test_a_panic_of_a_library_is_no_violation(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    class PanicException(BaseException):
+        """As libraries in Rust raise it."""
+
+    def panics(words: list[str]) -> int:
+        raise PanicException("called `Result::unwrap()` on an `Err` value")
+
+    monkeypatch.setattr(cli, "_dispatch", panics)
+    assert cli.main(["list"]) == cli.INFRASTRUCTURE
+    assert capsys.readouterr().err.count("\n") == 1
