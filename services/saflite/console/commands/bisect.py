@@ -27,7 +27,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--policy", action="append", default=[], help="the policy in question")
     parser.add_argument("--confidence", type=float, default=0.95, metavar="P", help="probability to end at (0.95)")
     parser.add_argument("--flights-max", type=int, default=200, metavar="N", help="give up after so many (200)")
-    parser.add_argument("--wall-limit", type=float, default=300.0, metavar="S", help="give a flight up after so long")
+    arguments.add_wall_limit(parser)
     arguments.add_modules(parser)
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
 

@@ -30,7 +30,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--times", type=int, default=5, metavar="N", help="flights of each find on each build (5)")
     parser.add_argument("--confidence", type=float, default=0.95, metavar="P", help="asked of what is new (0.95)")
     parser.add_argument("--out", type=Path, metavar="FOLDER", help="for both runs, must not exist (runs/diff-CAMPAIGN)")
-    parser.add_argument("--wall-limit", type=float, default=300.0, metavar="S", help="give a flight up after so long")
+    arguments.add_wall_limit(parser)
     arguments.add_modules(parser)
     ci_options.add_options(parser)
     parser.add_argument("--json", action="store_true", help="print the result as JSON, and nothing else")

@@ -26,7 +26,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--target", default="", metavar="BUILD", help="fly on this build (see `saflite regress --help`)"
     )
-    parser.add_argument("--wall-limit", type=float, default=300.0, metavar="S", help="give a flight up after so long")
+    arguments.add_wall_limit(parser)
     arguments.add_modules(parser)
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
 

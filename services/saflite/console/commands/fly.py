@@ -32,7 +32,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     arguments.add_target_settings(parser)
     parser.add_argument("--parameter", action="append", default=[], metavar="NAME=NUMBER", help="set before take-off")
     parser.add_argument("--rng-seed", type=int, help="random seed of noise and gusts")
-    parser.add_argument("--wall-limit", type=float, default=300.0, metavar="S", help="give up after so many seconds")
+    arguments.add_wall_limit(parser)
     arguments.add_modules(parser)
     parser.add_argument("--out", type=Path, help="write a recording (.mcap)")
     outputs.add_force(parser)

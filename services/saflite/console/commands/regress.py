@@ -32,7 +32,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--times", type=int, metavar="N", help="flights of each (3; 5 where they differ by nature)")
     parser.add_argument("--known-ok", action="store_true", help="exit 1 only for what changed or came back")
     parser.add_argument("--corpus", type=Path, metavar="FOLDER", help="keep them, and what became of them, there")
-    parser.add_argument("--wall-limit", type=float, default=300.0, metavar="S", help="give a flight up after so long")
+    arguments.add_wall_limit(parser)
     arguments.add_modules(parser)
     ci_options.add_options(parser)
     parser.add_argument("--json", action="store_true", help="print one JSON object per violation")

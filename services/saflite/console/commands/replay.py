@@ -29,7 +29,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--all", action="store_true", help="flaky and unconfirmed violations too")
     parser.add_argument("--policy", action="append", default=[], help="judge a test case by this policy")
     parser.add_argument("--times", type=int, help="how often to fly each (1; 5 where flights differ by nature)")
-    parser.add_argument("--wall-limit", type=float, default=300.0, metavar="S", help="give a flight up after so long")
+    arguments.add_wall_limit(parser)
     arguments.add_modules(parser)
     parser.add_argument("--json", action="store_true", help="print one JSON object per flight")
 

@@ -5,10 +5,26 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+WALL_LIMITS_S = (0.1, 86_400.0)
+
 
 def add_run(parser: argparse.ArgumentParser, which: str = "the newest") -> None:
     """Name the argument that every command about a run has; `farm_lookup.newest` finds the one left out."""
     parser.add_argument("run", type=Path, nargs="?", metavar="RUN", help=f"run folder ({which})")
+
+
+def add_wall_limit(parser: argparse.ArgumentParser) -> None:
+    """Name the argument that says how long a flight may take."""
+    text = "give a flight up after so long"
+    parser.add_argument("--wall-limit", type=_wall_limit, default=300.0, metavar="S", help=text)
+
+
+def _wall_limit(text: str) -> float:
+    seconds = float(text)
+    if not WALL_LIMITS_S[0] <= seconds <= WALL_LIMITS_S[1]:
+        least, most = WALL_LIMITS_S
+        raise argparse.ArgumentTypeError(f"from {least:g} to {most:g} seconds are expected, not {text[:20]!r}")
+    return seconds
 
 
 def add_modules(parser: argparse.ArgumentParser) -> None:
