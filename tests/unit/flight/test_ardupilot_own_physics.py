@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from external_stand_ins import printed
 
 from saflite.contract.errors import Refused
 from saflite.contract.test_case import Obstacle, Scenario, StartState, Target, TestCase, Wind
@@ -56,14 +57,6 @@ def gated(frames: int) -> Iterator[tuple[Vehicle, socket.socket, subprocess.Pope
                 yield vehicle, theirs, running
             finally:
                 running.kill()
-
-
-def printed(running: subprocess.Popen[bytes], last: int) -> list[int]:
-    assert running.stdout is not None
-    lines: list[int] = []
-    while not lines or lines[-1] < last:
-        lines.append(int(running.stdout.readline()))
-    return lines
 
 
 def test_it_runs_the_frames_that_are_ordered_and_no_more() -> None:

@@ -13,6 +13,7 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
+from external_stand_ins import Deaf
 
 from saflite.contract.errors import Refused
 from saflite.contract.test_case import Obstacle, Scenario, StartState, Stimulus, Target, TestCase
@@ -311,18 +312,6 @@ def test_answers_find_their_stimuli(vehicle: Vehicle) -> None:
     assert pulses_us[0] == 1700
     answers = [one.answer for one in given.delivered]
     assert answers == ["accepted", "denied", "accepted", "accepted", "timed_out", "accepted"]
-
-
-class Deaf:
-    """A port from which nothing comes."""
-
-    name = "deaf"
-
-    def exchange(self, data: bytes, wait_s: float) -> bytes:
-        return b""
-
-    def close(self) -> None:
-        pass
 
 
 # ---- obstacles ----------------------------------------------------------------------------------------------------

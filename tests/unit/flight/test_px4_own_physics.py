@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from external_stand_ins import Deaf, printed
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from saflite.contract.errors import Refused
@@ -81,14 +82,6 @@ def gated(steps: int) -> Iterator[tuple[Vehicle, subprocess.Popen[bytes]]]:
             udp.close()
 
 
-def printed(running: subprocess.Popen[bytes], last: int) -> list[int]:
-    assert running.stdout is not None
-    lines: list[int] = []
-    while not lines or lines[-1] < last:
-        lines.append(int(running.stdout.readline()))
-    return lines
-
-
 def test_it_runs_the_steps_that_are_ordered_and_no_more() -> None:
     with gated(1000) as (vehicle, running):
         assert printed(running, 1) == [1]
@@ -129,18 +122,6 @@ def test_a_program_whose_physics_never_waits_is_told(tmp_path: Path, words: str,
 
 
 # ---- truth --------------------------------------------------------------------------------------------------------
-
-
-class Deaf:
-    """A port from which nothing comes."""
-
-    name = "deaf"
-
-    def exchange(self, data: bytes, wait_s: float) -> bytes:
-        return b""
-
-    def close(self) -> None:
-        pass
 
 
 def said(kind: str, **fields: Any) -> Any:

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from external_stand_ins import Deaf
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from saflite.contract.errors import Refused
@@ -45,18 +46,6 @@ LISTING = Listing(
         "RC_FAILS_THR": Row(0.0, INT32),
     },
 )
-
-
-class Deaf:
-    """A port from which nothing comes."""
-
-    name = "deaf"
-
-    def exchange(self, data: bytes, wait_s: float) -> bytes:
-        return b""
-
-    def close(self) -> None:
-        pass
 
 
 @pytest.fixture

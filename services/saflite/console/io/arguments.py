@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 from pathlib import Path
 
 WALL_LIMITS_S = (0.1, 86_400.0)
@@ -20,7 +21,10 @@ def add_wall_limit(parser: argparse.ArgumentParser) -> None:
 
 
 def _wall_limit(text: str) -> float:
-    seconds = float(text)
+    try:
+        seconds = float(text)
+    except ValueError:
+        seconds = math.nan
     if not WALL_LIMITS_S[0] <= seconds <= WALL_LIMITS_S[1]:
         least, most = WALL_LIMITS_S
         raise argparse.ArgumentTypeError(f"from {least:g} to {most:g} seconds are expected, not {text[:20]!r}")
