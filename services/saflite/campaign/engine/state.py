@@ -194,9 +194,12 @@ class Books:
         if not self._core.tasks.waiting_count(ask.stage):
             return Grant()
         leases: list[Lease] = []
+        size_bytes = 0
         for task in self._dispatch.choose(ask, min(ask.leases_max, GRANTS_MAX), now):
-            leases += self._lend(task, ask, now)
-            if sum(weight_bytes(lease.work) for lease in leases) > GRANT_MAX_BYTES:
+            lent = self._lend(task, ask, now)
+            leases += lent
+            size_bytes += sum(weight_bytes(lease.work) for lease in lent)
+            if size_bytes > GRANT_MAX_BYTES:
                 break
         return Grant(leases=tuple(leases))
 
