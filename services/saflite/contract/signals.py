@@ -233,6 +233,19 @@ MADE_FROM: dict[str, tuple[str, ...]] = {
 """What the oracle makes of the rest of a flight where the trace does not hold it, and the signals each is made from."""
 
 
+GRID: dict[str, int] = {"m": 1024, "m/s": 1024, "deg": 256, "deg/s": 64, "V": 1024, "": 4096}
+"""By unit: flights record these parts of it (1 mm, 0.004 deg, ...). A number's last bits say nothing about the flight
+and are most of what a compressed trace would weigh."""
+
+
+def grid(name: str) -> int:
+    """Return in which parts of its unit flights record a signal; 0: as it is (settings in force, codes, times)."""
+    signal = SIGNALS.get(name)
+    if signal is None or signal.kind != "real" or "_set_" in name:
+        return 0
+    return GRID.get(signal.unit, 0)
+
+
 def lacking(name: str, written: Collection[str]) -> tuple[str, ...]:
     """Return the signals that a flight would have to hold for it to give `name`, and does not."""
     sources = MADE_FROM.get(name)

@@ -12,7 +12,9 @@ from functools import cache
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
+from saflite.contract.signals import grid
 from saflite.flight.native_library import Board, Memory, python_library, slot_names, struct_size
 from saflite.flight.world.state import STEP_S
 
@@ -71,6 +73,11 @@ class Blackboard(Board):
         self._record(self.address, *places, len(names), row_limit, round(step_s / STEP_S))
 
     def columns(self) -> dict[str, bytes]:
-        """Return what was recorded: each name's samples as little-endian float32."""
+        """Return what was recorded: each name's samples as little-endian float32, on the signal's grid."""
         table = np.ascontiguousarray(self._rows[: int(self._row_count(self.address))].T, dtype="<f4")
-        return {name: table[i].tobytes() for i, name in enumerate(self.record_names)}
+        return {name: _on_grid(table[i], grid(name)).tobytes() for i, name in enumerate(self.record_names)}
+
+
+def _on_grid(samples: NDArray[np.float32], parts: int) -> NDArray[np.float32]:
+    """Return the samples rounded to whole parts; a power of two of them, so that no other rounding happens."""
+    return np.asarray(np.rint(samples.astype(np.float64) * parts) / parts + 0.0, "<f4") if parts else samples

@@ -67,6 +67,18 @@ def processor_s(pid: int) -> float:
     return round(own + sum(processor_s(child) for child in children(pid)), 2)
 
 
+def starved_s(pid: int) -> float:
+    """Return how long a process, or the descendant of which it is more, was ready to run and had no core, seconds.
+
+    0 for one that is gone, or where the kernel does not count it (`schedstat`, second field).
+    """
+    try:
+        own = int(Path(f"/proc/{pid}/schedstat").read_text().split()[1]) / 1e9
+    except (OSError, IndexError):
+        return 0.0
+    return max([own, *(starved_s(child) for child in children(pid))])
+
+
 def signal_group(group: int, number: signal.Signals) -> None:
     """Send a signal to every process of a group; none being left is fine."""
     with suppress(ProcessLookupError, PermissionError):

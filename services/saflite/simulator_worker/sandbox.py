@@ -33,7 +33,7 @@ from saflite.simulator_worker.messages import (
     from_simulator,
     send,
 )
-from saflite.simulator_worker.processes import adopt_orphans, children, kill_strays, signal_group
+from saflite.simulator_worker.processes import adopt_orphans, children, kill_strays, signal_group, starved_s
 from saflite.simulator_worker.slots import HeldSlot, take_slot
 
 log = logging.getLogger(__name__)
@@ -42,6 +42,7 @@ PROGRAM = "saflite.runtime.simulator"
 SNAPSHOTS_MAX = 12
 RECYCLE_FLIGHTS = 1000
 BRING_UP_S = 30.0
+STARVED_LIMIT = 20.0  # times that, on a machine that has no core for it
 POLL_S = 0.05
 OVERTIME_S = 1.0  # a session that keeps its deadline itself has this long to say what it saw
 CANCEL_GRACE_S = 1.0  # a cancelled flight that has not ended by then is killed
@@ -216,15 +217,24 @@ class Sandbox:
         send(self._pipe, Setup(slot=slot.info, target_files=files, snapshots_max=self._config.snapshots_max))
 
     def _answer(self, patience_s: float, since: str) -> FromSimulator:
-        """Return the next message of the process; raises Unavailable, with the process ended, if none comes."""
-        assert self._pipe is not None
+        """Return the next message of the process; raises Unavailable, with the process ended, if none comes.
+
+        What it waits for a core does not count: else many that come up at once kill each other for being slow, begin
+        anew and never come up.
+        """
+        assert self._pipe is not None and self._process is not None
+        pid, began_s = self._process.pid, self._clock.monotonic_s()
+        starved_before_s, passed_s, limit_s = starved_s(pid), 0.0, patience_s
         try:
-            if self._pipe.poll(patience_s):
-                return from_simulator(self._pipe)
+            while passed_s < limit_s:
+                if self._pipe.poll(limit_s - passed_s):
+                    return from_simulator(self._pipe)
+                passed_s = self._clock.monotonic_s() - began_s
+                limit_s = min(patience_s + starved_s(pid) - starved_before_s, STARVED_LIMIT * patience_s)
         except (EOFError, OSError) as fault:
             raise Unavailable(f"simulator process did not come up: {self.kill(has_died=True)}") from fault
         self.kill()
-        raise Unavailable(f"simulator process said nothing for {patience_s:.0f} s after {since}")
+        raise Unavailable(f"simulator process said nothing for {passed_s:.0f} s after {since}")
 
     def _end(self) -> None:
         """Let the process close its session and end by itself; kill what is left."""

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import subprocess
+import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -15,8 +17,8 @@ from saflite.contract.test_case import Scenario, Target, TestCase, identity
 from saflite.contract.work import FlyResult, FlyWork
 from saflite.evidence.memory import MemoryBlobs
 from saflite.runtime.clock import WallClock
-from saflite.simulator_worker import registry
-from saflite.simulator_worker.processes import children, kill_strays
+from saflite.simulator_worker import registry, sandbox
+from saflite.simulator_worker.processes import children, kill_strays, starved_s
 from saflite.simulator_worker.work import Flyer, open_service
 
 TARGET = Path(__file__).parents[3] / "scripts" / "soaking" / "soak.py"
@@ -110,6 +112,35 @@ def test_a_cancelled_flight_ends_and_the_process_lives_on(flyer: Flyer) -> None:
         _fly(flyer, SLOW, cancelled_after=2)
     assert children(os.getpid()) == before
     assert _fly(flyer, QUIET).flight.ending == "completed"
+
+
+def test_waiting_for_a_core_is_no_silence(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Many that came up at once on few cores were each killed after 30 s, for ever."""
+    flyer = open_service("fly-2", WallClock(), BLOBS, [TARGET])
+    monkeypatch.setattr(sandbox, "BRING_UP_S", 0.02)
+    result = _fly(flyer, QUIET)
+    assert result.flight.ending == "infra"
+    assert "said nothing" in result.flight.message
+    began_s = time.monotonic()
+    monkeypatch.setattr(sandbox, "STARVED_LIMIT", 10_000.0)
+    monkeypatch.setattr(sandbox, "starved_s", lambda pid: time.monotonic() - began_s)
+    assert _fly(flyer, QUIET).flight.ending == "completed"
+    flyer.close()
+
+
+def test_what_waits_for_a_core_is_seen() -> None:
+    core = min(os.sched_getaffinity(0))
+    spin = [sys.executable, "-c", f"import os; os.sched_setaffinity(0, {{{core}}})\nwhile True: pass"]
+    with subprocess.Popen(spin) as one, subprocess.Popen(spin) as other:
+        until_s = time.monotonic() + 60.0
+        while min(starved_s(one.pid), starved_s(other.pid)) < 0.2 and time.monotonic() < until_s:
+            time.sleep(0.05)
+        waited = starved_s(one.pid), starved_s(other.pid), starved_s(os.getpid())
+        one.kill()
+        other.kill()
+    assert min(waited[:2]) >= 0.2
+    assert waited[2] >= max(waited[:2])
+    assert starved_s(one.pid) == 0.0
 
 
 def test_targets_are_found_by_place_and_by_file() -> None:
