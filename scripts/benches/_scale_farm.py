@@ -146,7 +146,7 @@ def connected(run_dir: Path) -> Iterator[FarmClient]:
     """Connect to the farm that works in a run folder, once it is there."""
     until((run_dir / FARM_FILE).exists, "the farm", run_dir.parent)
     info = read_info(run_dir)
-    client = FarmClient.connect(info.endpoint, NAME, tries=30, insecure=info.insecure)
+    client = FarmClient.connect(info.endpoint, NAME, patience_s=60.0, insecure=info.insecure)
     try:
         yield client
     finally:

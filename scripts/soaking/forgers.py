@@ -80,7 +80,7 @@ class KeyedFarm:
     def client(self, name: str) -> ZenohBus:
         """Return a bus with the key of a name."""
         credentials = keyring.peer_credentials(self.keys / "peers" / name, self.clock.unix_s())
-        return open_client(name, self.endpoint, tries=3, keys=credentials)
+        return open_client(name, self.endpoint, patience_s=6.0, keys=credentials)
 
     def close(self) -> None:
         """End everything."""
@@ -208,7 +208,7 @@ def _is_let_in(farm: KeyedFarm, number: int) -> bool:
         (bundle / "ca.pem").write_bytes((farm.keys / "farm" / "ca.pem").read_bytes())
     try:
         credentials = keyring.peer_credentials(bundle, farm.clock.unix_s())
-        bus = open_client("alice", farm.endpoint, tries=1, keys=credentials)
+        bus = open_client("alice", farm.endpoint, patience_s=2.0, keys=credentials)
     except FarmError:
         return False
     bus.close()

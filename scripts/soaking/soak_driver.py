@@ -149,7 +149,9 @@ def _let_end(testbed: Testbed) -> bool:
         testbed.farm.poll()  # the last fault may have been the router's, and nobody else starts it again
         testbed.clock.sleep_s(0.2)
         try:
-            client = client or FarmClient.connect(testbed.endpoint, testbed.campaign.name, tries=1, insecure=True)
+            client = client or FarmClient.connect(
+                testbed.endpoint, testbed.campaign.name, patience_s=2.0, insecure=True
+            )
             status = client.status(within_s=0.5)
             if not ordered:
                 ordered = client.order("budget", number=status.flights + LAST_FLIGHTS, within_s=0.5).accepted

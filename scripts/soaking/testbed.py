@@ -137,7 +137,7 @@ class Watcher(threading.Thread):
     def run(self) -> None:
         """Watch until the campaign has ended."""
         try:
-            client = FarmClient.connect(self._endpoint, self._campaign, tries=None, insecure=True)
+            client = FarmClient.connect(self._endpoint, self._campaign, patience_s=None, insecure=True)
             for event in client.watch(1, patience_s=300.0):
                 self.events.append((self._clock.monotonic_s(), event))
             client.close()
@@ -161,7 +161,7 @@ class Prober(threading.Thread):
 
     def run(self) -> None:
         """Probe until told to end."""
-        client = FarmClient.connect(self._endpoint, self._campaign, tries=None, insecure=True)
+        client = FarmClient.connect(self._endpoint, self._campaign, patience_s=None, insecure=True)
         while not self.is_over:
             try:
                 self.last = client.status(within_s=0.1)

@@ -50,7 +50,7 @@ class Router(NamedTuple):
     def client(self, name: str) -> ZenohBus:
         """Return a bus with the key of a name."""
         credentials = keyring.peer_credentials(self.keys / "peers" / name, time.time())
-        return open_client(name, self.endpoint, tries=1, keys=credentials)
+        return open_client(name, self.endpoint, patience_s=2.0, keys=credentials)
 
 
 def _free_port() -> int:
@@ -143,7 +143,7 @@ def test_each_role_may_ask_what_its_row_says_and_nothing_else(router: Router, ro
 def test_no_role_speaks_under_another_name_or_outside_its_own_keys(router: Router, role: Role) -> None:
     credentials = keyring.peer_credentials(router.keys / "peers" / role, time.time())
     for other in (*(one for one in ROLES if one != role), ""):
-        bus = open_client(role, router.endpoint, tries=1, keys=credentials)
+        bus = open_client(role, router.endpoint, patience_s=2.0, keys=credentials)
         bus._peer = other  # what somebody with other software would send
         answers = _answers(bus, _asked_of(CAMPAIGN))
         bus.close()
@@ -303,7 +303,7 @@ def test_a_certificate_that_does_not_count_gets_nothing_and_is_told_why(
     good_at_s = time.time() - (2.5 * 86_400 if kind == "expired" else 0.0)  # else its own machine refuses it at once
     credentials = keyring.peer_credentials(bundle, good_at_s)
     with pytest.raises(Unavailable, match=words):
-        open_client("stranger", router.endpoint, tries=1, keys=credentials)
+        open_client("stranger", router.endpoint, patience_s=2.0, keys=credentials)
 
 
 def test_without_a_certificate_nobody_gets_in(router: Router) -> None:

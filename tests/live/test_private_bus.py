@@ -70,6 +70,6 @@ def test_a_router_takes_the_place_of_one_that_was_closed() -> None:
     with PrivateSocket() as socket:
         for _ in range(2):
             router = open_router("books", socket.endpoint)
-            client = open_client("worker", socket.endpoint, tries=3)
+            client = open_client("worker", socket.endpoint, patience_s=6.0)
             client.close()
             router.close()

@@ -74,7 +74,7 @@ def _follow(run_dir: Path, into: list[Event]) -> None:
     while not (run_dir / "farm.json").exists():
         time.sleep(0.02)
     info = read_info(run_dir)
-    client = FarmClient.connect(info.endpoint, info.campaign, tries=None)
+    client = FarmClient.connect(info.endpoint, info.campaign, patience_s=None)
     into.extend(client.watch(1))
     client.close()
 
@@ -136,7 +136,7 @@ def test_a_frozen_worker_is_noticed_within_four_seconds(tmp_path: Path) -> None:
     farm = LocalFarm("live", run_dir, roles(1), modules=[TARGET])
     farm.start()
     try:
-        client = FarmClient.connect(farm.endpoint, "live", tries=None)
+        client = FarmClient.connect(farm.endpoint, "live", patience_s=None)
         while not any(worker.stage == "fly" for worker in client.status().workers):
             time.sleep(0.05)
         os.kill(read_info(run_dir).processes["fly-1"], signal.SIGSTOP)

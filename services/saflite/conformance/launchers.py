@@ -156,7 +156,7 @@ def _meeting() -> Meeting:
 
 def _answers(meeting: Meeting) -> bool:
     try:
-        client = open_client("conformance", meeting.connect, tries=1, insecure=meeting.insecure)
+        client = open_client("conformance", meeting.connect, patience_s=2.0, insecure=meeting.insecure)
     except Unavailable:
         return False
     replies: queue.SimpleQueue[Happening] = queue.SimpleQueue()

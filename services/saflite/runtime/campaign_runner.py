@@ -279,7 +279,9 @@ def _follow(farm: LocalFarm, on_status: OnStatus | None, interrupted: list[str],
             if clock.monotonic_s() < next_s:
                 continue
             try:
-                client = client or FarmClient.connect(farm.endpoint, farm.campaign, tries=1, insecure=farm.insecure)
+                client = client or FarmClient.connect(
+                    farm.endpoint, farm.campaign, patience_s=2.0, insecure=farm.insecure
+                )
                 status = client.status(within_s=STATUS_PATIENCE_S)
             except Unavailable as fault:
                 log.info("%s", fault)

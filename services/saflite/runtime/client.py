@@ -93,7 +93,7 @@ class FarmClient:
         endpoint: str,
         campaign: str,
         *,
-        tries: int | None = 3,
+        patience_s: float | None = 6.0,
         insecure: bool = False,
         keys: Credentials | None = None,
     ) -> FarmClient:
@@ -105,7 +105,7 @@ class FarmClient:
         """
         from saflite.bus.zenoh import open_client
 
-        bus = open_client("console", endpoint, tries=tries, insecure=insecure, keys=keys)
+        bus = open_client("console", endpoint, patience_s=patience_s, insecure=insecure, keys=keys)
         if keys is not None and keys.peer is not None and not keys.peer.may(campaign):
             bus.close()
             raise Refused("--campaign", expected=f"one the key is for: {keys.peer.in_words()}", got=repr(campaign))

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import NoReturn, get_args
 
 from saflite.bus.keyring import REGISTER, farm_credentials, peer_credentials, read_register
-from saflite.bus.zenoh import OPEN_TRY_S, Gate, leave_process, open_client, open_router
+from saflite.bus.zenoh import Gate, leave_process, open_client, open_router
 from saflite.contract.errors import FarmError, Refused, Unavailable
 from saflite.contract.join import check_worker_name
 from saflite.contract.modules import use
@@ -141,10 +141,11 @@ def _worker(options: argparse.Namespace) -> int:
     use(options.module)
     clock = WallClock()
     name = check_worker_name(options.worker or options.role)
-    tries = max(1, round(options.patience / OPEN_TRY_S)) if options.patience else None
     try:
         keys = peer_credentials(options.keys, clock.unix_s()) if options.keys is not None else None
-        bus = open_client(name, options.connect, tries=tries, insecure=options.insecure, keys=keys)
+        bus = open_client(
+            name, options.connect, patience_s=options.patience or None, insecure=options.insecure, keys=keys
+        )
     except Unavailable as fault:
         log.error("%s", fault)
         return EXIT_UNANSWERED

@@ -172,8 +172,7 @@ def _tidy(group: Group, folder: Path, end: GroupEnd | None) -> None:
 
 
 def _campaign_at(endpoint: str, group: Group, keys: Credentials | None) -> str:
-    tries = max(1, round(group.patience_s / OPEN_TRY_S)) if group.patience_s else None
-    bus = open_client("worker", endpoint, tries=tries, insecure=group.insecure, keys=keys)
+    bus = open_client("worker", endpoint, patience_s=group.patience_s or None, insecure=group.insecure, keys=keys)
     try:
         found = campaigns(bus, WallClock(), group.patience_s)
         words = "" if found else bus.access()

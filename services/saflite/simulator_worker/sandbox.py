@@ -222,7 +222,8 @@ class Sandbox:
         What it waits for a core does not count: else many that come up at once kill each other for being slow, begin
         anew and never come up.
         """
-        assert self._pipe is not None and self._process is not None
+        assert self._pipe is not None
+        assert self._process is not None
         pid, began_s = self._process.pid, self._clock.monotonic_s()
         starved_before_s, passed_s, limit_s = starved_s(pid), 0.0, patience_s
         try:

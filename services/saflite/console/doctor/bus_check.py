@@ -20,7 +20,7 @@ def round_trip() -> float:
     asked: queue.SimpleQueue[Happening] = queue.SimpleQueue()
     answered: queue.SimpleQueue[Happening] = queue.SimpleQueue()
     router = open_router("doctor-router", socket.endpoint)
-    client = open_client("doctor", socket.endpoint, tries=3)
+    client = open_client("doctor", socket.endpoint, patience_s=6.0)
     try:
         router.serve("saflite/doctor", asked.put)
         began_s = clock.monotonic_s()
