@@ -1,14 +1,45 @@
-"""Why a router was not reached, in words: Zenoh itself says no more than that time is up."""
+"""How often to try to reach a router, and why it was not reached: Zenoh itself says no more than that time is up."""
 
 from __future__ import annotations
 
+import itertools
 import socket
 import ssl
+from collections.abc import Iterator
+from typing import NamedTuple
 
 from saflite.bus.endpoints import Endpoint
 from saflite.bus.keyring import CA, CERTIFICATE, KEY, Credentials
+from saflite.contract.rng import derive_seed
 
+TRY_FIRST_S, TRY_MAX_S = 2.0, 10.0
+PAUSE_FIRST_S, PAUSE_MAX_S = 1.0, 30.0
 PROBE_S = 2.0
+
+
+class Attempt(NamedTuple):
+    """One attempt to reach a router: how long it may take, and how long to pause after it."""
+
+    number: int
+    try_s: float
+    pause_s: float
+
+    @property
+    def worth_a_look(self) -> bool:
+        """Whether to connect once more to see why it failed: another link given up half way, so seldom."""
+        return self.number in (1, 4) or self.number % 16 == 0
+
+
+def attempts(name: str) -> Iterator[Attempt]:
+    """Yield attempts without end, each longer than the one before, with a pause after it that differs by name.
+
+    A router that accepts TLS links waits 0.1 s after each that was given up half way (Zenoh's issue 2685): hundreds
+    that come at once, give up after 2 s and come again shut each other out for ever.
+    """
+    for number in itertools.count(1):
+        longer = 2 ** min(number - 1, 10)
+        share = derive_seed(number, name) / 2**63
+        yield Attempt(number, min(TRY_FIRST_S * longer, TRY_MAX_S), share * min(PAUSE_FIRST_S * longer, PAUSE_MAX_S))
 
 
 def why_unreached(endpoint: Endpoint, keys: Credentials | None) -> str:

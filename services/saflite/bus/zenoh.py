@@ -22,18 +22,15 @@ from saflite.bus.base import Inbox, Presence, Reply, Sample, seal, unseal
 from saflite.bus.endpoints import check_endpoint
 from saflite.bus.keyring import Credentials, Register
 from saflite.bus.memory import HISTORY
-from saflite.bus.reach import why_unreached
+from saflite.bus.reach import TRY_FIRST_S, attempts, why_unreached
 from saflite.contract import topics
 from saflite.contract.errors import Unavailable
-from saflite.contract.rng import derive_seed
 from saflite.contract.wire import MESSAGE_BYTES_MAX
 
 log = logging.getLogger(__name__)
 
 LINK_LEASE_MS = 2000  # a frozen peer is noticed after about 0.75 of it; Zenoh's default of 10 s is too slow for us
 CLOSE_LIMIT_S = 3.0
-OPEN_TRY_S, OPEN_TRY_MAX_S = 2.0, 10.0  # how long one attempt to reach a router takes: the first, later ones
-PAUSE_FIRST_S, PAUSE_MAX_S = 0.5, 30.0  # at most, between attempts
 SESSIONS_MAX, OPENING_MAX = (
     4_000,
     1_000,
@@ -48,7 +45,7 @@ def config_of(mode: Literal["router", "client"], *endpoints: str) -> dict[str, A
         "mode": mode,
         "listen/endpoints": list(endpoints) if mode == "router" else [],
         "connect/endpoints": [] if mode == "router" else list(endpoints),
-        "connect/timeout_ms": round(1000 * OPEN_TRY_S),
+        "connect/timeout_ms": round(1000 * TRY_FIRST_S),
         "connect/exit_on_failure": True,
         "connect/retry": {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2},
         "scouting/multicast/enabled": False,
@@ -320,10 +317,6 @@ def open_client(
 ) -> ZenohBus:
     """Return a bus connected to the router at `endpoint`; tries for `patience_s`, or without end, and says so.
 
-    Each attempt waits longer than the one before, after a pause that differs by name: a router that accepts TLS links
-    waits 0.1 s after each that was given up half way (Zenoh's issue 2685), so hundreds that come at once, give up
-    after 2 s and come again shut each other out for ever.
-
     Raises:
         Refused: it needs keys, or others can reach the endpoint and `insecure` does not allow that.
         Unavailable: the router was not reached within `patience_s`.
@@ -332,28 +325,21 @@ def open_client(
     config = config_of("client", place.text)
     if keys is not None:
         config["transport/link/tls"] = keys.tls()
-    attempt, spent_s = 0, 0.0
-    while True:
-        try_s = min(OPEN_TRY_S * 2**attempt, OPEN_TRY_MAX_S)
-        config["connect/timeout_ms"] = round(1000 * try_s)
-        attempt, spent_s = attempt + 1, spent_s + try_s
+    spent_s = 0.0
+    for attempt in attempts(name):
+        config["connect/timeout_ms"] = round(1000 * attempt.try_s)
+        spent_s += attempt.try_s
         try:
             return ZenohBus(name, _open(config), peer=keys.peer.name if keys is not None and keys.peer else "")
         except zenoh.ZError as fault:
             over = patience_s is not None and spent_s >= patience_s
-            why = (why_unreached(place, keys) if over or _worth_a_look(attempt) else "") or _words(fault)
+            why = (why_unreached(place, keys) if over or attempt.worth_a_look else "") or _words(fault)
             if over:
-                raise Unavailable(f"no router at {endpoint} (tried {attempt} times): {why}") from fault
-            log.warning("no router at %s yet (try %d), trying on: %s", endpoint, attempt, why)
-            share = derive_seed(attempt, name) / 2**63  # of its own for each name: they come again one after the other
-            pause_s = share * min(PAUSE_FIRST_S * 2**attempt, PAUSE_MAX_S)
-            threading.Event().wait(pause_s)
-            spent_s += pause_s
-
-
-def _worth_a_look(attempt: int) -> bool:
-    """Return whether to connect once more to see why this attempt failed: another link given up half way, so seldom."""
-    return attempt in (1, 4) or attempt % 16 == 0
+                raise Unavailable(f"no router at {endpoint} (tried {attempt.number} times): {why}") from fault
+            log.warning("no router at %s yet (try %d), trying on: %s", endpoint, attempt.number, why)
+            threading.Event().wait(attempt.pause_s)
+            spent_s += attempt.pause_s
+    raise AssertionError("attempts do not end")
 
 
 @contextmanager

@@ -19,7 +19,7 @@ from saflite.bus.access import STAGE_OF, Peer, speaks_for
 from saflite.bus.base import Bus, Happening, Presence
 from saflite.bus.endpoints import check_endpoint
 from saflite.bus.keyring import Credentials, peer_credentials
-from saflite.bus.zenoh import OPEN_TRY_S, open_client
+from saflite.bus.zenoh import open_client
 from saflite.contract import topics
 from saflite.contract.clock import Clock
 from saflite.contract.errors import Refused, Unavailable
@@ -36,6 +36,7 @@ from saflite.runtime.supervisor import GaveUp, Supervisor
 
 log = logging.getLogger(__name__)
 
+LOOK_S = 2.0
 OTHERS_S = 0.5  # after the first farm was found, others at the endpoint have this long to show
 FAILURES_MAX = 3  # workers that cannot work here this often in a row end the group
 
@@ -193,7 +194,7 @@ def campaigns(bus: Bus, clock: Clock, patience_s: float) -> Sequence[str]:
     until_s = clock.monotonic_s() + patience_s if patience_s else float("inf")
     while (left_s := until_s - clock.monotonic_s()) > 0:
         try:
-            happening = inbox.get(timeout=min(left_s, OPEN_TRY_S))
+            happening = inbox.get(timeout=min(left_s, LOOK_S))
         except queue.Empty:
             continue
         if isinstance(happening, Presence):

@@ -287,5 +287,5 @@ def test_a_scorer_that_starts_anew_is_told_the_latest_outcomes_without_tracks(
 def test_a_grant_never_outgrows_a_message(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     driver = started(tmp_path / "run", 60)
     driver.do("mutate")
-    monkeypatch.setattr("saflite.campaign.engine.state.GRANT_MAX_BYTES", 15_000)
+    monkeypatch.setattr("saflite.campaign.scheduling.work_messages.GRANT_MAX_BYTES", 15_000)
     assert len(driver.ask("score", leases_max=9)) == 2

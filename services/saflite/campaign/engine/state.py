@@ -46,7 +46,7 @@ from saflite.campaign.scheduling.rounds import Rounds
 from saflite.campaign.scheduling.selection import Expected, Rules, select
 from saflite.campaign.scheduling.tasks import Task
 from saflite.campaign.scheduling.work_keys import JudgeKey, RecordKey, WorkKey, read_key
-from saflite.campaign.scheduling.work_messages import GRANT_MAX_BYTES, WorkMessages, receipt_for, weight_bytes
+from saflite.campaign.scheduling.work_messages import WorkMessages, in_one_message, receipt_for
 from saflite.contract.blobs import BlobRef
 from saflite.contract.config import Campaign
 from saflite.contract.control import Answer, Control, Status
@@ -193,15 +193,8 @@ class Books:
             return Grant(stop=True)
         if not self._core.tasks.waiting_count(ask.stage):
             return Grant()
-        leases: list[Lease] = []
-        size_bytes = 0
-        for task in self._dispatch.choose(ask, min(ask.leases_max, GRANTS_MAX), now):
-            lent = self._lend(task, ask, now)
-            leases += lent
-            size_bytes += sum(weight_bytes(lease.work) for lease in lent)
-            if size_bytes > GRANT_MAX_BYTES:
-                break
-        return Grant(leases=tuple(leases))
+        chosen = self._dispatch.choose(ask, min(ask.leases_max, GRANTS_MAX), now)
+        return Grant(leases=tuple(in_one_message(lease for task in chosen for lease in self._lend(task, ask, now))))
 
     def _lend(self, task: Task, ask: Ask, now: float) -> list[Lease]:
         try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import msgspec
@@ -19,6 +20,7 @@ from saflite.contract.rng import derive_seed
 from saflite.contract.work import (
     FlyWork,
     JudgeWork,
+    Lease,
     MutateWork,
     Outcome,
     Receipt,
@@ -224,9 +226,14 @@ def _whole_rounds(outcomes: tuple[Outcome, ...], count: int) -> tuple[Outcome, .
     return whole or tuple(outcome for outcome in outcomes if outcome.round == outcomes[0].round)
 
 
-def weight_bytes(work: Work) -> int:
-    """Return how large work is as a message: one grant stays far below what a message may be."""
-    return len(wire.encode(work))
+def in_one_message(leases: Iterator[Lease]) -> Iterator[Lease]:
+    """Yield leases until there is enough for a message: one grant stays far below what a message may be."""
+    size_bytes = 0
+    for lease in leases:
+        yield lease
+        size_bytes += len(wire.encode(lease.work))
+        if size_bytes > GRANT_MAX_BYTES:
+            return
 
 
 def _candidates(search: SearchConfig, flights: int) -> int:
