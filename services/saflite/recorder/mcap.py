@@ -37,7 +37,7 @@ PLOT_RATE_HZ = 5.0
 """At most, of everything else: every sample is in the trace attached."""
 CALM = frozenset({"/settings", "/failsafe", "/autopilot", "/sensors"})
 """Topics of what holds still for long."""
-STEADY_S, CALM_S = 1.0, 5.0
+STEADY_S, CALM_S = 2.0, 10.0
 """A topic speaks at least this often, a calm one."""
 GRID = np.float32(1024)
 """Places drawn are whole parts of this of a metre: numbers that pack well."""

@@ -100,7 +100,7 @@ def test_what_is_recorded_is_read_back_bit_for_bit(work: RecordWork, data: bytes
     assert back.test_case == work.test_case
     assert back.flight == work.flight
     assert trace_digest(back.trace) == work.flight.trace_digest
-    assert recording.verify(path) == sum(1 for _ in make_reader(io.BytesIO(data)).iter_messages()) > 50
+    assert recording.verify(path) == sum(1 for _ in make_reader(io.BytesIO(data)).iter_messages()) > 30
 
 
 def test_an_independent_decoder_reads_the_well_known_schemas(data: bytes) -> None:
