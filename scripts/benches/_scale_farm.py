@@ -23,7 +23,7 @@ from saflite.simulator_worker.targets import reference
 NAME = "bench-scale"
 BUILD = "5" * 64
 PORT = 7447
-START_S = 600.0
+START_S = 1200.0
 BUDGET_WITHOUT_END = 1_000_000
 SLEEPER = f'''
 """A simulator that sleeps, as one that flies in real time does."""
