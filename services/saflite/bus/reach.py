@@ -30,7 +30,7 @@ class Attempt(NamedTuple):
         return self.number in (1, 4) or self.number % 16 == 0
 
 
-def attempts(name: str) -> Iterator[Attempt]:
+def attempts(name: str, first_s: float) -> Iterator[Attempt]:
     """Yield attempts without end, each longer than the one before, with a pause after it that differs by name.
 
     A router that accepts TLS links waits 0.1 s after each that was given up half way (Zenoh's issue 2685): hundreds
@@ -39,7 +39,7 @@ def attempts(name: str) -> Iterator[Attempt]:
     for number in itertools.count(1):
         longer = 2 ** min(number - 1, 10)
         share = derive_seed(number, name) / 2**63
-        yield Attempt(number, min(TRY_FIRST_S * longer, TRY_MAX_S), share * min(PAUSE_FIRST_S * longer, PAUSE_MAX_S))
+        yield Attempt(number, min(first_s * longer, TRY_MAX_S), share * min(PAUSE_FIRST_S * longer, PAUSE_MAX_S))
 
 
 def why_unreached(endpoint: Endpoint, keys: Credentials | None) -> str:

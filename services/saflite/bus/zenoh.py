@@ -22,7 +22,7 @@ from saflite.bus.base import Inbox, Presence, Reply, Sample, seal, unseal
 from saflite.bus.endpoints import check_endpoint
 from saflite.bus.keyring import Credentials, Register
 from saflite.bus.memory import HISTORY
-from saflite.bus.reach import TRY_FIRST_S, attempts, why_unreached
+from saflite.bus.reach import TRY_FIRST_S, TRY_MAX_S, attempts, why_unreached
 from saflite.contract import topics
 from saflite.contract.errors import Unavailable
 from saflite.contract.wire import MESSAGE_BYTES_MAX
@@ -325,14 +325,15 @@ def open_client(
     config = config_of("client", place.text)
     if keys is not None:
         config["transport/link/tls"] = keys.tls()
-    spent_s = 0.0
-    for attempt in attempts(name):
-        config["connect/timeout_ms"] = round(1000 * attempt.try_s)
-        spent_s += attempt.try_s
+    spent_s, limit_s = 0.0, float("inf") if patience_s is None else patience_s
+    for attempt in attempts(name, TRY_FIRST_S if keys is None else TRY_MAX_S):
+        try_s = min(attempt.try_s, limit_s)
+        config["connect/timeout_ms"] = round(1000 * try_s)
+        spent_s += try_s
         try:
             return ZenohBus(name, _open(config), peer=keys.peer.name if keys is not None and keys.peer else "")
         except zenoh.ZError as fault:
-            over = patience_s is not None and spent_s >= patience_s
+            over = spent_s >= limit_s
             why = (why_unreached(place, keys) if over or attempt.worth_a_look else "") or _words(fault)
             if over:
                 raise Unavailable(f"no router at {endpoint} (tried {attempt.number} times): {why}") from fault

@@ -15,11 +15,12 @@ import sys
 import threading
 import traceback
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 from typing import NoReturn, get_args
 
 from saflite.bus.keyring import REGISTER, farm_credentials, peer_credentials, read_register
-from saflite.bus.zenoh import Gate, leave_process, open_client, open_router
+from saflite.bus.zenoh import Gate, ZenohBus, leave_process, open_client, open_router
 from saflite.contract.errors import FarmError, Refused, Unavailable
 from saflite.contract.join import check_worker_name
 from saflite.contract.modules import use
@@ -32,6 +33,7 @@ from saflite.runtime.software import card_of
 from saflite.runtime.spool import Spool
 from saflite.runtime.stages import ServiceContext, open_stage, worker_config
 from saflite.runtime.supervisor import CENTRE
+from saflite.runtime.turns import in_turn
 from saflite.runtime.worker_shell import WorkerShell
 from saflite.simulator_worker.processes import die_with_parent
 
@@ -142,10 +144,7 @@ def _worker(options: argparse.Namespace) -> int:
     clock = WallClock()
     name = check_worker_name(options.worker or options.role)
     try:
-        keys = peer_credentials(options.keys, clock.unix_s()) if options.keys is not None else None
-        bus = open_client(
-            name, options.connect, patience_s=options.patience or None, insecure=options.insecure, keys=keys
-        )
+        bus = _client(name, options, clock)
     except Unavailable as fault:
         log.error("%s", fault)
         return EXIT_UNANSWERED
@@ -165,6 +164,15 @@ def _worker(options: argparse.Namespace) -> int:
     service.close()
     log.log(logging.INFO if left.left_for == "done" else logging.ERROR, "%s", left.why)
     return {"done": EXIT_FINE, "refused": EXIT_REFUSED, "unanswered": EXIT_UNANSWERED}[left.left_for]
+
+
+def _client(name: str, options: argparse.Namespace, clock: WallClock) -> ZenohBus:
+    """Connect; with keys, one worker of a group after the other: see `bus/reach.py` for what many at once do."""
+    keys = peer_credentials(options.keys, clock.unix_s()) if options.keys is not None else None
+    with in_turn(options.spool.parent) if keys is not None and options.spool is not None else nullcontext():
+        return open_client(
+            name, options.connect, patience_s=options.patience or None, insecure=options.insecure, keys=keys
+        )
 
 
 def _gate(options: argparse.Namespace, clock: WallClock) -> Gate | None:

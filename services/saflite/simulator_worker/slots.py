@@ -3,7 +3,8 @@
 A slot is a lock file in a folder of this user's. The lock is held by the worker and by its simulator process, so the
 kernel frees it when both are gone, however they went. Its ports lie below those the kernel hands out by itself (32768
 and up); they are claimed by a name that belongs to the network, as ports do, so that no other slot of this host has
-them, whichever folder or user it is of.
+them, whichever folder or user it is of. Whoever claims all those names takes ports away from the slots, as he could by
+binding the ports themselves, and no more: what needs none flies on.
 """
 
 from __future__ import annotations
@@ -56,33 +57,38 @@ class HeldSlot:
         except BaseException:
             os.close(lock)
             raise
-        self.info = SlotInfo(index=index, folder=str(_folder(root, index)), first_port=first_port, ports=PORTS_EACH)
+        ports = PORTS_EACH if self._claim is not None else 0
+        self.info = SlotInfo(index=index, folder=str(_folder(root, index)), first_port=first_port, ports=ports)
         self.empty()
 
     @property
-    def files(self) -> tuple[int, int]:
+    def files(self) -> tuple[int, ...]:
         """Descriptors that hold the slot for whoever has them open."""
-        return self._lock, self._claim.fileno()
+        return (self._lock,) if self._claim is None else (self._lock, self._claim.fileno())
 
     def empty(self) -> None:
         """Leave nothing of earlier flights; raises Unavailable if the disk does not let us."""
         folder = Path(self.info.folder)
         shutil.rmtree(folder, ignore_errors=True)
-        for path in outside(self.info.first_port):
+        for path in self._outside():
             path.unlink(missing_ok=True)
         try:
             folder.mkdir(mode=0o700)
         except OSError as fault:
             raise Unavailable(f"folder of slot {self.info.index}: {fault}") from fault
 
+    def _outside(self) -> tuple[Path, ...]:
+        return outside(self.info.first_port) if self.info.ports else ()
+
     def release(self) -> None:
         """Give the slot back and leave no file behind; may be called twice."""
         if self._lock >= 0:
-            for path in outside(self.info.first_port):
+            for path in self._outside():
                 path.unlink(missing_ok=True)
             _remove(self._root, self.info.index)
             os.close(self._lock)
-            self._claim.close()
+            if self._claim is not None:
+                self._claim.close()
             self._lock = -1
         with suppress(OSError):  # others may have slots there
             self._root.rmdir()
@@ -119,14 +125,14 @@ def _sweep(root: Path, own: int) -> None:
                 path.unlink(missing_ok=True)
 
 
-def _claimed(index: int) -> tuple[int, socket.socket]:
-    """Return the first of the ports of a slot, and what claims them; raises Unavailable where none are free."""
+def _claimed(index: int) -> tuple[int, socket.socket | None]:
+    """Return the first of the ports of a slot, and what claims them; (0, None) where others have all."""
     for number in (index, *range(SLOTS_MAX)):
         first_port = PORTS_FIRST + number * PORTS_EACH
         claim = _claim(first_port)
         if claim is not None:
             return first_port, claim
-    raise Unavailable(f"all ports from {PORTS_FIRST} on are claimed by other slots of this host")
+    return 0, None
 
 
 def _claim(first_port: int) -> socket.socket | None:

@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 import os
+import socket
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any, cast
 
 import pytest
 
 from saflite.contract.errors import Unavailable
 from saflite.flight.autopilots.external.place import outside
+from saflite.runtime.clock import WallClock
 from saflite.simulator_worker import slots
 from saflite.simulator_worker.slots import take_slot
+from saflite.simulator_worker.targets._external import ExternalTarget
 
 HOLDER = """
 import sys
 from pathlib import Path
 from saflite.simulator_worker.slots import take_slot
+from saflite.simulator_worker.targets._external import ExternalTarget
 held = take_slot(Path(sys.argv[1]))
 Path(held.info.folder, "log").write_text("x")
 print(held.info.index, held.info.first_port, flush=True)
@@ -59,6 +64,29 @@ def test_slots_of_different_folders_share_no_port(tmp_path: Path, monkeypatch: p
     assert again.info.first_port == first_port
     again.release()
     other.release()
+
+
+def test_who_claims_all_ports_of_the_host_stops_only_what_needs_some(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Any local user can; all simulators of all farms then failed to start."""
+    monkeypatch.setattr(slots, "PORTS_FIRST", slots.PORTS_FIRST + 2 * slots.SLOTS_MAX * slots.PORTS_EACH)
+    monkeypatch.setattr(slots, "SLOTS_MAX", 3)
+    theirs = [socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) for _ in range(3)]
+    for number, claim in enumerate(theirs):
+        claim.bind(f"\0saflite-ports-{slots.PORTS_FIRST + number * slots.PORTS_EACH}")
+    held = [take_slot(tmp_path / "slots") for _ in range(3)]
+    assert [one.info.ports for one in held] == [0, 0, 0]
+    assert len({one.info.folder for one in held}) == 3
+    slot = held[0].info.slot(WallClock())
+    with pytest.raises(Unavailable, match="have claimed all"):
+        ExternalTarget(cast(Any, None)).open(slot)
+    for one in held:
+        one.release()
+    theirs[1].close()
+    one = take_slot(tmp_path / "slots")
+    assert (one.info.first_port, one.info.ports) == (slots.PORTS_FIRST + slots.PORTS_EACH, slots.PORTS_EACH)
+    one.release()
 
 
 def test_what_a_killed_autopilot_left_outside_its_folder_is_cleared_away(tmp_path: Path) -> None:

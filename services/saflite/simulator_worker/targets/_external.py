@@ -49,6 +49,7 @@ class ExternalTarget(NamedTuple):
 
     def open(self, slot: Slot) -> ExternalSession:
         """Return a session; raises Unavailable where there is no binary or this machine lacks something."""
+        _check_ports(slot.ports)
         made = ExternalSession if self.adapter.held is None else ForkingExternalSession
         return made(slot, self.adapter, *self.binary())
 
@@ -83,9 +84,15 @@ class ExternalTarget(NamedTuple):
         info = held.info
         try:
             ports = range(info.first_port, info.first_port + info.ports)
+            _check_ports(ports)
             return self.adapter.ask(binary, Place(Path(info.folder), ports))
         finally:
             held.release()
+
+
+def _check_ports(ports: range) -> None:
+    if not ports:
+        raise Unavailable("no ports: others on this host have claimed all those that simulators may have")
 
 
 class ExternalSession:
