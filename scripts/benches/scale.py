@@ -15,6 +15,7 @@ import os
 import tempfile
 import time
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -39,15 +40,21 @@ def cell(workers: int, node_count: int, link: str, seconds: float, think_s: floa
         run_dir = new_run(folder / "run", campaign_of(workers))
         opened.enter_context(Farm(run_dir, module, link, keys, folder / "farm.log").on())
         client = opened.enter_context(connected(run_dir))
-        for number, node in enumerate(spread):
+        up = 0
+        for number, node in enumerate(spread):  # one after the other: nodes with cores of their own would not starve
             share = workers // node_count + (number < workers % node_count)
             group = Group(folder, f"{link}/{FARM_IP}", share, module, keys, number)
             opened.enter_context(group.on(node.prefix))
-        until(lambda: flying(client.status()) >= workers, f"{workers} workers", folder)
+            up += share
+            until(partial(_flying_are, client, up), f"{up} workers", folder)
         time.sleep(2 * think_s)
         return {"workers": workers, "nodes": node_count, "link": link, "think_s": think_s} | _measured(
             client, run_dir, seconds, workers / think_s
         )
+
+
+def _flying_are(client: FarmClient, count: int) -> bool:
+    return flying(client.status()) >= count
 
 
 def _measured(client: FarmClient, run_dir: Path, seconds: float, ideal_per_s: float) -> dict[str, Any]:
