@@ -14,6 +14,7 @@ from external_flights import Given, StandIn, answers, case, ends, nothing_left, 
 from msgspec.structs import replace
 
 from saflite.contract.errors import Refused, Unavailable
+from saflite.contract.signals import grid
 from saflite.contract.target import Slot
 from saflite.contract.test_case import Obstacle, Scenario, StartState, Target, TestCase, Wind
 from saflite.flight.autopilots.ardupilot.adapter import ADAPTER as ARDUPILOT
@@ -152,7 +153,7 @@ def test_px4_hovers_on_its_own_physics_and_takes_what_it_is_given(own_px4: Stand
     assert trace.samples == 101
     assert np.abs(trace.array("altitude_m") - 5.0).max() < 0.5
     assert np.ptp(trace.array("altitude_m")) > 0.0
-    assert trace.array("yaw_deg")[-1] == pytest.approx(np.degrees(0.2), abs=1e-3)
+    assert trace.array("yaw_deg")[-1] == pytest.approx(np.degrees(0.2), abs=0.5 / grid("yaw_deg"))
     assert (trace.array("fence_action_set")[0], trace.array("fence_action_set")[-1]) == (4.0, 1.0)
     assert trace.array("armed").min() == 1.0
     rc1 = trace.array("rc1_pwm")

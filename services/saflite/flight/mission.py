@@ -26,6 +26,7 @@ MISSIONS_DIR = Path(__file__).parent / "missions"
 WaypointKind = Literal["takeoff", "waypoint", "land", "return"]
 
 _KINDS: dict[int, WaypointKind] = {16: "waypoint", 19: "waypoint", 82: "waypoint", 22: "takeoff", 21: "land"}
+_PLACES_BESIDE: dict[int, WaypointKind] = {17: "waypoint", 18: "waypoint", 84: "takeoff", 85: "land"}
 _RETURN, _HOLD_S_FIRST = 20, {16, 19}
 _NOT_FLOWN = {17: "loiter for ever", 18: "loiter turns", 84: "VTOL take-off", 85: "VTOL landing", 177: "jump"}
 _FRAME_ABSOLUTE, _FRAME_RELATIVE = {0, 5}, {3, 6, 10, 11}
@@ -228,41 +229,56 @@ def to_geographic(x_m: float, y_m: float, home_lat_deg: float, home_lon_deg: flo
 
 
 def waypoints(mission: Mission) -> tuple[Waypoint, ...]:
-    """Return the places the mission flies to, in order, metres from home.
+    """Return the places the mission flies to, in order, metres from home, where there is nothing else to it.
 
     Items without a place (camera, speed, gimbal, ...) are left out; a missing position means "where the last one
-    was". Raises Refused for items that cannot be flown here (jumps, turns, VTOL) and for unknown altitude frames.
+    was". Raises Refused for items that are more than a place (jumps, turns, VTOL) and for unknown altitude frames.
     """
-    places: list[Waypoint] = []
-    x_m, y_m, z_m = 0.0, 0.0, 0.0
     for index, item in enumerate(mission.items):
         where = f"mission {mission.name}, item {index}"
         if item.command in _NOT_FLOWN:
             expected = "take-off, way-point, land or return"
             raise Refused("mission item", where=where, expected=expected, got=_NOT_FLOWN[item.command])
+        if item.command in _KINDS and item.params[6] is not None:
+            _check_frame(item.frame, where)
+    places = places_of(mission)
+    if not places:
+        raise Refused("mission", where=mission.name, expected="at least one place to fly to", got="none")
+    return places
+
+
+def only_places(mission: Mission) -> bool:
+    """Return whether there is nothing to a mission but places to fly to, in order: `waypoints` takes it."""
+    try:
+        return bool(waypoints(mission))
+    except Refused:
+        return False
+
+
+def places_of(mission: Mission) -> tuple[Waypoint, ...]:
+    """Return the places of any mission, to draw it or to tell of it: once each, however often a jump leads there."""
+    places: list[Waypoint] = []
+    x_m, y_m, z_m = 0.0, 0.0, 0.0
+    for item in mission.items:
         if item.command == _RETURN:
             x_m, y_m = 0.0, 0.0
             places.append(Waypoint("return", x_m, y_m, 0.0))
             continue
-        kind = _KINDS.get(item.command)
+        kind = (_KINDS | _PLACES_BESIDE).get(item.command)
         if kind is None:
             continue
         hold_s, lat, lon, alt = item.params[0], item.params[4], item.params[5], item.params[6]
         if lat and lon:
             x_m, y_m = to_local(lat, lon, mission.home_lat_deg, mission.home_lon_deg)
-        z_m = z_m if alt is None else _height(alt, item.frame, mission.home_alt_m, where)
+        if alt is not None:
+            z_m = alt - mission.home_alt_m if item.frame in _FRAME_ABSOLUTE else alt
         places.append(Waypoint(kind, x_m, y_m, z_m, (hold_s or 0.0) if item.command in _HOLD_S_FIRST else 0.0))
-    if not places:
-        raise Refused("mission", where=mission.name, expected="at least one place to fly to", got="none")
     return tuple(places)
 
 
-def _height(alt_m: float, frame: int, home_alt_m: float, where: str) -> float:
-    if frame in _FRAME_RELATIVE:
-        return alt_m
-    if frame in _FRAME_ABSOLUTE:
-        return alt_m - home_alt_m
-    raise Refused("altitude frame", where=where, expected="0 (absolute) or 3 (relative)", got=frame)
+def _check_frame(frame: int, where: str) -> None:
+    if frame not in _FRAME_RELATIVE | _FRAME_ABSOLUTE:
+        raise Refused("altitude frame", where=where, expected="0 (absolute) or 3 (relative)", got=frame)
 
 
 # ---- built-in missions --------------------------------------------------------------------------------------------

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from saflite.contract.test_case import Obstacle, Scenario
 from saflite.flight.geometry import boxes_array, distances_to_boxes
-from saflite.flight.mission import waypoints
+from saflite.flight.mission import places_of
 
 REACHED_M = 3.0
 """A way-point counts as reached from the first moment it is so near in the plane."""
@@ -46,7 +46,7 @@ def passing_of(scenario: Scenario, track: Points, row: int, closest: Points) -> 
 def _leg(scenario: Scenario, track: Points) -> tuple[int, tuple[float, float]]:
     """Return the leg flown at the end of a track, from 1, and its direction; without a mission the track's own."""
     start, leg, row = (0.0, 0.0), 1, 0
-    places = waypoints(scenario.mission) if scenario.mission is not None else ()
+    places = places_of(scenario.mission) if scenario.mission is not None else ()
     for place in places:
         goal = place.x_m, place.y_m
         if math.dist(start, goal) <= REACHED_M:

@@ -28,7 +28,7 @@ from saflite.contract.flight import Trace, given, unpack_trace
 from saflite.contract.test_case import TestCase
 from saflite.contract.verdict import Verdict, worst
 from saflite.contract.work import RecordWork
-from saflite.flight.mission import to_geographic, waypoints
+from saflite.flight.mission import places_of, to_geographic
 from saflite.recorder import frames, scalars, scene
 
 RATE_HZ = 10.0
@@ -195,7 +195,7 @@ def _geometry(work: RecordWork, trace: Trace, at: NDArray[np.intp], start_ns: in
 
 def _mission(test_case: TestCase) -> list[scene.Place]:
     mission = test_case.scenario.mission
-    return [(0.0, 0.0, 0.0), *((p.x_m, p.y_m, p.z_m) for p in waypoints(mission))] if mission is not None else []
+    return [(0.0, 0.0, 0.0), *((p.x_m, p.y_m, p.z_m) for p in places_of(mission))] if mission is not None else []
 
 
 def _motion(

@@ -10,15 +10,24 @@ from saflite.contract.test_case import Mission
 from saflite.flight.mission import dump_plan
 from saflite.recorder.files import write_file
 
+NAME_BYTES_MAX = 200
+"""Of the 255 that file systems take, so that a digest and what marks a file half written have room."""
+
 
 def write_plan(mission: Mission, folder: Path, name: str = "") -> Path:
     """Write the mission as `folder/name` (`<its name>.plan` if none is given); returns the file.
 
-    Where another mission stands under that name, this one gets its digest into its own.
+    Where another mission stands under that name, this one gets its digest into its own. A name comes with the test
+    case, from whoever wrote it: one that no file should have gives way to the digest.
     """
     text = dump_plan(mission)
-    path = folder / Path(name or f"{mission.name}.plan").name
+    wanted = Path(name or f"{mission.name}.plan").name
+    path = folder / (wanted if _names_a_file(wanted) else f"mission-{short_id(text.encode())}.plan")
     if path.exists() and read_text(path, "mission plan") != text:
         path = path.with_stem(f"{path.stem}-{short_id(text.encode())}")
     write_file(path, text)
     return path
+
+
+def _names_a_file(name: str) -> bool:
+    return name.isprintable() and not name.startswith(".") and 0 < len(name.encode()) <= NAME_BYTES_MAX

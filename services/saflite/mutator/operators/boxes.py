@@ -12,7 +12,7 @@ import numpy as np
 
 from saflite.contract.test_case import Mission, Obstacle
 from saflite.flight.geometry import Area, SizeLimits, gap, inside, overlap, point_distance
-from saflite.flight.mission import Waypoint, waypoints
+from saflite.flight.mission import Waypoint, places_of
 
 Rng = np.random.Generator
 Attribute = Literal["rotation_deg", "x_m", "y_m", "length_m", "width_m"]
@@ -35,7 +35,7 @@ class Rules(NamedTuple):
 
 def places_to_keep_clear(mission: Mission) -> tuple[tuple[float, float], ...]:
     """Return where the mission takes off, turns and lands, (x_m, y_m)."""
-    return tuple((place.x_m, place.y_m) for place in waypoints(mission))
+    return tuple((place.x_m, place.y_m) for place in places_of(mission))
 
 
 def allowed(box: Obstacle, others: Iterable[Obstacle], rules: Rules) -> bool:

@@ -19,7 +19,7 @@ from saflite.flight.geometry import (
     SizeLimits,
     gap,
 )
-from saflite.flight.mission import waypoints
+from saflite.flight.mission import places_of
 from saflite.mutator.operators import boxes
 from saflite.mutator.operators.boxes import Rng, Rules
 from saflite.mutator.strategy import Chosen, Option, Options
@@ -106,7 +106,7 @@ def astride(rng: Rng, mission: Mission, sizes: Sizes, rules: Rules, gate: Gate) 
     The idea of the 2025 competition's placement heuristics: the first box close to the path, the second 8 to 16 m
     from it, so that the vehicle is tempted to fly between them.
     """
-    legs = boxes.legs_in_area(waypoints(mission), rules.area)
+    legs = boxes.legs_in_area(places_of(mission), rules.area)
     if not legs:
         return None
     for _ in range(gate.tries):

@@ -9,7 +9,7 @@ from itertools import pairwise
 from saflite.contract.test_case import Mission, Obstacle
 from saflite.contract.work import Outcome
 from saflite.flight.geometry import Area, point_distance
-from saflite.flight.mission import waypoints
+from saflite.flight.mission import places_of
 
 Point = tuple[float, float]
 Track = tuple[Point, ...]
@@ -24,7 +24,7 @@ def flown(outcome: Outcome) -> Track:
 
 def planned(mission: Mission) -> Track:
     """Return the straight way from take-off through the way-points, about as dense as a flight is told."""
-    corners = [(0.0, 0.0), *((place.x_m, place.y_m) for place in waypoints(mission))]
+    corners = [(0.0, 0.0), *((place.x_m, place.y_m) for place in places_of(mission))]
     points = [corners[0]]
     whole_m = sum(math.dist(start, end) for start, end in pairwise(corners))
     step_m = max(STEP_M, whole_m / POINTS_MAX)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from saflite.contract.test_case import Mission, Scenario, Stimulus, TestCase
 from saflite.flight.geometry import boxes_array, distances_to_boxes
-from saflite.flight.mission import Waypoint, waypoints
+from saflite.flight.mission import Waypoint, places_of
 from saflite.flight.planner.gap import box_gaps
 
 BOXES_MAX = 4
@@ -39,7 +39,7 @@ def has_layout(test_case: TestCase) -> bool:
 
 def path_points(mission: Mission) -> Array:
     """Return the straight way through the way-points, shape (points, 3) m, about half a metre apart; read-only."""
-    return _path(waypoints(mission))
+    return _path(places_of(mission))
 
 
 @lru_cache(maxsize=64)
@@ -63,7 +63,7 @@ def features(test_cases: Sequence[TestCase]) -> Array:
     for place, case in enumerate(test_cases):
         vectors[place, LAYOUT_FEATURES:] = stimulus_features(case.stimuli)
         if case.scenario.mission is not None and case.scenario.obstacles:
-            key = (waypoints(case.scenario.mission), len(case.scenario.obstacles))
+            key = (places_of(case.scenario.mission), len(case.scenario.obstacles))
             by_way.setdefault(key, []).append(place)
     for (way, _), places in by_way.items():
         scenarios = [test_cases[place].scenario for place in places]

@@ -6,7 +6,7 @@ import math
 import re
 
 from saflite.contract.test_case import Mission, Obstacle, Scenario, Stimulus, TestCase, identity
-from saflite.flight.mission import waypoints
+from saflite.flight.mission import places_of
 from saflite.scorer_pool.geometry_score import look
 from saflite.scorer_pool.learning.features import has_layout
 from saflite.scorer_pool.relevance.knowledge import table
@@ -100,7 +100,7 @@ def mission_text(mission: Mission) -> str:
     """Return the way of the mission in local metres, on one line."""
     places = [
         f"{place.kind} ({number(place.x_m)}, {number(place.y_m)}) at {number(place.z_m)} m"
-        for place in waypoints(mission)
+        for place in places_of(mission)
     ]
     return " -> ".join(["start (0, 0)", *places])
 

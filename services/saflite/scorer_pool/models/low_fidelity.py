@@ -20,7 +20,7 @@ from saflite.contract.score import SCORE_MAX
 from saflite.contract.service import Cancelled
 from saflite.contract.test_case import Obstacle, TestCase, draw_key, identity
 from saflite.flight.geometry import boxes_array, distances_to_boxes
-from saflite.flight.mission import Waypoint, waypoints
+from saflite.flight.mission import Waypoint, only_places, waypoints
 from saflite.flight.passing import passing_of
 from saflite.flight.planner.kinematic import KinematicFlight, KinematicSettings, fly_kinematic
 from saflite.flight.planner.settings import VehicleSettings
@@ -90,7 +90,9 @@ class Model:
             return ModelScore(MIDDLE, "no mission among obstacles: nothing to fly cheaply")
         seen = look(test_case.scenario)
         if seen.score < WORTH_FLYING:
-            return _unflown(seen)
+            return _unflown(seen, f"looks safe (narrowest passage {seen.gap_m:.1f} m)")
+        if test_case.scenario.mission is not None and not only_places(test_case.scenario.mission):
+            return _unflown(seen, "cheap flights know way-points only, no turns, jumps or VTOL")
         if job.cancelled():
             return ModelScore(MIDDLE, "cancelled")
         name = identity(test_case)
@@ -166,5 +168,5 @@ def _danger(distance_m: float) -> float:
     return (1.0 - DEPTH_SHARE * (1.0 - depth)) / (1.0 + math.exp(min(30.0, (distance_m - SAFE_M) / SLOPE_M)))
 
 
-def _unflown(seen: Look) -> ModelScore:
-    return ModelScore(seen.score, f"looks safe (narrowest passage {seen.gap_m:.1f} m); not flown")
+def _unflown(seen: Look, why: str) -> ModelScore:
+    return ModelScore(seen.score, f"{why}; not flown")

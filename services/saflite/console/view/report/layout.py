@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from saflite.console.view.report.svg import Point, label, nice_step, points, tag
 from saflite.contract.test_case import Obstacle, TestCase
 from saflite.flight.geometry import COMPETITION_AREA, boxes_array, corner_points, distances_to_boxes
-from saflite.flight.mission import waypoints
+from saflite.flight.mission import places_of
 
 SAFE_M = 1.5
 WIDTH_PX, HEIGHT_MAX_PX, MARGIN_M = 560.0, 460.0, 4.0
@@ -48,7 +48,7 @@ def picture(test_case: TestCase, track: NDArray[np.float64]) -> str:
     """
     boxes = test_case.scenario.obstacles
     mission = test_case.scenario.mission
-    places = [(0.0, 0.0), *((p.x_m, p.y_m) for p in waypoints(mission))] if mission is not None else [(0.0, 0.0)]
+    places = [(0.0, 0.0), *((p.x_m, p.y_m) for p in places_of(mission))] if mission is not None else [(0.0, 0.0)]
     view = _view(boxes, places, track)
     parts = [_grid(view)]
     if boxes:
