@@ -45,6 +45,7 @@ MOTION = ("x_m", "y_m", "altitude_m", "roll_deg", "pitch_deg", "yaw_deg")
 _LEVELS = {"info": Log.INFO, "warning": Log.WARNING, "error": Log.ERROR}
 _NS = 1_000_000_000
 FLIGHT_MAX_S = 1e8
+START_MAX_S = 1.6e10  # MCAP counts nanoseconds since 1970 in 64 bits, which end in 2554; clocks say anything
 
 
 class _Message(NamedTuple):
@@ -65,7 +66,7 @@ def write(work: RecordWork, packed: bytes, start_unix_s: float) -> bytes:
         Refused: the trace is damaged.
     """
     trace = unpack_trace(packed)
-    start_ns = int(start_unix_s * _NS)
+    start_ns = int(min(max(0.0, start_unix_s), START_MAX_S) * _NS)
     buffer = io.BytesIO()
     writer = Writer(buffer, compression=CompressionType.ZSTD, enable_data_crcs=True)
     writer.start(profile="", library="saflite-farm")

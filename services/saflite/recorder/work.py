@@ -36,7 +36,7 @@ class Recorder:
         flight = work.flight
         if flight.trace is None:
             raise Refused("flight", expected="one with a trace", got=flight.ending)
-        began_s = max(0.0, self._clock.unix_s() - max(flight.simulated_s, flight.wall_s))  # a worker may tell anything
+        began_s = self._clock.unix_s() - max(flight.simulated_s, flight.wall_s)
         blob = self._blobs.put(mcap.write(work, self._blobs.get(flight.trace), began_s))
         return RecordResult(test_case=flight.test_case, flight_index=flight.flight_index, blob=blob)
 

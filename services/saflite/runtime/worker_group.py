@@ -27,7 +27,7 @@ from saflite.contract.ids import short_id
 from saflite.contract.join import check_worker_name
 from saflite.contract.names import is_name
 from saflite.contract.work import Stage
-from saflite.runtime.campaign_runner import POLL_S, interrupts
+from saflite.runtime.campaign_runner import interrupts
 from saflite.runtime.clock import WallClock
 from saflite.runtime.launchers.base import Condition, Meeting, RoleSpec, RoleState
 from saflite.runtime.launchers.local import LocalLauncher
@@ -38,6 +38,7 @@ log = logging.getLogger(__name__)
 
 LOOK_S = 2.0
 OTHERS_S = 0.5  # after the first farm was found, others at the endpoint have this long to show
+POLL_S = 0.25
 FAILURES_MAX = 3  # workers that cannot work here this often in a row end the group
 
 Say = Callable[[str], None]

@@ -267,6 +267,11 @@ def test_a_flight_said_to_have_lasted_for_ages_begins_at_the_beginning_of_time()
     assert isinstance(result, RecordResult)
 
 
+@pytest.mark.parametrize("start_unix_s", [-60.0, 1e11, math.inf])
+def test_a_clock_that_is_far_off_does_not_cost_the_recording(start_unix_s: float) -> None:
+    assert recording_samples(mcap.write(*record_work(1.0), start_unix_s)) == 50
+
+
 def test_a_recording_that_lists_one_attachment_again_and_again_is_refused(tmp_path: Path) -> None:
     buffer = io.BytesIO()
     writer = Writer(buffer, enable_data_crcs=True)
