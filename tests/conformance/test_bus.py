@@ -6,6 +6,7 @@ import queue
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -65,7 +66,10 @@ def test_a_bus_that_forgets_is_found_out() -> None:
             stand.books.announce = lambda key, payload: None  # type: ignore[method-assign]
             yield stand
 
-    assert {one.check for one in findings(check_bus(forgetful))} == {"late_followers_are_given_the_past_in_order"}
+    assert {one.check for one in findings(check_bus(forgetful))} == {
+        "late_followers_are_given_the_past_in_order",
+        "a_new_link_carries_all_on",
+    }
 
 
 @pytest.mark.live
@@ -84,6 +88,36 @@ def test_a_killed_process_is_noticed_at_once_and_its_asker_told() -> None:
         assert stand.take(answers) == Reply("tag", None)
         assert not stand.take(seen).present
         assert time.monotonic() - began_s < 2
+
+
+@pytest.mark.live
+def test_who_connects_anew_hears_that_what_it_asked_before_gets_no_answer() -> None:
+    with zenoh() as stand:
+        answers, served = (queue.SimpleQueue[Any]() for _ in range(2))
+        stand.books.serve("farm/slow", served.put)
+        stand.worker.ask("farm/slow", b"", "tag", answers.put, 60.0)
+        request = stand.take(served)
+        stand.worker.renew()
+        assert stand.take(answers) == Reply("tag", None)
+        request.reply(b"nobody waits for this any more")
+        stand.worker.close()
+        stand.worker.renew()  # neither left open nor a trouble
+
+
+@pytest.mark.live
+def test_where_no_new_link_can_be_had_the_old_one_stays() -> None:
+    from saflite.bus.zenoh import open_client, open_router
+
+    with PrivateSocket() as first:
+        books, worker = open_router("books", first.endpoint), open_client("worker", first.endpoint)
+        answers, served = (queue.SimpleQueue[Any]() for _ in range(2))
+        books.serve("farm/work", served.put)
+        Path(first.endpoint.partition("/")[2]).unlink()
+        worker.renew()
+        worker.ask("farm/work", b"still", "tag", answers.put, 5.0)
+        assert served.get(timeout=5).payload == b"still"
+        worker.close()
+        books.close()
 
 
 @pytest.mark.parametrize(

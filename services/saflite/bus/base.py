@@ -115,6 +115,13 @@ class Bus(Protocol):
         """Let tokens matching `pattern` arrive as `Presence`, those already there first."""
         ...
 
+    def renew(self) -> None:
+        """Connect anew and declare again what was; where that fails, all stays as it is. May be called from any thread.
+
+        For who is not answered any more: a link can look alive and carry nothing (Zenoh's issue 2806).
+        """
+        ...
+
     def close(self) -> None:
         """Leave; tokens vanish at once. Never hangs for longer than 3 s."""
         ...

@@ -213,6 +213,9 @@ class MemoryBus:
         """Return the inboxes of this participant that watch `key`."""
         return [self._mine(inbox) for pattern, inbox in self._watched if matches(pattern, key)]
 
+    def renew(self) -> None:
+        """See `Bus.renew`: nothing is connected here."""
+
     def close(self) -> None:
         """See `Bus.close`."""
         tokens, self._tokens = self._tokens, []

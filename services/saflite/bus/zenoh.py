@@ -12,6 +12,7 @@ import os
 import threading
 from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from typing import Any, Literal, NamedTuple, NoReturn
 
 import zenoh
@@ -31,10 +32,7 @@ log = logging.getLogger(__name__)
 
 LINK_LEASE_MS = 2000  # a frozen peer is noticed after about 0.75 of it; Zenoh's default of 10 s is too slow for us
 CLOSE_LIMIT_S = 3.0
-SESSIONS_MAX, OPENING_MAX = (
-    4_000,
-    1_000,
-)  # of a router; Zenoh's own 1,000 and 100 are less than workers may join at once
+SESSIONS_MAX, OPENING_MAX = 4_000, 1_000  # of a router; Zenoh's own 1,000 and 100 are less than may join at once
 ACCESS_S = 2.0
 HEARTBEAT_S = 0.5  # how often an announcer says how far it is, so that followers notice a lost last fact
 
@@ -126,21 +124,31 @@ class ZenohBus:
     """One participant's end of the bus: a Zenoh session and what it declared.
 
     `peer` is the name its certificate proves, empty without one. A router that `admits` such participants serves their
-    keys beside its own.
+    keys beside its own. `connect` opens another session like this one; a router has none.
     """
 
-    def __init__(self, name: str, session: zenoh.Session, *, peer: str = "", admits: bool = False) -> None:
+    def __init__(
+        self,
+        name: str,
+        session: zenoh.Session,
+        *,
+        peer: str = "",
+        admits: bool = False,
+        connect: Callable[[], zenoh.Session] | None = None,
+    ) -> None:
         self.name, self._peer, self._admits = name, peer, admits
-        self._session = session
+        self._session, self._connect = session, connect
+        self._changing, self._closed = threading.Lock(), False
         self._announcers: dict[str, Any] = {}
         self._tellers: dict[str, Any] = {}
+        self._declarations: list[Callable[[zenoh.Session], Any]] = []
         self._declared: list[Any] = []
 
     def serve(self, pattern: str, inbox: Inbox) -> None:
         """See `Bus.serve`."""
         handler = _direct(lambda query: inbox(ZenohRequest(query, self.name)))
         for served in (pattern, f"{BY}/*/{pattern}") if self._admits else (pattern,):
-            self._declared.append(self._session.declare_queryable(served, handler, complete=True))
+            self._declare(partial(_queryable, served, handler))
 
     def ask(
         self,
@@ -185,7 +193,7 @@ class ZenohBus:
             query.reply(str(query.key_expr), words.encode())
             query.drop()  # type: ignore[no-untyped-call]
 
-        self._declared.append(self._session.declare_queryable(f"{BY}/*/{ACCESS_KEY}", _direct(tell), complete=True))
+        self._declare(partial(_queryable, f"{BY}/*/{ACCESS_KEY}", _direct(tell)))
 
     def access(self) -> str:
         """Return in words what this participant may do, empty where nobody says."""
@@ -224,9 +232,9 @@ class ZenohBus:
             if not unseal(key, _attached(sample), payload)[1]:
                 inbox(Sample(key, payload))
 
-        self._declared.append(
-            ext.declare_advanced_subscriber(
-                self._session,
+        self._declare(
+            lambda session: ext.declare_advanced_subscriber(
+                session,
                 pattern,
                 _direct(on_sample),
                 history=ext.HistoryConfig(detect_late_publishers=True, max_samples=HISTORY),
@@ -236,22 +244,53 @@ class ZenohBus:
 
     def appear(self, key: str) -> None:
         """See `Bus.appear`."""
-        self._declared.append(self._session.liveliness().declare_token(key))
+        self._declare(lambda session: session.liveliness().declare_token(key))
 
     def watch(self, pattern: str, inbox: Inbox) -> None:
         """See `Bus.watch`."""
         handler = _direct(
             lambda sample: inbox(Presence(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)),
         )
-        self._declared.append(self._session.liveliness().declare_subscriber(pattern, handler, history=True))
+        self._declare(lambda session: session.liveliness().declare_subscriber(pattern, handler, history=True))
+
+    def renew(self) -> None:
+        """See `Bus.renew`. The old session goes first, so that who watches its tokens sees them come last."""
+        if self._connect is None or not self._changing.acquire(blocking=False):
+            return
+        try:
+            session = self._connect()
+            old, self._session = self._session, session
+            _close(old)
+            self._announcers.clear()
+            self._tellers.clear()
+            self._declared = [declare(session) for declare in self._declarations]
+            if self._closed:
+                _close(session)
+        except zenoh.ZError as fault:
+            log.warning("no new link to the router: %s", _words(fault))
+        finally:
+            self._changing.release()
 
     def close(self) -> None:
         """See `Bus.close`."""
-        closer = threading.Thread(target=self._session.close, daemon=True)
-        closer.start()
-        closer.join(CLOSE_LIMIT_S)
-        if closer.is_alive():
-            log.warning("zenoh session did not close within %.0f s; left behind", CLOSE_LIMIT_S)
+        self._closed = True
+        _close(self._session)
+
+    def _declare(self, declare: Callable[[zenoh.Session], Any]) -> None:
+        self._declarations.append(declare)
+        self._declared.append(declare(self._session))
+
+
+def _queryable(pattern: str, handler: Any, session: zenoh.Session) -> Any:
+    return session.declare_queryable(pattern, handler, complete=True)
+
+
+def _close(session: zenoh.Session) -> None:
+    closer = threading.Thread(target=session.close, daemon=True)
+    closer.start()
+    closer.join(CLOSE_LIMIT_S)
+    if closer.is_alive():
+        log.warning("zenoh session did not close within %.0f s; left behind", CLOSE_LIMIT_S)
 
 
 def _attached(message: zenoh.Query | zenoh.Sample) -> bytes | None:
@@ -331,7 +370,8 @@ def open_client(
         config["connect/timeout_ms"] = round(1000 * try_s)
         spent_s += try_s
         try:
-            return ZenohBus(name, _open(config), peer=keys.peer.name if keys is not None and keys.peer else "")
+            peer = keys.peer.name if keys is not None and keys.peer else ""
+            return ZenohBus(name, _open(config), peer=peer, connect=partial(_open, config))
         except zenoh.ZError as fault:
             over = spent_s >= limit_s
             why = (why_unreached(place, keys) if over or attempt.worth_a_look else "") or _words(fault)

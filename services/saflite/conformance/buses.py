@@ -52,6 +52,7 @@ def check_bus(open_stand: OpenStand) -> tuple[Check, ...]:
         late_followers_are_given_the_past_in_order,
         what_nobody_follows_is_not_made,
         tokens_appear_and_vanish,
+        a_new_link_carries_all_on,
         big_messages_pass,
     )
     return tuple(Check(promise.__name__, partial(_kept, promise, open_stand)) for promise in promises)
@@ -155,6 +156,22 @@ def tokens_appear_and_vanish(stand: Stand) -> Iterator[str]:
     yield from _equal("new token", stand.take(seen), Presence("farm/alive/fly/worker", True))
     early.close()
     yield from _equal("token of who left", stand.take(seen), Presence("farm/alive/fly/early", False))
+
+
+def a_new_link_carries_all_on(stand: Stand) -> Iterator[str]:
+    """Who connects anew serves, follows and is seen as before, and is answered."""
+    facts, served, seen, answers = (queue.SimpleQueue[Any]() for _ in range(4))
+    stand.worker.follow("farm/event/*", facts.put)
+    stand.worker.serve("farm/mine/*", served.put)
+    stand.worker.appear("farm/alive/fly/worker")
+    stand.worker.renew()
+    yield from _equal("payload of a question", _asked(stand)[0].payload, b"question")
+    stand.connect("late").watch("farm/alive/**", seen.put)
+    yield from _equal("token", stand.take(seen), Presence("farm/alive/fly/worker", True))
+    stand.books.announce("farm/event/flown", b"new")
+    yield from _equal("fact", stand.take(facts), Sample("farm/event/flown", b"new"))
+    stand.books.ask("farm/mine/state", b"how", "tag", answers.put, LONG_S)
+    yield from _equal("question to it", stand.take(served).payload, b"how")
 
 
 def big_messages_pass(stand: Stand) -> Iterator[str]:

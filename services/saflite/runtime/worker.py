@@ -12,6 +12,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from saflite.contract.join import Joined
+from saflite.contract.rng import derive_seed
 from saflite.contract.work import (
     Ask,
     Failure,
@@ -44,6 +45,7 @@ from saflite.runtime.worker_events import (
     LeftFor,
     Ordered,
     Received,
+    Renew,
     SendAsk,
     SendBeat,
     SendJoin,
@@ -69,6 +71,7 @@ __all__ = [
     "LeftFor",
     "Ordered",
     "Received",
+    "Renew",
     "SendAsk",
     "SendBeat",
     "SendJoin",
@@ -83,6 +86,8 @@ JOIN_TIMEOUT_S = 5.0
 IDLE_BEAT_S = 3.0
 BEATS_PER_LEASE = 5  # a lease outlives the loss of four heartbeats in a row
 REPORT_TIMEOUT_S = 10.0
+DEAF_FIRST_S, DEAF_MAX_S = 20.0, 320.0  # unanswered for so long, or up to twice, it connects anew; then less often
+STOOD_STILL_S = 5.0  # its shell ticks each second
 ASK_MARGIN_S = 5.0  # how much longer than the long poll an answer may take
 RETRY_FIRST_S, RETRY_MAX_S = 0.1, 2.0
 REFUSALS_MAX = 3
@@ -125,7 +130,9 @@ class Worker:
         self.draining = False
         self._left_for: LeftFor = "done"
         self._joining = Joining(now_s)
-        self._heard_s = now_s
+        self._heard_s = self._renewed_s = now_s
+        self._share = 1.0 + derive_seed(0, config.worker) / 2**63  # so that hundreds do not come at once
+        self._deaf_s = DEAF_FIRST_S
         self._waiting: list[Lease] = []
         self._running: dict[Key, Lease] = {}
         self._cancelled: set[Key] = set()
@@ -167,7 +174,7 @@ class Worker:
 
     def next_s(self) -> float:
         """Return when a `Tick` is wanted at the latest."""
-        times = [self._leave_s, self._joining.next_s(), self._impatient_s()]
+        times = [self._leave_s, self._joining.next_s(), self._impatient_s(), self._renew_s()]
         if self.is_in and not self._asking and self._wanted() > 0:
             times.append(self._ask_s)
         if self.is_in and not self._beating:
@@ -305,6 +312,9 @@ class Worker:
             out.append(Begin(lease))
         if now_s >= self._impatient_s():
             self._stop(f"nobody has answered for {now_s - self._heard_s:.0f} s", now_s, out, "unanswered")
+        if now_s >= self._renew_s():
+            self._renewed_s, self._deaf_s = now_s, min(2 * self._deaf_s, DEAF_MAX_S)
+            out.append(Renew())
         if self._joining.due(now_s):
             out.append(SendJoin(JOIN_TIMEOUT_S))
         wanted = self._wanted()
@@ -326,6 +336,11 @@ class Worker:
     def _impatient_s(self) -> float:
         patient = not self.config.patience_s or self.stopping
         return float("inf") if patient else self._heard_s + self.config.patience_s
+
+    def _renew_s(self) -> float:
+        if self._heard_s > self._renewed_s:
+            self._deaf_s = DEAF_FIRST_S
+        return max(self._heard_s, self._renewed_s) + self._share * self._deaf_s
 
     def _wanted(self) -> int:
         if self.stopping or self.draining or len(self._pending) > REPORTS_WAITING_MAX:
@@ -366,6 +381,8 @@ class Worker:
 
     def _account(self, now_s: float) -> None:
         passed_s, self._seen_s = now_s - self._seen_s, now_s
+        if passed_s > STOOD_STILL_S:  # answers may lie ready: it has not listened
+            self._renewed_s = now_s
         if self._running:
             self._busy_s += passed_s
         else:

@@ -110,6 +110,10 @@ class SendReport(NamedTuple):
     timeout_s: float
 
 
+class Renew(NamedTuple):
+    """Connect to the bus anew: nobody has answered for a while, though the link may look alive."""
+
+
 class Begin(NamedTuple):
     """Start the work of a lease."""
 
@@ -141,4 +145,4 @@ class Leave(NamedTuple):
     left_for: LeftFor = "done"
 
 
-Instruction = SendJoin | SendAsk | SendBeat | SendReport | Begin | Cancel | Keep | Forget | Leave
+Instruction = Renew | SendJoin | SendAsk | SendBeat | SendReport | Begin | Cancel | Keep | Forget | Leave

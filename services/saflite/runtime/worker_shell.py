@@ -162,6 +162,9 @@ class WorkerShell:
             self._keep(instruction)
         elif isinstance(instruction, machine.Forget):
             self._spool.forget(*instruction.key)
+        elif isinstance(instruction, machine.Renew):
+            log.warning("nobody has answered for a while: connecting anew")
+            threading.Thread(target=self._bus.renew, name="renew", daemon=True).start()
         else:
             self._left = instruction
 

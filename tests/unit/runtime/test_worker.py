@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import pytest
 
 from saflite.contract.join import Joined
@@ -46,11 +48,10 @@ def test_first_joins_and_asks_and_beats_only_once_it_is_in() -> None:
 
 def test_joining_is_tried_until_somebody_answers() -> None:
     worker, now_s, tries = Worker(WorkerConfig("fly-1", "fly"), 0.0), 0.0, 0
-    for _ in range(20):
+    while tries < 20:
         tries += len(_of(w.SendJoin, worker.handle(w.Tick(), now_s)))
         assert _of(w.SendAsk, worker.handle(w.Answered(None), now_s)) == []
         now_s = worker.next_s()
-    assert tries == 20
     assert 20.0 < now_s < 20 * 2.1
 
 
@@ -98,6 +99,30 @@ def test_any_answer_renews_the_patience() -> None:
     worker.handle(w.Ordered(Orders()), 8.5)
     assert not _of(w.Leave, worker.handle(w.Tick(), 13.0))
     assert _of(w.Leave, worker.handle(w.Tick(), 13.6))
+
+
+def test_whom_nobody_answers_connects_anew_ever_less_often() -> None:
+    worker, now_s, renewed = _worker(), 0.0, []
+    while now_s < 1_000.0:
+        now_s = min(worker.next_s(), now_s + 1.0)
+        out = worker.handle(w.Tick(), now_s)
+        if _of(w.SendBeat, out):
+            worker.handle(w.Ordered(None), now_s)
+        if _of(w.Renew, out):
+            renewed.append(round(now_s))
+    pauses_s = [after - before for before, after in pairwise([0, *renewed])]
+    assert 20 <= pauses_s[0] <= 40
+    assert [round(pause_s / pauses_s[0]) for pause_s in pauses_s] == [1, 2, 4, 8, 16][: len(pauses_s)]
+    worker.handle(w.Ordered(Orders()), now_s)
+    assert not _of(w.Renew, [*worker.handle(w.Tick(), now_s + 4.0), *worker.handle(w.Tick(), now_s + 8.0)])
+
+
+def test_who_stood_still_listens_before_it_connects_anew() -> None:
+    worker = _worker()
+    assert not _of(w.Renew, worker.handle(w.Tick(), 60.0))
+    for now_s in range(61, 80):
+        assert not _of(w.Renew, worker.handle(w.Tick(), float(now_s)))
+    assert _of(w.Renew, [out for now_s in range(80, 101) for out in worker.handle(w.Tick(), float(now_s))])
 
 
 def test_an_idle_worker_asks_for_one_lease_and_for_the_next_while_busy() -> None:
