@@ -8,8 +8,10 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
+import numpy as np
+
 RESULTS = Path(__file__).parent / "results"
-TRACE_KB = 100.0  # a packed trace of a flight of about a minute
+TRACE_KB = 45.0  # a packed trace a minute of flight: the median of seven of `policy-all`, 26 November 2026
 SIMULATORS = (10, 100, 1_000, 10_000)
 PACES = (("in real time, 60 s a flight", 60.0), ("on the reference, 1.3 s a flight", 1.3))
 
@@ -29,17 +31,20 @@ def _rows(name: str) -> list[Row]:
 
 
 def _cells(cells: list[Row]) -> Iterator[str]:
-    yield "| workers | nodes | link | cells | efficiency | books, cores | books, ms a flight | events a flight | load |"
-    yield "|---|---|---|---|---|---|---|---|---|"
-    for workers, link in sorted({(row["workers"], row["link"]) for row in cells}):
-        of = [row for row in cells if (row["workers"], row["link"]) == (workers, link)]
+    yield (
+        "| workers | nodes | link | a flight, s | machine | cells | efficiency | books, cores | books, ms a flight "
+        "| events a flight | load |"
+    )
+    yield "|---|---|---|---|---|---|---|---|---|---|---|"
+    for workers, link, machine in sorted({_kind(row) for row in cells}, key=lambda kind: (kind[2], *kind[:2])):
+        of = [row for row in cells if _kind(row) == (workers, link, machine)]
         efficiency = _spread([100 * row["efficiency"] for row in of], "{:.1f} %")
         cost = _spread([row["books_ms_per_flight"] for row in of], "{:.1f}")
         cores, events = median(row["books_core_share"] for row in of), median(row["events_per_flight"] for row in of)
         load = _spread([row["load_1min"] for row in of], "{:.0f}")
         yield (
-            f"| {workers} | {of[0]['nodes']} | {link} | {len(of)} | {efficiency} | {cores:.2f} | {cost} | {events:.1f} "
-            f"| {load} |"
+            f"| {workers} | {of[0]['nodes']} | {link} | {of[0]['think_s']:.0f} | {machine} | {len(of)} | {efficiency} "
+            f"| {cores:.2f} | {cost} | {events:.1f} | {load} |"
         )
     yield ""
     for workers in sorted({row["workers"] for row in cells}):
@@ -47,6 +52,11 @@ def _cells(cells: list[Row]) -> Iterator[str]:
         if ratios:
             cost = _spread([100 * (ratio - 1) for ratio in ratios], "{:+.0f} %")
             yield f"mTLS over plain TCP, time of the books a flight, pairs in turns at {workers} workers: {cost}."
+
+
+def _kind(row: Row) -> tuple[int, str, str]:
+    """Return workers, link, and what else the machine did: rows from before that was noted had other work beside."""
+    return row["workers"], row["link"], row.get("machine", "shared")
 
 
 def _overheads(cells: list[Row]) -> list[float]:
@@ -74,17 +84,25 @@ def _outages(outages: list[Row]) -> Iterator[str]:
 
 
 def _saturation(cells: list[Row], journal_kb: float) -> Iterator[str]:
-    """Extrapolate the cells with most workers: what costs a flight there costs each."""
-    most = max(row["workers"] for row in cells)
-    core_ms = median(row["books_ms_per_flight"] for row in cells if (row["workers"], row["link"]) == (most, "tls"))
-    yield f"Core time of the books {core_ms:.1f} ms a flight ({most} workers, mTLS); journal {journal_kb:.1f} KB, trace"
-    yield f"{TRACE_KB:.0f} KB a flight."
+    """Extrapolate what a flight and what a worker that is there cost the books, on the idle machine with keys."""
+    with_keys = [row for row in cells if row.get("machine") == "idle" and row["link"] == "tls"]
+    worker_s, flight_s = _costs(with_keys)
+    yield f"Core time of the books: {1e3 * flight_s:.1f} ms a flight and {1e3 * worker_s:.2f} ms a second for each"
+    yield f"worker that is there (mTLS, least squares over {len(with_keys)} cells); journal {journal_kb:.1f} KB"
+    yield f"a flight, trace {TRACE_KB:.0f} KB a minute of flight."
     yield ""
     yield "| simulators | pace | flights a second | cores of the books | journal, GB a day | traces on the bus, MB/s |"
     yield "|---|---|---|---|---|---|"
-    for pace, flight_s in PACES:
+    for pace, pace_s in PACES:
         for count in SIMULATORS:
-            rate = count / flight_s
+            rate = count / pace_s
             journal = rate * journal_kb * 86_400 / 1e6
-            share, traces = rate * core_ms / 1e3, rate * TRACE_KB / 1e3
+            share, traces = rate * flight_s + count * worker_s, rate * TRACE_KB / 1e3
             yield f"| {count:,} | {pace} | {rate:,.1f} | {share:,.2f} | {journal:,.1f} | {traces:,.1f} |"
+
+
+def _costs(cells: list[Row]) -> tuple[float, float]:
+    """Return the books' core time for a worker and second (heartbeats, polls) and for a flight, seconds."""
+    causes = np.array([[row["workers"], row["flights"] / row["seconds"]] for row in cells])
+    (worker, flight), *_ = np.linalg.lstsq(causes, np.array([row["books_core_share"] for row in cells]), rcond=None)
+    return float(worker), float(flight)
