@@ -17,6 +17,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, NoReturn
 
+from saflite.console.io.arguments import plain_number, plain_whole
 from saflite.console.view import out
 from saflite.contract.errors import Refused, Unavailable
 
@@ -33,7 +34,12 @@ _ORDER = ("run", "resume", "replay", "watch", "report", "list")
 
 
 class _Parser(argparse.ArgumentParser):
-    """Says what is wrong with the arguments in one line instead of a page."""
+    """Says what is wrong with the arguments in one line instead of a page; numbers are plain ones."""
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self.register("type", int, plain_whole)
+        self.register("type", float, plain_number)
 
     def error(self, message: str) -> NoReturn:
         """Raise Refused where argparse would print its usage."""

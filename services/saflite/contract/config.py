@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import sys
+from pathlib import Path
 from typing import Any, Literal
 
 import msgspec
@@ -137,7 +138,7 @@ def parse_campaign(text: str, where: str) -> Campaign:
 
 RANGES: dict[str, tuple[float, float]] = {
     "budget_flights": (1, 10**8),
-    "rng_seed": (-(2**63), 2**63 - 1),
+    "rng_seed": (0, 2**63 - 1),
     "keep_mb": (1, 10**8),
     "time_limit_s": (0.1, 86_400),
     "wind.mean_mps": (0, 100),
@@ -206,3 +207,16 @@ def set_environment(name: str, value: str) -> None:
 def environment(name: str, default: str = "") -> str:
     """Return an environment variable; the only reader of the environment."""
     return os.environ.get(name, default)
+
+
+def cache_root() -> Path:
+    """Return the folder of what this user's tools keep: `SAFLITE_CACHE`, or one in the home.
+
+    Who has no home (a container's unknown user) is given the one that Debian gives such users: nothing lies there,
+    nothing can be written there, and what needs it says so.
+    """
+    given = environment("SAFLITE_CACHE")
+    try:
+        return Path(given) if given else Path.home() / ".cache" / "saflite"
+    except RuntimeError:
+        return Path("/nonexistent/.cache/saflite")

@@ -38,8 +38,9 @@ def test_openai_label_needs_model_and_address(argument: str) -> None:
 def test_prices_are_two_numbers_or_none() -> None:
     assert prices("0.15,0.60").cost_usd(1_000_000, 2_000_000) == pytest.approx(1.35)
     assert prices("").cost_usd(1_000_000, 1_000_000) == 0.0
-    with pytest.raises(Refused):
-        prices("cheap")
+    for text in ("cheap", "nan,0", "0,inf", "-1,0", "1e9,0", "1,2,3", "0.15"):
+        with pytest.raises(Refused, match="SAFLITE_PRICES"):
+            prices(text)
 
 
 class Scripted(OpenAIChat):

@@ -25,7 +25,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("new", metavar="BUILD_B", help="the build in question")
     parser.add_argument("--campaign", required=True, metavar="NAME", help="built-in campaign or .toml file")
     parser.add_argument("--budget", type=int, metavar="N", help="first flights of each search")
-    parser.add_argument("--rng-seed", type=int, metavar="N", help="start of every random draw of both")
+    parser.add_argument("--rng-seed", type=arguments.rng_seed, metavar="N", help="start of every random draw of both")
     parser.add_argument("--workers", type=int, metavar="N", help="simulator workers (one per core)")
     parser.add_argument("--times", type=int, default=5, metavar="N", help="flights of each find on each build (5)")
     parser.add_argument("--confidence", type=float, default=0.95, metavar="P", help="asked of what is new (0.95)")

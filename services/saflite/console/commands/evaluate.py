@@ -14,7 +14,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from saflite.console.io import outputs
+from saflite.console.io import arguments, outputs
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -35,9 +35,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     bugs.add_argument(
         "--words", choices=("paper", "policy", "none"), default="paper", help="what the model is told of the policy"
     )
-    bugs.add_argument("--rng-seed", type=int, default=1, help="random seed of the values")
+    bugs.add_argument("--rng-seed", type=arguments.rng_seed, default=1, help="random seed of the values")
     for kind in (logs, bugs):
-        kind.add_argument("--deadline", type=float, default=120.0, metavar="S", help="for one answer")
+        kind.add_argument("--deadline", type=arguments.deadline_s, default=120.0, metavar="S", help="for one answer")
         kind.add_argument("--plot", type=Path, metavar="FILE.svg", help="draw the result")
         outputs.add_force(kind)
         kind.add_argument("--json", action="store_true", help="print as JSON")

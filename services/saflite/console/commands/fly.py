@@ -31,7 +31,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--policy", action="append", default=[], help="policy to judge by (may be repeated)")
     arguments.add_target_settings(parser)
     parser.add_argument("--parameter", action="append", default=[], metavar="NAME=NUMBER", help="set before take-off")
-    parser.add_argument("--rng-seed", type=int, help="random seed of noise and gusts")
+    parser.add_argument("--rng-seed", type=arguments.rng_seed, help="random seed of noise and gusts")
     arguments.add_wall_limit(parser)
     arguments.add_modules(parser)
     parser.add_argument("--out", type=Path, help="write a recording (.mcap)")

@@ -26,7 +26,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     arguments.add_modules(parser)
     parser.add_argument("--count", type=int, default=5, help="how many test cases (5)")
     parser.add_argument("--round", type=int, default=0, help="round to draw for (0)")
-    parser.add_argument("--rng-seed", type=int, help="random seed instead of the campaign's")
+    parser.add_argument("--rng-seed", type=arguments.rng_seed, help="random seed instead of the campaign's")
     parser.add_argument(
         "--out", type=Path, help="folder for one .json per test case, and .yaml where it can be said so"
     )

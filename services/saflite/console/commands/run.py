@@ -38,7 +38,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--minutes", type=float, metavar="M", help="stop after so long (`saflite resume` goes on)")
     parser.add_argument("--stop-at-first", action="store_true", help="stop at the first confirmed violation")
     parser.add_argument("--workers", type=int, metavar="N", help="simulator workers (one per core)")
-    parser.add_argument("--rng-seed", type=int, metavar="N", help="start of every random draw")
+    parser.add_argument("--rng-seed", type=arguments.rng_seed, metavar="N", help="start of every random draw")
     parser.add_argument("--strategy", default="", help="see `saflite list strategies`")
     parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="setting of the strategy")
     parser.add_argument("--corpus", type=Path, metavar="RUN", help="begin with what an earlier run of it kept")

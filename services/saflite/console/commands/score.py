@@ -23,8 +23,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--scorer", default="blend", help="scorer model (see `saflite list scorers`)")
     parser.add_argument("--policy", action="append", default=[], help="policy to score for (min-obstacle-distance)")
     arguments.add_modules(parser)
-    parser.add_argument("--deadline", type=float, default=60.0, metavar="S", help="seconds to answer in")
-    parser.add_argument("--rng-seed", type=int, default=1, help="random seed")
+    parser.add_argument("--deadline", type=arguments.deadline_s, default=60.0, metavar="S", help="seconds to answer in")
+    parser.add_argument("--rng-seed", type=arguments.rng_seed, default=1, help="random seed")
     parser.add_argument("--json", action="store_true", help="print scores and usage as JSON")
 
 

@@ -29,7 +29,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--speed", type=float, default=1.0, help="times real time (1); 0: as fast as it can")
     arguments.add_target_settings(parser)
     parser.add_argument("--parameter", action="append", default=[], metavar="NAME=NUMBER", help="set at start")
-    parser.add_argument("--rng-seed", type=int, default=1, help="random seed of noise and gusts")
+    parser.add_argument("--rng-seed", type=arguments.rng_seed, default=1, help="random seed of noise and gusts")
 
 
 def run(args: argparse.Namespace) -> int:

@@ -3,10 +3,41 @@
 from __future__ import annotations
 
 import argparse
-import math
+import re
+from contextlib import suppress
 from pathlib import Path
 
 WALL_LIMITS_S = (0.1, 86_400.0)
+DEADLINES_S = (0.001, 86_400.0)
+NUMBER_MAX = 1e18
+
+
+def plain_whole(text: str) -> int:
+    """Return a whole number of an argument; Python's own takes `1_000`, digits of any script and thousands of them."""
+    if re.fullmatch(r"[+-]?[0-9]{1,18}", text) is None:
+        raise argparse.ArgumentTypeError(f"a whole number is expected, not {text[:20]!r}")
+    return int(text)
+
+
+def plain_number(text: str) -> float:
+    """Return a number of an argument: neither `nan` nor `inf`, of which all that compares them is silent."""
+    plain = re.fullmatch(r"[+-]?([0-9]{1,18}(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]{1,3})?", text)
+    if plain is None or not abs(float(text)) <= NUMBER_MAX:
+        raise argparse.ArgumentTypeError(f"a number is expected, not {text[:20]!r}")
+    return float(text)
+
+
+def rng_seed(text: str) -> int:
+    """Return the start of random draws: what a test case can hold."""
+    seed = plain_whole(text)
+    if seed < 0:
+        raise argparse.ArgumentTypeError(f"a whole number from 0 is expected, not {text[:20]!r}")
+    return seed
+
+
+def deadline_s(text: str) -> float:
+    """Return how long something may take, seconds."""
+    return _within(text, DEADLINES_S)
 
 
 def add_run(parser: argparse.ArgumentParser, which: str = "the newest") -> None:
@@ -21,14 +52,16 @@ def add_wall_limit(parser: argparse.ArgumentParser) -> None:
 
 
 def _wall_limit(text: str) -> float:
-    try:
-        seconds = float(text)
-    except ValueError:
-        seconds = math.nan
-    if not WALL_LIMITS_S[0] <= seconds <= WALL_LIMITS_S[1]:
-        least, most = WALL_LIMITS_S
-        raise argparse.ArgumentTypeError(f"from {least:g} to {most:g} seconds are expected, not {text[:20]!r}")
-    return seconds
+    return _within(text, WALL_LIMITS_S)
+
+
+def _within(text: str, limits_s: tuple[float, float]) -> float:
+    least_s, most_s = limits_s
+    with suppress(argparse.ArgumentTypeError):
+        seconds = plain_number(text)
+        if least_s <= seconds <= most_s:
+            return seconds
+    raise argparse.ArgumentTypeError(f"from {least_s:g} to {most_s:g} seconds are expected, not {text[:20]!r}")
 
 
 def add_modules(parser: argparse.ArgumentParser) -> None:

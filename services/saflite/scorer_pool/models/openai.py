@@ -54,6 +54,9 @@ def _key_for(url: str) -> str:
     return ""
 
 
+PRICE_MAX = 1e6
+
+
 def prices(text: str) -> Prices:
     """Return the prices in `<in>,<out>` dollars per million tokens; empty text means none; raises Refused."""
     if not text:
@@ -61,7 +64,9 @@ def prices(text: str) -> Prices:
     try:
         per_in, per_out = (float(part) for part in text.split(","))
     except ValueError as fault:
-        raise Refused("SAFLITE_PRICES", expected="two numbers, e.g. 0.15,0.60", got=repr(text)) from fault
+        raise Refused("SAFLITE_PRICES", expected="two numbers, e.g. 0.15,0.60", got=repr(text[:80])) from fault
+    if not (0.0 <= per_in <= PRICE_MAX and 0.0 <= per_out <= PRICE_MAX):  # nan neither
+        raise Refused("SAFLITE_PRICES", expected=f"dollars per million tokens, 0 to {PRICE_MAX:g}", got=repr(text[:80]))
     return Prices(per_in, per_out)
 
 

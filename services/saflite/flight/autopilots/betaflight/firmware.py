@@ -16,7 +16,7 @@ from typing import NamedTuple
 import msgspec
 
 from saflite.contract import wire
-from saflite.contract.config import environment
+from saflite.contract.config import cache_root
 from saflite.flight.autopilots.betaflight.settings import BetaflightSetting
 from saflite.flight.build import build_of
 from saflite.flight.mending import builds_firmware, builds_library
@@ -64,7 +64,7 @@ class Listing(msgspec.Struct, frozen=True, kw_only=True):
 
 def cache_folder() -> Path:
     """Return the folder of this user's builds."""
-    return Path(environment("SAFLITE_CACHE") or Path.home() / ".cache" / "saflite") / AUTOPILOT
+    return cache_root() / AUTOPILOT
 
 
 def why_missing(variant: Variant) -> str:

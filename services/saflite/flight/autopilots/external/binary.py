@@ -11,7 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
-from saflite.contract.config import environment, set_environment
+from saflite.contract.config import cache_root, environment, set_environment
 from saflite.contract.errors import Refused, Unavailable
 
 _LABELS = {"SAFLITE_ARDUPILOT": "ArduPilot", "SAFLITE_PX4": "PX4"}
@@ -81,7 +81,7 @@ class Binaries(NamedTuple):
 
     def cache_folder(self) -> Path:
         """Return the folder of what this user's binaries said of themselves."""
-        return Path(environment("SAFLITE_CACHE") or Path.home() / ".cache" / "saflite") / self.target
+        return cache_root() / self.target
 
 
 def check_runnable(path: Path) -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import logging
 import os
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -12,6 +14,8 @@ import msgspec
 from saflite.contract import wire
 from saflite.contract.errors import Unavailable
 from saflite.flight.mavlink.client import Client
+
+log = logging.getLogger(__name__)
 
 HEARTBEAT_S, ASK_S, AGAIN_S = 30.0, 30.0, 2.0  # simulated
 VERSION = 3
@@ -91,9 +95,14 @@ def _read(path: Path, changed_ns: int) -> Listing | None:
 
 
 def remember(folder: Path, found: Listing) -> None:
-    """Keep what a binary said."""
+    """Keep what a binary said; where nothing can be kept, it is asked again next time."""
     path = _file(folder, found.binary)
-    path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_suffix(f".{os.getpid()}.tmp")
-    partial.write_bytes(msgspec.json.encode(found))
-    partial.replace(path)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial.write_bytes(msgspec.json.encode(found))
+        partial.replace(path)
+    except OSError as fault:
+        log.warning("what the autopilot says of its parameters is not kept (SAFLITE_CACHE names a place): %s", fault)
+        with suppress(OSError):
+            partial.unlink(missing_ok=True)
