@@ -54,8 +54,9 @@ class Auto(Mode):
         return super().why_not()
 
     def enter(self, previous: Mode) -> None:
-        """Begin where the mission was left."""
+        """Begin where the mission was left, nose along its legs: orders to turn given before do not count any more."""
         assert self.ap.mission is not None
+        self.ap.yaw_order_rad = None
         self._items = understand(self.ap.mission)
         self._goal = self._here()
         self._begin(min(self.ap.mission_index, len(self._items) - 1))
