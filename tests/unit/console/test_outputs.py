@@ -8,6 +8,7 @@ import pytest
 
 from saflite.console.cli import main
 from saflite.console.io import outputs
+from saflite.console.operations.running import check_new
 from saflite.contract.errors import Refused, Unavailable
 
 
@@ -82,3 +83,18 @@ def test_commands_refuse_before_they_work(tmp_path: Path, capsys: pytest.Capture
 def test_more_candidates_than_a_round_may_have_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["mutate", "avoidance-m2", "--count", "1000000000"]) == 2
     assert "at most 10000" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("kind", ["a run", "a folder", "a link to nowhere"])
+def test_a_run_never_begins_where_something_stands(kind: str, tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    if kind == "a link to nowhere":
+        folder.symlink_to(tmp_path / "nowhere")
+    else:
+        folder.mkdir()
+    if kind == "a run":
+        (folder / "books.sqlite").touch()
+    with pytest.raises(Refused, match="does not exist") as refused:
+        check_new(folder)
+    assert ("saflite resume" in str(refused.value)) == (kind == "a run")
+    check_new(tmp_path / "new")

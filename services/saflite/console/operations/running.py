@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, ParamSpec
 
+from saflite.campaign.storage.own_folder import STORE
 from saflite.console.run_data.conclusion import conclude
 from saflite.console.view import live
 from saflite.contract.config import Campaign
@@ -37,9 +39,10 @@ def free_folder(name: str) -> Path:
 
 def check_new(folder: Path) -> None:
     """Raise Refused if a run folder exists: nothing is ever written over."""
-    if folder.exists():
-        fix = f"`saflite resume {folder}` goes on with a run; choose another --out for a new one"
-        raise Refused("--out", where=str(folder), expected="a folder that does not exist", got="one that does", fix=fix)
+    if os.path.lexists(folder):  # a link to nowhere, too
+        goes_on = f"`saflite resume {folder}` goes on with it; " if (folder / STORE).exists() else ""
+        got, fix = "a run" if goes_on else "something there", f"{goes_on}choose another --out"
+        raise Refused("--out", where=str(folder), expected="a folder that does not exist", got=got, fix=fix)
 
 
 def create(run_dir: Path, campaign: Campaign, target: TargetInfo) -> None:
