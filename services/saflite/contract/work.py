@@ -37,6 +37,7 @@ from saflite.contract.wire import UNREADABLE, unpack
 
 Stage = Literal["mutate", "score", "fly", "judge", "record"]
 TARGETS_MAX = 256  # that one worker can fly
+BEATS_PER_LEASE = 5  # a lease outlives the loss of four heartbeats in a row
 Names = Annotated[tuple[Name, ...], msgspec.Meta(max_length=1_000)]
 TestCases = Annotated[tuple[TestCase, ...], msgspec.Meta(max_length=ITEMS_MAX)]
 GUIDANCE_NEAR, GUIDANCE_FAR = 100.0, 1000.0
@@ -361,8 +362,12 @@ class Heartbeat(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Orders(msgspec.Struct, frozen=True, kw_only=True):
-    """The answer to a heartbeat: leases to drop, whether to stop, why the worker has to join (again)."""
+    """The answer to a heartbeat: leases to drop, whether to stop, why the worker has to join (again).
+
+    The next heartbeats may be `beat_s` apart, where the leases held let them.
+    """
 
     cancel: Annotated[tuple[LeaseId, ...], msgspec.Meta(max_length=1_000)] = ()
     stop: bool = False
     refused: Account = ""
+    beat_s: Seconds = 0.0

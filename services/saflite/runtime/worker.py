@@ -14,6 +14,7 @@ from typing import NamedTuple
 from saflite.contract.join import Joined
 from saflite.contract.rng import derive_seed
 from saflite.contract.work import (
+    BEATS_PER_LEASE,
     Ask,
     Failure,
     FlyResult,
@@ -83,10 +84,10 @@ __all__ = [
 ]
 
 JOIN_TIMEOUT_S = 5.0
-IDLE_BEAT_S = 3.0
-BEATS_PER_LEASE = 5  # a lease outlives the loss of four heartbeats in a row
+CALM_S = 3.0
 REPORT_TIMEOUT_S = 10.0
 DEAF_FIRST_S, DEAF_MAX_S = 20.0, 320.0  # unanswered for so long, or up to twice, it connects anew; then less often
+BEATS_MISSED = 4  # so many unanswered are silence, however seldom they are
 STOOD_STILL_S = 5.0  # its shell ticks each second
 ASK_MARGIN_S = 5.0  # how much longer than the long poll an answer may take
 RETRY_FIRST_S, RETRY_MAX_S = 0.1, 2.0
@@ -139,6 +140,7 @@ class Worker:
         self._pending: dict[Key, _Pending] = {}
         self._asking = self._beating = self._left = False
         self._ask_s, self._beat_s, self._leave_s = now_s, now_s, float("inf")
+        self._calm_s = CALM_S  # between heartbeats, where no lease wants them sooner
         self._ask_wait_s = RETRY_FIRST_S
         self._seen_s, self._busy_s, self._idle_s = now_s, 0.0, 0.0
         self._done, self._simulated_s, self._resident_mib = 0, 0.0, 0.0
@@ -236,7 +238,7 @@ class Worker:
         self._beating = False
         if orders is None:
             return
-        self._heard_s = now_s
+        self._heard_s, self._calm_s = now_s, max(CALM_S, orders.beat_s)
         if orders.refused:
             self._joining.lost(now_s)
         for lease_id in orders.cancel:
@@ -340,7 +342,7 @@ class Worker:
     def _renew_s(self) -> float:
         if self._heard_s > self._renewed_s:
             self._deaf_s = DEAF_FIRST_S
-        return max(self._heard_s, self._renewed_s) + self._share * self._deaf_s
+        return max(self._heard_s, self._renewed_s) + self._share * max(self._deaf_s, BEATS_MISSED * self._calm_s)
 
     def _wanted(self) -> int:
         if self.stopping or self.draining or len(self._pending) > REPORTS_WAITING_MAX:
@@ -377,7 +379,7 @@ class Worker:
 
     def _beat_period_s(self) -> float:
         leases = [*self._waiting, *self._running.values()]
-        return min([IDLE_BEAT_S, *(lease.lease_s / BEATS_PER_LEASE for lease in leases)])
+        return min([self._calm_s, *(lease.lease_s / BEATS_PER_LEASE for lease in leases)])
 
     def _account(self, now_s: float) -> None:
         passed_s, self._seen_s = now_s - self._seen_s, now_s

@@ -6,7 +6,7 @@ from collections.abc import Collection
 
 import pytest
 
-from saflite.campaign.engine.state import SILENT_S
+from saflite.campaign.scheduling.leases import SILENT_S
 from saflite.contract.errors import Unavailable
 from saflite.runtime.farm import REFUSALS_MAX, _gives_up
 from saflite.runtime.launchers.base import Condition, RoleSpec, RoleState

@@ -4,17 +4,29 @@ from __future__ import annotations
 
 from itertools import pairwise
 
+import numpy as np
 import pytest
 
 from saflite.contract.join import Joined
 from saflite.contract.rng import derive
-from saflite.contract.work import Failure, Grant, HandedBack, Lease, Orders, Receipt, Report, WarmResult, WarmWork
+from saflite.contract.work import (
+    BEATS_PER_LEASE,
+    Failure,
+    Grant,
+    HandedBack,
+    Lease,
+    Orders,
+    Receipt,
+    Report,
+    WarmResult,
+    WarmWork,
+)
 from saflite.runtime import worker as w
 from saflite.runtime.worker import Key, Worker, WorkerConfig
 
 
-def _lease(name: str, epoch: int = 1) -> Lease:
-    return Lease(lease_id=name, epoch=epoch, lease_s=2.0, work=WarmWork(model=name))
+def _lease(name: str, epoch: int = 1, lease_s: float = 2.0) -> Lease:
+    return Lease(lease_id=name, epoch=epoch, lease_s=lease_s, work=WarmWork(model=name))
 
 
 def _done(name: str) -> w.Done:
@@ -176,10 +188,28 @@ def test_beats_name_every_lease_held_five_times_per_lease_time() -> None:
     worker = _worker()
     worker.handle(w.Ordered(Orders()), 0.05)
     worker.handle(w.Granted(Grant(leases=(_lease("a"),))), 0.1)
-    assert worker.next_s() <= 0.1 + 2.0 / w.BEATS_PER_LEASE + 1e-9
+    assert worker.next_s() <= 0.1 + 2.0 / BEATS_PER_LEASE + 1e-9
     (beat,) = _of(w.SendBeat, worker.handle(w.Tick(), 0.51))
     assert isinstance(beat, w.SendBeat)
     assert beat.beat.leases == (("a", 1),)
+
+
+def test_in_a_crowd_heartbeats_come_as_seldom_as_the_books_say_and_few_unanswered_ones_are_no_silence() -> None:
+    worker = _worker()
+    worker.handle(w.Tick(), 0.02)
+    worker.handle(w.Ordered(Orders(beat_s=10.0)), 0.05)
+    worker.handle(w.Granted(Grant(leases=(_lease("a", lease_s=50.0),))), 0.1)
+    beats, renewals = list[float](), list[float]()
+    for tenth in range(2, 1500):
+        out = worker.handle(w.Tick(), tenth / 10)
+        beats += [tenth / 10] * len(_of(w.SendBeat, out))
+        renewals += [tenth / 10] * len(_of(w.Renew, out))
+        if _of(w.SendBeat, out) and len(beats) < 3:
+            worker.handle(w.Ordered(Orders(beat_s=10.0)), tenth / 10)
+        elif _of(w.SendBeat, out):
+            worker.handle(w.Ordered(None), tenth / 10 + 0.05)
+    assert np.allclose(np.diff(beats), 10.0, atol=0.2)
+    assert renewals[0] >= beats[1] + 4 * 10.0
 
 
 def test_a_cancelled_lease_is_dropped_without_a_report() -> None:

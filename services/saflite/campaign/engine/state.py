@@ -39,7 +39,7 @@ from saflite.campaign.engine.worker_registry import WORKERS_MAX, WorkerRegistry
 from saflite.campaign.lifecycle import retention
 from saflite.campaign.lifecycle.repeats import confirm_rule
 from saflite.campaign.scheduling.dispatch import Dispatch
-from saflite.campaign.scheduling.leases import Deadline, Leases
+from saflite.campaign.scheduling.leases import Deadline, Leases, beat_s
 from saflite.campaign.scheduling.patience import Patience
 from saflite.campaign.scheduling.result_validation import check_result
 from saflite.campaign.scheduling.rounds import Rounds
@@ -71,7 +71,6 @@ from saflite.contract.work import (
 )
 
 GRANTS_MAX = 16
-SILENT_LEASES, SILENT_S = 3, 15.0  # a worker not heard of for so many lease times, and so long, has left
 NOT_JOINED = "nobody of this name and session has joined since the books were opened"
 
 
@@ -102,7 +101,7 @@ class Books:
         self._core = Core(campaign, template, target, self._out, rounds, confirm)
         self._reducer = Reducer(self._core)
         self._read_model: ReadModel = read_model or NothingToRead()
-        self._registry, self._leases = WorkerRegistry(), Leases()
+        self._registry, self._leases = WorkerRegistry(), Leases(campaign.lease.lease_s)
         self._work_messages = WorkMessages(self._reducer, self._read_model, self._registry)
         self._dispatch = Dispatch(self._core, self._registry)
         self._patience = Patience(self._core, self._registry)
@@ -153,8 +152,10 @@ class Books:
     def begin(self, now: float, unix_s: float) -> None:
         """Open the books at `now` on their clock: leases under way get their full time again."""
         self._do(Opened(incarnation=self._core.incarnation + 1, unix_s=unix_s), now)
-        for task in self._core.tasks.leased():
-            self._start_clock(task, now)
+        leased = self._core.tasks.leased()
+        lease_s = self._leases.lease_of(len({task.worker for task in leased}))
+        for task in leased:
+            self._start_clock(task, lease_s, now)
         self._fly_again_what_left_no_trace(now)
         self._choose(now)
 
@@ -205,12 +206,13 @@ class Books:
         catching_up = getattr(work, "count", 1) == 0
         epoch, model = task.epoch + 1, self._work_messages.model_for(task)
         self._do(Granted(key=task.key, epoch=epoch, worker=ask.worker, model=model, catching_up=catching_up), now)
-        self._start_clock(task, now)
-        return [Lease(lease_id=self._lease_id(task.key), epoch=epoch, lease_s=self._lease_s, work=work)]
+        lease_s = self._leases.lease_s
+        self._start_clock(task, lease_s, now)
+        return [Lease(lease_id=self._lease_id(task.key), epoch=epoch, lease_s=lease_s, work=work)]
 
-    def _start_clock(self, task: Task, now: float) -> None:
+    def _start_clock(self, task: Task, lease_s: float, now: float) -> None:
         overdue_s = now + self._work_messages.overdue_s(task)
-        self._leases.begin(Deadline(task.key, task.epoch, task.worker, now + self._lease_s, overdue_s))
+        self._leases.begin(Deadline(task.key, task.epoch, task.worker, lease_s, now + lease_s, overdue_s))
 
     def _stop_clocks(self) -> None:
         """End the leases of work an order has done away with."""
@@ -218,10 +220,6 @@ class Books:
             task = self._core.tasks.get(key)
             if task is None or task.waiting:
                 self._leases.end(key)
-
-    @property
-    def _lease_s(self) -> float:
-        return self._core.campaign.lease.lease_s
 
     def _lease_id(self, key: WorkKey) -> str:
         return f"{self._run_id}:{key}"
@@ -302,13 +300,12 @@ class Books:
         if not self._registry.met(beat.stage, beat.worker, beat.session, now):
             return Orders(refused=NOT_JOINED)
         self._registry.beat(beat, now)
-        until_s = now + self._lease_s
         cancel = []
         for lease_id, epoch in beat.leases:
             run_id, key = self._key_of(lease_id)
-            if run_id != self._run_id or key is None or not self._leases.extend(key, epoch, beat.worker, until_s):
+            if run_id != self._run_id or key is None or not self._leases.extend(key, epoch, beat.worker, now):
                 cancel.append(lease_id)
-        return Orders(cancel=tuple(cancel), stop=self.ended)
+        return Orders(cancel=tuple(cancel), stop=self.ended, beat_s=beat_s(len(self._registry)))
 
     def join(self, card: Join, now: float, *, gone: Callable[[Join], bool] = lambda _: False) -> str:
         """Let a worker in; returns why not, empty if it has joined.
@@ -358,7 +355,7 @@ class Books:
             why = "ran far beyond its time" if now >= deadline.overdue_s else "was not heard of in time"
             how: How = "lost" if deadline.named and deadline.key in begun else "undelivered"
             self._lose(deadline, how, f"{deadline.worker} {why}", now)
-        for worker in self._registry.silent(now - max(SILENT_LEASES * self._lease_s, SILENT_S)):
+        for worker in self._registry.silent(now - self._leases.patience_s(len(self._registry))):
             self.absent(worker.worker, worker.stage, now, session=worker.card.session, why="not heard of")
         self._give_up(now)
         self._rates.tick(now)

@@ -62,6 +62,9 @@ class WorkerRegistry:
         """Processor time that all workers there were have told of, seconds."""
         return sum(self._spent_s.values())
 
+    def __len__(self) -> int:
+        return len(self._workers)
+
     @property
     def is_full(self) -> bool:
         """Whether no more can join."""

@@ -15,6 +15,7 @@ from saflite.campaign.presets.policy_campaigns import (
     PREFIX,
     campaign_over,
     is_policy,
+    policy_campaign,
     policy_campaigns,
     policy_text,
     refuse_unfit,
@@ -59,7 +60,7 @@ def load_campaign(name_or_path: str, target: TargetInfo | None = None) -> Campai
         outside = given("policy").get(name_or_path.removeprefix(PREFIX)) if name_or_path.startswith(PREFIX) else None
         if outside is not None:
             return campaign_over(outside.path, read_text(outside.path, "policy file"), info)
-        made = policy_campaigns(info).get(name_or_path)
+        made = policy_campaign(name_or_path, info)
         if made is not None:
             return made
         refuse_unfit(name_or_path, info)

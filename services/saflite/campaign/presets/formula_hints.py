@@ -6,6 +6,7 @@ Read as text: slices do not import each other, and the oracle's own reader check
 from __future__ import annotations
 
 import re
+from functools import cache
 from typing import Any
 
 from saflite.contract.signals import SIGNALS
@@ -50,10 +51,10 @@ def antecedents(data: dict[str, Any]) -> str:
     terms = data.get("terms", {})
     text = str(data.get("formula", ""))
     named = {str(name): str(part) for name, part in terms.items()} if isinstance(terms, dict) else {}
+    any_term = _any_of(tuple(named))
     for _ in range(TERMS_DEEP):
         before = text
-        for name, part in named.items():
-            text = re.sub(rf"\b{re.escape(name)}\b", f"({part})".replace("\\", r"\\"), text)
+        text = any_term.sub(lambda found: f"({named[found[0]]})", text)
         if text == before or len(text) > TEXT_MAX:
             break
     before, promise, _ = text.rpartition(" implies ")
@@ -63,9 +64,15 @@ def antecedents(data: dict[str, Any]) -> str:
 def with_numbers(text: str, data: dict[str, Any]) -> str:
     """Return a formula with its constants as numbers, and sums and differences of two numbers worked out."""
     constants = data.get("constants", {})
-    for name, value in constants.items() if isinstance(constants, dict) else ():
-        text = re.sub(rf"\b{re.escape(name)}\b", str(value), text)
+    values = {str(name): str(value) for name, value in constants.items()} if isinstance(constants, dict) else {}
+    text = _any_of(tuple(values)).sub(lambda found: values[found[0]], text)
     return _SUM.sub(_worked_out, text)
+
+
+@cache
+def _any_of(names: tuple[str, ...]) -> re.Pattern[str]:
+    """Return what matches each of the names where it is a word of its own; nothing if there are none."""
+    return re.compile(rf"\b(?:{'|'.join(map(re.escape, names))})\b" if names else r"(?!)")
 
 
 def _worked_out(sum_: re.Match[str]) -> str:

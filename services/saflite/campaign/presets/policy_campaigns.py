@@ -60,9 +60,19 @@ ALL_RANDOM_SHARE = 0.33  # a scorer passes over the same few rules; their flight
 
 def policy_campaigns(target: TargetInfo) -> dict[str, Campaign]:
     """Return the generated campaigns for a target by name: those whose signals, inputs and start state it has."""
-    fit = [data for data in _policies() if not why_not(data, target)]
-    single = {PREFIX + data["id"]: _one(data, target, _known(data, target)) for data in fit}
-    return {**single, ALL: _all(_different(fit), target)} if fit else single
+    made = {name: policy_campaign(name, target) for name in (*(PREFIX + data["id"] for data in _policies()), ALL)}
+    return {name: campaign for name, campaign in made.items() if campaign is not None}
+
+
+def policy_campaign(name: str, target: TargetInfo) -> Campaign | None:
+    """Return one of the generated campaigns for a target, None if there is none of that name."""
+    if name == ALL:
+        fit = [data for data in _policies() if not why_not(data, target)]
+        return _all(_different(fit), target) if fit else None
+    for data in _policies():
+        if name == PREFIX + data["id"] and not why_not(data, target):
+            return _one(data, target, _known(data, target))
+    return None
 
 
 def why_not(data: dict[str, Any], target: TargetInfo) -> str:

@@ -1,10 +1,19 @@
-"""Leases under way and until when they run. Not kept over a restart: every lease then gets its full time again."""
+"""Leases under way and until when they run. Not kept over a restart: every lease then gets its full time again.
+
+The more workers hold one, the longer new leases run: a heartbeat costs the books about as much whatever it says, and
+the dead are told by their tokens, not by their silence. What is noticed later is a worker that hangs.
+"""
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 
 from saflite.campaign.scheduling.work_keys import WorkKey
+from saflite.contract.work import BEATS_PER_LEASE
+
+BEATS_PER_S_MAX = 100.0  # of all workers together
+SILENT_LEASES, SILENT_S = 3, 15.0  # a worker not heard of for so many lease times, and so long, has left
 
 
 @dataclass(slots=True)
@@ -14,40 +23,67 @@ class Deadline:
     key: WorkKey
     epoch: int
     worker: str
+    lease_s: float  # what the worker was told, and so how often it sends heartbeats
     until_s: float
     overdue_s: float  # however alive the worker seems, the lease ends here
     named: bool = False
     place: int = 0  # in the order in which leases were granted
 
 
-class Leases:
-    """The deadlines of all leases under way, by the work they are for."""
+def beat_s(workers: int) -> float:
+    """Return how often each of so many workers may send a heartbeat, seconds."""
+    return workers / BEATS_PER_S_MAX
 
-    def __init__(self) -> None:
+
+class Leases:
+    """The deadlines of all leases under way, by the work they are for. None runs for less than `least_s`."""
+
+    def __init__(self, least_s: float) -> None:
+        self._least_s = least_s
         self._deadlines: dict[WorkKey, Deadline] = {}
+        self._held: Counter[str] = Counter()  # by worker
         self._granted = 0
         self._soonest_s = float("inf")  # no lease is due before
 
     def __len__(self) -> int:
         return len(self._deadlines)
 
+    @property
+    def lease_s(self) -> float:
+        """How long a lease granted now runs, unless it is prolonged."""
+        return self.lease_of(len(self._held))
+
+    def lease_of(self, holders: int) -> float:
+        """Return how long leases run of which so many workers hold some, seconds."""
+        return max(self._least_s, BEATS_PER_LEASE * beat_s(holders))
+
+    def patience_s(self, workers: int) -> float:
+        """Return after what silence one of so many workers has left, seconds."""
+        return max(SILENT_LEASES * self.lease_of(workers), SILENT_S)
+
     def begin(self, deadline: Deadline) -> None:
         """Start the clock of a lease."""
+        self.end(deadline.key)
         self._granted += 1
         deadline.place = self._granted
         self._deadlines[deadline.key] = deadline
+        self._held[deadline.worker] += 1
         self._soonest_s = min(self._soonest_s, deadline.until_s)
 
     def end(self, key: WorkKey) -> None:
         """Stop the clock of a lease, if it runs."""
-        self._deadlines.pop(key, None)
+        deadline = self._deadlines.pop(key, None)
+        if deadline is not None:
+            self._held[deadline.worker] -= 1
+            if not self._held[deadline.worker]:
+                del self._held[deadline.worker]
 
-    def extend(self, key: WorkKey, epoch: int, worker: str, until_s: float) -> bool:
-        """Prolong a lease named in a heartbeat; False if it is not this worker's any more."""
+    def extend(self, key: WorkKey, epoch: int, worker: str, now_s: float) -> bool:
+        """Give a lease named in a heartbeat its full time again; False if it is not this worker's any more."""
         deadline = self._deadlines.get(key)
         if deadline is None or deadline.epoch != epoch or deadline.worker != worker:
             return False
-        deadline.until_s, deadline.named = min(until_s, deadline.overdue_s), True
+        deadline.until_s, deadline.named = min(now_s + deadline.lease_s, deadline.overdue_s), True
         self._soonest_s = min(self._soonest_s, deadline.until_s)
         return True
 
