@@ -24,8 +24,8 @@ def greatest(values: Sequence[float]) -> float:
 
 
 def low_of(a: float, b: float) -> float:
-    """Return the lesser of two, NaN where one is."""
-    return least([a, b])
+    """Return the lesser of two, NaN where one is (`least` of both, which takes thrice as long)."""
+    return a if a < b or a != a else b
 
 
 def implied(a: float, b: float) -> float:

@@ -47,12 +47,17 @@ GUST = given(6.0, "sensor_fault", "SIM_WIND_SPD", 6.0)
 
 
 @pytest.fixture
-def session() -> Iterator[ReferenceSession]:
-    before = children(os.getpid())
+def others() -> list[int]:
+    """Processes that tests before this one have left to themselves."""
+    return children(os.getpid())
+
+
+@pytest.fixture
+def session(others: list[int]) -> Iterator[ReferenceSession]:
     with opened(reference) as session:
         assert isinstance(session, ReferenceSession)
         yield session
-    assert children(os.getpid()) == before
+    assert children(os.getpid()) == others
 
 
 def same(session: ReferenceSession, snapshot: Snapshot, test_case: TestCase) -> FlightRecord:
@@ -95,22 +100,24 @@ def test_snapshots_on_the_way_from_others(session: ReferenceSession) -> None:
     same(session, held[0], some)
 
 
-def kill_what_was_forked_ahead() -> None:
-    (holder,) = children(os.getpid())
+def kill_what_was_forked_ahead(others: list[int]) -> None:
+    (holder,) = (pid for pid in children(os.getpid()) if pid not in others)
     while not (ahead := [pid for pid in children(holder) if not children(pid)]):
         pass
     for pid in ahead:
         os.kill(pid, signal.SIGKILL)
 
 
-def test_a_fork_made_ahead_that_was_killed_costs_only_its_snapshot(session: ReferenceSession) -> None:
+def test_a_fork_made_ahead_that_was_killed_costs_only_its_snapshot(
+    session: ReferenceSession, others: list[int]
+) -> None:
     held = session.snapshot(case(CLIMB), 1.5, DEADLINE_S, never)
     same(session, held, case(CLIMB, LAND))
-    kill_what_was_forked_ahead()
+    kill_what_was_forked_ahead(others)
     same(session, held, case(CLIMB, GUST))
     session.drop(held)
     session.snapshot(case(CLIMB), 1.5, DEADLINE_S, never)
-    kill_what_was_forked_ahead()
+    kill_what_was_forked_ahead(others)
     with pytest.raises(Unavailable, match="died"):
         session.snapshot(case(CLIMB), 2.0, DEADLINE_S, never)
 
