@@ -10,6 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from saflite.campaign.scheduling.leases import BEATS_PER_S_MAX
+from saflite.contract.config import LeaseConfig
+from saflite.contract.work import BEATS_PER_LEASE
+
+LEASE_S = LeaseConfig().lease_s
 RESULTS = Path(__file__).parent / "results"
 TRACE_KB = 45.0  # a packed trace a minute of flight: the median of seven of `policy-all`, 26 November 2026
 SIMULATORS = (10, 100, 1_000, 10_000)
@@ -87,9 +92,11 @@ def _saturation(cells: list[Row], journal_kb: float) -> Iterator[str]:
     """Extrapolate what a flight and what a worker that is there cost the books, on the idle machine with keys."""
     with_keys = [row for row in cells if row.get("machine") == "idle" and row["link"] == "tls"]
     worker_s, flight_s = _costs(with_keys)
+    beat_s = worker_s * LEASE_S / BEATS_PER_LEASE
     yield f"Core time of the books: {1e3 * flight_s:.1f} ms a flight and {1e3 * worker_s:.2f} ms a second for each"
-    yield f"worker that is there (mTLS, least squares over {len(with_keys)} cells); journal {journal_kb:.1f} KB"
-    yield f"a flight, trace {TRACE_KB:.0f} KB a minute of flight."
+    yield f"worker that is there (mTLS, least squares over {len(with_keys)} cells), which is {1e3 * beat_s:.2f} ms"
+    yield f"a heartbeat, polls and all; of those the books want no more than {BEATS_PER_S_MAX:.0f} a second. Journal"
+    yield f"{journal_kb:.1f} KB a flight, trace {TRACE_KB:.0f} KB a minute of flight."
     yield ""
     yield "| simulators | pace | flights a second | cores of the books | journal, GB a day | traces on the bus, MB/s |"
     yield "|---|---|---|---|---|---|"
@@ -97,7 +104,8 @@ def _saturation(cells: list[Row], journal_kb: float) -> Iterator[str]:
         for count in SIMULATORS:
             rate = count / pace_s
             journal = rate * journal_kb * 86_400 / 1e6
-            share, traces = rate * flight_s + count * worker_s, rate * TRACE_KB / 1e3
+            beats = min(count * BEATS_PER_LEASE / LEASE_S, BEATS_PER_S_MAX)
+            share, traces = rate * flight_s + beats * beat_s, rate * TRACE_KB / 1e3
             yield f"| {count:,} | {pace} | {rate:,.1f} | {share:,.2f} | {journal:,.1f} | {traces:,.1f} |"
 
 

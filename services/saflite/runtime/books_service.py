@@ -104,8 +104,7 @@ class BooksService:
         self._prefix = topics.prefix(campaign)
         self._inbox: queue.SimpleQueue[Happening | _Stop | _Inspected | _Complaint] = queue.SimpleQueue()
         self._long_polls = LongPollQueue()
-        self._lease_s = books.campaign.lease.lease_s
-        self._liveness = Liveness(self._lease_s)
+        self._liveness = Liveness(books.campaign.lease.lease_s)
         self._stepped_s, self._tick_from_s = clock.monotonic_s(), 0.0
         self._outbox: list[tuple[Request, msgspec.Struct]] = []
         self._blocked: Batch | None = None
@@ -164,7 +163,7 @@ class BooksService:
             self._books.absent(worker, stage, now_s, session=session)
         if now_s - self._stepped_s > ASLEEP_S:
             log.warning("this process stood still for %.1f s; leases get their time again", now_s - self._stepped_s)
-            self._tick_from_s = now_s + self._lease_s
+            self._tick_from_s = now_s + self._books.lease_s
         self._stepped_s = now_s
         if now_s >= self._tick_from_s:  # before that, heartbeats that waited meanwhile come in and extend the leases
             self._books.tick(now_s)
@@ -240,7 +239,7 @@ class BooksService:
             session=card.session,
             campaign=self._campaign,
             target=self._books.target.name,
-            lease_s=self._lease_s,
+            lease_s=self._books.lease_s,
         )
         self._answer(request, joined)
 

@@ -124,6 +124,11 @@ class Books:
         return self._core.state == "ended"
 
     @property
+    def lease_s(self) -> float:
+        """How long a lease granted now runs without a heartbeat."""
+        return self._leases.lease_s
+
+    @property
     def wanted_blobs(self) -> frozenset[BlobRef]:
         """The blobs some flight or recording needs; any other is left over from an interrupted commit."""
         holds = self._core.holds.items()
