@@ -29,7 +29,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--workers", type=int, metavar="N", help="simulator workers (one per core)")
     parser.add_argument("--times", type=int, default=5, metavar="N", help="flights of each find on each build (5)")
     parser.add_argument("--confidence", type=float, default=0.95, metavar="P", help="asked of what is new (0.95)")
-    parser.add_argument("--out", type=Path, metavar="FOLDER", help="for both runs, must not exist (runs/diff-CAMPAIGN)")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        metavar="FOLDER",
+        help="for both runs (runs/diff-CAMPAIGN); goes on with what was stopped there",
+    )
     arguments.add_wall_limit(parser)
     arguments.add_modules(parser)
     ci_options.add_options(parser)
@@ -57,7 +62,7 @@ def run(args: argparse.Namespace) -> int:
         builds.use(build)
         campaign_options.check_runnable(comparing.on_build(campaign, build))
     folder = args.out or running.free_folder(f"diff-{campaign.name}")
-    running.check_new(folder)
+    comparing.check_folder(folder)
     found = comparing.compare(
         campaign,
         old,

@@ -9,6 +9,8 @@ from typing import Any, NamedTuple
 
 import msgspec
 
+from saflite.campaign.storage.own_folder import STORE
+from saflite.campaign.storage.store import campaign_of
 from saflite.console.operations import builds, running
 from saflite.console.operations.builds import Benches, Build, Sample, noises
 from saflite.console.operations.chances import Count, chance_greater
@@ -17,9 +19,12 @@ from saflite.console.run_data import known, reporting
 from saflite.console.run_data.known import Known
 from saflite.console.view.ci_files import Check
 from saflite.contract.config import Campaign
-from saflite.contract.errors import Unavailable
+from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.test_case import Target
 from saflite.contract.verdict import modes_named
+
+SEARCHES = ("old", "new")
+FIX = "choose another --out"
 
 
 class Compared(NamedTuple):
@@ -47,10 +52,10 @@ class Difference(NamedTuple):
 
 
 def searched(campaign: Campaign, build: Build, run_dir: Path, workers: int | None, *, quiet: bool) -> int:
-    """Run the campaign on a build; returns its first flights.
+    """Run the campaign on a build, or go on with it where it was left; returns its first flights.
 
     Raises:
-        Refused: the build cannot fly here.
+        Refused: the build cannot fly here, or the run that stands there is of another campaign or damaged.
         Unavailable: the farm cannot start, or the search was stopped before its end.
     """
     from saflite.console.view import live
@@ -58,7 +63,12 @@ def searched(campaign: Campaign, build: Build, run_dir: Path, workers: int | Non
     from saflite.simulator_worker.registry import describe_target
 
     builds.use(build)
-    running.create(run_dir, campaign, describe_target(build.target.name))
+    if (run_dir / STORE).exists():
+        if campaign_of(run_dir) != campaign:
+            raise Refused("--out", where=str(run_dir), expected="a run of this campaign", got="one of another", fix=FIX)
+        running.check_books(run_dir, accept_loss=False)
+    else:
+        running.create(run_dir, campaign, describe_target(build.target.name))
     view = live.open_view(run_dir, quiet=quiet)
     try:
         ended = campaign_runner.resume(run_dir, simulators=workers, on_status=view.update)
@@ -69,6 +79,13 @@ def searched(campaign: Campaign, build: Build, run_dir: Path, workers: int | Non
     if not ended.ended:
         raise Unavailable(f"the search of {build.label} was stopped ({ended.why}): there is nothing to compare")
     return ended.status.flights if ended.status else 0
+
+
+def check_folder(folder: Path) -> None:
+    """Raise Refused if a folder is there, unless a comparison began it: that goes on where it was left."""
+    if folder.is_dir() and not folder.is_symlink() and {one.name for one in folder.iterdir()} <= set(SEARCHES):
+        return
+    running.check_new(folder)
 
 
 def on_build(campaign: Campaign, build: Build) -> Campaign:
@@ -93,7 +110,7 @@ def compare(
 ) -> Difference:
     """Search both builds with one campaign and random seed; fly what only the new one showed again on both."""
     flights, finds = [], []
-    for name, build in (("old", old), ("new", new)):
+    for name, build in zip(SEARCHES, (old, new), strict=True):
         flights.append(searched(on_build(campaign, build), build, folder / name, workers, quiet=quiet))
         finds.append(known.read(folder / name))
     ways = {(one.policy, one.behaviour) for one in finds[0]}
