@@ -6,6 +6,7 @@ Exit codes: 0 nothing found, 1 violations found, 2 refused input, 3 infrastructu
 from __future__ import annotations
 
 import argparse
+import atexit
 import errno
 import re
 import signal
@@ -121,6 +122,23 @@ def main(argv: Sequence[str] | None = None) -> int:
         raise
     except BaseException as fault:  # noqa: BLE001 (exit code 1, Python's own, must only mean violations; Rust panics)
         return _own_fault(fault)
+
+
+def command() -> NoReturn:
+    """Run what the command line says, and leave: at once where Zenoh was used, whose threads may hang at the end."""
+    code: str | int | None = INFRASTRUCTURE
+    try:
+        code = main()
+    except SystemExit as ended:
+        code = ended.code
+    if "zenoh" in sys.modules and isinstance(code, int):
+        from saflite.bus.zenoh import leave_process
+
+        atexit._run_exitfuncs()
+        with suppress(OSError, ValueError):  # closed
+            sys.stdout.flush()
+        leave_process(code)
+    sys.exit(code)
 
 
 def _hear_of_children() -> None:
