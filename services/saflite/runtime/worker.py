@@ -84,7 +84,7 @@ __all__ = [
 ]
 
 JOIN_TIMEOUT_S = 5.0
-CALM_S = 3.0
+CALM_S = 3.0  # between heartbeats, until the books have said how often they want them
 REPORT_TIMEOUT_S = 10.0
 DEAF_FIRST_S, DEAF_MAX_S = 20.0, 320.0  # unanswered for so long, or up to twice, it connects anew; then less often
 BEATS_MISSED = 4  # so many unanswered are silence, however seldom they are
@@ -140,7 +140,7 @@ class Worker:
         self._pending: dict[Key, _Pending] = {}
         self._asking = self._beating = self._left = False
         self._ask_s, self._beat_s, self._leave_s = now_s, now_s, float("inf")
-        self._calm_s = CALM_S  # between heartbeats, where no lease wants them sooner
+        self._calm_s = CALM_S
         self._ask_wait_s = RETRY_FIRST_S
         self._seen_s, self._busy_s, self._idle_s = now_s, 0.0, 0.0
         self._done, self._simulated_s, self._resident_mib = 0, 0.0, 0.0
@@ -238,7 +238,7 @@ class Worker:
         self._beating = False
         if orders is None:
             return
-        self._heard_s, self._calm_s = now_s, max(CALM_S, orders.beat_s)
+        self._heard_s, self._calm_s = now_s, orders.beat_s or CALM_S
         if orders.refused:
             self._joining.lost(now_s)
         for lease_id in orders.cancel:

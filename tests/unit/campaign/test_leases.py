@@ -5,8 +5,9 @@ from __future__ import annotations
 import pytest
 
 from saflite.campaign.engine.worker_registry import WorkerRegistry
-from saflite.campaign.scheduling.leases import BEATS_PER_S_MAX, Deadline, Leases, beat_s
+from saflite.campaign.scheduling.leases import BEATS_PER_S_MAX, Deadline, Leases
 from saflite.campaign.scheduling.work_keys import FlyKey
+from saflite.contract.config import LeaseConfig
 from saflite.contract.join import Join
 from saflite.contract.rng import derive
 from saflite.contract.topics import PROTOCOL
@@ -14,7 +15,7 @@ from saflite.contract.work import BEATS_PER_LEASE
 
 
 def test_leases_are_due_as_soon_as_their_time_is_up() -> None:
-    rng, leases, now_s = derive(1, "leases"), Leases(10.0), 0.0
+    rng, leases, now_s = derive(1, "leases"), Leases(LeaseConfig()), 0.0
     mirror: dict[FlyKey, Deadline] = {}
     found = 0
     for number in range(2000):
@@ -47,19 +48,20 @@ def lease(leases: Leases, number: int, now_s: float = 0.0) -> FlyKey:
 
 @pytest.mark.parametrize("workers", [1, 20, 100, 256, 1000])
 def test_heartbeats_of_all_workers_together_are_no_more_than_the_books_can_take(workers: int) -> None:
-    leases = Leases(10.0)
+    leases = Leases(LeaseConfig())
     for number in range(workers):
         lease(leases, number)
     assert leases.lease_s >= 10.0
     assert workers * BEATS_PER_LEASE / leases.lease_s <= BEATS_PER_S_MAX
-    assert workers / max(3.0, beat_s(workers)) <= BEATS_PER_S_MAX
+    assert workers / leases.beat_s(workers) <= BEATS_PER_S_MAX
+    assert leases.beat_s(workers) >= LeaseConfig().heartbeat_s
     for number in range(1, workers):
         leases.end(FlyKey(f"{number:016x}", "search", 0))
     assert leases.lease_s == 10.0, "who is gone counts no more"
 
 
 def test_a_lease_of_a_crowd_is_kept_by_its_own_heartbeats_when_the_crowd_is_gone() -> None:
-    leases = Leases(10.0)
+    leases = Leases(LeaseConfig())
     for number in range(1000):
         key = lease(leases, number)
     granted_s = leases.lease_of(999)
@@ -73,7 +75,7 @@ def test_a_lease_of_a_crowd_is_kept_by_its_own_heartbeats_when_the_crowd_is_gone
 
 
 def test_one_lease_granted_anew_counts_its_holder_once() -> None:
-    leases = Leases(10.0)
+    leases = Leases(LeaseConfig())
     key = lease(leases, 7)
     leases.begin(Deadline(key, 2, "w8", 10.0, 20.0, 1e9))
     for number in range(300):

@@ -39,7 +39,7 @@ from saflite.campaign.engine.worker_registry import WORKERS_MAX, WorkerRegistry
 from saflite.campaign.lifecycle import retention
 from saflite.campaign.lifecycle.repeats import confirm_rule
 from saflite.campaign.scheduling.dispatch import Dispatch
-from saflite.campaign.scheduling.leases import Deadline, Leases, beat_s
+from saflite.campaign.scheduling.leases import Deadline, Leases
 from saflite.campaign.scheduling.patience import Patience
 from saflite.campaign.scheduling.result_validation import check_result
 from saflite.campaign.scheduling.rounds import Rounds
@@ -101,7 +101,7 @@ class Books:
         self._core = Core(campaign, template, target, self._out, rounds, confirm)
         self._reducer = Reducer(self._core)
         self._read_model: ReadModel = read_model or NothingToRead()
-        self._registry, self._leases = WorkerRegistry(), Leases(campaign.lease.lease_s)
+        self._registry, self._leases = WorkerRegistry(), Leases(campaign.lease)
         self._work_messages = WorkMessages(self._reducer, self._read_model, self._registry)
         self._dispatch = Dispatch(self._core, self._registry)
         self._patience = Patience(self._core, self._registry)
@@ -310,7 +310,7 @@ class Books:
             run_id, key = self._key_of(lease_id)
             if run_id != self._run_id or key is None or not self._leases.extend(key, epoch, beat.worker, now):
                 cancel.append(lease_id)
-        return Orders(cancel=tuple(cancel), stop=self.ended, beat_s=beat_s(len(self._registry)))
+        return Orders(cancel=tuple(cancel), stop=self.ended, beat_s=self._leases.beat_s(len(self._registry)))
 
     def join(self, card: Join, now: float, *, gone: Callable[[Join], bool] = lambda _: False) -> str:
         """Let a worker in; returns why not, empty if it has joined.

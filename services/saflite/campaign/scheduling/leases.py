@@ -10,6 +10,7 @@ from collections import Counter
 from dataclasses import dataclass
 
 from saflite.campaign.scheduling.work_keys import WorkKey
+from saflite.contract.config import LeaseConfig
 from saflite.contract.work import BEATS_PER_LEASE
 
 BEATS_PER_S_MAX = 100.0  # of all workers together
@@ -30,16 +31,11 @@ class Deadline:
     place: int = 0  # in the order in which leases were granted
 
 
-def beat_s(workers: int) -> float:
-    """Return how often each of so many workers may send a heartbeat, seconds."""
-    return workers / BEATS_PER_S_MAX
-
-
 class Leases:
-    """The deadlines of all leases under way, by the work they are for. None runs for less than `least_s`."""
+    """The deadlines of all leases under way, by the work they are for. `config` says how long they run at least."""
 
-    def __init__(self, least_s: float) -> None:
-        self._least_s = least_s
+    def __init__(self, config: LeaseConfig) -> None:
+        self._config = config
         self._deadlines: dict[WorkKey, Deadline] = {}
         self._held: Counter[str] = Counter()  # by worker
         self._granted = 0
@@ -55,11 +51,15 @@ class Leases:
 
     def lease_of(self, holders: int) -> float:
         """Return how long leases run of which so many workers hold some, seconds."""
-        return max(self._least_s, BEATS_PER_LEASE * beat_s(holders))
+        return max(self._config.lease_s, BEATS_PER_LEASE * holders / BEATS_PER_S_MAX)
 
     def patience_s(self, workers: int) -> float:
         """Return after what silence one of so many workers has left, seconds."""
-        return max(SILENT_LEASES * self.lease_of(workers), SILENT_S)
+        return max(SILENT_LEASES * self.lease_of(workers), SILENT_LEASES * self.beat_s(workers), SILENT_S)
+
+    def beat_s(self, workers: int) -> float:
+        """Return how often each of so many workers may send a heartbeat at most, seconds between two."""
+        return max(self._config.heartbeat_s, workers / BEATS_PER_S_MAX)
 
     def begin(self, deadline: Deadline) -> None:
         """Start the clock of a lease."""

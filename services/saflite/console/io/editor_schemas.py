@@ -85,7 +85,7 @@ CAMPAIGN_WORDS: Words = {
     },
     "LeaseConfig": {
         "lease_s": "Seconds without a heartbeat after which work is given to another.",
-        "heartbeat_s": "Seconds between heartbeats.",
+        "heartbeat_s": "Seconds between heartbeats, where no lease needs them sooner and no crowd later.",
         "attempts_max": "Attempts after which a test case is set aside.",
         "wall_limit_s": "Wall-clock seconds after which a flight is given up.",
     },
