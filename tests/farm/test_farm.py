@@ -20,6 +20,7 @@ BUG_SEEDS_MAX = 80
 LIKELY = {
     "answers_before_commit": 103,
     "anybody_may_report": 20,
+    "chosen_by_order_of_arrival": 4,
     "planned_on_what_happens_to_be_known": 23,
     "the_mutator_is_told_too_early": 10,
 }
