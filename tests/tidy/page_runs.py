@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-FEW = ("--budget", "4")
+FEW = ("--budget", "2")
 ANYTHING = (0, 1)
 
 

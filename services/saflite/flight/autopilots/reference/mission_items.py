@@ -27,12 +27,16 @@ SKIPPED = {201, 202, 203, 205, 206, 530, 531, 2000, 2001, 2500, 2501, 179, 181, 
 
 
 class Item(NamedTuple):
-    """One item: a place (north, east, height above home) or a number (speed, heading, seconds, item to jump to)."""
+    """One item: a place (north, east, height above home) or a number (speed, heading, seconds, item to jump to).
+
+    A heading that is `relative` is a turn from where the nose points, to the left if negative.
+    """
 
     kind: Kind
     place: tuple[float, float, float] | None = None
     hold_s: float = 0.0
     number: float = 0.0
+    relative: bool = False
 
 
 def understand(mission: Mission) -> tuple[Item, ...]:
@@ -65,5 +69,6 @@ def _item(mission: Mission, raw: MissionItem, last: tuple[float, float, float], 
     if kind == "delay":
         return Item(kind, number=max(0.0, numbers[0]))
     if kind == "yaw":
-        return Item(kind, number=numbers[0])
+        relative = numbers[3] > 0.0
+        return Item(kind, number=-numbers[0] if relative and numbers[2] < 0.0 else numbers[0], relative=relative)
     return Item(kind)

@@ -14,6 +14,7 @@ from saflite.flight.autopilots.reference.mission_items import Item, understand
 from saflite.flight.autopilots.reference.modes.base import TICK_S, Mode
 from saflite.flight.autopilots.reference.modes.land import descend
 
+LEGS = ("waypoint", "loiter", "land")
 TURNED_COS = math.cos(math.radians(5.0))
 PLAN_EVERY_TICKS = 5  # 10 Hz
 FOLLOW_EVERY_TICKS = 2  # 25 Hz
@@ -44,6 +45,7 @@ class Auto(Mode):
         self._paused: Point | None = None
         self.done = False
         self._pilot_turns = False
+        self._yaw_asked = False  # by an item that no leg was begun after
         self._speed_mps: float | None = None
         self._speed_before_mps: float | None = None
 
@@ -56,7 +58,7 @@ class Auto(Mode):
     def enter(self, previous: Mode) -> None:
         """Begin where the mission was left, nose along its legs: orders to turn given before do not count any more."""
         assert self.ap.mission is not None
-        self.ap.yaw_order_rad = None
+        self.ap.yaw_order_rad, self._yaw_asked = None, False
         self._items = understand(self.ap.mission)
         self._goal = self._here()
         self._begin(min(self.ap.mission_index, len(self._items) - 1))
@@ -135,8 +137,16 @@ class Auto(Mode):
         self._since_s = self.ap.time_s
         self._height_gap, self._height_stalled_s, self._reached = 1e9, 0.0, False
         self._ticks = 0
+        if item.kind in LEGS:
+            self._keep_or_drop_the_heading()
         if item.kind == "takeoff":
             self.board.set(takeoff_altitude_set_m=self._goal[2], set_altitude=self.board["altitude_est_m"])
+
+    def _keep_or_drop_the_heading(self) -> None:
+        """A heading is of the leg begun after its item, or flown when it is ordered (`ModeAuto::wp_start`)."""
+        if not self._yaw_asked and not self._pilot_turns:
+            self.ap.yaw_order_rad = None
+        self._yaw_asked = False
 
     def _next(self) -> None:
         if self.ap.mission_index + 1 < len(self._items):
@@ -200,7 +210,9 @@ class Auto(Mode):
         self._next()
 
     def _yaw(self) -> None:
-        self.ap.yaw_order_rad = math.radians(self._item().number)
+        turn = math.radians(self._item().number)
+        self.ap.yaw_order_rad = self.board["est_yaw"] + turn if self._item().relative else turn
+        self._yaw_asked = True
         self._next()
 
     def _delay(self) -> None:
