@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import stat
 from pathlib import Path
 
@@ -27,6 +29,17 @@ def test_everything_written_is_for_its_user_only(keys: Path) -> None:
     modes = {path: stat.S_IMODE(path.stat().st_mode) for path in [keys, *keys.rglob("*")]}
     assert {mode for path, mode in modes.items() if path.is_dir()} == {0o700}
     assert {mode for path, mode in modes.items() if path.is_file()} == {0o600}
+
+
+def test_a_key_that_could_not_be_written_leaves_nothing(keys: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(_: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    before = {path for path in keys.rglob("*") if path.is_file()}
+    with pytest.raises(OSError, match="No space"):
+        keyring.add(keys, "lab2", ["worker"], now_s=NOW_S)
+    assert {path for path in keys.rglob("*") if path.is_file()} == before
 
 
 def test_the_folder_given_away_holds_no_key_of_the_authority(keys: Path) -> None:
