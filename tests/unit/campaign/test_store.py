@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import sqlite3
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import msgspec
 import pytest
 from books_drive import Driver, doubles
 
+from saflite.campaign.storage.audit import audit
 from saflite.campaign.storage.projections import FORMAT
 from saflite.campaign.storage.sqlite import entries
 from saflite.campaign.storage.store import Store, store_file
@@ -289,3 +291,53 @@ def test_a_grant_never_outgrows_a_message(tmp_path: Path, monkeypatch: pytest.Mo
     driver.do("mutate")
     monkeypatch.setattr("saflite.campaign.scheduling.work_messages.GRANT_MAX_BYTES", 15_000)
     assert len(driver.ask("score", leases_max=9)) == 2
+
+
+def test_a_run_that_is_closed_where_its_folder_was_moved_goes_on_where_it_is_now(tmp_path: Path) -> None:
+    driver = started(tmp_path / "run")
+    driver.run(until_flights=3)
+    (tmp_path / "run").rename(tmp_path / "away")
+    shutil.copytree(tmp_path / "away", tmp_path / "run")
+    before = {path: path.read_bytes() for path in (tmp_path / "run").glob("books.*")}
+    status = closed(driver)
+    assert {path: path.read_bytes() for path in (tmp_path / "run").glob("books.*")} == before
+    store = Store.open(tmp_path / "away")
+    assert exact(store.rebuild().status(driver.now)) == exact(status)
+    store.close()
+    assert audit(tmp_path / "away")["problems"] == []
+
+
+@pytest.mark.parametrize("put", ["nothing", "a folder", "a copy", "a link to a copy"])
+def test_a_run_folder_that_is_moved_under_the_books_holds_them_up_until_it_is_back(tmp_path: Path, put: str) -> None:
+    run_dir, away, strange = tmp_path / "run", tmp_path / "away", tmp_path / "strange"
+    driver = started(run_dir)
+    driver.run(until_flights=3)
+    run_dir.rename(away)
+    if put == "a folder":
+        run_dir.mkdir()
+    elif put == "a copy":
+        shutil.copytree(away, run_dir)
+    elif put == "a link to a copy":
+        shutil.copytree(away, strange)
+        run_dir.symlink_to(strange)
+    before = sorted((path, path.stat().st_size) for path in (*run_dir.rglob("*"), *strange.rglob("*")))
+    driver.books.fault("here", "something to commit", driver.now)
+    batch = driver.books.drain()
+    assert driver.store is not None
+    for _ in range(2):
+        with pytest.raises(Unavailable, match="moved or replaced"):
+            driver.store.commit(batch)
+    driver.store.keep(driver.books.snapshot())
+    assert sorted((path, path.stat().st_size) for path in (*run_dir.rglob("*"), *strange.rglob("*"))) == before
+    if run_dir.is_symlink():
+        run_dir.unlink()
+    elif put != "nothing":
+        shutil.rmtree(run_dir)
+    away.rename(run_dir)
+    driver.store.commit(batch)
+    driver.run(until_flights=9)
+    before_close = closed(driver)
+    store = Store.open(run_dir)
+    assert exact(store.rebuild().status(driver.now)) == exact(before_close)
+    store.close()
+    assert audit(run_dir)["problems"] == []

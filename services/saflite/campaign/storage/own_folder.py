@@ -28,6 +28,15 @@ _SUPER_MAGIC = bytes.fromhex("d9d505f920a163d7")
 """The last 8 bytes of a rollback journal that names a super-journal (SQLite's file format, section 3)."""
 
 
+def place_of(run_dir: Path) -> tuple[int, int, int] | None:
+    """Return which folder and which store stand at a path now, None if there are none: two equal ones are the same."""
+    try:
+        folder, store = run_dir.stat(), (run_dir / STORE).stat()
+    except OSError:
+        return None
+    return folder.st_dev, folder.st_ino, store.st_ino
+
+
 def check_own(run_dir: Path) -> None:
     """Raise Refused where others can write, a link stands, or no folder where we keep files. The run folder may be one.
 

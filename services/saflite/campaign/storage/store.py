@@ -18,6 +18,7 @@ from saflite.campaign.engine.state import Books
 from saflite.campaign.storage import snapshot_file
 from saflite.campaign.storage.contents import Contents
 from saflite.campaign.storage.new_folder import new_folder
+from saflite.campaign.storage.own_folder import place_of
 from saflite.campaign.storage.projections import Tables
 from saflite.campaign.storage.seal import break_seal, is_sealed, seal
 from saflite.campaign.storage.sqlite import (
@@ -90,6 +91,7 @@ class Store:
 
     def __init__(self, run_dir: Path, connection: sqlite3.Connection, lock: IO[bytes], *, whole: bool) -> None:
         self._run_dir, self._path, self._db, self._lock = run_dir, store_file(run_dir), connection, lock
+        self._place = place_of(run_dir)
         self._whole = whole  # tables included; they bear no checksums, so only then is the store sealed at the end
         self.blobs = BlobFolder(run_dir)
         self.campaign = self._decoded("campaign", Campaign)
@@ -157,12 +159,18 @@ class Store:
         return store
 
     def close(self) -> None:
-        """Close the store and let others open it; leaves one SQLite file, its witness and, if it is whole, a seal."""
-        self._checkpoint()
-        self._db.close()
-        make_one_file(self._path)
-        if self._whole:
-            seal(self._run_dir)
+        """Close the store and let others open it; leaves one SQLite file, its witness and, if it is whole, a seal.
+
+        One whose folder was moved is left as if its process had been killed.
+        """
+        moved = self._was_moved()
+        if not moved:
+            self._checkpoint()
+        self._db.close()  # SQLite itself leaves alone what stands in the place of a file that was moved
+        if not moved:
+            make_one_file(self._path)
+            if self._whole:
+                seal(self._run_dir)
         self._witness.close()
         self._lock.close()
 
@@ -172,11 +180,16 @@ class Store:
         """Make a batch durable: blobs that are kept first, then everything else in one transaction, then its witness.
 
         Raises:
-            Unavailable: the disk is full or fails; nothing of the batch counts, and the same batch has to be
-                committed again later, before any other. Nothing may be answered before.
+            Unavailable: the disk is full or fails, or another folder stands where the run was; nothing of the batch
+                counts, and the same batch has to be committed again later, before any other. Nothing may be answered
+                before.
         """
         if not batch:
             return
+        if self._was_moved():
+            raise Unavailable(
+                f"{self._run_dir} was moved or replaced: put the folder back, or stop and resume it there"
+            )
         self.blobs.flush(batch.flushed)
         if not self._unwitnessed:
             self._write(batch)
@@ -196,6 +209,10 @@ class Store:
             return None
         no_files = disk.f_files > 0 and disk.f_favail == 0  # some file systems do not count them
         return 0 if no_files else disk.f_bavail * disk.f_frsize
+
+    def _was_moved(self) -> bool:
+        """Whether another folder, or none, stands at our path: by it we would write into somebody else's."""
+        return place_of(self._run_dir) != self._place
 
     def _write(self, batch: Batch) -> None:
         commits = self._commits + 1
@@ -232,7 +249,7 @@ class Store:
     def keep(self, state: bytes) -> None:
         """Keep the state of the books, as it is after the last commit, for who opens the run next."""
         tails = self._tables.tails
-        if tails.lines > self._kept_line and not self._unwitnessed:
+        if tails.lines > self._kept_line and not self._unwitnessed and not self._was_moved():
             snapshot_file.keep(self._run_dir, self._start, tails.lines, tails.chain, state)
             self._kept_line = tails.lines
 
