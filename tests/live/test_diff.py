@@ -43,6 +43,7 @@ def test_a_killed_comparison_goes_on(tmp_path: Path) -> None:
     end_s = time.monotonic() + 60.0
     while not books.exists() and time.monotonic() < end_s:
         time.sleep(0.1)
+    assert books.exists(), "nothing was begun that could go on"
     time.sleep(2.0)
     disturbed.kill()
     disturbed.communicate()
