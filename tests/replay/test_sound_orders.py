@@ -156,6 +156,13 @@ CASES = {
         (),
         ("mission-goes-on", "mission-in-order"),
     ),
+    "a mission goes on straight down": Case(
+        mission("down", up(40.0), point(-2.7e-5, 0.0, 5.0), point(2e-4, 0.0, 5.0)),
+        150.0,
+        {},
+        (),
+        ("mission-goes-on", "mission-in-order"),
+    ),
     "a mission that asked for speed is left for a return": Case(
         mission("fast", up(10.0), (178, 1, 8), point(4e-3, 0.0, 10.0)),
         130.0,

@@ -6,6 +6,10 @@
 
 enum { FOLLOWING, STRAIGHT, AT_GOAL };
 
+/* It turns to a direction that has so much of the plane in it; steeper ones it flies where the camera looks, which may be
+ * never: after so long at rest it goes down or up as it stands, the way ahead being no more in view for a turn. */
+static const double TURN_FLAT = 0.1, AT_REST_M = 0.05, PATIENCE_S = 15.0;
+
 /* Turns (dx, dy, dz) into a unit vector; returns its length, leaves a null vector alone. */
 static double normalise(double v[3])
 {
@@ -79,7 +83,8 @@ static int choose_direction(Planner *p, const double *in, const double to_goal[3
 static void choose_speed(Planner *p, const double direction[3], double yaw, double goal_m, double dt)
 {
     const double alpha = dt / ((double)p->set.speed_tau + dt);
-    double wanted = goal_m < 1.0 ? goal_m : (double)p->set.look_ahead * view_factor(p, direction, yaw);
+    const double factor = p->hung_s > PATIENCE_S ? 1.0 : view_factor(p, direction, yaw);
+    double wanted = goal_m < 1.0 ? goal_m : (double)p->set.look_ahead * factor;
     wanted = alpha * wanted + (1.0 - alpha) * p->speed_m;
     p->speed_m = wanted < goal_m ? wanted : goal_m;
 }
@@ -95,9 +100,13 @@ void setpoint_step(Planner *p, const double *in, double *out)
     p->stepped_s = in[PLANNER_IN_TIME];
     int state = choose_direction(p, in, to_goal, direction);
     const double flat = sqrt(direction[0] * direction[0] + direction[1] * direction[1]);
-    turn(p, flat > 0.1 ? heading(direction[0], direction[1]) : yaw, dt);
+    turn(p, flat > TURN_FLAT ? heading(direction[0], direction[1]) : yaw, dt);
     const double goal_m = normalise(to_goal);
     choose_speed(p, direction, yaw, goal_m, dt);
+    if (flat > TURN_FLAT || goal_m < 1.0)
+        p->hung_s = 0.0;
+    else if (p->speed_m < AT_REST_M)
+        p->hung_s += dt;
     if (goal_m < 1.0) {
         state = AT_GOAL;
         memcpy(direction, to_goal, sizeof direction);

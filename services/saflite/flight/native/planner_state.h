@@ -58,7 +58,7 @@ typedef struct Planner {
     int n_path;
     double path_made_s, planned_s;
     /* set-point */
-    double stepped_s, speed_m, smooth_position[3], smooth_velocity[3], yaw, yaw_rate, yaw_at_goal;
+    double stepped_s, speed_m, smooth_position[3], smooth_velocity[3], yaw, yaw_rate, yaw_at_goal, hung_s;
     int started, has_yaw_at_goal;
 } Planner;
 
