@@ -110,6 +110,14 @@ SIGNALS: dict[str, Signal] = {
     "battery_timer_set_s": Signal("s", "time below the low voltage until the failsafe (BATT_LOW_TIMER)"),
     "battery_low_action_set": Signal("", "low battery: 0 warn, 1 LAND, 2 RTL (BATT_FS_LOW_ACT)", "code"),
     "battery_critical_set_v": Signal("V", "voltage that counts as critical, 0 off (BATT_CRT_VOLT)"),
+    "battery_critical_action_set": Signal("", "critical battery: 0 warn, 1 LAND, 2 RTL (BATT_FS_CRT_ACT)", "code"),
+    "acro_trainer_set": Signal("", "ACRO: 1 levels itself, 2 limits its lean too, 0 neither (ACRO_TRAINER)", "code"),
+    "acro_balance_roll_set": Signal("", "how fast roll levels itself in ACRO, 1/s (ACRO_BAL_ROLL)"),
+    "acro_balance_pitch_set": Signal("", "how fast pitch levels itself in ACRO, 1/s (ACRO_BAL_PITCH)"),
+    "acro_rate_set_dps": Signal("deg/s", "roll or pitch rate of a full stick in ACRO (ACRO_RP_P)"),
+    "chute_enabled_set": Signal("", "1 while a parachute is fitted (CHUTE_ENABLED)", "flag"),
+    "chute_type_set": Signal("", "what releases the parachute: 0 to 3 a relay, 10 a servo (CHUTE_TYPE)", "code"),
+    "chute_servo_set": Signal("", "what output 9 does, 27 the parachute (SERVO9_FUNCTION)", "code"),
     "battery_low_charge_set_mah": Signal("mAh", "charge left that counts as low, 0 off (BATT_LOW_MAH)"),
     "battery_capacity_set_mah": Signal("mAh", "charge of a full battery (BATT_CAPACITY)"),
     "fence_action_set": Signal("", "breach: 0 report, 1 RTL or LAND, 2 LAND, 4 BRAKE (FENCE_ACTION)", "code"),
@@ -159,10 +167,28 @@ SIGNALS: dict[str, Signal] = {
         "s",
         "time since a pause that no order to go on followed (MAV_CMD_DO_PAUSE_CONTINUE), above 1,000,000 without one",
     ),
-    "ordered_yaw_deg": Signal("deg", "heading ordered last (MAV_CMD_CONDITION_YAW)"),
+    "ordered_yaw_deg": Signal("deg", "heading ordered last (MAV_CMD_CONDITION_YAW, MAV_CMD_DO_SET_ROI)"),
+    "mode_order_s": Signal(
+        "s", "time since the last order to take a mode, denied or not, above 1,000,000 where none was given"
+    ),
+    "ordered_mode": Signal("", "mode ordered last, denied or not", "code"),
+    "release_order_s": Signal(
+        "s", "time since the parachute was last ordered out, denied or not, above 1,000,000 where it never was"
+    ),
+    "stop_order_s": Signal(
+        "s", "time since the motors were last ordered off come what may, denied or not, above 1,000,000 where never"
+    ),
+    "start_order_s": Signal("s", "time since the mission was last ordered to begin, above 1,000,000 where never"),
+    "ordered_home_m": Signal(
+        "m",
+        "distance in the plane to what home must be: where the motors were started, or as MAV_CMD_DO_SET_HOME gave it",
+    ),
     "item_wait_s": Signal("s", "time that the mission item at hand asks to wait where it is, 0 if none"),
     "item_off_m": Signal("m", "distance in the plane to the way-point at hand as estimated, -1 where the item is none"),
     "item_height_off_m": Signal("m", "distance in height to the way-point at hand, -1 where the item is none"),
+    "item_landing_off_m": Signal(
+        "m", "distance in the plane to where the mission item at hand lands, -1 where it does not, or where it is"
+    ),
     "item_unexpected": Signal("", "1 where the mission item at hand is not the one that had to follow", "flag"),
     "gps_true": Signal("", "0 while a stimulus falsifies the GPS", "flag"),
     "gps_settled": Signal("", "0 until the estimate has followed what a stimulus did to the GPS", "flag"),
@@ -199,7 +225,9 @@ _OF_STIMULI = """
 time_s quiet_s order_quiet_s command_quiet_s calm_s home_quiet_s crashed stop_ordered arming_forced
 gps_true gps_settled baro_true baro_settled body_true sticks_true place_order_s pause_order_s ordered_x_m ordered_y_m
 ordered_altitude_m battery_timer_set_s battery_low_action_set battery_critical_set_v battery_low_charge_set_mah
-battery_capacity_set_mah
+battery_capacity_set_mah battery_critical_action_set acro_trainer_set acro_balance_roll_set acro_balance_pitch_set
+acro_rate_set_dps chute_enabled_set chute_type_set chute_servo_set
+mode_order_s ordered_mode release_order_s stop_order_s start_order_s
 failsafe_options_set circle_options_set auto_options_set pilot_turn_speed_set_dps
 fence_action_set fence_on_set fence_type_set fence_radius_set_m arming_checks_set angle_max_set_deg
 acceleration_set_mps2 waypoint_radius_set_m
@@ -214,9 +242,11 @@ MADE_FROM: dict[str, tuple[str, ...]] = {
     "item_wait_s": ("mission_item",),
     "item_off_m": ("mission_item", "x_est_m", "y_est_m"),
     "item_height_off_m": ("mission_item", "altitude_est_m"),
+    "item_landing_off_m": ("mission_item", "x_m", "y_m"),
+    "ordered_home_m": ("x_m", "y_m", "armed"),
     "item_unexpected": ("mission_item", "mode", "x_est_m", "y_est_m"),
-    "yaw_order_s": ("yaw_deg",),
-    "ordered_yaw_deg": ("yaw_deg",),
+    "yaw_order_s": ("yaw_deg", "x_m", "y_m"),
+    "ordered_yaw_deg": ("yaw_deg", "x_m", "y_m"),
     "ground_speed_mps": ("vx_mps", "vy_mps"),
     "forward_mps": ("vx_mps", "vy_mps", "yaw_deg"),
     "right_mps": ("vx_mps", "vy_mps", "yaw_deg"),

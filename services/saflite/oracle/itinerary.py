@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 
 from saflite.contract.flight import Given
 from saflite.contract.signals import MODES
-from saflite.contract.test_case import Mission
+from saflite.contract.test_case import Mission, MissionItem
 from saflite.flight.mission import to_local
 
 Array = NDArray[np.float64]
-NAMES = ("item_wait_s", "item_off_m", "item_height_off_m", "item_unexpected")
-FLOWN_TO, WAITS, JUMP = (16, 82, 19), (93, 112), 177
+NAMES = ("item_wait_s", "item_off_m", "item_height_off_m", "item_landing_off_m", "item_unexpected")
+FLOWN_TO, WAITS, LAND, JUMP = (16, 82, 19), (93, 112), 21, 177
 NO_PLACE_M = -1.0
 NEAR_M, PASSED_MAX = 12.0, 64  # the greatest WPNAV_RADIUS and a little; items, loops of jumps that do not show as well
 AFRESH_S = 0.1  # what an order or an entry does to the item shows within this
@@ -42,7 +42,7 @@ def items_of(mission: Mission | None) -> tuple[Item, ...]:
         assert mission is not None
         numbers = [value or 0.0 for value in raw.params]
         if raw.command in FLOWN_TO and raw.params[4] and raw.params[5] and raw.params[6] is not None:
-            x_m, y_m = to_local(numbers[4], numbers[5], mission.home_lat_deg, mission.home_lon_deg)
+            x_m, y_m = _place(mission, raw)
             up_m = numbers[6] - (mission.home_alt_m if raw.frame in (0, 5) else 0.0)
             found.append(Item(x_m, y_m, up_m, wait_s=numbers[0]))
         elif raw.command in WAITS:
@@ -52,6 +52,19 @@ def items_of(mission: Mission | None) -> tuple[Item, ...]:
         else:
             found.append(Item())
     return tuple(found)
+
+
+def landings_of(mission: Mission | None) -> tuple[Item, ...]:
+    """Return where in the plane each item lands; one that does not, or lands where it is, has no place."""
+    items = mission.items if mission is not None else ()
+    landing = [raw.command == LAND and bool(raw.params[4]) and bool(raw.params[5]) for raw in items]
+    assert mission is not None or not items
+    return tuple(Item(*_place(mission, raw)) if lands else Item() for raw, lands in zip(items, landing, strict=True))
+
+
+def _place(mission: Mission | None, item: MissionItem) -> tuple[float, float]:
+    assert mission is not None
+    return to_local(item.params[4] or 0.0, item.params[5] or 0.0, mission.home_lat_deg, mission.home_lon_deg)
 
 
 def of_items(values: Sequence[float], item: NDArray[Any]) -> Array:
@@ -96,22 +109,37 @@ def unexpected(
         item: index at each moment.
         mode: flight mode at each moment; only what changes within AUTO is looked at.
         place_off_m: of each item, how far in the plane the vehicle is from it at each moment; NaN without a place.
-        started_s: when the mission was ordered to begin anew; jumps are counted from then, or from the entry into AUTO.
+        started_s: when the mission was ordered to begin anew, so with its first item; jumps are counted from then, or
+            from the entry into AUTO.
         times: of the moments, seconds.
     """
     flags = np.zeros(len(times))
     auto = np.asarray(mode) == MODES["AUTO"]
     jumped: dict[int, int] = {}
     for at in np.flatnonzero((np.diff(item) != 0) | (np.diff(auto.astype(int)) != 0)) + 1:
-        if not (auto[at] and auto[at - 1]) or any(0.0 <= times[at] - one <= AFRESH_S for one in started_s):
-            jumped = {}
-            continue
         near = {number for number, off_m in enumerate(place_off_m) if not off_m[at] > NEAR_M}
         passed = {number for number in near if not items[number].wait_s}
-        followed = _followed(items, int(item[at - 1]), int(item[at]), jumped, passed)
+        if not (auto[at] and auto[at - 1]):
+            jumped = {}
+            continue
+        if any(0.0 <= times[at] - one <= AFRESH_S for one in started_s):
+            begun: dict[int, int] | None = (
+                {} if item[at] == 0 else _followed(items, -1, int(item[at]), {}, passed | {-1})
+            )
+            flags[at], jumped = (1.0, {}) if begun is None else (0.0, begun)
+            continue
+        before, now = int(item[at - 1]), int(item[at])
+        followed = _followed(items, before, now, jumped, passed)
+        if followed is None:  # a jump to the item just before it takes a tick, which may show in no sample
+            followed = _followed(items, before, now, {**jumped, **_to_the_one_before(items)}, passed)
         flags[at] = 1.0 if followed is None else 0.0
         jumped = jumped if followed is None else followed
     return flags
+
+
+def _to_the_one_before(items: Sequence[Item]) -> dict[int, int]:
+    """Return the jumps that go back by one item, each as often as it says: all done."""
+    return {number: int(one.times) for number, one in enumerate(items) if one.target == number - 1 and one.times >= 0}
 
 
 def _followed(

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from saflite.contract.flight import Given
+from saflite.contract.signals import MODES
 from saflite.contract.test_case import DEFAULT_TARGET, Stimulus, TestCase
 from saflite.flight.autopilots.described import default_settings
 from saflite.flight.mission import to_local
@@ -20,6 +21,7 @@ NEVER_S = 1e6
 SLOW_DPS = 15.0
 ROUNDED_UP = 0.01  # AP_Param takes 1.995 for 2: a float on the link may fall short of it
 SPEED_LEAST_MPS = 0.2  # ArduCopter accepts an order to fly more slowly and does not follow it (WPNAV_WP_SPEED_MIN)
+LOOKED_AT_M = 20.0  # a place nearer than this has no sure heading
 FORCE = (21196.0, 2989.0)  # magic numbers with which MAVLink forces motors off or on
 
 _MOVING = re.compile(
@@ -47,6 +49,14 @@ SETTINGS: dict[str, Setting] = {
     "battery_timer_set_s": Setting("BATT_LOW_TIMER", 10.0, 0.0, 120.0),
     "battery_low_action_set": Setting("BATT_FS_LOW_ACT", 0.0, 0.0, 7.0, whole=True),
     "battery_critical_set_v": Setting("BATT_CRT_VOLT", 0.0, 0.0),
+    "battery_critical_action_set": Setting("BATT_FS_CRT_ACT", 0.0, 0.0, 7.0, whole=True),
+    "acro_trainer_set": Setting("ACRO_TRAINER", 2.0, 0.0, 2.0, whole=True),
+    "acro_balance_roll_set": Setting("ACRO_BAL_ROLL", 1.0, 0.0, 3.0),
+    "acro_balance_pitch_set": Setting("ACRO_BAL_PITCH", 1.0, 0.0, 3.0),
+    "acro_rate_set_dps": Setting("ACRO_RP_P", 4.5, 1.0, 10.0, 45.0),
+    "chute_enabled_set": Setting("CHUTE_ENABLED", 0.0, 0.0, 1.0, whole=True),
+    "chute_type_set": Setting("CHUTE_TYPE", 0.0, 0.0, 10.0, whole=True),
+    "chute_servo_set": Setting("SERVO9_FUNCTION", 0.0, -1.0, 200.0, whole=True),
     "battery_low_charge_set_mah": Setting("BATT_LOW_MAH", 0.0, 0.0),
     "battery_capacity_set_mah": Setting("BATT_CAPACITY", 3300.0, 0.0),
     "fence_action_set": Setting("FENCE_ACTION", 1.0, 0.0, 5.0, whole=True),
@@ -79,8 +89,10 @@ SETTINGS: dict[str, Setting] = {
     "circle_radius_set_m": Setting("CIRCLE_RADIUS", 1000.0, 0.0, 200_000.0, 0.01),
 }
 
-SWITCHED_BY = {"FENCE_ENABLE": "DO_FENCE_ENABLE"}
+SWITCHED_BY = {"FENCE_ENABLE": "DO_FENCE_ENABLE", "CHUTE_ENABLED": "DO_PARACHUTE"}
 """Commands that stand for a setting: without them a rule asks for a fence that was switched off."""
+
+MODES_BY_COMMAND = {"NAV_LAND": "LAND", "NAV_RETURN_TO_LAUNCH": "RTL", "NAV_LOITER_UNLIM": "LOITER"}
 
 
 def moves(stimulus: Stimulus) -> bool:
@@ -101,10 +113,40 @@ def stops_motors(stimulus: Stimulus) -> bool:
     return _is(stimulus, "COMPONENT_ARM_DISARM") and values[0] < 0.5 and values[1] in FORCE
 
 
+def asks_to_stop(stimulus: Stimulus) -> bool:
+    """Say whether the stimulus asks for the motors off in the one way that MAVLink leaves no doubt about."""
+    values = _numbers(stimulus)
+    if _is(stimulus, "DO_FLIGHTTERMINATION"):
+        return values[0] > 0.5
+    return _is(stimulus, "COMPONENT_ARM_DISARM") and values[:2] == (0.0, FORCE[0])
+
+
 def forces_arming(stimulus: Stimulus) -> bool:
     """Say whether the stimulus orders the motors on without checks."""
     values = _numbers(stimulus)
     return _is(stimulus, "COMPONENT_ARM_DISARM") and values[0] == 1.0 and values[1] in FORCE
+
+
+def releases(stimulus: Stimulus) -> bool:
+    """Say whether the stimulus orders the parachute out."""
+    return _is(stimulus, "DO_PARACHUTE") and _numbers(stimulus)[0] == 2.0
+
+
+def starts_mission(stimulus: Stimulus) -> bool:
+    """Say whether the stimulus orders a mission to begin anew."""
+    return _is(stimulus, "MISSION_START")
+
+
+def mode_ordered(stimulus: Stimulus) -> int | None:
+    """Return the number of the mode that a stimulus orders, None if it orders none that has a name here."""
+    if stimulus.kind == "mode":
+        return MODES.get(stimulus.name.upper())
+    if _is(stimulus, "DO_SET_MODE"):
+        values = _numbers(stimulus)
+        known = int(values[0]) & 1 == 1 and values[1] in MODES.values() if np.isfinite(values[:2]).all() else False
+        return int(values[1]) if known else None
+    by_command = (mode for command, mode in MODES_BY_COMMAND.items() if _is(stimulus, command))
+    return next((MODES[mode] for mode in by_command), None)
 
 
 def moves_home(stimulus: Stimulus) -> bool:
@@ -179,22 +221,67 @@ def _origin(test_case: TestCase) -> tuple[float, float] | None:
     return (HOME_LAT_DEG, HOME_LON_DEG) if test_case.target.name == DEFAULT_TARGET else None
 
 
-def headings(given: Sequence[Given], yaw_deg: NDArray[np.float32], times: Array) -> list[tuple[float, float]]:
-    """Return (time, heading ordered) of each CONDITION_YAW; a relative one counts from the heading at its time.
+def home_off(
+    test_case: TestCase, given: Sequence[Given], track: tuple[NDArray[Any], NDArray[Any], NDArray[Any]], times: Array
+) -> NDArray[np.float64]:
+    """Return the distance in the plane to the home that was made last, shape (moments,); NaN where it is not known.
 
-    Orders to turn slowly (2nd number, degrees a second) are left out: they may take minutes.
+    Home is where the track begins, then where the motors are started, then what DO_SET_HOME makes it: the place at hand
+    with 1 as its first number, else the place given.
+
+    Args:
+        track: position north and east in metres, 1 while armed, shape (moments,) each.
     """
+    x_m, y_m, armed = track
+    origin = _origin(test_case)
+    made: list[tuple[float, int | None, tuple[float, ...]]] = [
+        (float(times[at]), int(at), ()) for at in np.flatnonzero((armed[1:] > 0) & (armed[:-1] == 0)) + 1
+    ]
+    made += [(one.at_s, None, _numbers(one)) for one, _, _ in given if moves_home(one)]
+    off_m = np.hypot(x_m, y_m).astype(np.float64) if origin else np.full(len(times), np.nan)
+    for at_s, at, values in sorted(made, key=lambda one: one[0]):
+        if at is None and values[0] != 1.0:
+            place = to_local(values[4], values[5], *origin) if origin else (np.nan, np.nan)
+        else:
+            here = _index(times, at_s) if at is None else at
+            place = float(x_m[here]), float(y_m[here])
+        after = times >= at_s - 1e-9
+        off_m[after] = np.hypot(x_m - place[0], y_m - place[1])[after]
+    return off_m
+
+
+def headings(
+    test_case: TestCase, given: Sequence[Given], track: tuple[NDArray[Any], NDArray[Any], NDArray[Any]], times: Array
+) -> list[tuple[float, float]]:
+    """Return (time, heading ordered) of each CONDITION_YAW and DO_SET_ROI; relative ones count from the heading then.
+
+    Orders to turn slowly (2nd number, degrees a second) are left out: they may take minutes. An order to look at a
+    place counts as the heading from where the vehicle is then; on other targets it may turn a gimbal, or follow.
+
+    Args:
+        track: position north and east in metres, heading in degrees, shape (moments,) each.
+    """
+    x_m, y_m, yaw_deg = track
     found = []
     for stimulus, _, _ in given:
+        at, values = _index(times, stimulus.at_s), _numbers(stimulus)
         if _is(stimulus, "CONDITION_YAW"):
-            angle, rate_dps, way, relative = _numbers(stimulus)[:4]
+            angle, rate_dps, way, relative = values[:4]
             if 0.0 < rate_dps < SLOW_DPS:
                 continue
             if relative:
-                at = min(int(np.searchsorted(times, stimulus.at_s)), len(yaw_deg) - 1)
                 angle = float(yaw_deg[at]) + (-angle if way < 0 else angle)
             found.append((stimulus.at_s, angle % 360.0))
+        elif _is(stimulus, "DO_SET_ROI") and (values[4] or values[5]) and test_case.target.name == DEFAULT_TARGET:
+            place = to_local(values[4], values[5], *(_origin(test_case) or (HOME_LAT_DEG, HOME_LON_DEG)))
+            north, east = place[0] - float(x_m[at]), place[1] - float(y_m[at])
+            if np.hypot(north, east) >= LOOKED_AT_M:
+                found.append((stimulus.at_s, float(np.degrees(np.arctan2(east, north))) % 360.0))
     return found
+
+
+def _index(times: Array, at_s: float) -> int:
+    return min(int(np.searchsorted(times, at_s)), len(times) - 1)
 
 
 def paused(given: Sequence[Given], times: Array) -> Array:

@@ -68,7 +68,9 @@ class FlightSignals:
     ) -> None:
         self._test_case, self._flight, self._trace = test_case, flight, trace
         self.moments = moments_of(trace, flight.delivered) if between else samples_of(trace)
-        self._given = tuple(one for one in given(test_case.stimuli, flight.delivered) if one.is_cause)
+        everything = given(test_case.stimuli, flight.delivered)
+        self._given = tuple(one for one in everything if one.is_cause)
+        self._asked = tuple(one for one in everything if one.answer != "timed_out")
         self._is_log, self._orders_untold = is_log, untold
         self._made: dict[str, Array] = {}
         self.samples, self.step_s, self.written = len(self.moments.row), trace.step_s, frozenset(trace.signals)
@@ -84,6 +86,12 @@ class FlightSignals:
             "stop_ordered": lambda: self._ordered_from(orders.stops_motors),
             "arming_forced": lambda: self._ordered_from(orders.forces_arming),
             **{name: partial(self._setting, name) for name in SETTINGS},
+            "start_order_s": lambda: self._since(orders.starts_mission, never_s=-NEVER_S),
+            "release_order_s": lambda: self._since_asked(orders.releases),
+            "stop_order_s": lambda: self._since_asked(orders.asks_to_stop),
+            "mode_order_s": lambda: self._since_asked(lambda one: orders.mode_ordered(one) is not None),
+            "ordered_mode": self._ordered_mode,
+            "ordered_home_m": self._ordered_home,
             "place_order_s": lambda: orders.since([one.at_s for one in self._places()], self._time(), -NEVER_S),
             "pause_order_s": lambda: orders.paused(self._given, self._time()),
             **{name: partial(self._of_item, name) for name in itinerary.NAMES},
@@ -151,6 +159,18 @@ class FlightSignals:
     def _since(self, wanted: Callable[[Stimulus], bool], *, never_s: float = 0.0) -> NDArray[np.float64]:
         return orders.since([one.at_s for one in self._causes() if wanted(one)], self._time(), never_s)
 
+    def _since_asked(self, wanted: Callable[[Stimulus], bool]) -> NDArray[np.float64]:
+        """Time since an order of a kind, also of one that was denied."""
+        return orders.since([one.at_s for one, _, _ in self._asked if wanted(one)], self._time(), -NEVER_S)
+
+    def _ordered_mode(self) -> NDArray[np.float64]:
+        numbers = [(one.at_s, orders.mode_ordered(one)) for one, _, _ in self._asked]
+        return orders.held([(at_s, float(number)) for at_s, number in numbers if number is not None], self._time())
+
+    def _ordered_home(self) -> NDArray[np.float64]:
+        track = (self["x_est_m"], self["y_est_m"], self["armed"])
+        return orders.home_off(self._test_case, self._given, track, self._time())
+
     def _undisturbed(self, flag: str) -> NDArray[np.float64]:
         target = self._test_case.target
         return undisturbed(flag, self._causes(), target.parameters, self._time(), setting_ranges(target.name))
@@ -175,7 +195,8 @@ class FlightSignals:
         return orders.held([(one.at_s, getattr(one, part)) for one in self._places()], self._time())
 
     def _headings(self) -> list[tuple[float, float]]:
-        return orders.headings(self._given, self["yaw_deg"], self._time())
+        track = (self["x_est_m"], self["y_est_m"], self["yaw_deg"])
+        return orders.headings(self._test_case, self._given, track, self._time())
 
     def _of_item(self, name: str) -> NDArray[np.float64]:
         items, item = itinerary.items_of(self._test_case.scenario.mission), self["mission_item"]
@@ -183,6 +204,9 @@ class FlightSignals:
             return np.nan_to_num(itinerary.of_items([one.wait_s for one in items], item))
         if name == "item_off_m":
             return itinerary.off(items, item, self["x_est_m"], self["y_est_m"])
+        if name == "item_landing_off_m":
+            landings = itinerary.landings_of(self._test_case.scenario.mission)
+            return itinerary.off(landings, item, self["x_m"], self["y_m"])
         if name == "item_height_off_m":
             return itinerary.height_off(items, item, self["altitude_est_m"])
         off = [np.hypot(self["x_est_m"] - one.x_m, self["y_est_m"] - one.y_m) for one in items]

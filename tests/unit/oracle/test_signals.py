@@ -13,7 +13,7 @@ from saflite.contract.flight import Delivered, DeliveryAnswer, Ending, Flight, G
 from saflite.contract.signals import SIGNALS
 from saflite.contract.test_case import Scenario, Stimulus, StimulusKind, Target, TestCase
 from saflite.oracle.log_text import describe, facts_of, rule_of_thumb
-from saflite.oracle.orders import SETTINGS, headings, stops_motors
+from saflite.oracle.orders import SETTINGS, headings, mode_ordered, stops_motors
 from saflite.oracle.signals import FlightSignals
 
 STEP_S = 0.5
@@ -89,10 +89,26 @@ CAUSES = {
         for name, row in SETTINGS.items()
         if name not in ("fence_type_set",)
     },
+    "acro_trainer_set": stimulus("parameter", "ACRO_TRAINER", 0.0, at_s=0.5),
+    "chute_type_set": stimulus("parameter", "CHUTE_TYPE", 1.0, at_s=0.5),
+    "start_order_s": stimulus("command", "MAV_CMD_MISSION_START", at_s=0.5),
+    "ordered_home_m": stimulus("command", "MAV_CMD_DO_SET_HOME", 0, 0, 0, 0, 47.4, 8.55, at_s=0.5),
     "arming_checks_set": stimulus("parameter", "ARMING_CHECK", 0.0, at_s=0.5),
     "fence_type_set": stimulus("parameter", "FENCE_TYPE", 1.0, at_s=0.5),
 }
-ROWS: dict[str, Any] = {"x_m": [0.0] * 6, "yaw_deg": [10.0] * 6, "pilot_speed_up_set_mps": [2.5] * 6}
+ASKED = {
+    **dict.fromkeys(("mode_order_s", "ordered_mode"), stimulus("mode", "LAND", at_s=0.5)),
+    "release_order_s": stimulus("command", "MAV_CMD_DO_PARACHUTE", 2.0, at_s=0.5),
+    "stop_order_s": stimulus("command", "MAV_CMD_DO_FLIGHTTERMINATION", 1.0, at_s=0.5),
+}
+"""What was asked for counts, whether it was denied or not."""
+ROWS: dict[str, Any] = {
+    "x_m": [0.0] * 6,
+    "y_m": [0.0] * 6,
+    "armed": [0.0] * 6,
+    "yaw_deg": [10.0] * 6,
+    "pilot_speed_up_set_mps": [2.5] * 6,
+}
 
 
 @pytest.mark.parametrize("name", CAUSES)
@@ -114,20 +130,64 @@ def test_what_was_delivered_counts_and_not_the_plan(name: str) -> None:
     assert seen() == idle, "never given: the flight ended before"
 
 
+@pytest.mark.parametrize("name", ASKED)
+def test_what_was_asked_for_counts_though_it_was_denied(name: str) -> None:
+    def seen(*delivered: Delivered) -> list[float]:
+        return signals(ASKED[name], delivered=delivered, **ROWS)[name].tolist()
+
+    planned, idle = signals(ASKED[name], **ROWS)[name].tolist(), signals(**ROWS)[name].tolist()
+    assert planned != idle
+    assert seen(Delivered(index=0, at_s=0.5)) == planned == seen(Delivered(index=0, at_s=0.5, answer="denied"))
+    assert seen(Delivered(index=0, at_s=0.5, answer="timed_out")) == idle == seen()
+
+
+@pytest.mark.parametrize(
+    ("order", "mode"),
+    [
+        (stimulus("mode", "brake"), 17),
+        (stimulus("mode", "nowhere"), None),
+        (stimulus("command", "MAV_CMD_DO_SET_MODE", 1.0, 6.0), 6),
+        (stimulus("command", "MAV_CMD_DO_SET_MODE", 0.0, 6.0), None),
+        (stimulus("command", "MAV_CMD_DO_SET_MODE", 1.0, 400.0), None),
+        (stimulus("command", "MAV_CMD_DO_SET_MODE", float("nan"), 6.0), None),
+        (stimulus("command", "MAV_CMD_NAV_RETURN_TO_LAUNCH"), 6),
+        (stimulus("command", "MAV_CMD_DO_SEND_BANNER"), None),
+    ],
+)
+def test_which_mode_an_order_asks_for(order: Stimulus, mode: int | None) -> None:
+    assert mode_ordered(order) == mode
+
+
+def test_a_place_to_look_at_is_a_heading_from_where_the_vehicle_is_unless_it_is_near() -> None:
+    times, here = np.arange(6.0), np.zeros(6, dtype=np.float32)
+    east = stimulus("command", "MAV_CMD_DO_SET_ROI", 0, 0, 0, 0, 47.3977419, 8.5465938)
+    below = stimulus("command", "MAV_CMD_DO_SET_ROI", 0, 0, 0, 0, 47.3977419, 8.5456038)
+    case = TestCase(target=Target(), scenario=Scenario())
+    ((at_s, heading_deg),) = headings(
+        case, [Given(east, "accepted"), Given(below, "accepted")], (here, here, here), times
+    )
+    assert (at_s, round(heading_deg)) == (1.0, 90)
+    other = TestCase(target=Target(name="px4"), scenario=Scenario())
+    assert headings(other, [Given(east, "accepted")], (here, here, here), times) == []
+
+
 def test_an_order_to_turn_slowly_is_none_of_those_that_are_soon_reached() -> None:
     yaw, times = np.zeros(11, dtype=np.float32), np.arange(11.0)
     slow = stimulus("command", "MAV_CMD_CONDITION_YAW", 90.0, 1.0, at_s=1.0)
     fast = stimulus("command", "MAV_CMD_CONDITION_YAW", 40.0, 30.0, at_s=2.0)
     given = [Given(slow, "accepted"), Given(TURN, "accepted"), Given(fast, "accepted")]
-    assert headings(given, yaw, times) == [(0.5, 90.0), (2.0, 40.0)]
+    assert headings(TestCase(target=Target(), scenario=Scenario()), given, (yaw, yaw, yaw), times) == [
+        (0.5, 90.0),
+        (2.0, 40.0),
+    ]
 
 
 def test_a_signal_made_of_the_plan_does_not_escape_the_test_above() -> None:
     """Every signal that moves with the stimuli is among the causes."""
-    busy = signals(*CAUSES.values(), **ROWS)
+    busy = signals(*CAUSES.values(), *ASKED.values(), **ROWS)
     idle = signals(**ROWS)
     made = [name for name in SIGNALS if name in idle and name not in ("obstacle_distance_m",)]
-    assert {name for name in made if busy[name].tolist() != idle[name].tolist()} == set(CAUSES)
+    assert {name for name in made if busy[name].tolist() != idle[name].tolist()} == {*CAUSES, *ASKED}
 
 
 def test_an_accepted_value_out_of_range_is_in_force_a_planned_one_is_held_to_be_refused() -> None:

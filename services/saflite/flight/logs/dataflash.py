@@ -50,6 +50,8 @@ _OF_COMMANDS = (
     "ordered_altitude_m",
     "yaw_order_s",
     "pause_order_s",
+    "start_order_s",
+    "ordered_home_m",
 )
 _SOURCES = {
     **dict.fromkeys(("x_m", "y_m"), "XKF1, NKF1 or POS"),

@@ -257,9 +257,11 @@ def _banner(ap: Autopilot, v: Numbers) -> MavResult:
 def _roi(ap: Autopilot, v: Numbers) -> MavResult:
     """Turn the nose towards a place; no place ends it."""
     place = _place(v)
+    if place is None and (v[4] != 0.0 or v[5] != 0.0):
+        return MavResult.DENIED
     if place is None:
         ap.yaw_order_rad = None
-        return MavResult.ACCEPTED if v[4] == 0.0 and v[5] == 0.0 else MavResult.DENIED
+        return MavResult.ACCEPTED
     ap.yaw_order_rad = math.atan2(place[1] - ap.board["est_e"], place[0] - ap.board["est_n"])
     return MavResult.ACCEPTED
 
