@@ -46,7 +46,7 @@ class Setting(NamedTuple):
 
 
 SETTINGS: dict[str, Setting] = {
-    "battery_timer_set_s": Setting("BATT_LOW_TIMER", 10.0, 0.0, 120.0),
+    "battery_timer_set_s": Setting("BATT_LOW_TIMER", 10.0, 0.0, 120.0, whole=True),
     "battery_low_action_set": Setting("BATT_FS_LOW_ACT", 0.0, 0.0, 7.0, whole=True),
     "battery_critical_set_v": Setting("BATT_CRT_VOLT", 0.0, 0.0),
     "battery_critical_action_set": Setting("BATT_FS_CRT_ACT", 0.0, 0.0, 7.0, whole=True),
@@ -58,28 +58,28 @@ SETTINGS: dict[str, Setting] = {
     "chute_type_set": Setting("CHUTE_TYPE", 0.0, 0.0, 10.0, whole=True),
     "chute_servo_set": Setting("SERVO9_FUNCTION", 0.0, -1.0, 200.0, whole=True),
     "battery_low_charge_set_mah": Setting("BATT_LOW_MAH", 0.0, 0.0),
-    "battery_capacity_set_mah": Setting("BATT_CAPACITY", 3300.0, 0.0),
+    "battery_capacity_set_mah": Setting("BATT_CAPACITY", 3300.0, 0.0, whole=True),
     "fence_action_set": Setting("FENCE_ACTION", 1.0, 0.0, 5.0, whole=True),
     "failsafe_options_set": Setting("FS_OPTIONS", 16.0, 0.0, 127.0, whole=True),
     "circle_options_set": Setting("CIRCLE_OPTIONS", 1.0, 0.0, 15.0, whole=True),
     "auto_options_set": Setting("AUTO_OPTIONS", 0.0, 0.0, 255.0, whole=True),
-    "pilot_turn_speed_set_dps": Setting("PILOT_Y_RATE", 202.5, 1.0, 360.0),
+    "pilot_turn_speed_set_dps": Setting("PILOT_Y_RATE", 202.5, 1.0, 360.0, whole=True),
     "fence_on_set": Setting("FENCE_ENABLE", 0.0, 0.0, 1.0, whole=True),
     "fence_type_set": Setting("FENCE_TYPE", 7.0, 0.0, 15.0, whole=True),
     "fence_radius_set_m": Setting("FENCE_RADIUS", 300.0, 30.0, 10_000.0),
-    "arming_checks_set": Setting("ARMING_CHECK", 1.0),
-    "angle_max_set_deg": Setting("ANGLE_MAX", 3000.0, 1000.0, 8000.0, 0.01),
+    "arming_checks_set": Setting("ARMING_CHECK", 1.0, whole=True),
+    "angle_max_set_deg": Setting("ANGLE_MAX", 3000.0, 1000.0, 8000.0, 0.01, whole=True),
     "waypoint_radius_set_m": Setting("WPNAV_RADIUS", 200.0, 5.0, 1000.0, 0.01),
     "acceleration_set_mps2": Setting("WPNAV_ACCEL", 250.0, 50.0, 500.0, 0.01),
     "pilot_takeoff_set_m": Setting("PILOT_TKOFF_ALT", 0.0, 0.0, 1000.0, 0.01),
     "yaw_slew_set_dps": Setting("ATC_SLEW_YAW", 6000.0, 500.0, 18000.0, 0.01),
-    "pilot_speed_down_set_mps": Setting("PILOT_SPEED_DN", 0.0, 0.0, 500.0, 0.01),
+    "pilot_speed_down_set_mps": Setting("PILOT_SPEED_DN", 0.0, 0.0, 500.0, 0.01, whole=True),
     "cruise_speed_set_mps": Setting("WPNAV_SPEED", 1000.0, 20.0, 2000.0, 0.01),
-    "return_speed_set_mps": Setting("RTL_SPEED", 0.0, 0.0, 2000.0, 0.01),
-    "return_wait_set_s": Setting("RTL_LOIT_TIME", 5000.0, 0.0, 60000.0, 0.001),
-    "return_climb_min_set_m": Setting("RTL_CLIMB_MIN", 0.0, 0.0, 3000.0, 0.01),
+    "return_speed_set_mps": Setting("RTL_SPEED", 0.0, 0.0, 2000.0, 0.01, whole=True),
+    "return_wait_set_s": Setting("RTL_LOIT_TIME", 5000.0, 0.0, 60000.0, 0.001, whole=True),
+    "return_climb_min_set_m": Setting("RTL_CLIMB_MIN", 0.0, 0.0, 3000.0, 0.01, whole=True),
     "loiter_speed_set_mps": Setting("LOIT_SPEED", 1250.0, 20.0, 3500.0, 0.01),
-    "disarm_delay_set_s": Setting("DISARM_DELAY", 10.0, 0.0, 127.0),
+    "disarm_delay_set_s": Setting("DISARM_DELAY", 10.0, 0.0, 127.0, whole=True),
     "gps_forward_set_m": Setting("GPS_POS1_X", 0.0, -5.0, 5.0),
     "gps_right_set_m": Setting("GPS_POS1_Y", 0.0, -5.0, 5.0),
     "trim_roll_set_deg": Setting("AHRS_TRIM_X", 0.0, -0.1745, 0.1745, 57.29578),
@@ -175,7 +175,7 @@ def setting_over_time(name: str, test_case: TestCase, given: Sequence[Given], ti
             continue
         if answer != "unanswered" or row.low <= stimulus.values[0] <= row.high:
             held[times >= stimulus.at_s] = stimulus.values[0]
-    return np.trunc(held + np.copysign(ROUNDED_UP, held)) if row.whole else held * row.unit
+    return (np.trunc(held + np.copysign(ROUNDED_UP, held)) if row.whole else held) * row.unit
 
 
 def _switches(stimulus: Stimulus, parameter: str) -> bool:

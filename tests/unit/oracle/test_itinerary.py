@@ -9,7 +9,7 @@ from saflite.contract.signals import MODES
 from saflite.contract.test_case import Mission, MissionItem
 from saflite.oracle import itinerary
 
-UP, POINT, JUMP, DELAY, SPEED = 22, 16, 177, 112, 178
+UP, POINT, LAND, JUMP, DELAY, SPEED = 22, 16, 21, 177, 112, 178
 
 
 def mission(*rows: tuple[float, ...]) -> Mission:
@@ -51,6 +51,7 @@ def test_an_item_that_need_not_follow_is_told(index: list[int], at: list[int]) -
 def test_a_mission_begun_anew_or_entered_again_counts_afresh() -> None:
     assert wrong([3, 1, 2, 0, 1], started_s=[6.0]) == []
     assert wrong([3, 1, 2, 0, 1]) == [3]
+    assert wrong([0, 1, 2, 4, 5], started_s=[6.0]) == [3], "it begins with its first item"
     assert wrong([0, 1, 1, 4, 4, 5], modes=["AUTO", "AUTO", "GUIDED", "GUIDED", "AUTO", "AUTO"]) == []
 
 
@@ -61,6 +62,22 @@ def test_jumps_among_items_that_are_over_at_once_need_not_show() -> None:
     off = [np.full(6, 500.0 if np.isfinite(one.x_m) else np.nan, dtype=np.float64) for one in items]
     flags = itinerary.unexpected(items, item, mode, off, [], np.arange(6, dtype=np.float64))
     assert not flags.any()
+
+
+def test_a_jump_to_the_item_before_it_need_not_show_nor_be_counted() -> None:
+    waits = mission((UP, 0, 0, 0, 0, 47.0, 8.0, 10.0), (DELAY, 2), (JUMP, 2, 2), place(1e-3))
+    items, rounds = itinerary.items_of(waits), np.array([0.0, 1.0, 1.0, 2.0, 3.0, 3.0])
+    off = [np.full(6, 500.0 if np.isfinite(one.x_m) else np.nan, dtype=np.float64) for one in items]
+    mode, times = np.full(6, MODES["AUTO"], dtype=np.float64), np.arange(6, dtype=np.float64)
+    assert not itinerary.unexpected(items, rounds, mode, off, [], times).any()
+
+
+def test_where_a_mission_lands() -> None:
+    lands = mission(place(1e-3), (LAND, 0, 0, 0, 0, 47.001, 8.0, 0.0), (LAND, 0, 0, 0, 0, 0.0, 0.0, 0.0))
+    places = itinerary.landings_of(lands)
+    off = itinerary.off(places, np.array([0.0, 1.0, 2.0]), np.zeros(3), np.zeros(3))
+    assert off.tolist() == [itinerary.NO_PLACE_M, pytest.approx(111.2, abs=0.5), itinerary.NO_PLACE_M]
+    assert itinerary.landings_of(None) == ()
 
 
 def test_what_the_item_at_hand_asks_for() -> None:

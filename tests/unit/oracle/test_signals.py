@@ -12,6 +12,8 @@ from saflite.contract.errors import Refused
 from saflite.contract.flight import Delivered, DeliveryAnswer, Ending, Flight, Given, Trace, TraceMessage
 from saflite.contract.signals import SIGNALS
 from saflite.contract.test_case import Scenario, Stimulus, StimulusKind, Target, TestCase
+from saflite.flight.autopilots.reference.parameter_types import TYPES
+from saflite.flight.autopilots.reference.parameters import parameter_table
 from saflite.oracle.log_text import describe, facts_of, rule_of_thumb
 from saflite.oracle.orders import SETTINGS, headings, mode_ordered, stops_motors
 from saflite.oracle.signals import FlightSignals
@@ -133,9 +135,9 @@ def test_what_was_delivered_counts_and_not_the_plan(name: str) -> None:
 @pytest.mark.parametrize("name", ASKED)
 def test_what_was_asked_for_counts_though_it_was_denied(name: str) -> None:
     def seen(*delivered: Delivered) -> list[float]:
-        return signals(ASKED[name], delivered=delivered, **ROWS)[name].tolist()
+        return list(signals(ASKED[name], delivered=delivered, **ROWS)[name])
 
-    planned, idle = signals(ASKED[name], **ROWS)[name].tolist(), signals(**ROWS)[name].tolist()
+    planned, idle = list(signals(ASKED[name], **ROWS)[name]), list(signals(**ROWS)[name])
     assert planned != idle
     assert seen(Delivered(index=0, at_s=0.5)) == planned == seen(Delivered(index=0, at_s=0.5, answer="denied"))
     assert seen(Delivered(index=0, at_s=0.5, answer="timed_out")) == idle == seen()
@@ -188,6 +190,14 @@ def test_a_signal_made_of_the_plan_does_not_escape_the_test_above() -> None:
     idle = signals(**ROWS)
     made = [name for name in SIGNALS if name in idle and name not in ("obstacle_distance_m",)]
     assert {name for name in made if busy[name].tolist() != idle[name].tolist()} == {*CAUSES, *ASKED}
+
+
+def test_settings_that_an_autopilot_keeps_as_whole_numbers_are_read_as_it_keeps_them() -> None:
+    """DISARM_DELAY 0.17 is 0, which means never."""
+    known = parameter_table()
+    assert [
+        name for name, row in SETTINGS.items() if row.whole != (row.parameter in TYPES) and row.parameter in known
+    ] == []
 
 
 def test_an_accepted_value_out_of_range_is_in_force_a_planned_one_is_held_to_be_refused() -> None:
