@@ -58,6 +58,9 @@ def test_a_policy_campaign_is_made_for_any_target_that_has_what_it_needs() -> No
     assert len(names) < len([name for name in builtin_campaigns() if name.startswith("policy-")])
     campaign = load_campaign("policy-a-chute", OTHER)
     assert campaign.target.name == "other"
+    kept_to = [load_campaign(name, OTHER).strategy.settings["beyond"] for name in ("policy-a-chute", "policy-all")]
+    assert kept_to == [0.0, 0.0], "makers of autopilots refuse what needs values out of range"
+    assert "beyond" not in load_campaign("policy-all").strategy.settings
     assert set(campaign.target.parameters) == {entry.name for entry in SETTABLE}
     given = campaign.strategy.settings["hints"]
     assert isinstance(given, list)

@@ -13,7 +13,7 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
-from external_stand_ins import Deaf
+from external_stand_ins import Deaf, message
 
 from saflite.contract.errors import Refused
 from saflite.contract.test_case import Obstacle, Scenario, StartState, Stimulus, Target, TestCase
@@ -24,7 +24,6 @@ from saflite.flight.autopilots.ardupilot.describe import describe
 from saflite.flight.autopilots.ardupilot.inputs import COMMANDS, MODE_NUMBERS
 from saflite.flight.autopilots.ardupilot.metadata import documented
 from saflite.flight.autopilots.ardupilot.mission import as_taken
-from saflite.flight.autopilots.ardupilot.telemetry import EKF_NEEDED, Telemetry
 from saflite.flight.autopilots.ardupilot.vehicle import Vehicle
 from saflite.flight.autopilots.external import obstacles
 from saflite.flight.autopilots.external.elf import MACHINES
@@ -32,7 +31,6 @@ from saflite.flight.autopilots.external.inputs import Inputs, command_numbers
 from saflite.flight.autopilots.external.link import SimulatedClock
 from saflite.flight.autopilots.external.listing import Listing, Row
 from saflite.flight.autopilots.external.process import last_line
-from saflite.flight.autopilots.external.telemetry import PREARM
 from saflite.flight.geometry import boxes_array
 from saflite.flight.mavlink.client import Client
 from saflite.flight.mission import builtin_mission
@@ -57,16 +55,6 @@ LISTING = Listing(
 @pytest.fixture
 def vehicle() -> Vehicle:
     return Vehicle(np.zeros((0, 8)), 0.0)
-
-
-def message(kind: str, **fields: Any) -> Any:
-    """Return a message as it comes from the vehicle: packed and read again."""
-    from pymavlink.dialects.v20 import ardupilotmega as dialect
-
-    made = dialect.mavlink_map[getattr(dialect, f"MAVLINK_MSG_ID_{kind}")]
-    values = [fields.get(name, [0] * 4 if "[" in name else 0) for name in made.fieldnames]
-    link = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
-    return dialect.MAVLink(None).parse_buffer(made(*values).pack(link))[0]
 
 
 # ---- the JSON backend ---------------------------------------------------------------------------------------------
@@ -203,12 +191,10 @@ def test_the_vehicle_starts_with_our_tune_what_is_given_and_only_what_it_knows()
 
 
 def test_settings_in_force_are_shown_in_si_units(vehicle: Vehicle) -> None:
-    settings.show(vehicle, {"RTL_ALT": 3000.0, "FENCE_ENABLE": 1.0, "FENCE_TYPE": 6.0, "EK3_SRC1_POSZ": 3.0})
+    settings.show(vehicle, {"RTL_ALT": 3000.0, "EK3_SRC1_POSZ": 3.0, "PILOT_SPEED_UP": 250.0, "PILOT_SPEED_DN": 0.0})
     assert vehicle["rtl_altitude_set_m"] == 30.0
-    assert vehicle["fence_enabled"] == 0.0  # on, but without a ceiling
     assert vehicle["altitude_source"] == 2.0
-    settings.show(vehicle, {"FENCE_ENABLE": 1.0, "FENCE_TYPE": 7.0})
-    assert vehicle["fence_enabled"] == 1.0
+    assert vehicle["pilot_speed_down_set_mps"] == 2.5  # 0: as fast as up
 
 
 def test_metadata_beside_the_binary_gives_ranges(tmp_path: Path) -> None:
@@ -244,49 +230,7 @@ def test_the_description_comes_from_the_binary(tmp_path: Path) -> None:
     assert describe(None, None, "no binary").missing == "no binary"
 
 
-# ---- telemetry ----------------------------------------------------------------------------------------------------
-
-
-def test_what_the_vehicle_says_comes_under_common_names(vehicle: Vehicle) -> None:
-    told = Telemetry(vehicle, LISTING.values, HOME)
-    for one in (
-        message("HEARTBEAT", custom_mode=5, base_mode=128 + 1),
-        message("EXTENDED_SYS_STATE", landed_state=2),
-        message("GLOBAL_POSITION_INT", relative_alt=12_500),
-        message("LOCAL_POSITION_NED", x=3.0, y=4.0, vz=-1.0),
-        message("GPS_RAW_INT", fix_type=6, satellites_visible=10, alt=508_790),
-        message("SYS_STATUS", onboard_control_sensors_health=PREARM | 65536 | 8, voltage_battery=12_600),
-        message("EKF_STATUS_REPORT", flags=EKF_NEEDED),
-        message("PARAM_VALUE", param_id=b"RTL_ALT", param_value=2500.0, param_type=INT16),
-        message("FENCE_STATUS", breach_status=1),
-    ):
-        told.take(one, 1.0)
-    board = {
-        name: vehicle[name] for name in ("mode", "armed", "landed", "taken_off", "gps_ok", "baro_ok", "rc_present")
-    }
-    assert board == {
-        "mode": 5.0,
-        "armed": 1.0,
-        "landed": 0.0,
-        "taken_off": 1.0,
-        "gps_ok": 1.0,
-        "baro_ok": 1.0,
-        "rc_present": 1.0,
-    }
-    assert (vehicle["altitude_est_m"], vehicle["climb_est_mps"], vehicle["failsafe_fence"]) == (12.5, 1.0, 1.0)
-    assert vehicle["gps_altitude_m"] == pytest.approx(20.0)
-    assert vehicle["rtl_altitude_set_m"] == 25.0
-    assert told.ready
-
-
-def test_texts_raise_and_clear_failsafes(vehicle: Vehicle) -> None:
-    told = Telemetry(vehicle, {}, HOME)
-    told.zero_s = 10.0
-    told.take(message("STATUSTEXT", severity=4, text=b"Radio Failsafe"), 12.0)
-    assert vehicle["failsafe_radio"] == 1.0
-    assert (told.texts[0].at_s, told.texts[0].severity) == (2.0, "warning")
-    told.take(message("STATUSTEXT", severity=4, text=b"Radio Failsafe Cleared"), 13.0)
-    assert vehicle["failsafe_radio"] == 0.0
+# ---- inputs -------------------------------------------------------------------------------------------------------
 
 
 def test_answers_find_their_stimuli(vehicle: Vehicle) -> None:

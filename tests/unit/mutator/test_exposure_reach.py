@@ -9,6 +9,7 @@ import pytest
 from exposure_cases import BOUNDED, HAVE, HINTS, POLICIES, TEMPLATE, case, given, strategy
 
 from saflite.contract.rng import derive
+from saflite.contract.target_info import InputInfo
 from saflite.contract.test_case import Setting
 from saflite.contract.verdict import Transition
 from saflite.contract.work import Outcome
@@ -143,6 +144,28 @@ def test_a_search_that_asks_for_no_value_outside_its_range_proposes_none_whateve
             and not HAVE[one.kind, one.name].low <= one.values[0] <= HAVE[one.kind, one.name].high
         ]
         assert outside == []
+
+
+def test_a_search_within_ranges_leaves_out_what_has_none_and_drives_no_command_to_extremes() -> None:
+    inputs = (
+        InputInfo(kind="parameter", name="BOUNDLESS"),
+        InputInfo(kind="parameter", name="HALF_BOUNDED", low=0.0),
+        InputInfo(kind="parameter", name="CHOSEN", type="choice", choices=(0.0, 3.0)),
+        InputInfo(kind="parameter", name="BOUNDED", low=1.0, high=5.0),
+        InputInfo(kind="command", name="MAV_CMD_DO_REPOSITION"),
+    )
+    other = msgspec.structs.replace(describe(), name="other", inputs=inputs)
+    words = "upright parameter:BOUNDLESS asks:BOUNDLESS=3 pushes:HALF_BOUNDED=+1 command:MAV_CMD_DO_REPOSITION"
+    settings: dict[str, Setting] = {"hints": [words], "beyond": 0.0}
+    cases = Strategy(TEMPLATE, settings, ("upright",), other).ask(60, derive(1, "test"))
+    drawn = [one for test_case in cases for one in test_case.stimuli]
+    assert {one.name for one in drawn if one.kind == "parameter"} == {"CHOSEN", "BOUNDED"}
+    assert {one.values for one in drawn if one.name == "CHOSEN"} <= {(0.0,), (3.0,)}
+    places = [one.values[4:6] for one in drawn if one.name == "MAV_CMD_DO_REPOSITION" and len(one.values) > 5]
+    assert len(places) > 20
+    assert all(abs(lat_deg) <= 90.0 and abs(lon_deg) <= 180.0 for lat_deg, lon_deg in places)
+    wide = Strategy(TEMPLATE, {**settings, "beyond": 0.2}, ("upright",), other).ask(60, derive(1, "test"))
+    assert {one.name for test_case in wide for one in test_case.stimuli} >= {"BOUNDLESS", "HALF_BOUNDED"}
 
 
 def test_a_policy_that_a_lax_setting_bears_on_is_attended_more() -> None:

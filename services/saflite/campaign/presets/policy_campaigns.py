@@ -32,7 +32,7 @@ from saflite.contract.errors import Refused
 from saflite.contract.outside import parse_toml, read_text
 from saflite.contract.signals import SIGNALS, can_show
 from saflite.contract.target_info import TargetInfo
-from saflite.contract.test_case import Setting, StartState, StimulusKind, Target
+from saflite.contract.test_case import DEFAULT_TARGET, Setting, StartState, StimulusKind, Target
 from saflite.contract.work import PolicyText
 
 POLICIES_DIR = Path(__file__).parents[2] / "oracle" / "policies"
@@ -196,7 +196,7 @@ def _known(data: dict[str, Any], target: TargetInfo) -> dict[str, list[Any]]:
 
 def _one(data: dict[str, Any], target: TargetInfo, inputs: dict[str, list[Any]]) -> Campaign:
     start = data.get("start", {})
-    settings: dict[str, Setting] = {"hints": [_hint(data, start, inputs, target)]}
+    settings: dict[str, Setting] = {"hints": [_hint(data, start, inputs, target)], **_ranges(target)}
     needs_mission = data.get("needs_mission", False)
     if needs_mission:
         settings["start_s"] = AIRBORNE_S
@@ -214,6 +214,12 @@ def _one(data: dict[str, Any], target: TargetInfo, inputs: dict[str, list[Any]])
         scorer=ScorerConfig(model="relevance", batch=16),
         search=_SEARCH,
     )
+
+
+def _ranges(target: TargetInfo) -> dict[str, Setting]:
+    """Return what keeps values within documented ranges, but on the target that is there to be broken: makers of
+    autopilots refuse findings that need others."""
+    return {} if target.name == DEFAULT_TARGET else {"beyond": 0.0}
 
 
 def _hint(data: dict[str, Any], start: dict[str, Any], inputs: dict[str, list[Any]], target: TargetInfo) -> str:
@@ -293,7 +299,8 @@ def _all(policies: list[dict[str, Any]], target: TargetInfo) -> Campaign:
         policies=tuple(data["id"] for data in policies),
         budget_flights=2000,
         strategy=StrategyConfig(
-            name=EXPOSURE, settings={"hints": hints, "missions": missions, "phases_max": ALL_PHASES}
+            name=EXPOSURE,
+            settings={"hints": hints, "missions": missions, "phases_max": ALL_PHASES, **_ranges(target)},
         ),
         scorer=ScorerConfig(model="relevance", batch=16),
         search=msgspec.structs.replace(_SEARCH, random_share=ALL_RANDOM_SHARE),

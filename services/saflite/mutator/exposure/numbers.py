@@ -15,6 +15,7 @@ from saflite.mutator.operators.inputs import Have, Input
 Rng = np.random.Generator
 DECADES = 3.0  # how far below its upper end a value on the log scale may lie
 STICK_ENDS = 0.35  # more sticks at an end, where they do most
+RANGED = ("parameter", "sensor_fault")  # the kinds that may lack a range
 PAST_ENDS = 0.3  # share of those beyond it: a radio that fails, or is set up wrong
 NEAR_DEFAULT, ON_LOG_SCALE = 0.3, 0.3
 EXTREME = 0.25  # share of commands of which one number is negative, 0, tiny or huge
@@ -46,7 +47,7 @@ def _command(rng: Rng, entry: Input, beyond: float) -> values.Values:
     numbers = values.draw(rng, entry, beyond)
     if numbers and math.isnan(entry.low) and not values.has_choices(entry.name) and rng.random() < 0.5:
         numbers = (float(rng.integers(ORDINALS)), *numbers[1:])
-    if numbers and math.isnan(entry.low) and rng.random() < EXTREME:
+    if numbers and math.isnan(entry.low) and beyond > 0.0 and rng.random() < EXTREME:
         places = [place for place in values.telling(entry.name) if place < len(numbers)]
         place = places[int(rng.integers(len(places)))]
         numbers = (*numbers[:place], _extreme(rng, numbers[place]), *numbers[place + 1 :])
@@ -81,16 +82,21 @@ def _fit(entry: Input, value: float) -> float:
     return float(round(kept)) if entry.whole else values.neat(kept)
 
 
+def has_range(entry: Input) -> bool:
+    """Return whether what may be given is known: of settings and faults a range or choices, of the rest always."""
+    return entry.kind not in RANGED or bool(entry.choices) or math.isfinite(entry.high - entry.low)
+
+
 def in_range(have: Have, stimuli: Iterable[Stimulus]) -> tuple[Stimulus, ...]:
     """Return stimuli with settings, sticks and faults within their range; that of a pulse reaches past it."""
     return tuple(_in_range(have.get((one.kind, one.name)), one) for one in stimuli)
 
 
 def _in_range(entry: Input | None, stimulus: Stimulus) -> Stimulus:
-    if entry is None or entry.kind not in ("parameter", "sensor_fault", "stick") or len(stimulus.values) != 1:
+    if entry is None or entry.kind not in (*RANGED, "stick") or len(stimulus.values) != 1:
         return stimulus
-    kept = min(max(stimulus.values[0], entry.low), entry.high) if math.isfinite(entry.high - entry.low) else None
-    return stimulus if kept in (None, stimulus.values[0]) else msgspec.structs.replace(stimulus, values=(kept,))
+    kept = values.within(entry, stimulus.values)
+    return stimulus if kept == stimulus.values else msgspec.structs.replace(stimulus, values=kept)
 
 
 def nudge(rng: Rng, entry: Input, stimulus: Stimulus) -> Stimulus:

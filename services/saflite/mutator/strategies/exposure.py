@@ -85,18 +85,21 @@ class Strategy:
             raise Refused("strategy", expected="a campaign with at least one policy", got="none")
         if template.scenario.start is None and template.scenario.mission is None:
             raise Refused("strategy", expected="a campaign with a start state or a mission", got="neither")
+        self._in_range = self._chosen.real("beyond") == 0.0
         self._have = inputs.target_inputs(target, template.target.settings)
+        lacking = target.lacking(template.target.settings)
+        if self._in_range:  # of what has no documented range nobody can say whether a value is within
+            lacking |= {entry.name for entry in self._have.values() if not numbers.has_range(entry)}
+            self._have = {key: entry for key, entry in self._have.items() if entry.name not in lacking}
         if not self._have:
             raise Refused("strategy", expected="a target with inputs to give", got=f"{target.name}, which has none")
         self._template = template
         self._at_start = frozenset(key for key, entry in self._have.items() if entry.at_start)
-        lacking = target.lacking(template.target.settings)
         texts = [_without(text, lacking) for text in self._chosen.words("hints")]
         hints = read_hints(texts, policies, self._have)
         self._hints = {hint.policy: hint for hint in hints}
         self._rest = {(entry.kind, entry.name): entry.default for entry in target.inputs if entry.default is not None}
         self._rest.update({("parameter", name): value for name, value in template.target.parameters.items()})
-        self._in_range = self._chosen.real("beyond") == 0.0
         self._probes = Probes({} if self._in_range else self._have)
         self._scenarios: Scenarios = scenarios_of(template.scenario, target)
         self._vocabulary = Vocabulary(self._have)
@@ -285,4 +288,4 @@ class Strategy:
 
 def _without(text: str, lacking: Collection[str]) -> str:
     """Return a hint without the inputs that cannot be given with the target's settings."""
-    return " ".join(word for word in text.split() if word.rpartition(":")[2] not in lacking)
+    return " ".join(word for word in text.split() if word.rpartition(":")[2].partition("=")[0] not in lacking)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from saflite.contract.errors import Unavailable
 from saflite.contract.rng import derive
-from saflite.contract.test_case import TestCase
+from saflite.contract.test_case import Stimulus, TestCase
 from saflite.flight.autopilots.ardupilot.bring_up import HEARTBEAT_S, Aircraft
 from saflite.flight.autopilots.ardupilot.inputs import MODE_NUMBERS
 from saflite.flight.autopilots.ardupilot.mission import as_taken
@@ -18,6 +18,7 @@ from saflite.flight.autopilots.external.inputs import Inputs
 from saflite.flight.autopilots.external.link import CENTRE_US, TICK_S
 from saflite.flight.autopilots.external.listing import Listing
 from saflite.flight.autopilots.external.place import Place
+from saflite.flight.mission import places_of
 
 READY_S = 120.0  # simulated
 NOISE_TICKS = 50  # the vehicle waits up to a second longer, drawn anew for every random seed
@@ -25,6 +26,7 @@ NEAR_M = 0.5
 ARM, TAKEOFF, START_MISSION = 400, 22, 300
 WIND = ("SIM_WIND_SPD", "SIM_WIND_DIR", "SIM_WIND_TURB")
 WIND_MAX_MPS = 30.0
+HEIGHT_AT = 6  # among the numbers of MAV_CMD_NAV_TAKEOFF
 
 
 class ArduPilotFlight(ExternalFlight):
@@ -72,6 +74,7 @@ class ArduPilotFlight(ExternalFlight):
         self._telemetry = made(aircraft.vehicle, self._parameters, self._home)
         pulses_us, stimuli = aircraft.pulses_us, self.test_case.stimuli
         self._inputs = Inputs(aircraft.client, pulses_us, stimuli, self._listing, MODE_NUMBERS)
+        self._inputs.on_accepted = lambda stimulus: _note_takeoff(aircraft, stimulus)
         if not aircraft.client.wait_for_heartbeat(HEARTBEAT_S):
             raise Unavailable(f"{self._version}: no heartbeat within {HEARTBEAT_S:.0f} simulated s")
         self._ask_for(aircraft, {name: RATES_HZ[name] for name in ("SYS_STATUS", "EKF_STATUS_REPORT")})
@@ -104,6 +107,8 @@ class ArduPilotFlight(ExternalFlight):
             return why
         if self._mission is not None:
             aircraft.pulses_us[2] = CENTRE_US
+            heights_m = [place.z_m for place in places_of(self._mission) if place.kind == "takeoff"]
+            aircraft.vehicle["takeoff_altitude_set_m"] = next(iter(heights_m), 0.0)
             return "" if client.command(START_MISSION, (0.0, 0.0), ANSWER_S).ok else "the mission did not start"
         return self._climb(aircraft) if flies else ""
 
@@ -117,3 +122,9 @@ class ArduPilotFlight(ExternalFlight):
     def _enter(self, aircraft: Aircraft, mode: str) -> str:
         answer = aircraft.client.set_mode(MODES[mode], ANSWER_S)
         return "" if answer.ok else f"mode {mode} was {answer.state}: {self._last_words()}"
+
+
+def _note_takeoff(aircraft: Aircraft, stimulus: Stimulus) -> None:
+    """Show the height of a take-off that was taken: the vehicle does not tell it."""
+    if stimulus.kind == "command" and stimulus.name.endswith("NAV_TAKEOFF") and len(stimulus.values) > HEIGHT_AT:
+        aircraft.vehicle["takeoff_altitude_set_m"] = stimulus.values[HEIGHT_AT]

@@ -87,7 +87,6 @@ SHOWN: dict[str, Shown] = {
     "land_speed_set_mps": Shown(("LAND_SPEED",), 0.01),
     "land_altitude_low_set_m": Shown(("LAND_ALT_LOW",), 0.01),
     "pilot_speed_up_set_mps": Shown(("PILOT_SPEED_UP",), 0.01),
-    "pilot_speed_down_set_mps": Shown(("PILOT_SPEED_DN",), 0.01),
     "takeoff_speed_set_mps": Shown(("WPNAV_SPEED_UP",), 0.01),
     "chute_altitude_min_set_m": Shown(("CHUTE_ALT_MIN",)),
     "fs_throttle_set_pwm": Shown(("FS_THR_VALUE",)),
@@ -97,7 +96,6 @@ SHOWN: dict[str, Shown] = {
     "auto_options_set": Shown(("AUTO_OPTIONS",)),
     "pilot_turn_speed_set_dps": Shown(("PILOT_Y_RATE",)),
     "fs_gps_action": Shown(("FS_EKF_ACTION",)),
-    "fence_on_set": Shown(("FENCE_ENABLE",)),
     "fence_type_set": Shown(("FENCE_TYPE",)),
     "fence_action_set": Shown(("FENCE_ACTION",)),
     "fence_altitude_max_set_m": Shown(("FENCE_ALT_MAX",)),
@@ -122,7 +120,14 @@ SHOWN: dict[str, Shown] = {
     "descent_speed_set_mps": Shown(("WPNAV_SPEED_DN",), 0.01),
     "circle_radius_set_m": Shown(("CIRCLE_RADIUS",), 0.01),
 }
-_CEILING = 1  # bit of FENCE_TYPE
+ABOVE_HOME = (
+    "rtl_altitude_set_m",
+    "rtl_altitude_final_set_m",
+    "land_altitude_low_set_m",
+    "fence_altitude_max_set_m",
+    "chute_altitude_min_set_m",
+)
+CEILING = 1  # bit of FENCE_TYPE
 _HEIGHT_BY_SOURCE = {1.0: 0.0, 2.0: 1.0, 3.0: 2.0}  # EK3_SRC1_POSZ to what EK2_ALT_SOURCE said
 
 
@@ -165,17 +170,21 @@ def as_file(parameters: Mapping[str, float]) -> str:
     return "".join(f"{name} {value:.9g}\n" for name, value in parameters.items())
 
 
-def show(vehicle: Vehicle, parameters: Mapping[str, float]) -> None:
-    """Write the settings in force into the slots of the trace; `parameters` are all by name."""
+def show(vehicle: Vehicle, parameters: Mapping[str, float], home_up_m: float = 0.0) -> None:
+    """Write the settings in force into the slots of the trace; `parameters` are all by name.
+
+    Heights of the trace count from home as it was at take-off, the vehicle's from home as it is, `home_up_m` above.
+    """
     for slot, shown in SHOWN.items():
         name = next((name for name in shown.names if name in parameters), None)
         if name is not None:
-            vehicle[slot] = shown.scale * parameters[name]
+            value = shown.scale * parameters[name]
+            above_home = slot in ABOVE_HOME and value > 0.0  # 0 stands for another way, not for a height
+            vehicle[slot] = value + home_up_m if above_home else value
     get: Callable[[str, float], float] = parameters.get
     fast = get("LAND_SPEED_HIGH", 0.0) or get("WPNAV_SPEED_DN", 0.0)
     vehicle["land_speed_high_set_mps"] = 0.01 * fast
     vehicle["return_speed_set_mps"] = 0.01 * (get("RTL_SPEED", 0.0) or get("WPNAV_SPEED", 0.0))
-    ceiling = int(get("FENCE_TYPE", 0.0)) & _CEILING
-    vehicle["fence_enabled"] = float(get("FENCE_ENABLE", 0.0) != 0.0 and ceiling != 0)
+    vehicle["pilot_speed_down_set_mps"] = 0.01 * (get("PILOT_SPEED_DN", 0.0) or get("PILOT_SPEED_UP", 0.0))
     source = get("EK3_SRC1_POSZ", 1.0)
     vehicle["altitude_source"] = get("EK2_ALT_SOURCE", _HEIGHT_BY_SOURCE.get(source, source))

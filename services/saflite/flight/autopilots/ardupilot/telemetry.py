@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Mapping
 from typing import Any
 
@@ -25,24 +26,29 @@ RATES_HZ: dict[str, float] = {
     "HEARTBEAT": 25.0,
     "LOCAL_POSITION_NED": 25.0,
     "EXTENDED_SYS_STATE": 25.0,
-    "RC_CHANNELS": 10.0,
+    "RC_CHANNELS": 25.0,
     "GLOBAL_POSITION_INT": 10.0,
     "NAV_CONTROLLER_OUTPUT": 10.0,
     "GPS_RAW_INT": 5.0,
-    "SYS_STATUS": 5.0,
+    "SYS_STATUS": 10.0,
     "EKF_STATUS_REPORT": 5.0,
     "MISSION_CURRENT": 5.0,
     "HOME_POSITION": 1.0,
     "FENCE_STATUS": 5.0,
 }
+AUTONOMOUS = (MODES["AUTO"], MODES["GUIDED"])
+HOME_STEP_M = 0.5  # arming sets home anew where the vehicle believes to be
+GEOFENCE = 1048576  # MAV_SYS_STATUS_GEOFENCE
 ARMED = 128  # MAV_MODE_FLAG_SAFETY_ARMED
 EKF_NEEDED = 1 | 2 | 4 | 8 | 16 | 32  # EKF_STATUS_FLAGS: attitude, speeds, places, height
-_RAISED = {"Radio Failsafe": "failsafe_radio", "EKF Failsafe: changed": "failsafe_gps"}
-_CLEARED = {"Radio Failsafe Cleared": "failsafe_radio", "EKF Failsafe Cleared": "failsafe_gps"}
+_FAILSAFES = {"Radio": "failsafe_radio", "EKF": "failsafe_gps", "Battery": "failsafe_battery"}
+_TOLD = re.compile(r"([A-Z]\w+(?: \+ [A-Z]\w+)*) Failsafe\b(.*)")  # two at once are joined by a plus
 
 
 class Telemetry(telemetry.Telemetry):
     """Takes the vehicle's messages; `parameters` are all that are known, kept up to date."""
+
+    _home_up_m = 0.0  # the present home above that of take-off
 
     def __init__(
         self,
@@ -51,8 +57,10 @@ class Telemetry(telemetry.Telemetry):
         home: tuple[float, float, float],
         kinds: Collection[str] = tuple(RATES_HZ),
     ) -> None:
-        super().__init__(vehicle, parameters, home, kinds, settings.show)
+        super().__init__(vehicle, parameters, home, kinds, self._show_settings)
         self._prearm = self._ekf = False
+        self._start_up_m = home[2]  # home above sea as it was at take-off
+        self._fenced: bool | None = None  # the parameter does not tell: DO_FENCE_ENABLE leaves it as it is
 
     def tick(self) -> None:
         """Work out what follows from the truth of this tick."""
@@ -60,9 +68,27 @@ class Telemetry(telemetry.Telemetry):
         board = self.vehicle
         circling = board["mode"] == MODES["CIRCLE"]
         board["circle_radius_m"] = board["circle_radius_set_m"] if circling else 0.0
+        fenced = self.parameters.get("FENCE_ENABLE", 0.0) != 0.0 if self._fenced is None else self._fenced
+        board["fence_on_set"] = float(fenced)
+        board["fence_enabled"] = float(fenced and int(self.parameters.get("FENCE_TYPE", 0.0)) & settings.CEILING != 0)
         board["circle_rate_dps"] = self.parameters.get("CIRCLE_RATE", 0.0) if circling else 0.0
 
+    def _show_settings(self, vehicle: Vehicle, parameters: Mapping[str, float]) -> None:
+        settings.show(vehicle, parameters, self._home_up_m)
+
     # -- messages -------------------------------------------------------------------------------------------------
+
+    def _global_position_int(self, message: Any) -> None:
+        if self.vehicle["armed"] == 0.0:
+            self._start_up_m = (message.alt - message.relative_alt) * 1e-3
+        self.vehicle["altitude_est_m"] = message.alt * 1e-3 - self._start_up_m
+
+    def _home_position(self, message: Any) -> None:
+        super()._home_position(message)
+        up_m = message.altitude * 1e-3 - self._start_up_m if self.vehicle["armed"] != 0.0 else 0.0
+        if abs(up_m - self._home_up_m) > HOME_STEP_M:
+            self._home_up_m = up_m
+            self._show(self.vehicle, self.parameters)
 
     def _heartbeat(self, message: Any) -> None:
         self.vehicle["mode"] = float(message.custom_mode)
@@ -73,7 +99,8 @@ class Telemetry(telemetry.Telemetry):
 
     def _extended_sys_state(self, message: Any) -> None:
         super()._extended_sys_state(message)
-        self.vehicle["takeoff"] = float(message.landed_state == TAKING_OFF)
+        ordered = self.vehicle["mode"] in AUTONOMOUS  # the pilot's own take-offs have no height to reach
+        self.vehicle["takeoff"] = float(ordered and message.landed_state == TAKING_OFF)
 
     def _rc_channels(self, message: Any) -> None:
         self.vehicle.set(
@@ -93,6 +120,7 @@ class Telemetry(telemetry.Telemetry):
     def _sys_status(self, message: Any) -> None:
         self._prearm = message.onboard_control_sensors_health & PREARM != 0
         self.ready = self._prearm and self._ekf
+        self._fenced = message.onboard_control_sensors_present & GEOFENCE != 0
         self._show_health(message)
 
     def _ekf_status_report(self, message: Any) -> None:
@@ -108,13 +136,9 @@ class Telemetry(telemetry.Telemetry):
     def _statustext(self, message: Any) -> None:
         super()._statustext(message)
         text = self.texts[-1].text
-        for words, slot in _RAISED.items():
-            if text.startswith(words):
-                self.vehicle[slot] = 1.0
-        for words, slot in _CLEARED.items():
-            if text.startswith(words):
-                self.vehicle[slot] = 0.0
-        if "Battery" in text and "Failsafe" in text:
-            self.vehicle["failsafe_battery"] = 1.0
+        told = _TOLD.match(text)
+        for name in told[1].split(" + ") if told else ():
+            if name in _FAILSAFES:
+                self.vehicle[_FAILSAFES[name]] = float(told is not None and "Cleared" not in told[2])
         if text.startswith("Parachute: Released"):
             self.vehicle["chute_released"] = 1.0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Collection, Mapping, MutableSequence, Sequence
+from collections.abc import Callable, Collection, Mapping, MutableSequence, Sequence
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -46,6 +46,8 @@ class Inputs:
         pulses_us: channels of the radio, sticks first.
         listing: the binary's parameters.
         modes: the numbers of DO_SET_MODE from its second on, for each mode.
+
+    `on_accepted` is told each order that the autopilot took.
     """
 
     def __init__(
@@ -62,6 +64,7 @@ class Inputs:
         self._stimuli = tuple(stimuli)
         self._order = sorted(range(len(stimuli)), key=lambda index: (stimuli[index].at_s, index))
         self.asked: list[Asked] = []
+        self.on_accepted: Callable[[Stimulus], None] = lambda stimulus: None
 
     @property
     def last_s(self) -> float:
@@ -114,6 +117,8 @@ class Inputs:
         said = "" if taken else f"result {words}" if isinstance(words, int) else str(words)
         entry = self.delivered[one.place]
         self.delivered[one.place] = msgspec.structs.replace(entry, answer=answer, message=said)
+        if taken:
+            self.on_accepted(self._stimuli[entry.index])
 
     # -- giving ---------------------------------------------------------------------------------------------------
 
