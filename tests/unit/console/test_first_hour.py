@@ -137,6 +137,10 @@ def status(**changed: object) -> Status:
     ("changed", "words"),
     [
         ({"budget": 100, "flights": 40, "flights_per_s": 1.0}, "40/100 flights  about 60 s left"),
+        (
+            {"budget": 100, "flights": 20, "reflown": 30, "checked": 5, "shrink_flights": 5, "flights_per_s": 1.0},
+            "20/100 flights  about 4 min left",  # two flights of three are none of the budget
+        ),
         ({"budget": 1000, "flights": 0}, "no flight yet"),
         ({"budget": 1000, "flights": 100, "flights_per_s": 1.0, "state": "paused"}, "PAUSED"),
         ({"budget": 10, "flights": 10, "violations_pending": 1}, "budget flown, confirming"),

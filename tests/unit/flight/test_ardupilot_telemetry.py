@@ -94,13 +94,17 @@ def test_a_fence_that_a_command_switched_off_is_off(vehicle: Vehicle) -> None:
     told = Telemetry(vehicle, {"FENCE_ENABLE": 1.0, "FENCE_TYPE": 7.0}, HOME)
     told.tick()
     assert (vehicle["fence_on_set"], vehicle["fence_enabled"]) == (1.0, 1.0)
-    told.take(message("SYS_STATUS", onboard_control_sensors_present=0), 1.0)
+    told.take(message("SYS_STATUS", onboard_control_sensors_enabled=0), 1.0)
     told.tick()
     assert (vehicle["fence_on_set"], vehicle["fence_enabled"]) == (0.0, 0.0)
-    told.take(message("SYS_STATUS", onboard_control_sensors_present=GEOFENCE), 2.0)
+    told.take(message("SYS_STATUS", onboard_control_sensors_enabled=GEOFENCE), 2.0)
     told.take(message("PARAM_VALUE", param_id=b"FENCE_TYPE", param_value=6.0), 2.0)
     told.tick()
     assert (vehicle["fence_on_set"], vehicle["fence_enabled"]) == (1.0, 0.0)  # on, but without a ceiling
+    told.take(message("PARAM_VALUE", param_id=b"FENCE_ACTION", param_value=0.0), 3.0)
+    told.take(message("SYS_STATUS", onboard_control_sensors_enabled=0), 3.0)
+    told.tick()
+    assert vehicle["fence_on_set"] == 1.0  # told as off where it only reports
 
 
 def test_only_an_ordered_take_off_has_a_height_to_reach(vehicle: Vehicle) -> None:

@@ -203,7 +203,7 @@ def _one(data: dict[str, Any], target: TargetInfo, inputs: dict[str, list[Any]])
     preconditions = {name: float(value) for name, value in data.get("preconditions", {}).items()}
     return Campaign(
         name=PREFIX + data["id"],
-        description=f"{data.get('title')}: which inputs break this rule? ({data.get('source')})",
+        description=" ".join(f"{data.get('title')}: which inputs break this rule? ({data.get('source')})".split()),
         target=Target(name=target.name, parameters=preconditions),
         mission=MISSION if needs_mission else "",
         start=None if needs_mission else _start(start, target),

@@ -153,7 +153,8 @@ def _phase(status: Status) -> str:
         return f"budget flown, {shrinking}"
     if not status.flights_per_s:
         return "no flight yet" if not status.flights else "no flight in the last minute"
-    left_s = left / status.flights_per_s
+    beside = status.reflown + status.checked + status.shrink_flights  # they take turns with first flights
+    left_s = left * (1.0 + beside / max(1, status.flights)) / status.flights_per_s
     return f"about {left_s:.0f} s left" if left_s < 120 else f"about {left_s / 60:.0f} min left"
 
 

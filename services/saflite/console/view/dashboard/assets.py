@@ -70,7 +70,8 @@ set('elapsed',span(now.elapsed_s));const live=now.status;for(const place of docu
 place.hidden=!live;if(live){set('rate',live.flights_per_s.toFixed(2)+'/s');
 set('speed',live.real_time_factor.toFixed(0)+'\\u00d7');set('scorer',live.scorer+(live.scorer_pending?
 ' \\u2192 '+live.scorer_pending:''));set('trouble',live.trouble||'');
-set('eta',live.flights_per_s>0?span(Math.max(0,now.budget-now.flights)/live.flights_per_s):'\\u2013');
+const beside=live.reflown+(live.checked||0)+(live.shrink_flights||0);set('eta',live.flights_per_s>0?
+span(Math.max(0,now.budget-now.flights)*(1+beside/Math.max(1,now.flights))/live.flights_per_s):'\\u2013');
 set('queues',Object.entries(live.queues).filter(one=>one[1]).map(one=>one.join(' ')).join(', ')||'none');
 const pause=$('#pause');if(pause)pause.textContent=paused?'resume':'pause'}
 workers(live?live.workers:[]);const ended=lived&&!live;lived=!!live;

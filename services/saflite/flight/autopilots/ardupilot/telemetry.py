@@ -120,7 +120,8 @@ class Telemetry(telemetry.Telemetry):
     def _sys_status(self, message: Any) -> None:
         self._prearm = message.onboard_control_sensors_health & PREARM != 0
         self.ready = self._prearm and self._ekf
-        self._fenced = message.onboard_control_sensors_present & GEOFENCE != 0
+        reports_only = self.parameters.get("FENCE_ACTION", 1.0) == 0.0  # told as off then, on or not
+        self._fenced = None if reports_only else message.onboard_control_sensors_enabled & GEOFENCE != 0
         self._show_health(message)
 
     def _ekf_status_report(self, message: Any) -> None:
