@@ -77,7 +77,8 @@ class TargetInfo(msgspec.Struct, frozen=True, kw_only=True):
     `build` is a digest of all code and binaries that shape a trace; `signals` are the names every trace of it holds,
     `own_signals` describes those that are not common names; `modes` maps mode names to the numbers in the trace;
     `start_states` are examples of states a flight without mission may begin in, the first is the usual one;
-    `missions` says whether it flies missions, `obstacles` whether it minds obstacles, `wind` whether it minds wind;
+    `missions` says whether it flies missions, `mission_lacks` which MAV_CMD (by number) it takes in none, `obstacles`
+    whether it minds obstacles, `wind` whether it minds wind;
     `stock` tells whether the autopilot is built as its makers ship it, `options` what it was built with otherwise;
     `needs` names what it requires of a machine (for people and placement), `missing` what this machine lacks of it,
     empty if it can fly here.
@@ -93,6 +94,7 @@ class TargetInfo(msgspec.Struct, frozen=True, kw_only=True):
     start_states: Annotated[tuple[StartState, ...], msgspec.Meta(max_length=1_000)] = ()
     settings: Annotated[dict[Word, SettingInfo], msgspec.Meta(max_length=1_000)] = {}
     missions: bool = False
+    mission_lacks: Annotated[tuple[Whole, ...], msgspec.Meta(max_length=1_000)] = ()
     obstacles: bool = False
     wind: bool = False
     snapshots: bool = False

@@ -30,6 +30,7 @@ class Scenarios(NamedTuple):
     own: Scenario
     modes: tuple[str, ...]
     missions: bool
+    lacks: frozenset[int] = frozenset()  # commands that the target takes in no mission
 
     def begin(self, start: StartState) -> Scenario:
         """Return the campaign's scenario with another start."""
@@ -56,7 +57,10 @@ class Scenarios(NamedTuple):
         height_m = round(_log_uniform(rng, *MISSION_HEIGHT_M), 1)
         items = [_item(TAKEOFF, place=(HOME_LAT_DEG, HOME_LON_DEG, height_m))]
         for _ in range(int(rng.integers(1, ITEMS_MAX + 1))):
-            items.append(_leg(rng, height_m, len(items)))
+            leg = _leg(rng, height_m, len(items))
+            while leg.command in self.lacks:
+                leg = _leg(rng, height_m, len(items))
+            items.append(leg)
         end = (LAND, RETURN, 0)[int(rng.integers(3))]
         if end == LAND:
             items.append(_item(LAND, place=_near(rng, 0.0)))
@@ -69,7 +73,7 @@ class Scenarios(NamedTuple):
 def scenarios_of(own: Scenario, target: TargetInfo) -> Scenarios:
     """Return what may be drawn for a target: the modes of its example start states."""
     modes = tuple(dict.fromkeys(start.mode for start in target.start_states))
-    return Scenarios(own, modes if own.mission is None else (), target.missions)
+    return Scenarios(own, modes if own.mission is None else (), target.missions, frozenset(target.mission_lacks))
 
 
 def _named(items: tuple[MissionItem, ...]) -> Mission:
