@@ -62,6 +62,31 @@ def test_a_vehicle_that_has_come_down_is_lifted_again_before_the_next_phase() ->
     assert lifted(comes_down=False) == 0
 
 
+def test_a_mode_that_only_shows_is_never_ordered_however_often_it_was_seen() -> None:
+    shown = tuple(
+        one for one in describe().inputs if (one.kind, one.name) not in {("mode", "GUIDED"), ("mode", "LAND")}
+    )
+    other = msgspec.structs.replace(describe(), name="other", inputs=shown)
+    hints: list[str] = ["a-rtl1 start:LOITER@20 quiet:5", "upright start:LOITER@0 quiet:5"]
+    settings: dict[str, Setting] = {"hints": list(hints), "kept": 0.0, "routed": 0.0, "starts": 0.0, "phases_max": 4}
+    searching = Strategy(TEMPLATE, settings, ("a-rtl1", "upright"), other)
+    climb = given("command", "MAV_CMD_NAV_TAKEOFF", 20.0, at_s=9.0)
+    armed = given("command", "MAV_CMD_COMPONENT_ARM_DISARM", 1.0, at_s=8.0)
+    for _ in range(5):
+        down = (
+            Transition("LOITER", "LOITER standing", -1, -1),
+            Transition("LOITER", "GUIDED standing disarmed", -1, -1),
+        )
+        up = (
+            Transition("GUIDED standing disarmed", "GUIDED standing", 0, -1),
+            Transition("GUIDED standing", "GUIDED", 1, 0),
+        )
+        flown = Outcome(test_case=case(armed, climb), round=0, ending="completed", robustness=None)
+        searching.tell([msgspec.structs.replace(flown, transitions=(*down, *up))])
+    drawn = [one for test_case in searching.ask(60, derive(1, "ask")) for one in test_case.stimuli]
+    assert {one.name for one in drawn if one.kind == "mode"} <= {one.name for one in shown if one.kind == "mode"}
+
+
 def test_what_was_refused_is_told_from_what_was_taken_and_from_what_was_never_given() -> None:
     stimuli = [given("stick", "RC1", 1000.0, at_s=float(at_s)) for at_s in (1, 2, 3, 4)]
     steps = (Transition("LOITER", "LOITER", 0, -1), Transition("LOITER", "LOITER", 2, 0))

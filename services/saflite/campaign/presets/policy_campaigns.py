@@ -55,6 +55,7 @@ _INPUTS: dict[str, StimulusKind] = {
     "sensor_faults": "sensor_fault",
 }
 _SEARCH = SearchConfig(candidates_per_round=24, flights_per_round=12, lag=2, shrink=True)
+DEFAULT_START = StartState()
 ALL_RANDOM_SHARE = 0.33  # a scorer passes over the same few rules; their flights are to be flown, too
 
 
@@ -229,7 +230,7 @@ def _hint(data: dict[str, Any], start: dict[str, Any], inputs: dict[str, list[An
     """
     kinds = {(entry.kind, entry.name) for entry in target.inputs}
     words = ["".join(str(data["id"]).split())]  # an id that is none is refused by the oracle
-    if start and not data.get("needs_mission"):
+    if _can_start(start, target) and not data.get("needs_mission"):
         state = StartState(**start)
         words.append(f"start:{state.mode}@{state.altitude_m:g}{'' if state.armed else ':disarmed'}")
     formula, asked = whole_formula(data), antecedents(data)
@@ -269,9 +270,15 @@ def _read_by(data: dict[str, Any], target: TargetInfo) -> list[tuple[StimulusKin
     return list(dict.fromkeys(found))
 
 
+def _can_start(start: dict[str, Any], target: TargetInfo) -> bool:
+    """Return whether a start state is given, in a mode that flights may begin in: some modes only show."""
+    modes = {state.mode for state in target.start_states}
+    return bool(start) and (not modes or start.get("mode", DEFAULT_START.mode) in modes)
+
+
 def _start(start: dict[str, Any], target: TargetInfo) -> StartState:
-    """Return the start state a policy asks for, or the target's usual one."""
-    if start or not target.start_states:
+    """Return the start state a policy asks for, or the target's usual one where it asks for none or cannot begin so."""
+    if _can_start(start, target) or not target.start_states:
         return StartState(**start)
     return target.start_states[0]
 

@@ -103,22 +103,24 @@ class Writer:
 
         Returns the mode and how likely it stands on the ground then.
         """
-        way = self._lift or self._states.lift()
+        learnt = (one for one in self._states.lift() if one.kind != "mode" or (one.kind, one.name) in self._have)
+        way = self._lift or list(learnt)  # some modes only show: nobody can order them
         grounded = hint.begins == "ground"
         if not way or rng.random() >= MOVED or (not grounded and down < COMES_DOWN):
             return mode, down
         if grounded:
             armed = hint.start is None or hint.start.armed
-            way = way[:-1] if armed else way[:1]
-            if down < COMES_DOWN and (lands := self._states.lands()):
-                script.give(self._mode(lands)[0])
+            way = way[:-1] if armed else [one for one in way[:1] if one.kind == "mode"]
+            for stimulus in self._mode(self._states.lands()) if down < COMES_DOWN else ():
+                script.give(stimulus)
                 script.pause(rng, *LAND_S)
         for stimulus in way:
             script.give(stimulus)
             script.pause(rng, 0.5, 1.5)
         if not grounded:
             script.pause(rng, *LIFT_S)
-        return way[0].name, 1.0 if grounded else 0.0
+        entered = next((one.name for one in way if one.kind == "mode"), mode)
+        return entered, 1.0 if grounded else 0.0
 
     def phase(self, rng: Rng, script: Script, style: Style, mode: str) -> str:
         """Write a phase; return the mode it is meant to be flown in."""
