@@ -62,7 +62,7 @@ def test_a_policy_campaign_is_made_for_any_target_that_has_what_it_needs() -> No
     kept_to = [load_campaign(name, OTHER).strategy.settings["beyond"] for name in ("policy-a-chute", "policy-all")]
     assert kept_to == [0.0, 0.0], "makers of autopilots refuse what needs values out of range"
     airborne = (StartState(mode="LOITER", altitude_m=20.0),)
-    shown = msgspec.structs.replace(default_target(), start_states=airborne)  # CIRCLE shows there, but no flight begins in it
+    shown = msgspec.structs.replace(default_target(), start_states=airborne)  # CIRCLE only shows
     told = str(load_campaign("policy-all", shown).strategy.settings["hints"])
     assert set(re.findall(r" start:(\w+)@", told)) == {"LOITER"}
     assert "beyond" not in load_campaign("policy-all").strategy.settings

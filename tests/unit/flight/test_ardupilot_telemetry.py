@@ -79,10 +79,10 @@ def test_heights_count_from_home_as_it_was_at_take_off(vehicle: Vehicle) -> None
     told = Telemetry(vehicle, parameters, HOME)
     told.take(message("GLOBAL_POSITION_INT", alt=489_000, relative_alt=0), 1.0)
     told.take(message("HEARTBEAT", base_mode=ARMED), 2.0)
+    told.take(message("EXTENDED_SYS_STATE", landed_state=2), 2.0)
     told.take(message("GLOBAL_POSITION_INT", alt=519_000, relative_alt=30_000), 3.0)
     assert vehicle["altitude_est_m"] == pytest.approx(30.0)
     told.take(message("GLOBAL_POSITION_INT", alt=519_000, relative_alt=0), 4.0)  # home was set here
-    told.take(message("HOME_POSITION", altitude=519_000, q=[0] * 4), 4.0)
     assert vehicle["altitude_est_m"] == pytest.approx(30.0)
     heights = [vehicle[f"{name}_set_m"] for name in ("rtl_altitude", "rtl_altitude_final", "fence_altitude_max")]
     assert heights == pytest.approx([45.0, 0.0, 130.0])

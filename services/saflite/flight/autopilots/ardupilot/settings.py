@@ -8,6 +8,7 @@ from typing import NamedTuple
 from saflite.contract.target_info import SettingInfo
 from saflite.contract.test_case import TestCase
 from saflite.flight.autopilots.ardupilot.vehicle import Vehicle
+from saflite.flight.autopilots.external.heights import above_start
 
 _CHANNELS = range(1, 9)
 SWITCHES = ("_ENABLE", "_ENABLED")
@@ -120,13 +121,6 @@ SHOWN: dict[str, Shown] = {
     "descent_speed_set_mps": Shown(("WPNAV_SPEED_DN",), 0.01),
     "circle_radius_set_m": Shown(("CIRCLE_RADIUS",), 0.01),
 }
-ABOVE_HOME = (
-    "rtl_altitude_set_m",
-    "rtl_altitude_final_set_m",
-    "land_altitude_low_set_m",
-    "fence_altitude_max_set_m",
-    "chute_altitude_min_set_m",
-)
 CEILING = 1  # bit of FENCE_TYPE
 _HEIGHT_BY_SOURCE = {1.0: 0.0, 2.0: 1.0, 3.0: 2.0}  # EK3_SRC1_POSZ to what EK2_ALT_SOURCE said
 
@@ -171,16 +165,11 @@ def as_file(parameters: Mapping[str, float]) -> str:
 
 
 def show(vehicle: Vehicle, parameters: Mapping[str, float], home_up_m: float = 0.0) -> None:
-    """Write the settings in force into the slots of the trace; `parameters` are all by name.
-
-    Heights of the trace count from home as it was at take-off, the vehicle's from home as it is, `home_up_m` above.
-    """
+    """Write the settings in force into the slots of the trace; `parameters` are all by name, `heights.py` says why."""
     for slot, shown in SHOWN.items():
         name = next((name for name in shown.names if name in parameters), None)
         if name is not None:
-            value = shown.scale * parameters[name]
-            above_home = slot in ABOVE_HOME and value > 0.0  # 0 stands for another way, not for a height
-            vehicle[slot] = value + home_up_m if above_home else value
+            vehicle[slot] = above_start(slot, shown.scale * parameters[name], home_up_m)
     get: Callable[[str, float], float] = parameters.get
     fast = get("LAND_SPEED_HIGH", 0.0) or get("WPNAV_SPEED_DN", 0.0)
     vehicle["land_speed_high_set_mps"] = 0.01 * fast

@@ -37,7 +37,6 @@ RATES_HZ: dict[str, float] = {
     "FENCE_STATUS": 5.0,
 }
 AUTONOMOUS = (MODES["AUTO"], MODES["GUIDED"])
-HOME_STEP_M = 0.5  # arming sets home anew where the vehicle believes to be
 GEOFENCE = 1048576  # MAV_SYS_STATUS_GEOFENCE
 ARMED = 128  # MAV_MODE_FLAG_SAFETY_ARMED
 EKF_NEEDED = 1 | 2 | 4 | 8 | 16 | 32  # EKF_STATUS_FLAGS: attitude, speeds, places, height
@@ -48,8 +47,6 @@ _TOLD = re.compile(r"([A-Z]\w+(?: \+ [A-Z]\w+)*) Failsafe\b(.*)")  # two at once
 class Telemetry(telemetry.Telemetry):
     """Takes the vehicle's messages; `parameters` are all that are known, kept up to date."""
 
-    _home_up_m = 0.0  # the present home above that of take-off
-
     def __init__(
         self,
         vehicle: Vehicle,
@@ -57,9 +54,8 @@ class Telemetry(telemetry.Telemetry):
         home: tuple[float, float, float],
         kinds: Collection[str] = tuple(RATES_HZ),
     ) -> None:
-        super().__init__(vehicle, parameters, home, kinds, self._show_settings)
+        super().__init__(vehicle, parameters, home, kinds, settings.show)
         self._prearm = self._ekf = False
-        self._start_up_m = home[2]  # home above sea as it was at take-off
         self._fenced: bool | None = None  # the parameter does not tell: DO_FENCE_ENABLE leaves it as it is
 
     def tick(self) -> None:
@@ -73,22 +69,7 @@ class Telemetry(telemetry.Telemetry):
         board["fence_enabled"] = float(fenced and int(self.parameters.get("FENCE_TYPE", 0.0)) & settings.CEILING != 0)
         board["circle_rate_dps"] = self.parameters.get("CIRCLE_RATE", 0.0) if circling else 0.0
 
-    def _show_settings(self, vehicle: Vehicle, parameters: Mapping[str, float]) -> None:
-        settings.show(vehicle, parameters, self._home_up_m)
-
     # -- messages -------------------------------------------------------------------------------------------------
-
-    def _global_position_int(self, message: Any) -> None:
-        if self.vehicle["armed"] == 0.0:
-            self._start_up_m = (message.alt - message.relative_alt) * 1e-3
-        self.vehicle["altitude_est_m"] = message.alt * 1e-3 - self._start_up_m
-
-    def _home_position(self, message: Any) -> None:
-        super()._home_position(message)
-        up_m = message.altitude * 1e-3 - self._start_up_m if self.vehicle["armed"] != 0.0 else 0.0
-        if abs(up_m - self._home_up_m) > HOME_STEP_M:
-            self._home_up_m = up_m
-            self._show(self.vehicle, self.parameters)
 
     def _heartbeat(self, message: Any) -> None:
         self.vehicle["mode"] = float(message.custom_mode)

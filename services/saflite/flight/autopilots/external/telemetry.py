@@ -7,6 +7,7 @@ from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
 from saflite.contract.flight import TraceMessage
+from saflite.flight.autopilots.external.heights import HOME_STEP_M
 from saflite.flight.autopilots.external.vehicle import LockstepVehicle
 from saflite.flight.mission import to_local
 
@@ -24,7 +25,7 @@ class Telemetry:
         parameters: all that are known; kept up to date.
         home: latitude, longitude in degrees, height above sea in metres.
         kinds: names of the messages that are taken, beside texts and parameters.
-        show: writes the settings in force into the slots.
+        show: writes the settings in force into the slots; told how far home lies above that of take-off, too.
     """
 
     ready: bool = False
@@ -35,7 +36,7 @@ class Telemetry:
         parameters: Mapping[str, float],
         home: tuple[float, float, float],
         kinds: Collection[str],
-        show: Callable[[Any, Mapping[str, float]], None],
+        show: Callable[[Any, Mapping[str, float], float], None],
     ) -> None:
         self.vehicle, self._home, self._show = vehicle, home, show
         self.parameters = dict(parameters)
@@ -44,10 +45,11 @@ class Telemetry:
         self.zero_s = 0.0  # simulated time at which the trace begins
         self._now_s = 0.0
         self._home_xy = (0.0, 0.0)
+        self._start_up_m, self._home_up_m = home[2], 0.0  # home of take-off above sea, home above that
         self._takers: dict[str, Callable[[Any], None]] = {
             name: getattr(self, f"_{name.lower()}") for name in (*kinds, "PARAM_VALUE", "STATUSTEXT")
         }
-        show(vehicle, self.parameters)
+        show(vehicle, self.parameters, 0.0)
 
     def take(self, message: Any, time_s: float) -> None:
         """Take a message of the vehicle, which came at `time_s` since power-up."""
@@ -65,7 +67,14 @@ class Telemetry:
         self.vehicle.set(x_est_m=message.x, y_est_m=message.y, climb_est_mps=-message.vz)
 
     def _global_position_int(self, message: Any) -> None:
-        self.vehicle["altitude_est_m"] = message.relative_alt * 1e-3
+        """Count heights from home as it was at take-off: an order, or PX4 by itself, moves home in flight."""
+        home_m = (message.alt - message.relative_alt) * 1e-3
+        if self.vehicle["taken_off"] == 0.0:
+            self._start_up_m = home_m
+        self.vehicle["altitude_est_m"] = message.alt * 1e-3 - self._start_up_m
+        if abs(home_m - self._start_up_m - self._home_up_m) > HOME_STEP_M:
+            self._home_up_m = home_m - self._start_up_m
+            self._show(self.vehicle, self.parameters, self._home_up_m)
 
     def _extended_sys_state(self, message: Any) -> None:
         landed = message.landed_state == ON_GROUND
@@ -92,7 +101,7 @@ class Telemetry:
         if self.parameters.get(message.param_id) != value:
             self.parameters[message.param_id] = value
             self.changes += 1
-            self._show(self.vehicle, self.parameters)
+            self._show(self.vehicle, self.parameters, self._home_up_m)
 
     def _statustext(self, message: Any) -> None:
         text, severity = str(message.text).strip(), int(message.severity)

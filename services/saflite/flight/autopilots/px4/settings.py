@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from saflite.contract.test_case import TestCase
+from saflite.flight.autopilots.external.heights import above_start
 from saflite.flight.autopilots.external.listing import Listing
 from saflite.flight.autopilots.px4.vehicle import Vehicle
 from saflite.flight.logs.settings import PX4
@@ -73,6 +74,6 @@ def shown_settings(parameters: Mapping[str, float]) -> dict[str, float]:
     return found
 
 
-def show(vehicle: Vehicle, parameters: Mapping[str, float]) -> None:
-    """Write the settings in force into the slots of the trace; `parameters` are all by name."""
-    vehicle.set(**shown_settings(parameters))
+def show(vehicle: Vehicle, parameters: Mapping[str, float], home_up_m: float = 0.0) -> None:
+    """Write the settings in force into the slots of the trace; `parameters` are all by name, `heights.py` says why."""
+    vehicle.set(**{slot: above_start(slot, value, home_up_m) for slot, value in shown_settings(parameters).items()})

@@ -29,7 +29,6 @@ RATES_HZ: dict[str, float] = {
 FAILSAFE = 5  # MAV_STATE_CRITICAL
 GPS, RADIO, BATTERY, FENCE = 1, 256, 128, 2048  # HL_FAILURE_FLAG bits
 NOT_KNOWN = 65535
-HOME_CORRECTED_M = 5.0
 FRESH_S = 2.0  # a receiver that has said nothing for longer is silent
 FLAG_S = 1.0  # a cause of failure is told again only when PX4 has looked again, twice a second at least
 
@@ -50,7 +49,6 @@ class Telemetry(telemetry.Telemetry):
         self._prearm = self._homed = self._failsafe = False
         self._flag_said_s = dict.fromkeys((GPS, RADIO, BATTERY, FENCE), -math.inf)
         self._gps_said_s = -math.inf
-        self._home_up_m = math.nan
 
     def tick(self) -> None:
         """Work out what follows from the truth of this tick."""
@@ -104,17 +102,6 @@ class Telemetry(telemetry.Telemetry):
         self._gps_said_s = self._now_s
         fixed = float(message.fix_type >= FIX_3D)
         self.vehicle.set(gps_altitude_m=message.alt * 1e-3 - self._home[2], gps_ok=fixed)
-
-    def _global_position_int(self, message: Any) -> None:
-        """Count heights from home as it was at take-off.
-
-        In flight PX4 moves the height of its home by a metre or more where GPS and barometer drift apart
-        (`HomePosition.cpp`): no rise or fall of the vehicle's. Larger moves are orders.
-        """
-        home_up_m = (message.alt - message.relative_alt) * 1e-3
-        if self.vehicle["taken_off"] == 0.0 or not abs(home_up_m - self._home_up_m) <= HOME_CORRECTED_M:
-            self._home_up_m = home_up_m
-        self.vehicle["altitude_est_m"] = message.alt * 1e-3 - self._home_up_m
 
     def _sys_status(self, message: Any) -> None:
         self._prearm = message.onboard_control_sensors_health & PREARM != 0
