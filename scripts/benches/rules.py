@@ -1,7 +1,7 @@
 """`scripts/bench rules`: does each rule bite, does any bark for nothing, how often does any speak?
 
-    scripts/bench rules [--part kills planted alarms] [--policies NAME ...] [--cases 4] [--flights 14] [--rng-seed 1]
-                        [--out FILE.jsonl]
+    scripts/bench rules [--part kills planted alarms real] [--policies NAME ...] [--cases 4] [--flights 14]
+                        [--rng-seed 1] [--targets ardupilot px4] [--out FILE.jsonl]
 
 kills: a mutation score per rule. Flights of the rule's own campaign, all defects off, in which it applied and was kept,
 get three behaviour faults planted into what the rule promises (`FAULTS`); a fault is killed if the rule is then broken
@@ -12,6 +12,9 @@ told are the rules that see it, and those that are broken in the same flight wit
 alarms: the campaigns of all policies, guided as users run them, all defects off; every flight is judged by all rules,
 every violation is a false alarm, its test case is kept in the row. Told is also in which share of flights each rule
 applied.
+
+real: `policy-all` within documented ranges on a real autopilot, which SAFLITE_ARDUPILOT or SAFLITE_PX4 names
+(`_real_alarms.py`): how often each rule spoke and was broken. Whose fault that is, is for a person to say.
 
 Rows in the `--out` file are not made again.
 """
@@ -30,6 +33,7 @@ from typing import Any
 import msgspec
 import numpy as np
 from _inline import Flights, Inline
+from _real_alarms import said_of
 from _rule_faults import rule_faults, seen_by
 from numpy.typing import NDArray
 
@@ -248,12 +252,15 @@ def guided(name: str, flights: int, rng_seed: int) -> dict[str, Any]:
 def main(argv: list[str]) -> int:
     """Measure and print."""
     parser = argparse.ArgumentParser(prog="scripts/bench rules", description=__doc__)
-    parser.add_argument("--part", nargs="+", choices=("kills", "planted", "alarms"), default=["kills", "alarms"])
+    parser.add_argument(
+        "--part", nargs="+", choices=("kills", "planted", "alarms", "real"), default=["kills", "alarms"]
+    )
     parser.add_argument("--policies", nargs="+", default=list(policy_names()))
     parser.add_argument("--campaigns", nargs="+", default=sorted(policy_campaigns(describe())))
     parser.add_argument("--cases", type=int, default=4, help="flights of a rule's own campaign that get faults")
     parser.add_argument("--flights", type=int, default=14, help="guided flights a campaign")
     parser.add_argument("--rng-seed", type=int, default=1)
+    parser.add_argument("--targets", nargs="+", default=["ardupilot"], help="real autopilots of --part real")
     parser.add_argument("--out", type=Path, help="one JSON line a rule or campaign; those in it are not made again")
     options = parser.parse_args(argv)
     rows = _recorded(options.out)
@@ -266,6 +273,9 @@ def main(argv: list[str]) -> int:
     if "alarms" in options.part:
         names = [name for name in options.campaigns if ("alarms", name, options.rng_seed) not in done]
         rows += [_noted(guided(name, options.flights, options.rng_seed), options.out) for name in names]
+    if "real" in options.part:
+        targets = [name for name in options.targets if ("real", name, options.rng_seed) not in done]
+        rows += [_noted(said_of(name, options.flights, options.rng_seed), options.out) for name in targets]
     _print(rows)
     return 0
 
@@ -301,6 +311,10 @@ def _print(rows: list[dict[str, Any]]) -> None:
         print(
             f"  {row['fault']:40} seen by {seen}" + (f"; false alarms {row['without_it']}" if row["without_it"] else "")
         )
+    for row in (row for row in rows if row["part"] == "real"):
+        broken = ", ".join(f"{name} {count} of {row['spoke'][name]}" for name, count in row["broken"].items())
+        said = f"{row['flights']} flights ({row['autopilot']}, seed {row['rng_seed']}): {row['endings']}"
+        print(f"  {said}; {len(row['spoke'])} of {row['rules']} rules spoke; broken: {broken or 'none'}")
     flights = sum(row["flights"] for row in rows if row["part"] == "alarms")
     if not flights:
         return

@@ -112,4 +112,5 @@ def test_only_an_ordered_take_off_has_a_height_to_reach(vehicle: Vehicle) -> Non
     for mode, takeoff in (("ALT_HOLD", 0.0), ("GUIDED", 1.0), ("LOITER", 0.0), ("AUTO", 1.0)):
         told.take(message("HEARTBEAT", custom_mode=MODES[mode], base_mode=ARMED), 1.0)
         told.take(message("EXTENDED_SYS_STATE", landed_state=TAKING_OFF), 1.0)
+        told.tick()
         assert vehicle["takeoff"] == takeoff, mode

@@ -55,13 +55,15 @@ class Telemetry(telemetry.Telemetry):
         kinds: Collection[str] = tuple(RATES_HZ),
     ) -> None:
         super().__init__(vehicle, parameters, home, kinds, settings.show)
-        self._prearm = self._ekf = False
+        self._prearm = self._ekf = self._taking_off = False
         self._fenced: bool | None = None  # the parameter does not tell: DO_FENCE_ENABLE leaves it as it is
 
     def tick(self) -> None:
         """Work out what follows from the truth of this tick."""
         super().tick()
         board = self.vehicle
+        ordered = board["mode"] in AUTONOMOUS  # the pilot's own take-offs have no height to reach
+        board["takeoff"] = float(ordered and self._taking_off)
         circling = board["mode"] == MODES["CIRCLE"]
         board["circle_radius_m"] = board["circle_radius_set_m"] if circling else 0.0
         fenced = self.parameters.get("FENCE_ENABLE", 0.0) != 0.0 if self._fenced is None else self._fenced
@@ -80,8 +82,7 @@ class Telemetry(telemetry.Telemetry):
 
     def _extended_sys_state(self, message: Any) -> None:
         super()._extended_sys_state(message)
-        ordered = self.vehicle["mode"] in AUTONOMOUS  # the pilot's own take-offs have no height to reach
-        self.vehicle["takeoff"] = float(ordered and message.landed_state == TAKING_OFF)
+        self._taking_off = message.landed_state == TAKING_OFF
 
     def _rc_channels(self, message: Any) -> None:
         self.vehicle.set(
