@@ -31,9 +31,9 @@ REFUSED = "refused"
 class Judged(Flights):
     """Flies each test case once, judges it by all rules of the campaign, and gives the same flight to confirm it."""
 
-    def __init__(self, policies: tuple[str, ...]) -> None:
+    def __init__(self, policies: tuple[str, ...], keep: Path | None) -> None:
         super().__init__()
-        self._policies = policies
+        self._policies, self._keep = policies, keep
         self.spoke: Counter[str] = Counter()
         self.broken: Counter[str] = Counter()
         self.endings: Counter[str] = Counter()
@@ -64,15 +64,20 @@ class Judged(Flights):
         return flight, packed
 
     def _judge(self, case: TestCase, flight: Flight, packed: bytes) -> None:
+        before = self.broken.total()
         for verdict in judge(case, flight, unpack_trace(packed), self._policies).verdicts:
             self.spoke[verdict.policy] += verdict.outcome in ("held", "violated")
             if verdict.outcome == "violated":
                 self.broken[verdict.policy] += 1
                 sys.stderr.write(f"flight {self.flown} {verdict.message}\n")
+        if self._keep is not None and self.broken.total() > before:
+            (self._keep / f"flight-{self.flown}.json").write_bytes(msgspec.json.encode(case))
 
 
-def said_of(target: str, flights: int, rng_seed: int) -> dict[str, Any]:
+def said_of(target: str, flights: int, rng_seed: int, keep: Path | None = None) -> dict[str, Any]:
     """Return what the rules said of so many flights of `policy-all` on a target.
+
+    Test cases in which a rule was broken are put into the folder `keep`.
 
     Raises:
         Unavailable: no binary of it is named here.
@@ -91,7 +96,9 @@ def said_of(target: str, flights: int, rng_seed: int) -> dict[str, Any]:
         record="none",
         search=msgspec.structs.replace(base.search, shrink=False, confirm_flights=1, confirm_needed=1),
     )
-    flyer = Judged(campaign.policies)
+    if keep is not None:
+        keep.mkdir(parents=True, exist_ok=True)
+    flyer = Judged(campaign.policies, keep)
     with tempfile.TemporaryDirectory(prefix="saflite-rules-") as folder:
         inline = Inline(campaign, Path(folder) / "run", flyer, info)
         inline.run(lambda status: status.flights >= flights)

@@ -1,7 +1,7 @@
 """`scripts/bench rules`: does each rule bite, does any bark for nothing, how often does any speak?
 
     scripts/bench rules [--part kills planted alarms real] [--policies NAME ...] [--cases 4] [--flights 14]
-                        [--rng-seed 1] [--targets ardupilot px4] [--out FILE.jsonl]
+                        [--rng-seed 1] [--targets ardupilot px4] [--keep FOLDER] [--out FILE.jsonl]
 
 kills: a mutation score per rule. Flights of the rule's own campaign, all defects off, in which it applied and was kept,
 get three behaviour faults planted into what the rule promises (`FAULTS`); a fault is killed if the rule is then broken
@@ -261,6 +261,7 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--flights", type=int, default=14, help="guided flights a campaign")
     parser.add_argument("--rng-seed", type=int, default=1)
     parser.add_argument("--targets", nargs="+", default=["ardupilot"], help="real autopilots of --part real")
+    parser.add_argument("--keep", type=Path, help="folder for the test cases of --part real in which a rule was broken")
     parser.add_argument("--out", type=Path, help="one JSON line a rule or campaign; those in it are not made again")
     options = parser.parse_args(argv)
     rows = _recorded(options.out)
@@ -275,7 +276,9 @@ def main(argv: list[str]) -> int:
         rows += [_noted(guided(name, options.flights, options.rng_seed), options.out) for name in names]
     if "real" in options.part:
         targets = [name for name in options.targets if ("real", name, options.rng_seed) not in done]
-        rows += [_noted(said_of(name, options.flights, options.rng_seed), options.out) for name in targets]
+        rows += [
+            _noted(said_of(name, options.flights, options.rng_seed, options.keep), options.out) for name in targets
+        ]
     _print(rows)
     return 0
 

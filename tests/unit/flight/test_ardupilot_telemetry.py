@@ -114,3 +114,12 @@ def test_only_an_ordered_take_off_has_a_height_to_reach(vehicle: Vehicle) -> Non
         told.take(message("EXTENDED_SYS_STATE", landed_state=TAKING_OFF), 1.0)
         told.tick()
         assert vehicle["takeoff"] == takeoff, mode
+
+
+def test_a_long_text_in_pieces_is_one(vehicle: Vehicle) -> None:
+    told = Telemetry(vehicle, {}, HOME)
+    first, rest = b"Preflight Fail: heading estimate not stable, wait ", b"until it is\t"
+    told.take(message("STATUSTEXT", severity=4, id=7, chunk_seq=0, text=first), 1.0)
+    told.take(message("STATUSTEXT", severity=4, id=7, chunk_seq=1, text=rest), 1.0)
+    told.take(message("STATUSTEXT", severity=4, text=b" Radio Failsafe "), 2.0)
+    assert [one.text for one in told.texts] == [(first + rest).decode().strip(), "Radio Failsafe"]

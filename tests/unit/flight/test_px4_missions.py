@@ -9,12 +9,13 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from saflite.contract.errors import Refused
-from saflite.contract.test_case import Scenario, Stimulus, Target, TestCase
+from saflite.contract.test_case import Mission, MissionItem, Scenario, Stimulus, Target, TestCase
 from saflite.flight.autopilots.external.link import TICK_S
 from saflite.flight.autopilots.external.listing import Listing
 from saflite.flight.autopilots.px4 import modes
 from saflite.flight.autopilots.px4.check import check_test_case
 from saflite.flight.autopilots.px4.companion import Companion
+from saflite.flight.autopilots.px4.mission import as_taken
 from saflite.flight.autopilots.px4.pilot import Pilot
 from saflite.flight.autopilots.px4.vehicle import Vehicle
 from saflite.flight.mission import builtin_mission
@@ -107,3 +108,22 @@ def test_a_companion_needs_a_mission_to_fly() -> None:
     dog = TestCase(target=Target(name="px4", settings={"companion": "dog"}), scenario=flown)
     with pytest.raises(Refused, match="one of none, planner, pilot"):
         check_test_case(dog, LISTING)
+
+
+def test_an_item_at_no_place_is_sent_as_one() -> None:
+    somewhere, nowhere = (0.0, 0.0, 0.0, 0.0, 47.4, 8.5, 20.0), (1.0, 5.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    here = (0.0, 0.0, 0.0, 0.0, None, None, 0.0)
+    commands = {
+        22: somewhere,
+        16: somewhere,
+        178: nowhere,
+        177: nowhere,
+        112: nowhere,
+        195: somewhere,
+        21: here,
+        20: here,
+    }
+    items = tuple(MissionItem(command=command, params=params) for command, params in commands.items())
+    sent = as_taken(Mission(name="m", home_lat_deg=47.4, home_lon_deg=8.5, home_alt_m=0.0, items=items))
+    assert {item.command: item.frame for item in sent.items if item.frame != 3} == {178: 2, 177: 2, 112: 2, 20: 2}
+    assert [item.params for item in sent.items] == [item.params for item in items]

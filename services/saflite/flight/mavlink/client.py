@@ -117,7 +117,10 @@ class Client:
             return False
         self.latest[kind] = message
         if kind == "STATUSTEXT":
-            self.texts.append(message.text)
+            if message.chunk_seq and self.texts:  # the rest of a long one
+                self.texts[-1] += message.text
+            else:
+                self.texts.append(message.text)
         return True
 
     def wait(

@@ -6,6 +6,8 @@ import math
 from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
+import msgspec
+
 from saflite.contract.flight import TraceMessage
 from saflite.flight.autopilots.external.heights import HOME_STEP_M
 from saflite.flight.autopilots.external.vehicle import LockstepVehicle
@@ -104,7 +106,11 @@ class Telemetry:
             self._show(self.vehicle, self.parameters, self._home_up_m)
 
     def _statustext(self, message: Any) -> None:
-        text, severity = str(message.text).strip(), int(message.severity)
+        text, severity = str(message.text).rstrip("\t\r\n"), int(message.severity)
+        if message.chunk_seq and self.texts:  # the rest of a long one
+            self.texts[-1] = msgspec.structs.replace(self.texts[-1], text=self.texts[-1].text + text)
+            return
+        text = text if message.id else text.strip()
         kind = "error" if severity <= ERROR_UP_TO else "warning" if severity <= WARNING_UP_TO else "info"
         at_s = round(self._now_s - self.zero_s, 6)
         self.texts.append(TraceMessage(at_s=at_s, text=text, severity=kind))  # type: ignore[arg-type]

@@ -17,6 +17,7 @@ from saflite.flight.autopilots.px4.bring_up import Aircraft
 from saflite.flight.autopilots.px4.companion import Companion
 from saflite.flight.autopilots.px4.inputs import Inputs
 from saflite.flight.autopilots.px4.legs import Legs
+from saflite.flight.autopilots.px4.mission import as_taken
 from saflite.flight.autopilots.px4.own_truth import OWN_RATES_HZ, OwnTruth
 from saflite.flight.autopilots.px4.pilot import Pilot
 from saflite.flight.autopilots.px4.settings import (
@@ -106,7 +107,7 @@ class Px4Flight(ExternalFlight):
         assert self._mission is not None
         client = aircraft.client
         aircraft.patient = True  # it gives up a transfer by its own clock, and stores items by the disk's
-        why = self._upload(aircraft, self._mission, home=False)
+        why = self._upload(aircraft, as_taken(self._mission), home=False)
         aircraft.patient = False
         why = why or self._enter(aircraft, "AUTO")
         if not why and not client.command(ARM, (1.0,), ANSWER_S).ok:
