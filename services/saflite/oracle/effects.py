@@ -50,6 +50,8 @@ class Effect(NamedTuple):
     learnt: bool = False
 
 
+BLIND = Effect(lasting=("gps_true", "gps_settled", "baro_true", "baro_settled", "body_true"), healthy=1.0)
+"""Another set of sources for the estimate: ArduPilot's second and third are empty unless somebody fills them."""
 _GPS, _BARO = ("gps_true", "gps_settled"), ("baro_true", "baro_settled")
 _FAULTS: tuple[tuple[str, Effect], ...] = (
     (r"rc_|radio|batt|para|speedup|pin_mask|engine_fail$", Effect()),  # a motor fails by engine_mul
@@ -82,6 +84,8 @@ been refused."""
 def effect_of(stimulus: Stimulus) -> Effect:
     """Return what a stimulus falsifies, by its name: `SIM_GPS_NOISE` as well as `gps_noise`."""
     name = stimulus.name.lower()
+    if stimulus.kind == "command" and name.endswith("set_ekf_source_set"):
+        return BLIND
     fault = stimulus.kind == "sensor_fault" or name.startswith("sim_")
     if not fault and stimulus.kind != "parameter":
         return Effect()

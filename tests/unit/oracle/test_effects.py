@@ -45,6 +45,9 @@ def down(flag: str, *stimuli: Stimulus, before: dict[str, float] | None = None) 
         ("parameter", "TUNE", 39.0, {"sticks_true"}),  # channel 6 decides the rate of CIRCLE
         ("parameter", "TUNE", 0.0, set()),
         ("parameter", "RTL_ALT", 3000.0, set()),
+        ("command", "MAV_CMD_SET_EKF_SOURCE_SET", 2.0, set(FLAGS) - {"sticks_true"}),
+        ("command", "MAV_CMD_SET_EKF_SOURCE_SET", 1.0, set()),
+        ("command", "MAV_CMD_DO_SET_HOME", 1.0, set()),
         ("stick", "RC3", 1500.0, set()),
         ("mode", "LOITER", 0.0, set()),
     ],
