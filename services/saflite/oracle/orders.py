@@ -133,6 +133,11 @@ def releases(stimulus: Stimulus) -> bool:
     return _is(stimulus, "DO_PARACHUTE") and _numbers(stimulus)[0] == 2.0
 
 
+def sets_climb(stimulus: Stimulus) -> bool:
+    """Say whether the stimulus orders how fast to climb or sink (SPEED_TYPE 2 or 3)."""
+    return _is(stimulus, "DO_CHANGE_SPEED") and _numbers(stimulus)[0] in (2.0, 3.0)
+
+
 def starts_mission(stimulus: Stimulus) -> bool:
     """Say whether the stimulus orders a mission to begin anew."""
     return _is(stimulus, "MISSION_START")

@@ -51,6 +51,7 @@ _OF_COMMANDS = (
     "yaw_order_s",
     "pause_order_s",
     "start_order_s",
+    "climb_order_s",
     "ordered_home_m",
 )
 _SOURCES = {
