@@ -182,6 +182,11 @@ SIGNALS: dict[str, Signal] = {
     "climb_order_s": Signal(
         "s", "time since a speed was ordered to climb or sink at (MAV_CMD_DO_CHANGE_SPEED), above 1,000,000 where never"
     ),
+    "height_order_s": Signal(
+        "s",
+        "time since an order to take off or to another height (MAV_CMD_NAV_TAKEOFF, MAV_CMD_DO_CHANGE_ALTITUDE), above "
+        "1,000,000 where none was given",
+    ),
     "start_order_s": Signal("s", "time since the mission was last ordered to begin, above 1,000,000 where never"),
     "ordered_home_m": Signal(
         "m",
@@ -231,7 +236,7 @@ gps_true gps_settled baro_true baro_settled body_true sticks_true place_order_s 
 ordered_altitude_m battery_timer_set_s battery_low_action_set battery_critical_set_v battery_low_charge_set_mah
 battery_capacity_set_mah battery_critical_action_set acro_trainer_set acro_balance_roll_set acro_balance_pitch_set
 acro_rate_set_dps chute_enabled_set chute_type_set chute_servo_set
-mode_order_s ordered_mode release_order_s stop_order_s start_order_s climb_order_s
+mode_order_s ordered_mode release_order_s stop_order_s start_order_s climb_order_s height_order_s
 failsafe_options_set circle_options_set auto_options_set pilot_turn_speed_set_dps
 fence_action_set fence_on_set fence_type_set fence_radius_set_m arming_checks_set angle_max_set_deg
 acceleration_set_mps2 waypoint_radius_set_m

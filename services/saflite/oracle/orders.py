@@ -138,6 +138,11 @@ def sets_climb(stimulus: Stimulus) -> bool:
     return _is(stimulus, "DO_CHANGE_SPEED") and _numbers(stimulus)[0] in (2.0, 3.0)
 
 
+def sets_height(stimulus: Stimulus) -> bool:
+    """Say whether the stimulus orders a take-off, which PX4 obeys in the air, too, or another height."""
+    return _is(stimulus, "NAV_TAKEOFF") or _is(stimulus, "DO_CHANGE_ALTITUDE")
+
+
 def starts_mission(stimulus: Stimulus) -> bool:
     """Say whether the stimulus orders a mission to begin anew."""
     return _is(stimulus, "MISSION_START")

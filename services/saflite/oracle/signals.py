@@ -88,6 +88,7 @@ class FlightSignals:
             **{name: partial(self._setting, name) for name in SETTINGS},
             "start_order_s": lambda: self._since(orders.starts_mission, never_s=-NEVER_S),
             "climb_order_s": lambda: self._since(orders.sets_climb, never_s=-NEVER_S),
+            "height_order_s": lambda: self._since(orders.sets_height, never_s=-NEVER_S),
             "release_order_s": lambda: self._since_asked(orders.releases),
             "stop_order_s": lambda: self._since_asked(orders.asks_to_stop),
             "mode_order_s": lambda: self._since_asked(lambda one: orders.mode_ordered(one) is not None),

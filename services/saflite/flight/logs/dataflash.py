@@ -52,6 +52,7 @@ _OF_COMMANDS = (
     "pause_order_s",
     "start_order_s",
     "climb_order_s",
+    "height_order_s",
     "ordered_home_m",
 )
 _SOURCES = {
