@@ -47,6 +47,7 @@ LISTING = Listing(
         "FENCE_TYPE": Row(7.0, INT16),
         "ATC_RAT_RLL_P": Row(0.135, REAL32),
         "SIM_WIND_SPD": Row(0.0, REAL32),
+        "SIM_GPS_GLITCH_X": Row(0.0, REAL32),
         "PRX1_TYPE": Row(0.0, INT16),
     },
 )
@@ -226,6 +227,8 @@ def test_the_description_comes_from_the_binary(tmp_path: Path) -> None:
     kinds = {entry.name: (entry.kind, entry.type) for entry in info.inputs}
     assert kinds["RTL_ALT"] == ("parameter", "whole")
     assert kinds["SIM_WIND_SPD"] == ("sensor_fault", "real")
+    glitch = next(entry for entry in info.inputs if entry.name == "SIM_GPS_GLITCH_X")
+    assert (glitch.low, glitch.high, glitch.unit) == (-0.001, 0.001, "deg"), "a place of its own, not metres as ours"
     assert str(tmp_path) not in repr(info)  # a path is nobody's identity
     assert describe(None, None, "no binary").missing == "no binary"
 
@@ -283,7 +286,7 @@ def test_turned_boxes_are_seen_where_they_are() -> None:
     ("stimulus", "said"),
     [
         (Stimulus(at_s=0.0, kind="parameter", name="RTL_ATL", values=(1.0,)), "did you mean RTL_ALT?"),
-        (Stimulus(at_s=0.0, kind="sensor_fault", name="SIM_NO", values=(1.0,)), "one of the binary's 6"),
+        (Stimulus(at_s=0.0, kind="sensor_fault", name="SIM_NO", values=(1.0,)), "one of the binary's 7"),
         (Stimulus(at_s=0.0, kind="command", name="MAV_CMD_FLY_AWAY"), "MAV_CMD"),
         (Stimulus(at_s=0.0, kind="mode", name="HOVER"), "STABILIZE"),
         (Stimulus(at_s=0.0, kind="stick", name="RC9", values=(1500.0,)), "RC1"),

@@ -48,6 +48,9 @@ NOT_OFFERED = frozenset(
 )
 """Parameters that would take the link or the clock away from the world rather than say anything of the vehicle."""
 _OURS = ("SERIAL0_", "SR0_")
+GLITCH_DEG = 0.001  # some 100 m
+OWN_UNITS = {f"SIM_GPS_GLITCH_{axis}": Documented(-GLITCH_DEG, GLITCH_DEG, "deg") for axis in ("X", "Y")}
+"""Names shared with our own vehicle that mean something else here: latitude and longitude (4.5.7, `SIM_GPS.cpp`)."""
 
 
 def describe(binary: Binary | None, listing: Listing | None, lacking: str) -> TargetInfo:
@@ -81,6 +84,7 @@ def describe(binary: Binary | None, listing: Listing | None, lacking: str) -> Ta
 def _parameters(listing: Listing, binary: Path) -> Iterator[InputInfo]:
     """Yield the binary's parameters; without metadata, ranges stand for the names that our own vehicle shares."""
     told = {name: Documented(low, high) for name, (low, high) in setting_ranges(DEFAULT_TARGET).items()}
+    told.update(OWN_UNITS)
     told.update(documented(binary))
     for name, row in listing.parameters.items():
         if name not in NOT_OFFERED and not name.startswith(_OURS):
