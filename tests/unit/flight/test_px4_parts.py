@@ -276,6 +276,19 @@ def test_a_home_that_moves_in_flight_by_itself_or_by_an_order_is_no_climb(vehicl
     assert heights == pytest.approx([22.0, 21.0, 21.0, 21.0, 21.0])
 
 
+def test_a_take_off_ordered_by_its_height_above_sea_has_that_to_reach(vehicle: Vehicle, client: Client) -> None:
+    told = Telemetry(vehicle, client, LISTING.values, HOME)
+    told.take(message("GLOBAL_POSITION_INT", alt=490_000, relative_alt=0), 1.0)
+    told.tick()
+    before = vehicle["takeoff_altitude_set_m"]
+    told.take_order(Stimulus(at_s=1.0, kind="command", name="MAV_CMD_NAV_LAND", values=(0.0,) * 6 + (520.0,)))
+    told.tick()
+    assert vehicle["takeoff_altitude_set_m"] == before
+    told.take_order(Stimulus(at_s=2.0, kind="command", name="MAV_CMD_NAV_TAKEOFF", values=(0.0,) * 6 + (520.0,)))
+    told.tick()
+    assert vehicle["takeoff_altitude_set_m"] == pytest.approx(30.0)
+
+
 def test_what_is_acknowledged_must_be_seen(vehicle: Vehicle, client: Client) -> None:
     stimuli = (
         Stimulus(at_s=0.0, kind="mode", name="RTL"),

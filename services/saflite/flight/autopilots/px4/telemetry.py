@@ -6,6 +6,7 @@ import math
 from collections.abc import Collection, Mapping
 from typing import Any
 
+from saflite.contract.test_case import Stimulus
 from saflite.flight.autopilots.external import telemetry
 from saflite.flight.autopilots.external.telemetry import FIX_3D, PREARM
 from saflite.flight.autopilots.px4 import modes, settings
@@ -26,6 +27,7 @@ RATES_HZ: dict[str, float] = {
     "MISSION_CURRENT": 5.0,
     "HOME_POSITION": 1.0,
 }
+HEIGHT_AT = 6  # among the numbers of MAV_CMD_NAV_TAKEOFF
 FAILSAFE = 5  # MAV_STATE_CRITICAL
 GPS, RADIO, BATTERY, FENCE = 1, 256, 128, 2048  # HL_FAILURE_FLAG bits
 NOT_KNOWN = 65535
@@ -47,12 +49,21 @@ class Telemetry(telemetry.Telemetry):
         super().__init__(vehicle, parameters, home, (TOLD, *kinds), settings.show)
         self._client = client
         self._prearm = self._homed = self._failsafe = False
+        self._takeoff_up_m: float | None = None  # of the take-off ordered last; PX4 does not tell it
         self._flag_said_s = dict.fromkeys((GPS, RADIO, BATTERY, FENCE), -math.inf)
         self._gps_said_s = -math.inf
+
+    def take_order(self, stimulus: Stimulus) -> None:
+        """Note the height of a take-off that was taken: above sea in the command, above home in the trace."""
+        values = stimulus.values
+        if stimulus.kind == "command" and stimulus.name.endswith("NAV_TAKEOFF") and len(values) > HEIGHT_AT:
+            self._takeoff_up_m = values[HEIGHT_AT] - self._start_up_m
 
     def tick(self) -> None:
         """Work out what follows from the truth of this tick."""
         super().tick()
+        if self._takeoff_up_m is not None:
+            self.vehicle["takeoff_altitude_set_m"] = self._takeoff_up_m
         if self._now_s - self._gps_said_s > FRESH_S:
             self.vehicle["gps_ok"] = 0.0
         if (
