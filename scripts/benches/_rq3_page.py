@@ -72,7 +72,13 @@ def _choosers(rows: Iterable[Row]) -> list[str]:
 
 def _blocks(rows: Sequence[Row]) -> str:
     counts = Counter((row.cell.mission, row.cell.rng_seed) for row in rows)
-    return ", ".join(f"{count} of mission {mission} seed {seed}" for (mission, seed), count in sorted(counts.items()))
+    alike: dict[tuple[int, int], list[int]] = {}
+    for (mission, seed), count in sorted(counts.items()):
+        alike.setdefault((mission, count), []).append(seed)
+    told = (
+        f"{count} of mission {mission} seed {', '.join(map(str, seeds))}" for (mission, count), seeds in alike.items()
+    )
+    return "; ".join(told)
 
 
 def _coverage(rows: Sequence[Row], columns: Sequence[str]) -> str:

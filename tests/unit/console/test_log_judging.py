@@ -48,10 +48,10 @@ def test_without_obstacles_their_distance_is_inconclusive_and_nothing_judged_is_
 def test_settings_that_a_log_does_not_tell_are_missing_not_usual(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["judge", str(extract(tmp_path / "log.csv")), "--policy", "disarm-delay", "--json"]) == 4
+    assert main(["judge", str(extract(tmp_path / "log.csv")), "--policy", "speed-limit", "--json"]) == 4
     (verdict,) = json.loads(capsys.readouterr().out)["verdicts"]
     assert verdict["outcome"] == "inconclusive"
-    assert "disarm_delay_set_s" in verdict["message"]
+    assert "cruise_speed_set_mps" in verdict["message"]
 
 
 @pytest.mark.parametrize(

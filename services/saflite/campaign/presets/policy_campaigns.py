@@ -271,9 +271,10 @@ def _read_by(data: dict[str, Any], target: TargetInfo) -> list[tuple[StimulusKin
 
 
 def _can_start(start: dict[str, Any], target: TargetInfo) -> bool:
-    """Return whether a start state is given, in a mode that flights may begin in: some modes only show."""
-    modes = {state.mode for state in target.start_states}
-    return bool(start) and (not modes or start.get("mode", DEFAULT_START.mode) in modes)
+    """Return whether a start state is given in a mode that does not only show; one that is none is refused later."""
+    mode = start.get("mode", DEFAULT_START.mode)
+    only_shows = set(target.modes) - {state.mode for state in target.start_states}
+    return bool(start) and (not target.start_states or mode not in only_shows)
 
 
 def _start(start: dict[str, Any], target: TargetInfo) -> StartState:
