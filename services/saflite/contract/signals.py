@@ -146,6 +146,7 @@ SIGNALS: dict[str, Signal] = {
     "loiter_speed_set_mps": Signal("m/s", "greatest speed in LOITER (LOIT_SPEED)"),
     "disarm_delay_set_s": Signal("s", "time on the ground before disarming, 0 never (DISARM_DELAY)"),
     "circle_radius_set_m": Signal("m", "radius of CIRCLE when it is entered (CIRCLE_RADIUS)"),
+    "roll_rate_max_set_dps": Signal("deg/s", "how fast it may roll (ATC_RATE_R_MAX); 0: no bound"),
     "roll_acceleration_set_dps2": Signal("deg/s2", "how fast a roll may speed up (ATC_ACCEL_R_MAX); 0: no bound"),
     "gps_forward_set_m": Signal("m", "how far before the middle the antenna is said to be (GPS_POS1_X)"),
     "gps_right_set_m": Signal("m", "how far to the right of the middle the antenna is said to be (GPS_POS1_Y)"),
@@ -243,7 +244,7 @@ acceleration_set_mps2 waypoint_radius_set_m
 cruise_speed_set_mps return_speed_set_mps return_climb_min_set_m return_wait_set_s
 loiter_speed_set_mps disarm_delay_set_s pilot_takeoff_set_m yaw_slew_set_dps
 circle_radius_set_m circle_rate_set_dps descent_speed_set_mps trim_roll_set_deg trim_pitch_set_deg
-gps_forward_set_m gps_right_set_m roll_acceleration_set_dps2
+gps_forward_set_m gps_right_set_m roll_acceleration_set_dps2 roll_rate_max_set_dps
 """
 MADE_FROM: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(_OF_STIMULI.split(), ()),

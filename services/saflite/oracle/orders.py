@@ -80,6 +80,7 @@ SETTINGS: dict[str, Setting] = {
     "return_climb_min_set_m": Setting("RTL_CLIMB_MIN", 0.0, 0.0, 3000.0, 0.01, whole=True),
     "loiter_speed_set_mps": Setting("LOIT_SPEED", 1250.0, 20.0, 3500.0, 0.01),
     "disarm_delay_set_s": Setting("DISARM_DELAY", 10.0, 0.0, 127.0, whole=True),
+    "roll_rate_max_set_dps": Setting("ATC_RATE_R_MAX", 0.0, 0.0, 1080.0),
     "roll_acceleration_set_dps2": Setting("ATC_ACCEL_R_MAX", 110_000.0, 0.0, 180_000.0, 0.01),
     "gps_forward_set_m": Setting("GPS_POS1_X", 0.0, -5.0, 5.0),
     "gps_right_set_m": Setting("GPS_POS1_Y", 0.0, -5.0, 5.0),
