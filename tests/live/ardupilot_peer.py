@@ -194,7 +194,8 @@ class Peer:
         self.mav.extended_sys_state_send(0, 1 if self.altitude_m < LANDED_M else 2)
 
     def say_global_position_int(self) -> None:
-        self.mav.global_position_int_send(0, 0, 0, 0, round(1000 * self.altitude_m), 0, 0, 0, 0)
+        up_mm, home_mm = round(1000 * self.altitude_m), 488_790
+        self.mav.global_position_int_send(0, 0, 0, home_mm + up_mm, up_mm, 0, 0, 0, 0)
 
     def say_local_position_ned(self) -> None:
         self.mav.local_position_ned_send(0, *self.state["position"], *self.state["velocity"])
