@@ -5,7 +5,7 @@ Numbers and their meaning are MAVLink's (MAV_CMD). Items are told by `mission_it
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,6 +21,7 @@ NAMES = ("item_wait_s", "item_off_m", "item_height_off_m", "item_landing_off_m",
 FLOWN_TO, WAITS, LAND, JUMP = (16, 82, 19), (93, 112), 21, 177
 NO_PLACE_M = -1.0
 NEAR_M, PASSED_MAX = 12.0, 64  # the greatest WPNAV_RADIUS and a little; items, loops of jumps that do not show as well
+ROUNDS_MAX = 16  # of a jump that does not show, and ways to have counted them that are kept
 AFRESH_S = 0.1  # what an order or an entry does to the item shows within this
 
 
@@ -115,31 +116,35 @@ def unexpected(
     """
     flags = np.zeros(len(times))
     auto = np.asarray(mode) == MODES["AUTO"]
-    jumped: dict[int, int] = {}
+    counts: list[dict[int, int]] = [{}]  # how often each jump may have been taken: what does not show leaves it open
     for at in np.flatnonzero((np.diff(item) != 0) | (np.diff(auto.astype(int)) != 0)) + 1:
+        if not (auto[at] and auto[at - 1]):
+            counts = [{}]
+            continue
         near = {number for number, off_m in enumerate(place_off_m) if not off_m[at] > NEAR_M}
         passed = {number for number in near if not items[number].wait_s}
-        if not (auto[at] and auto[at - 1]):
-            jumped = {}
-            continue
-        if any(0.0 <= times[at] - one <= AFRESH_S for one in started_s):
-            begun: dict[int, int] | None = (
-                {} if item[at] == 0 else _followed(items, -1, int(item[at]), {}, passed | {-1})
-            )
-            flags[at], jumped = (1.0, {}) if begun is None else (0.0, begun)
-            continue
         before, now = int(item[at - 1]), int(item[at])
-        followed = _followed(items, before, now, jumped, passed)
-        if followed is None:  # a jump to the item just before it takes a tick, which may show in no sample
-            followed = _followed(items, before, now, {**jumped, **_to_the_one_before(items)}, passed)
-        flags[at] = 1.0 if followed is None else 0.0
-        jumped = jumped if followed is None else followed
+        if any(0.0 <= times[at] - one <= AFRESH_S for one in started_s):
+            before, counts, passed = -1, [{}], passed | {-1}
+        followed: list[dict[int, int]] = []
+        for jumped in counts:
+            followed += [one for one in _followed_unseen(items, before, now, jumped, passed) if one not in followed]
+        flags[at], counts = (0.0, followed[:ROUNDS_MAX]) if followed else (1.0, counts)
     return flags
 
 
-def _to_the_one_before(items: Sequence[Item]) -> dict[int, int]:
-    """Return the jumps that go back by one item, each as often as it says: all done."""
-    return {number: int(one.times) for number, one in enumerate(items) if one.target == number - 1 and one.times >= 0}
+def _followed_unseen(
+    items: Sequence[Item], index: int, now: int, jumped: dict[int, int], passed: set[int]
+) -> Iterator[dict[int, int]]:
+    """As `_followed`, after any number of rounds of a jump back to `index`: one takes a tick, and may not show."""
+    for _ in range(ROUNDS_MAX):
+        followed = _followed(items, index, now, jumped, passed)
+        if followed is not None:
+            yield followed
+        again = _followed(items, index, index, jumped, passed)
+        if again is None or again == jumped:
+            return
+        jumped = again
 
 
 def _followed(
@@ -162,6 +167,7 @@ def _after(items: Sequence[Item], index: int, jumped: dict[int, int]) -> int:
         return index + 1
     one, done = items[index], jumped.get(index, 0)
     if one.target >= 0 and one.target != index and one.target < len(items) and (one.times < 0 or done < one.times):
-        jumped[index] = done + 1
+        if one.times >= 0:
+            jumped[index] = done + 1
         return one.target
     return index + 1

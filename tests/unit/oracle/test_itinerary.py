@@ -64,9 +64,17 @@ def test_jumps_among_items_that_are_over_at_once_need_not_show() -> None:
     assert not flags.any()
 
 
-def test_a_jump_to_the_item_before_it_need_not_show_nor_be_counted() -> None:
-    waits = mission((UP, 0, 0, 0, 0, 47.0, 8.0, 10.0), (DELAY, 2), (JUMP, 2, 2), place(1e-3))
-    items, rounds = itinerary.items_of(waits), np.array([0.0, 1.0, 1.0, 2.0, 3.0, 3.0])
+@pytest.mark.parametrize(
+    "loop",
+    [
+        [(DELAY, 2), (JUMP, 2, 2)],  # to the item just before
+        [(JUMP, 2, 2), (DELAY, 2), (JUMP, 2, 2)],  # to one that is over at once, and leads there
+    ],
+)
+def test_a_jump_that_leads_to_the_item_before_it_need_not_show_nor_be_counted(loop: list[tuple[float, ...]]) -> None:
+    waits = mission((UP, 0, 0, 0, 0, 47.0, 8.0, 10.0), *loop, place(1e-3))
+    items, last = itinerary.items_of(waits), float(len(loop))
+    rounds = np.array([0.0, last - 1, last - 1, last, last + 1, last + 1])
     off = [np.full(6, 500.0 if np.isfinite(one.x_m) else np.nan, dtype=np.float64) for one in items]
     mode, times = np.full(6, MODES["AUTO"], dtype=np.float64), np.arange(6, dtype=np.float64)
     assert not itinerary.unexpected(items, rounds, mode, off, [], times).any()
