@@ -232,6 +232,14 @@ def test_faults_are_refused_with_their_line(text: str, word: str, line: int, fol
     assert refusal.value.where == f"case.yaml, line {line}"
 
 
+@pytest.mark.parametrize(
+    "value", ["!!binary", "!!binary aGFsbG8=", "!!set {a}", "!!timestamp 2026-11-27", "!!omap [a: 1]", "!x 1"]
+)
+def test_what_json_cannot_hold_is_refused_where_it_stands(value: str) -> None:
+    with pytest.raises(Refused, match="line 2"):
+        yaml_text.read(f"robot:\n  port: {value}\n", "case.yaml")
+
+
 @given(st.text(max_size=60))
 def test_any_text_is_read_or_refused(text: str) -> None:
     try:
