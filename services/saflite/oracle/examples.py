@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import Annotated
 
 import msgspec
 import numpy as np
@@ -35,7 +36,7 @@ class Wave(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
 
     mean: float
     size: float
-    period_s: float
+    period_s: Annotated[float, msgspec.Meta(ge=1e-3, le=1e6)]
     ahead_s: float = 0.0
 
 

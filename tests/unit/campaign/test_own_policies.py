@@ -184,3 +184,16 @@ def test_a_defect_the_campaign_cannot_see_is_remarked_on() -> None:
     assert not campaign_options.remarks(
         campaign_options.changed(load_campaign("policy-a-land2"), defects=["land-fast"])
     )
+
+
+@pytest.mark.parametrize("signals", ['signals = "("', '[signals]\n"a(" = "m"\n'])
+def test_names_of_signals_that_no_file_can_have_are_refused(signals: str, tmp_path: Path) -> None:
+    odd = tmp_path / "odd.toml"
+    odd.write_text(
+        POLICY.replace('[signals]\naltitude_m = "m"\ntime_s = "s"\n', "").replace(
+            "[constants]", f"{signals}\n[constants]"
+        )
+    )
+    with pytest.raises(Refused):
+        campaign_options.check_runnable(load_campaign(str(odd)))
+        load_policy(str(odd))

@@ -61,6 +61,7 @@ def test_a_good_policy_loads() -> None:
         (HOLDS, 'signals = { mode = "RTL", altitude_m = 5 }', r"expected the rule to apply"),
         (HOLDS, 'signals = { mode = "AUTO" }', r"altitude_m amiss"),
         (HOLDS, 'signals = { mode = "WALK", altitude_m = 5 }', r"a mode by name"),
+        (HOLDS, "signals = { mode = 'RTL', altitude_m = { mean = 5, size = 1, period_s = 0 } }", r"period_s"),
         ("holds = false", "holds = true", r"one that holds and one that violates"),
         ('title = "Stay low"', 'titel = "Stay low"', r"test.toml line 2"),
         ('id = "test"', "id = test", r"expected TOML"),

@@ -263,7 +263,7 @@ def _read_by(data: dict[str, Any], target: TargetInfo) -> list[tuple[StimulusKin
     formula, found = whole_formula(data), []
     for signal in data.get("signals", {}):
         stick, meaning = _STICK_SIGNAL.match(signal), SIGNALS[signal].meaning if signal in SIGNALS else ""
-        if signal.endswith("_true") or not re.search(rf"\b{signal}\b(?!\s*==\s*0\b)", formula):
+        if signal.endswith("_true") or not re.search(rf"\b{re.escape(signal)}\b(?!\s*==\s*0\b)", formula):
             continue  # what excuses a rule
         names = [f"RC{stick[1]}"] if stick else SETTING.findall(meaning)
         found += [(kinds[name], name) for name in names if name in kinds]
