@@ -107,7 +107,8 @@ class Auto(Mode):
             self._stay(self._paused)
         else:
             getattr(self, f"_{self._item().kind}")()
-        if self._pilot_turns and self.ap.yaw_order_rad is not None and self.ap.mode is self:
+        turned = self._pilot_turns or self._item().kind == "delay"  # who waits turns to where the item before it said
+        if turned and self.ap.yaw_order_rad is not None and self.ap.mode is self:
             steer.heading(self.board, self.ap.yaw_order_rad)  # items that turn nowhere leave the nose to the pilot, too
 
     def pilot_turn(self) -> None:
