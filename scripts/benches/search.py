@@ -11,7 +11,8 @@ first, figures are given for the second. `authored-fit`, `authored-report`: faul
 (`data/authored_faults.toml`), parted likewise. `blind`: faults drawn blindly from the lines of the reference autopilot
 (`_blind_faults.py`); `clean`: no fault, for exposure and false alarms. `--together` plants so many defects at once; a
 search ends when all are found, or with its budget of flights, re-flights included; what is not found counts as such.
-`--faults` names planted and hand-written ones that are all on at once, in place of a set.
+`--faults` names planted and hand-written ones, those of `data/rule_faults.toml` too, that are all on at once, in place
+of a set.
 Searches that stand in the `--out` file already are not run again. In-process campaigns, real books, flights, oracle.
 """
 
@@ -33,6 +34,7 @@ import numpy as np
 from _authored_faults import Patch, authored
 from _blind_faults import drawn
 from _bootstrap import bootstrap_95
+from _rule_faults import rule_faults
 from _search_run import ARMS, OF_ONE_POLICY, Job, Row, search
 
 from saflite.contract.rng import derive
@@ -51,10 +53,15 @@ def half(name: str) -> str:
     return ("fit", "report")[hashlib.sha256(name.encode()).digest()[0] % 2]
 
 
+def one_line() -> dict[str, Patch]:
+    """Return every fault that is one changed line: written for this bench, or for the rules (`--part planted`)."""
+    return {**{name: one.patch for name, one in rule_faults().items()}, **authored()}
+
+
 def named(options: argparse.Namespace) -> Iterator[Job]:
     """Yield the searches for the faults named, all of which are on."""
     defects = tuple(name for name in options.faults if name in TABLE)
-    lines = tuple(authored()[name] for name in options.faults if name not in TABLE)
+    lines = tuple(one_line()[name] for name in options.faults if name not in TABLE)
     for arm in options.arms:
         for rng_seed in options.rng_seeds:
             yield Job(arm, defects, lines, rng_seed, options.budget)
@@ -172,7 +179,9 @@ def main(argv: list[str]) -> int:
     """Measure and print."""
     parser = argparse.ArgumentParser(prog="scripts/bench search", description=__doc__.splitlines()[0])
     parser.add_argument("--set", nargs="+", choices=SETS, default=["report"])
-    parser.add_argument("--faults", nargs="+", choices=[*TABLE, *authored()], help="all on at once, in place of a set")
+    parser.add_argument(
+        "--faults", nargs="+", choices=[*TABLE, *one_line()], metavar="NAME", help="all on at once, in place of a set"
+    )
     parser.add_argument("--arms", nargs="+", choices=list(ARMS), default=["all", "pgfuzz", "random"])
     parser.add_argument("--together", type=int, default=1, help="planted defects that are on at once")
     parser.add_argument("--rng-seeds", type=int, nargs="+", default=[1, 2, 3])
