@@ -118,6 +118,7 @@ SIGNALS: dict[str, Signal] = {
     "chute_enabled_set": Signal("", "1 while a parachute is fitted (CHUTE_ENABLED)", "flag"),
     "chute_type_set": Signal("", "what releases the parachute: 0 to 3 a relay, 10 a servo (CHUTE_TYPE)", "code"),
     "chute_servo_set": Signal("", "what output 9 does, 27 the parachute (SERVO9_FUNCTION)", "code"),
+    "chute_sink_set_mps": Signal("m/s", "sink rate that releases the parachute, 0 none (CHUTE_CRT_SINK)"),
     "battery_low_charge_set_mah": Signal("mAh", "charge left that counts as low, 0 off (BATT_LOW_MAH)"),
     "battery_capacity_set_mah": Signal("mAh", "charge of a full battery (BATT_CAPACITY)"),
     "fence_action_set": Signal("", "breach: 0 report, 1 RTL or LAND, 2 LAND, 4 BRAKE (FENCE_ACTION)", "code"),
@@ -150,6 +151,10 @@ SIGNALS: dict[str, Signal] = {
     "roll_acceleration_set_dps2": Signal("deg/s2", "how fast a roll may speed up (ATC_ACCEL_R_MAX); 0: no bound"),
     "gps_forward_set_m": Signal("m", "how far before the middle the antenna is said to be (GPS_POS1_X)"),
     "gps_right_set_m": Signal("m", "how far to the right of the middle the antenna is said to be (GPS_POS1_Y)"),
+    "roll_stick_min_set_us": Signal("us", "roll stick fully left (RC1_MIN)"),
+    "roll_stick_max_set_us": Signal("us", "roll stick fully right (RC1_MAX)"),
+    "pitch_stick_min_set_us": Signal("us", "pitch stick fully forward (RC2_MIN)"),
+    "pitch_stick_max_set_us": Signal("us", "pitch stick fully back (RC2_MAX)"),
     "trim_roll_set_deg": Signal("deg", "roll offset of the board (AHRS_TRIM_X)"),
     "trim_pitch_set_deg": Signal("deg", "pitch offset of the board (AHRS_TRIM_Y)"),
     "circle_rate_set_dps": Signal("deg/s", "turning rate of CIRCLE at its entry, clockwise positive (CIRCLE_RATE)"),
@@ -193,6 +198,8 @@ SIGNALS: dict[str, Signal] = {
         "m",
         "distance in the plane to what home must be: where the motors were started, or as MAV_CMD_DO_SET_HOME gave it",
     ),
+    "item_command": Signal("", "MAV_CMD number of the mission item at hand, 0 where there is none", "code"),
+    "item_heading_deg": Signal("deg", "heading that the mission item at hand asks to wait with, -1 where it asks none"),
     "item_wait_s": Signal("s", "time that the mission item at hand asks to wait where it is, 0 if none"),
     "item_off_m": Signal("m", "distance in the plane to the way-point at hand as estimated, -1 where the item is none"),
     "item_height_off_m": Signal("m", "distance in height to the way-point at hand, -1 where the item is none"),
@@ -207,7 +214,11 @@ SIGNALS: dict[str, Signal] = {
     "sticks_true": Signal("", "0 while the centre or sense of a stick is set otherwise (RC1_TRIM, ...)", "flag"),
     "stop_ordered": Signal("", "1 from the first order to stop the motors come what may", "flag"),
     "arming_forced": Signal("", "1 from the first order to arm without checks", "flag"),
-    "body_true": Signal("", "0 while inertial sensors or compass are falsified, motors hurt, or it storms", "flag"),
+    "body_true": Signal(
+        "",
+        "0 while inertial sensors or compass are falsified, motors hurt, it storms, or AHRS_TRIM takes up ANGLE_MAX",
+        "flag",
+    ),
     "crashed": Signal("", "1 at the last sample of a flight that ended as crashed", "flag"),
 }
 
@@ -244,11 +255,14 @@ acceleration_set_mps2 waypoint_radius_set_m
 cruise_speed_set_mps return_speed_set_mps return_climb_min_set_m return_wait_set_s
 loiter_speed_set_mps disarm_delay_set_s pilot_takeoff_set_m yaw_slew_set_dps
 circle_radius_set_m circle_rate_set_dps descent_speed_set_mps trim_roll_set_deg trim_pitch_set_deg
-gps_forward_set_m gps_right_set_m roll_acceleration_set_dps2 roll_rate_max_set_dps
+gps_forward_set_m gps_right_set_m chute_sink_set_mps roll_stick_min_set_us roll_stick_max_set_us
+pitch_stick_min_set_us pitch_stick_max_set_us roll_acceleration_set_dps2 roll_rate_max_set_dps
 """
 MADE_FROM: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(_OF_STIMULI.split(), ()),
     "pilot_speed_down_set_mps": ("pilot_speed_up_set_mps",),
+    "item_command": ("mission_item",),
+    "item_heading_deg": ("mission_item", "yaw_deg"),
     "item_wait_s": ("mission_item",),
     "item_off_m": ("mission_item", "x_est_m", "y_est_m"),
     "item_height_off_m": ("mission_item", "altitude_est_m"),

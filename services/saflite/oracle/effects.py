@@ -32,6 +32,7 @@ STRONG_SHARE, STRONG_TIMES = 0.5, 12.0
 """One stronger than half of its documented range takes this many times as long: on the reference a compass off by
 0.5 Gauss, or a gyro by 0.2 rad/s, for 9 s leaves it leaning by more than 5 degrees for another 60 s, while it spins for
 100 s; at half of that it levels itself at once."""
+SLIGHT_RPS = 0.01  # a gyro said to be off by this has a vehicle lean by 3 degrees
 WIND_STOOD_MPS, GUSTS_STOOD_MPS = 8.0, 2.0  # a small multirotor holds its place in that much
 _STICK_USUAL = {"trim": 1500.0, "min": 1000.0, "max": 2000.0, "dz": 20.0, "thr_dz": 100.0}
 
@@ -72,7 +73,10 @@ _FAULTS: tuple[tuple[str, Effect], ...] = (
 )
 _SETTINGS: tuple[tuple[str, Effect], ...] = (
     (r"gnd_alt_offset", Effect(passing=("baro_settled",), lasting=("baro_true",), per_unit_s=1.0)),
-    (r"gnd_temp|gnd_primary|ek\d_alt_source|baro", Effect(passing=("baro_settled",), per_unit_s=1.0)),
+    (r"gnd_temp", Effect(passing=("baro_settled",), lasting=("baro_true",), per_unit_s=1.0)),
+    (r"gnd_primary|ek\d_alt_source|baro", Effect(passing=("baro_settled",), per_unit_s=1.0)),
+    (r"ins_gyroffs", Effect(lasting=("body_true",))),
+    (r"ahrs_trim", Effect(passing=("body_true",))),  # the heading follows: it is reckoned from a field felt askew
     (r"gps_(pos|type|primary|sats)", Effect(passing=("gps_settled",))),
     (r"rc\d+_(trim|dz|option|reversed?)|rc3_|rcmap_|thr_dz|tune$", Effect(lasting=("sticks_true",))),
 )
@@ -93,6 +97,8 @@ def effect_of(stimulus: Stimulus) -> Effect:
     effect = next((found for pattern, found in (_FAULTS if fault else _SETTINGS) if re.match(pattern, name)), Effect())
     if effect.lasting == ("sticks_true",):
         return effect._replace(healthy=_STICK_USUAL.get(name, _STICK_USUAL.get(name.rpartition("_")[2], 0.0)))
+    if name.startswith("ins_gyroffs") and all(abs(value) < SLIGHT_RPS for value in stimulus.values):
+        return Effect()
     if fault and _stood(name, stimulus.values):
         return Effect(passing=("body_true",))
     return effect

@@ -6,6 +6,7 @@ Numbers and their meaning are MAVLink's (MAV_CMD). Items are told by `mission_it
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,9 +18,18 @@ from saflite.contract.test_case import Mission, MissionItem
 from saflite.flight.mission import to_local
 
 Array = NDArray[np.float64]
-NAMES = ("item_wait_s", "item_off_m", "item_height_off_m", "item_landing_off_m", "item_unexpected")
-FLOWN_TO, WAITS, LAND, JUMP = (16, 82, 19), (93, 112), 21, 177
-NO_PLACE_M = -1.0
+NAMES = (
+    "item_command",
+    "item_heading_deg",
+    "item_wait_s",
+    "item_off_m",
+    "item_height_off_m",
+    "item_landing_off_m",
+    "item_unexpected",
+)
+FLOWN_TO, STAYS, WAITS, LAND, JUMP, TURN = (16, 82, 19), 17, (93, 112), 21, 177, 115
+FOR_EVER_S = 1e6
+NO_PLACE_M, NO_HEADING_DEG = -1.0, -1.0
 NEAR_M, PASSED_MAX = 12.0, 64  # the greatest WPNAV_RADIUS and a little; items, loops of jumps that do not show as well
 ROUNDS_MAX = 16  # of a jump that does not show, and ways to have counted them that are kept
 AFRESH_S = 0.1  # what an order or an entry does to the item shows within this
@@ -42,10 +52,11 @@ def items_of(mission: Mission | None) -> tuple[Item, ...]:
     for raw in mission.items if mission is not None else ():
         assert mission is not None
         numbers = [value or 0.0 for value in raw.params]
-        if raw.command in FLOWN_TO and raw.params[4] and raw.params[5] and raw.params[6] is not None:
+        placed = bool(raw.params[4]) and bool(raw.params[5]) and raw.params[6] is not None
+        if placed and raw.command in (*FLOWN_TO, STAYS):
             x_m, y_m = _place(mission, raw)
             up_m = numbers[6] - (mission.home_alt_m if raw.frame in (0, 5) else 0.0)
-            found.append(Item(x_m, y_m, up_m, wait_s=numbers[0]))
+            found.append(Item(x_m, y_m, up_m, wait_s=FOR_EVER_S if raw.command == STAYS else numbers[0]))
         elif raw.command in WAITS:
             found.append(Item(wait_s=max(0.0, numbers[0])))
         elif raw.command == JUMP:
@@ -66,6 +77,31 @@ def landings_of(mission: Mission | None) -> tuple[Item, ...]:
 def _place(mission: Mission | None, item: MissionItem) -> tuple[float, float]:
     assert mission is not None
     return to_local(item.params[4] or 0.0, item.params[5] or 0.0, mission.home_lat_deg, mission.home_lon_deg)
+
+
+def commands_of(mission: Mission | None) -> tuple[float, ...]:
+    """Return the MAV_CMD number of each item."""
+    return tuple(float(raw.command) for raw in mission.items) if mission is not None else ()
+
+
+def headings(mission: Mission | None, item: NDArray[Any], yaw_deg: NDArray[Any]) -> Array:
+    """Return the heading that the item at hand asks to wait with, shape (moments,); `NO_HEADING_DEG` where none.
+
+    Only a wait right after an item that turns asks for one: what is flown to turns the nose again. A relative turn
+    counts from the heading as the wait began, so one that is not over at once is not told.
+    """
+    asked = np.full(len(item), NO_HEADING_DEG)
+    items = mission.items if mission is not None else ()
+    begins = np.concatenate([[0], np.flatnonzero(np.diff(item) != 0) + 1, [len(item)]]).astype(int)
+    for at, end in pairwise(begins):
+        index = int(item[at])
+        if not 0 < index < len(items) or items[index].command not in WAITS or items[index - 1].command != TURN:
+            continue
+        angle, _, way, relative = (value or 0.0 for value in items[index - 1].params[:4])
+        if relative:
+            angle = float(yaw_deg[at]) + (-angle if way < 0.0 else angle)
+        asked[at:end] = angle % 360.0
+    return asked
 
 
 def of_items(values: Sequence[float], item: NDArray[Any]) -> Array:

@@ -34,7 +34,8 @@ _STILL = ("DO_SEND_BANNER", "DO_CHANGE_SPEED", "DO_FENCE_ENABLE")
 class Setting(NamedTuple):
     """A parameter that policies read: its name, the manual's default and limits, the size of its unit in SI.
 
-    Of a `whole` one an autopilot keeps no fraction, so what was given as 1.9 acts as 1.
+    Of a `whole` one an autopilot keeps no fraction, so what was given as 1.9 acts as 1. One that is `kept` may act on
+    after it was taken back, until the next start: its greatest size so far counts.
     """
 
     parameter: str
@@ -43,6 +44,7 @@ class Setting(NamedTuple):
     high: float = np.inf
     unit: float = 1.0
     whole: bool = False
+    kept: bool = False
 
 
 SETTINGS: dict[str, Setting] = {
@@ -56,6 +58,7 @@ SETTINGS: dict[str, Setting] = {
     "acro_rate_set_dps": Setting("ACRO_RP_P", 4.5, 1.0, 10.0, 45.0),
     "chute_enabled_set": Setting("CHUTE_ENABLED", 0.0, 0.0, 1.0, whole=True),
     "chute_type_set": Setting("CHUTE_TYPE", 0.0, 0.0, 10.0, whole=True),
+    "chute_sink_set_mps": Setting("CHUTE_CRT_SINK", 0.0, 0.0, 15.0),
     "chute_servo_set": Setting("SERVO9_FUNCTION", 0.0, -1.0, 200.0, whole=True),
     "battery_low_charge_set_mah": Setting("BATT_LOW_MAH", 0.0, 0.0),
     "battery_capacity_set_mah": Setting("BATT_CAPACITY", 3300.0, 0.0, whole=True),
@@ -82,8 +85,12 @@ SETTINGS: dict[str, Setting] = {
     "disarm_delay_set_s": Setting("DISARM_DELAY", 10.0, 0.0, 127.0, whole=True),
     "roll_rate_max_set_dps": Setting("ATC_RATE_R_MAX", 0.0, 0.0, 1080.0),
     "roll_acceleration_set_dps2": Setting("ATC_ACCEL_R_MAX", 110_000.0, 0.0, 180_000.0, 0.01),
-    "gps_forward_set_m": Setting("GPS_POS1_X", 0.0, -5.0, 5.0),
-    "gps_right_set_m": Setting("GPS_POS1_Y", 0.0, -5.0, 5.0),
+    "gps_forward_set_m": Setting("GPS_POS1_X", 0.0, -5.0, 5.0, kept=True),
+    "gps_right_set_m": Setting("GPS_POS1_Y", 0.0, -5.0, 5.0, kept=True),
+    "roll_stick_min_set_us": Setting("RC1_MIN", 1000.0, 800.0, 2200.0, whole=True),
+    "roll_stick_max_set_us": Setting("RC1_MAX", 2000.0, 800.0, 2200.0, whole=True),
+    "pitch_stick_min_set_us": Setting("RC2_MIN", 1000.0, 800.0, 2200.0, whole=True),
+    "pitch_stick_max_set_us": Setting("RC2_MAX", 2000.0, 800.0, 2200.0, whole=True),
     "trim_roll_set_deg": Setting("AHRS_TRIM_X", 0.0, -0.1745, 0.1745, 57.29578),
     "trim_pitch_set_deg": Setting("AHRS_TRIM_Y", 0.0, -0.1745, 0.1745, 57.29578),
     "circle_rate_set_dps": Setting("CIRCLE_RATE", 20.0, -90.0, 90.0),
@@ -94,7 +101,14 @@ SETTINGS: dict[str, Setting] = {
 SWITCHED_BY = {"FENCE_ENABLE": "DO_FENCE_ENABLE", "CHUTE_ENABLED": "DO_PARACHUTE"}
 """Commands that stand for a setting: without them a rule asks for a fence that was switched off."""
 
-MODES_BY_COMMAND = {"NAV_LAND": "LAND", "NAV_RETURN_TO_LAUNCH": "RTL", "NAV_LOITER_UNLIM": "LOITER"}
+MODES_BY_COMMAND = {
+    "NAV_LAND": "LAND",
+    "NAV_RETURN_TO_LAUNCH": "RTL",
+    "NAV_LOITER_UNLIM": "LOITER",
+    "SOLO_BTN_FLY_CLICK": "LOITER",
+    "SOLO_BTN_FLY_HOLD": "LAND",
+    "SOLO_BTN_PAUSE_CLICK": "BRAKE",
+}
 
 
 def moves(stimulus: Stimulus) -> bool:
@@ -187,6 +201,8 @@ def setting_over_time(name: str, test_case: TestCase, given: Sequence[Given], ti
             continue
         if answer != "unanswered" or row.low <= stimulus.values[0] <= row.high:
             held[times >= stimulus.at_s] = stimulus.values[0]
+    if row.kept:
+        held = np.maximum.accumulate(np.abs(held))
     return (np.trunc(held + np.copysign(ROUNDED_UP, held)) if row.whole else held) * row.unit
 
 

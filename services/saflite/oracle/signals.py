@@ -35,6 +35,7 @@ from saflite.oracle.orders import NEVER_S, SETTINGS
 from saflite.oracle.settling import braking_mps2, least_ahead, settling
 
 Array = NDArray[np.float32]
+LEEWAY_DEG = 3.0
 STIMULI: tuple[str, ...] = get_args(StimulusKind)
 ESTIMATES = {"x_est_m": "x_m", "y_est_m": "y_m", "altitude_est_m": "altitude_m", "climb_est_mps": "climb_mps"}
 """Logs of real autopilots hold estimates only, so the estimate stands for the truth and the other way round."""
@@ -126,6 +127,11 @@ class FlightSignals:
             return self._made[name]
         if name in self._trace.signals or name not in self._makers:
             made = self.moments.held(name, self._trace.array(name)[: self._trace.samples])
+            if (
+                name == "cruise_speed_set_mps"
+            ):  # what targets write is the setting; until when an order counts they differ in
+                ordered = orders.speed_ordered(self._given, made.astype(np.float64), self._time())
+                made = np.maximum(made, ordered).astype(np.float32)
         else:
             made = np.asarray(self._makers[name](), dtype=np.float32)
         self._made[name] = made
@@ -175,7 +181,17 @@ class FlightSignals:
 
     def _undisturbed(self, flag: str) -> NDArray[np.float64]:
         target = self._test_case.target
-        return undisturbed(flag, self._causes(), target.parameters, self._time(), setting_ranges(target.name))
+        calm = undisturbed(flag, self._causes(), target.parameters, self._time(), setting_ranges(target.name))
+        return calm * (self._leeway_deg() >= LEEWAY_DEG) if flag == "body_true" else calm
+
+    def _leeway_deg(self) -> NDArray[np.float64]:
+        """How far it may lean against AHRS_TRIM, taken within its range: without any it cannot hold a place."""
+        roll, pitch = SETTINGS["trim_roll_set_deg"], SETTINGS["trim_pitch_set_deg"]
+        askew_deg = np.hypot(
+            np.clip(self["trim_roll_set_deg"], roll.low * roll.unit, roll.high * roll.unit),
+            np.clip(self["trim_pitch_set_deg"], pitch.low * pitch.unit, pitch.high * pitch.unit),
+        )
+        return np.asarray(self["angle_max_set_deg"] - askew_deg)
 
     def _ordered_from(self, wanted: Callable[[Stimulus], bool]) -> NDArray[np.float64]:
         first_s = min((one.at_s for one in self._causes() if wanted(one)), default=np.inf)
@@ -202,6 +218,10 @@ class FlightSignals:
 
     def _of_item(self, name: str) -> NDArray[np.float64]:
         items, item = itinerary.items_of(self._test_case.scenario.mission), self["mission_item"]
+        if name == "item_command":
+            return np.nan_to_num(itinerary.of_items(itinerary.commands_of(self._test_case.scenario.mission), item))
+        if name == "item_heading_deg":
+            return itinerary.headings(self._test_case.scenario.mission, item, self["yaw_deg"])
         if name == "item_wait_s":
             return np.nan_to_num(itinerary.of_items([one.wait_s for one in items], item))
         if name == "item_off_m":
@@ -215,8 +235,7 @@ class FlightSignals:
         return itinerary.unexpected(items, item, self["mode"], off, itinerary.afresh(self._given), self._time())
 
     def _settling(self, name: str) -> NDArray[Any]:
-        askew_deg = np.hypot(self["trim_roll_set_deg"], self["trim_pitch_set_deg"])
-        braking = braking_mps2(self["acceleration_set_mps2"], self["angle_max_set_deg"] - askew_deg)
+        braking = braking_mps2(self["acceleration_set_mps2"], self._leeway_deg())
         return settling(self["ground_speed_mps"], self["tilt_deg"], least_ahead(braking, self._time()))[name]
 
     def _crashed(self) -> Array:
