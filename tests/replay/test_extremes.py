@@ -7,6 +7,7 @@ from itertools import islice
 import edge_cases
 import extreme_cases
 import msgspec
+import pytest
 
 from saflite.contract.test_case import identity
 from saflite.flight.autopilots.described import setting_ranges
@@ -35,3 +36,26 @@ def test_no_rule_is_broken_in_them_but_by_defects() -> None:
     targets = (msgspec.structs.replace(case.target, settings={SETTING: defects}) for case in cases)
     faulty = [msgspec.structs.replace(case, target=target) for case, target in zip(cases, targets, strict=True)]
     assert any(edge_cases.broken(case) for case in faulty)
+
+
+@pytest.mark.parametrize(
+    ("rng_seed", "numbers"),
+    [
+        (1, (7, 20, 46, 117, 122, 154)),
+        (21, (6, 18)),
+        (22, (65, 78)),
+        (23, (128, 162, 175)),
+        (25, (34, 147)),
+        (26, (199,)),
+        (27, (120, 122)),
+        (28, (65, 111)),
+        (31, (143,)),
+        (32, (184,)),
+        (33, (179,)),
+        (34, (140,)),
+        (35, (144,)),
+    ],
+)
+def test_what_rules_once_took_for_a_violation_breaks_none(rng_seed: int, numbers: tuple[int, ...]) -> None:
+    cases = list(islice(extreme_cases.extremes(rng_seed), max(numbers) + 1))
+    assert [number for number in numbers if edge_cases.broken(cases[number])] == []

@@ -32,6 +32,10 @@ def down(flag: str, *stimuli: Stimulus, before: dict[str, float] | None = None) 
         ("sensor_fault", "SIM_BARO_DRIFT", 1.0, {"baro_true", "baro_settled"}),
         ("sensor_fault", "baro_offset", 10.0, {"baro_true", "baro_settled"}),
         ("parameter", "GND_ALT_OFFSET", 10.0, {"baro_true", "baro_settled"}),
+        ("parameter", "GND_TEMP", 60.0, {"baro_true", "baro_settled"}),  # heights are reckoned with other air
+        ("parameter", "AHRS_TRIM_X", 0.1, {"body_true"}),
+        ("parameter", "INS_GYROFFS_X", 0.02, {"body_true"}),
+        ("parameter", "INS_GYROFFS_X", 0.005, set()),
         ("sensor_fault", "SIM_ENGINE_FAIL", 2.0, set()),
         ("sensor_fault", "SIM_ENGINE_MUL", 0.5, {"body_true"}),
         ("sensor_fault", "SIM_ENGINE_MUL", 1.0, set()),

@@ -9,7 +9,7 @@ from saflite.contract.signals import MODES
 from saflite.contract.test_case import Mission, MissionItem
 from saflite.oracle import itinerary
 
-UP, POINT, LAND, JUMP, DELAY, SPEED = 22, 16, 21, 177, 112, 178
+UP, POINT, STAYS, LAND, JUMP, DELAY, TURN, SPEED = 22, 16, 17, 21, 177, 112, 115, 178
 
 
 def mission(*rows: tuple[float, ...]) -> Mission:
@@ -97,3 +97,18 @@ def test_what_the_item_at_hand_asks_for() -> None:
     assert off[1:].tolist() == [itinerary.NO_PLACE_M] * 3
     height = itinerary.height_off(items, item, np.full(4, 4.0))
     assert height.tolist() == [6.0, *[itinerary.NO_PLACE_M] * 3]
+
+
+def test_a_wait_right_after_a_turn_asks_for_its_heading() -> None:
+    turns = mission((UP, 0), (TURN, 90.0), (DELAY, 5), (TURN, 30.0, 0, -1, 1), (DELAY, 5), (TURN, 10.0), place(1e-3))
+    item = np.array([0.0, 1.0, 2.0, 2.0, 3.0, 4.0, 4.0, 5.0, 6.0])
+    yaw = np.array([0.0, 0.0, 0.0, 90.0, 90.0, 80.0, 60.0, 0.0, 0.0])
+    none = itinerary.NO_HEADING_DEG
+    assert itinerary.headings(turns, item, yaw).tolist() == [none, none, 90.0, 90.0, none, 50.0, 50.0, none, none]
+    assert itinerary.headings(None, item, yaw).tolist() == [none] * 9
+    assert itinerary.commands_of(turns)[:3] == (22.0, 115.0, 112.0)
+
+
+def test_who_is_to_stay_for_ever_waits_for_ever() -> None:
+    (stays,) = itinerary.items_of(mission((STAYS, 0, 0, 0, 0, 47.001, 8.0, 10.0)))
+    assert stays.wait_s == itinerary.FOR_EVER_S

@@ -155,6 +155,7 @@ def test_what_was_asked_for_counts_though_it_was_denied(name: str) -> None:
         (stimulus("command", "MAV_CMD_DO_SET_MODE", 1.0, 400.0), None),
         (stimulus("command", "MAV_CMD_DO_SET_MODE", float("nan"), 6.0), None),
         (stimulus("command", "MAV_CMD_NAV_RETURN_TO_LAUNCH"), 6),
+        (stimulus("command", "MAV_CMD_SOLO_BTN_PAUSE_CLICK"), 17),
         (stimulus("command", "MAV_CMD_DO_SEND_BANNER"), None),
     ],
 )
@@ -274,3 +275,20 @@ def test_a_near_miss_is_told_and_counts(distance_m: float, told: bool, score: fl
     trace = Trace(step_s=0.1, signals=packed)
     assert ("competition distance" in describe(trace)) == told
     assert rule_of_thumb(facts_of(trace)).score == score
+
+
+def test_an_antenna_moved_back_may_be_where_it_was_until_the_next_start() -> None:
+    moved = stimulus("parameter", "GPS_POS1_X", -3.0, at_s=0.5), stimulus("parameter", "GPS_POS1_X", 0.0, at_s=1.5)
+    assert signals(*moved, **ROWS)["gps_forward_set_m"].tolist() == [0.0, 3.0, 3.0, 3.0, 3.0, 3.0]
+
+
+def test_who_may_not_lean_against_its_trim_is_not_sound() -> None:
+    narrow = stimulus("parameter", "ANGLE_MAX", 1000.0, at_s=0.0)
+    askew = stimulus("parameter", "AHRS_TRIM_X", 0.16, at_s=0.0)
+    assert signals(narrow, **ROWS)["body_true"].all()
+    assert not signals(narrow, askew, **ROWS)["body_true"][1:].any()
+
+
+def test_a_speed_ordered_counts_where_a_target_writes_the_setting() -> None:
+    ordered = stimulus("command", "MAV_CMD_DO_CHANGE_SPEED", 1.0, 8.0, at_s=0.5)
+    assert signals(ordered, cruise_speed_set_mps=[5.0] * 6)["cruise_speed_set_mps"].tolist() == [5, 8, 8, 8, 8, 8]
