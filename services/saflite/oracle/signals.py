@@ -127,15 +127,16 @@ class FlightSignals:
             return self._made[name]
         if name in self._trace.signals or name not in self._makers:
             made = self.moments.held(name, self._trace.array(name)[: self._trace.samples])
-            if (
-                name == "cruise_speed_set_mps"
-            ):  # what targets write is the setting; until when an order counts they differ in
-                ordered = orders.speed_ordered(self._given, made.astype(np.float64), self._time())
-                made = np.maximum(made, ordered).astype(np.float32)
+            made = self._with_orders(made) if name == "cruise_speed_set_mps" else made
         else:
             made = np.asarray(self._makers[name](), dtype=np.float32)
         self._made[name] = made
         return made
+
+    def _with_orders(self, speed_mps: Array) -> Array:
+        """A speed set, or the greater one ordered: targets write the setting, and an order counts longer in some."""
+        ordered = orders.speed_ordered(self._given, speed_mps.astype(np.float64), self._time())
+        return np.maximum(speed_mps, ordered).astype(np.float32)
 
     def pick(self, names: frozenset[str]) -> dict[str, Array]:
         """Return those of `names` that the flight can give."""
