@@ -9,7 +9,6 @@ from __future__ import annotations
 import tempfile
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,11 +17,9 @@ from _inline import Inline
 from _search_run import Faulty, Job, campaign_of
 
 from saflite.contract.flight import Flight, unpack_trace
-from saflite.contract.test_case import Stimulus, TestCase
+from saflite.contract.test_case import TestCase
 from saflite.contract.work import FlyResult, JudgeResult, Result
-from saflite.mutator.exposure.drawing import Style
-from saflite.mutator.exposure.phases import Script
-from saflite.mutator.exposure.writer import Rng, Writer
+from saflite.mutator.exposure.attention import read_spans
 from saflite.oracle.formula import Node, text_of
 from saflite.oracle.policy import load_policy
 from saflite.oracle.signals import FlightSignals
@@ -30,13 +27,6 @@ from saflite.oracle.stl import Evaluator, parts_of
 
 APPLIED, OVER, NOT_LONG = "applied", "the flight was over", "not long enough"
 TEXT_MAX = 100
-
-
-class Span(NamedTuple):
-    """A phase as written: for which policy, and when it begins."""
-
-    policy: str
-    from_s: float
 
 
 class Seen(NamedTuple):
@@ -47,35 +37,11 @@ class Seen(NamedTuple):
     lacking: tuple[str, ...]
 
 
-@contextmanager
-def written() -> Iterator[dict[tuple[Stimulus, ...], list[Span]]]:
-    """Note the phases of every fresh sequence written meanwhile, by the sequence."""
-    noted: dict[tuple[Stimulus, ...], list[Span]] = {}
-    spans: list[Span] = []
-    phase, fresh = Writer.phase, Writer.fresh
-
-    def noting_phase(self: Writer, rng: Rng, script: Script, style: Style, mode: str) -> str:
-        spans.append(Span(style.hint.policy, script.at_s))
-        return phase(self, rng, script, style, mode)
-
-    def noting_fresh(self: Writer, *args: Any) -> tuple[Stimulus, ...]:
-        spans.clear()
-        made = fresh(self, *args)
-        noted[made] = list(spans)
-        return made
-
-    Writer.phase, Writer.fresh = noting_phase, noting_fresh  # type: ignore[method-assign,assignment]
-    try:
-        yield noted
-    finally:
-        Writer.phase, Writer.fresh = phase, fresh  # type: ignore[method-assign]
-
-
 class Watching:
     """Takes flights and judgements as they come."""
 
-    def __init__(self, flights: Faulty, noted: dict[tuple[Stimulus, ...], list[Span]]) -> None:
-        self._flights, self._noted = flights, noted
+    def __init__(self, flights: Faulty) -> None:
+        self._flights = flights
         self._flown: dict[str, Flight] = {}
         self.seen: list[Seen] = []
         self.applied = self.verdicts = 0
@@ -96,7 +62,7 @@ class Watching:
         self.seen += self._phases(case, self._flown.pop(result.judgement.test_case))
 
     def _phases(self, case: TestCase, flight: Flight) -> Iterator[Seen]:
-        spans = self._noted.get(case.stimuli, [])
+        spans = read_spans(case.origin.note)
         if not spans or flight.trace is None:
             return
         trace = unpack_trace(self._flights.blobs.get(flight.trace), flight.trace_digest)
@@ -140,8 +106,8 @@ def conditions(formula: Node) -> list[Node]:
 def phases(arm: str, rng_seed: int, budget: int) -> dict[str, Any]:
     """Return a row: per policy phases, those in which its rule applied, and what was lacking most in the others."""
     campaign, flights = campaign_of(Job(arm, (), (), rng_seed, budget)), Faulty(())
-    with tempfile.TemporaryDirectory(prefix="saflite-phases-") as folder, written() as noted:
-        watching = Watching(flights, noted)
+    with tempfile.TemporaryDirectory(prefix="saflite-phases-") as folder:
+        watching = Watching(flights)
         inline = Inline(campaign, Path(folder) / "run", flights)
         inline.watch("fly", watching.flew)
         inline.watch("judge", watching.judged)

@@ -22,7 +22,7 @@ from saflite.contract.test_case import Scenario, StartState, Stimulus, StimulusK
 from saflite.flight.autopilots.reference.autopilot import TICK_S
 from saflite.flight.autopilots.reference.describe import describe
 from saflite.mutator.exposure.scenarios import scenarios_of
-from saflite.mutator.operators.values import HOME_LAT_DEG, HOME_LON_DEG, NEAR_DEG
+from saflite.mutator.operators.commands import HOME_LAT_DEG, HOME_LON_DEG, NEAR_DEG
 
 T = TypeVar("T")
 Rng = np.random.Generator

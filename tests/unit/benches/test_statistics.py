@@ -14,6 +14,7 @@ from _bootstrap import bootstrap_95
 from _paired import compare, holm
 from _search_page import Tries, share
 from _search_run import Row
+from reach import found_after
 
 from saflite.contract.rng import derive
 
@@ -98,3 +99,9 @@ def test_draws_without_a_value_do_not_take_the_interval_away() -> None:
     low, high = bootstrap_95(share_of_failed, 4, derive(1, "draws"))
     assert 0.25 <= low < high <= 1.0
     assert all(math.isnan(bound) for bound in bootstrap_95(lambda _: math.nan, 4, derive(1, "none")))
+
+
+def test_what_is_found_after_some_of_the_flights_is_the_mean_over_all_ways_to_draw_them() -> None:
+    rows = [{"cases": 4, "seen": seen} for seen in (0, 1, 4)]
+    assert found_after(2, rows, "seen") == pytest.approx(0.0 + 0.5 + 1.0)
+    assert found_after(4, rows, "seen") == 2.0

@@ -44,7 +44,7 @@ def test_the_state_model_knows_what_comes_down_and_what_lifts_again() -> None:
 
 def test_a_vehicle_that_has_come_down_is_lifted_again_before_the_next_phase() -> None:
     hints: list[str] = ["a-rtl1 start:LOITER@20 in:LAND quiet:5", "upright start:LOITER@20 in:LOITER quiet:5"]
-    settings: dict[str, Setting] = {"hints": list(hints), "kept": 0.0, "routed": 0.0, "starts": 0.0, "phases_max": 4}
+    settings: dict[str, Setting] = {"hints": list(hints), "kept": 0.0, "routed": 0.0, "starts": 0.0, "phases_max": 2}
 
     def lifted(*, comes_down: bool) -> int:
         searching = Strategy(TEMPLATE, settings, ("a-rtl1", "upright"), describe())
@@ -52,13 +52,12 @@ def test_a_vehicle_that_has_come_down_is_lifted_again_before_the_next_phase() ->
         for number in range(5 if comes_down else 0):
             flown = case(given("mode", "LAND", at_s=1.0 + number))
             searching.tell([Outcome(test_case=flown, round=0, ending="completed", robustness=None, transitions=down)])
-        climb = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 20.0)
         return sum(
-            any(one.name == "MAV_CMD_NAV_TAKEOFF" and one.values == climb for one in test_case.stimuli)
+            any(one.name == "MAV_CMD_NAV_TAKEOFF" and one.values[:6] == (0.0,) * 6 for one in test_case.stimuli)
             for test_case in searching.ask(40, derive(1, "ask"))
         )
 
-    assert lifted(comes_down=True) > 20
+    assert lifted(comes_down=True) > 12
     assert lifted(comes_down=False) == 0
 
 

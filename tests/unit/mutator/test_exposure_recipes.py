@@ -17,7 +17,7 @@ from saflite.mutator.exposure import numbers
 from saflite.mutator.exposure.attention import Attention, note
 from saflite.mutator.exposure.hints import read_hints
 from saflite.mutator.exposure.recipes import BEFORE_S, INPUTS_MAX, KEPT, Recipes
-from saflite.mutator.operators.values import HOME_LAT_DEG, HOME_LON_DEG, away
+from saflite.mutator.operators.commands import HOME_LAT_DEG, HOME_LON_DEG, away
 from saflite.mutator.strategies.exposure import Strategy
 
 FLIP = (

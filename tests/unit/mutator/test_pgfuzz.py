@@ -26,6 +26,7 @@ from saflite.contract.test_case import (
 from saflite.contract.work import Outcome
 from saflite.flight.autopilots.reference.describe import describe
 from saflite.mutator.operators import inputs, sequences, values
+from saflite.mutator.operators.commands import HOME_LAT_DEG
 from saflite.mutator.operators.inputs import Input
 from saflite.mutator.operators.sequences import Rhythm
 from saflite.mutator.strategies.pgfuzz import Strategy, closeness
@@ -192,8 +193,9 @@ def test_commands_get_seven_numbers_and_those_that_mean_something() -> None:
     assert {len(numbers) for numbers in parachute} == {7}
     assert sum(numbers[0] == 2.0 for numbers in parachute) > 60, "2 releases"
     places = [values.draw(rng, Input("command", "MAV_CMD_DO_REPOSITION"), 0.2) for _ in range(50)]
-    assert any(numbers[4] == 0.0 for numbers in places)
-    assert all(numbers[4] == 0.0 or abs(numbers[4] - values.HOME_LAT_DEG) < 0.001 for numbers in places)
+    assert all(abs(numbers[4] - HOME_LAT_DEG) < 0.001 for numbers in places)
+    landings = [values.draw(rng, Input("command", "MAV_CMD_NAV_LAND"), 0.2) for _ in range(50)]
+    assert 5 < sum(numbers[4] == 0.0 for numbers in landings) < 30, "0 is where the vehicle is"
     assert any(min(numbers) < 0 for numbers in parachute)
 
 

@@ -13,9 +13,12 @@ from saflite.contract.signals import SIGNALS
 from saflite.contract.target_info import InputInfo, TargetInfo
 
 QUIET_MAX_S = 85.0
+DOWN_S = 50.0  # for a vehicle to come to the ground from some ten metres, home first
 DUE_S = 1.0  # after a time that a rule allows its promise is due
 _BARRED = re.compile(r"\bmode\s*!=\s*([A-Z_0-9]+)")
 _MODE = re.compile(r"\bmode\s*==\s*([A-Z_0-9]+)")
+_TURNED = re.compile(r"\b(?:rise|fall)\s*\(+\s*mode\s*==\s*([A-Z_0-9]+)")
+_TOUCHES = re.compile(r"\brise\s*\(+\s*landed\s*==\s*1\b")
 _FAILSAFE = re.compile(r"\bfailsafe_([a-z]+)\s*==\s*1\b")
 _LASTING = re.compile(r"\b(?:lasting|historically)\s*\[\s*(?:[\d.]+\s*:\s*)?([\d.]+)")
 _AFTER = re.compile(r"\b[a-z_]*(?:quiet|calm|order)_s\s*>=?\s*([\d.]+)")
@@ -26,7 +29,9 @@ _STICK_MIDDLE = 1500.0
 _STICK_CLEAR = 50.0  # what is asked nearer to the middle is met with the stick let go
 _SUM = re.compile(r"(?<![\w.*/)] )(?<![\w.*/)-])(\d+(?:\.\d+)?) ([+-]) (\d+(?:\.\d+)?)(?! ?[*/]|[\w.])")
 _BESIDE = re.compile(r"\b([a-z_0-9]+)\s*(>=?|<=?)\s*\(?\s*(?:latch\(\s*)?([a-z_0-9]+)\b")
+_KEPT = re.compile(r"\(?\blatch\(\s*([a-z_0-9]+)\s*,[^()]*\)\)?")  # a value as it was at some moment
 _LOST = re.compile(r"\b[a-z]+_(?:ok|present)\s*==\s*0\b(?!\s*or\b)")
+_SILENT = re.compile(r"\b([a-z]+)_(?:ok|present)\s*==\s*0\b")
 _PROMISED = re.compile(r"\bimplies\s+(?:prev\()?\(?\s*[a-z]+_(?:ok|present)\s*==\s*1\b")
 _FAR = re.compile(r"\bhome_distance_m\s*>=?\s*([\d.]+)\b")
 TERMS_DEEP, TEXT_MAX = 6, 100_000
@@ -81,8 +86,8 @@ def _worked_out(sum_: re.Match[str]) -> str:
 
 
 def modes_named(formula: str) -> tuple[str, ...]:
-    """Return the modes a formula asks for, in its order."""
-    return tuple(dict.fromkeys(_MODE.findall(formula)))
+    """Return the modes a formula asks for, in its order; where it waits for one to begin or end that one alone."""
+    return tuple(dict.fromkeys(_TURNED.findall(formula) or _MODE.findall(formula)))
 
 
 def modes_barred(formula: str) -> tuple[str, ...]:
@@ -103,6 +108,8 @@ def quiet_asked_s(formula: str, constants: dict[str, Any] | None = None) -> floa
     parts = ([float(text) for text in pattern.findall(formula)] for pattern in (_LASTING, _AFTER, _AHEAD))
     times = [float(value) for name, value in (constants or {}).items() if name.endswith("_s") and _is_time(value)]
     longest = max(times, default=-DUE_S) + DUE_S
+    if _TOUCHES.search(formula):
+        longest = max(longest, DOWN_S)
     return min(QUIET_MAX_S, max(longest, sum(max(found, default=0.0) for found in parts)))
 
 
@@ -158,6 +165,13 @@ def sensor_lost(data: dict[str, Any]) -> bool:
     return bool(_LOST.search(antecedents(data)) or _PROMISED.search(whole_formula(data)))
 
 
+def faults_asked(formula: str, target: TargetInfo) -> tuple[str, ...]:
+    """Return the sensor faults of a target named after a sensor or link that a formula asks to be lost."""
+    words = [f"_{word.upper()}_" for word in dict.fromkeys(_SILENT.findall(formula))]
+    faults = [entry.name for entry in target.inputs if entry.kind == "sensor_fault"]
+    return tuple(name for name in faults if any(word in f"{name}_" for word in words))
+
+
 def far_asked_m(formula: str, target: TargetInfo) -> float:
     """Return how far from home a formula wants the vehicle, 0 where it does not say.
 
@@ -188,7 +202,7 @@ def settings_asked(formula: str, target: TargetInfo) -> tuple[tuple[InputInfo, f
     """
     inputs = {entry.name: entry for entry in target.inputs if entry.kind == "parameter"}
     found: dict[tuple[str, float], InputInfo] = {}
-    for signal, how, number in _COMPARED.findall(formula):
+    for signal, how, number in _COMPARED.findall(_KEPT.sub(r"\1", formula)):
         known, asked = SIGNALS.get(signal, target.own_signals.get(signal)), float(number.rstrip("."))
         if known is None or signal.endswith("_true"):
             continue

@@ -18,6 +18,7 @@ from saflite.campaign.presets.formula_hints import (
     antecedents,
     failsafes_named,
     far_asked_m,
+    faults_asked,
     modes_barred,
     modes_named,
     quiet_asked_s,
@@ -239,7 +240,7 @@ def _hint(data: dict[str, Any], start: dict[str, Any], inputs: dict[str, list[An
     words += [f"in:{mode}" for mode in modes if ("mode", mode) in kinds]
     words += [f"raised:{name}" for name in failsafes_named(formula)]
     words += [f"quiet:{quiet_s:g}" for quiet_s in (quiet_asked_s(formula, data.get("constants")),) if quiet_s]
-    words += [f"asks:{entry.name}={value:g}" for entry, value in settings_asked(formula, target)]
+    words += [f"asks:{entry.name}={value:g}" for entry, value in settings_asked(f"{formula}\n{asked}", target)]
     words += [f"holds:{entry.name}={value:g}" for entry, value in sticks_held(formula, target)]
     words += [f"pushes:{entry.name}={sense:+g}" for entry, sense in settings_pushed(asked, target)]
     words += ["upset:"] if sensor_lost(data) else []
@@ -254,7 +255,8 @@ def _hint(data: dict[str, Any], start: dict[str, Any], inputs: dict[str, list[An
                 words.append(f"stick:{name}")
             else:
                 words.append(f"{kind}:{name}")
-    return " ".join(words)
+    words += [f"sensor_fault:{name}" for name in faults_asked(formula, target)]
+    return " ".join(dict.fromkeys(words))
 
 
 def _read_by(data: dict[str, Any], target: TargetInfo) -> list[tuple[StimulusKind, str]]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+import re
+from collections.abc import Collection, Iterable, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +18,15 @@ NEAR = 0.8  # progress from which on a flight counts as a near miss
 SUSPECTED = 3.0  # the same for one that a setting bears on which takes values outside its range
 EASED = 8.0  # flights for a policy after which it gets a quarter of the attention: what a scorer passes over catches up
 SPOKEN = 40.0  # flights in which its rule applied, asked for or not, after which it gets half
-MARK = "for "
+MARK, AT = "for ", "@"
+_TIME = re.compile(r"\d{1,9}(\.\d{1,9})?")
+
+
+class Span(NamedTuple):
+    """A phase of a test case: the policy it was written for, and when it begins (s)."""
+
+    policy: str
+    from_s: float
 
 
 class Standing(NamedTuple):
@@ -69,12 +78,24 @@ class Attention:
         return standing.weight * (SUSPECTED if name in suspected and not standing.found else 1.0)
 
 
-def note(policies: tuple[str, ...], how: str) -> str:
-    """Return the note of an origin: how a test case was made, and for which policies."""
-    return f"{how} {MARK}{' '.join(dict.fromkeys(policies))}"
+def note(policies: Iterable[str], how: str, spans: Iterable[Span] = ()) -> str:
+    """Return the note of an origin: how a test case was made, for which policies, and when the phase of each began."""
+    words = [f"{policy}{AT}{from_s:.2f}" for policy, from_s in spans]
+    told = {policy for policy, _ in spans}
+    return f"{how} {MARK}{' '.join([*words, *(one for one in dict.fromkeys(policies) if one not in told)])}"
 
 
 def read_note(text: str) -> tuple[str, ...]:
     """Return the policies a note names."""
+    return tuple(dict.fromkeys(word.partition(AT)[0] for word in _words(text)))
+
+
+def read_spans(text: str) -> tuple[Span, ...]:
+    """Return the phases a note tells of, in order: whose each was and when it began (s)."""
+    parts = (word.partition(AT) for word in _words(text))
+    return tuple(Span(policy, float(from_s)) for policy, _, from_s in parts if _TIME.fullmatch(from_s))
+
+
+def _words(text: str) -> list[str]:
     _, mark, names = text.partition(f" {MARK}")
-    return tuple(names.split()) if mark else ()
+    return names.split() if mark else []

@@ -18,10 +18,11 @@ MODES_WITHIN = 0.15  # share of test cases that change the mode within a phase, 
 
 
 class Style(NamedTuple):
-    """What the inputs of one test case have in common: whose they are, and the kinds that are not left out."""
+    """What the inputs of one phase have in common: whose they are, the kinds that are not left out, the mode."""
 
     hint: Hint
     kinds: tuple[StimulusKind, ...]
+    mode: str = ""
 
 
 class Shares(NamedTuple):
@@ -53,12 +54,17 @@ class Drawing:
         """Return an input for a test case of a style; its time does not matter."""
         entry = None
         if rng.random() < self._shares.own:
-            entry = self._vocabulary.draw_own(rng, style.hint, style.kinds)
-        return self.given(rng, entry or self._vocabulary.draw(rng, style.hint.policy, style.kinds))
+            entry = self._vocabulary.draw_own(rng, style.hint, style.kinds, style.mode)
+        return self.given(rng, entry or self._vocabulary.draw(rng, style.hint.policy, style.kinds, style.mode))
 
     def pushed(self, rng: Rng, entry: Input, sense: float) -> float:
         """Return a value of a setting well off where it rests, up or down."""
         return numbers.pushed(rng, entry, self._rest.get((entry.kind, entry.name)), sense)
+
+    def moved(self, rng: Rng, entry: Input) -> Stimulus:
+        """Return a setting off its default."""
+        value = numbers.moved(rng, entry, self._rest.get((entry.kind, entry.name)))
+        return Stimulus(at_s=0.0, kind=entry.kind, name=entry.name, values=(value,))
 
     def given(self, rng: Rng, entry: Input) -> Stimulus:
         """Return an input with values, rather not those that it has at rest."""

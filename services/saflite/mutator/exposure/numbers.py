@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 
 from saflite.contract.test_case import Stimulus
-from saflite.mutator.operators import values
+from saflite.mutator.operators import commands, values
 from saflite.mutator.operators.inputs import Have, Input
 
 Rng = np.random.Generator
@@ -18,8 +18,11 @@ STICK_ENDS = 0.35  # more sticks at an end, where they do most
 RANGED = ("parameter", "sensor_fault")  # the kinds that may lack a range
 PAST_ENDS = 0.3  # share of those beyond it: a radio that fails, or is set up wrong
 NEAR_DEFAULT, ON_LOG_SCALE = 0.3, 0.3
-EXTREME = 0.25  # share of commands of which one number is negative, 0, tiny or huge
+EXTREME = 0.15  # share of commands of which one number is negative, 0, tiny or huge
+FIRST = (0, 1, 2, 3)  # the numbers that say most where nothing is known
 ORDINALS = 4  # the first number of a command often says which of a few things to do
+MODERATE, MODERATELY = 0.7, 4.0  # share of settings moved that are so many times their default, or less
+PUSHED_FAR = 0.4  # share of values pushed at least half the way
 PUSHED_LEAST = 0.1  # of the way to the end of the range
 STEPS = (0.003, 0.3)  # local search: least and greatest change, as a share of the value or the range
 
@@ -44,12 +47,20 @@ def draw(rng: Rng, entry: Input, default: float | None, beyond: float) -> values
 
 
 def _command(rng: Rng, entry: Input, beyond: float) -> values.Values:
+    """Return numbers that mean something where it is known; unused ones are mostly 0, as senders have it."""
     numbers = values.draw(rng, entry, beyond)
-    if numbers and math.isnan(entry.low) and not values.has_choices(entry.name) and rng.random() < 0.5:
+    if not numbers or not math.isnan(entry.low):
+        return numbers
+    known = commands.known(entry.name)
+    if known:
+        unused = numbers if rng.random() < beyond else (0.0,) * commands.COUNT
+        drawn = commands.draw(rng, entry.name)
+        numbers = tuple(spare if number is None else number for number, spare in zip(drawn, unused, strict=True))
+    elif rng.random() < 0.5:
         numbers = (float(rng.integers(ORDINALS)), *numbers[1:])
-    if numbers and math.isnan(entry.low) and beyond > 0.0 and rng.random() < EXTREME:
-        places = [place for place in values.telling(entry.name) if place < len(numbers)]
-        place = places[int(rng.integers(len(places)))]
+    if beyond > 0.0 and rng.random() < EXTREME:
+        places = [place for place in (commands.telling(entry.name) if known else FIRST) if place < len(numbers)]
+        place = places[int(rng.integers(len(places)))] if places else 0
         numbers = (*numbers[:place], _extreme(rng, numbers[place]), *numbers[place + 1 :])
     return numbers
 
@@ -67,14 +78,23 @@ def _extreme(rng: Rng, value: float) -> float:
 
 
 def pushed(rng: Rng, entry: Input, default: float | None, sense: float) -> float:
-    """Return a value well off the default, up or down: all sizes of the way to that end of the range alike."""
-    end, share = entry.high if sense > 0.0 else entry.low, math.exp(rng.uniform(math.log(PUSHED_LEAST), 0.0))
+    """Return a value well off the default, up or down: all sizes of the way to that end of the range alike, or far."""
+    end = entry.high if sense > 0.0 else entry.low
+    far = rng.random() < PUSHED_FAR
+    share = float(rng.uniform(0.5, 1.0)) if far else math.exp(rng.uniform(math.log(PUSHED_LEAST), 0.0))
     base = default if default is not None else entry.low if sense > 0.0 else entry.high
     if not math.isfinite(base):
         return draw(rng, entry, default, 0.0)[0]
     if not math.isfinite(end):
         return values.neat(base + sense * share * max(1.0, 9.0 * abs(base)))
     return _fit(entry, base + share * (end - base))
+
+
+def moved(rng: Rng, entry: Input, default: float | None) -> float:
+    """Return a value of a setting off its default: mostly a few times smaller or greater, so that it acts in time."""
+    if not default or entry.choices or rng.random() >= MODERATE:
+        return draw(rng, entry, default, 0.0)[0]
+    return _fit(entry, default * MODERATELY ** (rng.uniform(0.3, 1.0) * (1.0 if rng.random() < 0.5 else -1.0)))
 
 
 def _fit(entry: Input, value: float) -> float:

@@ -22,13 +22,13 @@ BARE, BARE_ORDER = 0.15, 0.4  # share of phases, and of those with an order, wit
 MORE = 0.6  # chance of one more input in a phase
 INPUTS_MAX = 6
 QUIET_SHARE, QUIET_LONGER = 0.75, 1.5  # how often a phase lasts as long as the rule asks for, how much longer at most
-MUCH_LONGER_SHARE, MUCH_LONGER = 0.3, 4.0  # where the vehicle has to come to first: over home, to the ground
+MUCH_LONGER_SHARE, MUCH_LONGER = 0.2, 3.0  # where the vehicle has to come to first: over home, to the ground
 SET_PAUSE_S = (0.05, 0.3)  # between settings given first of all
 LEAD_PAUSE_S = (0.5, 4.0)  # between inputs that bring the vehicle to where a phase begins
 ACT_S = (2.0, 12.0)  # for what moves the vehicle before a phase's state is entered
 EARLY = 0.5  # share of phases with inputs before the state is entered, and share of those inputs
 LET_GO = 0.5  # share of phases in which the sticks are let go before the quiet
-RECOVER: dict[StimulusKind, float] = {"stick": 0.95, "sensor_fault": 0.9, "parameter": 0.6}
+RECOVER: dict[StimulusKind, float] = {"stick": 0.98, "sensor_fault": 0.98, "parameter": 0.9}
 """Chance that an input is taken back at the end of its phase: sticks let go, faults mended, settings reset."""
 
 
@@ -46,8 +46,8 @@ class Phase(NamedTuple):
 
     `pushed` are settings given first of all, `lead` brings the vehicle to where the phase begins, `act` is given there
     and has its time (and `act_s` more), `entry` enters the state, `first` are inputs it must have before those that
-    `draw` gives, `held` sticks stay through the quiet, which is `quiet_s` long mostly if that is told; `last` is given
-    right before it.
+    `draw` gives, `held` sticks stay through the quiet, which is `quiet_s` long mostly if that is told; each of `last`
+    is given right before such a quiet.
     """
 
     draw: Draw
@@ -59,7 +59,7 @@ class Phase(NamedTuple):
     first: tuple[Stimulus, ...] = ()
     held: tuple[Stimulus, ...] = ()
     quiet_s: float = 0.0
-    last: Stimulus | None = None
+    last: tuple[Stimulus, ...] = ()
 
 
 class Script:
@@ -96,7 +96,7 @@ class Script:
             self.give(stimulus)
             self.at_s += phase.act_s
             self.pause(rng, *ACT_S)
-        bare = rng.random() < (BARE if phase.last is None else BARE_ORDER)
+        bare = rng.random() < (BARE_ORDER if phase.last else BARE)
         many = 0 if bare else _count(rng) - len(phase.first)
         given = [*phase.first, *(phase.draw(rng) for _ in range(many))]
         early: list[Stimulus] = []
@@ -105,16 +105,21 @@ class Script:
         for stimulus in (*early, *phase.entry, *(one for one in given if one not in early), *phase.held):
             self.give(stimulus)
             self.pause(rng, *PAUSE_S)
-        if phase.last is not None:
-            self.give(phase.last)
-        if not phase.held and rng.random() < LET_GO:
-            self._let_go(rng, (*phase.act, *given), ("stick",))
-        if phase.quiet_s and rng.random() < QUIET_SHARE:
+        let_go = not phase.held and rng.random() < LET_GO
+        for last in phase.last or (None,):
+            if last is not None:
+                self.give(last)
+            if let_go:
+                self._let_go(rng, (*phase.act, *given), ("stick",))
+            self._quiet(rng, phase.quiet_s)
+        self._let_go(rng, (*phase.pushed, *phase.act, *given, *phase.held), tuple(RECOVER))
+
+    def _quiet(self, rng: Rng, quiet_s: float) -> None:
+        if quiet_s and rng.random() < QUIET_SHARE:
             longer = MUCH_LONGER if rng.random() < MUCH_LONGER_SHARE else QUIET_LONGER
-            self.pause(rng, phase.quiet_s, longer * phase.quiet_s)
+            self.pause(rng, quiet_s, longer * quiet_s)
         else:
             self.pause(rng, *self._tempo.settle_s)
-        self._let_go(rng, (*phase.pushed, *phase.act, *given, *phase.held), tuple(RECOVER))
 
     def again(
         self, rng: Rng, lead: Sequence[Stimulus], steps: Sequence[tuple[float, Stimulus]], lasts_s: float

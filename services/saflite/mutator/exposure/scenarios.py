@@ -12,7 +12,8 @@ from saflite.contract.ids import short_id
 from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import Mission, MissionItem, Scenario, StartState
 from saflite.flight.mission import dump_plan, parse_plan
-from saflite.mutator.operators.values import HOME_LAT_DEG, HOME_LON_DEG, NEAR_DEG
+from saflite.mutator.exposure.vocabulary import pick
+from saflite.mutator.operators.commands import HOME_LAT_DEG, HOME_LON_DEG, NEAR_DEG
 
 Rng = np.random.Generator
 HEIGHT_M = (3.0, 120.0)
@@ -21,7 +22,12 @@ ELSEWHERE = (0.25, 3.0)  # times a policy's own height: to sink for long takes h
 MISSION_HEIGHT_M = (4.0, 40.0)
 MISSION_LONGER_S = 60.0  # a mission begins with half a minute on the ground and the way up
 ITEMS_MAX = 8  # between take-off and end: what a mission counts, skips and jumps shows with several only
-TAKEOFF, WAYPOINT, WAIT, LAND, RETURN, DELAY, YAW, SPEED, JUMP = 22, 16, 19, 21, 20, 112, 115, 178, 177
+TAKEOFF, LAND, RETURN, YAW, SPEED, JUMP = 22, 21, 20, 115, 178, 177
+WAYPOINT, SPLINE, WAIT, STAY = 16, 82, 19, 17  # flown to; the last for good
+DELAY, PAUSE = 112, 93  # waited for beside the way on, and on the spot
+LEGS = {WAYPOINT: 45, SPLINE: 6, WAIT: 7, STAY: 2, JUMP: 7, SPEED: 12, YAW: 12, DELAY: 6, PAUSE: 3}
+"""How often each item is drawn between take-off and end."""
+HOLDS = 0.3  # share of places where the vehicle is to wait, besides those that are for that
 
 
 class Scenarios(NamedTuple):
@@ -89,18 +95,20 @@ def _log_uniform(rng: Rng, low: float, high: float) -> float:
 
 def _leg(rng: Rng, height_m: float, before: int) -> MissionItem:
     """Return an item that follows `before` others; a jump goes back to one of them, or to the next, once or twice."""
-    way = rng.random()
-    if way < 0.55:
-        hold_s = float(rng.integers(0, 6)) if rng.random() < 0.3 else 0.0
+    command = pick(rng, tuple(LEGS), tuple(LEGS.values()))
+    if command in (WAYPOINT, SPLINE, WAIT, STAY):
+        waits = command == WAIT or (command != STAY and rng.random() < HOLDS)
         up_m = round(height_m * _log_uniform(rng, 0.5, 2.0), 1)
-        return _item(WAIT if hold_s else WAYPOINT, hold_s, place=_near(rng, up_m))
-    if way < 0.62:
+        return _item(command, float(rng.integers(1, 8)) if waits else 0.0, place=_near(rng, up_m))
+    if command == JUMP:
         return _item(JUMP, float(rng.integers(2, before + 3)), float(rng.integers(1, 3)))
-    if way < 0.75:
+    if command == SPEED:
         return _item(SPEED, 1.0, float(rng.integers(1, 11)))
-    if way < 0.9:
-        return _item(YAW, float(rng.integers(0, 360)))
-    return _item(DELAY, float(rng.integers(1, 6)))
+    if command == YAW:
+        if rng.random() < 0.5:
+            return _item(YAW, float(rng.integers(0, 360)))
+        return _item(YAW, float(rng.integers(10, 181)), 0.0, 1.0 if rng.random() < 0.5 else -1.0, 1.0)
+    return _item(command, float(rng.integers(1, 8)))
 
 
 def _near(rng: Rng, up_m: float) -> tuple[float, float, float]:

@@ -69,8 +69,8 @@ class StateModel:
         flown: set[str] = set()
         down: set[str] = set()
         for step in transitions:
-            flown.update(step.before.split() if _flies(step.before) else ())
-            if _flies(step.before) and not _flies(step.after) and step.stimulus < 0:
+            flown.update(step.before.split() if flies(step.before) else ())
+            if flies(step.before) and not flies(step.after) and step.stimulus < 0:
                 down.update(step.before.split())
         if crashed and transitions:
             flown.update(transitions[-1].after.split())
@@ -107,7 +107,7 @@ class StateModel:
                 if leg.state in ways or leg.stimulus is None or leg.stimulus.kind not in ("mode", "command", "stick"):
                     continue
                 ways[leg.state] = [*ways[state], leg.stimulus]
-                if _flies(leg.state):
+                if flies(leg.state):
                     return ways[leg.state]
                 waiting.append(leg.state)
         return []
@@ -172,7 +172,8 @@ class StateModel:
         return None
 
 
-def _flies(state: str) -> bool:
+def flies(state: str) -> bool:
+    """Return whether a state is one in the air."""
     words = state.split()
     return STANDING not in words and DISARMED not in words
 

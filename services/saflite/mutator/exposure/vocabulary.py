@@ -11,6 +11,7 @@ import numpy as np
 
 from saflite.contract.test_case import StimulusKind, TestCase
 from saflite.mutator.exposure.hints import Hint
+from saflite.mutator.exposure.taken import Taken
 from saflite.mutator.operators.inputs import Have, Input
 
 Rng = np.random.Generator
@@ -38,7 +39,9 @@ class Seen(NamedTuple):
 class Vocabulary:
     """All inputs of the target by kind, and per policy how far the flights with each input came."""
 
-    def __init__(self, have: Have) -> None:
+    def __init__(self, have: Have, taken: Taken) -> None:
+        """Take the inputs, and what is known of where they are taken."""
+        self._taken = taken
         self._by_kind: dict[StimulusKind, tuple[Input, ...]] = {}
         for kind in sorted({kind for kind, _ in have}):
             self._by_kind[kind] = tuple(entry for (other, _), entry in have.items() if other == kind)
@@ -75,19 +78,21 @@ class Vocabulary:
             return 1.0
         return float((seen.progress + TRUST * mean) / ((seen.flights + TRUST) * mean))
 
-    def _weight(self, policy: str, entry: Input) -> float:
-        """What was always refused is drawn less, down to a tenth: it says nothing."""
+    def _weight(self, policy: str, entry: Input, mode: str) -> float:
+        """What was always refused is drawn less, down to a tenth: it says nothing. So is what this mode refuses."""
         refused = max(0, self._refused.get((entry.kind, entry.name), 0))
         heard = max(REFUSED_LEAST, 2.0 / (2.0 + refused))
+        if mode and entry.kind in ("command", "mode"):
+            heard *= max(REFUSED_LEAST, self._taken.share((entry.kind, entry.name), mode))
         return heard * math.pow(self.relevance(policy, (entry.kind, entry.name)), SHARPNESS)
 
-    def draw(self, rng: Rng, policy: str, kinds: Sequence[StimulusKind]) -> Input:
+    def draw(self, rng: Rng, policy: str, kinds: Sequence[StimulusKind], mode: str = "") -> Input:
         """Return any input of the target: its kind evenly among `kinds`, its name by learnt relevance."""
         kind = kinds[int(rng.integers(len(kinds)))]
         entries = self._by_kind[kind]
-        return pick(rng, entries, [self._weight(policy, entry) for entry in entries])
+        return pick(rng, entries, [self._weight(policy, entry, mode) for entry in entries])
 
-    def draw_own(self, rng: Rng, hint: Hint, kinds: Iterable[StimulusKind]) -> Input | None:
+    def draw_own(self, rng: Rng, hint: Hint, kinds: Iterable[StimulusKind], mode: str = "") -> Input | None:
         """Return an input the policy reads, or of its own list; None if it has none of these kinds."""
         every = hint.read if hint.read and rng.random() < READ_SHARE else hint.inputs
         mine = sorted({entry.kind for entry in every if entry.kind in set(kinds)})
@@ -95,7 +100,7 @@ class Vocabulary:
             return None
         kind = mine[int(rng.integers(len(mine)))]
         entries = [entry for entry in every if entry.kind == kind]
-        return pick(rng, entries, [self._weight(hint.policy, entry) for entry in entries])
+        return pick(rng, entries, [self._weight(hint.policy, entry, mode) for entry in entries])
 
 
 def pick(rng: Rng, entries: Sequence[Item], weights: Sequence[float]) -> Item:

@@ -5,42 +5,50 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from functools import partial
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
 
 from saflite.contract.test_case import StartState, Stimulus
+from saflite.mutator.exposure.attention import Span
 from saflite.mutator.exposure.drawing import Drawing, Style
 from saflite.mutator.exposure.hints import Hint
-from saflite.mutator.exposure.phases import Phase, Script, Stimuli, Tempo
+from saflite.mutator.exposure.phases import SET_PAUSE_S, Phase, Script, Stimuli, Tempo
 from saflite.mutator.exposure.probes import Probes, beyond
 from saflite.mutator.exposure.recipes import Recipe, Recipes
 from saflite.mutator.exposure.state_model import StateModel
+from saflite.mutator.exposure.survival import Survival
+from saflite.mutator.exposure.taken import Taken
 from saflite.mutator.exposure.vocabulary import pick
+from saflite.mutator.operators.commands import LIFT, MOVES, away
 from saflite.mutator.operators.inputs import Have
-from saflite.mutator.operators.values import LIFT, MOVES, away
 
 Rng = np.random.Generator
 ASKED = 0.6  # chance that a setting has the value a rule asks for
-ORDERED = 0.7  # share of phases that end with a command their rule is about: it waits for what follows, undisturbed
+ORDERED, ONE_MORE = 0.85, 0.4  # share of phases that end with a command their rule is about, and of those with two
 CAUSED = 0.85  # share of phases, for rules about a raised failsafe, that begin with what may raise it
 KNOWN = 0.8  # share of those that begin with what raised it before, where something did
 ACTS = 0.5  # share of phases, from one mode into another, before which something moves the vehicle
 FROM_START = 0.6  # share of phases that come from the mode in which the rule's own flights begin
 HELD = 0.8  # share of phases in which a stick stays where a rule asks for it
 UPSET = 0.5  # share of phases, for rules about a lost sensor, in which a fault of their own comes first
-MOVED_OFF = 0.5  # share of phases in which one of the settings that the rule reads is off its default from the start
+MOVED_OFF = 0.4  # chance of each setting that the rule reads to be off its default from the start
+DISTURBED = 0.5  # share of flights left to themselves that get one input on the way
 DEFLECTED = 0.2  # the same for rules that ask for no stick but have some
 PUSHED = 0.7  # chance that a setting is moved the way in which a comparison with it becomes true
 AWAY = 0.85  # share of phases, for rules that want the vehicle away from home, in which it is sent there
 AWAY_S = (2.0, 20.0)  # it is given to come there, besides
 KIN = 0.5  # share of recipes, for a rule about a failsafe, that are of another rule about it
-COMES_DOWN, MOVED = 0.2, 0.8  # share of landings from which on the vehicle is lifted again, and how often it is
+ENDING = 2.0  # how much more it counts that nothing flew after a policy's phase than that the vehicle came down
+COMES_DOWN, MOVED = 0.25, 0.9  # share of landings from which on the vehicle is lifted again, and how often it is
 DEADLY = 6.0
 GROUND_ORDERS = 0.25  # how much later an order comes that lifts the vehicle from the ground, mostly
-SINKS = 0.05  # chance that it stands on the ground after any phase, for a reason not known
 ABOUT, OWN_MODE = 0.85, 0.95  # share of phases entered by a mode the formula names; by one of these or of its inputs
-LIFT_S, LAND_S = (5.0, 10.0), (10.0, 30.0)
+STAYS = 0.3  # share of phases without an order of a mode that is thought to be flown; it may have ended by itself
+LIFT_S, LAND_S = (1.0, 4.0), (10.0, 30.0)
+LIFTED_M, CLIMB_MPS = (8.0, 24.0), 2.5  # it takes ten seconds at most, at a speed common to copters
+REFUSED = 0.35  # share of times taken, below which an input is rather given in another mode
 HEIGHT_M = 20.0  # where a rule names no start
 REDRAWN, STRETCHED, ADDED = 0.25, 0.5, 0.5  # of its inputs; of its times; chance of one more input
 ADDED_MAX = 3
@@ -48,15 +56,23 @@ STRETCH = (0.7, 1.6)
 LAX = 0.6  # share of test cases that set what is known to take any value
 
 
+class Memory(NamedTuple):
+    """What earlier flights taught a writer."""
+
+    recipes: Recipes
+    taken: Taken
+    survival: Survival
+
+
 class Writer:
     """Writes with what is drawn, known of the target's states, and of the ranges it checks."""
 
     def __init__(
-        self, have: Have, drawing: Drawing, states: StateModel, probes: Probes, recipes: Recipes, recalled: float
+        self, have: Have, drawing: Drawing, states: StateModel, probes: Probes, memory: Memory, recalled: float
     ) -> None:
         """Take what is drawn from; `recalled` is the share of phases that give a recipe again where one is known."""
         self._have, self._drawing, self._states, self._probes = have, drawing, states, probes
-        self._recipes, self._recalled = recipes, recalled
+        self._recipes, self._taken, self._survival, self._recalled = *memory, recalled
         self._kin: dict[str, tuple[str, ...]] = {}
         given = [key for key in LIFT if key[:2] in have]
         common = [Stimulus(at_s=0.0, kind=kind, name=name, values=values) for kind, name, values in given]
@@ -69,32 +85,58 @@ class Writer:
             kin = [one.policy for one in hints if one.policy != hint.policy and words.intersection(one.raised)]
             self._kin[hint.policy] = tuple(kin)
 
-    def fresh(self, rng: Rng, tempo: Tempo, start: StartState | None, hints: Sequence[Hint], many: int) -> Stimuli:
-        """Return up to `many` phases, the policies in turn, for a flight with this start (None: a mission)."""
+    def fresh(
+        self, rng: Rng, tempo: Tempo, start: StartState | None, hints: Sequence[Hint], many: int
+    ) -> tuple[Stimuli, tuple[Span, ...]]:
+        """Return up to `many` phases, the policies in turn, for a flight with this start (None: a mission).
+
+        Also returns when whose phase begins.
+        """
+        spans: list[Span] = []
         script, mode = Script(tempo), start.mode if start is not None else ""
         down = 1.0 if start is not None and start.altitude_m <= 0.0 else 0.0
         styles = [self._drawing.style(rng, hint) for hint in hints]
         for stimulus in (*self._asked(rng, hints), *self._probed(rng)):
             script.give(stimulus)
         for number in range(many):
-            style = styles[number % len(styles)]
+            style, from_s = styles[number % len(styles)], script.at_s
             if number:
                 mode, down = self._moved(rng, script, style.hint, mode, down)
-            mode = self.phase(rng, script, style, mode)
-            down = 1.0 - (1.0 - down) * (1.0 - max(SINKS, self._states.comes_down((mode, *style.hint.raised))))
             if script.is_full:
                 break
+            spans.append(Span(style.hint.policy, from_s))
+            mode = self.phase(rng, script, style, mode)
+            sunk = self._states.comes_down((mode, *style.hint.raised))
+            sinks = max(sunk, self._survival.comes_down(style.hint.policy))
+            down = 1.0 - (1.0 - down) * (1.0 - sinks)
+        return script.stimuli(), tuple(spans)
+
+    def calm(self, rng: Rng, tempo: Tempo, hints: Sequence[Hint]) -> Stimuli:
+        """Return a flight left to itself: settings before it, then no input, or a single one of a policy's own."""
+        script = Script(tempo)
+        for hint in hints:
+            for stimulus in (*self._asked(rng, [hint]), *self._pushed(rng, hint)):
+                script.give(stimulus)
+                script.pause(rng, *SET_PAUSE_S)
+        if rng.random() < DISTURBED:
+            hint = hints[int(rng.integers(len(hints)))]
+            script.at_s = float(rng.uniform(script.at_s, tempo.last_s))
+            (order, *_) = (*self._orders(rng, hint), None)
+            script.give(order or self._drawing.draw(self._drawing.style(rng, hint), rng))
         return script.stimuli()
 
     def in_turn(self, rng: Rng, hints: Sequence[Hint]) -> list[Hint]:
-        """Return the policies in the order of their phases: those whose states end on the ground mostly last.
+        """Return the policies in the order of their phases: those begun on the ground first, those that end there late.
 
-        Among those that begin there the ones about an order, which lifts the vehicle mostly, come last.
+        After some nothing flies any more (a parachute, a fall): these are the last. Among those that begin on the
+        ground the ones about an order, which lifts the vehicle mostly, come last.
         """
 
         def late(hint: Hint) -> float:
-            down = self._states.comes_down((*hint.modes[:1], *hint.raised))
-            return (GROUND_ORDERS * bool(hint.orders()) if hint.begins == "ground" else down) - hint.flies_mission
+            if hint.begins == "ground":
+                return GROUND_ORDERS * bool(hint.orders()) - 1.0
+            down = max(self._states.comes_down(hint.raised), self._survival.comes_down(hint.policy))
+            return max(down, ENDING * self._survival.ends(hint.policy)) - 2.0 * hint.flies_mission
 
         return sorted(hints, key=lambda hint: late(hint) + float(rng.uniform(0.0, 0.5)))
 
@@ -114,10 +156,13 @@ class Writer:
             for stimulus in self._mode(self._states.lands()) if down < COMES_DOWN else ():
                 script.give(stimulus)
                 script.pause(rng, *LAND_S)
+        height_m = self._height(rng, hint)
         for stimulus in way:
-            script.give(stimulus)
+            lifts = self._lift and stimulus is way[-1] and not grounded
+            script.give(_to_height(stimulus, height_m) if lifts else stimulus)
             script.pause(rng, 0.5, 1.5)
         if not grounded:
+            script.at_s += height_m / CLIMB_MPS
             script.pause(rng, *LIFT_S)
         entered = next((one.name for one in way if one.kind == "mode"), mode)
         return entered, 1.0 if grounded else 0.0
@@ -134,6 +179,10 @@ class Writer:
         if start_mode != mode and (far or rng.random() < FROM_START):
             lead, mode = self._mode(start_mode), start_mode
         entry = self._entry(rng, hint, mode)
+        lead = self._taken_from(entry, mode) or lead
+        last = self._orders(rng, hint)
+        entry = self._taken_from(last, entry[0].name if entry else mode) or entry
+        style = style._replace(mode=entry[0].name if entry else mode)
         caused = (CAUSED if hint.raised else 0.0, UPSET if hint.upset else 0.0)
         first = self._cause(rng, style) if rng.random() < max(caused) else ()
         phase = Phase(
@@ -146,10 +195,25 @@ class Writer:
             first=first,
             held=self._held(rng, hint),
             quiet_s=hint.quiet_s,
-            last=self._order(rng, hint),
+            last=last,
         )
         script.phase(rng, phase)
         return entry[0].name if entry else mode
+
+    def _taken_from(self, given: tuple[Stimulus, ...], mode: str) -> tuple[Stimulus, ...]:
+        """Return what enters a mode in which an input is taken, where it mostly is not in the one at hand."""
+        for one in given:
+            key = (one.kind, one.name)
+            better = self._taken.best(key) if mode and self._taken.share(key, mode) < REFUSED else ""
+            if better and self._taken.share(key, better) >= REFUSED:
+                return self._mode(better)
+        return ()
+
+    def _height(self, rng: Rng, hint: Hint) -> float:
+        """Return how high to lift the vehicle for a policy: about where its own flights begin."""
+        about_m = hint.start.altitude_m if hint.start is not None and hint.start.altitude_m > 0.0 else HEIGHT_M
+        height_m: float = about_m * 2.0 ** rng.uniform(-0.5, 0.5)
+        return round(min(max(height_m, LIFTED_M[0]), LIFTED_M[1]), 1)
 
     def _recalled_for(self, rng: Rng, hint: Hint) -> Recipe | None:
         """Return what made a rule apply; for one about a raised failsafe also what raised it for another rule."""
@@ -199,9 +263,8 @@ class Writer:
         ]
         told = asked.union(entry.name for entry, _ in hint.pushed)
         read = [entry for entry in hint.read if entry.kind == "parameter" and entry.name not in told]
-        if read and rng.random() < MOVED_OFF:  # a setting at its default does not show whether it acts
-            pushed.append(self._drawing.given(rng, read[int(rng.integers(len(read)))]))
-        return tuple(pushed)
+        moved = [entry for entry in read if rng.random() < MOVED_OFF]  # at its default it shows nothing
+        return (*pushed, *(self._drawing.moved(rng, entry) for entry in moved))
 
     def _away(self, rng: Rng, hint: Hint) -> tuple[Stimulus, ...]:
         """Return an order to leave home, for a rule that wants the vehicle away from it."""
@@ -251,14 +314,13 @@ class Writer:
         values = [*((entry, beyond(rng, entry)) for entry in asked), *self._probes.lax_values(rng, LAX)]
         return [Stimulus(at_s=0.0, kind=entry.kind, name=entry.name, values=(value,)) for entry, value in values]
 
-    def _order(self, rng: Rng, hint: Hint) -> Stimulus | None:
-        """Return a command the rule is about, to be followed by nothing but quiet; often none."""
+    def _orders(self, rng: Rng, hint: Hint) -> tuple[Stimulus, ...]:
+        """Return commands the rule is about, each to be followed by nothing but quiet; now and then none."""
         orders = hint.orders()
-        return (
-            self._drawing.given(rng, orders[int(rng.integers(len(orders)))])
-            if orders and rng.random() < ORDERED
-            else None
-        )
+        if not orders or rng.random() >= ORDERED:
+            return ()
+        many = 1 + int(rng.random() < ONE_MORE)
+        return tuple(self._drawing.given(rng, orders[int(rng.integers(len(orders)))]) for _ in range(many))
 
     def _asked(self, rng: Rng, hints: Iterable[Hint]) -> list[Stimulus]:
         """Return settings with values that the formulas of the policies ask for, one of each."""
@@ -279,7 +341,11 @@ class Writer:
         own = [entry.name for entry in hint.inputs if entry.kind == "mode"]
         every = [name for kind, name in self._have if kind == "mode"]
         names = (about or own or every) if way < ABOUT else (own or about or every) if way < OWN_MODE else every
-        if not names or (mode in names and rng.random() < 0.5):
+        if not names or (mode in names and rng.random() < STAYS):
             return ()
         name = pick(rng, names, [self._worth(hint, name) for name in names])
-        return () if name == mode else (Stimulus(at_s=0.0, kind="mode", name=name),)
+        return (Stimulus(at_s=0.0, kind="mode", name=name),)
+
+
+def _to_height(stimulus: Stimulus, height_m: float) -> Stimulus:
+    return msgspec.structs.replace(stimulus, values=(*stimulus.values[:6], height_m))

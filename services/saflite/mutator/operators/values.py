@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from saflite.contract.test_case import StimulusKind
+from saflite.mutator.operators import commands
 from saflite.mutator.operators.inputs import Input
 
 Rng = np.random.Generator
@@ -20,58 +20,6 @@ Values = tuple[float, ...]
 
 UNBOUNDED_HIGH = 10_000.0
 STICK_BEYOND = 0.2  # how far beyond its ends a failing radio can put a stick, as a share of its range
-COMMAND_NUMBERS = 7
-# the choices that matter, by command and number (from 1): MAVLink's common message set
-_CHOICES: dict[str, dict[int, tuple[float, ...]]] = {
-    "MAV_CMD_DO_PARACHUTE": {1: (2.0, 2.0, 1.0, 0.0)},
-    "MAV_CMD_COMPONENT_ARM_DISARM": {1: (0.0, 1.0), 2: (0.0, 0.0, 21196.0)},
-    "MAV_CMD_DO_CHANGE_SPEED": {1: (0.0, 1.0, 2.0, 3.0)},
-    "MAV_CMD_CONDITION_YAW": {3: (-1.0, 0.0, 1.0), 4: (0.0, 1.0)},
-    "MAV_CMD_DO_SET_HOME": {1: (0.0, 1.0)},
-    "MAV_CMD_DO_PAUSE_CONTINUE": {1: (0.0, 1.0)},
-    "MAV_CMD_NAV_GUIDED_ENABLE": {1: (0.0, 1.0)},
-    "MAV_CMD_DO_AUTOTUNE_ENABLE": {1: (0.0, 1.0)},
-    "MAV_CMD_DO_SET_MODE": {1: (1.0,), 2: (0.0, 2.0, 3.0, 4.0, 5.0, 6.0, 9.0, 17.0)},
-}
-# numbers 5 to 7 of these are a place: degrees and metres; 0 means "here"
-_PLACES = frozenset(
-    {
-        *("MAV_CMD_DO_REPOSITION", "MAV_CMD_NAV_WAYPOINT", "MAV_CMD_NAV_SPLINE_WAYPOINT", "MAV_CMD_NAV_LAND"),
-        *("MAV_CMD_DO_SET_HOME", "MAV_CMD_NAV_LOITER_TIME", "MAV_CMD_NAV_LOITER_TURNS", "MAV_CMD_NAV_TAKEOFF"),
-    }
-)
-HOME_LAT_DEG, HOME_LON_DEG = 47.3977419, 8.5455938  # where flights without a mission begin (the competition's home)
-NEAR_DEG = 0.0005  # about 50 m
-
-
-MOVES, DEG_PER_M = "MAV_CMD_DO_REPOSITION", 1.0 / 111_320.0
-
-
-def away(rng: Rng, far_m: float, height_m: float) -> Values:
-    """Return the numbers of an order to go to a place 1.2 to 12 times as far from home, at a height."""
-    distance = far_m * math.exp(rng.uniform(math.log(1.2), math.log(12.0)))
-    heading = float(rng.uniform(0.0, 2.0 * math.pi))
-    north = distance * math.cos(heading) * DEG_PER_M
-    east = distance * math.sin(heading) * DEG_PER_M / math.cos(math.radians(HOME_LAT_DEG))
-    return (0.0, 0.0, 0.0, 0.0, round(HOME_LAT_DEG + north, 7), round(HOME_LON_DEG + east, 7), neat(height_m))
-
-
-def has_choices(command: str) -> bool:
-    """Return whether numbers that mean something are known for a command."""
-    return command in _CHOICES or command in _PLACES
-
-
-LIFT: tuple[tuple[StimulusKind, str, Values], ...] = (
-    ("mode", "GUIDED", ()),
-    ("command", "MAV_CMD_COMPONENT_ARM_DISARM", (1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)),
-    ("command", "MAV_CMD_NAV_TAKEOFF", (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 20.0)),
-)
-"""What lifts a vehicle from the ground by MAVLink's common message set, motors off or on."""
-
-
-def telling(command: str) -> tuple[int, ...]:
-    """Return the numbers of a command (from 0) that say most: a height rather than a place, else the first four."""
-    return (6, 6, 4, 5, 0) if command in _PLACES else (0, 1, 2, 3)
 
 
 def neat(value: float) -> float:
@@ -104,7 +52,8 @@ def jitter(rng: Rng, entry: Input, values: Values) -> Values:
     if entry.choices:
         return draw(rng, entry, 0.2)
     if entry.kind == "command" and math.isnan(entry.low):
-        place, new = int(rng.integers(min(len(values), COMMAND_NUMBERS))), _command(rng, entry.name, 0.2)
+        places = [place for place in commands.used(entry.name) if place < len(values)] or range(len(values))
+        place, new = places[int(rng.integers(len(places)))], _command(rng, entry.name, 0.2)
         return (*values[:place], new[place], *values[place + 1 :])
     span = entry.high - entry.low
     moved = []
@@ -187,12 +136,16 @@ def _beyond(rng: Rng, entry: Input) -> float:
 
 
 def _command(rng: Rng, name: str, beyond: float) -> Values:
-    numbers = [_number(rng, beyond) for _ in range(COMMAND_NUMBERS)]
-    for place, choices in _CHOICES.get(name, {}).items():
-        if rng.random() >= beyond:
-            numbers[place - 1] = choices[int(rng.integers(len(choices)))]
-    if name in _PLACES:
-        numbers[4:] = _place(rng, beyond)
+    """Seven numbers as PGFuzz draws them; where it is known what they mean, mostly such."""
+    numbers = [_number(rng, beyond) for _ in range(commands.COUNT)]
+    if not commands.known(name):
+        return tuple(numbers)
+    telling = commands.telling(name)
+    for place, number in enumerate(commands.draw(rng, name)):
+        if number is not None and (place not in telling or rng.random() >= beyond):
+            numbers[place] = number
+        elif number is not None and rng.random() < 0.5:
+            numbers[place] = -number
     return tuple(numbers)
 
 
@@ -205,11 +158,3 @@ def _number(rng: Rng, beyond: float) -> float:
     if pick < 0.2 + beyond:
         return neat(float(rng.uniform(0.0, 1.0)))
     return float(rng.integers(1, 101))
-
-
-def _place(rng: Rng, beyond: float) -> list[float]:
-    height_m = float(rng.integers(1, 101)) * (-1.0 if rng.random() < 0.5 * beyond else 1.0)
-    if rng.random() < 0.2:
-        return [0.0, 0.0, height_m]
-    lat, lon = rng.uniform(-NEAR_DEG, NEAR_DEG, size=2)
-    return [round(HOME_LAT_DEG + float(lat), 7), round(HOME_LON_DEG + float(lon), 7), height_m]

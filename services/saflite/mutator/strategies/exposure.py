@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Sequence
 from functools import partial
+from itertools import pairwise
 from typing import ClassVar
 
 import msgspec
@@ -35,18 +36,22 @@ from saflite.mutator.exposure.progress import answers, applied_s, by_policy
 from saflite.mutator.exposure.recipes import Recipes
 from saflite.mutator.exposure.scenarios import Scenarios, scenarios_of
 from saflite.mutator.exposure.state_model import StateModel
+from saflite.mutator.exposure.survival import Survival
+from saflite.mutator.exposure.taken import Taken
 from saflite.mutator.exposure.vocabulary import Vocabulary
-from saflite.mutator.exposure.writer import Writer
+from saflite.mutator.exposure.writer import Memory, Writer
 from saflite.mutator.operators import inputs
 from saflite.mutator.operators.sequences import moved_to_start
 from saflite.mutator.strategy import Chosen, Option, Options, Proposes, Settings
 
 Rng = np.random.Generator
+CALM = 0.4  # share of flights of a drawn mission that are left to themselves
 AIRBORNE_S = (20.0, 40.0)  # a mission takes off after about 20 s
 SETTLE_LEAST_S = 1.5
 SHIFT_S = (0.05, 15.0)
 SECONDS_EACH = 20.0  # of a fresh test case for one policy: it is for as many as its time allows, a phase in turn
 COVERING = 0.3  # share of changed flights, where a policy had no near miss, that change one that covered something new
+GROUND_AT_ONCE = 4  # policies whose phases begin on the ground, in one flight: the others are for those that fly
 POLICIES_MOST = 60  # however long it is
 
 
@@ -102,14 +107,16 @@ class Strategy:
         self._rest.update({("parameter", name): value for name, value in template.target.parameters.items()})
         self._probes = Probes({} if self._in_range else self._have)
         self._scenarios: Scenarios = scenarios_of(template.scenario, target)
-        self._vocabulary = Vocabulary(self._have)
+        self._taken, self._survival = Taken(), Survival()
+        self._vocabulary = Vocabulary(self._have, self._taken)
         self._attention = Attention(policies)
         self._states = StateModel()
         shares = Shares(*(self._chosen.real(name) for name in Shares._fields))
         self._drawing = Drawing(self._vocabulary, self._rest, shares)
         recalled = self._chosen.real("recalled")
         self._recipes = Recipes({hint.policy: hint.quiet_s for hint in hints})
-        self._writer = Writer(self._have, self._drawing, self._states, self._probes, self._recipes, recalled)
+        memory = Memory(self._recipes, self._taken, self._survival)
+        self._writer = Writer(self._have, self._drawing, self._states, self._probes, memory, recalled)
         self._writer.tell_of(hints)
         self._corpus = Corpus()
         for sown in read_sown(self._chosen.words("corpus")):
@@ -128,6 +135,8 @@ class Strategy:
             crashed = outcome.ending == "crashed"
             self._probes.tell(case, given, taken, ended=crashed or bool(outcome.violated))
             self._vocabulary.tell(case, progress, given, taken)
+            self._taken.tell(case, outcome.transitions, given, taken)
+            self._survival.tell(case, outcome.transitions, crashed=crashed)
             self._attention.tell(case, progress)
             self._recipes.tell(case, applied_s(outcome), sorted(taken))
             self._corpus.tell(case, progress, self._states.tell(case, outcome.transitions, crashed=crashed))
@@ -140,9 +149,23 @@ class Strategy:
         lax = self._probes.singled_out
         suspected = {hint.policy for hint in self._hints.values() if lax.intersection(hint.names())}
         rotation = self._attention.rotation(rng, each * count, suspected)
-        wanted = sorted(rotation, key=lambda name: self._hints[name].begins)
+        wanted = self._in_flights(rotation)
         groups = [tuple(wanted[place * each :][:each]) for place in rng.permutation(count)]
         return [self._one(rng, self._led(group)) for group in groups]
+
+    def _in_flights(self, rotation: Sequence[str]) -> list[str]:
+        """Return the policies as they share flights: missions together, a few begun on the ground before many flown."""
+        begun: dict[str, list[str]] = {"mission": [], "ground": [], "air": []}
+        for name in rotation:
+            begun[self._hints[name].begins].append(name)
+        ground, air = begun["ground"], begun["air"]
+        ends = np.linspace(0, len(air), max(1, math.ceil(len(ground) / GROUND_AT_ONCE)) + 1).astype(int)
+        shared = [
+            name
+            for place, (first, last) in enumerate(pairwise(ends.tolist()))
+            for name in (*ground[place * GROUND_AT_ONCE :][:GROUND_AT_ONCE], *air[first:last])
+        ]
+        return [*begun["mission"], *shared]
 
     def _led(self, policies: tuple[str, ...]) -> tuple[str, ...]:
         """Return the policies, one that only a mission can show first: the first decides how the flight begins."""
@@ -162,8 +185,11 @@ class Strategy:
         hints = self._writer.in_turn(rng, [self._hints[policy] for policy in dict.fromkeys(policies)])
         scenario = self._scenario(rng, hints[0])
         tempo, many = self._tempo(rng, scenario), self._chosen.whole("phases_max")
-        made = self._writer.fresh(rng, tempo, scenario.start, hints, many)
-        return self._made(scenario, made, note(policies, "fresh"))
+        if self._is_drawn_mission(scenario) and rng.random() < CALM:
+            before = tempo._replace(first_s=self._chosen.real("start_s"))
+            return self._made(scenario, self._writer.calm(rng, before, hints), note(policies, "calm"))
+        made, spans = self._writer.fresh(rng, tempo, scenario.start, hints, many)
+        return self._made(scenario, made, note((), "fresh", spans))
 
     def _made(self, scenario: Scenario, stimuli: Stimuli, text: str, parent: str = "") -> TestCase:
         origin = Origin(strategy="exposure", parent=parent, note=text)
@@ -187,9 +213,12 @@ class Strategy:
             return scenarios.own
         return scenarios.elsewhere(rng, hint.start) if rng.random() < 0.5 else scenarios.begin(hint.start)
 
+    def _is_drawn_mission(self, scenario: Scenario) -> bool:
+        return scenario.mission is not None and self._template.scenario.mission is None
+
     def _tempo(self, rng: Rng, scenario: Scenario) -> Tempo:
         first_s = self._chosen.real("start_s")
-        if scenario.mission is not None and self._template.scenario.mission is None:
+        if self._is_drawn_mission(scenario):
             first_s = float(rng.uniform(*AIRBORNE_S))
         last_s = max(first_s, scenario.time_limit_s - TAIL_S)
         return Tempo(first_s, last_s, (SETTLE_LEAST_S, self._chosen.real("settle_max_s")), self._rest)
@@ -272,7 +301,7 @@ class Strategy:
         if goal is None or way is None:
             return None
         scenario, route = way
-        if scenario.mission is not None and self._template.scenario.mission is None:
+        if self._is_drawn_mission(scenario):
             return None
         script = Script(self._tempo(rng, scenario))
         for stimulus in route:
