@@ -54,6 +54,10 @@ def test_no_rule_is_broken_in_them_but_by_defects() -> None:
         (33, (179,)),
         (34, (140,)),
         (35, (144,)),
+        (61, (143,)),
+        (62, (67, 132)),
+        (63, (15, 43)),
+        (64, (122,)),
     ],
 )
 def test_what_rules_once_took_for_a_violation_breaks_none(rng_seed: int, numbers: tuple[int, ...]) -> None:

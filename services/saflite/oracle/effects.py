@@ -75,7 +75,7 @@ _SETTINGS: tuple[tuple[str, Effect], ...] = (
     (r"gnd_alt_offset", Effect(passing=("baro_settled",), lasting=("baro_true",), per_unit_s=1.0)),
     (r"gnd_temp", Effect(passing=("baro_settled",), lasting=("baro_true",), per_unit_s=1.0)),
     (r"gnd_primary|ek\d_alt_source|baro", Effect(passing=("baro_settled",), per_unit_s=1.0)),
-    (r"ins_gyroffs", Effect(lasting=("body_true",))),
+    (r"ins_gyroffs|compass_of", Effect(lasting=("body_true",))),
     (r"ahrs_trim", Effect(passing=("body_true",))),  # the heading follows: it is reckoned from a field felt askew
     (r"gps_(pos|type|primary|sats)", Effect(passing=("gps_settled",))),
     (r"rc\d+_(trim|dz|option|reversed?)|rc3_|rcmap_|thr_dz|tune$", Effect(lasting=("sticks_true",))),

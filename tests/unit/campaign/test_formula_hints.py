@@ -7,6 +7,7 @@ from saflite.campaign.presets.formula_hints import (
     antecedents,
     failsafes_named,
     far_asked_m,
+    faults_asked,
     modes_named,
     quiet_asked_s,
     sensor_lost,
@@ -108,3 +109,32 @@ def test_a_rule_about_a_lost_sensor_is_told_from_one_that_excuses_it() -> None:
     assert sensor_lost({"formula": "always (rise(armed == 1) implies prev(gps_ok == 1))"})
     assert not sensor_lost({"formula": "always ((gps_ok == 1 and armed == 1) implies climb_mps > 0)"})
     assert not sensor_lost({"formula": "always ((rc_present == 0 or rc1_pwm <= 1520) implies climb_mps > 0)"})
+
+
+def test_a_mode_that_a_rule_waits_for_to_begin_or_end_stands_for_all_it_names() -> None:
+    formula = "always (rise(mode == FLIP) implies prev(mode == ACRO or mode == ALT_HOLD))"
+    assert modes_named(formula) == ("FLIP",)
+    assert modes_named("always (mode == RTL and fall((mode == LAND)) implies landed == 1)") == ("LAND",)
+
+
+def test_a_rule_that_waits_for_the_ground_is_given_the_time_to_get_there() -> None:
+    assert (
+        quiet_asked_s("always (rise(landed == 1) and mode == RTL implies home_distance_m <= 3)", {"wait_s": 12.0})
+        > 45.0
+    )
+    assert quiet_asked_s("always (landed == 1 and mode == RTL implies armed == 0)", {"wait_s": 12.0}) == 13.0
+
+
+def test_a_setting_as_it_was_at_some_moment_is_asked_for_all_the_same() -> None:
+    asked = settings_asked(
+        "always ((latch(pilot_takeoff_set_m, landed == 0)) >= 2 implies altitude_m >= 1)", describe()
+    )
+    assert [(entry.name, value) for entry, value in asked] == [("PILOT_TKOFF_ALT", 400.0)]
+
+
+def test_faults_of_a_sensor_that_a_rule_asks_to_be_lost_are_its_own() -> None:
+    silent = faults_asked("always (rise(armed == 1) implies not prev(lasting[1] baro_ok == 0))", describe())
+    assert "SIM_BARO_DISABLE" in silent
+    assert all("BARO" in name for name in silent)
+    assert faults_asked("always (baro_ok == 1 implies altitude_m >= 0)", describe()) == ()
+    assert faults_asked("always (rc_present == 0 implies mode == RTL)", describe()) == ("SIM_RC_FAIL",)

@@ -7,6 +7,7 @@ from saflite.flight.autopilots.reference.flight_stack import FlightStack
 LANDED_AFTER_S = 1.0
 TOUCHING_AFTER_S = 0.2  # ArduCopter: LAND_DETECTOR_MAYBE_TRIGGER_SEC
 TICK_S = 0.02
+CLEAR_M = 0.4  # who is carried as high as that flies, however slowly it went up
 PUSHING = 0.3  # throttle, as a share of hover, above which something is carried; hover may be set twice too high
 
 
@@ -37,7 +38,7 @@ class LandDetector:
         still = abs(board["climb_est_mps"]) < 0.35 and abs(board["est_az"]) < 2.0
         if board["motors_on"] > 1.0 and (pushing or not still):
             self._quiet_s = 0.0
-            rising = board["climb_est_mps"] > 0.2 and pushing
+            rising = pushing and (board["climb_est_mps"] > 0.2 or board["altitude_est_m"] > CLEAR_M)
             if ap.landed and rising:
                 ap.landed, ap.taken_off = False, True
         else:

@@ -1,0 +1,38 @@
+"""Every false alarm of a clean search that has its test case kept (`results/clean.jsonl`) stays mended."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from saflite.conformance.flying import fly_once
+from saflite.contract.flight import Flight
+from saflite.contract.test_case import TestCase, identity
+from saflite.oracle.judge import judge
+
+ROWS = Path(__file__).parents[2] / "scripts" / "benches" / "results" / "clean.jsonl"
+KEPT = [row for row in map(json.loads, ROWS.read_text(encoding="utf-8").splitlines()) if row.get("alarm_cases")]
+CASES = [
+    pytest.param(case, tuple(row["false_alarms"]), id=f"{row['rng_seed']}-{number}")
+    for row in KEPT
+    for number, case in enumerate(row["alarm_cases"])
+]
+
+
+def test_some_are_kept() -> None:
+    assert len(CASES) > 20
+
+
+@pytest.mark.parametrize(("told", "policies"), CASES)
+def test_what_was_once_a_false_alarm_breaks_none_of_the_rules_it_broke(
+    told: dict[str, object], policies: tuple[str, ...]
+) -> None:
+    case = msgspec.convert(told, TestCase)
+    record = fly_once(case)
+    assert record.trace is not None
+    flight = Flight(test_case=identity(case), flight_index=0, ending=record.ending, delivered=record.delivered)
+    verdicts = judge(case, flight, record.trace, policies).verdicts
+    assert [one.policy for one in verdicts if one.outcome == "violated"] == []
