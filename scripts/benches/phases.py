@@ -9,9 +9,9 @@ lack is where a search is to be mended.
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
 
+from _rows import handed_out
 from _search_phases import phases
 from _search_run import ARMS
 
@@ -26,11 +26,7 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args(argv)
     rows = [phases(arm, seed, options.budget) for arm in options.arms for seed in options.rng_seeds]
-    if options.out:
-        with options.out.open("a", encoding="utf-8") as file:
-            file.writelines(json.dumps(row) + "\n" for row in rows)
-    if options.json:
-        print(json.dumps(rows, indent=2))
+    if handed_out(rows, options.out, as_json=options.json):
         return 0
     for row in rows:
         print(f"{row['arm']} {row['rng_seed']}: rules applied in {row['applied_share']:.1%} of verdicts")

@@ -26,6 +26,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from _blind_faults import planted
 from _inline import Inline
+from _rows import handed_out
 from _rule_faults import rule_faults
 from _search_run import ARMS, Faulty, Job, campaign_of
 
@@ -162,11 +163,7 @@ def main(argv: list[str]) -> int:
         for rng_seed in options.rng_seeds
         for row in measured(arm, rng_seed, options)
     ]
-    if options.out:
-        with options.out.open("a", encoding="utf-8") as file:
-            file.writelines(json.dumps(row) + "\n" for row in rows)
-    if options.json:
-        print(json.dumps(rows, indent=2))
+    if handed_out(rows, options.out, as_json=options.json):
         return 0
     for row in sorted(rows, key=lambda row: row["seen"]):
         print(f"{row['arm']:9} {row['rng_seed']:5} {row['fault']:44} acts {row['differs']:3}, seen {row['seen']:3}")
