@@ -138,7 +138,8 @@ def run(options: argparse.Namespace) -> list[Row]:
     with get_context("spawn").Pool(options.jobs, die_with_parent, (os.getpid(),)) as pool:
         for row in pool.imap_unordered(search, todo):
             known[row.arm, tuple(row.faults), row.rng_seed, row.budget] = row
-            sys.stderr.write(f"{row.arm} {' '.join(row.faults)} {row.rng_seed}: {row.found} of {row.flights}\n")
+            said = f"found {row.found} in {row.flights} flights, false alarms {row.false_alarms}"
+            sys.stderr.write(f"{row.arm} {' '.join(row.faults)} {row.rng_seed}: {said}\n")
             if options.out:
                 with options.out.open("a", encoding="utf-8") as file:
                     file.write(json.dumps(row._asdict()) + "\n")
