@@ -15,11 +15,12 @@ from saflite.oracle.judge import judge
 
 ROWS = Path(__file__).parents[2] / "scripts" / "benches" / "results" / "clean.jsonl"
 KEPT = [row for row in map(json.loads, ROWS.read_text(encoding="utf-8").splitlines()) if row.get("alarm_cases")]
-CASES = [
-    pytest.param(case, tuple(row["false_alarms"]), id=f"{row['rng_seed']}-{number}")
+ONCE = {
+    identity(msgspec.convert(told, TestCase)): (row["rng_seed"], told, tuple(row["false_alarms"]))
     for row in KEPT
-    for number, case in enumerate(row["alarm_cases"])
-]
+    for told in row["alarm_cases"]
+}
+CASES = [pytest.param(told, policies, id=f"{seed}-{name}") for name, (seed, told, policies) in ONCE.items()]
 
 
 def test_some_are_kept() -> None:
