@@ -211,8 +211,7 @@ class Writer:
 
     def _height(self, rng: Rng, hint: Hint) -> float:
         """Return how high to lift the vehicle for a policy: about where its own flights begin."""
-        about_m = hint.start.altitude_m if hint.start is not None and hint.start.altitude_m > 0.0 else HEIGHT_M
-        height_m: float = about_m * 2.0 ** rng.uniform(-0.5, 0.5)
+        height_m: float = _height_of(hint) * 2.0 ** rng.uniform(-0.5, 0.5)
         return round(min(max(height_m, LIFTED_M[0]), LIFTED_M[1]), 1)
 
     def _recalled_for(self, rng: Rng, hint: Hint) -> Recipe | None:
@@ -270,8 +269,7 @@ class Writer:
         """Return an order to leave home, for a rule that wants the vehicle away from it."""
         if not hint.far_m or ("command", MOVES) not in self._have or rng.random() >= AWAY:
             return ()
-        about_m = hint.start.altitude_m if hint.start is not None and hint.start.altitude_m > 0.0 else HEIGHT_M
-        place = away(rng, hint.far_m, about_m * 2.0 ** rng.uniform(-1.0, 1.0))
+        place = away(rng, hint.far_m, _height_of(hint) * 2.0 ** rng.uniform(-1.0, 1.0))
         return (Stimulus(at_s=0.0, kind="command", name=MOVES, values=place),)
 
     def _act(self, rng: Rng, hint: Hint) -> tuple[Stimulus, ...]:
@@ -349,3 +347,7 @@ class Writer:
 
 def _to_height(stimulus: Stimulus, height_m: float) -> Stimulus:
     return msgspec.structs.replace(stimulus, values=(*stimulus.values[:6], height_m))
+
+
+def _height_of(hint: Hint) -> float:
+    return hint.start.altitude_m if hint.start is not None and hint.start.altitude_m > 0.0 else HEIGHT_M
