@@ -69,6 +69,20 @@ def test_wind_carries_and_a_fall_ends_as_a_crash() -> None:
     assert state.altitude_m < 0.25
 
 
+@pytest.mark.parametrize("height_m", [30.0, 45.0, 54.0, 57.0, 60.0])
+def test_a_fast_fall_is_no_bounce_wherever_between_two_states_it_meets_the_ground(height_m: float) -> None:
+    """From 57 m the ground threw it back between two states: both found it above a quarter of a metre."""
+    world = World(height_m, steps_per_state=8)
+    lowest_m = height_m
+    for number in range(4000):
+        state = world.step((0.6, 0.6, 0.4, 0.4) if number < 120 else OFF)
+        lowest_m = min(lowest_m, state.altitude_m)
+        if state.world_state == CRASHED:
+            break
+        assert lowest_m > 3.0 or state.altitude_m <= lowest_m + 0.5, "thrown back by the ground, and flies on"
+    assert state.world_state == CRASHED
+
+
 def test_touching_down_under_the_parachute_stops_the_world_unharmed() -> None:
     world = World(3.0)
     world["chute_released"] = 1.0

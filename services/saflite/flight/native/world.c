@@ -63,7 +63,11 @@ static void judge_contact(World *w)
     const double force = fabs(AT(force_x_mps2)) + fabs(AT(force_y_mps2)) + fabs(AT(force_z_mps2));
     const int low = AT(altitude_m) < 0.25;
     const int wild = !(fabs(AT(altitude_m)) < 1e6) || !(force < 1e4) || !(fabs(sink) < 1e3);
-    const int fell = low && (tilt < 0.64 || sink > 3.5 || (force > 120.0 && sink > 2.5));
+    /* a fall so fast that it was thrown back before the next state shows in how its speed changed near the ground */
+    const double way_m = 2.0 * w->steps_per_state * STEP_S * w->last_sink_mps;
+    const int thrown = w->last_sink_mps > 3.5 && w->last_m < 0.25 + way_m && sink < w->last_sink_mps - 3.0;
+    w->last_m = AT(altitude_m), w->last_sink_mps = sink;
+    const int fell = thrown || (low && (tilt < 0.64 || sink > 3.5 || (force > 120.0 && sink > 2.5)));
     if (wild || AT(contact) != 0.0)
         AT(world_state) = WORLD_CRASHED;
     else if (low && AT(chute_released) != 0.0)

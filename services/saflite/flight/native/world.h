@@ -50,6 +50,7 @@ typedef struct {
     const double *boxes; /* rows as boxes.h has them */
     int32_t box_count, steps_per_state;
     double origin_m;     /* JSBSim's height reading at the take-off point */
+    double last_m, last_sink_mps; /* altitude and sink rate of the state before, while flying */
     PyObject *run;       /* steps JSBSim */
     PyObject *const *nodes; /* getters of rates and state, setters of the motors */
 } World;
