@@ -66,7 +66,13 @@ def test_late_messages_change_nothing() -> None:
     assert World(1, shape).run().found == World(2, late).run().found
 
 
-@pytest.mark.parametrize("name", sorted(BUGS))
+SLOW = ("attempts_without_end", "a_lost_batch_is_forgotten", "any_score_will_do")
+"""Take a quarter of a minute each to be caught: flown with the live tests."""
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.live if name in SLOW else ()) for name in sorted(BUGS)]
+)
 def test_a_planted_bug_is_caught(name: str) -> None:
     know_the_clean_finds()
     with BUGS[name]():

@@ -128,6 +128,13 @@ SIGNALS: dict[str, Signal] = {
     "pilot_turn_speed_set_dps": Signal("deg/s", "turning speed of a full yaw stick (PILOT_Y_RATE)"),
     "fence_on_set": Signal("", "1 while fences are on (FENCE_ENABLE)", "flag"),
     "fence_type_set": Signal("", "bits: 1 ceiling, 2 circle about home (FENCE_TYPE)", "code"),
+    "throttle_filter_set_hz": Signal("Hz", "filter of the throttle stick, 0 off (PILOT_THR_FILT)"),
+    "yaw_rate_max_set_dps": Signal("deg/s", "how fast it may turn (ATC_RATE_Y_MAX); 0: no bound"),
+    "yaw_acceleration_set_dps2": Signal("deg/s2", "how fast a turn may speed up (ATC_ACCEL_Y_MAX); 0: no bound"),
+    "loiter_acceleration_set_mps2": Signal("m/s2", "acceleration in LOITER (LOIT_ACC_MAX)"),
+    "landed_disarms_set": Signal("", "bits: 4 motors off in all modes once landed (PILOT_THR_BHV)", "code"),
+    "fence_margin_set_m": Signal("m", "distance that modes keep from the fence (FENCE_MARGIN)"),
+    "acro_yaw_rate_set_dps": Signal("deg/s", "yaw rate that a full stick asks for in ACRO (ACRO_YAW_P)"),
     "fence_radius_set_m": Signal("m", "radius of the circle about home (FENCE_RADIUS)"),
     "arming_checks_set": Signal("", "checks before arming, 0 none (ARMING_CHECK)", "code"),
     "angle_max_set_deg": Signal("deg", "greatest lean angle (ANGLE_MAX)"),
@@ -178,6 +185,9 @@ SIGNALS: dict[str, Signal] = {
     "mode_order_s": Signal(
         "s", "time since the last order to take a mode, denied or not, above 1,000,000 where none was given"
     ),
+    "mode_cause_s": Signal(
+        "s", "time since the last stick, mode or command that may change the mode was given and not denied"
+    ),
     "ordered_mode": Signal("", "mode ordered last, denied or not", "code"),
     "release_order_s": Signal(
         "s", "time since the parachute was last ordered out, denied or not, above 1,000,000 where it never was"
@@ -190,8 +200,8 @@ SIGNALS: dict[str, Signal] = {
     ),
     "height_order_s": Signal(
         "s",
-        "time since an order to take off or to another height (MAV_CMD_NAV_TAKEOFF, MAV_CMD_DO_CHANGE_ALTITUDE), above "
-        "1,000,000 where none was given",
+        "time since an order to take off or to another height (MAV_CMD_NAV_TAKEOFF, MAV_CMD_DO_CHANGE_ALTITUDE, or "
+        "MAV_CMD_DO_REPOSITION with the flag that asks for its mode), above 1,000,000 where none was given",
     ),
     "start_order_s": Signal("s", "time since the mission was last ordered to begin, above 1,000,000 where never"),
     "ordered_home_m": Signal(
@@ -248,9 +258,11 @@ gps_true gps_settled baro_true baro_settled body_true sticks_true place_order_s 
 ordered_altitude_m battery_timer_set_s battery_low_action_set battery_critical_set_v battery_low_charge_set_mah
 battery_capacity_set_mah battery_critical_action_set acro_trainer_set acro_balance_roll_set acro_balance_pitch_set
 acro_rate_set_dps chute_enabled_set chute_type_set chute_servo_set
-mode_order_s ordered_mode release_order_s stop_order_s start_order_s climb_order_s height_order_s
+mode_order_s mode_cause_s ordered_mode release_order_s stop_order_s start_order_s climb_order_s height_order_s
 failsafe_options_set circle_options_set auto_options_set pilot_turn_speed_set_dps
-fence_action_set fence_on_set fence_type_set fence_radius_set_m arming_checks_set angle_max_set_deg
+fence_action_set fence_on_set fence_type_set fence_radius_set_m fence_margin_set_m acro_yaw_rate_set_dps
+landed_disarms_set throttle_filter_set_hz yaw_rate_max_set_dps yaw_acceleration_set_dps2 loiter_acceleration_set_mps2
+arming_checks_set angle_max_set_deg
 acceleration_set_mps2 waypoint_radius_set_m
 cruise_speed_set_mps return_speed_set_mps return_climb_min_set_m return_wait_set_s
 loiter_speed_set_mps disarm_delay_set_s pilot_takeoff_set_m yaw_slew_set_dps

@@ -1,9 +1,9 @@
 """What a policy's formula is made of: one kind of node, terms (numbers over time) below, truth values above.
 
 Terms: number, signal, `+ - * /`, neg, abs, sqrt, exp, pow, min, max; over time: before, rate, ago, mean, latch; turn
-brings an angle to -180..180. Comparisons: `<= < >= > == !=`, each also in a crisp form (`is<=` ...). Above them: not,
-and, or, implies, iff, xor; over time: always, eventually, until, historically, once, since, rise, fall, prev, next,
-and lasting: true once something has been true for a time.
+brings an angle to -180..180, sin and cos take degrees. Comparisons: `<= < >= > == !=`, each also in a crisp form
+(`is<=` ...). Above them: not, and, or, implies, iff, xor; over time: always, eventually, until, historically, once,
+since, rise, fall, prev, next, and lasting: true once something has been true for a time.
 """
 
 from __future__ import annotations

@@ -69,6 +69,13 @@ SETTINGS: dict[str, Setting] = {
     "pilot_turn_speed_set_dps": Setting("PILOT_Y_RATE", 202.5, 1.0, 360.0, whole=True),
     "fence_on_set": Setting("FENCE_ENABLE", 0.0, 0.0, 1.0, whole=True),
     "fence_type_set": Setting("FENCE_TYPE", 7.0, 0.0, 15.0, whole=True),
+    "throttle_filter_set_hz": Setting("PILOT_THR_FILT", 0.0, 0.0, 10.0),
+    "yaw_rate_max_set_dps": Setting("ATC_RATE_Y_MAX", 0.0, 0.0, 1080.0),
+    "yaw_acceleration_set_dps2": Setting("ATC_ACCEL_Y_MAX", 27_000.0, 0.0, 72_000.0, 0.01),
+    "loiter_acceleration_set_mps2": Setting("LOIT_ACC_MAX", 500.0, 100.0, 981.0, 0.01),
+    "landed_disarms_set": Setting("PILOT_THR_BHV", 0.0, 0.0, 7.0, whole=True),
+    "fence_margin_set_m": Setting("FENCE_MARGIN", 2.0, 1.0, 10.0),
+    "acro_yaw_rate_set_dps": Setting("ACRO_YAW_P", 4.5, 1.0, 10.0, 45.0),
     "fence_radius_set_m": Setting("FENCE_RADIUS", 300.0, 30.0, 10_000.0),
     "arming_checks_set": Setting("ARMING_CHECK", 1.0, whole=True),
     "angle_max_set_deg": Setting("ANGLE_MAX", 3000.0, 1000.0, 8000.0, 0.01, whole=True),
@@ -109,6 +116,23 @@ MODES_BY_COMMAND = {
     "SOLO_BTN_FLY_HOLD": "LAND",
     "SOLO_BTN_PAUSE_CLICK": "BRAKE",
 }
+
+
+_KEEPS_MODE = (
+    *("CONDITION_YAW", "DO_CHANGE_SPEED", "DO_SET_HOME", "DO_SET_ROI", "DO_FENCE_ENABLE", "DO_SEND_BANNER"),
+    *("DO_SET_SERVO", "DO_SET_RELAY", "DO_REPEAT_SERVO", "DO_REPEAT_RELAY", "COMPONENT_ARM_DISARM"),
+)
+"""Commands after which no autopilot has a reason to leave its mode."""
+
+
+def may_change_mode(stimulus: Stimulus) -> bool:
+    """Say whether a stick, mode or command may change the mode; DO_REPOSITION may where its second number says so."""
+    if _is(stimulus, "DO_REPOSITION"):
+        flags = _numbers(stimulus)[1]
+        return not np.isfinite(flags) or int(flags) & 1 == 1
+    if stimulus.kind == "command":
+        return not stimulus.name.upper().endswith(_KEEPS_MODE)
+    return stimulus.kind in ("mode", "stick")
 
 
 def moves(stimulus: Stimulus) -> bool:
@@ -154,8 +178,12 @@ def sets_climb(stimulus: Stimulus) -> bool:
 
 
 def sets_height(stimulus: Stimulus) -> bool:
-    """Say whether the stimulus orders a take-off, which PX4 obeys in the air, too, or another height."""
-    return _is(stimulus, "NAV_TAKEOFF") or _is(stimulus, "DO_CHANGE_ALTITUDE")
+    """Say whether the stimulus orders a height: a take-off, which PX4 obeys in the air, too, or a place with the flag.
+
+    The flag of DO_REPOSITION asks for the mode that flies there; without it who holds its place is to stay.
+    """
+    by_place = _is(stimulus, "DO_REPOSITION") and may_change_mode(stimulus)
+    return by_place or _is(stimulus, "NAV_TAKEOFF") or _is(stimulus, "DO_CHANGE_ALTITUDE")
 
 
 def starts_mission(stimulus: Stimulus) -> bool:

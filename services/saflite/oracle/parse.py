@@ -5,7 +5,8 @@
 Loosest first: `iff <-> xor`, `implies ->` (to the right), `or |`, `and &`, `until since` (to the right), the prefix
 words (`not !`, `always G`, `eventually F`, `historically H`, `once O`, each temporal one with an optional `[from:to]`
 in seconds, `s` or `ms` may follow a number), comparisons, `+ -`, `* /`, unary minus, and calls: abs, sqrt, exp, pow,
-min, max, prev, next, rise, fall, rate(x), ago(x, seconds), mean(x, seconds), latch(x, condition), turn(degrees).
+min, max, prev, next, rise, fall, rate(x), ago(x, seconds), mean(x, seconds), latch(x, condition), turn(degrees),
+sin(degrees), cos(degrees).
 Beyond rtamt: `lasting[8] (x)`, true where x has been true for the last 8 s, and never in the first 8 s.
 """
 
@@ -27,7 +28,7 @@ _SIGNS = {"<->": "iff", "->": "implies", "&": "and", "|": "or", "!": "not"}
 _PREFIX = ("always", "eventually", "historically", "once")
 _RESERVED = (*_PREFIX, "lasting", "and", "or", "implies", "iff", "xor", "until", "since", "not")
 _TRUTH_CALLS = ("rise", "fall", "prev", "next")
-_TERM_CALLS = {"abs": 1, "sqrt": 1, "exp": 1, "pow": 2, "min": 2, "max": 2, "rate": 1, "turn": 1}
+_TERM_CALLS = {"abs": 1, "sqrt": 1, "exp": 1, "pow": 2, "min": 2, "max": 2, "rate": 1, "turn": 1, "sin": 1, "cos": 1}
 _TIMED_CALLS = ("ago", "mean")
 _UNITS = {"s": 1.0, "ms": 1e-3}
 _DEPTH_MAX = 100

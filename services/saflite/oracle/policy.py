@@ -71,6 +71,7 @@ class PolicyFile(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     """A policy as it stands in its file.
 
     `terms` are named parts of the formula; each may use those above it.
+    `procedures` say how the rule is put to the test, step by step (`mutator/exposure/procedures.py`).
     `assumed` gives values to signals that only excuse, for flights that do not hold them.
     `signals` gives each signal its unit. Names beyond those of `contract/signals.py` are signals of a target's own;
     `flag` or `code` in place of a unit says that such a one is 0 or 1, or a number from a closed list.
@@ -91,6 +92,7 @@ class PolicyFile(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     points: tuple[Points, ...] = ()
     preconditions: dict[str, float] = {}
     start: StartState | None = None
+    procedures: tuple[str, ...] = ()
     needs_mission: bool = False
     not_checked_on: dict[str, str] = {}
     assumed: dict[str, float] = {}

@@ -93,6 +93,7 @@ class FlightSignals:
             "release_order_s": lambda: self._since_asked(orders.releases),
             "stop_order_s": lambda: self._since_asked(orders.asks_to_stop),
             "mode_order_s": lambda: self._since_asked(lambda one: orders.mode_ordered(one) is not None),
+            "mode_cause_s": lambda: self._since(orders.may_change_mode),
             "ordered_mode": self._ordered_mode,
             "ordered_home_m": self._ordered_home,
             "place_order_s": lambda: orders.since([one.at_s for one in self._places()], self._time(), -NEVER_S),

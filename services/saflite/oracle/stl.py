@@ -57,6 +57,8 @@ _UNARY: dict[str, Callable[[Any], Any]] = {
     "sqrt": np.sqrt,
     "exp": np.exp,
     "turn": lambda angle: (angle + 180.0) % 360.0 - 180.0,
+    "sin": lambda angle: np.sin(np.radians(angle)),
+    "cos": lambda angle: np.cos(np.radians(angle)),
 }
 _CRISP: dict[str, Callable[[Any, Any], Any]] = {
     "<=": np.less_equal,

@@ -55,7 +55,7 @@ def test_settings_that_a_log_does_not_tell_are_missing_not_usual(
 
 
 @pytest.mark.parametrize(
-    ("policy", "lacks"), [("arming-has-order", "order_quiet_s"), ("mode-has-cause", "order_quiet_s")]
+    ("policy", "lacks"), [("arming-has-order", "order_quiet_s"), ("mode-has-cause", "mode_cause_s")]
 )
 def test_what_a_stick_or_switch_ordered_is_not_taken_for_no_order(
     policy: str, lacks: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -71,6 +71,8 @@ ONE: dict[str, Callable[[float], float]] = {
     "sqrt": lambda a: math.sqrt(a) if a >= 0.0 else math.nan,
     "exp": math.exp,
     "turn": turned,
+    "sin": lambda a: math.sin(math.radians(a)),
+    "cos": lambda a: math.cos(math.radians(a)),
 }
 
 

@@ -15,7 +15,7 @@ from saflite.contract.test_case import Scenario, Stimulus, StimulusKind, Target,
 from saflite.flight.autopilots.reference.parameter_types import TYPES
 from saflite.flight.autopilots.reference.parameters import parameter_table
 from saflite.oracle.log_text import describe, facts_of, rule_of_thumb
-from saflite.oracle.orders import SETTINGS, headings, mode_ordered, stops_motors
+from saflite.oracle.orders import SETTINGS, headings, may_change_mode, mode_ordered, stops_motors
 from saflite.oracle.signals import FlightSignals
 
 STEP_S = 0.5
@@ -73,6 +73,7 @@ CAUSES = {
     "quiet_s": stimulus("parameter", "RTL_ALT", 1.0, at_s=0.5),
     "order_quiet_s": stimulus("stick", "RC3", 1500.0, at_s=0.5),
     "command_quiet_s": stimulus("command", "MAV_CMD_NAV_LAND", at_s=0.5),
+    "mode_cause_s": stimulus("mode", "RTL", at_s=0.5),
     "calm_s": stimulus("parameter", "PSC_POSXY_P", 1.0, at_s=0.5),
     "home_quiet_s": stimulus("command", "MAV_CMD_DO_SET_HOME", 1.0, at_s=0.5),
     "gps_true": stimulus("sensor_fault", "SIM_GPS_DISABLE", 1.0, at_s=0.5),
@@ -161,6 +162,25 @@ def test_what_was_asked_for_counts_though_it_was_denied(name: str) -> None:
 )
 def test_which_mode_an_order_asks_for(order: Stimulus, mode: int | None) -> None:
     assert mode_ordered(order) == mode
+
+
+@pytest.mark.parametrize(
+    ("order", "may"),
+    [
+        (stimulus("mode", "RTL"), True),
+        (stimulus("stick", "RC5", 1500.0), True),
+        (stimulus("command", "MAV_CMD_NAV_LAND"), True),
+        (stimulus("command", "MAV_CMD_DO_REPOSITION", 0.0, 1.0), True),
+        (stimulus("command", "MAV_CMD_DO_REPOSITION", 0.0, float("nan")), True),
+        (stimulus("command", "MAV_CMD_DO_REPOSITION", 0.0, 0.0), False),
+        (stimulus("command", "MAV_CMD_DO_SET_HOME"), False),
+        (stimulus("command", "MAV_CMD_CONDITION_YAW"), False),
+        (stimulus("parameter", "RTL_ALT", 1.0), False),
+        (stimulus("sensor_fault", "SIM_GPS_DISABLE", 1.0), False),
+    ],
+)
+def test_what_may_change_the_mode(order: Stimulus, *, may: bool) -> None:
+    assert may_change_mode(order) is may
 
 
 def test_a_place_to_look_at_is_a_heading_from_where_the_vehicle_is_unless_it_is_near() -> None:

@@ -40,12 +40,13 @@ POLICIES_DIR = Path(__file__).parents[2] / "oracle" / "policies"
 PREFIX, ALL = "policy-", "policy-all"
 MISSION = "mission2"
 EXPOSURE = "exposure"
-SHORT_S, MISSION_S, ALL_S = 60.0, 150.0, 240.0
-ALL_PHASES = 20  # of a test case for several policies, in four times the time of one for a single policy
+SHORT_S, MISSION_S, ALL_S = 60.0, 150.0, 300.0
+ALL_PHASES = 20  # of a test case for several policies, in five times the time of one for a single policy
 MISSION_SHARE = 0.08  # of the flights of the campaign over all, where rules need a mission
 AIRBORNE_S = 32.0  # with a mission the vehicle leaves the ground after 19.5 s and climbs for 7
 MODE_COMMAND = "Flight_Mode"  # among the commands of a policy: any mode
 _EXCUSED = re.compile(r"\b(gps|baro|body)_true\b")  # the rule is silent after a fault of these sensors
+_NAMED = re.compile(r"[A-Z][A-Z0-9_]+")  # an input in a procedure
 _RADIO = "radio"  # faults of the link begin with it: they falsify no sensor
 _STICK_SIGNAL = re.compile(r"rc(\d+)_pwm$")
 _INPUTS: dict[str, StimulusKind] = {
@@ -73,7 +74,7 @@ def policy_campaign(name: str, target: TargetInfo) -> Campaign | None:
         return _all(_different(fit), target) if fit else None
     for data in _policies():
         if name == PREFIX + data["id"] and not why_not(data, target):
-            return _one(data, target, _known(data, target))
+            return _one(data, target, _known(data, target), _procedures(data, target))
     return None
 
 
@@ -140,7 +141,7 @@ def campaign_over(path: Path, text: str, target: TargetInfo) -> Campaign:
     try:
         data = _read(text, str(path))
         inputs = data.get("inputs", {})
-        made = _one(data, target, {word: list(inputs.get(word, ())) for word in _INPUTS})
+        made = _one(data, target, {word: list(inputs.get(word, ())) for word in _INPUTS}, _all_procedures(data))
     except (TypeError, ValueError, AttributeError):  # what is wrong is told with its line when the oracle reads it
         made = Campaign(name=PREFIX + name, policies=(name,), start=StartState())
     return msgspec.structs.replace(made, policy_texts={name: kept})
@@ -156,7 +157,8 @@ def told(campaign: Campaign, target: TargetInfo) -> Campaign:
         return campaign
     known = [data for data in _policies() if data["id"] in campaign.policies]
     hints: list[Any] = [_hint(data, data.get("start", {}), _known(data, target), target) for data in known]
-    settings: dict[str, Setting] = {**strategy.settings, "hints": hints}
+    procedures: list[Any] = [text for data in known for text in _procedures(data, target)]
+    settings: dict[str, Setting] = {**strategy.settings, "hints": hints, "procedures": procedures}
     return msgspec.structs.replace(campaign, strategy=msgspec.structs.replace(strategy, settings=settings))
 
 
@@ -196,9 +198,13 @@ def _known(data: dict[str, Any], target: TargetInfo) -> dict[str, list[Any]]:
     }
 
 
-def _one(data: dict[str, Any], target: TargetInfo, inputs: dict[str, list[Any]]) -> Campaign:
+def _one(data: dict[str, Any], target: TargetInfo, inputs: dict[str, list[Any]], procedures: list[Any]) -> Campaign:
     start = data.get("start", {})
-    settings: dict[str, Setting] = {"hints": [_hint(data, start, inputs, target)], **_ranges(target)}
+    settings: dict[str, Setting] = {
+        "hints": [_hint(data, start, inputs, target)],
+        "procedures": procedures,
+        **_ranges(target),
+    }
     needs_mission = data.get("needs_mission", False)
     if needs_mission:
         settings["start_s"] = AIRBORNE_S
@@ -216,6 +222,16 @@ def _one(data: dict[str, Any], target: TargetInfo, inputs: dict[str, list[Any]])
         scorer=ScorerConfig(model="relevance", batch=16),
         search=_SEARCH,
     )
+
+
+def _procedures(data: dict[str, Any], target: TargetInfo) -> list[Any]:
+    """Return the procedures of a policy whose inputs the target has, each told with the policy's name."""
+    names = {entry.name for entry in target.inputs}
+    return [text for text in _all_procedures(data) if names.issuperset(_NAMED.findall(text))]
+
+
+def _all_procedures(data: dict[str, Any]) -> list[Any]:
+    return [f"{data['id']} {' '.join(str(text).split())}" for text in data.get("procedures", ())]
 
 
 def _ranges(target: TargetInfo) -> dict[str, Setting]:
@@ -289,16 +305,19 @@ def _start(start: dict[str, Any], target: TargetInfo) -> StartState:
 def _all(policies: list[dict[str, Any]], target: TargetInfo) -> Campaign:
     """Return the campaign that looks for whatever breaks any rule; inputs come from all the target has.
 
-    What a rule asks of a setting in its formula is no precondition of all: it is given where the rule is meant.
+    What a rule asks of a setting in its formula or its procedures give is no precondition of all: it is given where the
+    rule is meant.
     """
     preconditions = {
         name: float(value)
         for data in policies
         for name, value in sorted(data.get("preconditions", {}).items())
         if not any(entry.name == name for entry, _ in settings_asked(whole_formula(data), target))
+        and not any(name in text.split() for text in _procedures(data, target))
     }
     loiter = {"mode": "LOITER", "altitude_m": 30.0} if "LOITER" in target.modes else {}
     hints: list[Any] = [_hint(data, data.get("start", {}), _known(data, target), target) for data in policies]
+    procedures: list[Any] = [text for data in policies for text in _procedures(data, target)]
     missions = MISSION_SHARE if any(data.get("needs_mission") for data in policies) else 0.0
     return Campaign(
         name=ALL,
@@ -310,7 +329,13 @@ def _all(policies: list[dict[str, Any]], target: TargetInfo) -> Campaign:
         budget_flights=2000,
         strategy=StrategyConfig(
             name=EXPOSURE,
-            settings={"hints": hints, "missions": missions, "phases_max": ALL_PHASES, **_ranges(target)},
+            settings={
+                "hints": hints,
+                "procedures": procedures,
+                "missions": missions,
+                "phases_max": ALL_PHASES,
+                **_ranges(target),
+            },
         ),
         scorer=ScorerConfig(model="relevance", batch=16),
         search=msgspec.structs.replace(_SEARCH, random_share=ALL_RANDOM_SHARE),

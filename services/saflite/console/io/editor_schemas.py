@@ -108,6 +108,7 @@ POLICY_WORDS: Words = {
         "points": "Points of the competition by a feature of the flight.",
         "preconditions": "Parameters that must have these values for the rule to be meant.",
         "start": "Where a search begins, if it flies no mission.",
+        "procedures": "How it is put to the test, step by step, as a flight tester would (deploy/docs/own-policy.md).",
         "needs_mission": "Whether a search must fly a mission.",
         "not_checked_on": "Targets it cannot be checked on, with the reason.",
         "deviations": "Where the rule departs from its source, and why.",

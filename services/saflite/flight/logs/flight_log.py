@@ -16,10 +16,12 @@ _OWN_SUFFIXES = ("_GND_PRESS", "_GNDTEMP", "_ABS_PRESS", "_DEVID", "_DEV_ID")
 _LEFT_GROUND_M = 1.0
 
 _DENIED = ("mode_order_s", "ordered_mode", "release_order_s", "stop_order_s")
-UNTOLD = frozenset({"order_quiet_s", *_DENIED})
+UNTOLD = frozenset({"order_quiet_s", "mode_cause_s", *_DENIED})
 """No log tells sticks and switches that order something from those that fly, or what was asked and denied."""
 NO_ORDERS = {
-    "order_quiet_s": "no message: what a stick or switch ordered is not logged as such",
+    **dict.fromkeys(
+        ("order_quiet_s", "mode_cause_s"), "no message: what a stick or switch ordered is not logged as such"
+    ),
     **dict.fromkeys(_DENIED, "no message: what was ordered and denied is not logged"),
 }
 

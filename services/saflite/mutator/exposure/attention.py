@@ -12,7 +12,7 @@ from saflite.contract.test_case import TestCase
 from saflite.mutator.exposure.progress import APPLIED
 
 Rng = np.random.Generator
-SILENT, NEAR_MISS, FOUND = 2.0, 1.5, 0.25
+SILENT, NEAR_MISS, FOUND = 1.3, 1.5, 0.25
 """How many times as much attention a policy gets whose rule never applied, that came close, that was broken before."""
 NEAR = 0.8  # progress from which on a flight counts as a near miss
 SUSPECTED = 3.0  # the same for one that a setting bears on which takes values outside its range

@@ -14,6 +14,8 @@ from saflite.mutator.exposure.vocabulary import Vocabulary
 from saflite.mutator.operators.inputs import Input
 
 Rng = np.random.Generator
+ENDS = ("MAV_CMD_DO_FLIGHTTERMINATION", "MAV_CMD_DO_PARACHUTE", "MAV_CMD_COMPONENT_ARM_DISARM")
+SPARED = 0.8  # share of times something else is drawn than what may end a flight, where the rule is not about it
 MODES_WITHIN = 0.15  # share of test cases that change the mode within a phase, too
 
 
@@ -55,7 +57,11 @@ class Drawing:
         entry = None
         if rng.random() < self._shares.own:
             entry = self._vocabulary.draw_own(rng, style.hint, style.kinds, style.mode)
-        return self.given(rng, entry or self._vocabulary.draw(rng, style.hint.policy, style.kinds, style.mode))
+        if entry is None:
+            entry = self._vocabulary.draw(rng, style.hint.policy, style.kinds, style.mode)
+            if entry.name in ENDS and rng.random() < SPARED:
+                entry = self._vocabulary.draw(rng, style.hint.policy, style.kinds, style.mode)
+        return self.given(rng, entry)
 
     def pushed(self, rng: Rng, entry: Input, sense: float) -> float:
         """Return a value of a setting well off where it rests, up or down."""
@@ -64,7 +70,12 @@ class Drawing:
     def moved(self, rng: Rng, entry: Input) -> Stimulus:
         """Return a setting off its default."""
         value = numbers.moved(rng, entry, self._rest.get((entry.kind, entry.name)))
-        return Stimulus(at_s=0.0, kind=entry.kind, name=entry.name, values=(value,))
+        return _stimulus(entry, (value,))
+
+    def at_rest(self, rng: Rng, entry: Input) -> Stimulus:
+        """Return an input with the value at which it rests, or any where that is not known."""
+        rest = self._rest.get((entry.kind, entry.name))
+        return self.given(rng, entry) if rest is None else _stimulus(entry, (rest,))
 
     def given(self, rng: Rng, entry: Input) -> Stimulus:
         """Return an input with values, rather not those that it has at rest."""
@@ -72,4 +83,8 @@ class Drawing:
         given = numbers.draw(rng, entry, default, self._shares.beyond)
         if given == (default,):  # what is so already changes nothing
             given = numbers.draw(rng, entry, default, self._shares.beyond)
-        return Stimulus(at_s=0.0, kind=entry.kind, name=entry.name, values=given)
+        return _stimulus(entry, given)
+
+
+def _stimulus(entry: Input, given: tuple[float, ...]) -> Stimulus:
+    return Stimulus(at_s=0.0, kind=entry.kind, name=entry.name, values=given)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import msgspec
@@ -136,14 +136,28 @@ class Script:
         self.pause(rng, *self._tempo.settle_s)
         self._let_go(rng, [stimulus for _, stimulus in steps], tuple(RECOVER))
 
-    def _let_go(self, rng: Rng, given: Sequence[Stimulus], kinds: Sequence[StimulusKind]) -> None:
+    def follow(self, rng: Rng, steps: Iterable[tuple[Stimulus | None, float]]) -> None:
+        """Give inputs, each with the time that goes by after it (None: the sticks are let go); take them back."""
+        given: list[Stimulus] = []
+        for stimulus, after_s in steps:
+            if stimulus is None:
+                self._let_go(rng, given, ("stick",))
+            else:
+                self.give(stimulus)
+                given.append(stimulus)
+            self.at_s += after_s
+        self._let_go(rng, given, tuple(RECOVER), surely=True)
+
+    def _let_go(
+        self, rng: Rng, given: Sequence[Stimulus], kinds: Sequence[StimulusKind], *, surely: bool = False
+    ) -> None:
         """Take inputs back, each once; one that is at rest already stays."""
         last = {(one.kind, one.name): one for one in self._stimuli}
         for key in dict.fromkeys((one.kind, one.name) for one in given):
             rest = self._tempo.rest.get(key)
             if key[0] not in kinds or rest is None or key not in last or last[key].values == (rest,):
                 continue
-            if rng.random() < RECOVER.get(key[0], 0.0):
+            if surely or rng.random() < RECOVER.get(key[0], 0.0):
                 self.give(msgspec.structs.replace(last[key], values=(rest,)))
 
     def stimuli(self) -> Stimuli:

@@ -12,16 +12,18 @@ import numpy as np
 
 from saflite.contract.test_case import StartState, Stimulus
 from saflite.mutator.exposure.attention import Span
+from saflite.mutator.exposure.bringing import Bringing, usual_height_m
 from saflite.mutator.exposure.drawing import Drawing, Style
 from saflite.mutator.exposure.hints import Hint
-from saflite.mutator.exposure.phases import SET_PAUSE_S, Phase, Script, Stimuli, Tempo
+from saflite.mutator.exposure.phases import PAUSE_S, SET_PAUSE_S, Phase, Script, Stimuli, Tempo
+from saflite.mutator.exposure.plans import Planner, Task
 from saflite.mutator.exposure.probes import Probes, beyond
+from saflite.mutator.exposure.procedures import AIR, GROUND, Move, Procedure, moves
 from saflite.mutator.exposure.recipes import Recipe, Recipes
 from saflite.mutator.exposure.state_model import StateModel
-from saflite.mutator.exposure.survival import Survival
 from saflite.mutator.exposure.taken import Taken
 from saflite.mutator.exposure.vocabulary import pick
-from saflite.mutator.operators.commands import LIFT, MOVES, away
+from saflite.mutator.operators.commands import MOVES, away
 from saflite.mutator.operators.inputs import Have
 
 Rng = np.random.Generator
@@ -40,16 +42,11 @@ PUSHED = 0.7  # chance that a setting is moved the way in which a comparison wit
 AWAY = 0.85  # share of phases, for rules that want the vehicle away from home, in which it is sent there
 AWAY_S = (2.0, 20.0)  # it is given to come there, besides
 KIN = 0.5  # share of recipes, for a rule about a failsafe, that are of another rule about it
-ENDING = 2.0  # how much more it counts that nothing flew after a policy's phase than that the vehicle came down
-COMES_DOWN, MOVED = 0.25, 0.9  # share of landings from which on the vehicle is lifted again, and how often it is
+SET_BEFORE, DISTURBS = 0.3, 0.35  # share of procedures after a setting of the rule's; chance of one more input in it
 DEADLY = 6.0
-GROUND_ORDERS = 0.25  # how much later an order comes that lifts the vehicle from the ground, mostly
 ABOUT, OWN_MODE = 0.85, 0.95  # share of phases entered by a mode the formula names; by one of these or of its inputs
 STAYS = 0.3  # share of phases without an order of a mode that is thought to be flown; it may have ended by itself
-LIFT_S, LAND_S = (1.0, 4.0), (10.0, 30.0)
-LIFTED_M, CLIMB_MPS = (8.0, 24.0), 2.5  # it takes ten seconds at most, at a speed common to copters
 REFUSED = 0.35  # share of times taken, below which an input is rather given in another mode
-HEIGHT_M = 20.0  # where a rule names no start
 REDRAWN, STRETCHED, ADDED = 0.25, 0.5, 0.5  # of its inputs; of its times; chance of one more input
 ADDED_MAX = 3
 STRETCH = (0.7, 1.6)
@@ -59,24 +56,21 @@ LAX = 0.6  # share of test cases that set what is known to take any value
 class Memory(NamedTuple):
     """What earlier flights taught a writer."""
 
+    states: StateModel
     recipes: Recipes
     taken: Taken
-    survival: Survival
+    plans: Planner
 
 
 class Writer:
     """Writes with what is drawn, known of the target's states, and of the ranges it checks."""
 
-    def __init__(
-        self, have: Have, drawing: Drawing, states: StateModel, probes: Probes, memory: Memory, recalled: float
-    ) -> None:
-        """Take what is drawn from; `recalled` is the share of phases that give a recipe again where one is known."""
-        self._have, self._drawing, self._states, self._probes = have, drawing, states, probes
-        self._recipes, self._taken, self._survival, self._recalled = *memory, recalled
+    def __init__(self, have: Have, drawing: Drawing, probes: Probes, memory: Memory, recalled: float) -> None:
+        """Take what is drawn from; `recalled` is the share of free phases that give a recipe where one is known."""
+        self._have, self._drawing, self._probes, self._recalled = have, drawing, probes, recalled
+        self._states, self._recipes, self._taken, self._plans = memory
+        self._bringing = Bringing(have, memory.states)
         self._kin: dict[str, tuple[str, ...]] = {}
-        given = [key for key in LIFT if key[:2] in have]
-        common = [Stimulus(at_s=0.0, kind=kind, name=name, values=values) for kind, name, values in given]
-        self._lift = common if len(common) == len(LIFT) else []
 
     def tell_of(self, hints: Sequence[Hint]) -> None:
         """Take what is known of all policies: which are about the same failsafes."""
@@ -86,29 +80,31 @@ class Writer:
             self._kin[hint.policy] = tuple(kin)
 
     def fresh(
-        self, rng: Rng, tempo: Tempo, start: StartState | None, hints: Sequence[Hint], many: int
+        self, rng: Rng, tempo: Tempo, start: StartState | None, tasks: Sequence[Task], many: int
     ) -> tuple[Stimuli, tuple[Span, ...]]:
-        """Return up to `many` phases, the policies in turn, for a flight with this start (None: a mission).
+        """Return up to `many` phases, the tasks in turn, for a flight with this start (None: a mission).
 
         Also returns when whose phase begins.
         """
         spans: list[Span] = []
         script, mode = Script(tempo), start.mode if start is not None else ""
         down = 1.0 if start is not None and start.altitude_m <= 0.0 else 0.0
-        styles = [self._drawing.style(rng, hint) for hint in hints]
-        for stimulus in (*self._asked(rng, hints), *self._probed(rng)):
+        styles = [self._drawing.style(rng, task.hint) for task in tasks]
+        for stimulus in (*self._asked(rng, [task.hint for task in tasks if not task.procedure]), *self._probed(rng)):
             script.give(stimulus)
         for number in range(many):
             style, from_s = styles[number % len(styles)], script.at_s
-            if number:
-                mode, down = self._moved(rng, script, style.hint, mode, down)
+            task = tasks[number] if number < len(tasks) else self._plans.task(rng, style.hint)
+            if number or (task.procedure is not None and task.begins != (GROUND if down else AIR)):
+                mode, down = self._bringing.bring(rng, script, task, mode, down)
             if script.is_full:
                 break
             spans.append(Span(style.hint.policy, from_s))
-            mode = self.phase(rng, script, style, mode)
-            sunk = self._states.comes_down((mode, *style.hint.raised))
-            sinks = max(sunk, self._survival.comes_down(style.hint.policy))
-            down = 1.0 - (1.0 - down) * (1.0 - sinks)
+            if task.procedure is None:
+                mode = self.phase(rng, script, style, mode)
+            else:
+                mode = self._follow(rng, script, style, task.procedure, mode)
+            down = self._plans.down(task, mode, down)
         return script.stimuli(), tuple(spans)
 
     def calm(self, rng: Rng, tempo: Tempo, hints: Sequence[Hint]) -> Stimuli:
@@ -125,47 +121,20 @@ class Writer:
             script.give(order or self._drawing.draw(self._drawing.style(rng, hint), rng))
         return script.stimuli()
 
-    def in_turn(self, rng: Rng, hints: Sequence[Hint]) -> list[Hint]:
-        """Return the policies in the order of their phases: those begun on the ground first, those that end there late.
-
-        After some nothing flies any more (a parachute, a fall): these are the last. Among those that begin on the
-        ground the ones about an order, which lifts the vehicle mostly, come last.
-        """
-
-        def late(hint: Hint) -> float:
-            if hint.begins == "ground":
-                return GROUND_ORDERS * bool(hint.orders()) - 1.0
-            down = max(self._states.comes_down(hint.raised), self._survival.comes_down(hint.policy))
-            return max(down, ENDING * self._survival.ends(hint.policy)) - 2.0 * hint.flies_mission
-
-        return sorted(hints, key=lambda hint: late(hint) + float(rng.uniform(0.0, 0.5)))
-
-    def _moved(self, rng: Rng, script: Script, hint: Hint, mode: str, down: float) -> tuple[str, float]:
-        """Bring the vehicle from where it is likely to be to where a policy's flights begin: the air, or the ground.
-
-        Returns the mode and how likely it stands on the ground then.
-        """
-        learnt = (one for one in self._states.lift() if one.kind != "mode" or (one.kind, one.name) in self._have)
-        way = self._lift or list(learnt)  # some modes only show: nobody can order them
-        grounded = hint.begins == "ground"
-        if not way or rng.random() >= MOVED or (not grounded and down < COMES_DOWN):
-            return mode, down
-        if grounded:
-            armed = hint.start is None or hint.start.armed
-            way = way[:-1] if armed else [one for one in way[:1] if one.kind == "mode"]
-            for stimulus in self._mode(self._states.lands()) if down < COMES_DOWN else ():
-                script.give(stimulus)
-                script.pause(rng, *LAND_S)
-        height_m = self._height(rng, hint)
-        for stimulus in way:
-            lifts = self._lift and stimulus is way[-1] and not grounded
-            script.give(_to_height(stimulus, height_m) if lifts else stimulus)
-            script.pause(rng, 0.5, 1.5)
-        if not grounded:
-            script.at_s += height_m / CLIMB_MPS
-            script.pause(rng, *LIFT_S)
-        entered = next((one.name for one in way if one.kind == "mode"), mode)
-        return entered, 1.0 if grounded else 0.0
+    def _follow(self, rng: Rng, script: Script, style: Style, procedure: Procedure, mode: str) -> str:
+        """Write a procedure as a phase, with a setting of the rule's moved or a few inputs more; return its mode."""
+        own = [entry for entry in (*style.hint.read, *style.hint.inputs) if entry.kind == "parameter"]
+        steps = moves(rng, procedure, self._drawing)
+        if own and rng.random() < SET_BEFORE:
+            steps.insert(0, Move(self._drawing.moved(rng, own[int(rng.integers(len(own)))]), SET_PAUSE_S[0]))
+        for _ in range(ADDED_MAX):
+            if rng.random() >= DISTURBS:
+                break
+            steps.insert(int(rng.integers(len(steps) + 1)), Move(self._drawing.draw(style, rng), PAUSE_S[0]))
+        script.follow(rng, steps)
+        script.pause(rng, *SET_PAUSE_S)
+        entered = [one.stimulus.name for one in steps if one.stimulus is not None and one.stimulus.kind == "mode"]
+        return entered[-1] if entered else mode
 
     def phase(self, rng: Rng, script: Script, style: Style, mode: str) -> str:
         """Write a phase; return the mode it is meant to be flown in."""
@@ -208,11 +177,6 @@ class Writer:
             if better and self._taken.share(key, better) >= REFUSED:
                 return self._mode(better)
         return ()
-
-    def _height(self, rng: Rng, hint: Hint) -> float:
-        """Return how high to lift the vehicle for a policy: about where its own flights begin."""
-        height_m: float = _height_of(hint) * 2.0 ** rng.uniform(-0.5, 0.5)
-        return round(min(max(height_m, LIFTED_M[0]), LIFTED_M[1]), 1)
 
     def _recalled_for(self, rng: Rng, hint: Hint) -> Recipe | None:
         """Return what made a rule apply; for one about a raised failsafe also what raised it for another rule."""
@@ -269,7 +233,7 @@ class Writer:
         """Return an order to leave home, for a rule that wants the vehicle away from it."""
         if not hint.far_m or ("command", MOVES) not in self._have or rng.random() >= AWAY:
             return ()
-        place = away(rng, hint.far_m, _height_of(hint) * 2.0 ** rng.uniform(-1.0, 1.0))
+        place = away(rng, hint.far_m, usual_height_m(hint) * 2.0 ** rng.uniform(-1.0, 1.0))
         return (Stimulus(at_s=0.0, kind="command", name=MOVES, values=place),)
 
     def _act(self, rng: Rng, hint: Hint) -> tuple[Stimulus, ...]:
@@ -343,11 +307,3 @@ class Writer:
             return ()
         name = pick(rng, names, [self._worth(hint, name) for name in names])
         return (Stimulus(at_s=0.0, kind="mode", name=name),)
-
-
-def _to_height(stimulus: Stimulus, height_m: float) -> Stimulus:
-    return msgspec.structs.replace(stimulus, values=(*stimulus.values[:6], height_m))
-
-
-def _height_of(hint: Hint) -> float:
-    return hint.start.altitude_m if hint.start is not None and hint.start.altitude_m > 0.0 else HEIGHT_M

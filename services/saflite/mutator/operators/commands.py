@@ -29,6 +29,7 @@ LIFT: tuple[tuple[StimulusKind, str, tuple[float, ...]], ...] = (
     ("command", "MAV_CMD_NAV_TAKEOFF", (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 20.0)),
 )
 """What lifts a vehicle from the ground by MAVLink's common message set, motors off or on."""
+LANDS = "MAV_CMD_NAV_LAND"
 
 
 class Span(NamedTuple):
@@ -89,12 +90,16 @@ def draw(rng: Rng, name: str) -> list[float | None]:
 
 def away(rng: Rng, far_m: float, height_m: float) -> tuple[float, ...]:
     """Return the numbers of an order to go to a place 1.2 to 12 times as far from home, at a height."""
-    distance = far_m * math.exp(rng.uniform(math.log(1.2), math.log(12.0)))
+    return place(rng, far_m * math.exp(rng.uniform(math.log(1.2), math.log(12.0))), height_m)
+
+
+def place(rng: Rng, distance_m: float, height_m: float) -> tuple[float, ...]:
+    """Return the numbers of an order about a place that far from home, in any direction, at a height."""
     heading = float(rng.uniform(0.0, 2.0 * math.pi))
-    north = distance * math.cos(heading) * DEG_PER_M
-    east = distance * math.sin(heading) * DEG_PER_M / math.cos(math.radians(HOME_LAT_DEG))
-    place = (round(HOME_LAT_DEG + north, 7), round(HOME_LON_DEG + east, 7))
-    return (0.0, 0.0, 0.0, 0.0, *place, round(height_m, 2))
+    north = distance_m * math.cos(heading) * DEG_PER_M
+    east = distance_m * math.sin(heading) * DEG_PER_M / math.cos(math.radians(HOME_LAT_DEG))
+    degrees = (round(HOME_LAT_DEG + north, 7), round(HOME_LON_DEG + east, 7))
+    return (0.0, 0.0, 0.0, 0.0, *degrees, round(height_m, 2))
 
 
 def _number(rng: Rng, meanings: tuple[Meaning, ...], degrees: float) -> float | None:

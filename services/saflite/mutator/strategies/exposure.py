@@ -31,7 +31,10 @@ from saflite.mutator.exposure.corpus import Corpus, Entry, read_sown
 from saflite.mutator.exposure.drawing import Drawing, Shares, Style
 from saflite.mutator.exposure.hints import SHAPE, Hint, read_hints
 from saflite.mutator.exposure.phases import TAIL_S, Draw, Phase, Script, Stimuli, Tempo, cut, shifted
+from saflite.mutator.exposure.plans import Planner
 from saflite.mutator.exposure.probes import Probes
+from saflite.mutator.exposure.procedures import SHAPE as PROCEDURE_SHAPE
+from saflite.mutator.exposure.procedures import read_procedures
 from saflite.mutator.exposure.progress import answers, applied_s, by_policy
 from saflite.mutator.exposure.recipes import Recipes
 from saflite.mutator.exposure.scenarios import Scenarios, scenarios_of
@@ -49,9 +52,9 @@ CALM = 0.4  # share of flights of a drawn mission that are left to themselves
 AIRBORNE_S = (20.0, 40.0)  # a mission takes off after about 20 s
 SETTLE_LEAST_S = 1.5
 SHIFT_S = (0.05, 15.0)
-SECONDS_EACH = 20.0  # of a fresh test case for one policy: it is for as many as its time allows, a phase in turn
+SECONDS_EACH = 32.0  # of a fresh test case for one policy: it is for as many as fit, since what comes late ends flights
 COVERING = 0.3  # share of changed flights, where a policy had no near miss, that change one that covered something new
-GROUND_AT_ONCE = 4  # policies whose phases begin on the ground, in one flight: the others are for those that fly
+GROUND_AT_ONCE = 2  # policies whose phases begin on the ground, in one flight: the others are for those that fly
 POLICIES_MOST = 60  # however long it is
 
 
@@ -64,6 +67,8 @@ class Strategy:
             [],
             f"what is known of each policy before any flight: {SHAPE}",
         ),
+        "procedures": Option([], f"how rules are put to the test: {PROCEDURE_SHAPE}"),
+        "followed": Option(0.6, "share of phases that follow a procedure of their policy where it has some", 0, 1),
         "own": Option(0.75, "share of inputs from the policy's own list; the rest from all the target has", 0, 1),
         "starts": Option(0.3, "share of fresh test cases that begin in any mode at any height", 0, 1),
         "missions": Option(0.0, "share of fresh test cases that fly a short mission", 0, 1),
@@ -113,10 +118,11 @@ class Strategy:
         self._states = StateModel()
         shares = Shares(*(self._chosen.real(name) for name in Shares._fields))
         self._drawing = Drawing(self._vocabulary, self._rest, shares)
-        recalled = self._chosen.real("recalled")
         self._recipes = Recipes({hint.policy: hint.quiet_s for hint in hints})
-        memory = Memory(self._recipes, self._taken, self._survival)
-        self._writer = Writer(self._have, self._drawing, self._states, self._probes, memory, recalled)
+        self._plans = Planner(self._states, self._survival, self._chosen.real("followed"))
+        self._plans.tell_of(read_procedures(self._chosen.words("procedures"), policies, self._have))
+        memory = Memory(self._states, self._recipes, self._taken, self._plans)
+        self._writer = Writer(self._have, self._drawing, self._probes, memory, self._chosen.real("recalled"))
         self._writer.tell_of(hints)
         self._corpus = Corpus()
         for sown in read_sown(self._chosen.words("corpus")):
@@ -182,13 +188,14 @@ class Strategy:
             routed = self._routed(rng, policies[0])
             if routed is not None:
                 return routed
-        hints = self._writer.in_turn(rng, [self._hints[policy] for policy in dict.fromkeys(policies)])
-        scenario = self._scenario(rng, hints[0])
+        tasks = self._plans.in_turn(rng, [self._hints[policy] for policy in dict.fromkeys(policies)])
+        scenario = self._scenario(rng, tasks[0].hint)
         tempo, many = self._tempo(rng, scenario), self._chosen.whole("phases_max")
         if self._is_drawn_mission(scenario) and rng.random() < CALM:
             before = tempo._replace(first_s=self._chosen.real("start_s"))
-            return self._made(scenario, self._writer.calm(rng, before, hints), note(policies, "calm"))
-        made, spans = self._writer.fresh(rng, tempo, scenario.start, hints, many)
+            calm = self._writer.calm(rng, before, [task.hint for task in tasks])
+            return self._made(scenario, calm, note(policies, "calm"))
+        made, spans = self._writer.fresh(rng, tempo, scenario.start, tasks, many)
         return self._made(scenario, made, note((), "fresh", spans))
 
     def _made(self, scenario: Scenario, stimuli: Stimuli, text: str, parent: str = "") -> TestCase:

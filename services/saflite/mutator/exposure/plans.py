@@ -1,0 +1,79 @@
+"""What the phases of a flight are for, and in which order they come."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from saflite.mutator.exposure.hints import Hint
+from saflite.mutator.exposure.procedures import GROUND, Procedure
+from saflite.mutator.exposure.state_model import StateModel
+from saflite.mutator.exposure.survival import Survival
+
+Rng = np.random.Generator
+ENDING = 2.0  # how much more it counts that nothing flew after a policy's phase than that the vehicle came down
+GROUND_ORDERS, GROUND_LIFTS = 0.2, 0.5  # how much later an order on the ground comes, and what lifts the vehicle
+
+
+class Task(NamedTuple):
+    """A phase to be written: for which policy, and by which procedure of its own (None: drawn freely)."""
+
+    hint: Hint
+    procedure: Procedure | None = None
+
+    @property
+    def begins(self) -> str:
+        """Where it begins: a mission, the ground, or the air."""
+        return (self.procedure or self.hint).begins
+
+    @property
+    def armed(self) -> bool:
+        """Whether the motors are on where it begins on the ground."""
+        return self.procedure is None and (self.hint.start is None or self.hint.start.armed)
+
+
+class Planner:
+    """Decides which phases follow a procedure and which come last, from what earlier flights showed."""
+
+    def __init__(self, states: StateModel, survival: Survival, followed: float) -> None:
+        """Take what is learnt; `followed` is the share of phases that follow a procedure where there are some."""
+        self._states, self._survival, self._followed = states, survival, followed
+        self._procedures: Mapping[str, Sequence[Procedure]] = {}
+
+    def tell_of(self, procedures: Mapping[str, Sequence[Procedure]]) -> None:
+        """Take the procedures of all policies."""
+        self._procedures = procedures
+
+    def in_turn(self, rng: Rng, hints: Sequence[Hint]) -> list[Task]:
+        """Return a task for each policy in the order of their phases: on the ground first, what ends there late.
+
+        After some nothing flies any more (a parachute, a fall): these are the last. Among those that begin on the
+        ground the ones come last that lift the vehicle, or give an order, which does mostly.
+        """
+        tasks = [self.task(rng, hint) for hint in hints]
+        return sorted(tasks, key=lambda task: self._late(task) + float(rng.uniform(0.0, 0.5)))
+
+    def task(self, rng: Rng, hint: Hint) -> Task:
+        """Return a task for a policy: by one of its procedures, or drawn freely."""
+        known = self._procedures.get(hint.policy, ())
+        if not known or rng.random() >= self._followed:
+            return Task(hint)
+        return Task(hint, known[int(rng.integers(len(known)))])
+
+    def down(self, task: Task, mode: str, before: float) -> float:
+        """Return how likely the vehicle stands on the ground after a task, and how likely it did `before`."""
+        stood = 0.0 if task.procedure is not None and task.procedure.lifts else before
+        sunk = self._states.comes_down((mode, *task.hint.raised))
+        return 1.0 - (1.0 - stood) * (1.0 - max(sunk, self._survival.comes_down(task.hint.policy)))
+
+    def _late(self, task: Task) -> float:
+        hint, procedure = task
+        if task.begins == GROUND:
+            lifts = procedure is not None and procedure.lifts
+            return GROUND_ORDERS * bool(hint.orders()) + GROUND_LIFTS * lifts - 1.0
+        down = max(self._states.comes_down(hint.raised), self._survival.comes_down(hint.policy))
+        last = any(one.last for one in self._procedures.get(hint.policy, ()))
+        ends = 1.0 if last else self._survival.ends(hint.policy)
+        return max(down, ENDING * ends) - 2.0 * hint.flies_mission
