@@ -66,8 +66,14 @@ def test_late_messages_change_nothing() -> None:
     assert World(1, shape).run().found == World(2, late).run().found
 
 
-SLOW = ("attempts_without_end", "a_lost_batch_is_forgotten", "any_score_will_do")
-"""Take a quarter of a minute each to be caught: flown with the live tests."""
+SLOW = (
+    "attempts_without_end",
+    "a_lost_batch_is_forgotten",
+    "any_score_will_do",
+    "answers_before_commit",
+    "leases_never_end",
+)
+"""Take ten seconds and more each to be caught: flown with the live tests."""
 
 
 @pytest.mark.parametrize(
