@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import math
 import platform
 import struct
 import subprocess
@@ -25,6 +26,7 @@ from saflite.flight.autopilots.external.telemetry import PREARM
 from saflite.flight.autopilots.px4 import binary, modes, settings
 from saflite.flight.autopilots.px4.check import check_test_case
 from saflite.flight.autopilots.px4.describe import describe
+from saflite.flight.autopilots.px4.heights import above_sea
 from saflite.flight.autopilots.px4.inputs import COMMANDS, Inputs
 from saflite.flight.autopilots.px4.metadata import documented
 from saflite.flight.autopilots.px4.telemetry import RADIO, Telemetry
@@ -276,17 +278,35 @@ def test_a_home_that_moves_in_flight_by_itself_or_by_an_order_is_no_climb(vehicl
     assert heights == pytest.approx([22.0, 21.0, 21.0, 21.0, 21.0])
 
 
-def test_a_take_off_ordered_by_its_height_above_sea_has_that_to_reach(vehicle: Vehicle, client: Client) -> None:
+def test_a_take_off_has_the_height_to_reach_that_was_ordered_above_home(vehicle: Vehicle, client: Client) -> None:
     told = Telemetry(vehicle, client, LISTING.values, HOME)
     told.take(message("GLOBAL_POSITION_INT", alt=490_000, relative_alt=0), 1.0)
     told.tick()
     before = vehicle["takeoff_altitude_set_m"]
-    told.take_order(Stimulus(at_s=1.0, kind="command", name="MAV_CMD_NAV_LAND", values=(0.0,) * 6 + (520.0,)))
+    told.take_order(Stimulus(at_s=1.0, kind="command", name="MAV_CMD_NAV_LAND", values=(0.0,) * 6 + (30.0,)))
     told.tick()
     assert vehicle["takeoff_altitude_set_m"] == before
-    told.take_order(Stimulus(at_s=2.0, kind="command", name="MAV_CMD_NAV_TAKEOFF", values=(0.0,) * 6 + (520.0,)))
+    told.take_order(Stimulus(at_s=2.0, kind="command", name="MAV_CMD_NAV_TAKEOFF", values=(0.0,) * 6 + (30.0,)))
     told.tick()
-    assert vehicle["takeoff_altitude_set_m"] == pytest.approx(30.0)
+    assert vehicle["takeoff_altitude_set_m"] == pytest.approx(28.79), "PX4 corrected its home by 1.21 m"
+
+
+@pytest.mark.parametrize(
+    ("name", "given", "sent"),
+    [
+        ("NAV_TAKEOFF", (0.0,) * 6 + (30.0,), (0.0,) * 6 + (518.79,)),
+        ("DO_REPOSITION", (-1.0, 1.0, 0.0, 0.0, 47.0, 8.0, 20.0), (-1.0, 1.0, 0.0, 0.0, 47.0, 8.0, 508.79)),
+        ("DO_SET_HOME", (1.0,), (1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 488.79)),
+        ("NAV_LAND", (0.0,) * 6 + (30.0,), (0.0,) * 6 + (30.0,)),
+        ("DO_CHANGE_ALTITUDE", (30.0, 3.0), (30.0, 3.0)),
+    ],
+)
+def test_heights_of_a_test_case_are_above_home(name: str, given: tuple[float, ...], sent: tuple[float, ...]) -> None:
+    assert above_sea(f"MAV_CMD_{name}", given, HOME[2]) == pytest.approx(sent)
+
+
+def test_a_height_that_is_left_open_stays_open() -> None:
+    assert math.isnan(above_sea("MAV_CMD_NAV_TAKEOFF", (0.0,) * 6 + (math.nan,), HOME[2])[6])
 
 
 def test_what_is_acknowledged_must_be_seen(vehicle: Vehicle, client: Client) -> None:
@@ -297,7 +317,7 @@ def test_what_is_acknowledged_must_be_seen(vehicle: Vehicle, client: Client) -> 
         Stimulus(at_s=0.2, kind="sensor_fault", name="radio_loss"),
     )
     vehicle.set(armed=1.0, command_2=0.4)
-    given = Inputs(vehicle, client, [1500] * 4, stimuli, LISTING)
+    given = Inputs(vehicle, client, [1500] * 4, stimuli, LISTING, home_up_m=HOME[2])
     given.give_due(0.0)
     given.hear(message("COMMAND_ACK", command=176, result=0))
     given.give_due(0.1)

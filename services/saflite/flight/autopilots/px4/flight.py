@@ -73,7 +73,7 @@ class Px4Flight(ExternalFlight):
         made, rates_hz = (OwnTruth, OWN_RATES_HZ) if self._own_physics else (Telemetry, RATES_HZ)
         self._telemetry = made(aircraft.vehicle, client, self._parameters, self._home)
         given, own = (aircraft.pulses_us, self.test_case.stimuli, self._listing), self._own_physics
-        self._inputs = Inputs(aircraft.vehicle, client, *given, own_physics=own)
+        self._inputs = Inputs(aircraft.vehicle, client, *given, home_up_m=self._home[2], own_physics=own)
         self._inputs.on_accepted = self._telemetry.take_order
         if not client.wait_for_heartbeat(HEARTBEAT_S):
             raise Unavailable(f"{self._version}: no heartbeat within {HEARTBEAT_S:.0f} simulated s")

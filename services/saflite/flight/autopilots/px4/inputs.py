@@ -12,6 +12,7 @@ from saflite.contract.flight import DeliveryAnswer
 from saflite.contract.test_case import Stimulus
 from saflite.flight.autopilots.external import inputs
 from saflite.flight.autopilots.external.listing import Listing
+from saflite.flight.autopilots.px4.heights import above_sea
 from saflite.flight.autopilots.px4.modes import MODES, NUMBERS
 from saflite.flight.autopilots.px4.vehicle import Vehicle
 from saflite.flight.mavlink.client import Client
@@ -62,7 +63,7 @@ OWN_PHYSICS: dict[str, ByParameter] = {
 NOT_OWN_PHYSICS = tuple(name for name in OWN if name not in (*OWN_PHYSICS, "radio_loss"))
 """Faults that only our world makes."""
 COMMANDS: dict[str, str] = {
-    "MAV_CMD_NAV_TAKEOFF": "climb to a height above sea",
+    "MAV_CMD_NAV_TAKEOFF": "climb to a height above home",
     "MAV_CMD_NAV_LAND": "land here",
     "MAV_CMD_NAV_RETURN_TO_LAUNCH": "return and land",
     "MAV_CMD_NAV_LOITER_UNLIM": "hold the place",
@@ -101,6 +102,7 @@ class Inputs(inputs.Inputs):
 
     Args:
         vehicle: where effects are seen, and faults of the world's side are put on.
+        home_up_m: height of home above sea: PX4 counts the heights of commands from there.
         own_physics: its sensors are those of its own physics, so faults are parameters of these.
     """
 
@@ -112,10 +114,11 @@ class Inputs(inputs.Inputs):
         stimuli: Sequence[Stimulus],
         listing: Listing,
         *,
+        home_up_m: float,
         own_physics: bool = False,
     ) -> None:
         super().__init__(client, pulses_us, stimuli, listing, NUMBERS)
-        self._vehicle, self._own_physics = vehicle, own_physics
+        self._vehicle, self._home_up_m, self._own_physics = vehicle, home_up_m, own_physics
         self._checks: list[_Check] = []
 
     @property
@@ -133,6 +136,9 @@ class Inputs(inputs.Inputs):
         super().give_due(time_s)
 
     def _give(self, stimulus: Stimulus, time_s: float) -> DeliveryAnswer:
+        if stimulus.kind == "command":
+            values = above_sea(stimulus.name, stimulus.values, self._home_up_m)
+            stimulus = msgspec.structs.replace(stimulus, values=values)
         answer = super()._give(stimulus, time_s)
         value = stimulus.values[0] if stimulus.values else 1.0
         look = _look(self._vehicle, stimulus.name, value) if stimulus.kind in ("mode", "sensor_fault") else None

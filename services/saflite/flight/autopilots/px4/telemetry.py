@@ -10,6 +10,7 @@ from saflite.contract.test_case import Stimulus
 from saflite.flight.autopilots.external import telemetry
 from saflite.flight.autopilots.external.telemetry import FIX_3D, PREARM
 from saflite.flight.autopilots.px4 import modes, settings
+from saflite.flight.autopilots.px4.heights import HEIGHT_AT
 from saflite.flight.autopilots.px4.vehicle import Vehicle
 from saflite.flight.mavlink.client import Client
 
@@ -27,7 +28,6 @@ RATES_HZ: dict[str, float] = {
     "MISSION_CURRENT": 5.0,
     "HOME_POSITION": 1.0,
 }
-HEIGHT_AT = 6  # among the numbers of MAV_CMD_NAV_TAKEOFF
 FAILSAFE = 5  # MAV_STATE_CRITICAL
 GPS, RADIO, BATTERY, FENCE = 1, 256, 128, 2048  # HL_FAILURE_FLAG bits
 NOT_KNOWN = 65535
@@ -54,10 +54,10 @@ class Telemetry(telemetry.Telemetry):
         self._gps_said_s = -math.inf
 
     def take_order(self, stimulus: Stimulus) -> None:
-        """Note the height of a take-off that was taken: above sea in the command, above home in the trace."""
+        """Note the height of a take-off that was taken: it is above a home that PX4 may have corrected since."""
         values = stimulus.values
         if stimulus.kind == "command" and stimulus.name.endswith("NAV_TAKEOFF") and len(values) > HEIGHT_AT:
-            self._takeoff_up_m = values[HEIGHT_AT] - self._start_up_m
+            self._takeoff_up_m = self._home[2] + values[HEIGHT_AT] - self._start_up_m
 
     def tick(self) -> None:
         """Work out what follows from the truth of this tick."""

@@ -17,6 +17,7 @@ from saflite.flight.autopilots.external.binary import Binary
 from saflite.flight.autopilots.external.inputs import command_number
 from saflite.flight.autopilots.external.listing import Listing
 from saflite.flight.autopilots.px4.flight import DEFAULT_START
+from saflite.flight.autopilots.px4.heights import above_sea
 from saflite.flight.autopilots.px4.inputs import ALL, INJECT_FAILURE, INJECTED, OK, OWN_PHYSICS
 from saflite.flight.autopilots.px4.modes import NUMBERS
 from saflite.flight.autopilots.px4.settings import as_texts, companion_of, own_physics, start_parameters
@@ -87,7 +88,7 @@ def _facts(test_case: TestCase, flight: Flight, evidence: Evidence, rows: Listin
         "mode": list(NUMBERS[mode]),
         "altitude_m": start.altitude_m,
         "armed": start.armed,
-        "inputs": [_input(one, rows.types) for one in sorted(test_case.stimuli, key=lambda one: one.at_s)],
+        "inputs": [_input(one, rows.types, home[2]) for one in sorted(test_case.stimuli, key=lambda one: one.at_s)],
         "limit_s": scenario.time_limit_s,
         "died": flight.ending == "autopilot_died",
         "policy": evidence.policy,
@@ -105,14 +106,14 @@ def _open(numbers: tuple[float, ...]) -> list[float | None]:
     return [None if math.isnan(value) else value for value in numbers]
 
 
-def _input(one: Stimulus, types: Mapping[str, int]) -> dict[str, Any]:
+def _input(one: Stimulus, types: Mapping[str, int], home_up_m: float) -> dict[str, Any]:
     """Return what the script gives: a command with its numbers, a parameter with its type, a stick, or silence."""
     row: dict[str, Any] = {"at_s": one.at_s, "kind": one.kind, "name": one.name, "number": 0}
     values: tuple[float, ...] = one.values
     if one.kind == "mode":
         row["number"], values = DO_SET_MODE, (CUSTOM_MODE, *NUMBERS[one.name])
     elif one.kind == "command":
-        row["number"] = command_number(one.name)
+        row["number"], values = command_number(one.name), above_sea(one.name, one.values, home_up_m)
     elif one.kind == "parameter":
         row["number"] = types[one.name]
     elif one.kind == "sensor_fault":
