@@ -13,9 +13,10 @@ import numpy as np
 from _bootstrap import bootstrap_95
 from _markdown import table
 from _paired import Paired, compare, holm
-from _rq3_cell import CHOOSERS, MISSIONS, MUTANTS, POPULATION, STRATEGIES, Cell, Row
-from _rq3_reflights import Reflown, confirmed
+from _rq3_cell import CHOOSERS, MISSIONS, MUTANTS, POPULATION, STRATEGIES, Row
+from _rq3_reflights import Reflown
 
+from saflite.contract.interval import wilson
 from saflite.contract.rng import derive
 
 SEEDS, FLIGHTS = 5, 40
@@ -47,7 +48,7 @@ def page(rows: Sequence[Row], reflown: Sequence[Reflown]) -> str:
         "llm": "" if set(columns) - set(CHOOSERS) else NO_LLM,
         "coverage": _coverage(rows, columns),
         "violations": _grid(rows, lambda cells: _mean(cells, violations)),
-        "confirmed": _grid(rows, lambda cells: _confirmed(cells, {(one.cell, one.flight): one for one in reflown})),
+        "confirmed": _grid(rows, lambda cells: _confirmed(cells, reflown)),
         "flown_again": len(reflown),
         "held_again": sum(not one.is_confirmed for one in reflown),
         "found": sum(len(row.found) for row in rows),
@@ -127,12 +128,14 @@ def _mean(cells: list[Row], figure: Figure) -> str:
     return f"{values.mean():.1f}{interval}, n {len(values)}"
 
 
-def _confirmed(cells: list[Row], reflown: dict[tuple[Cell, int], Reflown]) -> str:
-    known = [(row, count) for row in cells if (count := confirmed(row, reflown)) is not None]
+def _confirmed(cells: list[Row], reflown: Sequence[Reflown]) -> str:
+    mine = {row.cell for row in cells}
+    known = [one for one in reflown if one.cell in mine]
+    held = sum(one.is_confirmed for one in known)
     if not known:
-        return "not flown again"
-    counts = {row.cell: count for row, count in known}
-    return _mean([row for row, _ in known], lambda row: counts[row.cell])
+        return "none flown again"
+    share = wilson(held, len(known))
+    return f"{held} of {len(known)} [{share.low:.0%}, {share.high:.0%}]"
 
 
 def _first(cells: list[Row]) -> str:

@@ -11,6 +11,7 @@ from _rq3_cell import Cell, Found, Row, campaign_of
 from saflite.campaign.presets.campaigns import template
 from saflite.conformance.flying import fly_once
 from saflite.contract.flight import Flight
+from saflite.contract.rng import derive
 from saflite.contract.test_case import Obstacle, TestCase, identity, under_noise
 from saflite.oracle.judge import judge
 
@@ -37,21 +38,16 @@ def read(path: Path) -> list[Reflown]:
     return [msgspec.json.decode(line, type=Reflown) for line in lines if line.strip()]
 
 
-def confirmed(row: Row, reflown: dict[tuple[Cell, int], Reflown]) -> float | None:
-    """Return how many violations of a campaign were confirmed, None where some have not been flown again yet."""
-    known = [reflown.get((row.cell, one.flight)) for one in row.found]
-    return None if None in known else float(sum(one is not None and one.is_confirmed for one in known))
-
-
 def reflights(rows: Sequence[Row], done: Sequence[Reflown]) -> Iterator[Reflown]:
-    """Fly again what has not been flown again, campaign by campaign."""
+    """Fly again what has not been flown again, in an order drawn once: however far it came, it is a fair sample."""
     known = {(one.cell, one.flight) for one in done}
-    for row in rows:
-        for found in row.found:
-            if (row.cell, found.flight) not in known:
-                case = test_case(row.cell, found)
-                again = sum(violates(under_noise(case, number)) for number in range(1, REFLIGHTS + 1))
-                yield Reflown(cell=row.cell, flight=found.flight, again=again)
+    everything = [(row.cell, found) for row in rows for found in row.found]
+    for place in derive(1, "rq3", "reflights").permutation(len(everything)):
+        cell, found = everything[place]
+        if (cell, found.flight) not in known:
+            case = test_case(cell, found)
+            again = sum(violates(under_noise(case, number)) for number in range(1, REFLIGHTS + 1))
+            yield Reflown(cell=cell, flight=found.flight, again=again)
 
 
 def test_case(cell: Cell, found: Found) -> TestCase:
