@@ -18,6 +18,7 @@ from saflite.mutator.exposure.taken import Taken
 from saflite.mutator.exposure.vocabulary import Vocabulary
 from saflite.mutator.operators.inputs import target_inputs
 from saflite.oracle.judge import judge
+from saflite.oracle.policy import load_policy
 
 TARGET = describe()
 CAMPAIGN = policy_campaign(ALL, TARGET)
@@ -54,7 +55,8 @@ def by_itself(procedure: Procedure, seed: int) -> TestCase:
     script = Script(Tempo(first_s=1.0, last_s=500.0, settle_s=(1.0, 5.0), rest=REST))
     script.follow(rng, moves(rng, procedure, DRAWING))
     scenario = Scenario(start=start, time_limit_s=round(script.at_s + 4.0, 1))
-    return TestCase(target=Target(), scenario=scenario, stimuli=script.stimuli(), rng_seed=seed)
+    twin = load_policy(procedure.policy).file.twin
+    return TestCase(target=Target(), scenario=scenario, stimuli=script.stimuli(), rng_seed=seed, twin=twin)
 
 
 @pytest.mark.parametrize(("procedure", "speaks_when_broken"), CASES)

@@ -31,6 +31,7 @@ PLACES = {
 RUNS: dict[str, Run] = {
     "saflite replay runs/avoidance-m2": Run(),
     "saflite fly case.yaml": Run(),
+    "saflite fly case.yaml --twin turned": Run(),
     "saflite fly case.yaml --target reference": Run(),
     "saflite judge log.ulg": Run(codes=(0, 1, 4)),
     "saflite judge FILE": Run(codes=(0, 1, 4)),

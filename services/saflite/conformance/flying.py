@@ -12,6 +12,7 @@ from saflite.contract.test_case import TestCase
 from saflite.runtime.clock import WallClock
 from saflite.simulator_worker.registry import load_target
 from saflite.simulator_worker.slots import take_slot
+from saflite.simulator_worker.twins import check_twin, with_twin
 
 DEADLINE_S = 300.0
 
@@ -43,5 +44,7 @@ def fly_once(test_case: TestCase, cancelled: Cancelled = lambda: False) -> Fligh
     """
     target = load_target(test_case.target.name)
     target.check(test_case)
+    check_twin(target.describe(), test_case)
     with opened(target) as session:
-        return session.fly(test_case, DEADLINE_S, cancelled)
+        record = session.fly(test_case, DEADLINE_S, cancelled)
+        return with_twin(target.describe(), test_case, record, lambda case: session.fly(case, DEADLINE_S, cancelled))

@@ -14,7 +14,7 @@ import msgspec
 from saflite.contract.bounds import Count, Text
 from saflite.contract.flight import Delivered, Ending, given
 from saflite.contract.target_info import InputInfo, Link, Repeats, TargetInfo
-from saflite.contract.test_case import Stimulus, StimulusKind, TestCase, setting_text, stimulus_text
+from saflite.contract.test_case import Stimulus, StimulusKind, TestCase, setting_text, stimulus_text, twin_text
 
 InRange = Literal["inside", "outside", "undocumented"]
 Texts = Annotated[tuple[Text, ...], msgspec.Meta(max_length=20_000)]
@@ -178,6 +178,8 @@ def _steps(
     for box in test_case.scenario.obstacles:
         size = f"{box.length_m:g} x {box.width_m:g} x {box.height_m:g} m"
         yield f"box of {size} at ({box.x_m:g}, {box.y_m:g}) m, turned {box.rotation_deg:g} degrees"
+    if test_case.twin:
+        yield twin_text(test_case.twin)
     for name in changed:
         yield f"{name} = {setting_text(test_case.target.settings[name])}"
     for one in taken:

@@ -98,6 +98,14 @@ SIGNALS: dict[str, Signal] = {
         "m", "PX4: height above home RTL descends to before landing (RTL_DESCEND_ALT)"
     ),
     "hold_altitude_min_set_m": Signal("m", "PX4: least height of HOLD, -1 off (MIS_LTRMIN_ALT)"),
+    # how far the twin of a test case flew from it at the same moment, turned back; written where a twin was flown
+    "twin": Signal("", "1 where a twin turned by a right angle flies, 2 one without what was refused, else 0", "code"),
+    "twin_x_apart_m": Signal("m", "how far north of the flight its twin is"),
+    "twin_y_apart_m": Signal("m", "how far east of the flight its twin is"),
+    "twin_height_apart_m": Signal("m", "how far above the flight its twin is"),
+    "twin_heading_apart_deg": Signal("deg", "how far the twin's heading is clockwise of that of the flight, -180..180"),
+    "twin_mode_apart": Signal("", "1 where the twin flies another mode", "flag"),
+    "twin_armed_apart": Signal("", "1 where the motors of one of the two are on and those of the other off", "flag"),
     # made by the oracle from the rest of the trace, the test case and the ending; flights need not write them
     "time_s": Signal("s", "time since the start of the flight"),
     "ground_speed_mps": Signal("m/s", "speed in the plane"),
@@ -118,6 +126,8 @@ SIGNALS: dict[str, Signal] = {
     "chute_enabled_set": Signal("", "1 while a parachute is fitted (CHUTE_ENABLED)", "flag"),
     "chute_type_set": Signal("", "what releases the parachute: 0 to 3 a relay, 10 a servo (CHUTE_TYPE)", "code"),
     "chute_servo_set": Signal("", "what output 9 does, 27 the parachute (SERVO9_FUNCTION)", "code"),
+    "chute_delay_set_s": Signal("s", "time from the order to the canopy (CHUTE_DELAY_MS)"),
+    "chute_present_set": Signal("", "1 while the simulated vehicle carries a parachute (SIM_PARA_ENABLE)", "flag"),
     "chute_sink_set_mps": Signal("m/s", "sink rate that releases the parachute, 0 none (CHUTE_CRT_SINK)"),
     "battery_low_charge_set_mah": Signal("mAh", "charge left that counts as low, 0 off (BATT_LOW_MAH)"),
     "battery_capacity_set_mah": Signal("mAh", "charge of a full battery (BATT_CAPACITY)"),
@@ -232,6 +242,9 @@ SIGNALS: dict[str, Signal] = {
     "crashed": Signal("", "1 at the last sample of a flight that ended as crashed", "flag"),
 }
 
+TWIN_SIGNALS = tuple(name for name in SIGNALS if name.startswith("twin"))
+"""Those that say how a flight and its twin differ: no target writes them itself."""
+
 MODES: dict[str, int] = {
     "STABILIZE": 0,
     "ACRO": 1,
@@ -257,7 +270,8 @@ time_s quiet_s order_quiet_s command_quiet_s calm_s home_quiet_s crashed stop_or
 gps_true gps_settled baro_true baro_settled body_true sticks_true place_order_s pause_order_s ordered_x_m ordered_y_m
 ordered_altitude_m battery_timer_set_s battery_low_action_set battery_critical_set_v battery_low_charge_set_mah
 battery_capacity_set_mah battery_critical_action_set acro_trainer_set acro_balance_roll_set acro_balance_pitch_set
-acro_rate_set_dps chute_enabled_set chute_type_set chute_servo_set
+acro_rate_set_dps chute_enabled_set chute_type_set chute_servo_set chute_delay_set_s
+chute_present_set
 mode_order_s mode_cause_s ordered_mode release_order_s stop_order_s start_order_s climb_order_s height_order_s
 failsafe_options_set circle_options_set auto_options_set pilot_turn_speed_set_dps
 fence_action_set fence_on_set fence_type_set fence_radius_set_m fence_margin_set_m acro_yaw_rate_set_dps

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Annotated, Literal
 
 import msgspec
 
 from saflite.contract.bounds import ITEMS_MAX, Number, Seconds, Text, Whole, Word
 from saflite.contract.errors import Refused
-from saflite.contract.signals import Signal
-from saflite.contract.test_case import Plain, Setting, StartState, StimulusKind
+from saflite.contract.signals import TWIN_SIGNALS, Signal, can_show
+from saflite.contract.test_case import Plain, Setting, StartState, StimulusKind, Twin
 
 Repeats = Literal["bitwise", "statistically"]
 """Whether the same test case gives the same trace bit by bit, or only the same distribution of outcomes."""
@@ -18,6 +18,9 @@ Repeats = Literal["bitwise", "statistically"]
 Link = Literal["", "none", "setup", "pilot", "trusted"]
 """What somebody needs to give an input: nothing (the world does), the vehicle before its flight, the pilot's radio, a
 telemetry or serial link; empty where its kind says it."""
+
+COMPARED = ("x_m", "y_m", "altitude_m", "yaw_deg", "mode", "armed")
+"""Signals by which a flight and its twin are compared."""
 
 ValueType = Literal["real", "whole", "flag", "choice"]
 
@@ -78,7 +81,7 @@ class TargetInfo(msgspec.Struct, frozen=True, kw_only=True):
     `own_signals` describes those that are not common names; `modes` maps mode names to the numbers in the trace;
     `start_states` are examples of states a flight without mission may begin in, the first is the usual one;
     `missions` says whether it flies missions, `mission_lacks` which MAV_CMD (by number) it takes in none, `obstacles`
-    whether it minds obstacles, `wind` whether it minds wind;
+    whether it minds obstacles, `wind` whether it minds wind, `turns` whether it takes `TestCase.heading_deg`;
     `stock` tells whether the autopilot is built as its makers ship it, `options` what it was built with otherwise;
     `needs` names what it requires of a machine (for people and placement), `missing` what this machine lacks of it,
     empty if it can fly here.
@@ -97,6 +100,7 @@ class TargetInfo(msgspec.Struct, frozen=True, kw_only=True):
     mission_lacks: Annotated[tuple[Whole, ...], msgspec.Meta(max_length=1_000)] = ()
     obstacles: bool = False
     wind: bool = False
+    turns: bool = False
     snapshots: bool = False
     time_limit_max_s: Seconds = 7200.0
     vehicle: Text = ""
@@ -110,6 +114,16 @@ class TargetInfo(msgspec.Struct, frozen=True, kw_only=True):
         """Return the names of inputs that cannot be given with these settings."""
         chosen = ((name, str(value)) for name, value in given.items() if name in self.settings)
         return frozenset(word for name, choice in chosen for word in self.settings[name].lacks.get(choice, ()))
+
+    def flies_twin(self, twin: Twin) -> bool:
+        """Return whether a second flight can be compared with the first here, and begin as this twin has to."""
+        can_begin = twin != "turned" or self.turns
+        return self.repeats == "bitwise" and can_begin and all(name in self.signals for name in COMPARED)
+
+    def unseen(self, signals: Iterable[str], twin: Twin = "") -> list[str]:
+        """Return those of the signals that no flight here shows, sorted; with a `twin` flights show how it differs."""
+        more = TWIN_SIGNALS if twin and self.flies_twin(twin) else ()
+        return sorted(name for name in signals if name not in more and not can_show(name, self.signals))
 
 
 def check_settings(given: Mapping[str, Setting], known: Mapping[str, SettingInfo], target: str) -> None:

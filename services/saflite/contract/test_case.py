@@ -29,6 +29,13 @@ from saflite.contract.rng import derive_seed
 
 DEFAULT_TARGET = "reference"  # the target that is always there
 StimulusKind = Literal["parameter", "command", "stick", "mode", "sensor_fault"]
+Twin = Literal["", "turned", "idle"]
+"""A second flight that must go as the first, and what is changed in it (metamorphic testing, Chen et al. 1998).
+
+turned  everything is turned about the take-off point by a right angle: the start, places, headings, wind, boxes
+idle    what the autopilot refused is not given at all
+"""
+
 Plain = Number | Whole | Text | bool
 Setting = Plain | Annotated[list[Plain], msgspec.Meta(max_length=10_000)]
 VALUES_MAX = 4096
@@ -148,6 +155,8 @@ class Origin(msgspec.Struct, frozen=True, kw_only=True):
 class TestCase(msgspec.Struct, frozen=True, kw_only=True):
     """What is flown. Two test cases with equal content are the same test case (`identity`).
 
+    `heading_deg` turns the heading with which the target begins, clockwise. With a `twin` a second flight is flown, and
+    the trace of the first holds how far they are apart (`contract/signals.py`, `twin_*`).
     `source` keeps, as canonical JSON text, the competition YAML a test case was read from, so that writing it again
     loses nothing; like `origin` it is not part of the identity.
     """
@@ -158,6 +167,8 @@ class TestCase(msgspec.Struct, frozen=True, kw_only=True):
     scenario: Scenario
     stimuli: Annotated[tuple[Stimulus, ...], msgspec.Meta(max_length=STIMULI_MAX)] = ()
     rng_seed: RngSeed = 0
+    heading_deg: Single = 0.0
+    twin: Twin = ""
     origin: Origin = Origin()
     source: Document = ""
 
@@ -168,7 +179,8 @@ _ENCODER = msgspec.msgpack.Encoder(order="deterministic")
 def identity(test_case: TestCase) -> str:
     """Return the identity of a test case: the hash of all it holds except its origin and source."""
     content = (test_case.target, test_case.scenario, test_case.stimuli, test_case.rng_seed)
-    return short_id(_ENCODER.encode(content))
+    more = (test_case.heading_deg, test_case.twin)
+    return short_id(_ENCODER.encode((*content, *more) if any(more) else content))
 
 
 def draw_key(test_case: TestCase) -> str:
@@ -190,6 +202,14 @@ def stimulus_text(stimulus: Stimulus) -> str:
     """Return a stimulus in words: what it is, its numbers."""
     numbers = "".join(f" {value:g}" for value in stimulus.values)
     return f"{stimulus.kind} {stimulus.name}{numbers}"
+
+
+TWIN_WORDS: dict[Twin, str] = {"turned": "turned by a right angle", "idle": "without what was refused"}
+
+
+def twin_text(twin: Twin) -> str:
+    """Return in words which flights are compared, empty for one flight alone."""
+    return f"flown twice: as it is, and {TWIN_WORDS[twin]}" if twin else ""
 
 
 def told_in_order(stimuli: tuple[Stimulus, ...]) -> str:

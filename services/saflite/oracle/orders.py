@@ -59,6 +59,8 @@ SETTINGS: dict[str, Setting] = {
     "chute_enabled_set": Setting("CHUTE_ENABLED", 0.0, 0.0, 1.0, whole=True),
     "chute_type_set": Setting("CHUTE_TYPE", 0.0, 0.0, 10.0, whole=True),
     "chute_sink_set_mps": Setting("CHUTE_CRT_SINK", 0.0, 0.0, 15.0),
+    "chute_delay_set_s": Setting("CHUTE_DELAY_MS", 500.0, 0.0, 5000.0, 0.001, whole=True),
+    "chute_present_set": Setting("SIM_PARA_ENABLE", 1.0, 0.0, 1.0, whole=True),
     "chute_servo_set": Setting("SERVO9_FUNCTION", 0.0, -1.0, 200.0, whole=True),
     "battery_low_charge_set_mah": Setting("BATT_LOW_MAH", 0.0, 0.0),
     "battery_capacity_set_mah": Setting("BATT_CAPACITY", 3300.0, 0.0, whole=True),

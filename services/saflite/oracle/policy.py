@@ -22,7 +22,7 @@ from saflite.contract.gaps import told
 from saflite.contract.modules import given
 from saflite.contract.outside import parse_toml, read_text
 from saflite.contract.signals import MODES, SIGNALS, Signal
-from saflite.contract.test_case import StartState
+from saflite.contract.test_case import StartState, Twin
 from saflite.contract.work import PolicyTexts
 from saflite.oracle.effects import silencing
 from saflite.oracle.examples import Example, completed, example_signals
@@ -72,6 +72,7 @@ class PolicyFile(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
     `terms` are named parts of the formula; each may use those above it.
     `procedures` say how the rule is put to the test, step by step (`mutator/exposure/procedures.py`).
+    `twin` is the second flight that the rule compares with (`contract/test_case.py`).
     `assumed` gives values to signals that only excuse, for flights that do not hold them.
     `signals` gives each signal its unit. Names beyond those of `contract/signals.py` are signals of a target's own;
     `flag` or `code` in place of a unit says that such a one is 0 or 1, or a number from a closed list.
@@ -94,6 +95,7 @@ class PolicyFile(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     start: StartState | None = None
     procedures: tuple[str, ...] = ()
     needs_mission: bool = False
+    twin: Twin = ""
     not_checked_on: dict[str, str] = {}
     assumed: dict[str, float] = {}
     deviations: tuple[str, ...] = ()
@@ -139,15 +141,15 @@ def policy_names() -> tuple[str, ...]:
 def policies_for(target: str) -> tuple[str, ...]:
     """Return the policies that a flight of `target` is judged by if none is named.
 
-    For the log of a real autopilot: not those published for another one, nor those that read signals of a target's own.
+    For the log of a real autopilot: not those published for another one, nor those that read signals of a target's own,
+    nor those that compare with a second flight.
     """
     other = {"px4": "A", "ardupilot": "P"}.get(target)
     if other is None:
         return policy_names()
     files = [load_policy(name).file for name in policy_names()]
-    return tuple(
-        file.id for file in files if not file.published.startswith(other) and file.signals.keys() <= SIGNALS.keys()
-    )
+    fit = (file for file in files if not file.published.startswith(other) and not file.twin)
+    return tuple(file.id for file in fit if file.signals.keys() <= SIGNALS.keys())
 
 
 def load_policy(name: str, texts: PolicyTexts | None = None) -> Policy:

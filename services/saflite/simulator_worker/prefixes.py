@@ -28,7 +28,7 @@ def agree_until_s(one: TestCase, other: TestCase) -> float:
 
     Negative where they differ from the start, infinity where nothing differs.
     """
-    if (one.target, one.scenario, one.rng_seed) != (other.target, other.scenario, other.rng_seed):
+    if _beginning(one) != _beginning(other):
         return -1.0
     left, right = _in_order(one.stimuli), _in_order(other.stimuli)
     for index in range(max(len(left), len(right))):
@@ -36,6 +36,10 @@ def agree_until_s(one: TestCase, other: TestCase) -> float:
         if first != second:
             return min(stimulus.at_s for stimulus in (*first, *second))
     return inf
+
+
+def _beginning(one: TestCase) -> tuple[object, ...]:
+    return one.target, one.scenario, one.rng_seed, one.heading_deg
 
 
 def _in_order(stimuli: Sequence[Stimulus]) -> list[Stimulus]:

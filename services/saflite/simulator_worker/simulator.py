@@ -35,6 +35,7 @@ from saflite.simulator_worker.messages import (
 )
 from saflite.simulator_worker.prefixes import Prefixes
 from saflite.simulator_worker.registry import builds_here, describe_target, load_target
+from saflite.simulator_worker.twins import check_twin, with_twin
 
 
 class _Open(NamedTuple):
@@ -139,6 +140,7 @@ class Simulator:
             fix = "`saflite regress RUN` flies the finds of a run on the build that is here"
             raise Refused(f"build of target {info.name}", expected=test_case.target.build, got=info.build, fix=fix)
         opened.target.check(test_case)
+        check_twin(info, test_case)
 
         asked = False
 
@@ -149,16 +151,15 @@ class Simulator:
                 asked = isinstance(message, Cancel) and message.number == request.number
             return asked
 
-        if request.share and opened.prefixes is not None and not request.twice:
-            record = opened.prefixes.fly(test_case, request.deadline_s, cancelled)
-        else:
-            record = opened.session.fly(test_case, request.deadline_s, cancelled)
+        shares = request.share and opened.prefixes is not None and not request.twice
+        flying = opened.prefixes if shares and opened.prefixes is not None else opened.session
+        record = flying.fly(test_case, request.deadline_s, cancelled)
         wrong = list(agreement.contradictions(info, test_case, record))
         if request.twice and not wrong and _repeatable(opened.session, test_case):
             wrong = list(_repeated(opened.session, request, record, cancelled))
         if wrong:
             raise _Contradicted("; ".join(wrong))
-        return record
+        return with_twin(info, test_case, record, lambda case: flying.fly(case, request.deadline_s, cancelled))
 
 
 class _Contradicted(Exception):

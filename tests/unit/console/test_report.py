@@ -233,6 +233,15 @@ def test_the_closest_point_and_its_distance_are_drawn() -> None:
     assert distance == pytest.approx(min(box.distance(Point(*place[:2])) for place in track), abs=0.006)
 
 
+def test_the_second_flight_is_drawn_and_named_beside_the_first() -> None:
+    pair = msgspec.structs.replace(template(load_campaign("avoidance-m1")), twin="turned")
+    track = np.array([[0.0, 0.0, 10.0], [0.0, 20.0, 10.0]])
+    drawn = layout.picture(pair, track, -track)
+    assert drawn.count('class="twin"') == 1
+    assert "turned by a right angle, shown turned back" in layout.legend(pair)
+    assert "twin" not in layout.picture(pair, track) + layout.legend(msgspec.structs.replace(pair, twin=""))
+
+
 def test_a_picture_without_track_or_boxes_is_still_one() -> None:
     bare = template(load_campaign("avoidance-m1"))
     assert layout.picture(bare, np.empty((0, 3))).startswith("<svg")

@@ -94,6 +94,7 @@ CAUSES = {
     },
     "acro_trainer_set": stimulus("parameter", "ACRO_TRAINER", 0.0, at_s=0.5),
     "chute_type_set": stimulus("parameter", "CHUTE_TYPE", 1.0, at_s=0.5),
+    "chute_present_set": stimulus("parameter", "SIM_PARA_ENABLE", 0.0, at_s=0.5),
     "climb_order_s": stimulus("command", "MAV_CMD_DO_CHANGE_SPEED", 2.0, 8.0, at_s=0.5),
     "height_order_s": stimulus("command", "MAV_CMD_DO_CHANGE_ALTITUDE", 8.0, at_s=0.5),
     "start_order_s": stimulus("command", "MAV_CMD_MISSION_START", at_s=0.5),

@@ -223,8 +223,10 @@ def ended(test_case: TestCase, shown_s: float) -> Iterator[TestCase]:
 
 
 def dropped(test_case: TestCase) -> Iterator[TestCase]:
-    """Yield the test case without runs of inputs: all, halves, quarters, down to single ones; the latest first."""
+    """Yield the test case without its twin, then without runs of inputs: all, halves, ... single ones, late first."""
     stimuli = test_case.stimuli
+    if test_case.twin:
+        yield _with(msgspec.structs.replace(test_case, twin=""), stimuli, "flown alone")
     size = len(stimuli)
     while size >= 1:
         for start in range(len(stimuli) - size, -1, -max(1, size)):

@@ -31,7 +31,7 @@ from saflite.campaign.presets.formula_hints import (
 from saflite.contract.config import Campaign, ScorerConfig, SearchConfig, StrategyConfig
 from saflite.contract.errors import Refused
 from saflite.contract.outside import parse_toml, read_text
-from saflite.contract.signals import SIGNALS, can_show
+from saflite.contract.signals import SIGNALS
 from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import DEFAULT_TARGET, Setting, StartState, StimulusKind, Target
 from saflite.contract.work import PolicyText
@@ -86,7 +86,10 @@ def why_not(data: dict[str, Any], target: TargetInfo) -> str:
         return "no inputs named in its file; put it into a campaign file of your own"
     if not any(_known(data, target).values()):
         return f"{target.name} has none of its inputs"
-    unseen = sorted(name for name in data["signals"] if not can_show(name, target.signals))
+    twin = data.get("twin", "")
+    if twin and not target.flies_twin(twin):
+        return f"{target.name} flies no twin that is {twin}"
+    unseen = target.unseen(data["signals"], twin)
     if unseen:
         return f"{target.name} does not write {', '.join(unseen)}"
     if data.get("needs_mission"):
@@ -260,6 +263,7 @@ def _hint(data: dict[str, Any], start: dict[str, Any], inputs: dict[str, list[An
     words += [f"holds:{entry.name}={value:g}" for entry, value in sticks_held(formula, target)]
     words += [f"pushes:{entry.name}={sense:+g}" for entry, sense in settings_pushed(asked, target)]
     words += ["upset:"] if sensor_lost(data) else []
+    words += [f"twin:{data['twin']}"] if data.get("twin") else []
     words += [f"far:{far_m:g}" for far_m in (far_asked_m(asked, target),) if far_m]
     words += [f"reads:{kind}:{name}" for kind, name in _read_by(data, target)]
     for word, kind in _INPUTS.items():

@@ -6,6 +6,7 @@ examples:
   saflite fly case.yaml
   saflite fly case.yaml --out flight.mcap --policy min-obstacle-distance
   saflite fly case.json --defect parachute-in-acro --json
+  saflite fly case.json --twin turned --policy turned-alike
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     arguments.add_target_settings(parser)
     parser.add_argument("--parameter", action="append", default=[], metavar="NAME=NUMBER", help="set before take-off")
     parser.add_argument("--rng-seed", type=arguments.rng_seed, help="random seed of noise and gusts")
+    parser.add_argument("--twin", choices=("turned", "idle"), default="", help="fly a second flight to compare with")
     arguments.add_wall_limit(parser)
     arguments.add_modules(parser)
     parser.add_argument("--out", type=Path, help="write a recording (.mcap)")
@@ -58,6 +60,7 @@ def run(args: argparse.Namespace) -> int:
         defects=args.defect,
         parameters=args.parameter,
         rng_seed=args.rng_seed,
+        twin=args.twin,
     )
     cases.check_layout(case, str(args.case), args.anywhere)
     flown = judging.fly(case, args.wall_limit)

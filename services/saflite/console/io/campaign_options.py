@@ -12,7 +12,6 @@ from saflite.contract.config import Campaign, StrategyConfig, check_campaign
 from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.flight import AUTOPILOT_ALIVE
 from saflite.contract.outside import assignment
-from saflite.contract.signals import can_show
 from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import Settings
 
@@ -136,7 +135,10 @@ def _check_policy(name: str, campaign: Campaign, target: TargetInfo) -> None:
     why = policy.file.not_checked_on.get(target.name, "")
     if why:
         raise Refused(f"policy {name}", expected=f"one that can be checked on {target.name}", got=why)
-    unseen = sorted(signal for signal in policy.needed if not can_show(signal, target.signals))
+    twin = policy.file.twin
+    if twin and not target.flies_twin(twin):
+        raise Refused(f"policy {name}", expected=f"a target that flies a twin that is {twin}", got=target.name)
+    unseen = target.unseen(policy.needed, twin)
     if unseen:
         expected = f"one whose signals {target.name} writes"
         raise Refused(f"policy {name}", expected=expected, got=f"{', '.join(unseen)}, which it does not write")

@@ -8,7 +8,7 @@ from pathlib import Path
 import msgspec
 
 from saflite.console.io import outputs
-from saflite.contract.test_case import TestCase, identity
+from saflite.contract.test_case import TestCase, identity, twin_text
 
 
 def one_line(case: TestCase) -> str:
@@ -21,7 +21,8 @@ def one_line(case: TestCase) -> str:
         f"{one.at_s:g}s {one.kind} {one.name} {' '.join(f'{value:g}' for value in one.values)}".rstrip()
         for one in case.stimuli
     ]
-    return "; ".join(boxes + stimuli) or "nothing in the way"
+    twin = [twin_text(case.twin)] if case.twin else []
+    return "; ".join(twin + boxes + stimuli) or "nothing in the way"
 
 
 def write_cases(cases: Iterable[TestCase], folder: Path, *, force: bool = False) -> list[Path]:

@@ -9,7 +9,7 @@ from pathlib import Path
 from saflite.console.io.target_options import with_settings
 from saflite.contract import wire
 from saflite.contract.errors import Refused
-from saflite.contract.test_case import TestCase
+from saflite.contract.test_case import TestCase, Twin
 
 KINDS = ".yaml, .yml (competition), .json (saflite), .mcap (recording)"
 
@@ -61,6 +61,7 @@ def with_changes(
     defects: Sequence[str] = (),
     parameters: Iterable[str] = (),
     rng_seed: int | None = None,
+    twin: Twin = "",
 ) -> TestCase:
     """Return the test case with what the command line changes; raises Refused for a parameter without a number."""
     import msgspec
@@ -81,4 +82,4 @@ def with_changes(
     if settings or defects:
         changed = with_settings(changed, describe_target(changed.name), settings, defects)
     seed = case.rng_seed if rng_seed is None else rng_seed
-    return msgspec.structs.replace(case, target=changed, rng_seed=seed)
+    return msgspec.structs.replace(case, target=changed, rng_seed=seed, twin=twin or case.twin)

@@ -86,6 +86,7 @@ def _target(info: TargetInfo) -> Item:
     missing = f" [cannot fly here: {info.missing}]" if info.missing else ""
     counts = Counter(entry.kind for entry in info.inputs)
     takes = [word for word in ("missions", "obstacles", "wind", "snapshots") if getattr(info, word)]
+    takes += ["a heading to begin with"] if info.turns else []
     details = {
         "repeats": {"bitwise": "bit by bit", "statistically": "statistically only"}[info.repeats],
         "inputs": ", ".join(f"{count} {kind}s" for kind, count in counts.items()) or "none",

@@ -18,7 +18,7 @@ import msgspec
 from saflite.contract import wire
 from saflite.contract.errors import Refused
 from saflite.contract.outside import parse_json
-from saflite.contract.test_case import Mission, Obstacle, Scenario, StartState, Stimulus, Target, TestCase, Wind
+from saflite.contract.test_case import Mission, Obstacle, Scenario, StartState, Stimulus, Target, TestCase, Twin, Wind
 from saflite.flight.competition.yaml_text import Located
 from saflite.flight.competition.yaml_text import Path as Place
 
@@ -52,6 +52,8 @@ class Ours(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     wind: Wind = Wind()
     time_limit_s: float = TIME_LIMIT_S
     stimuli: tuple[Stimulus, ...] = ()
+    heading_deg: float = 0.0
+    twin: Twin = ""
 
 
 # ---- reading ------------------------------------------------------------------------------------------------------
@@ -87,6 +89,8 @@ def to_test_case(document: Located, find_mission: FindMission) -> TestCase:
         scenario=scenario,
         stimuli=ours.stimuli,
         rng_seed=ours.rng_seed,
+        heading_deg=ours.heading_deg,
+        twin=ours.twin,
         source=json.dumps(document.data, separators=(",", ":"), ensure_ascii=False),
     )
 
@@ -259,6 +263,8 @@ def _write_ours(document: dict[str, Any], test_case: TestCase) -> None:
         wind=scenario.wind,
         time_limit_s=scenario.time_limit_s,
         stimuli=test_case.stimuli,
+        heading_deg=test_case.heading_deg,
+        twin=test_case.twin,
     )
     located = Located(document, "", {})
     simulation = _section(located, "simulation")

@@ -6,19 +6,20 @@ import math
 from typing import NamedTuple, get_args
 
 from saflite.contract.errors import Refused
-from saflite.contract.test_case import StartState, StimulusKind
+from saflite.contract.test_case import StartState, StimulusKind, Twin
 from saflite.mutator.operators.inputs import Have, Input, named
 
 KINDS: tuple[StimulusKind, ...] = get_args(StimulusKind)
 HEIGHT_MAX_M = 1e6
 QUIET_MAX_S = 3600.0
 START, IN, READS, MISSION, RAISED, QUIET = "start", "in", "reads", "mission", "raised", "quiet"
-ASKS, HOLDS, PUSHES, FAR, UPSET = "asks", "holds", "pushes", "far", "upset"
+ASKS, HOLDS, PUSHES, FAR, UPSET, TWIN = "asks", "holds", "pushes", "far", "upset", "twin"
+TWINS: tuple[Twin, ...] = get_args(Twin)
 FAR_MAX_M = 1e5
 DISARMED = "disarmed"
 SHAPE = (
     "'<policy> start:<mode>@<metres>[:disarmed] mission: in:<mode> raised:<failsafe> quiet:<seconds> "
-    "asks:<parameter>=<value> holds:<stick>=<value> pushes:<parameter>=<sense> far:<metres> upset: "
+    "asks:<parameter>=<value> holds:<stick>=<value> pushes:<parameter>=<sense> far:<metres> upset: twin:<which> "
     "reads:<kind>:<input> <kind>:<input> ...'"
 )
 
@@ -29,8 +30,8 @@ class Hint(NamedTuple):
     `modes` are those its formula names, `raised` the failsafes, `asked` settings with the values it compares them to,
     `held` sticks with values at which it asks them to stay, `pushed` settings that it compares a state with and the
     sense (1 up, -1 down) in which they make that true, `far_m` how far from home it wants the vehicle, `upset` if it is
-    about a lost sensor, `read` the inputs whose values it reads; its state must last `quiet_s`; `flies_mission` if all
-    is about missions.
+    about a lost sensor, `twin` the second flight that it compares with, `read` the inputs whose values it reads; its
+    state must last `quiet_s`; `flies_mission` if all is about missions.
     """
 
     policy: str
@@ -44,6 +45,7 @@ class Hint(NamedTuple):
     pushed: tuple[tuple[Input, float], ...] = ()
     far_m: float = 0.0
     upset: bool = False
+    twin: Twin = ""
     quiet_s: float = 0.0
     flies_mission: bool = False
 
@@ -85,6 +87,7 @@ def _read(text: str, have: Have) -> Hint:
     raised: list[str] = []
     valued: dict[str, list[tuple[Input, float]]] = {ASKS: [], HOLDS: [], PUSHES: []}
     quiet_s, far_m, flies_mission, upset = 0.0, 0.0, False, False
+    twin: Twin = ""
     for word in words:
         kind, _, name = word.partition(":")
         if kind == START:
@@ -97,6 +100,8 @@ def _read(text: str, have: Have) -> Hint:
             quiet_s = _number(name, QUIET_MAX_S, text)
         elif kind == UPSET:
             upset = True
+        elif kind == TWIN:
+            twin = _twin(name, text)
         elif kind == FAR:
             far_m = _number(name, FAR_MAX_M, text)
         elif kind in valued:
@@ -124,6 +129,7 @@ def _read(text: str, have: Have) -> Hint:
         pushed=tuple(valued[PUSHES]),
         far_m=far_m,
         upset=upset,
+        twin=twin,
         quiet_s=quiet_s,
         flies_mission=flies_mission,
     )
@@ -133,6 +139,13 @@ def _kind(word: str, text: str) -> StimulusKind:
     for kind in KINDS:
         if kind == word:
             return kind
+    raise Refused("strategy setting hints", expected=SHAPE, got=repr(text))
+
+
+def _twin(word: str, text: str) -> Twin:
+    for twin in TWINS:
+        if twin == word:
+            return twin
     raise Refused("strategy setting hints", expected=SHAPE, got=repr(text))
 
 

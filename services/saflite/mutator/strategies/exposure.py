@@ -77,6 +77,7 @@ class Strategy:
         "recalled": Option(0.5, "share of phases that give again, changed, what made the rule apply before", 0, 1),
         "swarm": Option(0.8, "chance of a kind of the policy's own inputs; half that for others", 0.05, 1),
         "faults": Option(0.15, "the same for sensor faults beyond the policy's own: a fault excuses most rules", 0, 1),
+        "paired": Option(0.2, "share of other test cases that fly with a twin, where rules compare with one", 0, 1),
         "beyond": Option(0.15, "share of values outside their valid range; 0: none", 0, 1),
         "phases_max": Option(5, "greatest number of phases in a test case", 1, 20),
         "settle_max_s": Option(20.0, "longest quiet at the end of a phase", 2, 600),
@@ -108,6 +109,7 @@ class Strategy:
         texts = [_without(text, lacking) for text in self._chosen.words("hints")]
         hints = read_hints(texts, policies, self._have)
         self._hints = {hint.policy: hint for hint in hints}
+        self._twins = tuple(dict.fromkeys(hint.twin for hint in hints if hint.twin))
         self._rest = {(entry.kind, entry.name): entry.default for entry in target.inputs if entry.default is not None}
         self._rest.update({("parameter", name): value for name, value in template.target.parameters.items()})
         self._probes = Probes({} if self._in_range else self._have)
@@ -157,7 +159,17 @@ class Strategy:
         rotation = self._attention.rotation(rng, each * count, suspected)
         wanted = self._in_flights(rotation)
         groups = [tuple(wanted[place * each :][:each]) for place in rng.permutation(count)]
-        return [self._one(rng, self._led(group)) for group in groups]
+        return [self._paired(rng, self._one(rng, self._led(group)), group) for group in groups]
+
+    def _paired(self, rng: Rng, case: TestCase, policies: Sequence[str]) -> TestCase:
+        """Return the test case with the twin that one of its policies compares with, now and then with any of them."""
+        if not self._twins:
+            return case
+        asked = [twin for name in policies if (twin := self._hints[name].twin)]
+        if not asked and rng.random() >= self._chosen.real("paired"):
+            return case
+        among = asked or self._twins
+        return msgspec.structs.replace(case, twin=among[int(rng.integers(len(among)))])
 
     def _in_flights(self, rotation: Sequence[str]) -> list[str]:
         """Return the policies as they share flights: missions together, a few begun on the ground before many flown."""

@@ -214,7 +214,7 @@ class ForkingExternalSession(ExternalSession):
         """Return the test case's start state, reached if need be; None where it cannot be held."""
         if self._start is not None and agree_until_s(self._start[0], test_case) >= 0.0:
             return self._start[1]
-        beginning = _ENCODER.encode((test_case.target, test_case.scenario, test_case.rng_seed))
+        beginning = _ENCODER.encode((test_case.target, test_case.scenario, test_case.rng_seed, test_case.heading_deg))
         if beginning in self._unheld or not self._adapter.forkable(test_case):
             return None
         self.close()

@@ -52,7 +52,17 @@ def _picture(exhibit: Exhibit) -> str:
     track, scenario = _track(exhibit), exhibit.test_case.scenario
     if not len(track) and not scenario.obstacles and scenario.mission is None:
         return ""  # a target that has no place
-    return layout.picture(exhibit.test_case, track) + layout.legend(exhibit.test_case)
+    return layout.picture(exhibit.test_case, track, _twin(exhibit)) + layout.legend(exhibit.test_case)
+
+
+def _twin(exhibit: Exhibit) -> NDArray[np.float64]:
+    """Return where the twin of the flight was while both flew, shape (n, 3); none where none was flown."""
+    trace = exhibit.trace
+    if trace is None or "twin" not in trace.signals:
+        return layout.NO_TWIN
+    apart = zip(("x_m", "y_m", "altitude_m"), ("twin_x_apart_m", "twin_y_apart_m", "twin_height_apart_m"), strict=True)
+    places = np.stack([np.add(trace.array(name), trace.array(more), dtype=np.float64) for name, more in apart], axis=1)
+    return places[trace.array("twin") > 0.0].astype(np.float64)
 
 
 def _charts(exhibit: Exhibit, verdict: Verdict | None) -> list[str]:

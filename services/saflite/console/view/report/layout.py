@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saflite.console.view.report.svg import Point, label, nice_step, points, tag
-from saflite.contract.test_case import Obstacle, TestCase
+from saflite.contract.test_case import TWIN_WORDS, Obstacle, TestCase
 from saflite.flight.geometry import COMPETITION_AREA, boxes_array, corner_points, distances_to_boxes
 from saflite.flight.mission import places_of
 
@@ -39,17 +39,21 @@ class View(NamedTuple):
         return (x_m - self.left_m) * self.scale, (self.top_m - y_m) * self.scale
 
 
-def picture(test_case: TestCase, track: NDArray[np.float64]) -> str:
+NO_TWIN: NDArray[np.float64] = np.empty((0, 3))
+
+
+def picture(test_case: TestCase, track: NDArray[np.float64], twin: NDArray[np.float64] = NO_TWIN) -> str:
     """Return the picture as an SVG element.
 
     Args:
         test_case: what was flown.
         track: places flown, shape (n, 3) x, y, z in metres; may be empty.
+        twin: those of the second flight it is compared with, turned back, of the same shape.
     """
     boxes = test_case.scenario.obstacles
     mission = test_case.scenario.mission
     places = [(0.0, 0.0), *((p.x_m, p.y_m) for p in places_of(mission))] if mission is not None else [(0.0, 0.0)]
-    view = _view(boxes, places, track)
+    view = _view(boxes, places, np.concatenate([track, twin]))
     parts = [_grid(view)]
     if boxes:
         parts.append(_area(view))
@@ -58,6 +62,8 @@ def picture(test_case: TestCase, track: NDArray[np.float64]) -> str:
         parts.append(tag("polyline", points=points(view.at(*place) for place in places), class_="mission"))
         parts += [_dot(view, place, "waypoint", 3.5) for place in places[1:]]
     parts += _path(view, boxes, track)
+    if len(twin) > 1:
+        parts.append(_line(view, twin, "twin"))
     parts.append(_dot(view, (0.0, 0.0), "start", 4.5))
     box = f"0 0 {view.width_px:.0f} {view.height_px:.0f}"
     return tag(
@@ -68,12 +74,18 @@ def picture(test_case: TestCase, track: NDArray[np.float64]) -> str:
 def legend(test_case: TestCase) -> str:
     """Return what lines and marks of the picture mean."""
     boxes = bool(test_case.scenario.obstacles)
-    rows = [("path", "flown", True), ("mission", "mission", test_case.scenario.mission is not None)]
+    rows = [("path", "flown", True), ("twin", _twin_words(test_case), bool(test_case.twin))]
+    rows += [("mission", "mission", test_case.scenario.mission is not None)]
     rows += [("danger", f"nearer than {SAFE_M:g} m to a box", boxes)]
     drawn = [(tag("line", x1=1, y1=6, x2=25, y2=6, class_=css), text) for css, text, wanted in rows if wanted]
     drawn += [(tag("circle", cx=13, cy=6, r=4.5, class_="closest"), "closest point")] if boxes else []
     shown = [f"<span>{tag('svg', mark, viewBox='0 0 26 12')} {text}</span>" for mark, text in drawn]
     return f'<div class="legend">{"".join(shown)}</div>'
+
+
+def _twin_words(test_case: TestCase) -> str:
+    back = ", shown turned back" if test_case.twin == "turned" else ""
+    return f"the same flight {TWIN_WORDS[test_case.twin]}{back}" if test_case.twin else ""
 
 
 def _view(boxes: Sequence[Obstacle], places: Sequence[Point], track: NDArray[np.float64]) -> View:
@@ -131,20 +143,19 @@ def _dot(view: View, place: Point, css: str, radius: float) -> str:
 def _path(view: View, boxes: Sequence[Obstacle], track: NDArray[np.float64]) -> list[str]:
     if len(track) < 2:
         return []
-    shown = track[:: max(1, len(track) // TRACK_POINTS_MAX)]
-    parts = [tag("polyline", points=points(view.at(x, y) for x, y, _ in shown.tolist()), class_="path")]
+    parts = [_line(view, track, "path")]
     if not boxes:
         return parts
     distances = distances_to_boxes(track, boxes_array(boxes))
     nearest = distances.min(axis=1)
-    parts += [_danger(view, track[start:end]) for start, end in _stretches(nearest < SAFE_M)]
+    parts += [_line(view, track[start:end], "danger") for start, end in _stretches(nearest < SAFE_M)]
     at = int(nearest.argmin())
     return [*parts, _closest(view, boxes[int(distances[at].argmin())], track[at], float(nearest[at]))]
 
 
-def _danger(view: View, part: NDArray[np.float64]) -> str:
-    shown = part[:: max(1, len(part) // TRACK_POINTS_MAX)]
-    return tag("polyline", points=points(view.at(x, y) for x, y, _ in shown.tolist()), class_="danger")
+def _line(view: View, track: NDArray[np.float64], css: str) -> str:
+    shown = track[:: max(1, len(track) // TRACK_POINTS_MAX)]
+    return tag("polyline", points=points(view.at(x, y) for x, y, _ in shown.tolist()), class_=css)
 
 
 def _stretches(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:

@@ -48,6 +48,7 @@ svg .boxname{fill:#fff;font-weight:600}
 .mission{fill:none;stroke:var(--blue);stroke-width:1.5;stroke-dasharray:2 4;stroke-linecap:round}
 .waypoint{fill:var(--blue)}.start{fill:var(--panel);stroke:var(--blue);stroke-width:2}
 .path{fill:none;stroke:var(--green);stroke-width:2;stroke-linejoin:round}
+.twin{fill:none;stroke:var(--red);stroke-width:1.5;stroke-dasharray:6 3;stroke-linejoin:round}
 .danger{fill:none;stroke:var(--red);stroke-width:3.5;stroke-linecap:round;stroke-linejoin:round}
 .closest{fill:none;stroke:var(--red);stroke-width:2}.gapline{stroke:var(--red);stroke-width:1.5}
 svg .closestname{fill:var(--red);font-weight:700;font-size:12.5px;paint-order:stroke;stroke:var(--bg);stroke-width:3px}

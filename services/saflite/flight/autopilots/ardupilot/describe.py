@@ -72,6 +72,7 @@ def describe(binary: Binary | None, listing: Listing | None, lacking: str) -> Ta
         missions=True,
         obstacles=True,
         wind=True,
+        turns=True,
         snapshots=True,
         time_limit_max_s=TIME_LIMIT_MAX_S,
         vehicle=VEHICLE,

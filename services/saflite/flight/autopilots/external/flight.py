@@ -69,7 +69,7 @@ class ExternalFlight(ABC):
         self.start = test_case.scenario.start or DEFAULT_START
         self._mission = mission = self.scenario.mission
         self._home = HOME if mission is None else (mission.home_lat_deg, mission.home_lon_deg, mission.home_alt_m)
-        self._yaw_deg = MISSION_YAW_DEG if mission is not None else 0.0
+        self._yaw_deg = (test_case.heading_deg + (MISSION_YAW_DEG if mission is not None else 0.0)) % 360.0
         self._boxes = boxes_array(self.scenario.obstacles)
         self._wind = WindField(self.scenario.wind, test_case.rng_seed)
         self._ticks = self._calls = 0

@@ -47,6 +47,7 @@ def describe() -> TargetInfo:
         missions=True,
         obstacles=True,
         wind=True,
+        turns=True,
         snapshots=True,
         time_limit_max_s=TIME_LIMIT_MAX_S,
         vehicle="F450 quadcopter (JSBSim)",

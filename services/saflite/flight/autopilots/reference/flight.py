@@ -49,7 +49,8 @@ class ReferenceFlight:
         self.test_case, self.scenario = test_case, scenario
         self.start = scenario.start or StartState()
         on_ground = scenario.mission is not None or self.start.altitude_m <= 0.0
-        altitude_m, yaw_deg = 0.0 if on_ground else self.start.altitude_m, MISSION_YAW_DEG if scenario.mission else 0.0
+        altitude_m = 0.0 if on_ground else self.start.altitude_m
+        yaw_deg = (test_case.heading_deg + (MISSION_YAW_DEG if scenario.mission else 0.0)) % 360.0
         self.boxes = boxes_array(scenario.obstacles)
         self.vehicle = Vehicle(test_case.rng_seed, self.boxes, altitude_m, yaw_deg)
         self.world = self.vehicle.world

@@ -79,7 +79,7 @@ def _facts(test_case: TestCase, flight: Flight, evidence: Evidence, rows: Listin
     home = HOME if mission is None else (mission.home_lat_deg, mission.home_lon_deg, mission.home_alt_m)
     return {
         "parameters": {**(wind if scenario.wind.mean_mps else {}), **parameters},
-        "home": [*home, 0.0 if mission is None else MISSION_YAW_DEG],
+        "home": [*home, (test_case.heading_deg + (0.0 if mission is None else MISSION_YAW_DEG)) % 360.0],
         "items": [] if mission is None else item_fields(as_taken(mission), home=True, not_given=0.0),
         "mode": MODES[start.mode],
         "mode_name": start.mode,

@@ -1,0 +1,79 @@
+"""A second flight that must go as the first: which one it is, and how far from the first it went.
+
+Some faults show in no flight alone, since nobody can say what the right flight would be. But turned by a right angle,
+or without what was refused, it must be the same (metamorphic testing, Chen et al. 1998; Segura et al. 2016).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from saflite.contract.errors import Refused
+from saflite.contract.flight import FlightRecord, Trace
+from saflite.contract.target_info import COMPARED, TargetInfo
+from saflite.contract.test_case import TestCase
+from saflite.flight.turning import TURN_DEG, turned
+
+CODES = {"turned": 1.0, "idle": 2.0}
+Array = NDArray[np.float32]
+
+
+def check_twin(info: TargetInfo, test_case: TestCase) -> None:
+    """Raise Refused where the target cannot fly the twin of a test case, or begin with its heading."""
+    if test_case.heading_deg and not info.turns:
+        raise Refused("heading_deg", expected=f"0: target {info.name} takes none", got=test_case.heading_deg)
+    if test_case.twin and not info.flies_twin(test_case.twin):
+        why = f"one that repeats bit by bit, writes {', '.join(COMPARED)} and, to be turned, takes a heading"
+        raise Refused(f"twin {test_case.twin!r}", expected=why, got=f"target {info.name}")
+
+
+def with_twin(
+    info: TargetInfo, test_case: TestCase, record: FlightRecord, fly: Callable[[TestCase], FlightRecord]
+) -> FlightRecord:
+    """Return the record of a flight, with how far its twin is apart in its trace where the test case asks for one.
+
+    Without a trace of both, or where there is nothing to leave out, the record stays as it is.
+    """
+    if not test_case.twin or record.trace is None:
+        return record
+    second = _second(info, test_case, record)
+    if second is None:
+        return record
+    flown = fly(second)
+    if flown.trace is None or flown.trace.step_s != record.trace.step_s:
+        return record
+    signals = {**record.trace.signals, **_apart(test_case, record.trace, flown.trace)}
+    return record._replace(trace=msgspec.structs.replace(record.trace, signals=signals))
+
+
+def _second(info: TargetInfo, test_case: TestCase, record: FlightRecord) -> TestCase | None:
+    plain = msgspec.structs.replace(test_case, twin="")
+    if test_case.twin == "turned":
+        return turned(plain, {entry.name: entry.default for entry in info.inputs if entry.default is not None})
+    refused = {one.index for one in record.delivered or () if one.answer == "denied"}
+    kept = tuple(one for index, one in enumerate(plain.stimuli) if index not in refused)
+    return msgspec.structs.replace(plain, stimuli=kept) if refused else None
+
+
+def _apart(test_case: TestCase, first: Trace, second: Trace) -> dict[str, bytes]:
+    """Return the signals `twin_*`; 0 where only one of the two flies still."""
+    both = min(first.samples, second.samples)
+    one, two = ({name: trace.array(name)[:both] for name in COMPARED} for trace in (first, second))
+    is_turned = test_case.twin == "turned"
+    north, east = (two["y_m"], -two["x_m"]) if is_turned else (two["x_m"], two["y_m"])
+    yaw_deg = two["yaw_deg"] - (TURN_DEG if is_turned else 0.0)
+    found: dict[str, NDArray[np.floating]] = {
+        "twin": np.full(both, CODES[test_case.twin]),
+        "twin_x_apart_m": north - one["x_m"],
+        "twin_y_apart_m": east - one["y_m"],
+        "twin_height_apart_m": two["altitude_m"] - one["altitude_m"],
+        "twin_heading_apart_deg": (yaw_deg - one["yaw_deg"] + 180.0) % 360.0 - 180.0,
+        "twin_mode_apart": two["mode"] != one["mode"],
+        "twin_armed_apart": two["armed"] != one["armed"],
+    }
+    rest = np.zeros(first.samples - both, dtype=np.float32)
+    return {name: np.concatenate([values, rest]).astype("<f4").tobytes() for name, values in found.items()}

@@ -1,0 +1,113 @@
+"""Second flights: which one is flown, what is written of it, and who cannot fly it. On the reference."""
+
+from __future__ import annotations
+
+import msgspec
+import numpy as np
+import pytest
+
+from saflite.conformance.flying import fly_once
+from saflite.contract.errors import Refused
+from saflite.contract.flight import Flight, FlightRecord, Trace
+from saflite.contract.signals import TWIN_SIGNALS
+from saflite.contract.test_case import Scenario, StartState, Stimulus, Target, TestCase, Twin, identity
+from saflite.flight.autopilots.reference import commands
+from saflite.flight.autopilots.reference.autopilot import Autopilot
+from saflite.flight.autopilots.reference.commands import MavResult
+from saflite.flight.autopilots.reference.describe import describe
+from saflite.flight.autopilots.reference.modes.circle import Circle
+from saflite.oracle.judge import judge
+from saflite.simulator_worker.twins import check_twin, with_twin
+
+REFERENCE = describe()
+
+
+def case(start: str, *stimuli: Stimulus, twin: Twin, limit_s: float = 20.0) -> TestCase:
+    scenario = Scenario(start=StartState(mode=start, altitude_m=20.0), time_limit_s=limit_s)
+    return TestCase(target=Target(), scenario=scenario, stimuli=stimuli, rng_seed=3, twin=twin)
+
+
+def verdict(flown: TestCase, policy: str) -> str:
+    record = fly_once(flown)
+    flight = Flight(test_case=identity(flown), flight_index=0, ending=record.ending, delivered=record.delivered)
+    return judge(flown, flight, record.trace, (policy,)).verdicts[0].outcome
+
+
+TURN = Stimulus(at_s=2.0, kind="command", name="MAV_CMD_CONDITION_YAW", values=(60.0, 0.0, 1.0, 0.0))
+CIRCLE = Stimulus(at_s=1.0, kind="mode", name="CIRCLE")
+STICK = Stimulus(at_s=1.0, kind="stick", name="RC4", values=(1900.0,))
+
+
+def test_a_circle_goes_the_same_wherever_it_begins() -> None:
+    assert verdict(case("LOITER", CIRCLE, twin="turned"), "turned-alike") == "held"
+
+
+def test_a_centre_whose_east_is_mirrored_shows(monkeypatch: pytest.MonkeyPatch) -> None:
+    enter = Circle.enter
+
+    def mirrored(self: Circle, previous: object) -> None:
+        enter(self, previous)  # type: ignore[arg-type]
+        north_m, east_m = self._centre
+        self._centre = (north_m, 2.0 * self.board["est_e"] - east_m)
+
+    monkeypatch.setattr(Circle, "enter", mirrored)
+    assert verdict(case("LOITER", CIRCLE, twin="turned"), "turned-alike") == "violated"
+
+
+def test_what_was_refused_does_nothing() -> None:
+    assert verdict(case("LOITER", TURN, twin="idle"), "refused-does-nothing") == "held"
+
+
+def test_a_turn_that_is_refused_and_flown_shows(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(ap: Autopilot, numbers: commands.Numbers) -> MavResult:
+        ap.yaw_order_rad = 1.0
+        return MavResult.FAILED
+
+    number, row = next((number, row) for number, row in commands.command_table().items() if row.name in TURN.name)
+    monkeypatch.setitem(commands.command_table(), number, row._replace(handler=refused))
+    assert verdict(case("GUIDED", TURN, twin="idle"), "refused-does-nothing") == "violated"
+
+
+def test_without_a_refusal_there_is_no_second_flight() -> None:
+    record = fly_once(case("LOITER", STICK, twin="idle", limit_s=5.0))
+    assert record.trace is not None
+    assert not set(TWIN_SIGNALS) & set(record.trace.signals)
+
+
+def test_a_flight_alone_is_the_first_of_two() -> None:
+    pair, alone = (fly_once(case("LOITER", STICK, twin=twin, limit_s=5.0)) for twin in ("turned", ""))
+    assert pair.trace is not None
+    assert alone.trace is not None
+    assert {name: data for name, data in pair.trace.signals.items() if name not in TWIN_SIGNALS} == alone.trace.signals
+
+
+def test_a_test_case_with_a_twin_is_another() -> None:
+    assert len({identity(case("LOITER", twin=twin)) for twin in ("", "idle", "turned")}) == 3
+
+
+def test_where_one_ends_sooner_nothing_is_compared() -> None:
+    names = ("x_m", "y_m", "altitude_m", "yaw_deg", "mode", "armed")
+
+    def record(samples: int, x_m: float) -> FlightRecord:
+        values = {name: np.full(samples, x_m if name == "x_m" else 0.0, dtype="<f4").tobytes() for name in names}
+        return FlightRecord("completed", Trace(step_s=0.02, signals=values))
+
+    flown = with_twin(REFERENCE, case("LOITER", twin="turned"), record(10, 0.0), lambda _: record(6, 5.0))
+    assert flown.trace is not None
+    assert flown.trace.array("twin").tolist() == [1.0] * 6 + [0.0] * 4
+    assert flown.trace.array("twin_y_apart_m").tolist() == [-5.0] * 6 + [0.0] * 4
+    assert flown.trace.array("twin_heading_apart_deg").tolist() == [-90.0] * 6 + [0.0] * 4
+
+
+@pytest.mark.parametrize("change", [{"repeats": "statistically"}, {"turns": False}, {"signals": ("x_m",)}])
+def test_a_target_that_cannot_says_so(change: dict[str, object]) -> None:
+    other = msgspec.structs.replace(REFERENCE, **change)
+    with pytest.raises(Refused, match="twin 'turned'"):
+        check_twin(other, case("LOITER", twin="turned"))
+
+
+def test_a_heading_is_refused_where_none_is_taken() -> None:
+    flown = msgspec.structs.replace(case("LOITER", twin=""), heading_deg=30.0)
+    check_twin(REFERENCE, flown)
+    with pytest.raises(Refused, match="heading_deg"):
+        check_twin(msgspec.structs.replace(REFERENCE, turns=False), flown)
