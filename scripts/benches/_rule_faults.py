@@ -7,12 +7,23 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import msgspec
 from _authored_faults import PACKAGE, Patch
 from _blind_faults import planted
 
 from saflite.conformance.flying import fly_once
 from saflite.contract.flight import Flight
-from saflite.contract.test_case import Mission, MissionItem, Scenario, StartState, Stimulus, Target, TestCase, identity
+from saflite.contract.test_case import (
+    Mission,
+    MissionItem,
+    Scenario,
+    StartState,
+    Stimulus,
+    Target,
+    TestCase,
+    Twin,
+    identity,
+)
 from saflite.flight.mission import dump_plan, parse_plan
 from saflite.flight.world.jsbsim_world import HOME_LAT_DEG, HOME_LON_DEG
 from saflite.oracle.judge import judge
@@ -20,6 +31,7 @@ from saflite.oracle.policy import policy_names
 
 FILE = Path(__file__).parent / "data" / "rule_faults.toml"
 LIMIT_S, MISSION_LIMIT_S = 75.0, 180.0
+TWINS: tuple[Twin, ...] = ("turned", "idle")
 
 
 class RuleFault(NamedTuple):
@@ -77,6 +89,11 @@ def seen_by(name: str) -> dict[str, Any]:
 
 
 def _broken(case: TestCase) -> list[str]:
+    """Return the rules that a flight breaks alone or with a twin of either kind."""
+    return sorted({name for twin in TWINS for name in _broken_with(msgspec.structs.replace(case, twin=twin))})
+
+
+def _broken_with(case: TestCase) -> list[str]:
     record = fly_once(case)
     flight = Flight(test_case=identity(case), flight_index=0, ending=record.ending, delivered=record.delivered)
     return [
