@@ -15,7 +15,7 @@ from farm_world import World, know_the_clean_finds, run_seed
 
 from saflite.campaign.engine.state import Books
 
-SEEDS, CHUNKS = 80, 8
+SEEDS, CHUNKS = 64, 8
 BUG_SEEDS_MAX = 80
 LIKELY = {
     "answers_before_commit": 103,
