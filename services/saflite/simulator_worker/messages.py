@@ -74,6 +74,11 @@ class FlightRequest(msgspec.Struct, frozen=True, kw_only=True, tag="fly"):
     share: bool = False
 
 
+def flights_in(request: FlightRequest) -> int:
+    """Return how many flights a request takes, each of which may last as long as its deadline."""
+    return 1 + request.twice + bool(request.test_case.twin)
+
+
 class Cancel(msgspec.Struct, frozen=True, kw_only=True, tag="cancel"):
     """Stop flight number `number`."""
 

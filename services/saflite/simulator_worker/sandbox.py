@@ -30,6 +30,7 @@ from saflite.simulator_worker.messages import (
     OpenRequest,
     Ready,
     Setup,
+    flights_in,
     from_simulator,
     send,
 )
@@ -106,7 +107,7 @@ class Sandbox:
         )
         try:
             send(pipe, request)
-            reply = self._wait(pipe, (2 if twice else 1) * wall_limit_s, cancelled)
+            reply = self._wait(pipe, flights_in(request) * wall_limit_s, cancelled)
         except (EOFError, OSError):
             message = f"simulator process died: {self.kill(has_died=True)}"
             return FlightReply(number=self._flights, ending="lost", message=message, build=opened.build)

@@ -19,7 +19,6 @@ from saflite.contract.test_case import TestCase
 from saflite.flight.turning import TURN_DEG, turned
 
 CODES = {"turned": 1.0, "idle": 2.0}
-Array = NDArray[np.float32]
 
 
 def check_twin(info: TargetInfo, test_case: TestCase) -> None:

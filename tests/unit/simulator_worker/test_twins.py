@@ -17,6 +17,7 @@ from saflite.flight.autopilots.reference.commands import MavResult
 from saflite.flight.autopilots.reference.describe import describe
 from saflite.flight.autopilots.reference.modes.circle import Circle
 from saflite.oracle.judge import judge
+from saflite.simulator_worker.messages import FlightRequest, flights_in
 from saflite.simulator_worker.twins import check_twin, with_twin
 
 REFERENCE = describe()
@@ -104,6 +105,12 @@ def test_a_target_that_cannot_says_so(change: dict[str, object]) -> None:
     other = msgspec.structs.replace(REFERENCE, **change)
     with pytest.raises(Refused, match="twin 'turned'"):
         check_twin(other, case("LOITER", twin="turned"))
+
+
+@pytest.mark.parametrize(("twin", "twice", "flights"), [("", False, 1), ("turned", False, 2), ("idle", True, 3)])
+def test_each_of_the_flights_has_the_whole_time(twin: Twin, *, twice: bool, flights: int) -> None:
+    request = FlightRequest(number=1, test_case=case("LOITER", twin=twin), deadline_s=1.0, twice=twice)
+    assert flights_in(request) == flights
 
 
 def test_a_heading_is_refused_where_none_is_taken() -> None:
