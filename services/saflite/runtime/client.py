@@ -129,6 +129,8 @@ class FarmClient:
     def order(self, verb: Verb, text: str = "", number: int = 0, *, within_s: float = 30.0) -> Answer:
         """Give an order and return the answer; asks again while nobody answers.
 
+        After silence it asks over a new link: one can look alive and carry nothing (`Bus.renew`).
+
         Raises:
             Refused: the key is not for that, or the books cannot read it.
             Unavailable: no answer within `within_s`.
@@ -139,7 +141,7 @@ class FarmClient:
         payload = wire.encode(Control(verb=verb, text=text, number=number))
         until_s = self._clock.monotonic_s() + within_s
         while True:
-            tag = next(self._count)
+            tag, asked_s = next(self._count), self._clock.monotonic_s()
             self._bus.ask(topics.control(self._campaign, verb), payload, tag, self._inbox.put, ANSWER_S)
             reply = self._reply(tag)
             if reply.payload is not None:
@@ -150,6 +152,8 @@ class FarmClient:
                 words = f"the books of {self._campaign} did not answer for {within_s:.0f} s"
                 raise Unavailable(f"{words}; {access}" if access else words)
             access = access or self._access()
+            if self._clock.monotonic_s() - asked_s >= ANSWER_S - RETRY_S:  # not even that nobody is there was said
+                self._bus.renew()
             self._pause(RETRY_S)
 
     def status(self, *, within_s: float = 30.0) -> Status:
