@@ -31,6 +31,7 @@ NO_MEMORY = ("failed to map segment", "Cannot allocate memory")  # as the loader
 NO_TEMPORARY = "No usable temporary directory"
 """As `tempfile` has it where no folder takes a file: it says that none was found, whatever the system said."""
 NUL_IN_PATH = "embedded null byte"  # a ValueError, as Python has it; no argument holds one, a path in a file may
+NO_TEXT = "surrogates not allowed"  # why Python encodes no name of a folder that is no UTF-8
 _ORDER = ("run", "resume", "replay", "watch", "report", "list")
 
 
@@ -114,9 +115,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         out.complain("unavailable", f"this process was given too little memory: {_in_a_line(fault)}")
         return INFRASTRUCTURE
     except ValueError as fault:
-        if str(fault) != NUL_IN_PATH:
+        if str(fault) != NUL_IN_PATH and not (isinstance(fault, UnicodeEncodeError) and fault.reason == NO_TEXT):
             return _own_fault(fault)
-        out.complain("refused", "a path holds a NUL")
+        out.complain("refused", "a path holds a NUL" if str(fault) == NUL_IN_PATH else "a path is no text in UTF-8")
         return REFUSED
     except (SystemExit, GeneratorExit):
         raise
@@ -179,6 +180,9 @@ def _dispatch(words: list[str]) -> int:
         out.line(f"saflite {_version()}")
         return NOTHING_FOUND
     module = _load(words[0])
+    for word in words:
+        if not _is_text(word):  # Python makes lone surrogates of other bytes, which nothing can store or send
+            raise Refused("argument", expected="text in UTF-8", got=ascii(word[:200]))
     args = parser_of(words[0]).parse_args(words[1:])
     if getattr(args, "module", ()):
         from saflite.contract.modules import use
@@ -188,6 +192,10 @@ def _dispatch(words: list[str]) -> int:
         _fly_with(args.autopilot)
     code: int = module.run(args)
     return code
+
+
+def _is_text(word: str) -> bool:
+    return not any("\ud800" <= character <= "\udfff" for character in word)
 
 
 def _fly_with(path: Path) -> None:

@@ -46,7 +46,9 @@ REGISTER_LOOK_S = 1.0
 
 def parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
-    text = argparse.ArgumentParser(prog="python -m saflite.runtime.serve", description=__doc__.partition("\n")[0])
+    text = argparse.ArgumentParser(
+        prog="python -m saflite.runtime.serve", description="One role of the farm as a process."
+    )
     text.add_argument("role", choices=["books", "router", *get_args(Stage)])
     text.add_argument("--campaign", required=True, help="name of the campaign")
     text.add_argument("--connect", default="", help="router to connect to, e.g. unixsock-stream/PATH")

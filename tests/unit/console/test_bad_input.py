@@ -36,6 +36,8 @@ def refused(capsys: pytest.CaptureFixture[str], *words: str) -> str:
         (["run", "avoidance-m2", "--scorer", "nosuch"], "blend"),
         (["run", "avoidance-m2", "--shadow", "nosuch"], "blend"),
         (["run", "avoidance-m2", "--budget", "-5"], "got -5"),
+        (["run", "avoidance-m2", "--out", "a\udcffb"], "UTF-8"),
+        (["audit", "a\udcffb"], "UTF-8"),
         (["run", "avoidance-m2", "--budget", "many"], "many"),
         (["run", "avoidance-m2", "--workers", "0"], "1 or more"),
         (["run", "avoidance-m2", "--scale", "fly=3:1"], "min 3, max 1"),

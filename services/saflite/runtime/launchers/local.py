@@ -136,21 +136,18 @@ class LocalLauncher:
     def _command(self, spec: RoleSpec) -> list[str]:
         meeting = self._meeting
         command = [*self._prefix_of(spec), *own_python("saflite.runtime.serve"), spec.kind]
-        command += ["--campaign", meeting.campaign, "--worker", spec.name, "--parent", str(os.getpid())]
-        command += ["--listen", meeting.listen or meeting.connect] if spec.listens else ["--connect", meeting.connect]
-        command += ["--gate", meeting.gate] if spec.listens and meeting.gate else []
+        command += [f"--campaign={meeting.campaign}", f"--worker={spec.name}", f"--parent={os.getpid()}"]
+        command += [f"--listen={meeting.listen or meeting.connect}" if spec.listens else f"--connect={meeting.connect}"]
+        command += [f"--gate={meeting.gate}"] if spec.listens and meeting.gate else []
         if self._keys is not None and bool(meeting.gate) == spec.listens:
-            command += ["--keys", str(self._keys)]
+            command += [f"--keys={self._keys}"]
         command += ["--insecure"] if meeting.insecure else []
         command += ["--json-logs"] if meeting.json_logs else []
-        command += ["--patience", str(meeting.patience_s)] if meeting.patience_s else []
-        for label, value in spec.labels.items():
-            command += ["--label", f"{label}={value}"]
-        command += ["--spool", str(self._folder / "spool" / spec.name)]
-        if self._run_dir is not None:
-            command += ["--run-dir", str(self._run_dir)]
-        for name in spec.modules:
-            command += ["--module", str(self._module(name))]
+        command += [f"--patience={meeting.patience_s}"] if meeting.patience_s else []
+        command += [f"--label={label}={value}" for label, value in spec.labels.items()]
+        command += [f"--spool={self._folder / 'spool' / spec.name}"]  # with `=`: a path may begin with a dash
+        command += [f"--run-dir={self._run_dir}"] if self._run_dir is not None else []
+        command += [f"--module={self._module(name)}" for name in spec.modules]
         return command
 
     def _module(self, name: str) -> Path:
