@@ -12,9 +12,21 @@ from saflite.conformance.flying import fly_once
 from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.flight import FlightRecord, trace_digest
 from saflite.contract.signals import MODES, SIGNALS
-from saflite.contract.test_case import Obstacle, Scenario, StartState, Stimulus, StimulusKind, Target, TestCase, Wind
+from saflite.contract.test_case import (
+    Mission,
+    MissionItem,
+    Obstacle,
+    Scenario,
+    StartState,
+    Stimulus,
+    StimulusKind,
+    Target,
+    TestCase,
+    Wind,
+)
 from saflite.flight.autopilots.reference import tables
-from saflite.flight.mission import builtin_mission
+from saflite.flight.mission import builtin_mission, dump_plan, parse_plan
+from saflite.flight.world.jsbsim_world import HOME_LAT_DEG, HOME_LON_DEG
 
 Input = tuple[float, StimulusKind, str, tuple[float, ...]]
 
@@ -346,3 +358,21 @@ def test_the_speed_loop_sums_nothing_up_while_it_leans_as_far_as_it_may() -> Non
     assert record.trace is not None
     away = np.hypot(record.trace.array("x_m"), record.trace.array("y_m"))
     assert away.max() - away[away.argmax() :].min() < 4.5
+
+
+def test_a_mission_begun_again_in_the_air_flies_to_its_first_way_point_again() -> None:
+    """It took the way-point for passed, since the leg began where a place had last been held: at home."""
+    up = MissionItem(command=22, params=(0, 0, 0, 0, HOME_LAT_DEG, HOME_LON_DEG, 8))
+    first = MissionItem(command=16, params=(0, 0, 0, 0, HOME_LAT_DEG + 1e-4, HOME_LON_DEG, 8))
+    second = MissionItem(command=16, params=(0, 0, 0, 0, HOME_LAT_DEG + 2e-4, HOME_LON_DEG + 2e-4, 8))
+    mission = Mission(
+        name="corner", home_lat_deg=HOME_LAT_DEG, home_lon_deg=HOME_LON_DEG, home_alt_m=0.0, items=(up, first, second)
+    )
+    again = Stimulus(at_s=48.0, kind="command", name="MAV_CMD_MISSION_START")
+    scenario = Scenario(mission=parse_plan(dump_plan(mission), "corner", "corner"), time_limit_s=90.0)
+    trace = fly(TestCase(target=Target(), scenario=scenario, stimuli=(again,), rng_seed=3)).trace
+    assert trace is not None
+    far_m = np.hypot(trace.array("x_m") - 11.1, trace.array("y_m"))
+    at = round(48.0 / trace.step_s)
+    assert far_m[at] > 6.0, "it is on its second leg"
+    assert far_m[at:].min() < 3.0

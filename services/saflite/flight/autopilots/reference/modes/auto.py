@@ -141,6 +141,8 @@ class Auto(Mode):
         if item.kind in LEGS:
             self._keep_or_drop_the_heading()
         if item.kind == "takeoff":
+            if not self.ap.landed:  # begun again in the air: from here, not from where a place was last held
+                self.board.set(set_n=self.board["est_n"], set_e=self.board["est_e"])
             self.board.set(takeoff_altitude_set_m=self._goal[2], set_altitude=self.board["altitude_est_m"])
 
     def _keep_or_drop_the_heading(self) -> None:
