@@ -129,6 +129,7 @@ SIGNALS: dict[str, Signal] = {
     "chute_delay_set_s": Signal("s", "time from the order to the canopy (CHUTE_DELAY_MS)"),
     "chute_present_set": Signal("", "1 while the simulated vehicle carries a parachute (SIM_PARA_ENABLE)", "flag"),
     "chute_sink_set_mps": Signal("m/s", "sink rate that releases the parachute, 0 none (CHUTE_CRT_SINK)"),
+    "radio_fault_set": Signal("", "how the simulated radio fails: 1 silent, 2 throttle low (SIM_RC_FAIL)", "code"),
     "battery_low_charge_set_mah": Signal("mAh", "charge left that counts as low, 0 off (BATT_LOW_MAH)"),
     "battery_capacity_set_mah": Signal("mAh", "charge of a full battery (BATT_CAPACITY)"),
     "fence_action_set": Signal("", "breach: 0 report, 1 RTL or LAND, 2 LAND, 4 BRAKE (FENCE_ACTION)", "code"),
@@ -155,6 +156,7 @@ SIGNALS: dict[str, Signal] = {
     ),
     "settling_s": Signal("s", "time in which it can be asked to stop and to come back to where it was"),
     "pilot_takeoff_set_m": Signal("m", "height to which a pilot's take-off climbs by itself (PILOT_TKOFF_ALT)"),
+    "pilot_acceleration_set_mps2": Signal("m/s2", "how hard a climb by stick speeds up and stops (PILOT_ACCEL_Z)"),
     "yaw_slew_set_dps": Signal("deg/s", "turning speed of autonomous modes (ATC_SLEW_YAW)"),
     "pilot_speed_down_set_mps": Signal("m/s", "greatest descent rate a pilot may ask (PILOT_SPEED_DN)"),
     "cruise_speed_set_mps": Signal("m/s", "speed of autonomous modes (WPNAV_SPEED, MAV_CMD_DO_CHANGE_SPEED)"),
@@ -271,7 +273,7 @@ gps_true gps_settled baro_true baro_settled body_true sticks_true place_order_s 
 ordered_altitude_m battery_timer_set_s battery_low_action_set battery_critical_set_v battery_low_charge_set_mah
 battery_capacity_set_mah battery_critical_action_set acro_trainer_set acro_balance_roll_set acro_balance_pitch_set
 acro_rate_set_dps chute_enabled_set chute_type_set chute_servo_set chute_delay_set_s
-chute_present_set
+chute_present_set radio_fault_set pilot_acceleration_set_mps2
 mode_order_s mode_cause_s ordered_mode release_order_s stop_order_s start_order_s climb_order_s height_order_s
 failsafe_options_set circle_options_set auto_options_set pilot_turn_speed_set_dps
 fence_action_set fence_on_set fence_type_set fence_radius_set_m fence_margin_set_m acro_yaw_rate_set_dps

@@ -154,13 +154,14 @@ def unexpected(
     auto = np.asarray(mode) == MODES["AUTO"]
     counts: list[dict[int, int]] = [{}]  # how often each jump may have been taken: what does not show leaves it open
     for at in np.flatnonzero((np.diff(item) != 0) | (np.diff(auto.astype(int)) != 0)) + 1:
-        if not (auto[at] and auto[at - 1]):
+        anew = any(0.0 <= times[at] - one <= AFRESH_S for one in started_s)
+        if not auto[at] or not (auto[at - 1] or anew):
             counts = [{}]
             continue
         near = {number for number, off_m in enumerate(place_off_m) if not off_m[at] > NEAR_M}
         passed = {number for number in near if not items[number].wait_s}
         before, now = int(item[at - 1]), int(item[at])
-        if any(0.0 <= times[at] - one <= AFRESH_S for one in started_s):
+        if anew:
             before, counts, passed = -1, [{}], passed | {-1}
         followed: list[dict[int, int]] = []
         for jumped in counts:

@@ -52,7 +52,10 @@ def test_a_mission_begun_anew_or_entered_again_counts_afresh() -> None:
     assert wrong([3, 1, 2, 0, 1], started_s=[6.0]) == []
     assert wrong([3, 1, 2, 0, 1]) == [3]
     assert wrong([0, 1, 2, 4, 5], started_s=[6.0]) == [3], "it begins with its first item"
-    assert wrong([0, 1, 1, 4, 4, 5], modes=["AUTO", "AUTO", "GUIDED", "GUIDED", "AUTO", "AUTO"]) == []
+    modes = ["AUTO", "AUTO", "GUIDED", "GUIDED", "AUTO", "AUTO"]
+    assert wrong([0, 1, 1, 4, 4, 5], modes=modes) == []
+    assert wrong([0, 1, 1, 1, 0, 1], modes=modes, started_s=[8.0]) == []
+    assert wrong([0, 1, 2, 2, 2, 3], modes=modes, started_s=[8.0]) == [4], "entered by the order, with its first item"
 
 
 def test_jumps_among_items_that_are_over_at_once_need_not_show() -> None:
