@@ -19,7 +19,7 @@ from saflite.console.view.report.style import CSS
 from saflite.contract.config import Campaign
 from saflite.contract.events import Quarantined
 from saflite.contract.interval import Interval
-from saflite.contract.test_case import setting_text
+from saflite.contract.test_case import TestCase, setting_text
 from saflite.contract.verdict import NEVER_APPLIED, failed_again
 from saflite.recorder.summary import Rulings
 from saflite.scorer_pool.calibration import Calibration
@@ -152,9 +152,7 @@ def _table(data: ReportData) -> str:
             f'<span class="words">{escape(violation.behaviour.removeprefix(said))}</span>',
             f'<span class="words">{failed_again(violation)}</span>',
             str(data.finds[violation.fingerprint]),
-            f"{len(exhibit.test_case.scenario.obstacles)} boxes"
-            if exhibit.test_case.scenario.obstacles
-            else f"{len(exhibit.test_case.stimuli)} stimuli",
+            _inputs(exhibit.test_case),
         ]
         rows.append("<tr>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>")
     heads = (
@@ -170,6 +168,13 @@ def _table(data: ReportData) -> str:
         "inputs",
     )
     return f"<h2>Violations</h2>{html_table(heads, rows)}{withheld}"
+
+
+def _inputs(test_case: TestCase) -> str:
+    boxes, stimuli = len(test_case.scenario.obstacles), len(test_case.stimuli)
+    if boxes:
+        return f"{boxes} {'box' if boxes == 1 else 'boxes'}"
+    return f"{stimuli} {'stimulus' if stimuli == 1 else 'stimuli'}"
 
 
 def _causes(data: ReportData) -> str:
