@@ -85,8 +85,10 @@ def test_a_role_whose_process_dies_of_a_signal_is_told_as_killed(one_node: None)
     pid = 0
     until_s = time.monotonic() + 120
     while not pid and time.monotonic() < until_s:
-        found = [path for path in Path("/proc").glob("[0-9]*/cmdline") if f"\0{name}\0".encode() in _content(path)]
+        commands = Path("/proc").glob("[0-9]*/cmdline")
+        found = [path for path in commands if f"\0--worker={name}\0".encode() in _content(path)]
         pid = int(found[0].parent.name) if found else 0
+    assert pid, "its process never came up"  # and signal 8 to process 0 would end all of us
     until_s = time.monotonic() + 60
     os.kill(pid, 8)  # SIGFPE: where SIGCHLD is ignored, Python reads that end as exit code 0
     while (state := launcher.poll()[name]).condition == "running" and time.monotonic() < until_s:
