@@ -1,7 +1,7 @@
 """`scripts/bench rules`: does each rule bite, does any bark for nothing, how often does any speak?
 
-    scripts/bench rules [--part kills planted alarms real] [--policies NAME ...] [--cases 4] [--flights 14]
-                        [--rng-seed 1] [--targets ardupilot px4] [--keep FOLDER] [--out FILE.jsonl]
+    scripts/bench rules [--part kills planted lines alarms real] [--policies NAME ...] [--cases 4] [--flights 14]
+                        [--lines 100] [--rng-seed 1] [--targets ardupilot px4] [--keep FOLDER] [--out FILE.jsonl]
 
 kills: a mutation score per rule. Flights of the rule's own campaign, all defects off, in which it applied and was kept,
 get three behaviour faults planted into what the rule promises (`FAULTS`); a fault is killed if the rule is then broken
@@ -9,6 +9,8 @@ in any of them. Rules that applied in no flight, or cannot be checked on the ref
 The faults are the same for all rules and know none of them. A rule that kills none is marked.
 planted: faults a stranger might plant (`data/rule_faults.toml`), each in a flight that reaches it, all rules judging;
 told are the rules that see it, and those that are broken in the same flight without it.
+lines: so many places of the reference autopilot, drawn blindly, changed one by one and flown in up to `--flights` of
+the procedures that reach them (`_line_faults.py`): a mutation score of all rules together.
 alarms: the campaigns of all policies, guided as users run them, all defects off; every flight is judged by all rules,
 every violation is a false alarm, its test case is kept in the row. Told is also in which share of flights each rule
 applied.
@@ -26,13 +28,14 @@ import json
 import sys
 import tempfile
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Container, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import numpy as np
 from _inline import Flights, Inline
+from _line_faults import known_flights, line_name, lines_drawn, seen_in_lines
 from _real_alarms import said_of
 from _rule_faults import rule_faults, seen_by
 from numpy.typing import NDArray
@@ -253,12 +256,13 @@ def main(argv: list[str]) -> int:
     """Measure and print."""
     parser = argparse.ArgumentParser(prog="scripts/bench rules", description=__doc__)
     parser.add_argument(
-        "--part", nargs="+", choices=("kills", "planted", "alarms", "real"), default=["kills", "alarms"]
+        "--part", nargs="+", choices=("kills", "planted", "lines", "alarms", "real"), default=["kills", "alarms"]
     )
     parser.add_argument("--policies", nargs="+", default=list(policy_names()))
     parser.add_argument("--campaigns", nargs="+", default=sorted(policy_campaigns(describe())))
     parser.add_argument("--cases", type=int, default=4, help="flights of a rule's own campaign that get faults")
     parser.add_argument("--flights", type=int, default=14, help="guided flights a campaign")
+    parser.add_argument("--lines", type=int, default=100, help="places of the autopilot that --part lines changes")
     parser.add_argument("--rng-seed", type=int, default=1)
     parser.add_argument("--targets", nargs="+", default=["ardupilot"], help="real autopilots of --part real")
     parser.add_argument("--keep", type=Path, help="folder for the test cases of --part real in which a rule was broken")
@@ -271,6 +275,8 @@ def main(argv: list[str]) -> int:
         rows += [_noted(kills(name, options.cases, options.rng_seed), options.out) for name in wanted]
     if "planted" in options.part:
         rows += [_noted(seen_by(name), options.out) for name in rule_faults() if ("planted", name, None) not in done]
+    if "lines" in options.part:
+        rows += _of_lines(options, done)
     if "alarms" in options.part:
         names = [name for name in options.campaigns if ("alarms", name, options.rng_seed) not in done]
         rows += [_noted(guided(name, options.flights, options.rng_seed), options.out) for name in names]
@@ -281,6 +287,24 @@ def main(argv: list[str]) -> int:
         ]
     _print(rows)
     return 0
+
+
+def _print_lines(rows: list[dict[str, Any]]) -> None:
+    """Print the changed lines that no rule sees, and how many some rule does, of those that move a flight."""
+    moving = [row for row in rows if row["moved"] or row["seen_by"]]
+    for row in (row for row in moving if not row["seen_by"]):
+        print(f"  {row['fault']:60} unseen, moves by {row['moved']}")
+    if rows:
+        seen = sum(bool(row["seen_by"]) for row in moving)
+        print(f"  {len(rows)} lines changed, {len(moving)} move a flight, of which rules see {seen}")
+
+
+def _of_lines(options: argparse.Namespace, done: Container[tuple[str, Any, Any]]) -> list[dict[str, Any]]:
+    places = [
+        one for one in lines_drawn(options.rng_seed, options.lines) if ("lines", line_name(one), None) not in done
+    ]
+    flights = known_flights() if places else []
+    return [_noted(seen_in_lines(place, flights, options.flights), options.out) for place in places]
 
 
 def _of(row: Mapping[str, Any]) -> Any:
@@ -314,6 +338,7 @@ def _print(rows: list[dict[str, Any]]) -> None:
         print(
             f"  {row['fault']:40} seen by {seen}" + (f"; false alarms {row['without_it']}" if row["without_it"] else "")
         )
+    _print_lines([row for row in rows if row["part"] == "lines"])
     for row in (row for row in rows if row["part"] == "real"):
         broken = ", ".join(f"{name} {count} of {row['spoke'][name]}" for name, count in row["broken"].items())
         said = f"{row['flights']} flights ({row['autopilot']}, seed {row['rng_seed']}): {row['endings']}"

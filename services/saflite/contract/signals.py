@@ -168,6 +168,10 @@ SIGNALS: dict[str, Signal] = {
     "circle_radius_set_m": Signal("m", "radius of CIRCLE when it is entered (CIRCLE_RADIUS)"),
     "roll_rate_max_set_dps": Signal("deg/s", "how fast it may roll (ATC_RATE_R_MAX); 0: no bound"),
     "roll_acceleration_set_dps2": Signal("deg/s2", "how fast a roll may speed up (ATC_ACCEL_R_MAX); 0: no bound"),
+    "gps_noise_set_m": Signal("m", "how much noise the satellites' positions are given (SIM_GPS_NOISE)"),
+    "hover_throttle_set": Signal("", "share of full throttle that the middle of the stick stands for (MOT_THST_HOVER)"),
+    "pitch_rate_max_set_dps": Signal("deg/s", "how fast it may pitch (ATC_RATE_P_MAX); 0: no bound"),
+    "pitch_acceleration_set_dps2": Signal("deg/s2", "how fast a pitch may speed up (ATC_ACCEL_P_MAX); 0: no bound"),
     "gps_forward_set_m": Signal("m", "how far before the middle the antenna is said to be (GPS_POS1_X)"),
     "gps_right_set_m": Signal("m", "how far to the right of the middle the antenna is said to be (GPS_POS1_Y)"),
     "roll_stick_min_set_us": Signal("us", "roll stick fully left (RC1_MIN)"),
@@ -201,6 +205,20 @@ SIGNALS: dict[str, Signal] = {
         "s", "time since the last stick, mode or command that may change the mode was given and not denied"
     ),
     "ordered_mode": Signal("", "mode ordered last, denied or not", "code"),
+    **{
+        f"rc{channel}_sent_pwm": Signal(
+            "us", f"where the {stick} stick was put last (RC{channel}), 0 before the first time"
+        )
+        for channel, stick in enumerate(("roll", "pitch", "throttle", "yaw"), 1)
+    },
+    "plain_order": Signal(
+        "",
+        "order given last whose numbers leave no doubt, denied or not: 1 arm, 2 take off, 3 go to a place, 4 turn, "
+        "5 fly as fast, 6 flip, 7 begin the mission, 8 home is there, 9 pause or go on; 0 where none was given",
+        "code",
+    ),
+    "plain_order_s": Signal("s", "time since that order, above 1,000,000 where none was given"),
+    "plain_order_refused": Signal("", "1 where that order was refused", "flag"),
     "release_order_s": Signal(
         "s", "time since the parachute was last ordered out, denied or not, above 1,000,000 where it never was"
     ),
@@ -275,6 +293,7 @@ battery_capacity_set_mah battery_critical_action_set acro_trainer_set acro_balan
 acro_rate_set_dps chute_enabled_set chute_type_set chute_servo_set chute_delay_set_s
 chute_present_set radio_fault_set pilot_acceleration_set_mps2
 mode_order_s mode_cause_s ordered_mode release_order_s stop_order_s start_order_s climb_order_s height_order_s
+plain_order plain_order_s plain_order_refused
 failsafe_options_set circle_options_set auto_options_set pilot_turn_speed_set_dps
 fence_action_set fence_on_set fence_type_set fence_radius_set_m fence_margin_set_m acro_yaw_rate_set_dps
 landed_disarms_set throttle_filter_set_hz yaw_rate_max_set_dps yaw_acceleration_set_dps2 loiter_acceleration_set_mps2
@@ -285,6 +304,8 @@ loiter_speed_set_mps disarm_delay_set_s pilot_takeoff_set_m yaw_slew_set_dps
 circle_radius_set_m circle_rate_set_dps descent_speed_set_mps trim_roll_set_deg trim_pitch_set_deg
 gps_forward_set_m gps_right_set_m chute_sink_set_mps roll_stick_min_set_us roll_stick_max_set_us
 pitch_stick_min_set_us pitch_stick_max_set_us roll_acceleration_set_dps2 roll_rate_max_set_dps
+gps_noise_set_m hover_throttle_set pitch_acceleration_set_dps2 pitch_rate_max_set_dps
+rc1_sent_pwm rc2_sent_pwm rc3_sent_pwm rc4_sent_pwm
 """
 MADE_FROM: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(_OF_STIMULI.split(), ()),

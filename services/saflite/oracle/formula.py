@@ -48,6 +48,15 @@ def walk(node: Node) -> Iterator[Node]:
         yield from walk(child)
 
 
+def clauses(formula: Node) -> list[Node]:
+    """Return the formulas that must all hold: what `and` joins, at the top or below an `always`."""
+    if formula.op == "and":
+        return [clause for part in formula.args for clause in clauses(part)]
+    if formula.op == "always":
+        return [formula._replace(args=(clause,)) for clause in clauses(formula.args[0])]
+    return [formula]
+
+
 def signals_of(node: Node) -> frozenset[str]:
     """Return the names of the signals the formula reads."""
     return frozenset(part.name for part in walk(node) if part.op == "signal")

@@ -96,6 +96,10 @@ SETTINGS: dict[str, Setting] = {
     "disarm_delay_set_s": Setting("DISARM_DELAY", 10.0, 0.0, 127.0, whole=True),
     "roll_rate_max_set_dps": Setting("ATC_RATE_R_MAX", 0.0, 0.0, 1080.0),
     "roll_acceleration_set_dps2": Setting("ATC_ACCEL_R_MAX", 110_000.0, 0.0, 180_000.0, 0.01),
+    "gps_noise_set_m": Setting("SIM_GPS_NOISE", 0.0, 0.0),
+    "hover_throttle_set": Setting("MOT_THST_HOVER", 0.35, 0.125, 0.6875),
+    "pitch_rate_max_set_dps": Setting("ATC_RATE_P_MAX", 0.0, 0.0, 1080.0),
+    "pitch_acceleration_set_dps2": Setting("ATC_ACCEL_P_MAX", 110_000.0, 0.0, 180_000.0, 0.01),
     "gps_forward_set_m": Setting("GPS_POS1_X", 0.0, -5.0, 5.0, kept=True),
     "gps_right_set_m": Setting("GPS_POS1_Y", 0.0, -5.0, 5.0, kept=True),
     "roll_stick_min_set_us": Setting("RC1_MIN", 1000.0, 800.0, 2200.0, whole=True),
@@ -109,6 +113,8 @@ SETTINGS: dict[str, Setting] = {
     "circle_radius_set_m": Setting("CIRCLE_RADIUS", 1000.0, 0.0, 200_000.0, 0.01),
 }
 
+ALSO_NAMED = {"radio_loss": "SIM_RC_FAIL", "gps_noise": "SIM_GPS_NOISE"}
+"""Faults by a name of their own that stand for a setting, of the same values."""
 SWITCHED_BY = {"FENCE_ENABLE": "DO_FENCE_ENABLE", "CHUTE_ENABLED": "DO_PARACHUTE"}
 """Commands that stand for a setting: without them a rule asks for a fence that was switched off."""
 
@@ -229,13 +235,17 @@ def setting_over_time(name: str, test_case: TestCase, given: Sequence[Given], ti
     usual = default_settings(test_case.target.name).get(row.parameter, row.default)
     held = np.full(len(times), test_case.target.parameters.get(row.parameter, usual))
     for stimulus, answer, _ in given:
-        if not stimulus.values or not (stimulus.name == row.parameter or _switches(stimulus, row.parameter)):
+        if not stimulus.values or not (_names(stimulus, row.parameter) or _switches(stimulus, row.parameter)):
             continue
         if answer != "unanswered" or row.low <= stimulus.values[0] <= row.high:
             held[times >= stimulus.at_s] = stimulus.values[0]
     if row.kept:
         held = np.maximum.accumulate(np.abs(held))
     return (np.trunc(held + np.copysign(ROUNDED_UP, held)) if row.whole else held) * row.unit
+
+
+def _names(stimulus: Stimulus, parameter: str) -> bool:
+    return ALSO_NAMED.get(stimulus.name, stimulus.name) == parameter
 
 
 def _switches(stimulus: Stimulus, parameter: str) -> bool:
@@ -264,7 +274,7 @@ class Place(NamedTuple):
 
 def places(test_case: TestCase, given: Sequence[Given]) -> list[Place]:
     """Return the orders to go somewhere (DO_REPOSITION); NaN where the origin of the track is not known."""
-    origin = _origin(test_case)
+    origin = origin_of(test_case)
     found = []
     for stimulus, _, _ in given:
         if _is(stimulus, "DO_REPOSITION"):
@@ -274,7 +284,8 @@ def places(test_case: TestCase, given: Sequence[Given]) -> list[Place]:
     return found
 
 
-def _origin(test_case: TestCase) -> tuple[float, float] | None:
+def origin_of(test_case: TestCase) -> tuple[float, float] | None:
+    """Return latitude and longitude at which the track of a flight begins, degrees; None where that is not known."""
     mission = test_case.scenario.mission
     if mission is not None:
         return mission.home_lat_deg, mission.home_lon_deg
@@ -293,7 +304,7 @@ def home_off(
         track: position north and east in metres, 1 while armed, shape (moments,) each.
     """
     x_m, y_m, armed = track
-    origin = _origin(test_case)
+    origin = origin_of(test_case)
     made: list[tuple[float, int | None, tuple[float, ...]]] = [
         (float(times[at]), int(at), ()) for at in np.flatnonzero((armed[1:] > 0) & (armed[:-1] == 0)) + 1
     ]
@@ -333,7 +344,7 @@ def headings(
                 angle = float(yaw_deg[at]) + (-angle if way < 0 else angle)
             found.append((stimulus.at_s, angle % 360.0))
         elif _is(stimulus, "DO_SET_ROI") and (values[4] or values[5]) and test_case.target.name == DEFAULT_TARGET:
-            place = to_local(values[4], values[5], *(_origin(test_case) or (HOME_LAT_DEG, HOME_LON_DEG)))
+            place = to_local(values[4], values[5], *(origin_of(test_case) or (HOME_LAT_DEG, HOME_LON_DEG)))
             north, east = place[0] - float(x_m[at]), place[1] - float(y_m[at])
             if np.hypot(north, east) >= LOOKED_AT_M:
                 found.append((stimulus.at_s, float(np.degrees(np.arctan2(east, north))) % 360.0))

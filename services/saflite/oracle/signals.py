@@ -32,6 +32,7 @@ from saflite.oracle import itinerary, orders
 from saflite.oracle.effects import FLAGS, undisturbed
 from saflite.oracle.moments import moments_of, samples_of
 from saflite.oracle.orders import NEVER_S, SETTINGS
+from saflite.oracle.plain_orders import PlainOrder, plain_orders
 from saflite.oracle.settling import braking_mps2, least_ahead, settling
 
 Array = NDArray[np.float32]
@@ -94,6 +95,9 @@ class FlightSignals:
             "stop_order_s": lambda: self._since_asked(orders.asks_to_stop),
             "mode_order_s": lambda: self._since_asked(lambda one: orders.mode_ordered(one) is not None),
             "mode_cause_s": lambda: self._since(orders.may_change_mode),
+            **{f"rc{channel}_sent_pwm": partial(self._sent, f"RC{channel}") for channel in (1, 2, 3, 4)},
+            "plain_order_s": lambda: orders.since([one.at_s for one in self._plain_orders()], self._time(), -NEVER_S),
+            **{name: partial(self._last_plain_order, name) for name in ("plain_order", "plain_order_refused")},
             "ordered_mode": self._ordered_mode,
             "ordered_home_m": self._ordered_home,
             "place_order_s": lambda: orders.since([one.at_s for one in self._places()], self._time(), -NEVER_S),
@@ -172,6 +176,17 @@ class FlightSignals:
     def _since_asked(self, wanted: Callable[[Stimulus], bool]) -> NDArray[np.float64]:
         """Time since an order of a kind, also of one that was denied."""
         return orders.since([one.at_s for one, _, _ in self._asked if wanted(one)], self._time(), -NEVER_S)
+
+    def _sent(self, stick: str) -> NDArray[np.float64]:
+        put = [one for one in self._causes() if one.kind == "stick" and one.name == stick and one.values]
+        return orders.held([(one.at_s, one.values[0]) for one in put], self._time())
+
+    def _plain_orders(self) -> list[PlainOrder]:
+        return plain_orders(self._asked, orders.origin_of(self._test_case))
+
+    def _last_plain_order(self, name: str) -> NDArray[np.float64]:
+        part = "code" if name == "plain_order" else "refused"
+        return orders.held([(one.at_s, float(getattr(one, part))) for one in self._plain_orders()], self._time())
 
     def _ordered_mode(self) -> NDArray[np.float64]:
         numbers = [(one.at_s, orders.mode_ordered(one)) for one, _, _ in self._asked]

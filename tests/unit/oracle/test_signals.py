@@ -92,6 +92,11 @@ CAUSES = {
         for name, row in SETTINGS.items()
         if name not in ("fence_type_set",)
     },
+    **{f"rc{channel}_sent_pwm": stimulus("stick", f"RC{channel}", 1700.0, at_s=0.5) for channel in (1, 2, 3, 4)},
+    "gps_noise_set_m": stimulus("sensor_fault", "SIM_GPS_NOISE", 2.0, at_s=0.5),
+    "hover_throttle_set": stimulus("parameter", "MOT_THST_HOVER", 0.3, at_s=0.5),
+    "pitch_rate_max_set_dps": stimulus("parameter", "ATC_RATE_P_MAX", 100.0, at_s=0.5),
+    "pitch_acceleration_set_dps2": stimulus("parameter", "ATC_ACCEL_P_MAX", 900.0, at_s=0.5),
     "acro_trainer_set": stimulus("parameter", "ACRO_TRAINER", 0.0, at_s=0.5),
     "chute_type_set": stimulus("parameter", "CHUTE_TYPE", 1.0, at_s=0.5),
     "chute_present_set": stimulus("parameter", "SIM_PARA_ENABLE", 0.0, at_s=0.5),
@@ -104,6 +109,9 @@ CAUSES = {
 }
 ASKED = {
     **dict.fromkeys(("mode_order_s", "ordered_mode"), stimulus("mode", "LAND", at_s=0.5)),
+    **dict.fromkeys(
+        ("plain_order", "plain_order_s"), stimulus("command", "MAV_CMD_NAV_TAKEOFF", *[0.0] * 6, 9.0, at_s=0.5)
+    ),
     "release_order_s": stimulus("command", "MAV_CMD_DO_PARACHUTE", 2.0, at_s=0.5),
     "stop_order_s": stimulus("command", "MAV_CMD_DO_FLIGHTTERMINATION", 1.0, at_s=0.5),
 }

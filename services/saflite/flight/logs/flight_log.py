@@ -15,13 +15,15 @@ _OWN_PREFIXES = ("STAT_", "COMPASS_", "CAL_", "INS_", "COM_FLIGHT", "LND_FLIGHT"
 _OWN_SUFFIXES = ("_GND_PRESS", "_GNDTEMP", "_ABS_PRESS", "_DEVID", "_DEV_ID")
 _LEFT_GROUND_M = 1.0
 
-_DENIED = ("mode_order_s", "ordered_mode", "release_order_s", "stop_order_s")
-UNTOLD = frozenset({"order_quiet_s", "mode_cause_s", *_DENIED})
+_DENIED = (
+    *("mode_order_s", "ordered_mode", "release_order_s", "stop_order_s"),
+    *("plain_order", "plain_order_s", "plain_order_refused"),
+)
+_STICKS = ("order_quiet_s", "mode_cause_s", "rc1_sent_pwm", "rc2_sent_pwm", "rc3_sent_pwm", "rc4_sent_pwm")
+UNTOLD = frozenset({*_STICKS, *_DENIED})
 """No log tells sticks and switches that order something from those that fly, or what was asked and denied."""
 NO_ORDERS = {
-    **dict.fromkeys(
-        ("order_quiet_s", "mode_cause_s"), "no message: what a stick or switch ordered is not logged as such"
-    ),
+    **dict.fromkeys(_STICKS, "no message: what a stick or switch ordered is not logged as such"),
     **dict.fromkeys(_DENIED, "no message: what was ordered and denied is not logged"),
 }
 
