@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
-from _blind_faults import Site, drawn, planted
+from _blind_faults import Site, planted
 
 from saflite.campaign.presets.campaigns import template
 from saflite.campaign.presets.policy_campaigns import ALL, policy_campaign
@@ -35,8 +35,6 @@ SEEDS, LONGEST_S = (1, 2), 120.0
 MISSIONS = 40
 APART = {"place_m": 2.0, "height_m": 1.5, "heading_deg": 25.0, "lean_deg": 12.0, "mode_s": 0.5, "armed_s": 0.5}
 """How far two flights may differ and still count as the same."""
-
-
 STOPS = (ArithmeticError, AssertionError, AttributeError, LookupError, RuntimeError, TypeError, ValueError)
 
 
@@ -95,11 +93,6 @@ def known_flight(case: TestCase) -> Known:
 
 def _fly(session: Session, case: TestCase) -> FlightRecord:
     return session.fly(case, DEADLINE_S, lambda: False)
-
-
-def lines_drawn(rng_seed: int, count: int) -> tuple[Site, ...]:
-    """Return so many different places that can be changed, drawn blindly."""
-    return drawn(rng_seed, count)
 
 
 def line_name(site: Site) -> str:

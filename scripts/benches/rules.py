@@ -34,8 +34,9 @@ from typing import Any
 
 import msgspec
 import numpy as np
+from _blind_faults import drawn
 from _inline import Flights, Inline
-from _line_faults import known_flights, line_name, lines_drawn, seen_in_lines
+from _line_faults import known_flights, line_name, seen_in_lines
 from _real_alarms import said_of
 from _rule_faults import rule_faults, seen_by
 from numpy.typing import NDArray
@@ -300,9 +301,7 @@ def _print_lines(rows: list[dict[str, Any]]) -> None:
 
 
 def _of_lines(options: argparse.Namespace, done: Container[tuple[str, Any, Any]]) -> list[dict[str, Any]]:
-    places = [
-        one for one in lines_drawn(options.rng_seed, options.lines) if ("lines", line_name(one), None) not in done
-    ]
+    places = [one for one in drawn(options.rng_seed, options.lines) if ("lines", line_name(one), None) not in done]
     flights = known_flights() if places else []
     return [_noted(seen_in_lines(place, flights, options.flights), options.out) for place in places]
 

@@ -39,8 +39,9 @@ def _run(check: Check, limit_s: float) -> tuple[list[str], bool]:
         return [f"the process that ran it died: {_how(process.exitcode)}"], True
     finally:
         here.close()
+        assert process.pid, "it was started: group 0 would be our own"
         with suppress(ProcessLookupError, PermissionError):
-            os.killpg(process.pid or 0, signal.SIGKILL)
+            os.killpg(process.pid, signal.SIGKILL)
         process.kill()
         process.join()
 
