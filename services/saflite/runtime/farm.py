@@ -26,7 +26,8 @@ from saflite.runtime.clock import WallClock
 from saflite.runtime.launchers.base import Launcher, Meeting, RoleSpec, RoleState
 from saflite.runtime.launchers.local import LocalLauncher, PrefixOf
 from saflite.runtime.launchers.split import SplitLauncher
-from saflite.runtime.supervisor import GaveUp, Supervisor
+from saflite.runtime.process_limits import prepare_limits
+from saflite.runtime.supervisor import Failures, GaveUp, Supervisor
 from saflite.scorer_pool.key_hosts import with_key_hosts
 
 log = logging.getLogger(__name__)
@@ -35,6 +36,7 @@ Elsewhere = Callable[[Meeting], Launcher]
 
 ELSEWHERE_PATIENCE_S = 60.0
 BOOKS_FAILURES_MAX = 5  # books that cannot even start this often in a row end the farm
+BREAKS_MAX = 20  # when all workers of a stage break this often in a row, each soon after its start, the farm ends
 REFUSALS_MAX = 8  # a worker refused this often in a row, which takes longer than a dead one's name is held, does so too
 
 
@@ -121,6 +123,7 @@ class LocalFarm:
         key_hosts: Sequence[str] = (),
         prefix_of: PrefixOf = lambda _: (),
     ) -> None:
+        prepare_limits(len(cast))
         gate = listen if keys is not None else ""
         if gate:
             check_endpoint(gate, insecure=False, keys=True, argument="--listen")
@@ -171,13 +174,16 @@ class LocalFarm:
         """Start again what died, after its back-off; a role that ended with code 0 has finished.
 
         Raises:
-            Unavailable: the books cannot start.
+            Unavailable: the books cannot start, or all workers of a stage break again and again.
             WorkerRefused: a worker is refused again and again.
         """
         try:
             changed = self._supervisor.poll()
         except GaveUp as fault:
             logs = self.run_dir / "logs"
+            if fault.state.condition == "broken":
+                all_of = f"{fault.spec.kind} breaks again and again, {BREAKS_MAX} times so far"
+                raise Unavailable(f"{all_of}: {fault.state.message}; see {logs}") from fault
             if fault.spec.kind != "books":
                 raise WorkerRefused(f"{fault.spec.name} may not work for this run: {fault.state.message}") from fault
             raise Unavailable(f"{fault.spec.name} cannot start: {fault.state.message}; see {logs}") from fault
@@ -242,7 +248,9 @@ def _met_elsewhere(meeting: Meeting, keys: Path | None) -> Meeting:
     return msgspec.structs.replace(meeting, connect=connect, listen="", gate="", patience_s=ELSEWHERE_PATIENCE_S)
 
 
-def _gives_up(spec: RoleSpec, state: RoleState, failures: int) -> bool:
-    if spec.kind == "books":
-        return state.condition in ("refused", "unavailable") and failures >= BOOKS_FAILURES_MAX
-    return state.condition == "refused" and failures >= REFUSALS_MAX
+def _gives_up(spec: RoleSpec, state: RoleState, failures: Failures) -> bool:
+    if spec.kind == "books" and state.condition in ("refused", "unavailable"):
+        return failures.its_own >= BOOKS_FAILURES_MAX
+    if state.condition == "broken":
+        return failures.of_all >= BREAKS_MAX
+    return state.condition == "refused" and failures.its_own >= REFUSALS_MAX

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Collection, Sequence
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from saflite.contract.clock import Clock
 from saflite.contract.errors import Unavailable
@@ -16,8 +16,16 @@ BACK_OFF_FIRST_S, BACK_OFF_MAX_S = 0.2, 5.0
 STEADY_S = 10.0  # a role that lived this long starts its back-off anew
 CENTRE: tuple[Literal["books", "router"], ...] = ("books", "router")
 
-GivesUp = Callable[[RoleSpec, RoleState, int], bool]
-"""Whether a role that ended so, for the n-th time in a row, is not started again."""
+
+class Failures(NamedTuple):
+    """How often a role ended in a row, each time soon after its start; and the least of that among all of its kind."""
+
+    its_own: int
+    of_all: int
+
+
+GivesUp = Callable[[RoleSpec, RoleState, Failures], bool]
+"""Whether a role that ended so, after so many failures, is not started again."""
 
 
 class GaveUp(Exception):
@@ -37,6 +45,11 @@ class _Role:
         self.started_s, self.start_at_s, self.wait_s = 0.0, 0.0, BACK_OFF_FIRST_S
         self.failures = 0
         self.leaving = False
+
+    def failures_at(self, now_s: float) -> int:
+        """Return how often it ended in a row; none of that counts once it runs steadily or has done its work."""
+        steady = self.finished or (self.running and now_s - self.started_s > STEADY_S)
+        return 0 if steady else self.failures
 
 
 class Supervisor:
@@ -148,6 +161,7 @@ class Supervisor:
         role.failures = 1 if steady else role.failures + 1
         role.wait_s = BACK_OFF_FIRST_S if steady else min(2 * role.wait_s, BACK_OFF_MAX_S)
         role.start_at_s = now_s + role.wait_s
-        if self._gives_up(role.spec, state, role.failures):
+        of_all = min(one.failures_at(now_s) for one in self._roles.values() if one.spec.kind == role.spec.kind)
+        if self._gives_up(role.spec, state, Failures(role.failures, of_all)):
             raise GaveUp(role.spec, state)
         log.warning("%s is %s, starting it again: %s", role.spec.name, state.condition, state.message)

@@ -32,7 +32,8 @@ from saflite.runtime.clock import WallClock
 from saflite.runtime.launchers.base import Condition, Meeting, RoleSpec, RoleState
 from saflite.runtime.launchers.local import LocalLauncher
 from saflite.runtime.metrics import Endpoint, GroupMetrics
-from saflite.runtime.supervisor import GaveUp, Supervisor
+from saflite.runtime.process_limits import prepare_limits
+from saflite.runtime.supervisor import Failures, GaveUp, Supervisor
 
 log = logging.getLogger(__name__)
 
@@ -40,6 +41,7 @@ LOOK_S = 2.0
 OTHERS_S = 0.5  # after the first farm was found, others at the endpoint have this long to show
 POLL_S = 0.25
 FAILURES_MAX = 3  # workers that cannot work here this often in a row end the group
+BREAKS_MAX = 20  # all workers of a stage, broken this often in a row, do so too
 
 Say = Callable[[str], None]
 
@@ -77,9 +79,11 @@ def run(group: Group, say: Say) -> GroupEnd:
     """Run the group to its end; `say` is told what a person wants to know.
 
     Raises:
-        Refused: an endpoint that needs `insecure`, illegal names, no campaign or several at the endpoint.
+        Refused: an endpoint that needs `insecure`, illegal names, no campaign or several at the endpoint, or too few
+            open files or too little memory allowed here.
         Unavailable: nobody answers at the endpoint within the patience.
     """
+    prepare_limits()
     endpoint = check_endpoint(
         group.endpoint, insecure=group.insecure, keys=group.keys is not None, argument="--join"
     ).from_here
@@ -135,9 +139,11 @@ def _follow(supervisor: Supervisor, interrupted: list[str], clock: WallClock) ->
     return GroupEnd("finished", "the campaign is over")
 
 
-def _gives_up(_: RoleSpec, state: RoleState, failures: int) -> bool:
+def _gives_up(_: RoleSpec, state: RoleState, failures: Failures) -> bool:
+    if state.condition == "broken":
+        return failures.of_all >= BREAKS_MAX
     at_once = state.condition in ("refused", "unanswered")
-    return at_once or (state.condition == "unavailable" and failures >= FAILURES_MAX)
+    return at_once or (state.condition == "unavailable" and failures.its_own >= FAILURES_MAX)
 
 
 def _specs(group: Group, name: str) -> list[RoleSpec]:

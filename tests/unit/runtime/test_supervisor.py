@@ -8,7 +8,7 @@ import pytest
 
 from saflite.campaign.scheduling.leases import SILENT_S
 from saflite.contract.errors import Unavailable
-from saflite.runtime.farm import REFUSALS_MAX, _gives_up
+from saflite.runtime.farm import BREAKS_MAX, REFUSALS_MAX, _gives_up
 from saflite.runtime.launchers.base import Condition, RoleSpec, RoleState
 from saflite.runtime.supervisor import BACK_OFF_MAX_S, STEADY_S, GaveUp, Supervisor
 
@@ -65,7 +65,7 @@ class Scripted:
 
 def _stand() -> tuple[Supervisor, Scripted, Clock]:
     launcher, clock = Scripted(), Clock()
-    supervisor = Supervisor(launcher, CAST, clock, lambda spec, state, failures: failures >= 5)
+    supervisor = Supervisor(launcher, CAST, clock, lambda spec, state, failures: failures.its_own >= 5)
     supervisor.start()
     return supervisor, launcher, clock
 
@@ -193,7 +193,7 @@ def _refused_until_given_up(supervisor: Supervisor, launcher: Scripted, clock: C
         clock.now_s += 0.1
 
 
-@pytest.mark.parametrize("condition", ["broken", "killed", "unavailable", "again"])
+@pytest.mark.parametrize("condition", ["killed", "unavailable", "again"])
 def test_a_worker_that_dies_otherwise_is_started_again_for_ever(condition: Condition) -> None:
     launcher, clock = Scripted(), Clock()
     supervisor = Supervisor(launcher, CAST, clock, _gives_up)
@@ -203,3 +203,27 @@ def test_a_worker_that_dies_otherwise_is_started_again_for_ever(condition: Condi
         supervisor.poll()
         clock.now_s += BACK_OFF_MAX_S + 0.1
         supervisor.poll()
+
+
+def _broken_again_and_again(names: tuple[str, ...], rounds: int) -> Scripted:
+    """Let the named ones of two simulators break, again and again, soon after each start."""
+    launcher, clock = Scripted(), Clock()
+    supervisor = Supervisor(launcher, (*CAST, RoleSpec(kind="fly", name="fly-2")), clock, _gives_up)
+    supervisor.start()
+    for _ in range(rounds):
+        for name in names:
+            launcher.end(name, "broken")
+        supervisor.poll()
+        clock.now_s += BACK_OFF_MAX_S + 0.1
+        supervisor.poll()
+    return launcher
+
+
+def test_a_farm_ends_when_all_workers_of_a_stage_break_again_and_again() -> None:
+    with pytest.raises(GaveUp, match=r"fly-[12]: why"):
+        _broken_again_and_again(("fly-1", "fly-2"), BREAKS_MAX)
+
+
+def test_a_worker_that_breaks_is_started_again_for_ever_while_another_of_its_stage_works() -> None:
+    launcher = _broken_again_and_again(("fly-1",), 3 * BREAKS_MAX)
+    assert launcher.started.count("fly-1") > 2 * BREAKS_MAX
