@@ -24,6 +24,7 @@ from saflite.flight.autopilots.ardupilot.check import check_test_case
 from saflite.flight.autopilots.ardupilot.gate import LIBRARY, Gate
 from saflite.flight.autopilots.ardupilot.own_truth import OwnTruth
 from saflite.flight.autopilots.ardupilot.vehicle import Vehicle
+from saflite.flight.autopilots.external.binary import Binary
 from saflite.flight.autopilots.external.listing import Listing, Row
 from saflite.flight.autopilots.external.vehicle import GONE, OK
 from saflite.flight.world.state import CRASHED
@@ -152,8 +153,9 @@ def test_it_starts_with_its_own_gains_and_its_own_model() -> None:
     start = settings.start_parameters({}, LISTING.parameters, obstacles=False, own_physics=True)
     assert start == {"FRAME_TYPE": 1.0}
     assert "ATC_RAT_RLL_P" in settings.start_parameters({}, LISTING.parameters, obstacles=False)
-    assert WORLD_MODEL in command(Path("a"), range(20), HOME, 0.0)
-    assert OWN_MODEL in command(Path("a"), range(20), HOME, 0.0, OWN_MODEL)
+    build = Binary(Path(__file__), "0" * 64, "ArduCopter V4.5.7")
+    assert WORLD_MODEL in command(build, range(20), HOME, 0.0)
+    assert OWN_MODEL in command(build, range(20), HOME, 0.0, OWN_MODEL)
 
 
 @pytest.mark.parametrize(

@@ -165,8 +165,20 @@ def test_no_file_and_no_program_are_refused(tmp_path: Path) -> None:
         assert words in str(caught.value)
 
 
-def test_the_command_line_uses_the_slots_ports_only() -> None:
-    words = command(Path("arducopter"), range(21_000, 21_020), HOME, 90.0)
+def test_a_build_of_2020_is_started_by_the_options_that_it_had(tmp_path: Path) -> None:
+    told = b"\xffArduCopter V4.1.0-dev (ffccc8bb)"  # no NUL before it there
+    found = binary.BINARIES.inspect(program(tmp_path / "arducopter", told, BACKEND, b"\t--uartA device"))
+    assert found.version == "ArduCopter V4.1.0-dev"
+    words = command(found, range(21_000, 21_020), HOME, 90.0)
+    assert words[words.index("--uartA") + 1] == "tcp:0:wait"
+    assert not {"--serial0", "--start-time"} & set(words)
+
+
+def test_the_command_line_uses_the_slots_ports_only(tmp_path: Path) -> None:
+    build = program(tmp_path / "arducopter", b"ArduCopter V4.5.7", BACKEND, b"--serial0", b"--start-time")
+    words = command(binary.BINARIES.inspect(build), range(21_000, 21_020), HOME, 90.0)
+    assert "--serial0" in words
+    assert "--start-time" in words
     ports = [int(words[i + 1]) for i, word in enumerate(words) if word.endswith(("-port", "-port-in", "-port-out"))]
     assert len(ports) == 5
     assert len(set(ports)) == 5

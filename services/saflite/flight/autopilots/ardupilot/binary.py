@@ -10,6 +10,7 @@ import mmap
 import re
 from functools import cache
 from pathlib import Path
+from typing import NamedTuple
 
 from saflite.contract.errors import Refused
 from saflite.flight.autopilots.external.binary import Binaries, Binary, check_runnable
@@ -18,9 +19,17 @@ from saflite.flight.autopilots.external.elf import check_program
 AUTOPILOT = "ardupilot"
 WANTED = "name a build of ArduCopter for its simulator (SITL)"
 VEHICLES = ("ArduCopter", "ArduPlane", "ArduRover", "Rover", "ArduSub", "AntennaTracker", "Blimp")
-_VERSION = re.compile(rb"\0((?:" + "|".join(VEHICLES).encode() + rb") V\d[\w.\- ]*)")
+_VERSION = re.compile(rb"(?<![\w ])((?:" + "|".join(VEHICLES).encode() + rb") V\d[\w.\- ]*)")
 _PX4 = b"px4_daemon"
 _BACKEND = b"JSON control interface set to"
+_SERIAL, _START_TIME = b"--serial0", b"--start-time"
+
+
+class Options(NamedTuple):
+    """What builds call differently on their command line; `link` names the first serial port."""
+
+    link: str
+    start_time: bool
 
 
 @cache
@@ -40,6 +49,14 @@ def _inspected(path: Path, changed_ns: int) -> Binary:
             raise Refused("autopilot", where=where, expected=expected, got=f"{version} without", fix=WANTED)
         check_runnable(path)
         return Binary(path, hashlib.sha256(content).hexdigest(), version)
+
+
+@cache
+def options_of(binary: Binary) -> Options:
+    """Return what a build's command line takes, by its own help: ports were UARTs until 4.2, and no time was told."""
+    with binary.path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+        link = "--serial0" if content.find(_SERIAL) >= 0 else "--uartA"
+        return Options(link, start_time=content.find(_START_TIME) >= 0)
 
 
 BINARIES = Binaries(AUTOPILOT, "ArduPilot", "SAFLITE_ARDUPILOT", WANTED, _inspected)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack, closing
-from pathlib import Path
 from socket import socket
 
 import numpy as np
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 from saflite.contract.config import environment_with
 from saflite.contract.errors import Unavailable
 from saflite.flight.autopilots.ardupilot import gate
+from saflite.flight.autopilots.ardupilot.binary import options_of
 from saflite.flight.autopilots.ardupilot.gate import Fork, Gate
 from saflite.flight.autopilots.ardupilot.link import Radio, called_tcp
 from saflite.flight.autopilots.ardupilot.settings import as_file
@@ -38,15 +38,17 @@ UNGATED = "its own physics cannot be held between frames: linked statically, or 
 
 
 def command(
-    binary: Path, ports: range, home: tuple[float, float, float], yaw_deg: float, model: str = WORLD_MODEL
+    binary: Binary, ports: range, home: tuple[float, float, float], yaw_deg: float, model: str = WORLD_MODEL
 ) -> list[str]:
     """Return the command line: JSON backend or its own physics, the slot's ports only, one link that is waited for."""
+    options = options_of(binary)
+    begins = ("--start-time", str(START_TIME_S)) if options.start_time else ()
     return [
-        str(binary),
+        str(binary.path),
         *("--model", model, "--speedup", "1000", "--rate", str(RATE_HZ), "--wipe"),
-        *("--start-time", str(START_TIME_S), "--defaults", DEFAULTS_FILE),
+        *(*begins, "--defaults", DEFAULTS_FILE),
         *("--home", f"{home[0]:.7f},{home[1]:.7f},{home[2]:.2f},{yaw_deg:.1f}"),
-        *("--base-port", str(ports[0]), "--serial0", "tcp:0:wait"),
+        *("--base-port", str(ports[0]), options.link, "tcp:0:wait"),
         *("--sim-port-out", str(ports[SIMULATOR]), "--sim-port-in", str(ports[INWARD])),
         *("--rc-in-port", str(ports[RECEIVER]), "--irlock-port", str(ports[BEACON])),
     ]
@@ -76,7 +78,7 @@ class Aircraft(aircraft.Aircraft):
         own_physics: bool = False,
     ) -> None:
         self._parameters, self._before_tick, self._own_physics = parameters, before_tick, own_physics
-        self._command = command(binary.path, place.ports, home, yaw_deg, OWN_MODEL if own_physics else WORLD_MODEL)
+        self._command = command(binary, place.ports, home, yaw_deg, OWN_MODEL if own_physics else WORLD_MODEL)
         super().__init__(Vehicle(boxes, yaw_deg), place, "ardupilot", PORTS_NEEDED)
 
     def _bring_up(self, opened: ExitStack) -> None:
