@@ -3,6 +3,7 @@
     speed   a hover by the core time of autopilot and world together, a long flight less a short one, so that bringing
             up does not count, each from power-up; the F450 that JSBSim ships is stepped alone in the same turn
     again   drawn cases flown in one session, then in another in the opposite order: after others as alone
+    round   the same on mission 2 round boxes drawn across its legs, by the autopilot's own avoidance
     forks   drawn cases flown from power-up, and forked from the held start state: outcome, and core time of each
     leaks   cases in a row, from the ground: processes, open files, listening ports and files on disk that are left
 
@@ -16,7 +17,7 @@ import json
 import os
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -29,7 +30,8 @@ from saflite.contract.flight import FlightRecord, trace_digest
 from saflite.contract.rng import derive
 from saflite.contract.target import Session
 from saflite.contract.target_info import InputInfo
-from saflite.contract.test_case import Scenario, StartState, Stimulus, Target, TestCase
+from saflite.contract.test_case import Obstacle, Scenario, StartState, Stimulus, Target, TestCase
+from saflite.flight.mission import builtin_mission
 from saflite.runtime.clock import WallClock
 from saflite.simulator_worker.agreement import differences
 from saflite.simulator_worker.processes import children
@@ -37,7 +39,8 @@ from saflite.simulator_worker.registry import load_target, why_missing
 from saflite.simulator_worker.slots import take_slot
 from saflite.simulator_worker.targets._external import ForkingExternalSession
 
-SHORT_S, LONG_S = 10.0, 70.0
+SHORT_S, LONG_S, ROUND_S = 10.0, 70.0, 200.0
+DISTANCE, FAR_M = "obstacle_distance_m", 1_000.0
 STARTS = 20
 KINDS = ("stick", "mode", "parameter", "sensor_fault", "command")
 LISTENING = "0A"  # TCP state in /proc/net/tcp
@@ -72,6 +75,25 @@ def drawn(target: Target, number: int, limit_s: float) -> TestCase:
         values = () if one.low is None or one.high is None else (round(float(rng.uniform(one.low, one.high)), 3),)
         stimuli.append(Stimulus(at_s=round(float(at_s), 2), kind=one.kind, name=one.name, values=values))
     return hover(target, limit_s, *stimuli)
+
+
+def round_boxes(target: Target, number: int) -> TestCase:
+    """Return mission 2 with two boxes drawn over the field of its first legs."""
+    rng = derive(number, "bench", "autopilots", "round")
+    middles = ((rng.uniform(-10.0, 30.0), rng.uniform(10.0, 40.0)) for _ in range(2))
+    boxes = tuple(
+        Obstacle(
+            length_m=round(float(rng.uniform(3.0, 12.0)), 2),
+            width_m=round(float(rng.uniform(3.0, 8.0)), 2),
+            height_m=25.0,
+            x_m=round(float(x_m), 2),
+            y_m=round(float(y_m), 2),
+            rotation_deg=round(float(rng.uniform(0.0, 90.0)), 1),
+        )
+        for x_m, y_m in middles
+    )
+    scenario = Scenario(mission=builtin_mission("mission2"), obstacles=boxes, time_limit_s=ROUND_S)
+    return TestCase(target=target, scenario=scenario, rng_seed=number)
 
 
 def _usable(one: InputInfo) -> bool:
@@ -129,9 +151,18 @@ def _rounded(row: dict[str, float]) -> dict[str, float]:
 
 def again(options: argparse.Namespace) -> dict[str, Any]:
     """Fly drawn cases in one session, then in another in the opposite order; return how many are equal, and endings."""
-    numbers = list(range(options.again))
-    first = _flown(options.target, numbers)
-    second = _flown(options.target, numbers[::-1])
+    return _compared([drawn(options.target, number, SHORT_S) for number in range(options.again)])
+
+
+def round_again(options: argparse.Namespace) -> dict[str, Any]:
+    """Do the same round boxes; `nearest_m` is how near each flight came to one."""
+    return _compared([round_boxes(options.target, number) for number in range(options.round)])
+
+
+def _compared(cases: list[TestCase]) -> dict[str, Any]:
+    numbers = list(range(len(cases)))
+    first = _flown(cases, numbers)
+    second = _flown(cases, numbers[::-1])
     wrong = {number: list(differences(first[number], second[number])) for number in numbers}
     wrong = {number: parts for number, parts in wrong.items() if parts}
     endings = [record.ending for record in first.values()]
@@ -141,15 +172,22 @@ def again(options: argparse.Namespace) -> dict[str, Any]:
         "equal_after_others_in_another_order": len(numbers) - len(wrong),
         "distinct_traces": len(digests),
         "endings": {ending: endings.count(ending) for ending in sorted(set(endings))},
+        **_nearest(first.values()),
         "wrong": wrong,
     }
 
 
-def _flown(target: Target, numbers: list[int]) -> dict[int, FlightRecord]:
+def _nearest(flown: Iterable[FlightRecord]) -> dict[str, Any]:
+    traces = [one.trace for one in flown if one.trace is not None and DISTANCE in one.trace.signals]
+    nearest_m = sorted(round(float(trace.array(DISTANCE).min()), 1) for trace in traces)
+    return {"nearest_m": nearest_m} if any(one < FAR_M for one in nearest_m) else {}
+
+
+def _flown(cases: list[TestCase], numbers: list[int]) -> dict[int, FlightRecord]:
     held = take_slot()
-    session = load_target(target.name).open(held.info.slot(WallClock()))
+    session = load_target(cases[0].target.name).open(held.info.slot(WallClock()))
     try:
-        return {number: fly(session, drawn(target, number, SHORT_S)) for number in numbers}
+        return {number: fly(session, cases[number]) for number in numbers}
     finally:
         session.close()
         held.release()
@@ -159,6 +197,7 @@ def forks(options: argparse.Namespace) -> dict[str, Any]:
     """Fly drawn cases from power-up and forked from their start; return how many are equal bit by bit, and the times.
 
     `fork_wall_ms` is the wall time, of a flight cut short, until a forked flight is over: an upper bound of its start.
+    `fork_alone_ms` is that of the autopilot's fork, from the order until it is there and waits where the held one does.
     """
     cases = [drawn(options.target, number, SHORT_S) for number in range(options.forks)]
     cut_short = hover(options.target, 0.05)
@@ -175,6 +214,8 @@ def forks(options: argparse.Namespace) -> dict[str, Any]:
         forked_s = time.monotonic() - began_s
         fly(session, cut_short)
         starts_ms = [_wall_ms(session, cut_short) for _ in range(STARTS)]
+        session.close()
+        alone_ms = _forks_alone_ms(session, cut_short)
     finally:
         session.close()
         held.release()
@@ -187,8 +228,21 @@ def forks(options: argparse.Namespace) -> dict[str, Any]:
         "cold_wall_s": round(cold_s / len(cases), 3),
         "forked_wall_s": round(forked_s / len(cases), 3),
         "fork_wall_ms": {"least": round(min(starts_ms), 2), "median": round(median(starts_ms), 2)},
+        "fork_alone_ms": {"least": round(min(alone_ms), 2), "median": round(median(alone_ms), 2)},
         "wrong": {number: parts for number, parts in wrong.items() if parts},
     }
+
+
+def _forks_alone_ms(session: ForkingExternalSession, case: TestCase) -> list[float]:
+    held, taken_ms = session._begin(case), []
+    try:
+        for _ in range(STARTS):
+            began_s = time.monotonic()
+            with held.forking():
+                taken_ms.append(1000.0 * (time.monotonic() - began_s))
+    finally:
+        held.close()
+    return taken_ms
 
 
 def _wall_ms(session: Session, case: TestCase) -> float:
@@ -240,6 +294,7 @@ def _bound() -> set[int]:
 PARTS: dict[str, Callable[[argparse.Namespace], dict[str, Any]]] = {
     "speed": speed,
     "again": again,
+    "round": round_again,
     "forks": forks,
     "leaks": leaks,
 }
@@ -253,7 +308,7 @@ def main(argv: list[str]) -> int:
         "--set", dest="settings", action="append", default=[], metavar="NAME=VALUE", help="of the target"
     )
     parser.add_argument("--parts", nargs="+", choices=sorted(PARTS), default=["speed", "again", "leaks"])
-    for name, default in (("turns", 5), ("again", 40), ("forks", 40), ("leaks", 200)):
+    for name, default in (("turns", 5), ("again", 40), ("round", 20), ("forks", 40), ("leaks", 200)):
         parser.add_argument(f"--{name}", type=int, default=default)
     parser.add_argument("--json", action="store_true", help="one JSON object a part, as in the committed rows")
     options = parser.parse_args(argv)

@@ -113,7 +113,7 @@ def case(number: str, target: str, rng_seed: int, has: Collection[str]) -> TestC
     known = KNOWN[number]
 
     def here(name: str) -> str:
-        return next((one for one in (name, NAMES_OF_THEN.get(name)) if one in has), name)
+        return next((one for one in (name, NAMES_OF_THEN.get(name, name)) if one in has), name)
 
     return TestCase(
         target=Target(name=target, parameters={here(name): value for name, value in known.parameters.items()}),

@@ -34,8 +34,9 @@ Pid = Annotated[int, msgspec.Meta(ge=1, le=2**31 - 1)]
 
 
 class FarmInfo(msgspec.Struct, frozen=True, kw_only=True):
-    """Where a farm is reached; `farm.json` in the run folder."""
+    """Where a farm is reached; `farm.json` in the run folder, whose inode is `folder`: a copy's is another."""
 
+    folder: Annotated[int, msgspec.Meta(ge=0, le=2**63 - 1)] = 0
     campaign: Name
     endpoint: Word
     insecure: bool = False
@@ -43,17 +44,26 @@ class FarmInfo(msgspec.Struct, frozen=True, kw_only=True):
     processes: Annotated[dict[Name, Pid], msgspec.Meta(max_length=10_000)] = {}
 
 
+class Copied(Refused):
+    """The run folder is a copy, made while a farm worked in the other: that farm is not its own."""
+
+
+def _inode(run_dir: Path) -> int:
+    return run_dir.stat().st_ino & (2**63 - 1)
+
+
 def write_info(run_dir: Path, info: FarmInfo) -> None:
     """Write `farm.json`, whole or not at all, for this user only."""
     part = run_dir / f"{FARM_FILE}.part"
     part.unlink(missing_ok=True)
     part.touch(mode=0o600)
-    part.write_bytes(msgspec.json.format(msgspec.json.encode(info)))
+    here = msgspec.structs.replace(info, folder=_inode(run_dir))
+    part.write_bytes(msgspec.json.format(msgspec.json.encode(here)))
     part.replace(run_dir / FARM_FILE)
 
 
 def read_info(run_dir: Path) -> FarmInfo:
-    """Return what `farm.json` says; raises Refused if there is none or it is damaged.
+    """Return what `farm.json` says; raises Refused if there is none or it is damaged, Copied if it is another's.
 
     That all who reach the endpoint may be trusted is believed only of a farm that this user started: a run folder may
     come from anybody, and name any address.
@@ -61,7 +71,17 @@ def read_info(run_dir: Path) -> FarmInfo:
     path = run_dir / FARM_FILE
     try:
         info = wire.unpack_json(read_bytes(path, FARM_FILE, TEXT_BYTES_MAX), FarmInfo)
+        if info.folder != _inode(run_dir):
+            raise Copied(
+                "run folder",
+                where=str(run_dir),
+                expected="one of a running farm",
+                got=f"a copy of one: {FARM_FILE} tells of a farm that works elsewhere",
+                fix="name the run folder that it works in",
+            )
         return msgspec.structs.replace(info, insecure=info.insecure and farm_register.is_noted(run_dir))
+    except Copied:
+        raise
     except Refused as fault:
         raise Refused("run folder", where=str(run_dir), expected="one of a running farm", got=fault.got) from fault
     except wire.UNREADABLE as fault:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 from pathlib import Path
 
 import pytest
@@ -95,3 +96,20 @@ def test_only_a_farm_that_this_user_started_may_do_without_insecure(
     farm_register.forget(place)
     with pytest.raises(Refused, match="insecure"):
         farm_lookup.connect(farm_lookup.Where(place))
+
+
+def test_a_copy_of_a_run_folder_is_not_taken_for_the_farm_of_the_other(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Orders meant for the copy would reach the farm that works in the folder it was copied from."""
+    works = run_dir(here, "works")
+    write_info(works, TCP)
+    copy = Path("runs/copy")
+    shutil.copytree(works, copy)
+    assert farm_lookup.is_running(works)
+    assert not farm_lookup.is_running(copy)
+    for words, told in (("control pause", "got none that runs"), ("worker --join", "got a copy of one")):
+        assert main([*words.split(), str(copy)]) == 2
+        assert told in capsys.readouterr().err
+    works.rename("runs/moved")
+    assert farm_lookup.is_running(Path("runs/moved"))

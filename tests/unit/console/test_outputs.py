@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -98,3 +101,13 @@ def test_a_run_never_begins_where_something_stands(kind: str, tmp_path: Path) ->
         check_new(folder)
     assert ("saflite resume" in str(refused.value)) == (kind == "a run")
     check_new(tmp_path / "new")
+
+
+def test_a_run_in_a_working_folder_that_is_no_text_is_refused_before_anything_is_made(tmp_path: Path) -> None:
+    folder = tmp_path / os.fsdecode(b"bad\xff")
+    folder.mkdir()
+    words = [sys.executable, "-m", "saflite", "run", "avoidance-m2", "--budget", "2"]
+    done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode == 2, done.stderr
+    assert "run folder: expected a path that is text in UTF-8" in done.stderr
+    assert not list(folder.iterdir())

@@ -25,6 +25,7 @@ from saflite.flight.autopilots.ardupilot.gate import LIBRARY, Gate
 from saflite.flight.autopilots.ardupilot.own_truth import OwnTruth
 from saflite.flight.autopilots.ardupilot.vehicle import Vehicle
 from saflite.flight.autopilots.external.binary import Binary
+from saflite.flight.autopilots.external.link import bound_udp
 from saflite.flight.autopilots.external.listing import Listing, Row
 from saflite.flight.autopilots.external.vehicle import GONE, OK
 from saflite.flight.world.state import CRASHED
@@ -96,6 +97,52 @@ def test_without_a_world_to_ask_the_program_ends() -> None:
     told = {**os.environ, "LD_PRELOAD": str(LIBRARY), "SAFLITE_GATE": "1:1:0:0:0"}
     done = subprocess.run([sys.executable, "-c", FRAMES, "5"], env=told, check=False, timeout=20.0)
     assert done.returncode == 3
+
+
+# ---- the thread that plans ways round obstacles, in our world ------------------------------------------------------
+
+PLANS = """
+import ctypes, select, socket, sys, threading
+libc = ctypes.CDLL(None)
+turns = 0
+def plan():
+    global turns
+    while True:
+        libc.usleep(1000)
+        turns += 1
+planner = threading.Thread(target=plan, daemon=True)
+planner.start()
+libc.pthread_setname_np(ctypes.c_ulong(planner.ident), sys.argv[1].encode())
+world = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+before = turns
+for frame in range(20):
+    world.sendto(b"outputs", ("127.0.0.1", int(sys.argv[2])))
+    select.select([world], [], [])
+    world.recv(100)
+    print(turns - before, flush=True)
+"""
+
+
+def _turns(name: str) -> list[int]:
+    """Return how often a thread of that name has slept at the end of each of 20 frames, slowly answered."""
+    with bound_udp(0) as world:
+        port = world.getsockname()[1]
+        gate = Gate(own_physics=False, log=True, physics_port=port, receiver_port=0)
+        told, keeps = {**os.environ, **gate.environment}, [gate.theirs.fileno()]
+        words = [sys.executable, "-c", PLANS, name, str(port)]
+        with closing(gate), subprocess.Popen(words, env=told, pass_fds=keeps, stdout=subprocess.PIPE, text=True) as run:
+            for _ in range(20):
+                world.settimeout(20.0)
+                _, peer = world.recvfrom(100)
+                select.select([], [], [], 0.005)
+                world.sendto(b"state", peer)
+            said, _ = run.communicate(timeout=20.0)
+    return [int(line) for line in said.split()]
+
+
+def test_it_gets_a_turn_a_frame_however_long_the_world_takes() -> None:
+    assert _turns("avoidance") == list(range(1, 21))
+    assert _turns("another") != list(range(1, 21))
 
 
 # ---- truth --------------------------------------------------------------------------------------------------------

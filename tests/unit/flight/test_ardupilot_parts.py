@@ -14,9 +14,10 @@ from typing import Any, cast
 import numpy as np
 import pytest
 from external_stand_ins import Deaf, message
+from msgspec.structs import replace
 
 from saflite.contract.errors import Refused
-from saflite.contract.test_case import Obstacle, Scenario, StartState, Stimulus, Target, TestCase
+from saflite.contract.test_case import MissionItem, Obstacle, Scenario, StartState, Stimulus, Target, TestCase
 from saflite.flight.autopilots.ardupilot import binary, settings
 from saflite.flight.autopilots.ardupilot.bring_up import PORTS_NEEDED, command
 from saflite.flight.autopilots.ardupilot.check import check_test_case
@@ -27,6 +28,7 @@ from saflite.flight.autopilots.ardupilot.mission import as_taken
 from saflite.flight.autopilots.ardupilot.vehicle import Vehicle
 from saflite.flight.autopilots.external import obstacles
 from saflite.flight.autopilots.external.elf import MACHINES
+from saflite.flight.autopilots.external.flight import _flown_items
 from saflite.flight.autopilots.external.inputs import Inputs, command_numbers
 from saflite.flight.autopilots.external.link import SimulatedClock
 from saflite.flight.autopilots.external.listing import Listing, Row
@@ -183,6 +185,19 @@ def test_the_command_line_uses_the_slots_ports_only(tmp_path: Path) -> None:
     assert len(ports) == 5
     assert len(set(ports)) == 5
     assert all(21_000 <= port < 21_000 + PORTS_NEEDED for port in ports)
+
+
+def test_a_mission_is_done_at_the_last_item_that_flies_somewhere() -> None:
+    """ArduCopter hovers there; what only waits or does something after it is never told as the current item."""
+    waypoint, heading, speed, jump = (MissionItem(command=number) for number in (16, 115, 178, 177))
+    flown = (
+        ((), 0),
+        ((waypoint,), 1),
+        ((waypoint, speed, waypoint), 3),
+        ((waypoint, waypoint, heading, speed, jump), 2),
+    )
+    for items, count in flown:
+        assert _flown_items(replace(builtin_mission("mission2"), items=items)) == count
 
 
 def test_deaths_are_told_without_addresses() -> None:

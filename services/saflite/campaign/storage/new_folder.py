@@ -19,10 +19,11 @@ def new_folder(run_dir: Path) -> Iterator[IO[bytes]]:
     Yields the lock, which stays.
 
     Raises:
-        Refused: a run stands there already, or is being made.
+        Refused: a run stands there already, or is being made; or no message could tell its path.
         OSError: the disk does not take it.
     """
     _check_new(run_dir)
+    _check_text(run_dir)
     made = _make(run_dir)
     try:
         lock = lock_run(run_dir)
@@ -58,3 +59,15 @@ def _check_new(run_dir: Path) -> None:
             got="the books of an earlier run",
             fix=f"`saflite resume {run_dir}` goes on with it; or choose another folder",
         )
+
+
+def _check_text(run_dir: Path) -> None:
+    try:
+        str(run_dir.absolute()).encode()
+    except UnicodeEncodeError as fault:
+        raise Refused(
+            "run folder",
+            expected="a path that is text in UTF-8",
+            got=ascii(str(run_dir.absolute())),
+            fix="choose another folder, or call this from another one",
+        ) from fault

@@ -18,13 +18,13 @@ RUNS = Path("runs")
 
 def is_running(run_dir: Path) -> bool:
     """Return whether a farm works in a run folder: its launcher is alive."""
-    from saflite.runtime.client import FARM_FILE, read_info
+    from saflite.runtime.client import FARM_FILE, Copied, read_info
 
     if not (run_dir / FARM_FILE).exists():
         return False
     try:
         os.kill(read_info(run_dir).pid, 0)
-    except ProcessLookupError:
+    except (ProcessLookupError, Copied):
         return False
     except PermissionError:
         return True

@@ -115,7 +115,7 @@ class ExternalSession:
 
     def repeatable(self, test_case: TestCase) -> bool:
         """Return whether flights of a test case repeat bit by bit, where the target says that flights do."""
-        return self._adapter.repeatable(test_case)
+        return self._adapter.repeatable(test_case, self._binary)
 
     @property
     def _place(self) -> Place:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from saflite.contract.test_case import TestCase
-from saflite.flight.autopilots.ardupilot.binary import BINARIES
+from saflite.flight.autopilots.ardupilot.binary import BINARIES, names_threads
 from saflite.flight.autopilots.ardupilot.bring_up import Aircraft
 from saflite.flight.autopilots.ardupilot.check import check_test_case
 from saflite.flight.autopilots.ardupilot.describe import describe
@@ -28,9 +28,9 @@ def _forkable(test_case: TestCase) -> bool:
     return without_log(test_case) and not test_case.scenario.obstacles
 
 
-def _repeatable(test_case: TestCase) -> bool:
-    """Whether nothing that flies it runs by wall time, as BendyRuler does where there are obstacles."""
-    return not test_case.scenario.obstacles
+def _repeatable(test_case: TestCase, binary: Binary) -> bool:
+    """Whether nothing that flies it runs by wall time: where there are obstacles, BendyRuler must get its turns."""
+    return not test_case.scenario.obstacles or names_threads(binary)
 
 
 ADAPTER = Adapter(

@@ -23,6 +23,7 @@ _VERSION = re.compile(rb"(?<![\w ])((?:" + "|".join(VEHICLES).encode() + rb") V\
 _PX4 = b"px4_daemon"
 _BACKEND = b"JSON control interface set to"
 _SERIAL, _START_TIME = b"--serial0", b"--start-time"
+_NAMES_THREADS = b"pthread_setname_np"
 
 
 class Options(NamedTuple):
@@ -51,12 +52,20 @@ def _inspected(path: Path, changed_ns: int) -> Binary:
         return Binary(path, hashlib.sha256(content).hexdigest(), version)
 
 
-@cache
 def options_of(binary: Binary) -> Options:
     """Return what a build's command line takes, by its own help: ports were UARTs until 4.2, and no time was told."""
+    return Options("--serial0" if _holds(binary, _SERIAL) else "--uartA", start_time=_holds(binary, _START_TIME))
+
+
+def names_threads(binary: Binary) -> bool:
+    """Return whether a build names its threads, so that the gate knows which of them plans ways round obstacles."""
+    return _holds(binary, _NAMES_THREADS)
+
+
+@cache
+def _holds(binary: Binary, words: bytes) -> bool:
     with binary.path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
-        link = "--serial0" if content.find(_SERIAL) >= 0 else "--uartA"
-        return Options(link, start_time=content.find(_START_TIME) >= 0)
+        return content.find(words) >= 0
 
 
 BINARIES = Binaries(AUTOPILOT, "ArduPilot", "SAFLITE_ARDUPILOT", WANTED, _inspected)

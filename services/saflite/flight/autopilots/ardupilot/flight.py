@@ -82,7 +82,10 @@ class ArduPilotFlight(ExternalFlight):
     def _reach_start(self, aircraft: Aircraft) -> str:
         why = self._get_ready(aircraft)
         self._ask_for(aircraft, self._rates_hz)
-        return why or self._lift_off(aircraft)
+        why = why or self._lift_off(aircraft)
+        if not why and isinstance(self._telemetry, OwnTruth) and not self._telemetry.told:
+            why = "this build does not say where its own physics has the vehicle (SIM_STATE): physics = jsbsim"
+        return why
 
     def _get_ready(self, aircraft: Aircraft) -> str:
         """Wait for the estimate and the checks before arming; return why not."""

@@ -65,7 +65,7 @@ class Gate:
         """Fork the autopilot where it waits; the fork goes on waiting, this one stays held.
 
         Raises:
-            Unavailable: no gate is in it, it is gone, or it holds what a fork would not copy (threads, pipes).
+            Unavailable: no gate is in it, it is gone, or it holds what a fork would not copy: threads, pipes to others.
         """
         with suppress(BlockingIOError):  # in our world it greets once, when it first waits
             while self.channel.recv(_WORD.size, socket.MSG_DONTWAIT):
@@ -86,7 +86,7 @@ class Gate:
             _close(theirs)
         if not made.pid:
             made.leave()
-            raise Unavailable("the autopilot cannot be forked: it runs threads or holds pipes")
+            raise Unavailable("the autopilot cannot be forked: it runs threads, or holds pipes that lead elsewhere")
         return made
 
     def _asked(self, files: list[int]) -> int:

@@ -27,9 +27,11 @@ class OwnTruth(Telemetry):
 
     def __init__(self, vehicle: Vehicle, parameters: Mapping[str, float], home: tuple[float, float, float]) -> None:
         super().__init__(vehicle, parameters, home, OWN_RATES_HZ)
+        self.told = False  # whether the build says it: 4.1-dev does not
         self._flew = False  # "taken off" would not do: it ends where the motors are stopped in the air
 
     def _sim_state(self, message: Any) -> None:
+        self.told = True
         x_m, y_m = to_local(message.lat_int * 1e-7, message.lon_int * 1e-7, self._home[0], self._home[1])
         axes = ("roll", "pitch", "yaw")
         degrees = {name: math.degrees(getattr(message, name)) for name in axes}

@@ -62,6 +62,10 @@ TUNE: dict[str, float] = {
     "SERIAL2_PROTOCOL": -1,
     **{f"SR0_{name}": 0 for name in ("EXTRA1", "EXTRA2", "EXTRA3", "POSITION", "RAW_SENS", "RC_CHAN", "EXT_STAT")},
 }
+SENSOR_FLIGHT = "SIM_TEMP_FLIGHT"
+AIR_AT_HOME_DEGC = 11.8  # of the standard atmosphere, 489 m above sea
+STEADY_SENSOR = {SENSOR_FLIGHT: AIR_AT_HOME_DEGC, "SIM_TEMP_START": AIR_AT_HOME_DEGC}
+"""A sensor with a temperature of its own (4.1), no offset to the air's: its 35 degrees make heights 5 % too high."""
 AVOIDANCE: dict[str, float] = {
     "PRX1_TYPE": 2,
     "PRX_TYPE": 2,
@@ -69,6 +73,7 @@ AVOIDANCE: dict[str, float] = {
     "AVOID_MARGIN": 3,
     "OA_TYPE": 1,
     "OA_BR_LOOKAHEAD": 10,
+    "OA_LOOKAHEAD": 10,
     "OA_MARGIN_MAX": 3,
     "GUID_OPTIONS": 64,
 }
@@ -95,7 +100,6 @@ SHOWN: dict[str, Shown] = {
     "failsafe_options_set": Shown(("FS_OPTIONS",)),
     "circle_options_set": Shown(("CIRCLE_OPTIONS",)),
     "auto_options_set": Shown(("AUTO_OPTIONS",)),
-    "pilot_turn_speed_set_dps": Shown(("PILOT_Y_RATE",)),
     "fs_gps_action": Shown(("FS_EKF_ACTION",)),
     "fence_type_set": Shown(("FENCE_TYPE",)),
     "fence_action_set": Shown(("FENCE_ACTION",)),
@@ -121,6 +125,7 @@ SHOWN: dict[str, Shown] = {
     "descent_speed_set_mps": Shown(("WPNAV_SPEED_DN",), 0.01),
     "circle_radius_set_m": Shown(("CIRCLE_RADIUS",), 0.01),
 }
+YAW_P_DPS = 45.0  # a full stick turns so fast times ACRO_YAW_P, where there is no PILOT_Y_RATE (4.1)
 CEILING = 1  # bit of FENCE_TYPE
 _HEIGHT_BY_SOURCE = {1.0: 0.0, 2.0: 1.0, 3.0: 2.0}  # EK3_SRC1_POSZ to what EK2_ALT_SOURCE said
 
@@ -148,6 +153,7 @@ def start_parameters(
     On its own physics it is no F450, and flies with its own gains.
     """
     tune = {name: value for name, value in TUNE.items() if not (own_physics and name in F450)}
+    tune |= STEADY_SENSOR if SENSOR_FLIGHT in known else {}
     ours = {**tune, **(AVOIDANCE if obstacles else {}), **({} if log else {"LOG_BACKEND_TYPE": 0.0})}
     return {name: float(value) for name, value in {**ours, **given}.items() if name in known}
 
@@ -175,5 +181,6 @@ def show(vehicle: Vehicle, parameters: Mapping[str, float], home_up_m: float = 0
     vehicle["land_speed_high_set_mps"] = 0.01 * fast
     vehicle["return_speed_set_mps"] = 0.01 * (get("RTL_SPEED", 0.0) or get("WPNAV_SPEED", 0.0))
     vehicle["pilot_speed_down_set_mps"] = 0.01 * (get("PILOT_SPEED_DN", 0.0) or get("PILOT_SPEED_UP", 0.0))
+    vehicle["pilot_turn_speed_set_dps"] = get("PILOT_Y_RATE", YAW_P_DPS * get("ACRO_YAW_P", 0.0))
     source = get("EK3_SRC1_POSZ", 1.0)
     vehicle["altitude_source"] = get("EK2_ALT_SOURCE", _HEIGHT_BY_SOURCE.get(source, source))

@@ -24,7 +24,7 @@ class Adapter(NamedTuple):
     cannot fly; `flight` makes one flight; `powered_up` starts the binary only to be asked, with parameters that open
     groups: `opening` names those, of the parameters that show without. Where flights can be forked,
     `held` makes one that can be held, and `forkable` says which test cases are flown so. `repeatable` says of which
-    test cases flights repeat bit by bit, where the target says that flights do.
+    test cases a binary's flights repeat bit by bit, where the target says that flights do.
     """
 
     binaries: Binaries
@@ -35,7 +35,7 @@ class Adapter(NamedTuple):
     held: Callable[[TestCase, Binary, Listing, Place], Any] | None = None
     forkable: Callable[[TestCase], bool] = lambda test_case: False
     opening: Callable[[Mapping[str, Row]], dict[str, float]] = lambda rows: {}
-    repeatable: Callable[[TestCase], bool] = lambda test_case: True
+    repeatable: Callable[[TestCase, Binary], bool] = lambda test_case, binary: True
 
     def known(self, binary: Binary) -> Listing | None:
         """Return what is remembered of a binary's parameters, None where it was never asked."""

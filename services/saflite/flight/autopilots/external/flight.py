@@ -23,6 +23,7 @@ from saflite.flight.autopilots.external.listing import Listing
 from saflite.flight.autopilots.external.place import FailedBringUp, Place, one_core
 from saflite.flight.autopilots.external.vehicle import GONE, SILENT
 from saflite.flight.geometry import boxes_array
+from saflite.flight.mission import NAV_LAST
 from saflite.flight.world.state import CRASHED
 from saflite.flight.world.wind import WindField
 
@@ -263,7 +264,7 @@ class ExternalFlight(ABC):
             got = f"{what} (MAV_MISSION_RESULT {answer.result}){at}{words}"
             expected = f"one that {self._version} takes"
             raise Refused("mission", where=mission.name, expected=expected, got=got, fix="change or drop that item")
-        aircraft.vehicle["mission_count"] = float(len(mission.items))
+        aircraft.vehicle["mission_count"] = float(_flown_items(mission))
         return ""
 
     def _ask_for(self, aircraft: Any, rates_hz: Mapping[str, float]) -> None:
@@ -311,3 +312,8 @@ class ExternalFlight(ABC):
     def _last_words(self) -> str:
         said = self._aircraft.client.texts if self._aircraft is not None else ()
         return said[-1] if said else "it said nothing"
+
+
+def _flown_items(mission: Mission) -> int:
+    """Return the number of items up to the last that flies somewhere: an autopilot hovers there, its mission done."""
+    return max((number for number, item in enumerate(mission.items, start=1) if item.command <= NAV_LAST), default=0)

@@ -5,8 +5,9 @@ from __future__ import annotations
 import msgspec
 
 from saflite.contract.test_case import Mission, MissionItem
+from saflite.flight.mission import NAV_LAST
 
-NAV_LAST, RETURN = 95, 20  # MAV_CMD up to the first fly somewhere, those after it do something or wait
+RETURN = 20
 FRAME_MISSION = 2  # MAV_FRAME: the item is at no place
 
 

@@ -16,6 +16,7 @@
 #include <unistd.h>
 
 static const uint32_t FORK = UINT32_MAX;
+enum { PIPES = 16, WAITING_MAX = 1 << 20 };
 
 Gate gate = {.files = {-1, STDOUT_FILENO, -1, -1, -1}};
 static uint32_t frames, left;
@@ -37,24 +38,73 @@ static void say(uint32_t word)
         _exit(LOST);
 }
 
-/* Whether it holds what a raw fork would not copy, or would share: further threads, pipes. */
-static int unforkable(void)
+/* A pipe that leads from the autopilot to itself: the simulated GPS of older builds. A fork would share it. */
+typedef struct {
+    char name[32];
+    int ends[2]; /* to read from, to write to; -1 while not found */
+} Pipe;
+
+static int threads(void)
 {
-    int threads = 0, pipes = 0;
-    char path[300], target[64];
-    DIR *tasks = opendir("/proc/self/task"), *files = opendir("/proc/self/fd");
+    int count = 0;
+    DIR *tasks = opendir("/proc/self/task");
     for (struct dirent *one; tasks && (one = readdir(tasks));)
-        threads += one->d_name[0] != '.';
-    for (struct dirent *one; files && (one = readdir(files));) {
-        snprintf(path, sizeof path, "/proc/self/fd/%s", one->d_name);
-        const ssize_t size = readlink(path, target, sizeof target);
-        pipes += atoi(one->d_name) > STDERR_FILENO && size > 5 && memcmp(target, "pipe:", 5) == 0;
-    }
+        count += one->d_name[0] != '.';
     if (tasks)
         closedir(tasks);
+    return count;
+}
+
+static void note_end(Pipe *pipes, int *count, const char *name, int file)
+{
+    int i = 0;
+    while (i < *count && strcmp(pipes[i].name, name) != 0)
+        i++;
+    if (i == PIPES)
+        return;
+    if (i == *count) {
+        strcpy(pipes[i].name, name);
+        pipes[i].ends[0] = pipes[i].ends[1] = -1;
+        ++*count;
+    }
+    pipes[i].ends[(fcntl(file, F_GETFL) & O_ACCMODE) == O_WRONLY] = file;
+}
+
+/* Returns how many pipes there are; -1 where one leads elsewhere, or there are too many. */
+static int own_pipes(Pipe pipes[PIPES])
+{
+    int count = 0;
+    char path[300], name[32];
+    DIR *files = opendir("/proc/self/fd");
+    for (struct dirent *one; files && (one = readdir(files));) {
+        snprintf(path, sizeof path, "/proc/self/fd/%s", one->d_name);
+        const ssize_t size = readlink(path, name, sizeof name - 1);
+        name[size > 0 ? size : 0] = 0;
+        if (atoi(one->d_name) > STDERR_FILENO && strncmp(name, "pipe:", 5) == 0)
+            note_end(pipes, &count, name, atoi(one->d_name));
+    }
     if (files)
         closedir(files);
-    return threads != 1 + __atomic_load_n(&gate.parked, __ATOMIC_ACQUIRE) || pipes != 0;
+    for (int i = 0; i < count; i++)
+        if (pipes[i].ends[0] < 0 || pipes[i].ends[1] < 0)
+            return -1;
+    return count < PIPES ? count : -1;
+}
+
+/* In the fork: in place of a pipe that it shares, one of its own that holds the same unread bytes. */
+static void own(const Pipe *shared)
+{
+    int made[2];
+    if (pipe2(made, O_CLOEXEC) != 0)
+        _exit(LOST);
+    while (tee(shared->ends[0], made[1], WAITING_MAX, SPLICE_F_NONBLOCK) < 0 && errno == EINTR)
+        continue;
+    for (int i = 0; i < 2; i++) {
+        const int flags = fcntl(shared->ends[i], F_GETFL);
+        dup3(made[i], shared->ends[i], O_CLOEXEC);
+        fcntl(shared->ends[i], F_SETFL, flags & O_NONBLOCK);
+        close(made[i]);
+    }
 }
 
 /* In the fork: put what was given in the places of what was inherited, as it was: waiting or not. */
@@ -74,7 +124,9 @@ static void fork_with(struct msghdr *message)
 {
     const int wanted = gate.own_physics ? GATE_PHYSICS : GATE_FILES;
     const struct cmsghdr *control = CMSG_FIRSTHDR(message);
-    int given[GATE_FILES], known = 1;
+    Pipe pipes[PIPES];
+    const int shared = own_pipes(pipes);
+    int given[GATE_FILES], known = shared >= 0 && threads() == 1 + __atomic_load_n(&gate.parked, __ATOMIC_ACQUIRE);
     if (control == NULL || control->cmsg_type != SCM_RIGHTS || control->cmsg_len != CMSG_LEN(wanted * sizeof *given))
         _exit(LOST);
     memcpy(given, CMSG_DATA(control), wanted * sizeof *given);
@@ -84,9 +136,11 @@ static void fork_with(struct msghdr *message)
         continue;
     fflush(NULL);
     /* raw: with the C library's own the main thread gets another number, and mutexes that it holds are nobody's then */
-    const long pid = known && !unforkable() ? syscall(SYS_clone, SIGCHLD, 0, 0, 0, 0) : -1;
+    const long pid = known ? syscall(SYS_clone, SIGCHLD, 0, 0, 0, 0) : -1;
     if (pid == 0) {
         go_on_with(given, wanted);
+        for (int i = 0; i < shared; i++)
+            own(&pipes[i]);
         return;
     }
     for (int i = 0; i < wanted; i++)

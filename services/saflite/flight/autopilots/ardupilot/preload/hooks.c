@@ -1,8 +1,10 @@
 /* The few calls of the autopilot that are looked at on their way: which sockets are which, and where it waits for the world. */
 #define _GNU_SOURCE
 #include <dlfcn.h>
+#include <errno.h>
 #include <netinet/in.h>
 #include <pthread.h>
+#include <semaphore.h>
 #include <signal.h>
 #include <string.h>
 #include <sys/select.h>
@@ -14,6 +16,7 @@
 #include "gate.h"
 
 #define HOOK __attribute__((visibility("default")))
+enum { RESTS_WITHIN_S = 2 };
 
 static int port_of(const struct sockaddr *address)
 {
@@ -63,9 +66,34 @@ HOOK ssize_t sendto(int file, const void *data, size_t bytes, int flags, const s
     return (ssize_t)syscall(SYS_sendto, file, data, bytes, flags, address, size);
 }
 
-/* The thread that would write the log runs even where none is kept. It stands where it first sleeps, holding no lock. */
-static pthread_t logger;
-static int logger_known;
+/* The thread that would write the log runs even where none is kept. It stands where it first sleeps, holding no lock.
+ * The thread that plans ways round obstacles sleeps by wall time while it waits for the clock: it gets a turn a frame instead.
+ */
+static pthread_t logger, planner;
+static int logger_known, planner_known;
+static sem_t planner_turn, planner_rests;
+
+/* Wait until the planner sleeps; whether it does. It might need a lock that the main thread holds: not for ever. */
+static int rested(void)
+{
+    struct timespec until;
+    clock_gettime(CLOCK_REALTIME, &until);
+    until.tv_sec += RESTS_WITHIN_S;
+    while (sem_timedwait(&planner_rests, &until) != 0)
+        if (errno != EINTR)
+            return 0;
+    return 1;
+}
+
+/* Once per frame, in the main thread: let the planner run until it sleeps again. */
+static void give_planner_its_turn(void)
+{
+    static int runs_on;
+    if (!__atomic_load_n(&planner_known, __ATOMIC_ACQUIRE) || (runs_on && sem_trywait(&planner_rests) != 0))
+        return;
+    sem_post(&planner_turn);
+    runs_on = !rested();
+}
 
 HOOK int pthread_setname_np(pthread_t thread, const char *name)
 {
@@ -75,6 +103,12 @@ HOOK int pthread_setname_np(pthread_t thread, const char *name)
     if (gated() && gate.no_log && strcmp(name, "log_io") == 0) {
         logger = thread;
         __atomic_store_n(&logger_known, 1, __ATOMIC_RELEASE);
+    }
+    if (gated() && !gate.own_physics && strcmp(name, "avoidance") == 0 && !planner_known) {
+        sem_init(&planner_turn, 0, 0), sem_init(&planner_rests, 0, 0);
+        planner = thread;
+        __atomic_store_n(&planner_known, 1, __ATOMIC_RELEASE);
+        rested();
     }
     return next(thread, name);
 }
@@ -87,6 +121,12 @@ HOOK int usleep(useconds_t time_us)
         for (;;)
             pause();
     }
+    if (__atomic_load_n(&planner_known, __ATOMIC_ACQUIRE) && pthread_equal(pthread_self(), planner)) {
+        sem_post(&planner_rests);
+        while (sem_wait(&planner_turn) != 0)
+            continue;
+        return 0;
+    }
     return (int)syscall(SYS_clock_nanosleep, CLOCK_REALTIME, 0, &time, NULL);
 }
 
@@ -94,6 +134,7 @@ HOOK int select(int count, fd_set *in, fd_set *out, fd_set *odd, struct timeval 
 {
     const int world = gate.files[GATE_PHYSICS];
     if (gated() && world >= 0 && count == world + 1 && in && FD_ISSET(world, in) && in_main_thread()) {
+        give_planner_its_turn();
         gate_await_world();
         return 1;
     }
