@@ -28,8 +28,8 @@ NO_LLM = "No language model has a row: each `ollama:TAG` is a column of its own,
 Figure = Callable[[Row], float]
 
 
-def page(rows: Sequence[Row], reflown: Sequence[Reflown]) -> str:
-    """Return the page in Markdown."""
+def page(rows: Sequence[Row], reflown: Sequence[Reflown], again: Sequence[Row] = ()) -> str:
+    """Return the page in Markdown; `again` are cells of the rows, run once more by a later build of the vehicle."""
     rows = [row for row in rows if row.cell.flights == FLIGHTS]
     columns = _choosers(rows)
     enough_s = float(np.quantile([row.core_s[-1] for row in rows], 0.1)) if rows else 0.0
@@ -44,6 +44,7 @@ def page(rows: Sequence[Row], reflown: Sequence[Reflown]) -> str:
         "asked": len(STRATEGIES) * len(MISSIONS) * len(columns) * SEEDS,
         "blocks": _blocks(rows),
         "builds": len({row.build for row in rows}),
+        "again": _again(rows, again),
         "others": sum(row.answered_by_others for row in rows),
         "llm": "" if set(columns) - set(CHOOSERS) else NO_LLM,
         "coverage": _coverage(rows, columns),
@@ -80,6 +81,20 @@ def _blocks(rows: Sequence[Row]) -> str:
         f"{count} of mission {mission} seed {', '.join(map(str, seeds))}" for (mission, count), seeds in alike.items()
     )
     return "; ".join(told)
+
+
+def _again(rows: Sequence[Row], again: Sequence[Row]) -> str:
+    """Say how many cells of an older build a newer one flies alike, and in how much more processor time."""
+    first = {row.cell: row for row in rows}
+    pairs = [(first[row.cell], row) for row in again if row.cell in first and first[row.cell].build != row.build]
+    if not pairs:
+        return ""
+    alike = sum(old.distances_m == new.distances_m for old, new in pairs)
+    longer = median(new.core_s[-1] / old.core_s[-1] for old, new in pairs)
+    return (
+        f"{len(pairs)} cells of the older build were run again by the newer: {alike} alike in every flight, "
+        f"in {longer:.2f} times the processor time (median), by which the columns of the newer are to be read."
+    )
 
 
 def _coverage(rows: Sequence[Row], columns: Sequence[str]) -> str:

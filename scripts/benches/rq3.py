@@ -24,7 +24,7 @@ from _models import check_none, missing
 from _rq3_cell import CHOOSERS, MISSIONS, STRATEGIES, Cell, Memory, Row, run, scorer_of
 
 HERE = Path(__file__).resolve().parent
-REFLIGHTS = "rq3_reflights.jsonl"
+REFLIGHTS, AGAIN = "rq3_reflights.jsonl", "rq3_again.jsonl"
 ROWS = HERE / "results" / "rq3.jsonl"
 REFLIGHT_ROWS = ROWS.with_name(REFLIGHTS)
 PAGE = HERE.parents[1] / "deploy" / "docs" / "rq3.md"
@@ -83,7 +83,7 @@ def page(found: Sequence[Row], reflown: Path = REFLIGHT_ROWS) -> str:
     from _rq3_page import page as made
     from _rq3_reflights import read
 
-    return made(found, read(reflown))
+    return made(found, read(reflown), rows(reflown.with_name(AGAIN)))
 
 
 def main(argv: list[str]) -> int:
