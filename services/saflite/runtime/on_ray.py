@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import secrets
 from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import NamedTuple
 
 from saflite.bus.access import STAGE_OF
 from saflite.bus.keyring import AUTHORITY_KEY, PEERS, add, read_register
+from saflite.contract.config import environment, set_environment
 from saflite.contract.errors import Refused, not_installed
 from saflite.runtime.clock import WallClock
 from saflite.runtime.farm import Elsewhere
@@ -53,10 +55,12 @@ def workers_on(
         Refused: there are keys, but none for the cluster's workers.
         Unavailable: no cluster is reached.
     """
+    address = place.partition(":")[2]
+    if not address:
+        _close_to_others()
     from saflite.runtime.launchers.base import Meeting
     from saflite.runtime.launchers.ray import RayLauncher, connect
 
-    address = place.partition(":")[2]
     key = _key(keys, campaign) if keys is not None else None
     cores = connect(address)
 
@@ -70,6 +74,13 @@ def workers_on(
         )
 
     return Workers(max(1, cores), f"{KEY_NAME}-", launcher)
+
+
+def _close_to_others() -> None:
+    """Let a cluster that is started here ask for a token; Ray looks for it once, as it is imported (2.60)."""
+    if not environment("RAY_AUTH_MODE"):
+        set_environment("RAY_AUTH_MODE", "token")
+        set_environment("RAY_AUTH_TOKEN", secrets.token_hex(32))
 
 
 def _key(keys: Path, campaign: str) -> Path:

@@ -9,7 +9,6 @@ modules and keys travel with the actor, traces over the bus.
 from __future__ import annotations
 
 import logging
-import secrets
 import signal
 import socket
 import tempfile
@@ -21,7 +20,6 @@ from typing import Any, NamedTuple
 import ray
 from ray.exceptions import GetTimeoutError, RayActorError, RayError
 
-from saflite.contract.config import environment, set_environment
 from saflite.contract.errors import Refused, Unavailable
 from saflite.runtime.clock import WallClock
 from saflite.runtime.launchers.base import Meeting, RoleSpec, RoleState
@@ -207,7 +205,7 @@ class RayLauncher:
 
 
 def connect(address: str = "") -> int:
-    """Join the cluster, or start one on this machine, closed to others by a token and without a dashboard.
+    """Join the cluster, or start one on this machine, without a dashboard (`runtime/on_ray.py` closes it to others).
 
     Returns how many cores it has. Harmless where this process has joined already.
 
@@ -236,9 +234,6 @@ def _begin(address: str) -> None:
         if address:
             ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR)
             return
-        if not environment("RAY_AUTH_MODE"):
-            set_environment("RAY_AUTH_MODE", "token")
-            set_environment("RAY_AUTH_TOKEN", secrets.token_hex(32))
         ray.init(
             include_dashboard=False,
             log_to_driver=False,
