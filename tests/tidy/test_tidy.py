@@ -34,7 +34,7 @@ RULES = (
         "randomness",
         RANDOM,
         {
-            *("contract/rng.py", "campaign/storage/sqlite.py", "evidence/folder.py", "runtime/launchers/ray.py"),
+            *("contract/rng.py", "campaign/storage/sqlite.py", "evidence/folder.py", "runtime/on_ray.py"),
             "runtime/own_runs.py",  # a key
         },
     ),  # beside draws: the name of a run and of a folder, and a secret
