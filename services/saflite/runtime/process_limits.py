@@ -19,7 +19,7 @@ def prepare_limits(workers: int = 0) -> None:
     Numerical libraries that may map no more memory wait for it without end, so too little is told before.
 
     Args:
-        workers: how many workers the books of this farm begin with.
+        workers: how many processes meet in the farm that begins here.
 
     Raises:
         Refused: what is allowed is too little.
@@ -32,7 +32,7 @@ def prepare_limits(workers: int = 0) -> None:
             soft = most
     needed = FILES + FILES_PER_WORKER * workers
     if _less(soft, needed):
-        for_whom = f", with {workers} workers" if workers else ""
+        for_whom = f", with {workers} processes" if workers else ""
         raise Refused(
             "limit of open files", expected=f"at least {needed}{for_whom}", got=soft, fix="raise it (ulimit -n)"
         )

@@ -61,11 +61,12 @@ def check(args: argparse.Namespace) -> None:
     """Raise Refused for what makes no sense or finds no room on this machine, before anything is made."""
     from saflite.bus.endpoints import check_endpoint
     from saflite.console.io import campaign_options
+    from saflite.runtime.farm import default_simulators, roles
     from saflite.runtime.process_limits import prepare_limits
 
     if args.workers is not None:
         campaign_options.at_least("--workers", args.workers, 0 if args.listen else 1, campaign_options.WORKERS_MAX)
-    prepare_limits(args.workers or 0)
+    prepare_limits(len(roles(default_simulators() if args.workers is None else args.workers)))
     if "fly" in scale(args) and args.workers is not None:
         raise Refused("--workers", expected="none beside --scale fly=...", got=args.workers)
     if args.metrics:
