@@ -90,6 +90,25 @@ def test_heights_count_from_home_as_it_was_at_take_off(vehicle: Vehicle) -> None
     assert vehicle["rtl_altitude_set_m"] == pytest.approx(50.0)
 
 
+def test_places_do_not_count_from_where_the_vehicle_was_armed(vehicle: Vehicle) -> None:
+    """Copter 4.1-dev tells local places from home, which moves as the vehicle is armed; 4.5 from a fixed origin."""
+
+    def places(x: float, lat: float) -> tuple[float, float]:
+        told.take(message("LOCAL_POSITION_NED", x=x), 1.0)
+        first = vehicle["x_est_m"]
+        told.take(message("GLOBAL_POSITION_INT", lat=round(lat * 1e7), lon=round(HOME[1] * 1e7)), 1.0)
+        told.take(message("LOCAL_POSITION_NED", x=x), 1.04)
+        return first, vehicle["x_est_m"]
+
+    told, metre = Telemetry(vehicle, {}, HOME), 1.0 / 111_195.0
+    assert places(0.0, HOME[0]) == (0.0, 0.0)
+    places(20.0, HOME[0] + 20.0 * metre)
+    assert places(22.0, HOME[0] + 22.0 * metre) == pytest.approx((22.0, 22.0), abs=0.1)
+    assert places(0.0, HOME[0] + 22.0 * metre) == pytest.approx((22.0, 22.0), abs=0.1), "only home moved"
+    assert places(1.0, HOME[0] + 23.0 * metre) == pytest.approx((23.0, 23.0), abs=0.1)
+    assert places(31.0, HOME[0] + 53.0 * metre) == pytest.approx((23.0, 53.0), abs=0.1), "a false position"
+
+
 def test_a_fence_that_a_command_switched_off_is_off(vehicle: Vehicle) -> None:
     told = Telemetry(vehicle, {"FENCE_ENABLE": 1.0, "FENCE_TYPE": 7.0}, HOME)
     told.tick()

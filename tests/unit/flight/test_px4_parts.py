@@ -26,9 +26,9 @@ from saflite.flight.autopilots.external.telemetry import PREARM
 from saflite.flight.autopilots.px4 import binary, modes, settings
 from saflite.flight.autopilots.px4.check import check_test_case
 from saflite.flight.autopilots.px4.describe import describe
-from saflite.flight.autopilots.px4.heights import above_sea
 from saflite.flight.autopilots.px4.inputs import COMMANDS, Inputs
 from saflite.flight.autopilots.px4.metadata import documented
+from saflite.flight.autopilots.px4.places import placed
 from saflite.flight.autopilots.px4.telemetry import RADIO, Telemetry
 from saflite.flight.autopilots.px4.vehicle import Vehicle
 from saflite.flight.logs.settings import PX4 as SHOWN
@@ -294,19 +294,21 @@ def test_a_take_off_has_the_height_to_reach_that_was_ordered_above_home(vehicle:
 @pytest.mark.parametrize(
     ("name", "given", "sent"),
     [
-        ("NAV_TAKEOFF", (0.0,) * 6 + (30.0,), (0.0,) * 6 + (518.79,)),
+        ("NAV_TAKEOFF", (0.0,) * 6 + (30.0,), (0.0,) * 4 + (math.nan, math.nan, 518.79)),  # 0, 0 is here
+        ("NAV_TAKEOFF", (0.0,) * 4 + (47.0, 0.0, 30.0), (0.0,) * 4 + (47.0, 0.0, 518.79)),
+        ("DO_REPOSITION", (-1.0, 1.0), (-1.0, 1.0, 0.0, 0.0, math.nan, math.nan, 488.79)),
         ("DO_REPOSITION", (-1.0, 1.0, 0.0, 0.0, 47.0, 8.0, 20.0), (-1.0, 1.0, 0.0, 0.0, 47.0, 8.0, 508.79)),
         ("DO_SET_HOME", (1.0,), (1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 488.79)),
         ("NAV_LAND", (0.0,) * 6 + (30.0,), (0.0,) * 6 + (30.0,)),
         ("DO_CHANGE_ALTITUDE", (30.0, 3.0), (30.0, 3.0)),
     ],
 )
-def test_heights_of_a_test_case_are_above_home(name: str, given: tuple[float, ...], sent: tuple[float, ...]) -> None:
-    assert above_sea(f"MAV_CMD_{name}", given, HOME[2]) == pytest.approx(sent)
+def test_places_of_a_test_case_count_from_home(name: str, given: tuple[float, ...], sent: tuple[float, ...]) -> None:
+    assert placed(f"MAV_CMD_{name}", given, HOME[2]) == pytest.approx(sent, nan_ok=True)
 
 
 def test_a_height_that_is_left_open_stays_open() -> None:
-    assert math.isnan(above_sea("MAV_CMD_NAV_TAKEOFF", (0.0,) * 6 + (math.nan,), HOME[2])[6])
+    assert math.isnan(placed("MAV_CMD_NAV_TAKEOFF", (0.0,) * 6 + (math.nan,), HOME[2])[6])
 
 
 def test_what_is_acknowledged_must_be_seen(vehicle: Vehicle, client: Client) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Collection, Mapping
 from typing import Any
@@ -11,6 +12,7 @@ from saflite.flight.autopilots.ardupilot import settings
 from saflite.flight.autopilots.ardupilot.vehicle import Vehicle
 from saflite.flight.autopilots.external import telemetry
 from saflite.flight.autopilots.external.telemetry import FIX_3D, PREARM, TAKING_OFF
+from saflite.flight.mission import to_local
 
 MODES: dict[str, int] = {
     **COMMON_MODES,
@@ -38,6 +40,7 @@ RATES_HZ: dict[str, float] = {
 }
 AUTONOMOUS = (MODES["AUTO"], MODES["GUIDED"])
 GEOFENCE = 1048576  # MAV_SYS_STATUS_GEOFENCE
+ORIGIN_STEP_M = 3.0  # the same place, told by two messages a moment apart, differs by less
 ARMED = 128  # MAV_MODE_FLAG_SAFETY_ARMED
 EKF_NEEDED = 1 | 2 | 4 | 8 | 16 | 32  # EKF_STATUS_FLAGS: attitude, speeds, places, height
 _FAILSAFES = {"Radio": "failsafe_radio", "EKF": "failsafe_gps", "Battery": "failsafe_battery"}
@@ -56,6 +59,7 @@ class Telemetry(telemetry.Telemetry):
     ) -> None:
         super().__init__(vehicle, parameters, home, kinds, settings.show)
         self._prearm = self._ekf = self._taking_off = False
+        self._local_xy, self._origin_xy, self._jumped = (0.0, 0.0), (0.0, 0.0), False
         self._fenced: bool | None = None  # the parameter does not tell: DO_FENCE_ENABLE leaves it as it is
 
     def tick(self) -> None:
@@ -79,6 +83,24 @@ class Telemetry(telemetry.Telemetry):
         if armed == 0.0:
             self.vehicle["taken_off"] = 0.0
         self.vehicle["armed"] = armed
+
+    def _local_position_ned(self, message: Any) -> None:
+        local_xy = message.x, message.y
+        self._jumped = self._jumped or math.dist(local_xy, self._local_xy) > ORIGIN_STEP_M
+        self._local_xy = local_xy
+        x_m, y_m = message.x + self._origin_xy[0], message.y + self._origin_xy[1]
+        if self._jumped:  # the vehicle, or what is counted from? The next global place tells
+            x_m, y_m = self.vehicle["x_est_m"], self.vehicle["y_est_m"]
+        self.vehicle.set(x_est_m=x_m, y_est_m=y_m, climb_est_mps=-message.vz)
+
+    def _global_position_int(self, message: Any) -> None:
+        """See from where local places count: older builds count from home, which moves as the vehicle is armed."""
+        super()._global_position_int(message)
+        place = to_local(message.lat * 1e-7, message.lon * 1e-7, self._home[0], self._home[1])
+        origin_xy = place[0] - self._local_xy[0], place[1] - self._local_xy[1]
+        if message.lat and math.dist(origin_xy, self._origin_xy) > ORIGIN_STEP_M:
+            self._origin_xy = origin_xy
+        self._jumped = False
 
     def _extended_sys_state(self, message: Any) -> None:
         super()._extended_sys_state(message)

@@ -12,8 +12,8 @@ from saflite.contract.flight import DeliveryAnswer
 from saflite.contract.test_case import Stimulus
 from saflite.flight.autopilots.external import inputs
 from saflite.flight.autopilots.external.listing import Listing
-from saflite.flight.autopilots.px4.heights import above_sea
 from saflite.flight.autopilots.px4.modes import MODES, NUMBERS
+from saflite.flight.autopilots.px4.places import placed
 from saflite.flight.autopilots.px4.vehicle import Vehicle
 from saflite.flight.mavlink.client import Client
 from saflite.flight.sensors.faults import FAULTS, Fault
@@ -137,7 +137,7 @@ class Inputs(inputs.Inputs):
 
     def _give(self, stimulus: Stimulus, time_s: float) -> DeliveryAnswer:
         if stimulus.kind == "command":
-            values = above_sea(stimulus.name, stimulus.values, self._home_up_m)
+            values = placed(stimulus.name, stimulus.values, self._home_up_m)
             stimulus = msgspec.structs.replace(stimulus, values=values)
         answer = super()._give(stimulus, time_s)
         value = stimulus.values[0] if stimulus.values else 1.0

@@ -10,7 +10,7 @@ from saflite.contract.test_case import Stimulus
 from saflite.flight.autopilots.external import telemetry
 from saflite.flight.autopilots.external.telemetry import FIX_3D, PREARM
 from saflite.flight.autopilots.px4 import modes, settings
-from saflite.flight.autopilots.px4.heights import HEIGHT_AT
+from saflite.flight.autopilots.px4.places import HEIGHT_AT
 from saflite.flight.autopilots.px4.vehicle import Vehicle
 from saflite.flight.mavlink.client import Client
 

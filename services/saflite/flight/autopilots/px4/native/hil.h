@@ -18,7 +18,8 @@
 
 #define PX4_SETTINGS(X) \
     X(rtl_altitude_set_m) X(rtl_descend_altitude_set_m) X(rtl_altitude_final_set_m) X(hold_altitude_min_set_m) \
-    X(takeoff_altitude_set_m) X(takeoff_speed_set_mps) X(land_speed_set_mps) X(land_speed_high_set_mps) \
+    X(takeoff_altitude_set_m) X(takeoff_slow_set_m) \
+    X(takeoff_speed_set_mps) X(land_speed_set_mps) X(land_speed_high_set_mps) \
     X(land_altitude_low_set_m) X(pilot_speed_up_set_mps) X(pilot_speed_down_set_mps) X(cruise_speed_set_mps) \
     X(return_speed_set_mps) X(loiter_speed_set_mps) X(angle_max_set_deg) X(disarm_delay_set_s) X(fence_enabled) \
     X(acceleration_set_mps2) X(fence_on_set) X(fence_type_set) X(fence_action_set) X(fence_altitude_max_set_m) \

@@ -17,9 +17,9 @@ from saflite.flight.autopilots.external.binary import Binary
 from saflite.flight.autopilots.external.inputs import command_number
 from saflite.flight.autopilots.external.listing import Listing
 from saflite.flight.autopilots.px4.flight import DEFAULT_START
-from saflite.flight.autopilots.px4.heights import above_sea
 from saflite.flight.autopilots.px4.inputs import ALL, INJECT_FAILURE, INJECTED, OK, OWN_PHYSICS
 from saflite.flight.autopilots.px4.modes import NUMBERS
+from saflite.flight.autopilots.px4.places import placed
 from saflite.flight.autopilots.px4.settings import as_texts, companion_of, own_physics, start_parameters
 from saflite.flight.mavlink.client import CUSTOM_MODE, DO_SET_MODE
 from saflite.flight.mavlink.items import item_fields
@@ -113,7 +113,7 @@ def _input(one: Stimulus, types: Mapping[str, int], home_up_m: float) -> dict[st
     if one.kind == "mode":
         row["number"], values = DO_SET_MODE, (CUSTOM_MODE, *NUMBERS[one.name])
     elif one.kind == "command":
-        row["number"], values = command_number(one.name), above_sea(one.name, one.values, home_up_m)
+        row["number"], values = command_number(one.name), placed(one.name, one.values, home_up_m)
     elif one.kind == "parameter":
         row["number"] = types[one.name]
     elif one.kind == "sensor_fault":
