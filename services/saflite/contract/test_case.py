@@ -29,11 +29,12 @@ from saflite.contract.rng import derive_seed
 
 DEFAULT_TARGET = "reference"  # the target that is always there
 StimulusKind = Literal["parameter", "command", "stick", "mode", "sensor_fault"]
-Twin = Literal["", "turned", "idle"]
+Twin = Literal["", "turned", "idle", "afresh"]
 """A second flight that must go as the first, and what is changed in it (metamorphic testing, Chen et al. 1998).
 
 turned  everything is turned about the take-off point by a right angle: the start, places, headings, wind, boxes
 idle    what the autopilot refused is not given at all
+afresh  only settings are given until the vehicle is ordered for the last time to a place where nothing follows for 12 s
 """
 
 Plain = Number | Whole | Text | bool
@@ -204,7 +205,11 @@ def stimulus_text(stimulus: Stimulus) -> str:
     return f"{stimulus.kind} {stimulus.name}{numbers}"
 
 
-TWIN_WORDS: dict[Twin, str] = {"turned": "turned by a right angle", "idle": "without what was refused"}
+TWIN_WORDS: dict[Twin, str] = {
+    "turned": "turned by a right angle",
+    "idle": "without what was refused",
+    "afresh": "without what came before",
+}
 
 
 def twin_text(twin: Twin) -> str:

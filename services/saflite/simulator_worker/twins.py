@@ -1,7 +1,8 @@
 """A second flight that must go as the first: which one it is, and how far from the first it went.
 
 Some faults show in no flight alone, since nobody can say what the right flight would be. But turned by a right angle,
-or without what was refused, it must be the same (metamorphic testing, Chen et al. 1998; Segura et al. 2016).
+without what was refused, or without what came before it must be the same (metamorphic testing, Chen et al. 1998; Segura
+et al. 2016).
 """
 
 from __future__ import annotations
@@ -17,8 +18,9 @@ from saflite.contract.flight import FlightRecord, Trace
 from saflite.contract.target_info import COMPARED, TargetInfo
 from saflite.contract.test_case import TestCase
 from saflite.flight.turning import TURN_DEG, turned
+from saflite.simulator_worker.afresh import Second, afresh
 
-CODES = {"turned": 1.0, "idle": 2.0}
+CODES = {"turned": 1.0, "idle": 2.0, "afresh": 3.0}
 
 
 def check_twin(info: TargetInfo, test_case: TestCase) -> None:
@@ -42,24 +44,34 @@ def with_twin(
     second = _second(info, test_case, record)
     if second is None:
         return record
-    flown = fly(second)
+    flown = fly(second.test_case)
+    if second.order in _denied(flown):
+        return record
     if flown.trace is None or flown.trace.step_s != record.trace.step_s:
         return record
-    signals = {**record.trace.signals, **_apart(test_case, record.trace, flown.trace)}
+    signals = {**record.trace.signals, **_apart(test_case, record.trace, flown.trace, second.from_s)}
     return record._replace(trace=msgspec.structs.replace(record.trace, signals=signals))
 
 
-def _second(info: TargetInfo, test_case: TestCase, record: FlightRecord) -> TestCase | None:
+def _denied(record: FlightRecord) -> set[int]:
+    """Return which inputs were refused, by their place."""
+    return {one.index for one in record.delivered or () if one.answer == "denied"}
+
+
+def _second(info: TargetInfo, test_case: TestCase, record: FlightRecord) -> Second | None:
     plain = msgspec.structs.replace(test_case, twin="")
+    denied = _denied(record)
+    rest = {entry.name: entry.default for entry in info.inputs if entry.default is not None}
     if test_case.twin == "turned":
-        return turned(plain, {entry.name: entry.default for entry in info.inputs if entry.default is not None})
-    refused = {one.index for one in record.delivered or () if one.answer == "denied"}
-    kept = tuple(one for index, one in enumerate(plain.stimuli) if index not in refused)
-    return msgspec.structs.replace(plain, stimuli=kept) if refused else None
+        return Second(turned(plain, rest))
+    if test_case.twin == "afresh":
+        return afresh(plain, rest)
+    kept = tuple(one for index, one in enumerate(plain.stimuli) if index not in denied)
+    return Second(msgspec.structs.replace(plain, stimuli=kept)) if denied else None
 
 
-def _apart(test_case: TestCase, first: Trace, second: Trace) -> dict[str, bytes]:
-    """Return the signals `twin_*`; 0 where only one of the two flies still."""
+def _apart(test_case: TestCase, first: Trace, second: Trace, from_s: float) -> dict[str, bytes]:
+    """Return the signals `twin_*`; 0 where only one of the two flies still, or need not go alike yet."""
     both = min(first.samples, second.samples)
     one, two = ({name: trace.array(name)[:both] for name in COMPARED} for trace in (first, second))
     is_turned = test_case.twin == "turned"
@@ -74,5 +86,6 @@ def _apart(test_case: TestCase, first: Trace, second: Trace) -> dict[str, bytes]
         "twin_mode_apart": two["mode"] != one["mode"],
         "twin_armed_apart": two["armed"] != one["armed"],
     }
-    rest = np.zeros(first.samples - both, dtype=np.float32)
-    return {name: np.concatenate([values, rest]).astype("<f4").tobytes() for name, values in found.items()}
+    rest, early = np.zeros(first.samples - both, dtype=np.float32), np.arange(both) * first.step_s < from_s
+    told = {name: np.where(early, 0.0, values) for name, values in found.items()}
+    return {name: np.concatenate([values, rest]).astype("<f4").tobytes() for name, values in told.items()}

@@ -17,6 +17,7 @@ from saflite.flight.autopilots.reference.commands import MavResult
 from saflite.flight.autopilots.reference.describe import describe
 from saflite.flight.autopilots.reference.modes.circle import Circle
 from saflite.oracle.judge import judge
+from saflite.simulator_worker.afresh import afresh
 from saflite.simulator_worker.messages import FlightRequest, flights_in
 from saflite.simulator_worker.twins import check_twin, with_twin
 
@@ -69,6 +70,66 @@ def test_a_turn_that_is_refused_and_flown_shows(monkeypatch: pytest.MonkeyPatch)
     assert verdict(case("GUIDED", TURN, twin="idle"), "refused-does-nothing") == "violated"
 
 
+PLACE = (0.0, 0.0, 0.0, 0.0, 47.3978, 8.5456, 25.0)
+CALLED_BACK = (
+    Stimulus(at_s=12.0, kind="mode", name="GUIDED"),
+    Stimulus(at_s=13.0, kind="command", name="MAV_CMD_DO_REPOSITION", values=PLACE),
+    Stimulus(at_s=20.0, kind="command", name="MAV_CMD_CONDITION_YAW", values=(90.0, 0.0, 1.0, 0.0)),
+    Stimulus(at_s=34.0, kind="mode", name="CIRCLE"),
+)
+REST = {entry.name: entry.default for entry in REFERENCE.inputs if entry.default is not None}
+
+
+def called_back(*before: Stimulus, twin: Twin = "afresh", limit_s: float = 45.0) -> TestCase:
+    return case("LOITER", *before, *CALLED_BACK, twin=twin, limit_s=limit_s)
+
+
+def test_afresh_nothing_but_settings_is_given_before_it_is_called_back() -> None:
+    setting = Stimulus(at_s=0.5, kind="parameter", name="CIRCLE_RADIUS", values=(800.0,))
+    let_go = msgspec.structs.replace(STICK, at_s=8.0, values=(1500.0,))
+    second = afresh(called_back(setting, STICK, let_go), REST)
+    assert second is not None
+    assert second.test_case.stimuli == (setting, *CALLED_BACK)
+    assert second.from_s == 32.0, "12 s after the last order"
+
+
+@pytest.mark.parametrize(
+    "before",
+    [
+        (),
+        (STICK,),
+        (Stimulus(at_s=2.0, kind="sensor_fault", name="SIM_GPS_NUMSATS", values=(3.0,)),),
+        (Stimulus(at_s=2.0, kind="command", name="MAV_CMD_DO_CHANGE_SPEED", values=(1.0, 2.0, -1.0)),),
+        (Stimulus(at_s=2.0, kind="parameter", name="CIRCLE_RADIUS", values=(800.0,)),),
+    ],
+)
+def test_what_is_still_in_force_or_nothing_at_all_makes_no_flight_afresh(before: tuple[Stimulus, ...]) -> None:
+    assert afresh(called_back(*before), REST) is None
+
+
+def test_without_time_to_come_to_rest_there_is_no_flight_afresh() -> None:
+    circle = Stimulus(at_s=1.0, kind="mode", name="CIRCLE")
+    soon = (*CALLED_BACK[:3], msgspec.structs.replace(CALLED_BACK[3], at_s=26.0))
+    assert afresh(case("LOITER", circle, *soon, twin="afresh", limit_s=45.0), REST) is None
+    assert afresh(case("LOITER", circle, *CALLED_BACK[:2], twin="afresh", limit_s=24.0), REST) is None
+
+
+def test_who_was_called_back_flies_on_as_one_that_waited() -> None:
+    circle = Stimulus(at_s=1.0, kind="mode", name="CIRCLE")
+    assert verdict(called_back(circle), "afresh-alike") == "held"
+
+
+def test_a_circle_that_remembers_where_it_began_first_shows(monkeypatch: pytest.MonkeyPatch) -> None:
+    enter, first = Circle.enter, {}
+
+    def remembered(self: Circle, previous: object) -> None:
+        enter(self, previous)  # type: ignore[arg-type]
+        self._centre = first.setdefault(self.ap, self._centre)
+
+    monkeypatch.setattr(Circle, "enter", remembered)
+    assert verdict(called_back(Stimulus(at_s=1.0, kind="mode", name="CIRCLE")), "afresh-alike") == "violated"
+
+
 def test_without_a_refusal_there_is_no_second_flight() -> None:
     record = fly_once(case("LOITER", STICK, twin="idle", limit_s=5.0))
     assert record.trace is not None
@@ -83,7 +144,7 @@ def test_a_flight_alone_is_the_first_of_two() -> None:
 
 
 def test_a_test_case_with_a_twin_is_another() -> None:
-    assert len({identity(case("LOITER", twin=twin)) for twin in ("", "idle", "turned")}) == 3
+    assert len({identity(case("LOITER", twin=twin)) for twin in ("", "idle", "turned", "afresh")}) == 4
 
 
 def test_where_one_ends_sooner_nothing_is_compared() -> None:

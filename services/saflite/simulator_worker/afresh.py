@@ -1,0 +1,69 @@
+"""The end of a flight flown afresh: without all that came before the vehicle was called back to a place."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+from msgspec.structs import replace
+
+from saflite.contract.test_case import Scenario, Stimulus, TestCase
+
+QUIET_S = 12.0  # in which it comes to rest where it was ordered
+_GO, _TURN = "MAV_CMD_DO_REPOSITION", "MAV_CMD_CONDITION_YAW"
+_LEAVE_NOTHING = frozenset(
+    {
+        *(_GO, _TURN, "MAV_CMD_COMPONENT_ARM_DISARM", "MAV_CMD_NAV_TAKEOFF", "MAV_CMD_NAV_LAND", "MAV_CMD_DO_SET_MODE"),
+        *("MAV_CMD_NAV_RETURN_TO_LAUNCH", "MAV_CMD_NAV_LOITER_UNLIM", "MAV_CMD_DO_FLIP"),
+    }
+)
+"""Orders that another mode or another order ends. Others set something: a speed, a home, a fence, an open parachute."""
+
+
+class Second(NamedTuple):
+    """The second flight, from when on the two must go alike (s), and the place of the order that calls it."""
+
+    test_case: TestCase
+    from_s: float = 0.0
+    order: int | None = None
+
+
+def afresh(test_case: TestCase, rest: Mapping[str, float]) -> Second | None:
+    """Return the flight that only does what comes after the last order to a place that nothing followed for 12 s.
+
+    It begins in LOITER where the first began, keeps the settings, and has nothing else to do until it is ordered to
+    GUIDED, and to that place. None where there is no such order, nothing came before, or something of it is still in
+    force: a stick or a fault that is not as it rests (`rest`, by name), or an order that sets something.
+    """
+    stimuli = test_case.stimuli
+    for index in reversed([at for at, one in enumerate(stimuli) if one.name == _GO]):
+        last = index
+        while last + 1 < len(stimuli) and stimuli[last + 1].name == _TURN:
+            last += 1
+        from_s = stimuli[last].at_s + QUIET_S
+        until_s = stimuli[last + 1].at_s if last + 1 < len(stimuli) else test_case.scenario.time_limit_s
+        begins = [at for at in range(index) if (stimuli[at].kind, stimuli[at].name) == ("mode", "GUIDED")]
+        if until_s < from_s or not begins:
+            continue
+        before = stimuli[: begins[-1]]
+        settings = tuple(one for one in before if one.kind == "parameter")
+        if len(settings) == len(before) or not _over(before, rest):
+            return None
+        kept = (*settings, *stimuli[begins[-1] :])
+        second = replace(test_case, scenario=_waiting(test_case.scenario), stimuli=kept)
+        return Second(second, from_s, len(settings) + index - begins[-1])
+    return None
+
+
+def _over(before: Sequence[Stimulus], rest: Mapping[str, float]) -> bool:
+    """Say whether nothing of what was given is in force any more, but settings."""
+    held = {one.name: one.values for one in before if one.kind in ("stick", "sensor_fault")}
+    orders = {one.name for one in before if one.kind == "command"}
+    return orders <= _LEAVE_NOTHING and all(values == (rest.get(name),) for name, values in held.items())
+
+
+def _waiting(scenario: Scenario) -> Scenario:
+    start = scenario.start
+    if start is None or not start.armed or start.altitude_m <= 0.0:
+        return scenario
+    return replace(scenario, start=replace(start, mode="LOITER"))
