@@ -26,6 +26,7 @@ from saflite.oracle.judge import judge
 from saflite.simulator_worker.registry import load_target
 
 REFUSED = "refused"
+TO_LOOK_AT = ("autopilot_died", "wedged")
 
 
 class Judged(Flights):
@@ -59,25 +60,27 @@ class Judged(Flights):
             self.endings[REFUSED if refused else "infra"] += 1
             return flight, packed
         self.endings[flight.ending] += 1
-        if packed:
-            self._judge(work.test_case, flight, packed)
+        broken = bool(packed) and self._broken(work.test_case, flight, packed)
+        if flight.ending in TO_LOOK_AT:
+            sys.stderr.write(f"flight {self.flown} {flight.ending}: {flight.message}\n")
+        if self._keep is not None and (broken or flight.ending in TO_LOOK_AT):
+            (self._keep / f"flight-{self.flown}.json").write_bytes(msgspec.json.encode(work.test_case))
         return flight, packed
 
-    def _judge(self, case: TestCase, flight: Flight, packed: bytes) -> None:
+    def _broken(self, case: TestCase, flight: Flight, packed: bytes) -> bool:
         before = self.broken.total()
         for verdict in judge(case, flight, unpack_trace(packed), self._policies).verdicts:
             self.spoke[verdict.policy] += verdict.outcome in ("held", "violated")
             if verdict.outcome == "violated":
                 self.broken[verdict.policy] += 1
                 sys.stderr.write(f"flight {self.flown} {verdict.message}\n")
-        if self._keep is not None and self.broken.total() > before:
-            (self._keep / f"flight-{self.flown}.json").write_bytes(msgspec.json.encode(case))
+        return self.broken.total() > before
 
 
 def said_of(target: str, flights: int, rng_seed: int, keep: Path | None = None) -> dict[str, Any]:
     """Return what the rules said of so many flights of `policy-all` on a target.
 
-    Test cases in which a rule was broken are put into the folder `keep`.
+    Test cases in which a rule was broken, or that hung or died, are put into the folder `keep`.
 
     Raises:
         Unavailable: no binary of it is named here.

@@ -37,6 +37,7 @@ from saflite.oracle.settling import braking_mps2, least_ahead, settling
 
 Array = NDArray[np.float32]
 LEEWAY_DEG = 3.0
+NO_HEIGHT_M = 1e6  # where the autopilot has no such height
 STIMULI: tuple[str, ...] = get_args(StimulusKind)
 ESTIMATES = {"x_est_m": "x_m", "y_est_m": "y_m", "altitude_est_m": "altitude_m", "climb_est_mps": "climb_mps"}
 """Logs of real autopilots hold estimates only, so the estimate stands for the truth and the other way round."""
@@ -99,13 +100,12 @@ class FlightSignals:
             "plain_order_s": lambda: orders.since([one.at_s for one in self._plain_orders()], self._time(), -NEVER_S),
             **{name: partial(self._last_plain_order, name) for name in ("plain_order", "plain_order_refused")},
             "ordered_mode": self._ordered_mode,
+            "takeoff_slow_set_m": lambda: np.full_like(self._time(), NO_HEIGHT_M),
             "ordered_home_m": self._ordered_home,
             "place_order_s": lambda: orders.since([one.at_s for one in self._places()], self._time(), -NEVER_S),
             "pause_order_s": lambda: orders.paused(self._given, self._time()),
             **{name: partial(self._of_item, name) for name in itinerary.NAMES},
-            "ordered_x_m": lambda: self._last_place("x_m"),
-            "ordered_y_m": lambda: self._last_place("y_m"),
-            "ordered_altitude_m": lambda: self._last_place("altitude_m"),
+            **{f"ordered_{part}": partial(self._last_place, part) for part in ("x_m", "y_m", "altitude_m")},
             "yaw_order_s": lambda: orders.since([at_s for at_s, _ in self._headings()], self._time(), -NEVER_S),
             "ordered_yaw_deg": lambda: orders.held(self._headings(), self._time()),
             "ground_speed_mps": lambda: np.hypot(self["vx_mps"], self["vy_mps"]),

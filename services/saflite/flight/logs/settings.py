@@ -131,6 +131,7 @@ PX4: dict[str, Plain | Made] = {
     ),
     "hold_altitude_min_set_m": _of("MIS_LTRMIN_ALT", "NAV_MIN_LTR_ALT"),
     "takeoff_altitude_set_m": _of("MIS_TAKEOFF_ALT"),
+    "takeoff_slow_set_m": _of("MPC_LAND_ALT1"),
     "takeoff_speed_set_mps": _of("MPC_TKO_SPEED"),
     "land_speed_set_mps": _of("MPC_LAND_SPEED"),
     "land_speed_high_set_mps": _of("MPC_Z_V_AUTO_DN", "MPC_Z_VEL_MAX_DN"),

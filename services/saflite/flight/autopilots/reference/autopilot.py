@@ -87,6 +87,8 @@ class Autopilot(FlightStack):
         self.board["circle_rate_dps"] = 0.0
         self.board["takeoff"] = 0.0
         wanted.enter(previous)
+        if previous.manual_throttle:  # what loops had summed up before the pilot flew is stale (AC_PosControl)
+            self.board["reset_loops"] = 1.0
         self.say(f"mode {name} ({reason})")
         return ""
 

@@ -14,8 +14,6 @@ class AltHold(Mode):
         """Aim at the present height."""
         self.hold_altitude_here()
         self.board["set_climb"] = 0.0
-        if previous.manual_throttle:
-            self.board["reset_loops"] = 1.0
 
     def run(self) -> None:
         """Pass the sticks on."""
