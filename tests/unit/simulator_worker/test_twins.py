@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from typing import get_args
+
 import msgspec
 import numpy as np
 import pytest
 
 from saflite.conformance.flying import fly_once
+from saflite.console.commands.fly import TWINS
 from saflite.contract.errors import Refused
 from saflite.contract.flight import Flight, FlightRecord, Trace
 from saflite.contract.signals import TWIN_SIGNALS
@@ -120,7 +123,8 @@ def test_who_was_called_back_flies_on_as_one_that_waited() -> None:
 
 
 def test_a_circle_that_remembers_where_it_began_first_shows(monkeypatch: pytest.MonkeyPatch) -> None:
-    enter, first = Circle.enter, {}
+    enter = Circle.enter
+    first: dict[object, tuple[float, float]] = {}
 
     def remembered(self: Circle, previous: object) -> None:
         enter(self, previous)  # type: ignore[arg-type]
@@ -128,6 +132,10 @@ def test_a_circle_that_remembers_where_it_began_first_shows(monkeypatch: pytest.
 
     monkeypatch.setattr(Circle, "enter", remembered)
     assert verdict(called_back(Stimulus(at_s=1.0, kind="mode", name="CIRCLE")), "afresh-alike") == "violated"
+
+
+def test_the_command_line_knows_every_twin() -> None:
+    assert tuple(twin for twin in get_args(Twin) if twin) == TWINS
 
 
 def test_without_a_refusal_there_is_no_second_flight() -> None:

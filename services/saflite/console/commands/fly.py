@@ -23,10 +23,12 @@ if TYPE_CHECKING:
     from saflite.contract.verdict import Judgement
 
 
+TWINS = ("turned", "idle", "afresh")  # `contract.test_case.Twin`, which a page of help must not load
+
+
 def configure(parser: argparse.ArgumentParser) -> None:
     """Name the arguments."""
     from saflite.console.io import arguments
-    from saflite.contract.test_case import TWIN_WORDS
 
     parser.add_argument("case", type=Path, help="test case: .yaml, .json or .mcap")
     parser.add_argument("--target", default="", help="fly on this target instead (see `saflite list targets`)")
@@ -34,7 +36,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     arguments.add_target_settings(parser)
     parser.add_argument("--parameter", action="append", default=[], metavar="NAME=NUMBER", help="set before take-off")
     parser.add_argument("--rng-seed", type=arguments.rng_seed, help="random seed of noise and gusts")
-    parser.add_argument("--twin", choices=tuple(TWIN_WORDS), default="", help="fly a second flight to compare with")
+    parser.add_argument("--twin", choices=TWINS, default="", help="fly a second flight to compare with")
     arguments.add_wall_limit(parser)
     arguments.add_modules(parser)
     parser.add_argument("--out", type=Path, help="write a recording (.mcap)")
