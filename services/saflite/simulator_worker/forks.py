@@ -196,9 +196,11 @@ class Forks:
 
 def _answer(pipe: Connection, stop: Cancelled) -> bytes | None:
     """Return what the process at the other end sends, None if it dies before; raises Unavailable once stopped."""
-    while not pipe.poll(POLL_S):
-        if stop():
+    while True:
+        if stop():  # before the first look, too: what was cancelled from the start may be done by then
             raise Unavailable("flight cancelled")
+        if pipe.poll(POLL_S):
+            break
     try:
         return pipe.recv_bytes()
     except (EOFError, OSError):
