@@ -6,6 +6,7 @@ import os
 import signal
 from collections.abc import Iterator
 from itertools import pairwise
+from multiprocessing import Pipe
 
 import msgspec
 import pytest
@@ -17,6 +18,7 @@ from saflite.contract.target import Snapshot
 from saflite.contract.test_case import Scenario, StartState, Stimulus, StimulusKind, Target, TestCase
 from saflite.runtime.clock import WallClock
 from saflite.simulator_worker.agreement import differences
+from saflite.simulator_worker.forks import _answer
 from saflite.simulator_worker.prefixes import Prefixes, agree_until_s
 from saflite.simulator_worker.processes import children
 from saflite.simulator_worker.targets import reference
@@ -139,6 +141,14 @@ def test_what_cannot_be_held_is_said(session: ReferenceSession) -> None:
         session.fly_from(held, case(CLIMB, given(5.0, "command", "NO_SUCH")), DEADLINE_S, never)
     assert session.fly_from(held, case(CLIMB, GUST), 0.0, never).ending == "wedged"
     assert session.fly(case(CLIMB), 0.0, never).ending == "wedged"
+
+
+def test_who_stopped_from_the_start_gets_no_answer_that_is_there_already() -> None:
+    ours, theirs = Pipe()
+    theirs.send_bytes(b"done")
+    with pytest.raises(Unavailable, match="cancelled"):
+        _answer(ours, lambda: True)
+    assert _answer(ours, never) == b"done"
 
 
 def test_how_long_two_flights_agree() -> None:

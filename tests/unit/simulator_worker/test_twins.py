@@ -11,7 +11,7 @@ import pytest
 from saflite.conformance.flying import fly_once
 from saflite.console.commands.fly import TWINS
 from saflite.contract.errors import Refused
-from saflite.contract.flight import Flight, FlightRecord, Trace
+from saflite.contract.flight import Delivered, Flight, FlightRecord, Trace
 from saflite.contract.signals import TWIN_SIGNALS
 from saflite.contract.test_case import Scenario, StartState, Stimulus, Target, TestCase, Twin, identity
 from saflite.flight.autopilots.reference import commands
@@ -132,6 +132,15 @@ def test_a_circle_that_remembers_where_it_began_first_shows(monkeypatch: pytest.
 
     monkeypatch.setattr(Circle, "enter", remembered)
     assert verdict(called_back(Stimulus(at_s=1.0, kind="mode", name="CIRCLE")), "afresh-alike") == "violated"
+
+
+def test_who_could_not_be_called_in_the_second_flight_is_not_compared() -> None:
+    flown = called_back(Stimulus(at_s=1.0, kind="mode", name="CIRCLE"))
+    first = fly_once(msgspec.structs.replace(flown, twin=""))
+    at = [one.name for one in CALLED_BACK].index("MAV_CMD_DO_REPOSITION")
+    denied = first._replace(delivered=(Delivered(index=at, at_s=13.0, answer="denied"),))
+    assert with_twin(REFERENCE, flown, first, lambda _: denied) is first
+    assert with_twin(REFERENCE, flown, first, lambda _: first) is not first
 
 
 def test_the_command_line_knows_every_twin() -> None:
