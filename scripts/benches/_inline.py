@@ -19,13 +19,25 @@ from saflite.conformance.flying import fly_once
 from saflite.contract.blobs import Blobs
 from saflite.contract.config import Campaign
 from saflite.contract.control import Status
+from saflite.contract.errors import Unavailable
 from saflite.contract.flight import Flight, pack_trace, trace_digest
 from saflite.contract.join import Join
 from saflite.contract.service import Cancelled, Service
 from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import identity, told_in_order, under_noise
 from saflite.contract.topics import PROTOCOL
-from saflite.contract.work import Ask, Failure, FlyResult, FlyWork, Report, Result, Stage, Work
+from saflite.contract.work import (
+    Ask,
+    Failure,
+    FlyResult,
+    FlyWork,
+    Report,
+    Result,
+    Stage,
+    WarmResult,
+    WarmWork,
+    Work,
+)
 from saflite.evidence.memory import MemoryBlobs
 from saflite.flight.autopilots.reference.describe import describe
 from saflite.mutator import work as mutator
@@ -108,6 +120,17 @@ class Inline:
         }
         self._watch: dict[Stage, Callable[[Result], None]] = {}
         self._books.begin(self._clock.monotonic_s(), self._clock.unix_s())
+
+    def warm(self, model: str) -> None:
+        """Have a scorer model ready before the first round: no embedded scorer answers while it loads.
+
+        Raises:
+            Unavailable: it cannot be had.
+        """
+        warmed = self._services["score"].do(WarmWork(model=model), lambda: False)
+        assert isinstance(warmed, WarmResult), warmed
+        if not warmed.ready:
+            raise Unavailable(f"{model}: {warmed.message}")
 
     def watch(self, stage: Stage, saw: Callable[[Result], None]) -> None:
         """Show every result of a stage to `saw`."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from saflite.contract.errors import Unavailable
 from saflite.runtime.clock import WallClock
@@ -34,6 +34,12 @@ def missing(labels: Sequence[str]) -> Mapping[str, str]:
     for label, why in found.items():
         sys.stderr.write(f"missing, and counted as such: everything of {label}: {why}\n")
     return found
+
+
+def told_models(labels: Iterable[str]) -> str:
+    """Return the sentence of a page about the language models that were asked."""
+    names = ", ".join(f"`{label}`" for label in sorted(labels))
+    return f"Language models asked: {names} ([what that is](scorers.md))." if names else "No language model has a row."
 
 
 def check_none(found: Mapping[str, str]) -> None:

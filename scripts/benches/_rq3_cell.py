@@ -45,6 +45,7 @@ Key = TypeVar("Key", bound=Hashable)
 Value = TypeVar("Value")
 MUTANTS = 5
 POPULATION = 10  # of the strategies that begin with random layouts: a quarter of the budget
+DEADLINE_S = 1800.0  # for the choice of one of five: however slow a model is, it is the model that chooses
 SHARED_MEMORY = Path("/dev/shm")
 
 
@@ -164,7 +165,7 @@ def campaign_of(cell: Cell) -> Campaign:
         base,
         name="rq3",
         strategy=StrategyConfig(name=cell.strategy, settings=dict(settings)),
-        scorer=ScorerConfig(model=scorer_of(cell.chooser), batch=MUTANTS),
+        scorer=ScorerConfig(model=scorer_of(cell.chooser), batch=MUTANTS, cascade=False, deadline_s=DEADLINE_S),
         search=msgspec.structs.replace(base.search, **rhythm),
         budget_flights=cell.flights,
         rng_seed=cell.rng_seed,
@@ -180,6 +181,7 @@ def run(cell: Cell, memory: Memory) -> Row:
     try:
         with remembered(memory):
             inline = Inline(campaign_of(cell), folder / "run", flights)
+            inline.warm(scorer_of(cell.chooser))
             inline.run(lambda status: False)
             inline.close()
         distances_m, found, others = _read(folder / "run" / "books.sqlite", scorer_of(cell.chooser))

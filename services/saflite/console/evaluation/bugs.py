@@ -27,7 +27,7 @@ from saflite.contract.interval import Interval
 from saflite.contract.rng import derive
 from saflite.contract.score import Band, Score, band
 from saflite.contract.test_case import Scenario, StartState, Stimulus, StimulusKind, Target, TestCase, identity
-from saflite.contract.work import ScoreResult, ScoreWork
+from saflite.contract.work import ScoreResult, ScoreWork, WarmWork
 from saflite.scorer_pool.model import BriefOf, PolicyBrief
 from saflite.scorer_pool.work import ScorerPool
 
@@ -210,6 +210,7 @@ def _worded(brief: PolicyBrief, bug: Bug, words: Words) -> PolicyBrief:
 def _scored(
     pool: ScorerPool, cases: tuple[TestCase, ...], bug: Bug, model: str, rng_seed: int, deadline_s: float
 ) -> list[Score]:
+    pool.do(WarmWork(model=model), lambda: False)  # or the embedded scorer would answer while it loads
     scores: list[Score] = []
     for start in range(0, len(cases), BATCH):
         work = ScoreWork(

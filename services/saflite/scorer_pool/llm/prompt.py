@@ -23,11 +23,14 @@ from saflite.scorer_pool.llm.case_text import (
 )
 from saflite.scorer_pool.model import PolicyBrief
 
-TEMPLATE = 1
+TEMPLATE = 2
 """Version of the template; part of every cache key."""
 
 SHOWN_MAX = 6
 """Earlier flights shown in full: the most dangerous and the safest ones."""
+
+WORDS_CHARS_MAX = 120
+"""Longest sentence asked for: a wordy model must come to the end of its answer within the tokens it is given."""
 
 SYSTEM = """You judge test cases of an autonomous vehicle before they are flown in simulation.
 
@@ -119,7 +122,7 @@ def answer_schema(names: tuple[str, ...]) -> dict[str, Any]:
 
     An object by id, so that where a server does hold its model to the schema, each id stands there exactly once.
     """
-    one = entry_schema(240)
+    one = entry_schema(WORDS_CHARS_MAX)
     count = len(names)
     ranking = {"type": "array", "items": {"type": "string", "enum": list(names)}, "minItems": count, "maxItems": count}
     return {

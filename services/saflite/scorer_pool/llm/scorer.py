@@ -25,7 +25,7 @@ from saflite.scorer_pool.llm.cache import Cache, key_of
 from saflite.scorer_pool.llm.chat import Busy, Chat, ChatResult, Question
 from saflite.scorer_pool.llm.circuit_breaker import Breaker
 from saflite.scorer_pool.llm.parse import Reply, parse
-from saflite.scorer_pool.llm.prompt import Prompt, again, answer_schema, build
+from saflite.scorer_pool.llm.prompt import WORDS_CHARS_MAX, Prompt, again, answer_schema, build
 from saflite.scorer_pool.llm.transcript import Exchange, Transcript, silent
 from saflite.scorer_pool.model import Job, ModelScore, ScoreSheet
 
@@ -33,7 +33,8 @@ CONTEXT_TOKENS = 8192
 """Room for question and answer. Servers cut longer questions off at the beginning and say nothing, so none is asked."""
 
 CHARS_PER_TOKEN = 2.2  # of texts full of numbers
-TOKENS_PER_CASE, TOKENS_BESIDES = 160, 120
+TOKENS_BESIDES = 120
+TOKENS_PER_CASE = 50 + math.ceil(2 * WORDS_CHARS_MAX / CHARS_PER_TOKEN)  # its id twice, its score, two sentences
 BACK_OFF_FIRST_S, BACK_OFF_MAX_S = 0.25, 4.0
 PROBES = (1, 2, 4)
 LOADING_WAIT_S = 8.0
