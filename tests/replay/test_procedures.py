@@ -23,7 +23,7 @@ TRIES = 8  # a few leave open whether the condition comes true
 SPEAKS_WHEN_BROKEN = {
     # the vehicle refuses what the rule forbids, and the rule is about what was not refused
     *(("a-flip1", place) for place in (1, 2, 3, 4)),
-    *(("arming-checks", place) for place in range(6)),
+    *(("arming-checks", place) for place in range(8)),
     *(("armed-in-flight", place) for place in range(3)),
     *(("arming-needs-position", place) for place in (0, 1)),
     ("arming-has-order", 0),

@@ -135,11 +135,21 @@ _KEEPS_MODE = (
 """Commands after which no autopilot has a reason to leave its mode."""
 
 
+LAST_MODE, UNUSED_MODES = 29, (8, 10, 12)
+"""Numbers that are no flight mode of any ArduCopter since 3.2 (MAVLink: COPTER_MODE)."""
+
+
 def may_change_mode(stimulus: Stimulus) -> bool:
-    """Say whether a stick, mode or command may change the mode; DO_REPOSITION may where its second number says so."""
+    """Say whether a stick, mode or command may change the mode; DO_REPOSITION may where its second number says so.
+
+    DO_SET_MODE may where its number is that of a mode.
+    """
     if _is(stimulus, "DO_REPOSITION"):
         flags = _numbers(stimulus)[1]
         return not np.isfinite(flags) or int(flags) & 1 == 1
+    if _is(stimulus, "DO_SET_MODE"):
+        number = _numbers(stimulus)[1]
+        return not np.isfinite(number) or (0 <= number <= LAST_MODE and int(number) not in UNUSED_MODES)
     if stimulus.kind == "command":
         return not stimulus.name.upper().endswith(_KEEPS_MODE)
     return stimulus.kind in ("mode", "stick")

@@ -182,6 +182,11 @@ def test_which_mode_an_order_asks_for(order: Stimulus, mode: int | None) -> None
         (stimulus("command", "MAV_CMD_DO_REPOSITION", 0.0, 1.0), True),
         (stimulus("command", "MAV_CMD_DO_REPOSITION", 0.0, float("nan")), True),
         (stimulus("command", "MAV_CMD_DO_REPOSITION", 0.0, 0.0), False),
+        (stimulus("command", "MAV_CMD_DO_SET_MODE", 1.0, 9.0), True),
+        (stimulus("command", "MAV_CMD_DO_SET_MODE", 1.0, 16.0), True),  # POSHOLD, which the reference does not have
+        (stimulus("command", "MAV_CMD_DO_SET_MODE", 1.0, float("nan")), True),
+        (stimulus("command", "MAV_CMD_DO_SET_MODE", 1.0, 8.0), False),
+        (stimulus("command", "MAV_CMD_DO_SET_MODE", 1.0, 77.0), False),
         (stimulus("command", "MAV_CMD_DO_SET_HOME"), False),
         (stimulus("command", "MAV_CMD_CONDITION_YAW"), False),
         (stimulus("parameter", "RTL_ALT", 1.0), False),
