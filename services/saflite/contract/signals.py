@@ -246,6 +246,9 @@ SIGNALS: dict[str, Signal] = {
     "item_command": Signal("", "MAV_CMD number of the mission item at hand, 0 where there is none", "code"),
     "item_heading_deg": Signal("deg", "heading that the mission item at hand asks to wait with, -1 where it asks none"),
     "item_wait_s": Signal("s", "time that the mission item at hand asks to wait where it is, 0 if none"),
+    "item_speed_mps": Signal(
+        "m/s", "speed that the mission has ordered before the item at hand, -1 where it ordered none"
+    ),
     "item_off_m": Signal("m", "distance in the plane to the way-point at hand as estimated, -1 where the item is none"),
     "item_height_off_m": Signal("m", "distance in height to the way-point at hand, -1 where the item is none"),
     "item_landing_off_m": Signal(
@@ -318,6 +321,7 @@ MADE_FROM: dict[str, tuple[str, ...]] = {
     "item_command": ("mission_item",),
     "item_heading_deg": ("mission_item", "yaw_deg"),
     "item_wait_s": ("mission_item",),
+    "item_speed_mps": ("mission_item",),
     "item_off_m": ("mission_item", "x_est_m", "y_est_m"),
     "item_height_off_m": ("mission_item", "altitude_est_m"),
     "item_landing_off_m": ("mission_item", "x_m", "y_m"),

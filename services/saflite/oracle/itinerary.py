@@ -22,14 +22,16 @@ NAMES = (
     "item_command",
     "item_heading_deg",
     "item_wait_s",
+    "item_speed_mps",
     "item_off_m",
     "item_height_off_m",
     "item_landing_off_m",
     "item_unexpected",
 )
-FLOWN_TO, STAYS, WAITS, LAND, JUMP, TURN = (16, 82, 19), 17, (93, 112), 21, 177, 115
+FLOWN_TO, STAYS, WAITS, LAND, JUMP, TURN, SPEED = (16, 82, 19), 17, (93, 112), 21, 177, 115, 178
+ELSEWHERE = (20, 21, 22)  # returns, landings, take-offs: where they end others tell
 FOR_EVER_S = 1e6
-NO_PLACE_M, NO_HEADING_DEG = -1.0, -1.0
+NO_PLACE_M, NO_HEADING_DEG, NO_SPEED_MPS = -1.0, -1.0, -1.0
 NEAR_M, PASSED_MAX = 12.0, 64  # the greatest WPNAV_RADIUS and a little; items, loops of jumps that do not show as well
 ROUNDS_MAX = 16  # of a jump that does not show, and ways to have counted them that are kept
 AFRESH_S = 0.1  # what an order or an entry does to the item shows within this
@@ -47,8 +49,12 @@ class Item(NamedTuple):
 
 
 def items_of(mission: Mission | None) -> tuple[Item, ...]:
-    """Return what each item asks for; only way-points have a place: where take-offs and landings go others tell."""
+    """Return what each item asks for; only way-points have a place: where take-offs and landings go others tell.
+
+    A way-point without latitude and longitude is where the one before it was.
+    """
     found: list[Item] = []
+    last = Item()
     for raw in mission.items if mission is not None else ():
         assert mission is not None
         numbers = [value or 0.0 for value in raw.params]
@@ -56,13 +62,23 @@ def items_of(mission: Mission | None) -> tuple[Item, ...]:
         if placed and raw.command in (*FLOWN_TO, STAYS):
             x_m, y_m = _place(mission, raw)
             up_m = numbers[6] - (mission.home_alt_m if raw.frame in (0, 5) else 0.0)
-            found.append(Item(x_m, y_m, up_m, wait_s=FOR_EVER_S if raw.command == STAYS else numbers[0]))
+            last = Item(x_m, y_m, up_m, wait_s=FOR_EVER_S if raw.command == STAYS else numbers[0])
+            found.append(last)
+        elif (
+            raw.command in FLOWN_TO
+            and raw.params[6] is not None
+            and not (raw.params[4] or raw.params[5] or np.isnan(last.x_m))
+        ):
+            up_m = numbers[6] - (mission.home_alt_m if raw.frame in (0, 5) else 0.0)
+            found.append(last._replace(altitude_m=up_m, wait_s=numbers[0]))
         elif raw.command in WAITS:
             found.append(Item(wait_s=max(0.0, numbers[0])))
         elif raw.command == JUMP:
             found.append(Item(target=int(numbers[0]) - 1, times=numbers[1]))
+            last = Item()  # who jumps comes from elsewhere
         else:
             found.append(Item())
+            last = Item() if raw.command in (*ELSEWHERE, STAYS) else last
     return tuple(found)
 
 
@@ -102,6 +118,23 @@ def headings(mission: Mission | None, item: NDArray[Any], yaw_deg: NDArray[Any])
             angle = float(yaw_deg[at]) + (-angle if way < 0.0 else angle)
         asked[at:end] = angle % 360.0
     return asked
+
+
+def speeds(mission: Mission | None, item: NDArray[Any]) -> Array:
+    """Return the speed over ground that the mission has ordered before the item at hand, shape (moments,).
+
+    `NO_SPEED_MPS` where it has ordered none, and wherever a jump leaves open which order was the last.
+    """
+    asked, known = NO_SPEED_MPS, list[float]()
+    items = mission.items if mission is not None else ()
+    for raw in items:
+        known.append(asked)
+        kind, speed_mps = (value or 0.0 for value in raw.params[:2])
+        if raw.command == SPEED and kind <= 1 and speed_mps > 0.0:
+            asked = float(speed_mps)
+    if any(raw.command == JUMP for raw in items):
+        known = [NO_SPEED_MPS] * len(known)
+    return np.asarray(np.nan_to_num(of_items(known, item), nan=NO_SPEED_MPS))
 
 
 def of_items(values: Sequence[float], item: NDArray[Any]) -> Array:

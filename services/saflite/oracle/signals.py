@@ -241,6 +241,8 @@ class FlightSignals:
             return itinerary.headings(self._test_case.scenario.mission, item, self["yaw_deg"])
         if name == "item_wait_s":
             return np.nan_to_num(itinerary.of_items([one.wait_s for one in items], item))
+        if name == "item_speed_mps":
+            return itinerary.speeds(self._test_case.scenario.mission, item)
         if name == "item_off_m":
             return itinerary.off(items, item, self["x_est_m"], self["y_est_m"])
         if name == "item_landing_off_m":

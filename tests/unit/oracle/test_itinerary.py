@@ -115,3 +115,21 @@ def test_a_wait_right_after_a_turn_asks_for_its_heading() -> None:
 def test_who_is_to_stay_for_ever_waits_for_ever() -> None:
     (stays,) = itinerary.items_of(mission((STAYS, 0, 0, 0, 0, 47.001, 8.0, 10.0)))
     assert stays.wait_s == itinerary.FOR_EVER_S
+
+
+def test_the_speed_ordered_before_an_item_is_told_and_a_jump_leaves_it_open() -> None:
+    rows: list[tuple[float, ...]] = [
+        (UP, 0, 0, 0, 0, 47.0, 8.0, 10.0), (SPEED, 1, 0.6), place(1e-3), (SPEED, 2, 3), (SPEED, 0, 4), place(2e-3),
+    ]  # fmt: skip
+    item = np.array([0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 9.0])
+    assert itinerary.speeds(mission(*rows), item).tolist() == [-1.0, -1.0, 0.6, 0.6, 0.6, 4.0, -1.0]
+    assert set(itinerary.speeds(mission(*rows, (JUMP, 1, 1)), item).tolist()) == {-1.0}
+    assert set(itinerary.speeds(None, item).tolist()) == {-1.0}
+
+
+def test_a_way_point_without_a_place_is_where_the_one_before_it_was() -> None:
+    here = (POINT, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 15.0)
+    up = (UP, 0, 0, 0, 0, 47.0, 8.0, 10.0)
+    items = itinerary.items_of(mission(up, here, place(1e-3), here, (JUMP, 2, 1), here))
+    places = [(round(one.x_m), one.altitude_m) if np.isfinite(one.x_m) else None for one in items]
+    assert places == [None, None, (111, 10.0), (111, 15.0), None, None]
