@@ -12,6 +12,7 @@ from string import Template
 import numpy as np
 from _bootstrap import bootstrap_95
 from _markdown import table
+from _models import told_models
 from _paired import Paired, compare, holm
 from _rq3_cell import CHOOSERS, MISSIONS, MUTANTS, POPULATION, STRATEGIES, Row
 from _rq3_reflights import Reflown
@@ -23,7 +24,6 @@ SEEDS, FLIGHTS = 5, 40
 PAIRS_MIN = 6  # resampling fewer says more than is known
 HERE = Path(__file__).resolve().parent
 PAPER, TEMPLATE = HERE / "data" / "paper_rq3.csv", HERE / "pages" / "rq3.md"
-NO_LLM = "No language model has a row: each `ollama:TAG` is a column of its own, all of it missing."
 
 Figure = Callable[[Row], float]
 
@@ -46,7 +46,7 @@ def page(rows: Sequence[Row], reflown: Sequence[Reflown], again: Sequence[Row] =
         "builds": len({row.build for row in rows}),
         "again": _again(rows, again),
         "others": sum(row.answered_by_others for row in rows),
-        "llm": "" if set(columns) - set(CHOOSERS) else NO_LLM,
+        "llm": told_models(set(columns) - set(CHOOSERS)),
         "coverage": _coverage(rows, columns),
         "violations": _grid(rows, lambda cells: _mean(cells, violations)),
         "confirmed": _grid(rows, lambda cells: _confirmed(cells, reflown)),
