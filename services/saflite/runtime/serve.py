@@ -33,7 +33,7 @@ from saflite.runtime.software import card_of
 from saflite.runtime.spool import Spool
 from saflite.runtime.stages import ServiceContext, open_stage, worker_config
 from saflite.runtime.supervisor import CENTRE
-from saflite.runtime.turns import in_turn
+from saflite.runtime.turns import in_turn_to
 from saflite.runtime.worker_shell import WorkerShell
 from saflite.simulator_worker.processes import die_with_parent
 
@@ -169,9 +169,9 @@ def _worker(options: argparse.Namespace) -> int:
 
 
 def _client(name: str, options: argparse.Namespace, clock: WallClock) -> ZenohBus:
-    """Connect; with keys, one worker of a group after the other: see `bus/reach.py` for what many at once do."""
+    """Connect; with keys, one process of this user after the other: see `bus/reach.py` for what many at once do."""
     keys = peer_credentials(options.keys, clock.unix_s()) if options.keys is not None else None
-    with in_turn(options.spool.parent) if keys is not None and options.spool is not None else nullcontext():
+    with in_turn_to(options.connect) if keys is not None else nullcontext():
         return open_client(
             name, options.connect, patience_s=options.patience or None, insecure=options.insecure, keys=keys
         )

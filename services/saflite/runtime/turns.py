@@ -1,12 +1,15 @@
-"""One after the other: processes of one group that come to a router which lets few in at a time."""
+"""One after the other: processes that come to a router which lets few in at a time."""
 
 from __future__ import annotations
 
 import fcntl
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
+
+from saflite.contract.config import cache_root
+from saflite.contract.ids import short_id
 
 
 @contextmanager
@@ -23,3 +26,16 @@ def in_turn(folder: Path) -> Iterator[None]:
         yield
     finally:
         os.close(lock)
+
+
+@contextmanager
+def in_turn_to(endpoint: str) -> Iterator[None]:
+    """Wait until no other process of this user on this machine is in here with the same endpoint.
+
+    Whatever placed them (a launcher here, `saflite worker`, actors of Ray), they meet in this user's own folder; who
+    can have none waits for nobody.
+    """
+    with ExitStack() as held:
+        with suppress(OSError):
+            held.enter_context(in_turn(cache_root() / "turns" / short_id(endpoint.encode())))
+        yield
