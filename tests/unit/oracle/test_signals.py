@@ -15,7 +15,7 @@ from saflite.contract.test_case import Scenario, Stimulus, StimulusKind, Target,
 from saflite.flight.autopilots.reference.parameter_types import TYPES
 from saflite.flight.autopilots.reference.parameters import parameter_table
 from saflite.oracle.log_text import describe, facts_of, rule_of_thumb
-from saflite.oracle.orders import SETTINGS, headings, may_change_mode, mode_ordered, stops_motors
+from saflite.oracle.orders import SETTINGS, forces_arming, headings, may_change_mode, mode_ordered, stops_motors
 from saflite.oracle.signals import FlightSignals
 
 STEP_S = 0.5
@@ -195,6 +195,13 @@ def test_which_mode_an_order_asks_for(order: Stimulus, mode: int | None) -> None
 )
 def test_what_may_change_the_mode(order: Stimulus, *, may: bool) -> None:
     assert may_change_mode(order) is may
+
+
+def test_what_starts_motors_without_checks() -> None:
+    assert forces_arming(stimulus("command", "MAV_CMD_COMPONENT_ARM_DISARM", 1.0, 21196.0))
+    assert not forces_arming(stimulus("command", "MAV_CMD_COMPONENT_ARM_DISARM", 1.0, 0.0))
+    assert forces_arming(stimulus("command", "MAV_CMD_PREFLIGHT_CALIBRATION", 1.0, 0.0, 0.0, 0.0, 1.0, 1.0))
+    assert not forces_arming(stimulus("command", "MAV_CMD_PREFLIGHT_CALIBRATION", 1.0, 0.0, 0.0, 0.0, 1.0, 0.0))
 
 
 def test_a_place_to_look_at_is_a_heading_from_where_the_vehicle_is_unless_it_is_near() -> None:
