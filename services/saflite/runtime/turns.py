@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import os
+import socket
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
@@ -33,9 +34,14 @@ def in_turn_to(endpoint: str) -> Iterator[None]:
     """Wait until no other process of this user on this machine is in here with the same endpoint.
 
     Whatever placed them (a launcher here, `saflite worker`, actors of Ray), they meet in this user's own folder; who
-    can have none waits for nobody.
+    can have none waits for nobody. Homes may be shared, and networks apart: who cannot reach a router must not hold up
+    those of another machine or network who can.
     """
+    network = ""
+    with suppress(OSError):
+        network = os.readlink("/proc/self/ns/net")
+    group = short_id(f"{endpoint}\n{socket.gethostname()}\n{network}".encode())
     with ExitStack() as held:
         with suppress(OSError):
-            held.enter_context(in_turn(cache_root() / "turns" / short_id(endpoint.encode())))
+            held.enter_context(in_turn(cache_root() / "turns" / group))
         yield
