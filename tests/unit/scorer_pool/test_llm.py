@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from saflite.contract.errors import Refused, Unavailable
-from saflite.contract.test_case import Obstacle, Scenario, StartState, Stimulus, Target, TestCase
+from saflite.contract.test_case import Obstacle, Scenario, Target, TestCase
 from saflite.flight.mission import builtin_mission
 from saflite.runtime.clock import WallClock
 from saflite.scorer_pool.llm import scorer as llm_scorer
@@ -175,24 +175,6 @@ def test_a_hung_server_costs_no_more_than_the_deadline_and_smaller_questions_fol
     chat.script = [good]
     assert not any(score.fault for score in scorer.score(job(8)).scores)
     assert len(asked_keys(chat.asked[1])) == 4
-    scorer.close()
-
-
-def test_questions_never_outgrow_the_context() -> None:
-    given = [
-        Stimulus(at_s=float(at), kind="command", name="MAV_CMD_" + "X" * 50, values=(1.0,) * 7) for at in range(30)
-    ]
-    long = tuple(
-        TestCase(target=Target(), scenario=Scenario(start=StartState()), stimuli=tuple(given), rng_seed=seed)
-        for seed in range(10)
-    )
-    scorer, chat = model(good)
-    sheet = scorer.score(Job(long, BRIEFS))
-    assert not any(score.fault for score in sheet.scores)
-    assert len(chat.asked) > 1
-    for question in chat.asked:
-        size = sum(len(message["content"]) for message in question.messages)
-        assert size <= llm_scorer.CHARS_PER_TOKEN * (llm_scorer.CONTEXT_TOKENS - question.tokens_max)
     scorer.close()
 
 

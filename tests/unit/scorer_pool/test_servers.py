@@ -83,6 +83,47 @@ def test_openai_server_without_schemas_is_asked_without_from_then_on() -> None:
     ]
 
 
+def refusal(message: str, param: str) -> tuple[int, bytes]:
+    import json
+
+    return 400, json.dumps({"error": {"message": message, "type": "invalid_request_error", "param": param}}).encode()
+
+
+def test_a_model_that_thinks_is_asked_as_it_wants_to_be_from_then_on() -> None:
+    """The refusals are those of api.openai.com for its models that think, as its users quote them."""
+    tokens = (
+        "Unsupported parameter: 'max_tokens' is not supported with this model. Use 'max_completion_tokens' instead."
+    )
+    warmth = "Unsupported value: 'temperature' does not support 0 with this model. Only the default (1) is supported."
+    chat = Scripted(refusal(tokens, "max_tokens"), refusal(warmth, "temperature"), ok(GOOD), ok(GOOD))
+    for _ in range(2):
+        asyncio.run(chat.ask(QUESTION))
+    assert len(chat.bodies) == 4
+    for body in chat.bodies[2:]:
+        assert (body["max_completion_tokens"], body["seed"]) == (100, 0)
+        assert not {"max_tokens", "temperature"} & set(body)
+        assert body["response_format"]["type"] == "json_schema"
+
+
+def test_a_server_that_knows_no_seed_is_asked_without_from_then_on() -> None:
+    chat = Scripted((400, b'Invalid JSON payload received. Unknown name "seed": Cannot find field.'), ok(GOOD))
+    asyncio.run(chat.ask(QUESTION))
+    assert "seed" not in chat.bodies[1]
+    assert chat.bodies[1]["temperature"] == 0
+
+
+def test_thoughts_that_took_all_tokens_are_an_answer_cut_off() -> None:
+    said = "Could not finish the message because max_tokens or model output limit was reached. Please try again."
+    assert asyncio.run(Scripted(refusal(said, "")).ask(QUESTION)).cut
+
+
+def test_a_server_that_takes_nothing_is_asked_no_longer() -> None:
+    chat = Scripted(*[(400, b"max_completion_tokens temperature seed")] * 6)
+    with pytest.raises(Refused, match="temperature seed"):
+        asyncio.run(chat.ask(QUESTION))
+    assert len(chat.bodies) == 6
+
+
 @pytest.mark.parametrize(
     ("status", "body", "kind"),
     [

@@ -19,6 +19,7 @@ from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.score import Usage
 from saflite.contract.service import Cancelled
 from saflite.contract.test_case import TestCase, identity
+from saflite.scorer_pool.llm.allowance import Allowance
 from saflite.scorer_pool.llm.background import Background
 from saflite.scorer_pool.llm.batch_size import BatchSizer
 from saflite.scorer_pool.llm.cache import Cache, key_of
@@ -96,6 +97,7 @@ class LanguageModel:
         self._breaker = Breaker(clock)
         self._cache = Cache()
         self._batch_sizer = BatchSizer()
+        self._allowance = Allowance()
         self._digest = ""
         self._loading: Future[str] | None = None
         self._ready = False
@@ -161,7 +163,10 @@ class LanguageModel:
 
     async def _answer(self, question: Question, deadline_s: float) -> Reply:
         async with asyncio.timeout(deadline_s):
-            return (await self._patiently(question, _Count())).reply
+            result = await self._patiently(question, _Count())
+            if result.cut:
+                result = await self._patiently(question, _Count())
+            return result.reply
 
     # ---- scoring -----------------------------------------------------------------------------------------------
 
@@ -242,7 +247,7 @@ class LanguageModel:
         if fault:
             return {identity(case): _fault(fault) for case in cases}
         size = self._batch_sizer.per_question(job.deadline_s)
-        parts = _split(cases, size, job)
+        parts = self._split(cases, size, job)
         found: dict[str, ModelScore] = {}
         for part in await asyncio.gather(*(self._part(part, job, ends_s, count) for part in parts)):
             found |= part
@@ -294,7 +299,7 @@ class LanguageModel:
 
     async def _twice(self, cases: tuple[TestCase, ...], job: Job, count: _Count, found: dict[str, ModelScore]) -> None:
         """Ask, and once more about those test cases whose answer could not be used."""
-        prompt = _prompt(cases, job)
+        prompt = self._prompt(cases, job)
         found |= await self._once(cases, prompt, prompt.messages, count)
         faulty = tuple(case for case in cases if found[identity(case)].fault)
         if not faulty:
@@ -302,7 +307,7 @@ class LanguageModel:
         count.asked_again += 1
         named = ", ".join(sorted({found[identity(case)].fault for case in faulty}))
         count.faults.update(f"first:{found[identity(case)].fault}" for case in faulty)
-        second = _prompt(faulty, job)
+        second = self._prompt(faulty, job)
         found |= await self._once(faulty, second, again(second, named), count)
 
     async def _once(
@@ -331,37 +336,40 @@ class LanguageModel:
         while True:
             count.calls += 1
             try:
-                return await self._chat.ask(question)
+                result = await self._chat.ask(question._replace(tokens_max=question.tokens_max + self._allowance.more))
             except Busy:
                 count.faults["first:busy"] += 1
                 await asyncio.sleep(pause_s)
                 pause_s = min(BACK_OFF_MAX_S, 2.0 * pause_s)
+                continue
+            if result.cut:
+                self._allowance.was_cut(question.tokens_max)
+            return result
+
+    # ---- what fits -----------------------------------------------------------------------------------------------
+
+    def _fits(self, prompt: Prompt) -> bool:
+        answer = TOKENS_BESIDES + TOKENS_PER_CASE * len(prompt.keys) + self._allowance.more
+        return len(prompt.system) + len(prompt.user) <= CHARS_PER_TOKEN * (CONTEXT_TOKENS - answer)
+
+    def _prompt(self, cases: tuple[TestCase, ...], job: Job) -> Prompt:
+        """Return the question, without earlier flights where they would make it too long."""
+        prompt = build(cases, job.briefs, job.history)
+        return prompt if self._fits(prompt) else build(cases, job.briefs)
+
+    def _split(self, cases: tuple[TestCase, ...], size: int, job: Job) -> list[tuple[TestCase, ...]]:
+        """Return the test cases in parts of at most `size`, smaller where a question would not fit the context."""
+        parts: list[tuple[TestCase, ...]] = []
+        for start in range(0, len(cases), size):
+            part = cases[start : start + size]
+            if len(part) > 1 and not self._fits(build(part, job.briefs, job.history)):
+                parts += self._split(part, (len(part) + 1) // 2, job)
+            else:
+                parts.append(part)
+        return parts
 
     def _left(self, ends_s: float) -> float:
         return max(0.0, ends_s - self._clock.monotonic_s())
-
-
-def _fits(prompt: Prompt) -> bool:
-    room = CONTEXT_TOKENS - TOKENS_BESIDES - TOKENS_PER_CASE * len(prompt.keys)
-    return len(prompt.system) + len(prompt.user) <= CHARS_PER_TOKEN * room
-
-
-def _prompt(cases: tuple[TestCase, ...], job: Job) -> Prompt:
-    """Return the question, without earlier flights where they would make it too long."""
-    prompt = build(cases, job.briefs, job.history)
-    return prompt if _fits(prompt) else build(cases, job.briefs)
-
-
-def _split(cases: tuple[TestCase, ...], size: int, job: Job) -> list[tuple[TestCase, ...]]:
-    """Return the test cases in parts of at most `size`, smaller where a question would not fit the context."""
-    parts: list[tuple[TestCase, ...]] = []
-    for start in range(0, len(cases), size):
-        part = cases[start : start + size]
-        if len(part) > 1 and not _fits(build(part, job.briefs, job.history)):
-            parts += _split(part, (len(part) + 1) // 2, job)
-        else:
-            parts.append(part)
-    return parts
 
 
 def _seen(future: asyncio.Future[str]) -> None:

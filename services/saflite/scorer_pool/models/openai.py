@@ -20,6 +20,7 @@ from saflite.scorer_pool.model import Tools
 
 DEFAULT_URL = "https://api.openai.com/v1"
 BODY_BYTES_MAX = 4 * ANSWER_CHARS_MAX
+SAID_BYTES_MAX = 4096  # of a refusal, looked through for what was not taken
 NO_LIMIT = None
 """Time limit of the client itself: the caller's deadlines hold."""
 
@@ -27,8 +28,14 @@ NO_LIMIT = None
 log = logging.getLogger(__name__)
 
 
+NO_ROOM = "output limit was reached"
+"""What api.openai.com says, instead of an answer that is cut off, where a model's thoughts took all tokens allowed."""
+
+
 class _Unfit(Refused):
     """The server does not take the request as it is put; a simpler one may do."""
+
+    said = ""
 
 
 class _Place(NamedTuple):
@@ -77,17 +84,34 @@ class OpenAIChat:
         logging.getLogger("httpx").setLevel(logging.WARNING)  # it tells of every single request
         self._model, self._url = _place(argument)
         self._formats = ["json_schema", "json_object", ""]
+        self._fixed: dict[str, Any] = {"temperature": 0, "seed": 0}
+        self._limit = "max_tokens"
         self._key = _key_for(self._url)
 
     async def ask(self, question: Question) -> ChatResult:
-        """Return the answer; see `Chat`. A server that knows no schema is asked without one from then on."""
+        """Return the answer; see `Chat`. What a server does not take is left out from then on, a schema last."""
         while True:
             try:
                 return _result(await self._post(self._body(question)))
-            except _Unfit:
-                if len(self._formats) == 1:
-                    raise
-                self._formats.pop(0)
+            except _Unfit as fault:
+                if NO_ROOM in fault.said:
+                    return ChatResult(Reply(""), cut=True)
+                self._simpler(fault)
+
+    def _simpler(self, fault: _Unfit) -> None:
+        """Put the next request more simply; raises the fault where it cannot be.
+
+        Models that think take no `max_tokens`, a `temperature` of 1 only; some servers take no `seed`.
+        """
+        named = next((key for key in self._fixed if key in fault.said), None)
+        if self._limit == "max_tokens" and "max_completion_tokens" in fault.said:
+            self._limit = "max_completion_tokens"
+        elif named is not None:
+            del self._fixed[named]
+        elif len(self._formats) > 1:
+            self._formats.pop(0)
+        else:
+            raise fault
 
     async def load(self) -> str:
         """Find out whether the server answers and has the model: it loads models by itself."""
@@ -107,9 +131,8 @@ class OpenAIChat:
         body: dict[str, Any] = {
             "model": self._model,
             "messages": question.messages,
-            "temperature": 0,
-            "seed": 0,
-            "max_tokens": question.tokens_max,
+            self._limit: question.tokens_max,
+            **self._fixed,
         }
         if self._formats[0] == "json_schema":
             schema = {"name": "scores", "schema": question.schema, "strict": True}
@@ -141,7 +164,10 @@ class OpenAIChat:
             raise Busy(f"openai: {status} {short}")
         if status in {400, 401, 403, 404, 422}:
             kind = _Unfit if status in {400, 422} else Refused
-            raise kind("openai request", where=self._url, expected="an answer", got=f"{status} {short}")
+            fault = kind("openai request", where=self._url, expected="an answer", got=f"{status} {short}")
+            if isinstance(fault, _Unfit):
+                fault.said = text[:SAID_BYTES_MAX].decode("utf-8", "replace")
+            raise fault
         if status != 200:
             raise Unavailable(f"openai: {status} {short}")
         try:
