@@ -27,6 +27,7 @@ from saflite.campaign.lifecycle import confirmation, flights, repeat_checks
 from saflite.campaign.lifecycle.minimization import Minimization
 from saflite.campaign.lifecycle.proposals import Proposals
 from saflite.campaign.scheduling import result_validation, work_messages
+from saflite.campaign.scheduling.dispatch import Dispatch
 from saflite.campaign.scheduling.leases import Leases
 from saflite.campaign.scheduling.rounds import Plan, Round, Rounds
 from saflite.campaign.scheduling.tasks import Task
@@ -262,18 +263,21 @@ def leases_are_forgotten_over_a_restart() -> Any:
     return _patched(Books, "begin", begin)
 
 
-def anybody_may_report() -> Any:
+@contextmanager
+def anybody_may_report() -> Iterator[None]:
     """A result is taken from whoever sends it, under whatever epoch."""
 
-    def report(self: Books, report: Report, now: float, damage: str = "") -> Any:
+    def claim(self: Dispatch, report: Report, run: str) -> Any:
         key = read_key(report.lease_id.partition(":")[2])
         task = None if key is None else self._core.tasks.get(key)
-        if task is None or task.waiting:
-            return original(self, report, now, damage)
-        return self._take(task, msgspec.structs.replace(report, epoch=task.epoch), now, damage)
+        return original(self, report, run) if task is None or task.waiting else task
 
-    original = Books._report
-    return _patched(Books, "_report", report)
+    def take(self: Books, task: Task, report: Report, now: float, damage: str) -> Any:
+        return taken(self, task, msgspec.structs.replace(report, epoch=task.epoch), now, damage)
+
+    original, taken = Dispatch.claim, Books._take
+    with _patched(Dispatch, "claim", claim), _patched(Books, "_take", take):
+        yield
 
 
 def anybody_may_ask() -> Any:

@@ -10,7 +10,6 @@ from __future__ import annotations
 import logging
 import os
 import queue
-from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import NamedTuple, TypeVar
 
@@ -33,6 +32,7 @@ from saflite.contract.work import Ask, Failure, Grant, Heartbeat, Report, Stage,
 from saflite.runtime.admission import Terms, objection
 from saflite.runtime.complaints import Complaints
 from saflite.runtime.evidence import Evidence, InlineEvidence
+from saflite.runtime.inspections import Inspections
 from saflite.runtime.liveness import Liveness
 from saflite.runtime.log_lines import WORK_LOG
 from saflite.runtime.long_poll_queue import LongPollQueue
@@ -63,7 +63,6 @@ class _Stop(NamedTuple):
 class _Inspected(NamedTuple):
     """The blobs of a result were looked at; `damage` None means that this could not be told."""
 
-    request: Request
     report: Report
     damage: str | None
 
@@ -99,7 +98,7 @@ class BooksService:
         )
         self._bus, self._campaign, self._books, self._store, self._clock = bus, campaign, books, store, clock
         self._evidence = evidence or InlineEvidence(store.blobs)
-        self._inspecting: Counter[str] = Counter()  # blobs of results being looked at: not to be dropped meanwhile
+        self._inspections = Inspections()
         self._answered: list[Report] = []
         self._prefix = topics.prefix(campaign)
         self._inbox: queue.SimpleQueue[Happening | _Stop | _Inspected | _Complaint] = queue.SimpleQueue()
@@ -255,11 +254,12 @@ class BooksService:
     def _on_report(self, request: Request, report: Report, now_s: float) -> None:
         if self._blocked is not None:
             return  # the worker keeps it and sends it again
-        if not (blobs_left(report.result) or getattr(report.result, "unread", ())):
+        has_blobs = blobs_left(report.result) or getattr(report.result, "unread", ())
+        if not (has_blobs and self._books.awaits(report)):
             self._answer(request, self._books.report(report, now_s))
-            return
-        self._inspecting.update(blob.digest for blob in blobs_left(report.result))
-        self._evidence.inspect(report, lambda damage: self._inbox.put(_Inspected(request, report, damage)))
+            self._answered += [report] if has_blobs else []
+        elif self._inspections.begin(request, report):
+            self._evidence.inspect(report, lambda damage: self._inbox.put(_Inspected(report, damage)))
 
     def _on_unreadable_report(self, request: Request, kind: str, fault: Refused, now_s: float) -> bool:
         """Count a result that arrived whole and cannot be read as a failure of its lease; False if it names none."""
@@ -276,12 +276,11 @@ class BooksService:
 
     def _on_inspected(self, inspected: _Inspected, now_s: float) -> None:
         report, damage = inspected.report, inspected.damage
-        self._inspecting.subtract(blob.digest for blob in blobs_left(report.result))
-        self._inspecting += Counter()  # forgets those at zero
+        request = self._inspections.end(report)
         if damage is None:
             self._in_trouble("the store of blobs takes no writes: no results are taken until it does", now_s)
         elif self._blocked is None:
-            self._answer(inspected.request, self._books.report(report, now_s, damage))
+            self._answer(request, self._books.report(report, now_s, damage))
             self._answered.append(report)
 
     def _on_control(self, request: Request, control: Control, now_s: float) -> None:
@@ -334,7 +333,7 @@ class BooksService:
         if self._blocked is not None and now_s < self._commit_s:
             return
         batch = self._blocked if self._blocked is not None else self._books.drain()
-        dropped = tuple(digest for digest in batch.dropped if digest not in self._inspecting)
+        dropped = tuple(digest for digest in batch.dropped if digest not in self._inspections)
         try:
             self._store.commit(batch._replace(dropped=dropped))
         except Unavailable as fault:

@@ -66,7 +66,7 @@ def look(blobs: BlobFolder, report: Report) -> str | None:
     try:
         if isinstance(result, Failure):
             return ", ".join(_faults(blobs, result))
-        for blob in blobs_left(result):
+        for blob in dict.fromkeys(blobs_left(result)):
             if fault := blobs.adopt(report.worker, blob):
                 return f"blob {blob.digest[:16]} is {fault}"
         if isinstance(result, FlyResult):
@@ -90,7 +90,7 @@ def _trace_fault(blobs: BlobFolder, flight: Flight) -> str:
 
 
 def _faults(blobs: BlobFolder, result: Failure) -> list[str]:
-    found = [(blob, blobs.fault(blob, deep=True)) for blob in result.unread]
+    found = [(blob, blobs.fault(blob, deep=True)) for blob in dict.fromkeys(result.unread)]
     return [f"blob {blob.digest[:16]} is {fault}" for blob, fault in found if fault]
 
 

@@ -41,11 +41,11 @@ from saflite.campaign.lifecycle.repeats import confirm_rule
 from saflite.campaign.scheduling.dispatch import Dispatch
 from saflite.campaign.scheduling.leases import Deadline, Leases
 from saflite.campaign.scheduling.patience import Patience
-from saflite.campaign.scheduling.result_validation import check_result
+from saflite.campaign.scheduling.result_validation import check_result, too_much_left
 from saflite.campaign.scheduling.rounds import Rounds
 from saflite.campaign.scheduling.selection import Expected, Rules, select
 from saflite.campaign.scheduling.tasks import Task
-from saflite.campaign.scheduling.work_keys import JudgeKey, RecordKey, WorkKey, read_key
+from saflite.campaign.scheduling.work_keys import JudgeKey, RecordKey, WorkKey, run_and_key
 from saflite.campaign.scheduling.work_messages import WorkMessages, in_one_message, receipt_for
 from saflite.contract.blobs import BlobRef
 from saflite.contract.config import Campaign
@@ -229,34 +229,20 @@ class Books:
     def _lease_id(self, key: WorkKey) -> str:
         return f"{self._run_id}:{key}"
 
-    def _key_of(self, lease_id: str) -> tuple[str, WorkKey | None]:
-        """Return the run a lease is of and what it is a lease to do, None if that is no work of any campaign."""
-        run_id, _, text = lease_id.partition(":")
-        return run_id, read_key(text)
-
     # ---- results in ----------------------------------------------------------------------------------------------
+
+    def awaits(self, report: Report) -> bool:
+        """Whether it is worth a look at the blobs of a result: its lease is held, and it names no more than it may."""
+        return isinstance(self._dispatch.claim(report, self._run_id), Task) and not too_much_left(report.result)
 
     def report(self, report: Report, now: float, damage: str = "") -> Receipt:
         """Take a result; the worker may forget it once it has the receipt. `damage`: what is wrong with its blobs."""
-        receipt = self._report(report, now, damage)
+        claimed = self._dispatch.claim(report, self._run_id)
+        receipt = self._take(claimed, report, now, damage) if isinstance(claimed, Task) else claimed
         for blob in blobs_left(report.result):
             if blob.digest not in self._core.holds:
                 self._out.drop_blob(blob.digest)
         return receipt
-
-    def _report(self, report: Report, now: float, damage: str) -> Receipt:
-        run_id, key = self._key_of(report.lease_id)
-        if run_id != self._run_id:
-            return receipt_for(report, "refused", f"the lease is of run {run_id[:32]!r}, this is {self._run_id!r}")
-        task = None if key is None else self._core.tasks.get(key)
-        if task is None:
-            was_done = key is not None and self._dispatch.was_done(key)
-            return receipt_for(report, "duplicate" if was_done else "stale")
-        current = task.epoch == report.epoch and task.worker == report.worker
-        held = task.holders.get(report.epoch) == report.worker
-        if not current and not (held and self._dispatch.may_merge(report.result)):
-            return receipt_for(report, "stale")
-        return self._take(task, report, now, damage)
 
     def _take(self, task: Task, report: Report, now: float, damage: str) -> Receipt:
         key = task.key
@@ -307,7 +293,7 @@ class Books:
         self._registry.beat(beat, now)
         cancel = []
         for lease_id, epoch in beat.leases:
-            run_id, key = self._key_of(lease_id)
+            run_id, key = run_and_key(lease_id)
             if run_id != self._run_id or key is None or not self._leases.extend(key, epoch, beat.worker, now):
                 cancel.append(lease_id)
         return Orders(cancel=tuple(cancel), stop=self.ended, beat_s=self._leases.beat_s(len(self._registry)))

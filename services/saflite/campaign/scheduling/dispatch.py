@@ -7,11 +7,12 @@ from collections.abc import Iterator
 from saflite.campaign.engine.core import Core
 from saflite.campaign.engine.worker_registry import WorkerRegistry, can_fly
 from saflite.campaign.scheduling.tasks import Task
-from saflite.campaign.scheduling.work_keys import MutateKey, ScoreKey, WarmKey, WorkKey
+from saflite.campaign.scheduling.work_keys import MutateKey, ScoreKey, WarmKey, WorkKey, run_and_key
+from saflite.campaign.scheduling.work_messages import receipt_for
 from saflite.contract.control import Control
 from saflite.contract.flight import FLOWN_ENDINGS
 from saflite.contract.names import is_label
-from saflite.contract.work import Ask, Failure, FlyResult, HandedBack, Result
+from saflite.contract.work import Ask, Failure, FlyResult, HandedBack, Receipt, Report, Result
 
 SEEN_LATELY_S = 7.0
 """A worker heard of within this time (or a lease time, if longer) is there: idle ones send a heartbeat each 3 s."""
@@ -59,13 +60,26 @@ class Dispatch:
         others = self._registry.others(ask.stage, ask.worker, task.target, now - patience_s)
         return any(other not in task.avoid for other in others)
 
-    def may_merge(self, result: Result) -> bool:
+    def claim(self, report: Report, run: str) -> Task | Receipt:
+        """Return the work of run `run` that a report may answer, or what it is told instead."""
+        run_id, key = run_and_key(report.lease_id)
+        if run_id != run:
+            return receipt_for(report, "refused", f"the lease is of run {run_id[:32]!r}, this is {run!r}")
+        task = None if key is None else self._core.tasks.get(key)
+        if task is None:
+            was_done = key is not None and self._was_done(key)
+            return receipt_for(report, "duplicate" if was_done else "stale")
+        current = task.epoch == report.epoch and task.worker == report.worker
+        held = task.holders.get(report.epoch) == report.worker
+        return task if current or (held and self._may_merge(report.result)) else receipt_for(report, "stale")
+
+    def _may_merge(self, result: Result) -> bool:
         """Whether a result that comes after its lease has ended still is as good as one in time."""
         if isinstance(result, FlyResult):
             return result.flight.ending in FLOWN_ENDINGS
         return not isinstance(result, Failure | HandedBack)
 
-    def was_done(self, key: WorkKey) -> bool:
+    def _was_done(self, key: WorkKey) -> bool:
         """Whether this work was done before, as far as can be told."""
         if isinstance(key, MutateKey | ScoreKey):
             return 0 <= key.round < self._core.rounds.planned

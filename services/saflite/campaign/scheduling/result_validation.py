@@ -27,6 +27,7 @@ from saflite.contract.work import (
     Result,
     ScoreResult,
     WarmResult,
+    blobs_left,
 )
 
 SAID_MAX = 500  # characters of what a result says, in our words
@@ -124,10 +125,16 @@ def _check_flight(task: Task, result: FlyResult) -> None:
         _refuse(task, "delivered stimuli with a place and a finite time", [(one.index, one.at_s) for one in delivered])
     if bool(flight.trace_digest) != (flight.trace is not None):
         _refuse(task, "a trace together with its digest", f"{flight.trace}, digest {flight.trace_digest!r}")
-    if len(flight.blobs) > BLOBS_PER_RESULT_MAX:
-        _refuse(task, f"at most {BLOBS_PER_RESULT_MAX} blobs", len(flight.blobs))
-    if (size := sum(blob.size_bytes for blob in flight.blobs)) > RESULT_BYTES_MAX:
-        _refuse(task, f"at most {RESULT_BYTES_MAX} bytes of blobs", size)
+    if excess := too_much_left(result):
+        _refuse(task, f"at most {BLOBS_PER_RESULT_MAX} blobs of {RESULT_BYTES_MAX} bytes together", excess)
+
+
+def too_much_left(result: Result) -> str:
+    """Return in words by how much the blobs a result names are more than it may name, empty if they are not."""
+    blobs = blobs_left(result)
+    size_bytes = sum(blob.size_bytes for blob in blobs)
+    is_much = len(blobs) > BLOBS_PER_RESULT_MAX or size_bytes > RESULT_BYTES_MAX
+    return f"{len(blobs)} of {size_bytes} bytes" if is_much else ""
 
 
 def _check_verdict(task: Task, verdict: Verdict) -> None:

@@ -103,3 +103,9 @@ def read_key(text: str) -> WorkKey | None:
     except msgspec.ValidationError:
         return None
     return key if str(key) == text else None
+
+
+def run_and_key(lease_id: str) -> tuple[str, WorkKey | None]:
+    """Return the run a lease is of and what it is a lease to do, None if that is no work of any campaign."""
+    run_id, _, text = lease_id.partition(":")
+    return run_id, read_key(text)
