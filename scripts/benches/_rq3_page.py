@@ -22,6 +22,7 @@ from saflite.contract.rng import derive
 
 SEEDS, FLIGHTS = 5, 40
 PAIRS_MIN = 6  # resampling fewer says more than is known
+GROUPS_MIN = 5  # strategies or choosers resampled as a whole
 HERE = Path(__file__).resolve().parent
 PAPER, TEMPLATE = HERE / "data" / "paper_rq3.csv", HERE / "pages" / "rq3.md"
 
@@ -164,23 +165,37 @@ def _first(cells: list[Row]) -> str:
 
 
 def _compared(rows: Sequence[Row], arms: Sequence[tuple[str, str]], word: str) -> str:
-    found = [_paired(rows, one, other, word) for one, other in arms]
+    rest = "strategy" if word == "chooser" else "chooser"
+    found = [_paired(rows, one, other, word, rest) for one, other in arms]
     lines = [
-        (f"`{one}` - `{other}`", paired.pairs, *_numbers(paired, p))
-        for (one, other), paired, p in zip(arms, found, holm([paired.p for paired in found]), strict=True)
+        (f"`{one}` - `{other}`", paired.pairs, *_numbers(paired, p), wide)
+        for (one, other), (paired, wide), p in zip(arms, found, holm([paired.p for paired, _ in found]), strict=True)
     ]
-    return table(("comparison", "pairs", "difference", "p (Holm)", "effect", "detectable"), lines)
+    over = "strategies" if rest == "strategy" else "choosers"
+    return table(("comparison", "pairs", "difference", "p (Holm)", "effect", "detectable", f"over {over}"), lines)
 
 
-def _paired(rows: Sequence[Row], one: str, other: str, word: str) -> Paired:
+def _paired(rows: Sequence[Row], one: str, other: str, word: str, rest: str) -> tuple[Paired, str]:
+    """Return the comparison, and its interval where the `rest` that were run are taken for a draw of many."""
+
     def arm(name: str) -> dict[tuple[object, ...], float]:
         mine = [row for row in rows if getattr(row.cell, word) == name]
-        rest = "strategy" if word == "chooser" else "chooser"
         return {(row.cell.rng_seed, row.cell.mission, getattr(row.cell, rest)): violations(row) for row in mine}
 
     here, there = arm(one), arm(other)
     tasks = sorted(here.keys() & there.keys(), key=str)
-    return compare([here[task] for task in tasks], [there[task] for task in tasks], derive(1, "rq3", one, other))
+    paired = compare([here[task] for task in tasks], [there[task] for task in tasks], derive(1, "rq3", one, other))
+    groups: dict[object, list[float]] = {}
+    for task in tasks:
+        groups.setdefault(task[-1], []).append(here[task] - there[task])
+    return paired, _over_groups(list(groups.values()), derive(1, "rq3 groups", one, other))
+
+
+def _over_groups(groups: Sequence[list[float]], rng: np.random.Generator) -> str:
+    if len(groups) < GROUPS_MIN:
+        return "-"
+    drawn = bootstrap_95(lambda chosen: float(np.mean(np.concatenate([groups[i] for i in chosen]))), len(groups), rng)
+    return f"[{drawn[0]:+.1f}, {drawn[1]:+.1f}]"
 
 
 def _numbers(paired: Paired, p: float) -> tuple[str, ...]:

@@ -39,13 +39,14 @@ def features_of(test_case: TestCase, signals: FlightSignals) -> dict[str, float]
 
 def _extremes(signals: FlightSignals) -> dict[str, float]:
     wanted = {
-        "altitude_max_m": ("altitude_m", np.max),
-        "altitude_min_m": ("altitude_m", np.min),
-        "climb_max_mps": ("climb_mps", np.max),
-        "speed_max_mps": ("ground_speed_mps", np.max),
-        "tilt_max_deg": ("tilt_deg", np.max),
+        "altitude_max_m": ("altitude_m", np.nanmax),
+        "altitude_min_m": ("altitude_m", np.nanmin),
+        "climb_max_mps": ("climb_mps", np.nanmax),
+        "speed_max_mps": ("ground_speed_mps", np.nanmax),
+        "tilt_max_deg": ("tilt_deg", np.nanmax),
     }
-    return {name: float(pick(signals[source])) for name, (source, pick) in wanted.items() if source in signals}
+    known = {name: told for name, told in wanted.items() if told[0] in signals and not np.isnan(signals[told[0]]).all()}
+    return {name: float(pick(signals[source])) for name, (source, pick) in known.items()}
 
 
 def _path(signals: FlightSignals) -> dict[str, float]:
@@ -61,7 +62,9 @@ def _closest(test_case: TestCase, signals: FlightSignals) -> dict[str, float]:
     distance = signals["obstacle_distance_m"]
     if not test_case.scenario.obstacles:
         return {"min_distance_m": NO_OBSTACLE_M}
-    at = int(np.argmin(distance))
+    if np.isnan(distance).all():
+        return {}
+    at = int(np.nanargmin(distance))
     point = np.array([[signals[name][at] for name in ("x_m", "y_m", "altitude_m")]], dtype=np.float64)
     each = distances_to_boxes(point, boxes_array(test_case.scenario.obstacles))[0]
     steps = np.hypot(np.diff(signals["x_m"]), np.diff(signals["y_m"]))

@@ -145,7 +145,7 @@ def _verdict(
     if finding is None:
         return _inconclusive(policy, f"a flight of {signals.samples * signals.step_s:g} s is too short for the rule")
     if math.isnan(finding.robustness):
-        return _inconclusive(policy, f"gaps in {', '.join(sorted(policy.needed))}, or a division by zero")
+        return _inconclusive(policy, _gaps(policy, signals) or "a division by zero")
     return _ruled(policy, finding, _hard(policy, finding, flight, evaluator, signals), features)
 
 
@@ -194,6 +194,13 @@ def _points(policy: Policy, features: dict[str, float]) -> float:
     """Points of the first rule that fits, most points first."""
     rules = sorted(policy.file.points, key=lambda rule: -rule.points)
     return next((rule.points for rule in rules if features.get(rule.feature, math.inf) < rule.below), 0.0)
+
+
+def _gaps(policy: Policy, signals: FlightSignals) -> str:
+    """Return in words which signals of a rule are not known all the time, and from when on; empty if all are."""
+    unknown = {name: np.flatnonzero(np.isnan(signals[name])) for name in sorted(policy.needed) if name in signals}
+    told = [f"{name} (from {places[0] * signals.step_s:.1f} s)" for name, places in unknown.items() if len(places)]
+    return f"not known all the time: {', '.join(told)}" if told else ""
 
 
 def _inconclusive(policy: Policy, message: str) -> Verdict:

@@ -25,9 +25,24 @@ def _divided(a: Any, b: Any) -> Any:
     return np.where(np.equal(b, 0.0), np.nan, np.divide(a, b))
 
 
+def _both(a: Any, b: Any) -> Any:
+    """Return the robustness of `a and b`; where one is plainly false, the other need not even be a number."""
+    return np.where(np.equal(a, -np.inf) | np.equal(b, -np.inf), -np.inf, np.minimum(a, b))
+
+
+def _either(a: Any, b: Any) -> Any:
+    """Return the robustness of `a or b`; where one is plainly true, the other need not even be a number."""
+    return np.where(np.equal(a, np.inf) | np.equal(b, np.inf), np.inf, np.maximum(a, b))
+
+
 def _implied(a: Any, b: Any) -> Any:
-    """Return the robustness of `a implies b`; where a is plainly false, b need not even be a number."""
-    return np.where(np.equal(a, -np.inf), np.inf, np.maximum(-a, b))
+    """Return the robustness of `a implies b`; see `_either`."""
+    return _either(-a, b)
+
+
+def _compared(relation: Callable[[Any, Any], Any], a: Any, b: Any) -> Any:
+    """Return plainly true, plainly false, or NaN: what is not a number is not known to stand in any relation."""
+    return np.where(np.isnan(a) | np.isnan(b), np.nan, np.where(relation(a, b), np.inf, -np.inf))
 
 
 _BINARY: dict[str, Callable[[Any, Any], Any]] = {
@@ -38,8 +53,8 @@ _BINARY: dict[str, Callable[[Any, Any], Any]] = {
     "pow": np.power,
     "min": np.minimum,
     "max": np.maximum,
-    "and": np.minimum,
-    "or": np.maximum,
+    "and": _both,
+    "or": _either,
     "<=": lambda a, b: b - a,
     "<": lambda a, b: b - a,
     ">=": lambda a, b: a - b,
@@ -127,7 +142,7 @@ class Evaluator:
             return self._signal(node.name)
         if op.startswith(CRISP):
             left, right = (self._value(arg) for arg in node.args)
-            return np.where(_CRISP[op[len(CRISP) :]](left, right), np.inf, -np.inf)
+            return _compared(_CRISP[op[len(CRISP) :]], left, right)
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             if op in _BINARY:
                 return _BINARY[op](self._value(node.args[0]), self._value(node.args[1]))
@@ -236,7 +251,8 @@ def find(evaluator: Evaluator, formula: Node) -> Finding | None:
     """Return what `formula` is worth on the trace, None if the trace is shorter than the formula's windows.
 
     A formula `always body` is judged only where the body's windows lie wholly inside the trace, so a promise that
-    could still be kept when the flight ended is no violation.
+    could still be kept when the flight ended is no violation. What is not known (a signal with gaps) leaves open
+    whether it held, not whether it was broken elsewhere.
     """
     step_s, row = evaluator.step_s, evaluator.row
     samples = int(row[-1]) + 1 if len(row) else 0
@@ -250,7 +266,7 @@ def find(evaluator: Evaluator, formula: Node) -> Finding | None:
     if last <= first:
         return None
     values = evaluator.trace(judged)[first:last]
-    at = int(np.argmin(values))
+    at = int(np.argmin(np.where(np.isnan(values), np.inf, values) if (values < 0).any() else values))
     start, end = _stretch(values, at)
     window = ahead if math.isfinite(ahead) else (samples - 1) * step_s
     applied = _applied(evaluator, judged, first, last)

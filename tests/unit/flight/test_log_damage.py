@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
+import struct
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
-from log_bytes import KINDS, ardupilot_flight, px4_flight
+from log_bytes import KINDS, POSITION, STATUS, ardupilot_flight, px4_flight, ulog
 
 from saflite.console.cli import main
+from saflite.contract.flight import Flight
+from saflite.contract.test_case import Obstacle, Scenario, Target, TestCase, identity
+from saflite.contract.verdict import Verdict
+from saflite.flight.logs.dataflash_damage import sound
 from saflite.flight.logs.files import read_log
 from saflite.flight.logs.flight_log import FlightLog
+from saflite.flight.logs.resample import Columns
+from saflite.oracle.judge import judge
 
 FMT_BYTES = 89
 NUMBERS = {name: 10 + place for place, name in enumerate(KINDS)}  # as `log_bytes.dataflash` counts them
@@ -107,3 +117,58 @@ def test_what_was_lost_is_said_whatever_else_is_printed(
     said = capsys.readouterr()
     assert "the description of EV is damaged: its 2 messages are left out" in said.err
     assert "damaged" not in said.out
+
+
+def holed(known: Callable[[float], bool]) -> bytes:
+    """A PX4 log of 90 s along x at 1 m/s, 20 m up, with a position ten times a second wherever one is known."""
+    times = [tenth / 10 for tenth in range(900) if known(tenth / 10)]
+    rows: list[tuple[str, float, tuple[float, ...]]] = [("vehicle_status", 0.0, (3, 2))]
+    rows += [("vehicle_local_position", at, (at, 0.0, -20.0, 1.0, 0.0, 0.0, True)) for at in times]
+    topics = {"vehicle_local_position": POSITION, "vehicle_status": STATUS}
+    return ulog(topics, sorted(rows, key=lambda row: row[1]))
+
+
+def beside(x_m: float, path: Path) -> Verdict:
+    """Return the verdict on the way past a box beside the middle of it."""
+    box = Obstacle(length_m=2, width_m=2, height_m=30, x_m=35.0, y_m=x_m)
+    case = TestCase(target=Target(name="px4"), scenario=Scenario(obstacles=(box,)))
+    flight = Flight(test_case=identity(case), flight_index=0, ending="completed")
+    return judge(case, flight, read_log(path).trace, ("min-obstacle-distance",)).verdicts[0]
+
+
+def test_a_way_that_was_not_logged_is_no_evidence(tmp_path: Path) -> None:
+    path = tmp_path / "log.ulg"
+    path.write_bytes(holed(lambda at_s: not 20 <= at_s < 50))
+    verdict = beside(5.0, path)
+    assert verdict.outcome == "inconclusive"
+    assert verdict.message == "not known all the time: obstacle_distance_m (from 20.0 s)"
+    path.write_bytes(holed(lambda at_s: not 60 <= at_s < 80))
+    assert beside(1.5, path).outcome == "violated"  # before the hole
+    path.write_bytes(holed(lambda at_s: not 20 <= at_s < 23))
+    assert beside(5.0, path).outcome == "held"  # as short as a radio link may be silent
+
+
+def test_slow_signals_have_no_holes_and_none_is_drawn_beyond_its_ends() -> None:
+    columns, times = Columns(), np.arange(0.0, 100.0, 0.1)
+    for name in ("x_m", "y_m", "altitude_m"):
+        columns.add(name, times, np.zeros_like(times))
+    columns.add("battery_v", np.arange(0.0, 101.0, 10.0), np.full(11, 12.0))
+    columns.add("climb_mps", times[300:600], np.ones(300))
+    trace = columns.trace("log", "x.ulg")
+    assert not np.isnan(trace.array("battery_v")).any()
+    known = np.flatnonzero(~np.isnan(trace.array("climb_mps"))) * trace.step_s
+    assert (known[0], known[-1]) == pytest.approx((25.0, 64.9), abs=0.06)
+
+
+def test_descriptions_that_contradict_each_other_cost_a_few_looks_through_the_log() -> None:
+    class Counted(bytes):
+        looks = 0
+
+        def find(self, *given: Any) -> int:
+            Counted.looks += 1
+            return super().find(*given)
+
+    layout, many = struct.Struct("<3sBB4s16s64s"), 3000
+    kinds = (layout.pack(b"\xa3\x95\x80", 1, 10, b"AAAA", b"B", b"c%d" % place) for place in range(many))
+    sound(Counted(b"".join(kinds)))
+    assert Counted.looks < 2 * many

@@ -104,12 +104,24 @@ def test_faults_are_told_with_their_place(text: str, reason: str) -> None:
 
 def test_a_division_by_zero_says_nothing_unless_the_condition_rules_it_out() -> None:
     signals = {"altitude_m": [4.0, 4.0, 4.0], "climb_mps": [2.0, 0.0, 1.0]}
-    plain = found("always (altitude_m / climb_mps <= 3)", **signals)
+    plain = found("always (altitude_m / climb_mps <= 5)", **signals)
     assert plain
     assert np.isnan(plain.robustness)
     guarded = found("always (climb_mps > 0 implies altitude_m / climb_mps <= 3)", **signals)
     assert guarded
     assert guarded.robustness == -1.0
+
+
+@pytest.mark.parametrize("unknown", [0, 1, 5])
+def test_what_is_not_known_hides_no_violation_elsewhere(unknown: int) -> None:
+    heights = [20.0, 20.0, -3.0, -8.0, 20.0, 20.0]
+    heights[unknown] = np.nan
+    broken = found("always altitude_m > 0", altitude_m=heights)
+    assert broken
+    assert (broken.robustness, broken.witness_from_s, broken.witness_to_s) == (-8.0, 2.0, 3.0)
+    open_ = found("always altitude_m > -9", altitude_m=heights)
+    assert open_
+    assert np.isnan(open_.robustness)
 
 
 def test_a_missing_signal_is_refused() -> None:

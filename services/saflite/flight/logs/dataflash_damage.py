@@ -27,6 +27,7 @@ _FMT, _FMT_BYTES = 128, 89
 _LAYOUT = struct.Struct("<3xBB4s16s64s")
 _UNITS = ("UNIT", "MULT", "FMTU")  # nothing here reads units; damaged ones would end the reader
 _NAME = re.compile(r"[A-Za-z0-9_]{1,4}")
+DESCRIPTIONS_MAX = 16  # of one kind that differ; a sound log has one, each more costs a look through the log
 _TRIED = 64  # places at which a size is tried
 _SHOWN = 6
 
@@ -64,14 +65,38 @@ class _Kind(NamedTuple):
 _ITSELF = _Kind(_FMT, _FMT_BYTES, "FMT", "BBnNZ", "Type,Length,Name,Format,Columns")
 
 
+class _Marks:
+    """The first places at which a message of each kind seems to begin; a log is looked through once for a kind."""
+
+    def __init__(self, data: bytes) -> None:
+        self._data, self._places = data, dict[int, list[int]]()
+
+    def fit(self, number: int, size: int) -> float:
+        """Return the share of a kind's messages after which, by this size, another begins; 0 of a size that is none."""
+        if size <= len(HEAD):
+            return 0.0
+        if number not in self._places:
+            self._places[number] = self._found(HEAD + bytes([number]))
+        ends = [place + size for place in self._places[number]]
+        met = sum(self._data.startswith(HEAD, end) or end == len(self._data) for end in ends)
+        return met / len(ends) if ends else 1.0
+
+    def _found(self, mark: bytes) -> list[int]:
+        places = [self._data.find(mark)]
+        while places[-1] >= 0 and len(places) <= _TRIED:
+            places.append(self._data.find(mark, places[-1] + 1))
+        return places[:-1]
+
+
 def sound(data: bytes) -> Sound:
     """Return what can be read of a log."""
-    kinds, damaged = _kinds(data)
+    marks = _Marks(data)
+    kinds, damaged = _kinds(data, marks)
     sizes = [0] * 256
     for number, kind in kinds.items():
         sizes[number] = kind.by_letters
     for number, kind in damaged.items():
-        sizes[number] = kind.length if _fit(data, number, kind.length) else 0
+        sizes[number] = kind.length if marks.fit(number, kind.length) else 0
     sizes[_FMT] = _FMT_BYTES
     silent = {_FMT, *damaged, *(number for number, kind in kinds.items() if kind.name in _UNITS)}
     kept, left_out, unknown, skipped = _walk(data, sizes, silent)
@@ -90,20 +115,21 @@ def _of(what: str, count: int) -> str:
     return f"{what}: its {count} messages are left out" if count else f"{what}, which left no message"
 
 
-def _kinds(data: bytes) -> tuple[dict[int, _Kind], dict[int, _Kind]]:
+def _kinds(data: bytes, marks: _Marks) -> tuple[dict[int, _Kind], dict[int, _Kind]]:
     """Return by number the kinds that are described well, and those whose description is damaged."""
     told: dict[int, list[_Kind]] = defaultdict(list)
     place = data.find(HEAD + bytes([_FMT]))
     while 0 <= place <= len(data) - _FMT_BYTES:
         kind = _read(data, place)
-        if kind.number != _FMT and kind not in told[kind.number] and _is_description(kind):
-            told[kind.number].append(kind)
+        others = told[kind.number]
+        if kind.number != _FMT and len(others) < DESCRIPTIONS_MAX and kind not in others and _is_description(kind):
+            others.append(kind)
         place = data.find(HEAD + bytes([_FMT]), place + 1)
     kinds, damaged = {}, {}
     for number, several in told.items():
-        fits = {kind: _fit(data, number, kind.by_letters) for kind in several if kind.by_letters}
+        fits = {kind: marks.fit(number, kind.by_letters) for kind in several if kind.by_letters}
         best = [kind for kind, fit in fits.items() if fit == max(fits.values())]
-        if len(best) == 1 and _NAME.fullmatch(best[0].name) and _is_right(data, best[0]):
+        if len(best) == 1 and _NAME.fullmatch(best[0].name) and _is_right(marks, best[0]):
             kinds[number] = best[0]
         elif several:
             damaged[number] = several[0]
@@ -122,25 +148,11 @@ def _is_description(kind: _Kind) -> bool:
     return bool(_NAME.fullmatch(kind.name)) + (2 * good >= len(kind.letters) > 0) + columns >= 2 and bool(kind.columns)
 
 
-def _is_right(data: bytes, kind: _Kind) -> bool:
+def _is_right(marks: _Marks, kind: _Kind) -> bool:
     """Whether its fields make up its messages, where its length says otherwise."""
     if kind.by_letters == kind.length:
         return True
-    return _fit(data, kind.number, kind.by_letters) >= _fit(data, kind.number, kind.length)
-
-
-def _fit(data: bytes, number: int, size: int) -> float:
-    """Return the share of messages of a number after which, by this size, another begins; 0 of a size that is none."""
-    if size <= len(HEAD):
-        return 0.0
-    mark = HEAD + bytes([number])
-    tried = met = 0
-    place = data.find(mark)
-    while place >= 0 and tried < _TRIED:
-        tried += 1
-        met += data.startswith(HEAD, place + size) or place + size == len(data)
-        place = data.find(mark, place + 1)
-    return met / tried if tried else 1.0
+    return marks.fit(kind.number, kind.by_letters) >= marks.fit(kind.number, kind.length)
 
 
 def _walk(data: bytes, sizes: list[int], silent: set[int]) -> tuple[list[bytes], Counter[int], Counter[int], int]:

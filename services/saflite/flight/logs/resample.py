@@ -12,6 +12,8 @@ from saflite.contract.flight import Trace, TraceMessage
 from saflite.contract.signals import SIGNALS
 
 STEP_S = 0.05
+HOLE_S = 5.0
+"""Between samples farther apart nobody knows what a signal was; drawn as a line it would pass for evidence."""
 DURATION_MAX_S = 4 * 3600.0
 POSITION = ("x_m", "y_m", "altitude_m")
 _MEASURED_FROM = {"altitude_target_m": "altitude_m", "baro_altitude_m": "baro_altitude_m"}
@@ -100,9 +102,10 @@ class Columns:
     def _sampled(self, name: str, times: Array) -> Array:
         at, values = self._columns[name]
         if name == "yaw_deg":
-            return np.mod(np.interp(times, at, np.unwrap(values, period=360.0)), 360.0)
+            turned = np.mod(np.interp(times, at, np.unwrap(values, period=360.0)), 360.0)
+            return np.where(_unknown(times, at), np.nan, turned)
         if SIGNALS[name].kind == "real" and name not in self._held:
-            sampled = np.interp(times, at, values)
+            sampled = np.where(_unknown(times, at), np.nan, np.interp(times, at, values))
             return sampled - self._origin(name, float(times[0]))
         return values[np.maximum(np.searchsorted(at, times + 1e-9, side="right") - 1, 0)]
 
@@ -120,3 +123,16 @@ class Columns:
             TraceMessage(at_s=max(0.0, round(at - start, 3)), text=text, severity=severity)  # type: ignore[arg-type]
             for at, text, severity in kept
         )
+
+
+def _unknown(times: Array, at: Array) -> NDArray[np.bool_]:
+    """Return at which times nothing is known of a signal that was logged `at` these times: inside of a hole, or beyond.
+
+    A hole is longer than `HOLE_S` and than ten times what lies between two samples as a rule.
+    """
+    if len(at) < 2:
+        return np.zeros(len(times), dtype=np.bool_)
+    hole_s = max(HOLE_S, 10.0 * float(np.median(np.diff(at))))
+    after = np.searchsorted(at, times + 1e-9, side="right")
+    earlier, later = at[np.maximum(after - 1, 0)], at[np.minimum(after, len(at) - 1)]
+    return (later - earlier > hole_s) & (times > earlier + 1e-9) | (earlier - times > hole_s) | (times - later > hole_s)
