@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from typing import NamedTuple
 
 from msgspec.structs import replace
@@ -28,15 +28,16 @@ class Second(NamedTuple):
     order: int | None = None
 
 
-def afresh(test_case: TestCase, rest: Mapping[str, float]) -> Second | None:
+def afresh(test_case: TestCase, rest: Mapping[str, float], denied: Container[int] = ()) -> Second | None:
     """Return the flight that only does what comes after the last order to a place that nothing followed for 12 s.
 
     It begins in LOITER where the first began, keeps the settings, and has nothing else to do until it is ordered to
     GUIDED, and to that place. None where there is no such order, nothing came before, or something of it is still in
-    force: a stick or a fault that is not as it rests (`rest`, by name), or an order that sets something.
+    force: a stick or a fault that is not as it rests (`rest`, by name), or an order that sets something. An order that
+    was refused (`denied`, by place) calls nobody: a vehicle that stands disarmed is not where it was called.
     """
     stimuli = test_case.stimuli
-    for index in reversed([at for at, one in enumerate(stimuli) if one.name == _GO]):
+    for index in reversed([at for at, one in enumerate(stimuli) if one.name == _GO and at not in denied]):
         last = index
         while last + 1 < len(stimuli) and stimuli[last + 1].name == _TURN:
             last += 1

@@ -65,7 +65,7 @@ def _second(info: TargetInfo, test_case: TestCase, record: FlightRecord) -> Seco
     if test_case.twin == "turned":
         return Second(turned(plain, rest))
     if test_case.twin == "afresh":
-        return afresh(plain, rest)
+        return afresh(plain, rest, denied)
     kept = tuple(one for index, one in enumerate(plain.stimuli) if index not in denied)
     return Second(msgspec.structs.replace(plain, stimuli=kept)) if denied else None
 

@@ -117,6 +117,18 @@ def test_without_time_to_come_to_rest_there_is_no_flight_afresh() -> None:
     assert afresh(case("LOITER", circle, *CALLED_BACK[:2], twin="afresh", limit_s=24.0), REST) is None
 
 
+def test_an_order_that_was_refused_calls_nobody_back() -> None:
+    stands = (
+        Stimulus(at_s=1.0, kind="mode", name="LAND"),  # from there on it stands disarmed, and its call is refused
+        Stimulus(at_s=30.0, kind="mode", name="GUIDED"),
+        msgspec.structs.replace(CALLED_BACK[1], at_s=31.0),
+    )
+    told = case("LOITER", *stands, twin="afresh", limit_s=50.0)
+    assert afresh(told, REST) is not None
+    assert afresh(told, REST, {2}) is None
+    assert verdict(told, "afresh-alike") in ("vacuous", "inconclusive")
+
+
 def test_who_was_called_back_flies_on_as_one_that_waited() -> None:
     circle = Stimulus(at_s=1.0, kind="mode", name="CIRCLE")
     assert verdict(called_back(circle), "afresh-alike") == "held"
