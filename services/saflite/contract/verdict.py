@@ -92,8 +92,10 @@ class Violation(msgspec.Struct, frozen=True, kw_only=True):
     `similar` is a find of a behaviour that its `representative`, another test case, has confirmed: it was not re-flown.
     `confirmed` when enough of the `reflown` re-flights, each under noise of its own, violated again (`failed_again`),
     `flaky` when they did not, `unconfirmed` when too few could be flown to say. `rate_low` to `rate_high` is the 95 %
-    interval of the rate at which it violates under other noise (Wilson); None without a re-flight. `flight_index` names
-    the flight that shows the violation.
+    interval of the rate at which it violates under other noise (Wilson); None without a re-flight. `robustness` and
+    `severity` are those of the flight that shows the violation (`flight_index`), the one it was chosen for: what the
+    others showed says how much of that is luck. `again_low` to `again_high` is the robustness of the re-flights that
+    violated again, None if none did; in `hard_again` of them it was hard.
     """
 
     fingerprint: ShortId
@@ -106,6 +108,9 @@ class Violation(msgspec.Struct, frozen=True, kw_only=True):
     failed_again: Count = 0
     rate_low: Share | None = None
     rate_high: Share | None = None
+    again_low: Number | None = None
+    again_high: Number | None = None
+    hard_again: Count = 0
     flight_index: Count = 0
     behaviour: Text = ""
     representative: ShortIdOrNone = ""
@@ -125,12 +130,24 @@ def modes_named(behaviour: str, modes: Mapping[str, int]) -> str:
 
 
 def failed_again(violation: Violation) -> str:
-    """Return in words how often it violated again, with the interval of its rate where there is one."""
+    """Return in words how often it violated again, with the interval of its rate, and how badly, as far as is known."""
     count = f"{violation.failed_again} of {violation.reflown}"
     if violation.rate_low is None or violation.rate_high is None:
         return count
     alone = "" if violation.failed_again else ", only under its own noise"
-    return f"{count}{alone}, rate {violation.rate_low:.2f} to {violation.rate_high:.2f}"
+    rate = f"rate {violation.rate_low:.2f} to {violation.rate_high:.2f}"
+    return ", ".join(filter(None, (f"{count}{alone}", rate, _how_badly(violation))))
+
+
+def _how_badly(violation: Violation) -> str:
+    """Return in words what the re-flights that violated again showed, empty if none did."""
+    if violation.again_low is None or violation.again_high is None:
+        return ""
+    least, most = f"{violation.again_low:.3f}", f"{violation.again_high:.3f}"
+    hard = violation.severity == "hard" or violation.hard_again
+    many = f"hard in {violation.hard_again or 'none'}" if hard else ""
+    told = f"robustness then {least if least == most else f'{least} to {most}'}"
+    return ", ".join(filter(None, (told, many)))
 
 
 def worst(judgement: Judgement) -> Verdict | None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import msgspec
 
@@ -17,6 +18,13 @@ from saflite.contract.test_case import TestCase
 from saflite.contract.verdict import Confirmation, Judgement, Verdict, Violation, worst
 
 
+class Broken(NamedTuple):
+    """How badly a flight broke a policy."""
+
+    robustness: float
+    is_hard: bool
+
+
 @dataclass(slots=True)
 class FlightNote:
     """What the books remember of one flight until its test case has ended."""
@@ -24,7 +32,7 @@ class FlightNote:
     flight: Flight
     judged: bool = False
     given_up: bool = False  # it could not be flown or judged
-    violated: frozenset[str] = frozenset()
+    violated: dict[str, Broken] = field(default_factory=dict)  # by policy
 
     @property
     def settled(self) -> bool:
@@ -118,7 +126,8 @@ def violations_of(trial: Trial, rule: RepeatRule) -> tuple[Violation, ...]:
     workers = tuple(note.flight.worker for note in flights if note.judged)
     found = []
     for verdict in violated_verdicts(trial.judgement):
-        again = sum(1 for note in repeats if verdict.policy in note.violated)
+        broken = [note.violated[verdict.policy] for note in repeats if verdict.policy in note.violated]
+        margins, again = [one.robustness for one in broken], len(broken)
         rate = wilson(again, len(repeats))
         found.append(
             msgspec.structs.replace(
@@ -128,6 +137,9 @@ def violations_of(trial: Trial, rule: RepeatRule) -> tuple[Violation, ...]:
                 failed_again=again,
                 rate_low=_rounded(rate.low),
                 rate_high=_rounded(rate.high),
+                again_low=min(margins, default=None),
+                again_high=max(margins, default=None),
+                hard_again=sum(one.is_hard for one in broken),
                 flight_index=trial.first,
                 workers=workers,
                 message="; ".join(filter(None, (verdict.message, _not_reflown(flights[1:])))),

@@ -7,6 +7,7 @@ from saflite.campaign.engine.exposure import ArmCounts
 from saflite.campaign.engine.journal import Pick
 from saflite.campaign.lifecycle.behaviours import Behaviours
 from saflite.campaign.lifecycle.confirmation import (
+    Broken,
     FlightNote,
     Trial,
     similar_ones,
@@ -207,7 +208,7 @@ class Flights:
         note = trial.flights[judgement.flight_index]
         note.judged = True
         bad = violated_verdicts(judgement)
-        note.violated = frozenset(verdict.policy for verdict in bad)
+        note.violated = {verdict.policy: Broken(verdict.margin, verdict.severity == "hard") for verdict in bad}
         self._tell_judged(judgement, bad)
         if key.index != trial.first:
             if not (bad or core.campaign.record == "all"):

@@ -14,8 +14,8 @@ from saflite.recorder.summary import Finding, RunSummary
 FILE = "violations.csv"
 COLUMNS = (
     *("test_case", "policy", "confirmation", "severity", "robustness", "fingerprint", "reflown", "failed_again"),
-    *("rate_low", "rate_high", "strategy", "round", "parent", "min_distance_m", "duration_s"),
-    *("inputs", "recording"),
+    *("rate_low", "rate_high", "again_low", "again_high", "hard_again", "strategy", "round", "parent"),
+    *("min_distance_m", "duration_s", "inputs", "recording"),
 )
 
 
@@ -36,7 +36,7 @@ def _row(finding: Finding) -> tuple[object, ...]:
     return (
         *(violation.test_case, violation.policy, violation.confirmation, violation.severity, violation.robustness),
         *(violation.fingerprint, violation.reflown, violation.failed_again),
-        *(violation.rate_low, violation.rate_high),
+        *(violation.rate_low, violation.rate_high, violation.again_low, violation.again_high, violation.hard_again),
         *(origin.strategy, origin.round, origin.parent),
         *(features.get("min_distance_m", ""), features.get("duration_s", "")),
         *(_inputs(finding.test_case), finding.recording),

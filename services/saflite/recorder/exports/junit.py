@@ -71,7 +71,7 @@ def _add(suite: Xml.Element, finding: Finding) -> None:
     )
     text = (
         f"{violation.severity} violation, robustness {violation.robustness:.3f}, failed again in "
-        f"{failed_again(violation)} re-flights. {violation.message}".strip()
+        f"{failed_again(violation)}. {violation.message}".strip()
     )
     kind = "failure" if violation.confirmation == "confirmed" else "skipped"
     node = Xml.SubElement(case, kind, message=clean(f"{violation.confirmation}: {text}"))

@@ -67,7 +67,7 @@ def _result(finding: Finding, index: dict[str, int]) -> dict[str, Any]:
     uri = f"test_cases/{violation.test_case}.yaml"
     text = (
         f"{violation.confirmation} {violation.severity} violation of {violation.policy}: robustness "
-        f"{violation.robustness:.3f}, violates again in {failed_again(violation)} under other noise"
+        f"{violation.robustness:.3f}; under other noise it violates again in {failed_again(violation)}"
     )
     return {
         "ruleId": violation.policy,
