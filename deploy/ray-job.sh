@@ -8,5 +8,6 @@ folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 cp "$campaign" "$folder/campaign.toml"
 saflite keys init --keys "$folder/keys" --host "$host"
+# shellcheck disable=SC2016  # the node's home and time, where its shell runs this
 ray job submit --address "$head" --working-dir "$folder" -- \
-    saflite run campaign.toml --on ray:auto --listen tls/0.0.0.0:7447 --keys keys --out "$HOME/saflite/run-$(date +%s)" --json
+    saflite run campaign.toml --on ray:auto --listen tls/0.0.0.0:7447 --keys keys --out '$HOME/saflite/run-$(date +%s)' --json

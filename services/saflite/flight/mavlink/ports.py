@@ -59,7 +59,11 @@ class TcpPort:
         return bytes(received)
 
     def _accept(self) -> None:
-        client, address = self._server.accept()
+        try:
+            client, address = self._server.accept()
+        except OSError as fault:  # a peer that is gone again, or no more files may be opened: the others fly on
+            log.warning("a peer could not be let in: %s", fault)
+            return
         if len(self._waiting) >= CLIENTS_MAX:
             client.close()
             return
