@@ -100,12 +100,22 @@ def test_another_layout_or_answer_is_refused_with_its_place(tmp_path: Path, line
         ("77__after__0f4f-c7.csv", "0f4f-c7"),
         ("log_12.ulg", "log_12"),
         ("x0f4f-c7y.ulg", ""),
+        ("x0f4f-c7y_0f4f-c7.ulg", "0f4f-c7"),
         ("other.ulg", ""),
     ],
 )
 def test_a_log_has_the_longest_label_that_fits(file: str, label: str) -> None:
     names = ("log_1", "log_12", "0f4f-c7", "")
     assert Labels(dict.fromkeys(names, True)).name_for(Path(file)) == label
+
+
+@pytest.mark.parametrize("file", ["flight10.ulg", "flight12_after.ulg", "flight1a.bin", "77_flight1x.csv"])
+def test_a_label_is_not_that_of_a_log_whose_name_goes_on(file: str) -> None:
+    """A log nobody labelled must stay without a label: it would be counted with another's answer."""
+    labels = Labels({"flight1": True, "flight2": False})
+    assert labels.name_for(Path(file)) == ""
+    assert labels.without_log([Path(file)]) == ("flight1", "flight2")
+    assert labels.name_for(Path("flight1_after.ulg")) == labels.name_for(Path("flight1.bin")) == "flight1"
 
 
 # ---- what is missing ----------------------------------------------------------------------------------------------

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple
@@ -13,6 +14,7 @@ LAYOUTS = (("log", "interesting"), ("log_id", "shows_issue"))
 """Columns: name of the log, answer. The second is that of the published list of PX4 issues with logs."""
 
 YES, NO, UNCLEAR = ("yes", "true", "1", "interesting"), ("no", "false", "0", "dull"), ("unclear", "")
+LETTER_OR_DIGIT = r"[^\W_]"
 
 
 class Labels(NamedTuple):
@@ -23,7 +25,8 @@ class Labels(NamedTuple):
     def name_for(self, path: Path) -> str:
         """Return the name under which a log is labelled, the longest that fits; empty if there is none.
 
-        A name is a file name, its stem, its beginning, or a part of it between marks that are no letters or digits.
+        A name is a file name, its stem, or a part of the stem, as its beginning, between marks that are no letters or
+        digits.
         """
         fitting = [name for name in self.answers if fits(name, path)]
         return max(fitting, key=len, default="")
@@ -38,10 +41,8 @@ def fits(name: str, path: Path) -> bool:
     """Return whether a label's name means this file."""
     if not name:
         return False
-    if path.name == name or path.stem.startswith(name):
-        return True
-    before, found, after = path.stem.partition(name)
-    return bool(found) and not before[-1:].isalnum() and not after[:1].isalnum()
+    apart = rf"(?<!{LETTER_OR_DIGIT}){re.escape(name)}(?!{LETTER_OR_DIGIT})"
+    return path.name == name or re.search(apart, path.stem) is not None
 
 
 def read_labels(path: Path) -> Labels:
