@@ -14,7 +14,7 @@ import pytest
 from shapely.geometry import Point, Polygon
 
 from saflite.campaign.presets.campaigns import load_campaign, template
-from saflite.console.run_data.run_folder import ArtefactRow, FlightRow
+from saflite.console.run_data.rows import ArtefactRow, FlightRow
 from saflite.console.view.report import bars, charts, evidence, layout, page
 from saflite.console.view.report.data import Exhibit, Progress, ReportData
 from saflite.console.view.report.svg import nice_step

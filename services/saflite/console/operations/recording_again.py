@@ -6,7 +6,8 @@ from pathlib import Path
 
 from saflite.console.io import outputs
 from saflite.console.operations import judging
-from saflite.console.run_data.run_folder import FlightRow, open_run
+from saflite.console.run_data.rows import FlightRow
+from saflite.console.run_data.run_folder import open_run
 from saflite.contract.errors import Refused
 from saflite.contract.flight import UNTOLD
 from saflite.contract.verdict import Judgement

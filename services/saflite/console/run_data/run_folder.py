@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 import msgspec
 
@@ -18,6 +18,7 @@ from saflite.campaign.storage.packing import Packing
 from saflite.campaign.storage.sqlite import connect_reading, damage_named
 from saflite.campaign.storage.store import store_file
 from saflite.console.run_data.embargo import Released, is_public
+from saflite.console.run_data.rows import ArtefactRow, FlightRow, ScoreRow, UsageRow
 from saflite.console.view import out
 from saflite.contract import wire
 from saflite.contract.blobs import BlobMissing, BlobRef
@@ -25,7 +26,7 @@ from saflite.contract.circumstances import Circumstances, circumstances_of, is_m
 from saflite.contract.config import Campaign
 from saflite.contract.errors import Refused
 from saflite.contract.events import Event
-from saflite.contract.flight import UNTOLD, Flight, Purpose, Trace, unpack_trace
+from saflite.contract.flight import Flight, Purpose, Trace, unpack_trace
 from saflite.contract.names import recording_file
 from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import TestCase
@@ -37,64 +38,6 @@ from saflite.recorder.summary import Finding, PolicyFacts, Rulings, RunSummary
 
 T = TypeVar("T")
 EVENTS_AT_ONCE, ROUNDS_MAX = 500, 10**9
-
-
-class FlightRow(NamedTuple):
-    """One flight as the books counted it. `robustness` None: not judged, or nothing could be said."""
-
-    test_case: str
-    flight_index: int
-    purpose: Purpose
-    ending: str
-    simulated_s: float
-    wall_s: float
-    trace_digest: str
-    worker: str
-    robustness: float | None
-    violated: tuple[str, ...]
-
-    def shows(self, violation: Violation) -> bool:
-        """Whether it is the flight that shows a violation: no re-flight, check, or flight of a smaller one tried."""
-        same = self.test_case == violation.test_case and self.flight_index == violation.flight_index
-        return same and self.purpose not in UNTOLD
-
-
-class ArtefactRow(NamedTuple):
-    """A named file that a flight left behind and the run has kept."""
-
-    test_case: str
-    purpose: Purpose
-    flight_index: int
-    name: str
-    blob: BlobRef
-
-
-class ScoreRow(NamedTuple):
-    """A score and what came of the test case: `violated` None while it was not flown."""
-
-    test_case: str
-    model: str
-    scored_by: str
-    value: float
-    shadow: bool
-    fault: str
-    selected_by: str
-    violated: bool | None
-
-
-class UsageRow(NamedTuple):
-    """What the calls of one model took in sum."""
-
-    model: str
-    batches: int
-    calls: int
-    tokens_in: int
-    tokens_out: int
-    latency_s: float
-    cost_usd: float
-    asked_again: int
-    cached: int
-    faults: int
 
 
 class RunFolder:
@@ -321,11 +264,14 @@ class RunFolder:
     # ---- scores --------------------------------------------------------------------------------------------------
 
     def scores(self) -> list[ScoreRow]:
-        """Return every score beside what came of its test case."""
+        """Return every score beside what came of its test case, where the round that it was given in selected it.
+
+        A test case may be scored in several rounds and is flown once: its flight answers one score of each model.
+        """
         query = (
             "SELECT s.test_case, s.model, s.scored_by, s.value, s.shadow, s.fault, coalesce(c.selected_by, ''),"
-            " j.violated FROM scores s LEFT JOIN selected c ON c.test_case = s.test_case"
-            " LEFT JOIN judgements j ON j.test_case = s.test_case AND j.flight_index = 0"
+            " j.violated FROM scores s LEFT JOIN selected c ON c.test_case = s.test_case AND c.round = s.round"
+            " LEFT JOIN judgements j ON j.test_case = c.test_case AND j.flight_index = 0"
             " ORDER BY s.rowid"
         )
         return [

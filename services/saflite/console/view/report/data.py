@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from saflite.campaign.engine.exposure import ArmCounts
 from saflite.console.run_data.embargo import Released, is_public
 from saflite.console.run_data.farm_lookup import says_it_runs
-from saflite.console.run_data.run_folder import ArtefactRow, FlightRow, RunFolder, UsageRow
+from saflite.console.run_data.rows import ArtefactRow, FlightRow, UsageRow
+from saflite.console.run_data.run_folder import RunFolder
 from saflite.contract.circumstances import Circumstances
 from saflite.contract.config import Campaign
 from saflite.contract.events import CampaignChanged, FaultSeen, Flown, Judged, Quarantined, ViolationFound

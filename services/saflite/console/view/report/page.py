@@ -10,7 +10,7 @@ import numpy as np
 from saflite.campaign.engine.exposure import ArmCounts
 from saflite.console.run_data.deduplication import deduplicate
 from saflite.console.run_data.embargo import withheld_words
-from saflite.console.run_data.run_folder import UsageRow
+from saflite.console.run_data.rows import UsageRow
 from saflite.console.view.html_text import escape
 from saflite.console.view.report import bars, charts, evidence
 from saflite.console.view.report.data import Progress, ReportData

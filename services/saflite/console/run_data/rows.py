@@ -1,0 +1,67 @@
+"""Rows of a run's tables as they are read."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from saflite.contract.blobs import BlobRef
+from saflite.contract.flight import UNTOLD, Purpose
+from saflite.contract.verdict import Violation
+
+
+class FlightRow(NamedTuple):
+    """One flight as the books counted it. `robustness` None: not judged, or nothing could be said."""
+
+    test_case: str
+    flight_index: int
+    purpose: Purpose
+    ending: str
+    simulated_s: float
+    wall_s: float
+    trace_digest: str
+    worker: str
+    robustness: float | None
+    violated: tuple[str, ...]
+
+    def shows(self, violation: Violation) -> bool:
+        """Whether it is the flight that shows a violation: no re-flight, check, or flight of a smaller one tried."""
+        same = self.test_case == violation.test_case and self.flight_index == violation.flight_index
+        return same and self.purpose not in UNTOLD
+
+
+class ArtefactRow(NamedTuple):
+    """A named file that a flight left behind and the run has kept."""
+
+    test_case: str
+    purpose: Purpose
+    flight_index: int
+    name: str
+    blob: BlobRef
+
+
+class ScoreRow(NamedTuple):
+    """A score and what came of the test case: `violated` None where its round did not fly it."""
+
+    test_case: str
+    model: str
+    scored_by: str
+    value: float
+    shadow: bool
+    fault: str
+    selected_by: str
+    violated: bool | None
+
+
+class UsageRow(NamedTuple):
+    """What the calls of one model took in sum."""
+
+    model: str
+    batches: int
+    calls: int
+    tokens_in: int
+    tokens_out: int
+    latency_s: float
+    cost_usd: float
+    asked_again: int
+    cached: int
+    faults: int
