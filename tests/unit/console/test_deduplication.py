@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import msgspec
 from hypothesis import given
 from hypothesis import strategies as st
 
 from saflite.console.run_data.deduplication import Find, deduplicate
-from saflite.contract.test_case import Obstacle, Scenario, Stimulus, Target, TestCase, identity
+from saflite.contract.test_case import Obstacle, Origin, Scenario, Stimulus, Target, TestCase, identity
 from saflite.contract.verdict import Confirmation, Violation
 
 NAMES = "ABCDE"
@@ -57,3 +58,17 @@ def test_every_violation_is_counted_once_whatever_the_order(sets: list[frozenset
     shuffled = list(finds)
     rng.shuffle(shuffled)  # type: ignore[attr-defined]
     assert deduplicate(shuffled) == found
+
+
+def test_a_smallest_form_counts_as_the_find_it_was_made_of() -> None:
+    """Also where that find went to another group: its own inputs hold the least of both."""
+    first, second = _find("A", "B", "C"), _find("B", "C", "D")
+    forms = [_form_of(first, "A", "B"), _form_of(first, "B"), _form_of(second, "C")]
+    found = deduplicate([first, second, *forms], {violation.test_case for violation, _ in forms})
+    assert [(one.words, one.violations) for one in found] == [("1 s parameter B 2", 2), ("1 s parameter C 2", 1)]
+
+
+def _form_of(find: Find, *names: str) -> Find:
+    violation, case = _find(*names)
+    case = msgspec.structs.replace(case, origin=Origin(strategy="test", parent=find[0].test_case))
+    return msgspec.structs.replace(violation, test_case=identity(case)), case

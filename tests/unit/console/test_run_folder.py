@@ -1,18 +1,30 @@
-"""A run folder read: every flight counted once."""
+"""A run folder read: every flight counted once, every find as the books count it."""
 
 from __future__ import annotations
 
+import json
 import sys
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 
+import pytest
+
 from saflite.campaign.storage.store import Store
+from saflite.console.cli import main
+from saflite.console.run_data.conclusion import conclude
 from saflite.console.run_data.run_folder import open_run
-from saflite.console.view.report.data import calibrations
+from saflite.console.view.dashboard.source import RunSource, _of_status
+from saflite.console.view.report import data
+from saflite.contract.blobs import Blobs
+from saflite.runtime.campaign_runner import ExitSummary
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "campaign"))
 
 from books_drive import Driver, doubles
+from test_minimization import Lucky, Stimulated, finish, started
+
+SHOWN = ("flights", "reflown", "behaviours", "finds", "flaky")
 
 
 def test_a_flight_answers_one_score_of_a_model(tmp_path: Path) -> None:
@@ -29,5 +41,35 @@ def test_a_flight_answers_one_score_of_a_model(tmp_path: Path) -> None:
         assert max(Counter((one.test_case, one.model, one.shadow) for one in answered).values()) == 1
         assert {one.test_case: one.violated for one in answered} == flown
         assert all(one.selected_by for one in answered)
-        (whole,) = (one for one in calibrations(run) if one.sample == "all")
+        (whole,) = (one for one in data.calibrations(run) if one.sample == "all")
         assert (whole.flights, whole.violations) == (len(flown), sum(flown.values()))
+
+
+@pytest.mark.parametrize("farm", [Stimulated, Lucky])
+def test_a_smallest_form_is_told_and_counts_as_no_find_of_its_own(
+    farm: Callable[[Blobs], doubles.Service], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """What a farm shows while it runs must not jump once it has ended, whichever command counts."""
+    driver, run_dir = started(tmp_path / "run"), tmp_path / "run"
+    assert driver.store is not None
+    driver.service = farm(driver.store.blobs)
+    finish(driver)
+    status = driver.books.status(driver.now)
+    live, rest = _of_status(status), RunSource(run_dir).figures()
+    assert {name: getattr(rest, name) for name in SHOWN} == {name: getattr(live, name) for name in SHOWN}
+    conclude(run_dir, ExitSummary(True, "the budget is spent", None, 0), as_json=True)
+    said = json.loads(capsys.readouterr().out)
+    assert (said["confirmed"], said["similar"]) == (status.violations_confirmed, status.violations_similar)
+    assert main(["report", str(run_dir), "--json", "--force"]) == 0
+    assert json.loads(capsys.readouterr().out)["confirmed"] == status.violations_confirmed
+    with open_run(run_dir) as run:
+        forms, told, made = run.smallest_forms(), {one.test_case for one in run.violations()}, data.read(run)
+        assert forms == {row.test_case for row in run.flights() if row.purpose == "shrunk"} & told
+        assert sum(run.endings().values()) == status.test_cases
+    assert forms, "nothing was made smaller"
+    assert forms <= {one["test_case"] for one in said["violations"]}
+    assert forms <= {one.violation.test_case for one in made.exhibits}
+    assert made.finds_shown("flaky") == status.violations_flaky
+    assert sum(made.finds.values()) == int(made.progress.found[-1]) == live.finds
+    assert max(cause["violations"] for cause in said["causes"]) <= live.finds
+    assert any(cause["test_case"] in forms for cause in said["causes"]), "the smallest inputs are told"

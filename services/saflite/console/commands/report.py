@@ -35,11 +35,11 @@ def run(args: argparse.Namespace) -> int:
         outputs.check_file(args.out, force=args.force)
     tell_loss(args.run)
     path, found = reporting.write(args.run, args.out, force=args.force, released=args.release)
-    confirmed = [one for one in found.exhibits if one.violation.confirmation == "confirmed"]
+    confirmed = found.finds_shown("confirmed")
     if args.json:
         told = [{"fingerprint": one.violation.fingerprint, "asked_first": one.circumstances} for one in found.exhibits]
-        out.json({"report": str(path), "confirmed": len(confirmed), "withheld": found.withheld, "findings": told})
+        out.json({"report": str(path), "confirmed": confirmed, "withheld": found.withheld, "findings": told})
     else:
-        out.line(f"{path}  ({len(confirmed)} confirmed violations)")
+        out.line(f"{path}  ({confirmed} confirmed violations)")
         embargo.tell(found.withheld)
     return 0

@@ -35,7 +35,7 @@ LEFT = (
 class Conclusion(NamedTuple):
     """What a run came to. `set_aside` counts test cases that we could not fly or judge, of `cases` ended.
 
-    `flown` counts flights by what they were flown for.
+    `flown` counts flights by what they were flown for, `standings` finds; `violations` tells of smallest forms, too.
     """
 
     flown: Counter[Purpose]
@@ -43,6 +43,7 @@ class Conclusion(NamedTuple):
     cases: int
     set_aside: int
     violations: tuple[Violation, ...]
+    standings: Counter[str]
     causes: tuple[Cause, ...]
     findings: tuple[Finding, ...]
     rulings: dict[str, Rulings]
@@ -60,11 +61,6 @@ class Conclusion(NamedTuple):
     def behaviours(self) -> list[Violation]:
         """The worst confirmed violation of each behaviour, the worst first."""
         return list({one.fingerprint: one for one in reversed(self.confirmed)}.values())[::-1]
-
-    @property
-    def similar(self) -> int:
-        """How many finds more there were of these behaviours."""
-        return sum(1 for one in self.violations if one.confirmation == "similar")
 
     @property
     def exit_code(self) -> int:
@@ -120,7 +116,8 @@ def _read(run: RunFolder) -> Conclusion:
         cases=sum(endings.values()),
         set_aside=endings.get("quarantined", 0),
         violations=tuple(run.violations()),
-        causes=deduplicate((one.violation, one.test_case) for one in findings),
+        standings=run.standings(),
+        causes=deduplicate(((one.violation, one.test_case) for one in findings), run.smallest_forms()),
         findings=tuple(one for one in findings if one.violation.confirmation != "similar"),
         rulings=run.rulings(),
         minimised=run.campaign.search.shrink,
@@ -140,8 +137,8 @@ def _plain(found: Conclusion, ended: ExitSummary) -> dict[str, Any]:
         "elapsed_s": found.elapsed_s,
         "processor_s": None if ended.status is None else ended.status.processor_s,
         "behaviours": len(found.behaviours),
-        "confirmed": len(found.confirmed),
-        "similar": found.similar,
+        "confirmed": found.standings["confirmed"],
+        "similar": found.standings["similar"],
         "arms": () if ended.status is None else ended.status.arms,
         "restarts": ended.restarts,
         "fallbacks": found.fallbacks[0],
@@ -154,13 +151,13 @@ def _plain(found: Conclusion, ended: ExitSummary) -> dict[str, Any]:
 
 
 def _tell(found: Conclusion, ended: ExitSummary) -> None:
-    good, flaky = found.behaviours, sum(1 for one in found.violations if one.confirmation == "flaky")
+    good, similar, flaky = found.behaviours, found.standings["similar"], found.standings["flaky"]
     out.line()
     out.line(f"{'ended' if ended.ended else 'stopped'}: {ended.why}")
     out.line(
         f"{found.flown['search']} flights in {found.elapsed_s:.0f} s ({_beside(found.flown)}); "
         f"{len(good)} behaviours confirmed{_value(ended)}"
-        + (f", {found.similar} finds more of them" if found.similar else "")
+        + (f", {similar} finds more of them" if similar else "")
         + (f", {flaky} flaky" if flaky else "")
         + (f"; {found.set_aside} test cases set aside, we could not fly or judge them" if found.set_aside else "")
         + (f"; {ended.restarts} processes started again" if ended.restarts else "")

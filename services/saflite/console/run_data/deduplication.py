@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from typing import NamedTuple
 
 from saflite.contract.test_case import TestCase, told_in_order
@@ -13,7 +13,7 @@ Find = tuple[Violation, TestCase]
 
 
 class Cause(NamedTuple):
-    """The smallest violating test case with certain inputs; `violations` counts those in which these came too."""
+    """The smallest violating test case with certain inputs; `violations` counts the finds in which these came too."""
 
     policy: str
     test_case: TestCase
@@ -35,28 +35,35 @@ class Cause(NamedTuple):
         }
 
 
-def deduplicate(finds: Iterable[Find]) -> tuple[Cause, ...]:
+def deduplicate(finds: Iterable[Find], smallest_forms: Collection[str] = ()) -> tuple[Cause, ...]:
     """Return the least sets of inputs (names, not values) among the confirmed violations, most frequent first.
 
     A violation belongs to the first least set that is part of its inputs. Minimising makes the sets small; without it
     this still joins sequences one of which contains the inputs of the other. Layouts of obstacles have no such order
-    and are left out.
+    and are left out. What is named among `smallest_forms` is counted as the find that it was made of.
     """
     found: dict[str, list[Find]] = {}
     for violation, test_case in finds:
         if violation.confirmation in ("confirmed", "similar") and not test_case.scenario.obstacles:
             found.setdefault(violation.policy, []).append((violation, test_case))
-    every = [cause for policy, group in found.items() for cause in _least(policy, group)]
+    every = [cause for policy, group in found.items() for cause in _least(policy, group, smallest_forms)]
     return tuple(sorted(every, key=lambda cause: (-cause.violations, cause.policy, cause.name)))
 
 
-def _least(policy: str, finds: list[Find]) -> list[Cause]:
+def _least(policy: str, finds: list[Find], smallest_forms: Collection[str]) -> list[Cause]:
     kept: dict[Inputs, list[Find]] = {}
     for find in sorted(finds, key=_size):
         inputs = _inputs(find[1])
         within = next((least for least in kept if least <= inputs), inputs)
         kept.setdefault(within, []).append(find)
-    return [Cause(policy, group[0][1], group[0][0].test_case, len(group)) for group in kept.values()]
+    return [Cause(policy, group[0][1], group[0][0].test_case, _count(group, smallest_forms)) for group in kept.values()]
+
+
+def _count(group: list[Find], smallest_forms: Collection[str]) -> int:
+    """Return how many finds a group is of: a smallest form stands for one that may have gone to another group."""
+    found = [violation.test_case for violation, _ in group if violation.test_case not in smallest_forms]
+    made_of = {case.origin.parent for violation, case in group if violation.test_case in smallest_forms}
+    return len(found) + len(made_of.difference(found))
 
 
 def _inputs(test_case: TestCase) -> Inputs:

@@ -70,8 +70,17 @@ class RunFolder:
             return self._contents.violations(confirmation, similar=similar)
 
     def standings(self) -> Counter[str]:
-        """Return how many violations there are of each standing."""
-        return Counter(dict(self._rows("SELECT confirmation, count(*) FROM violations GROUP BY confirmation")))
+        """Return how many finds there are of each standing, as the books count them: without smallest forms."""
+        query = (
+            "SELECT confirmation, count(*) FROM violations WHERE test_case IN (SELECT test_case FROM selected)"
+            " GROUP BY confirmation"
+        )
+        return Counter(dict(self._rows(query)))
+
+    def smallest_forms(self) -> frozenset[str]:
+        """Return the test cases among `violations` that are smallest forms of others, and no finds of their own."""
+        query = "SELECT test_case FROM violations WHERE test_case NOT IN (SELECT test_case FROM selected)"
+        return frozenset(str(name) for (name,) in self._rows(query))
 
     def test_case(self, name: str) -> TestCase:
         """Return a test case by its identity; raises Refused if the run holds none of that name."""
@@ -87,8 +96,9 @@ class RunFolder:
             return self._contents.judgement(name, flight_index)
 
     def endings(self) -> dict[str, int]:
-        """Return how many test cases ended in each state (held, confirmed, flaky, unconfirmed, quarantined)."""
-        return dict(self._rows("SELECT state, count(*) FROM endings GROUP BY state"))
+        """Return how many test cases of the search ended in each state (held, confirmed, flaky, quarantined, ...)."""
+        query = "SELECT state, count(*) FROM endings WHERE test_case IN (SELECT test_case FROM selected) GROUP BY state"
+        return dict(self._rows(query))
 
     def outcomes(self) -> Iterator[Outcome]:
         """Yield what became of the test cases of all rounds, in order."""
@@ -167,13 +177,12 @@ class RunFolder:
         flights = sum(1 for row in self.flights() if row.purpose == "search")
         found = self.findings()
         shown = [one for one in found if is_public(one, released)]
-        (held,) = next(self._rows("SELECT count(*) FROM endings WHERE state = 'held'"))
         return RunSummary(
             campaign=self.campaign,
             policies=tuple(self._facts(name, rulings) for name in self.campaign.policies),
             findings=tuple(shown),
             flights=flights,
-            held=int(held),
+            held=self.endings().get("held", 0),
             elapsed_s=self.elapsed_s(),
             version=release,
             withheld=len(found) - len(shown),

@@ -22,7 +22,7 @@ from saflite.contract.flight import Flight, Trace
 from saflite.contract.signals import MODES, UNNAMED_MODE
 from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import TestCase
-from saflite.contract.verdict import Judgement, Violation, with_mode_named
+from saflite.contract.verdict import Confirmation, Judgement, Violation, with_mode_named
 from saflite.contract.work import PolicyTexts
 from saflite.mutator.strategies.portfolio import NAME as PORTFOLIO
 from saflite.recorder.summary import Finding, Rulings
@@ -75,11 +75,18 @@ class ReportData(NamedTuple):
     fallbacks: tuple[int, str] = (0, "")
     arms: Mapping[str, ArmCounts] = MappingProxyType({})  # of a portfolio
     withheld: int = 0  # findings of memory safety not shown
+    smallest_forms: frozenset[str] = frozenset()  # test cases among the exhibits that are no finds of their own
+
+    def finds_shown(self, confirmation: Confirmation) -> int:
+        """Return how many finds of a standing are among the exhibits."""
+        shown = (one.violation for one in self.exhibits if one.violation.test_case not in self.smallest_forms)
+        return sum(1 for one in shown if one.confirmation == confirmation)
 
 
 def read(run: RunFolder, released: Released = ()) -> ReportData:
     """Read everything the report shows; of findings of memory safety the released ones only."""
     rulings, reached = run.coverage()
+    smallest_forms = run.smallest_forms()
     flights, states = tuple(run.flights()), states_named(run.target, reached)
     by_case: dict[str, list[FlightRow]] = {}
     for row in flights:
@@ -112,9 +119,12 @@ def read(run: RunFolder, released: Released = ()) -> ReportData:
         finds=Counter(
             one.fingerprint
             for one in run.violations()
-            if one.confirmation in ("confirmed", "similar") and one.fingerprint not in hidden
+            if one.confirmation in ("confirmed", "similar")
+            and one.fingerprint not in hidden
+            and one.test_case not in smallest_forms
         ),
         withheld=len(found) - len(shown),
+        smallest_forms=smallest_forms,
     )
 
 
@@ -182,7 +192,7 @@ def exhibit(run: RunFolder, finding: Finding, rows: list[FlightRow]) -> Exhibit:
 
 def progress(run: RunFolder) -> Progress:
     """Return the search flight by flight."""
-    flown, found, fingerprints = 0, 0, set[str]()
+    flown, found, fingerprints, smallest_forms = 0, 0, set[str](), run.smallest_forms()
     rows: list[tuple[float, float, float, float]] = [(0.0, np.nan, 0.0, 0.0)]
     for event in run.events():
         fact = event.fact
@@ -190,7 +200,7 @@ def progress(run: RunFolder) -> Progress:
             flown += fact.purpose == "search"
             continue
         if isinstance(fact, ViolationFound) and fact.violation.confirmation in ("confirmed", "similar"):
-            found += 1
+            found += fact.violation.test_case not in smallest_forms
             fingerprints.add(fact.violation.fingerprint)
         elif not (isinstance(fact, Judged) and fact.flight_index == 0):
             continue

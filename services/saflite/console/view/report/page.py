@@ -72,7 +72,7 @@ def settings(campaign: Campaign, fallbacks: tuple[int, str] = (0, "")) -> str:
 
 def _tiles(data: ReportData) -> str:
     confirmed = [exhibit for exhibit in data.exhibits if exhibit.violation.confirmation == "confirmed"]
-    flaky = sum(1 for exhibit in data.exhibits if exhibit.violation.confirmation == "flaky")
+    flaky = data.finds_shown("flaky")
     behaviours = len({exhibit.violation.fingerprint for exhibit in confirmed})
     simulated_s = sum(row.simulated_s for row in data.flights)
     flown = Counter(row.purpose for row in data.flights)
@@ -178,7 +178,7 @@ def _inputs(test_case: TestCase) -> str:
 
 
 def _causes(data: ReportData) -> str:
-    taken = deduplicate((exhibit.violation, exhibit.test_case) for exhibit in data.exhibits)
+    taken = deduplicate(((exhibit.violation, exhibit.test_case) for exhibit in data.exhibits), data.smallest_forms)
     if not taken:
         return ""
     numbers = {exhibit.violation.test_case: number for number, exhibit in enumerate(data.exhibits, start=1)}
