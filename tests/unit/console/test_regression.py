@@ -54,6 +54,14 @@ LOST = Sample(0, "infra", None, message="no simulator")
         ([flight("inconclusive")] * 3, "violates", "not judged", (0, 0, 0)),
         ([LOST] * 3, "violates", "not flown", (0, 0, 3)),
         ([LOST] * 3, "fixed", "not flown", (0, 0, 3)),
+        ([flight("held"), LOST, LOST], "violates", "not flown", (0, 1, 2)),
+        ([LOST, flight("vacuous"), flight("held")], "fixed", "not flown", (0, 2, 1)),
+        ([flight("inconclusive"), LOST, flight("held")], "violates", "not flown", (0, 1, 1)),
+        ([flight("held"), flight("inconclusive"), flight("held")], "violates", "not judged", (0, 2, 0)),
+        ([LOST, flight("held", also="a-chute")], "violates", "changed", (0, 1, 1)),
+        ([flight("inconclusive", also="a-chute"), LOST], "violates", "changed", (0, 0, 1)),
+        ([LOST, flight("violated")], "violates", "still there", (1, 1, 1)),
+        ([LOST, flight("held"), flight("violated")], "fixed", "came back", (1, 2, 1)),
     ],
 )
 def test_each_state_has_its_flights(
@@ -67,6 +75,15 @@ def test_modes_of_other_targets_are_not_compared() -> None:
     samples = [flight("violated", "upright, soft, in mode 2")]
     assert regressing.told(KNOWN, samples, HERE).state == "changed"
     assert regressing.told(KNOWN, samples, HERE._replace(target=Target(name="px4"))).state == "still there"
+
+
+def test_nothing_is_taken_for_fixed_that_a_lost_flight_could_have_shown(tmp_path: Path) -> None:
+    samples = [flight("held"), LOST, flight("held")]
+    result = regressing.told(KNOWN, samples, HERE)
+    assert (result.words, regressing.exit_code([result], known_ok=True)) == ("no simulator", 3)
+    assert regressing.check(result, known_ok=True).outcome == "error"
+    known.keep([regressing.after(result)], tmp_path)
+    assert known.read(tmp_path) == [KNOWN], "the corpus takes nothing from it"
 
 
 def told(state: State) -> regressing.Regressed:

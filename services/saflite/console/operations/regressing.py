@@ -71,34 +71,35 @@ def regress(
 def told(known: Known, samples: Sequence[Sample], build: Build) -> Regressed:
     """Return what flights on a build say of a known violation.
 
-    fixed        no flight violated any policy that the record did not
+    fixed        every flight was judged, and none violated any policy that the record did not
     still there  every flight violated, in the same way in at least one
     changed      every flight violated, in no flight the same way; or none, but another policy
     flaky        some flights violated
     came back    it was fixed, and a flight violated
-    not judged   the policy could not be judged; not flown: no flight says anything of the vehicle
+    not flown    none violated, and a flight that could have shown it says nothing of the vehicle
+    not judged   none violated, and in some the policy could not be judged
     """
     verdicts = [verdict for sample in samples if (verdict := sample.of(known.policy)) is not None]
     broken = [verdict for verdict in verdicts if verdict.outcome == "violated"]
     lost = [sample for sample in samples if sample.verdicts is None]
     others = sorted({name for sample in samples for name in sample.violated} - {known.policy, *known.also})
     memory = known.memory_safety or any(sample.memory_safety for sample in samples)
-    state, words = _state(known, verdicts, broken, others, build)
-    if not verdicts:
-        state = "not flown" if lost else "not judged"
-        words = lost[0].message if lost else _why_not(samples, known.policy)
+    if broken:
+        state, words = _broken(known, verdicts, broken, build)
+    elif others:
+        state, words = "changed", f"violates {', '.join(others)}" + (" instead" if verdicts else "")
+    elif lost:
+        state, words = "not flown", lost[0].message
+    elif len(verdicts) < len(samples):
+        state, words = "not judged", _why_not(samples, known.policy)
+    else:
+        silent = all(one.outcome == "vacuous" for one in verdicts)
+        state, words = "fixed", "the rule no longer applies" if silent else ""
     words = modes_named(words, describe_target(build.target.name).modes)
     return Regressed(known, state, len(broken), len(verdicts), len(lost), words, build.digest, memory)
 
 
-def _state(
-    known: Known, verdicts: Sequence[Verdict], broken: Sequence[Verdict], others: Sequence[str], build: Build
-) -> tuple[State, str]:
-    if not broken:
-        if others:
-            return "changed", f"violates {', '.join(others)} instead"
-        silent = verdicts and all(one.outcome == "vacuous" for one in verdicts)
-        return "fixed", "the rule no longer applies" if silent else ""
+def _broken(known: Known, verdicts: Sequence[Verdict], broken: Sequence[Verdict], build: Build) -> tuple[State, str]:
     ways = sorted({one.behaviour for one in broken})
     if known.standing == "fixed":
         return "came back", "; ".join(ways)
@@ -119,7 +120,8 @@ def _roughly(behaviour: str, ways: Sequence[str]) -> bool:
 
 
 def _why_not(samples: Sequence[Sample], policy: str) -> str:
-    messages = [one.message for sample in samples for one in sample.verdicts or () if one.policy == policy]
+    verdicts = [one for sample in samples for one in sample.verdicts or () if one.policy == policy]
+    messages = [one.message for one in verdicts if one.outcome == "inconclusive"]
     return messages[0] if messages else "no verdict"
 
 
