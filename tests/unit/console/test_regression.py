@@ -246,7 +246,11 @@ def test_new_is_what_the_flights_show_to_be_new() -> None:
     new = comparing._compared(KNOWN, [flight("held")] * 5, [flight("violated")] * 5)
     same = comparing._compared(KNOWN, [flight("violated")] * 5, [flight("violated")] * 5)
     lost = comparing._compared(KNOWN, [LOST] * 5, [flight("violated")] * 5)
+    partly = comparing._compared(KNOWN, [flight("held")] * 5, [flight("violated"), flight("held"), *[LOST] * 3])
+    enough = comparing._compared(KNOWN, [flight("held")] * 5, [*[flight("violated")] * 4, LOST])
     assert new.is_new(0.95)
+    assert enough.is_new(0.95)
+    assert not partly.is_new(0.95)
     assert same.chance == pytest.approx(0.5)
     assert not lost.is_new(0.95), "with nothing flown on the old build nobody knows"
 
@@ -254,3 +258,5 @@ def test_new_is_what_the_flights_show_to_be_new() -> None:
         return comparing.exit_code(comparing.Difference(compared, 0, (0, 1), (9, 9)), 0.95)
 
     assert [code(), code(same), code(lost), code(same, new, lost)] == [0, 0, 3, 1]
+    assert [code(partly), code(same, partly), code(enough)] == [3, 3, 1], "what is lost could have shown it"
+    assert [comparing.check(one, 0.95).outcome for one in (same, partly, enough)] == ["skipped", "error", "failed"]

@@ -41,6 +41,10 @@ class Compared(NamedTuple):
         """Whether it is shown to be new."""
         return self.chance >= confidence
 
+    def is_unsaid(self, confidence: float) -> bool:
+        """Whether it is not shown to be new, and flights are missing that could have shown it."""
+        return not self.is_new(confidence) and bool(self.lost or not self.old[1] or not self.new[1])
+
 
 class Difference(NamedTuple):
     """What came of both searches. `shared` counts behaviours that both searches found."""
@@ -174,18 +178,17 @@ def exit_code(found: Difference, confidence: float) -> int:
     """Return 1 where something is new, 3 where a search or flight that could have shown it failed, else 0."""
     if any(one.is_new(confidence) for one in found.compared):
         return 1
-    unsaid = any(not one.old[1] or not one.new[1] for one in found.compared)
+    unsaid = any(one.is_unsaid(confidence) for one in found.compared)
     return 3 if unsaid or not all(found.flights) else 0
 
 
 def check(one: Compared, confidence: float) -> Check:
     """Return it as a row for JUnit and SARIF."""
     fresh = one.is_new(confidence)
-    unsaid = not one.old[1] or not one.new[1]
     return Check(
         rule=one.known.policy,
         name=f"{one.known.fingerprint} {one.known.name}",
-        outcome="failed" if fresh else "error" if unsaid else "skipped",
+        outcome="failed" if fresh else "error" if one.is_unsaid(confidence) else "skipped",
         text=f"{'new' if fresh else 'not shown to be new'}: {WITHHELD if one.memory_safety else _line(one)}",
         level="error" if one.known.severity == "hard" else "warning",
         baseline="new" if fresh else "unchanged",
