@@ -82,3 +82,19 @@ def test_the_chance_of_a_greater_rate_is_the_integral(here: chances.Count, there
     first = draws.beta(1 + here[0], 1 + here[1] - here[0], 200_000)
     second = draws.beta(1 + there[0], 1 + there[1] - there[0], 200_000)
     assert chances.chance_greater(here, there) == pytest.approx((first > second).mean(), abs=0.01)
+
+
+@pytest.mark.parametrize("confidence", [0.9, 0.95, 0.99])
+@pytest.mark.parametrize("times", [2, 5, 10, 20])
+def test_equal_rates_are_told_apart_about_as_often_as_the_confidence_leaves(times: int, confidence: float) -> None:
+    """What the summary of `diff` says of chance: worked out over all outcomes, at the worst rate there is."""
+    counts = range(times + 1)
+    told = [
+        (here, there)
+        for here in counts
+        for there in counts
+        if chances.chance_greater((here, times), (there, times)) >= confidence
+    ]
+    outcomes = {rate: stats.binom.pmf(counts, times, rate) for rate in (one / 50 for one in range(1, 50))}
+    worst = max(sum(chance[here] * chance[there] for here, there in told) for chance in outcomes.values())
+    assert worst <= 1.4 * (1.0 - confidence)

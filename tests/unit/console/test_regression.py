@@ -258,5 +258,9 @@ def test_new_is_what_the_flights_show_to_be_new() -> None:
         return comparing.exit_code(comparing.Difference(compared, 0, (0, 1), (9, 9)), 0.95)
 
     assert [code(), code(same), code(lost), code(same, new, lost)] == [0, 0, 3, 1]
+    difference = comparing.Difference((new, same), 0, (0, 2), (9, 9))
+    assert comparing.lines(difference, HERE, HERE, 0.95)[-1].endswith(
+        "(of 2 compared; by chance alone about 0.10 would be told so)"
+    ), "what is expected of all that was compared, not of what was told only"
     assert [code(partly), code(same, partly), code(enough)] == [3, 3, 1], "what is lost could have shown it"
     assert [comparing.check(one, 0.95).outcome for one in (same, partly, enough)] == ["skipped", "error", "failed"]

@@ -1,9 +1,9 @@
 """Search two builds alike and report only what is new in the second.
 
 Both are searched with one campaign and random seed. What only the search of the second showed is flown again on both,
-under noise of its own: reported as new is what violates more often on the second with the confidence asked for (flat
-priors on both rates). A build is as for `saflite regress`. Exit code 0: nothing new; 1: something new; 3: it cannot be
-said.
+under noise that no search flew: reported as new is what violates more often on the second with the confidence asked for
+(flat priors on both rates). A build is as for `saflite regress`. Exit code 0: nothing new; 1: something new; 3: it
+cannot be said.
 
 examples:
   saflite diff betaflight_stock betaflight --campaign betaflight-failsafe --budget 200

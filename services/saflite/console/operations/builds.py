@@ -23,6 +23,9 @@ from saflite.contract.verdict import Verdict
 from saflite.contract.work import PolicyTexts
 from saflite.simulator_worker.registry import describe_target
 
+FRESH_NOISE = 10_000
+"""The first noise that no campaign flies: it keeps what violated under those below, and flights repeat bit by bit."""
+
 TRIES = 2
 """How often a flight that says nothing of the vehicle is tried."""
 
@@ -194,6 +197,11 @@ class Benches:
         for bench in self._open:
             bench.close()
         self._open = []
+
+
+def fresh_noises(count: int) -> tuple[int, ...]:
+    """Return the noises of `count` flights that are counted: none had a part in what was found, or confirmed it."""
+    return tuple(range(FRESH_NOISE, FRESH_NOISE + count))
 
 
 def noises(count: int, first: int = 0) -> tuple[int, ...]:

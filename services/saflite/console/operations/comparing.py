@@ -12,7 +12,7 @@ import msgspec
 from saflite.campaign.storage.own_folder import STORE
 from saflite.campaign.storage.store import campaign_of
 from saflite.console.operations import builds, running
-from saflite.console.operations.builds import Benches, Build, Sample, noises
+from saflite.console.operations.builds import Benches, Build, Sample, fresh_noises
 from saflite.console.operations.chances import Count, chance_greater
 from saflite.console.operations.regressing import WITHHELD
 from saflite.console.run_data import known, reporting
@@ -131,7 +131,7 @@ def _flown(only: Sequence[Known], build: Build, times: int, wall_limit_s: float)
         return [
             [
                 benches.of(build).fly(one.test_case, (one.policy,), one.policy_texts, noise)
-                for noise in noises(times, one.noise)
+                for noise in fresh_noises(times)
             ]
             for one in only
         ]
@@ -154,12 +154,14 @@ def lines(found: Difference, old: Build, new: Build, confidence: float) -> list[
     fresh = [one for one in found.compared if one.is_new(confidence)]
     doubtful = [one for one in found.compared if not one.is_new(confidence)]
     rows = [f"NEW  {_line(one)}" for one in fresh] + [f"not shown to be new  {_line(one)}" for one in doubtful]
-    wrong = sum(1.0 - one.chance for one in fresh)
+    told = len(found.compared)
     heads = [
         f"{old.label}: {found.flights[0]} flights, {found.found[0]} behaviours",
         f"{new.label}: {found.flights[1]} flights, {found.found[1]} behaviours, {found.shared} of them in both",
     ]
-    summary = f"{len(fresh)} new in {new.label}" + (f" (of these about {wrong:.2f} by chance)" if fresh else "")
+    # what violates equally often on both is told to be new about as often as the confidence leaves room for
+    expected = f" (of {told} compared; by chance alone about {told * (1.0 - confidence):.2f} would be told so)"
+    summary = f"{len(fresh)} new in {new.label}" + (expected if fresh else "")
     return [*heads, *rows, summary]
 
 
