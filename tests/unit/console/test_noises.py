@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from saflite.campaign.presets.policy_campaigns import policy_text
-from saflite.console.operations import builds, comparing
+from saflite.console.operations import builds, comparing, flaking
 from saflite.console.operations.builds import Build
 from saflite.console.run_data.known import Known
 from saflite.contract import modules
@@ -67,3 +67,13 @@ def test_a_find_is_not_new_because_the_search_of_the_new_build_selected_it(versi
     compared = comparing._compared(FIND, on_old, on_new)
     assert (compared.old, compared.new, compared.lost) == ((0, TIMES), (0, TIMES), 0)
     assert not compared.is_new(0.5 + 1e-9)
+
+
+def test_a_rate_is_not_that_of_the_flights_by_which_it_was_found(versions: tuple[Build, Build]) -> None:
+    flown = flaking.flake(FIND, versions[1], TIMES, WALL_LIMIT_S)
+    (rate,) = flown.rates
+    assert (rate.violated, rate.judged, flown.lost) == (0, TIMES, [])
+    assert (flown.own.noise, flown.own.violated) == (FIND.noise, (POLICY,))
+    assert flaking.lines(flown)[-1].endswith(f"under the noise of its record, not counted: violates {POLICY}")
+    assert flaking.plain(flown)["own_noise"]["violated"] == (POLICY,)
+    assert flaking.exit_code(flown) == 1, "violated it was"

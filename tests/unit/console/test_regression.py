@@ -228,13 +228,16 @@ def test_noises_begin_with_the_one_of_the_record() -> None:
 def test_rates_are_told_by_policy_with_lost_flights_apart() -> None:
     samples = (flight("violated"), flight("held"), LOST, flight("held", also="a-chute"))
     rates = tuple(flaking._rate(name, samples) for name in ("upright", "a-chute"))
-    flown = flaking.Flaked(KNOWN, HERE, samples, rates)
+    flown = flaking.Flaked(KNOWN, HERE, samples, rates, LOST)
     assert [(one.violated, one.judged) for one in rates] == [(1, 3), (1, 1)]
     assert flaking.exit_code(flown) == 1
     assert any("1 x upright, soft, in LOITER" in text for text in flaking.lines(flown)), "modes have names"
     assert any("1 of 4 flights say nothing: no simulator" in text for text in flaking.lines(flown))
-    silent = flaking.Flaked(KNOWN, HERE, (LOST,), (flaking._rate("upright", (LOST,)),))
+    assert flaking.lines(flown)[-1].endswith("not counted: says nothing: no simulator")
+    silent = flaking.Flaked(KNOWN, HERE, (LOST,), (flaking._rate("upright", (LOST,)),), LOST)
     assert flaking.exit_code(silent) == 3
+    assert flaking.exit_code(silent._replace(own=flight("held"))) == 3, "one flight that is not counted shows no rate"
+    assert flaking.exit_code(silent._replace(own=flight("violated"))) == 1
 
 
 def test_a_violation_on_a_target_that_tells_no_mode_says_so() -> None:

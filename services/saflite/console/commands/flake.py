@@ -1,7 +1,9 @@
 """Fly one test case many times under other noise and tell how often it violates, with the interval of the rate.
 
-CASE is a test case (.yaml, .json), a recording, a file of a corpus, or a run folder with `--violation`. Flights that
-say nothing of the vehicle are counted apart. Exit code 0: never violated; 1: violated; 3: no flight could be judged.
+CASE is a test case (.yaml, .json), a recording, a file of a corpus, or a run folder with `--violation`. No campaign
+flies the noises that are counted, so the rate is not that of the flights by which it was found; one flight more, under
+the noise of its record, is told apart. So are flights that say nothing of the vehicle. Exit code 0: never violated;
+1: violated; 3: no flight counted could be judged.
 
 examples:
   saflite flake runs/avoidance-m2 --violation 3f2a -n 20
@@ -20,7 +22,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     from saflite.console.io import arguments
 
     parser.add_argument("case", type=Path, help="test case, recording, file of a corpus, or run folder")
-    parser.add_argument("-n", type=int, default=20, metavar="N", help="flights (20)")
+    parser.add_argument("-n", type=int, default=20, metavar="N", help="flights that are counted (20)")
     parser.add_argument("--violation", default="", metavar="ID", help="of a run: this fingerprint or test case")
     parser.add_argument("--policy", action="append", default=[], help="judge by this policy (may be repeated)")
     parser.add_argument(

@@ -1,11 +1,11 @@
-"""How often one test case violates under other noise."""
+"""How often one test case violates under noise that had no part in finding it; what it does under its own, apart."""
 
 from __future__ import annotations
 
 from collections import Counter
 from typing import Any, NamedTuple
 
-from saflite.console.operations.builds import Bench, Build, Sample, noises
+from saflite.console.operations.builds import Bench, Build, Sample, fresh_noises
 from saflite.console.run_data.known import Known
 from saflite.contract.flight import AUTOPILOT_ALIVE
 from saflite.contract.interval import Interval, wilson
@@ -25,12 +25,13 @@ class PolicyRate(NamedTuple):
 
 
 class Flaked(NamedTuple):
-    """Flights of one test case on a build."""
+    """Flights of one test case on a build: those that `rates` count; `own` is the one under the noise of its record."""
 
     known: Known
     build: Build
     samples: tuple[Sample, ...]
     rates: tuple[PolicyRate, ...]
+    own: Sample
 
     @property
     def lost(self) -> list[Sample]:
@@ -39,16 +40,18 @@ class Flaked(NamedTuple):
 
 
 def flake(known: Known, build: Build, count: int, wall_limit_s: float) -> Flaked:
-    """Fly the test case `count` times, each under noise of its own, and count what is violated."""
+    """Fly the test case under the noise of its record, then `count` times under noise of its own each; count these."""
     policies = tuple(dict.fromkeys((known.policy, *known.policies)))
     with Bench(build, wall_limit_s) as bench:
-        samples = tuple(
-            bench.fly(known.test_case, policies, known.policy_texts, noise) for noise in noises(count, known.noise)
+        own, *others = (
+            bench.fly(known.test_case, policies, known.policy_texts, noise)
+            for noise in (known.noise, *fresh_noises(count))
         )
+    samples = tuple(others)
     died = (AUTOPILOT_ALIVE,) if any(AUTOPILOT_ALIVE in sample.violated for sample in samples) else ()
     rates = tuple(_rate(name, samples) for name in dict.fromkeys((*policies, *died)))
     told = tuple(one for one in rates if one.violated or one.policy == known.policy)
-    return Flaked(known, build, samples, told)
+    return Flaked(known, build, samples, told, own)
 
 
 def _rate(policy: str, samples: tuple[Sample, ...]) -> PolicyRate:
@@ -60,8 +63,8 @@ def _rate(policy: str, samples: tuple[Sample, ...]) -> PolicyRate:
 
 
 def exit_code(flown: Flaked) -> int:
-    """Return 1 where something was violated, 3 where no flight could be judged."""
-    if any(one.violated for one in flown.rates):
+    """Return 1 where something was violated, be it under its own noise, 3 where no flight counted could be judged."""
+    if flown.own.violated or any(one.violated for one in flown.rates):
         return 1
     return 0 if any(one.judged for one in flown.rates) else 3
 
@@ -80,7 +83,14 @@ def lines(flown: Flaked) -> list[str]:
         found += [f"    {count} x {modes_named(way, modes)}" for way, count in one.ways.most_common()]
     if flown.lost:
         found.append(f"  {len(flown.lost)} of {len(flown.samples)} flights say nothing: {flown.lost[0].message}")
+    found.append(f"  under the noise of its record, not counted: {_own(flown.own)}")
     return found
+
+
+def _own(sample: Sample) -> str:
+    if sample.verdicts is None:
+        return f"says nothing: {sample.message}"
+    return f"violates {', '.join(sample.violated)}" if sample.violated else "violates nothing"
 
 
 def plain(flown: Flaked) -> dict[str, Any]:
@@ -91,6 +101,11 @@ def plain(flown: Flaked) -> dict[str, Any]:
         "build": flown.build.digest,
         "flights": len(flown.samples),
         "lost": len(flown.lost),
+        "own_noise": {
+            "noise": flown.own.noise,
+            "ending": flown.own.ending,
+            "violated": None if flown.own.verdicts is None else flown.own.violated,
+        },
         "policies": {
             one.policy: {
                 "violated": one.violated,
