@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from saflite.campaign.presets.policy_campaigns import policy_text
-from saflite.console.operations import builds, comparing, flaking
+from saflite.console.operations import bisecting, builds, comparing, flaking
 from saflite.console.operations.builds import Build
 from saflite.console.run_data.known import Known
 from saflite.contract import modules
@@ -77,3 +77,9 @@ def test_a_rate_is_not_that_of_the_flights_by_which_it_was_found(versions: tuple
     assert flaking.lines(flown)[-1].endswith(f"under the noise of its record, not counted: violates {POLICY}")
     assert flaking.plain(flown)["own_noise"]["violated"] == (POLICY,)
     assert flaking.exit_code(flown) == 1, "violated it was"
+
+
+def test_no_build_broke_what_violates_under_chosen_noise_only(versions: tuple[Build, Build]) -> None:
+    found = bisecting.bisect(FIND, versions, confidence=0.8, most=30, wall_limit_s=WALL_LIMIT_S)
+    assert (found.change, found.sure) == ("never", True)
+    assert [violated for violated, _ in found.counts] == [0, 0]

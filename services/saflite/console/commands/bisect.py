@@ -2,8 +2,8 @@
 
 CASE is as for `saflite flake`; a build is as for `saflite regress` (`TARGET[+DEFECT...] [SETTING=VALUE ...]`, TARGET a
 name or a module file), the oldest first. Flights under other noise go where they tell most, until one answer is likely
-enough; flights and builds that fail on our side are counted apart. Exit code 0: fixed, or never violated; 1: a build
-broke it, or all violate; 3: no answer is likely enough.
+enough; no campaign flies these noises. Flights and builds that fail on our side are counted apart. Exit code 0: fixed,
+or never violated; 1: a build broke it, or all violate; 3: no answer is likely enough.
 
 examples:
   saflite bisect case.json v1/firmware.py v2/firmware.py v3/firmware.py --policy upright

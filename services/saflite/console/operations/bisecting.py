@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 from saflite.console.operations import chances
-from saflite.console.operations.builds import Benches, Build, Sample
+from saflite.console.operations.builds import FRESH_NOISE, Benches, Build, Sample
 from saflite.console.operations.chances import Change, Count
 from saflite.console.run_data.known import Known
 
@@ -52,13 +52,16 @@ class Bisected(NamedTuple):
 
 
 def bisect(known: Known, builds: Sequence[Build], *, confidence: float, most: int, wall_limit_s: float) -> Bisected:
-    """Fly the test case on the builds until one answer has `confidence`, or `most` flights were flown."""
+    """Fly the test case on the builds until one answer has `confidence`, or `most` flights were flown.
+
+    The noises are none of those by which it was found: on the build of the record these were chosen to violate.
+    """
     policies = tuple(dict.fromkeys((known.policy, *known.policies)))
     with Benches(wall_limit_s) as benches:
 
         def fly(at: int, number: int) -> Sample:
             bench = benches.of(builds[at])
-            return bench.fly(known.test_case, policies, known.policy_texts, known.noise + number)
+            return bench.fly(known.test_case, policies, known.policy_texts, FRESH_NOISE + number)
 
         return search(fly, known.policy, len(builds), confidence=confidence, most=most)
 
