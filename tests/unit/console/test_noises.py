@@ -12,9 +12,10 @@ from pathlib import Path
 import pytest
 
 from saflite.campaign.presets.policy_campaigns import policy_text
-from saflite.console.operations import bisecting, builds, comparing, flaking
+from saflite.console.operations import bisecting, builds, comparing, flaking, regressing
 from saflite.console.operations.builds import Build
 from saflite.console.run_data.known import Known
+from saflite.console.view import regression
 from saflite.contract import modules
 from saflite.contract.config import RANGES
 from saflite.contract.test_case import Scenario, StartState, Target, TestCase, identity, under_noise
@@ -83,3 +84,16 @@ def test_no_build_broke_what_violates_under_chosen_noise_only(versions: tuple[Bu
     found = bisecting.bisect(FIND, versions, confidence=0.8, most=30, wall_limit_s=WALL_LIMIT_S)
     assert (found.change, found.sure) == ("never", True)
     assert [violated for violated, _ in found.counts] == [0, 0]
+
+
+def test_a_known_violation_has_the_rate_of_fresh_noise(versions: tuple[Build, Build]) -> None:
+    def flown(times: int) -> regressing.Regressed:
+        (found,) = regressing.regress([FIND], versions[1], times=times, wall_limit_s=WALL_LIMIT_S)
+        return found
+
+    told = flown(TIMES)
+    assert (told.state, told.violated, told.judged, told.fresh) == ("flaky", 1, TIMES, (0, TIMES - 1))
+    assert told.rate == "1 of 5, rate 0.00 to 0.49 under fresh noise"
+    assert regression.plain(told)["fresh_noise"] == {"violated": 0, "judged": TIMES - 1}
+    alone = flown(1)
+    assert (alone.state, alone.rate) == ("still there", "1 of 1"), "the flight that found it has no rate to tell"

@@ -221,8 +221,9 @@ def test_a_build_that_does_not_run_is_left_out_and_a_wrong_name_is_refused(tmp_p
 
 
 def test_noises_begin_with_the_one_of_the_record() -> None:
-    assert builds.noises(4) == (0, 1, 2, 3)
-    assert builds.noises(4, first=2) == (2, 0, 1, 3)
+    assert builds.noises(1, first=2) == (2,)
+    assert builds.noises(4) == (0, *builds.fresh_noises(3))
+    assert builds.noises(4, first=2) == (2, *builds.fresh_noises(3))
 
 
 def test_rates_are_told_by_policy_with_lost_flights_apart() -> None:

@@ -2,7 +2,8 @@
 
 Takes a run folder (its confirmed violations, one of each behaviour) or a corpus, a folder that `--corpus` wrote: what
 is fixed stays in it, so that a nightly `saflite regress CORPUS` sees it come back. Each is flown three times (five
-where flights repeat only statistically), first under the noise of its record.
+where flights repeat only statistically), first under the noise of its record, then under noise that no campaign flies;
+the interval of its rate is of the latter.
 
 A build is `TARGET[+DEFECT...] [SETTING=VALUE ...]`, TARGET a name or a module file (.py). With no `--target` each flies
 on its own target as it is installed now. Exit code 0: all fixed; 1: something is violated; 3: something could not be

@@ -205,5 +205,5 @@ def fresh_noises(count: int) -> tuple[int, ...]:
 
 
 def noises(count: int, first: int = 0) -> tuple[int, ...]:
-    """Return the noises of `count` flights: the one of the record first."""
-    return (first, *(number for number in range(count + 1) if number != first))[:count]
+    """Return the noises of `count` flights: the one of the record first, then fresh ones."""
+    return (first, *fresh_noises(count - 1))

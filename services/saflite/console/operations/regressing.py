@@ -1,4 +1,4 @@
-"""What became of known violations on a build: each flown again, under the noise of its record and others."""
+"""What became of known violations on a build: each flown again, under the noise of its record and fresh ones."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from typing import Literal, NamedTuple
 
 import msgspec
 
-from saflite.console.operations.builds import Benches, Build, Sample, noises, of_case
+from saflite.console.operations.builds import FRESH_NOISE, Benches, Build, Sample, noises, of_case
+from saflite.console.operations.chances import Count
 from saflite.console.run_data.known import Known
 from saflite.console.view.ci_files import Check, Outcome
 from saflite.contract.interval import wilson
@@ -27,7 +28,10 @@ WITHHELD = "memory safety, withheld"
 
 
 class Regressed(NamedTuple):
-    """A known violation on a build: `violated` of `judged` flights, `lost` flights that say nothing of the vehicle."""
+    """A known violation on a build: `violated` of `judged` flights, `lost` flights that say nothing of the vehicle.
+
+    `fresh` counts those under noise that had no part in finding it.
+    """
 
     known: Known
     state: State
@@ -37,15 +41,17 @@ class Regressed(NamedTuple):
     words: str
     build: str
     memory_safety: bool = False
+    fresh: Count = (0, 0)
 
     @property
     def rate(self) -> str:
-        """The counts with the 95 % interval of the rate, in words."""
+        """The counts with the 95 % interval of the rate under fresh noise, where there is one, in words."""
         if not self.judged:
             return f"{self.lost} flights lost"
-        found = wilson(self.violated, self.judged)
+        found = wilson(*self.fresh)
         lost = f", {self.lost} lost" if self.lost else ""
-        return f"{self.violated} of {self.judged}, rate {found.low:.2f} to {found.high:.2f}{lost}"
+        interval = "" if found.value is None else f", rate {found.low:.2f} to {found.high:.2f} under fresh noise"
+        return f"{self.violated} of {self.judged}{interval}{lost}"
 
 
 def regress(
@@ -96,7 +102,9 @@ def told(known: Known, samples: Sequence[Sample], build: Build) -> Regressed:
         silent = all(one.outcome == "vacuous" for one in verdicts)
         state, words = "fixed", "the rule no longer applies" if silent else ""
     words = modes_named(words, describe_target(build.target.name).modes)
-    return Regressed(known, state, len(broken), len(verdicts), len(lost), words, build.digest, memory)
+    fresh = [verdict for one in samples if one.noise >= FRESH_NOISE and (verdict := one.of(known.policy)) is not None]
+    count = sum(1 for verdict in fresh if verdict.outcome == "violated"), len(fresh)
+    return Regressed(known, state, len(broken), len(verdicts), len(lost), words, build.digest, memory, count)
 
 
 def _broken(known: Known, verdicts: Sequence[Verdict], broken: Sequence[Verdict], build: Build) -> tuple[State, str]:

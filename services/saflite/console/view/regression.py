@@ -26,6 +26,7 @@ def plain(result: Regressed) -> dict[str, Any]:
         "violated": result.violated,
         "judged": result.judged,
         "lost": result.lost,
+        "fresh_noise": {"violated": result.fresh[0], "judged": result.fresh[1]},
         "words": result.words,
         "build": result.build,
     }
