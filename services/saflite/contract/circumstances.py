@@ -38,7 +38,8 @@ class Circumstances(msgspec.Struct, frozen=True, kw_only=True):
     `stock` tells whether the build is as its makers ship it, `options` what it was built with otherwise. Of `repeated`
     flights more under the same noise `equal` were the same bit by bit (0 of 0: the target repeats statistically, or
     none was flown); how often it violates under other noise stands in `Violation`. `steps` are boxes, then inputs in
-    order; `minimal` where what can be left out was left out. `memory_safety`: reported in private first.
+    order; `minimal` where what can be left out was left out. `memory_safety`: any flight of the test case ended
+    by a fault of memory, reported in private first.
     """
 
     values: InRange

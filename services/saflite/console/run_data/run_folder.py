@@ -148,21 +148,21 @@ class RunFolder:
         order = {"confirmed": 0, "unconfirmed": 1, "flaky": 2}
         found = self.violations(similar=similar)
         found.sort(key=lambda one: (order.get(one.confirmation, 3), one.robustness, one.test_case))
-        return [self._finding(one) for one in found]
+        memory = self.memory_faults()
+        return [self._finding(one, one.test_case in memory) for one in found]
 
-    def _finding(self, violation: Violation) -> Finding:
+    def _finding(self, violation: Violation, memory: bool) -> Finding:
         name, test_case = violation.test_case, self.test_case(violation.test_case)
-        judgement = self.judgement(name, violation.flight_index)
-        return Finding(violation, test_case, judgement, self.recording(name), self._circumstances(violation, test_case))
+        judgement, recording = self.judgement(name, violation.flight_index), self.recording(name)
+        return Finding(violation, test_case, judgement, recording, self._circumstances(violation, test_case, memory))
 
-    def _circumstances(self, violation: Violation, test_case: TestCase) -> Circumstances:
+    def _circumstances(self, violation: Violation, test_case: TestCase, memory: bool) -> Circumstances:
         rows = self.flights(violation.test_case)
         shown = next((row for row in rows if row.shows(violation)), None)
         flight = None if shown is None else self.flight(shown)
         again = [row for row in rows if row.purpose == "check" and violation.flight_index == 0]
         equal = [row for row in again if shown is not None and row.trace_digest == shown.trace_digest]
         found = circumstances_of(test_case, self.target, None if flight is None else flight.delivered)
-        memory = flight is not None and is_memory_fault(flight.ending, flight.message)
         return msgspec.structs.replace(found, repeated=len(again), equal=len(equal), memory_safety=memory)
 
     def summary(self, released: Released = ()) -> RunSummary:
@@ -252,7 +252,7 @@ class RunFolder:
         return Counter(dict(self._rows("SELECT purpose, count(*) FROM flights GROUP BY purpose")))
 
     def memory_faults(self) -> frozenset[str]:
-        """Return the test cases a flight of which ended by a fault of memory: reported in private first."""
+        """Return the test cases any flight of which ended by a fault of memory: all finds of them are private first."""
         rows = self._rows("SELECT test_case, message FROM flights WHERE ending = 'autopilot_died'")
         return frozenset(str(name) for name, message in rows if is_memory_fault("autopilot_died", message))
 
