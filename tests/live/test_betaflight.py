@@ -13,10 +13,10 @@ import msgspec
 import pytest
 
 from saflite.conformance.flying import opened
-from saflite.contract.circumstances import is_memory_fault
 from saflite.contract.config import environment_with
 from saflite.contract.errors import Refused
 from saflite.contract.flight import Flight, FlightRecord, trace_digest
+from saflite.contract.memory_faults import is_memory_fault
 from saflite.contract.rng import derive
 from saflite.contract.standalone import Evidence
 from saflite.contract.test_case import Scenario, StartState, Stimulus, Target, TestCase, identity

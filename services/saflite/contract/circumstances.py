@@ -5,14 +5,13 @@ For every target alike: documented ranges and links are those of `TargetInfo.inp
 
 from __future__ import annotations
 
-import re
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from typing import Annotated, Literal
 
 import msgspec
 
 from saflite.contract.bounds import Count, Text
-from saflite.contract.flight import Delivered, Ending, given
+from saflite.contract.flight import Delivered, given
 from saflite.contract.target_info import InputInfo, Link, Repeats, TargetInfo
 from saflite.contract.test_case import Stimulus, StimulusKind, TestCase, setting_text, stimulus_text, twin_text
 
@@ -26,7 +25,6 @@ _OF_KIND: dict[StimulusKind, Link] = {
     "mode": "pilot",
     "sensor_fault": "none",
 }
-_MEMORY = re.compile(r"Sanitizer|\bsignal \d+|\bSIG[A-Z]{3,4}\b|firmware died|[Ss]egmentation fault")
 
 
 class Circumstances(msgspec.Struct, frozen=True, kw_only=True):
@@ -98,11 +96,6 @@ def ranges_kept(test_case: TestCase, target: TargetInfo) -> dict[str, tuple[floa
         found[name] = (info.low, info.high)
         left |= {name} if _outside(one, known) else set()
     return {name: ends for name, ends in found.items() if name not in left}
-
-
-def is_memory_fault(ending: Ending, message: str) -> bool:
-    """Return whether an autopilot died of what may be misused: a fatal signal, or a sanitizer's report."""
-    return ending == "autopilot_died" and bool(_MEMORY.search(message))
 
 
 def in_words(found: Circumstances) -> dict[str, str]:

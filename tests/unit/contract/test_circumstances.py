@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from saflite.contract.circumstances import Circumstances, circumstances_of, in_words, is_memory_fault
+from saflite.contract.circumstances import Circumstances, circumstances_of, in_words
 from saflite.contract.flight import Delivered
 from saflite.contract.target_info import InputInfo, SettingInfo, TargetInfo
 from saflite.contract.test_case import Obstacle, Origin, Scenario, StartState, Stimulus, Target, TestCase
@@ -97,21 +97,6 @@ def test_boxes_are_steps_too() -> None:
     assert told.steps == ("box of 6 x 4 x 20 m at (1, 15) m, turned 20 degrees",) * 2
     assert not told.minimal
     assert (told.values, told.link) == ("inside", "none")
-
-
-@pytest.mark.parametrize(
-    ("message", "memory"),
-    [
-        ("the firmware died: AddressSanitizer: heap-buffer-overflow in parse < read < main", True),
-        ("the firmware died: firmware: signal 11", True),
-        ("arducopter ended by SIGSEGV", True),
-        ("arithmetic exception: division by zero", False),
-        ("the firmware hangs: it said nothing", False),
-    ],
-)
-def test_deaths_that_can_be_misused_are_told_apart(message: str, memory: bool) -> None:
-    assert is_memory_fault("autopilot_died", message) == memory
-    assert not is_memory_fault("crashed", message)
 
 
 def test_an_input_that_got_no_answer_counts_for_it_may_be_what_ended_the_autopilot() -> None:

@@ -13,10 +13,12 @@ import msgspec
 import pytest
 
 from saflite.contract.errors import Unavailable
+from saflite.contract.memory_faults import is_memory_fault
 from saflite.contract.test_case import Scenario, StartState, Target, TestCase
 from saflite.flight.autopilots.betaflight import firmware, install, msp
 from saflite.flight.autopilots.betaflight.configuration import TUNE, configure
 from saflite.flight.autopilots.betaflight.firmware import VARIANTS, Listing, Variant, why_missing
+from saflite.flight.autopilots.betaflight.flight import _reason
 from saflite.flight.autopilots.betaflight.settings import BetaflightSetting, read_settings
 from saflite.flight.autopilots.betaflight.signals import SHOWN_SETTINGS, trace_names
 from saflite.flight.autopilots.betaflight.switches import MODES, SWITCHES, mode_channels, pilot_modes, switch_lines
@@ -72,6 +74,15 @@ def test_a_spoilt_answer_is_none() -> None:
     answer = msp.frame(119, b"abc").replace(b"<", b">")
     assert list(msp.answers(answer[:-1])) == []
     assert list(msp.answers(answer[:-1] + bytes((answer[-1] ^ 1,)))) == []
+
+
+def test_a_report_of_misused_memory_is_told_of_a_firmware_that_ended_by_itself() -> None:
+    report = "msp.c:9:3: runtime error: store to address 0x6021 with insufficient space for an object of type 'int'"
+    ended = f"starting\n{report}\nexit\n"
+    assert _reason(ended) == report.replace("0x6021", "0x..")
+    assert is_memory_fault("autopilot_died", f"the firmware ended itself: {_reason(ended)}")
+    assert _reason("starting\nmsp.c:9:3: runtime error: division by zero\nexit\n") == "exit"
+    assert _reason("") == "it said nothing"
 
 
 def test_each_box_has_a_channel_of_its_own() -> None:

@@ -15,9 +15,9 @@ import msgspec
 from saflite.console.io.target_options import with_settings
 from saflite.console.operations import judging
 from saflite.contract import modules
-from saflite.contract.circumstances import is_memory_fault
 from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.flight import AUTOPILOT_ALIVE, FLOWN_ENDINGS
+from saflite.contract.memory_faults import is_memory_fault
 from saflite.contract.test_case import Target, TestCase
 from saflite.contract.verdict import Verdict
 from saflite.contract.work import PolicyTexts

@@ -22,11 +22,12 @@ from saflite.console.run_data.rows import ArtefactRow, FlightRow, ScoreRow, Usag
 from saflite.console.view import out
 from saflite.contract import wire
 from saflite.contract.blobs import BlobMissing, BlobRef
-from saflite.contract.circumstances import Circumstances, circumstances_of, is_memory_fault
+from saflite.contract.circumstances import Circumstances, circumstances_of
 from saflite.contract.config import Campaign
 from saflite.contract.errors import Refused
 from saflite.contract.events import Event
 from saflite.contract.flight import Flight, Purpose, Trace, unpack_trace
+from saflite.contract.memory_faults import is_memory_fault
 from saflite.contract.names import recording_file
 from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import TestCase
@@ -173,8 +174,7 @@ class RunFolder:
             release = version("saflite-farm")
         except PackageNotFoundError:
             release = ""
-        rulings = self.rulings()
-        flights = sum(1 for row in self.flights() if row.purpose == "search")
+        rulings, flights = self.rulings(), self.flown()["search"]
         found = self.findings()
         shown = [one for one in found if is_public(one, released)]
         return RunSummary(

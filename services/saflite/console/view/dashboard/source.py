@@ -17,10 +17,10 @@ from saflite.console.run_data.run_folder import RunFolder, open_run
 from saflite.console.view.dashboard import finds
 from saflite.console.view.report import data, page
 from saflite.contract import wire
-from saflite.contract.circumstances import is_memory_fault
 from saflite.contract.control import Answer, Status, Verb
 from saflite.contract.errors import FarmError, Refused
 from saflite.contract.events import CampaignChanged, Event, ViolationFound
+from saflite.contract.memory_faults import is_memory_fault
 from saflite.contract.verdict import Violation, with_mode_named
 from saflite.runtime.client import FarmClient
 from saflite.runtime.clock import WallClock

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from saflite.contract.errors import Unavailable
 from saflite.contract.flight import Ending, FlightRecord, Trace, TraceMessage
+from saflite.contract.memory_faults import is_memory_report
 from saflite.contract.service import Cancelled
 from saflite.contract.test_case import StartState, TestCase
 from saflite.flight.autopilots.betaflight import msp
@@ -41,6 +42,7 @@ HOLDS, HANDS_OFF = "holds", "hands_off"
 _WORDS = {GONE: "the firmware died", SILENT: "the firmware hangs", EXITED: "the firmware ended itself"}
 SANITIZER, SIGNAL = "AddressSanitizer", "firmware: signal"
 FRAMES_SHOWN = 3
+_ADDRESS = re.compile(r"0x[0-9a-f]+")
 _FRAME = re.compile(r"#\d+ 0x[0-9a-f]+ in (\w+)")
 
 
@@ -312,7 +314,8 @@ def _reason(console: str) -> str:
     if report >= 0:
         return _sanitizer_words(lines[report:])
     told = next((line for line in reversed(lines) if SIGNAL in line), "")
-    return told or (lines[-1] if lines else "it said nothing")
+    told = told or next(filter(is_memory_report, lines), lines[-1] if lines else "it said nothing")
+    return _ADDRESS.sub("0x..", told)
 
 
 def _sanitizer_words(lines: list[str]) -> str:

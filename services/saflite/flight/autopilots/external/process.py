@@ -13,6 +13,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from saflite.contract.errors import Unavailable
+from saflite.contract.memory_faults import is_memory_report
 
 CONSOLE_MAX = 200_000
 READ_BYTES = 65_536
@@ -22,7 +23,7 @@ _PR_SET_PDEATHSIG = 1
 REALTIME_PRIORITY = 5
 _PRIORITY = ctypes.c_int(REALTIME_PRIORITY)
 _BUSY = "RD"
-_DEATHS = re.compile(r"PANIC|floating point exception|AddressSanitizer|runtime error:|segmentation|aborted", re.I)
+_DEATHS = re.compile(r"PANIC|floating point exception|runtime error:|aborted", re.I)
 _ADDRESS = re.compile(r"0x[0-9a-fA-F]+")
 _COLOUR = re.compile(r"\x1b\[[0-9;]*m")
 
@@ -210,7 +211,11 @@ def _hurried() -> None:
 
 
 def last_line(console: str) -> str:
-    """Return the line that tells a death, the last one otherwise; no addresses, no colours: equals read the same."""
+    """Return the line that tells a death, the last one otherwise; no addresses, no colours: equals read the same.
+
+    A report of a fault of memory goes first: what sanitizers found before and passed over may be harmless.
+    """
     lines = [line.strip() for line in _COLOUR.sub("", console).splitlines() if line.strip()]
-    told = next((line for line in lines if _DEATHS.search(line)), lines[-1] if lines else "it said nothing")
+    reported = next(filter(is_memory_report, lines), None)
+    told = reported or next(filter(_DEATHS.search, lines), lines[-1] if lines else "it said nothing")
     return _ADDRESS.sub("0x..", told)[:300]
