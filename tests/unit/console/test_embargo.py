@@ -2,24 +2,34 @@
 
 from __future__ import annotations
 
+import argparse
 import sys
 from pathlib import Path
 
+import httpx
 import msgspec
 import pytest
 
 from saflite.campaign.storage.store import Store
+from saflite.console.operations.bridging import Bridge, _carry
+from saflite.console.run_data import farm_lookup
 from saflite.console.run_data.embargo import ALL, is_public
 from saflite.console.run_data.run_folder import open_run
-from saflite.console.view.dashboard.source import RunSource
+from saflite.console.view.dashboard.source import EndpointSource, RunSource
 from saflite.console.view.report import data
+from saflite.contract import wire
 from saflite.contract.circumstances import Circumstances
-from saflite.contract.flight import Purpose
+from saflite.contract.control import Answer, Verb
+from saflite.contract.errors import Refused
+from saflite.contract.events import Event, Fact, Flown, ViolationFound
+from saflite.contract.flight import AUTOPILOT_ALIVE, Purpose
 from saflite.contract.test_case import Scenario, StartState, Target, TestCase
-from saflite.contract.verdict import Violation
-from saflite.contract.work import FlyResult, FlyWork, Result, Work
+from saflite.contract.verdict import Confirmation, Violation
+from saflite.contract.work import FlyResult, FlyWork, JudgeResult, Result, Work
 from saflite.recorder.export import export
 from saflite.recorder.summary import Finding
+from saflite.runtime.clock import WallClock
+from saflite.runtime.webhook import Webhook
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "campaign"))
 
@@ -90,3 +100,105 @@ def test_a_test_case_any_flight_of_which_shows_a_fault_of_memory_is_kept_back_ev
         assert {one.violation.test_case for one in report.exhibits} == found - died
         assert {one.test_case for one in RunSource(run.path).violations(public=True)} == found - died
         assert {one.violation.test_case for one in run.summary((ALL,)).findings} == found
+
+
+class FarmElsewhere:
+    """A farm at an endpoint that has told these facts, a few at a time."""
+
+    def __init__(self, facts: tuple[Fact, ...]) -> None:
+        self._told = [Event(seq=seq, at_unix_s=1.0, fact=fact) for seq, fact in enumerate(facts, 1)]
+
+    def order(self, verb: Verb, text: str, number: int, *, within_s: float) -> Answer:
+        """Tell what comes from a number on."""
+        assert verb == "events"
+        return Answer(accepted=True, events=tuple(wire.encode(one) for one in self._told[number - 1 : number + 1]))
+
+
+def found(case: str, policy: str, message: str = "", confirmation: Confirmation = "confirmed") -> ViolationFound:
+    violation = finding(False).violation
+    return ViolationFound(
+        violation=msgspec.structs.replace(
+            violation, test_case=case * 16, policy=policy, message=message, confirmation=confirmation
+        )
+    )
+
+
+def flown(case: str, index: int) -> Flown:
+    return Flown(
+        test_case=case * 16,
+        flight_index=index,
+        ending="autopilot_died",
+        simulated_s=1.0,
+        wall_s=1.0,
+        worker="a",
+        purpose="confirm",
+    )
+
+
+def test_a_farm_elsewhere_shows_every_find_and_to_viewers_none_of_a_test_case_with_a_fault_of_memory(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    facts = (
+        found("a", AUTOPILOT_ALIVE, FAULT), found("a", "upright"), found("a", "stays-near"),  # several, one of memory
+        found("b", AUTOPILOT_ALIVE, FAULT, "similar"), found("b", "upright"),  # that of memory is known already
+        flown("c", 1), found("c", "upright"),  # a re-flight died, of what nobody says
+        flown("d", 0), found("d", AUTOPILOT_ALIVE, "PANIC: told to"), found("d", "upright"),
+        found("e", "upright"), found("e", "stays-near"),
+    )  # fmt: skip
+    farm = FarmElsewhere(facts)
+    monkeypatch.setattr(farm_lookup, "connect", lambda where: farm)
+    source = EndpointSource(farm_lookup.Where(None, "tls/lab:7447", "night"))
+    told = [(one.test_case[0], one.policy) for one in source.violations(public=False)]
+    assert told == [
+        (fact.violation.test_case[0], fact.violation.policy)
+        for fact in facts
+        if isinstance(fact, ViolationFound) and fact.violation.confirmation != "similar"
+    ]
+    shown = [(one.test_case[0], one.policy) for one in source.violations(public=True)]
+    assert shown == [pair for pair in told if pair[0] in "de"]
+    for name in "abc":
+        assert "upright" in source.find(name * 16, public=False)
+        with pytest.raises(Refused):
+            source.find(name * 16, public=True)
+    assert all(policy in source.find("e" * 16, public=True) for policy in ("upright", "stays-near"))
+
+
+class ReportsFaults(doubles.Service):
+    """A farm whose violations are all told with a report of a fault of memory."""
+
+    def do(self, work: Work) -> Result:
+        """Judge with the report as the message."""
+        result = super().do(work)
+        if not isinstance(result, JudgeResult):
+            return result
+        verdicts = tuple(
+            msgspec.structs.replace(one, message=FAULT, behaviour="heap-buffer-overflow in parse < read")
+            for one in result.judgement.verdicts
+        )
+        return JudgeResult(judgement=msgspec.structs.replace(result.judgement, verdicts=verdicts))
+
+
+def test_a_webhook_is_told_of_a_fault_of_memory_without_message_and_place(tmp_path: Path) -> None:
+    store = Store.create(tmp_path / "run", doubles.campaign(10), doubles.TEMPLATE, doubles.TARGET)
+    driver = Driver(store.rebuild(), store)
+    driver.service = ReportsFaults(store.blobs)
+    driver.run()
+    store.close()
+    bodies: list[str] = []
+
+    def receive(request: httpx.Request) -> httpx.Response:
+        bodies.append(request.content.decode())
+        return httpx.Response(204)
+
+    webhook = Webhook("http://127.0.0.1:9/finds", WallClock(), transport=httpx.MockTransport(receive))
+    args = argparse.Namespace(run=tmp_path / "run", connect="")
+    assert _carry(args, Bridge(frozenset({"violation"}), webhook, tmp_path / "cursor.json"))
+    webhook.close()
+    with open_run(tmp_path / "run") as run:
+        told = run.violations()
+        assert told, "no find to be told of"
+        assert all("parse < read" in one.behaviour + one.message for one in told)
+    assert len(bodies) == len(told)
+    assert all(any(one.test_case in body for body in bodies) for one in told)
+    assert not [body for body in bodies if "parse" in body or "Sanitizer" in body]
+    assert all("memory safety withheld" in body for body in bodies)

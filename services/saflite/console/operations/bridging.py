@@ -13,6 +13,7 @@ import msgspec
 from saflite.campaign.storage.own_folder import check_closed
 from saflite.console.io import farm_options
 from saflite.console.run_data import farm_lookup
+from saflite.console.run_data.embargo import for_others
 from saflite.console.run_data.run_folder import open_run
 from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.events import Event, kind_of
@@ -68,7 +69,7 @@ def _carry(args: argparse.Namespace, bridge: Bridge) -> bool:
     try:
         for event, cursor in _new_events(args, bridge):
             if not bridge.kinds or kind_of(event.fact) in bridge.kinds:
-                bridge.webhook.deliver(event, cursor)
+                bridge.webhook.deliver(for_others(event), cursor)
                 keep_cursor(bridge.cursor_file, msgspec.structs.replace(cursor, seq=event.seq))
             over = getattr(event.fact, "state", "") == "ended"
     except Unavailable as fault:

@@ -7,6 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
+import msgspec
+
+from saflite.contract.events import Event, ViolationFound
+from saflite.contract.memory_faults import is_memory_fault
 from saflite.recorder.summary import Finding
 
 Released = Collection[str]
@@ -24,3 +28,12 @@ def is_public(finding: Finding, released: Released) -> bool:
 def withheld_words(count: int) -> str:
     """Return in words that findings are kept back."""
     return f"{count} {'finding' if count == 1 else 'findings'} of memory safety withheld"
+
+
+def for_others(event: Event) -> Event:
+    """Return an event as it may leave for a server of others: of a fault of memory neither message nor place."""
+    fact = event.fact
+    if not isinstance(fact, ViolationFound) or not is_memory_fault("autopilot_died", fact.violation.message):
+        return event
+    told = msgspec.structs.replace(fact.violation, message=withheld_words(1), behaviour="")
+    return msgspec.structs.replace(event, fact=ViolationFound(violation=told))

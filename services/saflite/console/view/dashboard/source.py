@@ -19,7 +19,8 @@ from saflite.console.view.report import data, page
 from saflite.contract import wire
 from saflite.contract.control import Answer, Status, Verb
 from saflite.contract.errors import FarmError, Refused
-from saflite.contract.events import CampaignChanged, Event, ViolationFound
+from saflite.contract.events import CampaignChanged, Event, Fact, Flown, ViolationFound
+from saflite.contract.flight import AUTOPILOT_ALIVE
 from saflite.contract.memory_faults import is_memory_fault
 from saflite.contract.verdict import Violation, with_mode_named
 from saflite.runtime.client import FarmClient
@@ -282,7 +283,8 @@ class EndpointSource:
 
     def __init__(self, where: Where) -> None:
         self._where, self._farm = where, _Farm(lambda: farm_lookup.connect(where))
-        self._next_seq, self._found = 1, dict[str, Violation]()
+        self._next_seq, self._found = 1, dict[tuple[str, str], Violation]()
+        self._died, self._explained, self._memory = set[str](), set[str](), set[str]()
         self._lock = threading.Lock()
 
     def head(self) -> Head:
@@ -298,24 +300,43 @@ class EndpointSource:
 
     def violations(self, *, public: bool) -> list[Violation]:
         """Return the finds announced so far."""
-        with self._lock, suppress(FarmError):
-            while events := [wire.decode(one, Event) for one in self._farm.order("events", "", self._next_seq).events]:
-                self._next_seq = events[-1].seq + 1
-                facts = [event.fact for event in events]
-                told = [fact.violation for fact in facts if isinstance(fact, ViolationFound)]
-                self._found |= {one.test_case: one for one in told if one.confirmation != "similar"}
-        return [one for one in self._found.values() if not (public and is_memory_fault("autopilot_died", one.message))]
+        with self._lock:
+            with suppress(FarmError):
+                self._listen()
+            hidden = self._memory | (self._died - self._explained) if public else set[str]()
+            return [one for one in self._found.values() if one.test_case not in hidden]
+
+    def _listen(self) -> None:
+        """Take the events that are new; raises Refused or Unavailable."""
+        while events := [wire.decode(one, Event) for one in self._farm.order("events", "", self._next_seq).events]:
+            self._next_seq = events[-1].seq + 1
+            for event in events:
+                self._take(event.fact)
+
+    def _take(self, fact: Fact) -> None:
+        """Note a find, and deaths: one that no find explains, of a re-flight, may be a fault of memory."""
+        if isinstance(fact, Flown) and fact.ending == "autopilot_died":
+            self._died.add(fact.test_case)
+        if not isinstance(fact, ViolationFound):
+            return
+        one = fact.violation
+        if one.policy == AUTOPILOT_ALIVE:
+            self._explained.add(one.test_case)
+        if is_memory_fault("autopilot_died", one.message):
+            self._memory.add(one.test_case)
+        if one.confirmation != "similar":
+            self._found[one.test_case, one.policy] = one
 
     def part(self, name: str) -> str:
         """Return nothing: the books are elsewhere."""
         return '<p class="muted">Shown where the run folder is.</p>'
 
     def find(self, test_case: str, *, public: bool) -> str:
-        """Return one find in words."""
-        one = next((one for one in self.violations(public=public) if one.test_case == test_case), None)
-        if one is None:
+        """Return the finds of one test case in words."""
+        found = [one for one in self.violations(public=public) if one.test_case == test_case]
+        if not found:
             raise Refused("test case", expected="one of a find", got=repr(test_case))
-        return finds.in_words(one)
+        return "".join(map(finds.in_words, found))
 
     def file(self, name: str, *, public: bool) -> Path | None:
         """Return nothing: recordings are elsewhere."""
