@@ -129,7 +129,8 @@ def test_pods_mount_what_they_have_and_are_selected_by_their_labels() -> None:
         spec = pod["spec"]["template"]["spec"]
         have = {one["name"] for one in spec["volumes"]}
         have |= {one["metadata"]["name"] for one in pod["spec"].get("volumeClaimTemplates", ())}
-        assert {mount["name"] for box in spec["containers"] for mount in box["volumeMounts"]} == have
+        boxes = [*spec["initContainers"], *spec["containers"]]
+        assert {mount["name"] for box in boxes for mount in box["volumeMounts"]} == have
         assert pod["spec"]["selector"]["matchLabels"] == pod["spec"]["template"]["metadata"]["labels"]
 
 
