@@ -134,6 +134,25 @@ def _fault_behind_snapshot(run_dir: Path) -> str:
     return ""
 
 
+def is_over(run_dir: Path) -> bool:
+    """Return whether a campaign has ended for good, not by an order to stop. Nothing is written.
+
+    Raises:
+        Refused: there is no run, or what is read of it is damaged.
+    """
+    with _reading(run_dir) as (connection, path):
+        books, snapshot = books_of(connection), kept(run_dir, start_of(connection), connection)
+        if snapshot is not None:
+            try:
+                books.restore(snapshot.state)
+            except ValueError:  # no state of books: the whole journal says it, too
+                books, snapshot = books_of(connection), None
+        behind = snapshot or Kept(0, 0, b"")
+        for line in entries(connection, "journal", path, after=behind.line, chain=behind.chain):
+            books.replay(line)
+        return bool(books.audit_status()["over"])
+
+
 def _chain_fault(run_dir: Path) -> str:
     """Return the first entry of journal or events that is damaged, in words."""
     try:

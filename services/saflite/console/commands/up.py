@@ -1,7 +1,8 @@
 """Run the farm a file describes: begin its campaign, or go on with it where the run folder holds one already.
 
 For machines that keep a farm running (`deploy/systemd`, `deploy/compose.yaml`): books and router run here, workers as
-the file says, all others join. The same command after a crash or a restart of the machine goes on.
+the file says, all others join. The same command after a crash or a restart of the machine goes on. A campaign that is
+over is left as it is, with exit code 0, so that whatever starts failed commands again comes to rest.
 
   campaign = "night.toml"                # or a built-in one
   run = "runs/night"
@@ -38,7 +39,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the campaign to its end; 1 if confirmed violations were found."""
+    """Run the campaign to its end; 1 if confirmed violations were found, 0 if it had ended before."""
     from saflite.campaign.storage.store import store_file
     from saflite.console.io import farm_options
     from saflite.console.io.farm_file import read_farm_file
@@ -56,6 +57,8 @@ def run(args: argparse.Namespace) -> int:
     run_dir = Path(farm.run)
     if store_file(run_dir).exists():
         running.check_books(run_dir, accept_loss=False)
+        if running.is_concluded(run_dir):
+            return _left_alone(run_dir, as_json=args.json)
     else:
         _create(farm, run_dir)
     if not args.json:
@@ -90,3 +93,16 @@ def _create(farm: FarmFile, run_dir: Path) -> None:
     campaign = campaign_options.load(farm.campaign)
     campaign_options.check_runnable(campaign)
     running.create(run_dir, campaign, describe_target(campaign.target.name))
+
+
+def _left_alone(run_dir: Path, *, as_json: bool) -> int:
+    from saflite.console.cli import NOTHING_FOUND
+    from saflite.console.run_data.reporting import REPORT
+    from saflite.console.view import out
+
+    if as_json:
+        out.json({"run": str(run_dir), "over": True, "report": str(run_dir / REPORT)})
+    else:
+        fix = f"`{out.program()} resume {run_dir} --budget N` flies more"
+        out.line(f"the campaign in {run_dir} is over: {run_dir / REPORT}; {fix}")
+    return NOTHING_FOUND

@@ -99,6 +99,19 @@ def check_books(run_dir: Path, *, accept_loss: bool) -> None:
     campaign_runner.accept_loss(run_dir, problems[0] + more)
 
 
+def is_concluded(run_dir: Path) -> bool:
+    """Return whether nothing is left to do for a run: its campaign is over, its books closed, its report written.
+
+    Raises:
+        Refused: what is read of it is damaged.
+    """
+    from saflite.campaign.storage.audit import is_over
+    from saflite.campaign.storage.seal import was_closed
+    from saflite.console.run_data.reporting import REPORT
+
+    return was_closed(run_dir) and (run_dir / REPORT).is_file() and is_over(run_dir)
+
+
 def follow(run_dir: Path, start: Start, *, as_json: bool, metrics: str = "") -> int:
     """Run a farm with its progress shown, and told at `metrics` if that is an address; returns the exit code."""
     from saflite.campaign.storage.seal import seal, seal_file

@@ -1,0 +1,83 @@
+"""`saflite up`, as services that start it again and again give it."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from saflite.campaign.storage.store import Store
+from saflite.console.cli import FOUND, INFRASTRUCTURE, main
+from saflite.console.run_data import reporting
+from saflite.console.run_data.conclusion import conclude
+from saflite.contract.control import Control
+from saflite.contract.errors import Unavailable
+from saflite.runtime import campaign_runner
+from saflite.runtime.campaign_runner import ExitSummary
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "campaign"))
+
+from books_drive import Driver, doubles
+
+
+@pytest.fixture
+def farm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    """A farm file; no farm of it runs."""
+
+    def start(*args: object, **options: object) -> ExitSummary:
+        raise Unavailable("a farm was started")
+
+    monkeypatch.setattr(campaign_runner, "resume", start)
+    (tmp_path / "farm.toml").write_text('campaign = "avoidance-m2"\nrun = "run"\n[workers]\nmutate = 1\n')
+    return str(tmp_path / "farm.toml")
+
+
+def _campaign(run_dir: Path, *, stopped: bool = False, snapshot: bool = True) -> None:
+    """Run a campaign to its end, or until it is told to stop; `snapshot`: keep the state of its books beside them."""
+    store = Store.create(run_dir, doubles.campaign(10), doubles.TEMPLATE, doubles.TARGET)
+    driver = Driver(store.rebuild(), store)
+    driver.run(until_flights=3 if stopped else 10**9)
+    if stopped:
+        driver.books.control(Control(verb="stop", text="the budget is spent"), driver.now)
+        driver.commit()
+    if snapshot:
+        store.keep(driver.books.snapshot())
+    store.close()
+
+
+def _contents(run_dir: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(run_dir)): path.read_bytes() for path in run_dir.rglob("*") if path.is_file()}
+
+
+@pytest.mark.parametrize(("options", "snapshot"), [([], True), (["--json"], True), ([], False)])
+def test_a_campaign_that_is_over_is_left_alone_with_exit_code_0(
+    options: list[str], snapshot: bool, farm: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run_dir = tmp_path / "run"
+    _campaign(run_dir, snapshot=snapshot)
+    assert (run_dir / "books.snapshot").exists() == snapshot
+    assert conclude(run_dir, ExitSummary(True, "the budget is spent", None, 0), as_json=True) == FOUND
+    capsys.readouterr()
+    before = _contents(run_dir)
+    for _ in range(2):
+        assert main(["up", farm, *options]) == 0
+        assert "over" in capsys.readouterr().out
+    assert _contents(run_dir) == before
+
+
+def test_one_that_was_told_to_stop_is_gone_on_with(
+    farm: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    _campaign(tmp_path / "run", stopped=True)
+    reporting.write(tmp_path / "run")
+    assert main(["up", farm]) == INFRASTRUCTURE
+    assert "a farm was started" in capsys.readouterr().err
+
+
+def test_one_that_was_killed_before_its_report_was_written_is_gone_on_with(
+    farm: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    _campaign(tmp_path / "run")
+    assert main(["up", farm]) == INFRASTRUCTURE
+    assert "a farm was started" in capsys.readouterr().err
