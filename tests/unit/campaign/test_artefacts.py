@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import sqlite3
+from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -10,6 +13,8 @@ from books_drive import Driver, doubles
 
 from saflite.campaign.storage.store import Store
 from saflite.console.cli import main
+from saflite.console.run_data.run_folder import open_run
+from saflite.contract.errors import Refused
 
 
 @pytest.fixture
@@ -36,3 +41,48 @@ def test_a_folder_that_cannot_be_written_is_said(run_dir: Path, capsys: pytest.C
     (run_dir / "files").write_text("in the way")
     assert main(["artefacts", str(run_dir), "--out", str(run_dir / "files")]) == 2
     assert "a file or link" in capsys.readouterr().err
+
+
+FORGED = {
+    "name": "../../x",
+    "test_case": "../../../x",
+    "purpose": "/../../../x",
+    "flight_index": "/../../../x",
+}
+
+
+@pytest.mark.parametrize("column", FORGED)
+def test_names_of_a_run_that_others_made_lead_nowhere_else(
+    column: str, run_dir: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["artefacts", str(run_dir), "--json"]) == 0
+    case, purpose, _ = json.loads(capsys.readouterr().out)[-1]["flight"].split("-")
+    kept = f"WHERE test_case = '{case}' AND purpose = '{purpose}'"
+    _alter(run_dir, f"UPDATE artefacts SET {column} = '{FORGED[column]}' {kept}")
+    before = sorted(tmp_path.rglob("*"))
+    assert main(["artefacts", str(run_dir), "--out", str(tmp_path / "deep" / "out")]) == 2
+    refused = capsys.readouterr().err.splitlines()[-1]
+    assert "artefact" in refused
+    assert str(run_dir) in refused
+    assert sorted(tmp_path.rglob("*")) == before
+    assert main(["artefacts", str(run_dir)]) == 0, "what is only listed is escaped"
+
+
+@pytest.mark.parametrize("table", ["test_cases", "judgements", "flights"])
+def test_a_row_that_names_an_entry_of_another_kind_is_damage(table: str, run_dir: Path) -> None:
+    other = "judgements" if table == "test_cases" else "test_cases"
+    _alter(run_dir, f"UPDATE {table} SET line = (SELECT max(line) FROM {other})")
+    with open_run(run_dir) as run:
+        row = next(row for row in run.flights() if row.purpose == "search" and row.ending != "lost")
+        read: dict[str, Callable[[], object]] = {
+            "test_cases": lambda: run.test_case(row.test_case),
+            "judgements": lambda: run.judgement(row.test_case),
+            "flights": lambda: run.flight(row),
+        }
+        with pytest.raises(Refused, match="tables are damaged"):
+            read[table]()
+
+
+def _alter(run_dir: Path, statement: str) -> None:
+    with closing(sqlite3.connect(run_dir / "books.sqlite")) as store, store:
+        store.execute(statement)

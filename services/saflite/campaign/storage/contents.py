@@ -5,6 +5,7 @@ from __future__ import annotations
 import sqlite3
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TypeVar
 
 import msgspec
 
@@ -32,6 +33,7 @@ _OUTCOMES = (
     "SELECT round, test_case, ending, flight_index, behaviours, founded FROM outcomes WHERE round > ? AND round <= ?"
     " ORDER BY round, rank"
 )
+R = TypeVar("R", MutateResult, JudgeResult, FlyResult)
 HELD_MAX = 4  # results kept decoded: a round's proposal, and the verdicts read beside it
 
 
@@ -51,29 +53,22 @@ class Contents:
     def _test_case(self, line: int | None, place: int, round_: int, content: bytes) -> TestCase:
         if line is None:
             return wire.decode(content, TestCase)
-        result = self._result(line)
-        assert isinstance(result, MutateResult), f"journal entry {line} proposes nothing"
-        proposed = result.test_cases[place]
+        proposals = self._result(line, MutateResult).test_cases
+        if not 0 <= place < len(proposals):
+            raise _damaged(f"test case {place} of journal entry {line}", f"{len(proposals)} test cases")
+        proposed = proposals[place]
         origin = msgspec.structs.replace(proposed.origin, round=round_, index=place)
         return msgspec.structs.replace(proposed, origin=origin)
 
     def judgement(self, name: str, flight_index: int = 0) -> Judgement | None:
         """Return the judgement on a flight, None if it was not judged."""
         row = self._db.execute(_JUDGEMENT, (name, flight_index)).fetchone()
-        if row is None:
-            return None
-        result = self._result(row[0])
-        assert isinstance(result, JudgeResult), f"journal entry {row[0]} judges nothing"
-        return result.judgement
+        return None if row is None else self._result(row[0], JudgeResult).judgement
 
     def flight(self, name: str, purpose: Purpose, flight_index: int) -> Flight | None:
         """Return the record of a flight as a worker handed it in, None if there is none."""
         row = self._db.execute(_FLIGHT, (name, purpose, flight_index)).fetchone()
-        if row is None:
-            return None
-        result = self._result(row[0])
-        assert isinstance(result, FlyResult), f"journal entry {row[0]} tells of no flight"
-        return result.flight
+        return None if row is None else self._result(row[0], FlyResult).flight
 
     def violations(self, confirmation: str = "", *, similar: bool = True) -> list[Violation]:
         """Return the violations in the order found: of one standing if given, without `similar` ones if asked to."""
@@ -81,7 +76,7 @@ class Contents:
         for seq, event in self._db.execute(_VIOLATIONS, (confirmation, similar)).fetchall():
             fact = wire.decode(packing.unpack(seq, event), Event).fact
             if not isinstance(fact, ViolationFound):
-                raise Refused("books", expected=f"a violation in event {seq}", got="another; the tables are damaged")
+                raise _damaged(f"a violation in event {seq}", "another")
             found.append(fact.violation)
         return found
 
@@ -95,11 +90,14 @@ class Contents:
             judgement = self.judgement(name, flight_index)
             yield outcome_of(self._test_case(*proposal), round_, ending, judgement, ways, founded)
 
-    def _result(self, number: int) -> Result:
+    def _result(self, number: int, kind: type[R]) -> R:
+        """Return a result; raises Refused where the entry holds none of this kind: a row may name any."""
         result = self._held.pop(number, None) or self._read(number)
         self._held[number] = result
         if len(self._held) > HELD_MAX:
             del self._held[next(iter(self._held))]
+        if not isinstance(result, kind):
+            raise _damaged(f"{kind.__name__} in journal entry {number}", type(result).__name__)
         return result
 
     def _read(self, number: int) -> Result:
@@ -116,3 +114,7 @@ class Contents:
         if line is None or not isinstance(line.entry, Settled):
             raise Refused("books", expected=f"a result in journal entry {number}", got="none; the journal is damaged")
         return line.entry.result
+
+
+def _damaged(expected: str, got: str) -> Refused:
+    return Refused("books", expected=expected, got=f"{got}; the tables are damaged")

@@ -8,6 +8,7 @@ examples:
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterable
 from pathlib import Path
 
 from saflite.console.io import outputs
@@ -36,9 +37,11 @@ def run(args: argparse.Namespace) -> int:
     tell_loss(args.run)
     with open_run(args.run) as folder:
         rows = [row for row in folder.artefacts() if row.test_case.startswith(args.test_case)]
+        named = [(f"{row.test_case}-{row.purpose}-{row.flight_index}", row) for row in rows]
+        if args.out is not None:
+            _check_names(args.run, (name for flight, row in named for name in (flight, row.name)))
         listed = []
-        for row in rows:
-            flight = f"{row.test_case}-{row.purpose}-{row.flight_index}"
+        for flight, row in named:
             entry = {"flight": flight, "name": row.name, "size_bytes": row.blob.size_bytes, "sha256": row.blob.digest}
             if args.out is not None:
                 entry["file"] = str(_write(args.out / flight, row.name, folder.content(row.blob), args.force))
@@ -51,9 +54,20 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _write(folder: Path, name: str, data: bytes, force: bool) -> Path:
-    from saflite.contract.names import is_name
+def _check_names(run_dir: Path, names: Iterable[str]) -> None:
+    """Raise Refused before anything is written where a name would lead out of its folder.
 
-    assert is_name(name), "names of artefacts are checked when a flight is reported"
+    Names are checked when a flight is reported; a run that somebody else made may hold any.
+    """
+    from saflite.contract.errors import Refused
+    from saflite.contract.names import NAME_EXPECTED, is_name
+
+    for name in names:
+        if not is_name(name):
+            fix = "list them without --out; `saflite audit RUN` says what else is wrong with the run"
+            raise Refused("artefact", where=str(run_dir), expected=NAME_EXPECTED, got=repr(name[:80]), fix=fix)
+
+
+def _write(folder: Path, name: str, data: bytes, force: bool) -> Path:
     outputs.write(folder / name, data, force=force)
     return folder / name
