@@ -8,7 +8,9 @@ modules and keys travel with the actor, traces over the bus.
 
 from __future__ import annotations
 
+import fcntl
 import logging
+import os
 import signal
 import socket
 import tempfile
@@ -30,6 +32,8 @@ log = logging.getLogger(__name__)
 STOP_WAIT_S = STOP_GRACE_S + 4.0
 CPUS_OF = {"fly": 0.8}  # so that one simulator per core leaves room for the small roles wherever they are placed
 CPUS_OTHERWISE = 0.02  # not 0: a node with such roles alone would count as idle
+LEAVE_S = 2.0  # for an actor whose role has ended, or that hangs, to take its folder away before it is killed
+FOLDERS = "saflite-on-ray-"
 REACH_S = 3.0
 HANGS_S = 30.0  # an actor that answers no more (its node frozen or cut off) is given up and placed anew
 OBJECT_STORE_BYTES = 100 * 2**20  # nothing of ours goes through it
@@ -48,7 +52,8 @@ class Place:
 
     def __init__(self, meeting: Meeting, spec: RoleSpec, luggage: Luggage) -> None:
         signal.signal(signal.SIGCHLD, signal.SIG_DFL)  # Ray may ignore it: then a killed process would read as finished
-        self._folder = Path(tempfile.mkdtemp(prefix=f"saflite-{spec.name}-"))  # mode 0700
+        _sweep()
+        self._folder, self._lock = _folder(spec.name)
         modules = [_unpacked(self._folder / "modules", name, data) for name, data in luggage.modules.items()]
         keys = [_unpacked(self._folder / "keys", name, data) for name, data in luggage.keys.items()]
         self._launcher = LocalLauncher(
@@ -74,6 +79,9 @@ class Place:
         """End the role, and leave nothing behind."""
         self._launcher.stop()
         rmtree(self._folder, ignore_errors=True)
+        if self._lock >= 0:
+            os.close(self._lock)
+            self._lock = -1
 
 
 class _Placed:
@@ -110,8 +118,17 @@ class _Placed:
         return self.state
 
     def end(self) -> None:
-        """Drop the actor, and with it whatever it started."""
+        """Drop the actor, and with it whatever it started; its folder stays unless it was told to stop before."""
         ray.kill(self.actor, no_restart=True)
+
+
+def _end(placed: Collection[_Placed], within_s: float) -> int:
+    """Have actors stop, all at once, and drop them; returns how many did not stop in time."""
+    stops = [one.actor.stop.remote() for one in placed]
+    late = ray.wait(stops, num_returns=len(stops), timeout=within_s)[1] if stops else []
+    for one in placed:
+        one.end()
+    return len(late)
 
 
 class RayLauncher:
@@ -161,12 +178,10 @@ class RayLauncher:
 
     def poll(self) -> dict[str, RoleState]:
         """See `Launcher.poll`."""
-        for name, placed in list(self._placed.items()):
-            state = placed.look(self._clock.monotonic_s())
-            if state.condition != "running":
-                placed.end()
-                del self._placed[name]
-                self._ended[name] = state
+        now_s = self._clock.monotonic_s()
+        over = {name: state for name, one in self._placed.items() if (state := one.look(now_s)).condition != "running"}
+        _end([self._placed.pop(name) for name in over], LEAVE_S)
+        self._ended |= over
         return {**{name: RoleState("running") for name in self._placed}, **self._ended}
 
     def drain(self, names: Collection[str]) -> None:
@@ -182,13 +197,9 @@ class RayLauncher:
         """See `Launcher.stop`."""
         chosen = set(self._placed) | set(self._ended) if names is None else set(names)
         ending = [self._placed.pop(name) for name in chosen if name in self._placed]
-        stops = [placed.actor.stop.remote() for placed in ending]
-        if stops:
-            _, late = ray.wait(stops, num_returns=len(stops), timeout=STOP_WAIT_S)
-            if late:
-                log.warning("%d of %d roles do not stop; killed", len(late), len(stops))
-        for placed in ending:
-            placed.end()
+        late = _end(ending, STOP_WAIT_S)
+        if late:
+            log.warning("%d of %d roles do not stop; killed", late, len(ending))
         for name in chosen:
             self._ended.pop(name, None)
 
@@ -243,6 +254,43 @@ def _begin(address: str) -> None:
     except (ConnectionError, RuntimeError, ValueError, RayError, GetTimeoutError) as fault:
         where = f"at {address}" if address else "on this machine"
         raise Unavailable(f"no Ray cluster {where}: {_first_line(fault)}") from fault
+
+
+def _folder(name: str) -> tuple[Path, int]:
+    """Return a new folder of mode 0700 for a role, and the lock on it: an open file, held while the actor lives."""
+    while True:
+        folder = Path(tempfile.mkdtemp(prefix=f"{FOLDERS}{name}-"))
+        lock = _locked(folder)
+        if lock < 0:
+            continue  # another actor looks through the folders just now, and sweeps it
+        if folder.is_dir():
+            return folder, lock
+        os.close(lock)
+
+
+def _locked(folder: Path) -> int:
+    """Return the lock on a folder, -1 where another holds it or there is none."""
+    try:
+        lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
+    except OSError:
+        return -1
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(lock)
+        return -1
+    return lock
+
+
+def _sweep() -> None:
+    """Remove what actors of ours that were killed left on this node: keys and modules among it."""
+    for folder in Path(tempfile.gettempdir()).glob(f"{FOLDERS}*"):
+        lock = _locked(folder)
+        if lock < 0:
+            continue
+        if os.fstat(lock).st_uid == os.geteuid():
+            rmtree(folder, ignore_errors=True)
+        os.close(lock)
 
 
 def _unpacked(folder: Path, name: str, data: bytes) -> Path:
