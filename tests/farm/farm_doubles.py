@@ -127,15 +127,17 @@ class Memory:
             self.rounds, self.cursor = {}, -1
         places = [(outcome.round, outcome.test_case.origin.index) for outcome in outcomes]
         assert len(set(places)) == len(places), "an outcome is told twice"
+        known = frozenset(self.rounds)
         for outcome in outcomes:
             assert from_cursor < outcome.round <= cursor, f"an outcome of round {outcome.round} for cursor {cursor}"
-            if outcome.round > self.cursor:
+            if outcome.round not in known:
                 self.rounds.setdefault(outcome.round, []).append(wire.encode(outcome))
         self.cursor = max(self.cursor, cursor)
 
-    def upto(self, cursor: int) -> str:
-        """A name for all that was told up to a round, order and all."""
-        told = [outcome for number in sorted(self.rounds) if number <= cursor for outcome in self.rounds[number]]
+    def upto(self, cursor: int, since: int = -1) -> str:
+        """A name for all that was told of the rounds after one up to another, order and all."""
+        rounds = [number for number in sorted(self.rounds) if since < number <= cursor]
+        told = [outcome for number in rounds for outcome in self.rounds[number]]
         return digest(b"".join(told))[:12]
 
 
@@ -217,7 +219,7 @@ class Scorer:
         """Score."""
         if work.cursor > self.memory.cursor:
             self.memory.tell(work.recent, work.from_cursor, work.cursor)
-        mood = self.memory.upto(work.cursor)
+        mood = self.memory.upto(work.cursor, work.since)
         scores = []
         for test_case in work.test_cases:
             name = identity(test_case)

@@ -128,10 +128,10 @@ PolicyTexts = Annotated[dict[Word, PolicyText], msgspec.Meta(max_length=1_000)]
 class ScoreWork(msgspec.Struct, frozen=True, kw_only=True, tag="score"):
     """Score the test cases with `model` (this decides) and with each of `shadow` (these only watch).
 
-    `recent` holds the outcomes of the rounds after `from_cursor` up to `cursor`. A model may take `deadline_s` of wall
-    time for an answer; then the embedded scorer answers in its place. `within_s` is how long simulators have work yet,
-    shared among the batches that wait: what a slow model does not answer by then the embedded scorer decides; None: no
-    matter how long it takes.
+    Models learn from the rounds after `since` up to `cursor`, whoever scores; `recent` holds the outcomes of those of
+    them that come after `from_cursor`. A model may take `deadline_s` of wall time for an answer; then the embedded
+    scorer answers in its place. `within_s` is how long simulators have work yet, shared among the batches that wait:
+    what a slow model does not answer by then the embedded scorer decides; None: no matter how long it takes.
     """
 
     round: Count
@@ -142,6 +142,7 @@ class ScoreWork(msgspec.Struct, frozen=True, kw_only=True, tag="score"):
     test_cases: TestCases
     rng_seed: RngSeed
     recent: Outcomes = ()
+    since: Place = -1
     from_cursor: Place = -1
     cursor: Place = -1
     deadline_s: Seconds = 60.0

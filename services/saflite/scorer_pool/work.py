@@ -121,7 +121,7 @@ class ScorerPool:
             briefs=tuple(self._brief(name, work.policy_texts) for name in work.policies),
             rng_seed=work.rng_seed,
             round=work.round,
-            history=self._history.view(work.cursor),
+            history=self._history.view(work.since, work.cursor),
             cursor=work.cursor,
             deadline_s=work.deadline_s,
             within_s=work.within_s,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -35,7 +36,10 @@ GRANT_MAX_BYTES = 8 * 2**20
 TOLD_MAX_BYTES = 16 * 2**20
 
 RECENT_MAX = 3000
-"""Outcomes a scorer that starts anew is told, the latest ones, without their tracks."""
+"""Outcomes that scorers learn from at most, the latest ones, without their tracks."""
+
+RECENT_STEPS = 3
+"""What scorers learn from begins anew once per this share of RECENT_MAX: what a model worked out holds for a while."""
 
 OUTCOMES_MAX = 1000
 """Outcomes in one message; a mutator that has more to be told is told in several leases (`count` 0)."""
@@ -54,6 +58,7 @@ class WorkMessages:
 
     def __init__(self, reducer: Reducer, read_model: ReadModel, registry: WorkerRegistry) -> None:
         self._reducer, self._core, self._read_model, self._registry = reducer, reducer.core, read_model, registry
+        self._recent_bytes: dict[int, int] = {}  # of what is told of a round, as far as it was asked for
 
     def work(self, task: Task, cursor: int) -> Work:
         """Return the work of a task for a worker that was told outcomes up to `cursor`.
@@ -128,7 +133,7 @@ class WorkMessages:
         core, strategy = self._core, self._core.campaign.strategy
         round_ = core.rounds.under_way[key.round]
         target = round_.number - core.rounds.search.lag
-        told = self._told(cursor, max(target, -1), OUTCOMES_MAX)
+        told = self._told(cursor, max(target, -1))
         return MutateWork(
             round=round_.number,
             count=_candidates(core.rounds.search, round_.plan.flights) if told.cursor >= target else 0,
@@ -147,7 +152,7 @@ class WorkMessages:
         core, scorers = self._core, self._reducer.scorers
         round_ = core.rounds.under_way[key.round]
         upto = max(round_.number - core.rounds.search.lag, -1)
-        told = self._told(min(cursor, upto), upto, RECENT_MAX, latest=True)
+        since, after = self._recent_since(upto), cursor if cursor <= upto else -1
         return ScoreWork(
             round=round_.number,
             model=scorers.model,
@@ -156,9 +161,10 @@ class WorkMessages:
             policy_texts=core.campaign.policy_texts,
             test_cases=tuple(round_.candidates[name] for name in round_.batches[key.batch]),
             rng_seed=derive_seed(core.campaign.rng_seed, "score", round_.number, key.batch),
-            recent=tuple(msgspec.structs.replace(outcome, track=()) for outcome in told.outcomes),
-            from_cursor=told.from_cursor,
-            cursor=told.cursor,
+            recent=_in_short(self._recent(max(after, since), upto)),
+            since=since,
+            from_cursor=after,
+            cursor=upto,
             deadline_s=core.campaign.scorer.deadline_s,
             within_s=self._busy_s() if core.campaign.scorer.cascade else None,
         )
@@ -173,24 +179,51 @@ class WorkMessages:
     def _warm(self, key: WarmKey) -> WarmWork:
         return WarmWork(model=key.model, load_deadline_s=self._core.campaign.scorer.load_deadline_s)
 
-    def _told(self, cursor: int, upto: int, limit: int, *, latest: bool = False) -> Told:
-        """Return what a worker at `cursor` is to be told. One that knows too much is told all from the start.
+    def _recent_since(self, upto: int) -> int:
+        """Return the round after which scorers learn where they may know the rounds up to `upto`.
 
-        Where there is more than `limit`: the earliest, to be followed by the rest; or, for who needs to know no more
-        than lately happened, the `latest`.
+        It depends on the outcomes alone, never on what a scorer was told before: so all give the same scores, whether
+        they were there from the beginning or not.
+        """
+        span = max(1, RECENT_MAX // self._core.rounds.search.flights_per_round)
+        step = max(1, span // RECENT_STEPS)
+        first = max(0, -(-(upto + 1 - span) // step)) * step - 1
+        self._weigh(first, upto)
+        steps = range(first, upto, step)
+        for since in (*steps, *range(steps[-1] + 1 if steps else upto, upto)):
+            if sum(self._recent_bytes[number] for number in range(since + 1, upto + 1)) <= TOLD_MAX_BYTES:
+                return since
+        return max(upto - 1, -1)
+
+    def _weigh(self, first: int, upto: int) -> None:
+        """Note how large the outcomes of the rounds in (first, upto] are."""
+        missing = [number for number in range(first + 1, upto + 1) if number not in self._recent_bytes]
+        if missing:
+            sizes: Counter[int] = Counter()
+            for outcome in self._recent(missing[0] - 1, missing[-1]):
+                sizes[outcome.round] += len(wire.encode(outcome))
+            self._recent_bytes |= {number: sizes[number] for number in missing}
+
+    def _recent(self, after: int, upto: int) -> tuple[Outcome, ...]:
+        """Return the outcomes of the rounds in (after, upto] without their courses."""
+        outcomes = self._core.rounds.told_between(after, upto)
+        if outcomes is None:
+            most = max(RECENT_MAX, self._core.rounds.search.flights_per_round)
+            outcomes = self._read_model.outcomes(after, upto, most)
+        return tuple(msgspec.structs.replace(outcome, track=()) for outcome in outcomes)
+
+    def _told(self, cursor: int, upto: int) -> Told:
+        """Return what a mutator at `cursor` is to be told. One that knows too much is told all from the start.
+
+        Where there is more than goes into one message: the earliest, to be followed by the rest.
         """
         after = cursor if cursor <= upto else -1
         held = self._core.rounds.told_between(after, upto)
-        if held is not None and len(held) <= limit:
+        if held is not None and len(held) <= OUTCOMES_MAX:
             outcomes, complete = held, True
-        elif latest:
-            first = max(after, upto - limit // self._core.rounds.search.flights_per_round)
-            outcomes, complete = self._read_model.outcomes(first, upto, 2 * limit), True
         else:
-            outcomes = self._read_model.outcomes(after, upto, limit)
-            complete = len(outcomes) < limit
-        if latest:
-            return Told(outcomes[len(outcomes) - _fitting(outcomes[::-1]) :], after, upto)
+            outcomes = self._read_model.outcomes(after, upto, OUTCOMES_MAX)
+            complete = len(outcomes) < OUTCOMES_MAX
         kept = _whole_rounds(outcomes, _fitting(outcomes))
         complete = complete and len(kept) == len(outcomes)
         return Told(_in_short(kept), after, upto if complete or not kept else kept[-1].round)

@@ -26,7 +26,7 @@ class History:
         return self._cursor
 
     def tell(self, outcomes: tuple[Outcome, ...], from_cursor: int, cursor: int) -> None:
-        """Take the outcomes of the rounds after `from_cursor` up to `cursor`; what is known already is skipped.
+        """Take outcomes of the rounds after `from_cursor` up to `cursor`, whole rounds; known ones are skipped.
 
         Raises:
             Unavailable: rounds are missing between what was told before and `from_cursor`; the work must be asked
@@ -35,15 +35,16 @@ class History:
         with self._lock:
             if from_cursor > self._cursor:
                 raise Unavailable(f"told outcomes after round {from_cursor}, but known only up to {self._cursor}")
+            known = frozenset(self._rounds)  # not all up to the cursor: who idled was told the latest rounds only
             for outcome in outcomes:
-                if outcome.round > self._cursor:
+                if outcome.round not in known:
                     self._rounds.setdefault(outcome.round, []).append(self._slim(outcome))
             self._cursor = max(self._cursor, cursor)
 
-    def view(self, cursor: int) -> tuple[Outcome, ...]:
-        """Return the outcomes of the rounds up to `cursor`, in (round, index) order."""
+    def view(self, since: int, cursor: int) -> tuple[Outcome, ...]:
+        """Return the outcomes of the rounds after `since` up to `cursor`, in (round, index) order."""
         with self._lock:
-            rounds = sorted(number for number in self._rounds if number <= cursor)
+            rounds = sorted(number for number in self._rounds if since < number <= cursor)
             return tuple(outcome for number in rounds for outcome in self._rounds[number])
 
     def _slim(self, outcome: Outcome) -> Outcome:

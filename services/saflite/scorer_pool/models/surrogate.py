@@ -28,7 +28,7 @@ class Model:
         self.label = "surrogate"
         self._unlearned = tools.model("gap")
         self._vectors = Vectors()
-        self._forests: OrderedDict[int, Forest] = OrderedDict()
+        self._forests: OrderedDict[tuple[int, int], Forest] = OrderedDict()
         self._lock = threading.Lock()
 
     def forest(self, job: Job) -> Forest | None:
@@ -37,12 +37,13 @@ class Model:
         if len(known) < FLIGHTS_MIN:
             return None
         size = step_size(len(known))
+        key = (known[0].round, size)  # of a long campaign the earliest rounds are left out in time
         with self._lock:
-            if size not in self._forests:
-                self._forests[size] = grow(known[:size], self._vectors)
+            if key not in self._forests:
+                self._forests[key] = grow(known[:size], self._vectors)
                 while len(self._forests) > FORESTS_KEPT:
                     self._forests.popitem(last=False)
-            return self._forests[size]
+            return self._forests[key]
 
     def score(self, job: Job) -> ScoreSheet:
         """Return ten times the expected danger per test case."""
