@@ -79,3 +79,19 @@ def test_settings_of_the_fresh_layouts_are_taken() -> None:
     assert {len(case.scenario.obstacles) for case in strategy.ask(10, derive(1, "ask"))} == {4}
     with pytest.raises(Refused, match="gates"):
         Strategy(TEMPLATE, {"gates": 2.0}, (), describe())
+
+
+def test_how_many_rounds_are_told_at_once_makes_no_difference() -> None:
+    rounds = [
+        [outcome(0.0, 0.5), outcome(20.0, 1.0)],  # beyond `kept`: the second is dropped
+        [outcome(0.0, -1.0), outcome(20.5, 2.0)],  # the first is done with; another of the kind that was dropped
+    ]
+    told = [[msgspec.structs.replace(one, round=number) for one in part] for number, part in enumerate(rounds)]
+    by_round, at_once = (
+        Strategy(TEMPLATE, {"kept": 1, "population": 1, "fresh": 0.0}, (), describe()) for _ in range(2)
+    )
+    for outcomes in told:
+        by_round.tell(outcomes)
+    at_once.tell([one for outcomes in told for one in outcomes])
+    assert parents(by_round) - {""} == {identity(told[1][1].test_case)}
+    assert parents(at_once) == parents(by_round)

@@ -9,7 +9,8 @@ from, are done with: the search goes on elsewhere, so that what it finds is diff
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from itertools import groupby
 from typing import ClassVar, NamedTuple
 
 import msgspec
@@ -71,6 +72,11 @@ class Strategy:
 
     def tell(self, outcomes: Sequence[Outcome]) -> None:
         """Keep near misses; what was broken, and its parent, are done with."""
+        for _, of_round in groupby(outcomes, key=lambda outcome: outcome.round):
+            self._tell_round(of_round)
+
+    def _tell_round(self, outcomes: Iterable[Outcome]) -> None:
+        """Learn from one round, then drop what is beyond `kept`: however many rounds are told at once."""
         for outcome in outcomes:
             layout = outcome.test_case.scenario.obstacles
             if outcome.ending not in FLOWN_ENDINGS or outcome.guidance is None or not layout:
