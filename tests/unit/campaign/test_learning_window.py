@@ -49,7 +49,7 @@ def test_who_comes_late_or_idled_learns_from_the_same_outcomes_as_who_scored_fro
             views.append(view)
             driver.report(lease, driver.service.do(work), "old")
         for stage in ("mutate", "fly", "judge", "record"):
-            driver.do(stage, many=9)  # type: ignore[arg-type]
+            driver.do(stage, many=9)
         driver.now += 0.5
         driver.books.tick(driver.now)
         assert driver.now < 1e4, "the campaign does not end"

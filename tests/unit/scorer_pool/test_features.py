@@ -126,10 +126,10 @@ def test_history_is_kept_slim_in_order_and_notices_gaps() -> None:
     cases = [layout(box(float(place), 20)) for place in range(6)]
     copies = [msgspec.msgpack.decode(msgspec.msgpack.encode(case), type=TestCase) for case in cases]
     history.tell(tuple(outcome(case, place // 2, 1.0) for place, case in enumerate(copies)), -1, 2)
-    seen = history.view(1)
+    seen = history.view(-1, 1)
     assert [one.test_case for one in seen] == cases[:4]
     assert all(one.track == () for one in seen)
-    assert len({id(one.test_case.scenario.mission) for one in history.view(2)}) == 1
+    assert len({id(one.test_case.scenario.mission) for one in history.view(-1, 2)}) == 1
     with pytest.raises(Unavailable):
         history.tell((), 7, 8)
 

@@ -172,6 +172,7 @@ class Reducer:
         task, core = self._task(entry.key), self.core
         if entry.how in ("handed_back", "caught_up"):
             core.again(task, "handed_back", entry.message)
+            task.losses = 0 if entry.how == "caught_up" else task.losses  # that attempt came to its end
         elif entry.how == "undelivered" and task.undelivered < UNDELIVERED_MAX:
             task.undelivered += 1
             core.again(task, "handed_back", entry.message)
@@ -185,8 +186,7 @@ class Reducer:
             case FlyKey() | JudgeKey():
                 self._lifecycle(task.key).on_lost(task, task.key, message)
             case MutateKey():
-                self.core.fault(str(task.key), message)
-                self.core.again(task, "lost", message)
+                self.proposals.on_mutate_lost(task, message)
             case _:
                 self._failed(task, message)
 

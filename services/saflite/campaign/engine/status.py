@@ -12,6 +12,8 @@ from saflite.contract.control import ArmStanding, Exposed, Status, WorkerStatus
 from saflite.contract.work import FlyResult, Result
 
 WINDOW_S = 60.0
+LOSSES_TOLD = 2  # attempts lost in a row from which it is told: one alone is a worker that was ended
+TROUBLE_CHARS_MAX = 500
 
 
 class Rates:
@@ -51,6 +53,15 @@ def _exposed(core: Core) -> Exposed:
         states=len(exposure.states),
         steps=len(exposure.steps),
     )
+
+
+def _trouble(core: Core) -> str:
+    """Return what holds the campaign up though its workers are there: a strategy that is lost again and again."""
+    lost = (task for task in core.tasks if task.stage == "mutate" and task.losses >= LOSSES_TOLD)
+    if core.state == "ended" or (task := next(lost, None)) is None:
+        return ""
+    times = f"was lost {task.losses} times in a row with round {task.order[0]}"
+    return f"the strategy {core.campaign.strategy.name!r} {times}: {task.message}"[:TROUBLE_CHARS_MAX]
 
 
 def status_of(reducer: Reducer, registry: WorkerRegistry, leases: Leases, rates: Rates, now: float) -> Status:
@@ -98,6 +109,7 @@ def status_of(reducer: Reducer, registry: WorkerRegistry, leases: Leases, rates:
         ),
         seq=core.out.seq,
         exposure=_exposed(core),
+        trouble=_trouble(core),
         arms=tuple(
             ArmStanding(arm=arm, flights=counts.flights, founded=counts.founded)
             for arm, counts in sorted(core.arms.items())

@@ -17,6 +17,10 @@ from saflite.contract.test_case import identity
 from saflite.contract.work import MutateResult, ScoreResult
 
 MUTATE_FAILURES_MAX = 5
+
+MUTATE_LOSSES_MAX = 10
+"""Attempts at one round that may be lost in a row: far more than kills and scaling down take, each of a few seconds."""
+
 SCORE_FAULTS_MAX = 2
 DRY_ROUNDS = 5
 FALLBACK_SCORE = 5.0
@@ -83,6 +87,19 @@ class Proposals:
         core.again(task, "failed", message)
         if task.failures >= MUTATE_FAILURES_MAX:
             core.change_state("ended", f"the strategy {core.campaign.strategy.name!r} cannot propose: {message}")
+
+    def on_mutate_lost(self, task: Task, message: str) -> None:
+        """The mutator vanished with the work or came to no end: again, and in the end the campaign is over.
+
+        Now and then one is killed; a strategy that hangs, or takes its process down, is lost every time.
+        """
+        core = self._core
+        task.losses += 1
+        core.fault(str(task.key), message)
+        core.again(task, "lost", message)
+        if task.losses >= MUTATE_LOSSES_MAX:
+            times = f"was lost {task.losses} times in a row with round {task.order[0]}"
+            core.change_state("ended", f"the strategy {core.campaign.strategy.name!r} {times}: {message}")
 
     def _ask_scores(self, round_: Round) -> None:
         core, size = self._core, self._core.campaign.scorer.batch

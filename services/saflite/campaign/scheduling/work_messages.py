@@ -192,7 +192,7 @@ class WorkMessages:
         steps = range(first, upto, step)
         for since in (*steps, *range(steps[-1] + 1 if steps else upto, upto)):
             if sum(self._recent_bytes[number] for number in range(since + 1, upto + 1)) <= TOLD_MAX_BYTES:
-                return since
+                return int(since)
         return max(upto - 1, -1)
 
     def _weigh(self, first: int, upto: int) -> None:
