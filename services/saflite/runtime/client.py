@@ -88,6 +88,23 @@ def read_info(run_dir: Path) -> FarmInfo:
         raise Refused("run folder", where=str(run_dir), expected="one of a running farm", got=str(fault)) from fault
 
 
+def holds(control: Control, status: Status) -> bool:
+    """Return whether a campaign is as an order wants it."""
+    match control.verb:
+        case "stop":
+            return status.state == "ended"
+        case "pause":
+            return status.state == "paused"
+        case "resume":
+            return status.state == "running"
+        case "budget":
+            return status.budget == control.number
+        case "scorer":
+            return control.text in (status.scorer, *status.scorer_pending.split(","))
+        case _:
+            return False
+
+
 class FarmClient:
     """A connection to a running farm. Not for use from several threads."""
 
@@ -149,7 +166,8 @@ class FarmClient:
     def order(self, verb: Verb, text: str = "", number: int = 0, *, within_s: float = 30.0) -> Answer:
         """Give an order and return the answer; asks again while nobody answers.
 
-        After silence it asks over a new link: one can look alive and carry nothing (`Bus.renew`).
+        After silence it asks over a new link: one can look alive and carry nothing (`Bus.renew`). An order whose answer
+        was lost was taken all the same: asked again, the books may object that it holds already, which is no refusal.
 
         Raises:
             Refused: the key is not for that, or the books cannot read it.
@@ -158,14 +176,19 @@ class FarmClient:
         if self._peer is not None and not self._peer.may_order(verb):
             raise Refused("key", expected=f"one that may `{verb}`", got=self._peer.in_words())
         access = ""
-        payload = wire.encode(Control(verb=verb, text=text, number=number))
+        control = Control(verb=verb, text=text, number=number)
+        payload, asked_before = wire.encode(control), False
         until_s = self._clock.monotonic_s() + within_s
         while True:
             tag, asked_s = next(self._count), self._clock.monotonic_s()
             self._bus.ask(topics.control(self._campaign, verb), payload, tag, self._inbox.put, ANSWER_S)
             reply = self._reply(tag)
             if reply.payload is not None:
-                return wire.decode(reply.payload, Answer)
+                answer = wire.decode(reply.payload, Answer)
+                if asked_before and answer.status is not None and holds(control, answer.status):
+                    return msgspec.structs.replace(answer, accepted=True, message="")
+                return answer
+            asked_before = True
             if reply.refused:
                 raise Refused("order", expected="one the books can read", got=reply.refused)
             if self._clock.monotonic_s() >= until_s:

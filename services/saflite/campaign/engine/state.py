@@ -369,7 +369,8 @@ class Books:
         objection = self._dispatch.objection(control, self._reducer.scorers.model)
         if objection:
             return Answer(accepted=False, message=objection, status=self.status(now))
-        self._do(Ordered(control=control), now)
+        if not self._reducer.scorers.is_under_way(control):
+            self._do(Ordered(control=control), now)
         self._stop_clocks()
         self._choose(now)
         return Answer(accepted=True, status=self.status(now))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from saflite.campaign.engine.core import Core
 from saflite.campaign.scheduling.tasks import Task
 from saflite.campaign.scheduling.work_keys import WarmKey
+from saflite.contract.control import Control
 from saflite.contract.events import ScorerChanged
 from saflite.contract.work import WarmResult
 
@@ -18,6 +19,12 @@ class Scorers:
         self.shadow = core.campaign.scorer.shadow
         self.pending: dict[WarmKey, tuple[bool, tuple[str, ...]]] = {}  # warm task: (deciding?, models to be)
         self._count = 0
+
+    def is_under_way(self, control: Control) -> bool:
+        """Whether the very change that is ordered is under way: who got no answer orders it again."""
+        decides = control.verb == "scorer"
+        models = (control.text,) if decides else tuple(model for model in control.text.split(",") if model)
+        return control.verb in ("scorer", "shadow") and (decides, models) in self.pending.values()
 
     def swap(self, model: str) -> None:
         """Begin to change the deciding model; a change under way to another one is dropped."""
