@@ -159,9 +159,9 @@ class FarmClient:
         """The campaign whose farm this is."""
         return self._campaign
 
-    def first_event(self, *, within_s: float = ANSWER_S) -> Event:
-        """Return the first event of the run, which tells it from other runs of the same name."""
-        return self._missed(1, within_s)[0]
+    def event(self, seq: int, *, within_s: float = ANSWER_S) -> Event | None:
+        """Return an event by its number, None if there is none; the first tells the run from others of its name."""
+        return next(iter(self._missed(seq, within_s)), None)
 
     def order(self, verb: Verb, text: str = "", number: int = 0, *, within_s: float = 30.0) -> Answer:
         """Give an order and return the answer; asks again while nobody answers.

@@ -21,7 +21,7 @@ import httpx
 import msgspec
 
 from saflite.contract import wire
-from saflite.contract.bounds import Place, Seconds
+from saflite.contract.bounds import Place, Seconds, Word
 from saflite.contract.clock import Clock
 from saflite.contract.cloud_event import CONTENT_TYPE, CloudEvent, cloud_event
 from saflite.contract.errors import Refused
@@ -52,11 +52,12 @@ class WaitingClock(Clock, Protocol):
 
 
 class Cursor(msgspec.Struct, frozen=True, kw_only=True):
-    """How far a bridge is: the run, when it began, and the last event that was taken."""
+    """How far a bridge is: the run, when it began, and the last event that was taken, `told_as` what."""
 
     campaign: Name
     begun_unix_s: Seconds
     seq: Place = 0
+    told_as: Word = ""
 
 
 def read_cursor(path: Path) -> Cursor | None:

@@ -70,7 +70,7 @@ def test_an_event_is_told_as_a_cloud_event_and_signed() -> None:
     told = msgspec.json.decode(request.content, type=CloudEvent)
     assert told.data == EVENT
     assert (told.specversion, told.type, told.source) == ("1.0", "saflite.fault", "/saflite/night")
-    assert (told.id, told.sequence) == ("night-1600000000-7", "000000000007")
+    assert (told.id, told.sequence) == ("night-1600000000-7-74ecd9b0", "000000000007")
     assert told.time == "2023-11-14T22:13:20.000000+00:00"
     signed = f"{request.headers['webhook-id']}.{request.headers['webhook-timestamp']}.".encode() + request.content
     mac = base64.b64encode(hmac.new(SECRET, signed, hashlib.sha256).digest()).decode()

@@ -15,6 +15,7 @@ from saflite.console.io import farm_options
 from saflite.console.run_data import farm_lookup
 from saflite.console.run_data.embargo import for_others
 from saflite.console.run_data.run_folder import open_run
+from saflite.contract.cloud_event import told_as
 from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.events import Event, kind_of
 from saflite.contract.ids import short_id
@@ -70,7 +71,7 @@ def _carry(args: argparse.Namespace, bridge: Bridge) -> bool:
         for event, cursor in _new_events(args, bridge):
             if not bridge.kinds or kind_of(event.fact) in bridge.kinds:
                 bridge.webhook.deliver(for_others(event), cursor)
-                keep_cursor(bridge.cursor_file, msgspec.structs.replace(cursor, seq=event.seq))
+                keep_cursor(bridge.cursor_file, _after(cursor, event))
             over = getattr(event.fact, "state", "") == "ended"
     except Unavailable as fault:
         log.info("the farm is away: %s", fault)
@@ -82,15 +83,15 @@ def _new_events(args: argparse.Namespace, bridge: Bridge) -> Iterator[tuple[Even
     """Yield the events that come after what was told, with the run they are of."""
     if not args.connect and not farm_lookup.says_it_runs(args.run):
         with open_run(args.run) as folder:
-            first = next(folder.events(1), None)
-            if first is not None:
-                cursor = _at(bridge, folder.campaign.name, first)
+            cursor = _at(bridge, folder.campaign.name, lambda seq: next(folder.events(seq), None))
+            if cursor is not None:
                 yield from ((event, cursor) for event in folder.events(cursor.seq + 1))
         return
     client = _connected(args)
     try:
-        cursor = _at(bridge, client.campaign, client.first_event())
-        yield from ((event, cursor) for event in client.watch(cursor.seq + 1, patience_s=ANSWER_S))
+        cursor = _at(bridge, client.campaign, client.event)
+        if cursor is not None:
+            yield from ((event, cursor) for event in client.watch(cursor.seq + 1, patience_s=ANSWER_S))
     finally:
         client.close()
 
@@ -104,8 +105,21 @@ def _connected(args: argparse.Namespace) -> FarmClient:
         raise Unavailable(f"it has ended just now: {fault}") from fault
 
 
-def _at(bridge: Bridge, campaign: str, first: Event) -> Cursor:
-    """Return how far this run was told; another run of the same name begins anew."""
-    kept = read_cursor(bridge.cursor_file)
-    begun = Cursor(campaign=campaign, begun_unix_s=first.at_unix_s)
-    return kept if kept is not None and msgspec.structs.replace(kept, seq=0) == begun else begun
+def _after(cursor: Cursor, event: Event) -> Cursor:
+    return msgspec.structs.replace(cursor, seq=event.seq, told_as=told_as(event))
+
+
+def _at(bridge: Bridge, campaign: str, event: Callable[[int], Event | None]) -> Cursor | None:
+    """Return how far this run was told, None if it has no events; another run of the same name begins anew.
+
+    So does one whose event told last is another now, or is not there: commits were lost, and their numbers are given
+    again. What is told twice bears the same id, what differs another.
+    """
+    first = event(1)
+    if first is None:
+        return None
+    begun, kept = Cursor(campaign=campaign, begun_unix_s=first.at_unix_s), read_cursor(bridge.cursor_file)
+    if kept is None or msgspec.structs.replace(kept, seq=0, told_as="") != begun:
+        return begun
+    last = event(kept.seq) if kept.told_as else None
+    return kept if not kept.told_as or (last is not None and told_as(last) == kept.told_as) else begun
