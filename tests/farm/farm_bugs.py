@@ -307,9 +307,9 @@ def a_result_is_counted_each_time_it_comes() -> Any:
 def announced_twice() -> Any:
     """A violation is announced twice."""
 
-    def announce(self: flights.Flights, violation: Any) -> None:
-        original(self, violation)
-        original(self, violation)
+    def announce(self: flights.Flights, trial: Any, violation: Any) -> None:
+        original(self, trial, violation)
+        original(self, trial, violation)
 
     original = flights.Flights._announce
     return _patched(flights.Flights, "_announce", announce)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -12,7 +13,7 @@ from saflite.campaign.lifecycle.confirmation import Trial
 from saflite.campaign.lifecycle.repeats import RepeatRule
 from saflite.campaign.scheduling.rounds import Rounds
 from saflite.campaign.scheduling.tasks import Task, TaskTable
-from saflite.campaign.scheduling.work_keys import RecordKey
+from saflite.campaign.scheduling.work_keys import FlightKey, RecordKey
 from saflite.contract.blobs import BlobRef
 from saflite.contract.config import Campaign
 from saflite.contract.events import CampaignChanged, Fact, FaultSeen
@@ -86,7 +87,8 @@ class Core:
     counts: Counts = field(default_factory=Counts)
     exposure: Exposure = field(default_factory=Exposure)
     arms: dict[str, ArmCounts] = field(default_factory=dict)  # of a portfolio
-    trials: dict[str, Trial] = field(default_factory=dict)
+    trials: dict[str, Trial] = field(default_factory=dict)  # of test cases that a round selected
+    forms: dict[str, Trial] = field(default_factory=dict)  # of smallest forms; one may be a test case above as well
     records: dict[RecordKey, RecordingParts] = field(default_factory=dict)
     flown: dict[str, int] = field(default_factory=dict)  # every test case ever selected: its round
     shrunk: set[str] = field(default_factory=set)  # smallest forms of violations, flown besides
@@ -105,9 +107,29 @@ class Core:
         """Return the time the books have been open, over all incarnations."""
         return self.elapsed_before_s + max(0.0, now_s - self.opened_s)
 
+    def trial_of(self, key: FlightKey | RecordKey) -> Trial:
+        """Return the trial that a flight belongs to."""
+        return (self.forms if key.purpose == "shrunk" else self.trials)[key.test_case]
+
+    def all_trials(self) -> Iterator[Trial]:
+        """Yield every trial under way."""
+        yield from self.trials.values()
+        yield from self.forms.values()
+
     def was_flown(self, name: str) -> bool:
-        """Whether a test case was ever selected, or flown as the smallest form of a violation."""
+        """Whether a test case was ever selected, or flown as the smallest form of a violation.
+
+        For smallest forms only: when one was flown depends on timing, so the choice of the search must not heed it.
+        """
         return name in self.flown or name in self.shrunk
+
+    def stands(self, trial: Trial) -> bool:
+        """Whether what a trial shows is what is said of its test case: of one that a round selected, that trial alone.
+
+        So a smallest form tells nothing more once the search has chosen the very same test case, and whatever was told
+        before is replaced: what is known in the end does not depend on which of the two was flown first.
+        """
+        return trial.is_selected or trial.name not in self.flown
 
     def tell(self, fact: Fact) -> None:
         """Announce a fact."""

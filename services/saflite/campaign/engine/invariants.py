@@ -36,17 +36,20 @@ def _budget_holds(core: Core) -> None:
 
 
 def _every_trial_goes_on(core: Core) -> None:
-    for trial in core.trials.values():
+    for trial in core.all_trials():
         flights = [trial.fly_key(index) for index in (trial.first, *trial.reflights)]
         assert trial.waiting or any(core.tasks.get(key) or core.tasks.get(key.judging) for key in flights), (
             f"{trial.name} has not ended, and nothing is to be done for it"
         )
     for key in (task.key for task in core.tasks):
         if isinstance(key, FlyKey | JudgeKey) and key.purpose not in UNTOLD:
-            assert key.test_case in core.trials, f"{key} is to be done for a test case that has ended"
-            purpose = core.trials[key.test_case].purpose_of(key.index)
+            under_way = core.forms if key.purpose == "shrunk" else core.trials
+            assert key.test_case in under_way, f"{key} is to be done for a test case that has ended"
+            purpose = under_way[key.test_case].purpose_of(key.index)
             assert key.purpose == purpose, f"{key} has another purpose than its test case"
-    searched = [trial for trial in core.trials.values() if trial.is_selected]
+    searched = list(core.trials.values())
+    assert all(trial.is_selected for trial in searched), "a smallest form counts as selected"
+    assert not any(trial.is_selected for trial in core.forms.values()), "a selected test case counts as a smallest form"
     first = min(searched, key=lambda trial: (trial.round, trial.rank), default=None)
     assert first is None or not first.waiting, f"{first and first.name} waits for nobody"
     for number, round_ in core.rounds.under_way.items():
@@ -58,14 +61,14 @@ def _every_trial_goes_on(core: Core) -> None:
 
 def _repeats_are_on_one_build(core: Core) -> None:
     """A re-flight on another build repeats nothing."""
-    for trial in core.trials.values():
+    for trial in core.all_trials():
         builds = {note.flight.build for note in trial.flights.values() if note.judged or not note.settled}
         assert len(builds) <= 1, f"{trial.name} is confirmed by flights on several builds: {sorted(builds)}"
 
 
 def _traces_are_held(core: Core) -> None:
     assert all(hold.times > 0 for hold in core.holds.values()), "a blob is held by nobody"
-    for trial in core.trials.values():
+    for trial in core.all_trials():
         for note in trial.flights.values():
             held = all(blob.digest in core.holds for blob in note.flight.blobs)
             assert note.settled or held, f"{trial.name}: a trace to be judged was dropped"
@@ -76,8 +79,7 @@ def _traces_are_held(core: Core) -> None:
 
 def _counts_agree(core: Core) -> None:
     counts = core.counts
-    under_way = sum(1 for trial in core.trials.values() if trial.is_selected)
-    assert counts.selected == counts.ended + under_way, "a selected test case neither flies nor has ended"
+    assert counts.selected == counts.ended + len(core.trials), "a selected test case neither flies nor has ended"
     assert counts.selected == len(core.flown), "selected test cases and those known as flown differ"
     assert set(core.records) == {task.key for task in core.tasks if isinstance(task.key, RecordKey)}, (
         "recordings do not add up"

@@ -278,7 +278,7 @@ class Books:
         """Choose the flights of every round whose turn it is."""
         core, search = self._core, self._core.rounds.search
         while (round_ := core.rounds.next_to_select()) is not None:
-            candidates = {name: case for name, case in round_.candidates.items() if not core.was_flown(name)}
+            candidates = {name: case for name, case in round_.candidates.items() if name not in core.flown}
             scores, rng_seed = {name: round_.scores[name].value for name in candidates}, core.campaign.rng_seed
             rules = Rules(round_.plan.flights, search.random_share, search.novelty_weight, rng_seed, round_.number)
             picks = select(candidates, scores, tuple(core.latest), rules, Expected(round_.kinds(), core.promised))

@@ -87,7 +87,7 @@ def status_of(reducer: Reducer, registry: WorkerRegistry, leases: Leases, rates:
         violations_confirmed=counts.confirmed,
         violations_similar=counts.similar,
         violations_flaky=counts.flaky,
-        violations_pending=sum(1 for trial in core.trials.values() if trial.judgement is not None),
+        violations_pending=sum(1 for trial in core.all_trials() if trial.judgement is not None),
         quarantined=counts.quarantined,
         unequal=counts.unequal,
         flights_per_s=flights_per_s,

@@ -81,7 +81,7 @@ class Flights:
         core.shrunk.add(name)
         trial = Trial(test_case, name, like.round, like.rank, max(1, core.confirm.flights))
         trial.shrunk_from, trial.larger_forms, trial.wanted_build = larger, forms[:-1], like.build
-        core.trials[name] = trial
+        core.forms[name] = trial
         origin = test_case.origin
         content = wire.encode(test_case)
         core.out.row("test_cases", name, trial.round, -1, origin.strategy, origin.parent, None, content)
@@ -209,7 +209,7 @@ class Flights:
         note.judged = True
         bad = violated_verdicts(judgement)
         note.violated = {verdict.policy: Broken(verdict.margin, verdict.severity == "hard") for verdict in bad}
-        self._tell_judged(judgement, bad)
+        self._tell_judged(trial, judgement, bad)
         if key.index != trial.first:
             if not (bad or core.campaign.record == "all"):
                 core.let_go(*note.flight.blobs)
@@ -244,7 +244,7 @@ class Flights:
     def _similar(self, trial: Trial) -> None:
         core, note = self._core, trial.flights[trial.first]
         for violation in similar_ones(trial, self._behaviours.representatives):
-            self._announce(violation)
+            self._announce(trial, violation)
         if core.campaign.record == "all" and not is_full(core):
             core.flush(*note.flight.blobs)
             self._record(trial, None)
@@ -259,7 +259,7 @@ class Flights:
             return False
         return rule.repeats == "statistically" and trial.first + 1 < rule.flights
 
-    def _tell_judged(self, judgement: Judgement, bad: list[Verdict]) -> None:
+    def _tell_judged(self, trial: Trial, judgement: Judgement, bad: list[Verdict]) -> None:
         robustness = worst_robustness(judgement)
         policies = tuple(verdict.policy for verdict in bad)
         self._core.tell(
@@ -271,10 +271,9 @@ class Flights:
                 vacuous=vacuous(judgement),
             )
         )
-        line = self._core.out.line_count
-        self._core.out.row(
-            "judgements", judgement.test_case, judgement.flight_index, robustness, ",".join(policies), line
-        )
+        line, key = self._core.out.line_count, (judgement.test_case, judgement.flight_index)
+        if self._core.stands(trial):
+            self._core.out.row("judgements", *key, robustness, ",".join(policies), line)
 
     def _held(self, trial: Trial, note: FlightNote) -> None:
         core = self._core
@@ -296,7 +295,7 @@ class Flights:
         if trial.stood:
             self._checks.prove(trial)
         for violation in found:
-            self._announce(violation)
+            self._announce(trial, violation)
         if keep(core, trial) and core.campaign.record != "none":
             self._record(trial, found[0] if found else None)
         self._end(trial, first.flight.ending, found[0].confirmation if found else "held")
@@ -306,9 +305,9 @@ class Flights:
                 leads = self._behaviours.leads(trial, violation.policy)
                 self._minimization.begin(trial, violation, is_first=is_first, leads=leads)
 
-    def _announce(self, violation: Violation) -> None:
+    def _announce(self, trial: Trial, violation: Violation) -> None:
         core = self._core
-        if violation.test_case in core.shrunk:
+        if not trial.is_selected:
             pass  # counted when it was found
         elif violation.confirmation == "confirmed":
             core.counts.confirmed += 1
@@ -322,7 +321,8 @@ class Flights:
         core.tell(ViolationFound(violation=violation))
         key = (violation.fingerprint, violation.test_case, violation.policy)
         told = violation.confirmation, violation.robustness, violation.severity
-        core.out.row("violations", *key, *told, core.out.seq)
+        if core.stands(trial):
+            core.out.row("violations", *key, *told, core.out.seq)
 
     def _record(self, trial: Trial, violation: Violation | None) -> None:
         core, first = self._core, trial.flights[trial.first]
@@ -358,8 +358,9 @@ class Flights:
 
     def _end(self, trial: Trial, ending: Ending, state: str) -> None:
         core = self._core
-        del core.trials[trial.name]
-        core.out.row("endings", trial.name, state, ending, len(trial.flights))
+        del (core.trials if trial.is_selected else core.forms)[trial.name]
+        if core.stands(trial):
+            core.out.row("endings", trial.name, state, ending, len(trial.flights))
         if not trial.is_selected:
             if state != "confirmed":
                 self._fly_larger(trial)
@@ -385,7 +386,7 @@ class Flights:
             core.rounds.close(trial.round)
 
     def _trial(self, key: FlightKey) -> Trial:
-        return self._core.trials[key.test_case]
+        return self._core.trial_of(key)
 
 
 def state_of(judgement: Judgement) -> str:

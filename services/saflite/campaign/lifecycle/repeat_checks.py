@@ -44,8 +44,8 @@ class RepeatChecks:
 
     def _ask(self, trial: Trial, first: Flight) -> None:
         core, key = self._core, FlyKey(trial.name, "check", 0)
-        if trial.checked:
-            return  # as a sample, or its first flight was flown once more, for its trace was lost
+        if trial.checked or key in self._under_way:
+            return  # as a sample, for its first flight was flown once more (its trace was lost), or as a smallest form
         trial.checked = True
         self._under_way[key] = trial.test_case, first
         target = TargetBuild(trial.test_case.target.name, first.build)

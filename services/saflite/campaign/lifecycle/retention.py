@@ -47,7 +47,7 @@ def keep(core: Core, trial: Trial) -> bool:
 
 def needed(core: Core, flight_of: Callable[[JudgeKey], Flight]) -> frozenset[BlobRef]:
     """Return the blobs that work under way needs."""
-    flights = [note.flight for trial in core.trials.values() for note in trial.flights.values()]
+    flights = [note.flight for trial in core.all_trials() for note in trial.flights.values()]
     flights += [flight_of(task.key) for task in core.tasks if isinstance(task.key, JudgeKey)]
     flights += [parts.flight for parts in core.records.values()]
     return frozenset(blob for flight in flights for blob in flight.blobs)

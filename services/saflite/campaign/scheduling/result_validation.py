@@ -153,7 +153,7 @@ def _check_verdict(task: Task, verdict: Verdict) -> None:
 def _check_build(core: Core, task: Task, key: FlyKey, flight: Flight) -> None:
     """A first flight is on the build its test case names, if it names any; all others on the build of the first."""
     wanted = task.target.build if task.target else ""
-    is_first = key.purpose not in UNTOLD and key.index == core.trials[key.test_case].first
+    is_first = key.purpose not in UNTOLD and key.index == core.trial_of(key).first
     if flight.ending in FLOWN_ENDINGS and flight.build != wanted and (wanted or not is_first):
         _refuse(task, f"a flight on build {wanted or 'unknown'!r}", flight.build or "unknown")
 

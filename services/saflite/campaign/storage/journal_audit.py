@@ -21,7 +21,9 @@ from saflite.contract.events import Fact, Flown, Judged, Proposed, Quarantined, 
 from saflite.contract.flight import FLOWN_ENDINGS, UNTOLD
 from saflite.contract.work import FlyResult, JudgeResult, MutateResult, ScoreResult
 
-Flight = tuple[str, int]
+Judging = tuple[str, int]
+Flight = tuple[str, int, bool]
+"""Test case, index, and whether it was flown as a smallest form."""
 
 
 class JournalAudit:
@@ -35,9 +37,10 @@ class JournalAudit:
         self.ended: Counter[str] = Counter()
         self._open: dict[WorkKey, int] = {}  # work: attempt under way
         self._selected: Counter[str] = Counter()
+        self._forms: set[str] = set()  # flown as smallest forms; one may have been selected, too, and end once as each
         self._flown: dict[Flight, int] = {}  # accepted results, by flight
         self._flown_anew: Counter[Flight] = Counter()  # taken, told, but its trace was lost before it was judged
-        self._judged: Counter[Flight] = Counter()
+        self._judged: Counter[Judging] = Counter()
         self._told_flown: Counter[Flight] = Counter()
         self._ended_cases: Counter[str] = Counter()
         self._confirmations: Counter[str] = Counter()
@@ -66,8 +69,9 @@ class JournalAudit:
             case TraceMissing(key=key):
                 self._open.pop(key, None)
                 if isinstance(key, JudgeKey) and key.purpose not in UNTOLD:
-                    self._flown[key.test_case, key.index] -= 1
-                    self._flown_anew[key.test_case, key.index] += 1
+                    flight = (key.test_case, key.index, key.purpose == "shrunk")
+                    self._flown[flight] -= 1
+                    self._flown_anew[flight] += 1
             case _:
                 pass
 
@@ -84,10 +88,14 @@ class JournalAudit:
         else:
             self.ended["settled late"] += 1
         result = entry.result
+        is_form = False
+        if isinstance(entry.key, FlyKey) and entry.key.purpose == "shrunk":
+            is_form = True
+            self._forms.add(entry.key.test_case)
         if isinstance(entry.key, FlyKey | JudgeKey) and entry.key.purpose in UNTOLD:
             self.untold[entry.key.purpose] += isinstance(result, FlyResult)
         elif isinstance(result, FlyResult) and result.flight.ending in FLOWN_ENDINGS:
-            flight = (result.flight.test_case, result.flight.flight_index)
+            flight = (result.flight.test_case, result.flight.flight_index, is_form)
             self._flown[flight] = self._flown.get(flight, 0) + 1
         elif isinstance(result, JudgeResult):
             self._judged[result.judgement.test_case, result.judgement.flight_index] += 1
@@ -100,17 +108,17 @@ class JournalAudit:
 
     def compare_told(self, facts: Sequence[Fact]) -> list[str]:
         """Return where the facts told and the results taken differ."""
-        told_judged: Counter[Flight] = Counter()
+        told_judged: Counter[Judging] = Counter()
         violations: Counter[tuple[str, str]] = Counter()
         proposed = scored = 0
         for fact in facts:
             match fact:
                 case Flown():
-                    self._told_flown[fact.test_case, fact.flight_index] += 1
+                    flight = (fact.test_case, fact.flight_index, fact.purpose == "shrunk")
+                    self._told_flown[flight] += 1
                     if fact.ending in FLOWN_ENDINGS:
                         continue
-                    flight = fact.test_case, fact.flight_index  # given up, maybe after its trace was lost
-                    self._flown[flight] = self._flown.get(flight) or 1
+                    self._flown[flight] = self._flown.get(flight) or 1  # given up, maybe after its trace was lost
                 case Judged():
                     told_judged[fact.test_case, fact.flight_index] += 1
                     is_last = fact.flight_index == 0 and not fact.violated
@@ -132,17 +140,22 @@ class JournalAudit:
         return [
             *_unequal("flights told", self._told_flown, Counter(self._flown) + self._flown_anew),
             *_unequal("judgements told", told_judged, self._judged),
-            *[f"{key} was announced {count} times" for key, count in violations.items() if count > 1],
+            *[
+                f"{key} was announced {count} times"
+                for key, count in violations.items()
+                if count > 1 + (key[0] in self._forms)
+            ],
             *([] if proposed == self._proposed else [f"rounds: {self._proposed} proposed, {proposed} told"]),
             *([] if scored >= self._scored else [f"batches: {self._scored} scored, {scored} told"]),
             *self._doubled(),
         ]
 
     def _doubled(self) -> list[str]:
+        ended = self._ended_cases.items()
         return [
             *[f"flight {key} was counted {count} times" for key, count in self._flown.items() if count > 1],
             *[f"test case {name} was selected {count} times" for name, count in self._selected.items() if count > 1],
-            *[f"test case {name} ended {count} times" for name, count in self._ended_cases.items() if count > 1],
+            *[f"test case {name} ended {count} times" for name, count in ended if count > 1 + (name in self._forms)],
         ]
 
     def left_open(self) -> list[str]:
@@ -158,7 +171,7 @@ class JournalAudit:
     def charged(self) -> int:
         """Flights that count against the budget."""
         flown = (flight for flight, count in self._flown.items() if count > 0)
-        return sum(1 for name, index in flown if name in self._selected and not index)
+        return sum(1 for name, index, is_form in flown if name in self._selected and not index and not is_form)
 
     def figures(self) -> dict[str, Any]:
         """Return the counts."""
@@ -170,7 +183,7 @@ class JournalAudit:
             "test_cases_selected": sum(self._selected.values()),
             "test_cases_ended": len(set(self._ended_cases) & set(self._selected)),
             "flights": self.charged,
-            "reflights": sum(1 for (_, index), count in self._flown.items() if count > 0 and index),
+            "reflights": sum(1 for (_, index, _), count in self._flown.items() if count > 0 and index),
             "check_flights": self.untold["check"],
             "shrink_experiments": self.untold["shrink"],
             "flights_counted_twice": sum(1 for count in self._flown.values() if count > 1),
@@ -179,6 +192,6 @@ class JournalAudit:
         }
 
 
-def _unequal(what: str, told: Counter[Flight], taken: Counter[Flight]) -> list[str]:
+def _unequal(what: str, told: Counter[Any], taken: Counter[Any]) -> list[str]:
     names = [key for key in {*told, *taken} if told[key] != taken[key]]
     return [f"{what}: {key} {told[key]} times, taken {taken[key]} times" for key in sorted(names)[:20]]
