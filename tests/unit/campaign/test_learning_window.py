@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from books_drive import Driver, doubles
 
+from saflite.campaign.scheduling.work_keys import run_and_key
 from saflite.campaign.storage.store import Store
 from saflite.contract.work import Lease, Outcome, ScoreWork
 from saflite.scorer_pool.learning.history import History
@@ -16,7 +17,7 @@ MOST = 30
 
 def _as_told_to(driver: Driver, lease: Lease, cursor: int) -> ScoreWork:
     """Return the work of a lease as a scorer gets it that was told outcomes up to `cursor`."""
-    key = driver.books._key_of(lease.lease_id)[1]
+    key = run_and_key(lease.lease_id)[1]
     task = None if key is None else driver.books._core.tasks.get(key)
     assert task is not None
     told = driver.books._work_messages.work(task, cursor)
