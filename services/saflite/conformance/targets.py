@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Sequence
 from functools import partial
+from typing import get_args
 
 import msgspec
 
@@ -101,27 +102,41 @@ def _takes(target: TargetModule, cases: Cases) -> Iterator[str]:
 
 
 def _refuses(target: TargetModule) -> Iterator[str]:
-    info = target.describe()
-    good = scenario(info)
-    long = msgspec.structs.replace(good, time_limit_s=2.0 * info.time_limit_max_s)
-    nowhere = Scenario(start=StartState(mode="NO_SUCH_MODE"), time_limit_s=1.0)
-    stick = Stimulus(at_s=0.5, kind="stick", name="NO_SUCH_STICK", values=(1500.0,))
-    early = Stimulus(at_s=-1.0, kind="stick", name="NO_SUCH_STICK", values=(1500.0,))
-    mine = Target(name=info.name)
-    for what, case in (
-        ("a flight longer than time_limit_max_s", TestCase(target=mine, scenario=long)),
-        ("a flight of no time", TestCase(target=mine, scenario=msgspec.structs.replace(good, time_limit_s=0.0))),
-        ("a start in a mode it does not have", TestCase(target=mine, scenario=nowhere)),
-        ("a stick it does not have", TestCase(target=mine, scenario=good, stimuli=(stick,))),
-        ("a stimulus before the start", TestCase(target=mine, scenario=good, stimuli=(early,))),
-        ("an unknown parameter", TestCase(target=Target(name=info.name, parameters={"NO_SUCH": 1.0}), scenario=good)),
-        ("an unknown setting", TestCase(target=Target(name=info.name, settings={"no such": 1.0}), scenario=good)),
-    ):
+    for what, case in _not_there(target.describe()):
         try:
             target.check(case)
         except Refused:
             continue
         yield f"check() takes {what}"
+
+
+def _not_there(info: TargetInfo) -> Iterator[tuple[str, TestCase]]:
+    """Yield what no target has, in words and as a test case that asks for it."""
+    good, mine = scenario(info), Target(name=info.name)
+    long = msgspec.structs.replace(good, time_limit_s=2.0 * info.time_limit_max_s)
+    nowhere = Scenario(start=StartState(mode="NO_SUCH_MODE"), time_limit_s=1.0)
+    yield "a flight longer than time_limit_max_s", TestCase(target=mine, scenario=long)
+    yield "a flight of no time", TestCase(target=mine, scenario=msgspec.structs.replace(good, time_limit_s=0.0))
+    yield "a start in a mode it does not have", TestCase(target=mine, scenario=nowhere)
+    for what, kept in (
+        ("an unknown parameter", Target(name=info.name, parameters={"NO_SUCH": 1.0})),
+        ("an unknown setting", Target(name=info.name, settings={"no such": 1.0})),
+    ):
+        yield what, TestCase(target=kept, scenario=good)
+    for what, stimulus in _inputs_not_there(info):
+        yield what, TestCase(target=mine, scenario=good, stimuli=(stimulus,))
+
+
+def _inputs_not_there(info: TargetInfo) -> Iterator[tuple[str, Stimulus]]:
+    """Yield inputs of no name it knows, before the start, or of another count of numbers than their kind has."""
+    for kind in get_args(StimulusKind):
+        values = () if kind == "mode" else (1500.0,)
+        yield f"a {kind} it does not have", Stimulus(at_s=0.5, kind=kind, name="NO_SUCH", values=values)
+    for one in {one.kind: one for one in info.inputs}.values():
+        yield f"a {one.kind} before the start", Stimulus(at_s=-1.0, kind=one.kind, name=one.name)
+        if one.kind != "command":
+            crowd = Stimulus(at_s=0.5, kind=one.kind, name=one.name, values=(1.0, 2.0))
+            yield f"two numbers for a {one.kind}", crowd
 
 
 # ---- what it does -------------------------------------------------------------------------------------------------

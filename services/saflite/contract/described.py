@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 from saflite.contract.errors import Refused
 from saflite.contract.target_info import InputInfo, TargetInfo, check_settings
-from saflite.contract.test_case import Scenario, Stimulus, TestCase
+from saflite.contract.test_case import Scenario, Stimulus, StimulusKind, TestCase
 
 
 def check_described(info: TargetInfo, test_case: TestCase) -> None:
@@ -21,7 +22,7 @@ def check_described(info: TargetInfo, test_case: TestCase) -> None:
         _check_parameter(inputs.get(("parameter", name)), name, value)
     check_settings(test_case.target.settings, info.settings, info.name)
     for number, stimulus in enumerate(test_case.stimuli):
-        _check_stimulus(inputs.get((stimulus.kind, stimulus.name)), stimulus, f"stimulus {number}")
+        _check_stimulus(inputs, stimulus, f"stimulus {number}")
 
 
 def _check_scenario(info: TargetInfo, scenario: Scenario) -> None:
@@ -43,13 +44,28 @@ def _check_parameter(one: InputInfo | None, name: str, value: float) -> None:
         raise Refused(f"parameter {name}", expected=f"{low:g} to {high:g} {one.unit}".rstrip(), got=value)
 
 
-def _check_stimulus(one: InputInfo | None, stimulus: Stimulus, where: str) -> None:
-    if one is None:
-        got = f"{stimulus.kind} {stimulus.name}"
-        raise Refused("stimulus", where=where, expected="an input that the target describes", got=got)
+def check_time_and_count(stimulus: Stimulus, where: str) -> None:
+    """Raise Refused for a stimulus before the start, or with another count of numbers than its kind has.
+
+    What the numbers are is the autopilot's to judge. How many a command takes is the target's.
+    """
     if not stimulus.at_s >= 0.0:
         raise Refused("stimulus time", where=where, expected="0 or later", got=stimulus.at_s)
-    if stimulus.kind in ("parameter", "stick") and len(stimulus.values) != 1:
+    count = len(stimulus.values)
+    if stimulus.kind in ("parameter", "stick") and count != 1:
         raise Refused("stimulus values", where=where, expected="one number", got=stimulus.values)
+    if stimulus.kind == "mode" and count:
+        raise Refused("stimulus values", where=where, expected="a mode's name and no number", got=stimulus.values)
+    if stimulus.kind == "sensor_fault" and count > 1:
+        raise Refused("stimulus values", where=where, expected="one number at most", got=stimulus.values)
+
+
+def _check_stimulus(inputs: Mapping[tuple[StimulusKind, str], InputInfo], stimulus: Stimulus, where: str) -> None:
+    kind = stimulus.kind
+    if (kind, stimulus.name) not in inputs:
+        known = [name for other, name in inputs if other == kind]
+        expected = f"a {kind.replace('_', ' ')} that the target describes"
+        raise Refused("stimulus", where=where, expected=expected, got=repr(stimulus.name), known=known)
+    check_time_and_count(stimulus, where)
     if not all(map(math.isfinite, stimulus.values)):
         raise Refused("stimulus values", where=where, expected="finite numbers", got=stimulus.values)

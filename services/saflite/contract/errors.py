@@ -41,6 +41,14 @@ class Refused(FarmError):
         super().__init__(f"{what}{place}: expected {expected}, got {got}{remedy}")
 
 
+class RefusedElsewhere(Refused):
+    """What another process refused, in the words it found for it."""
+
+    def __init__(self, what: str, told: str) -> None:
+        self.what, self.where, self.expected, self.got, self.fix = what, "", "", told, ""
+        FarmError.__init__(self, told)
+
+
 def _near(got: object, known: Iterable[str]) -> str:
     """Return the known name that is most like what was given, empty if none is."""
     import difflib

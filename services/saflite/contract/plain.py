@@ -7,6 +7,7 @@ in logs, and in the views of those who read our JSON, SARIF, JUnit and CSV files
 from __future__ import annotations
 
 import unicodedata
+from collections.abc import Iterable
 
 TEXT = frozenset("\n\t")  # control characters that are layout
 _UNSAFE = ("Cc", "Cf", "Cs", "Zl", "Zp")  # controls, directions of writing and other invisibles, surrogates, line ends
@@ -29,6 +30,13 @@ def cell(value: object) -> object:
         return value
     shown = word(value)
     return f"'{shown}" if shown.startswith(_FORMULA) else shown
+
+
+def some(names: Iterable[str], most: int = 8, between: str = ", ") -> str:
+    """Return names as a list to read, each once, at most so many and how many more there are."""
+    each = list(dict.fromkeys(names))
+    more = f" and {len(each) - most} more" if len(each) > most else ""
+    return between.join(each[:most]) + more
 
 
 def plain_data(value: object) -> object:

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 from saflite.contract.clock import Clock
 from saflite.contract.config import environment_with, own_python
-from saflite.contract.errors import Refused, Unavailable
+from saflite.contract.errors import Refused, RefusedElsewhere, Unavailable
 from saflite.contract.service import Cancelled
 from saflite.contract.test_case import TestCase
 from saflite.simulator_worker.messages import (
@@ -113,7 +113,7 @@ class Sandbox:
             return FlightReply(number=self._flights, ending="lost", message=message, build=opened.build)
         self._tidy()
         if reply.trouble == "refused":
-            raise Refused("test case", expected="one the target can fly", got=reply.message)
+            raise RefusedElsewhere("test case", reply.message)
         if reply.trouble == "contradicted":
             self._contradicted[name] = reply.message
             self._check_agreement(name)

@@ -18,8 +18,8 @@ from saflite.console.view import live
 from saflite.contract.config import parse_campaign
 from saflite.contract.control import Status, WorkerStatus
 from saflite.contract.events import Quarantined, ScorerChanged, ViolationFound
-from saflite.contract.flight import Flight
-from saflite.contract.test_case import Obstacle
+from saflite.contract.flight import Delivered, DeliveryAnswer, Flight
+from saflite.contract.test_case import Obstacle, Stimulus
 from saflite.contract.verdict import NEVER_APPLIED, Judgement, Verdict, Violation
 
 WANTED = "run resume replay fly judge mutate score audit watch list export report doctor scorer evaluate sitl schema"
@@ -195,3 +195,26 @@ def test_a_replay_says_what_the_policies_said(
         robustness=robustness,
     )
     assert line(result) == f"x  completed  {words}  trace d bit-equal"
+
+
+def test_inputs_that_were_not_taken_are_told_with_why(capsys: pytest.CaptureFixture[str]) -> None:
+    answers: tuple[DeliveryAnswer, ...] = ("accepted", "timed_out", "late", *(("denied",) * 8))
+    stimuli = tuple(Stimulus(at_s=float(n), kind="mode", name=f"M{n}") for n in range(len(answers) + 1))
+    case = msgspec.structs.replace(template(load_campaign("avoidance-m2")), stimuli=stimuli)
+    delivered = tuple(
+        Delivered(index=n, at_s=float(n), answer=answer, message="why not" if answer == "denied" else "")
+        for n, answer in enumerate(answers)
+    )
+    flight = Flight(test_case="x", flight_index=0, ending="completed", delivered=delivered)
+    judging.show(case, flight, Judgement(test_case="x", flight_index=0, verdicts=()))
+    (said,) = (line for line in capsys.readouterr().out.splitlines() if line.startswith("inputs"))
+    assert (
+        "12, of which 1 timed out, 1 late, 8 denied, 1 not given: 1 s mode M1 (timed out); 2 s mode M2 (late)" in said
+    )
+    assert "3 s mode M3 (denied: why not)" in said
+    assert said.endswith(" and 6 more")
+    taken = msgspec.structs.replace(flight, delivered=delivered[:1])
+    judging.show(
+        msgspec.structs.replace(case, stimuli=stimuli[:1]), taken, Judgement(test_case="x", flight_index=0, verdicts=())
+    )
+    assert "inputs" not in capsys.readouterr().out

@@ -7,10 +7,14 @@ from typing import NamedTuple
 
 from saflite.console.view import out
 from saflite.contract.flight import Flight, unpack_trace
-from saflite.contract.test_case import TestCase, identity
+from saflite.contract.plain import some
+from saflite.contract.test_case import TestCase, identity, stimulus_text
 from saflite.contract.verdict import NEVER_APPLIED, Judgement, Ruling, Verdict
 from saflite.contract.work import FlyResult, FlyWork, PolicyTexts
 from saflite.evidence.memory import MemoryBlobs
+
+UNTAKEN_SHOWN = 5  # inputs that the autopilot did not take; `--json` has all
+INPUT_SHOWN = 80
 
 
 class Flown(NamedTuple):
@@ -85,6 +89,7 @@ def show(case: TestCase, flight: Flight, judgement: Judgement, everything: bool 
             f" in {flight.wall_s:.2f} s ({flight.simulated_s / flight.wall_s:.0f}x real time)" if flight.wall_s else ""
         )
         out.line(f"flight     {flight.ending}, {flight.simulated_s:.1f} s{speed}")
+    _show_untaken(case, flight)
     if flight.trace_digest:
         out.line(f"trace      {flight.trace_digest[:16]}")
     listed = [verdict for verdict in judgement.verdicts if everything or verdict.robustness is not None]
@@ -103,6 +108,30 @@ def show(case: TestCase, flight: Flight, judgement: Judgement, everything: bool 
     for outcome, why in whys.items():
         if count := left[outcome]:
             out.line(f"  {count} {'policy' if count == 1 else 'policies'} {outcome}: {why}")
+
+
+def _show_untaken(case: TestCase, flight: Flight) -> None:
+    """Say what became of inputs other than that they were taken: a typo must not look like a flight that held."""
+    if flight.delivered is None or not case.stimuli:
+        return
+    became = {one.index: one for one in flight.delivered if one.index < len(case.stimuli)}
+    untaken = {place: became.get(place) for place in range(len(case.stimuli))}
+    words = {"accepted": "", "unanswered": "", "timed_out": "timed out"}
+    told: list[tuple[str, str]] = []
+    for place, one in untaken.items():
+        how = "not given" if one is None else words.get(one.answer, one.answer)
+        why = f": {one.message}" if one is not None and one.message else ""
+        if how:
+            stimulus = case.stimuli[place]
+            told.append(
+                (how, f"{stimulus.at_s:g} s {stimulus_text(stimulus)[:INPUT_SHOWN]} ({how}{why[:INPUT_SHOWN]})")
+            )
+    if not told:
+        return
+    counts = ", ".join(f"{count} {how}" for how, count in Counter(how for how, _ in told).items())
+    out.line(
+        f"inputs     {len(case.stimuli)}, of which {counts}: {some((text for _, text in told), UNTAKEN_SHOWN, '; ')}"
+    )
 
 
 def _order(verdict: Verdict) -> tuple[int, float, str]:

@@ -54,8 +54,6 @@ def check_fault(name: str, values: tuple[float, ...], gps: bool, where: str) -> 
     fault = known_faults(gps).get(name)
     if fault is None:
         raise Refused("sensor fault", where=where, expected=f"one of {', '.join(known_faults(gps))}", got=repr(name))
-    if len(values) > 1:
-        raise Refused(f"sensor fault {name}", where=where, expected="one number at most", got=values)
 
 
 def bounded(fault: Fault, size: float) -> float:

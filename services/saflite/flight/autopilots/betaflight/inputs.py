@@ -7,6 +7,7 @@ from typing import NamedTuple, Protocol
 
 import msgspec
 
+from saflite.contract.described import check_time_and_count
 from saflite.contract.errors import Refused
 from saflite.contract.flight import Delivered, DeliveryAnswer
 from saflite.contract.test_case import Stimulus, TestCase
@@ -226,16 +227,14 @@ def configured(test_case: TestCase, variant: Variant) -> Configured:
 
 def check_stimulus(stimulus: Stimulus, variant: Variant, where: str) -> None:
     """Raise Refused for a stimulus that cannot even be given."""
-    if stimulus.at_s < 0.0:
-        raise Refused("stimulus time", where=where, expected="0 or later", got=stimulus.at_s)
-    if stimulus.kind in ("parameter", "stick") and len(stimulus.values) != 1:
-        raise Refused("stimulus values", where=where, expected="one number", got=stimulus.values)
+    check_time_and_count(stimulus, where)
     if stimulus.kind == "parameter":
         check_setting(stimulus.name, stimulus.values[0], variant, where)
     elif stimulus.kind == "stick" and stimulus.name not in STICKS:
-        raise Refused("stick", where=where, expected=", ".join(STICKS), got=repr(stimulus.name))
+        raise Refused("stick", where=where, expected=f"one of {', '.join(STICKS)}", got=repr(stimulus.name))
     elif stimulus.kind == "mode" and stimulus.name not in pilot_modes(variant.gps):
-        raise Refused("mode", where=where, expected=", ".join(pilot_modes(variant.gps)), got=repr(stimulus.name))
+        expected = f"one of {', '.join(pilot_modes(variant.gps))}"
+        raise Refused("mode", where=where, expected=expected, got=repr(stimulus.name))
     elif stimulus.kind == "sensor_fault":
         check_fault(stimulus.name, stimulus.values, variant.gps, where)
     elif stimulus.kind == "command":
@@ -247,7 +246,7 @@ def check_setting(name: str, value: float, variant: Variant, where: str, *, stri
     setting = known_settings(variant).get(name)
     if setting is None:
         expected = f"one of the {len(known_settings(variant))} settings of the {variant.name} build"
-        raise Refused("parameter", where=where, expected=expected, got=repr(name))
+        raise Refused("parameter", where=where, expected=expected, got=repr(name), known=known_settings(variant))
     if strict and setting.why_not(value):
         raise Refused(f"parameter {name}", where=where, expected=setting.why_not(value), got=value)
 

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
+from saflite.contract.described import check_time_and_count
 from saflite.contract.errors import Refused
 from saflite.contract.flight import Delivered, DeliveryAnswer
 from saflite.contract.test_case import Stimulus
@@ -178,35 +179,28 @@ def check_stimulus(stimulus: Stimulus, known: Collection[str], modes: Collection
     Sensor faults are checked for their count of numbers only: what their names mean is the adapter's.
     """
     name, values = stimulus.name, stimulus.values
-    if stimulus.at_s < 0.0:
-        raise Refused("stimulus time", where=where, expected="0 or later", got=stimulus.at_s)
-    if stimulus.kind in ("parameter", "stick") and len(values) != 1:
-        raise Refused("stimulus values", where=where, expected="one number", got=values)
-    if stimulus.kind == "sensor_fault" and len(values) > 1:
-        raise Refused("stimulus values", where=where, expected="one number at most", got=values)
+    check_time_and_count(stimulus, where)
     if stimulus.kind == "parameter":
         check_parameter(name, known, where)
     elif stimulus.kind == "stick" and name not in STICKS:
-        raise Refused("stick", where=where, expected=", ".join(STICKS), got=repr(name))
+        raise Refused("stick", where=where, expected=f"one of {', '.join(STICKS)}", got=repr(name))
     elif stimulus.kind == "mode" and name not in modes:
-        raise Refused("mode", where=where, expected=", ".join(modes), got=repr(name))
+        raise Refused("mode", where=where, expected=f"one of {', '.join(modes)}", got=repr(name))
     elif stimulus.kind == "command":
         _check_command(name, values, where)
 
 
 def check_parameter(name: str, known: Collection[str], where: str) -> None:
     """Raise Refused for a parameter the binary does not have, naming the nearest it has."""
-    import difflib
-
     if name not in known:
-        near = difflib.get_close_matches(name, known, 1)
-        fix = f"did you mean {near[0]}?" if near else ""
-        raise Refused("parameter", where=where, expected=f"one of the binary's {len(known)}", got=repr(name), fix=fix)
+        expected = f"one of the binary's {len(known)}"
+        raise Refused("parameter", where=where, expected=expected, got=repr(name), known=known)
 
 
 def _check_command(name: str, values: Sequence[float], where: str) -> None:
     known = command_numbers()
     if (name if name.startswith(PREFIX) else PREFIX + name) not in known:
-        raise Refused("command", where=where, expected=f"one of MAVLink's {len(known)} MAV_CMD", got=repr(name))
+        expected = f"one of MAVLink's {len(known)} MAV_CMD"
+        raise Refused("command", where=where, expected=expected, got=repr(name), known=known)
     if len(values) > NUMBERS:
         raise Refused("command values", where=where, expected=f"up to {NUMBERS} numbers", got=len(values))

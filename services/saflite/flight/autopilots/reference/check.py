@@ -29,7 +29,9 @@ def check_test_case(test_case: TestCase) -> None:
     for name, value in target.parameters.items():
         row = parameter_table().get(name)
         if row is None:
-            raise Refused("parameter", expected="one of `saflite list parameters`", got=repr(name))
+            raise Refused(
+                "parameter", expected="one of `saflite list parameters`", got=repr(name), known=parameter_table()
+            )
         if name not in unchecked and not row.low <= value <= row.high:
             raise Refused(f"parameter {name}", expected=f"{row.low:g} to {row.high:g} {row.unit}".rstrip(), got=value)
     if scenario.mission is not None:

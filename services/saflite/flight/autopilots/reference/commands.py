@@ -51,13 +51,14 @@ class Command(NamedTuple):
     meaning: str
 
 
-def command_number(name: str) -> int:
+def command_number(name: str, where: str = "") -> int:
     """Return the number of a MAV_CMD given by name (with or without MAV_CMD_) or number; raises Refused if unknown."""
     word = name.strip().upper().removeprefix("MAV_CMD_")
     if word.isdigit():
         return int(word)
     if word not in NAMES:
-        raise Refused("command", expected="a MAV_CMD name or number", got=repr(name))
+        known = [f"MAV_CMD_{known}" for known in NAMES] if name.upper().startswith("MAV_CMD_") else NAMES
+        raise Refused("command", where=where, expected="a MAV_CMD name or number", got=repr(name), known=known)
     return NAMES[word]
 
 

@@ -22,8 +22,9 @@ def fault_parameter(name: str, where: str) -> str:
     """Return the parameter that makes the fault; raises Refused for an unknown one."""
     parameter = shared_names().get(name, name)
     if not parameter.startswith("SIM_") or parameter not in parameter_table():
+        rows = [row for row in parameter_table() if row.startswith("SIM_")]
         expected = f"one of {', '.join(shared_names())} or a SIM_ parameter"
-        raise Refused("sensor fault", where=where, expected=expected, got=repr(name))
+        raise Refused("sensor fault", where=where, expected=expected, got=repr(name), known=(*shared_names(), *rows))
     return parameter
 
 

@@ -7,10 +7,13 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
 
+from saflite.contract.described import check_time_and_count
 from saflite.contract.errors import Refused
 from saflite.contract.flight import Delivered, DeliveryAnswer
 from saflite.contract.test_case import Stimulus
 from saflite.flight.autopilots.reference.commands import MavResult, command_number, execute
+from saflite.flight.autopilots.reference.modes.table import mode_table
+from saflite.flight.autopilots.reference.parameters import parameter_table
 from saflite.flight.autopilots.reference.sensor_faults import fault_parameter, fault_value
 
 if TYPE_CHECKING:
@@ -110,16 +113,21 @@ def in_order(stimuli: Sequence[Stimulus]) -> list[int]:
 
 def check_stimulus(stimulus: Stimulus, where: str) -> None:
     """Raise Refused for a stimulus this autopilot cannot even be sent."""
-    if stimulus.at_s < 0.0:
-        raise Refused("stimulus time", where=where, expected="0 or later", got=stimulus.at_s)
-    if stimulus.kind in ("parameter", "stick") and len(stimulus.values) != 1:
-        raise Refused("stimulus values", where=where, expected="one number", got=stimulus.values)
-    if stimulus.kind == "stick" and stimulus.name not in STICKS:
-        raise Refused("stick", where=where, expected="RC1 to RC8", got=repr(stimulus.name))
-    if stimulus.kind == "command" and len(stimulus.values) > 7:
-        raise Refused("command values", where=where, expected="at most seven numbers", got=len(stimulus.values))
-    if stimulus.kind == "sensor_fault":
-        fault_parameter(stimulus.name, where)
+    check_time_and_count(stimulus, where)
+    name, kind = stimulus.name, stimulus.kind
+    if kind == "parameter" and name not in parameter_table():
+        expected = "one of `saflite list parameters`"
+        raise Refused("parameter", where=where, expected=expected, got=repr(name), known=parameter_table())
+    if kind == "stick" and name not in STICKS:
+        raise Refused("stick", where=where, expected="RC1 to RC8", got=repr(name))
+    if kind == "mode" and name not in mode_table():
+        raise Refused("mode", where=where, expected=f"one of {', '.join(mode_table())}", got=repr(name))
+    if kind == "command":
+        command_number(name, where)
+        if len(stimulus.values) > 7:
+            raise Refused("command values", where=where, expected="at most seven numbers", got=len(stimulus.values))
+    if kind == "sensor_fault":
+        fault_parameter(name, where)
 
 
 def give(ap: Autopilot, stimulus: Stimulus) -> str:
