@@ -41,6 +41,11 @@ def load_strategy(name: str) -> type[Strategy]:
     return cast(type[Strategy], found)
 
 
+def is_outside(name: str) -> bool:
+    """Return whether a strategy is no part of this package."""
+    return name not in _placed()
+
+
 def describe(name: str) -> str:
     """Return the text a strategy is listed with: the docstring of its file."""
     return inspect.getdoc(sys.modules[load_strategy(name).__module__]) or ""

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import msgspec
 
 from saflite.contract.errors import Unavailable
+from saflite.contract.outside_code import Raised, of_outside
 from saflite.contract.rng import derive
 from saflite.contract.service import Cancelled
+from saflite.contract.test_case import TestCase
 from saflite.contract.work import HandedBack, MutateResult, MutateWork, Result, Stage, Work
-from saflite.mutator.registry import load_strategy
+from saflite.mutator.registry import is_outside, load_strategy
 from saflite.mutator.strategy import Strategy
 
 NOTHING_TOLD = -1
@@ -34,22 +38,19 @@ class Mutator:
         """Propose the test cases of one round.
 
         Raises:
+            Raised: a strategy from outside raised what is no error of its kind.
             Refused: unknown strategy, bad settings, or a template the strategy cannot mutate.
             Unavailable: the outcomes told do not join on to those known; ask again, the cursor is back at the start.
         """
         assert isinstance(work, MutateWork), f"the mutator was given {type(work).__name__}"
-        strategy = self._told(work)
-        proposed = strategy.ask(work.count, derive(work.rng_seed, "mutate", work.round))
-        if cancelled():
-            return HandedBack(message="cancelled")
-        numbered = tuple(
-            msgspec.structs.replace(
-                case,
-                origin=msgspec.structs.replace(case.origin, strategy=work.strategy, round=work.round, index=index),
-            )
-            for index, case in enumerate(proposed)
-        )
-        return MutateResult(round=work.round, test_cases=numbered)
+        try:
+            with of_outside("strategy", work.strategy, outside=is_outside(work.strategy)):
+                strategy = self._told(work)
+                proposed = _numbered(work, strategy.ask(work.count, derive(work.rng_seed, "mutate", work.round)))
+        except Raised:
+            self._forget()  # what it had learnt may be half of it
+            raise
+        return HandedBack(message="cancelled") if cancelled() else MutateResult(round=work.round, test_cases=proposed)
 
     def close(self) -> None:
         """Forget everything."""
@@ -77,6 +78,15 @@ class Mutator:
         self._strategy.tell(work.outcomes)
         self._cursor = work.cursor
         return self._strategy
+
+
+def _numbered(work: MutateWork, proposed: Sequence[TestCase]) -> tuple[TestCase, ...]:
+    return tuple(
+        msgspec.structs.replace(
+            case, origin=msgspec.structs.replace(case.origin, strategy=work.strategy, round=work.round, index=index)
+        )
+        for index, case in enumerate(proposed)
+    )
 
 
 def open_service() -> Mutator:

@@ -7,14 +7,17 @@ import inspect
 import pkgutil
 from functools import cache
 from importlib.metadata import entry_points
+from numbers import Real
 from types import ModuleType
 from typing import cast
 
 from saflite.contract.errors import Refused
 from saflite.contract.modules import given, load_file
+from saflite.contract.outside_code import Raised, of_outside
+from saflite.contract.service import Cancelled
 from saflite.scorer_pool import models
 from saflite.scorer_pool.labels import split_label
-from saflite.scorer_pool.model import Model, Tools
+from saflite.scorer_pool.model import Job, Model, ModelScore, ScoreSheet, Tools
 
 ENTRY_POINT_GROUP = "saflite.scorers"
 
@@ -40,7 +43,43 @@ def make(label: str, tools: Tools) -> Model:
     factory = getattr(_module(kind), "Model", None)
     if factory is None:
         raise Refused("scorer model", expected=f"a class Model in the file of {kind!r}", got="none")
-    return cast(Model, factory(argument, tools))
+    if kind in _placed():
+        return cast(Model, factory(argument, tools))
+    with of_outside("scorer", kind):
+        return _FromOutside(kind, factory(argument, tools))
+
+
+class _FromOutside:
+    """A model from outside: what it raises, or returns instead of a sheet, is its own fault and ends no process."""
+
+    def __init__(self, kind: str, model: Model) -> None:
+        self._kind, self._model = kind, model
+        self.label: str = getattr(model, "label", kind)
+        self.parallel: int = getattr(model, "parallel", 1)
+        self.waits = bool(getattr(model, "waits", False))
+
+    def score(self, job: Job) -> ScoreSheet:
+        """Return its sheet; raises Raised beside what a model may raise."""
+        with of_outside("scorer", self._kind):
+            sheet = self._model.score(job)
+        if not isinstance(sheet, ScoreSheet) or not all(map(_is_score, sheet.scores)):
+            what = f"scorer {self._kind} returned no ScoreSheet of ModelScores with numbers"
+            raise Raised(what, what)
+        return sheet._replace(scores=tuple(one._replace(value=float(one.value)) for one in sheet.scores))
+
+    def warm(self, cancelled: Cancelled) -> str:
+        """Load it; raises Raised beside what a model may raise."""
+        with of_outside("scorer", self._kind):
+            return str(self._model.warm(cancelled))
+
+    def close(self) -> None:
+        """Free what it holds; raises Raised."""
+        with of_outside("scorer", self._kind):
+            self._model.close()
+
+
+def _is_score(one: object) -> bool:
+    return isinstance(one, ModelScore) and isinstance(one.value, Real)
 
 
 def check_label(label: str) -> None:

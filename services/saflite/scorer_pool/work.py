@@ -14,6 +14,7 @@ import msgspec
 from saflite.contract.bounds import WORD_CHARS_MAX, told
 from saflite.contract.clock import Clock
 from saflite.contract.errors import FarmError, Refused, Unavailable
+from saflite.contract.outside_code import Raised
 from saflite.contract.score import SCORE_MAX, SCORE_MIN, Score
 from saflite.contract.service import Cancelled
 from saflite.contract.test_case import identity
@@ -210,6 +211,8 @@ class ScorerPool:
             model = self._model(label)
             with self._turn if model.parallel == 1 else nullcontext():
                 sheet = model.score(job)
+        except Raised as fault:  # the fault's name has no words of the exception's own: they may differ each time
+            sheet = _all_faulty(job, told(fault.what, WORD_CHARS_MAX), str(fault))
         except Refused as fault:
             sheet = _all_faulty(job, "refused", str(fault))
         except Unavailable as fault:

@@ -14,7 +14,7 @@ from saflite.contract.flight import Delivered, Ending
 from saflite.contract.target import Slot
 from saflite.contract.test_case import TestCase
 
-Trouble = Literal["none", "refused", "unavailable", "contradicted"]
+Trouble = Literal["none", "refused", "unavailable", "contradicted", "raised"]
 """Why a request was not done: bad input, something missing or cancelled, the target does not do what it says."""
 
 

@@ -107,6 +107,11 @@ def _said_in_time(target: TargetModule, name: str) -> object:
         return TimeoutError(f"no answer for {DESCRIBE_S:.0f} s")
 
 
+def is_outside(name: str) -> bool:
+    """Return whether a target is no part of this package."""
+    return name not in _placed()
+
+
 def _placed() -> set[str]:
     return {info.name for info in pkgutil.iter_modules(targets.__path__) if not info.name.startswith("_")}
 

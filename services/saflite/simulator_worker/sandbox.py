@@ -112,6 +112,9 @@ class Sandbox:
             message = f"simulator process died: {self.kill(has_died=True)}"
             return FlightReply(number=self._flights, ending="lost", message=message, build=opened.build)
         self._tidy()
+        if reply.trouble == "raised":  # what its session is now, nobody knows
+            self.kill(has_died=False)
+            return FlightReply(number=self._flights, ending="lost", message=reply.message, build=opened.build)
         if reply.trouble == "refused":
             raise RefusedElsewhere("test case", reply.message)
         if reply.trouble == "contradicted":

@@ -2,7 +2,7 @@
 
 Started by `sandbox.py` as `python -m saflite.runtime.simulator FD PARENT_PID`. It leads its own process group, dies
 with the worker, and keeps the interpreter lock of the simulator away from the worker's heartbeats. Trouble of the
-target's own code ends the process: the worker then counts the flight as lost.
+target's own code ends the process: the worker then counts the flight as lost, and says what raised where it can.
 """
 
 from __future__ import annotations
@@ -14,8 +14,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 from saflite.contract.clock import Clock
-from saflite.contract.errors import Refused, Unavailable
+from saflite.contract.errors import FarmError, Refused, Unavailable
 from saflite.contract.flight import FlightRecord, pack_trace, trace_digest
+from saflite.contract.outside_code import Raised, of_outside
 from saflite.contract.service import Cancelled
 from saflite.contract.target import ForkingSession, Session, TargetModule
 from saflite.contract.target_info import TargetInfo
@@ -34,7 +35,7 @@ from saflite.simulator_worker.messages import (
     to_simulator,
 )
 from saflite.simulator_worker.prefixes import Prefixes
-from saflite.simulator_worker.registry import builds_here, describe_target, load_target
+from saflite.simulator_worker.registry import builds_here, describe_target, is_outside, load_target
 from saflite.simulator_worker.twins import check_twin, with_twin
 
 
@@ -94,7 +95,10 @@ class Simulator:
     def _opened(self, name: str) -> Opened:
         self.close()
         try:
-            opened = self._open = self._bring_up(name)
+            with of_outside("target", name, outside=is_outside(name)):
+                opened = self._open = self._bring_up(name)
+        except Raised as fault:
+            return Opened(trouble="unavailable", message=str(fault))
         except Refused as fault:
             return Opened(trouble="refused", message=str(fault))
         except Unavailable as fault:
@@ -124,8 +128,12 @@ class Simulator:
 
     def _flown(self, request: FlightRequest) -> FlightReply:
         assert self._open is not None, "a flight was asked of a simulator without a session"
+        name = self._open.info.name
         try:
-            record = self._fly(self._open, request)
+            with of_outside("target", name, outside=is_outside(name)):
+                record = self._fly(self._open, request)
+        except Raised as fault:
+            return _unflown(request, "raised", str(fault))
         except Refused as fault:
             return _unflown(request, "refused", str(fault))
         except Unavailable as fault:
@@ -162,7 +170,7 @@ class Simulator:
         return with_twin(info, test_case, record, lambda case: flying.fly(case, request.deadline_s, cancelled))
 
 
-class _Contradicted(Exception):
+class _Contradicted(FarmError):
     """The target does not do what it says of itself."""
 
 

@@ -115,16 +115,21 @@ def load(name_or_path: str, target: str = "") -> Campaign:
 def check_runnable(campaign: Campaign) -> None:
     """Raise Refused now for what a worker would refuse later: policies, target, mission, strategy settings."""
     from saflite.campaign.presets.campaigns import template
-    from saflite.mutator.registry import load_strategy
-    from saflite.simulator_worker.registry import describe_target, load_target
+    from saflite.contract.outside_code import of_outside
+    from saflite.mutator import registry as strategy_registry
+    from saflite.simulator_worker import registry as target_registry
 
-    base, target = template(campaign), describe_target(campaign.target.name)
+    base, target = template(campaign), target_registry.describe_target(campaign.target.name)
     if target.missing:
         raise Unavailable(target.missing)  # a target without its binary writes fewer signals than policies need
     for name in campaign.policies:
         _check_policy(name, campaign, target)
-    load_target(campaign.target.name).check(base)  # says first what is missing here
-    load_strategy(campaign.strategy.name)(base, campaign.strategy.settings, campaign.policies, target)
+    name = campaign.target.name
+    with of_outside("target", name, outside=target_registry.is_outside(name)):
+        target_registry.load_target(name).check(base)  # says first what is missing here
+    name = campaign.strategy.name
+    with of_outside("strategy", name, outside=strategy_registry.is_outside(name)):
+        strategy_registry.load_strategy(name)(base, campaign.strategy.settings, campaign.policies, target)
 
 
 def _check_policy(name: str, campaign: Campaign, target: TargetInfo) -> None:

@@ -1,0 +1,132 @@
+"""Code from outside that raises is told by name, file and line; nothing of the farm ends with it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from saflite.campaign.presets.campaigns import load_campaign, template
+from saflite.console.cli import main
+from saflite.console.operations import judging
+from saflite.contract import modules
+from saflite.contract.clock import Clock
+from saflite.contract.outside_code import Raised
+from saflite.contract.test_case import Scenario, Target, TestCase
+from saflite.contract.work import MutateWork, ScoreResult, ScoreWork, WarmResult, WarmWork
+from saflite.mutator.work import Mutator
+from saflite.runtime.clock import WallClock
+from saflite.scorer_pool.model import PolicyBrief
+from saflite.scorer_pool.work import EMBEDDED, ScorerPool
+from saflite.simulator_worker.registry import describe_target
+
+TEMPLATES = Path(judging.__file__).parents[1] / "templates"
+CLOCK: Clock = WallClock()
+
+
+def broken(tmp_path: Path, kind: str, after: str) -> str:
+    """Hand in the template of a kind with a division by zero after a line; return where it stands, as it is told."""
+    lines = (TEMPLATES / f"{kind}.py").read_text(encoding="utf-8").replace("NAME", f"z{kind}").splitlines()
+    place = next(number for number, line in enumerate(lines) if after in line) + 1
+    while '"""' in lines[place] or not lines[place].strip():
+        place += 1
+    indent = lines[place][: len(lines[place]) - len(lines[place].lstrip())]
+    lines.insert(place, f"{indent}1 / 0")
+    (tmp_path / f"z{kind}.py").write_text("\n".join(lines), encoding="utf-8")
+    modules.use([tmp_path / f"z{kind}.py"])
+    return f"{kind} z{kind} raised ZeroDivisionError (z{kind}.py line {place + 1})"
+
+
+@pytest.fixture(autouse=True)
+def no_modules() -> Iterator[None]:
+    yield
+    modules.forget()
+
+
+def batch(label: str, *shadows: str) -> ScoreWork:
+    case = template(load_campaign("avoidance-m2"))
+    return ScoreWork(round=0, model=label, shadow=shadows, policies=(), test_cases=(case,), rng_seed=1, deadline_s=5.0)
+
+
+def score(pool: ScorerPool, work: ScoreWork) -> ScoreResult:
+    result = pool.do(work, lambda: False)
+    assert isinstance(result, ScoreResult)
+    return result
+
+
+@pytest.fixture
+def pool() -> Iterator[ScorerPool]:
+    pool = ScorerPool(lambda name, texts: PolicyBrief(name), CLOCK)
+    yield pool
+    pool.close()
+
+
+def test_the_embedded_scorer_answers_for_one_that_raises(tmp_path: Path, pool: ScorerPool) -> None:
+    where = broken(tmp_path, "scorer", "def _scored(")
+    for _ in range(2):
+        (deciding,) = score(pool, batch("zscorer")).scores
+        assert (deciding.fault, deciding.scored_by) == (where, EMBEDDED)
+    (beside,) = score(pool, batch(EMBEDDED, "zscorer")).scores
+    assert (beside.model, beside.fault) == (EMBEDDED, "")
+
+
+def test_one_that_returns_no_sheet_is_told_too(tmp_path: Path, pool: ScorerPool) -> None:
+    text = (TEMPLATES / "scorer.py").read_text(encoding="utf-8")
+    for name, instead in (("none", "None"), ("texts", 'ScoreSheet((ModelScore("high"),))')):
+        path = tmp_path / f"{name}.py"
+        path.write_text(text.replace("return ScoreSheet", f"return {instead}\n        return ScoreSheet"))
+        modules.use([path])
+        (deciding,) = score(pool, batch(name)).scores
+        assert deciding.fault.startswith(f"scorer {name} returned no ScoreSheet")
+        assert deciding.scored_by == EMBEDDED
+
+
+def test_one_that_cannot_be_warmed_is_not_ready(tmp_path: Path, pool: ScorerPool) -> None:
+    where = broken(tmp_path, "scorer", "def warm(")
+    warmed = pool.do(WarmWork(model="zscorer", load_deadline_s=5.0), lambda: False)
+    assert isinstance(warmed, WarmResult)
+    assert not warmed.ready
+    assert where in warmed.message
+
+
+def test_a_strategy_that_raises_is_refused_by_name(tmp_path: Path) -> None:
+    where = broken(tmp_path, "strategy", "def ask(")
+    work = MutateWork(
+        round=0,
+        strategy="zstrategy",
+        settings={},
+        template=template(load_campaign("policy-a-chute")),
+        policies=("a-chute",),
+        target=describe_target("reference"),
+        count=1,
+        rng_seed=1,
+        from_cursor=-1,
+        cursor=-1,
+        outcomes=(),
+    )
+    mutator = Mutator()
+    for _ in range(2):  # it is made anew the second time
+        with pytest.raises(Raised) as told:
+            mutator.do(work, lambda: False)
+        assert told.value.what == where
+
+
+def test_a_flight_lost_to_a_target_that_raises_says_where(tmp_path: Path) -> None:
+    where = broken(tmp_path, "target", "def fly(")
+    starts = describe_target("ztarget").start_states
+    scenario = Scenario(start=starts[0], time_limit_s=2.0)
+    case = TestCase(target=Target(name="ztarget"), scenario=scenario)
+    flown = judging.fly(case, 30.0).flight
+    assert (flown.ending, flown.message) == ("lost", f"{where}: division by zero")
+
+
+def test_score_says_whose_fault_it_is(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    where = broken(tmp_path, "scorer", "def _scored(")
+    case = tmp_path / "case.json"
+    case.write_bytes(msgspec.json.encode(template(load_campaign("avoidance-m2"))))
+    assert main(["score", str(case), "--scorer", "zscorer", "--module", str(tmp_path / "zscorer.py")]) == 0
+    said = capsys.readouterr()
+    assert f"[{where}]" in said.out
+    assert "fault of saflite itself" not in said.err
