@@ -13,9 +13,9 @@ from mutations import Edit, changed, drawn, encoded, steers, torn
 from peer import plain
 from rich.console import Console
 
-from saflite.console.commands import watch
 from saflite.console.io.schema_examples import examples
 from saflite.console.view import live
+from saflite.console.view.event_lines import event_line
 from saflite.contract import wire
 from saflite.contract.blobs import BlobChunk, BlobTaken
 from saflite.contract.control import Answer
@@ -72,7 +72,7 @@ class Told:
     def _show(self, told: Answer | Event) -> None:
         if isinstance(told, Event):
             assert not steers(live.fact_text(told.fact)), told
-            assert not steers(watch._line(told)), told
+            assert not steers(event_line(told)), told
         elif told.status is not None:
             self._screen.print(live._drawn(told.status))
             assert live.one_line(told.status)

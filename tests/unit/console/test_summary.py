@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sqlite3
 import sys
 from collections.abc import Callable
@@ -14,12 +15,14 @@ import pytest
 
 from saflite.campaign.presets.campaigns import load_campaign, template
 from saflite.campaign.storage.store import Store
-from saflite.console.cli import FOUND, INFRASTRUCTURE, NOTHING_FOUND, NOTHING_JUDGED, main
+from saflite.console.cli import FOUND, INFRASTRUCTURE, NOTHING_FOUND, NOTHING_JUDGED, REFUSED, main
 from saflite.console.io import campaign_options
 from saflite.console.run_data.conclusion import conclude
 from saflite.console.run_data.run_folder import open_run
+from saflite.console.view.event_lines import event_line
 from saflite.contract.blobs import Blobs
-from saflite.contract.verdict import NEVER_APPLIED, Verdict
+from saflite.contract.events import Event, ViolationFound
+from saflite.contract.verdict import NEVER_APPLIED, Verdict, Violation
 from saflite.contract.work import Failure, FlyWork, JudgeResult, Result, Work
 from saflite.flight.autopilots.reference.describe import describe
 from saflite.recorder import export
@@ -126,6 +129,34 @@ def test_a_run_in_which_the_rule_never_applied_says_so_and_no_number(
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == 6
     assert all(line.endswith("vacuous: the rule never applied") for line in lines)
+
+
+def test_every_event_is_told_in_words_with_its_time(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run_dir = tmp_path / "run"
+    _ended(run_dir, doubles.Service, capsys)
+    assert main(["watch", str(run_dir)]) == FOUND
+    lines = capsys.readouterr().out.splitlines()
+    with open_run(run_dir) as run:
+        events = list(run.events())
+    assert len(lines) == len(events)
+    for line in lines:
+        assert re.fullmatch(r" +\d+  \d{4}-\d\d-\d\d \d\d:\d\d:\d\dZ  [a-zA-Z]+  \S.*", line), line
+    assert not [line for line in lines if "('" in line or "items" in line or "((" in line]
+    assert any("proposed  round 0: " in line for line in lines)
+    assert any("scored  round 0: " in line for line in lines)
+    assert main(["watch", str(run_dir), "--from", str(len(events) + 1)]) == NOTHING_FOUND
+    assert main(["watch", str(run_dir), "--from", "999999"]) == REFUSED
+    assert f"the run has {len(events)} events, got 999999" in capsys.readouterr().err
+
+
+def test_a_similar_find_is_told_in_the_words_of_the_others() -> None:
+    like = Violation(
+        fingerprint="f" * 16, test_case="c" * 16, policy="upright", robustness=-1.0, severity="hard",
+        confirmation="similar", behaviour="upright, hard, tips over", representative="e" * 16,
+    )  # fmt: skip
+    told = event_line(Event(seq=7, at_unix_s=0.0, fact=ViolationFound(violation=like)))
+    assert told.startswith("     7  1970-01-01 00:00:00Z  similar  ffffffffffffffff  upright -1.000 (hard)  tips over")
+    assert told.endswith("as test case eeeeeeeeeeeeeeee, not flown again  test case cccccccccccccccc")
 
 
 def test_the_summary_counts_in_how_many_flights_each_rule_applied(

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 from saflite.console.io import farm_options
 
 if TYPE_CHECKING:
-    from saflite.contract.events import Event, Judged, WorkerChanged
+    from saflite.contract.events import Event
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -41,6 +41,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Print events until the campaign ends; 1 if a confirmed violation was among them."""
     from saflite.console.view import out
+    from saflite.console.view.event_lines import event_line
     from saflite.contract.errors import Refused
     from saflite.contract.events import KINDS, ViolationFound, kind_of
 
@@ -56,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
             found = found or (isinstance(fact, ViolationFound) and fact.violation.confirmation == "confirmed")
             if args.kind and kind_of(fact) not in args.kind:
                 continue
-            out.json(event) if args.json else out.line(_line(event))
+            out.json(event) if args.json else out.line(event_line(event))
             out.flush()
     except KeyboardInterrupt:
         out.line()
@@ -86,50 +87,22 @@ def _events(args: argparse.Namespace) -> Iterator[Event]:
         run_dir = farm_lookup.newest(run_dir)
         if not farm_lookup.says_it_runs(run_dir):
             with open_run(run_dir) as run_folder:
+                _check_from(args.from_seq, next((event.seq for event in run_folder.last_events(1)), 0))
                 yield from run_folder.events(args.from_seq)
             return
     client = farm_lookup.connect(farm_options.where(args)._replace(run_dir=run_dir))
     try:
+        if args.from_seq > 1:
+            _check_from(args.from_seq, client.status().seq)
         yield from client.watch(max(1, args.from_seq))
     finally:
         client.close()
 
 
-def _line(event: Event) -> str:
-    import msgspec
+def _check_from(from_seq: int, last_seq: int) -> None:
+    """Raise Refused for a number beyond the next event, which is the last that anybody can wait for."""
+    from saflite.contract.errors import Refused
 
-    from saflite.console.view import live
-    from saflite.contract.events import Flown, Judged, WorkerChanged, kind_of
-    from saflite.contract.plain import word
-
-    fact = event.fact
-    text = live.fact_text(fact)
-    if isinstance(fact, Flown):
-        text = f"flown  {fact.test_case}/{fact.flight_index} {fact.ending} {fact.simulated_s:.0f} s by {fact.worker}"
-    elif isinstance(fact, Judged):
-        text = f"judged  {fact.test_case}/{fact.flight_index} {_said(fact)} {' '.join(fact.violated)}".rstrip()
-    elif isinstance(fact, WorkerChanged):
-        text = _change(fact)
-    elif not text:
-        values = {key: value for key, value in msgspec.to_builtins(fact).items() if key != "type"}
-        text = f"{kind_of(fact)}  " + " ".join(f"{key}={_short(value)}" for key, value in values.items() if value != "")
-    return f"{event.seq:6d}  {word(text)}"
-
-
-def _change(fact: WorkerChanged) -> str:
-    if not fact.present:
-        return f"left  {fact.worker} ({fact.stage}): {fact.message}"
-    build = f", build {fact.build[:12]}" if fact.build else ""
-    return f"joined  {fact.worker} ({fact.stage}) on {fact.host}{build}"
-
-
-def _said(fact: Judged) -> str:
-    from saflite.contract.verdict import NEVER_APPLIED
-
-    if fact.robustness is not None:
-        return f"{fact.robustness:+.2f}"
-    return f"vacuous: {NEVER_APPLIED}" if fact.vacuous else "inconclusive"
-
-
-def _short(value: object) -> str:
-    return f"{len(value)} items" if isinstance(value, list | dict) else str(value)
+    if from_seq > last_seq + 1:
+        expected = f"at most {last_seq + 1}: the run has {last_seq} event{'' if last_seq == 1 else 's'}"
+        raise Refused("--from", expected=expected, got=from_seq)

@@ -100,6 +100,8 @@ def violation_line(violation: Violation) -> str:
     """Return a violation in one line."""
     word = "VIOLATION" if violation.confirmation == "confirmed" else violation.confirmation
     again = f"violates again {failed_again(violation)}"
+    if violation.confirmation == "similar":
+        again = f"as test case {violation.representative}, not flown again"
     way = violation.behaviour.removeprefix(f"{violation.policy}, {violation.severity}, ")
     return (
         f"{word}  {violation.fingerprint}  {violation.policy} {violation.robustness:+.3f} ({violation.severity})"
