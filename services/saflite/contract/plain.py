@@ -39,6 +39,11 @@ def some(names: Iterable[str], most: int = 8, between: str = ", ") -> str:
     return between.join(each[:most]) + more
 
 
+def cut(text: str, most: int) -> str:
+    """Return a text of at most so many characters, with a mark where it goes on."""
+    return text if len(text) <= most else f"{text[: most - 1]}\N{HORIZONTAL ELLIPSIS}"
+
+
 def plain_data(value: object) -> object:
     """Return lists, mappings and texts with each text, and each name in a mapping, made `plain`."""
     match value:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 from saflite.contract.config import Campaign
 from saflite.contract.control import Control, Status
-from saflite.contract.errors import Refused, Unavailable
+from saflite.contract.errors import Refused, RefusedElsewhere, Unavailable
 from saflite.contract.modules import use
 from saflite.contract.work import Stage
 from saflite.runtime import run_modules
@@ -236,7 +236,7 @@ def _raise_budget(store: Store, budget: int) -> None:
     books.begin(clock.monotonic_s(), clock.unix_s())
     answer = books.control(Control(verb="budget", number=budget), clock.monotonic_s())
     if not answer.accepted:
-        raise Refused("budget", expected="one the books accept", got=answer.message)
+        raise RefusedElsewhere("budget", answer.message)
     store.commit(books.drain())
 
 

@@ -113,3 +113,25 @@ def test_a_copy_of_a_run_folder_is_not_taken_for_the_farm_of_the_other(
         assert told in capsys.readouterr().err
     works.rename("runs/moved")
     assert farm_lookup.is_running(Path("runs/moved"))
+
+
+@pytest.mark.parametrize(
+    ("words", "expected", "got"),
+    [
+        ("budget", "a whole number of flights", "got none"),
+        ("budget runs/night", "a whole number of flights", "got none"),
+        ("budget many runs/night", "a whole number of flights of at most 18 digits", "got 'many'"),
+        ("budget 1 2 runs/night", "a whole number of flights of at most 18 digits", "got '1 2'"),
+        (f"budget {'7' * 200}", "a whole number of flights of at most 18 digits", "777\N{HORIZONTAL ELLIPSIS}'"),
+        ("pause 5 runs/night", "one that is there, and nothing else", "got '5'"),
+    ],
+)
+def test_an_order_with_a_number_too_many_or_too_few_says_which(
+    words: str, expected: str, got: str, here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run_dir(here, "night")
+    assert main(["control", *words.split()]) == 2
+    said = capsys.readouterr().err
+    assert f"(saflite control {words.split()[0]}): expected {expected}" in said
+    assert got in said
+    assert "got 0" not in said

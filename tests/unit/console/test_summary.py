@@ -149,6 +149,14 @@ def test_every_event_is_told_in_words_with_its_time(tmp_path: Path, capsys: pyte
     assert f"the run has {len(events)} events, got 999999" in capsys.readouterr().err
 
 
+def test_what_the_books_object_to_is_told_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    _ended(tmp_path / "run", doubles.Service, capsys)
+    assert main(["resume", str(tmp_path / "run"), "--budget", "2"]) == REFUSED
+    said = capsys.readouterr().err
+    assert "refused: budget: expected at least " in said
+    assert said.count("expected") == said.count("got") == 1
+
+
 def test_a_similar_find_is_told_in_the_words_of_the_others() -> None:
     like = Violation(
         fingerprint="f" * 16, test_case="c" * 16, policy="upright", robustness=-1.0, severity="hard",

@@ -91,7 +91,8 @@ class Dispatch:
         if control.verb == "budget":
             least = core.counts.flights + core.rounds.outstanding()
             if control.number < least:
-                return f"budget: expected at least {least} (flown or planned already), got {control.number}"
+                fix = "`saflite control stop` ends a campaign that runs"
+                return f"budget: expected at least {least} (flown or planned already), got {control.number}; {fix}"
         if control.verb == "scorer" and not control.text:
             return "scorer: expected the name of a model, got nothing"
         if control.verb == "scorer" and control.text == scorer:

@@ -26,27 +26,19 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Give the order and print the answer."""
-    from saflite.console.io import campaign_options
     from saflite.console.run_data import farm_lookup
     from saflite.console.view import live, out
-    from saflite.contract.errors import Refused
+    from saflite.contract.errors import RefusedElsewhere
 
     words, args.run = farm_lookup.last_as_run(args.words)
-    if len(words) > int(args.verb == "budget") or not all(
-        word.isdecimal() and len(word) <= DIGITS_MAX for word in words
-    ):
-        got = " ".join(args.words)[:200]
-        raise Refused(args.verb, expected="a number with `budget`, then a run folder", got=got)
-    number = int(words[0]) if words else 0
-    if args.verb == "budget":
-        campaign_options.at_least("budget", number, 1)
+    number = _number(args.verb, words)
     client = farm_lookup.connect(farm_options.where(args))
     try:
         answer = client.order(args.verb, number=number)
     finally:
         client.close()
     if not answer.accepted:
-        raise Refused(args.verb, expected="an order the books accept", got=answer.message)
+        raise RefusedElsewhere(args.verb, answer.message)
     if args.json:
         out.json(answer)
     elif answer.status is not None:
@@ -54,3 +46,29 @@ def run(args: argparse.Namespace) -> int:
     else:
         out.line(answer.message or f"{args.verb}: done")
     return 0
+
+
+def _number(verb: str, words: list[str]) -> int:
+    """Return the number that goes with an order, 0 for one without; raises Refused for one too many or too few."""
+    from saflite.console.io import campaign_options
+    from saflite.contract.errors import Refused
+
+    where = f"saflite control {verb}"
+    if verb != "budget":
+        if words:
+            raise Refused("run folder", where=where, expected="one that is there, and nothing else", got=_said(words))
+        return 0
+    fix = "saflite control budget 500 RUN"
+    if not words:
+        raise Refused("budget", where=where, expected="a whole number of flights", got="none", fix=fix)
+    if len(words) > 1 or not words[0].isdecimal() or len(words[0]) > DIGITS_MAX:
+        expected = f"a whole number of flights of at most {DIGITS_MAX} digits, then the run folder"
+        raise Refused("budget", where=where, expected=expected, got=_said(words), fix=fix)
+    campaign_options.at_least("budget", int(words[0]), 1)
+    return int(words[0])
+
+
+def _said(words: list[str]) -> str:
+    from saflite.contract.plain import cut
+
+    return repr(cut(" ".join(words), 80))

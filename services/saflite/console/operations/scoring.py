@@ -10,7 +10,7 @@ from saflite.console.run_data import farm_lookup
 from saflite.console.run_data.farm_lookup import Where
 from saflite.console.view import out
 from saflite.contract.control import Answer
-from saflite.contract.errors import Refused
+from saflite.contract.errors import RefusedElsewhere
 from saflite.contract.events import ScorerChanged
 from saflite.contract.interval import Interval
 from saflite.scorer_pool.calibration import Calibration
@@ -62,7 +62,7 @@ def shadow(args: argparse.Namespace) -> int:
 
 def _accepted(answer: Answer) -> Answer:
     if not answer.accepted:
-        raise Refused("order", expected="one the books accept", got=answer.message)
+        raise RefusedElsewhere("order", answer.message)
     return answer
 
 
