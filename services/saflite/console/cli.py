@@ -59,6 +59,9 @@ def _near_argument(message: str, options: Iterable[str]) -> str:
     """Return a question after the choice or option that is most like the one argparse does not know, empty if none."""
     import difflib
 
+    after = re.search(r"unrecognized arguments: .*?(--?[a-z][\w-]*)", message)
+    if after and after[1] in options:
+        return f"{after[1]} goes before `--`, after which all words are names"
     choice = re.search(r"invalid choice: '([^']*)' \(choose from (.*)\)", message)
     option = re.search(r"unrecognized arguments: (--[^\s=]+)", message)
     if choice:
@@ -235,7 +238,7 @@ def _load(name: str) -> ModuleType:
 
         near = difflib.get_close_matches(name, names, 1)
         fix = f"did you mean `saflite {near[0]}`?" if near else "see `saflite --help`"
-        raise Refused("command", expected=f"one of {', '.join(names)}", got=repr(name), fix=fix)
+        raise Refused("command", expected=f"any of {', '.join(names)}", got=repr(name[:80]), fix=fix)
     package = f"{__package__}.commands"
     place = name.replace("-", "_")
     folder = Path(__file__).parent / "commands"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 from typing import Any
 
 import msgspec
@@ -18,13 +19,36 @@ def gaps(data: object, kind: type[msgspec.Struct]) -> list[str]:
     return found
 
 
+_WORDS = {
+    "int": "a whole number",
+    "float": "a number",
+    "str": "a text",
+    "bool": "true or false",
+    "object": "a table",
+    "array": "a list",
+    "null": "nothing",
+}
+
+
+def _plainly(said: str) -> str:
+    """Return what msgspec says of a value in words that name its key first."""
+    found = re.fullmatch(r"Expected (.+?)(?:, got (.+))? - at `\$\.?(.+)`", said)
+    if found is None:
+        return said
+    expected, got = (
+        re.sub(r"`(\w+)`", lambda one: _WORDS.get(one[1], one[0]), part or "") for part in found.groups()[:2]
+    )
+    got = got.replace("a number", "a number with a fraction") if expected == _WORDS["int"] else got
+    return f"`{found[3]}`: {expected.replace(' | ', ' or ')} is expected" + (f", not {got}" if got else "")
+
+
 def told(fault: msgspec.ValidationError, data: object, kind: type[msgspec.Struct]) -> str:
     """Return what is wrong with data in words: the fault found first, and where there are more keys wrong, all."""
     found = gaps(data, kind)
     if len(found) < 2:
-        return str(fault)
+        return _plainly(str(fault))
     more = f" and {len(found) - TOLD_MAX} more" if len(found) > TOLD_MAX else ""
-    return f"{fault}; in all {len(found)} keys: {', '.join(found[:TOLD_MAX])}{more}"
+    return f"{_plainly(str(fault))}; in all {len(found)} keys: {', '.join(found[:TOLD_MAX])}{more}"
 
 
 def _look(data: object, info: Any, place: str, found: list[str]) -> None:

@@ -29,6 +29,9 @@ LOG_BYTES_MAX = 512 * 2**20
 DEPTH_MAX = 32
 NAME_SHOWN = 80
 WHOLE_MAX = 2**63 - 1
+_Place = tuple[Any, str | int] | None
+"""Where a value stands: the place of what holds it, and its key there."""
+
 # A key of one word more than DEPTH_MAX, looked for where a key can begin: anywhere else, long words take ever longer.
 _LONG_KEY = re.compile(r"""(?<![\w.-])(?>(?>[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){33}""")
 
@@ -126,23 +129,33 @@ def check_plain(data: Any, what: str, where: str, *, finite: bool = True) -> Non
 
     `finite` False leaves numbers that are none to the caller. Iterative, so that no depth can exhaust the stack.
     """
-    left: list[tuple[Any, int]] = [(data, 0)]
+    left: list[tuple[Any, int, _Place]] = [(data, 0, None)]
     while left:
-        value, depth = left.pop()
+        value, depth, place = left.pop()
         if depth > DEPTH_MAX:
             raise Refused(what, where=where, expected=f"at most {DEPTH_MAX} levels of nesting", got="more")
         if isinstance(value, dict):
-            left += [(part, depth + 1) for pair in value.items() for part in pair]
+            left += [(key, depth + 1, place) for key in value]
+            left += [(part, depth + 1, (place, key)) for key, part in value.items()]
         elif isinstance(value, str) and not value.isascii() and any("\ud800" <= char <= "\udfff" for char in value):
-            raise Refused(what, where=where, expected="texts in Unicode", got="half a pair of surrogates")
+            raise Refused(what, where=where, expected=f"texts in Unicode{_at(place)}", got="half a pair of surrogates")
         elif isinstance(value, list):
-            left += [(part, depth + 1) for part in value]
+            left += [(part, depth + 1, (place, number)) for number, part in enumerate(value)]
         elif finite and isinstance(value, float) and not math.isfinite(value):
-            raise Refused(what, where=where, expected="finite numbers", got=value)
+            raise Refused(what, where=where, expected=f"finite numbers{_at(place)}", got=value)
         elif isinstance(value, int) and not isinstance(value, bool) and abs(value) > WHOLE_MAX:
-            raise Refused(
-                what, where=where, expected="whole numbers below 2^63", got=f"one of {value.bit_length()} bits"
-            )
+            expected = f"whole numbers below 2^63{_at(place)}"
+            raise Refused(what, where=where, expected=expected, got=f"one of {value.bit_length()} bits")
+
+
+def _at(place: _Place) -> str:
+    """Return in words at which key a value stands, empty for what stands alone."""
+    keys: list[str | int] = []
+    while place is not None:
+        place, key = place
+        keys.append(key)
+    named = "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in reversed(keys)).removeprefix(".")
+    return f" at `{named[:NAME_SHOWN]}`" if named else ""
 
 
 def _parsed(parse: Callable[[str], Any], text: str, what: str, where: str, language: str) -> Any:
@@ -160,6 +173,10 @@ def _open(path: Path, what: str) -> int:
     """Open without waiting for whoever writes a pipe, and keep only what is a regular file."""
     try:
         handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    except FileNotFoundError as fault:
+        gone = next((folder for folder in reversed(path.absolute().parents) if not folder.exists()), None)
+        got = "none of that name" if gone is None else f"no folder {_named(gone)}"
+        raise Refused(what, where=_named(path), expected="a readable file", got=got) from fault
     except (OSError, ValueError) as fault:
         raise Refused(what, where=_named(path), expected="a readable file", got=_said(fault)) from fault
     if not stat.S_ISREG(os.fstat(handle).st_mode):

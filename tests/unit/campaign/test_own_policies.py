@@ -146,13 +146,13 @@ def test_a_policy_file_stands_for_the_campaign_over_it(folder: Path, monkeypatch
         ('id = "stay-low"', 'id = "upright"', r"id \(.*low.toml line 1\): expected one that no shipped policy has"),
         ('id = "stay-low"\n', "", "expected an id"),
         ('mode = "ALT_HOLD"', 'mode = "LOITERR"', r"start mode: expected one of .*'LOITERR'"),
-        ('"RC3"', '"RC99"', r"strategy setting hints: .*RC1.*'RC99'"),
+        ('"RC3"', '"RC99"', r"\[inputs\] sticks \(.*low.toml line .*RC1.*'RC99'"),
         ('parameters = ["PILOT_SPEED_UP"]', 'parameters = ["PILOT_SPEEDUP"]', "PILOT_SPEEDUP"),
         ("PILOT_SPEED_UP = 300", "FOO_BAR = 300", "FOO_BAR"),
-        ("PILOT_SPEED_UP = 300", 'PILOT_SPEED_UP = "fast"', r"low.toml line .*float"),
-        ("altitude_m = 30.0", 'altitude_m = "high"', r"low.toml line .*float"),
+        ("PILOT_SPEED_UP = 300", 'PILOT_SPEED_UP = "fast"', r"low.toml line .*a number is expected"),
+        ("altitude_m = 30.0", 'altitude_m = "high"', r"low.toml line .*a number is expected"),
         ("ceiling_m)", "ceiling_m / 0)", "a divisor other than 0"),
-        ("[inputs]", "[[inputs]]", r"low.toml line .*object"),
+        ("[inputs]", "[[inputs]]", r"low.toml line .*a table is expected"),
     ],
 )
 def test_a_wrong_policy_file_is_refused_where_it_is_wrong(folder: Path, old: str, new: str, reason: str) -> None:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import re
 import shlex
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 import msgspec
@@ -12,6 +14,7 @@ import pytest
 
 from saflite.console.cli import BROKEN_PIPE, main
 from saflite.console.run_data import farm_lookup
+from saflite.console.run_data.known import no_violation
 from saflite.console.view import live, out
 from saflite.contract.control import Status
 from saflite.contract.errors import Refused, not_installed
@@ -162,3 +165,86 @@ def test_a_reader_that_has_gone_is_no_success(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(out, "line", gone)
     monkeypatch.setattr(out, "mute", lambda *_: None)
     assert main(["--version"]) == BROKEN_PIPE
+
+
+LONG = "9" * 40
+
+
+@pytest.mark.parametrize(
+    ("words", "told", "untold"),
+    [
+        (["run", "nosuch"], "see `saflite list campaigns`", "lists-blind"),
+        (["run", "avoidance-m22"], "did you mean avoidance-m2?", "avoidance-m5"),
+        (["run", "/etc/passwd"], "campaign file (/etc/passwd): expected the name of a campaign, or a .toml file", "m2"),
+        (["compare"], "did you mean `saflite", "did you mean score?"),
+        (["fly", "--", "case.json", "--json"], "--json goes before `--`", "did you mean"),
+        (["run", "avoidance-m2", "--budget", "9" * 20], f"at most 18 digits is expected, not '{'9' * 20}'", "…"),
+        (["run", "avoidance-m2", "--budget", LONG], "9…'", LONG),
+        (["run", "avoidance-m2", "--minutes", LONG], "a number from -1e+18 to 1e+18 is expected", LONG),
+        (["worker", "--join", "runs/nope"], "'runs/nope', where there is no folder", "unreadable"),
+        (["worker", "--join", "runs/nope", "--name", "bob x"], "got 'bob x'", "bob x-fly-1"),
+        (["fly", "none/case.json"], "got no folder", "No such file"),
+        (["fly", "case.json"], "expected a readable file, got none of that name", "No such file"),
+    ],
+)
+def test_an_error_says_what_is_meant_and_no_more(
+    words: list[str], told: str, untold: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(words) == 2
+    said = capsys.readouterr().err
+    assert told in said
+    assert untold not in said
+
+
+CAMPAIGN = (
+    'name = "x"\nmission = "mission2"\npolicies = ["upright"]\nbudget_flights = 9\n[strategy]\nname = "random_boxes"\n'
+)
+POLICY = """id = "mine"
+statement = "It stays upright."
+formula = "always (tilt_deg < 80)"
+[inputs]
+parameters = ["RTL_ATL"]
+"""
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        (CAMPAIGN.replace("9", "nan"), "finite numbers at `budget_flights`, got nan"),
+        (CAMPAIGN + "[strategy.settings]\nwalls = [1, inf]\n", "finite numbers at `strategy.settings.walls[1]`"),
+        (CAMPAIGN.replace("9", "1.5"), "`budget_flights`: a whole number is expected, not a number with a fraction"),
+        (CAMPAIGN.replace('"x"', "5"), "`name`: a text is expected, not a whole number"),
+        (CAMPAIGN.replace('"mission2"', "[2]"), "`mission`: a text is expected, not a list"),
+        (POLICY, "[inputs] parameters ("),
+        (POLICY, "line 5): expected an input of reference: "),
+        (POLICY, "got 'RTL_ATL'; did you mean RTL_ALT?"),
+        (POLICY.replace("formula", "formla"), "policy file"),
+        (POLICY.replace("formula", "formla").replace("ATL", "ALT"), "`formula`"),
+    ],
+)
+def test_what_is_wrong_in_a_file_is_told_by_its_key(
+    text: str, told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "x.toml").write_text(text)
+    assert main(["run", str(tmp_path / "x.toml"), "--out", str(tmp_path / "run")]) == 2
+    said = capsys.readouterr().err
+    assert told in said
+    assert "is unknown" not in said or "formla" in said
+
+
+def test_names_to_choose_from_are_told_once_and_not_all() -> None:
+    known = [f"{place:016x}" for place in range(40) for _ in range(3)]
+    said = str(no_violation(known, "zzz", "runs/x"))
+    assert "did you mean" not in said
+    assert len(re.findall(r"\b[0-9a-f]{16}\b", said)) == 8
+    assert "and 32 more" in said
+    assert "did you mean 0a1b2c3d4e5f6789?" in str(no_violation([*known, "0a1b2c3d4e5f6789"], "0a1b2c3d4e5f678", "x"))
+
+
+def test_a_full_standard_output_is_named(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    with Path("/dev/full").open("w") as full:
+        monkeypatch.setattr("sys.stdout", full)
+        assert main(["list", "campaigns"]) == 3
+        with suppress(OSError):
+            full.flush()
+    assert "unavailable: standard output: No space left on device" in capsys.readouterr().err

@@ -24,6 +24,7 @@ from saflite.contract.config import Campaign, parse_campaign
 from saflite.contract.errors import Refused
 from saflite.contract.modules import given
 from saflite.contract.outside import read_text
+from saflite.contract.plain import cut
 from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import Scenario, TestCase
 from saflite.contract.topics import prefix
@@ -64,11 +65,13 @@ def load_campaign(name_or_path: str, target: TargetInfo | None = None) -> Campai
         if made is not None:
             return made
         refuse_unfit(name_or_path, info)
-        few = ", ".join(sorted(path.stem for path in BUILTIN_DIR.glob("*.toml")))
+        if "/" in name_or_path:
+            expected = "the name of a campaign, or a .toml file"
+            raise Refused("campaign file", where=cut(name_or_path, 200), expected=expected, got="another kind of file")
+        known = (*(path.stem for path in BUILTIN_DIR.glob("*.toml")), *policy_campaigns(info))
         fix = "see `saflite list campaigns`"
-        expected = f"one of {few}, {PREFIX}<policy>, or a .toml file"
-        known = (*few.split(", "), *policy_campaigns(info))
-        raise Refused("campaign", expected=expected, got=repr(name_or_path), fix=fix, known=known)
+        expected = f"a name such as avoidance-m2 or {PREFIX}<policy>, or a .toml file"
+        raise Refused("campaign", expected=expected, got=repr(cut(name_or_path, 80)), fix=fix, known=known)
     return parse_campaign(read_text(path, "campaign file"), path.name)
 
 

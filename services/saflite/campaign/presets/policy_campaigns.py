@@ -31,6 +31,7 @@ from saflite.campaign.presets.formula_hints import (
 from saflite.contract.config import Campaign, ScorerConfig, SearchConfig, StrategyConfig
 from saflite.contract.errors import Refused
 from saflite.contract.outside import parse_toml, read_text
+from saflite.contract.plain import some
 from saflite.contract.signals import SIGNALS
 from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import DEFAULT_TARGET, Setting, StartState, StimulusKind, Target
@@ -119,11 +120,12 @@ def pgfuzz_settings(policy: str, target: TargetInfo) -> dict[str, Setting]:
 
 
 def is_policy(text: str) -> bool:
-    """Return whether a TOML text is a policy: it has a formula."""
+    """Return whether a TOML text is a policy: it has a formula, or an id and no name as campaigns do."""
     try:
-        return "formula" in parse_toml(text, "policy file", "")
+        data = parse_toml(text, "policy file", "")
     except Refused:
         return False
+    return "formula" in data or ("id" in data and "name" not in data)
 
 
 def policy_text(path: Path) -> tuple[str, PolicyText]:
@@ -144,10 +146,31 @@ def campaign_over(path: Path, text: str, target: TargetInfo) -> Campaign:
     try:
         data = _read(text, str(path))
         inputs = data.get("inputs", {})
+        _check_names(inputs, target, path, text)
         made = _one(data, target, {word: list(inputs.get(word, ())) for word in _INPUTS}, _all_procedures(data))
     except (TypeError, ValueError, AttributeError):  # what is wrong is told with its line when the oracle reads it
         made = Campaign(name=PREFIX + name, policies=(name,), start=StartState())
     return msgspec.structs.replace(made, policy_texts={name: kept})
+
+
+def _check_names(inputs: dict[str, list[str]], target: TargetInfo, path: Path, text: str) -> None:
+    """Raise Refused with file, line and key for an input of a policy of one's own that the target does not have."""
+    if target.missing:  # said where it is to fly; what it could be given is not known
+        return
+    for word, kind in _INPUTS.items():
+        kinds = (kind, "stick") if kind == "command" else (kind,)  # as in PGFuzz's lists
+        known = [one.name for one in target.inputs if one.kind in kinds]
+        known += ["Flight_Mode"] if kind == "command" else []
+        for name in inputs.get(word, ()):
+            if name not in known:
+                line = text.count("\n", 0, max(text.find(f'"{name}"'), 0)) + 1
+                raise Refused(
+                    f"policy file, [inputs] {word}",
+                    where=f"{path} line {line}",
+                    expected=f"an input of {target.name}: {some(known)}",
+                    got=repr(name),
+                    known=known,
+                )
 
 
 def told(campaign: Campaign, target: TargetInfo) -> Campaign:

@@ -50,7 +50,10 @@ def run(args: argparse.Namespace) -> int:
     from saflite.runtime import worker_group
     from saflite.runtime.client import read_info
 
+    _check_name(args.name)
     farm = read_info(Path(args.join)) if Path(args.join).is_dir() else None
+    if farm is None:
+        _check_endpoint(args.join)
     group = worker_group.Group(
         endpoint=farm.endpoint if farm else args.join,
         workers=_workers(args.stages, args.workers),
@@ -77,6 +80,30 @@ def run(args: argparse.Namespace) -> int:
     word = "refused" if end.condition == "refused" else "unavailable"
     out.complain(word, end.message)
     return 2 if word == "refused" else 3
+
+
+def _check_endpoint(join: str) -> None:
+    """Raise Refused for what is neither an endpoint nor a run folder that is there."""
+    from saflite.bus.endpoints import EXPECTED, parse_endpoint
+    from saflite.contract.errors import Refused
+    from saflite.contract.plain import cut
+
+    try:
+        parse_endpoint(join, "--join")
+    except Refused as fault:
+        if fault.expected != EXPECTED:
+            raise
+        expected = f"{EXPECTED}, or a run folder that is there"
+        raise Refused("--join", expected=expected, got=f"{cut(join, 120)!r}, where there is no folder") from fault
+
+
+def _check_name(name: str) -> None:
+    from saflite.contract.errors import Refused
+    from saflite.contract.names import NAME_EXPECTED, is_name
+    from saflite.contract.plain import cut
+
+    if name and not is_name(name):
+        raise Refused("--name", expected=f"what a worker name begins with: {NAME_EXPECTED}", got=repr(cut(name, 80)))
 
 
 def _workers(text: str, count: int | None) -> dict[Stage, int]:

@@ -7,23 +7,34 @@ import re
 from contextlib import suppress
 from pathlib import Path
 
+from saflite.contract.plain import cut
+
 WALL_LIMITS_S = (0.1, 86_400.0)
 DEADLINES_S = (0.001, 86_400.0)
 NUMBER_MAX = 1e18
+DIGITS_MAX = 18
 
 
 def plain_whole(text: str) -> int:
     """Return a whole number of an argument; Python's own takes `1_000`, digits of any script and thousands of them."""
-    if re.fullmatch(r"[+-]?[0-9]{1,18}", text) is None:
-        raise argparse.ArgumentTypeError(f"a whole number is expected, not {text[:20]!r}")
+    if re.fullmatch(rf"[+-]?[0-9]{{1,{DIGITS_MAX}}}", text) is None:
+        long = re.fullmatch(r"[+-]?[0-9]+", text) is not None
+        what = f"a whole number of at most {DIGITS_MAX} digits" if long else "a whole number"
+        raise argparse.ArgumentTypeError(f"{what} is expected, not {_shown(text)}")
     return int(text)
+
+
+def _shown(text: str) -> str:
+    """Return what was given, cut with a mark."""
+    return repr(cut(text, 24))
 
 
 def plain_number(text: str) -> float:
     """Return a number of an argument: neither `nan` nor `inf`, of which all that compares them is silent."""
     plain = re.fullmatch(r"[+-]?([0-9]{1,18}(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]{1,3})?", text)
     if plain is None or not abs(float(text)) <= NUMBER_MAX:
-        raise argparse.ArgumentTypeError(f"a number is expected, not {text[:20]!r}")
+        limit = f" from -{NUMBER_MAX:g} to {NUMBER_MAX:g}" if plain is not None or text.lstrip("+-").isdecimal() else ""
+        raise argparse.ArgumentTypeError(f"a number{limit} is expected, not {_shown(text)}")
     return float(text)
 
 
@@ -31,7 +42,7 @@ def rng_seed(text: str) -> int:
     """Return the start of random draws: what a test case can hold."""
     seed = plain_whole(text)
     if seed < 0:
-        raise argparse.ArgumentTypeError(f"a whole number from 0 is expected, not {text[:20]!r}")
+        raise argparse.ArgumentTypeError(f"a whole number from 0 is expected, not {_shown(text)}")
     return seed
 
 
@@ -61,7 +72,7 @@ def _within(text: str, limits_s: tuple[float, float]) -> float:
         seconds = plain_number(text)
         if least_s <= seconds <= most_s:
             return seconds
-    raise argparse.ArgumentTypeError(f"from {least_s:g} to {most_s:g} seconds are expected, not {text[:20]!r}")
+    raise argparse.ArgumentTypeError(f"from {least_s:g} to {most_s:g} seconds are expected, not {_shown(text)}")
 
 
 def add_modules(parser: argparse.ArgumentParser) -> None:

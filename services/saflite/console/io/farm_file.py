@@ -10,6 +10,7 @@ import msgspec
 from saflite.contract import wire
 from saflite.contract.bounds import Word
 from saflite.contract.errors import Refused
+from saflite.contract.gaps import told
 from saflite.contract.outside import parse_toml, read_text
 from saflite.contract.work import Stage
 from saflite.runtime.autoscaling import Bounds, check_bounds
@@ -45,10 +46,11 @@ def read_farm_file(path: Path) -> FarmFile:
         Refused: no such file, no TOML, an unknown key or stage, or a number that makes no sense.
     """
     where = str(path)
+    data = parse_toml(read_text(path, "farm file", FILE_BYTES_MAX), "farm file", where)
     try:
-        farm = wire.convert(parse_toml(read_text(path, "farm file", FILE_BYTES_MAX), "farm file", where), FarmFile)
+        farm = wire.convert(data, FarmFile)
     except msgspec.ValidationError as fault:
-        raise Refused("farm file", where=where, expected="a valid farm", got=str(fault)) from fault
+        raise Refused("farm file", where=where, expected="a valid farm", got=told(fault, data, FarmFile)) from fault
     for stage, count in farm.workers.items():
         if not 0 <= count <= WORKERS_MAX:
             raise Refused(f"workers.{stage}", where=where, expected=f"0 to {WORKERS_MAX}", got=count)

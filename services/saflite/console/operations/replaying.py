@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 from saflite.console.io import cases
 from saflite.console.operations import judging
+from saflite.console.run_data.known import no_violation
 from saflite.console.run_data.run_folder import open_run
-from saflite.contract.errors import Refused
 from saflite.contract.target_info import Repeats
 from saflite.contract.test_case import TestCase, identity
 from saflite.contract.verdict import NEVER_APPLIED, vacuous, worst
@@ -82,8 +82,8 @@ def _of_run(run_dir: Path, wanted: str, everything: bool, policies: tuple[str, .
             if violation.fingerprint.startswith(wanted) or violation.test_case.startswith(wanted)
         ]
         if not chosen and wanted:
-            known = ", ".join(violation.fingerprint for violation in run.violations()) or "none"
-            raise Refused("--violation", where=str(run_dir), expected=f"one of {known}", got=repr(wanted))
+            known = [violation.fingerprint for violation in run.violations()]
+            raise no_violation(known, wanted, str(run_dir))
         found: dict[str, Entry] = {}
         for violation in chosen:
             digest = next((row.trace_digest for row in run.flights(violation.test_case) if row.shows(violation)), "")

@@ -6,7 +6,7 @@ comes back.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -20,6 +20,7 @@ from saflite.contract.bounds import Count, Text, Word
 from saflite.contract.errors import Refused
 from saflite.contract.names import ShortId
 from saflite.contract.outside import parse_json, read_text
+from saflite.contract.plain import cut, some
 from saflite.contract.test_case import TestCase
 from saflite.contract.verdict import Judgement, Violation
 from saflite.contract.work import PolicyTexts
@@ -67,9 +68,14 @@ def read(place: Path, wanted: str = "", *, everything: bool = False) -> list[Kno
     found = _corpus(place) if place.is_dir() and _files(place) else _of_run(place, everything)
     chosen = [one for one in found if one.fingerprint.startswith(wanted) or one.name.startswith(wanted)]
     if wanted and not chosen:
-        expected = f"one of {', '.join(one.fingerprint for one in found) or 'none'}"
-        raise Refused("--violation", where=str(place), expected=expected, got=repr(wanted))
+        raise no_violation([one.fingerprint for one in found], wanted, str(place))
     return chosen
+
+
+def no_violation(known: Sequence[str], wanted: str, where: str) -> Refused:
+    """Return what to raise where no fingerprint or test case begins as wanted."""
+    expected = f"the start of a fingerprint or test case: {some(known) or 'there is none'}"
+    return Refused("--violation", where=where, expected=expected, got=repr(cut(wanted, 80)), known=known)
 
 
 def keep(known: Iterable[Known], folder: Path) -> None:
@@ -159,7 +165,7 @@ def one_of(what: Path, wanted: str, policies: tuple[str, ...]) -> Known:
         if len({(one.fingerprint, one.policy) for one in found}) == 1:
             found = [min(found, key=_size)]
         if len(found) != 1:
-            names = ", ".join(f"{one.fingerprint} ({one.policy}, test case {one.name})" for one in found) or "none"
+            names = some(f"{one.fingerprint} ({one.policy}, test case {one.name})" for one in found) or "none"
             raise Refused("--violation", where=str(what), expected="one violation, maybe by --policy", got=names)
         known = found[0]
     elif what.suffix == ".json" and len(what.stem.split("-")) == 2:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterable, Sequence
-from contextlib import suppress
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -17,12 +17,28 @@ LINE_MAX = 1_500
 
 def line(text: str = "") -> None:
     """Write one line of text."""
-    sys.stdout.write(plain(text) + "\n")
+    _write(plain(text) + "\n")
 
 
 def flush() -> None:
-    """Hand what was written to whoever reads it."""
-    sys.stdout.flush()
+    """Hand what was written to whoever reads it; raises OSError that names standard output where it takes no more."""
+    with _named_stdout():
+        sys.stdout.flush()
+
+
+def _write(text: str) -> None:
+    with _named_stdout():
+        sys.stdout.write(text)
+
+
+@contextmanager
+def _named_stdout() -> Iterator[None]:
+    try:
+        yield
+    except BrokenPipeError:
+        raise
+    except OSError as fault:
+        raise OSError(fault.errno, fault.strerror, "standard output") from fault
 
 
 def complain(kind: str, text: str) -> None:
@@ -41,8 +57,8 @@ def json(value: Any) -> None:
     """Write `value` (structs, mappings, numbers; bytes become base64) as one line of JSON."""
     import msgspec
 
-    sys.stdout.write(plain_json(msgspec.json.encode(value, order="deterministic").decode()) + "\n")
-    sys.stdout.flush()
+    _write(plain_json(msgspec.json.encode(value, order="deterministic").decode()) + "\n")
+    flush()
 
 
 def table(rows: Iterable[Sequence[object]], headers: Sequence[str] = (), indent: str = "") -> None:

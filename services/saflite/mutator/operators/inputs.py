@@ -162,7 +162,7 @@ def named(kind: StimulusKind, names: list[str], have: Have, setting: str) -> tup
         if key not in have:
             known = sorted(known for other, known in have if other == kind)
             expected = f"a {kind} of the target: {_some(known) or 'it has none'}"
-            raise Refused(f"strategy setting {setting}", expected=expected, got=repr(name))
+            raise Refused(f"strategy setting {setting}", expected=expected, got=repr(name), known=known)
         found.append(have[key])
     return tuple(found)
 
