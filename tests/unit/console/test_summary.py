@@ -157,6 +157,15 @@ def test_what_the_books_object_to_is_told_once(tmp_path: Path, capsys: pytest.Ca
     assert said.count("expected") == said.count("got") == 1
 
 
+def test_junit_says_how_often_it_violated_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    _ended(tmp_path / "run", doubles.Service, capsys)
+    with open_run(tmp_path / "run") as run:
+        (path,) = export.export("junit", run.summary(), tmp_path / "junit")
+    text = path.read_text()
+    assert re.search(r"violated again in \d+ of \d+(, only under its own noise)?, rate \d\.\d\d to \d\.\d\d\.", text)
+    assert "re-flights" not in text
+
+
 def test_a_similar_find_is_told_in_the_words_of_the_others() -> None:
     like = Violation(
         fingerprint="f" * 16, test_case="c" * 16, policy="upright", robustness=-1.0, severity="hard",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from io import StringIO
 from pathlib import Path
 
 import pytest
@@ -48,6 +49,18 @@ def test_no_fact_looks_like_several() -> None:
         text = live.fact_text(fact)
         assert text.isprintable()
         assert "\n" not in text
+
+
+def test_without_colour_nothing_is_dim_either(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TERM", "xterm-256color")
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    for told, styled in (("", True), ("1", False)):
+        monkeypatch.setenv("NO_COLOR", told)
+        terminal = StringIO()
+        shown = live.console()
+        shown.file = terminal
+        shown.print("idle", style="dim")
+        assert ("\x1b[2m" in terminal.getvalue()) is styled
 
 
 def screen(said: str, of_worker: str) -> str:

@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Protocol
 
 from saflite.console.run_data.run_folder import RunFolder, open_run
 from saflite.console.view import out
+from saflite.contract.config import environment
 from saflite.contract.control import ArmStanding, Exposed, Status
 from saflite.contract.events import FaultSeen, Quarantined, ScorerChanged, ViolationFound
 from saflite.contract.plain import word
 from saflite.contract.verdict import Violation, failed_again, with_mode_named
 
 if TYPE_CHECKING:
-    from rich.console import RenderableType
+    from rich.console import Console, RenderableType
     from rich.live import Live
     from rich.table import Table
     from rich.text import Text
@@ -221,6 +222,13 @@ class _Lines:
         self._news.close()
 
 
+def console() -> Console:
+    """Return the terminal; with NO_COLOR set (no-color.org) nothing on it is coloured, dimmed or bold."""
+    from rich.console import Console
+
+    return Console(color_system=None) if environment("NO_COLOR") else Console()
+
+
 class _Screen:
     """A screen that redraws itself, with the finds scrolling above it."""
 
@@ -233,7 +241,7 @@ class _Screen:
         from rich.live import Live
 
         if self._live is None:
-            self._live = Live(auto_refresh=False, transient=True)
+            self._live = Live(console=console(), auto_refresh=False, transient=True)
             self._live.start()
         for text in self._news.lines(status.seq):
             self._live.console.print(_styled(text), highlight=False)

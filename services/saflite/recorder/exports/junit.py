@@ -69,9 +69,9 @@ def _add(suite: Xml.Element, finding: Finding) -> None:
     case = Xml.SubElement(
         suite, "testcase", classname=clean(violation.policy), name=f"{violation.test_case} {violation.fingerprint}"
     )
+    again = f"violated again in {failed_again(violation)}" if violation.reflown else "not flown again"
     text = (
-        f"{violation.severity} violation, robustness {violation.robustness:.3f}, failed again in "
-        f"{failed_again(violation)}. {violation.message}".strip()
+        f"{violation.severity} violation, robustness {violation.robustness:.3f}, {again}. {violation.message}".strip()
     )
     kind = "failure" if violation.confirmation == "confirmed" else "skipped"
     node = Xml.SubElement(case, kind, message=clean(f"{violation.confirmation}: {text}"))
