@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import NamedTuple
 
 from saflite.contract.circumstances import Circumstances
@@ -63,6 +65,8 @@ class RunSummary(NamedTuple):
     """A campaign's result. `flights` counts confirmations too; `held` counts test cases flown without violation.
 
     `withheld` counts findings of memory safety that are not among `findings`: they are reported in private first.
+    `pending` counts by policy the test cases that violated it and have not been decided upon; `unproven` all violations
+    that are neither confirmed nor refuted, the unconfirmed findings among them.
     """
 
     campaign: Campaign
@@ -73,3 +77,5 @@ class RunSummary(NamedTuple):
     elapsed_s: float = 0.0
     version: str = ""
     withheld: int = 0
+    pending: Mapping[str, int] = MappingProxyType({})
+    unproven: int = 0

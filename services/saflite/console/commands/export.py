@@ -40,6 +40,7 @@ def run(args: argparse.Namespace) -> int:
     from saflite.campaign.storage.own_folder import check_own
     from saflite.console.run_data import farm_lookup
     from saflite.console.run_data.run_folder import open_run, tell_loss
+    from saflite.console.run_data.unproven import unproven_words
     from saflite.console.view import out
     from saflite.recorder.export import export
 
@@ -58,13 +59,13 @@ def run(args: argparse.Namespace) -> int:
         summary = run_folder.summary(args.release)
     files = export(args.format, summary, folder)
     if args.json:
-        out.json(
-            {"files": [str(path) for path in files], "violations": len(summary.findings), "withheld": summary.withheld}
-        )
+        counts = {"violations": len(summary.findings), "unproven": summary.unproven, "withheld": summary.withheld}
+        out.json({"files": [str(path) for path in files], **counts})
     else:
         for path in files:
             out.line(str(path))
-        out.line(f"{len(files)} files, {len(summary.findings)} violations")
+        unproven = f"; {unproven_words(summary.unproven)}" if summary.unproven else ""
+        out.line(f"{len(files)} files, {len(summary.findings)} violations{unproven}")
         embargo.tell(summary.withheld)
         if summary.findings and not files:
             out.line(f"none of them has what {args.format} files hold (missions, boxes)")

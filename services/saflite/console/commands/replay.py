@@ -2,7 +2,8 @@
 
 Takes a run folder (every confirmed violation), a recording, or a test case (flown twice). Where flights of the target
 repeat only statistically, each is flown five times and how many violate is told. Exit code 0: nothing is violated any
-more; 1: violated again; 3: a flight differs from its record though its target repeats bit by bit.
+more; 1: violated again, or the run holds violations neither confirmed nor refuted (`--all` flies them, too); 3: a
+flight differs from its record though its target repeats bit by bit.
 
 examples:
   saflite replay runs/avoidance-m2
@@ -26,7 +27,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--violation", default="", metavar="ID", help="only this fingerprint or test case (or its start)"
     )
-    parser.add_argument("--all", action="store_true", help="flaky and unconfirmed violations too")
+    parser.add_argument("--all", action="store_true", help="those flaky, unconfirmed or not yet flown again, too")
     parser.add_argument("--policy", action="append", default=[], help="judge a test case by this policy")
     parser.add_argument("--times", type=int, help="how often to fly each (1; 5 where flights differ by nature)")
     arguments.add_wall_limit(parser)
@@ -40,6 +41,7 @@ def run(args: argparse.Namespace) -> int:
     from saflite.console.operations import replaying
     from saflite.console.run_data import farm_lookup, provenance
     from saflite.console.run_data.run_folder import tell_loss
+    from saflite.console.run_data.unproven import unproven_words
     from saflite.console.view import out
     from saflite.runtime import run_modules
 
@@ -57,8 +59,11 @@ def run(args: argparse.Namespace) -> int:
         out.flush()
     if not args.json:
         out.line(replaying.conclusion(results))
+    left = 0 if args.violation else replaying.left_out(args.what, entries)
+    if left:
+        out.complain("note", f"{unproven_words(left)}; `--all` flies them, too")
     change = provenance.differs(args.what) if args.what.is_dir() else ""
     exact = not any(replaying.differs(result) for result in results)
     if change and not (exact and all(result.repeats == "bitwise" for result in results)):
         out.complain("note", f"other code flew this run: {change}; what it found may not show under this code")
-    return int(any(result.violated for result in results)) if exact else 3
+    return int(bool(left) or any(result.violated for result in results)) if exact else 3

@@ -28,6 +28,7 @@ def run(args: argparse.Namespace) -> int:
     """Write the report; 0 once it is written, whatever it tells."""
     from saflite.console.run_data import farm_lookup, reporting
     from saflite.console.run_data.run_folder import tell_loss
+    from saflite.console.run_data.unproven import unproven_words
     from saflite.console.view import out
 
     args.run = farm_lookup.newest(args.run)
@@ -38,8 +39,10 @@ def run(args: argparse.Namespace) -> int:
     confirmed = found.finds_shown("confirmed")
     if args.json:
         told = [{"fingerprint": one.violation.fingerprint, "asked_first": one.circumstances} for one in found.exhibits]
-        out.json({"report": str(path), "confirmed": confirmed, "withheld": found.withheld, "findings": told})
+        counts = {"confirmed": confirmed, "unproven": found.unproven, "withheld": found.withheld}
+        out.json({"report": str(path), **counts, "findings": told})
     else:
-        out.line(f"{path}  ({confirmed} confirmed violations)")
+        unproven = f"; {unproven_words(found.unproven)}" if found.unproven else ""
+        out.line(f"{path}  ({confirmed} confirmed violations{unproven})")
         embargo.tell(found.withheld)
     return 0

@@ -35,7 +35,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Continue to the end; 1 if the run holds confirmed violations."""
+    """Continue to the end; 1 if the run holds violations that are confirmed, or not refuted yet."""
     from saflite.console.io import campaign_options
     from saflite.console.operations import running
     from saflite.console.run_data import farm_lookup

@@ -1,6 +1,8 @@
 """Run a campaign on this machine: find violations, prove each by flying it again, leave recordings and a report.
 
 The campaign is a built-in one (`saflite list campaigns`) or a TOML file. Ctrl-C stops clean; `saflite resume` goes on.
+Exit code 0: nothing was found; 1: violations, confirmed ones or (as where it was stopped before they were flown again)
+such that are neither confirmed nor refuted; 2: refused input; 3: infrastructure; 4: nothing was judged.
 
 examples:
   saflite run avoidance-m2
@@ -61,7 +63,7 @@ def _on_top(campaign: Campaign) -> str:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the campaign to its end; 1 if confirmed violations were found."""
+    """Run the campaign to its end; 1 if violations were found that are confirmed, or not refuted yet."""
     from saflite.console.io import campaign_options
     from saflite.console.operations import running
     from saflite.console.run_data import corpus

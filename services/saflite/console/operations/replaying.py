@@ -10,6 +10,7 @@ from saflite.console.io import cases
 from saflite.console.operations import judging
 from saflite.console.run_data.known import no_violation
 from saflite.console.run_data.run_folder import open_run
+from saflite.console.run_data.unproven import pending, unproven
 from saflite.contract.target_info import Repeats
 from saflite.contract.test_case import TestCase, identity
 from saflite.contract.verdict import NEVER_APPLIED, vacuous, worst
@@ -76,14 +77,16 @@ def entries(what: Path, wanted: str, everything: bool, policies: tuple[str, ...]
 
 def _of_run(run_dir: Path, wanted: str, everything: bool, policies: tuple[str, ...]) -> list[Entry]:
     with open_run(run_dir) as run:
+        violations = run.violations()
         chosen = [
             violation
-            for violation in run.violations("" if everything or wanted else "confirmed")
-            if violation.fingerprint.startswith(wanted) or violation.test_case.startswith(wanted)
+            for violation in violations
+            if (everything or wanted or violation.confirmation == "confirmed")
+            and (violation.fingerprint.startswith(wanted) or violation.test_case.startswith(wanted))
         ]
-        if not chosen and wanted:
-            known = [violation.fingerprint for violation in run.violations()]
-            raise no_violation(known, wanted, str(run_dir))
+        waiting = {one.test_case for one in pending(run.flights(), violations) if one.test_case.startswith(wanted)}
+        if not (chosen or waiting) and wanted:
+            raise no_violation([violation.fingerprint for violation in violations], wanted, str(run_dir))
         found: dict[str, Entry] = {}
         for violation in chosen:
             digest = next((row.trace_digest for row in run.flights(violation.test_case) if row.shows(violation)), "")
@@ -91,7 +94,21 @@ def _of_run(run_dir: Path, wanted: str, everything: bool, policies: tuple[str, .
             judged, texts = policies or run.campaign.policies, run.campaign.policy_texts
             entry = Entry(violation.fingerprint, case, judged, digest, texts, violation.flight_index)
             found.setdefault(violation.test_case, entry)
+        for name in sorted(waiting) if everything or wanted else ():
+            digest = next(row.trace_digest for row in run.flights(name) if row.purpose == "search")
+            found[name] = Entry(
+                name, run.test_case(name), policies or run.campaign.policies, digest, run.campaign.policy_texts
+            )
     return list(found.values())
+
+
+def left_out(what: Path, found: Sequence[Entry]) -> int:
+    """Return how many violations of a run are neither confirmed nor refuted and not among those to be flown."""
+    if not what.is_dir():
+        return 0
+    with open_run(what) as run:
+        flown = {identity(entry.test_case) for entry in found}
+        return sum(one.test_case not in flown for one in unproven(run.flights(), run.violations()))
 
 
 def replay(found: Sequence[Entry], times: int | None, wall_limit_s: float) -> Iterator[Replayed]:

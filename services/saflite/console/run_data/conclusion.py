@@ -14,6 +14,7 @@ from saflite.console.run_data import reporting
 from saflite.console.run_data.deduplication import Cause, deduplicate
 from saflite.console.run_data.embargo import withheld_words
 from saflite.console.run_data.run_folder import RunFolder, open_run
+from saflite.console.run_data.unproven import unproven, unproven_words
 from saflite.console.view import live, out
 from saflite.contract.circumstances import in_words
 from saflite.contract.flight import Purpose
@@ -35,7 +36,8 @@ LEFT = (
 class Conclusion(NamedTuple):
     """What a run came to. `set_aside` counts test cases that we could not fly or judge, of `cases` ended.
 
-    `flown` counts flights by what they were flown for, `standings` finds; `violations` tells of smallest forms, too.
+    `flown` counts flights by what they were flown for, `standings` finds, `unproven` violations that are neither
+    confirmed nor refuted; `violations` tells of smallest forms, too.
     """
 
     flown: Counter[Purpose]
@@ -50,6 +52,7 @@ class Conclusion(NamedTuple):
     minimised: bool
     fallbacks: tuple[int, str] = (0, "")
     modes: Mapping[str, int] = MappingProxyType({})
+    unproven: int = 0
 
     @property
     def confirmed(self) -> list[Violation]:
@@ -64,11 +67,11 @@ class Conclusion(NamedTuple):
 
     @property
     def exit_code(self) -> int:
-        """For scripts; a run in which nothing could be judged is no success."""
+        """For scripts; a run in which nothing could be judged is no success, nor is one with unproven violations."""
+        if self.confirmed or self.unproven:
+            return FOUND
         if self.set_aside and self.set_aside == self.cases:
             return INFRASTRUCTURE
-        if self.confirmed:
-            return FOUND
         told = any(ruled.judged > ruled.inconclusive for ruled in self.rulings.values())
         return NOTHING_FOUND if told else NOTHING_JUDGED
 
@@ -110,12 +113,13 @@ def _code(found: Conclusion, ended: ExitSummary) -> int:
 
 def _read(run: RunFolder) -> Conclusion:
     endings, findings = run.endings(), run.findings(similar=True)
+    flights, violations = run.flights(), tuple(run.violations())
     return Conclusion(
-        flown=Counter(row.purpose for row in run.flights()),
+        flown=Counter(row.purpose for row in flights),
         elapsed_s=run.elapsed_s(),
         cases=sum(endings.values()),
         set_aside=endings.get("quarantined", 0),
-        violations=tuple(run.violations()),
+        violations=violations,
         standings=run.standings(),
         causes=deduplicate(((one.violation, one.test_case) for one in findings), run.smallest_forms()),
         findings=tuple(one for one in findings if one.violation.confirmation != "similar"),
@@ -123,6 +127,7 @@ def _read(run: RunFolder) -> Conclusion:
         minimised=run.campaign.search.shrink,
         fallbacks=run.fallbacks(),
         modes=run.target.modes,
+        unproven=len(unproven(flights, violations)),
     )
 
 
@@ -139,6 +144,7 @@ def _plain(found: Conclusion, ended: ExitSummary) -> dict[str, Any]:
         "behaviours": len(found.behaviours),
         "confirmed": found.standings["confirmed"],
         "similar": found.standings["similar"],
+        "unproven": found.unproven,
         "arms": () if ended.status is None else ended.status.arms,
         "restarts": ended.restarts,
         "fallbacks": found.fallbacks[0],
@@ -159,6 +165,7 @@ def _tell(found: Conclusion, ended: ExitSummary) -> None:
         f"{len(good)} behaviours confirmed{_value(ended)}"
         + (f", {similar} finds more of them" if similar else "")
         + (f", {flaky} flaky" if flaky else "")
+        + (f", {unproven_words(found.unproven)}" if found.unproven else "")
         + (f"; {found.set_aside} test cases set aside, we could not fly or judge them" if found.set_aside else "")
         + (f"; {ended.restarts} processes started again" if ended.restarts else "")
     )

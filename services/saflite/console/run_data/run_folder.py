@@ -19,6 +19,7 @@ from saflite.campaign.storage.sqlite import connect_reading, damage_named
 from saflite.campaign.storage.store import store_file
 from saflite.console.run_data.embargo import Released, is_public
 from saflite.console.run_data.rows import ArtefactRow, FlightRow, ScoreRow, UsageRow
+from saflite.console.run_data.unproven import pending, unproven
 from saflite.console.view import out
 from saflite.contract import wire
 from saflite.contract.blobs import BlobMissing, BlobRef
@@ -34,6 +35,7 @@ from saflite.contract.test_case import TestCase
 from saflite.contract.verdict import Judgement, Violation
 from saflite.contract.work import Outcome
 from saflite.evidence.folder import BlobFolder
+from saflite.flight.build import library_version
 from saflite.recorder.recording import read as read_recording
 from saflite.recorder.summary import Finding, PolicyFacts, Rulings, RunSummary
 
@@ -168,24 +170,20 @@ class RunFolder:
 
     def summary(self, released: Released = ()) -> RunSummary:
         """Return the campaign's result as exports want it, of findings of memory safety the `released` ones only."""
-        from importlib.metadata import PackageNotFoundError, version
-
-        try:
-            release = version("saflite-farm")
-        except PackageNotFoundError:
-            release = ""
-        rulings, flights = self.rulings(), self.flown()["search"]
+        rulings, flights, violations = self.rulings(), self.flights(), self.violations()
         found = self.findings()
         shown = [one for one in found if is_public(one, released)]
         return RunSummary(
             campaign=self.campaign,
             policies=tuple(self._facts(name, rulings) for name in self.campaign.policies),
             findings=tuple(shown),
-            flights=flights,
+            flights=self.flown()["search"],
             held=self.endings().get("held", 0),
             elapsed_s=self.elapsed_s(),
-            version=release,
+            version=library_version("saflite-farm"),
             withheld=len(found) - len(shown),
+            pending=Counter(one.policy for one in pending(flights, violations)),
+            unproven=len(unproven(flights, violations)),
         )
 
     def _facts(self, name: str, rulings: dict[str, Rulings]) -> PolicyFacts:

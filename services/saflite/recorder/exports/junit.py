@@ -1,7 +1,8 @@
 """The campaign as JUnit XML for continuous integration: one test per policy and violation, a violation fails it.
 
-A flaky or unconfirmed violation is a skipped test with its rate, so that it shows without breaking a build; so is a
-policy whose rule applied in no flight: it was not put to the test.
+So does an unconfirmed one, and a policy that was violated in flights nobody has decided upon: neither confirmed nor
+refuted. A flaky violation is a skipped test with its rate, so that it shows without breaking a build; so is a policy
+whose rule applied in no flight: it was not put to the test.
 """
 
 from __future__ import annotations
@@ -12,9 +13,10 @@ from xml.etree import ElementTree as Xml
 from saflite.contract.plain import plain
 from saflite.contract.verdict import failed_again
 from saflite.recorder.files import write_file
-from saflite.recorder.summary import Finding, RunSummary
+from saflite.recorder.summary import Finding, PolicyFacts, RunSummary
 
 FILE = "junit.xml"
+FAILS = ("confirmed", "unconfirmed")
 
 
 def export(summary: RunSummary, folder: Path) -> tuple[Path, ...]:
@@ -27,28 +29,42 @@ def export(summary: RunSummary, folder: Path) -> tuple[Path, ...]:
 
 
 def _suite(summary: RunSummary) -> Xml.Element:
-    failed = [finding for finding in summary.findings if finding.violation.confirmation == "confirmed"]
-    broken = {finding.violation.policy for finding in summary.findings}
+    failed = [finding for finding in summary.findings if finding.violation.confirmation in FAILS]
+    broken = {*(finding.violation.policy for finding in summary.findings), *summary.pending}
     held = [policy for policy in summary.policies if policy.id not in broken]
-    never = [policy for policy in held if not policy.rulings.applied]
+    skipped = [policy for policy in held if not policy.rulings.held or policy.rulings.violated]
     suite = Xml.Element(
         "testsuite",
         name=clean(summary.campaign.name),
-        tests=str(len(summary.findings) + len(held)),
-        failures=str(len(failed)),
+        tests=str(len(summary.findings) + len(summary.pending) + len(held)),
+        failures=str(len(failed) + len(summary.pending)),
         errors="0",
-        skipped=str(len(summary.findings) - len(failed) + len(never)),
+        skipped=str(len(summary.findings) - len(failed) + len(skipped)),
         time=f"{summary.elapsed_s:.3f}",
     )
     _properties(suite, summary)
     for finding in summary.findings:
         _add(suite, finding)
+    for name, count in summary.pending.items():
+        _add_pending(suite, name, count)
     for policy in held:
-        name = "applied in no flight" if policy in never else "held on every flight it applied in"
-        case = Xml.SubElement(suite, "testcase", classname=clean(policy.id), name=name)
-        if policy in never:
+        case = Xml.SubElement(suite, "testcase", classname=clean(policy.id), name=_told(policy))
+        if policy in skipped:
             Xml.SubElement(case, "skipped", message=clean(policy.rulings.text()))
     return suite
+
+
+def _told(policy: PolicyFacts) -> str:
+    """Return in words what became of a policy without a finding that is shown."""
+    if policy.rulings.violated:
+        return "violated, findings withheld"
+    return "held on every flight it applied in" if policy.rulings.applied else "applied in no flight"
+
+
+def _add_pending(suite: Xml.Element, policy: str, count: int) -> None:
+    case = Xml.SubElement(suite, "testcase", classname=clean(policy), name="violated, neither confirmed nor refuted")
+    text = f"unconfirmed: {count} test cases violated it and have not been flown again to say"
+    Xml.SubElement(case, "failure", message=clean(text), type=clean(policy))
 
 
 def _properties(suite: Xml.Element, summary: RunSummary) -> None:
@@ -73,7 +89,7 @@ def _add(suite: Xml.Element, finding: Finding) -> None:
     text = (
         f"{violation.severity} violation, robustness {violation.robustness:.3f}, {again}. {violation.message}".strip()
     )
-    kind = "failure" if violation.confirmation == "confirmed" else "skipped"
+    kind = "failure" if violation.confirmation in FAILS else "skipped"
     node = Xml.SubElement(case, kind, message=clean(f"{violation.confirmation}: {text}"))
     if kind == "failure":
         node.set("type", clean(violation.policy))

@@ -1,6 +1,7 @@
 """The violations as SARIF 2.1.0 (OASIS), for code-scanning views: a rule per policy, a result per violation.
 
-Severity hard is an error, soft a warning, flaky or unconfirmed a note. The fingerprint keeps results apart over runs.
+Severity hard is an error, soft a warning; unconfirmed is a warning, flaky a note. Violations that nobody has decided
+upon are one result a policy, at the campaign. The fingerprint keeps results apart over runs.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from typing import Any
 import msgspec
 
 from saflite.contract.plain import plain_data
-from saflite.contract.verdict import failed_again
+from saflite.contract.verdict import Violation, failed_again
 from saflite.recorder.files import write_file
 from saflite.recorder.summary import Finding, PolicyFacts, RunSummary
 
@@ -30,8 +31,8 @@ def export(summary: RunSummary, folder: Path) -> tuple[Path, ...]:
 def to_sarif(summary: RunSummary) -> dict[str, Any]:
     """Return the SARIF log as data."""
     known = {policy.id: policy for policy in summary.policies}
-    for finding in summary.findings:
-        known.setdefault(finding.violation.policy, PolicyFacts(finding.violation.policy, "", "", ""))
+    for name in (*(finding.violation.policy for finding in summary.findings), *summary.pending):
+        known.setdefault(name, PolicyFacts(name, "", "", ""))
     rules = [known[name] for name in sorted(known)]
     index = {policy.id: place for place, policy in enumerate(rules)}
     driver = {
@@ -44,7 +45,10 @@ def to_sarif(summary: RunSummary) -> dict[str, Any]:
         "properties": {"withheld": summary.withheld},
         "automationDetails": {"id": f"{summary.campaign.name}/{summary.campaign.rng_seed}"},
         "columnKind": "unicodeCodePoints",
-        "results": [_result(finding, index) for finding in summary.findings],
+        "results": [
+            *(_result(finding, index) for finding in summary.findings),
+            *(_pending(name, count, index) for name, count in summary.pending.items()),
+        ],
     }
     return {"$schema": SCHEMA, "version": "2.1.0", "runs": [run]}
 
@@ -63,8 +67,6 @@ def _rule(policy: PolicyFacts) -> dict[str, Any]:
 
 def _result(finding: Finding, index: dict[str, int]) -> dict[str, Any]:
     violation = finding.violation
-    level = "note" if violation.confirmation != "confirmed" else "error" if violation.severity == "hard" else "warning"
-    uri = f"test_cases/{violation.test_case}.yaml"
     text = (
         f"{violation.confirmation} {violation.severity} violation of {violation.policy}: robustness "
         f"{violation.robustness:.3f}; under other noise it violates again in {failed_again(violation)}"
@@ -72,9 +74,9 @@ def _result(finding: Finding, index: dict[str, int]) -> dict[str, Any]:
     return {
         "ruleId": violation.policy,
         "ruleIndex": index[violation.policy],
-        "level": level,
+        "level": _level(violation),
         "message": {"text": f"{text}. {violation.message}".strip()},
-        "locations": [{"physicalLocation": {"artifactLocation": {"uri": uri}, "region": {"startLine": 1}}}],
+        "locations": [_location(f"test_cases/{violation.test_case}.yaml")],
         "partialFingerprints": {"saflite/v1": violation.fingerprint or violation.test_case},
         "properties": {
             "robustness": violation.robustness,
@@ -84,3 +86,25 @@ def _result(finding: Finding, index: dict[str, int]) -> dict[str, Any]:
             "askedFirst": msgspec.to_builtins(finding.circumstances),
         },
     }
+
+
+def _pending(policy: str, count: int, index: dict[str, int]) -> dict[str, Any]:
+    text = f"unconfirmed violation of {policy} in {count} test cases: neither confirmed nor refuted"
+    return {
+        "ruleId": policy,
+        "ruleIndex": index[policy],
+        "level": "warning",
+        "message": {"text": text},
+        "locations": [_location("campaign.toml")],
+        "partialFingerprints": {"saflite/v1": f"pending-{policy}"},
+    }
+
+
+def _level(violation: Violation) -> str:
+    if violation.confirmation == "confirmed":
+        return "error" if violation.severity == "hard" else "warning"
+    return "warning" if violation.confirmation == "unconfirmed" else "note"
+
+
+def _location(uri: str) -> dict[str, Any]:
+    return {"physicalLocation": {"artifactLocation": {"uri": uri}, "region": {"startLine": 1}}}

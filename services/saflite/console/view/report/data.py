@@ -15,6 +15,7 @@ from saflite.console.run_data.embargo import Released, is_public
 from saflite.console.run_data.farm_lookup import says_it_runs
 from saflite.console.run_data.rows import ArtefactRow, FlightRow, UsageRow
 from saflite.console.run_data.run_folder import RunFolder
+from saflite.console.run_data.unproven import unproven
 from saflite.contract.circumstances import Circumstances
 from saflite.contract.config import Campaign
 from saflite.contract.events import CampaignChanged, FaultSeen, Flown, Judged, Quarantined, ViolationFound
@@ -75,6 +76,7 @@ class ReportData(NamedTuple):
     fallbacks: tuple[int, str] = (0, "")
     arms: Mapping[str, ArmCounts] = MappingProxyType({})  # of a portfolio
     withheld: int = 0  # findings of memory safety not shown
+    unproven: int = 0  # violations neither confirmed nor refuted
     smallest_forms: frozenset[str] = frozenset()  # test cases among the exhibits that are no finds of their own
 
     def finds_shown(self, confirmation: Confirmation) -> int:
@@ -100,6 +102,7 @@ def read(run: RunFolder, released: Released = ()) -> ReportData:
     if not state.startswith("ended") and not says_it_runs(run.path):
         state = "not running"
     quarantined, faults = troubles(run)
+    violations = run.violations()
     return ReportData(
         campaign=run.campaign,
         state=state,
@@ -118,12 +121,13 @@ def read(run: RunFolder, released: Released = ()) -> ReportData:
         arms=arms_of(run),
         finds=Counter(
             one.fingerprint
-            for one in run.violations()
+            for one in violations
             if one.confirmation in ("confirmed", "similar")
             and one.fingerprint not in hidden
             and one.test_case not in smallest_forms
         ),
         withheld=len(found) - len(shown),
+        unproven=len(unproven(flights, violations)),
         smallest_forms=smallest_forms,
     )
 

@@ -11,6 +11,7 @@ from saflite.campaign.engine.exposure import ArmCounts
 from saflite.console.run_data.deduplication import deduplicate
 from saflite.console.run_data.embargo import withheld_words
 from saflite.console.run_data.rows import UsageRow
+from saflite.console.run_data.unproven import unproven_words
 from saflite.console.view.html_text import escape
 from saflite.console.view.report import bars, charts, evidence
 from saflite.console.view.report.data import Progress, ReportData
@@ -81,6 +82,7 @@ def _tiles(data: ReportData) -> str:
         (str(behaviours), "behaviours confirmed", "bad" if confirmed else "good" if flown["search"] else ""),
         (str(sum(data.finds.values())), "finds of them", ""),
         (str(flaky), "flaky", "warn" if flaky else ""),
+        *([(str(data.unproven), "neither confirmed nor refuted", "warn")] if data.unproven else []),
         (f"{flown['search']}", f"flights of {data.campaign.budget_flights}", ""),
         (f"{flown['confirm']}", "flights more to confirm what was found", ""),
         (f"{flown['check']}", "flown over again to check the farm", ""),
@@ -134,6 +136,8 @@ def search_chart(progress: Progress) -> str:
 def _table(data: ReportData) -> str:
     words = withheld_words(data.withheld) + ": reported to the maintainers first" if data.withheld else ""
     withheld = f'<p class="muted">{words}.</p>' if words else ""
+    if data.unproven:
+        withheld = f"<p>{unproven_words(data.unproven)}.</p>{withheld}"
     if not data.exhibits:
         judged = any(ruled.judged > ruled.inconclusive for ruled in data.rulings.values())
         nothing = "No violation was found." if judged else "No flight was judged: this says nothing of the vehicle."
