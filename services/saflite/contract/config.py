@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import os
 import sys
+from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Literal
 
@@ -169,7 +171,7 @@ RANGES: dict[str, tuple[float, float]] = {
 
 
 def check_campaign(campaign: Campaign, where: str) -> None:
-    """Raise Refused where a number makes no sense (negative budget, empty rounds, shares outside 0..1, no number)."""
+    """Raise Refused where something makes no sense: negative budget, share outside 0..1, no number, a name twice."""
     for key, (low, high) in RANGES.items():
         value: Any = campaign
         for part in key.split("."):
@@ -182,7 +184,22 @@ def check_campaign(campaign: Campaign, where: str) -> None:
         raise Refused("search.confirm_needed", where=where, expected=expected, got=search.confirm_needed)
     if not campaign.policies:
         raise Refused("policies", where=where, expected="at least one policy", got=campaign.policies)
+    for name, words in _lists(campaign):
+        twice = next((word for word, count in Counter(words).items() if count > 1), "")
+        if twice:
+            raise Refused(name, where=where, expected="each once", got=f"{twice!r} twice")
     check_plain(msgspec.to_builtins(campaign), "campaign", where)
+
+
+def _lists(campaign: Campaign) -> Iterator[tuple[str, list[str]]]:
+    """Yield the lists of a campaign in which nothing may stand twice, the words of each; numbers may."""
+    yield "policies", list(campaign.policies)
+    yield "scorer.shadow", list(campaign.scorer.shadow)
+    yield "scorer.guests", list(campaign.scorer.guests)
+    for part, settings in (("strategy", campaign.strategy.settings), ("target", campaign.target.settings)):
+        for name, value in settings.items():
+            if isinstance(value, list):
+                yield f"{part}.settings.{name}", [word for word in value if isinstance(word, str)]
 
 
 def _may_be_needed(search: SearchConfig) -> bool:

@@ -23,7 +23,8 @@ ShortId = Annotated[str, Meta(pattern=f"^[0-9a-f]{{16}}{_END}")]
 ShortIdOrNone = Annotated[str, Meta(pattern=f"^(?:[0-9a-f]{{16}})?{_END}")]
 Digest = Annotated[str, Meta(pattern=f"^[0-9a-f]{{64}}{_END}")]
 DigestOrNone = Annotated[str, Meta(pattern=f"^(?:[0-9a-f]{{64}})?{_END}")]
-LABEL = r"[!-~]{0,500}"
+LABEL_CHARS_MAX = 500
+LABEL = rf"[!-~]{{0,{LABEL_CHARS_MAX}}}"
 Label = Annotated[str, Meta(pattern=f"^{LABEL}{_END}")]
 """Names a model and maybe its server: printable ASCII without spaces."""
 

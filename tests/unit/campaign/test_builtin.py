@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
 
 from saflite.campaign.presets.campaigns import builtin_campaigns, load_campaign, template
+from saflite.console import templates
 from saflite.contract.errors import Refused
 from saflite.contract.rng import derive
 from saflite.contract.test_case import StartState
@@ -16,6 +18,7 @@ from saflite.oracle.policy import load_policy, policy_names
 from saflite.scorer_pool.registry import check_label
 from saflite.simulator_worker.registry import load_target, why_missing
 
+TEMPLATES = Path(templates.__file__).parent
 NAMES = sorted(builtin_campaigns())
 
 
@@ -70,6 +73,27 @@ def test_a_bad_campaign_file_is_refused(tmp_path: Path, text: str, word: str) ->
     file.write_text(text)
     with pytest.raises(Refused, match=word):
         load_campaign(str(file))
+
+
+@pytest.mark.parametrize(
+    ("text", "name", "word"),
+    [
+        ('policies = ["upright", "upright"]', "policies", "upright"),
+        ('[scorer]\nshadow = ["gap", "chance", "gap"]', "scorer.shadow", "gap"),
+        ('[scorer]\nguests = ["far-*", "far-*"]', "scorer.guests", "far-*"),
+        ('[target.settings]\ndefects = ["late", "late"]', "target.settings.defects", "late"),
+        ('[strategy.settings]\narms = ["pgfuzz", "pgfuzz"]', "strategy.settings.arms", "pgfuzz"),
+        ('[strategy.settings]\nparameters = ["A", "B", "B"]', "strategy.settings.parameters", "B"),
+        ('policies = ["one.toml", "two.toml"]', "policies", "stays-below"),
+    ],
+)
+def test_what_stands_twice_in_a_list_is_refused_by_name(tmp_path: Path, text: str, name: str, word: str) -> None:
+    policy = (TEMPLATES / "policy.toml").read_text().replace("NAME", "stays-below")
+    for file in ("one.toml", "two.toml"):
+        (tmp_path / file).write_text(policy)
+    (tmp_path / "mine.toml").write_text(f'name = "x"\nmission = "mission1"\n{text}')
+    with pytest.raises(Refused, match=rf"{re.escape(name)}.*each once.*'{re.escape(word)}' twice"):
+        load_campaign(str(tmp_path / "mine.toml"))
 
 
 def test_a_plan_is_looked_for_beside_the_campaign_file(tmp_path: Path) -> None:

@@ -41,6 +41,15 @@ def test_rules_states_and_steps_are_counted_once_per_flight() -> None:
     }
 
 
+def test_a_rule_named_twice_is_one_rule() -> None:
+    exposure = Exposure()
+    exposure.add(CASE, judgement("a", "a"))
+    assert exposure.applied == {"a": 1}
+    assert exposure.applied_share(("a", "a")) == 1.0
+    exposure.applied["a"] = 2  # as an earlier version counted, in a snapshot
+    assert exposure.applied_share(("a", "a", "b")) == 0.5
+
+
 def test_silent_rules_and_modes_never_flown_are_named() -> None:
     told = exposed(Exposed(spoke=2, silent=("c", "d", "e", "f", "g"), applied_share=0.5, states=3, steps=4))
     assert told == ("2 of 7 rules applied, in 50% of verdicts; never: c, d, e, f ...", "3 states, 4 steps")

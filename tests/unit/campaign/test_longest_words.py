@@ -17,6 +17,7 @@ from saflite.contract.bounds import TEXT_CHARS_MAX
 from saflite.contract.control import Answer, Control
 from saflite.contract.events import Event
 from saflite.contract.flight import Delivered
+from saflite.contract.names import LABEL_CHARS_MAX
 from saflite.contract.rng import derive
 from saflite.contract.work import (
     Failure,
@@ -118,6 +119,27 @@ def _large(result: Result, share: float) -> Result:
             track = ((1.0, 2.0, 3.0, 4.0),) * round(share * 28_000)
             return JudgeResult(judgement=msgspec.structs.replace(result.judgement, track=track))
     return result
+
+
+def test_a_status_can_be_read_while_scorers_with_the_longest_labels_are_changed() -> None:
+    driver = new_books(4)
+    labels = [f"m{place}:".ljust(LABEL_CHARS_MAX, "x") for place in range(8)]
+    for verb, text in (("shadow", ",".join(labels[:7])), ("scorer", labels[7])):
+        answer = driver.books.control(Control(verb=verb, text=text), driver.now)
+        assert answer.accepted, answer.message
+        driver.commit()
+        told = driver.books.control(Control(verb="status"), driver.now)
+        assert wire.decode(wire.encode(told), Answer).status == told.status
+    while driver.do("score"):  # each is warmed: the event names what was watched before
+        driver.commit()
+    told = driver.books.control(Control(verb="events", number=1), driver.now)
+    assert all(wire.decode(one, Event) for one in wire.decode(wire.encode(told), Answer).events)
+
+
+def test_names_of_models_are_given_once() -> None:
+    driver = new_books(4)
+    answer = driver.books.control(Control(verb="shadow", text="gap,gap"), driver.now)
+    assert "different names" in answer.message
 
 
 def test_the_largest_results_leave_no_work_that_nobody_can_read() -> None:

@@ -37,7 +37,7 @@ class Exposure:
     def add(self, case: TestCase, judgement: Judgement) -> None:
         """Count one flight."""
         self.judged += 1
-        self.applied.update(one.policy for one in judgement.verdicts if one.outcome in ("held", "violated"))
+        self.applied.update({one.policy for one in judgement.verdicts if one.outcome in ("held", "violated")})
         self.states.update({state for one in judgement.transitions for state in (one.before, one.after)})
         self.steps |= {
             (one.before, one.after, _kind(case, one.stimulus), _kind(case, one.preceding))
@@ -45,8 +45,12 @@ class Exposure:
         }
 
     def applied_share(self, policies: tuple[str, ...]) -> float:
-        """Return the share of verdicts in which the rule applied, all policies counted alike."""
-        return sum(self.applied[name] for name in policies) / max(1, self.judged * len(policies))
+        """Return the share of verdicts in which the rule applied, all policies counted alike, 0 to 1.
+
+        One that a run of an earlier version names twice counts once, also in what such a run has counted so far.
+        """
+        each = set(policies)
+        return sum(min(self.applied[name], self.judged) for name in each) / max(1, self.judged * len(each))
 
 
 def _kind(case: TestCase, place: int) -> str:

@@ -8,6 +8,7 @@ from saflite.campaign.engine.core import Core
 from saflite.campaign.engine.reducer import Reducer
 from saflite.campaign.engine.worker_registry import Worker, WorkerRegistry
 from saflite.campaign.scheduling.leases import Leases
+from saflite.contract.bounds import WORD_CHARS_MAX, told
 from saflite.contract.control import ArmStanding, Exposed, Status, WorkerStatus
 from saflite.contract.work import FlyResult, Result
 
@@ -94,10 +95,10 @@ def status_of(reducer: Reducer, registry: WorkerRegistry, leases: Leases, rates:
         real_time_factor=real_time_factor,
         processor_s=registry.processor_s,
         sittings=core.incarnation,
-        since_last_find_s=None if counts.last_find_s is None else elapsed_s - counts.last_find_s,
+        since_last_find_s=None if counts.last_find_s is None else max(0.0, elapsed_s - counts.last_find_s),
         elapsed_s=elapsed_s,
         scorer=reducer.scorers.model,
-        scorer_pending=",".join(key.model for key in reducer.scorers.pending),
+        scorer_pending=told(",".join(key.model for key in reducer.scorers.pending), WORD_CHARS_MAX),
         fallbacks=counts.fallbacks,
         fallback_why=counts.fallback_why,
         scores=counts.scores,

@@ -7,6 +7,7 @@ from saflite.campaign.scheduling.tasks import Task
 from saflite.campaign.scheduling.work_keys import WarmKey
 from saflite.contract.control import Control
 from saflite.contract.events import ScorerChanged
+from saflite.contract.names import LABEL_CHARS_MAX
 from saflite.contract.work import WarmResult
 
 
@@ -61,7 +62,7 @@ class Scorers:
     def _settle(self, key: WarmKey, ready: bool, message: str) -> None:
         model = key.model
         decides, models = self.pending.pop(key)
-        previous = self.model if decides else ",".join(self.shadow)
+        previous = self.model if decides else ",".join(self.shadow)[:LABEL_CHARS_MAX]
         if decides and ready:
             self.model = model
         elif not decides and ready:

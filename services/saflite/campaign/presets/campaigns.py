@@ -20,7 +20,7 @@ from saflite.campaign.presets.policy_campaigns import (
     policy_text,
     refuse_unfit,
 )
-from saflite.contract.config import Campaign, parse_campaign
+from saflite.contract.config import Campaign, check_campaign, parse_campaign
 from saflite.contract.errors import Refused
 from saflite.contract.modules import given
 from saflite.contract.outside import read_text
@@ -90,7 +90,9 @@ def _found(campaign: Campaign, path: Path) -> Campaign:
         elif name in given("policy"):
             _, texts[name] = policy_text(given("policy")[name].path)
         names.append(name)
-    return msgspec.structs.replace(campaign, policies=tuple(names), policy_texts=texts)
+    found = msgspec.structs.replace(campaign, policies=tuple(names), policy_texts=texts)
+    check_campaign(found, str(path))  # two files may hold policies of one name
+    return found
 
 
 def template(campaign: Campaign, build: str = "") -> TestCase:

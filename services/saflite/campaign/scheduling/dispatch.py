@@ -23,7 +23,7 @@ AVOIDED_MAX = 32  # re-flights a worker may not have that are looked past when i
 
 def _are_models(text: str) -> bool:
     names = text.split(",")
-    return len(names) <= SHADOWS_MAX and all(is_label(name) for name in names)
+    return len(set(names)) == len(names) <= SHADOWS_MAX and all(is_label(name) for name in names)
 
 
 class Dispatch:
@@ -98,7 +98,9 @@ class Dispatch:
         if control.verb == "scorer" and control.text == scorer:
             return f"scorer: {scorer} decides already"
         if control.verb in ("scorer", "shadow") and not _are_models(control.text):
-            return f"{control.verb}: expected names of at most {SHADOWS_MAX} models, got {control.text[:80]!r}"
+            return (
+                f"{control.verb}: expected different names of at most {SHADOWS_MAX} models, got {control.text[:80]!r}"
+            )
         if control.verb == "resume" and core.state == "running":
             return "resume: the campaign is running already"
         if control.verb in ("pause", "stop") and core.state == "ended":
