@@ -120,6 +120,25 @@ def case_with(*boxes: Obstacle) -> TestCase:
     return msgspec.structs.replace(case, scenario=msgspec.structs.replace(case.scenario, obstacles=boxes))
 
 
+@pytest.mark.parametrize("number", ["nan", "inf", "-inf", "1e999", "1e39", "1_000", "", "x", "\uff11", "9" * 400])
+@pytest.mark.parametrize("command", ["fly", "sitl"])
+def test_a_parameter_is_a_number_that_autopilots_hold(
+    command: str, number: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    file = tmp_path / "case.json"
+    file.write_bytes(msgspec.json.encode(template(load_campaign("avoidance-m2"))))
+    said = refused(capsys, command, *([str(file)] if command == "fly" else []), "--parameter", f"WPNAV_SPEED={number}")
+    assert "--parameter: expected NAME=NUMBER" in said
+
+
+def test_a_number_that_no_test_case_may_have_is_refused_with_its_file(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    file, *_ = write_case(case_with(msgspec.structs.replace(BOX, height_m=1e301)), tmp_path, "case")
+    assert "3.4e+38" in refused(capsys, "fly", str(file), "--anywhere")
+    assert "3.4e+38" in refused(capsys, "replay", str(file))
+
+
 @pytest.mark.parametrize(
     ("boxes", "expected"),
     [

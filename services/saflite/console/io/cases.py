@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import argparse
 import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from saflite.console.io.arguments import plain_number
 from saflite.console.io.target_options import with_settings
 from saflite.contract import wire
 from saflite.contract.errors import Refused
@@ -34,7 +36,7 @@ def load_case(path: Path) -> TestCase:
     if path.suffix in (".yaml", ".yml"):
         from saflite.recorder.exports.aerialist import read_case
 
-        return read_case(path)
+        return _holdable(read_case(path), str(path))
     raise Refused("test case", where=str(path), expected=KINDS, got=path.suffix or "no suffix")
 
 
@@ -70,16 +72,26 @@ def with_changes(
 
     values = dict(case.target.parameters)
     for text in parameters:
-        name, equals, number = text.partition("=")
+        name, _, number = text.partition("=")
         try:
-            values[name] = float(number)
-        except ValueError as fault:
-            raise Refused("--parameter", expected="NAME=NUMBER", got=text) from fault
-        assert equals, "float('') was refused above"
+            values[name] = plain_number(number)
+        except argparse.ArgumentTypeError as fault:
+            raise Refused("--parameter", expected="NAME=NUMBER", got=repr(text[:80])) from fault
     name = target or case.target.name
     build = case.target.build if name == case.target.name else ""
     changed = msgspec.structs.replace(case.target, name=name, parameters=values, build=build)
     if settings or defects:
         changed = with_settings(changed, describe_target(changed.name), settings, defects)
     seed = case.rng_seed if rng_seed is None else rng_seed
-    return msgspec.structs.replace(case, target=changed, rng_seed=seed, twin=twin or case.twin)
+    new = msgspec.structs.replace(case, target=changed, rng_seed=seed, twin=twin or case.twin)
+    return _holdable(new, "command line")
+
+
+def _holdable(case: TestCase, where: str) -> TestCase:
+    """Return a test case that every worker can read; raises Refused for a number or word beyond its bounds."""
+    import msgspec
+
+    try:
+        return wire.convert(msgspec.to_builtins(case), TestCase)
+    except msgspec.ValidationError as fault:
+        raise Refused("test case", where=where, expected="values that a test case may have", got=str(fault)) from fault
