@@ -193,7 +193,11 @@ def _dispatch(words: list[str]) -> int:
         use(args.module)
     if getattr(args, "autopilot", None) is not None:
         _fly_with(args.autopilot)
-    code: int = module.run(args)
+    try:
+        code: int = module.run(args)
+    except SystemExit as fault:  # no command raises it: code from outside did, when it was asked for something
+        got = f"SystemExit: {fault.code}"
+        raise Refused("code from outside", where="a module", expected="Python that runs", got=got) from fault
     return code
 
 

@@ -95,9 +95,11 @@ def load_file(path: Path) -> ModuleType:
     sys.modules[name] = module
     try:
         spec.loader.exec_module(module)
-    except Exception as fault:
+    except BaseException as fault:  # it may call `sys.exit`, too, which would end this process without a word
         del sys.modules[name]
-        got = f"{type(fault).__name__}: {fault}"
+        if isinstance(fault, KeyboardInterrupt):
+            raise
+        got = f"{type(fault).__name__}: {fault}".splitlines()[0].removesuffix(": ")
         raise Refused("module", where=str(path), expected="Python that runs", got=got) from fault
     return module
 

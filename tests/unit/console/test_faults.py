@@ -28,6 +28,22 @@ def test_any_exception_is_one_line_and_exit_code_3(
     assert "in broken" in log.read_text()
 
 
+def test_code_from_outside_does_not_end_us_without_a_word(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    at_once, asked = tmp_path / "at_once.py", tmp_path / "asked.py"
+    at_once.write_text("import sys\nsys.exit(0)")
+    asked.write_text(
+        "class Strategy:\n"
+        "    proposes, options, tell, ask = 'obstacles', {}, None, None\n"
+        "    def __init__(self, *given): raise SystemExit(0)\n"
+    )
+    for file in (at_once, asked):
+        words = ["mutate", "avoidance-m2", "--strategy", "asked", "--module", str(file)]
+        assert cli.main(words) == cli.REFUSED
+        said = capsys.readouterr().err
+        assert "expected Python that runs, got SystemExit: 0" in said
+        assert said.count("\n") == 1
+
+
 @pytest.mark.parametrize("fault", [MemoryError(), ImportError("x.so: failed to map segment from shared object")])
 def test_too_little_memory_is_no_fault_of_ours(
     fault: Exception, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

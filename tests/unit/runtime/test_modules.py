@@ -78,11 +78,21 @@ def test_each_kind_is_found_by_what_the_file_offers(files: list[Path]) -> None:
     assert "flat" not in model_names()
 
 
+def test_the_keyboard_interrupts_a_module_as_ever(tmp_path: Path) -> None:
+    (tmp_path / "a.py").write_text("raise KeyboardInterrupt")
+    for _ in range(2):  # nothing is left of the first try
+        with pytest.raises(KeyboardInterrupt):
+            modules.use([tmp_path / "a.py"])
+
+
 @pytest.mark.parametrize(
     ("name", "text", "said"),
     [
         ("a.py", "x = 1", "class Strategy"),
         ("a.py", "import no_such_package", "ModuleNotFoundError"),
+        ("a.py", "import sys\nsys.exit(0)", "expected Python that runs, got SystemExit: 0"),
+        ("a.py", "raise GeneratorExit", "expected Python that runs, got GeneratorExit"),
+        ("a.py", "class Own(BaseException): pass\nraise Own('a\\nb')", "expected Python that runs, got Own: a"),
         ("a.py", "def describe(): pass", "target with describe, check, open, got one without check, open"),
         ("a.py", "class Strategy:\n    proposes, options = 'stimuli', {}", "without tell, ask"),
         ("a.py", "class Model:\n    pass", "without score, warm, close"),
