@@ -51,14 +51,24 @@ def note(run_dir: Path, target: TargetInfo) -> None:
         raise Unavailable(f"{run_dir}: {fault}") from fault
 
 
+def read(run_dir: Path) -> Provenance | None:
+    """Return the software noted in a run folder; None if there is none or the note is damaged."""
+    try:
+        return unpack_json(read_bytes(run_dir / FILE, FILE, TEXT_BYTES_MAX), Provenance)
+    except (*UNREADABLE, FarmError):
+        return None
+
+
 def differs(run_dir: Path) -> str:
     """Return in words how the software that flew a run differs from this one; empty if it does not or is not known."""
     from saflite.simulator_worker.registry import describe_target
 
+    then = read(run_dir)
+    if then is None:
+        return ""
     try:
-        then = unpack_json(read_bytes(run_dir / FILE, FILE, TEXT_BYTES_MAX), Provenance)
         now = here(describe_target(then.target))
-    except (*UNREADABLE, FarmError):
+    except FarmError:
         return ""
     parts = [
         f"{name} {getattr(then, name)[:12]} then, {getattr(now, name)[:12]} now"

@@ -16,6 +16,8 @@ from saflite.console.run_data.farm_lookup import says_it_runs
 from saflite.console.run_data.rows import ArtefactRow, FlightRow, UsageRow
 from saflite.console.run_data.run_folder import RunFolder
 from saflite.console.run_data.unproven import unproven
+from saflite.console.view.report import made
+from saflite.console.view.report.made import Made
 from saflite.contract.circumstances import Circumstances
 from saflite.contract.config import Campaign
 from saflite.contract.events import CampaignChanged, FaultSeen, Flown, Judged, Quarantined, ViolationFound
@@ -77,6 +79,7 @@ class ReportData(NamedTuple):
     arms: Mapping[str, ArmCounts] = MappingProxyType({})  # of a portfolio
     withheld: int = 0  # findings of memory safety not shown
     unproven: int = 0  # violations neither confirmed nor refuted
+    made: Made = Made()
     smallest_forms: frozenset[str] = frozenset()  # test cases among the exhibits that are no finds of their own
 
     def finds_shown(self, confirmation: Confirmation) -> int:
@@ -128,6 +131,7 @@ def read(run: RunFolder, released: Released = ()) -> ReportData:
         ),
         withheld=len(found) - len(shown),
         unproven=len(unproven(flights, violations)),
+        made=made.read(run, over=state.startswith("ended")),
         smallest_forms=smallest_forms,
     )
 

@@ -13,7 +13,7 @@ from saflite.console.run_data.embargo import withheld_words
 from saflite.console.run_data.rows import UsageRow
 from saflite.console.run_data.unproven import unproven_words
 from saflite.console.view.html_text import escape
-from saflite.console.view.report import bars, charts, evidence
+from saflite.console.view.report import bars, charts, evidence, made
 from saflite.console.view.report.data import Progress, ReportData
 from saflite.console.view.report.script import TABLES
 from saflite.console.view.report.style import CSS
@@ -46,6 +46,7 @@ def render(data: ReportData, run_name: str) -> str:
         calibration(data.calibrations),
         usage(data.usage),
         troubles(data.quarantined, data.faults),
+        made.section(data.made),
     ]
     body = "\n".join(section for section in sections if section)
     head = (
