@@ -124,8 +124,9 @@ def _large(result: Result, share: float) -> Result:
 def test_a_status_can_be_read_while_scorers_with_the_longest_labels_are_changed() -> None:
     driver = new_books(4)
     labels = [f"m{place}:".ljust(LABEL_CHARS_MAX, "x") for place in range(8)]
-    for verb, text in (("shadow", ",".join(labels[:7])), ("scorer", labels[7])):
-        answer = driver.books.control(Control(verb=verb, text=text), driver.now)
+    shadows, decides = Control(verb="shadow", text=",".join(labels[:7])), Control(verb="scorer", text=labels[7])
+    for order in (shadows, decides):
+        answer = driver.books.control(order, driver.now)
         assert answer.accepted, answer.message
         driver.commit()
         told = driver.books.control(Control(verb="status"), driver.now)
