@@ -21,6 +21,7 @@ from saflite.contract.control import Status
 from saflite.contract.errors import Refused
 from saflite.contract.events import CampaignChanged, Event, WorkerChanged
 from saflite.contract.test_case import Target
+from saflite.runtime import stop_note
 from saflite.runtime.campaign_runner import resume, run_campaign
 from saflite.runtime.client import FarmClient, read_info
 from saflite.runtime.farm import LocalFarm, roles
@@ -118,6 +119,7 @@ def test_a_stopped_run_goes_on_where_it_was(tmp_path: Path) -> None:
 
     summary = run_campaign(campaign, run_dir, simulators=1, modules=[TARGET], on_status=stop_in_flight)
     assert not summary.ended
+    assert stop_note.read(run_dir) == summary.why == "signal SIGINT"
     assert time.monotonic() - began_s < 30
     assert _rows(run_dir, "SELECT count(*) FROM attempts WHERE how = 'lost'") == [(0,)]
     handed_back = _rows(run_dir, "SELECT count(*) FROM attempts WHERE how = 'handed_back'")[0][0]
@@ -127,6 +129,8 @@ def test_a_stopped_run_goes_on_where_it_was(tmp_path: Path) -> None:
     with pytest.raises(Refused, match="use"):
         resume(run_dir, simulators=1, modules=[TARGET])
     again.close()
+    assert resume(run_dir, simulators=2, modules=[TARGET]).ended
+    assert not stop_note.read(run_dir), "it was taken up again"
 
 
 def test_a_frozen_worker_is_noticed_within_four_seconds(tmp_path: Path) -> None:

@@ -10,6 +10,9 @@ from saflite.contract.bounds import ITEMS_MAX, Account, Count, Labels, Place, Qu
 from saflite.contract.events import Event
 from saflite.contract.names import Name
 
+NOT_RUNNING = "not running"
+"""What people are told of a campaign that has not ended, and on which no farm works."""
+
 Verb = Literal["pause", "resume", "stop", "budget", "scorer", "shadow", "status", "events"]
 
 

@@ -16,7 +16,7 @@ from saflite.contract.control import Control, Status
 from saflite.contract.errors import Refused, RefusedElsewhere, Unavailable
 from saflite.contract.modules import use
 from saflite.contract.work import Stage
-from saflite.runtime import run_modules
+from saflite.runtime import run_modules, stop_note
 from saflite.runtime.autoscaling import Bounds
 from saflite.runtime.client import FarmClient
 from saflite.runtime.clock import WallClock
@@ -149,12 +149,16 @@ def resume(
         prefix=prefix,
         key_hosts=hosts,
     )
+    stop_note.forget(run_dir)
     with interrupts() as interrupted:
         try:
             farm.start()
-            return _follow(farm, on_status, interrupted, stop_when)
+            ended = _follow(farm, on_status, interrupted, stop_when)
         finally:
             farm.stop()
+    if not (ended.ended or ended.refused):
+        stop_note.note(run_dir, ended.why)
+    return ended
 
 
 def check_build(run_dir: Path, *, flies_here: bool, goes_on: bool) -> None:

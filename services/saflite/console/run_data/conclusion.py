@@ -37,7 +37,8 @@ class Conclusion(NamedTuple):
     """What a run came to. `set_aside` counts test cases that we could not fly or judge, of `cases` ended.
 
     `flown` counts flights by what they were flown for, `standings` finds, `unproven` violations that are neither
-    confirmed nor refuted; `violations` tells of smallest forms, too.
+    confirmed nor refuted; `violations` tells of smallest forms, too. `inputs` says what may be said of the inputs behind
+    the `causes`.
     """
 
     flown: Counter[Purpose]
@@ -49,7 +50,7 @@ class Conclusion(NamedTuple):
     causes: tuple[Cause, ...]
     findings: tuple[Finding, ...]
     rulings: dict[str, Rulings]
-    minimised: bool
+    inputs: str
     fallbacks: tuple[int, str] = (0, "")
     modes: Mapping[str, int] = MappingProxyType({})
     unproven: int = 0
@@ -81,7 +82,7 @@ def conclude(run_dir: Path, ended: ExitSummary, *, as_json: bool) -> int:
     report, shown = reporting.write(run_dir)
     cases = reporting.write_test_cases(run_dir)
     with open_run(run_dir) as run:
-        found = _read(run)
+        found = _read(run, shown.inputs)
     if as_json:
         files = {"report": str(report), "test_cases": [str(path) for path in cases if path.suffix != ".plan"]}
         asked = {one.violation.fingerprint: one.circumstances for one in found.findings}
@@ -111,7 +112,7 @@ def _code(found: Conclusion, ended: ExitSummary) -> int:
     return 128 + signal.SIGHUP if cut and quiet else found.exit_code
 
 
-def _read(run: RunFolder) -> Conclusion:
+def _read(run: RunFolder, inputs: str) -> Conclusion:
     endings, findings = run.endings(), run.findings(similar=True)
     flights, violations = run.flights(), tuple(run.violations())
     return Conclusion(
@@ -124,7 +125,7 @@ def _read(run: RunFolder) -> Conclusion:
         causes=deduplicate(((one.violation, one.test_case) for one in findings), run.smallest_forms()),
         findings=tuple(one for one in findings if one.violation.confirmation != "similar"),
         rulings=run.rulings(),
-        minimised=run.campaign.search.shrink,
+        inputs=inputs,
         fallbacks=run.fallbacks(),
         modes=run.target.modes,
         unproven=len(unproven(flights, violations)),
@@ -185,7 +186,7 @@ def _tell(found: Conclusion, ended: ExitSummary) -> None:
         )
         out.line(f"this says nothing of the vehicle: {why}")
     if found.causes:
-        out.line("what it takes:" if found.minimised else "what it takes, not minimised ([search] shrink = true):")
+        out.line(f"what it takes ({found.inputs}):")
     for cause in found.causes[:SHOWN]:
         out.line(f"  {cause.policy}, {cause.violations} of them: {cause.words}   (test case {cause.name})")
 

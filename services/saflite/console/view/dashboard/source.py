@@ -17,7 +17,7 @@ from saflite.console.run_data.run_folder import RunFolder, open_run
 from saflite.console.view.dashboard import finds
 from saflite.console.view.report import data, page
 from saflite.contract import wire
-from saflite.contract.control import Answer, Status, Verb
+from saflite.contract.control import NOT_RUNNING, Answer, Status, Verb
 from saflite.contract.errors import FarmError, Refused
 from saflite.contract.events import CampaignChanged, Event, Fact, Flown, ViolationFound
 from saflite.contract.flight import AUTOPILOT_ALIVE
@@ -164,9 +164,8 @@ class RunSource:
             flown, standings = run.flown(), run.standings()
             last = run.last_events(200)
             changes = [event.fact for event in last if isinstance(event.fact, CampaignChanged)]
-            state = changes[-1].state if changes else "stopped"
             return Figures(
-                state=state if state == "ended" else "not running",
+                state="ended" if changes and changes[-1].state == "ended" else NOT_RUNNING,
                 flights=flown["search"],
                 budget=run.campaign.budget_flights,
                 reflown=flown["confirm"],

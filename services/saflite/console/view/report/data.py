@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from saflite.campaign.engine.exposure import ArmCounts
 from saflite.console.run_data.embargo import Released, is_public
-from saflite.console.run_data.farm_lookup import says_it_runs
 from saflite.console.run_data.rows import ArtefactRow, FlightRow, UsageRow
 from saflite.console.run_data.run_folder import RunFolder
+from saflite.console.run_data.standing import inputs_told, standing
 from saflite.console.run_data.unproven import unproven
 from saflite.console.view.report import made
 from saflite.console.view.report.made import Made
@@ -80,6 +80,7 @@ class ReportData(NamedTuple):
     withheld: int = 0  # findings of memory safety not shown
     unproven: int = 0  # violations neither confirmed nor refuted
     made: Made = Made()
+    inputs: str = "inputs"  # what may be said of those behind a find
     smallest_forms: frozenset[str] = frozenset()  # test cases among the exhibits that are no finds of their own
 
     def finds_shown(self, confirmation: Confirmation) -> int:
@@ -101,14 +102,12 @@ def read(run: RunFolder, released: Released = ()) -> ReportData:
     hidden = {one.violation.fingerprint for one in found} - {one.violation.fingerprint for one in shown}
     exhibits = tuple(exhibit(run, one, by_case.get(one.violation.test_case, [])) for one in shown)
     changes = [event.fact for event in run.events() if isinstance(event.fact, CampaignChanged)]
-    state = f"{changes[-1].state}: {changes[-1].why}".removesuffix(": ") if changes else ""
-    if not state.startswith("ended") and not says_it_runs(run.path):
-        state = "not running"
+    now = standing(run.path, changes[-1] if changes else None)
     quarantined, faults = troubles(run)
     violations = run.violations()
     return ReportData(
         campaign=run.campaign,
-        state=state,
+        state=now.text,
         elapsed_s=run.elapsed_s(),
         exhibits=exhibits,
         flights=flights,
@@ -131,7 +130,8 @@ def read(run: RunFolder, released: Released = ()) -> ReportData:
         ),
         withheld=len(found) - len(shown),
         unproven=len(unproven(flights, violations)),
-        made=made.read(run, over=state.startswith("ended")),
+        inputs=inputs_told(now, shrinks=run.campaign.search.shrink),
+        made=made.read(run, over=now.state == "ended"),
         smallest_forms=smallest_forms,
     )
 

@@ -193,7 +193,7 @@ def _causes(data: ReportData) -> str:
         f"<td>{evidence.anchor(numbers[cause.name], cause.name)}</td></tr>"
         for cause in taken
     ]
-    heads = ("policy", "violations", "the smallest inputs found", "test case")
+    heads = ("policy", "violations", data.inputs, "test case")
     return (
         "<h2>What it takes</h2>"
         '<p class="muted">Violations with the same inputs (by name) behind them count as one here; what only came '

@@ -1,0 +1,46 @@
+"""How a run stands: its campaign's state in one word and in a line, the same wherever it is told."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+from saflite.console.run_data.farm_lookup import says_it_runs
+from saflite.contract.control import NOT_RUNNING
+from saflite.contract.events import CampaignChanged
+from saflite.runtime import stop_note
+
+BY_ORDER = "stopped"  # what an operator's order to stop is told with (`campaign/engine/reducer.py`)
+
+
+class Standing(NamedTuple):
+    """The state in one word, and why."""
+
+    state: str
+    why: str = ""
+
+    @property
+    def text(self) -> str:
+        """Both in a line."""
+        return f"{self.state}: {self.why}".removesuffix(": ")
+
+    @property
+    def is_over(self) -> bool:
+        """Whether everything the campaign meant to fly was flown, what makes its finds smaller, too."""
+        return self.state == "ended" and self.why != BY_ORDER
+
+
+def standing(run_dir: Path, last: CampaignChanged | None) -> Standing:
+    """Return how a run stands whose campaign changed last in this way; none: it never began."""
+    if last is not None and last.state == "ended":
+        return Standing("ended", last.why)
+    if not says_it_runs(run_dir):
+        return Standing(NOT_RUNNING, stop_note.read(run_dir))
+    return Standing("") if last is None else Standing(last.state, last.why)
+
+
+def inputs_told(shown: Standing, *, shrinks: bool) -> str:
+    """Return what may be said of the inputs behind a find: that they are the smallest only where they are."""
+    if not shrinks:
+        return "inputs, not minimised: [search] shrink = true does that"
+    return "the smallest inputs found" if shown.is_over else "the smallest inputs so far, minimising is not over"
