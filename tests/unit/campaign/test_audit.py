@@ -12,6 +12,7 @@ from saflite.campaign.storage.audit import audit
 from saflite.campaign.storage.store import Store, store_file
 from saflite.contract.control import Control
 from saflite.contract.errors import Refused
+from saflite.contract.work import WarmWork
 from saflite.evidence.folder import BlobFolder
 
 
@@ -69,6 +70,30 @@ def test_a_run_under_way_balances(tmp_path: Path) -> None:
     figures = audit(tmp_path / "run")
     assert figures["problems"] == []
     assert figures["state"] == "running"
+
+
+def test_a_campaign_that_is_over_leaves_no_attempt_open(tmp_path: Path) -> None:
+    store = Store.create(tmp_path / "run", doubles.campaign(6, record="none"), doubles.TEMPLATE, doubles.TARGET)
+    driver = Driver(store.rebuild(), store)
+    driver.run(until_flights=6)
+    assert driver.books.control(Control(verb="shadow", text="chance"), driver.now).accepted
+    driver.commit()
+    (lease,) = driver.ask("score", worker="slow")
+    assert isinstance(lease.work, WarmWork)
+    figures = audit(tmp_path / "run")
+    assert figures["attempts_open"] >= 1, "it is under way"
+    while not driver.books.ended:
+        for stage in ("mutate", "fly", "judge", "record"):
+            driver.do(stage)
+        driver.now += 0.01  # before the lease runs out
+        driver.books.tick(driver.now)
+        driver.commit()
+    store.close()
+    figures = audit(tmp_path / "run")
+    assert figures["problems"] == []
+    assert figures["state"] == "ended"
+    assert figures["attempts_open"] == 0
+    assert figures["attempts_issued"] == figures["attempts_ended"] == sum(figures["attempts_by_end"].values())
 
 
 def test_a_stopped_run_balances(tmp_path: Path) -> None:

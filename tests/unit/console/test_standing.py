@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from pathlib import Path
 
@@ -40,11 +41,13 @@ def _run(run_dir: Path, until_flights: int = 10**9, *, order: str = "") -> Path:
 
 
 def _told(run_dir: Path, capsys: pytest.CaptureFixture[str]) -> set[str]:
-    """Return the states told of a run: by the dashboard and by its report."""
+    """Return the states told of a run: by an audit, by the dashboard and by its report."""
     capsys.readouterr()
+    assert main(["audit", str(run_dir), "--json"]) == 0
+    audited = json.loads(capsys.readouterr().out)["state"]
     assert main(["report", str(run_dir)]) == 0
     text = (run_dir / "report.html").read_text()
-    return {RunSource(run_dir).figures().state, text.partition("campaign ")[2].partition(" ·")[0]}
+    return {audited, RunSource(run_dir).figures().state, text.partition("campaign ")[2].partition(" ·")[0]}
 
 
 def test_a_run_that_nobody_works_on_is_told_of_in_one_word(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

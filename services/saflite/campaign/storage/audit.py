@@ -32,6 +32,7 @@ from saflite.campaign.storage.store import store_file
 from saflite.campaign.storage.witness import loss, start_of
 from saflite.contract import wire
 from saflite.contract.blobs import BlobRef
+from saflite.contract.control import NOT_RUNNING
 from saflite.contract.errors import Refused
 from saflite.contract.events import Event, kind_of
 from saflite.contract.names import recording_file
@@ -198,9 +199,9 @@ def _audit(run_dir: Path, connection: sqlite3.Connection, path: Path, quick: boo
     if counted.charged > core["budget"]:
         problems.append(f"budget: {counted.charged} flights with a budget of {core['budget']}")
     return {
-        "state": core["state"],
+        "state": core["state"] if running or core["state"] == "ended" else NOT_RUNNING,
         "budget": core["budget"],
-        **counted.figures(),
+        **counted.figures(over=core["over"]),
         "events": len(events),
         "journal_lines": counted.lines,
         **beside,

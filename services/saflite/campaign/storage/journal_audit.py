@@ -161,7 +161,7 @@ class JournalAudit:
     def left_open(self) -> list[str]:
         """Return what a campaign that is over has left open."""
         unfinished = sorted(set(self._selected) - set(self._ended_cases))
-        running = sorted(str(key) for key in self._open if not isinstance(key, ScoreKey | WarmKey))
+        running = sorted(str(key) for key in set(self._open) - self._let_go)
         return [
             *[f"test case {name} has not ended" for name in unfinished],
             *[f"{key} is still under way" for key in running],
@@ -173,13 +173,21 @@ class JournalAudit:
         flown = (flight for flight, count in self._flown.items() if count > 0)
         return sum(1 for name, index, is_form in flown if name in self._selected and not index and not is_form)
 
-    def figures(self) -> dict[str, Any]:
-        """Return the counts."""
+    @property
+    def _let_go(self) -> set[WorkKey]:
+        """Attempts of scorers: a campaign that is over waits for none."""
+        return {key for key in self._open if isinstance(key, ScoreKey | WarmKey)}
+
+    def figures(self, *, over: bool) -> dict[str, Any]:
+        """Return the counts; of a campaign that is `over`, what it waits for no more has ended with it."""
+        let_go = len(self._let_go) if over else 0
+        left = len(self._open) - let_go
+        by_end = self.ended + Counter({"with the campaign": let_go})
         return {
             "attempts_issued": self.issued,
-            "attempts_ended": self.issued - len(self._open),
-            "attempts_open": len(self._open),
-            "attempts_by_end": dict(sorted(self.ended.items())),
+            "attempts_ended": self.issued - left,
+            "attempts_open": left,
+            "attempts_by_end": dict(sorted(by_end.items())),
             "test_cases_selected": sum(self._selected.values()),
             "test_cases_ended": len(set(self._ended_cases) & set(self._selected)),
             "flights": self.charged,
