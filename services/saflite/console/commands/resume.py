@@ -3,6 +3,7 @@
 examples:
   saflite resume runs/avoidance-m2
   saflite resume runs/avoidance-m2 --budget 500
+  saflite resume runs/avoidance-m2 --minutes 10
   saflite resume runs/avoidance-m2 --accept-loss
 """
 
@@ -25,6 +26,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
     arguments.add_run(parser, "the newest at rest")
     parser.add_argument("--budget", type=int, metavar="N", help="new number of flights, those flown included")
+    arguments.add_minutes(parser)
     parser.add_argument("--workers", type=int, metavar="N", help="simulator workers (one per core)")
     parser.add_argument(
         "--accept-loss", action="store_true", help="go on with what is left of damaged books, and say what is lost"
@@ -44,6 +46,7 @@ def run(args: argparse.Namespace) -> int:
 
     args.run = farm_lookup.newest_at_rest(args.run)
     farm_options.check(args)
+    after_s = campaign_options.seconds_of(args.minutes)
     if args.budget is not None:
         campaign_options.at_least("--budget", args.budget, 1)
     open_run(args.run).close()
@@ -62,6 +65,7 @@ def run(args: argparse.Namespace) -> int:
             scale=farm_options.scale(args),
             insecure=args.insecure,
             json_logs=args.json_logs,
+            stop_when=campaign_runner.StopWhen(after_s),
         )
 
     return running.follow(args.run, start, as_json=args.json, metrics=args.metrics)

@@ -37,7 +37,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--budget", type=int, metavar="N", help="first flights, one a test case; re-flights and minimising come on top"
     )
-    parser.add_argument("--minutes", type=float, metavar="M", help="stop after so long (`saflite resume` goes on)")
+    arguments.add_minutes(parser)
     parser.add_argument("--stop-at-first", action="store_true", help="stop at the first confirmed violation")
     parser.add_argument("--workers", type=int, metavar="N", help="simulator workers (one per core)")
     parser.add_argument("--rng-seed", type=arguments.rng_seed, metavar="N", help="start of every random draw")
@@ -72,8 +72,7 @@ def run(args: argparse.Namespace) -> int:
     from saflite.simulator_worker.registry import describe_target
 
     farm_options.check(args)
-    if args.minutes is not None:
-        campaign_options.at_least("--minutes", args.minutes, 0.01)
+    after_s = campaign_options.seconds_of(args.minutes)
     campaign = campaign_options.changed(
         campaign_options.load(args.campaign, args.target),
         rng_seed=args.rng_seed,
@@ -113,7 +112,7 @@ def run(args: argparse.Namespace) -> int:
             scale=farm_options.scale(args),
             insecure=args.insecure,
             json_logs=args.json_logs,
-            stop_when=campaign_runner.StopWhen(60.0 * args.minutes if args.minutes else None, args.stop_at_first),
+            stop_when=campaign_runner.StopWhen(after_s, args.stop_at_first),
         )
 
     running.create(run_dir, campaign, describe_target(campaign.target.name))

@@ -56,6 +56,12 @@ def add_run(parser: argparse.ArgumentParser, which: str = "the newest") -> None:
     parser.add_argument("run", type=Path, nargs="?", metavar="RUN", help=f"run folder ({which})")
 
 
+def add_minutes(parser: argparse.ArgumentParser) -> None:
+    """Name the argument that says how long a farm works; `campaign_options.seconds_of` checks it."""
+    text = "stop after so long (`saflite resume` goes on)"
+    parser.add_argument("--minutes", type=float, metavar="M", help=text)
+
+
 def add_wall_limit(parser: argparse.ArgumentParser) -> None:
     """Name the argument that says how long a flight may take."""
     text = "give a flight up after so long"

@@ -26,6 +26,14 @@ def at_least(name: str, number: float, least: float, most: float = COUNT_MAX) ->
         raise Refused(name, expected=f"at most {most:g}", got=number if number < COUNT_MAX else "a larger number")
 
 
+def seconds_of(minutes: float | None) -> float | None:
+    """Return what `--minutes` says in seconds; raises Refused if it is too little to do anything."""
+    if minutes is None:
+        return None
+    at_least("--minutes", minutes, 0.01)
+    return 60.0 * minutes
+
+
 def changed(
     campaign: Campaign,
     *,

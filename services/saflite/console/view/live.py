@@ -53,11 +53,15 @@ class _Quiet:
 
 
 class News:
-    """The facts worth a line of their own, each shown once."""
+    """The facts worth a line of their own, each shown once; `so_far` is what was found before, empty of a new run."""
 
     def __init__(self, run_dir: Path) -> None:
-        self._run_dir, self._next_seq = run_dir, 1
+        self._run_dir = run_dir
         self._run: RunFolder | None = None
+        with open_run(run_dir) as run:
+            last, found = run.last_events(1), run.standings()["confirmed"]
+        self._next_seq = last[0].seq + 1 if last else 1
+        self.so_far = f"so far: {found} {'violation' if found == 1 else 'violations'} confirmed" if last else ""
 
     def lines(self, upto_seq: int) -> list[str]:
         """Return a line for every violation and trouble committed since the last call."""
@@ -202,6 +206,8 @@ class _Lines:
     def __init__(self, run_dir: Path) -> None:
         self._news, self._next_s = News(run_dir), 0.0
         self._last: Status | None = None
+        if self._news.so_far:
+            out.line(self._news.so_far)
 
     def update(self, status: Status) -> None:
         """Write what is new."""
@@ -235,6 +241,8 @@ class _Screen:
     def __init__(self, run_dir: Path) -> None:
         self._news = News(run_dir)
         self._live: Live | None = None
+        if self._news.so_far:
+            out.line(self._news.so_far)
 
     def update(self, status: Status) -> None:
         """Redraw."""
