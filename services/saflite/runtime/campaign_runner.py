@@ -149,7 +149,12 @@ def resume(
         prefix=prefix,
         key_hosts=hosts,
     )
-    stop_note.forget(run_dir)
+    return _work(farm, on_status, stop_when)
+
+
+def _work(farm: LocalFarm, on_status: OnStatus | None, stop_when: StopWhen) -> ExitSummary:
+    """Let a farm work to the end of its campaign, or until it is stopped: that is noted in the run folder."""
+    stop_note.forget(farm.run_dir)
     with interrupts() as interrupted:
         try:
             farm.start()
@@ -157,7 +162,7 @@ def resume(
         finally:
             farm.stop()
     if not (ended.ended or ended.refused):
-        stop_note.note(run_dir, ended.why)
+        stop_note.note(farm.run_dir, ended.why)
     return ended
 
 
