@@ -37,8 +37,8 @@ class Conclusion(NamedTuple):
     """What a run came to. `set_aside` counts test cases that we could not fly or judge, of `cases` ended.
 
     `flown` counts flights by what they were flown for, `standings` finds, `unproven` violations that are neither
-    confirmed nor refuted; `violations` tells of smallest forms, too. `inputs` says what may be said of the inputs behind
-    the `causes`.
+    confirmed nor refuted; `violations` tells of smallest forms, too. `inputs` says what may be said of the inputs
+    behind the `causes`.
     """
 
     flown: Counter[Purpose]
