@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import re
 import socket
 from collections.abc import Iterator
 from pathlib import Path
@@ -199,6 +200,23 @@ def test_several_runs_stand_in_order_of_time() -> None:
     assert text.index("early") < text.index("late")
     assert f'href="/run/0/#{VIOLATION.test_case}"' in text
     assert client(Stub()).get("/").headers["location"] == "/run/0/"
+
+
+def test_runs_of_one_campaign_and_build_are_told_apart() -> None:
+    runs = [Stub("night", at, (VIOLATION,)) for at in (1e9, 2e9)]
+    for run, folder in zip(runs, ("first ü", "second"), strict=True):
+        run._head = run._head._replace(where=folder)
+    text = client(*runs).get("/").text
+    assert all(f'<a href="/run/{at}/">{folder}</a>' in text for at, folder in enumerate(("first ü", "second")))
+    heads = re.findall(r'class="build"[^>]*>([^<]*)<', text)
+    assert heads == ["1", "2"]
+
+
+def test_behaviours_of_one_run_that_share_their_words_are_counted() -> None:
+    others = (msgspec.structs.replace(VIOLATION, fingerprint=char * 16, test_case=char * 16) for char in "ab")
+    text = client(Stub("early", 1e9, (VIOLATION, *others)), Stub("late", 2e9, (VIOLATION,))).get("/").text
+    marks = re.findall(r'<td class="mark"><a class="dot-confirmed"[^>]*>([^<]*)</a>', text)
+    assert marks == ["●&thinsp;3", "●"]
 
 
 def test_a_page_keeps_its_size_whatever_a_run_found() -> None:

@@ -149,9 +149,12 @@ def of_all(sources: Sequence[Source], role: Role) -> str:
     order = sorted(range(len(sources)), key=lambda at: sources[at].head().began_unix_s)
     heads = [sources[at].head() for at in order]
     found = [sources[at].violations(public=role != "operator") for at in order]
-    rows = [_row(at, head, sources[at].figures()) for at, head in zip(order, heads, strict=True)]
+    rows = [
+        _row(place, at, head, sources[at].figures())
+        for place, (at, head) in enumerate(zip(order, heads, strict=True), start=1)
+    ]
     table = html_table(
-        ("run", "begun", "target", "build", "state", "flights", "behaviours", "finds", "flaky"), rows
+        ("", "run", "campaign", "begun", "target", "build", "state", "flights", "behaviours", "finds", "flaky"), rows
     )  # fmt: skip
     body = (
         '<header class="bar"><h1>Runs</h1><span class="grow"></span><button id="keys" aria-label="keys">?</button>'
@@ -161,9 +164,11 @@ def of_all(sources: Sequence[Source], role: Role) -> str:
     return document("runs", body, role=role)
 
 
-def _row(number: int, head: Head, now: Figures) -> str:
+def _row(place: int, number: int, head: Head, now: Figures) -> str:
     cells = (
-        f'<a href="/run/{number}/">{escape(head.name)}</a>',
+        str(place),
+        f'<a href="/run/{number}/">{escape(head.where or head.name)}</a>',
+        escape(head.name),
         day_of(head.began_unix_s) if head.began_unix_s else "",
         escape(head.target),
         f"<code>{escape(head.build[:12])}</code>",
@@ -177,33 +182,40 @@ def _row(number: int, head: Head, now: Figures) -> str:
 
 
 def _matrix(order: Sequence[int], heads: Sequence[Head], found: Sequence[Sequence[Violation]]) -> str:
-    """Return the behaviours, by words, over runs in order of time: a dot where one was found, a link to its find."""
-    ways: dict[tuple[str, str], list[Violation | None]] = {}
+    """Return the behaviours, by words, over runs in order of time: a dot where some were found, a link to one find.
+
+    Behaviours of one run may share their words (they differ in track or cause): the dot says how many do.
+    """
+    ways: dict[tuple[str, str], list[list[Violation]]] = {}
     for place, violations in enumerate(found):
-        for one in sorted(violations, key=lambda one: -RANK.get(one.confirmation, 3)):
-            ways.setdefault((one.policy, _way(one)), [None] * len(order))[place] = one
+        for one in sorted(violations, key=lambda one: RANK.get(one.confirmation, 3)):
+            ways.setdefault((one.policy, _way(one)), [[] for _ in order])[place].append(one)
     if not ways:
         return ""
     named = zip(order, heads, strict=True)
     titles = [
-        f'<a class="build" href="/run/{at}/" title="{escape(head.name)}">{escape(head.build[:6] or head.name)}</a>'
-        for at, head in named
+        f'<a class="build" href="/run/{at}/" title="{escape(f"{head.where or head.name}, build {head.build[:12]}")}">'
+        f"{place}</a>"
+        for place, (at, head) in enumerate(named, start=1)
     ]
     rows = []
     for (policy, way), marks in sorted(ways.items()):
-        cells = "".join(f'<td class="mark">{_mark(at, one)}</td>' for at, one in zip(order, marks, strict=True))
+        cells = "".join(f'<td class="mark">{_mark(at, ones)}</td>' for at, ones in zip(order, marks, strict=True))
         rows.append(f"<tr><td>{escape(policy)}</td><td>{escape(way)}</td>{cells}</tr>")
     return (
-        '<h2>Behaviours over runs</h2><p class="muted">Oldest run first, each under its build. An empty place says '
-        "that the run did not find it, not that it is gone: <code>saflite regress</code> flies it again.</p>"
+        '<h2>Behaviours over runs</h2><p class="muted">Oldest run first, each under its number above. An empty place '
+        "says that the run did not find it, not that it is gone: <code>saflite regress</code> flies it again.</p>"
         + html_table(("policy", "behaviour", *titles), rows)
     )
 
 
-def _mark(number: int, one: Violation | None) -> str:
-    if one is None:
+def _mark(number: int, ones: Sequence[Violation]) -> str:
+    """Return a dot for the behaviours of a run that share their words, the best confirmed first."""
+    if not ones:
         return ""
+    one, many = ones[0], len({each.fingerprint for each in ones})
     css = one.confirmation if one.confirmation in ("confirmed", "flaky") else "other"
     label = escape(f"{one.confirmation}, {one.robustness:+.2f}")
     place = f"/run/{number}/#{escape(one.test_case)}"
-    return f'<a class="dot-{css}" title="{label}" aria-label="{label}" href="{place}">●</a>'
+    count = f"&thinsp;{many}" if many > 1 else ""
+    return f'<a class="dot-{css}" title="{label}" aria-label="{label}" href="{place}">●{count}</a>'

@@ -34,7 +34,7 @@ REST = 20.0
 
 
 class Head(NamedTuple):
-    """What a run is: told once."""
+    """What a run is: told once. `where` tells it from others of its campaign: its folder's name, or an endpoint."""
 
     name: str
     description: str
@@ -42,6 +42,7 @@ class Head(NamedTuple):
     build: str
     began_unix_s: float
     settings: str = ""
+    where: str = ""
 
 
 class Figures(msgspec.Struct, frozen=True, kw_only=True):
@@ -149,7 +150,7 @@ class RunSource:
         self._kept: dict[str, _Part] = {}
         self._making, self._clock = {name: threading.Lock() for name in _PARTS}, WallClock()
         with open_run(run_dir) as run:
-            self._head = _head(run)
+            self._head = _head(run, run_dir.resolve().name)
 
     def head(self) -> Head:
         """Return what it is."""
@@ -225,7 +226,7 @@ class RunSource:
         return self._farm.order(verb, text, number)
 
 
-def _head(run: RunFolder) -> Head:
+def _head(run: RunFolder, folder: str) -> Head:
     first = run.first_event()
     return Head(
         run.campaign.name,
@@ -234,6 +235,7 @@ def _head(run: RunFolder) -> Head:
         run.target.build,
         first.at_unix_s if first else 0.0,
         page.settings(run.campaign),
+        folder,
     )
 
 
@@ -288,7 +290,7 @@ class EndpointSource:
 
     def head(self) -> Head:
         """Return what is known of it."""
-        return Head(self._where.campaign, f"the farm at {self._where.endpoint}", "", "", 0.0)
+        return Head(self._where.campaign, f"the farm at {self._where.endpoint}", "", "", 0.0, "", self._where.endpoint)
 
     def figures(self) -> Figures:
         """Return how it stands; `unreachable` where nobody answers."""
