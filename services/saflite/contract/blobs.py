@@ -74,12 +74,15 @@ def ref_of(data: bytes) -> BlobRef:
     return BlobRef(digest=digest(data), size_bytes=len(data))
 
 
+def check_digest(digest: str) -> None:
+    """Raise Refused unless this can be the digest of a blob: it becomes a path."""
+    if len(digest) != DIGEST_DIGITS or not set(digest) <= set("0123456789abcdef"):
+        raise Refused("blob", expected=f"a digest of {DIGEST_DIGITS} lower-case hexadecimal digits", got=digest[:80])
+
+
 def check_ref(ref: BlobRef) -> None:
-    """Raise Refused unless the reference can be one: it becomes a path."""
-    if len(ref.digest) != DIGEST_DIGITS or not set(ref.digest) <= set("0123456789abcdef"):
-        raise Refused(
-            "blob", expected=f"a digest of {DIGEST_DIGITS} lower-case hexadecimal digits", got=ref.digest[:80]
-        )
+    """Raise Refused unless the reference can be one."""
+    check_digest(ref.digest)
     if not 0 <= ref.size_bytes <= BLOB_BYTES_MAX:
         raise Refused("blob", expected=f"a size of 0 to {BLOB_BYTES_MAX} bytes", got=ref.size_bytes)
 

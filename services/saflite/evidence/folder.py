@@ -17,7 +17,7 @@ from contextlib import suppress
 from pathlib import Path
 from shutil import rmtree
 
-from saflite.contract.blobs import BlobRef, check_ref, ref_of
+from saflite.contract.blobs import BlobRef, check_digest, check_ref, ref_of
 from saflite.contract.errors import Unavailable
 from saflite.contract.join import check_worker_name
 from saflite.evidence import files
@@ -36,7 +36,8 @@ class BlobFolder:
         self._probe = ""
 
     def path(self, digest: str) -> Path:
-        """Return where a blob stands."""
+        """Return where a blob stands; raises Refused for a digest that cannot be one, as tables of others may have."""
+        check_digest(digest)
         return self._folder / digest[:2] / digest
 
     def incoming(self, worker: str) -> Path:

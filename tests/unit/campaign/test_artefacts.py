@@ -68,6 +68,20 @@ def test_names_of_a_run_that_others_made_lead_nowhere_else(
     assert main(["artefacts", str(run_dir)]) == 0, "what is only listed is escaped"
 
 
+@pytest.mark.parametrize("digest", ["../../../secret", "0" * 63, 7])
+def test_a_recording_of_a_run_that_others_made_is_no_file_of_ours(
+    digest: object, run_dir: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "secret").write_text("ours")
+    (recording, *_) = sorted((run_dir / "recordings").iterdir())
+    recording.unlink()
+    test_case = recording.name.partition("-")[0]
+    _alter(run_dir, f"UPDATE recordings SET digest = '{digest}' WHERE test_case = '{test_case}'")
+    with closing(Store.open(run_dir)) as store, pytest.raises(Refused, match="a digest of 64"):
+        store.rebuild()
+    assert not recording.exists()
+
+
 @pytest.mark.parametrize("table", ["test_cases", "judgements", "flights"])
 def test_a_row_that_names_an_entry_of_another_kind_is_damage(table: str, run_dir: Path) -> None:
     other = "judgements" if table == "test_cases" else "test_cases"

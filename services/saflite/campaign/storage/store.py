@@ -305,7 +305,7 @@ class Store:
         except OSError:
             there = set()
         rows = self._db.execute("SELECT test_case, flight_index, digest FROM recordings WHERE digest <> ''")
-        named = ((recording_file(test_case, index), digest) for test_case, index, digest in rows)
+        named = ((recording_file(test_case, index), str(digest)) for test_case, index, digest in rows)
         return [(file, digest) for file, digest in named if file not in there]
 
     def journal(self, after: int = 0, chain: int = 0) -> Iterator[bytes]:
