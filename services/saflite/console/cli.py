@@ -256,7 +256,7 @@ def _summary(name: str) -> str:
 
 
 def _overview() -> str:
-    rows = [f"  {name:<11} {_summary(name)}" for name in command_names()]
+    rows = [out.folded(f"  {name:<11} ", _summary(name)) for name in command_names()]
     return "\n".join(
         [
             "saflite: find safety violations in autonomous vehicles, and prove them",

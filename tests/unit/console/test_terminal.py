@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
+from saflite.console.cli import main
 from saflite.console.view import live, out
 from saflite.contract.control import Status, WorkerStatus
 from saflite.contract.events import FaultSeen, Quarantined
@@ -93,3 +94,28 @@ def test_the_live_screen_takes_words_for_words(said: str) -> None:
 @pytest.mark.parametrize("said", [EVIL, EVIL * 60, "\ud800"])
 def test_the_live_screen_shows_no_controls_and_every_length(said: str) -> None:
     assert not (STEERING - {"\x1b"}) & set(screen(said, "idle"))
+
+
+@pytest.mark.parametrize("words", [["--help"], ["list", "policies"], ["list", "signals", "-v"], ["list"]])
+def test_long_lines_are_folded_to_the_width_asked_for_and_whole_in_a_pipe(
+    words: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.delenv("COLUMNS", raising=False)
+    main(words)
+    whole = capsys.readouterr().out
+    monkeypatch.setenv("COLUMNS", "60")
+    main(words)
+    folded = capsys.readouterr().out
+    assert whole.split() == folded.split(), "no word is lost"
+    over = [[line for line in text.splitlines() if len(line) > 60] for text in (whole, folded)]
+    assert over[0], "nothing had to be folded"
+    assert len(over[1]) < len(over[0])
+
+
+def test_what_has_no_width_left_stays_a_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "40")
+    assert out.folded(" " * 30, "a text of many words that would be folded to one word a line").count("\n") == 0
+    assert out.folded("name  ", "a text of many words that is folded below itself").splitlines() == [
+        "name  a text of many words that is",
+        "      folded below itself",
+    ]

@@ -42,9 +42,9 @@ def run(args: argparse.Namespace) -> int:
         return 0
     width = max((len(item.name) for item in items), default=0)
     for item in items:
-        out.line(f"{item.name:<{width}}  {item.summary}")
+        out.line(out.folded(f"{item.name:<{width}}  ", item.summary))
         for key, text in item.details.items() if args.verbose else ():
-            out.line(f"{'':<{width}}    {key}: {text}")
+            out.line(out.folded(f"{'':<{width}}    {key}: ", text))
     if args.kind == "policies":
         out.line(catalogue.policies_told(target))
     return 0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -11,6 +12,7 @@ from typing import Any, TextIO
 
 from saflite.contract.plain import plain, plain_json, word
 
+FOLD_MIN = 24
 LINE_MAX = 1_500
 """Characters of one complaint."""
 
@@ -62,7 +64,7 @@ def json(value: Any) -> None:
 
 
 def table(rows: Iterable[Sequence[object]], headers: Sequence[str] = (), indent: str = "") -> None:
-    """Write rows in columns as wide as their widest cell; the last column is left ragged."""
+    """Write rows in columns as wide as their widest cell; the last column is ragged, and folded on a terminal."""
     cells = [[word(str(cell)) for cell in row] for row in rows]
     if headers:
         cells.insert(0, [str(head) for head in headers])
@@ -70,8 +72,23 @@ def table(rows: Iterable[Sequence[object]], headers: Sequence[str] = (), indent:
         return
     widths = [max(len(row[column]) for row in cells if column < len(row)) for column in range(max(map(len, cells)))]
     for row in cells:
-        padded = [cell.ljust(width) for cell, width in zip(row, widths, strict=False)]
-        line(indent + "  ".join(padded).rstrip())
+        padded = [cell.ljust(width) for cell, width in zip(row[:-1], widths, strict=False)]
+        line(folded(indent + "".join(f"{cell}  " for cell in padded), row[-1]))
+
+
+def folded(before: str, text: str) -> str:
+    """Return a text behind what stands before it, folded below itself to the width of a terminal; a line in a pipe.
+
+    A text that would be left less than `FOLD_MIN` characters of width stays one line, too.
+    """
+    is_seen = sys.stdout.isatty() or os.environ.get("COLUMNS", "").isdecimal()
+    width = shutil.get_terminal_size().columns - len(before)
+    if not is_seen or width < FOLD_MIN or len(text) <= width:
+        return f"{before}{text}".rstrip()
+    import textwrap
+
+    first, *rest = textwrap.wrap(text, width, break_long_words=False, break_on_hyphens=False)
+    return "\n".join([before + first, *(" " * len(before) + more for more in rest)])
 
 
 def summary_of(path: Path) -> str:
