@@ -78,7 +78,10 @@ def case(
     return TestCase(
         target=Target(name=name, parameters=parameters),
         scenario=scenario or Scenario(start=first, time_limit_s=limit_s),
-        stimuli=tuple(Stimulus(at_s=at, kind=kind, name=word, values=(value,)) for at, kind, word, value in stimuli),
+        stimuli=tuple(
+            Stimulus(at_s=at, kind=kind, name=word, values=() if kind == "mode" else (value,))
+            for at, kind, word, value in stimuli
+        ),
         rng_seed=3,
     )
 
