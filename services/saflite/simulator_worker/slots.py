@@ -36,7 +36,7 @@ def slots_folder() -> Path:
     """
     given = environment("SAFLITE_SLOTS")
     shared = Path(f"{SHARED}-{os.getuid()}")
-    if given or not os.path.lexists(shared) or _is_ours(shared):
+    if given or not _is_anothers(shared):
         return Path(given) if given else shared
     runtime = environment("XDG_RUNTIME_DIR")
     try:
@@ -168,12 +168,19 @@ def _lock(root: Path, index: int) -> int | None:
 
 
 def _is_ours(root: Path) -> bool:
-    """Return whether it is a folder of this user, no link, in which nobody else can write."""
-    try:
-        found = root.lstat()
-    except OSError:
-        return False
+    """Return whether it is a folder of this user, no link, in which nobody else can write; raises OSError if gone."""
+    found = root.lstat()
     return stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & 0o022
+
+
+def _is_anothers(root: Path) -> bool:
+    """Return whether there is something that is no folder of ours alone; its last holder may remove ours now."""
+    try:
+        return not _is_ours(root)
+    except FileNotFoundError:
+        return False
+    except OSError:
+        return True
 
 
 def _make_private(root: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from io import StringIO
 from pathlib import Path
 
@@ -100,10 +101,10 @@ def test_the_live_screen_shows_no_controls_and_every_length(said: str) -> None:
 def test_long_lines_are_folded_to_the_width_asked_for_and_whole_in_a_pipe(
     words: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.delenv("COLUMNS", raising=False)
+    monkeypatch.setenv("COLUMNS", "60")
     main(words)
     whole = capsys.readouterr().out
-    monkeypatch.setenv("COLUMNS", "60")
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
     main(words)
     folded = capsys.readouterr().out
     assert whole.split() == folded.split(), "no word is lost"
@@ -114,6 +115,7 @@ def test_long_lines_are_folded_to_the_width_asked_for_and_whole_in_a_pipe(
 
 def test_what_has_no_width_left_stays_a_line(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "40")
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
     assert out.folded(" " * 30, "a text of many words that would be folded to one word a line").count("\n") == 0
     assert out.folded("name  ", "a text of many words that is folded below itself").splitlines() == [
         "name  a text of many words that is",

@@ -189,5 +189,24 @@ def test_what_another_user_made_under_our_name_keeps_nobody_from_flying(
     held.release()
 
 
+def test_a_folder_that_the_last_holder_removes_while_it_is_looked_at_is_made_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    root, removed = tmp_path / "slots", list[Path]()
+    mkdir = Path.mkdir
+
+    def made_and_removed(path: Path, *given: Any, **named: Any) -> None:
+        mkdir(path, *given, **named)
+        if path == root and not removed:
+            removed.append(path)
+            path.rmdir()
+
+    monkeypatch.setattr(Path, "mkdir", made_and_removed)
+    held = take_slot(root)
+    assert Path(held.info.folder).is_relative_to(root)
+    held.release()
+    assert removed
+
+
 def test_a_folder_for_slots_below_one_that_is_not_there_is_made(tmp_path: Path) -> None:
     take_slot(tmp_path / "a" / "b" / "slots").release()

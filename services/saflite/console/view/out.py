@@ -81,9 +81,8 @@ def folded(before: str, text: str) -> str:
 
     A text that would be left less than `FOLD_MIN` characters of width stays one line, too.
     """
-    is_seen = sys.stdout.isatty() or os.environ.get("COLUMNS", "").isdecimal()
     width = shutil.get_terminal_size().columns - len(before)
-    if not is_seen or width < FOLD_MIN or len(text) <= width:
+    if not sys.stdout.isatty() or width < FOLD_MIN or len(text) <= width:
         return f"{before}{text}".rstrip()
     import textwrap
 
