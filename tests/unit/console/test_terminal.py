@@ -117,6 +117,7 @@ def test_what_has_no_width_left_stays_a_line(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setenv("COLUMNS", "40")
     monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
     assert out.folded(" " * 30, "a text of many words that would be folded to one word a line").count("\n") == 0
+    assert out.folded("name  ", " " * 90).strip() == "name"
     assert out.folded("name  ", "a text of many words that is folded below itself").splitlines() == [
         "name  a text of many words that is",
         "      folded below itself",

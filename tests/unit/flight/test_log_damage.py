@@ -154,7 +154,9 @@ def test_slow_signals_have_no_holes_and_none_is_drawn_beyond_its_ends() -> None:
         columns.add(name, times, np.zeros_like(times))
     columns.add("battery_v", np.arange(0.0, 101.0, 10.0), np.full(11, 12.0))
     columns.add("climb_mps", times[300:600], np.ones(300))
+    columns.add("tilt_deg", times[:100] + 500.0, np.ones(100))
     trace = columns.trace("log", "x.ulg")
+    assert "tilt_deg" not in trace.signals, "of another time altogether"
     assert not np.isnan(trace.array("battery_v")).any()
     known = np.flatnonzero(~np.isnan(trace.array("climb_mps"))) * trace.step_s
     assert (known[0], known[-1]) == pytest.approx((25.0, 64.9), abs=0.06)

@@ -82,7 +82,7 @@ def folded(before: str, text: str) -> str:
     A text that would be left less than `FOLD_MIN` characters of width stays one line, too.
     """
     width = shutil.get_terminal_size().columns - len(before)
-    if not sys.stdout.isatty() or width < FOLD_MIN or len(text) <= width:
+    if not sys.stdout.isatty() or width < FOLD_MIN or len(text) <= width or not text.strip():
         return f"{before}{text}".rstrip()
     import textwrap
 

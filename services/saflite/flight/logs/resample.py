@@ -71,11 +71,14 @@ class Columns:
         """Return all columns at 20 Hz over `span`.
 
         Positions are taken relative to `origin`, or to the first one, as the testing competition does. Real signals run
-        in straight lines between samples; flags, codes and settings keep their value.
+        in straight lines between samples; flags, codes and settings keep their value. What is not known at any of these
+        times is left out, as if it had not been logged.
         """
         start, end = self.span(what, where, placed=placed)
         times = start + np.arange(int((end - start) / STEP_S) + 1, dtype=np.float64) * STEP_S
-        signals = {name: self._sampled(name, times).astype("<f4").tobytes() for name in sorted(self._columns)}
+        sampled = {name: self._sampled(name, times) for name in sorted(self._columns)}
+        known = {name: values for name, values in sampled.items() if not np.isnan(values).all()}
+        signals = {name: values.astype("<f4").tobytes() for name, values in known.items()}
         return Trace(step_s=STEP_S, signals=signals, messages=self._texts(start, end))
 
     def span(self, what: str, where: str, *, placed: bool = True) -> tuple[float, float]:

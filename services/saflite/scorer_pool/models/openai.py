@@ -108,6 +108,7 @@ class OpenAIChat:
             self._limit = "max_completion_tokens"
         elif named is not None:
             del self._fixed[named]
+            log.warning("%s takes no %s: its answers may differ from time to time", self._model, named)
         elif len(self._formats) > 1:
             self._formats.pop(0)
         else:
