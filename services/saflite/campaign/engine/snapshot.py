@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import dataclasses
 from collections import Counter, deque
+from collections.abc import Callable
 from functools import cache
+from operator import attrgetter
 from types import NoneType, UnionType
 from typing import Any, Union, get_args, get_origin, get_type_hints
 
@@ -144,21 +146,60 @@ def _parts(kind: Any) -> tuple[Any, ...]:
 
 
 def _pack(kind: Any, value: Any) -> Any:
-    if value is None or _is_plain(kind):
-        return value
+    pack = _packer(kind)
+    return value if pack is None or value is None else pack(value)
+
+
+@cache
+def _packer(kind: Any) -> Callable[[Any], Any] | None:
+    """Return what makes plain values of those of a kind, none of them None; itself None if they are plain.
+
+    Worked out once a kind: the books stand still while a snapshot is made, and there are many values.
+    """
+    if _is_plain(kind):
+        return None
     if kind is Features:
-        return value.points.tolist(), value.labels.tolist()
+        return lambda value: (value.points.tolist(), value.labels.tolist())
     if kind in FIELDS or dataclasses.is_dataclass(kind):
-        return [_pack(hint, getattr(value, name)) for name, hint in _hints(kind).items()]
+        return _whole_packer(_hints(kind))
     origin, parts = get_origin(kind), _parts(kind)
     if origin is dict:
-        plain = _is_plain(parts[1])
-        return [(key, one if plain else _pack(parts[1], one)) for key, one in value.items()]
+        return _each_value(_packer(parts[1]))
     if origin is Counter:
-        return sorted(value.items())
+        return lambda value: sorted(value.items())
     if origin in (set, frozenset):
-        return sorted(value)
-    return _pack(parts[0], value) if origin in (Union, UnionType) else [_pack(parts[0], one) for one in value]
+        return sorted
+    if origin in (Union, UnionType):
+        return _packer(parts[0])
+    return _each(_packer(parts[0]))
+
+
+def _each(pack: Callable[[Any], Any] | None) -> Callable[[Any], list[Any]]:
+    if pack is None:
+        return list
+    return lambda values: [None if one is None else pack(one) for one in values]
+
+
+def _each_value(pack: Callable[[Any], Any] | None) -> Callable[[Any], list[Any]]:
+    if pack is None:
+        return lambda mapping: list(mapping.items())
+    return lambda mapping: [(key, None if one is None else pack(one)) for key, one in mapping.items()]
+
+
+def _whole_packer(fields: dict[str, Any]) -> Callable[[Any], list[Any]]:
+    """Return what makes a list of the named parts of a value."""
+    read = attrgetter(*fields) if len(fields) > 1 else None
+    (name, *_) = fields
+    packers = [(place, pack) for place, pack in enumerate(map(_packer, fields.values())) if pack is not None]
+
+    def pack_whole(value: Any) -> list[Any]:
+        values = [getattr(value, name)] if read is None else list(read(value))
+        for place, pack in packers:
+            if values[place] is not None:
+                values[place] = pack(values[place])
+        return values
+
+    return pack_whole
 
 
 def _unpack(kind: Any, value: Any) -> Any:
