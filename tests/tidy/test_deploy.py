@@ -17,6 +17,8 @@ from typing import Any
 import pytest
 import yaml
 
+from saflite.bus.access import STAGE_OF
+from saflite.bus.keyring import AUTHORITY_KEY, read_register
 from saflite.console.cli import command_names
 from saflite.console.io.farm_file import FarmFile, read_farm_file
 from saflite.contract.control import Status, WorkerStatus
@@ -167,3 +169,25 @@ def test_prometheus_files_pass_its_own_check() -> None:
 def test_the_compose_file_passes_its_own_check(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("GRAFANA_PASSWORD", "x")
     subprocess.run(["docker", "compose", "-f", str(DEPLOY / "compose.yaml"), "config", "--quiet"], check=True)
+
+
+def test_a_ray_job_is_given_no_key_that_could_make_keys(tmp_path: Path) -> None:
+    """What is given to a job is kept in Ray's store: the authority's key stays where `saflite keys` made it."""
+    ray, given, keys = tmp_path / "bin" / "ray", tmp_path / "given", tmp_path / "keys"
+    ray.parent.mkdir()
+    ray.write_text(f'#!/bin/sh\nwhile [ "$1" != --working-dir ]; do shift; done\ncp -R "$2" {given}\n')
+    ray.chmod(0o700)
+    (tmp_path / "night.toml").write_text('name = "night"\n')
+    path = f"{ray.parent}:{Path(sys.executable).parent}:/usr/bin:/bin"
+    job = [str(DEPLOY / "ray-job.sh"), "http://head:8265", str(tmp_path / "night.toml"), "10.0.0.5", str(keys)]
+    for _ in range(2):  # the second time with the keys of the first
+        shutil.rmtree(given, ignore_errors=True)
+        subprocess.run(["bash", *job], check=True, timeout=120, env={"PATH": path, "HOME": str(tmp_path)})
+        there = {str(one.relative_to(given)) for one in given.rglob("*") if one.is_file()}
+        assert (keys / AUTHORITY_KEY).is_file()
+        assert not [name for name in there if AUTHORITY_KEY in name]
+        assert {"campaign.toml", "keys/register.toml", "keys/farm/key.pem", "keys/peers/ray/key.pem"} <= there
+        ray_peer = read_register(given / "keys").named("ray")
+        assert ray_peer is not None
+        assert ray_peer.may("night")
+        assert set(ray_peer.roles) == set(STAGE_OF)
