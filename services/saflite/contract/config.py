@@ -55,7 +55,8 @@ class SearchConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     once and the campaign still is reproducible at any number of workers.
 
     A violation is confirmed when `confirm_needed` of `confirm_flights` re-flights, each under noise of its own, violate
-    again. Not given: 2 of 3 on a target that repeats bit by bit, 3 of 5 on others. `shrink_flights_max` bounds the
+    again; no more are flown than it takes to decide. Not given: 2 of 3 on a target that repeats bit by bit, 3 of 5 on
+    others. `shrink_flights_max` bounds the
     flights spent on making one violation smaller (60 by one flight each, if not given; half of it where another
     behaviour of the policy was found before). On a target that says it repeats bit by bit, about a share
     `check_share` of the first flights is flown over again and compared. Of all these only first flights count against

@@ -116,7 +116,7 @@ def test_the_interval_holds_the_rate_as_often_as_it_claims(rate: float) -> None:
 
 def test_what_repeats_in_every_flight_is_confirmed_and_what_never_does_is_flaky() -> None:
     _, always = run(1.0, 60)
-    assert {(one.confirmation, one.failed_again) for one in always if one.reflown == 5} == {("confirmed", 5)}
+    assert {(one.confirmation, one.failed_again, one.reflown) for one in always} == {("confirmed", 3, 3)}
     rare = [one for one in found_at(0.3) if one.failed_again < 3]
     assert {one.confirmation for one in rare} == {"flaky"}
 
@@ -125,7 +125,7 @@ def test_the_budget_is_exact_with_five_reflights_each() -> None:
     for budget in (1, 6, 7, 50):
         driver, found = run(0.7, budget)
         assert driver.books.status(driver.now).flights == budget
-        assert driver.books.status(driver.now).reflown == 5 * len(found)
+        assert driver.books.status(driver.now).reflown == sum(one.reflown for one in found)
 
 
 # ---- making violations smaller ------------------------------------------------------------------------------------
@@ -194,7 +194,7 @@ def test_a_campaign_makes_its_violations_smaller_by_chance() -> None:
     assert isinstance(driver.store, MemoryStore)
     least = sum(1 for one in forms if ", 2 inputs" in one.message)
     assert least >= 0.8 * len(forms)
-    assert {one.reflown for one in forms} == {5}
+    assert {one.reflown for one in forms} <= {3, 4, 5}
     confirmed = sum(1 for one in forms if one.confirmation == "confirmed")
     assert confirmed >= len(forms) / 2
     assert driver.books.status(driver.now).flights == 12

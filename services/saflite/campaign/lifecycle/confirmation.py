@@ -58,6 +58,7 @@ class Trial:
     traces_lost: Counter[int] = field(default_factory=Counter)  # by flight: before it was judged
     judgement: Judgement | None = None
     behaviours: dict[str, str] = field(default_factory=dict)  # fingerprints, by the policy violated
+    asked: int = 0  # re-flights asked for so far, `confirm_max` at most
     founded: int = 0  # how many of them it was the first to show
     checked: bool = False  # its first flight was asked for once more, to see whether it repeats bit by bit
     waiting: bool = False  # for test cases selected before it
@@ -85,10 +86,10 @@ class Trial:
     @property
     def reflights(self) -> range:
         """Indices of the re-flights asked for."""
-        return range(self.first + 1, self.first + self.confirm_max + 1)
+        return range(self.first + 1, self.first + self.asked + 1)
 
     @property
-    def confirmed_all(self) -> bool:
+    def reflown_all(self) -> bool:
         """Whether every re-flight asked for has ended."""
         return all(index in self.flights and self.flights[index].settled for index in self.reflights)
 
@@ -105,15 +106,32 @@ def worst_robustness(judgement: Judgement) -> float | None:
     return None if verdict is None else verdict.robustness
 
 
+def reflights_wanted(trial: Trial, needed: int) -> int:
+    """Return how many re-flights more it takes at least to decide on all violations of a test case, 0 if they are.
+
+    One that has failed `needed` times is confirmed however the rest would end, one that cannot come to that any more is
+    not: flying on would only narrow the interval of its rate (curtailed inspection).
+    """
+    assert trial.judgement is not None, f"{trial.name} was not judged"
+    judged = [note for index in trial.reflights if (note := trial.flights[index]).judged]
+    left, wanted = trial.confirm_max - trial.asked, 0
+    for verdict in violated_verdicts(trial.judgement):
+        again = sum(verdict.policy in note.violated for note in judged)
+        if again < needed <= again + left:
+            refuted_after = trial.confirm_max - needed + 1 - (len(judged) - again)
+            wanted = max(wanted, min(needed - again, refuted_after), 1)
+    return wanted
+
+
 def confirmation_of(reflown: int, again: int, asked: int, needed: int) -> Confirmation:
-    """Return what `again` failures in `reflown` re-flights make of a violation, `asked` re-flights being planned.
+    """Return what `again` failures in `reflown` re-flights make of a violation, of `asked` at most.
 
     `unconfirmed` where too few re-flights could be flown to say, `flaky` where they were flown and did not fail
     often enough.
     """
     if reflown and again >= needed:
         return "confirmed"
-    if reflown == 0 or again + (asked - reflown) >= needed or reflown < needed:
+    if reflown == 0 or again + (asked - reflown) >= needed or asked < needed:
         return "unconfirmed"
     return "flaky"
 

@@ -10,13 +10,14 @@ from saflite.campaign.lifecycle.confirmation import (
     Broken,
     FlightNote,
     Trial,
+    reflights_wanted,
     similar_ones,
     violated_verdicts,
     violations_of,
     worst_robustness,
 )
 from saflite.campaign.lifecycle.minimization import Minimization, MinimizationCandidate
-from saflite.campaign.lifecycle.outcomes import outcome_of
+from saflite.campaign.lifecycle.outcomes import outcome_of, state_of
 from saflite.campaign.lifecycle.repeat_checks import RepeatChecks
 from saflite.campaign.lifecycle.retention import is_full, keep
 from saflite.campaign.scheduling.rounds import Round
@@ -27,7 +28,7 @@ from saflite.contract import wire
 from saflite.contract.events import Flown, Judged, Quarantined, ViolationFound
 from saflite.contract.flight import FLOWN_ENDINGS, Ending, Flight
 from saflite.contract.test_case import TestCase, identity
-from saflite.contract.verdict import Judgement, Verdict, Violation, vacuous, worst
+from saflite.contract.verdict import Judgement, Verdict, Violation, vacuous
 from saflite.contract.work import FlyResult, JudgeResult, TargetBuild
 from saflite.flight.novelty import features
 
@@ -213,7 +214,7 @@ class Flights:
         if key.index != trial.first:
             if not (bad or core.campaign.record == "all"):
                 core.let_go(*note.flight.blobs)
-            self._if_confirmed(trial)
+            self._confirm(trial)
             return
         trial.judgement = judgement
         if self._may_still_show(trial, note):
@@ -237,19 +238,21 @@ class Flights:
                     self._similar(trial)
 
     def _confirm(self, trial: Trial) -> None:
-        for index in trial.reflights:
+        """Fly a test case again, no more often than it takes, until its violations are decided."""
+        if not trial.reflown_all:
+            return
+        wanted = reflights_wanted(trial, self._core.confirm.needed)
+        trial.asked += wanted
+        for index in trial.reflights[trial.asked - wanted :]:
             self._fly(trial, index)
-        self._if_confirmed(trial)  # where none is asked for
+        if not wanted:
+            self._confirmed(trial)
 
     def _similar(self, trial: Trial) -> None:
-        core, note = self._core, trial.flights[trial.first]
+        note = trial.flights[trial.first]
         for violation in similar_ones(trial, self._behaviours.representatives):
             self._announce(trial, violation)
-        if core.campaign.record == "all" and not is_full(core):
-            core.flush(*note.flight.blobs)
-            self._record(trial, None)
-        else:
-            core.let_go(*note.flight.blobs)
+        self._record_if_all(trial, note)
         self._end(trial, note.flight.ending, "similar")
 
     def _may_still_show(self, trial: Trial, note: FlightNote) -> bool:
@@ -276,20 +279,13 @@ class Flights:
             self._core.out.row("judgements", *key, robustness, ",".join(policies), line)
 
     def _held(self, trial: Trial, note: FlightNote) -> None:
-        core = self._core
-        if core.campaign.record == "all" and not is_full(core):
-            core.flush(*note.flight.blobs)
-            self._record(trial, None)
-        else:
-            core.let_go(*note.flight.blobs)
+        self._record_if_all(trial, note)
         assert trial.judgement is not None, f"{trial.name} was not judged"
         self._end(trial, note.flight.ending, state_of(trial.judgement))
 
-    def _if_confirmed(self, trial: Trial) -> None:
-        """Give the violations of a test case their confirmation once every re-flight has ended."""
+    def _confirmed(self, trial: Trial) -> None:
+        """Give the violations of a test case their confirmation."""
         core, first = self._core, trial.flights[trial.first]
-        if not trial.confirmed_all:
-            return
         found = violations_of(trial, core.confirm)
         trial.stood = frozenset(one.policy for one in found if one.confirmation == "confirmed")
         if trial.stood:
@@ -324,6 +320,15 @@ class Flights:
         if core.stands(trial):
             core.out.row("violations", *key, *told, core.out.seq)
 
+    def _record_if_all(self, trial: Trial, note: FlightNote) -> None:
+        """Record a flight that shows no violation of its own where the campaign records all; else let go of it."""
+        core = self._core
+        if core.campaign.record == "all" and not is_full(core):
+            core.flush(*note.flight.blobs)
+            self._record(trial, None)
+        else:
+            core.let_go(*note.flight.blobs)
+
     def _record(self, trial: Trial, violation: Violation | None) -> None:
         core, first = self._core, trial.flights[trial.first]
         assert trial.judgement is not None, f"{trial.name} was not judged"
@@ -349,7 +354,7 @@ class Flights:
             core.let_go(*note.flight.blobs)
         note.given_up = True
         if index != trial.first:
-            self._if_confirmed(trial)
+            self._confirm(trial)
             return
         if trial.is_selected:
             core.counts.quarantined += 1
@@ -387,10 +392,3 @@ class Flights:
 
     def _trial(self, key: FlightKey) -> Trial:
         return self._core.trial_of(key)
-
-
-def state_of(judgement: Judgement) -> str:
-    """Return how a test case without violation ended: held, vacuous if no rule applied, inconclusive if none could."""
-    if worst(judgement) is not None:
-        return "held"
-    return "vacuous" if vacuous(judgement) else "inconclusive"

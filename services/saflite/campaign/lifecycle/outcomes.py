@@ -5,7 +5,7 @@ from __future__ import annotations
 from saflite.campaign.lifecycle.confirmation import violated_verdicts, worst_robustness
 from saflite.contract.flight import Ending
 from saflite.contract.test_case import TestCase
-from saflite.contract.verdict import Judgement, nearest
+from saflite.contract.verdict import Judgement, nearest, vacuous, worst
 from saflite.contract.work import Outcome, RuleOutcome
 
 
@@ -38,3 +38,10 @@ def outcome_of(
         ),
         transitions=judgement.transitions,
     )
+
+
+def state_of(judgement: Judgement) -> str:
+    """Return how a test case without violation ended: held, vacuous if no rule applied, inconclusive if none could."""
+    if worst(judgement) is not None:
+        return "held"
+    return "vacuous" if vacuous(judgement) else "inconclusive"

@@ -77,7 +77,7 @@ CAMPAIGN_WORDS: Words = {
         "lag": "Rounds under way at once; a round draws on outcomes of rounds that many before it.",
         "random_share": "Share of flights drawn at random instead of by score.",
         "novelty_weight": "How much being unlike what was flown counts beside the score.",
-        "confirm_flights": "Re-flights of a find, each under noise of its own.",
+        "confirm_flights": "Re-flights of a find, each under noise of its own, at most: they end when it is decided.",
         "confirm_needed": "Of these, how many must violate again.",
         "shrink": "Whether finds are made smaller.",
         "shrink_flights_max": "Flights spent at most on making one find smaller.",
