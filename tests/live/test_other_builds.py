@@ -42,6 +42,10 @@ def test_known_violations_on_other_versions(versions: Path, capsys: pytest.Captu
     old, new = ("--target", "v1/point_mass.py"), ("--target", "v4/point_mass.py")
     states = [one["state"] for one in said(capsys, 1, "regress", "run", *new)]
     assert set(states) == {"still there"}
+    assert {one["state"] for one in said(capsys, 0, "compare", "run", "--all", *new)} == {"equal"}
+    flies = said(capsys, 1, "compare", "run", "--all", *old)
+    assert {"equal", "differs"} <= {one["state"] for one in flies}
+    assert any("no longer violates point-mass-stays" in str(one["words"]) for one in flies)
     fixed = said(capsys, 0, "regress", "run", *old, "--corpus", "known", "--junit", "junit.xml")
     assert {one["state"] for one in fixed} == {"fixed"}
     assert 'failures="0"' in (versions / "junit.xml").read_text()

@@ -48,6 +48,7 @@ RUNS: dict[str, Run] = {
     "saflite run my-campaign.toml": Run(FEW),
     "saflite run my-campaign.toml --minutes 10 --stop-at-first": Run(FEW),
     "saflite regress runs/night --target BUILD": Run(("--times", "1")),
+    "saflite compare RUN --target BUILD": Run(("--count", "2")),
     "saflite flake CASE -n 50": Run(("-n", "6")),
     "saflite export RUN --format junit": Run(),
     "saflite audit RUN": Run(),

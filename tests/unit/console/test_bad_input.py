@@ -210,6 +210,6 @@ def test_help_of_every_command_imports_nothing_heavy(capsys: pytest.CaptureFixtu
 
 
 @pytest.mark.parametrize("seconds", ["abc", "nan", "inf", "-inf", "-1", "0", "1e400", "9" * 5_000, "86401"])
-@pytest.mark.parametrize("command", ["bisect", "diff", "flake", "fly", "regress", "replay"])
+@pytest.mark.parametrize("command", ["bisect", "compare", "diff", "flake", "fly", "regress", "replay"])
 def test_a_flight_has_some_time_and_not_all(command: str, seconds: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert "--wall-limit: from 0.1 to 86400 seconds" in refused(capsys, command, f"--wall-limit={seconds}")

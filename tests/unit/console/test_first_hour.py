@@ -176,7 +176,7 @@ LONG = "9" * 40
         (["run", "nosuch"], "see `saflite list campaigns`", "lists-blind"),
         (["run", "avoidance-m22"], "did you mean avoidance-m2?", "avoidance-m5"),
         (["run", "/etc/passwd"], "campaign file (/etc/passwd): expected the name of a campaign, or a .toml file", "m2"),
-        (["compare"], "did you mean `saflite", "did you mean score?"),
+        (["comparing"], "did you mean `saflite", "did you mean score?"),
         (["fly", "--", "case.json", "--json"], "--json goes before `--`", "did you mean"),
         (["run", "avoidance-m2", "--budget", "9" * 20], f"at most 18 digits is expected, not '{'9' * 20}'", "…"),
         (["run", "avoidance-m2", "--budget", LONG], "9…'", LONG),

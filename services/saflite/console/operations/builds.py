@@ -19,7 +19,7 @@ from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.flight import AUTOPILOT_ALIVE, FLOWN_ENDINGS
 from saflite.contract.memory_faults import is_memory_fault
 from saflite.contract.test_case import Target, TestCase
-from saflite.contract.verdict import Verdict
+from saflite.contract.verdict import Judgement, Verdict
 from saflite.contract.work import PolicyTexts
 from saflite.simulator_worker.registry import describe_target
 
@@ -109,6 +109,7 @@ class Sample(NamedTuple):
     verdicts: tuple[Verdict, ...] | None
     trace_digest: str = ""
     message: str = ""
+    judgement: Judgement | None = None
 
     def of(self, policy: str) -> Verdict | None:
         """Return the verdict by a policy that could be judged: held, violated or vacuous."""
@@ -165,7 +166,7 @@ class Bench:
                 continue
             if flight.ending in FLOWN_ENDINGS:
                 judgement = judging.judge(flown, judging.Flown(flight, packed), judged, texts)
-                return Sample(noise, flight.ending, judgement.verdicts, flight.trace_digest)
+                return Sample(noise, flight.ending, judgement.verdicts, flight.trace_digest, judgement=judgement)
             sample = Sample(noise, flight.ending, None, message=flight.message)
         return sample
 
