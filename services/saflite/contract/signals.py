@@ -270,6 +270,9 @@ SIGNALS: dict[str, Signal] = {
     "crashed": Signal("", "1 at the last sample of a flight that ended as crashed", "flag"),
 }
 
+FAILSAFES = tuple(name for name, row in SIGNALS.items() if name.startswith("failsafe_") and row.kind == "flag")
+"""Those that say whether a failsafe is raised; others of such names say how one is set."""
+
 TWIN_SIGNALS = tuple(name for name in SIGNALS if name.startswith("twin"))
 """Those that say how a flight and its twin differ: no target writes them itself."""
 

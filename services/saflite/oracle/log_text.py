@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saflite.contract.flight import Flight, Trace
-from saflite.contract.signals import MODES, SIGNALS
+from saflite.contract.signals import FAILSAFES, MODES, SIGNALS
 from saflite.contract.test_case import Scenario, Target, TestCase
 from saflite.oracle.signals import FlightSignals
 
@@ -22,7 +22,6 @@ _EXTREMES = (
     *("gps_satellites", "battery_v", "throttle", "obstacle_distance_m"),
 )
 _FLAGS = ("armed", "landed", "takeoff", "rc_present", "gps_ok", "baro_ok", "chute_released")
-_FAILSAFES = ("failsafe_gps", "failsafe_radio", "failsafe_battery", "failsafe_fence")
 _PAIRS = (("altitude_m", "altitude_target_m"), ("altitude_m", "altitude_est_m"), ("x_m", "x_est_m"), ("y_m", "y_est_m"))
 _NAMES: dict[float, str] = {number: name for name, number in MODES.items()}
 
@@ -52,7 +51,7 @@ def facts_of(trace: Trace) -> LogFacts:
         return float(np.nanmax(sign * signals[name])) if name in signals and signals.samples else 0.0
 
     rates = [max(most(name), most(name, -1.0)) for name in ("roll_rate_dps", "pitch_rate_dps", "yaw_rate_dps")]
-    raised = [name for name in _FAILSAFES if name in trace.signals and most(name) > 0]
+    raised = [name for name in FAILSAFES if name in trace.signals and most(name) > 0]
     said = [text for text in trace.messages if "failsafe" in text.text.lower()]
     return LogFacts(
         duration_s=trace.duration_s,
@@ -132,7 +131,7 @@ def _modes(signals: FlightSignals) -> list[str]:
 def _events(signals: FlightSignals) -> list[str]:
     found = [
         (at, f"{SIGNALS[name].meaning}: {'yes' if value > 0 else 'no'}")
-        for name in (*_FLAGS, *_FAILSAFES)
+        for name in (*_FLAGS, *FAILSAFES)
         if name in signals
         for at, value in changes(signals, name)[1:]
     ]

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saflite.contract.flight import Flight
-from saflite.contract.signals import MODES, SIGNALS, UNNAMED_MODE
+from saflite.contract.signals import FAILSAFES, MODES, UNNAMED_MODE
 from saflite.contract.test_case import TestCase
 from saflite.contract.verdict import TRANSITIONS_MAX, Transition
 from saflite.oracle.signals import FlightSignals
@@ -67,7 +67,7 @@ def _walk(stretches: list[Stretch], steps: list[Step]) -> list[Transition]:
 
 def _stretches(signals: FlightSignals) -> list[Stretch]:
     names = ["mode", *(name for name in ("landed", "armed") if name in signals.written)]
-    raised = sorted(name for name in signals.written if name.startswith(FAILSAFE) and name in SIGNALS)
+    raised = sorted(signals.written & set(FAILSAFES))
     rows = np.stack([np.asarray(signals[name], dtype=np.float32) for name in (*names, *raised)])
     rows = np.nan_to_num(rows, nan=0.0)
     changed = np.flatnonzero((rows[:, 1:] != rows[:, :-1]).any(axis=0)) + 1

@@ -36,7 +36,7 @@ def group_of(name: str) -> str:
     for topic, names in _GROUPS.items():
         if name in names:
             return topic
-    if "_set_" in name or name.startswith("fs_"):
+    if "_set_" in f"{name}_" or name.startswith("fs_"):
         return "/settings"
     if "_est_" in name or "_target_" in name:
         return "/estimate"

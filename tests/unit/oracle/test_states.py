@@ -96,5 +96,6 @@ def test_a_violation_while_the_mode_is_no_number_is_told_all_the_same() -> None:
 
 def test_a_signal_that_shows_how_a_failsafe_is_set_is_none_that_is_raised() -> None:
     mode = [(0.0, MODES[LOITER]), (5.0, MODES[RTL])]
-    found = steps([], mode=mode, failsafe_delay_set_s=[(0.0, 1.5)], failsafe_procedure=[(0.0, 1.0)])
+    shown = [(0.0, 1.5)]
+    found = steps([], mode=mode, failsafe_delay_set_s=shown, failsafe_procedure=shown, failsafe_options_set=shown)
     assert found == [Transition(LOITER, RTL, -1, -1)]

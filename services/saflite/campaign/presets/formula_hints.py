@@ -9,7 +9,7 @@ import re
 from functools import cache
 from typing import Any
 
-from saflite.contract.signals import SIGNALS
+from saflite.contract.signals import FAILSAFES, SIGNALS
 from saflite.contract.target_info import InputInfo, TargetInfo
 
 QUIET_MAX_S = 85.0
@@ -97,7 +97,7 @@ def modes_barred(formula: str) -> tuple[str, ...]:
 
 def failsafes_named(formula: str) -> tuple[str, ...]:
     """Return the failsafes a formula asks to be raised."""
-    return tuple(name for name in dict.fromkeys(_FAILSAFE.findall(formula)) if f"failsafe_{name}" in SIGNALS)
+    return tuple(name for name in dict.fromkeys(_FAILSAFE.findall(formula)) if f"failsafe_{name}" in FAILSAFES)
 
 
 def quiet_asked_s(formula: str, constants: dict[str, Any] | None = None) -> float:

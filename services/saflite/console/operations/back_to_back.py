@@ -30,6 +30,8 @@ TIMES = 4
 NEAR_M = 2.0
 """Tracks no farther apart than this at the same moment are alike."""
 
+APART = " m apart"
+
 State = Literal["equal", "alike", "varies", "differs", "not flown"]
 
 
@@ -144,7 +146,7 @@ def told(one: Before, samples: Sequence[Sample], near_m: float) -> Compared:
     others_too = len(flown) > 1 and any(_odd(each, _without(everyone, each), near_m) for each in flown)
     if not words or others_too:
         return Compared(one, "varies", len(flown), "", apart_m, from_s, memory)
-    text = "; ".join(words) + ("" if apart_m <= near_m else _since(one.test_case, from_s))
+    text = "; ".join(words) + (_since(one.test_case, from_s) if words[-1].endswith(APART) else "")
     return Compared(one, "differs", len(flown), text, apart_m, from_s, memory)
 
 
@@ -172,7 +174,7 @@ def _odd(old: Seen, new: Sequence[Seen], near_m: float) -> list[str]:
     words += [f"{rest} {'rule applies' if rest == 1 else 'rules apply'} in one and not in the other"] if rest else []
     apart_m = _nearest(old, new, near_m)[0]
     if apart_m > max(near_m, *(_nearest(one, _without(new, one), near_m)[0] for one in new)):
-        words.append(f"{apart_m:.1f} m apart")
+        words.append(f"{apart_m:.1f}{APART}")
     return words
 
 
