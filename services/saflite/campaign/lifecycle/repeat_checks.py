@@ -12,7 +12,7 @@ from saflite.campaign.lifecycle.confirmation import Trial
 from saflite.campaign.scheduling.tasks import Task, is_enough
 from saflite.campaign.scheduling.work_keys import FlightKey, FlyKey, JudgeKey
 from saflite.contract.flight import FLOWN_ENDINGS, Flight
-from saflite.contract.rng import derive
+from saflite.contract.rng import derive_seed
 from saflite.contract.test_case import TestCase, draw_key
 from saflite.contract.work import FlyResult, JudgeResult, TargetBuild
 
@@ -32,7 +32,7 @@ class RepeatChecks:
         core, share = self._core, self._core.campaign.search.check_share
         if core.target.repeats != "bitwise" or not trial.is_selected or not first.trace_digest or not share:
             return
-        drawn = derive(core.campaign.rng_seed, "check", draw_key(trial.test_case)).random()
+        drawn = derive_seed(core.campaign.rng_seed, "check", draw_key(trial.test_case)) / 2**63
         if drawn < share or (trial.round, trial.rank) == (0, 0):
             self._ask(trial, first)
 
