@@ -268,3 +268,11 @@ def test_new_is_what_the_flights_show_to_be_new() -> None:
     ), "what is expected of all that was compared, not of what was told only"
     assert [code(partly), code(same, partly), code(enough)] == [3, 3, 1], "what is lost could have shown it"
     assert [comparing.check(one, 0.95).outcome for one in (same, partly, enough)] == ["skipped", "error", "failed"]
+
+
+def test_the_build_of_a_test_case_says_why_it_cannot_fly_here(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("SAFLITE_PX4", raising=False)
+    build = builds.of_case(TestCase(target=Target(name="px4"), scenario=Scenario()))
+    assert "no PX4 binary is named" in build.trouble
+    with pytest.raises(Refused, match="one that can fly here"):
+        builds.use(build)

@@ -98,7 +98,7 @@ def of_case(case: TestCase, settings: Sequence[str] = (), defects: Sequence[str]
     target = msgspec.structs.replace(case.target, build="")
     if settings or defects:
         target = with_settings(target, info, settings, defects)
-    return Build(target.name, target, None, info.build)
+    return Build(target.name, target, None, info.build, info.missing)
 
 
 class Sample(NamedTuple):
