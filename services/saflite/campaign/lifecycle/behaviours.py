@@ -33,8 +33,8 @@ class Behaviour:
     stood: dict[str, bool] = field(default_factory=dict)  # of those in line that have ended: whether they confirm it
 
     def may_be(self, verdict: Verdict, words: str) -> bool:
-        """Whether a find on a like track is this behaviour: told in the same words, given at least its inputs."""
-        return self.words == words and set(self.cause) <= set(verdict.cause)
+        """Whether a find on a like track is this behaviour: the same policy, in the same words, given its inputs."""
+        return (self.policy, self.words) == (verdict.policy, words) and set(self.cause) <= set(verdict.cause)
 
 
 class Behaviours:
@@ -60,14 +60,17 @@ class Behaviours:
 
     def is_first(self, violation: Violation) -> bool:
         """Whether no other behaviour that violates the policy was found before; alike whatever comes back first."""
-        return self._first(violation.policy).fingerprint == violation.fingerprint
+        first = self._first(violation.policy)
+        return first is None or first.fingerprint == violation.fingerprint
 
     def leads(self, trial: Trial, policy: str) -> bool:
         """Whether no find before that of the test case violated the policy; alike whatever comes back first."""
-        return self._first(policy).founder == trial.name
+        first = self._first(policy)
+        return first is None or first.founder == trial.name
 
-    def _first(self, policy: str) -> Behaviour:
-        return next(one for one in self._known.values() if one.policy == policy)
+    def _first(self, policy: str) -> Behaviour | None:
+        """Return None where a journal of an earlier version takes its finds for behaviours of another policy."""
+        return next((one for one in self._known.values() if one.policy == policy), None)
 
     def expect(self, trial: Trial) -> None:
         """Note that a test case was selected; in order."""
