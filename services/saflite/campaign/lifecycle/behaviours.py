@@ -116,6 +116,8 @@ class Behaviours:
         assert trial.judgement is not None, f"{trial.name} was not judged"
         told, shape = self._told.pop(trial.name, {}), cache(partial(_shape_of, trial))
         for verdict in violated_verdicts(trial.judgement):
+            if verdict.policy in trial.behaviours:
+                continue  # campaigns of earlier versions may name a policy twice
             words, name = verdict.behaviour or f"{verdict.policy} of {trial.name}", told.get(verdict.policy)
             behaviour = self._like(verdict, words, shape()) if name is None else self._known.get(name)
             if behaviour is None:
