@@ -11,8 +11,10 @@ from books_drive import Driver, MemoryStore, doubles, new_books
 from saflite.campaign.storage.store import Store
 from saflite.contract.blobs import Blobs
 from saflite.contract.events import FaultSeen, Flown, ViolationFound
+from saflite.contract.join import Join
+from saflite.contract.topics import PROTOCOL
 from saflite.contract.verdict import Violation
-from saflite.contract.work import FlyResult, FlyWork, Lease, Receipt, Result, TargetBuild, Work
+from saflite.contract.work import FlyResult, FlyWork, Heartbeat, Lease, Receipt, Result, TargetBuild, Work
 
 ONE, OTHER = (TargetBuild("reference", "one"),), (TargetBuild("reference", "other"),)
 
@@ -101,6 +103,20 @@ def test_a_build_nobody_has_any_more_leaves_the_violation_unconfirmed_and_says_w
     (found,) = violations(driver)
     assert (found.test_case, found.confirmation, found.reflown) == (lease.lease_id.split("/")[1], "unconfirmed", 0)
     assert "no worker has build one of reference" in found.message
+
+
+def test_a_worker_that_has_the_build_and_never_asks_for_work_does_not_count() -> None:
+    driver, _ = reflying()
+    driver.books.absent("a", "fly", driver.now)
+    driver.targets = {"b": OTHER}
+    assert not driver.books.join(Join(protocol=PROTOCOL, worker="z", stage="fly", targets=ONE), driver.now)
+    for _ in range(100):
+        driver.ask("fly", "b", 0)
+        driver.books.beat(Heartbeat(worker="z", stage="fly"), driver.now)
+        driver.now += 1.0
+        driver.books.tick(driver.now)
+    (found,) = violations(driver)
+    assert (found.confirmation, found.reflown) == ("unconfirmed", 0)
 
 
 def test_while_nobody_flies_at_all_a_reflight_waits() -> None:

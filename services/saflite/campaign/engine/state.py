@@ -103,8 +103,8 @@ class Books:
         self._read_model: ReadModel = read_model or NothingToRead()
         self._registry, self._leases = WorkerRegistry(), Leases(campaign.lease)
         self._work_messages = WorkMessages(self._reducer, self._read_model, self._registry)
-        self._dispatch = Dispatch(self._core, self._registry)
-        self._patience = Patience(self._core, self._registry)
+        self._dispatch = Dispatch(self._core, self._registry, self._leases)
+        self._patience = Patience(self._core, self._registry, self._leases)
         self._rates = Rates()
         self._run_id = run_id
 
@@ -193,7 +193,7 @@ class Books:
 
     def ask(self, ask: Ask, now: float) -> Grant:
         """Hand out work, or nothing. The grant counts once it is committed."""
-        if not self._registry.met(ask.stage, ask.worker, ask.session, now):
+        if not self._registry.asks(ask, now):
             return Grant(retry_after_s=0.0, refused=NOT_JOINED)
         if self.ended:
             return Grant(stop=True)
@@ -246,6 +246,7 @@ class Books:
 
     def _take(self, task: Task, report: Report, now: float, damage: str) -> Receipt:
         key = task.key
+        self._registry.worked(task.stage, report.worker, now)
         try:
             check_result(self._core, task, report.result, damage)
         except Refused as fault:
@@ -323,6 +324,7 @@ class Books:
         if known is None or known.card.session != session:
             return
         for place, deadline in enumerate(self._leases.held_by(stage, worker)):
+            self._registry.worked(stage, worker, now)
             self._lose(deadline, "lost" if place == 0 else "undelivered", f"{worker}: {why}", now)
         self._registry.leave(stage, worker)
         self._do(Noted(fact=WorkerChanged(worker=worker, stage=stage, present=False, message=why)), now)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from saflite.contract.join import Join
-from saflite.contract.work import Heartbeat, TargetBuild
+from saflite.contract.work import Ask, Heartbeat, TargetBuild
 
 Name = tuple[str, str]  # stage, worker
 REMEMBER_S = 300.0
@@ -23,6 +23,7 @@ class Worker:
     joined_s: float
     card: Join
     targets: tuple[TargetBuild, ...] = ()
+    came_s: float = float("-inf")  # when it last asked for work or held some, in an earlier life, too
     state: str = "idle"
     done: int = 0
     busy_s: float = 0.0
@@ -76,8 +77,10 @@ class WorkerRegistry:
         if known is not None and known.card.session == card.session:
             known.seen_s = now_s
             return False
-        self._left.pop((card.stage, card.worker), None)
-        self._workers[card.stage, card.worker] = Worker(card.worker, card.stage, now_s, now_s, card, card.targets)
+        earlier = self._left.pop((card.stage, card.worker), known)
+        came_s = float("-inf") if earlier is None else earlier.came_s
+        worker = Worker(card.worker, card.stage, now_s, now_s, card, card.targets, came_s)
+        self._workers[card.stage, card.worker] = worker
         return True
 
     def met(self, stage: str, worker: str, session: str, now_s: float) -> bool:
@@ -87,6 +90,19 @@ class WorkerRegistry:
             return False
         known.seen_s = now_s
         return True
+
+    def asks(self, ask: Ask, now_s: float) -> bool:
+        """Note that a worker asks for work, and for which; False where nobody of that name and session has joined."""
+        if not self.met(ask.stage, ask.worker, ask.session, now_s):
+            return False
+        known = self._workers[ask.stage, ask.worker]
+        known.came_s, known.targets = now_s, ask.targets
+        return True
+
+    def worked(self, stage: str, worker: str, now_s: float) -> None:
+        """Note that a worker held work until now: it is about to ask for more, perhaps in its next life."""
+        if (known := self._workers.get((stage, worker))) is not None:
+            known.came_s = now_s
 
     def named(self, worker: str) -> Worker | None:
         """Return who holds a name, whatever its stage."""
@@ -113,12 +129,12 @@ class WorkerRegistry:
         """Return how many workers of a stage are there."""
         return sum(1 for name in self._workers if name[0] == stage)
 
-    def others(self, stage: str, worker: str, target: TargetBuild | None, since_s: float) -> Iterator[str]:
+    def others(self, stage: str, worker: str, target: TargetBuild | None, since_s: float) -> Iterator[Worker]:
         """Yield other workers of a stage that can fly `target` and were seen since `since_s`, even if gone by now."""
         for (their_stage, name), other in (*self._workers.items(), *self._left.items()):
             is_there = other.seen_s >= since_s and other.state != "draining"
             if their_stage == stage and name != worker and is_there and can_fly(other.targets, target):
-                yield name
+                yield other
 
     def silent(self, before_s: float) -> list[Worker]:
         """Return the workers not heard of since `before_s`."""

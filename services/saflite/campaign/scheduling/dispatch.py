@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from saflite.campaign.engine.core import Core
 from saflite.campaign.engine.worker_registry import WorkerRegistry, can_fly
+from saflite.campaign.scheduling.leases import Leases
 from saflite.campaign.scheduling.tasks import Task
 from saflite.campaign.scheduling.work_keys import MutateKey, ScoreKey, WarmKey, WorkKey, run_and_key
 from saflite.campaign.scheduling.work_messages import receipt_for
@@ -16,6 +17,12 @@ from saflite.contract.work import Ask, Failure, FlyResult, HandedBack, Receipt, 
 
 SEEN_LATELY_S = 7.0
 """A worker heard of within this time (or a lease time, if longer) is there: idle ones send a heartbeat each 3 s."""
+
+ASKED_LATELY_S = 15.0
+"""A worker that asked within this time goes on asking: a poll waits 5 s, 5 s later its answer is taken for lost."""
+
+ELSEWHERE_MAX = 10
+"""After so many attempts work is given to whoever asks: others that take it and do nothing must not keep it."""
 
 SHADOWS_MAX = 16  # models that only watch
 AVOIDED_MAX = 32  # re-flights a worker may not have that are looked past when it asks
@@ -29,8 +36,8 @@ def _are_models(text: str) -> bool:
 class Dispatch:
     """Reads the core and who is there; changes neither."""
 
-    def __init__(self, core: Core, registry: WorkerRegistry) -> None:
-        self._core, self._registry = core, registry
+    def __init__(self, core: Core, registry: WorkerRegistry, leases: Leases) -> None:
+        self._core, self._registry, self._leases = core, registry, leases
 
     def choose(self, ask: Ask, many: int, now: float) -> list[Task]:
         """Return up to `many` tasks this worker may have, in order."""
@@ -53,12 +60,17 @@ class Dispatch:
         return ask.worker not in task.avoid or not self._somebody_else(ask, task, now)
 
     def _somebody_else(self, ask: Ask, task: Task, now: float) -> bool:
-        """Whether a worker that did not have this before may still take it: one heard of lately."""
+        """Whether a worker that did not have this before may still take it: one heard of lately that works or asks."""
         patience_s = max(self._core.campaign.lease.lease_s, SEEN_LATELY_S)
         if ask.stage == "fly" and now - self._core.opened_s < patience_s:
             return True  # others may still be on their way
-        others = self._registry.others(ask.stage, ask.worker, task.target, now - patience_s)
-        return any(other not in task.avoid for other in others)
+        if task.epoch >= ELSEWHERE_MAX:
+            return False
+        asked_since_s = now - max(patience_s, ASKED_LATELY_S)
+        return any(
+            other.worker not in task.avoid and (other.came_s >= asked_since_s or self._leases.holds(other.worker))
+            for other in self._registry.others(ask.stage, ask.worker, task.target, now - patience_s)
+        )
 
     def claim(self, report: Report, run: str) -> Task | Receipt:
         """Return the work of run `run` that a report may answer, or what it is told instead."""

@@ -99,6 +99,10 @@ class Leases:
         mine = (one for one in self._deadlines.values() if one.worker == worker and one.key.stage == stage)
         return sorted(mine, key=lambda one: one.place)
 
+    def holds(self, worker: str) -> bool:
+        """Return whether a worker has any lease."""
+        return worker in self._held
+
     def keys(self) -> list[WorkKey]:
         """Return what is leased."""
         return list(self._deadlines)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from saflite.campaign.engine.core import Core
 from saflite.campaign.engine.journal import GaveUp, Noted
-from saflite.campaign.engine.worker_registry import WorkerRegistry, can_fly
+from saflite.campaign.engine.worker_registry import Worker, WorkerRegistry, can_fly
+from saflite.campaign.scheduling.leases import Leases
 from saflite.campaign.scheduling.work_keys import FlyKey
 from saflite.contract.events import FaultSeen
-from saflite.contract.work import TargetBuild
+from saflite.contract.work import Stage, TargetBuild
 
 BUILD_PATIENCE_S = 60.0
 """How long a build may be missing while other workers are there to fly."""
@@ -23,8 +24,8 @@ Entries = list[GaveUp | Noted]
 class Patience:
     """Remembers since when somebody is missing. Not kept over a restart."""
 
-    def __init__(self, core: Core, registry: WorkerRegistry) -> None:
-        self._core, self._registry = core, registry
+    def __init__(self, core: Core, registry: WorkerRegistry, leases: Leases) -> None:
+        self._core, self._registry, self._leases = core, registry, leases
         self._missing_since: dict[TargetBuild, float] = {}
         self._told: set[TargetBuild] = set()
         self._no_recorder_since: float | None = None
@@ -37,12 +38,17 @@ class Patience:
         self._next_s = now + CHECK_S
         return [*self._flights(now), *self._recordings(now)]
 
+    def _at_work(self, stage: Stage, since_s: float) -> list[Worker]:
+        """Return the workers of a stage that hold work, or have come for some since; others may hang, alive or not."""
+        there = (worker for worker in self._registry.workers() if worker.stage == stage)
+        return [worker for worker in there if worker.came_s >= since_s or self._leases.holds(worker.worker)]
+
     def _flights(self, now: float) -> Entries:
         """Return re-flights on a build that no worker has any more; first flights wait on, and their want is told once.
 
         While nobody flies at all, nothing is given up: workers may be on their way.
         """
-        flyers = [worker.targets for worker in self._registry.workers() if worker.stage == "fly"]
+        flyers = [worker.targets for worker in self._at_work("fly", now - BUILD_PATIENCE_S)]
         if all(any(can_fly(has, one) for has in flyers) for one in self._core.tasks.targets):
             self._missing_since = {}
             return []
@@ -73,7 +79,7 @@ class Patience:
         """Return the recordings nobody came to write, where nothing else is left to do."""
         core = self._core
         only_records = bool(core.records) and not core.rounds.under_way and core.rounds.planned > 0
-        if not only_records or any(worker.stage == "record" for worker in self._registry.workers()):
+        if not only_records or self._at_work("record", now - RECORD_PATIENCE_S):
             self._no_recorder_since = None
             return []
         self._no_recorder_since = self._no_recorder_since or now
