@@ -7,6 +7,7 @@ from fnmatch import fnmatchcase
 from types import MappingProxyType
 from typing import NamedTuple
 
+from saflite.contract import wire
 from saflite.contract.config import Needs
 from saflite.contract.errors import Refused
 from saflite.contract.join import Join, check_worker_name
@@ -20,6 +21,9 @@ FREE_STAGES: frozenset[Stage] = frozenset({"record"})
 
 DECIDES: dict[Stage, Kind] = {"mutate": "strategy", "score": "scorer", "fly": "target"}
 """Kinds of modules from outside that decide what a stage answers; the text of policies travels with the campaign."""
+
+CARD_BYTES_MAX = 2**13
+"""What a worker may say of itself, as JSON: one message tells of as many workers as a farm can have."""
 
 WORD_MAX = 80  # of what a stranger says of itself, in our words
 DIGEST_SHOWN = 12
@@ -51,11 +55,19 @@ def objection(card: Join, terms: Terms) -> str:
     except Refused as fault:
         return str(fault)
     return (
-        _software(card, terms)
+        _size(card)
+        or _software(card, terms)
         or _modules(card, terms)
         or (_target(card, terms.target) if card.stage == "fly" else "")
         or _missing(card, terms.needs.get(card.stage, Needs()))
     )
+
+
+def _size(card: Join) -> str:
+    size_bytes = len(wire.encode_json(card))
+    if size_bytes <= CARD_BYTES_MAX:
+        return ""
+    return f"what it says of itself: expected at most {CARD_BYTES_MAX} bytes, got {size_bytes}; give it fewer labels"
 
 
 def _software(card: Join, terms: Terms) -> str:

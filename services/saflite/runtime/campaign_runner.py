@@ -270,12 +270,47 @@ def accept_loss(run_dir: Path, words: str) -> None:
         store.close()
 
 
+class Follower:
+    """Asks the books of a farm how the campaign stands. `connect` opens a connection, once it is needed."""
+
+    def __init__(self, connect: Callable[[], FarmClient]) -> None:
+        self._connect, self._told = connect, ""
+        self._client: FarmClient | None = None
+
+    def status(self) -> Status | None:
+        """Return the status; None, and told why, where nobody answers or it cannot be read: the farm works on."""
+        try:
+            client = self._client = self._client or self._connect()
+        except Unavailable as fault:
+            log.info("%s", fault)
+            return None
+        try:
+            status = client.status(within_s=STATUS_PATIENCE_S)
+        except Unavailable as fault:
+            log.info("%s", fault)
+        except Refused as fault:
+            if self._told != str(fault):
+                log.warning("the status cannot be read, and is asked for again: %s", fault)
+            self._told = str(fault)
+        else:
+            self._told = ""
+            return status
+        return None
+
+    def close(self) -> None:
+        """Leave the bus."""
+        if self._client is not None:
+            self._client.close()
+
+
 def _follow(farm: LocalFarm, on_status: OnStatus | None, interrupted: list[str], stop_when: StopWhen) -> ExitSummary:
     clock = WallClock()
     began_s = clock.monotonic_s()
     status: Status | None = None
-    client: FarmClient | None = None
     next_s = clock.monotonic_s()
+    follower = Follower(
+        lambda: FarmClient.connect(farm.endpoint, farm.campaign, patience_s=2.0, insecure=farm.insecure)
+    )
     try:
         while not interrupted and not farm.over():
             try:
@@ -287,14 +322,8 @@ def _follow(farm: LocalFarm, on_status: OnStatus | None, interrupted: list[str],
                 return ExitSummary(False, why, status, farm.restarts)
             if clock.monotonic_s() < next_s:
                 continue
-            try:
-                client = client or FarmClient.connect(
-                    farm.endpoint, farm.campaign, patience_s=2.0, insecure=farm.insecure
-                )
-                status = client.status(within_s=STATUS_PATIENCE_S)
-            except Unavailable as fault:
-                log.info("%s", fault)
-            else:
+            if (heard := follower.status()) is not None:
+                status = heard
                 farm.rescale(status, clock.monotonic_s())
                 if on_status is not None:
                     on_status(status)
@@ -302,8 +331,7 @@ def _follow(farm: LocalFarm, on_status: OnStatus | None, interrupted: list[str],
                     return ExitSummary(True, "the campaign is over", status, farm.restarts)
             next_s = clock.monotonic_s() + STATUS_S
     finally:
-        if client is not None:
-            client.close()
+        follower.close()
     why = interrupted[0] if interrupted else "the campaign is over"
     if interrupted:  # its processes may take a while to end
         log.warning("%s: stopping; what is under way is handed back", why)

@@ -10,15 +10,19 @@ import pytest
 from books_drive import Driver, doubles, new_books
 from msgspec import inspect
 
+from saflite.campaign.engine.exposure import ARMS_MAX
+from saflite.campaign.engine.worker_registry import WORKERS_MAX
 from saflite.campaign.storage.audit import audit
 from saflite.campaign.storage.store import Store
 from saflite.contract import wire
-from saflite.contract.bounds import TEXT_CHARS_MAX
+from saflite.contract.bounds import TEXT_CHARS_MAX, WORD_CHARS_MAX
 from saflite.contract.control import Answer, Control
 from saflite.contract.events import Event
 from saflite.contract.flight import Delivered
+from saflite.contract.join import Join
 from saflite.contract.names import LABEL_CHARS_MAX
 from saflite.contract.rng import derive
+from saflite.contract.topics import PROTOCOL
 from saflite.contract.work import (
     Failure,
     FlyResult,
@@ -28,7 +32,9 @@ from saflite.contract.work import (
     Result,
     ScoreResult,
     Stage,
+    Work,
 )
+from saflite.runtime.admission import Terms, objection
 
 MEANT = (
     "model",
@@ -170,3 +176,50 @@ def test_what_is_larger_is_refused() -> None:
         driver.now += 0.5
         driver.books.tick(driver.now)
     assert len(refused) == 4
+
+
+class _NewArms(doubles.Service):
+    """Says of each test case that another arm of a portfolio thought of it, in words as long as they may be."""
+
+    def do(self, work: Work) -> Result:
+        """See `Service.do`."""
+        result = super().do(work)
+        if not isinstance(result, MutateResult):
+            return result
+        named = (
+            msgspec.structs.replace(
+                case, origin=msgspec.structs.replace(case.origin, arm=_wordy(f"{result.round} {at}"))
+            )
+            for at, case in enumerate(result.test_cases)
+        )
+        return msgspec.structs.replace(result, test_cases=tuple(named))
+
+
+def _wordy(text: str) -> str:
+    """Return a word that takes as many bytes as any, as MessagePack and as JSON."""
+    return text.ljust(WORD_CHARS_MAX // 2, "\x01").ljust(WORD_CHARS_MAX, "\U0001f600")
+
+
+def test_a_status_of_as_many_workers_and_arms_as_there_can_be_is_read() -> None:
+    driver = new_books(ARMS_MAX + 8, record="none", confirm_flights=0, flights_per_round=8)
+    assert driver.store is not None
+    driver.service = _NewArms(driver.store.blobs)
+    driver.run(("a",))
+    terms = Terms(driver.books.target, "1.0", str)
+    card = Join(protocol=PROTOCOL, session="s", stage="record", host=_wordy(""), worker="w" * 64)
+    while not objection(larger := _with_label(card, len(card.labels)), terms):
+        card = larger
+    for number in range(WORKERS_MAX):
+        driver.books.join(msgspec.structs.replace(card, worker=f"{number:04}".ljust(64, "w")), driver.now)
+    status = driver.books.status(driver.now)
+    assert (len(status.workers), len(status.arms)) == (WORKERS_MAX, ARMS_MAX)
+    assert card.labels, "a card that may be larger"
+    assert sum(one.labels == card.labels for one in status.workers) > WORKERS_MAX - len(get_args(Stage)) - 1
+    answer = Answer(accepted=True, status=status)
+    for data in (wire.encode(answer), wire.encode_json(answer)):
+        assert len(data) < wire.MESSAGE_BYTES_MAX // 2, "room for events beside it"
+    assert wire.decode(wire.encode(answer), Answer) == answer
+
+
+def _with_label(card: Join, number: int) -> Join:
+    return msgspec.structs.replace(card, labels={**card.labels, f"{number}": "\x01" * 100})

@@ -53,6 +53,8 @@ def test_what_fits_may_join(stage: Stage) -> None:
         ({"worker": "."}, ("worker name",)),
         ({"worker": "w\n"}, ("worker name",)),
         ({"session": ""}, ("name",)),
+        ({"labels": {"x": "\x01" * 1_024, "y": "\x01" * 1_024}}, ("of itself", "8192 bytes", "labels")),
+        ({"targets": tuple(TargetBuild(f"t{n}", "b" * 64) for n in range(256))}, ("of itself", "8192 bytes")),
         ({"software": "other-code-1234", "version": "0.9"}, ("software of fly", "fly-code", "other-code-1", "0.9")),
         ({"targets": ()}, ("targets", "reference", "nothing")),
         ({"targets": (TargetBuild("px4", "b1"),)}, ("targets", "reference", "px4")),

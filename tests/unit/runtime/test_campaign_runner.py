@@ -2,19 +2,28 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import pytest
 
+from saflite.bus.base import Inbox, Reply
 from saflite.campaign.presets.campaigns import template
 from saflite.campaign.storage.store import Store
+from saflite.contract import wire
 from saflite.contract.config import Campaign
 from saflite.contract.control import Control
 from saflite.contract.errors import Refused
 from saflite.contract.test_case import DEFAULT_TARGET, StartState
-from saflite.runtime.campaign_runner import check_build, resume
+from saflite.runtime.campaign_runner import Follower, check_build, resume
+from saflite.runtime.client import FarmClient
 from saflite.simulator_worker.registry import describe_target
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "campaign"))
+
+from books_drive import new_books
 
 OTHER = "0123456789abcdef" * 4
 
@@ -63,3 +72,29 @@ def test_others_are_not(case: str, tmp_path: Path) -> None:
     target = "known-elsewhere" if case == "unknown" else DEFAULT_TARGET
     run_dir = run_on(build, tmp_path / "run", target=target, budget=0 if case == "over" else 3)
     check_build(run_dir, flies_here=case != "elsewhere", goes_on=False)
+
+
+class _Books:
+    """A link to books, on which each question is met with the next of some replies."""
+
+    def __init__(self, *replies: Reply) -> None:
+        self._replies = list(replies)
+
+    def ask(self, _key: str, _payload: bytes, tag: Any, inbox: Inbox, _timeout_s: float) -> None:
+        inbox(self._replies.pop(0)._replace(tag=tag))
+
+    def close(self) -> None:
+        pass
+
+
+def test_a_status_that_cannot_be_read_is_told_of_once_and_asked_for_again(caplog: pytest.LogCaptureFixture) -> None:
+    driver = new_books(4)
+    whole = wire.encode(driver.books.control(Control(verb="status"), driver.now))
+    too_long, readable = Reply(0, b" " * (wire.MESSAGE_BYTES_MAX + 1)), Reply(0, whole)
+    books = _Books(too_long, too_long, Reply(0, None, "not so"), readable, too_long)
+    follower = Follower(lambda: FarmClient(books, "night"))  # type: ignore[arg-type]
+    heard = [follower.status() for _ in range(5)]
+    assert [one is not None for one in heard] == [False, False, False, True, False]
+    told = [record.getMessage() for record in caplog.records if record.levelname == "WARNING"]
+    assert ["not so" in words for words in told] == [False, True, False]
+    follower.close()

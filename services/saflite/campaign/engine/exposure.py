@@ -12,6 +12,10 @@ Step = tuple[str, str, str, str]
 """State before, state after, kind of the input given, kind of the one before it; empty where there is none."""
 
 
+ARMS_MAX = 256
+"""Arms of a portfolio that are told apart: a mutator can name a new one with each test case."""
+
+
 @dataclass(slots=True)
 class ArmCounts:
     """What an arm of a portfolio had flown, and the behaviours its test cases were the first to show."""

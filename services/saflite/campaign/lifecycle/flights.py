@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from saflite.campaign.engine.core import Core, RecordingParts
-from saflite.campaign.engine.exposure import ArmCounts
+from saflite.campaign.engine.exposure import ARMS_MAX, ArmCounts
 from saflite.campaign.engine.journal import Pick
 from saflite.campaign.lifecycle.behaviours import Behaviours
 from saflite.campaign.lifecycle.confirmation import (
@@ -373,7 +373,8 @@ class Flights:
         core.counts.ended += 1
         if trial.judgement is not None:
             core.exposure.add(trial.test_case, trial.judgement)
-        if arm := trial.test_case.origin.arm:
+        arm = trial.test_case.origin.arm
+        if arm and (arm in core.arms or len(core.arms) < ARMS_MAX):
             core.arms.setdefault(arm, ArmCounts()).add(trial.founded)
         round_ = core.rounds.under_way[trial.round]
         ways = tuple(sorted(trial.behaviours.values()))
