@@ -28,6 +28,7 @@ from saflite.contract.work import (
     Stage,
     Work,
 )
+from saflite.runtime.evidence import look
 
 
 def lent(driver: Driver, stage: Stage) -> Lease:
@@ -77,6 +78,27 @@ def test_a_judge_that_cannot_read_what_is_there_has_failed() -> None:
     report(driver, lease, Failure(message="my disk", unread=(trace_of(lease),)), "")
     after = driver.books.status(driver.now)
     assert (after.flights, after.queues["judge"]) == (before.flights, before.queues["judge"])
+
+
+@pytest.mark.parametrize("stage", ["judge", "record"])
+@pytest.mark.parametrize("said", ["what never was", "what never was beside it", "that of another size"])
+def test_what_a_peer_says_of_other_blobs_takes_no_flight_or_recording(stage: Stage, said: str, tmp_path: Path) -> None:
+    store = Store.create(tmp_path / "run", doubles.campaign(12), doubles.TEMPLATE, doubles.TARGET)
+    driver = Driver(store.rebuild(), store)
+    lease = lent(driver, stage)
+    trace, nothing = trace_of(lease), BlobRef(digest="0" * 64, size_bytes=1)
+    larger = BlobRef(digest=trace.digest, size_bytes=trace.size_bytes + 1)
+    unread = {"what never was": (nothing,), "what never was beside it": (trace, nothing)}.get(said, (larger,))
+    told = Report(worker="a", lease_id=lease.lease_id, epoch=lease.epoch, result=Failure(message="no", unread=unread))
+    before = driver.books.status(driver.now)
+    assert not driver.books.awaits(told), "blobs of others are read for it"
+    assert driver.books.report(told, driver.now, look(store.blobs, told) or "").status == "accepted"
+    driver.commit()
+    after = driver.books.status(driver.now)
+    assert (after.flights, after.queues) == (before.flights, before.queues)
+    (task,) = [one for one in driver.books._core.tasks if str(one.key) == lease.lease_id.partition(":")[2]]
+    assert task.failures == 1, "it has failed, and is leased again"
+    store.close()
 
 
 def test_a_flight_whose_blobs_are_not_there_is_refused_and_flown_again() -> None:

@@ -232,8 +232,11 @@ class Books:
     # ---- results in ----------------------------------------------------------------------------------------------
 
     def awaits(self, report: Report) -> bool:
-        """Whether it is worth a look at the blobs of a result: its lease is held, and it names no more than it may."""
-        return isinstance(self._dispatch.claim(report, self._run_id), Task) and not too_much_left(report.result)
+        """Whether it is worth a look at the blobs of a result: its lease is held, and it names those that it may."""
+        claimed, result = self._dispatch.claim(report, self._run_id), report.result
+        if not isinstance(claimed, Task) or too_much_left(result):
+            return False
+        return not isinstance(result, Failure) or self._lacks_its_trace(claimed.key, result)
 
     def report(self, report: Report, now: float, damage: str = "") -> Receipt:
         """Take a result; the worker may forget it once it has the receipt. `damage`: what is wrong with its blobs."""
@@ -257,7 +260,7 @@ class Books:
             self._give_back(task, "handed_back", report.result.message, now)
         elif isinstance(report.result, MutateResult) and task.catching_up:
             self._give_back(task, "caught_up", "", now)
-        elif isinstance(report.result, Failure) and damage and isinstance(key, JudgeKey | RecordKey):
+        elif isinstance(report.result, Failure) and damage and self._lacks_its_trace(key, report.result):
             self._without_its_trace(key, damage, now)
             self._choose(now)
         else:
@@ -269,6 +272,15 @@ class Books:
             self._rates.settled(result, now)
             self._choose(now)
         return receipt_for(report, "accepted")
+
+    def _lacks_its_trace(self, key: WorkKey, failure: Failure) -> bool:
+        """Whether what could not be read is the trace of the very flight that was to be judged or recorded."""
+        match key:
+            case JudgeKey():
+                return failure.unread == (self._reducer.flight_of(key).trace,)
+            case RecordKey():
+                return failure.unread == (self._core.records[key].flight.trace,)
+        return False
 
     def _give_back(self, task: Task, how: How, message: str, now: float) -> None:
         self._leases.end(task.key)
