@@ -47,7 +47,7 @@ def test_a_strategy_that_is_always_lost_is_told_of_and_ends_the_campaign(loses: 
 
 
 def test_mutators_killed_now_and_then_end_nothing() -> None:
-    driver = new_books(40)
+    driver = new_books(80)
     killed = 0
     while not driver.books.ended:
         for number in range(MUTATE_LOSSES_MAX - 1):
@@ -61,7 +61,7 @@ def test_mutators_killed_now_and_then_end_nothing() -> None:
         driver.books.tick(driver.now)
     status = driver.books.status(driver.now)
     assert killed > 3 * MUTATE_LOSSES_MAX
-    assert (status.flights, status.trouble) == (40, "")
+    assert (status.flights, status.trouble) == (80, "")
 
 
 def test_an_attempt_that_told_outcomes_to_its_end_is_no_loss_in_a_row() -> None:

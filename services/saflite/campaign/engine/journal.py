@@ -19,7 +19,7 @@ from saflite.contract.events import Fact
 from saflite.contract.work import JudgeResult, Result
 
 SelectedBy = Literal["score", "random"]
-How = Literal["lost", "undelivered", "handed_back", "refused", "caught_up"]
+How = Literal["lost", "undelivered", "handed_back", "refused", "caught_up", "passed_on"]
 """How a lease ended without a result that counts.
 
 lost          its time ran out after the worker had shown that it held it, or the worker vanished: an attempt
@@ -27,6 +27,7 @@ undelivered   no heartbeat ever named it (the grant never arrived), or its worke
 handed_back   the worker gave it back untouched: no attempt
 refused       the result did not fit the work: a failure
 caught_up     the worker was only told outcomes: no attempt
+passed_on     a mutator failed or was lost where another has not tried yet: it says nothing of the strategy
 """
 
 

@@ -127,6 +127,15 @@ class Reducer:
         """Return the flight that is judged."""
         return self._lifecycle(key).flight(key)
 
+    def lacks_its_trace(self, key: WorkKey, failure: Failure) -> bool:
+        """Whether what could not be read is the trace of the very flight that was to be judged or recorded."""
+        match key:
+            case JudgeKey():
+                return failure.unread == (self.flight_of(key).trace,)
+            case RecordKey():
+                return failure.unread == (self.core.records[key].flight.trace,)
+        return False
+
     # ---- opening and orders --------------------------------------------------------------------------------------
 
     def _opened(self, entry: Opened) -> None:
@@ -176,6 +185,9 @@ class Reducer:
         elif entry.how == "undelivered" and task.undelivered < UNDELIVERED_MAX:
             task.undelivered += 1
             core.again(task, "handed_back", entry.message)
+        elif entry.how == "passed_on":
+            core.fault(str(task.key), entry.message)
+            core.again(task, "failed", entry.message)
         elif entry.how == "refused":
             self._failed(task, entry.message)
         else:

@@ -45,7 +45,7 @@ from saflite.campaign.scheduling.result_validation import check_result, too_much
 from saflite.campaign.scheduling.rounds import Rounds
 from saflite.campaign.scheduling.selection import Expected, Rules, select
 from saflite.campaign.scheduling.tasks import Task
-from saflite.campaign.scheduling.work_keys import JudgeKey, RecordKey, WorkKey, run_and_key
+from saflite.campaign.scheduling.work_keys import JudgeKey, WorkKey, run_and_key
 from saflite.campaign.scheduling.work_messages import WorkMessages, in_one_message, receipt_for
 from saflite.contract.blobs import BlobRef
 from saflite.contract.config import Campaign
@@ -236,7 +236,7 @@ class Books:
         claimed, result = self._dispatch.claim(report, self._run_id), report.result
         if not isinstance(claimed, Task) or too_much_left(result):
             return False
-        return not isinstance(result, Failure) or self._lacks_its_trace(claimed.key, result)
+        return not isinstance(result, Failure) or self._reducer.lacks_its_trace(claimed.key, result)
 
     def report(self, report: Report, now: float, damage: str = "") -> Receipt:
         """Take a result; the worker may forget it once it has the receipt. `damage`: what is wrong with its blobs."""
@@ -260,9 +260,11 @@ class Books:
             self._give_back(task, "handed_back", report.result.message, now)
         elif isinstance(report.result, MutateResult) and task.catching_up:
             self._give_back(task, "caught_up", "", now)
-        elif isinstance(report.result, Failure) and damage and self._lacks_its_trace(key, report.result):
+        elif isinstance(report.result, Failure) and damage and self._reducer.lacks_its_trace(key, report.result):
             self._without_its_trace(key, damage, now)
             self._choose(now)
+        elif isinstance(report.result, Failure) and self._dispatch.passes_on(task, now):
+            self._give_back(task, "passed_on", report.result.message, now)
         else:
             result = report.result
             if isinstance(result, FlyResult):
@@ -273,16 +275,9 @@ class Books:
             self._choose(now)
         return receipt_for(report, "accepted")
 
-    def _lacks_its_trace(self, key: WorkKey, failure: Failure) -> bool:
-        """Whether what could not be read is the trace of the very flight that was to be judged or recorded."""
-        match key:
-            case JudgeKey():
-                return failure.unread == (self._reducer.flight_of(key).trace,)
-            case RecordKey():
-                return failure.unread == (self._core.records[key].flight.trace,)
-        return False
-
     def _give_back(self, task: Task, how: How, message: str, now: float) -> None:
+        if how in ("lost", "refused") and self._dispatch.passes_on(task, now):
+            how = "passed_on"
         self._leases.end(task.key)
         self._do(Returned(key=task.key, epoch=task.epoch, how=how, message=message), now)
         self._choose(now)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from saflite.campaign.engine.core import Core
-from saflite.campaign.engine.worker_registry import WorkerRegistry, can_fly
+from saflite.campaign.engine.worker_registry import Worker, WorkerRegistry, can_fly
 from saflite.campaign.scheduling.leases import Leases
 from saflite.campaign.scheduling.tasks import Task
 from saflite.campaign.scheduling.work_keys import MutateKey, ScoreKey, WarmKey, WorkKey, run_and_key
@@ -57,20 +57,31 @@ class Dispatch:
     def _may_have(self, ask: Ask, task: Task, now: float) -> bool:
         if not can_fly(ask.targets, task.target):
             return False
-        return ask.worker not in task.avoid or not self._somebody_else(ask, task, now)
+        if ask.worker in task.avoid:
+            on_their_way = ask.stage == "fly" and now - self._core.opened_s < self._patience_s
+            return not on_their_way and not any(self._untried(task, ask.worker, now))
+        if not (task.avoid and isinstance(task.key, MutateKey)):
+            return True
+        mine = self._registry.get(ask.stage, ask.worker)  # what one could not propose, the longest there tries next
+        return mine is None or all(mine.joined_s <= other.joined_s for other in self._untried(task, ask.worker, now))
 
-    def _somebody_else(self, ask: Ask, task: Task, now: float) -> bool:
-        """Whether a worker that did not have this before may still take it: one heard of lately that works or asks."""
-        patience_s = max(self._core.campaign.lease.lease_s, SEEN_LATELY_S)
-        if ask.stage == "fly" and now - self._core.opened_s < patience_s:
-            return True  # others may still be on their way
+    def passes_on(self, task: Task, now: float) -> bool:
+        """Whether a mutator that could not propose says nothing of the strategy yet: another has not tried."""
+        return isinstance(task.key, MutateKey) and any(self._untried(task, task.worker, now))
+
+    @property
+    def _patience_s(self) -> float:
+        return max(self._core.campaign.lease.lease_s, SEEN_LATELY_S)
+
+    def _untried(self, task: Task, worker: str, now: float) -> Iterator[Worker]:
+        """Yield the others that did not have this before and may still take it: heard of lately, and work or ask."""
         if task.epoch >= ELSEWHERE_MAX:
-            return False
-        asked_since_s = now - max(patience_s, ASKED_LATELY_S)
-        return any(
-            other.worker not in task.avoid and (other.came_s >= asked_since_s or self._leases.holds(other.worker))
-            for other in self._registry.others(ask.stage, ask.worker, task.target, now - patience_s)
-        )
+            return
+        asked_since_s = now - max(self._patience_s, ASKED_LATELY_S)
+        for other in self._registry.others(task.stage, worker, task.target, now - self._patience_s):
+            comes = other.came_s >= asked_since_s or self._leases.holds(other.worker)
+            if comes and other.worker not in task.avoid:
+                yield other
 
     def claim(self, report: Report, run: str) -> Task | Receipt:
         """Return the work of run `run` that a report may answer, or what it is told instead."""
