@@ -170,10 +170,15 @@ class WorkMessages:
         )
 
     def _busy_s(self) -> float:
-        """Return how long the simulators have work yet, shared among the batches that are to be scored."""
+        """Return how long the simulators have work yet, shared among the batches that are to be scored.
+
+        A worker may tell any time of a flight; one that takes longer than it may is ended, so no mean is more than that
+        (nor less than nothing, where what was told is taken off again and rounding is left).
+        """
         flights, batches = self._core.tasks.count(FlyKey), self._core.tasks.count(ScoreKey)
         simulators = self._registry.count("fly")
         mean_s = self._core.counts.wall_s / max(1, self._core.counts.flights + self._core.counts.reflown)
+        mean_s = min(max(0.0, mean_s), self._core.campaign.lease.wall_limit_s)
         return round(mean_s * flights / (max(1, simulators) * max(1, batches)), 3)
 
     def _warm(self, key: WarmKey) -> WarmWork:

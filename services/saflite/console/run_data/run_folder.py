@@ -294,9 +294,10 @@ class RunFolder:
 
     def usage(self) -> list[UsageRow]:
         """Return what scoring took, per model."""
+        calls, told = _totals("calls", "tokens_in", "tokens_out"), _totals("asked_again", "cached", "faults")
         query = (
-            "SELECT model, count(*), sum(calls), sum(tokens_in), sum(tokens_out), sum(latency_s), sum(cost_usd),"
-            " sum(asked_again), sum(cached), sum(faults) FROM usage GROUP BY model ORDER BY model"
+            f"SELECT model, count(*), {calls}, sum(latency_s), sum(cost_usd), {told}"  # noqa: S608 (names of ours)
+            " FROM usage GROUP BY model ORDER BY model"
         )
         return [UsageRow(*row) for row in self._rows(query)]
 
@@ -351,3 +352,8 @@ def open_run(run_dir: Path) -> RunFolder:
         return RunFolder(run_dir)
     except sqlite3.DatabaseError as fault:
         raise Refused("books", where=str(store_file(run_dir)), expected="an intact store", got=str(fault)) from fault
+
+
+def _totals(*columns: str) -> str:
+    """Return what SQL sums whole numbers with: `sum` fails above 2**63, this says the greatest number there is."""
+    return ", ".join(f"CAST(total({column}) AS INTEGER)" for column in columns)
