@@ -7,6 +7,7 @@ import json
 from pathlib import Path
 from xml.etree import ElementTree
 
+import msgspec
 import pytest
 import yaml
 
@@ -74,6 +75,26 @@ def test_it_writes_the_files_it_names_and_the_same_ones_again(name: str, summary
     before = {path: path.read_bytes() for path in written}
     assert export.export(name, summary, tmp_path) == written
     assert before == {path: path.read_bytes() for path in written}
+
+
+@pytest.mark.parametrize("kept", ["x", "[]", '{"simulation": 3, "mission": 3}', '{"saflite": 1, "_items_extra": 1}'])
+@pytest.mark.parametrize("name", export.format_names())
+def test_a_test_case_that_kept_no_file_keeps_no_other_from_being_written(name: str, kept: str, tmp_path: Path) -> None:
+    mission = msgspec.structs.replace(builtin_mission("mission1"), plan_extra=kept)
+    odd = (
+        msgspec.structs.replace(AVOID, source=kept),
+        msgspec.structs.replace(AVOID, scenario=msgspec.structs.replace(AVOID.scenario, mission=mission)),
+    )
+    findings = (*(finding(case, "min-obstacle-distance") for case in odd), *SUMMARY.findings)
+    whole, some = (export.export(name, SUMMARY, tmp_path / part) for part in ("whole", "some"))
+    written = export.export(name, SUMMARY._replace(findings=findings), tmp_path / "some")
+    assert {path.name for path in written} >= {path.name for path in (*whole, *some)}
+    for case in odd if name in ("yaml", "aerialist") else ():
+        back = read_case(tmp_path / "some" / f"{identity(case)}.yaml")
+        assert back.scenario.obstacles == case.scenario.obstacles
+        assert back.scenario.mission is not None
+        assert case.scenario.mission is not None
+        assert back.scenario.mission.items == case.scenario.mission.items
 
 
 @pytest.mark.parametrize("name", export.format_names())

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import msgspec
+
+from saflite.contract.errors import Refused
 from saflite.contract.ids import short_id
 from saflite.contract.outside import read_text
 from saflite.contract.test_case import Mission
@@ -27,6 +30,18 @@ def write_plan(mission: Mission, folder: Path, name: str = "") -> Path:
         path = path.with_stem(f"{path.stem}-{short_id(text.encode())}")
     write_file(path, text)
     return path
+
+
+def with_readable_rest(mission: Mission) -> Mission:
+    """Return the mission without what it keeps of its plan where that is none of a plan: the rest is written.
+
+    For what is written of many: one that says something else must not keep the others from being written.
+    """
+    try:
+        dump_plan(mission)
+    except Refused:
+        return msgspec.structs.replace(mission, plan_extra="{}")
+    return mission
 
 
 def _names_a_file(name: str) -> bool:

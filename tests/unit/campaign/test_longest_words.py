@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any, get_args
 
@@ -23,6 +24,7 @@ from saflite.contract.join import Join
 from saflite.contract.names import LABEL_CHARS_MAX
 from saflite.contract.rng import derive
 from saflite.contract.topics import PROTOCOL
+from saflite.contract.test_case import TestCase
 from saflite.contract.work import (
     Failure,
     FlyResult,
@@ -57,6 +59,8 @@ def _longest(value: Any, info: inspect.Type) -> Any:
                 for field in info.fields
                 if field.name not in MEANT
             }
+            if isinstance(value, TestCase):  # the one text that has to be a document
+                fields["source"] = json.dumps({"note": "x" * (TEXT_CHARS_MAX - len('{"note": ""}'))})
             return msgspec.structs.replace(value, **fields)
         case inspect.UnionType():
             fitting = [one for one in info.types if getattr(one, "cls", None) is type(value)]
@@ -112,7 +116,7 @@ def _large(result: Result, share: float) -> Result:
     """Return a result of about this share of the bytes that the books may be given."""
     match result:
         case MutateResult():
-            source = "x" * round(share * 250_000)
+            source = json.dumps({"note": "x" * round(share * 250_000)})
             cases = tuple(msgspec.structs.replace(case, source=source) for case in result.test_cases)
             return msgspec.structs.replace(result, test_cases=cases)
         case ScoreResult():

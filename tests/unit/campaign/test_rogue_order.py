@@ -16,6 +16,7 @@ from saflite.contract import wire
 from saflite.contract.blobs import BlobMissing
 from saflite.contract.rng import derive
 from saflite.contract.work import HandedBack, Heartbeat, Lease, MutateResult, Report, Stage
+from saflite.flight.mission import builtin_mission
 
 WORKERS = ("a", "b", "c")
 
@@ -102,3 +103,34 @@ def test_a_mutator_plants_no_defect() -> None:
     receipt = driver.report(lease, planted)
     assert receipt.status == "refused"
     assert "settings" in receipt.message
+
+
+@pytest.mark.parametrize("kept", ["x", "[]", '{"simulation": 3, "mission": 3}', '{"saflite": 1, "_items_extra": 1}'])
+@pytest.mark.parametrize("part", ["source", "plan"])
+def test_a_mutator_keeps_no_file_that_is_none(kept: str, part: str) -> None:
+    """What is found is written as competition YAML and plans, which begin with what the test case kept of them."""
+    driver = new_books()
+    (lease,) = driver.ask("mutate")
+    honest = driver.service.do(lease.work)
+    assert isinstance(honest, MutateResult)
+    case = honest.test_cases[0]
+    if part == "source":
+        odd = msgspec.structs.replace(case, source=kept)
+    else:
+        mission = msgspec.structs.replace(builtin_mission("mission1"), plan_extra=kept)
+        odd = msgspec.structs.replace(case, scenario=msgspec.structs.replace(case.scenario, mission=mission))
+    receipt = driver.report(lease, msgspec.structs.replace(honest, test_cases=(*honest.test_cases[1:], odd)))
+    assert receipt.status == "refused"
+    assert "can be written" in receipt.message
+
+
+def test_a_mutator_may_propose_what_was_read_from_files() -> None:
+    driver = new_books()
+    (lease,) = driver.ask("mutate")
+    honest = driver.service.do(lease.work)
+    assert isinstance(honest, MutateResult)
+    case = msgspec.structs.replace(honest.test_cases[0], source='{"robot":{"port":"ros"}}')
+    scenario = msgspec.structs.replace(case.scenario, mission=builtin_mission("mission1"))
+    read = msgspec.structs.replace(case, scenario=scenario)
+    receipt = driver.report(lease, msgspec.structs.replace(honest, test_cases=(read, *honest.test_cases[1:])))
+    assert receipt.status == "accepted", receipt.message

@@ -33,7 +33,7 @@ _HEAD = struct.Struct(">32s32sQI")
 _CHECK_BYTES = hashlib.sha256().digest_size
 _CODE = (
     *("contract", "campaign/engine", "campaign/lifecycle", "campaign/scheduling"),
-    *("flight/novelty.py", "flight/track_shape.py"),
+    *("flight/novelty.py", "flight/track_shape.py", "flight/competition", "flight/mission.py"),
     *("flight/native_library.py", "flight/native_sources.py", "flight/mending.py"),
     *("flight/native/alignment.c", "flight/native/alignment.h"),
 )

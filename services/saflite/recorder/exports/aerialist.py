@@ -9,6 +9,8 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+import msgspec
+
 from saflite.contract.errors import Refused
 from saflite.contract.outside import read_text
 from saflite.contract.test_case import Mission, TestCase, identity
@@ -16,7 +18,7 @@ from saflite.flight.competition import document as competition
 from saflite.flight.competition import yaml_text
 from saflite.flight.mission import load_plan
 from saflite.recorder.files import write_file
-from saflite.recorder.plans import write_plan
+from saflite.recorder.plans import with_readable_rest, write_plan
 from saflite.recorder.summary import RunSummary
 
 ALIASES = ("yaml",)
@@ -26,8 +28,21 @@ def export(summary: RunSummary, folder: Path) -> tuple[Path, ...]:
     """Write one YAML per violation and the missions they name into `folder`; returns the files written."""
     written: list[Path] = []
     for finding in summary.findings:
-        written.extend(write_case(finding.test_case, folder))
+        written.extend(write_case(_readable(finding.test_case), folder, identity(finding.test_case)))
     return tuple(dict.fromkeys(written))
+
+
+def _readable(test_case: TestCase) -> TestCase:
+    """Return a test case without what it says it was read from, where no file can be made of that."""
+    scenario = test_case.scenario
+    if scenario.mission is not None:
+        scenario = msgspec.structs.replace(scenario, mission=with_readable_rest(scenario.mission))
+        test_case = msgspec.structs.replace(test_case, scenario=scenario)
+    try:
+        competition.to_document(test_case)
+    except Refused:
+        return msgspec.structs.replace(test_case, source="")
+    return test_case
 
 
 def write_case(test_case: TestCase, folder: Path, stem: str = "") -> tuple[Path, ...]:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from saflite.recorder.plans import write_plan
+from saflite.recorder.plans import with_readable_rest, write_plan
 from saflite.recorder.summary import RunSummary
 
 
 def export(summary: RunSummary, folder: Path) -> tuple[Path, ...]:
     """Write every different mission once into `folder`; returns the files written."""
     missions = (finding.test_case.scenario.mission for finding in summary.findings)
-    return tuple(dict.fromkeys(write_plan(mission, folder) for mission in missions if mission is not None))
+    readable = (with_readable_rest(mission) for mission in missions if mission is not None)
+    return tuple(dict.fromkeys(write_plan(mission, folder) for mission in readable))
