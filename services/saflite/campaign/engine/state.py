@@ -41,13 +41,14 @@ from saflite.campaign.lifecycle.repeats import confirm_rule
 from saflite.campaign.scheduling.dispatch import Dispatch
 from saflite.campaign.scheduling.leases import Deadline, Leases
 from saflite.campaign.scheduling.patience import Patience
-from saflite.campaign.scheduling.result_validation import check_result, too_much_left
+from saflite.campaign.scheduling.result_validation import SAID_MAX, check_result, too_much_left
 from saflite.campaign.scheduling.rounds import Rounds
 from saflite.campaign.scheduling.selection import Expected, Rules, select
-from saflite.campaign.scheduling.tasks import Task
+from saflite.campaign.scheduling.tasks import Task, is_uncounted_too_often
 from saflite.campaign.scheduling.work_keys import JudgeKey, WorkKey, run_and_key
 from saflite.campaign.scheduling.work_messages import WorkMessages, in_one_message, receipt_for
 from saflite.contract.blobs import BlobRef
+from saflite.contract.bounds import told
 from saflite.contract.config import Campaign
 from saflite.contract.control import Answer, Control, Status
 from saflite.contract.errors import Refused, Unavailable
@@ -257,9 +258,9 @@ class Books:
                 self._give_back(task, "refused", str(fault), now)
             return receipt_for(report, "refused", str(fault))
         if isinstance(report.result, HandedBack):
-            self._give_back(task, "handed_back", report.result.message, now)
+            self._without_result(task, "handed_back", told(report.result.message, SAID_MAX), now)
         elif isinstance(report.result, MutateResult) and task.catching_up:
-            self._give_back(task, "caught_up", "", now)
+            self._without_result(task, "caught_up", "", now)
         elif isinstance(report.result, Failure) and damage and self._reducer.lacks_its_trace(key, report.result):
             self._without_its_trace(key, damage, now)
             self._choose(now)
@@ -274,6 +275,11 @@ class Books:
             self._rates.settled(result, now)
             self._choose(now)
         return receipt_for(report, "accepted")
+
+    def _without_result(self, task: Task, how: How, message: str, now: float) -> None:
+        if is_uncounted_too_often(task):
+            how, message = "lost", f"given back {task.epoch} times; {task.worker}: {message or how}"
+        self._give_back(task, how, message, now)
 
     def _give_back(self, task: Task, how: How, message: str, now: float) -> None:
         if how in ("lost", "refused") and self._dispatch.passes_on(task, now):
@@ -319,8 +325,8 @@ class Books:
         elif holder is None and self._registry.is_full:
             return f"there are as many workers as a farm can have: {WORKERS_MAX}"
         if self._registry.join(card, now):
-            told = {"host": card.host, "build": card.build_of(self.target.name)}
-            self._do(Noted(fact=WorkerChanged(worker=card.worker, stage=card.stage, present=True, **told)), now)
+            known = {"host": card.host, "build": card.build_of(self.target.name)}
+            self._do(Noted(fact=WorkerChanged(worker=card.worker, stage=card.stage, present=True, **known)), now)
         return ""
 
     def absent(

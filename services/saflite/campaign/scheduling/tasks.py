@@ -53,6 +53,22 @@ def is_enough(task: Task, limits: LeaseConfig) -> bool:
     return task.losses >= limits.attempts_max or task.failures >= INFRA_PER_ATTEMPT * limits.attempts_max
 
 
+UNCOUNTED_MAX = 100
+"""Attempts at one piece of work that may come to nothing and count as none: far more than workers that stop take.
+
+Each leaves lines in the journal: who asks, hands back and asks again without end would fill the disk.
+"""
+
+TOLD_PER_ROUND_MAX = 10
+"""Attempts of a mutator that only told it outcomes, for each round there is to tell: strategies that begin anew."""
+
+
+def is_uncounted_too_often(task: Task) -> bool:
+    """Return whether the attempt at hand has to count as lost though its worker gave it back."""
+    told_max = TOLD_PER_ROUND_MAX * task.order[0] if task.stage == "mutate" else 0
+    return task.epoch - task.losses - task.failures > UNCOUNTED_MAX + told_max
+
+
 class TaskTable:
     """All work not done yet, per stage in its order."""
 
