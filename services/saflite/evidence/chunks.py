@@ -86,6 +86,7 @@ def _append(whole: Path, ask: BlobPut) -> int:
         return have
     if files.fault_of(part, ask.ref, deep=True):
         part.unlink()
+        files.remove_if_empty(part.parent)
         raise Refused("blob", expected=f"bytes with the digest {ask.ref.digest[:16]!r}...", got="other bytes")
     part.replace(whole)
     return have

@@ -16,13 +16,13 @@ from saflite.contract.ids import digest
 from saflite.contract.outside import read_bytes
 
 PART = ".part"
+FOLDER_TRIES = 100  # each is lost only where the folder is removed right after it was made
 
 
 def write_whole(path: Path, data: bytes) -> None:
     """Write a file beside its place and rename it into it, not flushed; raises Unavailable if the disk fails."""
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, beside = tempfile.mkstemp(dir=path.parent, suffix=PART)
+        handle, beside = _opened_in(path.parent)
         try:
             os.fchmod(handle, 0o644)
             with os.fdopen(handle, "wb") as file:
@@ -34,6 +34,24 @@ def write_whole(path: Path, data: bytes) -> None:
             raise
     except OSError as fault:
         raise Unavailable(f"{path.parent} takes no blob: {fault}") from fault
+
+
+def _opened_in(folder: Path) -> tuple[int, str]:
+    """Return a new file in a folder, open, and its name; the books remove a folder whenever nothing is left in it."""
+    for tries_left in reversed(range(FOLDER_TRIES)):
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            return tempfile.mkstemp(dir=folder, suffix=PART)
+        except (FileNotFoundError, FileExistsError):  # the latter where it went while it was looked at
+            if not tries_left:
+                raise
+    raise AssertionError("unreachable")
+
+
+def remove_if_empty(folder: Path) -> None:
+    """Remove a folder in which nothing is left, else leave it."""
+    with suppress(OSError):
+        folder.rmdir()
 
 
 def read_whole(path: Path, ref: BlobRef) -> bytes:

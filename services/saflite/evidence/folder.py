@@ -96,17 +96,20 @@ class BlobFolder:
         return ""
 
     def forget(self, worker: str, digests: Iterable[str]) -> None:
-        """Remove what a worker has left, now that the books have answered for it."""
+        """Remove what a worker has left, now that the books have answered for it, and an empty folder."""
+        folder = self.incoming(worker)
         for digest in digests:
             with suppress(OSError):
-                (self.incoming(worker) / digest).unlink(missing_ok=True)
+                (folder / digest).unlink(missing_ok=True)
+        files.remove_if_empty(folder)
 
     def forget_but(self, worker: str, keep: Iterable[str]) -> None:
         """Remove what a worker has left in an earlier life, but for what it still has to report."""
-        kept = set(keep)
-        for path in self.incoming(worker).glob("*"):
+        kept, folder = set(keep), self.incoming(worker)
+        for path in folder.glob("*"):
             if path.name not in kept:
                 path.unlink(missing_ok=True)
+        files.remove_if_empty(folder)
 
     # ---- keeping and dropping ------------------------------------------------------------------------------------
 

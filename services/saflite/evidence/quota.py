@@ -12,6 +12,8 @@ from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 
+from saflite.contract.blobs import BLOBS_PER_RESULT_MAX
+
 WORKER_BYTES_MAX = 2**30
 """Of one worker: some results with all they may hold (`contract.blobs.RESULT_BYTES_MAX`)."""
 
@@ -19,6 +21,10 @@ ALL_BYTES_MAX = 8 * 2**30
 """Of all workers together, also those that take a new name for each blob."""
 
 FILES_MAX = 100_000
+"""Of all workers together; an empty folder is one, too."""
+
+WORKER_FILES_MAX = 64 * BLOBS_PER_RESULT_MAX
+"""Of one worker: they are counted at each blob."""
 
 SHARES = 1000
 """Room is used by shares of it between two counts: a thousand writers that count apart pass the limit by one room."""
@@ -35,7 +41,7 @@ class Quota:
     def excess(self, worker: str, more_bytes: int) -> str:
         """Return in words why `more_bytes` more of a worker are not to be left, empty if they may be."""
         files, size = _waiting([self._incoming / worker])
-        if words := _over(files, size + more_bytes, WORKER_BYTES_MAX, worker):
+        if words := _over(files, size + more_bytes, WORKER_FILES_MAX, WORKER_BYTES_MAX, worker):
             return words
         files, size = self._all
         self._bytes_used += more_bytes
@@ -43,16 +49,16 @@ class Quota:
         if self._bytes_used * SHARES > ALL_BYTES_MAX - size or self._files_used * SHARES > FILES_MAX - files:
             self._all = files, size = _waiting(_folders(self._incoming))
             self._bytes_used = self._files_used = 0
-            return _over(files, size + more_bytes, ALL_BYTES_MAX, "all workers")
+            return _over(files, size + more_bytes, FILES_MAX, ALL_BYTES_MAX, "all workers")
         return ""
 
 
-def _over(files: int, size: int, bytes_max: int, whose: str) -> str:
-    if size <= bytes_max and files <= FILES_MAX:
+def _over(files: int, size: int, files_max: int, bytes_max: int, whose: str) -> str:
+    if size <= bytes_max and files <= files_max:
         return ""
     return (
         f"{size} bytes in {files} files of {whose} would wait for the books, more than the {bytes_max} bytes or"
-        f" {FILES_MAX} files that may"
+        f" {files_max} files that may"
     )
 
 
@@ -65,9 +71,11 @@ def _folders(incoming: Path) -> list[str]:
 def _waiting(folders: Iterable[str | Path]) -> tuple[int, int]:
     files = size = 0
     for folder in folders:
+        found = 0
         with suppress(OSError):
             for entry in os.scandir(folder):
                 with suppress(OSError):  # taken meanwhile
                     size += entry.stat(follow_symlinks=False).st_size
-                    files += 1
+                    found += 1
+        files += max(1, found)
     return files, size

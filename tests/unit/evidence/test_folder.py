@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import os
+import threading
 from pathlib import Path
 
 import pytest
 
-from saflite.contract.blobs import BlobMissing, BlobRef, Blobs, ref_of
+from saflite.contract.blobs import BlobMissing, BlobPut, BlobRef, Blobs, ref_of
 from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.ids import digest
 from saflite.evidence import files
+from saflite.evidence.chunks import ChunkServer
 from saflite.evidence.folder import BlobFolder, WorkerFolder
 from saflite.evidence.memory import MemoryBlobs
 
@@ -147,3 +149,55 @@ def test_linking_over_what_is_there_changes_nothing(tmp_path: Path) -> None:
     (tmp_path / "b").write_bytes(b"b")
     files.put_in_place(tmp_path / "a", tmp_path / "b")
     assert (tmp_path / "b").read_bytes() == b"b"
+
+
+def _left(tmp_path: Path) -> list[Path]:
+    return list((tmp_path / "blobs" / "incoming").glob("*"))
+
+
+@pytest.mark.parametrize("way", ["answered", "begun-anew", "wrong-bytes"])
+def test_no_folder_stays_of_a_worker_that_leaves_nothing(tmp_path: Path, way: str) -> None:
+    folder = BlobFolder(tmp_path)
+    server = ChunkServer(folder)
+    for number in range(20):
+        worker, data = f"evil-{number}", b"evil"
+        if way == "wrong-bytes":
+            with pytest.raises(Refused, match="digest"):
+                server.put(BlobPut(worker=worker, ref=ref_of(b"good"), data=data))
+            continue
+        server.put(BlobPut(worker=worker, ref=ref_of(data), data=data))
+        if way == "answered":
+            folder.forget(worker, [ref_of(data).digest])
+        else:
+            folder.forget_but(worker, ())
+    assert not _left(tmp_path)
+
+
+def test_what_a_worker_still_has_to_report_keeps_its_folder(tmp_path: Path) -> None:
+    folder = BlobFolder(tmp_path)
+    worker = WorkerFolder(tmp_path, "fly-1")
+    one, other = worker.put(b"one"), worker.put(b"other")
+    folder.forget("fly-1", [one.digest])
+    folder.forget_but("fly-1", [other.digest])
+    assert not folder.adopt("fly-1", other)
+
+
+def test_a_folder_that_is_removed_while_a_worker_writes_is_made_again(tmp_path: Path) -> None:
+    """The books remove it whenever they find it empty, also right after the worker has made it."""
+    folder, worker = BlobFolder(tmp_path), WorkerFolder(tmp_path, "fly-1")
+    over = threading.Event()
+
+    def keep_removing() -> None:
+        while not over.is_set():
+            files.remove_if_empty(folder.incoming("fly-1"))
+
+    thread = threading.Thread(target=keep_removing)
+    thread.start()
+    try:
+        for number in range(1000):
+            ref = worker.put(str(number).encode())
+            assert not folder.adopt("fly-1", ref)
+            folder.forget("fly-1", [ref.digest])
+    finally:
+        over.set()
+        thread.join()

@@ -72,3 +72,23 @@ def test_files_of_all_count_as_well_as_their_bytes(tmp_path: Path, monkeypatch: 
     for number in range(21):
         leave(folder, f"w{number}", "a", 0)
     assert "21 files of all workers" in folder.quota().excess("x", 1)
+
+
+def test_a_folder_without_files_counts_as_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(quota, "FILES_MAX", 20)
+    folder = BlobFolder(tmp_path)
+    for number in range(21):
+        folder.incoming(f"w{number}").mkdir(parents=True)
+    assert "21 files of all workers" in folder.quota().excess("x", 1)
+
+
+def test_one_worker_leaves_no_more_files_than_are_quickly_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(quota, "WORKER_FILES_MAX", 20)
+    folder = BlobFolder(tmp_path)
+    for number in range(21):
+        assert not folder.quota().excess("w", 1)
+        leave(folder, "w", str(number), 0)
+    assert "21 files of w would wait" in folder.quota().excess("w", 1)
+    assert not folder.quota().excess("x", 1)
