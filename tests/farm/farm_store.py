@@ -7,6 +7,7 @@ import sqlite3
 from farm_blobs import FarmBlobs
 
 from saflite.campaign.engine.outbox import Batch
+from saflite.campaign.engine.read_model import in_one_answer
 from saflite.campaign.engine.state import Books
 from saflite.campaign.storage.contents import Contents
 from saflite.campaign.storage.projections import CREATE, Tables
@@ -111,6 +112,6 @@ class MemoryStore:
         self._batches.clear()
         return self._db
 
-    def events(self, from_seq: int, limit: int) -> tuple[bytes, ...]:
+    def events(self, from_seq: int) -> tuple[bytes, ...]:
         """See `ReadModel.events`."""
-        return tuple(wire.encode(event) for event in self.all_events[from_seq - 1 : from_seq - 1 + limit])
+        return in_one_answer(wire.encode(event) for event in self.all_events[from_seq - 1 :])

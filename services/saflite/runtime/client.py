@@ -215,15 +215,16 @@ class FarmClient:
         early: dict[int, Event] = {}
         wanted = from_seq
         while True:
-            for event in self._missed(wanted, patience_s) if wanted not in early else ():
-                early[event.seq] = event
+            missed = self._missed(wanted, patience_s) if wanted not in early else []
+            early |= {event.seq: event for event in missed}
             while wanted in early:
                 event = early.pop(wanted)
                 wanted += 1
                 yield event
                 if getattr(event.fact, "state", "") == "ended":
                     return
-            self._collect(early, wanted)
+            if not missed:  # otherwise there may be more than went into one answer
+                self._collect(early, wanted)
 
     def close(self) -> None:
         """Leave the bus."""

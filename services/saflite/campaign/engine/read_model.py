@@ -2,10 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Protocol
 
 from saflite.contract.blobs import BlobRef
 from saflite.contract.work import Outcome
+
+EVENTS_MAX, EVENTS_BYTES_MAX = 1_000, 2**20
+"""Of one answer. In JSON, every byte of words escaped, that is still far below what a message may hold."""
+
+
+def in_one_answer(events: Iterable[bytes]) -> tuple[bytes, ...]:
+    """Return the first of the events, as many as go into one answer, one at least: whoever reads on gets past each.
+
+    A single event is some MiB long at most: its words and its names are bounded.
+    """
+    found: list[bytes] = []
+    left_bytes = EVENTS_BYTES_MAX
+    for event in events:
+        left_bytes -= len(event)
+        if found and left_bytes < 0:
+            break
+        found.append(event)
+        if len(found) == EVENTS_MAX:
+            break
+    return tuple(found)
 
 
 class ReadModel(Protocol):
@@ -19,8 +40,8 @@ class ReadModel(Protocol):
         """Return the outcomes of whole rounds in (after, upto] in order, up to about `limit` of them."""
         ...
 
-    def events(self, from_seq: int, limit: int) -> tuple[bytes, ...]:
-        """Return up to `limit` encoded events from `from_seq` on."""
+    def events(self, from_seq: int) -> tuple[bytes, ...]:
+        """Return the encoded events from `from_seq` on that go into one answer; none only where there are none."""
         ...
 
 
@@ -35,6 +56,6 @@ class NothingToRead:
         """See `ReadModel.outcomes`."""
         raise AssertionError("old outcomes are asked for, but there is nothing to read them from")
 
-    def events(self, from_seq: int, limit: int) -> tuple[bytes, ...]:
+    def events(self, from_seq: int) -> tuple[bytes, ...]:
         """See `ReadModel.events`."""
         return ()

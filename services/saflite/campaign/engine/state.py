@@ -379,7 +379,7 @@ class Books:
         if control.verb == "status":
             return Answer(accepted=True, status=self.status(now))
         if control.verb == "events":
-            events = self._read_model.events(max(1, control.number), 1000)
+            events = self._read_model.events(max(1, control.number))
             return Answer(accepted=True, status=self.status(now), events=events)
         objection = self._dispatch.objection(control, self._reducer.scorers.model)
         if objection:

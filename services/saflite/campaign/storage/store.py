@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import IO, TypeVar
 
 from saflite.campaign.engine.outbox import Batch
+from saflite.campaign.engine.read_model import EVENTS_MAX, in_one_answer
 from saflite.campaign.engine.state import Books
 from saflite.campaign.storage import snapshot_file
 from saflite.campaign.storage.contents import Contents
@@ -326,11 +327,11 @@ class Store:
             found.append(outcome)
         return tuple(found)
 
-    def events(self, from_seq: int, limit: int) -> tuple[bytes, ...]:
-        """Return up to `limit` encoded events from `from_seq` on; raises Refused if one of them is damaged."""
+    def events(self, from_seq: int) -> tuple[bytes, ...]:
+        """See `ReadModel.events`; raises Refused if one of them is damaged."""
         before = from_seq - 1
         chain = chain_at(self._db, "events", before)
-        return tuple(entries(self._db, "events", self._path, after=before, chain=chain, limit=limit))
+        return in_one_answer(entries(self._db, "events", self._path, after=before, chain=chain, limit=EVENTS_MAX))
 
     def _meta(self, key: str) -> bytes:
         return meta(self._db, key)
