@@ -12,7 +12,8 @@ and `saflite/farm/...`, so that who speaks another protocol is told so. Delivery
 
 All payloads are MessagePack but those of `event-json`, which are JSON by the same schema, published only while somebody
 listens and without history. An order on `control/{verb}` may be given in JSON, too, and is then answered in JSON
-(`AnswerJson`): `{"verb": "events", "number": 1}` on `control/events` asks for up to 1,000 events from the first on.
+(`AnswerJson`): `{"verb": "events", "number": 1}` on `control/events` asks for up to 1,000 events from the first on,
+fewer where they are long.
 
 A router lets no question through that is longer than its row says, nor anything longer than the longest.
 

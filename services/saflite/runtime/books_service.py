@@ -105,7 +105,7 @@ class BooksService:
         self._long_polls = LongPollQueue()
         self._liveness = Liveness(books.campaign.lease.lease_s)
         self._stepped_s, self._tick_from_s = clock.monotonic_s(), 0.0
-        self._outbox: list[tuple[Request, msgspec.Struct]] = []
+        self._outbox: list[tuple[Request, bytes]] = []
         self._blocked: Batch | None = None
         self._trouble, self._trouble_until_s = "", 0.0
         self._commit_s, self._room = 0.0, Room(store)
@@ -285,22 +285,29 @@ class BooksService:
 
     def _on_control(self, request: Request, control: Control, now_s: float) -> None:
         if self._blocked is None:
-            answer = _with_own_time(self._books.control(control, now_s))
-            self._answer(request, self._with_trouble(answer, now_s))
+            answer = self._books.control(control, now_s)
         elif control.verb == "status":
             answer = Answer(accepted=True, status=self._books.status(now_s), message="the store takes no writes")
-            request.reply(_encoded(request, self._with_trouble(_with_own_time(answer), now_s)))
         else:
-            request.reply(_encoded(request, Answer(accepted=False, message="the store takes no writes; try again")))
+            answer = Answer(accepted=False, message="the store takes no writes; try again")
+        data = _encoded(request, self._with_own(answer, now_s))
+        self._rates.spend(request.peer, len(data), now_s)
+        if self._blocked is None:
+            self._outbox.append((request, data))
+        else:
+            request.reply(data)
 
     def _in_trouble(self, words: str, now_s: float) -> None:
         self._trouble, self._trouble_until_s = words[:500], now_s + TROUBLE_S
 
-    def _with_trouble(self, answer: Answer, now_s: float) -> Answer:
-        """Say in the status what stands in the way, until it has not been met for a while."""
-        if answer.status is None or now_s >= self._trouble_until_s:
+    def _with_own(self, answer: Answer, now_s: float) -> Answer:
+        """Add to the status what the books' own process took, and what stands in the way until it is not met again."""
+        if answer.status is None:
             return answer
-        return msgspec.structs.replace(answer, status=msgspec.structs.replace(answer.status, trouble=self._trouble))
+        trouble = self._trouble if now_s < self._trouble_until_s else answer.status.trouble
+        spent_s = answer.status.processor_s + processor_s(os.getpid())
+        status = msgspec.structs.replace(answer.status, trouble=trouble, processor_s=spent_s)
+        return msgspec.structs.replace(answer, status=status)
 
     # -- long polls -----------------------------------------------------------------------------------------------
 
@@ -326,7 +333,7 @@ class BooksService:
     # -- out ------------------------------------------------------------------------------------------------------
 
     def _answer(self, request: Request, message: msgspec.Struct) -> None:
-        self._outbox.append((request, message))
+        self._outbox.append((request, _encoded(request, message)))
 
     def _settle(self, now_s: float) -> None:
         """Commit what has changed, then send the answers and announce the facts."""
@@ -346,8 +353,8 @@ class BooksService:
             log.warning("the store takes writes again")
             self._blocked, self._trouble_until_s = None, 0.0
         outbox, self._outbox = self._outbox, []
-        for request, message in outbox:
-            request.reply(_encoded(request, message))
+        for request, data in outbox:
+            request.reply(data)
         answered, self._answered = self._answered, []
         for report in answered:
             self._evidence.answered(report)
@@ -388,11 +395,3 @@ def _read(request: Request, kind: type[T]) -> T:
     if not speaks_for(request.peer, worker):
         raise Refused("worker", expected=f"{request.peer} or {request.peer}-..., as its key is named", got=worker)
     return message
-
-
-def _with_own_time(answer: Answer) -> Answer:
-    """Return the answer with the processor time of the books' own process in its status."""
-    if answer.status is None:
-        return answer
-    spent_s = answer.status.processor_s + processor_s(os.getpid())
-    return msgspec.structs.replace(answer, status=msgspec.structs.replace(answer.status, processor_s=spent_s))

@@ -2,6 +2,9 @@
 
 Zenoh's router can thin messages out, but without allowing for bursts, and workers send theirs in bursts; so the books
 leave unanswered what is too much, before it is decoded, and say so in a `fault` event.
+
+A question that only reads costs the books what they tell, a hundred times what another does. So each KiB of an answer
+to an order counts as a question more: whoever reads without end takes the books a share of their time.
 """
 
 from __future__ import annotations
@@ -11,6 +14,7 @@ from typing import NamedTuple
 RATE_PER_S = 2_000.0  # a thousand workers under one key ask, report and send heartbeats well below this
 BURST = 10_000.0
 PEERS_MAX = 10_000
+ANSWER_BYTES = 1024  # cost the books about as much as a question
 
 
 class _Bucket(NamedTuple):
@@ -29,10 +33,21 @@ class RateLimit:
         """Count one question of a proven name; False if it asks too much."""
         if not peer:
             return True
-        bucket = self._buckets.get(peer, _Bucket(self._burst, now_s))
-        tokens = min(self._burst, bucket.tokens + self._rate_per_s * (now_s - bucket.at_s))
+        tokens = self._tokens(peer, now_s)
         allowed = tokens >= 1.0
+        self._set(peer, tokens - allowed, now_s)
+        return allowed
+
+    def spend(self, peer: str, answer_bytes: int, now_s: float) -> None:
+        """Count what was told to a proven name; it may be told no more until that is paid off."""
+        if peer:
+            self._set(peer, self._tokens(peer, now_s) - answer_bytes / ANSWER_BYTES, now_s)
+
+    def _tokens(self, peer: str, now_s: float) -> float:
+        bucket = self._buckets.get(peer, _Bucket(self._burst, now_s))
+        return min(self._burst, bucket.tokens + self._rate_per_s * (now_s - bucket.at_s))
+
+    def _set(self, peer: str, tokens: float, now_s: float) -> None:
         if len(self._buckets) >= PEERS_MAX and peer not in self._buckets:  # begins all anew, full
             self._buckets.clear()
-        self._buckets[peer] = _Bucket(tokens - allowed, now_s)
-        return allowed
+        self._buckets[peer] = _Bucket(tokens, now_s)
