@@ -154,7 +154,7 @@ def _nearest(trace: Trace) -> int:
 
 
 def _later(start_ns: int, by_s: float) -> int:
-    """Return a moment of the flight; what no flight can last is cut off, for a log may say anything."""
+    """Return a moment of the flight; what no flight can last is cut off, for a log or a trace may say anything."""
     return start_ns + round(min(max(0.0, by_s), FLIGHT_MAX_S) * _NS)
 
 
@@ -229,7 +229,7 @@ def _motion(
 
 
 def _texts(work: RecordWork, trace: Trace, start_ns: int) -> list[_Message]:
-    end_ns = start_ns + round(trace.duration_s * _NS)
+    end_ns = _later(start_ns, trace.duration_s)
     messages = [
         _log(_later(start_ns, message.at_s), _LEVELS[message.severity], "autopilot", message.text)
         for message in trace.messages
@@ -269,5 +269,5 @@ def _plots(trace: Trace, at: NDArray[np.intp], start_ns: int) -> list[_Message]:
         steady_s = CALM_S if topic in CALM else STEADY_S
         shown = scalars.telling(trace, names, at, round(steady_s * PLOT_RATE_HZ))
         for index, record in zip(shown.tolist(), scalars.records(trace, names, shown), strict=True):
-            messages.append(_Message(start_ns + round(index * trace.step_s * _NS), topic, record))
+            messages.append(_Message(_later(start_ns, index * trace.step_s), topic, record))
     return messages

@@ -283,3 +283,20 @@ def test_a_recording_that_lists_one_attachment_again_and_again_is_refused(tmp_pa
     (tmp_path / "a.mcap").write_bytes(buffer.getvalue())
     with pytest.raises(Refused, match="10001 attachments"):
         recording.read(tmp_path / "a.mcap")
+
+
+@pytest.mark.parametrize("start_unix_s", [START_UNIX_S, 1e300])
+def test_a_trace_longer_than_any_flight_is_recorded_with_its_end_cut_off(start_unix_s: float) -> None:
+    """A few packed KiB unfold to more seconds than nanoseconds in 64 bits can count."""
+    work, _ = record_work()
+    trace = Trace(step_s=3600.0, signals={"obstacle_distance_m": signal(np.full(800_000, -1.0))})
+    packed = pack_trace(trace)
+    assert len(packed) < 20_000
+    flight = msgspec.structs.replace(work.flight, trace=ref_of(packed), trace_digest=trace_digest(trace))
+    written = mcap.write(msgspec.structs.replace(work, flight=flight), packed, start_unix_s)
+    start_s = min(start_unix_s, mcap.START_MAX_S)
+    summary = make_reader(io.BytesIO(written)).get_summary()
+    assert summary is not None
+    assert summary.statistics is not None
+    assert summary.statistics.message_start_time / 1e9 >= start_s - 1.0
+    assert summary.statistics.message_end_time / 1e9 <= start_s + mcap.FLIGHT_MAX_S + 1.0
