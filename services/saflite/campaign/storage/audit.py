@@ -19,6 +19,7 @@ from saflite.campaign.storage.journal_audit import JournalAudit
 from saflite.campaign.storage.own_folder import check_own
 from saflite.campaign.storage.projections import CHAINED, KEYS, TABLES
 from saflite.campaign.storage.rebuild import books_of
+from saflite.campaign.storage.replaying import replay
 from saflite.campaign.storage.seal import digest_of, has_log, is_sealed, seal, was_closed
 from saflite.campaign.storage.snapshot_file import Kept, kept
 from saflite.campaign.storage.sqlite import (
@@ -88,27 +89,23 @@ def told_of(run_dir: Path) -> str:
         problems: list[str] = audit(run_dir, quick=True, blobs=False)["problems"]
     except Refused as fault:
         return str(fault)
-    except (AssertionError, LookupError, ValueError) as fault:  # lines that fit their checksums
-        return f"this version cannot replay its journal ({type(fault).__name__}: {fault})"
     return problems[0] if problems else ""
 
 
 def resume_faults(run_dir: Path) -> list[str]:
     """Return in words what keeps a run that nobody works on from being taken up again.
 
-    A store that is byte for byte as it was closed has been looked at then; of one that was altered since, or has lost
-    commits, an audit says what is wrong. One that was killed has its structure checked, and what the books will be
-    rebuilt from: the snapshot and the entries of the journal behind it, up to the one that was witnessed. Damage in
-    older entries is told when they are read, in tables by `audit` and before anything is reported of the run.
+    Of a store that was altered since it was closed, or has lost commits, an audit says what is wrong. One that is byte
+    for byte as it was closed, or was killed, has its structure checked, and what the books will be rebuilt from is
+    replayed: the entries of the journal behind the snapshot, up to the one that was witnessed. Damage in older entries
+    is told when they are read, in tables by `audit` and before anything is reported of the run.
 
     Raises:
         Refused: there is no run, its store cannot be read at all, or a link in it leads elsewhere.
     """
     check_own(run_dir)
     lost = loss(run_dir)
-    if not lost and is_sealed(run_dir):
-        return []
-    if lost or was_closed(run_dir):
+    if lost or (was_closed(run_dir) and not is_sealed(run_dir)):
         problems: list[str] = audit(run_dir, quick=True, blobs=False)["problems"]
         return problems
     fault = _fault_behind_snapshot(run_dir)
@@ -127,12 +124,25 @@ def _reading(run_dir: Path) -> Iterator[tuple[sqlite3.Connection, Path]]:
 def _fault_behind_snapshot(run_dir: Path) -> str:
     try:
         with _reading(run_dir) as (connection, path):
-            snapshot = kept(run_dir, start_of(connection), connection) or Kept(0, 0, b"")
-            for _ in entries(connection, "journal", path, after=snapshot.line, chain=snapshot.chain):
-                pass
+            _books_behind(run_dir, connection, path)
     except Refused as fault:
         return str(fault)
     return ""
+
+
+def _books_behind(run_dir: Path, connection: sqlite3.Connection, path: Path) -> Books:
+    """Return the books of a store, from the snapshot on where there is one; raises Refused at a damaged entry."""
+    books, snapshot = books_of(connection), kept(run_dir, start_of(connection), connection)
+    if snapshot is not None:
+        try:
+            books.restore(snapshot.state)
+        except ValueError:  # no state of books: the whole journal says it, too
+            books, snapshot = books_of(connection), None
+    behind = snapshot or Kept(0, 0, b"")
+    lines = entries(connection, "journal", path, after=behind.line, chain=behind.chain)
+    for number, line in enumerate(lines, behind.line + 1):
+        replay(books, line, number, path)
+    return books
 
 
 def is_over(run_dir: Path) -> bool:
@@ -142,16 +152,7 @@ def is_over(run_dir: Path) -> bool:
         Refused: there is no run, or what is read of it is damaged.
     """
     with _reading(run_dir) as (connection, path):
-        books, snapshot = books_of(connection), kept(run_dir, start_of(connection), connection)
-        if snapshot is not None:
-            try:
-                books.restore(snapshot.state)
-            except ValueError:  # no state of books: the whole journal says it, too
-                books, snapshot = books_of(connection), None
-        behind = snapshot or Kept(0, 0, b"")
-        for line in entries(connection, "journal", path, after=behind.line, chain=behind.chain):
-            books.replay(line)
-        return bool(books.audit_status()["over"])
+        return bool(_books_behind(run_dir, connection, path).audit_status()["over"])
 
 
 def _chain_fault(run_dir: Path) -> str:
@@ -171,11 +172,11 @@ def _audit(run_dir: Path, connection: sqlite3.Connection, path: Path, quick: boo
     check = "quick_check" if quick and is_sealed(run_dir) else "integrity_check"
     problems = [f"SQLite: {row[0]}" for row in connection.execute(f"PRAGMA {check}(20)") if row[0] != "ok"]
     counted = JournalAudit()
-    replayed = _Replayed(books_of(connection), kept(run_dir, start_of(connection), connection))
+    replayed = _Replayed(books_of(connection), kept(run_dir, start_of(connection), connection), path)
     try:
         for line in entries(connection, "journal", path):
-            counted.add(line)
             replayed.add(line)
+            counted.add(line)
         events = list(entries(connection, "events", path))
     except Refused as fault:
         return {"problems": [*problems, str(fault)]}
@@ -212,17 +213,17 @@ def _audit(run_dir: Path, connection: sqlite3.Connection, path: Path, quick: boo
 class _Replayed:
     """Fresh books fed with the journal, and all they say on the way."""
 
-    def __init__(self, books: Books, snapshot: Kept | None) -> None:
-        self.books, self._snapshot = books, snapshot
+    def __init__(self, books: Books, snapshot: Kept | None, path: Path) -> None:
+        self.books, self._snapshot, self._path = books, snapshot, path
         self.problems: list[str] = []
         self._lines = 0
         self._events: list[bytes] = []
         self._rows: dict[str, dict[tuple[object, ...], int]] = {table: {} for table in TABLES}  # hashes of rows
 
     def add(self, line: bytes) -> None:
-        """Replay one line."""
-        self.books.replay(line, announce=True)
+        """Replay one line; raises Refused where that cannot be done."""
         self._lines += 1
+        replay(self.books, line, self._lines, self._path, announce=True)
         is_kept = self._snapshot is not None and self._snapshot.line == self._lines
         if self._lines % REPLAY_STEP == 0 or is_kept:
             self.finish()

@@ -13,6 +13,7 @@ from pathlib import Path
 from saflite.campaign.engine.state import Books
 from saflite.campaign.storage import snapshot_file
 from saflite.campaign.storage.projections import CREATE, Tables
+from saflite.campaign.storage.replaying import replay
 from saflite.campaign.storage.seal import seal
 from saflite.campaign.storage.sqlite import bound, damage_named, entries, lock_run, meta, no_run, transaction
 from saflite.campaign.storage.store import store_file
@@ -84,7 +85,7 @@ def _replay(old: sqlite3.Connection, new: sqlite3.Connection, path: Path) -> int
     books = books_of(old)
     tables = Tables(new)
     for number, line in enumerate(entries(old, "journal", path), 1):
-        books.replay(line, announce=True)
+        replay(books, line, number, path, announce=True)
         if number % REPLAY_STEP == 0:
             tables.tails = tables.add(books.drain())
     tables.tails = tables.add(books.drain())

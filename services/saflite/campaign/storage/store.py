@@ -21,6 +21,7 @@ from saflite.campaign.storage.contents import Contents
 from saflite.campaign.storage.new_folder import new_folder
 from saflite.campaign.storage.own_folder import place_of
 from saflite.campaign.storage.projections import Tables
+from saflite.campaign.storage.replaying import replay
 from saflite.campaign.storage.seal import break_seal, is_sealed, seal
 from saflite.campaign.storage.sqlite import (
     BOOKS,
@@ -271,11 +272,11 @@ class Store:
         has to go on from the running checksum the snapshot was made at, and the last be the one that was witnessed.
 
         Raises:
-            Refused: a line of the journal that is read is damaged.
+            Refused: a line of the journal that is read is damaged, or cannot be replayed.
         """
         books, self._kept_line, chain = self._books_so_far()
-        for line in self.journal(self._kept_line, chain):
-            books.replay(line)
+        for number, line in enumerate(self.journal(self._kept_line, chain), self._kept_line + 1):
+            replay(books, line, number, self._path)
         self.blobs.keep_only(frozenset(blob.digest for blob in books.wanted_blobs))
         self._publish(self._unpublished())
         return books
