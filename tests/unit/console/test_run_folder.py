@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from msgspec.structs import replace
 
 from saflite.campaign.storage.store import Store
 from saflite.console.cli import main
@@ -17,6 +18,7 @@ from saflite.console.run_data.run_folder import open_run
 from saflite.console.view.dashboard.source import RunSource, _of_status
 from saflite.console.view.report import data
 from saflite.contract.blobs import Blobs
+from saflite.contract.work import Result, ScoreResult, Work
 from saflite.runtime.campaign_runner import ExitSummary
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "campaign"))
@@ -43,6 +45,39 @@ def test_a_flight_answers_one_score_of_a_model(tmp_path: Path) -> None:
         assert all(one.selected_by for one in answered)
         (whole,) = (one for one in data.calibrations(run) if one.sample == "all")
         assert (whole.flights, whole.violations) == (len(flown), sum(flown.values()))
+
+
+class _StoodInFor(doubles.Service):
+    """A farm whose embedded scorer stands in for half of the scores, watches all, and is what another one asks."""
+
+    def do(self, work: Work) -> Result:
+        result = super().do(work)
+        if not isinstance(result, ScoreResult):
+            return result
+        scores = [replace(one, scored_by="blend") if one.test_case < "8" else one for one in result.scores]
+        watching = [
+            replace(one, model=model, scored_by="blend", shadow=True)
+            for one in result.scores
+            for model in ("blend", "surrogate")
+        ]
+        return replace(result, scores=(*scores, *watching))
+
+
+def test_a_flight_counts_once_for_a_model_that_decides_and_watches(tmp_path: Path) -> None:
+    """The stand-in of a model and its shadow say the same of the same flight: no second piece of evidence."""
+    store = Store.create(tmp_path / "run", doubles.campaign(30, random_share=0.4), doubles.TEMPLATE, doubles.TARGET)
+    driver = Driver(store.rebuild(), store)
+    driver.service = _StoodInFor(store.blobs)
+    driver.run()
+    store.close()
+    with open_run(tmp_path / "run") as run:
+        flown = {row.test_case: bool(row.violated) for row in run.flights() if row.purpose == "search"}
+        random = {one.test_case for one in run.scores() if one.selected_by == "random"}
+        found = {(one.model, one.sample): (one.flights, one.violations) for one in data.calibrations(run)}
+    own = [name for name in flown if name >= "8"]
+    assert found["blend", "all"] == (len(flown), sum(flown.values()))
+    assert found["blend", "random"] == (len(random), sum(flown[name] for name in random))
+    assert found["scripted", "all"] == (len(own), sum(flown[name] for name in own))
 
 
 @pytest.mark.parametrize("farm", [Stimulated, Lucky])

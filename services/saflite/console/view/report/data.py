@@ -171,13 +171,17 @@ def modes_unseen(target: TargetInfo, states: Iterable[str]) -> tuple[str, ...]:
 
 
 def calibrations(run: RunFolder) -> tuple[Calibration, ...]:
-    """Return how the scores of each model that answered met their outcomes."""
-    rows = [
-        Row(model=score.scored_by, score=score.value, violated=score.violated, chosen=score.selected_by or "score")
-        for score in run.scores()
-        if score.violated is not None
-    ]
-    return calibrate_all(rows)
+    """Return how the scores of each model that answered met their outcomes.
+
+    A flight counts once for a model: one may have scored it twice, in the place of another and as one that watches.
+    """
+    rows: dict[tuple[str, str], Row] = {}
+    for score in sorted(run.scores(), key=lambda score: score.shadow):  # what decided goes before what watched
+        if score.violated is not None:
+            chosen = score.selected_by or "score"
+            row = Row(model=score.scored_by, score=score.value, violated=score.violated, chosen=chosen)
+            rows.setdefault((score.scored_by, score.test_case), row)
+    return calibrate_all(list(rows.values()))
 
 
 def exhibit(run: RunFolder, finding: Finding, rows: list[FlightRow]) -> Exhibit:
