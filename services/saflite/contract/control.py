@@ -70,8 +70,9 @@ class Status(msgspec.Struct, frozen=True, kw_only=True):
     `sittings`: a run that is taken up again has one more.
 
     `flights` are first flights, which alone count against `budget`; beside them are those `reflown` to confirm,
-    `checked` for repeating bit by bit (`unequal` did not), and flown to make violations smaller. `trouble`, if there is
-    any: why nothing is taken or handed out just now, such as a full disk.
+    `checked` for repeating bit by bit (`unequal` did not), and flown to make violations smaller. `scores` are those
+    that `scorer` was to give in all, `scores_by_model` of them those it gave itself; what scorers before it were to
+    give is in neither. `trouble`, if there is any: why nothing is taken or handed out just now, such as a full disk.
     """
 
     campaign: Word

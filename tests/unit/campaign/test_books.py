@@ -5,7 +5,9 @@ from __future__ import annotations
 import msgspec
 import pytest
 from books_drive import Driver, MemoryStore, doubles, new_books
+from msgspec.structs import replace
 
+from saflite.console.view import live
 from saflite.contract.control import Control
 from saflite.contract.events import Judged, Quarantined, ScorerChanged, ViolationFound
 from saflite.contract.flight import Flight
@@ -302,6 +304,40 @@ def test_a_swap_flips_between_batches_and_a_broken_model_is_rolled_back() -> Non
     assert isinstance(after.work, ScoreWork)
     assert after.work.model == "another"
     assert driver.report(before, driver.service.do(before.work), "b").status == "accepted"
+
+
+def test_the_share_a_scorer_decided_is_of_its_own_scores() -> None:
+    """What scorers before it gave is none of it, nor is what the embedded one gave in its place, nor a lost batch."""
+    driver = new_books()
+    driver.do("mutate")
+    (lease,) = driver.ask("score")
+    assert driver.report(lease, driver.service.do(lease.work)).status == "accepted"
+    first = driver.books.status(driver.now)
+    assert first.scores == first.scores_by_model > 0
+    assert driver.books.control(Control(verb="scorer", text="another"), driver.now).accepted
+    driver.do("score")
+    fresh = driver.books.status(driver.now)
+    assert (fresh.scorer, fresh.scores, fresh.scores_by_model) == ("another", 0, 0)
+    (lease,) = driver.ask("score")
+    given = driver.service.do(lease.work)
+    assert isinstance(given, ScoreResult)
+    instead = tuple(replace(one, scored_by="blend", fault="unreachable") for one in given.scores)
+    assert driver.report(lease, replace(given, scores=instead)).status == "accepted"
+    dead = driver.books.status(driver.now)
+    assert (dead.scores, dead.scores_by_model) == (len(instead), 0)
+    assert live.decided_share(dead) == f"another decided 0% of {len(instead)} scores"
+    driver.do("mutate")
+    for _ in range(2):
+        (lease,) = driver.ask("score")
+        assert driver.report(lease, Failure(message="it broke")).status == "accepted"
+    lost = driver.books.status(driver.now)
+    assert (lost.scores_by_model, lost.fallbacks) == (0, lost.scores)
+    assert lost.scores > dead.scores, "a lost batch was nobody's"
+    assert driver.books.control(Control(verb="scorer", text="scripted"), driver.now).accepted
+    while driver.books.status(driver.now).scorer != "scripted":
+        driver.do("score")
+    back = driver.books.status(driver.now)
+    assert back.scores == back.scores_by_model >= first.scores
 
 
 def test_pause_hands_nothing_new_out_and_stop_ends() -> None:

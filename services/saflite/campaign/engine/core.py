@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Literal
@@ -45,8 +45,8 @@ class Counts:
     unconfirmed: int = 0
     quarantined: int = 0
     unequal: int = 0  # flights flown over again that were no repeat on a target that says it repeats bit by bit
-    scores: int = 0  # that decided
-    scores_by_model: int = 0  # of them those of the model that was to score, not of the embedded one in its place
+    scores: Counter[str] = field(default_factory=Counter)  # that decided, by the model that was to give them
+    scores_by_model: Counter[str] = field(default_factory=Counter)  # of them those it gave, and no other in its place
     fallbacks: int = 0
     fallback_why: str = ""  # what the scorer said last
     simulated_s: float = 0.0

@@ -101,8 +101,8 @@ def status_of(reducer: Reducer, registry: WorkerRegistry, leases: Leases, rates:
         scorer_pending=told(",".join(key.model for key in reducer.scorers.pending), WORD_CHARS_MAX),
         fallbacks=counts.fallbacks,
         fallback_why=counts.fallback_why,
-        scores=counts.scores,
-        scores_by_model=counts.scores_by_model,
+        scores=counts.scores[reducer.scorers.model],
+        scores_by_model=counts.scores_by_model[reducer.scorers.model],
         queues=queues,
         workers=tuple(
             _worker(worker, len(leases.held_by(worker.stage, worker.worker)), core.template.target.name, now)

@@ -118,10 +118,6 @@ class Proposals:
         round_ = core.rounds.under_way[key.round]
         model = task.model
         core.done(task, "scored")
-        deciding = [score for score in result.scores if not score.shadow]
-        self._fell_back([score.fault for score in deciding if score.fault])
-        core.counts.scores += len(deciding)
-        core.counts.scores_by_model += sum(1 for score in deciding if score.scored_by == score.model)
         latency_s = max((usage.latency_s for usage in result.usage.values()), default=0.0)
         for label, usage in result.usage.items():
             tokens = (usage.tokens_in, usage.tokens_out, usage.latency_s, usage.cost_usd, usage.calls)
@@ -137,9 +133,11 @@ class Proposals:
             )
         self._scored(round_, model, result.scores, latency_s)
 
-    def _fell_back(self, faults: list[str]) -> None:
-        """Count scores that the embedded scorer gave instead, and keep why."""
-        counts = self._core.counts
+    def _count(self, model: str, deciding: list[Score]) -> None:
+        """Count the scores that `model` was to give; of those that another gave instead, keep why."""
+        counts, faults = self._core.counts, [score.fault for score in deciding if score.fault]
+        counts.scores[model] += len(deciding)
+        counts.scores_by_model[model] += sum(1 for score in deciding if score.scored_by == model)
         counts.fallbacks += len(faults)
         if faults:
             counts.fallback_why = faults[-1][:200]
@@ -159,11 +157,11 @@ class Proposals:
             Score(test_case=name, value=FALLBACK_SCORE, model=task.model, scored_by="none", fault=fault)
             for name in round_.batches[key.batch]
         )
-        self._fell_back([score.fault for score in scores])
         self._scored(round_, task.model, scores, 0.0)
 
     def _scored(self, round_: Round, model: str, scores: tuple[Score, ...], latency_s: float) -> None:
         core = self._core
+        self._count(model, [score for score in scores if not score.shadow])
         pairs = []
         for score in scores:
             labels = (score.model, score.scored_by, score.value, int(score.shadow), score.fault, score.reason)

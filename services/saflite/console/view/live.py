@@ -138,7 +138,7 @@ def one_line(status: Status) -> str:
 
 
 def decided_share(status: Status) -> str:
-    """Return what share of the scores the model decided, empty where it decided all or none was made."""
+    """Return what share of the scores asked of it the scorer decided, empty where that is all, or none were asked."""
     if status.scores_by_model >= status.scores:
         return ""
     return f"{status.scorer} decided {status.scores_by_model / status.scores:.0%} of {status.scores} scores"
