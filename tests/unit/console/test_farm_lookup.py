@@ -16,7 +16,7 @@ from saflite.console.view.dashboard.source import RunSource
 from saflite.contract.errors import Refused
 from saflite.flight.autopilots.reference.describe import describe
 from saflite.runtime import farm_register
-from saflite.runtime.client import FARM_FILE, FarmInfo, read_info, write_info
+from saflite.runtime.client import FARM_FILE, FarmClient, FarmInfo, read_info, write_info
 
 DAMAGED = (
     b"",
@@ -113,6 +113,55 @@ def test_a_copy_of_a_run_folder_is_not_taken_for_the_farm_of_the_other(
         assert told in capsys.readouterr().err
     works.rename("runs/moved")
     assert farm_lookup.is_running(Path("runs/moved"))
+
+
+ORDERS = ("control pause", "control budget 48", "control stop", "scorer use gap", "scorer shadow gap")
+
+
+def elsewhere(here: Path, name: str) -> Path:
+    """A farm of the same user in another folder, begun after all others."""
+    away = here.parent / f"{here.name}-other" / "runs" / name
+    away.mkdir(parents=True)
+    write_info(away, TCP)
+    os.utime(away / FARM_FILE, (2**31, 2**31))
+    farm_register.note(away)
+    return away
+
+
+@pytest.mark.parametrize("below", ["x", "group/x"])
+def test_what_runs_here_goes_before_what_began_later_elsewhere(below: str, here: Path) -> None:
+    mine = run_dir(here, below)
+    write_info(mine, TCP)
+    farm_register.note(mine)
+    elsewhere(here, "y")
+    assert farm_lookup.newest_running() == farm_lookup.newest(None) == farm_lookup.only_running() == mine
+
+
+@pytest.mark.parametrize("words", ORDERS)
+@pytest.mark.parametrize("names", [("x", "y"), ()])
+def test_an_order_that_may_be_meant_for_several_farms_is_given_to_none(
+    words: str, names: tuple[str, ...], here: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Here, or, with none here, elsewhere; what only reads takes the newest and says which."""
+    asked: list[Path] = []
+
+    def of_run(place: Path, insecure: bool = False) -> None:
+        asked.append(place)
+        raise Refused("farm", expected="one that is none of this test's", got="it")
+
+    monkeypatch.setattr(FarmClient, "of_run", of_run)
+    for name in names:
+        write_info(run_dir(here, name), TCP)
+    places = [Path("runs") / name for name in names] or [elsewhere(here, "y"), elsewhere(here, "z")]
+    assert main(words.split()) == 2
+    said = capsys.readouterr().err
+    assert all(str(place) in said for place in places), said
+    assert asked == []
+    assert main(["control", "status"]) == 2
+    assert "the newest that runs" in capsys.readouterr().err
+    assert main([*words.split(), str(places[0])]) == 2
+    assert len(asked) == 2
+    assert asked[1] == places[0]
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ DIGITS_MAX = 18  # of a number; what they say is bounded by the books
 def configure(parser: argparse.ArgumentParser) -> None:
     """Name the arguments."""
     parser.add_argument("verb", choices=["status", "pause", "resume", "stop", "budget"], help="the order")
-    words = "the new budget, with `budget`; then the run folder (the newest running one)"
+    words = "the new budget, with `budget`; then the run folder (the one that runs)"
     parser.add_argument("words", nargs="*", metavar="NUMBER RUN", help=words)
     farm_options.connecting(parser)
     parser.add_argument("--json", action="store_true", help="print the answer as JSON")
@@ -32,7 +32,7 @@ def run(args: argparse.Namespace) -> int:
 
     words, args.run = farm_lookup.last_as_run(args.words)
     number = _number(args.verb, words)
-    client = farm_lookup.connect(farm_options.where(args))
+    client = farm_lookup.connect(farm_options.where(args), reads=args.verb == "status")
     try:
         answer = client.order(args.verb, number=number)
     finally:

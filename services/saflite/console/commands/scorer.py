@@ -22,7 +22,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     verbs = parser.add_subparsers(dest="verb", required=True, metavar="use|shadow|list")
     use = verbs.add_parser("use", help="let another model decide")
     use.add_argument("model", help="see `saflite list scorers`; e.g. ollama:mistral")
-    use.add_argument("run", type=Path, nargs="?", metavar="RUN", help="run folder (the newest running one)")
+    use.add_argument("run", type=Path, nargs="?", metavar="RUN", help="run folder (the one that runs)")
     use.add_argument("--no-wait", action="store_true", help="do not wait until it has taken over")
     shadow = verbs.add_parser("shadow", help="let models score without deciding")
     shadow.add_argument("model", nargs="*", help="models; none: no shadow scoring; then the run folder")

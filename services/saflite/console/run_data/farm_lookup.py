@@ -31,18 +31,42 @@ def is_running(run_dir: Path) -> bool:
     return True
 
 
-def newest_running() -> Path:
-    """Return the newest farm of this user that runs on this machine; raises Refused if there is none."""
+def running() -> list[Path]:
+    """Return the run folders in which farms work, the newest first: those below `runs/`, else this user's elsewhere.
+
+    Who works in a folder means what runs there, whatever was begun in another one since.
+    """
     from saflite.runtime import farm_register
     from saflite.runtime.client import FARM_FILE
 
-    places = {*(path.parent for path in RUNS.glob(f"*/{FARM_FILE}")), *map(_shown, farm_register.noted())}
-    found = [place for place in places if says_it_runs(place)]
-    newest = max(found, key=lambda place: _changed_s(place / FARM_FILE), default=None)
-    if newest is None:
-        fix = "name its run folder, or --connect and --campaign"
-        raise Refused("run folder", where=str(RUNS), expected="one with a running farm", got="none", fix=fix)
-    return newest
+    below, noted = [path.parent for path in RUNS.glob(f"*/{FARM_FILE}")], list(map(_shown, farm_register.noted()))
+    near = {*below, *(place for place in noted if place.is_relative_to(RUNS))}
+    for places in (near, {*noted} - near):
+        found = [place for place in places if says_it_runs(place)]
+        if found:
+            return sorted(found, key=lambda place: _changed_s(place / FARM_FILE), reverse=True)
+    return []
+
+
+def newest_running() -> Path:
+    """Return the newest farm of `running`, for what only reads; raises Refused if there is none."""
+    return _some(running())[0]
+
+
+def only_running() -> Path:
+    """Return the one farm of `running`, for orders; raises Refused if there is none, or several may be meant."""
+    place, *others = _some(running())
+    if others:
+        got = f"several that run: {', '.join(map(str, (place, *others)))}"
+        raise Refused("run folder", expected="the one that the order is for", got=got, fix="name it")
+    return place
+
+
+def _some(found: list[Path]) -> list[Path]:
+    if found:
+        return found
+    fix = "name its run folder, or --connect and --campaign"
+    raise Refused("run folder", where=str(RUNS), expected="one with a running farm", got="none", fix=fix)
 
 
 def says_it_runs(place: Path) -> bool:
@@ -119,8 +143,13 @@ class Where(NamedTuple):
     keys: Path | None = None
 
 
-def connect(where: Where) -> FarmClient:
-    """Return a client of the farm meant; raises Refused if none is named or running, Unavailable if not reached."""
+def connect(where: Where, *, reads: bool = False) -> FarmClient:
+    """Return a client of the farm meant; of one that is not named the newest will do for what only `reads`.
+
+    Raises:
+        Refused: none is named or running, or an order might be meant for several.
+        Unavailable: it is not reached.
+    """
     from saflite.bus.keyring import peer_credentials
     from saflite.runtime.client import FarmClient
     from saflite.runtime.clock import WallClock
@@ -130,7 +159,9 @@ def connect(where: Where) -> FarmClient:
             raise Refused("--campaign", expected="the campaign's name, with --connect", got="nothing")
         keys = peer_credentials(where.keys, WallClock().unix_s()) if where.keys is not None else None
         return FarmClient.connect(where.endpoint, where.campaign, insecure=where.insecure, keys=keys)
-    place = where.run_dir or _told(newest_running(), "the newest that runs")
+    place = where.run_dir
+    if place is None:
+        place = _told(newest_running(), "the newest that runs") if reads else _told(only_running(), "the one that runs")
     if not is_running(place):
         fix = f"`saflite resume {place}` goes on with it"
         raise Refused("run folder", where=str(place), expected="a running farm", got="none that runs", fix=fix)
