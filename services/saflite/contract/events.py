@@ -128,10 +128,15 @@ class Event(msgspec.Struct, frozen=True, kw_only=True):
     fact: Fact
 
 
-KINDS = tuple(str(kind.__struct_config__.tag) for kind in get_args(Fact))
+def word_of(kind: type[msgspec.Struct]) -> str:
+    """Return the word that stands for a kind of fact."""
+    return str(kind.__struct_config__.tag)
+
+
+KINDS = tuple(word_of(kind) for kind in get_args(Fact))
 """Of every kind of fact the word that stands for it."""
 
 
 def kind_of(fact: Fact) -> str:
     """Return the word that stands for the fact's kind in its topic."""
-    return str(type(fact).__struct_config__.tag)
+    return word_of(type(fact))

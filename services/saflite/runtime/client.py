@@ -18,7 +18,7 @@ from saflite.contract.bounds import Word
 from saflite.contract.clock import Clock
 from saflite.contract.control import Answer, Control, Status, Verb
 from saflite.contract.errors import Refused, Unavailable
-from saflite.contract.events import Event
+from saflite.contract.events import CampaignChanged, Event
 from saflite.contract.names import Name
 from saflite.contract.outside import TEXT_BYTES_MAX, read_bytes
 from saflite.runtime import farm_register
@@ -105,6 +105,10 @@ def holds(control: Control, status: Status) -> bool:
             return False
 
 
+def _events_of(answer: Answer) -> list[Event]:
+    return [wire.decode(data, Event) for data in answer.events]
+
+
 class FarmClient:
     """A connection to a running farm. Not for use from several threads."""
 
@@ -161,7 +165,7 @@ class FarmClient:
 
     def event(self, seq: int, *, within_s: float = ANSWER_S) -> Event | None:
         """Return an event by its number, None if there is none; the first tells the run from others of its name."""
-        return next(iter(self._missed(seq, within_s)), None)
+        return next(iter(_events_of(self.order("events", number=seq, within_s=within_s))), None)
 
     def order(self, verb: Verb, text: str = "", number: int = 0, *, within_s: float = 30.0) -> Answer:
         """Give an order and return the answer; asks again while nobody answers.
@@ -208,31 +212,37 @@ class FarmClient:
     def watch(self, from_seq: int = 1, *, patience_s: float = 30.0) -> Iterator[Event]:
         """Yield every event from `from_seq` (the first is 1) on, in order, none twice or left out, up to the end.
 
+        That is the end of the campaign as it stands: one that had ended and was taken up again is followed on, one
+        that has ended and has nothing more to tell is not waited for.
+
         Raises:
             Unavailable: the books did not answer for `patience_s`.
         """
         self._bus.follow(topics.event(self._campaign, "*"), self._facts.put)
         early: dict[int, Event] = {}
-        wanted = from_seq
+        wanted, known_seq, over = from_seq, 0, False  # the books' last event when asked last, and whether all was over
         while True:
-            missed = self._missed(wanted, patience_s) if wanted not in early else []
-            early |= {event.seq: event for event in missed}
+            missed: list[Event] = []
+            if wanted not in early:
+                answer = self.order("events", number=wanted, within_s=patience_s)
+                missed = list(_events_of(answer))
+                early.update((event.seq, event) for event in missed)
+                if answer.status is not None:
+                    known_seq, over = answer.status.seq, answer.status.state == "ended"
             while wanted in early:
                 event = early.pop(wanted)
                 wanted += 1
                 yield event
-                if getattr(event.fact, "state", "") == "ended":
+                if isinstance(event.fact, CampaignChanged) and event.fact.state == "ended" and event.seq >= known_seq:
                     return
+            if over and wanted > known_seq:
+                return
             if not missed:  # otherwise there may be more than went into one answer
                 self._collect(early, wanted)
 
     def close(self) -> None:
         """Leave the bus."""
         self._bus.close()
-
-    def _missed(self, from_seq: int, patience_s: float) -> list[Event]:
-        answer = self.order("events", number=from_seq, within_s=patience_s)
-        return [wire.decode(data, Event) for data in answer.events]
 
     def _collect(self, early: dict[int, Event], wanted: int) -> None:
         """Take live facts until the wanted one is there, a gap shows, or all is quiet."""

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 from saflite.bus.base import Inbox, Reply
 from saflite.contract import wire
-from saflite.contract.control import Answer
+from saflite.contract.control import Answer, Control
 from saflite.contract.errors import Unavailable
 from saflite.runtime.client import ANSWER_S, FarmClient
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "campaign"))
+
+from books_drive import Driver, MemoryStore, new_books
 
 
 class _Clock:
@@ -63,3 +69,45 @@ def test_books_that_are_away_do_not_make_the_link_anew() -> None:
     with pytest.raises(Unavailable, match="did not answer for 3 s"):
         _client(clock, link).order("pause", within_s=3.0)
     assert not link.renewed, "that nobody is there was said at once"
+
+
+QUESTIONS_MAX = 20
+
+
+class _Books:
+    """A link to books that answer at once; who asks them again and again waits for what never comes."""
+
+    def __init__(self, driver: Driver) -> None:
+        self._driver, self._asked = driver, 0
+
+    def ask(self, _key: str, payload: bytes, tag: Any, inbox: Inbox, _timeout_s: float) -> None:
+        self._asked += 1
+        assert self._asked <= QUESTIONS_MAX, "waits for ever"
+        answer = self._driver.books.control(wire.decode(payload, Control), self._driver.now)
+        inbox(Reply(tag, wire.encode(answer)))
+
+    def follow(self, _key: str, _inbox: Inbox) -> None:
+        pass
+
+
+@pytest.mark.parametrize("leaves", [False, True])
+def test_a_campaign_is_followed_to_its_last_end_and_no_further(leaves: bool) -> None:
+    """Stopped and taken up again it goes on after an end; what has ended and was told whole is not waited for."""
+    driver = new_books(12)
+    store: object = driver.store
+    assert isinstance(store, MemoryStore)
+    driver.run(until_flights=4)
+    assert driver.books.control(Control(verb="stop"), driver.now).accepted
+    driver.commit()
+    driver = Driver(store.rebuild(), driver.store)
+    driver.run()
+    if leaves:
+        driver.books.absent("a", "fly", driver.now, why="the farm has ended")
+        driver.commit()
+    events = store.all_events
+    states = [getattr(event.fact, "state", "") for event in events]
+    assert states.count("ended") == 2
+    assert (states[-1] == "ended") != leaves
+    for from_seq in (1, len(events), len(events) + 1):
+        client = FarmClient(_Books(driver), "night", _Clock())  # type: ignore[arg-type]
+        assert list(client.watch(from_seq)) == events[from_seq - 1 :]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -17,7 +17,7 @@ from saflite.console.run_data.embargo import for_others
 from saflite.console.run_data.run_folder import open_run
 from saflite.contract.cloud_event import told_as
 from saflite.contract.errors import Refused, Unavailable
-from saflite.contract.events import Event, kind_of
+from saflite.contract.events import CampaignChanged, Event, kind_of
 from saflite.contract.ids import short_id
 from saflite.runtime.client import FarmClient
 from saflite.runtime.clock import WallClock
@@ -65,35 +65,38 @@ def _cursor_file(args: argparse.Namespace) -> Path:
 
 
 def _carry(args: argparse.Namespace, bridge: Bridge) -> bool:
-    """Carry what can be had now; True if the campaign has ended."""
-    over = False
+    """Carry what can be had now; True if the campaign has ended: by its books, however much of it was told before."""
     try:
-        for event, cursor in _new_events(args, bridge):
-            if not bridge.kinds or kind_of(event.fact) in bridge.kinds:
-                bridge.webhook.deliver(for_others(event), cursor)
-                keep_cursor(bridge.cursor_file, _after(cursor, event))
-            over = getattr(event.fact, "state", "") == "ended"
-    except Unavailable as fault:
-        log.info("the farm is away: %s", fault)
-        return False
-    return over
-
-
-def _new_events(args: argparse.Namespace, bridge: Bridge) -> Iterator[tuple[Event, Cursor]]:
-    """Yield the events that come after what was told, with the run they are of."""
-    if not args.connect and not farm_lookup.says_it_runs(args.run):
+        if args.connect or farm_lookup.says_it_runs(args.run):
+            return _carry_from_farm(args, bridge)
         with open_run(args.run) as folder:
             cursor = _at(bridge, folder.campaign.name, lambda seq: next(folder.events(seq), None))
             if cursor is not None:
-                yield from ((event, cursor) for event in folder.events(cursor.seq + 1))
-        return
+                _tell(bridge, cursor, folder.events(cursor.seq + 1))
+            changes = folder.facts(CampaignChanged)
+            return bool(changes) and changes[-1].state == "ended"
+    except Unavailable as fault:
+        log.info("the farm is away: %s", fault)
+        return False
+
+
+def _carry_from_farm(args: argparse.Namespace, bridge: Bridge) -> bool:
     client = _connected(args)
     try:
         cursor = _at(bridge, client.campaign, client.event)
         if cursor is not None:
-            yield from ((event, cursor) for event in client.watch(cursor.seq + 1, patience_s=ANSWER_S))
+            _tell(bridge, cursor, client.watch(cursor.seq + 1, patience_s=ANSWER_S))
+        return cursor is not None  # what is watched has come to its end
     finally:
         client.close()
+
+
+def _tell(bridge: Bridge, cursor: Cursor, events: Iterable[Event]) -> None:
+    """Have the receiver take the events of the kinds asked for."""
+    for event in events:
+        if not bridge.kinds or kind_of(event.fact) in bridge.kinds:
+            bridge.webhook.deliver(for_others(event), cursor)
+            keep_cursor(bridge.cursor_file, _after(cursor, event))
 
 
 def _connected(args: argparse.Namespace) -> FarmClient:

@@ -26,7 +26,7 @@ from saflite.contract.blobs import BlobMissing, BlobRef
 from saflite.contract.circumstances import Circumstances, circumstances_of
 from saflite.contract.config import Campaign
 from saflite.contract.errors import Refused
-from saflite.contract.events import Event
+from saflite.contract.events import Event, Fact, word_of
 from saflite.contract.flight import Flight, Purpose, Trace, unpack_trace
 from saflite.contract.memory_faults import is_memory_fault
 from saflite.contract.names import recording_file
@@ -40,6 +40,7 @@ from saflite.recorder.recording import read as read_recording
 from saflite.recorder.summary import Finding, PolicyFacts, Rulings, RunSummary
 
 T = TypeVar("T")
+F = TypeVar("F", bound=Fact)
 EVENTS_AT_ONCE, ROUNDS_MAX = 500, 10**9
 
 
@@ -317,6 +318,12 @@ class RunFolder:
     def first_event(self) -> Event | None:
         """Return the first event, None before there is one."""
         return next(iter(self._events("SELECT seq, event FROM events ORDER BY seq LIMIT 1")), None)
+
+    def facts(self, kind: type[F]) -> list[F]:
+        """Return the facts of one kind, in the order told."""
+        query = "SELECT seq, event FROM events WHERE kind = ? ORDER BY seq"
+        found = (event.fact for event in self._events(query, word_of(kind)))
+        return [fact for fact in found if isinstance(fact, kind)]
 
     def _events(self, query: str, *values: object) -> list[Event]:
         """Return the events of the (number, content) rows that a query finds."""
