@@ -15,7 +15,7 @@ import logging
 import os
 import re
 from pathlib import Path
-from typing import Protocol
+from typing import Annotated, Protocol
 
 import httpx
 import msgspec
@@ -40,6 +40,8 @@ SECRET_BYTES_MIN = 16
 SECRET_BYTES_MAX = 4096
 
 
+Kinds = Annotated[tuple[Word, ...], msgspec.Meta(max_length=1_000)]
+
 _HOST = re.compile(rb"[A-Za-z0-9._-]+|\[?[0-9A-Fa-f:.]+\]?")  # as httpx has it: encoded
 
 
@@ -52,12 +54,20 @@ class WaitingClock(Clock, Protocol):
 
 
 class Cursor(msgspec.Struct, frozen=True, kw_only=True):
-    """How far a bridge is: the run, when it began, and the last event that was taken, `told_as` what."""
+    """How far a bridge is: the run, when it began, and the last event that was taken, `told_as` what.
+
+    Up to there all events of `kinds` were taken, all there are if it names none; whether others were nobody knows.
+    """
 
     campaign: Name
     begun_unix_s: Seconds
     seq: Place = 0
     told_as: Word = ""
+    kinds: Kinds = ()
+
+    def covers(self, kinds: frozenset[str]) -> bool:
+        """Whether all events of these kinds (of all, if empty) were taken up to there."""
+        return not self.kinds or (bool(kinds) and kinds <= frozenset(self.kinds))
 
 
 def read_cursor(path: Path) -> Cursor | None:

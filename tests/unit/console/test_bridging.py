@@ -9,10 +9,11 @@ from pathlib import Path
 import pytest
 
 from saflite.campaign.storage.store import Store
+from saflite.console.cli import main
 from saflite.console.operations import bridging
 from saflite.console.run_data.run_folder import open_run
 from saflite.contract.control import Control
-from saflite.contract.events import Event, kind_of
+from saflite.contract.events import KINDS, Event, kind_of
 from saflite.runtime.webhook import Cursor
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "campaign"))
@@ -87,3 +88,36 @@ def test_a_run_that_goes_on_later_is_waited_for(tmp_path: Path) -> None:
     closed(Driver(store.rebuild(), store))
     assert not carried(run)[0]
     assert not carried(run)[0]
+
+
+def test_no_event_of_a_kind_that_is_asked_for_later_is_left_out(tmp_path: Path) -> None:
+    """How far a bridge is says nothing of kinds that it did not tell; fewer kinds than it told go on where it was."""
+    run = tmp_path / "run"
+    closed(flown(run))
+    with open_run(run) as folder:
+        events = list(folder.events())
+    of = {word: [event for event in events if kind_of(event.fact) == word] for word in KINDS}
+    assert of["violation"]
+    assert carried(run, "violation") == (True, of["violation"])
+    assert carried(run, "flown") == (True, of["flown"])
+    both = [event for event in events if kind_of(event.fact) in ("flown", "violation")]
+    assert carried(run, "violation", "flown") == (True, both)
+    assert carried(run, "flown") == carried(run, "flown") == (True, [])
+    assert carried(run) == (True, events)
+    assert carried(run, "violation") == carried(run, "judged") == (True, []), "all of it was told"
+
+
+def test_kinds_that_differ_from_those_told_are_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = tmp_path / "run"
+    closed(flown(run))
+    monkeypatch.setattr(bridging, "Webhook", lambda *_: _Receiver())
+    for kind, said in (
+        ("violation", ""),
+        ("violation", "going on after event"),
+        ("flown", "only violation was told before"),
+    ):
+        assert main(["watch", str(run), "--kind", kind, "--webhook", "http://127.0.0.1:9/x"]) == 0
+        shown = capsys.readouterr().out
+        assert said in shown if said else not shown

@@ -46,8 +46,10 @@ def run(args: argparse.Namespace, say: Callable[[str], None]) -> None:
         args.run = farm_lookup.newest(args.run)
     bridge = Bridge(frozenset(args.kind), webhook, _cursor_file(args))
     cursor = read_cursor(bridge.cursor_file)
-    if cursor is not None:
+    if cursor is not None and cursor.covers(bridge.kinds):
         say(f"going on after event {cursor.seq}; {bridge.cursor_file}")
+    elif cursor is not None:
+        say(f"from the first event on: only {', '.join(cursor.kinds)} was told before; {bridge.cursor_file}")
     try:
         while not _carry(args, bridge):
             clock.sleep_s(AWAY_S)
@@ -115,14 +117,19 @@ def _after(cursor: Cursor, event: Event) -> Cursor:
 def _at(bridge: Bridge, campaign: str, event: Callable[[int], Event | None]) -> Cursor | None:
     """Return how far this run was told, None if it has no events; another run of the same name begins anew.
 
-    So does one whose event told last is another now, or is not there: commits were lost, and their numbers are given
-    again. What is told twice bears the same id, what differs another.
+    So does one of which not all kinds asked for were told, and one whose event told last is another now, or is not
+    there: commits were lost, and their numbers are given again. What is told twice bears the same id, what differs
+    another.
     """
     first = event(1)
     if first is None:
         return None
-    begun, kept = Cursor(campaign=campaign, begun_unix_s=first.at_unix_s), read_cursor(bridge.cursor_file)
-    if kept is None or msgspec.structs.replace(kept, seq=0, told_as="") != begun:
+    kinds = tuple(sorted(bridge.kinds))
+    begun, kept = Cursor(campaign=campaign, begun_unix_s=first.at_unix_s, kinds=kinds), read_cursor(bridge.cursor_file)
+    if kept is None or not kept.covers(bridge.kinds):
+        return begun
+    kept = msgspec.structs.replace(kept, kinds=kinds)
+    if msgspec.structs.replace(kept, seq=0, told_as="") != begun:
         return begun
     last = event(kept.seq) if kept.told_as else None
     return kept if not kept.told_as or (last is not None and told_as(last) == kept.told_as) else begun
