@@ -79,13 +79,29 @@ class Quarantined(msgspec.Struct, frozen=True, kw_only=True, tag="quarantined"):
     message: Account = ""
 
 
+WATCHES_ONLY = "watches only; "
+"""What is told first of a change of the models that do not decide."""
+
+
 class ScorerChanged(msgspec.Struct, frozen=True, kw_only=True, tag="scorer"):
-    """The deciding model changed, or a change was rolled back (`ready` false)."""
+    """The deciding model, or those that only watch, changed, or a change was rolled back (`ready` false)."""
 
     model: Label
     previous: Label
     ready: bool
     message: Account = ""
+
+    @property
+    def decides(self) -> bool:
+        """Whether it is of the model that decides."""
+        return not self.message.startswith(WATCHES_ONLY)
+
+
+class BudgetChanged(msgspec.Struct, frozen=True, kw_only=True, tag="budget"):
+    """An operator changed how many first flights may be flown, before and now."""
+
+    budget: Count
+    previous: Count
 
 
 class WorkerChanged(msgspec.Struct, frozen=True, kw_only=True, tag="worker"):
@@ -115,6 +131,7 @@ Fact = (
     | ViolationFound
     | Quarantined
     | ScorerChanged
+    | BudgetChanged
     | WorkerChanged
     | FaultSeen
 )

@@ -48,6 +48,9 @@ class Stub:
     def head(self) -> Head:
         return self._head
 
+    def settings(self) -> str:
+        return ""
+
     def figures(self) -> Figures:
         return Figures(
             state="running",

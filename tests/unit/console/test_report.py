@@ -14,6 +14,7 @@ import pytest
 from shapely.geometry import Point, Polygon
 
 from saflite.campaign.presets.campaigns import load_campaign, template
+from saflite.console.run_data.in_force import at_first
 from saflite.console.run_data.rows import ArtefactRow, FlightRow
 from saflite.console.view.report import bars, charts, evidence, layout, page
 from saflite.console.view.report.data import Exhibit, Progress, ReportData
@@ -129,6 +130,7 @@ def data(count: int) -> ReportData:
     rows = [Row("blend", 8.0, True), Row("blend", 2.0, False), Row("blend", 9.0, True, "random")]
     return ReportData(
         campaign=load_campaign("avoidance-m2"),
+        in_force=at_first(load_campaign("avoidance-m2")),
         state="ended: the budget is spent",
         elapsed_s=30.0,
         exhibits=exhibits,

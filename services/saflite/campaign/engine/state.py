@@ -52,7 +52,7 @@ from saflite.contract.bounds import told
 from saflite.contract.config import Campaign
 from saflite.contract.control import Answer, Control, Status
 from saflite.contract.errors import Refused, Unavailable
-from saflite.contract.events import FaultSeen, WorkerChanged
+from saflite.contract.events import BudgetChanged, FaultSeen, WorkerChanged
 from saflite.contract.join import Join
 from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import Target, TestCase
@@ -385,7 +385,10 @@ class Books:
         if objection:
             return Answer(accepted=False, message=objection, status=self.status(now))
         if not self._reducer.scorers.is_under_way(control):
+            before = self._core.rounds.budget
             self._do(Ordered(control=control), now)
+            if (budget := self._core.rounds.budget) != before:  # noted beside it: older journals tell what they told
+                self._do(Noted(fact=BudgetChanged(budget=budget, previous=before)), now)
         self._stop_clocks()
         self._choose(now)
         return Answer(accepted=True, status=self.status(now))

@@ -6,7 +6,7 @@ from saflite.campaign.engine.core import Core
 from saflite.campaign.scheduling.tasks import Task
 from saflite.campaign.scheduling.work_keys import WarmKey
 from saflite.contract.control import Control
-from saflite.contract.events import ScorerChanged
+from saflite.contract.events import WATCHES_ONLY, ScorerChanged
 from saflite.contract.names import LABEL_CHARS_MAX
 from saflite.contract.work import WarmResult
 
@@ -68,7 +68,7 @@ class Scorers:
         elif not decides and ready:
             joined = (*self.shadow, model)
             self.shadow = tuple(name for name in models if name in joined)
-        note = message if decides else f"watches only; {message}"
+        note = message if decides else f"{WATCHES_ONLY}{message}"
         self._core.tell(ScorerChanged(model=model, previous=previous, ready=ready, message=note))
 
     def _drop(self, key: WarmKey, message: str) -> None:

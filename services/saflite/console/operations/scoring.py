@@ -73,6 +73,7 @@ def _say(args: argparse.Namespace, good: bool, text: str) -> int:
 
 def show(where: Where, as_json: bool) -> int:
     """Print what scores now, the calibration of every model that did, and what calls took."""
+    from saflite.console.run_data.in_force import in_force
     from saflite.console.run_data.run_folder import open_run
     from saflite.console.view.report.data import calibrations
 
@@ -83,7 +84,7 @@ def show(where: Where, as_json: bool) -> int:
         return 0
     with open_run(place) as run:
         known, usage = calibrations(run), run.usage()
-        now = now or run.campaign.scorer.model
+        now = now or in_force(run).scorer
     if as_json:
         out.json({"scorer": now, "calibration": known, "usage": [use_row._asdict() for use_row in usage]})
         return 0

@@ -6,6 +6,7 @@ from datetime import UTC, datetime
 
 from saflite.console.view import live
 from saflite.contract.events import (
+    BudgetChanged,
     CampaignChanged,
     Event,
     Fact,
@@ -52,6 +53,8 @@ def _text(fact: Fact) -> str:
             )
         case Judged():
             return f"judged  {fact.test_case}/{fact.flight_index} {_said(fact)} {' '.join(fact.violated)}".rstrip()
+        case BudgetChanged():
+            return f"budget  {fact.budget} flights, {fact.previous} before"
         case WorkerChanged():
             return _change(fact)
         case _:

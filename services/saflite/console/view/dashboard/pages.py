@@ -61,7 +61,7 @@ def of_run(number: int, source: Source, role: Role, *, alone: bool) -> str:
     nav = "".join(f'<a href="#{name}">{text}</a>' for name, text in links)
     body = (
         f"{bar}<main><p>{escape(head.description)}</p>"
-        f'<p class="muted">{head.settings}{_built(head)}</p><nav>{nav}</nav>'
+        f'<p class="muted">{source.settings()}{_built(head)}</p><nav>{nav}</nav>'
         f"{_tiles(figures)}{_orders() if role == 'operator' else ''}"
         f'<h2 id="finds-title">Behaviours found</h2><div id="finds">{finds(found)}</div>'
         f"{_workers()}{sections}</main>{_dialog()}"

@@ -13,6 +13,7 @@ import msgspec
 from saflite.console.run_data import farm_lookup
 from saflite.console.run_data.embargo import withheld_words
 from saflite.console.run_data.farm_lookup import Where
+from saflite.console.run_data.in_force import budgets, in_force
 from saflite.console.run_data.run_folder import RunFolder, open_run
 from saflite.console.view.dashboard import finds
 from saflite.console.view.report import data, page
@@ -41,7 +42,6 @@ class Head(NamedTuple):
     target: str
     build: str
     began_unix_s: float
-    settings: str = ""
     where: str = ""
 
 
@@ -65,6 +65,10 @@ class Source(Protocol):
 
     def head(self) -> Head:
         """Return what it is."""
+        ...
+
+    def settings(self) -> str:
+        """Return what was chosen for it, and what an operator has changed since, as HTML."""
         ...
 
     def figures(self) -> Figures:
@@ -156,6 +160,11 @@ class RunSource:
         """Return what it is."""
         return self._head
 
+    def settings(self) -> str:
+        """Return what was chosen, and changed."""
+        with open_run(self._dir) as run:
+            return page.settings(run.campaign, in_force(run))
+
     def figures(self) -> Figures:
         """Return how it stands: from the farm, or from the books of one that does not run."""
         status = self._farm.status() if farm_lookup.says_it_runs(self._dir) else None
@@ -163,12 +172,11 @@ class RunSource:
             return _of_status(status)
         with open_run(self._dir) as run:
             flown, standings = run.flown(), run.standings()
-            last = run.last_events(200)
-            changes = [event.fact for event in last if isinstance(event.fact, CampaignChanged)]
+            last, changes = run.last_events(1), run.facts(CampaignChanged)
             return Figures(
                 state="ended" if changes and changes[-1].state == "ended" else NOT_RUNNING,
                 flights=flown["search"],
-                budget=run.campaign.budget_flights,
+                budget=(run.campaign.budget_flights, *budgets(run))[-1],
                 reflown=flown["confirm"],
                 behaviours=len({one.fingerprint for one in run.violations("confirmed")}),
                 finds=standings["confirmed"] + standings["similar"],
@@ -234,7 +242,6 @@ def _head(run: RunFolder, folder: str) -> Head:
         run.campaign.target.name,
         run.target.build,
         first.at_unix_s if first else 0.0,
-        page.settings(run.campaign),
         folder,
     )
 
@@ -290,7 +297,11 @@ class EndpointSource:
 
     def head(self) -> Head:
         """Return what is known of it."""
-        return Head(self._where.campaign, f"the farm at {self._where.endpoint}", "", "", 0.0, "", self._where.endpoint)
+        return Head(self._where.campaign, f"the farm at {self._where.endpoint}", "", "", 0.0, self._where.endpoint)
+
+    def settings(self) -> str:
+        """Return nothing: the campaign is elsewhere."""
+        return ""
 
     def figures(self) -> Figures:
         """Return how it stands; `unreachable` where nobody answers."""

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from saflite.campaign.engine.exposure import ArmCounts
 from saflite.console.run_data.embargo import Released, is_public
+from saflite.console.run_data.in_force import InForce, in_force
 from saflite.console.run_data.rows import ArtefactRow, FlightRow, UsageRow
 from saflite.console.run_data.run_folder import RunFolder
 from saflite.console.run_data.standing import inputs_told, standing
@@ -62,6 +63,7 @@ class ReportData(NamedTuple):
     """All of a campaign that the report shows."""
 
     campaign: Campaign
+    in_force: InForce
     state: str
     elapsed_s: float
     exhibits: tuple[Exhibit, ...]
@@ -101,12 +103,13 @@ def read(run: RunFolder, released: Released = ()) -> ReportData:
     shown = [finding for finding in found if is_public(finding, released)]
     hidden = {one.violation.fingerprint for one in found} - {one.violation.fingerprint for one in shown}
     exhibits = tuple(exhibit(run, one, by_case.get(one.violation.test_case, [])) for one in shown)
-    changes = [event.fact for event in run.events() if isinstance(event.fact, CampaignChanged)]
+    changes = run.facts(CampaignChanged)
     now = standing(run.path, changes[-1] if changes else None)
     quarantined, faults = troubles(run)
     violations = run.violations()
     return ReportData(
         campaign=run.campaign,
+        in_force=in_force(run),
         state=now.text,
         elapsed_s=run.elapsed_s(),
         exhibits=exhibits,

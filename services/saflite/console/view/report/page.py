@@ -10,6 +10,7 @@ import numpy as np
 from saflite.campaign.engine.exposure import ArmCounts
 from saflite.console.run_data.deduplication import deduplicate
 from saflite.console.run_data.embargo import withheld_words
+from saflite.console.run_data.in_force import InForce, in_words
 from saflite.console.run_data.rows import UsageRow
 from saflite.console.run_data.unproven import unproven_words
 from saflite.console.view.html_text import escape
@@ -31,10 +32,10 @@ DRAWN_FROM = 8
 
 def render(data: ReportData, run_name: str) -> str:
     """Return the whole page as HTML."""
-    name = escape(data.campaign.name)
+    name, chosen = escape(data.campaign.name), settings(data.campaign, data.in_force, data.fallbacks)
     sections = [
         f"<header><h1>{name}</h1><p>{escape(data.campaign.description)}</p>"
-        f'<p class="muted">campaign {escape(data.state)} · {settings(data.campaign, data.fallbacks)}</p></header>',
+        f'<p class="muted">campaign {escape(data.state)} · {chosen}</p></header>',
         _tiles(data),
         progress_charts(data.progress),
         _table(data),
@@ -57,12 +58,12 @@ def render(data: ReportData, run_name: str) -> str:
     return f'<!doctype html><html lang="en"><head>{head}</head><body>{body}</body></html>\n'
 
 
-def settings(campaign: Campaign, fallbacks: tuple[int, str] = (0, "")) -> str:
-    """Return what was chosen for a campaign, in one line."""
+def settings(campaign: Campaign, now: InForce, fallbacks: tuple[int, str] = (0, "")) -> str:
+    """Return what was chosen for a campaign, and what an operator changed, in one line."""
     parts = [
         f"target {campaign.target.name}",
         f"strategy {campaign.strategy.name}",
-        f"scorer {campaign.scorer.model}",
+        f"scorer {in_words(now.scorers)}",
         f"rng_seed {campaign.rng_seed}",
         f"policies {', '.join(campaign.policies)}",
     ]
@@ -84,7 +85,7 @@ def _tiles(data: ReportData) -> str:
         (str(sum(data.finds.values())), "finds of them", ""),
         (str(flaky), "flaky", "warn" if flaky else ""),
         *([(str(data.unproven), "neither confirmed nor refuted", "warn")] if data.unproven else []),
-        (f"{flown['search']}", f"flights of {data.campaign.budget_flights}", ""),
+        (f"{flown['search']}", f"flights of {in_words(data.in_force.budgets)}", ""),
         (f"{flown['confirm']}", "flights more to confirm what was found", ""),
         (f"{flown['check']}", "flown over again to check the farm", ""),
         (f"{simulated_s / 3600:.2f} h", "flown in simulated time", ""),
