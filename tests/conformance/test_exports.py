@@ -148,6 +148,41 @@ def test_sarif_results_name_rule_place_and_fingerprint(tmp_path: Path) -> None:
         assert result["message"]["text"]
 
 
+LARGER = finding(AVOID, "min-obstacle-distance")
+FORM = msgspec.structs.replace(AVOID, scenario=Scenario(mission=builtin_mission("mission2")))
+
+
+def test_a_smallest_form_is_named_with_its_find_and_counted_by_nobody(tmp_path: Path) -> None:
+    smaller = finding(FORM, "min-obstacle-distance")._replace(smallest_form_of=identity(AVOID))
+    flaky = finding(POLICY, "min-obstacle-distance", "flaky")._replace(smallest_form_of=identity(AVOID))
+    summary = SUMMARY._replace(findings=(smaller, LARGER, flaky))
+    suite = ElementTree.parse(export.export("junit", summary, tmp_path)[0]).getroot()
+    assert (suite.attrib["tests"], suite.attrib["failures"], suite.attrib["skipped"]) == ("3", "1", "1")
+    text = suite.findtext("testcase/failure")
+    assert text
+    assert f"smallest form test_cases/{identity(FORM)}.yaml (confirmed)" in text
+    (result,) = json.loads(export.export("sarif", summary, tmp_path)[0].read_text())["runs"][0]["results"]
+    assert identity(AVOID) in json.dumps(result["locations"])
+    assert [place["message"]["text"] for place in result["relatedLocations"]] == [
+        "its smallest form (confirmed)",
+        "its smallest form (flaky)",
+    ]
+    with export.export("csv", summary, tmp_path)[0].open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["smallest_form_of"] for row in rows] == [identity(AVOID), "", identity(AVOID)]
+    written = [path for path in export.export("yaml", summary, tmp_path) if path.suffix == ".yaml"]
+    assert len(written) == 3, "all of them can be flown"
+
+
+def test_a_smallest_form_without_its_find_counts(tmp_path: Path) -> None:
+    """As where the find is withheld, or of another policy."""
+    alone = finding(FORM, "a-chute")._replace(smallest_form_of=identity(AVOID))
+    summary = SUMMARY._replace(findings=(LARGER, alone))
+    suite = ElementTree.parse(export.export("junit", summary, tmp_path)[0]).getroot()
+    assert suite.attrib["failures"] == "2"
+    assert len(json.loads(export.export("sarif", summary, tmp_path)[0].read_text())["runs"][0]["results"]) == 2
+
+
 def test_the_table_has_a_row_per_violation(tmp_path: Path) -> None:
     (path,) = export.export("csv", SUMMARY, tmp_path)
     with path.open(newline="") as file:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -51,7 +51,8 @@ class PolicyFacts(NamedTuple):
 class Finding(NamedTuple):
     """One violation: its test case, the judgement on its first flight, and its recording relative to the run folder.
 
-    `circumstances` is what maintainers ask first; None where it was not worked out.
+    `circumstances` is what maintainers ask first; None where it was not worked out. `smallest_form_of` names the test
+    case that it was made of by minimising, empty for a find of the search.
     """
 
     violation: Violation
@@ -59,6 +60,14 @@ class Finding(NamedTuple):
     judgement: Judgement | None = None
     recording: str = ""
     circumstances: Circumstances | None = None
+    smallest_form_of: str = ""
+
+
+class Find(NamedTuple):
+    """A finding that counts, with its smallest forms among the findings, which are no finds of their own."""
+
+    finding: Finding
+    smallest_forms: tuple[Finding, ...] = ()
 
 
 class RunSummary(NamedTuple):
@@ -79,3 +88,20 @@ class RunSummary(NamedTuple):
     withheld: int = 0
     pending: Mapping[str, int] = MappingProxyType({})
     unproven: int = 0
+
+    def finds(self) -> tuple[Find, ...]:
+        """Return what counts of the findings."""
+        return finds_of(self.findings)
+
+
+def finds_of(findings: Sequence[Finding]) -> tuple[Find, ...]:
+    """Return what counts of findings, in their order; a smallest form does only where its find is not among them."""
+    forms: dict[tuple[str, str], list[Finding]] = {}
+    for one in findings:
+        if not one.smallest_form_of:
+            forms[one.violation.test_case, one.violation.policy] = []
+    counted = []
+    for one in findings:
+        found = forms.get((one.smallest_form_of, one.violation.policy))
+        counted.append(one) if found is None else found.append(one)
+    return tuple(Find(one, tuple(forms.get((one.violation.test_case, one.violation.policy), ()))) for one in counted)

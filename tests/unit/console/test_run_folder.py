@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import sys
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 from msgspec.structs import replace
@@ -108,3 +110,32 @@ def test_a_smallest_form_is_told_and_counts_as_no_find_of_its_own(
     assert sum(made.finds.values()) == int(made.progress.found[-1]) == live.finds
     assert max(cause["violations"] for cause in said["causes"]) <= live.finds
     assert any(cause["test_case"] in forms for cause in said["causes"]), "the smallest inputs are told"
+
+
+@pytest.mark.parametrize("farm", [Stimulated, Lucky])
+def test_what_is_exported_for_ci_counts_as_the_report_does(
+    farm: Callable[[Blobs], doubles.Service], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    driver, run_dir = started(tmp_path / "run"), tmp_path / "run"
+    assert driver.store is not None
+    driver.service = farm(driver.store.blobs)
+    finish(driver)
+    behaviours = RunSource(run_dir).figures().behaviours
+    with open_run(run_dir) as run:
+        made, forms = data.read(run), run.smallest_forms()
+    for name in ("junit", "sarif", "csv"):
+        assert main(["export", str(run_dir), "--format", name, "--out", str(tmp_path / name), "--json"]) == 0
+        said = json.loads(capsys.readouterr().out)
+        assert said["violations"] == len(made.exhibits) - len(forms)
+    suite = ElementTree.parse(tmp_path / "junit" / "junit.xml").getroot()
+    assert int(suite.attrib["failures"]) == behaviours == made.finds_shown("confirmed")
+    results = json.loads((tmp_path / "sarif" / "violations.sarif").read_text())["runs"][0]["results"]
+    places = [result["partialFingerprints"]["saflite/v1"] for result in results if result["level"] != "note"]
+    assert len(places) == len(set(places)) == behaviours
+    with (tmp_path / "csv" / "violations.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    own = [row for row in rows if not row["smallest_form_of"]]
+    assert sum(row["confirmation"] == "confirmed" for row in own) == behaviours
+    made_of = {row["test_case"]: row["smallest_form_of"] for row in rows if row["smallest_form_of"]}
+    assert set(made_of) == forms, "each names its find"
+    assert set(made_of.values()) <= {row["test_case"] for row in own}

@@ -57,17 +57,17 @@ def run(args: argparse.Namespace) -> int:
     folder = args.out or args.run / f"export-{args.format}"
     with open_run(args.run) as run_folder:
         summary = run_folder.summary(args.release)
-    files = export(args.format, summary, folder)
+    files, finds = export(args.format, summary, folder), summary.finds()
     if args.json:
-        counts = {"violations": len(summary.findings), "unproven": summary.unproven, "withheld": summary.withheld}
+        counts = {"violations": len(finds), "unproven": summary.unproven, "withheld": summary.withheld}
         out.json({"files": [str(path) for path in files], **counts})
     else:
         for path in files:
             out.line(str(path))
         unproven = f"; {unproven_words(summary.unproven)}" if summary.unproven else ""
-        out.line(f"{len(files)} files, {len(summary.findings)} violations{unproven}")
+        out.line(f"{len(files)} files, {len(finds)} violations{unproven}")
         embargo.tell(summary.withheld)
-        if summary.findings and not files:
+        if finds and not files:
             out.line(f"none of them has what {args.format} files hold (missions, boxes)")
     return 0
 

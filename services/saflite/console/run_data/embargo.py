@@ -5,7 +5,7 @@ The run itself keeps all of them: its store, recordings, test cases and what is 
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 
 import msgspec
 
@@ -23,6 +23,14 @@ def is_public(finding: Finding, released: Released) -> bool:
     """Return whether a finding may be shown to others."""
     embargoed = finding.circumstances is not None and finding.circumstances.memory_safety
     return not embargoed or any(one == ALL or finding.violation.fingerprint.startswith(one) for one in released)
+
+
+def split(findings: Iterable[Finding], released: Released) -> tuple[list[Finding], list[Finding]]:
+    """Return the findings that may be shown to others, and those that may not."""
+    shown, hidden = list[Finding](), list[Finding]()
+    for one in findings:
+        (shown if is_public(one, released) else hidden).append(one)
+    return shown, hidden
 
 
 def withheld_words(count: int) -> str:

@@ -17,7 +17,7 @@ from saflite.campaign.storage.contents import Contents
 from saflite.campaign.storage.packing import Packing
 from saflite.campaign.storage.sqlite import connect_reading, damage_named
 from saflite.campaign.storage.store import store_file
-from saflite.console.run_data.embargo import Released, is_public
+from saflite.console.run_data.embargo import Released, split
 from saflite.console.run_data.rows import ArtefactRow, FlightRow, ScoreRow, UsageRow
 from saflite.console.run_data.unproven import pending, unproven
 from saflite.console.view import out
@@ -37,7 +37,7 @@ from saflite.contract.work import Outcome
 from saflite.evidence.folder import BlobFolder
 from saflite.flight.build import library_version
 from saflite.recorder.recording import read as read_recording
-from saflite.recorder.summary import Finding, PolicyFacts, Rulings, RunSummary
+from saflite.recorder.summary import Finding, PolicyFacts, Rulings, RunSummary, finds_of
 
 T = TypeVar("T")
 F = TypeVar("F", bound=Fact)
@@ -152,13 +152,15 @@ class RunFolder:
         order = {"confirmed": 0, "unconfirmed": 1, "flaky": 2}
         found = self.violations(similar=similar)
         found.sort(key=lambda one: (order.get(one.confirmation, 3), one.robustness, one.test_case))
-        memory = self.memory_faults()
-        return [self._finding(one, one.test_case in memory) for one in found]
+        memory, forms = self.memory_faults(), self.smallest_forms()
+        return [self._finding(one, one.test_case in memory, one.test_case in forms) for one in found]
 
-    def _finding(self, violation: Violation, memory: bool) -> Finding:
+    def _finding(self, violation: Violation, memory: bool, is_form: bool) -> Finding:
         name, test_case = violation.test_case, self.test_case(violation.test_case)
         judgement, recording = self.judgement(name, violation.flight_index), self.recording(name)
-        return Finding(violation, test_case, judgement, recording, self._circumstances(violation, test_case, memory))
+        circumstances = self._circumstances(violation, test_case, memory)
+        made_of = test_case.origin.parent if is_form else ""
+        return Finding(violation, test_case, judgement, recording, circumstances, made_of)
 
     def _circumstances(self, violation: Violation, test_case: TestCase, memory: bool) -> Circumstances:
         rows = self.flights(violation.test_case)
@@ -173,7 +175,7 @@ class RunFolder:
         """Return the campaign's result as exports want it, of findings of memory safety the `released` ones only."""
         rulings, flights, violations = self.rulings(), self.flights(), self.violations()
         found = self.findings()
-        shown = [one for one in found if is_public(one, released)]
+        shown, hidden = split(found, released)
         return RunSummary(
             campaign=self.campaign,
             policies=tuple(self._facts(name, rulings) for name in self.campaign.policies),
@@ -182,7 +184,7 @@ class RunFolder:
             held=self.endings().get("held", 0),
             elapsed_s=self.elapsed_s(),
             version=library_version("saflite-farm"),
-            withheld=len(found) - len(shown),
+            withheld=len(finds_of(hidden)),
             pending=Counter(one.policy for one in pending(flights, violations)),
             unproven=len(unproven(flights, violations)),
         )

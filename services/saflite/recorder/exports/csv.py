@@ -1,4 +1,7 @@
-"""The violations as one CSV table: policy, standing, robustness, fingerprint, the boxes or stimuli, features."""
+"""The violations as one CSV table: policy, standing, robustness, fingerprint, the boxes or stimuli, features.
+
+A row of a smallest form names in `smallest_form_of` the test case it was made of: count those where that is empty.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,7 @@ FILE = "violations.csv"
 COLUMNS = (
     *("test_case", "policy", "confirmation", "severity", "robustness", "fingerprint", "reflown", "failed_again"),
     *("rate_low", "rate_high", "again_low", "again_high", "hard_again", "strategy", "round", "parent"),
-    *("min_distance_m", "duration_s", "inputs", "recording"),
+    *("min_distance_m", "duration_s", "inputs", "recording", "smallest_form_of"),
 )
 
 
@@ -39,7 +42,7 @@ def _row(finding: Finding) -> tuple[object, ...]:
         *(violation.rate_low, violation.rate_high, violation.again_low, violation.again_high, violation.hard_again),
         *(origin.strategy, origin.round, origin.parent),
         *(features.get("min_distance_m", ""), features.get("duration_s", "")),
-        *(_inputs(finding.test_case), finding.recording),
+        *(_inputs(finding.test_case), finding.recording, finding.smallest_form_of),
     )
 
 

@@ -1,6 +1,8 @@
-"""The campaign as JUnit XML for continuous integration: one test per policy and violation, a violation fails it.
+"""The campaign as JUnit XML for continuous integration: one test per policy and find, a find fails it.
 
-So does an unconfirmed one, and a policy that was violated in flights nobody has decided upon: neither confirmed nor
+The smallest form of a find is named in the text of its test and is none of its own, so counts are those of the report.
+
+An unconfirmed find fails, too, and a policy that was violated in flights nobody has decided upon: neither confirmed nor
 refuted. A flaky violation is a skipped test with its rate, so that it shows without breaking a build; so is a policy
 whose rule applied in no flight: it was not put to the test.
 """
@@ -13,7 +15,7 @@ from xml.etree import ElementTree as Xml
 from saflite.contract.plain import plain
 from saflite.contract.verdict import failed_again
 from saflite.recorder.files import write_file
-from saflite.recorder.summary import Finding, PolicyFacts, RunSummary
+from saflite.recorder.summary import Find, Finding, PolicyFacts, RunSummary
 
 FILE = "junit.xml"
 FAILS = ("confirmed", "unconfirmed")
@@ -29,22 +31,23 @@ def export(summary: RunSummary, folder: Path) -> tuple[Path, ...]:
 
 
 def _suite(summary: RunSummary) -> Xml.Element:
-    failed = [finding for finding in summary.findings if finding.violation.confirmation in FAILS]
-    broken = {*(finding.violation.policy for finding in summary.findings), *summary.pending}
+    finds = summary.finds()
+    failed = [find for find in finds if find.finding.violation.confirmation in FAILS]
+    broken = {*(find.finding.violation.policy for find in finds), *summary.pending}
     held = [policy for policy in summary.policies if policy.id not in broken]
     skipped = [policy for policy in held if not policy.rulings.held or policy.rulings.violated]
     suite = Xml.Element(
         "testsuite",
         name=clean(summary.campaign.name),
-        tests=str(len(summary.findings) + len(summary.pending) + len(held)),
+        tests=str(len(finds) + len(summary.pending) + len(held)),
         failures=str(len(failed) + len(summary.pending)),
         errors="0",
-        skipped=str(len(summary.findings) - len(failed) + len(skipped)),
+        skipped=str(len(finds) - len(failed) + len(skipped)),
         time=f"{summary.elapsed_s:.3f}",
     )
     _properties(suite, summary)
-    for finding in summary.findings:
-        _add(suite, finding)
+    for find in finds:
+        _add(suite, find)
     for name, count in summary.pending.items():
         _add_pending(suite, name, count)
     for policy in held:
@@ -80,8 +83,8 @@ def _properties(suite: Xml.Element, summary: RunSummary) -> None:
         Xml.SubElement(properties, "property", name=name, value=clean(str(value)))
 
 
-def _add(suite: Xml.Element, finding: Finding) -> None:
-    violation = finding.violation
+def _add(suite: Xml.Element, find: Find) -> None:
+    finding, violation = find.finding, find.finding.violation
     case = Xml.SubElement(
         suite, "testcase", classname=clean(violation.policy), name=f"{violation.test_case} {violation.fingerprint}"
     )
@@ -93,7 +96,13 @@ def _add(suite: Xml.Element, finding: Finding) -> None:
     node = Xml.SubElement(case, kind, message=clean(f"{violation.confirmation}: {text}"))
     if kind == "failure":
         node.set("type", clean(violation.policy))
-    node.text = clean(f"test case test_cases/{violation.test_case}.yaml\nrecording {finding.recording or 'none'}\n")
+    node.text = clean(f"test case {_file(finding)}\nrecording {finding.recording or 'none'}\n")
+    for form in find.smallest_forms:
+        node.text += clean(f"smallest form {_file(form)} ({form.violation.confirmation})\n")
+
+
+def _file(finding: Finding) -> str:
+    return f"test_cases/{finding.violation.test_case}.yaml"
 
 
 def clean(text: str) -> str:

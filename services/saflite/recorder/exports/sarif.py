@@ -1,7 +1,8 @@
-"""The violations as SARIF 2.1.0 (OASIS), for code-scanning views: a rule per policy, a result per violation.
+"""The violations as SARIF 2.1.0 (OASIS), for code-scanning views: a rule per policy, a result per find.
 
 Severity hard is an error, soft a warning; unconfirmed is a warning, flaky a note. Violations that nobody has decided
-upon are one result a policy, at the campaign. The fingerprint keeps results apart over runs.
+upon are one result a policy, at the campaign. The fingerprint keeps results apart over runs. The smallest form of a
+find is a related location of its result, so counts are those of the report.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import msgspec
 from saflite.contract.plain import plain_data
 from saflite.contract.verdict import Violation, failed_again
 from saflite.recorder.files import write_file
-from saflite.recorder.summary import Finding, PolicyFacts, RunSummary
+from saflite.recorder.summary import Find, PolicyFacts, RunSummary
 
 FILE = "violations.sarif"
 SCHEMA = "https://json.schemastore.org/sarif-2.1.0.json"
@@ -46,7 +47,7 @@ def to_sarif(summary: RunSummary) -> dict[str, Any]:
         "automationDetails": {"id": f"{summary.campaign.name}/{summary.campaign.rng_seed}"},
         "columnKind": "unicodeCodePoints",
         "results": [
-            *(_result(finding, index) for finding in summary.findings),
+            *(_result(find, index) for find in summary.finds()),
             *(_pending(name, count, index) for name, count in summary.pending.items()),
         ],
     }
@@ -65,8 +66,8 @@ def _rule(policy: PolicyFacts) -> dict[str, Any]:
     }
 
 
-def _result(finding: Finding, index: dict[str, int]) -> dict[str, Any]:
-    violation = finding.violation
+def _result(find: Find, index: dict[str, int]) -> dict[str, Any]:
+    finding, violation = find.finding, find.finding.violation
     text = (
         f"{violation.confirmation} {violation.severity} violation of {violation.policy}: robustness "
         f"{violation.robustness:.3f}; under other noise it violates again in {failed_again(violation)}"
@@ -77,6 +78,7 @@ def _result(finding: Finding, index: dict[str, int]) -> dict[str, Any]:
         "level": _level(violation),
         "message": {"text": f"{text}. {violation.message}".strip()},
         "locations": [_location(f"test_cases/{violation.test_case}.yaml")],
+        "relatedLocations": [_smallest_form(form.violation) for form in find.smallest_forms],
         "partialFingerprints": {"saflite/v1": violation.fingerprint or violation.test_case},
         "properties": {
             "robustness": violation.robustness,
@@ -104,6 +106,11 @@ def _level(violation: Violation) -> str:
     if violation.confirmation == "confirmed":
         return "error" if violation.severity == "hard" else "warning"
     return "warning" if violation.confirmation == "unconfirmed" else "note"
+
+
+def _smallest_form(violation: Violation) -> dict[str, Any]:
+    text = f"its smallest form ({violation.confirmation})"
+    return {**_location(f"test_cases/{violation.test_case}.yaml"), "message": {"text": text}}
 
 
 def _location(uri: str) -> dict[str, Any]:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saflite.campaign.engine.exposure import ArmCounts
-from saflite.console.run_data.embargo import Released, is_public
+from saflite.console.run_data.embargo import Released, split
 from saflite.console.run_data.in_force import InForce, in_force
 from saflite.console.run_data.rows import ArtefactRow, FlightRow, UsageRow
 from saflite.console.run_data.run_folder import RunFolder
@@ -29,7 +29,7 @@ from saflite.contract.test_case import TestCase
 from saflite.contract.verdict import Confirmation, Judgement, Violation, with_mode_named
 from saflite.contract.work import PolicyTexts
 from saflite.mutator.strategies.portfolio import NAME as PORTFOLIO
-from saflite.recorder.summary import Finding, Rulings
+from saflite.recorder.summary import Finding, Rulings, finds_of
 from saflite.scorer_pool.calibration import Calibration, Row, calibrate_all
 
 FAULTS_SHOWN = 20
@@ -99,9 +99,8 @@ def read(run: RunFolder, released: Released = ()) -> ReportData:
     by_case: dict[str, list[FlightRow]] = {}
     for row in flights:
         by_case.setdefault(row.test_case, []).append(row)
-    found = run.findings()
-    shown = [finding for finding in found if is_public(finding, released)]
-    hidden = {one.violation.fingerprint for one in found} - {one.violation.fingerprint for one in shown}
+    shown, kept_back = split(run.findings(), released)
+    hidden = {one.violation.fingerprint for one in kept_back} - {one.violation.fingerprint for one in shown}
     exhibits = tuple(exhibit(run, one, by_case.get(one.violation.test_case, [])) for one in shown)
     changes = run.facts(CampaignChanged)
     now = standing(run.path, changes[-1] if changes else None)
@@ -131,7 +130,7 @@ def read(run: RunFolder, released: Released = ()) -> ReportData:
             and one.fingerprint not in hidden
             and one.test_case not in smallest_forms
         ),
-        withheld=len(found) - len(shown),
+        withheld=len(finds_of(kept_back)),
         unproven=len(unproven(flights, violations)),
         inputs=inputs_told(now, shrinks=run.campaign.search.shrink),
         made=made.read(run, over=now.state == "ended"),
