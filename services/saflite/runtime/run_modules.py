@@ -17,7 +17,7 @@ from saflite.contract import modules
 from saflite.contract.config import Campaign
 from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.ids import digest
-from saflite.contract.modules import Outside
+from saflite.contract.modules import Kind, Outside
 from saflite.contract.outside import TEXT_BYTES_MAX, read_bytes
 from saflite.contract.wire import UNREADABLE, unpack_json
 from saflite.runtime import own_runs
@@ -62,6 +62,11 @@ def needed(run_dir: Path, campaign: Campaign) -> tuple[Outside, ...]:
     """Return the modules of a run without which a campaign cannot go on: its target, its strategy, and all scorers."""
     names = {"target": campaign.target.name, "strategy": campaign.strategy.name}
     return tuple(module for module in _noted(run_dir) if names.get(module.kind, module.name) == module.name)
+
+
+def names(run_dir: Path, kind: Kind) -> frozenset[str]:
+    """Return what the modules of a kind are called that a run was made with; none of them is run."""
+    return frozenset(module.name for module in _noted(run_dir) if module.kind == kind)
 
 
 def _check_ours(run_dir: Path, noted: Sequence[Outside]) -> None:

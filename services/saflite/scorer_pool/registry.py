@@ -109,7 +109,7 @@ def _check_kind(kind: str) -> None:
             "scorer model",
             expected=f"one of {', '.join(model_names())}",
             got=repr(kind),
-            fix="see `saflite list scorers`",
+            fix="see `saflite list scorers`; one of your own is a file that the farm is started with (--module FILE)",
         )
 
 

@@ -13,8 +13,10 @@ from saflite.contract.control import Answer
 from saflite.contract.errors import RefusedElsewhere
 from saflite.contract.events import ScorerChanged
 from saflite.contract.interval import Interval
+from saflite.runtime import run_modules
 from saflite.scorer_pool.calibration import Calibration
-from saflite.scorer_pool.registry import check_label
+from saflite.scorer_pool.labels import split_label
+from saflite.scorer_pool.registry import check_label, model_names
 
 if TYPE_CHECKING:
     from saflite.runtime.client import FarmClient
@@ -22,8 +24,9 @@ if TYPE_CHECKING:
 
 def use(args: argparse.Namespace) -> int:
     """Order another deciding model and wait until it has taken over; 3 if it was rolled back."""
-    check_label(args.model)
-    client = farm_lookup.connect(farm_options.where(args))
+    where = farm_options.where(args)
+    _check(args.model, where)
+    client = farm_lookup.connect(where)
     try:
         status = client.status()
         if status.scorer == args.model:
@@ -48,11 +51,25 @@ def _awaited(client: FarmClient, model: str, from_seq: int) -> ScorerChanged | N
     return None
 
 
+def _check(label: str, where: Where) -> None:
+    """Raise Refused for a model that neither this process knows nor the farm that is meant was given from outside.
+
+    What a farm elsewhere was given is not known here: it says so itself where it cannot make the model ready.
+    """
+    kind, _ = split_label(label)
+    if kind not in model_names():
+        places = farm_lookup.running() if where.run_dir is None else [where.run_dir]
+        if where.endpoint or any(kind in run_modules.names(place, "scorer") for place in places):
+            return
+    check_label(label)
+
+
 def shadow(args: argparse.Namespace) -> int:
     """Order the models that score without deciding."""
+    where = farm_options.where(args)
     for label in args.model:
-        check_label(label)
-    client = farm_lookup.connect(farm_options.where(args))
+        _check(label, where)
+    client = farm_lookup.connect(where)
     try:
         answer = _accepted(client.order("shadow", text=",".join(args.model)))
     finally:
