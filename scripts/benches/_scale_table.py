@@ -1,4 +1,4 @@
-"""The tables of deploy/docs/scale.md, from the rows of `scripts/bench scale` and `scripts/bench books`."""
+"""The tables of deploy/docs/scale.md up to its books' loop: rows of `scripts/bench scale` and `scripts/bench books`."""
 
 from __future__ import annotations
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import json
 import re
 from collections import Counter
 from pathlib import Path
@@ -93,7 +94,19 @@ def test_a_page_is_what_its_rows_give(name: str, monkeypatch: pytest.MonkeyPatch
 def test_the_page_of_scale_holds_the_tables_that_are_computed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(BENCHES))
     tables = importlib.import_module("_scale_table").tables()
-    assert tables in (ROOT / "deploy" / "docs" / "scale.md").read_text()
+    page = (ROOT / "deploy" / "docs" / "scale.md").read_text()
+    computed, _, loop = page.partition("\n## The books' loop\n")
+    assert tables in computed
+    assert _table(computed) == _table(tables), "a table that no command makes stands where the page says one does"
+    rows = [json.loads(line) for line in (BENCHES / "results" / "bus.jsonl").read_text().splitlines()]
+    measured = {(f"{row['results_per_s']:.0f}", f"{row['books_ms_per_result']:.1f}") for row in rows}
+    written = [tuple(cell.strip() for cell in line.split("|")) for line in _table(loop)[2:]]
+    assert written
+    assert [line for line in written if (line[3], line[5]) not in measured] == []
+
+
+def _table(page: str) -> list[str]:
+    return [line for line in page.splitlines() if line.startswith("|")]
 
 
 def test_the_pages_count_the_policies_there_are() -> None:
