@@ -132,16 +132,24 @@ class FlightSignals:
             return self._made[name]
         if name in self._trace.signals or name not in self._makers:
             made = self.moments.held(name, self._trace.array(name)[: self._trace.samples])
-            made = self._with_orders(made) if name == "cruise_speed_set_mps" else made
+            made = self._with_orders(name, made)
         else:
             made = np.asarray(self._makers[name](), dtype=np.float32)
         self._made[name] = made
         return made
 
-    def _with_orders(self, speed_mps: Array) -> Array:
-        """A speed set, or the greater one ordered: targets write the setting, and an order counts longer in some."""
-        ordered = orders.speed_ordered(self._given, speed_mps.astype(np.float64), self._time())
-        return np.maximum(speed_mps, ordered).astype(np.float32)
+    def _with_orders(self, name: str, written: Array) -> Array:
+        """What was written, or what was ordered by command where that is more.
+
+        Targets write the speed set, and an order counts longer in some; logs write who stopped the motors by a switch.
+        """
+        if name == "cruise_speed_set_mps":
+            ordered = orders.speed_ordered(self._given, written.astype(np.float64), self._time())
+        elif name == "stop_ordered":
+            ordered = self._ordered_from(orders.stops_motors)
+        else:
+            return written
+        return np.maximum(written, ordered).astype(np.float32)
 
     def pick(self, names: frozenset[str]) -> dict[str, Array]:
         """Return those of `names` that the flight can give."""

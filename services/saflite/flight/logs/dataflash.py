@@ -15,7 +15,7 @@ from saflite.contract.flight import Trace
 from saflite.contract.signals import MODES
 from saflite.contract.test_case import Stimulus
 from saflite.flight.logs.commands import command
-from saflite.flight.logs.dataflash_rows import Rows, load, points, settings_told
+from saflite.flight.logs.dataflash_rows import Row, Rows, held_at, load, points, settings_told
 from saflite.flight.logs.flight_log import (
     NO_ORDERS,
     UNTOLD,
@@ -65,7 +65,8 @@ _SOURCES = {
     **{f"rc{number}_pwm": "RCIN" for number in range(1, 5)},
     **dict.fromkeys(("failsafe_radio", "failsafe_battery", "failsafe_gps", "failsafe_fence", "crashed"), "EV and ERR"),
     **dict.fromkeys(("armed", "landed", "taken_off"), "EV or ARM"),
-    **dict.fromkeys(("chute_released", "stop_ordered", "rc_present"), "EV"),
+    **dict.fromkeys(("chute_released", "rc_present"), "EV"),
+    "stop_ordered": "EV, ARM or MAVC",
     **dict.fromkeys(("circle_radius_m", "circle_rate_dps"), "no message: what CIRCLE aims at is not logged"),
     **dict.fromkeys(_OF_COMMANDS, "MAVC"),
     **NO_ORDERS,
@@ -82,9 +83,9 @@ _EVENTS: dict[int, tuple[str, float]] = {
     18: ("landed", 1.0),
     28: ("landed", 0.0),
     51: ("chute_released", 1.0),
-    54: ("stop_ordered", 1.0),
-    56: ("stop_ordered", 1.0),
 }
+_EMERGENCY_STOP, _INTERLOCK = 54, 56
+_MOTORS_MAY_RUN = (55, 57)  # the emergency stop is cleared, the interlock given back
 _FAILSAFES: dict[int, str] = {
     5: "failsafe_radio",
     6: "failsafe_battery",
@@ -271,15 +272,18 @@ def _events(rows: Rows, formats: Mapping[str, str], held: Mapping[str, float], c
         if number in _EVENTS:
             signal, value = _EVENTS[int(number)]
             courses[signal].append((at, value))
-    if any(row.get("Forced") for _, row in rows["ARM"]):
-        courses["arming_forced"] = [(at, 1.0) for at, row in rows["ARM"] if row.get("Forced")]
+    forced = [at for at, row in rows["ARM"] if row.get("Forced") and row.get("ArmState", 1) > 0]
+    if forced:
+        courses["arming_forced"] = [(at, 1.0) for at in forced]
     for at, row in rows["ERR"]:
         if row.get("Subsys") in _FAILSAFES:
             courses[_FAILSAFES[row["Subsys"]]].append((at, float(row.get("ECode", 1) != 0)))
     if "EV" in formats or "ERR" in formats:
-        for signal in {*_FAILSAFES.values(), "stop_ordered"} - courses.keys():
+        for signal in set(_FAILSAFES.values()) - courses.keys():
             columns.hold(signal, [0.0], [0.0])
     courses["armed"] = _arming(rows, events, held, "EV" in formats)
+    if "EV" in formats or rows["ARM"]:
+        courses["stop_ordered"] = _stops(events, rows["ARM"], courses["armed"])
     landed = _standing(events, courses["armed"], courses.pop("landed", []), columns)
     if landed:
         columns.hold("landed", *zip(*landed, strict=True))
@@ -308,6 +312,21 @@ def _arming(rows: Rows, events: Points, held: Mapping[str, float], can_tell: boo
         return [(0.0, 0.0)] if can_tell and logs_disarmed else []
     began_s = min(at for kind in rows.values() for at, _ in kind)
     return [(0.0 if not logs_disarmed and implied_s - began_s <= _SOON_S else implied_s, 1.0)]
+
+
+def _stops(events: Points, arming: list[Row], armed: Points) -> Points:
+    """Return when the motors were ordered to stop come what may: by a switch, or by a disarm that was forced.
+
+    Every disarm takes the interlock as well: only where it is taken of motors that are armed somebody ordered it. An
+    order counts until it is taken back, or the motors are armed again. Orders by command are told apart (MAVC).
+    """
+    motors = _with_before(armed) if armed else []
+    interlocked = [at for at, number in events if number == _INTERLOCK and held_at(motors, at, 1.0) > 0]
+    stopped = [at for at, number in events if number == _EMERGENCY_STOP]
+    forced = [at for at, row in arming if row.get("Forced") and not row.get("ArmState", 1)]
+    over = [at for at, number in events if number in _MOTORS_MAY_RUN] + [at for at, runs in armed if runs]
+    orders = [(at, 1.0) for at in (*interlocked, *stopped, *forced)]
+    return [(0.0, 0.0), *sorted([*orders, *((at, 0.0) for at in over)])]
 
 
 def _standing(events: Points, armed: Points, landed: Points, columns: Columns) -> Points:

@@ -1,0 +1,84 @@
+"""What logs of real autopilots tell of orders: who stopped the motors, and whether somebody ordered it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from log_bytes import KINDS, dataflash
+
+from saflite.console.operations.log_judging import judge_file
+from saflite.flight.logs.dataflash import read_dataflash_log
+
+ARM = {"ARM": ("QBBB", "TimeUS,ArmState,ArmChecks,Forced")}
+MAVC = {"MAVC": ("QHfffffff", "TimeUS,Cmd,P1,P2,P3,P4,X,Y,Z")}
+ARMED, DISARMED, STOPPED, STOP_CLEARED, INTERLOCKED, RUNNING = 10, 11, 54, 55, 56, 57
+Row = tuple[str, tuple[Any, ...]]
+
+
+def us(at_s: float) -> int:
+    return round(at_s * 1e6)
+
+
+def event(at_s: float, number: int) -> Row:
+    return ("EV", (us(at_s), number))
+
+
+def ardupilot(tmp_path: Path, *told: Row, height_m: float = 20.0) -> Path:
+    """A log of 20 s from 1 s on: on the ground, from 3 s on in the air."""
+    heights = [0.0 if tenth < 20 else height_m for tenth in range(200)]
+    rows: list[Row] = [
+        ("XKF1", (1_000_000 + tenth * 100_000, 0, 0.0, 0.0, -height, 0.0, 0.0, 0.0))
+        for tenth, height in enumerate(heights)
+    ]
+    rows += [("MODE", (1_000_000, 5, 5, 1)), event(2.0, ARMED), event(2.1, RUNNING), event(3.0, 28)]
+    path = tmp_path / "flight.bin"
+    path.write_bytes(dataflash({**KINDS, **ARM, **MAVC}, [*rows, *told]))
+    return path
+
+
+def outcome(path: Path, policy: str = "armed-in-flight") -> str:
+    (verdict,) = judge_file(path, None, (policy,)).verdicts
+    return verdict.outcome
+
+
+def test_the_interlock_that_follows_a_disarm_is_no_order_to_stop(tmp_path: Path) -> None:
+    path = ardupilot(tmp_path, event(10.0, DISARMED), event(10.003, INTERLOCKED))
+    assert set(read_dataflash_log(path).trace.array("stop_ordered")) == {0.0}
+    assert outcome(path) == "violated"
+
+
+@pytest.mark.parametrize(
+    "told",
+    [
+        [event(10.0, STOPPED), event(10.003, INTERLOCKED), event(11.0, DISARMED)],
+        [event(10.0, INTERLOCKED), event(11.0, DISARMED)],
+        [event(10.0, DISARMED), ("ARM", (us(10.0), 0, 0, 1)), event(10.003, INTERLOCKED)],
+        [event(10.0, DISARMED), ("MAVC", (us(10.001), 400, 0, 21196, 0, 0, 0, 0, 0)), event(10.003, INTERLOCKED)],
+        [event(10.0, DISARMED), ("MAVC", (us(10.001), 185, 1, 0, 0, 0, 0, 0, 0)), event(10.003, INTERLOCKED)],
+    ],
+    ids=["emergency stop", "interlock", "forced, by ARM", "forced, by MAVC", "termination"],
+)
+def test_who_orders_the_motors_to_stop_is_not_told_off_for_it(told: list[Row], tmp_path: Path) -> None:
+    assert outcome(ardupilot(tmp_path, *told)) == "vacuous"
+
+
+@pytest.mark.parametrize(
+    "after", [[event(12.0, STOP_CLEARED)], [event(12.0, RUNNING)], [event(11.0, DISARMED), event(12.0, ARMED)]]
+)
+def test_an_order_to_stop_counts_until_it_is_taken_back_or_the_motors_are_armed_again(
+    after: list[Row], tmp_path: Path
+) -> None:
+    told = [event(10.0, STOPPED), event(10.003, INTERLOCKED), *after]
+    again = ardupilot(tmp_path, *told, event(15.0, DISARMED), event(15.003, INTERLOCKED))
+    stops = read_dataflash_log(again).trace.array("stop_ordered")
+    assert [stops[round((at_s - 1.0) / 0.05)] for at_s in (9.0, 10.5, 12.5, 16.0)] == [0, 1, 0, 0]
+    assert outcome(again) == "violated"
+
+
+def test_a_disarm_that_was_forced_does_not_force_an_arming(tmp_path: Path) -> None:
+    forced_off = ardupilot(tmp_path, ("ARM", (us(10.0), 0, 0, 1)))
+    assert "arming_forced" not in read_dataflash_log(forced_off).trace.signals
+    forced_on = ardupilot(tmp_path, ("ARM", (us(10.0), 1, 0, 1)))
+    assert set(read_dataflash_log(forced_on).trace.array("arming_forced")[200:]) == {1.0}
