@@ -6,10 +6,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from log_bytes import KINDS, dataflash
+from log_bytes import KINDS, POSITION, STATUS, dataflash, ulog
 
 from saflite.console.operations.log_judging import judge_file
 from saflite.flight.logs.dataflash import read_dataflash_log
+from saflite.flight.logs.ulog import read_ulog_log
 
 ARM = {"ARM": ("QBBB", "TimeUS,ArmState,ArmChecks,Forced")}
 MAVC = {"MAVC": ("QHfffffff", "TimeUS,Cmd,P1,P2,P3,P4,X,Y,Z")}
@@ -82,3 +83,56 @@ def test_a_disarm_that_was_forced_does_not_force_an_arming(tmp_path: Path) -> No
     assert "arming_forced" not in read_dataflash_log(forced_off).trace.signals
     forced_on = ardupilot(tmp_path, ("ARM", (us(10.0), 1, 0, 1)))
     assert set(read_dataflash_log(forced_on).trace.array("arming_forced")[200:]) == {1.0}
+
+
+COMMAND = [("H", "command"), ("?", "from_external"), *(("f", f"param{n}") for n in range(1, 8))]
+ACTUATORS = [("?", "armed"), ("?", "kill")]
+Told = tuple[str, float, tuple[float, ...]]
+
+
+def px4(tmp_path: Path, *told: Told) -> Path:
+    """A log of 20 s from 1 s on: on the ground, armed at 2 s, from 3 s on in the air."""
+    topics = {
+        "vehicle_local_position": POSITION,
+        "vehicle_status": STATUS,
+        "vehicle_command": COMMAND,
+        "actuator_armed": ACTUATORS,
+    }
+    rows: list[Told] = [
+        ("vehicle_local_position", 1 + n / 10, (0.0, 0.0, 0.0 if n < 20 else -20.0, 0.0, 0.0, 0.0, True))
+        for n in range(200)
+    ]
+    rows += [("vehicle_status", 1.0, (2, 1)), ("vehicle_status", 2.0, (2, 2)), ("actuator_armed", 1.0, (False, False))]
+    rows += [("actuator_armed", 2.0, (True, False))]
+    path = tmp_path / "flight.ulg"
+    path.write_bytes(ulog(topics, [*rows, *told]))
+    return path
+
+
+def disarmed(at_s: float) -> list[Told]:
+    return [("vehicle_status", at_s, (2, 1)), ("actuator_armed", at_s, (False, False))]
+
+
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [
+        ((400, True, 0.0, 21196.0), "vacuous"),
+        ((185, True, 1.0, 0.0), "vacuous"),
+        ((400, True, 0.0, 0.0), "violated"),
+        ((400, False, 0.0, 21196.0), "violated"),  # by itself
+    ],
+)
+def test_a_stop_ordered_by_command_is_one_in_a_px4_log(
+    given: tuple[int, bool, float, float], expected: str, tmp_path: Path
+) -> None:
+    command = ("vehicle_command", 10.0, (*given, 0.0, 0.0, 0.0, 0.0, 0.0))
+    assert outcome(px4(tmp_path, command, *disarmed(10.02))) == expected
+
+
+def test_a_px4_stopped_by_switch_is_judged_again_once_it_is_armed_again(tmp_path: Path) -> None:
+    killed: list[Told] = [("actuator_armed", 10.0, (True, True)), ("actuator_armed", 10.5, (True, False))]
+    assert outcome(px4(tmp_path, *killed, *disarmed(11.0))) == "vacuous"
+    again: list[Told] = [("vehicle_status", 12.0, (2, 2)), ("actuator_armed", 12.0, (True, False)), *disarmed(15.0)]
+    path = px4(tmp_path, *killed, *disarmed(11.0), *again)
+    assert [read_ulog_log(path).trace.array("stop_ordered")[n] for n in (170, 190, 230)] == [0, 1, 0]
+    assert outcome(path) == "violated"

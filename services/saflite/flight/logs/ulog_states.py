@@ -24,6 +24,7 @@ SOURCES: dict[str, str] = {
     "failsafe_fence": "failsafe_flags.geofence_breached, geofence_result or vehicle_status.geofence_violated",
     "baro_altitude_m": "vehicle_air_data",
     "baro_ok": "vehicle_air_data",
+    "stop_ordered": "actuator_armed or vehicle_command",
     "chute_released": "vehicle_control_mode.flag_control_termination_enabled or actuator_armed.force_failsafe",
     "crashed": "no message: PX4 does not say that it crashed",
     "circle_radius_m": "orbit_status",
@@ -73,11 +74,7 @@ def add(topics: Topics, columns: Columns) -> None:
     if height is not None:
         columns.add("baro_altitude_m", *height)
         columns.hold("baro_ok", height[0], 1.0)
-    orders = [order for name in _KILLS if (order := field(topics, "actuator_armed", name)) is not None]
-    if "actuator_armed" in topics:
-        at_s = times(topics["actuator_armed"])
-        ordered = np.max([np.zeros(len(at_s)), *(values for _, values in orders)], axis=0)
-        columns.hold("stop_ordered", at_s, np.maximum.accumulate(ordered))
+    _stops(topics, columns)
     _orbit(topics, columns)
     add_taken_off(columns)
 
@@ -117,6 +114,18 @@ def _radio(topics: Topics, columns: Columns) -> None:
         return
     at_s = np.union1d(present[0], failsafe[0])
     columns.hold("failsafe_radio", at_s, (1.0 - held(present, at_s)) * held(failsafe, at_s))
+
+
+def _stops(topics: Topics, columns: Columns) -> None:
+    """Add `stop_ordered`: an order to stop the motors counts until they are armed again; commands are told apart."""
+    if "actuator_armed" not in topics:
+        return
+    at_s, armed = times(topics["actuator_armed"]), columns.get("armed")
+    orders = [order for name in _KILLS if (order := field(topics, "actuator_armed", name)) is not None]
+    stopped = np.max([np.zeros(len(at_s)), *(values for _, values in orders)], axis=0)
+    begins_s = armed[0][1:][np.diff(armed[1]) > 0] if armed is not None else np.zeros(0)
+    flights = np.split(stopped, np.searchsorted(at_s, begins_s))
+    columns.hold("stop_ordered", at_s, np.concatenate([np.maximum.accumulate(flight) for flight in flights]))
 
 
 def _orbit(topics: Topics, columns: Columns) -> None:
