@@ -136,3 +136,39 @@ def test_a_px4_stopped_by_switch_is_judged_again_once_it_is_armed_again(tmp_path
     path = px4(tmp_path, *killed, *disarmed(11.0), *again)
     assert [read_ulog_log(path).trace.array("stop_ordered")[n] for n in (170, 190, 230)] == [0, 1, 0]
     assert outcome(path) == "violated"
+
+
+PARM = {"PARM": ("QNf", "TimeUS,Name,Value")}
+FENCE_ON, FENCE_OFF = 41, 42
+
+
+def parameter(at_s: float, name: str, value: float) -> Row:
+    return ("PARM", (us(at_s), name.encode(), value))
+
+
+@pytest.mark.parametrize(
+    ("enabled", "told", "shown", "by_hand"),
+    [
+        (1, [event(5.0, FENCE_OFF)], [1, 0, 0, 0], []),
+        (0, [event(5.0, FENCE_ON)], [0, 1, 1, 1], []),
+        (1, [event(5.0, FENCE_OFF), event(10.0, FENCE_ON)], [1, 0, 1, 1], []),
+        (1, [event(5.0, FENCE_OFF), parameter(10.0, "FENCE_ENABLE", 1)], [1, 0, 1, 1], []),
+        (1, [parameter(5.0, "FENCE_ENABLE", 0), event(15.0, FENCE_ON)], [1, 0, 0, 1], ["FENCE_ENABLE"]),
+        (1, [event(5.0, FENCE_OFF), parameter(10.0, "FENCE_RADIUS", 50)], [1, 0, 0, 0], ["FENCE_RADIUS"]),
+    ],
+)
+def test_a_fence_is_on_as_it_was_switched_last_by_setting_or_order(
+    enabled: float, told: list[Row], shown: list[int], by_hand: list[str], tmp_path: Path
+) -> None:
+    rows = [parameter(1.0, "FENCE_ENABLE", enabled), parameter(1.0, "FENCE_TYPE", 1.0), *told]
+    rows.append(parameter(1.0, "FENCE_RADIUS", 100.0))
+    path = tmp_path / "flight.bin"
+    path.write_bytes(dataflash({**KINDS, **PARM}, [*hovering(), *sorted(rows, key=lambda row: row[1][0])]))
+    log = read_dataflash_log(path)
+    for name in ("fence_on_set", "fence_enabled"):
+        assert [log.trace.array(name)[round((at_s - 1.0) / 0.05)] for at_s in (3.0, 7.0, 12.0, 18.0)] == shown
+    assert [one.name for one in log.stimuli] == by_hand, "an order sets no parameter"
+
+
+def hovering() -> list[Row]:
+    return [("XKF1", (us(1 + tenth / 10), 0, 0.0, 0.0, -20.0, 0.0, 0.0, 0.0)) for tenth in range(200)]

@@ -86,6 +86,7 @@ _EVENTS: dict[int, tuple[str, float]] = {
 }
 _EMERGENCY_STOP, _INTERLOCK = 54, 56
 _MOTORS_MAY_RUN = (55, 57)  # the emergency stop is cleared, the interlock given back
+_FENCE: dict[float, float] = {41: 1.0, 42: 0.0}
 _FAILSAFES: dict[int, str] = {
     5: "failsafe_radio",
     6: "failsafe_battery",
@@ -155,21 +156,31 @@ def _check_copter(rows: Rows, held: Mapping[str, float], path: Path) -> None:
 
 
 def _parameters(rows: Rows, first: Mapping[str, float], columns: Columns) -> list[Stimulus]:
-    """Add the settings in force and return what was changed in flight; the first value of each is what it was."""
-    held: dict[str, float] = {}
-    changes: list[tuple[float, str, float]] = []
-    for at, name, value in settings_told(rows):
-        if name in held and held[name] != value:
-            changes.append((at, name, value))
-        held[name] = value
-    add_settings(columns, ARDUPILOT, first, changes)
+    """Add the settings in force and return what was changed in flight; the first value of each is what it was.
+
+    A fence that was switched by order (DO_FENCE_ENABLE) is on or off whatever its parameter says, until that is set.
+    """
+    told = settings_told(rows)
+    switched = [(at, "FENCE_ENABLE", _FENCE[number]) for at, number in points(rows["EV"], "Id") if number in _FENCE]
+    add_settings(columns, ARDUPILOT, first, _changed(sorted([*told, *switched], key=lambda one: one[0])))
     if first and "chute_released" not in columns and not first.get("CHUTE_ENABLED"):
         columns.hold("chute_released", [0.0], [0.0])  # there is none on board
     return [
         Stimulus(at_s=at, kind="parameter", name=name, values=(value,))
-        for at, name, value in changes
+        for at, name, value in _changed(told)
         if changed_by_hand(name)
     ]
+
+
+def _changed(told: list[tuple[float, str, float]]) -> list[tuple[float, str, float]]:
+    """Return what was told otherwise than before."""
+    held: dict[str, float] = {}
+    changes = []
+    for at, name, value in told:
+        if held.get(name, value) != value:
+            changes.append((at, name, value))
+        held[name] = value
+    return changes
 
 
 def _commands(rows: Rows) -> list[Stimulus]:
