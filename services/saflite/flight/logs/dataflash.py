@@ -28,6 +28,7 @@ from saflite.flight.logs.flight_log import (
     told_of,
     within,
 )
+from saflite.flight.logs.home import Place, add_home, homes_of_ardupilot
 from saflite.flight.logs.resample import Columns
 from saflite.flight.logs.settings import ARDUPILOT, add_settings, sources
 from saflite.flight.mission import to_local
@@ -61,6 +62,7 @@ _SOURCES = {
     **dict.fromkeys(("vx_mps", "vy_mps", "climb_mps"), "XKF1 or NKF1"),
     **{signal: f"{kind}.{field}" for kind, fields in _FIELDS.items() for field, signal in fields.items()},
     **{signal: f"ATT.{field} or AHR2.{field}" for field, signal in _LEAN.items()},
+    "home_distance_m": "ORGN, else from where the log begins",
     "battery_v": "BAT.Volt or CURR.Volt",
     **{f"rc{number}_pwm": "RCIN" for number in range(1, 5)},
     **dict.fromkeys(("failsafe_radio", "failsafe_battery", "failsafe_gps", "failsafe_fence", "crashed"), "EV and ERR"),
@@ -121,7 +123,7 @@ def read_dataflash_log(path: Path, *, placed: bool = False) -> FlightLog:
     held = {name: value for _, name, value in reversed(settings_told(rows))}
     _check_copter(rows, held, path)
     columns = Columns()
-    _position(rows, columns)
+    frame = _position(rows, columns)
     _height(rows, formats, columns)
     _attitude(rows, columns)
     for kind, fields in _FIELDS.items():
@@ -135,6 +137,7 @@ def read_dataflash_log(path: Path, *, placed: bool = False) -> FlightLog:
     changes = _parameters(rows, held, columns)
     columns.messages = [(at, str(row.get("Message", "")), "info") for at, row in rows["MSG"]]
     homeless = () if placed else _from_home(rows, columns)
+    add_home(columns, homes_of_ardupilot(rows, frame))
     trace = columns.trace("ArduPilot log", str(path), placed=placed)
     given = [*changes, *_commands(rows)]
     stimuli = within(given, *columns.span("ArduPilot log", str(path), placed=placed))
@@ -200,29 +203,33 @@ def _column(columns: Columns, signal: str, found: Points) -> None:
         columns.add(signal, times, values)
 
 
-def _position(rows: Rows, columns: Columns) -> None:
-    """Add the estimate of the filter that flies (AHRS_EKF_TYPE), of another that was logged, or POS."""
+def _position(rows: Rows, columns: Columns) -> Place | None:
+    """Add the estimate of the filter that flies (AHRS_EKF_TYPE), of another that was logged, or POS.
+
+    Return the place from which POS counts, None where it is the origin of a filter.
+    """
     flies = [f"{'X' if value == 3 else 'N'}KF1" for _, name, value in settings_told(rows) if name == "AHRS_EKF_TYPE"]
     estimator = next((kind for kind in (*flies, "XKF1", "NKF1", "EKF1") if rows[kind]), None)
     if estimator is None:
-        _geographic(rows, columns)
-        return
+        return _geographic(rows, columns)
     fields = {"PN": ("x_m", 1.0), "PE": ("y_m", 1.0), "PD": ("altitude_m", -1.0)}
     speeds = {"VN": ("vx_mps", 1.0), "VE": ("vy_mps", 1.0), "VD": ("climb_mps", -1.0)}
     for field, (signal, sign) in {**fields, **speeds}.items():
         _column(columns, signal, points(rows[estimator], field, scale=sign))
+    return None
 
 
-def _geographic(rows: Rows, columns: Columns) -> None:
+def _geographic(rows: Rows, columns: Columns) -> Place | None:
     """Fall back on the POS message: degrees and the height above home."""
     told = [row for row in rows["POS"] if {"Lat", "Lng"} <= row[1].keys()]
     if not told:
-        return
+        return None
     home = told[0][1]
     local = [to_local(row["Lat"], row["Lng"], home["Lat"], home["Lng"]) for _, row in told]
     _column(columns, "x_m", [(at, x) for (at, _), (x, _) in zip(told, local, strict=True)])
     _column(columns, "y_m", [(at, y) for (at, _), (_, y) in zip(told, local, strict=True)])
     _column(columns, "altitude_m", points(told, "RelHomeAlt", "RelAlt", "Alt"))
+    return home["Lat"], home["Lng"]
 
 
 def _height(rows: Rows, formats: Mapping[str, str], columns: Columns) -> None:

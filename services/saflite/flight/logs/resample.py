@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from saflite.contract.errors import Refused
 from saflite.contract.flight import Trace, TraceMessage
 from saflite.contract.signals import SIGNALS
+from saflite.flight.autopilots.external.heights import ABOVE_HOME, HOME_STEP_M
 
 STEP_S = 0.05
 HOLE_S = 5.0
@@ -38,6 +39,8 @@ class Columns:
         self.messages: list[tuple[float, str, str]] = []
         self.origin: dict[str, float] = {}
         """Where positions count from, by signal; from the first one where it is not told."""
+        self.home_up: tuple[Array, Array] | None = None
+        """Times and heights of home in the frame of `altitude_m`, shapes (n,); None where home is not told."""
 
     def __contains__(self, name: str) -> bool:
         return name in self._columns
@@ -71,8 +74,9 @@ class Columns:
         """Return all columns at 20 Hz over `span`.
 
         Positions are taken relative to `origin`, or to the first one, as the testing competition does. Real signals run
-        in straight lines between samples; flags, codes and settings keep their value. What is not known at any of these
-        times is left out, as if it had not been logged.
+        in straight lines between samples; flags, codes and settings keep their value, heights of settings that count
+        from home that of where home was. What is not known at any of these times is left out, as if it had not been
+        logged.
         """
         start, end = self.span(what, where, placed=placed)
         times = start + np.arange(int((end - start) / STEP_S) + 1, dtype=np.float64) * STEP_S
@@ -110,7 +114,17 @@ class Columns:
         if SIGNALS[name].kind == "real" and name not in self._held:
             sampled = np.where(_unknown(times, at), np.nan, np.interp(times, at, values))
             return sampled - self._origin(name, float(times[0]))
-        return values[np.maximum(np.searchsorted(at, times + 1e-9, side="right") - 1, 0)]
+        kept = values[np.maximum(np.searchsorted(at, times + 1e-9, side="right") - 1, 0)]
+        return kept + np.where(kept > 0.0, self._home_up(times), 0.0) if name in ABOVE_HOME else kept
+
+    def _home_up(self, times: Array) -> Array:
+        """How far home lies above where heights count from; less than a step is what an arming corrects."""
+        if self.home_up is None:
+            return np.zeros(len(times))
+        at, up = self.home_up
+        found = up[np.maximum(np.searchsorted(at, times + 1e-9, side="right") - 1, 0)]
+        found = found - self._origin("altitude_m", float(times[0]))
+        return np.where(np.abs(found) > HOME_STEP_M, found, 0.0)
 
     def _origin(self, name: str, start_s: float) -> float:
         """What is taken off a column: positions count from the first one, a height aimed at from the first height."""

@@ -32,6 +32,7 @@ from saflite.flight.logs.flight_log import (
     told_of,
     within,
 )
+from saflite.flight.logs.home import Homes, Place, add_home, homes_of_px4
 from saflite.flight.logs.resample import DURATION_MAX_S, POSITION, Columns
 from saflite.flight.logs.settings import PX4, add_settings, sources
 from saflite.flight.logs.topics import Topics, chosen, field, held, times
@@ -86,6 +87,7 @@ SOURCES = {
     **{f"rc{number}_pwm": "manual_control_setpoint" for number in range(1, 5)},
     "battery_v": "battery_status",
     "altitude_target_m": "vehicle_local_position_setpoint",
+    "home_distance_m": "home_position, else from where the log begins",
     **ulog_states.SOURCES,
     **NO_ORDERS,
     **sources(PX4),
@@ -118,14 +120,17 @@ def read_ulog_log(path: Path, *, placed: bool = False) -> FlightLog:
     topics, texts, parameters, changes, began_s, lost = _load(path)
     columns = Columns(began_s)
     columns.messages = texts
-    readers = (_position, _attitude, _status, _ground, _gps, _sticks, _battery, _aims, ulog_states.add)
+    frame = _position(topics, columns)
+    readers = (_attitude, _status, _ground, _gps, _sticks, _battery, _aims, ulog_states.add)
     for reader in readers:
         reader(topics, columns)
     add_settings(columns, PX4, parameters, changes)
     _takeoff_height(topics, columns)
     ulog_states.add_parachute(topics, parameters, columns)
     ulog_states.add_fence_that_never_acts(parameters, changes, columns)
-    homeless = () if placed else _from_home(topics, columns)
+    homes = homes_of_px4(topics, frame)
+    homeless = () if placed else _from_home(homes, columns)
+    add_home(columns, homes)
     set_by_hand = [
         Stimulus(at_s=at, kind="parameter", name=name, values=(value,))
         for at, name, value in changes
@@ -211,8 +216,11 @@ def _severity(level: int) -> str:
     return "error" if number <= 3 else "warning" if number == 4 else "info"
 
 
-def _position(topics: Topics, columns: Columns) -> None:
-    """Add where it is and how fast: as the controllers see it, in its place the geographic estimate."""
+def _position(topics: Topics, columns: Columns) -> Place | None:
+    """Add where it is and how fast: as the controllers see it, in its place the geographic estimate.
+
+    Return the place from which the latter counts, None where the former is told.
+    """
     name = "vehicle_local_position"
     for told, (signal, sign) in {**_LOCAL, **_SPEED}.items():
         found = field(topics, name, told)
@@ -223,11 +231,11 @@ def _position(topics: Topics, columns: Columns) -> None:
         values = found[1] * sign
         columns.add(signal, found[0], values if valid is None else np.where(valid[1] > 0, values, np.nan))
     if all(signal in columns for signal in POSITION):
-        return
+        return None
     name = "vehicle_global_position"
     places = [field(topics, name, part) for part in ("lat", "lon", "alt")]
     if None in places:
-        return
+        return None
     (at_s, north), (_, east), (_, height) = (place for place in places if place is not None)
     local = np.array([to_local(lat, lon, north[0], east[0]) for lat, lon in zip(north, east, strict=True)])
     for signal, values in zip(POSITION, (*local.T, height), strict=True):
@@ -236,6 +244,7 @@ def _position(topics: Topics, columns: Columns) -> None:
         found = field(topics, name, told)
         if found is not None and signal not in columns:
             columns.add(signal, at_s, found[1] * sign)
+    return float(north[0]), float(east[0])
 
 
 def _attitude(topics: Topics, columns: Columns) -> None:
@@ -355,13 +364,12 @@ def _battery(topics: Topics, columns: Columns) -> None:
         columns.add("battery_v", *volts)
 
 
-def _from_home(topics: Topics, columns: Columns) -> tuple[str, ...]:
+def _from_home(homes: Homes | None, columns: Columns) -> tuple[str, ...]:
     """Measure places of a log that begins in the air from home; return what is not known where home is not told."""
     if not begins_in_flight(columns):
         return ()
-    home = [field(topics, "home_position", part) for part in ("x", "y", "z")]
-    if "vehicle_local_position" in topics and None not in home:
-        x, y, z = (float(part[1][0]) for part in home if part is not None)
-        columns.origin = {"x_m": x, "y_m": y, "altitude_m": -z}
+    if homes is not None:
+        first = (float(part[0]) for part in homes[1:])
+        columns.origin = dict(zip(POSITION, first, strict=True))
         return ()
     return columns.drop(*POSITION, "altitude_target_m", "baro_altitude_m")
