@@ -20,7 +20,10 @@ def ulog(
     parameters: dict[str, float] | None = None,
     began_s: float = 0.0,
 ) -> bytes:
-    """A ULog file: per topic its fields (format, name), and rows (topic, seconds, values); `topic#1` is an instance."""
+    """A ULog file: per topic its fields (format, name), and rows (topic, seconds, values); `topic#1` is an instance.
+
+    A row of a name that is no topic is a parameter that was set after the row before it.
+    """
     data = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", int(began_s * 1e6))
     data += message("B", bytes(40))
     for name, fields in topics.items():
@@ -28,16 +31,23 @@ def ulog(
         if "#" not in name:
             data += message("F", f"{name}:uint64_t timestamp;{text}".encode())
     for name, value in (parameters or {}).items():
-        key = f"float {name}".encode()
-        data += message("P", bytes([len(key)]) + key + struct.pack("<f", value))
+        data += ulog_parameter(name, value)
     ids = {name: number for number, name in enumerate(topics)}
     for name, number in ids.items():
         topic, _, instance = name.partition("#")
         data += message("A", struct.pack("<BH", int(instance or 0), number) + topic.encode())
     for name, at_s, values in rows:
+        if name not in topics:
+            data += ulog_parameter(name, *values)
+            continue
         codes = "".join(code for code, _ in topics[name])
         data += message("D", struct.pack("<HQ" + codes, ids[name], int(at_s * 1e6), *values))
     return data + message("L", bytes([ord("4")]) + struct.pack("<Q", 7_000_000) + b"engine failure")
+
+
+def ulog_parameter(name: str, value: float) -> bytes:
+    key = f"float {name}".encode()
+    return message("P", bytes([len(key)]) + key + struct.pack("<f", value))
 
 
 POSITION = [("f", "x"), ("f", "y"), ("f", "z"), ("f", "vx"), ("f", "vy"), ("f", "vz"), ("?", "xy_valid")]

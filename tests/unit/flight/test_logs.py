@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from log_bytes import KINDS, POSITION, STATUS, ardupilot_flight, dataflash, message, px4_flight, ulog
+from log_bytes import KINDS, POSITION, STATUS, ardupilot_flight, dataflash, message, px4_flight, ulog, ulog_parameter
 
 from saflite.contract.errors import Refused
 from saflite.contract.flight import Flight
@@ -111,11 +111,6 @@ def test_a_missing_log_is_refused(tmp_path: Path) -> None:
         read_ulog(tmp_path / "none.ulg")
     with pytest.raises(Refused, match="ArduPilot log"):
         read_dataflash(tmp_path / "none.bin")
-
-
-def ulog_parameter(name: str, value: float) -> bytes:
-    key = f"float {name}".encode()
-    return message("P", bytes([len(key)]) + key + struct.pack("<f", value))
 
 
 def test_settings_orders_and_failsafes_come_from_the_messages_and_parameters_of_px4(tmp_path: Path) -> None:

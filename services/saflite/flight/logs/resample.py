@@ -25,7 +25,8 @@ Array = NDArray[np.float64]
 class Columns:
     """Logged values by signal name, to be put on one clock.
 
-    Values that are no finite numbers are dropped: a column without any is as good as missing.
+    Values that are no finite numbers are dropped; of columns that keep each value until the next they stay, as NaN:
+    nobody knows it from there on. A column without any number is as good as missing.
 
     Args:
         began_s: when the log began. What it holds of before (a state that was told long ago and still holds) counts as
@@ -47,18 +48,23 @@ class Columns:
 
     def add(self, name: str, times_s: Any, values: Any) -> None:
         """Add one column, shapes (n,); a later one of the same name replaces it."""
-        assert name in SIGNALS, f"{name} is no signal"
-        times = np.asarray(times_s, dtype=np.float64)
-        given = np.broadcast_to(np.asarray(values, dtype=np.float64), times.shape)
-        good = np.isfinite(times) & np.isfinite(given)
-        order = np.argsort(times[good], kind="stable")
-        if good.any():
-            self._columns[name] = times[good][order], given[good][order]
+        times, given = _as_arrays(times_s, values)
+        self._put(name, times, given, np.isfinite(given))
 
     def hold(self, name: str, times_s: Any, values: Any) -> None:
         """Add one column that keeps each value until the next, such as a setting; it says nothing of the log's span."""
-        self.add(name, times_s, values)
+        times, given = _as_arrays(times_s, values)
+        known = np.isfinite(given)
+        if known.any():
+            self._put(name, times, np.where(known, given, np.nan), np.ones(len(times), dtype=np.bool_))
         self._held.add(name)
+
+    def _put(self, name: str, times: Array, values: Array, good: NDArray[np.bool_]) -> None:
+        assert name in SIGNALS, f"{name} is no signal"
+        good = good & np.isfinite(times)
+        order = np.argsort(times[good], kind="stable")
+        if good.any():
+            self._columns[name] = times[good][order], values[good][order]
 
     def drop(self, *names: str) -> tuple[str, ...]:
         """Forget columns and return the names."""
@@ -140,6 +146,11 @@ class Columns:
             TraceMessage(at_s=max(0.0, round(at - start, 3)), text=text, severity=severity)  # type: ignore[arg-type]
             for at, text, severity in kept
         )
+
+
+def _as_arrays(times_s: Any, values: Any) -> tuple[Array, Array]:
+    times = np.asarray(times_s, dtype=np.float64)
+    return times, np.broadcast_to(np.asarray(values, dtype=np.float64), times.shape)
 
 
 def _unknown(times: Array, at: Array) -> NDArray[np.bool_]:

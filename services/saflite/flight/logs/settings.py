@@ -2,10 +2,12 @@
 
 Sources: the parameter references of ArduCopter (4.0 to 4.6) and PX4 (1.11 to 1.16). Where a release renamed a parameter
 both names stand, the newer one first. What an autopilot has no parameter for is left out: such a setting is not known.
+Nor is one whose parameter has a value that means nothing here: it is NaN, from which no rule can tell anything.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
@@ -23,18 +25,18 @@ class Plain(NamedTuple):
     unit: float = 1.0
 
     def __call__(self, parameters: Parameters) -> float:
-        """Return the setting; raises KeyError where no name of it is known."""
+        """Return the setting; raises StopIteration where no name of it is known."""
         return parameters[next(name for name in self.names if name in parameters)] * self.unit
 
 
 class Made(NamedTuple):
-    """A setting that is worked out; `words` names the parameters it needs."""
+    """A setting that is worked out, NaN where a value has no meaning; `words` names the parameters it needs."""
 
     words: str
     rule: Rule
 
     def __call__(self, parameters: Parameters) -> float:
-        """Return the setting; raises KeyError where a parameter is not known or has no such meaning."""
+        """Return the setting; raises KeyError or StopIteration where a parameter is not known."""
         return self.rule(parameters)
 
 
@@ -42,8 +44,14 @@ def _of(*names: str, unit: float = 1.0) -> Plain:
     return Plain(names, unit)
 
 
-def _codes(name: str, meaning: Mapping[int, int]) -> Made:
-    return Made(name, lambda given: float(meaning[int(given[name])]))
+def _codes(meanings: Mapping[str, Mapping[float, float]]) -> Made:
+    """A setting by the first of these parameters that is known, and what its values mean."""
+    return Made(" or ".join(meanings), lambda given: _meant(meanings, given))
+
+
+def _meant(meanings: Mapping[str, Mapping[float, float]], given: Parameters) -> float:
+    name = next(name for name in meanings if name in given)
+    return float(meanings[name].get(given[name], math.nan))
 
 
 def _instead_of_0(first: Plain, second: Plain) -> Made:
@@ -53,10 +61,23 @@ def _instead_of_0(first: Plain, second: Plain) -> Made:
 _CM = 0.01
 
 
+_BY_SOURCE = {1.0: 0.0, 2.0: 1.0, 3.0: 2.0}
+_BY_EKF3: dict[str, Mapping[float, float]] = {
+    "EK3_SRC1_POSZ": _BY_SOURCE,
+    "EK3_ALT_SOURCE": {0.0: 0.0, 1.0: 1.0, 2.0: 2.0},
+}
+_BY_EKF2: dict[str, Mapping[float, float]] = {"EK2_ALT_SOURCE": {0.0: 0.0, 1.0: 1.0, 2.0: 2.0}}
+
+
 def _ardupilot_height(given: Parameters) -> float:
-    if "EK3_SRC1_POSZ" in given:
-        return float({1: 0, 2: 1, 3: 2}[int(given["EK3_SRC1_POSZ"])])
-    return {0: 0.0, 1: 1.0, 2: 2.0}[int(given["EK2_ALT_SOURCE"])]
+    """Go by the filter that flies, where settings of both are known; the other one's mean nothing then."""
+    flies = {**_BY_EKF2, **_BY_EKF3} if given.get("AHRS_EKF_TYPE") == 2.0 else {**_BY_EKF3, **_BY_EKF2}
+    return _meant(flies, given)
+
+
+def _ardupilot_ceiling(given: Parameters) -> float:
+    kinds = given.get("FENCE_TYPE", 7.0)
+    return float(given["FENCE_ENABLE"] > 0 and int(kinds) & 1 > 0) if math.isfinite(kinds) else math.nan
 
 
 ARDUPILOT: dict[str, Plain | Made] = {
@@ -84,10 +105,7 @@ ARDUPILOT: dict[str, Plain | Made] = {
     "pilot_turn_speed_set_dps": _of("PILOT_Y_RATE"),
     "fs_gps_action": _of("FS_EKF_ACTION"),
     "fs_gps_delay_set_s": Made("FS_EKF_ACTION", lambda given: 0.0 * given["FS_EKF_ACTION"]),  # there is no delay to set
-    "fence_enabled": Made(
-        "FENCE_ENABLE and FENCE_TYPE",
-        lambda given: float(given["FENCE_ENABLE"] > 0 and int(given.get("FENCE_TYPE", 7)) & 1 > 0),
-    ),
+    "fence_enabled": Made("FENCE_ENABLE and FENCE_TYPE", _ardupilot_ceiling),
     "fence_on_set": _of("FENCE_ENABLE"),
     "fence_type_set": _of("FENCE_TYPE"),
     "fence_action_set": _of("FENCE_ACTION"),
@@ -109,13 +127,11 @@ ARDUPILOT: dict[str, Plain | Made] = {
     "circle_rate_set_dps": _of("CIRCLE_RATE"),
     "descent_speed_set_mps": _of("WPNAV_SPEED_DN", unit=_CM),
     "circle_radius_set_m": _of("CIRCLE_RADIUS", unit=_CM),
-    "altitude_source": Made("EK3_SRC1_POSZ or EK2_ALT_SOURCE", _ardupilot_height),
+    "altitude_source": Made(" or ".join((*_BY_EKF3, *_BY_EKF2)), _ardupilot_height),
 }
 
 
-def _px4_height(given: Parameters) -> float:
-    name = "EKF2_HGT_REF" if "EKF2_HGT_REF" in given else "EKF2_HGT_MODE"
-    return float({0: 0, 1: 2, 2: 1}[int(given[name])])
+_PX4_HEIGHTS = {0.0: 0.0, 1.0: 2.0, 2.0: 1.0}
 
 
 def _px4_fence(given: Parameters) -> float:
@@ -154,13 +170,13 @@ PX4: dict[str, Plain | Made] = {
     ),
     "fence_on_set": Made("GF_ACTION", lambda given: float(given["GF_ACTION"] > 0)),
     "fence_type_set": Made("GF_MAX_VER_DIST and GF_MAX_HOR_DIST", _px4_fence),
-    "fence_action_set": _codes("GF_ACTION", {0: 0, 1: 0, 2: 4, 3: 1, 5: 2}),
+    "fence_action_set": _codes({"GF_ACTION": {0: 0, 1: 0, 2: 4, 3: 1, 5: 2}}),
     "fence_altitude_max_set_m": _of("GF_MAX_VER_DIST"),
     "fence_radius_set_m": _of("GF_MAX_HOR_DIST"),
-    "fs_gps_action": _codes("COM_POSCTL_NAVL", {0: 2, 1: 1}),
+    "fs_gps_action": _codes({"COM_POSCTL_NAVL": {0: 2, 1: 1}}),
     "fs_gps_delay_set_s": _of("COM_POS_FS_DELAY"),
     "arming_checks_set": Made("COM_ARM_WO_GPS", lambda given: float(given["COM_ARM_WO_GPS"] == 0)),
-    "altitude_source": Made("EKF2_HGT_REF or EKF2_HGT_MODE", _px4_height),
+    "altitude_source": _codes({"EKF2_HGT_REF": _PX4_HEIGHTS, "EKF2_HGT_MODE": _PX4_HEIGHTS}),
 }
 
 
@@ -187,7 +203,7 @@ def add_settings(
         for signal, row in table.items():
             try:
                 found = row(held)
-            except (KeyError, StopIteration):
+            except (KeyError, StopIteration):  # another release has it under another name, or not at all
                 continue
             known = points.setdefault(signal, [])
             if not known or known[-1][1] != found:

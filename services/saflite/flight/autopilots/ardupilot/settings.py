@@ -9,6 +9,7 @@ from saflite.contract.target_info import SettingInfo
 from saflite.contract.test_case import TestCase
 from saflite.flight.autopilots.ardupilot.vehicle import Vehicle
 from saflite.flight.autopilots.external.heights import above_start
+from saflite.flight.logs.settings import ARDUPILOT
 
 _CHANNELS = range(1, 9)
 SWITCHES = ("_ENABLE", "_ENABLED")
@@ -127,7 +128,7 @@ SHOWN: dict[str, Shown] = {
 }
 YAW_P_DPS = 45.0  # a full stick turns so fast times ACRO_YAW_P, where there is no PILOT_Y_RATE (4.1)
 CEILING = 1  # bit of FENCE_TYPE
-_HEIGHT_BY_SOURCE = {1.0: 0.0, 2.0: 1.0, 3.0: 2.0}  # EK3_SRC1_POSZ to what EK2_ALT_SOURCE said
+BAROMETER = {"EK2_ALT_SOURCE": 0.0}  # heights come from there where no parameter asks for another source
 
 
 def own_physics(test_case: TestCase) -> bool:
@@ -182,5 +183,4 @@ def show(vehicle: Vehicle, parameters: Mapping[str, float], home_up_m: float = 0
     vehicle["return_speed_set_mps"] = 0.01 * (get("RTL_SPEED", 0.0) or get("WPNAV_SPEED", 0.0))
     vehicle["pilot_speed_down_set_mps"] = 0.01 * (get("PILOT_SPEED_DN", 0.0) or get("PILOT_SPEED_UP", 0.0))
     vehicle["pilot_turn_speed_set_dps"] = get("PILOT_Y_RATE", YAW_P_DPS * get("ACRO_YAW_P", 0.0))
-    source = get("EK3_SRC1_POSZ", 1.0)
-    vehicle["altitude_source"] = get("EK2_ALT_SOURCE", _HEIGHT_BY_SOURCE.get(source, source))
+    vehicle["altitude_source"] = ARDUPILOT["altitude_source"]({**BAROMETER, **parameters})
