@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from log_bytes import KINDS, POSITION, STATUS, dataflash, ulog
 
@@ -14,7 +16,8 @@ from saflite.flight.logs.ulog import read_ulog_log
 
 ARM = {"ARM": ("QBBB", "TimeUS,ArmState,ArmChecks,Forced")}
 MAVC = {"MAVC": ("QHfffffff", "TimeUS,Cmd,P1,P2,P3,P4,X,Y,Z")}
-ARMED, DISARMED, STOPPED, STOP_CLEARED, INTERLOCKED, RUNNING = 10, 11, 54, 55, 56, 57
+ARMED, DISARMED, LANDED, STOPPED, STOP_CLEARED, INTERLOCKED, RUNNING = 10, 11, 18, 54, 55, 56, 57
+NAN = math.nan
 Row = tuple[str, tuple[Any, ...]]
 
 
@@ -48,6 +51,29 @@ def test_the_interlock_that_follows_a_disarm_is_no_order_to_stop(tmp_path: Path)
     path = ardupilot(tmp_path, event(10.0, DISARMED), event(10.003, INTERLOCKED))
     assert set(read_dataflash_log(path).trace.array("stop_ordered")) == {0.0}
     assert outcome(path) == "violated"
+
+
+@pytest.mark.parametrize(
+    ("told", "height_m", "known"),
+    [
+        (
+            [event(10.0, DISARMED), event(10.0, LANDED)],
+            20.0,
+            [0, NAN, NAN],
+        ),  # falls, and who is disarmed looks at nothing
+        ([event(10.0, DISARMED), event(10.0, LANDED), event(15.0, ARMED)], 20.0, [0, NAN, 0]),
+        ([event(9.0, LANDED), event(10.0, DISARMED)], 20.0, [0, 0, 0]),  # on a roof
+        ([event(10.0, DISARMED)], 1.0, [0, 0, 0]),
+        ([("ERR", (us(9.0), 12, 1)), event(10.0, DISARMED)], 20.0, [0, 1, 1]),
+    ],
+)
+def test_of_a_crash_after_a_disarm_in_the_air_an_ardupilot_log_tells_nothing(
+    told: list[Row], height_m: float, known: list[float], tmp_path: Path
+) -> None:
+    log = read_dataflash_log(ardupilot(tmp_path, *told, height_m=height_m))
+    crashed = log.trace.array("crashed")
+    np.testing.assert_array_equal([crashed[round((at_s - 1.0) / 0.05)] for at_s in (8.0, 12.0, 18.0)], known)
+    assert log.crashed == (1 in known)
 
 
 @pytest.mark.parametrize(
