@@ -15,7 +15,7 @@ from external_flights import answers, case, needs_binary, really_flown
 from msgspec.structs import replace
 
 from saflite.contract.standalone import Evidence
-from saflite.contract.test_case import Obstacle, Scenario, StartState
+from saflite.contract.test_case import Obstacle, Scenario, StartState, Stimulus
 from saflite.flight.autopilots.ardupilot.adapter import ADAPTER
 from saflite.flight.mission import builtin_mission
 from saflite.simulator_worker.agreement import differences
@@ -48,6 +48,21 @@ def test_it_flies_on_its_own_physics_and_repeats() -> None:
     assert np.abs(first.trace.array("altitude_m") - 20.0).max() < 1.0
     assert list(differences(first, again)) == []
     assert fallen.ending == "crashed"
+
+
+def test_it_goes_to_a_place_and_moves_home() -> None:
+    """The height of home counts from where home was, as on other targets: the vehicle's own height stays."""
+    hover = Scenario(start=StartState(mode="GUIDED", altitude_m=20.0), time_limit_s=20.0)
+    place = (47.3982, 8.5455938)
+    stimuli = (
+        Stimulus(at_s=1.0, kind="command", name="MAV_CMD_DO_SET_HOME", values=(0.0, 0.0, 0.0, 0.0, *place, 0.0)),
+        Stimulus(at_s=2.0, kind="command", name="MAV_CMD_DO_REPOSITION", values=(-1.0, 0.0, 0.0, 0.0, *place, 25.0)),
+    )
+    (record,) = really_flown(ADAPTER, replace(case("ardupilot", scenario=hover), stimuli=stimuli))
+    assert answers(record) == ["accepted", "accepted"]
+    assert record.trace is not None
+    assert record.trace.array("x_m")[-1] == pytest.approx(51.0, abs=2.0)
+    assert record.trace.array("altitude_m")[-1] == pytest.approx(25.0, abs=1.0)
 
 
 def test_it_flies_a_mission_round_a_box() -> None:

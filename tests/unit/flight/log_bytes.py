@@ -70,7 +70,7 @@ def px4_flight(tenths: int = 200) -> bytes:
 
 def dataflash(kinds: dict[str, tuple[str, str]], rows: Sequence[tuple[str, tuple[Any, ...]]]) -> bytes:
     """An ArduPilot log: per message its format letters and column names, and rows."""
-    codes = {"Q": "Q", "f": "f", "d": "d", "B": "B", "H": "H", "N": "16s", "Z": "64s"}
+    codes = {"Q": "Q", "f": "f", "d": "d", "B": "B", "H": "H", "i": "i", "N": "16s", "Z": "64s"}
     fmt = "BBnNZ"
     data = b""
     numbers = {name: 10 + index for index, name in enumerate(kinds)}
@@ -97,7 +97,9 @@ KINDS = {
 }
 
 
-def ardupilot_flight(kinds: dict[str, tuple[str, str]] = KINDS, tenths: int = 100) -> bytes:
+def ardupilot_flight(
+    kinds: dict[str, tuple[str, str]] = KINDS, tenths: int = 100, more: Sequence[tuple[str, tuple[float, ...]]] = ()
+) -> bytes:
     rows: list[tuple[str, tuple[float, ...]]] = [("MODE", (1_000_000, 4, 4, 1)), ("EV", (1_000_000, 10))]
     for tenth in range(tenths + 1):
         at = 1_000_000 + tenth * 100_000
@@ -105,4 +107,4 @@ def ardupilot_flight(kinds: dict[str, tuple[str, str]] = KINDS, tenths: int = 10
         rows.append(("XKF1", (at, 1, 99.0, 99.0, 99.0, 0.0, 0.0, 0.0)))
         if tenth == tenths // 2:
             rows += [("MODE", (at, 6, 6, 1)), ("ERR", (at, 5, 1)), ("EV", (at, 51))]
-    return dataflash(kinds, rows)
+    return dataflash(kinds, [*rows, *more])

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from saflite.contract.errors import Refused
 from saflite.contract.flight import Trace
@@ -29,6 +30,7 @@ from saflite.flight.logs.flight_log import (
 from saflite.flight.logs.home import Place, add_home, homes_of_ardupilot
 from saflite.flight.logs.resample import Columns
 from saflite.flight.logs.settings import ARDUPILOT, add_settings, sources
+from saflite.flight.mavlink.items import ORDERED_PLACES
 from saflite.flight.mission import to_local
 
 _FIELDS: dict[str, dict[str, str]] = {
@@ -166,13 +168,15 @@ def _changed(told: list[tuple[float, str, float]]) -> list[tuple[float, str, flo
 
 def _commands(rows: Rows) -> list[Stimulus]:
     """Return the commands that came over MAVLink (MAVC)."""
-    fields = ("P1", "P2", "P3", "P4", "X", "Y", "Z")
-    made = (
-        command(at, int(row["Cmd"]), [float(row.get(name, 0.0)) for name in fields])
-        for at, row in rows["MAVC"]
-        if "Cmd" in row
-    )
+    made = (command(at, int(row["Cmd"]), _numbers(row)) for at, row in rows["MAVC"] if "Cmd" in row)
     return [one for one in made if one is not None]
+
+
+def _numbers(row: Mapping[str, Any]) -> list[float]:
+    """Return the seven numbers of a command; places lie in the log as in COMMAND_INT, degrees x 1e7."""
+    size = 1e-7 if int(row["Cmd"]) in ORDERED_PLACES else 1.0
+    sizes = {"P1": 1.0, "P2": 1.0, "P3": 1.0, "P4": 1.0, "X": size, "Y": size, "Z": 1.0}
+    return [float(row.get(name, 0.0)) * one for name, one in sizes.items()]
 
 
 def _column(columns: Columns, signal: str, found: Points) -> None:

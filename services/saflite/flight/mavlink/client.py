@@ -14,7 +14,7 @@ from typing import Any, Literal, NamedTuple
 
 from saflite.contract.clock import Clock
 from saflite.contract.test_case import Mission
-from saflite.flight.mavlink.items import item_fields
+from saflite.flight.mavlink.items import ORDERED_PLACES, command_int_fields, item_fields
 from saflite.flight.mavlink.ports import Port
 
 GROUND_STATION, INVALID_AUTOPILOT = 6, 8
@@ -205,18 +205,28 @@ class Client:
             return value
         return float(struct.unpack_from("<" + WHOLE[kind], struct.pack("<f", value))[0])
 
+    def send_command(self, number: int, numbers: Sequence[float], confirmation: int = 0) -> None:
+        """Send a MAV_CMD with up to seven numbers; nothing is waited for.
+
+        ArduPilot takes places as COMMAND_INT, which says what their height counts from: here from home. As COMMAND_LONG
+        it refuses DO_REPOSITION, and counts the height of DO_SET_HOME from the sea. NaN is 0 to it, as in its own
+        conversion (`GCS_Common.cpp`, convert_COMMAND_LONG_to_COMMAND_INT). PX4 takes the numbers of both alike.
+        """
+        if number in ORDERED_PLACES and self.autopilot == ARDUPILOT:
+            self.mav.command_int_send(*self._vehicle, *command_int_fields(number, numbers))
+        else:
+            padded = [*numbers, *([0.0] * 7)][:7]
+            self.mav.command_long_send(*self._vehicle, number, confirmation, *padded)
+
     def command(self, number: int, numbers: Sequence[float], within_s: float) -> Answer:
         """Give a MAV_CMD with up to seven numbers, repeated until acknowledged. Work in progress is waited for."""
-        padded = [*numbers, *([0.0] * 7)][:7]
 
         def final(message: Any) -> bool:
             known = message.get_type() == "COMMAND_ACK" and message.command == number
             return bool(known and message.result != IN_PROGRESS)
 
         found, sends = self.wait(
-            final,
-            within_s,
-            lambda sends: self.mav.command_long_send(*self._vehicle, number, min(sends, 255), *padded),
+            final, within_s, lambda sends: self.send_command(number, numbers, confirmation=min(sends, 255))
         )
         if found is None:
             return Answer("timed_out", sends=sends)

@@ -1,28 +1,24 @@
-"""Mission items as MAVLink carries them: places in degrees x 1e7, other numbers whole."""
+"""Mission items and orders to places as MAVLink carries them: places in degrees x 1e7, other numbers whole."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from saflite.contract.test_case import Mission, MissionItem
 
 WAYPOINT, GLOBAL, GLOBAL_INT, GLOBAL_RELATIVE, GLOBAL_TERRAIN = 16, 0, 5, 3, 10
-PLACES = {
-    16,
-    17,
-    18,
-    19,
-    21,
-    22,
-    82,
-    201,
-    5000,
-    5001,
-    5002,
-    5003,
-    5004,
-    5100,
-}  # commands whose 5th to 7th number are a place
+PLACES = frozenset(
+    {
+        *(16, 17, 18, 19, 21, 22, 31, 34, 82, 84, 85, 94),
+        *(179, 192, 195, 201),
+        *(5000, 5001, 5002, 5003, 5004, 5100),
+    }
+)
+"""Commands whose 5th to 7th number are a place (MAVLink, common.xml: hasLocation)."""
+ORDERED_PLACES = frozenset({179, 192, 195, 201})
+"""Those that ArduPilot takes with their place as an order: DO_SET_HOME, DO_REPOSITION, DO_SET_ROI(_LOCATION)."""
+INT32 = 2**31 - 1
 FLOAT_FRAMES = {GLOBAL_INT: GLOBAL, 6: GLOBAL_RELATIVE, 11: GLOBAL_TERRAIN}
 
 
@@ -32,10 +28,17 @@ def float_frame(frame: int) -> int:
 
 
 def whole(command: int, value: float) -> int:
-    """Return the 5th or 6th number of an item as MISSION_ITEM_INT carries it; NaN is 0."""
+    """Return the 5th or 6th number of an item as MISSION_ITEM_INT carries it; NaN is 0, what is too large is cut."""
     if math.isnan(value):
         return 0
-    return round(value * 1e7) if command in PLACES else round(value)
+    return round(max(-INT32, min(INT32, value * 1e7 if command in PLACES else value)))
+
+
+def command_int_fields(number: int, numbers: Sequence[float]) -> tuple[float, ...]:
+    """Return the fields of COMMAND_INT from `frame` to `z` for an order to a place whose height counts from home."""
+    padded = [*numbers, *([0.0] * 7)][:7]
+    x, y = whole(number, padded[4]), whole(number, padded[5])
+    return (GLOBAL_RELATIVE, number, 0, 0, *padded[:4], x, y, padded[6])
 
 
 def home_item(lat_deg: float, lon_deg: float, altitude_m: float) -> MissionItem:

@@ -153,8 +153,7 @@ class Inputs:
 
     def _order_command(self, number: int, values: Sequence[float], time_s: float) -> None:
         self._ask(time_s, command=number)
-        padded = [*values, *([0.0] * NUMBERS)][:NUMBERS]
-        self._client.mav.command_long_send(1, 1, number, 0, *padded)
+        self._client.send_command(number, values)
 
     def _ask(self, time_s: float, *, command: int = -1, parameter: str = "", value: float = 0.0) -> None:
         self.asked.append(Asked(len(self.delivered), command, parameter, value, time_s + PATIENCE_S))

@@ -93,6 +93,8 @@ class Findings(arducopter.AutoTestCopter):  # type: ignore[misc]
             self.set_rc(int(one["name"][2:]), round(min(2200, max(800, one["values"][0]))))
         elif one["kind"] in ("parameter", "sensor_fault"):
             self.set_parameter(one["name"], one["values"][0] if one["values"] else 1.0)
+        elif "placed" in one:
+            self.mav.mav.command_int_send(1, 1, *one["placed"])
         else:
             values = [*one["values"], *[0.0] * 7][:7]
             self.send_cmd(one["number"], **{f"p{place + 1}": value for place, value in enumerate(values)})

@@ -20,7 +20,7 @@ from saflite.flight.autopilots.external.flight import DEFAULT_START, MISSION_YAW
 from saflite.flight.autopilots.external.inputs import command_number
 from saflite.flight.autopilots.external.listing import Listing
 from saflite.flight.mavlink.client import CUSTOM_MODE, DO_SET_MODE
-from saflite.flight.mavlink.items import item_fields
+from saflite.flight.mavlink.items import ORDERED_PLACES, command_int_fields, item_fields
 from saflite.flight.mission import dump_plan
 
 _TEMPLATE, _CASE = (Path(__file__).with_name(name) for name in ("script.py", "autotest_case.py"))
@@ -101,11 +101,19 @@ def _filled(template: Path, description: str, facts: Mapping[str, Any]) -> str:
 
 def _input(one: Stimulus, types: Mapping[str, int]) -> dict[str, Any]:
     """Return what the script gives: a command with its numbers, a parameter with its type, or a stick."""
-    row = {"at_s": one.at_s, "kind": one.kind, "name": one.name, "values": list(one.values), "number": 0}
+    row: dict[str, Any] = {
+        "at_s": one.at_s,
+        "kind": one.kind,
+        "name": one.name,
+        "values": list(one.values),
+        "number": 0,
+    }
     if one.kind == "mode":
         row.update(number=DO_SET_MODE, values=[CUSTOM_MODE, MODES[one.name]])
     elif one.kind == "command":
         row["number"] = command_number(one.name)
+        if row["number"] in ORDERED_PLACES:  # a place goes with the frame of its height, as the farm gives it
+            row["placed"] = command_int_fields(row["number"], one.values)
     elif one.kind != "stick":
         row["number"] = types[one.name]
     return row

@@ -100,6 +100,15 @@ class Vehicle:
     def order(self, number: int, *values: float) -> None:
         """Give a command and wait for its answer."""
         self.link.mav.command_long_send(1, 1, number, 0, *[*values, *[0.0] * 7][:7])
+        self.hear_answer(number)
+
+    def order_place(self, fields: list[Any]) -> None:
+        """Give a command with a place, from the frame of its height on, and wait for its answer."""
+        self.link.mav.command_int_send(1, 1, *fields)
+        self.hear_answer(fields[1])
+
+    def hear_answer(self, number: int) -> None:
+        """Wait for the answer to a command and tell it."""
         self.latest.pop("COMMAND_ACK", None)
         if self.wait(lambda: "COMMAND_ACK" in self.latest, ANSWER_S):
             self.tell(f"command {number}: result {self.latest['COMMAND_ACK'].result}")
@@ -185,6 +194,8 @@ def give(vehicle: Vehicle, what: dict[str, Any]) -> None:
     elif what["kind"] in ("parameter", "sensor_fault"):
         value = what["values"][0] if what["values"] else 1.0
         vehicle.link.mav.param_set_send(1, 1, what["name"].encode(), value, what["number"])
+    elif "placed" in what:
+        vehicle.order_place(what["placed"])
     else:
         vehicle.order(what["number"], *what["values"])
 
