@@ -101,6 +101,7 @@ class FlightSignals:
             **{name: partial(self._last_plain_order, name) for name in ("plain_order", "plain_order_refused")},
             "ordered_mode": self._ordered_mode,
             "takeoff_slow_set_m": lambda: np.full_like(self._time(), NO_HEIGHT_M),
+            "failsafe_delay_set_s": lambda: np.zeros_like(self._time()),
             "ordered_home_m": self._ordered_home,
             "place_order_s": lambda: orders.since([one.at_s for one in self._places()], self._time(), -NEVER_S),
             "pause_order_s": lambda: orders.paused(self._given, self._time()),

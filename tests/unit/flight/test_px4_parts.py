@@ -29,6 +29,7 @@ from saflite.flight.autopilots.px4.describe import describe
 from saflite.flight.autopilots.px4.inputs import COMMANDS, Inputs
 from saflite.flight.autopilots.px4.metadata import documented
 from saflite.flight.autopilots.px4.places import placed
+from saflite.flight.autopilots.px4.signals import trace_names
 from saflite.flight.autopilots.px4.telemetry import RADIO, Telemetry
 from saflite.flight.autopilots.px4.vehicle import Vehicle
 from saflite.flight.logs.settings import PX4 as SHOWN
@@ -226,6 +227,12 @@ def test_the_description_comes_from_the_binary(tmp_path: Path) -> None:
     assert "hold_altitude_min_set_m" not in info.signals  # this binary has no such parameter
     assert str(tmp_path) not in repr(info)
     assert describe(None, None, "no binary").missing == "no binary"
+
+
+def test_the_time_it_holds_before_a_failsafes_action_is_a_signal() -> None:
+    assert "failsafe_delay_set_s" in trace_names({"COM_FAIL_ACT_T": 7.0})
+    assert settings.shown_settings({"COM_FAIL_ACT_T": 7.0})["failsafe_delay_set_s"] == 7.0
+    assert "failsafe_delay_set_s" not in trace_names({})
 
 
 # ---- telemetry and inputs -----------------------------------------------------------------------------------------
