@@ -203,6 +203,7 @@ SIGNALS: dict[str, Signal] = {
         "s",
         "time since a pause that no order to go on followed (MAV_CMD_DO_PAUSE_CONTINUE), above 1,000,000 without one",
     ),
+    "ordered_yaw_way": Signal("", "way round to it that was ordered: 1 clockwise, -1 the other, 0 the shorter", "code"),
     "ordered_yaw_deg": Signal("deg", "heading ordered last (MAV_CMD_CONDITION_YAW, MAV_CMD_DO_SET_ROI)"),
     "mode_order_s": Signal(
         "s", "time since the last order to take a mode, denied or not, above 1,000,000 where none was given"
@@ -333,6 +334,7 @@ MADE_FROM: dict[str, tuple[str, ...]] = {
     "item_unexpected": ("mission_item", "mode", "x_est_m", "y_est_m"),
     "yaw_order_s": ("yaw_deg", "x_m", "y_m"),
     "ordered_yaw_deg": ("yaw_deg", "x_m", "y_m"),
+    "ordered_yaw_way": ("yaw_deg", "x_m", "y_m"),
     "ground_speed_mps": ("vx_mps", "vy_mps"),
     "forward_mps": ("vx_mps", "vy_mps", "yaw_deg"),
     "right_mps": ("vx_mps", "vy_mps", "yaw_deg"),

@@ -18,11 +18,13 @@ from saflite.flight.world.jsbsim_world import HOME_LAT_DEG, HOME_LON_DEG
 
 Array = NDArray[np.float64]
 NEVER_S = 1e6
-SLOW_DPS = 15.0
 ROUNDED_UP = 0.01  # AP_Param takes 1.995 for 2: a float on the link may fall short of it
 SPEED_LEAST_MPS = 0.2  # ArduCopter accepts an order to fly more slowly and does not follow it (WPNAV_WP_SPEED_MIN)
-LOOKED_AT_M = 20.0  # a place nearer than this has no sure heading
 FORCE = (21196.0, 2989.0)  # magic numbers with which MAVLink forces motors off or on
+DISARMS = {(81, 2), (153, 0), (154, 0)}
+CUTS = {(31, 2), (32, 0), (165, 0)}
+"""Auxiliary functions of ArduPilot, each with a position of its switch (low 0, middle 1, high 2): those that disarm, in
+the air, too; and the emergency stop and interlock, by which the motors stand though the vehicle stays armed."""
 
 _MOVING = re.compile(
     r"(sim_(?!batt|rc_|para))|(ahrs|atc|psc|ek\d|ins|compass|gnd|gps|mot|pilot|angle|loit|wpnav|wp|acro|thr|rc\d|baro"
@@ -170,7 +172,20 @@ def stops_motors(stimulus: Stimulus) -> bool:
     values = _numbers(stimulus)
     if _is(stimulus, "DO_FLIGHTTERMINATION"):
         return values[0] > 0.5
+    if _is(stimulus, "DO_AUX_FUNCTION"):
+        return cuts_motors(stimulus) or _switched(stimulus) in DISARMS
     return _is(stimulus, "COMPONENT_ARM_DISARM") and values[0] < 0.5 and values[1] in FORCE
+
+
+def cuts_motors(stimulus: Stimulus) -> bool:
+    """Say whether the stimulus orders the motors to stand while the vehicle stays armed."""
+    return _is(stimulus, "DO_AUX_FUNCTION") and _switched(stimulus) in CUTS
+
+
+def _switched(stimulus: Stimulus) -> tuple[int, int] | None:
+    """Return function and position of DO_AUX_FUNCTION as ArduPilot takes them, without their fractions."""
+    values = _numbers(stimulus)[:2]
+    return (int(values[0]), int(values[1])) if np.isfinite(values).all() else None
 
 
 def asks_to_stop(stimulus: Stimulus) -> bool:
@@ -334,36 +349,6 @@ def home_off(
         after = times >= at_s - 1e-9
         off_m[after] = np.hypot(x_m - place[0], y_m - place[1])[after]
     return off_m
-
-
-def headings(
-    test_case: TestCase, given: Sequence[Given], track: tuple[NDArray[Any], NDArray[Any], NDArray[Any]], times: Array
-) -> list[tuple[float, float]]:
-    """Return (time, heading ordered) of each CONDITION_YAW and DO_SET_ROI; relative ones count from the heading then.
-
-    Orders to turn slowly (2nd number, degrees a second) are left out: they may take minutes. An order to look at a
-    place counts as the heading from where the vehicle is then; on other targets it may turn a gimbal, or follow.
-
-    Args:
-        track: position north and east in metres, heading in degrees, shape (moments,) each.
-    """
-    x_m, y_m, yaw_deg = track
-    found = []
-    for stimulus, _, _ in given:
-        at, values = _index(times, stimulus.at_s), _numbers(stimulus)
-        if _is(stimulus, "CONDITION_YAW"):
-            angle, rate_dps, way, relative = values[:4]
-            if 0.0 < rate_dps < SLOW_DPS:
-                continue
-            if relative:
-                angle = float(yaw_deg[at]) + (-angle if way < 0 else angle)
-            found.append((stimulus.at_s, angle % 360.0))
-        elif _is(stimulus, "DO_SET_ROI") and (values[4] or values[5]) and test_case.target.name == DEFAULT_TARGET:
-            place = to_local(values[4], values[5], *(origin_of(test_case) or (HOME_LAT_DEG, HOME_LON_DEG)))
-            north, east = place[0] - float(x_m[at]), place[1] - float(y_m[at])
-            if np.hypot(north, east) >= LOOKED_AT_M:
-                found.append((stimulus.at_s, float(np.degrees(np.arctan2(east, north))) % 360.0))
-    return found
 
 
 def _index(times: Array, at_s: float) -> int:

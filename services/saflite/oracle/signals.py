@@ -30,6 +30,7 @@ from saflite.flight.autopilots.described import setting_ranges
 from saflite.flight.geometry import boxes_array, distance_to_boxes
 from saflite.oracle import itinerary, orders
 from saflite.oracle.effects import FLAGS, undisturbed
+from saflite.oracle.headings import Heading, headings
 from saflite.oracle.moments import moments_of, samples_of
 from saflite.oracle.orders import NEVER_S, SETTINGS
 from saflite.oracle.plain_orders import PlainOrder, plain_orders
@@ -107,8 +108,9 @@ class FlightSignals:
             "pause_order_s": lambda: orders.paused(self._given, self._time()),
             **{name: partial(self._of_item, name) for name in itinerary.NAMES},
             **{f"ordered_{part}": partial(self._last_place, part) for part in ("x_m", "y_m", "altitude_m")},
-            "yaw_order_s": lambda: orders.since([at_s for at_s, _ in self._headings()], self._time(), -NEVER_S),
-            "ordered_yaw_deg": lambda: orders.held(self._headings(), self._time()),
+            "yaw_order_s": lambda: orders.since([one.at_s for one in self._headings()], self._time(), -NEVER_S),
+            "ordered_yaw_deg": lambda: self._last_heading("heading_deg"),
+            "ordered_yaw_way": lambda: self._last_heading("way"),
             "ground_speed_mps": lambda: np.hypot(self["vx_mps"], self["vy_mps"]),
             **{name: partial(self._settling, name) for name in ("stopping_s", "settling_s")},
             "forward_mps": lambda: self._along(0.0),
@@ -208,7 +210,9 @@ class FlightSignals:
     def _undisturbed(self, flag: str) -> NDArray[np.float64]:
         target = self._test_case.target
         calm = undisturbed(flag, self._causes(), target.parameters, self._time(), setting_ranges(target.name))
-        return calm * (self._leeway_deg() >= LEEWAY_DEG) if flag == "body_true" else calm
+        if flag != "body_true":
+            return calm
+        return calm * (self._leeway_deg() >= LEEWAY_DEG) * (1.0 - self._ordered_from(orders.cuts_motors))
 
     def _leeway_deg(self) -> NDArray[np.float64]:
         """How far it may lean against AHRS_TRIM, taken within its range: without any it cannot hold a place."""
@@ -238,9 +242,12 @@ class FlightSignals:
     def _last_place(self, part: str) -> NDArray[np.float64]:
         return orders.held([(one.at_s, getattr(one, part)) for one in self._places()], self._time())
 
-    def _headings(self) -> list[tuple[float, float]]:
+    def _last_heading(self, part: str) -> NDArray[np.float64]:
+        return orders.held([(one.at_s, getattr(one, part)) for one in self._headings()], self._time())
+
+    def _headings(self) -> list[Heading]:
         track = (self["x_est_m"], self["y_est_m"], self["yaw_deg"])
-        return orders.headings(self._test_case, self._given, track, self._time())
+        return headings(self._test_case, self._given, track, self._time())
 
     def _of_item(self, name: str) -> NDArray[np.float64]:
         items, item = itinerary.items_of(self._test_case.scenario.mission), self["mission_item"]

@@ -14,8 +14,9 @@ from saflite.contract.signals import SIGNALS
 from saflite.contract.test_case import Scenario, Stimulus, StimulusKind, Target, TestCase
 from saflite.flight.autopilots.reference.parameter_types import TYPES
 from saflite.flight.autopilots.reference.parameters import parameter_table
+from saflite.oracle.headings import headings
 from saflite.oracle.log_text import describe, facts_of, rule_of_thumb
-from saflite.oracle.orders import SETTINGS, forces_arming, headings, may_change_mode, mode_ordered, stops_motors
+from saflite.oracle.orders import SETTINGS, forces_arming, may_change_mode, mode_ordered, stops_motors
 from saflite.oracle.signals import FlightSignals
 
 STEP_S = 0.5
@@ -46,10 +47,33 @@ def stimulus(kind: StimulusKind, name: str, *values: float, at_s: float = 1.0) -
         ("MAV_CMD_COMPONENT_ARM_DISARM", (0.0, 0.0), False),
         ("MAV_CMD_COMPONENT_ARM_DISARM", (1.0, 21196.0), False),
         ("MAV_CMD_NAV_LAND", (), False),
+        ("MAV_CMD_DO_AUX_FUNCTION", (81.0, 2.0), True),  # disarm
+        ("MAV_CMD_DO_AUX_FUNCTION", (81.0, 0.0), False),
+        ("MAV_CMD_DO_AUX_FUNCTION", (153.0, 0.0), True),  # arm or disarm
+        ("MAV_CMD_DO_AUX_FUNCTION", (153.0, 2.0), False),
+        ("MAV_CMD_DO_AUX_FUNCTION", (154.0, 0.0), True),  # the same with air mode
+        ("MAV_CMD_DO_AUX_FUNCTION", (165.0, 0.0), True),  # arm or emergency stop
+        ("MAV_CMD_DO_AUX_FUNCTION", (165.0,), True),
+        ("MAV_CMD_DO_AUX_FUNCTION", (165.0, 2.0), False),
+        ("MAV_CMD_DO_AUX_FUNCTION", (31.9, 2.9), True),  # emergency stop: ArduPilot cuts fractions off
+        ("MAV_CMD_DO_AUX_FUNCTION", (31.0, 0.0), False),
+        ("MAV_CMD_DO_AUX_FUNCTION", (32.0, 0.0), True),  # interlock
+        ("MAV_CMD_DO_AUX_FUNCTION", (9.0, 2.0), False),
     ],
 )
 def test_only_forced_stops_excuse_motors_off(name: str, values: tuple[float, ...], stops: bool) -> None:
     assert stops_motors(stimulus("command", name, *values)) is stops
+
+
+@pytest.mark.parametrize(
+    ("values", "obeys"),
+    [((31.0, 2.0), 0.0), ((165.0, 0.0), 0.0), ((32.0, 0.0), 0.0), ((31.0, 0.0), 1.0), ((81.0, 2.0), 1.0)],
+)
+def test_motors_that_were_ordered_to_stand_hold_nothing(values: tuple[float, ...], obeys: float) -> None:
+    """By these switches the vehicle stays armed; one that is disarmed is none of the rules' that ask what it holds."""
+    told = signals(stimulus("command", "MAV_CMD_DO_AUX_FUNCTION", *values, at_s=1.0), x_m=[0.0] * 6)
+    assert told["body_true"].tolist()[0] == 1.0
+    assert told["body_true"].tolist()[-1] == obeys
 
 
 def test_quiet_times_and_flags_follow_the_stimuli() -> None:
@@ -209,10 +233,10 @@ def test_a_place_to_look_at_is_a_heading_from_where_the_vehicle_is_unless_it_is_
     east = stimulus("command", "MAV_CMD_DO_SET_ROI", 0, 0, 0, 0, 47.3977419, 8.5465938)
     below = stimulus("command", "MAV_CMD_DO_SET_ROI", 0, 0, 0, 0, 47.3977419, 8.5456038)
     case = TestCase(target=Target(), scenario=Scenario())
-    ((at_s, heading_deg),) = headings(
+    ((at_s, heading_deg, way),) = headings(
         case, [Given(east, "accepted"), Given(below, "accepted")], (here, here, here), times
     )
-    assert (at_s, round(heading_deg)) == (1.0, 90)
+    assert (at_s, round(heading_deg), way) == (1.0, 90, 0)
     other = TestCase(target=Target(name="px4"), scenario=Scenario())
     assert headings(other, [Given(east, "accepted")], (here, here, here), times) == []
 
@@ -223,9 +247,26 @@ def test_an_order_to_turn_slowly_is_none_of_those_that_are_soon_reached() -> Non
     fast = stimulus("command", "MAV_CMD_CONDITION_YAW", 40.0, 30.0, at_s=2.0)
     given = [Given(slow, "accepted"), Given(TURN, "accepted"), Given(fast, "accepted")]
     assert headings(TestCase(target=Target(), scenario=Scenario()), given, (yaw, yaw, yaw), times) == [
-        (0.5, 90.0),
-        (2.0, 40.0),
+        (0.5, 90.0, 0),
+        (2.0, 40.0, 0),
     ]
+
+
+@pytest.mark.parametrize(
+    ("numbers", "heading_deg", "way"),
+    [
+        ((350.0, 30.0, 1.0, 0.0), 350.0, 1),
+        ((350.0, 30.0, -1.0, 0.0), 350.0, -1),
+        ((350.0, 30.0, 0.0, 0.0), 350.0, 0),
+        ((270.0, 30.0, 1.0, 1.0), 280.0, 1),
+        ((270.0, 30.0, -1.0, 1.0), 100.0, -1),
+    ],
+)
+def test_an_order_to_turn_says_the_way_round(numbers: tuple[float, ...], heading_deg: float, way: int) -> None:
+    yaw, times = np.full(6, 10.0, dtype=np.float32), np.arange(6.0)
+    given = [Given(stimulus("command", "MAV_CMD_CONDITION_YAW", *numbers), "accepted")]
+    case = TestCase(target=Target(name="ardupilot"), scenario=Scenario())
+    assert headings(case, given, (yaw, yaw, yaw), times) == [(1.0, heading_deg, way)]
 
 
 def test_a_signal_made_of_the_plan_does_not_escape_the_test_above() -> None:

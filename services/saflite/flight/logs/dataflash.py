@@ -50,6 +50,7 @@ _OF_COMMANDS = (
     "ordered_y_m",
     "ordered_altitude_m",
     "yaw_order_s",
+    "ordered_yaw_way",
     "pause_order_s",
     "start_order_s",
     "climb_order_s",
