@@ -26,6 +26,7 @@ from saflite.flight.autopilots.external.listing import Listing
 from saflite.flight.logs.dataflash import _commands
 from saflite.flight.logs.dataflash_rows import load
 from saflite.flight.mavlink.client import ARDUPILOT, PX4, Client
+from saflite.oracle.orders import cuts_motors
 
 LISTING = Listing(binary="0" * 64, parameters={})
 PLACE = (0.0, 1.0, 0.0, 0.0, 47.3982, 8.5461637, 30.0)
@@ -121,6 +122,14 @@ def test_the_script_gives_what_the_farm_gave(name: str) -> None:
         (what,) = facts["inputs"]
         sent = dialect.MAVLink_command_int_message(1, 1, *what["placed"])
         assert sent.pack(dialect.MAVLink(None)) == order.pack(dialect.MAVLink(None))
+
+
+def test_an_auxiliary_function_in_a_log_is_an_order(tmp_path: Path) -> None:
+    """It may be the emergency stop."""
+    kinds, path = {**KINDS, "MAVC": ("QHff", "TimeUS,Cmd,P1,P2")}, tmp_path / "flight.bin"
+    path.write_bytes(ardupilot_flight(kinds, more=[("MAVC", (3_000_000, 218, 31.0, 2.0))]))
+    (order,) = _commands(load(path)[0])
+    assert cuts_motors(order)
 
 
 @pytest.mark.parametrize("name", ["MAV_CMD_DO_SET_HOME", "MAV_CMD_DO_REPOSITION"])

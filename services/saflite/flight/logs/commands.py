@@ -22,6 +22,7 @@ NAMES: dict[int, str] = {
     207: "DO_FENCE_ENABLE",
     208: "DO_PARACHUTE",
     209: "DO_MOTOR_TEST",
+    218: "DO_AUX_FUNCTION",
     400: "COMPONENT_ARM_DISARM",
 }
 """MAV_CMD by number (MAVLink, common.xml)."""
