@@ -144,7 +144,7 @@ SIGNALS: dict[str, Signal] = {
     "auto_options_set": Signal("", "bits: 4 the yaw stick does nothing in AUTO (AUTO_OPTIONS)", "code"),
     "pilot_turn_speed_set_dps": Signal("deg/s", "turning speed of a full yaw stick (PILOT_Y_RATE)"),
     "fence_on_set": Signal("", "1 while fences are on (FENCE_ENABLE)", "flag"),
-    "fence_type_set": Signal("", "bits: 1 ceiling, 2 circle about home (FENCE_TYPE)", "code"),
+    "fence_type_set": Signal("", "bits: 1 ceiling, 2 circle about home, 4 polygons, 8 floor (FENCE_TYPE)", "code"),
     "throttle_filter_set_hz": Signal("Hz", "filter of the throttle stick, 0 off (PILOT_THR_FILT)"),
     "yaw_rate_max_set_dps": Signal("deg/s", "how fast it may turn (ATC_RATE_Y_MAX); 0: no bound"),
     "yaw_acceleration_set_dps2": Signal("deg/s2", "how fast a turn may speed up (ATC_ACCEL_Y_MAX); 0: no bound"),
@@ -152,6 +152,8 @@ SIGNALS: dict[str, Signal] = {
     "landed_disarms_set": Signal("", "bits: 4 motors off in all modes once landed (PILOT_THR_BHV)", "code"),
     "fence_margin_set_m": Signal("m", "distance that modes keep from the fence (FENCE_MARGIN)"),
     "acro_yaw_rate_set_dps": Signal("deg/s", "yaw rate that a full stick asks for in ACRO (ACRO_YAW_P)"),
+    "fence_altitude_min_set_m": Signal("m", "floor of the fence (FENCE_ALT_MIN)"),
+    "fence_points_set": Signal("", "points of polygons and circles loaded as fences (FENCE_TOTAL)", "code"),
     "fence_radius_set_m": Signal("m", "radius of the circle about home (FENCE_RADIUS)"),
     "arming_checks_set": Signal("", "checks before arming, 0 none (ARMING_CHECK)", "code"),
     "angle_max_set_deg": Signal("deg", "greatest lean angle (ANGLE_MAX)"),
@@ -309,6 +311,7 @@ mode_order_s mode_cause_s ordered_mode release_order_s stop_order_s start_order_
 plain_order plain_order_s plain_order_refused takeoff_slow_set_m failsafe_delay_set_s
 failsafe_options_set circle_options_set auto_options_set pilot_turn_speed_set_dps
 fence_action_set fence_on_set fence_type_set fence_radius_set_m fence_margin_set_m acro_yaw_rate_set_dps
+fence_altitude_min_set_m fence_points_set
 landed_disarms_set throttle_filter_set_hz yaw_rate_max_set_dps yaw_acceleration_set_dps2 loiter_acceleration_set_mps2
 arming_checks_set angle_max_set_deg
 acceleration_set_mps2 waypoint_radius_set_m

@@ -81,6 +81,8 @@ SETTINGS: dict[str, Setting] = {
     "landed_disarms_set": Setting("PILOT_THR_BHV", 0.0, 0.0, 7.0, whole=True),
     "fence_margin_set_m": Setting("FENCE_MARGIN", 2.0, 1.0, 10.0),
     "acro_yaw_rate_set_dps": Setting("ACRO_YAW_P", 4.5, 1.0, 10.0, 45.0),
+    "fence_altitude_min_set_m": Setting("FENCE_ALT_MIN", -10.0, -100.0, 100.0),
+    "fence_points_set": Setting("FENCE_TOTAL", 0.0, 0.0, whole=True),
     "fence_radius_set_m": Setting("FENCE_RADIUS", 300.0, 30.0, 10_000.0),
     "arming_checks_set": Setting("ARMING_CHECK", 1.0, whole=True),
     "angle_max_set_deg": Setting("ANGLE_MAX", 3000.0, 1000.0, 8000.0, 0.01, whole=True),

@@ -110,6 +110,8 @@ ARDUPILOT: dict[str, Plain | Made] = {
     "fence_type_set": _of("FENCE_TYPE"),
     "fence_action_set": _of("FENCE_ACTION"),
     "fence_altitude_max_set_m": _of("FENCE_ALT_MAX"),
+    "fence_altitude_min_set_m": _of("FENCE_ALT_MIN"),
+    "fence_points_set": _of("FENCE_TOTAL"),
     "fence_radius_set_m": _of("FENCE_RADIUS"),
     "battery_low_set_v": _of("BATT_LOW_VOLT"),
     "battery_critical_set_v": _of("BATT_CRT_VOLT"),

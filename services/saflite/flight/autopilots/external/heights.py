@@ -9,6 +9,7 @@ ABOVE_HOME = frozenset(
         "rtl_descend_altitude_set_m",
         "land_altitude_low_set_m",
         "fence_altitude_max_set_m",
+        "fence_altitude_min_set_m",
         "chute_altitude_min_set_m",
     }
 )
