@@ -62,7 +62,7 @@ def program(adapter: Adapter, folder: Path) -> Binary:
     (folder / "build" / "etc" / "init.d-posix").mkdir(parents=True)
     path.write_text(f'#!/bin/sh\nexec {sys.executable} {Path(__file__).with_name(f"{name}_peer.py")} "$@"\n')
     path.chmod(path.stat().st_mode | stat.S_IXUSR)
-    return Binary(path, "ab" * 32, "a peer")
+    return Binary(path, "ab" * 32, "a peer", adapter.binaries.state(path))
 
 
 def case(

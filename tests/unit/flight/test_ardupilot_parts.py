@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import json
+import os
 import platform
 import struct
 import subprocess
@@ -123,6 +124,30 @@ def test_a_binary_is_known_by_its_content(tmp_path: Path) -> None:
     again = binary.BINARIES.inspect(program(tmp_path / "two", b"ArduCopter V4.5.7", BACKEND))
     assert first.version == "ArduCopter V4.5.7"
     assert first.digest == again.digest
+
+
+def test_a_binary_that_is_replaced_is_told_apart_though_its_time_is_the_same(tmp_path: Path) -> None:
+    path = program(tmp_path / "arducopter", b"ArduCopter V4.5.7", BACKEND)
+    first, before = binary.BINARIES.inspect(path), path.stat()
+    binary.BINARIES.check_same(first)
+    rebuilt = program(tmp_path / "new", b"ArduCopter V4.5.7", BACKEND, b"mended")
+    os.utime(rebuilt, ns=(before.st_atime_ns, before.st_mtime_ns))
+    rebuilt.replace(path)
+    second = binary.BINARIES.inspect(path)
+    assert second.digest != first.digest
+    told = f"expected the one that this session began with, SHA-256 {first.digest[:12]}, got another in its place"
+    with pytest.raises(Refused, match=told):
+        binary.BINARIES.check_same(first)
+    path.unlink()
+    with pytest.raises(Refused, match="nothing there"):
+        binary.BINARIES.check_same(first)
+
+
+def test_a_binary_that_was_only_copied_over_itself_is_the_same(tmp_path: Path) -> None:
+    path = program(tmp_path / "arducopter", b"ArduCopter V4.5.7", BACKEND)
+    first = binary.BINARIES.inspect(path)
+    program(tmp_path / "again", b"ArduCopter V4.5.7", BACKEND).replace(path)
+    binary.BINARIES.check_same(first)
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ import platform
 import struct
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -161,6 +162,28 @@ def test_a_binary_is_known_by_its_content_and_that_of_its_start_up_files(tmp_pat
     assert first.digest == again.digest
     assert binary.BINARIES.inspect(build(tmp_path / "three", *PX4_WORDS, start_up="exit")).digest != first.digest
     assert binary.is_px4(first.path)
+
+
+def _edited(folder: Path) -> None:
+    (folder / "etc" / binary.START_UP / "rcS").write_text("exit")
+
+
+def _added(folder: Path) -> None:
+    (folder / "etc" / "extras.txt").write_text("param set A 1")
+
+
+def _rebuilt(folder: Path) -> None:
+    with (folder / "bin" / "px4").open("ab") as file:
+        file.write(b"x")
+
+
+@pytest.mark.parametrize("change", [_edited, _added, _rebuilt])
+def test_a_build_that_changed_since_is_refused(tmp_path: Path, change: Callable[[Path], None]) -> None:
+    first = binary.BINARIES.inspect(build(tmp_path, *PX4_WORDS))
+    binary.BINARIES.check_same(first)
+    change(tmp_path)
+    with pytest.raises(Refused, match="got another in its place"):
+        binary.BINARIES.check_same(first)
 
 
 @pytest.mark.parametrize(

@@ -105,7 +105,7 @@ class ExternalSession:
         """Fly once; `wedged` where `deadline_s` is not enough.
 
         Raises:
-            Refused: the binary cannot fly the test case.
+            Refused: the binary cannot fly the test case, or another lies in its place.
             Unavailable: JSBSim or the autopilot does not come up, or the flight was cancelled.
         """
         return self._flown(test_case, deadline_s, cancelled, self._cold)
@@ -131,6 +131,7 @@ class ExternalSession:
         cancelled: Cancelled,
         act: Callable[[TestCase, Cancelled], FlightRecord],
     ) -> FlightRecord:
+        self._adapter.binaries.check_same(self._binary)
         self._adapter.check(test_case, self._listing)
         clock = self._slot.clock
         late_s = clock.monotonic_s() + deadline_s
@@ -166,8 +167,10 @@ class ForkingExternalSession(ExternalSession):
         """Fly up to `at_s` and hold; where that cannot be, one is returned from which all is flown from power-up.
 
         Raises:
+            Refused: as `fly`.
             Unavailable: the flight ends before, is late or cancelled.
         """
+        self._adapter.binaries.check_same(self._binary)
         self._adapter.check(test_case, self._listing)
         clock = self._slot.clock
         late_s = clock.monotonic_s() + deadline_s

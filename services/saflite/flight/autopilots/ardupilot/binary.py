@@ -34,7 +34,7 @@ class Options(NamedTuple):
 
 
 @cache
-def _inspected(path: Path, changed_ns: int) -> Binary:
+def _inspected(path: Path, state: int) -> Binary:
     where = str(path)
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
         check_program(content[:20], where, WANTED)

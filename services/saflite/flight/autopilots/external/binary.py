@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import os
 import shlex
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,19 +21,27 @@ _IN_BUILDS = "bin/px4", "bin/arducopter", "px4", "arducopter"
 
 
 class Binary(NamedTuple):
-    """A binary that can fly here; `digest` is of all that is started of it, `version` what it says of itself."""
+    """A binary that can fly here; `digest` is of all that is started of it, `version` what it says of itself.
+
+    `state` is what `Binaries.state` was before that was read.
+    """
 
     path: Path
     digest: str
     version: str
+    state: int = 0
+
+
+def _alone(path: Path) -> Iterable[Path]:
+    return (path,)
 
 
 class Binaries(NamedTuple):
     """How a person names the binaries of one autopilot.
 
     `target` is what they fly for, `label` the autopilot's name, `variable` of the environment holds the path, `wanted`
-    says in words what to name; `look` tells what a file with content is, given its time of change in ns (Refused
-    where it cannot fly).
+    says in words what to name; `look` tells what a file with content is, given its `state` (Refused where it cannot
+    fly); `files` names the files that are started of a binary, itself among them.
     """
 
     target: str
@@ -40,6 +49,7 @@ class Binaries(NamedTuple):
     variable: str
     wanted: str
     look: Callable[[Path, int], Binary]
+    files: Callable[[Path], Iterable[Path]] = _alone
 
     def inspect(self, path: Path) -> Binary:
         """Return what a file is, without running it; raises Refused where it cannot fly."""
@@ -48,11 +58,37 @@ class Binaries(NamedTuple):
             state = found.stat()
             if not found.is_file() or state.st_size == 0:
                 raise self._no_program(path, _kind(found), _meant(path))
-            return self.look(found, state.st_mtime_ns)
+            before = self.state(found)
+            return self.look(found, before)._replace(state=before)
         except (FileNotFoundError, NotADirectoryError) as fault:
             raise self._no_program(path, "nothing there") from fault
         except OSError as fault:
             raise self._no_program(path, fault.strerror or str(fault)) from fault
+
+    def state(self, path: Path) -> int:
+        """Return a number that changes with any file that is started of a binary; none of them is read.
+
+        Times of modification are no part of it: a build may be put in the place of another with the same.
+
+        Raises:
+            OSError: one is not there.
+        """
+        told = [(str(one), one.stat()) for one in self.files(path)]
+        return hash(tuple((name, found.st_ctime_ns, found.st_size, found.st_ino) for name, found in told))
+
+    def check_same(self, binary: Binary) -> None:
+        """Raise Refused where a binary is no longer what it was; read again only where a file of it changed."""
+        with suppress(OSError):
+            if self.state(binary.path) == binary.state:
+                return
+        found = self.inspect(binary.path)
+        if found.digest != binary.digest:
+            raise Refused(
+                f"binary of {self.label}",
+                expected=f"the one that this session began with, SHA-256 {binary.digest[:12]}",
+                got=f"another in its place, SHA-256 {found.digest[:12]}",
+                fix="put that build back, or start again to fly the new one",
+            )
 
     def _no_program(self, path: Path, got: str, meant: str = "") -> Refused:
         fix = "; ".join(filter(None, (meant, self.wanted)))

@@ -37,7 +37,7 @@ def is_px4(path: Path) -> bool:
 
 
 @cache
-def _inspected(path: Path, changed_ns: int) -> Binary:
+def _inspected(path: Path, state: int) -> Binary:
     content, where = path.read_bytes(), str(path)
     check_program(content[:20], where, WANTED)
     if _MARK not in content:
@@ -51,15 +51,23 @@ def _inspected(path: Path, changed_ns: int) -> Binary:
         if not needed.is_file():
             fix = "leave bin/px4 in its build folder, with etc/ beside bin/"
             raise Refused("autopilot", where=where, expected=f"{needed} of its build", got="no file", fix=fix)
-    return Binary(path, _digest(content, start_up), "PX4")
+    return Binary(path, _digest(content, path), "PX4")
 
 
-def _digest(content: bytes, start_up: Path) -> str:
+def _start_up_files(path: Path) -> list[Path]:
+    return sorted(one for one in start_up_of(path).rglob("*") if one.is_file())
+
+
+def _files(path: Path) -> list[Path]:
+    return [path, *_start_up_files(path)]
+
+
+def _digest(content: bytes, program: Path) -> str:
     found = hashlib.sha256(hashlib.sha256(content).digest())
-    for path in sorted(path for path in start_up.rglob("*") if path.is_file()):
-        found.update(path.relative_to(start_up).as_posix().encode() + b"\0")
+    for path in _start_up_files(program):
+        found.update(path.relative_to(start_up_of(program)).as_posix().encode() + b"\0")
         found.update(hashlib.sha256(path.read_bytes()).digest())
     return found.hexdigest()
 
 
-BINARIES = Binaries(AUTOPILOT, "PX4", "SAFLITE_PX4", WANTED, _inspected)
+BINARIES = Binaries(AUTOPILOT, "PX4", "SAFLITE_PX4", WANTED, _inspected, _files)
