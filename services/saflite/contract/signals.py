@@ -99,7 +99,7 @@ SIGNALS: dict[str, Signal] = {
     ),
     "hold_altitude_min_set_m": Signal("m", "PX4: least height of HOLD, -1 off (MIS_LTRMIN_ALT)"),
     "takeoff_slow_set_m": Signal("m", "PX4: height above which a take-off is no slower than any climb (MPC_LAND_ALT1)"),
-    "failsafe_delay_set_s": Signal("s", "PX4: time in HOLD before the action of a failsafe (COM_FAIL_ACT_T), else 0"),
+    "fs_action_delay_set_s": Signal("s", "PX4: time in HOLD before the action of a failsafe (COM_FAIL_ACT_T), else 0"),
     # how far the twin of a test case flew from it at the same moment, turned back; written where a twin was flown
     "twin": Signal(
         "",
@@ -308,7 +308,7 @@ battery_capacity_set_mah battery_critical_action_set acro_trainer_set acro_balan
 acro_rate_set_dps chute_enabled_set chute_type_set chute_servo_set chute_delay_set_s
 chute_present_set radio_fault_set pilot_acceleration_set_mps2
 mode_order_s mode_cause_s ordered_mode release_order_s stop_order_s start_order_s climb_order_s height_order_s
-plain_order plain_order_s plain_order_refused takeoff_slow_set_m failsafe_delay_set_s
+plain_order plain_order_s plain_order_refused takeoff_slow_set_m fs_action_delay_set_s
 failsafe_options_set circle_options_set auto_options_set pilot_turn_speed_set_dps
 fence_action_set fence_on_set fence_type_set fence_radius_set_m fence_margin_set_m acro_yaw_rate_set_dps
 fence_altitude_min_set_m fence_points_set

@@ -22,7 +22,7 @@ class Heading(NamedTuple):
     """An order to turn: when, to which heading, and the way round: 1 clockwise, -1 the other, 0 the shorter."""
 
     at_s: float
-    heading_deg: float
+    deg: float
     way: int = 0
 
 

@@ -23,8 +23,8 @@ from saflite.contract.flight import Delivered
 from saflite.contract.join import Join
 from saflite.contract.names import LABEL_CHARS_MAX
 from saflite.contract.rng import derive
-from saflite.contract.topics import PROTOCOL
 from saflite.contract.test_case import TestCase
+from saflite.contract.topics import PROTOCOL
 from saflite.contract.work import (
     Failure,
     FlyResult,

@@ -253,9 +253,9 @@ def test_the_description_comes_from_the_binary(tmp_path: Path) -> None:
 
 
 def test_the_time_it_holds_before_a_failsafes_action_is_a_signal() -> None:
-    assert "failsafe_delay_set_s" in trace_names({"COM_FAIL_ACT_T": 7.0})
-    assert settings.shown_settings({"COM_FAIL_ACT_T": 7.0})["failsafe_delay_set_s"] == 7.0
-    assert "failsafe_delay_set_s" not in trace_names({})
+    assert "fs_action_delay_set_s" in trace_names({"COM_FAIL_ACT_T": 7.0})
+    assert settings.shown_settings({"COM_FAIL_ACT_T": 7.0})["fs_action_delay_set_s"] == 7.0
+    assert "fs_action_delay_set_s" not in trace_names({})
 
 
 # ---- telemetry and inputs -----------------------------------------------------------------------------------------

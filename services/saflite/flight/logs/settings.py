@@ -173,7 +173,7 @@ PX4: dict[str, Plain | Made] = {
     "fence_on_set": Made("GF_ACTION", lambda given: float(given["GF_ACTION"] > 0)),
     "fence_type_set": Made("GF_MAX_VER_DIST and GF_MAX_HOR_DIST", _px4_fence),
     "fence_action_set": _codes({"GF_ACTION": {0: 0, 1: 0, 2: 4, 3: 1, 5: 2}}),
-    "failsafe_delay_set_s": _of("COM_FAIL_ACT_T"),
+    "fs_action_delay_set_s": _of("COM_FAIL_ACT_T"),
     "fence_altitude_max_set_m": _of("GF_MAX_VER_DIST"),
     "fence_radius_set_m": _of("GF_MAX_HOR_DIST"),
     "fs_gps_action": _codes({"COM_POSCTL_NAVL": {0: 2, 1: 1}}),

@@ -25,7 +25,7 @@
     X(acceleration_set_mps2) X(fence_on_set) X(fence_type_set) X(fence_action_set) X(fence_altitude_max_set_m) \
     X(fence_radius_set_m) X(fs_gps_action) X(fs_gps_delay_set_s) X(fs_throttle_set_pwm) X(fs_throttle_enabled) \
     X(arming_checks_set) X(altitude_source) X(descent_speed_set_mps) X(trim_roll_set_deg) X(trim_pitch_set_deg) \
-    X(failsafe_delay_set_s)
+    X(fs_action_delay_set_s)
 
 /* The radio: pulses of its channels, whether it is silent; and the mean of the motor commands. */
 #define PX4_RADIO(X) \
