@@ -323,3 +323,26 @@ def test_another_address_needs_tokens(tmp_path: Path, capsys: pytest.CaptureFixt
 @pytest.mark.parametrize("rest", ["", "part/search", "find/x", "recordings/x", "events"])
 def test_a_run_that_is_not_there_is_no_fault(number: str, rest: str) -> None:
     assert client(Stub("night")).get(f"/run/{number}/{rest}").status_code == 404
+
+
+@pytest.mark.parametrize("when", ["before", "while it is served"])
+@pytest.mark.parametrize("damage", ["cut", "removed"])
+def test_a_run_that_cannot_be_read_is_named_and_hides_no_other(tmp_path: Path, when: str, damage: str) -> None:
+    folders = [make_run(tmp_path / name, 2, rng_seed=seed) for seed, name in enumerate(("first", "second", "third"), 1)]
+    sources = [RunSource(folder) for folder in folders]
+    whole = client(*sources).get("/")  # type: ignore[arg-type]
+    assert (whole.status_code, "hard" in whole.text) == (200, False)
+    store = folders[1] / "books.sqlite"
+    if damage == "cut":
+        store.write_bytes(store.read_bytes()[:8192])
+    else:
+        store.unlink()
+    if when == "before":
+        sources = [RunSource(folder) for folder in folders]
+    page = client(*sources).get("/")  # type: ignore[arg-type]
+    assert page.status_code == 200
+    rows = re.findall("<tr>.*?</tr>", page.text)
+    told = {name: next(row for row in rows if f">{name}</a>" in row) for name in ("first", "second", "third")}
+    assert [name for name, row in told.items() if "hard" in row] == ["second"]
+    assert "2 of 2" in told["first"]
+    assert "books" in told["second"]

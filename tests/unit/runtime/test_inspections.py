@@ -64,7 +64,7 @@ def test_a_result_without_a_lease_is_answered_and_its_blobs_are_not_looked_at(st
 def test_a_result_sent_again_is_looked_at_once_and_its_latest_sender_is_answered(
     stand: Stand, slow: SlowEvidence
 ) -> None:
-    report = msgspec.structs.replace(_mutated(stand), result=Failure(message="unread", unread=(BLOB,)))
+    report = msgspec.structs.replace(_mutated(stand), result=flown(BLOB))
     stand.answers.clear()
     for _ in range(3):
         stand.send(topics.result("c", "mutate"), report)
@@ -72,8 +72,18 @@ def test_a_result_sent_again_is_looked_at_once_and_its_latest_sender_is_answered
     ((_, then),) = slow.under_way
     then("")
     stand.turn()
-    assert [stand.last(Receipt).status] == ["accepted"]
+    assert [stand.last(Receipt).status] == ["refused"], "a flight, for what was to be mutated"
     assert len(stand.answers) == 1
+
+
+def test_a_failure_that_names_blobs_its_work_does_not_is_taken_at_once_and_they_are_not_looked_at(
+    stand: Stand, slow: SlowEvidence
+) -> None:
+    report = msgspec.structs.replace(_mutated(stand), result=Failure(message="unread", unread=(BLOB,)))
+    stand.answers.clear()
+    stand.send(topics.result("c", "mutate"), report)
+    assert [stand.last(Receipt).status] == ["accepted"]
+    assert slow.under_way == []
 
 
 def test_a_blob_named_many_times_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -58,7 +58,7 @@ def test_the_status_says_so_and_no_more_when_there_is_room(tmp_path: Path, monke
     def trouble() -> str:
         clock.now_s += LOOK_S
         service.step(0.0)
-        status = service._with_trouble(Answer(accepted=True, status=books.status(clock.now_s)), clock.now_s).status
+        status = service._with_own(Answer(accepted=True, status=books.status(clock.now_s)), clock.now_s).status
         return status.trouble if status else ""
 
     assert trouble() == ""

@@ -52,12 +52,16 @@ def _sources(args: argparse.Namespace) -> list[Source]:
     from saflite.console.operations import serving
     from saflite.console.run_data import farm_lookup
     from saflite.console.run_data.farm_lookup import Where
+    from saflite.console.run_data.run_folder import open_run
     from saflite.console.view.dashboard.source import EndpointSource, RunSource
     from saflite.contract.errors import Refused
 
     words = args.what or [str(farm_lookup.newest(None))]
     if not any(serving.is_endpoint(word) for word in words):
-        return [RunSource(folder) for word in words for folder in serving.run_folders(Path(word))]
+        folders = [folder for word in words for folder in serving.run_folders(Path(word))]
+        if len(folders) == 1:  # of several, those that are damaged are listed with the reason
+            open_run(folders[0]).close()
+        return [RunSource(folder) for folder in folders]
     if len(words) > 1 or not args.campaign:
         raise Refused("endpoint", expected="one, and --campaign with it", got=" ".join(words))
     where = Where(None, words[0], args.campaign, args.insecure, args.keys)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 from saflite.console.view.dashboard.access import Role
 from saflite.console.view.dashboard.source import Figures, Head, Source
 from saflite.console.view.html_text import escape
 from saflite.console.view.report.page import duration, html_table
 from saflite.contract.clock import in_utc
+from saflite.contract.errors import FarmError
 from saflite.contract.verdict import Violation, failed_again
 
 KEYS = (
@@ -144,69 +146,90 @@ def _way(one: Violation) -> str:
     return one.behaviour.removeprefix(f"{one.policy}, {one.severity}, ")
 
 
+class _Run(NamedTuple):
+    """A run among others: its place in time, its number in the address, what it holds, or why it tells nothing."""
+
+    place: int
+    number: int
+    head: Head
+    now: Figures | None
+    found: Sequence[Violation] = ()
+    fault: str = ""
+
+
 def of_all(sources: Sequence[Source], role: Role) -> str:
-    """Return the page of several runs: when, on what, what was found, and each behaviour over them."""
+    """Return the page of several runs: when, on what, what was found, and each behaviour over them.
+
+    One that cannot be read is named with the reason, and stands in nobody's way.
+    """
     order = sorted(range(len(sources)), key=lambda at: sources[at].head().began_unix_s)
-    heads = [sources[at].head() for at in order]
-    found = [sources[at].violations(public=role != "operator") for at in order]
-    rows = [
-        _row(place, at, head, sources[at].figures())
-        for place, (at, head) in enumerate(zip(order, heads, strict=True), start=1)
-    ]
+    runs = [_looked_at(place, at, sources[at], role) for place, at in enumerate(order, start=1)]
     table = html_table(
-        ("", "run", "campaign", "begun", "target", "build", "state", "flights", "behaviours", "finds", "flaky"), rows
-    )  # fmt: skip
+        ("", "run", "campaign", "begun", "target", "build", "state", "flights", "behaviours", "finds", "flaky"),
+        [_row(run) for run in runs],
+    )
     body = (
         '<header class="bar"><h1>Runs</h1><span class="grow"></span><button id="keys" aria-label="keys">?</button>'
         '<button id="look" aria-label="dark or light">◐</button></header>'
-        f"<main>{table}{_matrix(order, heads, found)}</main>"
+        f"<main>{table}{_matrix([run for run in runs if not run.fault])}</main>"
     )
     return document("runs", body, role=role)
 
 
-def _row(place: int, number: int, head: Head, now: Figures) -> str:
+def _looked_at(place: int, number: int, source: Source, role: Role) -> _Run:
+    head = source.head()
+    try:
+        return _Run(place, number, head, source.figures(), source.violations(public=role != "operator"))
+    except FarmError as fault:
+        return _Run(place, number, head, None, fault=str(fault))
+
+
+def _row(run: _Run) -> str:
+    head, now = run.head, run.now
     cells = (
-        str(place),
-        f'<a href="/run/{number}/">{escape(head.where or head.name)}</a>',
+        str(run.place),
+        f'<a href="/run/{run.number}/">{escape(head.where or head.name)}</a>',
         escape(head.name),
         day_of(head.began_unix_s) if head.began_unix_s else "",
         escape(head.target),
         f"<code>{escape(head.build[:12])}</code>",
-        escape(now.state),
-        f"{now.flights} of {now.budget}",
-        str(now.behaviours),
-        str(now.finds),
-        str(now.flaky),
     )
-    return "<tr>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>"
+    told = f'<td colspan="5" class="hard">{escape(run.fault)}</td>'
+    if now is not None:
+        figures = (escape(now.state), f"{now.flights} of {now.budget}", now.behaviours, now.finds, now.flaky)
+        told = "".join(f"<td>{figure}</td>" for figure in figures)
+    return "<tr>" + "".join(f"<td>{cell}</td>" for cell in cells) + told + "</tr>"
 
 
-def _matrix(order: Sequence[int], heads: Sequence[Head], found: Sequence[Sequence[Violation]]) -> str:
+def _matrix(runs: Sequence[_Run]) -> str:
     """Return the behaviours, by words, over runs in order of time: a dot where some were found, a link to one find.
 
     Behaviours of one run may share their words (they differ in track or cause): the dot says how many do.
     """
     ways: dict[tuple[str, str], list[list[Violation]]] = {}
-    for place, violations in enumerate(found):
-        for one in sorted(violations, key=lambda one: RANK.get(one.confirmation, 3)):
-            ways.setdefault((one.policy, _way(one)), [[] for _ in order])[place].append(one)
+    for column, run in enumerate(runs):
+        for one in sorted(run.found, key=lambda one: RANK.get(one.confirmation, 3)):
+            ways.setdefault((one.policy, _way(one)), [[] for _ in runs])[column].append(one)
     if not ways:
         return ""
-    named = zip(order, heads, strict=True)
     titles = [
-        f'<a class="build" href="/run/{at}/" title="{escape(f"{head.where or head.name}, build {head.build[:12]}")}">'
-        f"{place}</a>"
-        for place, (at, head) in enumerate(named, start=1)
+        f'<a class="build" href="/run/{run.number}/" title="{escape(_named(run.head))}">{run.place}</a>' for run in runs
     ]
     rows = []
     for (policy, way), marks in sorted(ways.items()):
-        cells = "".join(f'<td class="mark">{_mark(at, ones)}</td>' for at, ones in zip(order, marks, strict=True))
+        cells = "".join(
+            f'<td class="mark">{_mark(run.number, ones)}</td>' for run, ones in zip(runs, marks, strict=True)
+        )
         rows.append(f"<tr><td>{escape(policy)}</td><td>{escape(way)}</td>{cells}</tr>")
     return (
         '<h2>Behaviours over runs</h2><p class="muted">Oldest run first, each under its number above. An empty place '
         "says that the run did not find it, not that it is gone: <code>saflite regress</code> flies it again.</p>"
         + html_table(("policy", "behaviour", *titles), rows)
     )
+
+
+def _named(head: Head) -> str:
+    return f"{head.where or head.name}, build {head.build[:12]}"
 
 
 def _mark(number: int, ones: Sequence[Violation]) -> str:

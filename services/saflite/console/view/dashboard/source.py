@@ -153,8 +153,12 @@ class RunSource:
         self._farm = _Farm(lambda: FarmClient.of_run(run_dir))
         self._kept: dict[str, _Part] = {}
         self._making, self._clock = {name: threading.Lock() for name in _PARTS}, WallClock()
-        with open_run(run_dir) as run:
-            self._head = _head(run, run_dir.resolve().name)
+        folder = run_dir.resolve().name
+        try:
+            with open_run(run_dir) as run:
+                self._head = _head(run, folder)
+        except FarmError:  # said wherever it is asked for more
+            self._head = Head(folder, "", "", "", 0.0, folder)
 
     def head(self) -> Head:
         """Return what it is."""
