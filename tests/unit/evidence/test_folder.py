@@ -188,7 +188,7 @@ def test_a_folder_that_is_removed_while_a_worker_writes_is_made_again(tmp_path: 
     over = threading.Event()
 
     def keep_removing() -> None:
-        while not over.is_set():
+        while not over.wait(0.0002):
             files.remove_if_empty(folder.incoming("fly-1"))
 
     thread = threading.Thread(target=keep_removing)

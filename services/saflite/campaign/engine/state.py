@@ -214,7 +214,7 @@ class Books:
         self._do(Granted(key=task.key, epoch=epoch, worker=ask.worker, model=model, catching_up=catching_up), now)
         lease_s = self._leases.lease_s
         self._start_clock(task, lease_s, now)
-        return [Lease(lease_id=self._lease_id(task.key), epoch=epoch, lease_s=lease_s, work=work)]
+        return [Lease(lease_id=f"{self._run_id}:{task.key}", epoch=epoch, lease_s=lease_s, work=work)]
 
     def _start_clock(self, task: Task, lease_s: float, now: float) -> None:
         overdue_s = now + self._work_messages.overdue_s(task)
@@ -226,9 +226,6 @@ class Books:
             task = self._core.tasks.get(key)
             if task is None or task.waiting:
                 self._leases.end(key)
-
-    def _lease_id(self, key: WorkKey) -> str:
-        return f"{self._run_id}:{key}"
 
     # ---- results in ----------------------------------------------------------------------------------------------
 

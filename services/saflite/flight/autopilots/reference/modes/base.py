@@ -95,7 +95,7 @@ class Mode:
             return
         if ap.armed:
             ap.lift()
-        if ap.landed and not ap.taken_off:
+        if ap.landed:
             self._take_off_to_m = p["PILOT_TKOFF_ALT"] / 100.0
         if rate < 0.0:
             self._take_off_to_m = -1000.0  # the pilot breaks it off (ArduCopter: do_pilot_takeoff)
