@@ -32,9 +32,10 @@ def afresh(test_case: TestCase, rest: Mapping[str, float], denied: Container[int
     """Return the flight that only does what comes after the last order to a place that nothing followed for 12 s.
 
     It begins in LOITER where the first began, keeps the settings, and has nothing else to do until it is ordered to
-    GUIDED, and to that place. None where there is no such order, nothing came before, or something of it is still in
-    force: a stick or a fault that is not as it rests (`rest`, by name), or an order that sets something. An order that
-    was refused (`denied`, by place) calls nobody: a vehicle that stands disarmed is not where it was called.
+    GUIDED, with the sticks as they were put back, and to that place. None where there is no such order, nothing came
+    before, or something of it is still in force: a stick or a fault that is not as it rests (`rest`, by name), or an
+    order that sets something. An order that was refused (`denied`, by place) calls nobody: a vehicle that stands
+    disarmed is not where it was called.
     """
     stimuli = test_case.stimuli
     for index in reversed([at for at, one in enumerate(stimuli) if one.name == _GO and at not in denied]):
@@ -50,9 +51,10 @@ def afresh(test_case: TestCase, rest: Mapping[str, float], denied: Container[int
         settings = tuple(one for one in before if one.kind == "parameter")
         if len(settings) == len(before) or not _over(before, rest):
             return None
-        kept = (*settings, *stimuli[begins[-1] :])
+        given = (*settings, *_sticks(before, stimuli[begins[-1]].at_s))
+        kept = (*given, *stimuli[begins[-1] :])
         second = replace(test_case, scenario=_waiting(test_case.scenario), stimuli=kept)
-        return Second(second, from_s, len(settings) + index - begins[-1])
+        return Second(second, from_s, len(given) + index - begins[-1])
     return None
 
 
@@ -61,6 +63,11 @@ def _over(before: Sequence[Stimulus], rest: Mapping[str, float]) -> bool:
     held = {one.name: one.values for one in before if one.kind in ("stick", "sensor_fault")}
     orders = {one.name for one in before if one.kind == "command"}
     return orders <= _LEAVE_NOTHING and all(values == (rest.get(name),) for name, values in held.items())
+
+
+def _sticks(before: Sequence[Stimulus], at_s: float) -> list[Stimulus]:
+    """Return the sticks as they were put back, at one moment: on the ground the throttle rests elsewhere."""
+    return [replace(one, at_s=at_s) for one in {one.name: one for one in before if one.kind == "stick"}.values()]
 
 
 def _waiting(scenario: Scenario) -> Scenario:

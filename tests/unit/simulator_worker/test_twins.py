@@ -87,12 +87,16 @@ def called_back(*before: Stimulus, twin: Twin = "afresh", limit_s: float = 45.0)
     return case("LOITER", *before, *CALLED_BACK, twin=twin, limit_s=limit_s)
 
 
-def test_afresh_nothing_but_settings_is_given_before_it_is_called_back() -> None:
+def test_afresh_nothing_but_settings_is_given_before_it_is_called_back_and_the_sticks_stand_as_they_did() -> None:
     setting = Stimulus(at_s=0.5, kind="parameter", name="CIRCLE_RADIUS", values=(800.0,))
     let_go = msgspec.structs.replace(STICK, at_s=8.0, values=(1500.0,))
     second = afresh(called_back(setting, STICK, let_go), REST)
     assert second is not None
-    assert second.test_case.stimuli == (setting, *CALLED_BACK)
+    assert second.test_case.stimuli == (
+        setting,
+        msgspec.structs.replace(let_go, at_s=CALLED_BACK[0].at_s),
+        *CALLED_BACK,
+    )
     assert second.from_s == 32.0, "12 s after the last order"
 
 
