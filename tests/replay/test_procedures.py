@@ -40,6 +40,7 @@ ONLY_WHEN_BROKEN = {
     "arming-checks": {1},  # armed with a voltage too low
     "disarm-delay": {2},
     "failsafe-has-cause": set(range(6)),
+    "fence-action": {1},  # PX4 alone holds before it acts
     "fence-not-breached": {0, 1},
     "order-taken": {6, 7},  # orders to a mission, which no procedure flies
     "place-needs-position": {0},

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from saflite.contract.errors import Refused
 from saflite.contract.flight import Trace, TraceMessage
 from saflite.contract.signals import SIGNALS
-from saflite.flight.autopilots.external.heights import ABOVE_HOME, HOME_STEP_M
+from saflite.flight.heights import ABOVE_HOME, HOME_STEP_M
 
 STEP_S = 0.05
 HOLE_S = 5.0

@@ -8,7 +8,7 @@ from typing import NamedTuple
 from saflite.contract.target_info import SettingInfo
 from saflite.contract.test_case import TestCase
 from saflite.flight.autopilots.ardupilot.vehicle import Vehicle
-from saflite.flight.autopilots.external.heights import above_start
+from saflite.flight.heights import above_start
 from saflite.flight.logs.settings import ARDUPILOT
 
 _CHANNELS = range(1, 9)

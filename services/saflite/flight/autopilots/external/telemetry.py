@@ -9,8 +9,8 @@ from typing import Any
 import msgspec
 
 from saflite.contract.flight import TraceMessage
-from saflite.flight.autopilots.external.heights import HOME_STEP_M
 from saflite.flight.autopilots.external.vehicle import LockstepVehicle
+from saflite.flight.heights import HOME_STEP_M
 from saflite.flight.mission import to_local
 
 ON_GROUND, TAKING_OFF = 1, 3  # MAV_LANDED_STATE

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from saflite.contract.test_case import TestCase
-from saflite.flight.autopilots.external.heights import above_start
 from saflite.flight.autopilots.external.listing import Listing
 from saflite.flight.autopilots.px4.vehicle import Vehicle
+from saflite.flight.heights import above_start
 from saflite.flight.logs.settings import PX4
 from saflite.flight.mavlink.client import WHOLE
 
