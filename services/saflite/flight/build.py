@@ -10,9 +10,9 @@ from pathlib import Path
 
 FLIGHT = Path(__file__).resolve().parent
 SUFFIXES = frozenset({".py", ".c", ".h", ".xml"})
-BESIDE_THE_FLIGHT = frozenset(
-    {"competition", "logs", "mavlink", "missions"}
-)  # read or write what was flown; no trace depends on them
+BESIDE_THE_FLIGHT = frozenset({"competition", "logs", "mavlink", "missions"})
+"""What reads or writes what was flown: no trace depends on it, but for autopilots that are driven by it (`parts`)."""
+
 AUTOPILOTS = "autopilots"
 
 
@@ -20,8 +20,8 @@ AUTOPILOTS = "autopilots"
 def build_of(autopilot: str, libraries: tuple[str, ...] = ("jsbsim", "numpy"), parts: tuple[str, ...] = ()) -> str:
     """Return the digest of an autopilot of this package: its sources, those of the world, versions of libraries.
 
-    `parts` are further packages of `autopilots` that it is made of. The same on every machine: compiled code counts by
-    its source.
+    `parts` are further packages that it is made of: of `autopilots`, or of those beside the flight. The same on every
+    machine: compiled code counts by its source.
     """
     found = hashlib.sha256()
     for path in sorted(_sources((autopilot, *parts))):
@@ -43,5 +43,6 @@ def _sources(packages: tuple[str, ...]) -> Iterator[Path]:
     for path in FLIGHT.rglob("*"):
         parts = path.relative_to(FLIGHT).parts
         of_another = parts[0] == AUTOPILOTS and len(parts) > 2 and parts[1] not in packages
-        if path.suffix in SUFFIXES and parts[0] not in BESIDE_THE_FLIGHT and not of_another:
+        beside = parts[0] in BESIDE_THE_FLIGHT and parts[0] not in packages
+        if path.suffix in SUFFIXES and not (beside or of_another):
             yield path

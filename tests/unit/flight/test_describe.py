@@ -55,17 +55,22 @@ def test_the_build_counts_what_shapes_a_trace_and_nothing_else(tmp_path: Path, m
         (tmp_path / name).write_text("1\n")
     monkeypatch.setattr(build, "FLIGHT", tmp_path)
 
-    def built() -> str:
-        build.build_of.cache_clear()
-        return build.build_of("one")
+    def moved(*parts: str) -> set[str]:
+        def built() -> str:
+            build.build_of.cache_clear()
+            return build.build_of("one", parts=parts)
 
-    before = built()
-    moved = set()
-    for name in names:
-        (tmp_path / name).write_text("2\n")
-        if built() != before:
-            moved.add(name)
-        (tmp_path / name).write_text("1\n")
-    assert built() == before
-    build.build_of.cache_clear()
-    assert moved == {"vehicle.py", "native/sensors.c", "autopilots/one/a.py"}
+        before, found = built(), set()
+        for name in names:
+            (tmp_path / name).write_text("2\n")
+            if built() != before:
+                found.add(name)
+            (tmp_path / name).write_text("1\n")
+        assert built() == before
+        build.build_of.cache_clear()
+        return found
+
+    assert moved() == {"vehicle.py", "native/sensors.c", "autopilots/one/a.py"}
+    assert moved("logs") == moved() | {"logs/ulog.py"}, (
+        "an autopilot that is driven, or read, by what else reads flights"
+    )

@@ -30,7 +30,7 @@ def identity(autopilot: str, binary: Binary | None, more: str = "") -> str:
     """Return the build of a target: the binary's digest and the code of ours that shapes a trace; empty for none."""
     if binary is None:
         return ""
-    ours = build_of(autopilot, ("jsbsim", "numpy", "pymavlink"), ("external",))
+    ours = build_of(autopilot, ("jsbsim", "numpy", "pymavlink"), ("external", "logs", "mavlink"))
     return hashlib.sha256(f"{ours} {more} {binary.digest}".encode()).hexdigest()
 
 
