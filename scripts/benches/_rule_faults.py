@@ -31,7 +31,7 @@ from saflite.oracle.policy import policy_names
 
 FILE = Path(__file__).parent / "data" / "rule_faults.toml"
 LIMIT_S, MISSION_LIMIT_S = 75.0, 180.0
-TWINS: tuple[Twin, ...] = ("turned", "idle", "afresh")
+TWINS: tuple[Twin, ...] = ("turned", "idle", "afresh", "mirrored", "recalibrated")
 
 
 class RuleFault(NamedTuple):

@@ -117,7 +117,7 @@ class TargetInfo(msgspec.Struct, frozen=True, kw_only=True):
 
     def flies_twin(self, twin: Twin) -> bool:
         """Return whether a second flight can be compared with the first here, and begin as this twin has to."""
-        can_begin = twin != "turned" or self.turns
+        can_begin = twin not in ("turned", "mirrored") or self.turns
         return self.repeats == "bitwise" and can_begin and all(name in self.signals for name in COMPARED)
 
     def unseen(self, signals: Iterable[str], twin: Twin = "") -> list[str]:

@@ -23,6 +23,7 @@ from saflite.contract.test_case import Mission, MissionItem, Plain
 EARTH_RADIUS_M = 6_371_000.0
 NAV_LAST = 95  # MAV_CMD up to this fly somewhere, those after it do something or wait
 MISSIONS_DIR = Path(__file__).parent / "missions"
+MISSION_YAW_DEG = 90.0  # the competition's vehicle stands nose east
 
 WaypointKind = Literal["takeoff", "waypoint", "land", "return"]
 

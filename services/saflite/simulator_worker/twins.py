@@ -1,8 +1,8 @@
 """A second flight that must go as the first: which one it is, and how far from the first it went.
 
 Some faults show in no flight alone, since nobody can say what the right flight would be. But turned by a right angle,
-without what was refused, or without what came before it must be the same (metamorphic testing, Chen et al. 1998; Segura
-et al. 2016).
+mirrored, by another radio, without what was refused, or without what came before it must be the same (metamorphic
+testing, Chen et al. 1998; Segura et al. 2016).
 """
 
 from __future__ import annotations
@@ -16,11 +16,13 @@ from numpy.typing import NDArray
 from saflite.contract.errors import Refused
 from saflite.contract.flight import FlightRecord, Trace
 from saflite.contract.target_info import COMPARED, TargetInfo
-from saflite.contract.test_case import TestCase
-from saflite.flight.turning import TURN_DEG, turned
+from saflite.contract.test_case import TestCase, Twin
+from saflite.flight.isometry import TURN_DEG, mirrored, turned
 from saflite.simulator_worker.afresh import Second, afresh
+from saflite.simulator_worker.recalibrated import recalibrated
 
-CODES = {"turned": 1.0, "idle": 2.0, "afresh": 3.0}
+_Values = NDArray[np.floating]
+CODES = {"turned": 1.0, "idle": 2.0, "afresh": 3.0, "mirrored": 4.0, "recalibrated": 5.0}
 
 
 def check_twin(info: TargetInfo, test_case: TestCase) -> None:
@@ -28,7 +30,9 @@ def check_twin(info: TargetInfo, test_case: TestCase) -> None:
     if test_case.heading_deg and not info.turns:
         raise Refused("heading_deg", expected=f"0: target {info.name} takes none", got=test_case.heading_deg)
     if test_case.twin and not info.flies_twin(test_case.twin):
-        why = f"one that repeats bit by bit, writes {', '.join(COMPARED)} and, to be turned, takes a heading"
+        why = (
+            f"one that repeats bit by bit, writes {', '.join(COMPARED)} and, to be turned or mirrored, takes a heading"
+        )
         raise Refused(f"twin {test_case.twin!r}", expected=why, got=f"target {info.name}")
 
 
@@ -64,6 +68,11 @@ def _second(info: TargetInfo, test_case: TestCase, record: FlightRecord) -> Seco
     rest = {entry.name: entry.default for entry in info.inputs if entry.default is not None}
     if test_case.twin == "turned":
         return Second(turned(plain, rest))
+    if test_case.twin == "mirrored":
+        return Second(mirrored(plain, rest))
+    if test_case.twin == "recalibrated":
+        second = recalibrated(plain, info.inputs, denied)
+        return None if second is None else Second(second)
     if test_case.twin == "afresh":
         return afresh(plain, rest, denied)
     kept = tuple(one for index, one in enumerate(plain.stimuli) if index not in denied)
@@ -74,10 +83,8 @@ def _apart(test_case: TestCase, first: Trace, second: Trace, from_s: float) -> d
     """Return the signals `twin_*`; 0 where only one of the two flies still, or need not go alike yet."""
     both = min(first.samples, second.samples)
     one, two = ({name: trace.array(name)[:both] for name in COMPARED} for trace in (first, second))
-    is_turned = test_case.twin == "turned"
-    north, east = (two["y_m"], -two["x_m"]) if is_turned else (two["x_m"], two["y_m"])
-    yaw_deg = two["yaw_deg"] - (TURN_DEG if is_turned else 0.0)
-    found: dict[str, NDArray[np.floating]] = {
+    north, east, yaw_deg = _back(test_case.twin, two["x_m"], two["y_m"], two["yaw_deg"])
+    found: dict[str, _Values] = {
         "twin": np.full(both, CODES[test_case.twin]),
         "twin_x_apart_m": north - one["x_m"],
         "twin_y_apart_m": east - one["y_m"],
@@ -89,3 +96,10 @@ def _apart(test_case: TestCase, first: Trace, second: Trace, from_s: float) -> d
     rest, early = np.zeros(first.samples - both, dtype=np.float32), np.arange(both) * first.step_s < from_s
     told = {name: np.where(early, 0.0, values) for name, values in found.items()}
     return {name: np.concatenate([values, rest]).astype("<f4").tobytes() for name, values in told.items()}
+
+
+def _back(twin: Twin, x_m: _Values, y_m: _Values, yaw_deg: _Values) -> tuple[_Values, _Values, _Values]:
+    """Return where the second flight is and looks, turned or mirrored back."""
+    if twin == "turned":
+        return y_m, -x_m, yaw_deg - TURN_DEG
+    return (x_m, -y_m, -yaw_deg) if twin == "mirrored" else (x_m, y_m, yaw_deg)

@@ -19,6 +19,7 @@ from saflite.flight.autopilots.reference.autopilot import Autopilot
 from saflite.flight.autopilots.reference.commands import MavResult
 from saflite.flight.autopilots.reference.describe import describe
 from saflite.flight.autopilots.reference.modes.circle import Circle
+from saflite.flight.autopilots.reference.radio import Radio
 from saflite.oracle.judge import judge
 from saflite.simulator_worker.afresh import afresh
 from saflite.simulator_worker.messages import FlightRequest, flights_in
@@ -57,6 +58,17 @@ def test_a_centre_whose_east_is_mirrored_shows(monkeypatch: pytest.MonkeyPatch) 
 
     monkeypatch.setattr(Circle, "enter", mirrored)
     assert verdict(case("LOITER", CIRCLE, twin="turned"), "turned-alike") == "violated"
+
+
+def test_a_circle_goes_the_same_in_the_mirror() -> None:
+    assert verdict(case("LOITER", CIRCLE, twin="mirrored"), "mirrored-alike") == "held"
+
+
+def test_a_stick_that_acts_to_one_side_only_shows(monkeypatch: pytest.MonkeyPatch) -> None:
+    deflection = Radio.deflection
+    monkeypatch.setattr(Radio, "deflection", lambda self, channel: max(-0.3, deflection(self, channel)))
+    left = Stimulus(at_s=1.0, kind="stick", name="RC1", values=(1100.0,))
+    assert verdict(case("LOITER", left, twin="mirrored"), "mirrored-alike") == "violated"
 
 
 def test_what_was_refused_does_nothing() -> None:

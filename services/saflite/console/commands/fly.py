@@ -23,7 +23,13 @@ if TYPE_CHECKING:
     from saflite.contract.verdict import Judgement
 
 
-TWINS = ("turned", "idle", "afresh")  # `contract.test_case.Twin`, which a page of help must not load
+TWINS = (
+    "turned",
+    "idle",
+    "afresh",
+    "mirrored",
+    "recalibrated",
+)  # `contract.test_case.Twin`, which a page of help must not load
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

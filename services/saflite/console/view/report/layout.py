@@ -84,7 +84,7 @@ def legend(test_case: TestCase) -> str:
 
 
 def _twin_words(test_case: TestCase) -> str:
-    back = ", shown turned back" if test_case.twin == "turned" else ""
+    back = {"turned": ", shown turned back", "mirrored": ", shown mirrored back"}.get(test_case.twin, "")
     return f"the same flight {TWIN_WORDS[test_case.twin]}{back}" if test_case.twin else ""
 
 

@@ -23,7 +23,7 @@ from saflite.flight.autopilots.external.listing import Listing
 from saflite.flight.autopilots.external.place import FailedBringUp, Place, one_core
 from saflite.flight.autopilots.external.vehicle import GONE, SILENT
 from saflite.flight.geometry import boxes_array
-from saflite.flight.mission import NAV_LAST
+from saflite.flight.mission import MISSION_YAW_DEG, NAV_LAST
 from saflite.flight.world.state import CRASHED
 from saflite.flight.world.wind import WindField
 
@@ -46,7 +46,6 @@ SLOW_MPS = 0.3
 FALLING_MPS = 2.0
 SET_INTERVAL = 511
 CHECK_EVERY = 50
-MISSION_YAW_DEG = 90.0
 DEFAULT_START = StartState()
 
 

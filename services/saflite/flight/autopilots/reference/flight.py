@@ -19,12 +19,12 @@ from saflite.flight.autopilots.reference.avoidance import Avoidance
 from saflite.flight.autopilots.reference.defects import planted_in
 from saflite.flight.autopilots.reference.vehicle import Vehicle
 from saflite.flight.geometry import boxes_array
+from saflite.flight.mission import MISSION_YAW_DEG
 from saflite.flight.world.state import CRASHED, FLYING, FROZEN, STANDING, STEP_S
 from saflite.flight.world.wind import WindField
 
 STEPS_PER_TICK = round(TICK_S / STEP_S)
 READY_S = 19.5  # from log start to take-off on the real vehicle
-MISSION_YAW_DEG = 90.0  # the competition's vehicle stands nose east
 SETTLE_S = 5.0
 GROUND_THROTTLE_PWM, MID_THROTTLE_PWM = 1000.0, 1500.0
 TRACE_STEP_S = 0.05

@@ -16,12 +16,12 @@ from saflite.flight.autopilots.ardupilot.settings import F450, as_file, start_pa
 from saflite.flight.autopilots.ardupilot.telemetry import MODES
 from saflite.flight.autopilots.external.aircraft import HOME
 from saflite.flight.autopilots.external.binary import Binary
-from saflite.flight.autopilots.external.flight import DEFAULT_START, MISSION_YAW_DEG
+from saflite.flight.autopilots.external.flight import DEFAULT_START
 from saflite.flight.autopilots.external.inputs import command_number
 from saflite.flight.autopilots.external.listing import Listing
 from saflite.flight.mavlink.client import CUSTOM_MODE, DO_SET_MODE
 from saflite.flight.mavlink.items import ORDERED_PLACES, command_int_fields, item_fields
-from saflite.flight.mission import dump_plan
+from saflite.flight.mission import MISSION_YAW_DEG, dump_plan
 
 _TEMPLATE, _CASE = (Path(__file__).with_name(name) for name in ("script.py", "autotest_case.py"))
 _NOT_THEIRS = frozenset({*F450, "SERIAL1_PROTOCOL", "SERIAL2_PROTOCOL"})
