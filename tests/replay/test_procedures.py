@@ -30,6 +30,7 @@ SPEAKS_WHEN_BROKEN = {
     *(("fence-not-breached", place) for place in range(3)),
     *(("takeoff-from-ground", place) for place in (0, 1)),
     *(("landed-on-ground", place) for place in (0, 1)),
+    ("place-needs-position", 1),
     *(("chute-acts", place) for place in (1, 2)),  # opens by itself, or without an output: that it had a cause
     *(("failsafe-has-cause", place) for place in (0, 1)),
 }
@@ -43,7 +44,8 @@ ONLY_WHEN_BROKEN = {
     "fence-action": {1},  # PX4 alone holds before it acts
     "fence-not-breached": {0, 1},
     "order-taken": {6, 7},  # orders to a mission, which no procedure flies
-    "place-needs-position": {0},
+    "mirrored-alike": {2},  # a mission
+    "place-needs-position": {0, 1},
     "turned-alike": {2},  # a mission
 }
 CLAUSE_TRIES = 20

@@ -224,7 +224,7 @@ SIGNALS: dict[str, Signal] = {
     "plain_order": Signal(
         "",
         "order given last whose numbers leave no doubt, denied or not: 1 arm, 2 take off, 3 go to a place, 4 turn, "
-        "5 fly as fast, 6 flip, 7 begin the mission, 8 home is there, 9 pause or go on; 0 where none was given",
+        "5 fly as fast, 6 flip, 7 begin the mission, 8 home is there, 9 pause or go on, 10 the fence off or on; 0 none",
         "code",
     ),
     "plain_order_s": Signal("s", "time since that order, above 1,000,000 where none was given"),

@@ -14,7 +14,7 @@ from saflite.contract.flight import Given
 from saflite.contract.test_case import Stimulus
 from saflite.flight.mission import to_local
 
-ARM, TAKE_OFF, GO, TURN, SPEED, FLIP, BEGIN, HOME, PAUSE = range(1, 10)
+ARM, TAKE_OFF, GO, TURN, SPEED, FLIP, BEGIN, HOME, PAUSE, FENCE = range(1, 11)
 """Codes of `plain_order`."""
 HEIGHT_M, SPEED_MPS, NEAR_M = (2.0, 100.0), (0.5, 15.0), 1000.0
 
@@ -61,6 +61,7 @@ def _codes(numbers: tuple[float, ...], origin: tuple[float, float] | None) -> di
         "MISSION_START": BEGIN,
         "DO_SET_HOME": HOME * here,
         "DO_PAUSE_CONTINUE": PAUSE * (first in (0.0, 1.0)),
+        "DO_FENCE_ENABLE": FENCE * (first in (0.0, 1.0)),
     }
 
 
