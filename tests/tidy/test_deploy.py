@@ -124,6 +124,25 @@ def test_metrics_that_are_drawn_or_watched_exist() -> None:
     assert named <= known
 
 
+def test_a_farm_whose_process_is_gone_is_told_of() -> None:
+    """It tells `saflite_up` 0 no more: the series is absent, and what is compared with it matches nothing."""
+    (group,) = _documents(DEPLOY / "prometheus" / "alerts.yml")[0]["groups"]
+    (rule,) = [rule for rule in group["rules"] if rule["alert"] == "FarmAway"]
+    jobs = [one["job_name"] for one in _documents(DEPLOY / "prometheus" / "prometheus.yml")[0]["scrape_configs"]]
+    parts = {part.strip() for part in rule["expr"].split(" or ")}
+    away = {"saflite_up == 0", "absent(saflite_up)", *(f'up{{job="{job}"}} == 0' for job in jobs)}
+    assert parts == away, "not told: books that are silent, a target that is gone, one that is looked for no more"
+    assert "over" in rule["annotations"]["summary"], "a farm that ended in order is away, too"
+
+
+def test_no_alert_asks_for_a_job_that_is_not_scraped() -> None:
+    jobs = {one["job_name"] for one in _documents(DEPLOY / "prometheus" / "prometheus.yml")[0]["scrape_configs"]}
+    rules = (DEPLOY / "prometheus" / "alerts.yml").read_text()
+    asked = set(re.findall(r'job="([^"]*)"', rules))
+    assert asked
+    assert asked <= jobs
+
+
 def test_pods_mount_what_they_have_and_are_selected_by_their_labels() -> None:
     pods = list(_pods())
     assert {pod["kind"] for pod in pods} == {"StatefulSet", "Deployment"}
