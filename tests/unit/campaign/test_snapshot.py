@@ -28,6 +28,7 @@ from saflite.campaign.storage.rebuild import rebuild
 from saflite.campaign.storage.seal import is_sealed, seal_file
 from saflite.campaign.storage.snapshot_file import code, code_files, snapshot_file
 from saflite.campaign.storage.store import Store, store_file
+from saflite.console.run_data.run_folder import open_run
 from saflite.contract import wire
 from saflite.contract.blobs import BlobMissing
 from saflite.contract.control import Control, Verb
@@ -178,6 +179,24 @@ def test_a_killed_run_is_sealed_again_by_the_audit_that_finds_it_whole(stopped: 
     assert is_sealed(run_dir)
     opened(run_dir)
     assert is_sealed(run_dir)
+
+
+def test_who_looks_on_while_the_books_are_closed_keeps_no_seal_from_them(stopped: Path, tmp_path: Path) -> None:
+    """As the console's live view does when books start again: nothing else would seal the run at its end."""
+    run_dir = copy_of(stopped, tmp_path / "run")
+    store = Store.open(run_dir)
+    with open_run(run_dir) as looking_on:
+        assert looking_on.last_events(1)
+        for _ in range(2):
+            Driver(store.rebuild(), store).commit()
+            store.close()
+            assert is_sealed(run_dir)
+            assert looking_on.last_events(1)
+            store = Store.open(run_dir)
+    store.close()
+    assert is_sealed(run_dir)
+    assert not run_dir.joinpath("books.sqlite-wal").exists()
+    assert audit(run_dir, blobs=False)["problems"] == []
 
 
 def test_a_snapshot_that_is_damaged_of_another_run_or_ahead_is_not_used(stopped: Path, tmp_path: Path) -> None:

@@ -39,6 +39,7 @@ _NOT_TO_BE_HAD = (
 )
 
 
+READERS_S = 2.0  # so long a store that is closed waits for who reads it just now
 VALUE_BYTES_MAX = 2 * BYTES_MAX
 MADE_BY: dict[str, str] = {statement.split()[2]: statement for statement in CREATE}
 """How each table is made, by name."""
@@ -146,13 +147,18 @@ def fold_in(connection: sqlite3.Connection) -> None:
 
 
 def make_one_file(path: Path) -> None:
-    """Leave a store that nobody works on as one file, without a write-ahead log; not while somebody reads it."""
-    connection = sqlite3.connect(path, isolation_level=None, timeout=0.0)
+    """Leave a store that nobody works on as one file, without a write-ahead log.
+
+    Where somebody has it open the log stays, empty: the file is whole all the same, and can be sealed. Only who reads
+    just now, and for longer than `READERS_S`, keeps something in the log.
+    """
+    connection = sqlite3.connect(path, isolation_level=None, timeout=READERS_S)
     try:
         connection.execute("PRAGMA synchronous = FULL")
+        connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
         connection.execute("PRAGMA journal_mode = DELETE")
     except sqlite3.OperationalError as fault:
-        log.info("%s keeps its write-ahead log: %s", path, fault)
+        log.info("%s is open elsewhere, its write-ahead log stays: %s", path, fault)
     finally:
         connection.close()
 
