@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 
 import pytest
 
+from saflite.campaign.storage.seal import seal_file
 from saflite.campaign.storage.store import Store
 from saflite.console.cli import FOUND, INFRASTRUCTURE, main
 from saflite.console.run_data import reporting
 from saflite.console.run_data.conclusion import conclude
+from saflite.console.run_data.run_folder import open_run
 from saflite.contract.control import Control
 from saflite.contract.errors import Unavailable
 from saflite.runtime import campaign_runner
@@ -64,6 +67,48 @@ def test_a_campaign_that_is_over_is_left_alone_with_exit_code_0(
         assert main(["up", farm, *options]) == 0
         assert "over" in capsys.readouterr().out
     assert _contents(run_dir) == before
+
+
+def test_one_that_is_over_is_left_alone_whether_its_books_were_closed_or_not(
+    farm: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Books that were killed once are not sealed at the end of a later sitting either: their tables are not known."""
+    run_dir = tmp_path / "run"
+    _campaign(run_dir, stopped=True)
+    seal_file(run_dir).unlink()
+    store = Store.open(run_dir)
+    Driver(store.rebuild(), store).run()
+    store.close()
+    assert not seal_file(run_dir).exists()
+    reporting.write(run_dir)
+    before = _contents(run_dir)
+    assert main(["up", farm]) == 0
+    assert "is over" in capsys.readouterr().out
+    assert _contents(run_dir) == before
+    store = Store.open(run_dir)  # killed while it looked at a campaign that was over: a log stays beside the store
+    (run_dir / "log").write_bytes((run_dir / "books.sqlite-wal").read_bytes())
+    store.close()
+    (run_dir / "log").rename(run_dir / "books.sqlite-wal")
+    assert main(["up", farm]) == 0
+
+
+def test_a_report_of_an_earlier_sitting_does_not_end_it(
+    farm: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run_dir = tmp_path / "run"
+    _campaign(run_dir, stopped=True)
+    report, _ = reporting.write(run_dir)
+    store = Store.open(run_dir)
+    driver = Driver(store.rebuild(), store, unix_s=report.stat().st_mtime + 1.0)
+    driver.run()
+    store.close()
+    assert main(["up", farm]) == INFRASTRUCTURE
+    assert "a farm was started" in capsys.readouterr().err
+    with open_run(run_dir) as run:
+        (ended_unix_s,) = (event.at_unix_s for event in run.last_events(1))
+    reporting.write(run_dir)
+    os.utime(report, (ended_unix_s, ended_unix_s))
+    assert main(["up", farm]) == 0
 
 
 def test_one_that_was_told_to_stop_is_gone_on_with(

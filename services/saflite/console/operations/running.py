@@ -100,16 +100,25 @@ def check_books(run_dir: Path, *, accept_loss: bool) -> None:
 
 
 def is_concluded(run_dir: Path) -> bool:
-    """Return whether nothing is left to do for a run: its campaign is over, its books closed, its report written.
+    """Return whether nothing is left to do for a run: its campaign is over by its journal, and reported since.
+
+    Not whether its books are sealed: those that were killed once are not, though they go on to their end.
 
     Raises:
         Refused: what is read of it is damaged.
     """
     from saflite.campaign.storage.audit import is_over
-    from saflite.campaign.storage.seal import was_closed
     from saflite.console.run_data.reporting import REPORT
+    from saflite.console.run_data.run_folder import open_run
 
-    return was_closed(run_dir) and (run_dir / REPORT).is_file() and is_over(run_dir)
+    try:
+        reported_unix_s = (run_dir / REPORT).stat().st_mtime
+    except FileNotFoundError:
+        return False
+    with open_run(run_dir) as run:  # a report may be of an earlier sitting, and the last was killed before its own
+        if reported_unix_s < run.changed_unix_s():
+            return False
+    return is_over(run_dir)
 
 
 def follow(run_dir: Path, start: Start, *, as_json: bool, metrics: str = "") -> int:

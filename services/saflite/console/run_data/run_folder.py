@@ -26,7 +26,7 @@ from saflite.contract.blobs import BlobMissing, BlobRef
 from saflite.contract.circumstances import Circumstances, circumstances_of
 from saflite.contract.config import Campaign
 from saflite.contract.errors import Refused
-from saflite.contract.events import Event, Fact, word_of
+from saflite.contract.events import CampaignChanged, Event, Fact, word_of
 from saflite.contract.flight import Flight, Purpose, Trace, unpack_trace
 from saflite.contract.memory_faults import is_memory_fault
 from saflite.contract.names import recording_file
@@ -326,6 +326,11 @@ class RunFolder:
         query = "SELECT seq, event FROM events WHERE kind = ? ORDER BY seq"
         found = (event.fact for event in self._events(query, word_of(kind)))
         return [fact for fact in found if isinstance(fact, kind)]
+
+    def changed_unix_s(self) -> float:
+        """Return when the state of the campaign changed last, as when it ended; 0.0 before it began."""
+        query = "SELECT seq, event FROM events WHERE kind = ? ORDER BY seq DESC LIMIT 1"
+        return next((event.at_unix_s for event in self._events(query, word_of(CampaignChanged))), 0.0)
 
     def _events(self, query: str, *values: object) -> list[Event]:
         """Return the events of the (number, content) rows that a query finds."""
