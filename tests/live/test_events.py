@@ -40,7 +40,7 @@ class Receiver(HTTPServer):
     def __init__(self) -> None:
         super().__init__(("127.0.0.1", 0), _Handler)
         self.taken: list[dict[str, object]] = []
-        self.posts = 0
+        self.posts, self.is_away = 0, False
         threading.Thread(target=self.serve_forever, daemon=True).start()
 
     @property
@@ -57,7 +57,7 @@ class _Handler(BaseHTTPRequestHandler):
         mac = base64.b64encode(hmac.new(SECRET, signed, hashlib.sha256).digest()).decode()
         assert self.headers["webhook-signature"] == f"v1,{mac}"
         self.server.posts += 1
-        if self.server.posts % 10 == 3:
+        if self.server.is_away or self.server.posts % 10 == 3:
             self.send_response(503)
             self.end_headers()
             return
@@ -94,6 +94,16 @@ def _events(run_dir: Path) -> list[Event]:
         return list(folder.events(1))
 
 
+def _farm_of(run_dir: Path, module: Path) -> subprocess.Popen[bytes]:
+    """Start a farm that goes on with a run, and return it once it says where it is reached."""
+    words = ["resume", str(run_dir), "--workers", "2", "--module", str(module), "--json"]
+    farm = subprocess.Popen([sys.executable, "-m", "saflite", *words], stdout=subprocess.DEVNULL, cwd=run_dir.parent)
+    until_s = time.monotonic() + 60
+    while not (run_dir / "farm.json").exists() and time.monotonic() < until_s:
+        time.sleep(0.1)
+    return farm
+
+
 def test_a_webhook_is_told_every_event_over_restarts_of_farm_receiver_and_bridge(
     tmp_path: Path,
     dart: Path,  # noqa: F811
@@ -116,6 +126,29 @@ def test_a_webhook_is_told_every_event_over_restarts_of_farm_receiver_and_bridge
     assert list(dict.fromkeys(told)) == sorted(set(told)), "out of order"
     assert len({event["id"] for event in receiver.taken}) == len(set(told)), "told again under another id"
     assert len(told) > len(set(told)), "no answer was lost"
+
+
+def test_a_webhook_of_a_farm_elsewhere_is_told_every_event_though_it_was_away_when_the_farm_ended(
+    tmp_path: Path,
+    dart: Path,  # noqa: F811
+    receiver: Receiver,
+) -> None:
+    run_dir, cursor = _new_run(tmp_path / "far", _campaign()), tmp_path / "c.json"
+    (tmp_path / "secret").write_bytes(SECRET)
+    receiver.is_away = True
+    farm = _farm_of(run_dir, dart)
+    info = read_info(run_dir)
+    words = ["watch", "--connect", info.endpoint, "--campaign", info.campaign, "--webhook", receiver.url]
+    words += ["--cursor", str(cursor), "--secret", str(tmp_path / "secret")]
+    bridge = subprocess.Popen([sys.executable, "-m", "saflite", *words], cwd=tmp_path)
+    assert farm.wait(timeout=120) == 1
+    assert not receiver.taken
+    assert bridge.poll() is None
+    receiver.is_away = False
+    assert bridge.wait(timeout=120) == 0
+    told = [int(str(event["sequence"])) for event in receiver.taken]
+    assert list(dict.fromkeys(told)) == [event.seq for event in _events(run_dir)]
+    assert not Path(f"{cursor}.waiting").exists()
 
 
 def test_a_late_follower_hears_everything_after_a_restart_of_all(
@@ -152,14 +185,8 @@ def test_a_subscriber_in_rust_made_from_the_schemas_alone_hears_every_violation(
     dart: Path,  # noqa: F811
 ) -> None:
     run_dir = _new_run(tmp_path / "far", _campaign())
-    farm = subprocess.Popen(
-        [sys.executable, "-m", "saflite", "resume", str(run_dir), "--workers", "2", "--module", str(dart), "--json"],
-        stdout=subprocess.DEVNULL,
-        cwd=tmp_path,
-    )
+    farm = _farm_of(run_dir, dart)
     until_s = time.monotonic() + 60
-    while not (run_dir / "farm.json").exists() and time.monotonic() < until_s:
-        time.sleep(0.1)
     client = FarmClient.of_run(run_dir)
     while not client.status().violations_confirmed and time.monotonic() < until_s:
         time.sleep(0.1)

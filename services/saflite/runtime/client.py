@@ -105,6 +105,10 @@ def holds(control: Control, status: Status) -> bool:
             return False
 
 
+def _nothing() -> None:
+    return
+
+
 def _events_of(answer: Answer) -> list[Event]:
     return [wire.decode(data, Event) for data in answer.events]
 
@@ -209,11 +213,14 @@ class FarmClient:
         assert status is not None, "an answer to `status` holds one"
         return status
 
-    def watch(self, from_seq: int = 1, *, patience_s: float = 30.0) -> Iterator[Event]:
+    def watch(
+        self, from_seq: int = 1, *, patience_s: float = 30.0, on_quiet: Callable[[], None] = _nothing
+    ) -> Iterator[Event]:
         """Yield every event from `from_seq` (the first is 1) on, in order, none twice or left out, up to the end.
 
         That is the end of the campaign as it stands: one that had ended and was taken up again is followed on, one
-        that has ended and has nothing more to tell is not waited for.
+        that has ended and has nothing more to tell is not waited for. `on_quiet` is called whenever there is nothing
+        new yet; what it raises ends the watch.
 
         Raises:
             Unavailable: the books did not answer for `patience_s`.
@@ -238,6 +245,7 @@ class FarmClient:
             if over and wanted > known_seq:
                 return
             if not missed:  # otherwise there may be more than went into one answer
+                on_quiet()
                 self._collect(early, wanted)
 
     def close(self) -> None:

@@ -57,6 +57,7 @@ class Cursor(msgspec.Struct, frozen=True, kw_only=True):
     """How far a bridge is: the run, when it began, and the last event that was taken, `told_as` what.
 
     Up to there all events of `kinds` were taken, all there are if it names none; whether others were nobody knows.
+    `end` is the last event there is, once the campaign has ended and all are here; 0 before.
     """
 
     campaign: Name
@@ -64,6 +65,7 @@ class Cursor(msgspec.Struct, frozen=True, kw_only=True):
     seq: Place = 0
     told_as: Word = ""
     kinds: Kinds = ()
+    end: Place = 0
 
     def covers(self, kinds: frozenset[str]) -> bool:
         """Whether all events of these kinds (of all, if empty) were taken up to there."""

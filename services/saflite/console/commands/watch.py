@@ -3,6 +3,7 @@
 A run that works is followed until it ends; of one that does not, the events its books hold are shown.
 
 With --webhook each event is posted to a web server instead, in order and until it is taken, over restarts of all three.
+From a farm elsewhere (--connect) events are fetched as they come and wait beside the cursor while the receiver is away.
 
 examples:
   saflite watch runs/avoidance-m2
@@ -35,6 +36,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--webhook", default="", metavar="URL", help="POST each event there (CloudEvents) until taken")
     parser.add_argument("--secret", type=Path, metavar="FILE", help="sign what is posted with the secret in this file")
     parser.add_argument("--cursor", type=Path, metavar="FILE", help="how far the webhook was told (in the run folder)")
+    patience = "with --webhook and --connect: end once the farm was silent for so long (60; 0: never)"
+    parser.add_argument("--patience", type=float, default=60.0, metavar="S", help=patience)
     parser.add_argument("--json", action="store_true", help="one JSON object per event")
 
 

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import argparse
-import logging
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import NamedTuple
 
 import msgspec
 
 from saflite.campaign.storage.own_folder import check_closed
 from saflite.console.io import farm_options
+from saflite.console.operations import relaying
+from saflite.console.operations.relaying import AWAY_S, Bridge, StoppableClock, place_in
 from saflite.console.run_data import farm_lookup
 from saflite.console.run_data.embargo import for_others
 from saflite.console.run_data.run_folder import open_run
@@ -19,29 +19,25 @@ from saflite.contract.cloud_event import told_as
 from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.events import CampaignChanged, Event, kind_of
 from saflite.contract.ids import short_id
-from saflite.runtime.client import FarmClient
+from saflite.runtime.client import ANSWER_S, FarmClient
 from saflite.runtime.clock import WallClock
+from saflite.runtime.waiting_events import WaitingEvents, waiting_file
 from saflite.runtime.webhook import Cursor, Webhook, keep_cursor, read_cursor, read_secret
 
-log = logging.getLogger(__name__)
-
-AWAY_S = 1.0  # between looks for a farm that is away
-ANSWER_S = 5.0
-
-
-class Bridge(NamedTuple):
-    """What goes where: the kinds of events told (all if empty), the receiver, and the file that says how far it is."""
-
-    kinds: frozenset[str]
-    webhook: Webhook
-    cursor_file: Path
+__all__ = ["Bridge", "run"]
 
 
 def run(args: argparse.Namespace, say: Callable[[str], None]) -> None:
-    """Carry events until the campaign ends."""
+    """Carry events until the campaign ends and all are taken.
+
+    Raises:
+        Refused: the receiver, the farm or this machine says that it will never do.
+        Unavailable: the farm at an endpoint has gone, and events may be missing; which, it says.
+    """
     clock = WallClock()
     secret = read_secret(args.secret) if args.secret is not None else b""
-    webhook = Webhook(args.webhook, clock, secret)
+    stopping = StoppableClock()
+    webhook = Webhook(args.webhook, stopping if args.connect else clock, secret)
     if not args.connect:
         args.run = farm_lookup.newest(args.run)
     bridge = Bridge(frozenset(args.kind), webhook, _cursor_file(args))
@@ -51,10 +47,40 @@ def run(args: argparse.Namespace, say: Callable[[str], None]) -> None:
     elif cursor is not None:
         say(f"from the first event on: only {', '.join(cursor.kinds)} was told before; {bridge.cursor_file}")
     try:
-        while not _carry(args, bridge):
-            clock.sleep_s(AWAY_S)
+        if args.connect:
+            _relay(args, bridge, stopping, say)
+        else:
+            _from_run(args, bridge, clock, say)
     finally:
         webhook.close()
+
+
+def _relay(args: argparse.Namespace, bridge: Bridge, clock: StoppableClock, say: Callable[[str], None]) -> None:
+    patience_s = args.patience or float("inf")
+    relaying.relay(lambda: _connected(args), bridge, clock, say, patience_s)
+
+
+def _from_run(args: argparse.Namespace, bridge: Bridge, clock: WallClock, say: Callable[[str], None]) -> None:
+    """Carry from a run folder, whose books keep all events; one that is neither over nor worked on is waited for."""
+    if waiting_file(bridge.cursor_file).exists():  # of a bridge to its farm: the books hold these, too
+        WaitingEvents(bridge.cursor_file, bridge.kinds).close(over=True)
+    told = ""
+    while True:
+        words = ""
+        try:
+            if _carry(args, bridge):
+                break
+            if not farm_lookup.says_it_runs(args.run):
+                words = f"{args.run} is not over and no farm works on it: its next events are waited for"
+        except Unavailable as fault:
+            words = f"nothing is told, and tried again: {fault}"
+        if words and words != told:
+            say(words)
+        told = words or told
+        clock.sleep_s(AWAY_S)
+    cursor = read_cursor(bridge.cursor_file)
+    if cursor is not None:  # a bridge to the farm that has gone need not look for it
+        keep_cursor(bridge.cursor_file, msgspec.structs.replace(cursor, end=cursor.seq))
 
 
 def _cursor_file(args: argparse.Namespace) -> Path:
@@ -67,19 +93,18 @@ def _cursor_file(args: argparse.Namespace) -> Path:
 
 
 def _carry(args: argparse.Namespace, bridge: Bridge) -> bool:
-    """Carry what can be had now; True if the campaign has ended: by its books, however much of it was told before."""
-    try:
-        if args.connect or farm_lookup.says_it_runs(args.run):
-            return _carry_from_farm(args, bridge)
-        with open_run(args.run) as folder:
-            cursor = _at(bridge, folder.campaign.name, lambda seq: next(folder.events(seq), None))
-            if cursor is not None:
-                _tell(bridge, cursor, folder.events(cursor.seq + 1))
-            changes = folder.facts(CampaignChanged)
-            return bool(changes) and changes[-1].state == "ended"
-    except Unavailable as fault:
-        log.info("the farm is away: %s", fault)
-        return False
+    """Carry what can be had now; True if the campaign has ended: by its books, however much of it was told before.
+
+    Raises Unavailable where the farm does not answer, or the disk fails.
+    """
+    if farm_lookup.says_it_runs(args.run):
+        return _carry_from_farm(args, bridge)
+    with open_run(args.run) as folder:
+        cursor = _at(bridge, folder.campaign.name, lambda seq: next(folder.events(seq), None))
+        if cursor is not None:
+            _tell(bridge, cursor, folder.events(cursor.seq + 1))
+        changes = folder.facts(CampaignChanged)
+        return bool(changes) and changes[-1].state == "ended"
 
 
 def _carry_from_farm(args: argparse.Namespace, bridge: Bridge) -> bool:
@@ -115,21 +140,4 @@ def _after(cursor: Cursor, event: Event) -> Cursor:
 
 
 def _at(bridge: Bridge, campaign: str, event: Callable[[int], Event | None]) -> Cursor | None:
-    """Return how far this run was told, None if it has no events; another run of the same name begins anew.
-
-    So does one of which not all kinds asked for were told, and one whose event told last is another now, or is not
-    there: commits were lost, and their numbers are given again. What is told twice bears the same id, what differs
-    another.
-    """
-    first = event(1)
-    if first is None:
-        return None
-    kinds = tuple(sorted(bridge.kinds))
-    begun, kept = Cursor(campaign=campaign, begun_unix_s=first.at_unix_s, kinds=kinds), read_cursor(bridge.cursor_file)
-    if kept is None or not kept.covers(bridge.kinds):
-        return begun
-    kept = msgspec.structs.replace(kept, kinds=kinds)
-    if msgspec.structs.replace(kept, seq=0, told_as="") != begun:
-        return begun
-    last = event(kept.seq) if kept.told_as else None
-    return kept if not kept.told_as or (last is not None and told_as(last) == kept.told_as) else begun
+    return place_in(read_cursor(bridge.cursor_file), bridge.kinds, campaign, event)

@@ -1,0 +1,265 @@
+"""A bridge whose farm is elsewhere: one thread fetches events as they come, another has the receiver take them.
+
+Neither waits for the other. What was fetched waits on disk (`runtime/waiting_events.py`), so that the farm may end
+while the receiver is away, and the receiver be told by another bridge once this one has ended.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from types import TracebackType
+from typing import NamedTuple
+
+import msgspec
+
+from saflite.console.run_data.embargo import for_others
+from saflite.contract.cloud_event import told_as
+from saflite.contract.errors import FarmError, Unavailable
+from saflite.contract.events import Event
+from saflite.runtime.client import ANSWER_S, FarmClient
+from saflite.runtime.clock import WallClock
+from saflite.runtime.waiting_events import WaitingEvents
+from saflite.runtime.webhook import Cursor, Webhook
+
+AWAY_S = 1.0  # between looks for a farm that is away
+DRAIN_S = 0.2  # between looks whether all was taken
+LEAVE_S = 1.0  # how long an answer of the receiver is waited for at the end
+
+
+class Bridge(NamedTuple):
+    """What goes where: the kinds of events told (all if empty), the receiver, and the file that says how far it is."""
+
+    kinds: frozenset[str]
+    webhook: Webhook
+    cursor_file: Path
+
+
+class Stopped(FarmError):
+    """Whoever waits need not go on."""
+
+
+class StoppableClock(WallClock):
+    """The machine's time; who waits by it is woken for good by `stop`."""
+
+    def __init__(self) -> None:
+        self._stopped = threading.Event()
+
+    def stop(self) -> None:
+        """Wake who waits, now and later."""
+        self._stopped.set()
+
+    def sleep_s(self, duration_s: float) -> None:
+        """Wait; raises Stopped once it was stopped."""
+        if self._stopped.wait(duration_s):
+            raise Stopped
+
+    def wait_s(self, ended: threading.Event, duration_s: float) -> None:
+        """Wait for something to end, at most so long."""
+        ended.wait(duration_s)
+
+
+def relay(
+    connect: Callable[[], FarmClient],
+    bridge: Bridge,
+    clock: StoppableClock,
+    say: Callable[[str], None],
+    patience_s: float,
+) -> None:
+    """Fetch and deliver until the campaign has ended and all is taken.
+
+    Raises:
+        Refused: the receiver or the farm will never do.
+        Unavailable: neither has the farm answered nor the receiver taken anything for `patience_s`.
+    """
+    waiting, over = WaitingEvents(bridge.cursor_file, bridge.kinds), False
+    try:
+        with _Delivery(bridge.webhook, waiting, clock) as delivery:
+            _Fetching(connect, bridge.kinds, waiting, delivery, clock, say).run(patience_s)
+            while waiting.waits:
+                delivery.check()
+                clock.wait_s(delivery.ended, DRAIN_S)
+        over = True
+    finally:
+        waiting.close(over=over)
+
+
+class _Delivery:
+    """The thread that has the receiver take what waits; leaving the `with` ends it."""
+
+    def __init__(self, webhook: Webhook, waiting: WaitingEvents, clock: StoppableClock) -> None:
+        self._webhook, self._waiting, self._clock = webhook, waiting, clock
+        self._fault: BaseException | None = None
+        self.took_s = clock.monotonic_s()  # when the receiver took something last
+        self.ended = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+
+    def __enter__(self) -> _Delivery:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, fault: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._clock.stop()
+        self._thread.join(LEAVE_S)
+
+    def check(self) -> None:
+        """Raise what ended the thread, if something did."""
+        if self._fault is not None:
+            raise self._fault
+
+    def _run(self) -> None:
+        try:
+            while True:
+                self._clock.sleep_s(0.0)
+                if (found := self._waiting.first(DRAIN_S)) is not None:
+                    event, cursor = found
+                    self._webhook.deliver(for_others(event), cursor)
+                    self._waiting.taken(event)
+                    self.took_s = self._clock.monotonic_s()
+        except Stopped:
+            return
+        except BaseException as fault:  # noqa: BLE001 (raised again where the bridge waits)
+            self._fault = fault
+        finally:
+            self.ended.set()
+
+
+class _Fetching:
+    """Has the events of a farm wait, over its restarts."""
+
+    def __init__(
+        self,
+        connect: Callable[[], FarmClient],
+        kinds: frozenset[str],
+        waiting: WaitingEvents,
+        delivery: _Delivery,
+        clock: StoppableClock,
+        say: Callable[[str], None],
+    ) -> None:
+        self._connect, self._kinds, self._waiting, self._delivery = connect, kinds, waiting, delivery
+        self._say, self._clock = say, clock
+        self._heard_s = self._clock.monotonic_s()
+        self._told = ""
+
+    def run(self, patience_s: float) -> None:
+        """Fetch until the campaign has ended and nothing is left; raises Unavailable after `patience_s` of nothing."""
+        away = ""
+        while True:
+            self._delivery.check()
+            try:
+                if self._waiting.is_full:
+                    self._heard_s = self._clock.monotonic_s()  # nobody was asked
+                elif self._fetched():
+                    return
+                else:
+                    away = ""
+            except Unavailable as fault:
+                if self._waiting.cursor is not None and self._waiting.cursor.end:
+                    return  # it had ended when it was heard last
+                away = str(fault)
+                self._tell(f"nothing is fetched: {away}; {_until(patience_s)}")
+            quiet_s = self._clock.monotonic_s() - max(self._heard_s, self._delivery.took_s)
+            if away and quiet_s >= patience_s:
+                raise Unavailable(self._missing(f"nothing was fetched for {patience_s:.0f} s: {away}"))
+            self._clock.wait_s(self._delivery.ended, AWAY_S)
+
+    def _fetched(self) -> bool:
+        """Have what there is wait, and what comes; True once the campaign has ended."""
+        client = self._connect()
+        try:
+            if not self._goes_on(client):
+                return False
+            for event in client.watch(self._waiting.next_seq, patience_s=ANSWER_S, on_quiet=self._on_quiet):
+                self._waiting.add(event)
+                self._on_heard()
+                if self._waiting.is_full:
+                    self._tell(f"{self._waiting.file} is full: the rest is fetched once the receiver took all of it")
+                    return False
+            self._waiting.end()
+            return True
+        finally:
+            client.close()
+
+    def _on_heard(self) -> None:
+        self._heard_s = self._clock.monotonic_s()
+        self._delivery.check()
+
+    def _on_quiet(self) -> None:
+        self._on_heard()
+        self._told = ""
+        self._waiting.go_on()
+        self._waiting.flush()
+
+    def _goes_on(self, client: FarmClient) -> bool:
+        """Whether what waits and what was taken is of the run that the farm has now; begins anew where it is not.
+
+        False, too, if it has no events yet, or has to be asked again.
+        """
+        kept, last = self._waiting.cursor, self._waiting.last
+        cursor = place_in(kept, self._kinds, client.campaign, client.event)
+        self._on_heard()
+        if cursor is None:
+            return False
+        if kept is None or not _same_place(cursor, kept):
+            self._drop(cursor)
+        elif last is not None and _told_as(client.event(last.seq)) != told_as(last):
+            self._drop(self._waiting.cursor or cursor)  # taken meanwhile, maybe: is that still there?
+            return False
+        return True
+
+    def _drop(self, cursor: Cursor) -> None:
+        if waits := self._waiting.waits:
+            self._say(f"{waits} events that waited are none of this run, or were lost with their commits: not told")
+        self._waiting.begin(cursor)
+
+    def _tell(self, words: str) -> None:
+        """Say what keeps the bridge from its work, once until it goes on."""
+        if words != self._told:
+            self._say(words)
+        self._told = words
+
+    def _missing(self, why: str) -> str:
+        waits = self._waiting.waits
+        words = f"; {waits} that were fetched wait in {self._waiting.file} for the receiver" if waits else ""
+        return (
+            f"{why}; events from number {self._waiting.next_seq} on may be missing{words}; "
+            "the same command goes on, and with the run folder instead of --connect it tells all its books hold"
+        )
+
+
+def _until(patience_s: float) -> str:
+    return "tried again" + ("" if patience_s == float("inf") else f" until nothing came for {patience_s:.0f} s")
+
+
+def _same_place(one: Cursor, other: Cursor) -> bool:
+    return msgspec.structs.replace(one, kinds=(), end=0) == msgspec.structs.replace(other, kinds=(), end=0)
+
+
+def _told_as(event: Event | None) -> str:
+    return "" if event is None else told_as(event)
+
+
+def place_in(
+    kept: Cursor | None, kinds: frozenset[str], campaign: str, event: Callable[[int], Event | None]
+) -> Cursor | None:
+    """Return how far this run was told, None if it has no events; another run of the same name begins anew.
+
+    So does one of which not all kinds asked for were told, and one whose event told last is another now, or is not
+    there: commits were lost, and their numbers are given again. What is told twice bears the same id, what differs
+    another.
+    """
+    first = event(1)
+    if first is None:
+        return None
+    names = tuple(sorted(kinds))
+    begun = Cursor(campaign=campaign, begun_unix_s=first.at_unix_s, kinds=names)
+    if kept is None or not kept.covers(kinds):
+        return begun
+    kept = msgspec.structs.replace(kept, kinds=names, end=0)
+    if msgspec.structs.replace(kept, seq=0, told_as="") != begun:
+        return begun
+    last = event(kept.seq) if kept.told_as else None
+    return kept if not kept.told_as or (last is not None and told_as(last) == kept.told_as) else begun
