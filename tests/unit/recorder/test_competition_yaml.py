@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
 import pytest
 import yaml
 from hypothesis import given
@@ -64,6 +65,9 @@ mission:
   commands: [{timestamp: 1, mode: 3, x: 0, y: 0, z: 0.5, r: 0}]
 assertion: {variable: trajectory}
 """
+
+
+BLOWN = NEW + "saflite: {rng_seed: 7, wind: {mean_mps: 4, from_deg: 90, gust_period_s: 3}, time_limit_s: 20.5}\n"
 
 
 @pytest.fixture
@@ -161,7 +165,7 @@ cases = st.builds(
 )
 
 
-@given(case=cases, source=st.sampled_from(["", OLD, NEW]))
+@given(case=cases, source=st.sampled_from(["", OLD, NEW, NEW + "saflite: {rng_seed: 7}\n", BLOWN]))
 def test_every_test_case_survives_the_way_through_yaml(
     case: TestCase, source: str, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
@@ -172,6 +176,46 @@ def test_every_test_case_survives_the_way_through_yaml(
     assert identity(back) == identity(case)
     assert msgspec.structs.replace(back, source="", origin=Origin()) == msgspec.structs.replace(case, source="")
     assert yaml.safe_load(text).keys() >= {"simulation"}
+
+
+@pytest.mark.parametrize(
+    "block", ["{}", "{rng_seed: 7}", "{stimuli: []}", "{heading_deg: 90}", "{wind: null, time_limit_s: null}"]
+)
+def test_a_block_of_ours_drops_nothing_it_does_not_name(block: str, folder: Path) -> None:
+    plain, beside = parse(NEW, folder).scenario, parse(f"{NEW}saflite: {block}\n", folder).scenario
+    assert plain.wind.mean_mps == 3.0
+    assert (beside.wind, beside.time_limit_s) == (plain.wind, plain.time_limit_s)
+
+
+def test_a_block_of_ours_goes_before_the_words_of_the_document(folder: Path) -> None:
+    of_block = parse(NEW + "saflite: {wind: {mean_mps: 4}}\n", folder).scenario
+    assert (of_block.wind, of_block.time_limit_s) == (Wind(mean_mps=4.0), 300.0)
+    of_block = parse(NEW + "saflite: {time_limit_s: 20}\n", folder).scenario
+    assert (of_block.wind, of_block.time_limit_s) == (parse(NEW, folder).scenario.wind, 20.0)
+
+
+@pytest.mark.parametrize("source", ["", OLD, NEW, BLOWN])
+@pytest.mark.parametrize(
+    "wind",
+    [Wind(), Wind(from_deg=30.0), Wind(mean_mps=5.0, from_deg=200.0, gust_mps=2.0), Wind(mean_mps=-5.0, from_deg=20.0)],
+)
+def test_aerialist_is_told_the_wind_and_the_limit_that_are_flown(source: str, wind: Wind, folder: Path) -> None:
+    case = parse(source or OLD, folder)
+    scenario = msgspec.structs.replace(case.scenario, wind=wind, time_limit_s=120.25)
+    case = msgspec.structs.replace(case, scenario=scenario, source=case.source if source else "")
+    text = yaml_text.write(competition.to_document(case))
+    assert parse(text, folder).scenario == scenario
+    simulation = data_of(text)["simulation"]
+    assert simulation["timeout"] == 121, "Aerialist takes whole seconds"
+    if not wind.mean_mps:
+        assert "wind" not in simulation
+        return
+    said = simulation["wind"]
+    towards = [
+        wind.mean_mps * -turned for turned in (np.cos(np.radians(wind.from_deg)), np.sin(np.radians(wind.from_deg)))
+    ]
+    assert [said["velocity_mean"] * part for part in said["direction"][:2]] == pytest.approx(towards)
+    assert said["velocity_max"] == abs(wind.mean_mps) + wind.gust_mps
 
 
 def test_our_own_document_holds_what_the_competition_expects(tmp_path: Path) -> None:

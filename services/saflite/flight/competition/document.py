@@ -1,7 +1,8 @@
 """The UAV testing competition's test-case document (Aerialist) to test case and back, without loss.
 
 Both spellings are read: `robot`/`mission` (current) and `drone`/`test` (2024). What the document cannot say (stimuli,
-start state, rng_seed, settings of the target, steady wind) stands under the key `saflite`, which other tools ignore.
+start state, rng_seed, settings of the target) stands under the key `saflite`, which other tools ignore; wind and time
+limit stand there only where the document's own words do not give them to the last digit, and go before those words.
 A test case keeps the document it came from; writing starts from it and changes only what differs, so nothing is lost.
 """
 
@@ -44,13 +45,16 @@ FindMission = Callable[[str, str], Mission]
 
 
 class Ours(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What stands under `saflite`: the parts of a test case the competition has no words for."""
+    """What stands under `saflite`: the parts of a test case the competition has no words for.
+
+    `wind` and `time_limit_s` are None where those of `simulation` are in force.
+    """
 
     rng_seed: int = 0
     target: Target = Target()
     start: StartState | None = None
-    wind: Wind = Wind()
-    time_limit_s: float = TIME_LIMIT_S
+    wind: Wind | None = None
+    time_limit_s: float | None = None
     stimuli: tuple[Stimulus, ...] = ()
     heading_deg: float = 0.0
     twin: Twin = ""
@@ -67,7 +71,9 @@ def to_test_case(document: Located, find_mission: FindMission) -> TestCase:
     robot = _section(document, *ROBOT_WORDS)
     simulation = _section(document, "simulation")
     _section(document, *PLAN_WORDS)
-    ours = _ours(document)
+    ours = _in_force(document, simulation)
+    assert ours.wind is not None, "in force, so set"
+    assert ours.time_limit_s is not None, "in force, so set"
     plan = robot.get("mission_file")
     if plan is not None and not isinstance(plan, str):
         raise _refused(document, (_word(document, ROBOT_WORDS), "mission_file"), "the name of a .plan file", plan)
@@ -81,8 +87,8 @@ def to_test_case(document: Located, find_mission: FindMission) -> TestCase:
         mission=None if plan is None else find_mission(plan, where),
         start=ours.start,
         obstacles=obstacles,
-        wind=ours.wind if OURS in document.data else _wind(document, simulation),
-        time_limit_s=_time_limit(document, simulation, ours),
+        wind=ours.wind,
+        time_limit_s=ours.time_limit_s,
     )
     return TestCase(
         target=ours.target,
@@ -118,6 +124,16 @@ def _ours(document: Located) -> Ours:
         return wire.convert(document.data.get(OURS, {}), Ours, strict=True)
     except msgspec.ValidationError as fault:
         raise _refused(document, (OURS,), "what the farm wrote", str(fault)) from fault
+
+
+def _in_force(document: Located, simulation: dict[str, Any]) -> Ours:
+    """Return what stands under `saflite`, wind and limit of `simulation` where it names none: both are always set."""
+    ours, wind, limit_s = _ours(document), _wind(document, simulation), _time_limit_s(document, simulation)
+    return msgspec.structs.replace(
+        ours,
+        wind=wind if ours.wind is None else ours.wind,
+        time_limit_s=limit_s if ours.time_limit_s is None else ours.time_limit_s,
+    )
 
 
 def _number(document: Located, path: Place, value: Any) -> float:
@@ -171,10 +187,10 @@ def _box(document: Located, path: Place, raw: Any) -> Obstacle:
     )
 
 
-def _time_limit(document: Located, simulation: dict[str, Any], ours: Ours) -> float:
+def _time_limit_s(document: Located, simulation: dict[str, Any]) -> float:
     limit = simulation.get("timeout")
-    if limit is None or OURS in document.data:
-        return ours.time_limit_s
+    if limit is None:
+        return TIME_LIMIT_S
     number = _number(document, ("simulation", "timeout"), limit)
     return number if number > 0 else TIME_LIMIT_S
 
@@ -254,8 +270,12 @@ def _box_out(box: Obstacle) -> dict[str, Any]:
 
 
 def _write_ours(document: dict[str, Any], test_case: TestCase) -> None:
-    """Put what the document does not say already under `saflite`, leaving out what is as usual."""
-    scenario = test_case.scenario
+    """Put what the document does not say already into it, leaving out what is as usual.
+
+    Wind and limit are said in the words of `simulation` in any case, so that Aerialist flies the same, and under
+    `saflite` only where those words are read as another number, if by the last digit, or have none for it.
+    """
+    scenario, located = test_case.scenario, Located(document, "", {})
     ours = Ours(
         rng_seed=test_case.rng_seed,
         target=test_case.target,
@@ -266,12 +286,30 @@ def _write_ours(document: dict[str, Any], test_case: TestCase) -> None:
         heading_deg=test_case.heading_deg,
         twin=test_case.twin,
     )
-    located = Located(document, "", {})
-    simulation = _section(located, "simulation")
-    in_document = _ours(located)
-    if OURS not in document:
-        in_document = Ours(wind=_wind(located, simulation), time_limit_s=_time_limit(located, simulation, in_document))
-    if in_document == ours:
+    simulation = document["simulation"]
+    if _wind(located, simulation) != scenario.wind:
+        _write_wind(simulation, scenario.wind)
+    if _time_limit_s(located, simulation) != scenario.time_limit_s:
+        simulation["timeout"] = math.ceil(scenario.time_limit_s)  # Aerialist takes whole seconds, and 0 as no limit
+    if _in_force(located, simulation) == ours:
         return
-    usual, full = msgspec.to_builtins(Ours()), msgspec.to_builtins(ours)
-    document[OURS] = {word: value for word, value in full.items() if value != usual[word]}
+    usual = Ours(wind=_wind(located, simulation), time_limit_s=_time_limit_s(located, simulation))
+    plain, full = msgspec.to_builtins(usual), msgspec.to_builtins(ours)
+    block = {word: value for word, value in full.items() if value != plain[word]}
+    if block:
+        document[OURS] = block
+    else:
+        document.pop(OURS, None)
+
+
+def _write_wind(simulation: dict[str, Any], wind: Wind) -> None:
+    """Say a wind in the competition's words, none where nothing blows; what the words said before is another wind."""
+    if not wind.mean_mps and not wind.gust_mps:
+        simulation.pop("wind", None)
+        return
+    from_rad = math.radians(wind.from_deg if wind.mean_mps >= 0.0 else wind.from_deg + 180.0)
+    simulation["wind"] = {
+        "velocity_mean": abs(wind.mean_mps),
+        "velocity_max": abs(wind.mean_mps) + max(0.0, wind.gust_mps),
+        "direction": [-math.cos(from_rad), -math.sin(from_rad), 0.0],
+    }
