@@ -106,6 +106,23 @@ def test_the_new_spelling_and_flat_boxes_are_read(folder: Path) -> None:
     assert wind.from_deg == pytest.approx(270.0), "blowing towards the east comes from the west"
 
 
+@pytest.mark.parametrize(
+    ("words", "mean_mps", "from_deg", "gust_mps"),
+    [
+        ("velocity_mean: 5, direction: [0, -2, 0]", 5.0, 90.0, 0.0),
+        ("velocity_mean: 5, velocity_max: 10, direction: [3, 0, 4]", 3.0, 180.0, 3.0),
+        ("velocity_mean: 5, direction: [0, 3.0e+300, -4.0e+300]", 3.0, 270.0, 0.0),
+        ("velocity_mean: 5, velocity_max: 2, direction: [0, 1, 0]", 2.0, 270.0, 0.0),
+        ("velocity_mean: 0, velocity_max: 0, direction: [0, 0, 0]", 0.0, 0.0, 0.0),
+    ],
+)
+def test_a_wind_is_flown_as_gazebo_blows_it_in_the_plane(
+    words: str, mean_mps: float, from_deg: float, gust_mps: float, folder: Path
+) -> None:
+    wind = parse(NEW.replace("velocity_mean: 3, velocity_max: 5, direction: [0, 1, 0]", words), folder).scenario.wind
+    assert (wind.mean_mps, wind.from_deg, wind.gust_mps) == pytest.approx((mean_mps, from_deg, gust_mps))
+
+
 @pytest.mark.parametrize("text", [OLD, NEW])
 def test_what_was_read_is_written_without_loss(text: str, folder: Path) -> None:
     case = parse(text, folder)
@@ -267,6 +284,11 @@ def test_two_missions_of_one_name_are_both_written_and_found_again(tmp_path: Pat
         (NEW.replace("0, 45]", "0]"), "l, w, h, x, y, z, r", 9),
         (NEW.replace("timeout: 300", "timeout: soon"), "finite number", 7),
         (NEW.replace("[0, 1, 0]", "[0, 1]"), "3 numbers", 8),
+        (NEW.replace("[0, 1, 0]", "[0, 0, 0]"), "in the plane", 8),
+        (NEW.replace("[0, 1, 0]", "[0, 0, -1]"), "in the plane", 8),
+        (NEW.replace("velocity_mean: 3", "velocity_mean: 0").replace("[0, 1, 0]", "[0, -0.0, 1]"), "in the plane", 8),
+        (NEW.replace("velocity_mean: 3", "velocity_mean: -3"), "0 or more", 8),
+        (NEW.replace("velocity_max: 5", "velocity_max: -5"), "0 or more", 8),
         (NEW + "saflite: {rng_sed: 3}\n", "rng_sed", 13),
     ],
 )

@@ -196,21 +196,45 @@ def _time_limit_s(document: Located, simulation: dict[str, Any]) -> float:
 
 
 def _wind(document: Located, simulation: dict[str, Any]) -> Wind:
-    """Return the steady wind and the greatest gust above it; the direction vector (x north, y east) says where to."""
+    """Return the steady wind and the greatest gust above it; the direction vector (x north, y east) says where to.
+
+    As Gazebo's wind plugin has it: the vector's length does not count, and `velocity_max` caps `velocity_mean`. What of
+    a slanted wind blows up or down is left out; a wind that blows nowhere in the plane is refused.
+    """
     raw = simulation.get("wind")
     if raw is None:
         return Wind()
     path: Place = ("simulation", "wind")
     if not isinstance(raw, dict):
         raise _refused(document, path, "a mapping", repr(raw))
-    mean = _number(document, (*path, "velocity_mean"), raw.get("velocity_mean", 0.0))
-    most = _number(document, (*path, "velocity_max"), raw.get("velocity_max", mean))
+    mean = _speed(document, (*path, "velocity_mean"), raw.get("velocity_mean", 0.0))
+    most = _speed(document, (*path, "velocity_max"), raw.get("velocity_max", mean))
     towards = raw.get("direction", [1, 0, 0])
     if not isinstance(towards, list) or len(towards) != 3:
         raise _refused(document, (*path, "direction"), "a list of 3 numbers", repr(towards))
-    north, east, _ = (_number(document, (*path, "direction", index), value) for index, value in enumerate(towards))
-    from_deg = math.degrees(math.atan2(-east, -north)) % 360.0
-    return Wind(mean_mps=mean, from_deg=from_deg, gust_mps=max(0.0, most - mean))
+    north, east, up = (_number(document, (*path, "direction", index), value) for index, value in enumerate(towards))
+    if not north and not east:
+        if not most:
+            return Wind()
+        raise _refused(document, (*path, "direction"), "a direction in the plane: x or y other than 0", repr(towards))
+    from_deg, steady = math.degrees(math.atan2(-east, -north)) % 360.0, min(mean, most)
+    share = share_in_plane(north, east, up)
+    return Wind(mean_mps=steady * share, from_deg=from_deg, gust_mps=(most - steady) * share)
+
+
+def _speed(document: Located, path: Place, value: Any) -> float:
+    number = _number(document, path, value)
+    if number < 0.0:
+        raise _refused(document, path, "a speed of 0 or more", repr(value))
+    return number
+
+
+def share_in_plane(x: float, y: float, z: float) -> float:
+    """Return how much of a vector lies in the plane, 0 to 1; 1 for one that does as a whole. Not all may be 0."""
+    if not z:
+        return 1.0
+    greatest = max(abs(x), abs(y), abs(z))  # squares of greater numbers would have no end
+    return math.hypot(x / greatest, y / greatest) / math.hypot(x / greatest, y / greatest, z / greatest)
 
 
 # ---- writing ------------------------------------------------------------------------------------------------------
