@@ -83,6 +83,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code; faults of the user or of a dependency become one line on stderr."""
     words = list(sys.argv[1:] if argv is None else argv)
     out.open_closed()
+    out.begin()
     _hear_of_children()
     try:
         code = _dispatch(words)

@@ -17,7 +17,10 @@ KINDS = ".yaml, .yml (competition), .json (saflite), .mcap (recording)"
 
 
 def load_case(path: Path) -> TestCase:
-    """Return the test case in a file; raises Refused if it is missing, malformed or of an unknown kind."""
+    """Return the test case in a file, and warn of what it says that is not flown.
+
+    Raises Refused if it is missing, malformed or of an unknown kind.
+    """
     import msgspec
 
     from saflite.contract.outside import parse_json, read_text
@@ -34,9 +37,10 @@ def load_case(path: Path) -> TestCase:
         except msgspec.MsgspecError as fault:
             raise Refused("test case", where=str(path), expected="a saflite test case", got=str(fault)) from fault
     if path.suffix in (".yaml", ".yml"):
+        from saflite.console.view import out
         from saflite.recorder.exports.aerialist import read_case
 
-        return _holdable(read_case(path), str(path))
+        return _holdable(read_case(path, out.warn_once), str(path))
     raise Refused("test case", where=str(path), expected=KINDS, got=path.suffix or "no suffix")
 
 

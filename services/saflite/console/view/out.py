@@ -55,6 +55,22 @@ def complain(kind: str, text: str) -> None:
             mute(stream)
 
 
+_warned: set[str] = set()
+"""What the command under way has warned of."""
+
+
+def begin() -> None:
+    """Begin another command: what the one before it warned of is told again."""
+    _warned.clear()
+
+
+def warn_once(text: str) -> None:
+    """Write a warning to stderr, as `complain` does, unless this command has: it may read a file several times."""
+    if text not in _warned:
+        _warned.add(text)
+        complain("warning", text)
+
+
 def json(value: Any) -> None:
     """Write `value` (structs, mappings, numbers; bytes become base64) as one line of JSON."""
     import msgspec

@@ -136,6 +136,12 @@ def _in_force(document: Located, simulation: dict[str, Any]) -> Ours:
     )
 
 
+def of_simulation(document: Located) -> tuple[Wind, float]:
+    """Return the wind and the time limit, seconds, in the words of `simulation`; raises Refused as `to_test_case`."""
+    simulation = _section(document, "simulation")
+    return _wind(document, simulation), _time_limit_s(document, simulation)
+
+
 def _number(document: Located, path: Place, value: Any) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         raise _refused(document, path, "a finite number", repr(value))
@@ -164,6 +170,7 @@ def _flat_box(numbers: list[float]) -> Obstacle:
 def _box(document: Located, path: Place, raw: Any) -> Obstacle:
     if not isinstance(raw, dict):
         raise _refused(document, path, "a mapping with size and position", repr(raw))
+    _refuse_others(document, path, raw, ("size", "position", "shape"))
     shape = raw.get("shape", "box")
     if str(shape).lower() != "box":
         raise _refused(document, (*path, "shape"), "box (other shapes are not flown)", repr(shape))
@@ -173,6 +180,8 @@ def _box(document: Located, path: Place, raw: Any) -> Obstacle:
             raise _refused(document, (*path, word), "a mapping", repr(part))
     assert isinstance(size, dict), "checked above"
     assert isinstance(position, dict), "checked above"
+    _refuse_others(document, (*path, "size"), size, tuple("lwh"))
+    _refuse_others(document, (*path, "position"), position, tuple("xyzr"), "`r` turns it, in degrees")
 
     def number(word: str, part: dict[str, Any], key: str, default: float | None = None) -> float:
         return _number(document, (*path, word, key), part.get(key, default))
@@ -185,6 +194,14 @@ def _box(document: Located, path: Place, raw: Any) -> Obstacle:
             number("position", position, "r", 0.0),
         ]
     )
+
+
+def _refuse_others(document: Located, path: Place, part: dict[str, Any], known: tuple[str, ...], fix: str = "") -> None:
+    """Refuse words unknown to a box: it would stand elsewhere, or be another one, than whoever wrote them meant."""
+    for word in part:
+        if word not in known:
+            what, where = ".".join(map(str, path)), document.at_key((*path, word))
+            raise Refused(what, where=where, expected=f"one of {', '.join(known)}", got=repr(word[:80]), fix=fix)
 
 
 def _time_limit_s(document: Located, simulation: dict[str, Any]) -> float:
@@ -248,7 +265,7 @@ def to_document(test_case: TestCase, plan_name: str = "") -> dict[str, Any]:
     Raises Refused where the source it names is none.
     """
     document = _source(test_case.source) if test_case.source else _fresh()
-    located = Located(document, "", {})
+    located = Located(document, "")
     robot = dict(_section(located, *ROBOT_WORDS))
     document[_spelling(document, ROBOT_WORDS)] = robot
     mission = test_case.scenario.mission
@@ -299,7 +316,7 @@ def _write_ours(document: dict[str, Any], test_case: TestCase) -> None:
     Wind and limit are said in the words of `simulation` in any case, so that Aerialist flies the same, and under
     `saflite` only where those words are read as another number, if by the last digit, or have none for it.
     """
-    scenario, located = test_case.scenario, Located(document, "", {})
+    scenario, located = test_case.scenario, Located(document, "")
     ours = Ours(
         rng_seed=test_case.rng_seed,
         target=test_case.target,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import yaml
@@ -50,17 +52,24 @@ Path = tuple[str | int, ...]
 
 
 class Located(NamedTuple):
-    """Data and the line (from 1) each of its parts begins on, by path."""
+    """Data and the line (from 1) each of its parts begins on, and that each key of a mapping stands on, by path."""
 
     data: dict[str, Any]
     where: str
-    lines: dict[Path, int]
+    lines: Mapping[Path, int] = MappingProxyType({})
+    key_lines: Mapping[Path, int] = MappingProxyType({})
 
     def at(self, path: Path) -> str:
         """Return the place of a part for a fault text: file and line of it or of the nearest part around it."""
         while path and path not in self.lines:
             path = path[:-1]
-        line = self.lines.get(path, 1)
+        return self._line(self.lines.get(path, 1))
+
+    def at_key(self, path: Path) -> str:
+        """Return the place of the word before a part, as `at` does: the part may begin lines below it."""
+        return self._line(self.key_lines[path]) if path in self.key_lines else self.at(path)
+
+    def _line(self, line: int) -> str:
         return f"{self.where}, line {line}" if self.where else f"line {line}"
 
 
@@ -73,8 +82,9 @@ def read(text: str, where: str) -> Located:
         loader = _Reader(text)
         node = loader.get_single_node()
         lines: dict[Path, int] = {}
+        key_lines: dict[Path, int] = {}
         if node is not None:
-            _walk(node, (), lines, where)
+            _walk(node, (), lines, key_lines, where)
         data = None if node is None else loader.construct_document(node)
     except yaml.MarkedYAMLError as fault:
         mark = fault.problem_mark or fault.context_mark
@@ -86,14 +96,14 @@ def read(text: str, where: str) -> Located:
     finally:
         if loader is not None:
             loader.dispose()
-    located = Located(data if isinstance(data, dict) else {}, where, lines)
+    located = Located(data if isinstance(data, dict) else {}, where, lines, key_lines)
     if not isinstance(data, dict):
         raise Refused("YAML", where=located.at(()), expected="a mapping", got=type(data).__name__)
     check_plain(data, "YAML", where, finite=False)  # parsers of documents name the line
     return located
 
 
-def _walk(node: yaml.Node, path: Path, lines: dict[Path, int], where: str) -> None:
+def _walk(node: yaml.Node, path: Path, lines: dict[Path, int], key_lines: dict[Path, int], where: str) -> None:
     if path in lines:
         raise Refused("YAML", where=f"{where}, line {node.start_mark.line + 1}", expected="one value", got="two of it")
     lines[path] = node.start_mark.line + 1
@@ -104,16 +114,17 @@ def _walk(node: yaml.Node, path: Path, lines: dict[Path, int], where: str) -> No
         )
     if isinstance(node, yaml.SequenceNode):
         for index, child in enumerate(node.value):
-            _walk(_once(child, lines, where), (*path, index), lines, where)
+            _walk(_once(child, where), (*path, index), lines, key_lines, where)
     elif isinstance(node, yaml.MappingNode):
         for key, child in node.value:
             if key.tag != f"{_TAG}str":
                 place = f"{where}, line {key.start_mark.line + 1}"
                 raise Refused("YAML", where=place, expected="keys that are words", got=repr(key.value))
-            _walk(_once(child, lines, where), (*path, key.value), lines, where)
+            key_lines[(*path, key.value)] = key.start_mark.line + 1
+            _walk(_once(child, where), (*path, key.value), lines, key_lines, where)
 
 
-def _once(node: yaml.Node, lines: dict[Path, int], where: str) -> yaml.Node:
+def _once(node: yaml.Node, where: str) -> yaml.Node:
     """Refuse a node met twice: aliases could grow without bound and would be lost when written again."""
     seen = getattr(node, "saflite_seen", False)
     if seen and not isinstance(node, yaml.ScalarNode):

@@ -7,6 +7,7 @@ was read loses nothing. Also called `yaml`.
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 import msgspec
@@ -16,12 +17,20 @@ from saflite.contract.outside import read_text
 from saflite.contract.test_case import Mission, TestCase, identity
 from saflite.flight.competition import document as competition
 from saflite.flight.competition import yaml_text
+from saflite.flight.competition.remarks import remarks
 from saflite.flight.mission import load_plan
 from saflite.recorder.files import write_file
 from saflite.recorder.plans import with_readable_rest, write_plan
 from saflite.recorder.summary import RunSummary
 
 ALIASES = ("yaml",)
+
+Tell = Callable[[str], None]
+"""Takes a line for the user on what a file says that is not flown."""
+
+
+def _untold(_: str) -> None:
+    """Tell nobody."""
 
 
 def export(summary: RunSummary, folder: Path) -> tuple[Path, ...]:
@@ -59,16 +68,16 @@ def write_case(test_case: TestCase, folder: Path, stem: str = "") -> tuple[Path,
     return tuple(written)
 
 
-def read_case(path: Path) -> TestCase:
-    """Return the test case in a competition YAML.
+def read_case(path: Path, tell: Tell = _untold) -> TestCase:
+    """Return the test case in a competition YAML, and tell what it says that is not flown.
 
     Its mission file is looked for as named from the YAML's folder, then from the working directory, then by its bare
     name beside the YAML. Raises Refused with file and line for what cannot be understood or flown.
     """
-    return parse_case(read_text(path, "test case"), str(path), path.parent)
+    return parse_case(read_text(path, "test case"), str(path), path.parent, tell)
 
 
-def parse_case(text: str, where: str, folder: Path) -> TestCase:
+def parse_case(text: str, where: str, folder: Path, tell: Tell = _untold) -> TestCase:
     """Return the test case in the text of a competition YAML; `folder` is where its mission file is looked for."""
 
     def find(plan: str, place: str) -> Mission:
@@ -78,4 +87,8 @@ def parse_case(text: str, where: str, folder: Path) -> TestCase:
         fix = f"put {Path(plan).name} beside the YAML"
         raise Refused("mission_file", where=place, expected="a .plan file that is there", got=repr(plan), fix=fix)
 
-    return competition.to_test_case(yaml_text.read(text, where), find)
+    document = yaml_text.read(text, where)
+    case = competition.to_test_case(document, find)
+    for remark in remarks(document, case):
+        tell(remark)
+    return case

@@ -1,0 +1,59 @@
+"""Every command that reads a file of others warns of what the file says and no flight heeds, once a file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from saflite.console.cli import main
+from saflite.flight.mission import builtin_mission, dump_plan
+
+CASE = """\
+robot: {mission_file: mission2.plan}
+simulation:
+  timeout: 20
+  obstacle:
+  - size: {l: 5, w: 5, h: 15}
+    position: {x: 20, y: 30, z: 0, r: 0}
+"""
+WARNED = "saflite: warning: case.yaml, line 4: `simulation.obstacle` is unknown and not flown; did you mean"
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    (tmp_path / "mission2.plan").write_text(dump_plan(builtin_mission("mission2")))
+    (tmp_path / "case.yaml").write_text(CASE)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def warnings(capsys: pytest.CaptureFixture[str], *words: str) -> list[str]:
+    assert main(words) in (0, 1, 4)
+    said = capsys.readouterr()
+    assert "warning" not in said.out
+    return [line for line in said.err.splitlines() if "warning" in line]
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["fly", "case.yaml", "--json", "--policy", "min-obstacle-distance"],
+        ["score", "case.yaml", "case.yaml", "--scorer", "surrogate", "--json"],
+        ["replay", "case.yaml", "--json"],
+        ["flake", "case.yaml", "-n", "2", "--policy", "upright", "--json"],
+    ],
+)
+def test_each_command_tells_of_it_once(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    for _ in range(2):  # another command in the same process tells it again
+        (told,) = warnings(capsys, *words)
+        assert told.startswith(WARNED)
+
+
+def test_a_folder_of_flights_judged_with_one_case_tells_of_it_once(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("one", "two"):
+        warnings(capsys, "fly", "case.yaml", "--out", f"{name}.mcap", "--policy", "upright")
+    (told,) = warnings(capsys, "judge", ".", "--test-case", "case.yaml", "--policy", "upright")
+    assert told.startswith(WARNED)
