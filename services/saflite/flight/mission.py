@@ -32,8 +32,8 @@ _PLACES_BESIDE: dict[int, WaypointKind] = {17: "waypoint", 18: "waypoint", 84: "
 _RETURN, _HOLD_S_FIRST = 20, {16, 19}
 _NOT_FLOWN = {17: "loiter for ever", 18: "loiter turns", 84: "VTOL take-off", 85: "VTOL landing", 177: "jump"}
 _FRAME_ABSOLUTE, _FRAME_RELATIVE = {0, 5}, {3, 6, 10, 11}
-_ITEM_KEYS = {"autoContinue", "command", "doJumpId", "frame", "params", "type"}
-_ITEMS_EXTRA = "_items_extra"  # in `plan_extra`: what items hold beyond plain values, by index
+ITEM_KEYS = {"autoContinue", "command", "doJumpId", "frame", "params", "type"}
+ITEMS_EXTRA = "_items_extra"  # in `plan_extra`: what items hold beyond plain values, by index
 
 
 class Waypoint(NamedTuple):
@@ -78,7 +78,7 @@ def parse_plan(text: str, where: str, name: str = "mission") -> Mission:
             nested[str(index)] = deep
     rest = {**document, "mission": {k: v for k, v in mission.items() if k not in ("items", "plannedHomePosition")}}
     if nested:
-        rest[_ITEMS_EXTRA] = nested
+        rest[ITEMS_EXTRA] = nested
     return Mission(
         name=name,
         home_lat_deg=home[0],
@@ -122,7 +122,7 @@ def _parse_item(raw: Any, key: str, where: str) -> tuple[MissionItem, dict[str, 
     params = raw.get("params")
     if not isinstance(params, list) or len(params) != 7 or not all(_is_number_or_none(value) for value in params):
         raise Refused(f"{key}.params", where=where, expected="a list of 7 numbers or null", got=params)
-    rest = {k: v for k, v in raw.items() if k not in _ITEM_KEYS}
+    rest = {k: v for k, v in raw.items() if k not in ITEM_KEYS}
     plain = {k: v for k, v in rest.items() if _is_plain(k, v)}
     item = MissionItem(
         command=int(command or 0),
@@ -177,7 +177,7 @@ def _kept(mission: Mission) -> tuple[dict[str, Any], dict[str, Any], dict[str, d
     """Return what a mission keeps of its plan: the document, its part on the mission, what items hold nested."""
     where = f"mission {mission.name}"
     document = _read_json(mission.plan_extra, where)
-    nested, head = document.pop(_ITEMS_EXTRA, {}), document.setdefault("mission", {})
+    nested, head = document.pop(ITEMS_EXTRA, {}), document.setdefault("mission", {})
     parts = (head, nested, *(nested.values() if isinstance(nested, dict) else ()))
     if not all(isinstance(part, dict) for part in parts):
         raise Refused("mission.plan_extra", where=where, expected="the rest of a plan", got="something else")

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from saflite.console.cli import main
 from saflite.flight.mission import builtin_mission, dump_plan
+from saflite.recorder.exports.aerialist import read_case
 
 CASE = """\
 robot: {mission_file: mission2.plan}
@@ -57,3 +60,28 @@ def test_a_folder_of_flights_judged_with_one_case_tells_of_it_once(
         warnings(capsys, "fly", "case.yaml", "--out", f"{name}.mcap", "--policy", "upright")
     (told,) = warnings(capsys, "judge", ".", "--test-case", "case.yaml", "--policy", "upright")
     assert told.startswith(WARNED)
+
+
+FENCE = {"circles": [{"circle": {"center": [47.0, 8.0], "radius": 20.0}, "inclusion": True}], "polygons": []}
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["score", "case.yaml", "other.yaml", "--scorer", "surrogate"],
+        ["score", "case.json", "--scorer", "surrogate"],
+        ["mutate", "mine.toml", "--count", "1"],
+    ],
+)
+def test_each_command_tells_once_of_the_plan_beside_a_file(
+    words: list[str], folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plan = json.loads((folder / "mission2.plan").read_text()) | {"geoFence": FENCE}
+    (folder / "mission2.plan").write_text(json.dumps(plan))
+    (folder / "case.yaml").write_text(CASE.replace("obstacle:", "obstacles:"))
+    (folder / "other.yaml").write_text(CASE.replace("obstacle:", "obstacles:"))
+    (folder / "case.json").write_bytes(msgspec.json.encode(read_case(folder / "case.yaml")))
+    (folder / "mine.toml").write_text('name = "mine"\nmission = "mission2.plan"\n')
+    (told,) = warnings(capsys, *words)
+    assert "`geoFence` (circles) is not flown" in told
+    assert "mission2.plan: " in told or "case.json: " in told

@@ -109,12 +109,19 @@ def remarks(campaign: Campaign) -> list[str]:
 
 
 def load(name_or_path: str, target: str = "") -> Campaign:
-    """Return a campaign by name or file, put on `target` if one is named; see `load_campaign` and `told`."""
+    """Return a campaign by name or file, put on `target` if one is named; see `load_campaign` and `told`.
+
+    Warns of what the plan it names says that is not flown.
+    """
     from saflite.campaign.presets.campaigns import load_campaign
     from saflite.campaign.presets.policy_campaigns import told
+    from saflite.console.io.cases import warn_of_plan
+    from saflite.flight.mission import find_mission
     from saflite.simulator_worker.registry import describe_target
 
     campaign = load_campaign(name_or_path, describe_target(target) if target else None)
+    if campaign.mission.endswith(".plan"):
+        warn_of_plan(find_mission(campaign.mission), campaign.mission)
     if target:
         campaign = msgspec.structs.replace(campaign, target=msgspec.structs.replace(campaign.target, name=target))
     return told(campaign, describe_target(campaign.target.name))

@@ -11,7 +11,7 @@ from saflite.console.io.arguments import plain_number
 from saflite.console.io.target_options import with_settings
 from saflite.contract import wire
 from saflite.contract.errors import Refused
-from saflite.contract.test_case import TestCase, Twin
+from saflite.contract.test_case import Mission, TestCase, Twin
 
 KINDS = ".yaml, .yml (competition), .json (saflite), .mcap (recording)"
 
@@ -33,15 +33,27 @@ def load_case(path: Path) -> TestCase:
         text = read_text(path, "test case")
         data = parse_json(text, "test case", str(path))
         try:
-            return wire.convert(data, TestCase)
+            case = wire.convert(data, TestCase)
         except msgspec.MsgspecError as fault:
             raise Refused("test case", where=str(path), expected="a saflite test case", got=str(fault)) from fault
+        if case.scenario.mission is not None:
+            warn_of_plan(case.scenario.mission, str(path))
+        return case
     if path.suffix in (".yaml", ".yml"):
         from saflite.console.view import out
         from saflite.recorder.exports.aerialist import read_case
 
         return _holdable(read_case(path, out.warn_once), str(path))
     raise Refused("test case", where=str(path), expected=KINDS, got=path.suffix or "no suffix")
+
+
+def warn_of_plan(mission: Mission, where: str) -> None:
+    """Warn of what a mission, read from the file `where`, keeps of its plan that is not flown."""
+    from saflite.console.view import out
+    from saflite.flight.plan_remarks import plan_remarks
+
+    for remark in plan_remarks(mission, where):
+        out.warn_once(remark)
 
 
 def check_layout(case: TestCase, where: str, anywhere: bool = False) -> None:

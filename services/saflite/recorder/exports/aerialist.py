@@ -19,6 +19,7 @@ from saflite.flight.competition import document as competition
 from saflite.flight.competition import yaml_text
 from saflite.flight.competition.remarks import remarks
 from saflite.flight.mission import load_plan
+from saflite.flight.plan_remarks import plan_remarks
 from saflite.recorder.files import write_file
 from saflite.recorder.plans import with_readable_rest, write_plan
 from saflite.recorder.summary import RunSummary
@@ -69,7 +70,7 @@ def write_case(test_case: TestCase, folder: Path, stem: str = "") -> tuple[Path,
 
 
 def read_case(path: Path, tell: Tell = _untold) -> TestCase:
-    """Return the test case in a competition YAML, and tell what it says that is not flown.
+    """Return the test case in a competition YAML, and tell what it and its mission file say that is not flown.
 
     Its mission file is looked for as named from the YAML's folder, then from the working directory, then by its bare
     name beside the YAML. Raises Refused with file and line for what cannot be understood or flown.
@@ -83,7 +84,10 @@ def parse_case(text: str, where: str, folder: Path, tell: Tell = _untold) -> Tes
     def find(plan: str, place: str) -> Mission:
         for candidate in (folder / plan, Path(plan), folder / Path(plan).name):
             if os.path.isfile(candidate):  # unlike Path.is_file: of any name
-                return load_plan(candidate)
+                mission = load_plan(candidate)
+                for remark in plan_remarks(mission, str(candidate)):
+                    tell(remark)
+                return mission
         fix = f"put {Path(plan).name} beside the YAML"
         raise Refused("mission_file", where=place, expected="a .plan file that is there", got=repr(plan), fix=fix)
 
