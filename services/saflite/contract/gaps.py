@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import difflib
 import re
+from collections.abc import Iterator
+from itertools import islice
 from typing import Any
 
 import msgspec
@@ -14,9 +16,13 @@ TOLD_MAX = 20
 
 def gaps(data: object, kind: type[msgspec.Struct]) -> list[str]:
     """Return in words the keys that plain data lacks to be a struct, and those that no struct of its place has."""
-    found: list[str] = []
-    _look(data, inspect.type_info(kind), "", found)
-    return found
+    return list(_look(data, inspect.type_info(kind), "", lenient=False))
+
+
+def unknown(data: object, kind: type[msgspec.Struct]) -> list[str]:
+    """Return in words the keys of plain data that its struct, which forbids none, would drop; at most `TOLD_MAX`."""
+    said = _look(data, inspect.type_info(kind), "", lenient=True)
+    return list(islice((words for words in said if " is unknown" in words), TOLD_MAX))
 
 
 _WORDS = {
@@ -51,28 +57,31 @@ def told(fault: msgspec.ValidationError, data: object, kind: type[msgspec.Struct
     return f"{_plainly(str(fault))}; in all {len(found)} keys: {', '.join(found[:TOLD_MAX])}{more}"
 
 
-def _look(data: object, info: Any, place: str, found: list[str]) -> None:
+def _look(data: object, info: Any, place: str, *, lenient: bool) -> Iterator[str]:
+    """Say what is wrong with data; `lenient` tells unknown keys where they are dropped, too."""
     if isinstance(info, inspect.StructType) and isinstance(data, dict):
-        _struct(data, info, place, found)
+        yield from _struct(data, info, place, lenient=lenient)
     elif isinstance(info, inspect.UnionType):
         structs = [part for part in info.types if isinstance(part, inspect.StructType)]
         if len(structs) == 1:
-            _look(data, structs[0], place, found)
+            yield from _look(data, structs[0], place, lenient=lenient)
     elif isinstance(info, inspect.VarTupleType | inspect.ListType) and isinstance(data, list):
         for number, part in enumerate(data):
-            _look(part, info.item_type, f"{place}[{number}]", found)
+            yield from _look(part, info.item_type, f"{place}[{number}]", lenient=lenient)
     elif isinstance(info, inspect.DictType) and isinstance(data, dict):
         for key, part in data.items():
-            _look(part, info.value_type, f"{place}.{key}" if place else str(key), found)
+            yield from _look(part, info.value_type, f"{place}.{key}" if place else str(key), lenient=lenient)
 
 
-def _struct(data: dict[str, object], info: inspect.StructType, place: str, found: list[str]) -> None:
+def _struct(data: dict[str, object], info: inspect.StructType, place: str, *, lenient: bool) -> Iterator[str]:
     fields = {field.encode_name: field for field in info.fields}
     before = f"{place}." if place else ""
-    found += [f"`{before}{name}` is missing" for name, field in fields.items() if field.required and name not in data]
+    for name, field in fields.items():
+        if field.required and name not in data:
+            yield f"`{before}{name}` is missing"
     for key, part in data.items():
         if key in fields:
-            _look(part, fields[key].type, f"{before}{key}", found)
-        elif info.forbid_unknown_fields:
+            yield from _look(part, fields[key].type, f"{before}{key}", lenient=lenient)
+        elif info.forbid_unknown_fields or lenient:
             near = difflib.get_close_matches(key, fields, 1)
-            found.append(f"`{before}{key}` is unknown" + (f" (`{near[0]}`?)" if near else ""))
+            yield f"`{before}{key}` is unknown" + (f" (`{near[0]}`?)" if near else "")

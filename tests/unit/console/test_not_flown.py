@@ -9,6 +9,7 @@ import msgspec
 import pytest
 
 from saflite.console.cli import main
+from saflite.contract.gaps import TOLD_MAX
 from saflite.flight.mission import builtin_mission, dump_plan
 from saflite.recorder.exports.aerialist import read_case
 
@@ -85,3 +86,37 @@ def test_each_command_tells_once_of_the_plan_beside_a_file(
     (told,) = warnings(capsys, *words)
     assert "`geoFence` (circles) is not flown" in told
     assert "mission2.plan: " in told or "case.json: " in told
+
+
+@pytest.mark.parametrize(
+    ("place", "word", "near"),
+    [
+        (("scenario",), "obstacle", "obstacles"),
+        (("scenario", "wind"), "mean_mp", "mean_mps"),
+        (("scenario", "mission", "items", 0), "comand", "command"),
+        (("target",), "xyzzy", ""),
+        ((), "stimulus", "stimuli"),
+    ],
+)
+def test_words_unknown_to_a_test_case_of_ours_are_told(
+    place: tuple[str | int, ...], word: str, near: str, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "case.yaml").write_text(CASE.replace("obstacle:", "obstacles:"))
+    data = part = msgspec.to_builtins(read_case(folder / "case.yaml"))
+    (folder / "case.json").write_text(json.dumps(data))
+    assert warnings(capsys, "score", "case.json", "--scorer", "surrogate") == []
+    for key in place:
+        part = part[key]
+    part[word] = 3
+    (folder / "case.json").write_text(json.dumps(data))
+    (told,) = warnings(capsys, "score", "case.json", "--scorer", "surrogate")
+    named = ".".join(map(str, (*place, word))).replace(".0", "[0]")
+    ask = f" (`{near}`?)" if near else ""
+    assert told == f"saflite: warning: case.json: `{named}` is unknown{ask} and not flown"
+
+
+def test_of_endless_unknown_words_some_are_told(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (folder / "case.yaml").write_text(CASE.replace("obstacle:", "obstacles:"))
+    data = msgspec.to_builtins(read_case(folder / "case.yaml")) | {f"word{number}": 1 for number in range(100_000)}
+    (folder / "case.json").write_text(json.dumps(data))
+    assert len(warnings(capsys, "score", "case.json", "--scorer", "surrogate")) == TOLD_MAX

@@ -23,6 +23,8 @@ def load_case(path: Path) -> TestCase:
     """
     import msgspec
 
+    from saflite.console.view import out
+    from saflite.contract import gaps
     from saflite.contract.outside import parse_json, read_text
 
     if path.suffix == ".mcap":
@@ -36,11 +38,12 @@ def load_case(path: Path) -> TestCase:
             case = wire.convert(data, TestCase)
         except msgspec.MsgspecError as fault:
             raise Refused("test case", where=str(path), expected="a saflite test case", got=str(fault)) from fault
+        for words in gaps.unknown(data, TestCase):
+            out.warn_once(f"{path}: {words} and not flown")
         if case.scenario.mission is not None:
             warn_of_plan(case.scenario.mission, str(path))
         return case
     if path.suffix in (".yaml", ".yml"):
-        from saflite.console.view import out
         from saflite.recorder.exports.aerialist import read_case
 
         return _holdable(read_case(path, out.warn_once), str(path))
