@@ -42,6 +42,7 @@ from saflite.contract.work import FlyWork, RecordWork
 from saflite.evidence.memory import MemoryBlobs
 from saflite.flight.logs.files import read_log
 from saflite.flight.mission import MISSIONS_DIR, dump_plan, load_plan, waypoints
+from saflite.flight.plan_remarks import plan_remarks
 from saflite.oracle.judge import judge
 from saflite.oracle.policy import POLICIES_DIR, _foreign, load_policy
 from saflite.recorder import mcap, recording
@@ -160,6 +161,7 @@ def case(path: Path) -> None:
 def plan(path: Path) -> None:
     """As a campaign or a test case takes it."""
     mission = load_plan(path)
+    plan_remarks(mission, str(path))
     waypoints(mission)
     dump_plan(mission)
 
