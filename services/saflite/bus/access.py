@@ -1,21 +1,22 @@
 """Who may do what on a bus that is open to a network: a table of roles, as Zenoh's access control on the router.
 
-A participant proves its name by its certificate (mTLS; the common name is the name). What it asks travels on keys that
-begin with `by/NAME/`, and the router lets through only those with the name of the certificate: a name in such a key is
-proven. Everything not listed is denied. Participants on the farm's private Unix socket are the user who runs
-the farm, and may do everything.
+A participant proves its name by its certificate (mTLS). Each certificate has a common name of its own, all that Zenoh
+tells certificates apart by; the register says whose it is (`Peer.common_name`), so one that was replaced stays refused.
+What it asks travels on keys that begin with `by/NAME/`, and the router lets through only those of whose certificate it
+is: a name in such a key is proven. Everything not listed is denied. Participants on the farm's private Unix socket are
+the user who runs the farm, and may do everything.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Annotated, Any, Literal, NamedTuple, get_args
 
 import msgspec
 
 from saflite.contract.control import Verb
-from saflite.contract.names import Name, NameOrAny
+from saflite.contract.names import NAME, Name, NameOrAny
 from saflite.contract.topics import FARM_ROOT, JOIN_ROOT, PROTOCOL, TOPICS
 from saflite.contract.wire import MESSAGE_BYTES_MAX
 from saflite.contract.work import Stage
@@ -34,7 +35,7 @@ ANY_CAMPAIGN = "*"
 BY = "by"
 ACCESS_KEY = "saflite/access"
 """On `by/NAME/saflite/access` anybody with a certificate of the farm may ask what NAME may do, to tell denial from
-silence."""
+silence. The question's payload is the common name that the asker shows; nothing counts by it."""
 
 SEAL_BYTES_MAX = 2**10
 _PLACEHOLDER = re.compile(r"\{\w+\}")
@@ -51,14 +52,26 @@ _MESSAGES = (
 )
 
 
+CommonName = Annotated[str, msgspec.Meta(pattern=rf"^(?:{NAME}~[0-9a-f]{{16}})?(?![\s\S])")]
+
+
 class Peer(msgspec.Struct, frozen=True, kw_only=True):
-    """Somebody with a certificate of the farm's authority, and what they may do, in which campaigns (`*`: in all)."""
+    """Somebody with a certificate of the farm's authority, and what they may do, in which campaigns (`*`: in all).
+
+    `common_name` is the certificate's; empty in a register made before each had its own: then it is the name.
+    """
 
     name: Name
     roles: tuple[Role, ...]
     campaigns: tuple[NameOrAny, ...] = (ANY_CAMPAIGN,)
     expires: str = ""
     revoked: bool = False
+    common_name: CommonName = ""
+
+    @property
+    def shown(self) -> str:
+        """The common name of its certificate."""
+        return self.common_name or self.name
 
     def may(self, campaign: str) -> bool:
         """Return whether any of its roles counts in a campaign."""
@@ -74,6 +87,15 @@ class Peer(msgspec.Struct, frozen=True, kw_only=True):
             return f"the key of {self.name} is revoked"
         where = "every campaign" if ANY_CAMPAIGN in self.campaigns else ", ".join(self.campaigns)
         return f"the key of {self.name} is for {', '.join(self.roles)} in {where}"
+
+
+def in_words(peer: Peer | None, name: str, shown: str) -> str:
+    """Return what somebody may do who goes by a name and says to show the certificate of a common name."""
+    if peer is None:
+        return f"{name} has no key in this farm's register"
+    if not peer.revoked and shown != peer.shown:
+        return f"another key of {name} was made after this one, which counts no more: use the folder of the later one"
+    return peer.in_words()
 
 
 def speaks_for(peer: str, worker: str) -> bool:
@@ -101,7 +123,9 @@ def access_control(peers: Sequence[Peer]) -> dict[str, Any]:
         ),
     ]
     table += [
-        ({"id": peer.name, "cert_common_names": [peer.name]}, list(_grants(peer))) for peer in peers if not peer.revoked
+        ({"id": peer.name, "cert_common_names": [peer.shown]}, list(_grants(peer)))
+        for peer in peers
+        if not peer.revoked
     ]
     rules, policies = [], []
     for subject, grants in table:

@@ -1,4 +1,4 @@
-"""Certificates of one farm's own authority: ECDSA on P-256, X.509 v3 (RFC 5280), names by the common name."""
+"""Certificates of one farm's own authority: ECDSA on P-256, X.509 v3 (RFC 5280), told apart by the common name."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from saflite.contract.errors import Refused
 
+COMMON_NAME_CHARS = 47  # of a name: X.509 has room for 64, and `~` and 16 digits follow
 CLOCK_SKEW = timedelta(hours=1)  # a machine whose clock is behind can use a new certificate at once
 
 
@@ -44,6 +45,11 @@ def make_authority(now: datetime, days: int) -> Pair:
     builder = builder.add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
     builder = builder.add_extension(usage, critical=True)
     return _pair(key, builder.sign(key, hashes.SHA256()))
+
+
+def new_common_name(name: str) -> str:
+    """Return a common name that no other certificate of somebody has: `NAME~16 random digits`."""
+    return f"{name[:COMMON_NAME_CHARS]}~{x509.random_serial_number() % 2**64:016x}"
 
 
 def make_certificate(authority: Pair, common_name: str, now: datetime, days: int, hosts: Sequence[str] = ()) -> Pair:

@@ -21,7 +21,7 @@ import msgspec
 import tomli_w
 
 from saflite.bus.access import ANY_CAMPAIGN, Peer, Role
-from saflite.bus.certificates import Pair, make_authority, make_certificate, validity
+from saflite.bus.certificates import Pair, make_authority, make_certificate, new_common_name, validity
 from saflite.contract import wire
 from saflite.contract.clock import in_utc
 from saflite.contract.errors import Refused
@@ -116,9 +116,11 @@ def add(
         if campaign != ANY_CAMPAIGN and not is_name(campaign):
             raise Refused("--campaign", expected=NAME_EXPECTED, got=repr(campaign[:80]))
     authority = Pair(_read(folder / AUTHORITY_KEY), _read(folder / AUTHORITY))
-    pair = make_certificate(authority, name, now, days)
+    common_name = new_common_name(name)  # never an earlier one's, which stays refused
+    pair = make_certificate(authority, common_name, now, days)
     until = _written(now + timedelta(days=days))
-    peer = Peer(name=name, roles=tuple(dict.fromkeys(roles)), campaigns=tuple(campaigns), expires=until)
+    only = tuple(dict.fromkeys(roles))
+    peer = Peer(name=name, roles=only, campaigns=tuple(campaigns), expires=until, common_name=common_name)
     bundle = folder / PEERS / name
     _private_folder(folder / PEERS)
     _write_bundle(bundle, authority, pair)

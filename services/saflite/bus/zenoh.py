@@ -18,7 +18,7 @@ from typing import Any, Literal, NamedTuple, NoReturn
 import zenoh
 from zenoh import ext
 
-from saflite.bus.access import ACCESS_KEY, BY, access_control, size_limits, split
+from saflite.bus.access import ACCESS_KEY, BY, Peer, access_control, in_words, size_limits, split
 from saflite.bus.base import Inbox, Presence, Reply, Sample, seal, unseal
 from saflite.bus.endpoints import check_endpoint
 from saflite.bus.keyring import Credentials, Register
@@ -123,7 +123,7 @@ class _Question:
 class ZenohBus:
     """One participant's end of the bus: a Zenoh session and what it declared.
 
-    `peer` is the name its certificate proves, empty without one. A router that `admits` such participants serves their
+    `peer` is whose certificate it shows, None without one. A router that `admits` such participants serves their
     keys beside its own. `connect` opens another session like this one; a router has none.
     """
 
@@ -132,11 +132,12 @@ class ZenohBus:
         name: str,
         session: zenoh.Session,
         *,
-        peer: str = "",
+        peer: Peer | None = None,
         admits: bool = False,
         connect: Callable[[], zenoh.Session] | None = None,
     ) -> None:
-        self.name, self._peer, self._admits = name, peer, admits
+        self.name, self._peer, self._admits = name, peer.name if peer else "", admits
+        self._shown = peer.shown if peer else ""
         self._session, self._connect = session, connect
         self._changing, self._closed = threading.Lock(), False
         self._announcers: dict[str, Any] = {}
@@ -187,9 +188,8 @@ class ZenohBus:
         """Tell whoever has a certificate what its name may do: denials themselves are silent."""
 
         def tell(query: zenoh.Query) -> None:
-            asked = split(str(query.key_expr))[0]
-            peer = register.named(asked)
-            words = peer.in_words() if peer is not None else f"{asked} has no key in this farm's register"
+            asked, shown = split(str(query.key_expr))[0], query.payload.to_bytes() if query.payload is not None else b""
+            words = in_words(register.named(asked), asked, shown.decode(errors="replace") or asked)
             query.reply(str(query.key_expr), words.encode())
             query.drop()  # type: ignore[no-untyped-call]
 
@@ -197,7 +197,8 @@ class ZenohBus:
 
     def access(self) -> str:
         """Return in words what this participant may do, empty where nobody says."""
-        for reply in self._session.get(f"{BY}/{self._peer}/{ACCESS_KEY}", timeout=ACCESS_S) if self._peer else ():
+        key, shown = f"{BY}/{self._peer}/{ACCESS_KEY}", self._shown
+        for reply in self._session.get(key, payload=shown, timeout=ACCESS_S) if self._peer else ():
             if reply.ok is not None:
                 return reply.ok.payload.to_bytes().decode(errors="replace")[:500]
         return ""
@@ -370,7 +371,7 @@ def open_client(
         config["connect/timeout_ms"] = round(1000 * try_s)
         spent_s += try_s
         try:
-            peer = keys.peer.name if keys is not None and keys.peer else ""
+            peer = keys.peer if keys is not None else None
             return ZenohBus(name, _open(config), peer=peer, connect=partial(_open, config))
         except zenoh.ZError as fault:
             over = spent_s >= limit_s

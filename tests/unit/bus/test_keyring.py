@@ -8,9 +8,11 @@ import stat
 from pathlib import Path
 
 import pytest
+from cryptography import x509
+from cryptography.x509.oid import NameOID
 
 from saflite.bus import keyring
-from saflite.bus.access import ROLES, Peer, Role, access_control, speaks_for, split
+from saflite.bus.access import ROLES, Peer, Role, access_control, in_words, speaks_for, split
 from saflite.bus.endpoints import check_endpoint
 from saflite.contract.errors import Refused
 
@@ -69,6 +71,56 @@ def test_a_revoked_key_may_nothing_and_can_be_made_anew(keys: Path) -> None:
     assert "cert_common_names" not in str(access_control([peer]))
     keyring.add(keys, "lab2", ["worker"], now_s=NOW_S)
     assert [one.revoked for one in keyring.read_register(keys).peers] == [False]
+
+
+def _common_name(bundle: Path) -> str:
+    subject = x509.load_pem_x509_certificate((bundle / "cert.pem").read_bytes()).subject
+    return str(subject.get_attributes_for_oid(NameOID.COMMON_NAME)[0].value)
+
+
+def _let_in(keys: Path) -> list[str]:
+    """Return the common names that the router's access control knows."""
+    subjects = access_control(keyring.read_register(keys).peers)["subjects"]
+    return [name for subject in subjects for name in subject.get("cert_common_names", [])]
+
+
+@pytest.mark.parametrize("later", ["revoked", "expired", "for less", "elsewhere"])
+@pytest.mark.parametrize("name", ["lab2", "x" * 64])
+def test_no_certificate_of_a_name_counts_again_when_another_is_made(keys: Path, name: str, later: str) -> None:
+    then_s = NOW_S + 91 * DAY_S if later == "expired" else NOW_S
+    roles: list[Role] = ["worker"] if later == "for less" else ["worker", "operator"]
+    campaigns = ["day"] if later == "elsewhere" else ["*"]
+    earlier = set()
+    for _ in range(3):
+        bundle = keyring.add(keys, name, ["worker", "operator"], now_s=NOW_S)
+        earlier.add(_common_name(bundle))
+        if later != "expired":
+            keyring.revoke(keys, name)
+        bundle = keyring.add(keys, name, roles, campaigns=campaigns, now_s=then_s)
+        assert _common_name(bundle) not in earlier
+        assert _let_in(keys) == [_common_name(bundle)]
+        earlier.add(_common_name(bundle))
+        keyring.revoke(keys, name)
+        assert not _let_in(keys)
+    assert len(earlier) == 6
+
+
+def test_a_register_made_before_each_key_had_a_common_name_counts_until_it_is_made_anew(keys: Path) -> None:
+    register = keys / "register.toml"
+    old = '[[peers]]\nname = "old"\nroles = ["viewer"]\nexpires = "2027-02-14T08:00:00Z"\n'
+    register.write_text(register.read_text().replace("peers = []\n", old))
+    assert _let_in(keys) == ["old"]
+    keyring.revoke(keys, "old")
+    bundle = keyring.add(keys, "old", ["viewer"], now_s=NOW_S)
+    assert _let_in(keys) == [_common_name(bundle)] != ["old"]
+
+
+def test_who_shows_an_earlier_key_is_told_that_there_is_a_later_one() -> None:
+    peer = Peer(name="lab2", roles=("viewer",), common_name="lab2~0123456789abcdef")
+    assert in_words(peer, "lab2", peer.shown) == "the key of lab2 is for viewer in every campaign"
+    for shown in ("lab2", "lab2~fedcba9876543210"):
+        assert "another key of lab2 was made after this one" in in_words(peer, "lab2", shown)
+    assert in_words(None, "eve", "eve") == "eve has no key in this farm's register"
 
 
 @pytest.mark.parametrize("name", ["", "../up", "a b", "farm", "lab2", "lab2-b", "x" * 65, "by/lab", "lab\n", "*"])
