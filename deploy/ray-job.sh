@@ -9,12 +9,8 @@ head=$1 campaign=$2 host=$3 keys=$4
 folder=$(umask 077; mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 cp "$campaign" "$folder/campaign.toml"
-if [ ! -e "$keys/register.toml" ]; then
-    saflite keys init --keys "$keys" --host "$host"
-fi
-if [ ! -d "$keys/peers/ray" ]; then
-    saflite keys add ray --keys "$keys" --role mutator --role scorer --role worker --role oracle --role recorder
-fi
+saflite keys init --if-needed --keys "$keys" --host "$host"
+saflite keys add ray --if-needed --keys "$keys" --role mutator --role scorer --role worker --role oracle --role recorder
 mkdir -p "$folder/keys/peers"
 cp "$keys/register.toml" "$folder/keys/"
 cp -R "$keys/farm" "$folder/keys/farm"

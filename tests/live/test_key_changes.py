@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import queue
 import time
 from pathlib import Path
 
@@ -14,6 +15,8 @@ from saflite.bus.certificates import Pair, make_certificate
 from saflite.bus.private_socket import PrivateSocket
 from saflite.bus.zenoh import open_client
 from saflite.contract.clock import in_utc
+from saflite.runtime.clock import WallClock
+from saflite.runtime.serve import KEYS_CHANGED, _on_change
 
 pytestmark = pytest.mark.live
 
@@ -39,6 +42,16 @@ def test_a_revoked_certificate_stays_refused_when_its_name_is_given_another(tmp_
     assert {answer for answer in meant.values() if answer is not None} == {b"boss"}
     assert "another key of boss was made after this one" in told[0]
     assert told[1] == f"the key of boss is for {role} in every campaign"
+
+
+def test_what_was_changed_while_a_router_began_is_noticed(tmp_path: Path) -> None:
+    keys, now_s, stops = tmp_path / "keys", time.time(), queue.SimpleQueue[str]()
+    keyring.init(keys, [], now_s=now_s)
+    keyring.add(keys, "boss", ["operator"], now_s=now_s)
+    let_in = (keys / "register.toml").read_bytes()
+    keyring.revoke(keys, "boss")
+    _on_change(keys / "register.toml", let_in, WallClock(), stops.put)
+    assert stops.get(timeout=60.0) == KEYS_CHANGED
 
 
 def test_a_key_made_before_each_had_a_common_name_of_its_own_counts(tmp_path: Path) -> None:

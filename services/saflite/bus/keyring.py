@@ -2,6 +2,7 @@
 
     KEYS/authority.key, authority.pem    signs certificates; needed only by `saflite keys`, never by a farm
     KEYS/register.toml                   who has a key, for what, until when, and whose is revoked
+    KEYS/register.lock                   held by who changes any of it
     KEYS/farm/                           what the router shows: ca.pem, cert.pem, key.pem
     KEYS/peers/NAME/                     what the participant NAME is given: ca.pem, cert.pem, key.pem, peer.toml
 
@@ -10,9 +11,9 @@ All of it is for its user only (mode 0700 and 0600).
 
 from __future__ import annotations
 
-import os
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
@@ -22,6 +23,7 @@ import tomli_w
 
 from saflite.bus.access import ANY_CAMPAIGN, Peer, Role
 from saflite.bus.certificates import Pair, make_authority, make_certificate, new_common_name, validity
+from saflite.bus.key_files import alone, make_private, write
 from saflite.contract import wire
 from saflite.contract.clock import in_utc
 from saflite.contract.errors import Refused
@@ -70,8 +72,10 @@ class Credentials(NamedTuple):
         }
 
 
-def init(folder: Path, hosts: Sequence[str], *, now_s: float, days: int = 365) -> Register:
+def init(folder: Path, hosts: Sequence[str], *, now_s: float, days: int = 365, if_needed: bool = False) -> Register:
     """Make a farm's authority and the router's certificate for the names and addresses it is reached by.
+
+    With `if_needed` keys that are there already stay as they are.
 
     Raises:
         Refused: there are keys already, or a host is none.
@@ -81,16 +85,22 @@ def init(folder: Path, hosts: Sequence[str], *, now_s: float, days: int = 365) -
     for host in hosts:
         if not _HOST.fullmatch(host):
             raise Refused("--host", expected="a host name or an address", got=repr(host))
-    if (folder / REGISTER).exists():
-        raise Refused("keys folder", where=str(folder), expected="no keys in it yet", got=f"{REGISTER}")
-    _private_folder(folder)
-    authority = make_authority(now, DAYS_MAX)
-    _write(folder / AUTHORITY_KEY, authority.key)
-    _write(folder / AUTHORITY, authority.certificate)
-    names = tuple(dict.fromkeys([*hosts, "localhost", "127.0.0.1"]))
-    _write_bundle(folder / FARM, authority, make_certificate(authority, "farm", now, days, names))
-    register = Register(hosts=names)
-    _write_register(folder, register)
+    if if_needed and (folder / REGISTER).exists():
+        return read_register(folder)
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    with alone(folder):
+        if (folder / REGISTER).exists():
+            if if_needed:
+                return read_register(folder)
+            raise Refused("keys folder", where=str(folder), expected="no keys in it yet", got=f"{REGISTER}")
+        make_private(folder)
+        authority = make_authority(now, DAYS_MAX)
+        write(folder / AUTHORITY_KEY, authority.key)
+        write(folder / AUTHORITY, authority.certificate)
+        names = tuple(dict.fromkeys([*hosts, "localhost", "127.0.0.1"]))
+        _write_bundle(folder / FARM, authority, make_certificate(authority, "farm", now, days, names))
+        register = Register(hosts=names)
+        _write_register(folder, register)
     return register
 
 
@@ -102,42 +112,70 @@ def add(
     campaigns: Sequence[str] = (ANY_CAMPAIGN,),
     now_s: float,
     days: int = 90,
+    if_needed: bool = False,
 ) -> Path:
     """Make a key for a participant and return the folder to give to it, also where an earlier one counts no more.
+
+    With `if_needed` a key of that name that counts, for the same and in the same campaigns, stays as it is.
 
     Raises:
         Refused: no keys here, a name that is taken or reads as another's, a campaign name that is none.
     """
     now = _instant(now_s)
     _check_days(days)
-    register = read_register(folder)
-    _check_name(register, name, now)
     for campaign in campaigns:
         if campaign != ANY_CAMPAIGN and not is_name(campaign):
             raise Refused("--campaign", expected=NAME_EXPECTED, got=repr(campaign[:80]))
-    authority = Pair(_read(folder / AUTHORITY_KEY), _read(folder / AUTHORITY))
-    common_name = new_common_name(name)  # never an earlier one's, which stays refused
-    pair = make_certificate(authority, common_name, now, days)
-    until = _written(now + timedelta(days=days))
-    only = tuple(dict.fromkeys(roles))
-    peer = Peer(name=name, roles=only, campaigns=tuple(campaigns), expires=until, common_name=common_name)
+    wanted = Peer(name=name, roles=tuple(dict.fromkeys(roles)), campaigns=tuple(campaigns))
     bundle = folder / PEERS / name
-    _private_folder(folder / PEERS)
-    _write_bundle(bundle, authority, pair)
-    _write(bundle / PEER, tomli_w.dumps(msgspec.to_builtins(peer)).encode())
-    others = tuple(one for one in register.peers if one.name != name)
-    _write_register(folder, msgspec.structs.replace(register, peers=(*others, peer)))
+    if if_needed and _has(read_register(folder), wanted, now_s):
+        return bundle
+    with _changing(folder) as register:
+        if if_needed and _has(register, wanted, now_s):
+            return bundle
+        _check_name(register, name, now_s)
+        authority = Pair(_read(folder / AUTHORITY_KEY), _read(folder / AUTHORITY))
+        common_name = new_common_name(name)  # never an earlier one's, which stays refused
+        pair = make_certificate(authority, common_name, now, days)
+        until = _written(now + timedelta(days=days))
+        peer = msgspec.structs.replace(wanted, expires=until, common_name=common_name)
+        make_private(folder / PEERS)
+        _write_bundle(bundle, authority, pair)
+        write(bundle / PEER, tomli_w.dumps(msgspec.to_builtins(peer)).encode())
+        others = tuple(one for one in register.peers if one.name != name)
+        _write_register(folder, msgspec.structs.replace(register, peers=(*others, peer)))
     return bundle
 
 
 def revoke(folder: Path, name: str) -> None:
     """Let a key count no more; farms that run take notice by themselves. Raises Refused for a name without a key."""
-    register = read_register(folder)
-    if register.named(name) is None:
-        known = ", ".join(peer.name for peer in register.peers) or "none"
-        raise Refused("key", expected=f"one of {known}", got=repr(name[:80]))
-    peers = tuple(msgspec.structs.replace(one, revoked=True) if one.name == name else one for one in register.peers)
-    _write_register(folder, msgspec.structs.replace(register, peers=peers))
+    with _changing(folder) as register:
+        if register.named(name) is None:
+            known = ", ".join(peer.name for peer in register.peers) or "none"
+            raise Refused("key", expected=f"one of {known}", got=repr(name[:80]))
+        peers = tuple(msgspec.structs.replace(one, revoked=True) if one.name == name else one for one in register.peers)
+        _write_register(folder, msgspec.structs.replace(register, peers=peers))
+
+
+def counts(peer: Peer, now_s: float) -> bool:
+    """Return whether a key is neither revoked nor past its end."""
+    return not peer.revoked and peer.expires > _written(_instant(now_s))
+
+
+@contextmanager
+def _changing(folder: Path) -> Iterator[Register]:
+    """Give the register to who changes it, one after the other: what another changes meanwhile would be lost."""
+    read_register(folder)  # a lock is not made where there are no keys
+    with alone(folder):
+        yield read_register(folder)
+
+
+def _has(register: Register, wanted: Peer, now_s: float) -> bool:
+    peer = register.named(wanted.name)
+    if peer is None or not counts(peer, now_s):
+        return False
+    in_all = ANY_CAMPAIGN in peer.campaigns
+    return set(wanted.roles) <= set(peer.roles) and (in_all or set(wanted.campaigns) <= set(peer.campaigns))
 
 
 def read_register(folder: Path) -> Register:
@@ -194,11 +232,11 @@ def _written(instant: datetime) -> str:
     return instant.strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
-def _check_name(register: Register, name: str, now: datetime) -> None:
+def _check_name(register: Register, name: str, now_s: float) -> None:
     if not is_name(name) or name == FARM:
         raise Refused("key name", expected=f"{NAME_EXPECTED}, not {FARM!r}", got=repr(name[:80]))
     for other in register.peers:
-        if other.name == name and not other.revoked and other.expires > _written(now):
+        if other.name == name and counts(other, now_s):
             raise Refused("key name", expected="a new one", got=f"{name!r}, which has a key", fix="revoke it first")
         if other.name != name and (other.name.startswith(f"{name}-") or name.startswith(f"{other.name}-")):
             got = f"{name!r} beside {other.name!r}"
@@ -226,31 +264,11 @@ def _toml(path: Path, kind: type[T]) -> T:
 
 
 def _write_register(folder: Path, register: Register) -> None:
-    _write(folder / REGISTER, tomli_w.dumps(msgspec.to_builtins(register)).encode())
+    write(folder / REGISTER, tomli_w.dumps(msgspec.to_builtins(register)).encode())
 
 
 def _write_bundle(folder: Path, authority: Pair, pair: Pair) -> None:
-    _private_folder(folder)
-    _write(folder / CA, authority.certificate)
-    _write(folder / CERTIFICATE, pair.certificate)
-    _write(folder / KEY, pair.key)
-
-
-def _private_folder(folder: Path) -> None:
-    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-    folder.chmod(0o700)
-
-
-def _write(path: Path, data: bytes) -> None:
-    """Write a file whole or not at all, for this user only."""
-    part = path.with_name(f"{path.name}.part")
-    part.unlink(missing_ok=True)
-    try:
-        with os.fdopen(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        part.replace(path)
-    except BaseException:
-        part.unlink(missing_ok=True)
-        raise
+    make_private(folder)
+    write(folder / CA, authority.certificate)
+    write(folder / CERTIFICATE, pair.certificate)
+    write(folder / KEY, pair.key)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from saflite.bus.access import STAGE_OF
-from saflite.bus.keyring import AUTHORITY_KEY, PEERS, add, read_register
+from saflite.bus.keyring import AUTHORITY_KEY, PEERS, add, counts, read_register
 from saflite.contract.config import environment, set_environment
 from saflite.contract.errors import Refused, not_installed
 from saflite.runtime.clock import WallClock
@@ -85,11 +85,11 @@ def _close_to_others() -> None:
 
 def _key(keys: Path, campaign: str) -> Path:
     """Return the folder of the key that the cluster's workers show; made where the authority's key is at hand."""
-    peer = read_register(keys).named(KEY_NAME)
-    if peer is not None and peer.may(campaign):
+    peer, now_s = read_register(keys).named(KEY_NAME), WallClock().unix_s()
+    if peer is not None and peer.may(campaign) and counts(peer, now_s):
         return keys / PEERS / KEY_NAME
     if not (keys / AUTHORITY_KEY).exists():
         roles = " ".join(f"--role {role}" for role in STAGE_OF)
         fix = f"`saflite keys add {KEY_NAME} {roles}` where the authority's key is"
         raise Refused("--keys", where=str(keys), expected=f"a key named {KEY_NAME}", got="none that counts", fix=fix)
-    return add(keys, KEY_NAME, tuple(STAGE_OF), now_s=WallClock().unix_s(), days=KEY_DAYS)
+    return add(keys, KEY_NAME, tuple(STAGE_OF), now_s=now_s, days=KEY_DAYS, if_needed=True)  # or another farm just did

@@ -111,6 +111,7 @@ def _books(options: argparse.Namespace) -> str:
     books.begin(clock.monotonic_s(), clock.unix_s())
     log.info("books of %s rebuilt in %.2f s", options.campaign, clock.monotonic_s() - started_s)
     insecure = options.insecure
+    register = (options.keys / REGISTER).read_bytes() if options.gate and options.keys is not None else b""
     if options.listen:
         bus = open_router("books", options.listen, insecure=insecure, gate=_gate(options, clock))
     else:
@@ -121,7 +122,7 @@ def _books(options: argparse.Namespace) -> str:
     evidence.tell_excess(service.complain)
     _on_signals(service.stop)
     if options.gate:
-        _on_change(options.keys / REGISTER, clock, service.stop)
+        _on_change(options.keys / REGISTER, register, clock, service.stop)
     why = service.run()
     bus.close()
     evidence.close()
@@ -185,9 +186,8 @@ def _gate(options: argparse.Namespace, clock: WallClock) -> Gate | None:
     return Gate(options.gate, farm_credentials(options.keys, clock.unix_s()), read_register(options.keys))
 
 
-def _on_change(path: Path, clock: WallClock, stop: Callable[[str], None]) -> None:
-    """Stop when the register of keys changes: access is settled when a router starts, so it has to start anew."""
-    began = path.read_bytes()
+def _on_change(path: Path, began: bytes, clock: WallClock, stop: Callable[[str], None]) -> None:
+    """Stop when the register of keys is no more as it was before the router began: access is settled as that starts."""
 
     def look() -> None:
         while True:

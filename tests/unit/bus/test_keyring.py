@@ -5,10 +5,15 @@ from __future__ import annotations
 import errno
 import os
 import stat
+import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 
 import pytest
 from cryptography import x509
+from cryptography.hazmat.primitives.serialization import load_pem_private_key
 from cryptography.x509.oid import NameOID
 
 from saflite.bus import keyring
@@ -121,6 +126,66 @@ def test_who_shows_an_earlier_key_is_told_that_there_is_a_later_one() -> None:
     for shown in ("lab2", "lab2~fedcba9876543210"):
         assert "another key of lab2 was made after this one" in in_words(peer, "lab2", shown)
     assert in_words(None, "eve", "eve") == "eve has no key in this farm's register"
+
+
+def _at_once(*calls: Callable[[], object]) -> list[object]:
+    """Call all at the same time; returns what each returned, or why it was refused."""
+    begin = threading.Barrier(len(calls))
+
+    def call(one: Callable[[], object]) -> object:
+        begin.wait()
+        try:
+            return one()
+        except Refused as fault:
+            return fault
+
+    with ThreadPoolExecutor(len(calls)) as pool:
+        return list(pool.map(call, calls))
+
+
+def test_changes_made_at_once_all_count(keys: Path) -> None:
+    revoked = [f"thief{number}" for number in range(4)]
+    added = [f"lab{number}" for number in range(8)]
+    for name in revoked:
+        keyring.add(keys, name, ["operator"], now_s=NOW_S)
+    said = _at_once(
+        *(partial(keyring.revoke, keys, name) for name in revoked),
+        *(partial(keyring.add, keys, name, ["worker"], now_s=NOW_S) for name in added),
+    )
+    assert said == [*[None] * 4, *(keys / "peers" / name for name in added)]
+    register = keyring.read_register(keys)
+    assert {peer.name: peer.revoked for peer in register.peers} == {
+        **dict.fromkeys(revoked, True),
+        **dict.fromkeys(added, False),
+    }
+    assert not [path for path in keys.rglob("*") if "part" in path.name]
+
+
+def test_keys_made_at_once_in_one_folder_are_of_one_authority(tmp_path: Path) -> None:
+    keys = tmp_path / "keys"
+    said = _at_once(*[partial(keyring.init, keys, ["lab"], now_s=NOW_S)] * 4)
+    assert len([one for one in said if isinstance(one, keyring.Register)]) == 1
+    assert len([one for one in said if "no keys in it yet" in str(one)]) == 3
+    authority = x509.load_pem_x509_certificate((keys / "authority.pem").read_bytes())
+    x509.load_pem_x509_certificate((keys / "farm" / "cert.pem").read_bytes()).verify_directly_issued_by(authority)
+    key = load_pem_private_key((keys / "authority.key").read_bytes(), None)
+    assert key.public_key() == authority.public_key()
+
+
+def test_a_key_that_is_needed_is_made_once(tmp_path: Path) -> None:
+    keys = tmp_path / "keys"
+    made = partial(keyring.init, keys, ["lab"], now_s=NOW_S, if_needed=True)
+    assert len({str(one) for one in _at_once(*[made] * 4)}) == 1
+    needed = partial(keyring.add, keys, "ray", ["worker", "oracle"], now_s=NOW_S, if_needed=True)
+    assert _at_once(*[needed] * 4) == [keys / "peers" / "ray"] * 4
+    first = _common_name(keys / "peers" / "ray")
+    assert _let_in(keys) == [first]
+    keyring.add(keys, "ray", ["worker"], campaigns=["night"], now_s=NOW_S, if_needed=True)
+    assert _let_in(keys) == [first]
+    with pytest.raises(Refused, match="revoke it first"):
+        keyring.add(keys, "ray", ["operator"], now_s=NOW_S, if_needed=True)
+    keyring.add(keys, "ray", ["worker"], now_s=NOW_S + 91 * DAY_S, if_needed=True)
+    assert _let_in(keys) == [_common_name(keys / "peers" / "ray")] != [first]
 
 
 @pytest.mark.parametrize("name", ["", "../up", "a b", "farm", "lab2", "lab2-b", "x" * 65, "by/lab", "lab\n", "*"])

@@ -33,6 +33,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add.add_argument("--role", action="append", default=[], required=True, metavar="ROLE", help="may be repeated")
     add.add_argument("--campaign", action="append", default=[], help="only for this campaign (may be repeated)")
     add.add_argument("--days", type=int, default=90, help="how long it is good (90)")
+    for verb in (init, add):
+        verb.add_argument("--if-needed", action="store_true", help="leave one that counts, for the same, as it is")
     listing = verbs.add_parser("list", help="who has a key, for what, until when")
     listing.add_argument("--json", action="store_true", help="print as JSON")
     revoke = verbs.add_parser("revoke", help="let a key count no more")
@@ -65,7 +67,7 @@ def _do(args: argparse.Namespace, now_s: float) -> list[str]:
     from saflite.bus import keyring
 
     if args.verb == "init":
-        register = keyring.init(args.keys, args.host, now_s=now_s, days=args.days)
+        register = keyring.init(args.keys, args.host, now_s=now_s, days=args.days, if_needed=args.if_needed)
         return [
             f"keys in {args.keys}; the router is reached by {', '.join(register.hosts)}",
             f"next: saflite keys add NAME --role ROLE --keys {args.keys}",
@@ -91,6 +93,7 @@ def _add(args: argparse.Namespace, now_s: float) -> list[str]:
         campaigns=args.campaign or [ANY_CAMPAIGN],
         now_s=now_s,
         days=args.days,
+        if_needed=args.if_needed,
     )
     return [
         f"{bundle}: copy this folder to where {args.name} works, and keep it as secret as a password",
