@@ -1,24 +1,32 @@
-"""Keys that are replaced, on a real router: which certificate of a name counts."""
+"""Keys that are replaced, on a real router: which certificate of a name counts, and how the router is given another."""
 
 from __future__ import annotations
 
 import queue
+import signal
+import socket
+import ssl
+import subprocess
+import sys
 import time
 from pathlib import Path
 
 import pytest
-from test_keys import CAMPAIGN, _answers, _asked_of, _intended, _open
+from test_keys import CAMPAIGN, PATIENCE_S, _answers, _asked_of, _free_port, _intended, _open
 
 from saflite.bus import keyring
 from saflite.bus.access import Role
 from saflite.bus.certificates import Pair, make_certificate
 from saflite.bus.private_socket import PrivateSocket
-from saflite.bus.zenoh import open_client
+from saflite.bus.zenoh import Gate, open_client, open_router
 from saflite.contract.clock import in_utc
+from saflite.contract.errors import Unavailable
 from saflite.runtime.clock import WallClock
-from saflite.runtime.serve import KEYS_CHANGED, _on_change
+from saflite.runtime.serve import KEYS_CHANGED, _keys_now, _on_change
 
 pytestmark = pytest.mark.live
+
+DAY_S = 86_400.0
 
 
 @pytest.mark.parametrize("role", ["operator", "viewer"])
@@ -48,10 +56,83 @@ def test_what_was_changed_while_a_router_began_is_noticed(tmp_path: Path) -> Non
     keys, now_s, stops = tmp_path / "keys", time.time(), queue.SimpleQueue[str]()
     keyring.init(keys, [], now_s=now_s)
     keyring.add(keys, "boss", ["operator"], now_s=now_s)
-    let_in = (keys / "register.toml").read_bytes()
+    let_in = _keys_now(keys)
     keyring.revoke(keys, "boss")
-    _on_change(keys / "register.toml", let_in, WallClock(), stops.put)
+    _on_change(let_in, WallClock(), stops.put)
     assert stops.get(timeout=60.0) == KEYS_CHANGED
+
+
+def _served(endpoint: str, keys: Path) -> bytes:
+    """Return the certificate that a router shows, as DER; empty where it shows none that is accepted."""
+    host, _, port = endpoint.removeprefix("tls/").rpartition(":")
+    context = ssl.create_default_context(cafile=str(keys / "farm" / "ca.pem"))
+    try:
+        with (
+            socket.create_connection((host, int(port)), 2.0) as link,
+            context.wrap_socket(link, server_hostname=host) as secured,
+        ):
+            return secured.getpeercert(binary_form=True) or b""
+    except OSError:
+        return b""
+
+
+def _wait_for_certificate(endpoint: str, keys: Path) -> None:
+    wanted = ssl.PEM_cert_to_DER_cert((keys / "farm" / "cert.pem").read_text())
+    until_s = time.monotonic() + PATIENCE_S
+    while _served(endpoint, keys) != wanted:
+        assert time.monotonic() < until_s, "the router does not show the certificate it was given"
+        time.sleep(0.2)
+
+
+@pytest.mark.parametrize("kind", ["expired", "of another name"])
+def test_a_router_that_is_not_accepted_is_told_how_to_be_and_is_then_with_the_same_keys(
+    tmp_path: Path, kind: str
+) -> None:
+    keys, now_s = tmp_path / "keys", time.time()
+    began_s = now_s - 366 * DAY_S if kind == "expired" else now_s
+    host = "127.0.0.2" if kind == "of another name" else "127.0.0.1"
+    keyring.init(keys, [], now_s=began_s)
+    bundle = keyring.add(keys, "ana", ["viewer"], now_s=now_s)
+    endpoint = f"tls/{host}:{_free_port()}"
+    for renewed in (False, True):
+        with PrivateSocket() as private:
+            gate = Gate(
+                endpoint, keyring.farm_credentials(keys, now_s if renewed else began_s), keyring.read_register(keys)
+            )
+            router = open_router("books", private.endpoint, gate=gate)
+            try:
+                client = open_client(
+                    "ana", endpoint, patience_s=2.0, keys=keyring.peer_credentials(bundle, time.time())
+                )
+                assert renewed
+                assert client.access() == "the key of ana is for viewer in every campaign"
+                client.close()
+            except Unavailable as fault:
+                told = str(fault)
+                assert not renewed, told
+            router.close()
+        if not renewed:
+            keyring.renew(keys, [] if kind == "expired" else [host], now_s=now_s)
+    assert "router's certificate is not accepted" in told
+    assert ("`saflite keys renew`" if kind == "expired" else f"`saflite keys renew --host {host}`") in told
+
+
+def test_a_farm_that_runs_takes_the_new_certificate_of_its_router(tmp_path: Path) -> None:
+    keys, endpoint = tmp_path / "keys", f"tls/127.0.0.1:{_free_port()}"
+    saflite = [sys.executable, "-m", "saflite"]
+    subprocess.run([*saflite, "keys", "init", "--keys", str(keys)], check=True)
+    run = ["run", "avoidance-m2", "--budget", "1000000", "--workers", "1", "--out", str(tmp_path / "run")]
+    farm = subprocess.Popen([*saflite, *run, "--listen", endpoint, "--keys", str(keys)], cwd=tmp_path)
+    try:
+        _wait_for_certificate(endpoint, keys)
+        subprocess.run([*saflite, "keys", "renew", "--keys", str(keys)], check=True)
+        _wait_for_certificate(endpoint, keys)
+    finally:
+        farm.send_signal(signal.SIGINT)
+        try:
+            farm.wait(120)
+        finally:
+            farm.kill()
 
 
 def test_a_key_made_before_each_had_a_common_name_of_its_own_counts(tmp_path: Path) -> None:
@@ -59,7 +140,7 @@ def test_a_key_made_before_each_had_a_common_name_of_its_own_counts(tmp_path: Pa
     keyring.init(keys, [], now_s=now_s)
     bundle = keyring.add(keys, "ana", ["viewer"], now_s=now_s)
     authority = Pair((keys / "authority.key").read_bytes(), (keys / "authority.pem").read_bytes())
-    old = make_certificate(authority, "ana", in_utc(now_s), 90)
+    old = make_certificate(authority, "ana", in_utc(now_s), in_utc(now_s + 90 * DAY_S))
     (bundle / "cert.pem").write_bytes(old.certificate)
     (bundle / "key.pem").write_bytes(old.key)
     for path in (keys / "register.toml", bundle / "peer.toml"):

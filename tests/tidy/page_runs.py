@@ -58,6 +58,7 @@ RUNS: dict[str, Run] = {
     "saflite keys init --host 10.0.0.5": Run(),
     "saflite keys add lab2 --role worker --role oracle": Run(),
     "saflite keys add ana --role viewer": Run(),
+    "saflite keys renew --host lab.example.org": Run(),
     "saflite new campaign tips-over": Run(),
     "saflite run tips-over.toml": Run(FEW),
     "saflite schema campaign > campaign.schema.json": Run(),

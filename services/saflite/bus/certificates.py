@@ -30,7 +30,9 @@ def make_authority(now: datetime, days: int) -> Pair:
     """Return a new authority, good for `days`."""
     key = ec.generate_private_key(ec.SECP256R1())
     name = _name("SaFliTe Farm authority")
-    builder = _builder(now, days).subject_name(name).issuer_name(name).public_key(key.public_key())
+    builder = (
+        _builder(now, now + timedelta(days=days)).subject_name(name).issuer_name(name).public_key(key.public_key())
+    )
     usage = x509.KeyUsage(
         digital_signature=False,
         content_commitment=False,
@@ -52,7 +54,9 @@ def new_common_name(name: str) -> str:
     return f"{name[:COMMON_NAME_CHARS]}~{x509.random_serial_number() % 2**64:016x}"
 
 
-def make_certificate(authority: Pair, common_name: str, now: datetime, days: int, hosts: Sequence[str] = ()) -> Pair:
+def make_certificate(
+    authority: Pair, common_name: str, now: datetime, until: datetime, hosts: Sequence[str] = ()
+) -> Pair:
     """Return a certificate of `common_name` signed by the authority; with `hosts` (names, addresses) one to serve with.
 
     Raises:
@@ -61,7 +65,7 @@ def make_certificate(authority: Pair, common_name: str, now: datetime, days: int
     signer, issuer = _signer(authority)
     key = ec.generate_private_key(ec.SECP256R1())
     usage = ExtendedKeyUsageOID.SERVER_AUTH if hosts else ExtendedKeyUsageOID.CLIENT_AUTH
-    builder = _builder(now, days).subject_name(_name(common_name)).issuer_name(issuer.subject)
+    builder = _builder(now, until).subject_name(_name(common_name)).issuer_name(issuer.subject)
     builder = builder.public_key(key.public_key())
     builder = builder.add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
     builder = builder.add_extension(x509.ExtendedKeyUsage([usage]), critical=False)
@@ -90,9 +94,9 @@ def _signer(authority: Pair) -> tuple[ec.EllipticCurvePrivateKey, x509.Certifica
     return key, certificate
 
 
-def _builder(now: datetime, days: int) -> x509.CertificateBuilder:
+def _builder(now: datetime, until: datetime) -> x509.CertificateBuilder:
     builder = x509.CertificateBuilder().serial_number(x509.random_serial_number())
-    return builder.not_valid_before(now - CLOCK_SKEW).not_valid_after(now + timedelta(days=days))
+    return builder.not_valid_before(now - CLOCK_SKEW).not_valid_after(until)
 
 
 def _pair(key: ec.EllipticCurvePrivateKey, certificate: x509.Certificate) -> Pair:

@@ -34,7 +34,9 @@ REGISTER, FARM, PEERS, PEER = "register.toml", "farm", "peers", "peer.toml"
 AUTHORITY_KEY, AUTHORITY = "authority.key", "authority.pem"
 CA, CERTIFICATE, KEY = "ca.pem", "cert.pem", "key.pem"
 DAYS_MAX = 3650
+WARN_BEFORE = timedelta(days=30)
 KEY_BYTES_MAX = 65536
+NEW_AUTHORITY = "make new keys, for all, with `saflite keys init` in a folder of their own"
 _HOST = re.compile(r"[A-Za-z0-9]([A-Za-z0-9.-]{0,251}[A-Za-z0-9])?|[0-9A-Fa-f:.]+")
 
 T = TypeVar("T", bound=msgspec.Struct)
@@ -82,9 +84,7 @@ def init(folder: Path, hosts: Sequence[str], *, now_s: float, days: int = 365, i
     """
     now = _instant(now_s)
     _check_days(days)
-    for host in hosts:
-        if not _HOST.fullmatch(host):
-            raise Refused("--host", expected="a host name or an address", got=repr(host))
+    _check_hosts(hosts)
     if if_needed and (folder / REGISTER).exists():
         return read_register(folder)
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -92,16 +92,61 @@ def init(folder: Path, hosts: Sequence[str], *, now_s: float, days: int = 365, i
         if (folder / REGISTER).exists():
             if if_needed:
                 return read_register(folder)
-            raise Refused("keys folder", where=str(folder), expected="no keys in it yet", got=f"{REGISTER}")
+            fix = "`saflite keys add` makes more of them, `saflite keys renew --host NAME` adds a name of the router"
+            raise Refused("keys folder", where=str(folder), expected="no keys in it yet", got=REGISTER, fix=fix)
         make_private(folder)
         authority = make_authority(now, DAYS_MAX)
         write(folder / AUTHORITY_KEY, authority.key)
         write(folder / AUTHORITY, authority.certificate)
         names = tuple(dict.fromkeys([*hosts, "localhost", "127.0.0.1"]))
-        _write_bundle(folder / FARM, authority, make_certificate(authority, "farm", now, days, names))
+        _write_bundle(folder / FARM, authority, make_certificate(authority, FARM, now, now + timedelta(days), names))
         register = Register(hosts=names)
         _write_register(folder, register)
     return register
+
+
+def renew(folder: Path, hosts: Sequence[str] = (), *, now_s: float, days: int = 365) -> Register:
+    """Make a new certificate for the router, for the names it has and `hosts`; farms that run take it by themselves.
+
+    Raises:
+        Refused: no keys here, the authority's key is elsewhere or its time is over, or a host is none.
+    """
+    now = _instant(now_s)
+    _check_days(days)
+    _check_hosts(hosts)
+    with _changing(folder) as register:
+        authority, until = _authority(folder, now, days)
+        names = tuple(dict.fromkeys([*register.hosts, *hosts]))
+        renewed = msgspec.structs.replace(register, hosts=names)
+        _write_bundle(folder / FARM, authority, make_certificate(authority, FARM, now, until, names))
+        _write_register(folder, renewed)
+    return renewed
+
+
+class Ends(NamedTuple):
+    """Until when a router can be reached: its certificate's end, and that of the authority, which no key outlasts."""
+
+    router: datetime
+    authority: datetime
+
+
+def ends(folder: Path) -> Ends:
+    """Return until when the router's certificate and the authority are good; raises Refused where there is neither."""
+    return Ends(*(validity(_read(folder / FARM / name))[1] for name in (CERTIFICATE, CA)))
+
+
+def warnings(folder: Path, now_s: float) -> list[str]:
+    """Return in words what is over or ends soon; raises Refused as `ends` does."""
+    now, until = _instant(now_s), ends(folder)
+    said = (
+        (until.router, "the router's certificate", _renewing(folder)),
+        (until.authority, "the authority, and with it every key,", NEW_AUTHORITY),
+    )
+    return [
+        f"{what} {'ends' if now < end else 'expired'} at {end:%Y-%m-%d %H:%M} UTC: {fix}"
+        for end, what, fix in said
+        if end - now < WARN_BEFORE
+    ]
 
 
 def add(
@@ -134,11 +179,10 @@ def add(
         if if_needed and _has(register, wanted, now_s):
             return bundle
         _check_name(register, name, now_s)
-        authority = Pair(_read(folder / AUTHORITY_KEY), _read(folder / AUTHORITY))
+        authority, until = _authority(folder, now, days)
         common_name = new_common_name(name)  # never an earlier one's, which stays refused
-        pair = make_certificate(authority, common_name, now, days)
-        until = _written(now + timedelta(days=days))
-        peer = msgspec.structs.replace(wanted, expires=until, common_name=common_name)
+        pair = make_certificate(authority, common_name, now, until)
+        peer = msgspec.structs.replace(wanted, expires=_written(until), common_name=common_name)
         make_private(folder / PEERS)
         _write_bundle(bundle, authority, pair)
         write(bundle / PEER, tomli_w.dumps(msgspec.to_builtins(peer)).encode())
@@ -204,6 +248,20 @@ def peer_credentials(folder: Path, now_s: float) -> Credentials:
     return _checked(Credentials(folder, _toml(folder / PEER, Peer)), now_s)
 
 
+def _authority(folder: Path, now: datetime, days: int) -> tuple[Pair, datetime]:
+    """Return what signs, and until when what it signs for some days is good: no longer than itself."""
+    authority = Pair(_read(folder / AUTHORITY_KEY), _read(folder / AUTHORITY))
+    end = validity(authority.certificate)[1]
+    if end <= now:
+        got = f"one that expired at {end:%Y-%m-%d %H:%M} UTC"
+        raise Refused("authority", where=str(folder), expected="one that is good", got=got, fix=NEW_AUTHORITY)
+    return authority, min(now + timedelta(days), end)
+
+
+def _renewing(folder: Path) -> str:
+    return f"`saflite keys renew --keys {folder}`, where the authority's key is, makes a new one"
+
+
 def _checked(credentials: Credentials, now_s: float) -> Credentials:
     for name in (CA, CERTIFICATE, KEY):
         path = credentials.folder / name
@@ -217,6 +275,8 @@ def _checked(credentials: Credentials, now_s: float) -> Credentials:
             "key", where=str(key), expected="mode 0600", got="one that others can read", fix=f"chmod 600 {key}"
         )
     begins, until = validity(_read(credentials.folder / CERTIFICATE))
+    authority_until = validity(_read(credentials.folder / CA))[1]
+    until = min(until, authority_until)
     if begins <= _instant(now_s) < until:
         return credentials
     if _instant(now_s) < begins:
@@ -224,7 +284,11 @@ def _checked(credentials: Credentials, now_s: float) -> Credentials:
         fix = f"set the clock of this machine, which says {_instant(now_s):%Y-%m-%d %H:%M} UTC"
     else:
         got = f"one that expired at {until:%Y-%m-%d %H:%M} UTC"
-        fix = "make a new one where the farm's keys are"
+        fix = "`saflite keys add NAME --role ROLE`, where the farm's keys are, makes a new one"
+        if credentials.peer is None:
+            fix = _renewing(credentials.folder.parent)
+        if until == authority_until:
+            fix = NEW_AUTHORITY
     raise Refused("certificate", where=str(credentials.folder), expected="one that is good", got=got, fix=fix)
 
 
@@ -241,6 +305,12 @@ def _check_name(register: Register, name: str, now_s: float) -> None:
         if other.name != name and (other.name.startswith(f"{name}-") or name.startswith(f"{other.name}-")):
             got = f"{name!r} beside {other.name!r}"
             raise Refused("key name", expected="none that begins with another's and a dash", got=got)
+
+
+def _check_hosts(hosts: Sequence[str]) -> None:
+    for host in hosts:
+        if not _HOST.fullmatch(host):
+            raise Refused("--host", expected="a host name or an address", got=repr(host))
 
 
 def _check_days(days: int) -> None:
@@ -270,5 +340,5 @@ def _write_register(folder: Path, register: Register) -> None:
 def _write_bundle(folder: Path, authority: Pair, pair: Pair) -> None:
     make_private(folder)
     write(folder / CA, authority.certificate)
-    write(folder / CERTIFICATE, pair.certificate)
     write(folder / KEY, pair.key)
+    write(folder / CERTIFICATE, pair.certificate)  # last: farms that run look for its change

@@ -15,6 +15,7 @@ from saflite.contract.rng import derive_seed
 TRY_FIRST_S, TRY_MAX_S = 2.0, 10.0
 PAUSE_FIRST_S, PAUSE_MAX_S = 1.0, 30.0
 PROBE_S = 2.0
+EXPIRED, NOT_ITS_NAME = 10, (62, 64)  # X509_V_ERR_CERT_HAS_EXPIRED, _HOSTNAME_MISMATCH and _IP_ADDRESS_MISMATCH
 
 
 class Attempt(NamedTuple):
@@ -63,9 +64,17 @@ def _handshake(link: socket.socket, host: str, keys: Credentials) -> str:
             secured.settimeout(PROBE_S)
             secured.recv(1)  # with TLS 1.3 a refused certificate shows only now
     except ssl.SSLCertVerificationError as fault:
-        return f"the router's certificate is not accepted: {fault.verify_message}"
+        return f"the router's certificate is not accepted: {fault.verify_message}{_mend(fault.verify_code, host)}"
     except ssl.SSLError as fault:
         return f"the router does not accept this certificate: {(fault.reason or str(fault)).replace('_', ' ').lower()}"
     except TimeoutError:  # the handshake went well, and nothing more is said to who does not speak Zenoh
         return ""
+    return ""
+
+
+def _mend(verify_code: int, host: str) -> str:
+    if verify_code == EXPIRED:
+        return "; `saflite keys renew`, where the farm's keys are, makes a new one"
+    if verify_code in NOT_ITS_NAME:
+        return f"; `saflite keys renew --host {host}`, where the farm's keys are, makes one with that name"
     return ""

@@ -14,12 +14,12 @@ import signal
 import sys
 import threading
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import nullcontext
 from pathlib import Path
 from typing import NoReturn, get_args
 
-from saflite.bus.keyring import REGISTER, farm_credentials, peer_credentials, read_register
+from saflite.bus.keyring import CERTIFICATE, FARM, REGISTER, farm_credentials, peer_credentials, read_register
 from saflite.bus.zenoh import Gate, ZenohBus, leave_process, open_client, open_router
 from saflite.contract.errors import FarmError, Refused, Unavailable
 from saflite.contract.join import check_worker_name
@@ -40,8 +40,8 @@ from saflite.simulator_worker.processes import die_with_parent
 log = logging.getLogger(__name__)
 
 EXIT_FINE, EXIT_REFUSED, EXIT_UNAVAILABLE, EXIT_UNANSWERED, EXIT_AGAIN, EXIT_BROKEN = 0, 2, 3, 4, 5, 70
-KEYS_CHANGED = "the register of keys has changed"
-REGISTER_LOOK_S = 1.0
+KEYS_CHANGED = "the farm's keys have changed"
+KEYS_LOOK_S = 1.0
 
 
 def parser() -> argparse.ArgumentParser:
@@ -111,7 +111,7 @@ def _books(options: argparse.Namespace) -> str:
     books.begin(clock.monotonic_s(), clock.unix_s())
     log.info("books of %s rebuilt in %.2f s", options.campaign, clock.monotonic_s() - started_s)
     insecure = options.insecure
-    register = (options.keys / REGISTER).read_bytes() if options.gate and options.keys is not None else b""
+    keys = _keys_now(options.keys) if options.gate and options.keys is not None else {}
     if options.listen:
         bus = open_router("books", options.listen, insecure=insecure, gate=_gate(options, clock))
     else:
@@ -121,8 +121,8 @@ def _books(options: argparse.Namespace) -> str:
     service = BooksService(bus, options.campaign, books, store, clock, evidence, modules=modules)
     evidence.tell_excess(service.complain)
     _on_signals(service.stop)
-    if options.gate:
-        _on_change(options.keys / REGISTER, register, clock, service.stop)
+    if keys:
+        _on_change(keys, clock, service.stop)
     why = service.run()
     bus.close()
     evidence.close()
@@ -186,21 +186,26 @@ def _gate(options: argparse.Namespace, clock: WallClock) -> Gate | None:
     return Gate(options.gate, farm_credentials(options.keys, clock.unix_s()), read_register(options.keys))
 
 
-def _on_change(path: Path, began: bytes, clock: WallClock, stop: Callable[[str], None]) -> None:
-    """Stop when the register of keys is no more as it was before the router began: access is settled as that starts."""
+def _keys_now(folder: Path) -> dict[Path, bytes]:
+    """Return what a router goes by that may change while it works: the register, and its own certificate."""
+    return {path: path.read_bytes() for path in (folder / REGISTER, folder / FARM / CERTIFICATE) if path.is_file()}
+
+
+def _on_change(began: Mapping[Path, bytes], clock: WallClock, stop: Callable[[str], None]) -> None:
+    """Stop when keys are no more as they were before the router began: it takes them as it starts."""
 
     def look() -> None:
         while True:
-            clock.sleep_s(REGISTER_LOOK_S)
+            clock.sleep_s(KEYS_LOOK_S)
             try:
-                changed = path.read_bytes() != began
+                changed = any(path.read_bytes() != before for path, before in began.items())
             except OSError:
                 continue
             if changed:
                 stop(KEYS_CHANGED)
                 return
 
-    threading.Thread(target=look, name="register", daemon=True).start()
+    threading.Thread(target=look, name="keys", daemon=True).start()
 
 
 def _on_signals(stop: Callable[[str], None]) -> None:

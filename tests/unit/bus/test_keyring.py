@@ -188,6 +188,65 @@ def test_a_key_that_is_needed_is_made_once(tmp_path: Path) -> None:
     assert _let_in(keys) == [_common_name(keys / "peers" / "ray")] != [first]
 
 
+def _router_names(keys: Path) -> list[str]:
+    certificate = x509.load_pem_x509_certificate((keys / "farm" / "cert.pem").read_bytes())
+    certificate.verify_directly_issued_by(x509.load_pem_x509_certificate((keys / "farm" / "ca.pem").read_bytes()))
+    names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+    return [str(name.value) for name in names]
+
+
+def test_the_router_is_given_a_new_certificate_for_the_names_it_has_and_more(keys: Path) -> None:
+    bundle = keyring.add(keys, "lab2", ["worker"], now_s=NOW_S, days=3000)
+    before = keyring.read_register(keys)
+    late_s = NOW_S + 400 * DAY_S
+    with pytest.raises(Refused, match="keys renew") as fault:
+        keyring.farm_credentials(keys, late_s)
+    assert f"--keys {keys}" in str(fault.value)
+    keyring.renew(keys, ["farm.example.org", "10.0.0.5"], now_s=late_s, days=100)
+    assert keyring.farm_credentials(keys, late_s + 99 * DAY_S)
+    names = ["10.0.0.5", "lab.example.org", "localhost", "127.0.0.1", "farm.example.org"]
+    register = keyring.read_register(keys)
+    assert (list(register.hosts), register.peers) == (names, before.peers)
+    assert _router_names(keys) == names
+    assert (bundle / "ca.pem").read_bytes() == (keys / "farm" / "ca.pem").read_bytes()
+    with pytest.raises(Refused, match="--host"):
+        keyring.renew(keys, ["no host"], now_s=late_s)
+
+
+def test_nothing_is_promised_beyond_the_end_of_the_authority(keys: Path) -> None:
+    keyring.renew(keys, now_s=NOW_S + 3600 * DAY_S)
+    bundle = keyring.add(keys, "lab2", ["worker"], now_s=NOW_S + 3600 * DAY_S)
+    end = keyring.ends(keys).authority
+    assert keyring.ends(keys).router == end
+    peer = keyring.peer_credentials(bundle, NOW_S + 3649 * DAY_S).peer
+    assert peer is not None
+    assert peer.expires == f"{end:%Y-%m-%dT%H:%M:%SZ}"
+    late_s = NOW_S + 3651 * DAY_S
+    for late in (
+        partial(keyring.renew, keys, now_s=late_s),
+        partial(keyring.add, keys, "lab3", ["worker"], now_s=late_s),
+        partial(keyring.farm_credentials, keys, late_s),
+        partial(keyring.peer_credentials, bundle, late_s),
+    ):
+        with pytest.raises(Refused, match="keys init"):
+            late()
+
+
+@pytest.mark.parametrize(
+    ("days", "words"),
+    [
+        (300, []),
+        (340, ["router's certificate ends at 2028-01-15 08:00 UTC: `saflite keys renew"]),
+        (366, ["router's certificate expired at 2028-01-15 08:00 UTC: `saflite keys renew"]),
+        (3630, ["router's certificate expired", "authority, and with it every key, ends"]),
+    ],
+)
+def test_what_ends_soon_or_is_over_is_said(keys: Path, days: int, words: list[str]) -> None:
+    said = keyring.warnings(keys, NOW_S + days * DAY_S)
+    assert len(said) == len(words)
+    assert all(part in one for part, one in zip(words, said, strict=True)), said
+
+
 @pytest.mark.parametrize("name", ["", "../up", "a b", "farm", "lab2", "lab2-b", "x" * 65, "by/lab", "lab\n", "*"])
 def test_a_name_that_could_be_another_s_is_refused(keys: Path, name: str) -> None:
     keyring.add(keys, "lab2", ["worker"], now_s=NOW_S)

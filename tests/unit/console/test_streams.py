@@ -90,13 +90,15 @@ def test_no_file_of_ours_stands_where_output_was_closed(tmp_path: Path) -> None:
     assert subprocess.run(["sh", "-c", 'exec "$@" <&- >&- 2>&-', "sh", *words], check=False).returncode == 0
 
 
-@pytest.mark.parametrize("verb", [["init", "--host", "h"], ["add", "b", "--role", "viewer"], ["list"], ["revoke", "a"]])
+@pytest.mark.parametrize(
+    "verb", [["init", "--host", "h"], ["add", "b", "--role", "viewer"], ["list"], ["revoke", "a"], ["renew"]]
+)
 def test_keys_are_not_blamed_for_where_their_words_go(verb: list[str], tmp_path: Path, unread: int) -> None:
     with open("/dev/full", "wb") as full:
         for output, code, told in ((full.fileno(), INFRASTRUCTURE, "No space left"), (unread, BROKEN_PIPE, "")):
             keys = tmp_path / f"keys{code}"
             if verb[0] != "init":
-                keyring.init(keys, ["h"], now_s=time.time(), days=9)
+                keyring.init(keys, ["h"], now_s=time.time())
                 keyring.add(keys, "a", ["viewer"], now_s=time.time(), days=9)
             words = [*COMMAND, "keys", *verb, "--keys", str(keys)]
             done = subprocess.run(words, stdout=output, stderr=subprocess.PIPE, text=True, check=False, env=BUFFERED)

@@ -2,7 +2,8 @@
 
 `init` makes a farm's own authority, once, on the machine that will run farms; `--host` is how others reach it. `add`
 makes a folder for one name: copy it to where it is used, over a channel you trust. `revoke` withdraws a key; farms that
-run take notice within seconds. What a key may do is settled by its roles: worker (flies), scorer, oracle, mutator,
+run take notice within seconds. `renew` makes a new certificate for the router, before the one it has is over (`list`
+says when) or for more names. What a key may do is settled by its roles: worker (flies), scorer, oracle, mutator,
 recorder, viewer (reads), operator (reads and orders).
 
 examples:
@@ -10,6 +11,7 @@ examples:
   saflite keys add lab2 --role worker --role recorder
   saflite keys add ana --role viewer --campaign night --days 30
   saflite keys revoke lab2
+  saflite keys renew --host farm.example.org
   saflite run night.toml --listen tls/0.0.0.0:7447 --keys keys
   saflite worker --join tls/10.0.0.5:7447 --keys lab2
 """
@@ -18,16 +20,19 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from datetime import datetime
 
 FOLDER = Path("keys")
+INSTANT = "%Y-%m-%dT%H:%M:%SZ"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Name the arguments."""
-    verbs = parser.add_subparsers(dest="verb", required=True, metavar="init|add|list|revoke")
+    verbs = parser.add_subparsers(dest="verb", required=True, metavar="init|add|list|revoke|renew")
     init = verbs.add_parser("init", help="make a farm's authority and the certificate of its router")
-    init.add_argument("--host", action="append", default=[], metavar="NAME", help="name or address others reach it by")
-    init.add_argument("--days", type=int, default=365, help="how long the router's certificate is good (365)")
     add = verbs.add_parser("add", help="make a key")
     add.add_argument("name", help="whose it is; names of its workers begin with it")
     add.add_argument("--role", action="append", default=[], required=True, metavar="ROLE", help="may be repeated")
@@ -39,7 +44,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
     listing.add_argument("--json", action="store_true", help="print as JSON")
     revoke = verbs.add_parser("revoke", help="let a key count no more")
     revoke.add_argument("name", help="whose")
-    for verb in (init, add, listing, revoke):
+    renew = verbs.add_parser("renew", help="make a new certificate for the router, by the same authority")
+    reached = "name or address others reach it by (may be repeated)"
+    for verb in (init, renew):
+        verb.add_argument("--host", action="append", default=[], metavar="NAME", help=reached)
+        verb.add_argument("--days", type=int, default=365, help="how long the router's certificate is good (365)")
+    for verb in (init, add, listing, revoke, renew):
         verb.add_argument("--keys", type=Path, default=FOLDER, metavar="FOLDER", help=f"the farm's keys ({FOLDER}/)")
 
 
@@ -74,6 +84,13 @@ def _do(args: argparse.Namespace, now_s: float) -> list[str]:
         ]
     if args.verb == "add":
         return _add(args, now_s)
+    if args.verb == "renew":
+        register = keyring.renew(args.keys, args.host, now_s=now_s, days=args.days)
+        until = _until(keyring.ends(args.keys).router, now_s)
+        return [
+            f"the router has a new certificate, for {', '.join(register.hosts)}, {until}",
+            f"farms that run with {args.keys} take it within seconds: their router starts again, nothing is lost",
+        ]
     keyring.revoke(args.keys, args.name)
     return [f"the key of {args.name} counts no more"]
 
@@ -101,16 +118,26 @@ def _add(args: argparse.Namespace, now_s: float) -> list[str]:
     ]
 
 
+def _until(end: datetime, now_s: float) -> str:
+    from saflite.contract.clock import in_utc
+
+    return f"{'until' if in_utc(now_s) < end else 'expired'} {end:{INSTANT}}"
+
+
 def _list(args: argparse.Namespace, now_s: float) -> None:
     from saflite.bus import keyring
     from saflite.console.view import out
     from saflite.contract.clock import in_utc
 
-    register = keyring.read_register(args.keys)
+    register, ends = keyring.read_register(args.keys), keyring.ends(args.keys)
+    for warning in keyring.warnings(args.keys, now_s):
+        out.complain("warning", warning)
     if args.json:
-        out.json(register)
+        ends_at = {f"{what}_expires": f"{end:{INSTANT}}" for what, end in ends._asdict().items()}
+        out.json({"hosts": register.hosts, "peers": register.peers, **ends_at})
         return
-    out.line(f"reached by {', '.join(register.hosts)}")
+    router, authority = (_until(end, now_s) for end in ends)
+    out.line(f"router, reached by {', '.join(register.hosts)}: {router}; authority: {authority}")
     today = in_utc(now_s).isoformat()
     for peer in register.peers:
         past = "expired" if peer.expires and peer.expires < today else "until"

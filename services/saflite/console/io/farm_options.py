@@ -80,9 +80,13 @@ def check(args: argparse.Namespace) -> None:
 
         check_place(args.on, listen=args.listen)
     if args.keys is not None:
-        from saflite.bus.keyring import farm_credentials
+        from saflite.bus.keyring import farm_credentials, warnings
+        from saflite.console.view import out
         from saflite.runtime.clock import WallClock
 
         if not args.listen:
             raise Refused("--keys", expected="--listen tls/HOST:PORT with it", got="none")
-        farm_credentials(args.keys, WallClock().unix_s())
+        now_s = WallClock().unix_s()
+        farm_credentials(args.keys, now_s)
+        for warning in warnings(args.keys, now_s):
+            out.complain("warning", warning)
