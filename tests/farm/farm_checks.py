@@ -229,16 +229,17 @@ def at_the_end(ghost: Ghost, store: MemoryStore, books: Books, status: Status) -
     ]
     confirmed = sum(1 for name in firm if name in ghost.planted)
     assert status.violations_confirmed == confirmed, "confirmed violations do not add up"
-    dry = any(
-        "nothing new" in getattr(e.fact, "why", "") for e in store.all_events if isinstance(e.fact, CampaignChanged)
-    )
-    assert dry or status.flights == status.budget, f"{status.flights} of {status.budget} flights were flown"
+    ends = [event.fact.why for event in store.all_events if isinstance(event.fact, CampaignChanged)]
+    early = any("the strategy" in why for why in ends)
+    assert early or status.flights == status.budget, f"{status.flights} of {status.budget} flights were flown"
     shown = {
         fact.violation.fingerprint
         for name, fact in ((key[0], fact) for key, fact in ghost.violations.items())
         if fact.violation.confirmation == "confirmed" and name in ghost.planted
     }
     assert status.behaviours == len(shown), f"{status.behaviours} behaviours counted, {len(shown)} told"
+    left = sorted([*books._core.trials, *books._core.forms])
+    assert not left or ends[-1] == "stopped", f"the campaign ended while {left} were under way"
     _replay_agrees(store, status)
     _no_orphan_blobs(store, ghost, books)
 

@@ -6,7 +6,7 @@ Both run the real thing: `BooksService` around the real books, and the real stat
 from __future__ import annotations
 
 from collections.abc import Hashable
-from typing import Protocol, TypeVar
+from typing import Literal, Protocol, TypeVar
 
 import msgspec
 import numpy as np
@@ -28,6 +28,8 @@ from saflite.contract.work import (
     FlyWork,
     Grant,
     Lease,
+    MutateResult,
+    MutateWork,
     Orders,
     Receipt,
     Report,
@@ -35,6 +37,7 @@ from saflite.contract.work import (
     ScoreWork,
     Stage,
     TargetBuild,
+    Work,
     blobs_left,
 )
 from saflite.runtime import worker as machine
@@ -43,6 +46,12 @@ from saflite.runtime.software import software_of
 from saflite.runtime.worker import Key, Worker, WorkerConfig
 
 T = TypeVar("T")
+
+StrategyEnds = Literal["", "raises", "takes its process down", "proposes nothing"]
+"""What becomes of a strategy before the budget is spent; empty: nothing does."""
+
+ENDS_FROM = 3
+"""The round from which on it does so."""
 
 
 class Watcher(Protocol):
@@ -138,6 +147,7 @@ class WorkerMember:
         self.frozen_until_s = 0.0
         self._late: list[Happening] = []
         self.babbles = self.wedges = self.breaks = 0.0  # chances
+        self.strategy_ends: StrategyEnds = ""
         self.build, self.tells_build = "", True
         self._wake_s = float("inf")
 
@@ -288,7 +298,8 @@ class WorkerMember:
         work, life = lease.work, self._life
         key = Key(lease.lease_id, lease.epoch)
         takes_s = (0.05 if self.config.stage in ("judge", "record") else 0.3) + float(self._rng.random())
-        if isinstance(work, FlyWork) and is_poison(identity(work.test_case)):
+        takes_down = self._ends(work) and self.strategy_ends == "takes its process down"
+        if takes_down or (isinstance(work, FlyWork) and is_poison(identity(work.test_case))):
             self._network.later(takes_s, lambda: self.die() if life == self._life else None)
             return
         self._network.later(takes_s, lambda: self._end(life, key, lease))
@@ -301,8 +312,15 @@ class WorkerMember:
             return
         self._feed(machine.Done(key, self._result(lease)))
 
+    def _ends(self, work: Work) -> bool:
+        """Whether a strategy that ends before the budget does so now."""
+        return bool(self.strategy_ends) and isinstance(work, MutateWork) and work.round >= ENDS_FROM and work.count > 0
+
     def _result(self, lease: Lease) -> Result:
         work = lease.work
+        if isinstance(work, MutateWork) and self._ends(work):
+            dry = self.strategy_ends == "proposes nothing"
+            return MutateResult(round=work.round, test_cases=()) if dry else Failure(message="no")
         chance = float(self._rng.random())
         if isinstance(work, ScoreWork) and chance < self.babbles:
             return babble(work, self._rng)

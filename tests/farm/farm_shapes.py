@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import farm_doubles as doubles
+from farm_members import StrategyEnds
 
 from saflite.bus.faulty import Trouble
 from saflite.contract.config import Campaign, LeaseConfig
@@ -29,6 +30,7 @@ class Shape(NamedTuple):
     wedges: float
     breaks: float
     builds: bool
+    strategy_ends: StrategyEnds = ""
 
     @property
     def repeats(self) -> Repeats:

@@ -75,6 +75,7 @@ class World:
         for worker in self.workers:
             worker.babbles = self.shape.babbles
             worker.wedges, worker.breaks = self.shape.wedges, self.shape.breaks
+            worker.strategy_ends = self.shape.strategy_ends
             self.network.later(float(self.rng.random()), worker.start)
         self._tick()
         if self.shape.chaos_per_s:

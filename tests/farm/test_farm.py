@@ -6,10 +6,11 @@
 from __future__ import annotations
 
 import logging
-from typing import Any
+from typing import Any, get_args
 
 import pytest
 from farm_bugs import BUGS, _patched, is_stale, never_ran
+from farm_members import StrategyEnds
 from farm_shapes import CALM, clean, shape_of
 from farm_world import World, know_the_clean_finds, run_seed
 
@@ -64,6 +65,17 @@ def test_late_messages_change_nothing() -> None:
     shape = clean(shape_of(3))
     late = shape._replace(trouble=CALM._replace(delay_max_s=1.5, duplicate=0.3))
     assert World(1, shape).run().found == World(2, late).run().found
+
+
+@pytest.mark.parametrize("ends", [ends for ends in get_args(StrategyEnds) if ends])
+def test_what_was_chosen_before_a_strategy_ends_is_flown_by_any_number_of_workers(ends: StrategyEnds) -> None:
+    shape = clean(shape_of(4))._replace(strategy_ends=ends, budget=30)
+    late = shape._replace(trouble=CALM._replace(delay_max_s=1.5, duplicate=0.3))
+    runs = [World(seed, shape._replace(simulators=seed)).run() for seed in (1, 2, 3, 6)] + [World(7, late).run()]
+    (first, *others) = [(run.flights, run.found) for run in runs]
+    assert first[1]
+    assert 0 < first[0] < shape.budget
+    assert others == [first] * len(others)
 
 
 SLOW = (

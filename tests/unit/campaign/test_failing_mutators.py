@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import cast
 
 import pytest
-from books_drive import Driver, new_books
+from books_drive import Driver, MemoryStore, new_books
 
 from saflite.campaign.lifecycle.proposals import MUTATE_FAILURES_MAX, MUTATE_LOSSES_MAX
-from saflite.contract.work import Failure, Lease, MutateResult, Stage
+from saflite.contract.control import Control
+from saflite.contract.events import CampaignChanged
+from saflite.contract.work import Failure, Lease, MutateResult, MutateWork, Stage
 
 STAGES: tuple[Stage, ...] = ("mutate", "score", "fly", "judge", "record")
 
@@ -30,6 +33,9 @@ def vanishes(driver: Driver, worker: str, _: Lease) -> None:
     driver.books.absent(worker, "mutate", driver.now)
     driver.commit()
 
+
+FLIGHTS_BEFORE = 4
+"""What the first two rounds of the books here fly: three and one."""
 
 ALL = pytest.mark.parametrize("fails", [raises, talks_nonsense, vanishes])
 
@@ -76,3 +82,83 @@ def test_a_strategy_that_fails_everywhere_ends_the_campaign_soon(fails: Fails, m
     assert failed == most + mutators - 1, "each of the others tried it once before it counted"
     assert driver.store is not None
     assert driver.store.rebuild().status(driver.now).state == "ended", "a replay comes to another end"
+
+
+def _until_it_fails(fails: Fails) -> Driver:
+    """Return books of which the strategy has failed for good, from its third round on, and flights are left to fly."""
+    driver = new_books(40, lag=3)
+    attempts = 0
+    while not driver.books._core.failed:
+        for lease in driver.ask("mutate", "m"):
+            assert isinstance(lease.work, MutateWork)
+            if lease.work.round < 2 or not lease.work.count:
+                driver.report(lease, driver.service.do(lease.work), "m")
+                continue
+            fails(driver, "m", lease)
+            attempts += 1
+        driver.do("score", many=9)
+        driver.now += 0.5
+        assert attempts < 100, "it is asked for ever"
+    assert driver.books._core.trials, "nothing is under way"
+    return driver
+
+
+def _finish(driver: Driver) -> tuple[int, list[CampaignChanged]]:
+    """Return the flights at the end, reached without a mutator, and how the campaign changed up to there."""
+    while not driver.books.ended:
+        for stage in STAGES[1:]:
+            driver.do(stage, many=3)
+        assert not driver.ask("mutate", "m"), "a strategy that failed is asked again"
+        driver.now += 0.5
+        driver.books.tick(driver.now)
+        assert driver.now < 2_000.0, "it does not end"
+    assert not driver.books._core.trials
+    assert driver.store is not None
+    events = cast(MemoryStore, driver.store).all_events
+    return driver.books.status(driver.now).flights, [e.fact for e in events if isinstance(e.fact, CampaignChanged)]
+
+
+@ALL
+def test_what_was_chosen_before_a_strategy_failed_is_flown_and_then_the_reason_is_told(fails: Fails) -> None:
+    flights, changes = _finish(_until_it_fails(fails))
+    assert flights == FLIGHTS_BEFORE
+    assert [change.state for change in changes] == ["running", "ended"]
+    assert "the strategy 'random_boxes'" in changes[-1].why
+
+
+@pytest.mark.parametrize("ends", ["killed", "stopped", "paused"])
+def test_a_campaign_taken_up_again_after_its_strategy_failed_ends_alike(ends: str) -> None:
+    driver = _until_it_fails(raises)
+    if ends == "stopped":
+        assert driver.books.control(Control(verb="stop"), driver.now).accepted
+    elif ends == "paused":
+        assert driver.books.control(Control(verb="pause"), driver.now).accepted
+        for stage in STAGES:
+            driver.do(stage, many=9)
+        assert not driver.books.ended
+    driver.commit()
+    assert driver.store is not None
+    again = Driver(driver.store.rebuild(), driver.store)
+    again.service = driver.service
+    if ends == "paused":
+        assert again.books.control(Control(verb="resume"), again.now).accepted
+        for _ in range(MUTATE_FAILURES_MAX):  # an order to go on asks it anew
+            (lease,) = again.ask("mutate", "m")
+            raises(again, "m", lease)
+    flights, changes = _finish(again)
+    assert flights == FLIGHTS_BEFORE
+    assert changes[-1].why == "the strategy 'random_boxes' cannot propose: no"
+
+
+def test_a_strategy_mended_after_it_failed_goes_on_where_it_would_have_been() -> None:
+    mended = _until_it_fails(raises)
+    _finish(mended)
+    assert mended.books.control(Control(verb="budget", number=40), mended.now).accepted
+    mended.commit()
+    (lease,) = mended.ask("mutate", "m")
+    raises(mended, "m", lease)
+    assert not mended.books.ended, "it is tried as often as at first"
+    mended.run()
+    never_failed = new_books(40, lag=3)
+    never_failed.run()
+    assert mended.books._core.flown == never_failed.books._core.flown

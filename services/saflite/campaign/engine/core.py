@@ -97,6 +97,7 @@ class Core:
     holds: dict[str, Hold] = field(default_factory=dict)  # by digest, as the store does: peers may claim any size
     full: bool = False  # as much is kept as the campaign allows
     state: State = "running"
+    failed: str = ""  # why the strategy is asked no more; what was chosen before is flown to its end
     stopped: bool = False  # ended by an operator, so opening the books again goes on
     incarnation: int = 0
     at_s: float = 0.0
@@ -106,6 +107,11 @@ class Core:
     def elapsed_s(self, now_s: float) -> float:
         """Return the time the books have been open, over all incarnations."""
         return self.elapsed_before_s + max(0.0, now_s - self.opened_s)
+
+    @property
+    def is_searching(self) -> bool:
+        """Whether a round is under way, other than the one that a strategy which failed proposes nothing for."""
+        return len(self.rounds.under_way) > bool(self.failed)
 
     def trial_of(self, key: FlightKey | RecordKey) -> Trial:
         """Return the trial that a flight belongs to."""

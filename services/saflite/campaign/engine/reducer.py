@@ -162,6 +162,7 @@ class Reducer:
             core.change_state("paused", "ordered")
         elif control.verb == "resume":
             core.stopped = False
+            self.proposals.ask_again()
             core.change_state("running", "ordered")
         elif control.verb == "stop":
             core.stopped = True
@@ -169,6 +170,7 @@ class Reducer:
         elif control.verb == "budget":
             core.rounds.budget = control.number
             if core.state == "ended" and not core.stopped and core.counts.flights < control.number:
+                self.proposals.ask_again()
                 core.change_state("running", f"budget raised to {control.number}")
         elif control.verb == "scorer":
             self.scorers.swap(control.text)

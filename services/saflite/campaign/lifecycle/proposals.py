@@ -50,10 +50,22 @@ class Proposals:
 
     def _if_over(self) -> None:
         core = self._core
-        if core.state != "running" or core.rounds.under_way or any(task.stage != "score" for task in core.tasks):
+        left_open = ("score", "mutate") if core.failed else ("score",)
+        if core.state != "running" or core.is_searching or any(task.stage not in left_open for task in core.tasks):
             return
         spent = core.counts.flights >= core.rounds.budget
-        core.change_state("ended", "the budget is spent" if spent else "the strategy proposes nothing new")
+        dry = "the budget is spent" if spent else "the strategy proposes nothing new"
+        core.change_state("ended", core.failed or dry)
+
+    def ask_again(self) -> None:
+        """Let a strategy that failed be asked anew for the round that it failed at, as often as at first."""
+        core = self._core
+        if not core.failed:
+            return
+        core.failed = ""
+        for task in core.tasks:
+            if isinstance(task.key, MutateKey):
+                task.failures = task.losses = 0
 
     # ---- mutants -------------------------------------------------------------------------------------------------
 
@@ -67,6 +79,7 @@ class Proposals:
         known_upto = result.round - core.rounds.search.lag
         round_ = core.rounds.under_way[result.round]
         core.done(task, "mutated")
+        core.failed = ""  # a late result: it could propose, after all
         for index, test_case in enumerate(result.test_cases):
             name = identity(test_case)
             if name in round_.candidates or core.flown.get(name, result.round) <= known_upto:
@@ -80,16 +93,19 @@ class Proposals:
         self._ask_scores(round_)
 
     def on_mutate_failure(self, task: Task, message: str) -> None:
-        """The mutator could not propose: again, and in the end the campaign is over."""
+        """The mutator could not propose: again, and in the end the strategy is asked no more.
+
+        The campaign ends once all that was chosen before has ended: what that is does not depend on timing.
+        """
         core = self._core
         task.failures += 1
         core.fault(str(task.key), message)
         core.again(task, "failed", message)
         if task.failures >= MUTATE_FAILURES_MAX:
-            core.change_state("ended", f"the strategy {core.campaign.strategy.name!r} cannot propose: {message}")
+            core.failed = f"the strategy {core.campaign.strategy.name!r} cannot propose: {message}"
 
     def on_mutate_lost(self, task: Task, message: str) -> None:
-        """The mutator vanished with the work or came to no end: again, and in the end the campaign is over.
+        """The mutator vanished with the work or came to no end: again, and in the end the strategy is asked no more.
 
         Now and then one is killed; a strategy that hangs, or takes its process down, is lost every time.
         """
@@ -99,7 +115,7 @@ class Proposals:
         core.again(task, "lost", message)
         if task.losses >= MUTATE_LOSSES_MAX:
             times = f"was lost {task.losses} times in a row with round {task.order[0]}"
-            core.change_state("ended", f"the strategy {core.campaign.strategy.name!r} {times}: {message}")
+            core.failed = f"the strategy {core.campaign.strategy.name!r} {times}: {message}"
 
     def _ask_scores(self, round_: Round) -> None:
         core, size = self._core, self._core.campaign.scorer.batch

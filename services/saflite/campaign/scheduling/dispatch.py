@@ -43,6 +43,8 @@ class Dispatch:
         """Return up to `many` tasks this worker may have, in order."""
         if self._core.state == "paused" and ask.stage in ("mutate", "score", "fly"):
             return []
+        if self._core.failed and ask.stage == "mutate":
+            return []
         chosen: list[Task] = []
         passed = 0
         for task in self._core.tasks.waiting(ask.stage):

@@ -78,7 +78,7 @@ class Patience:
     def _recordings(self, now: float) -> Entries:
         """Return the recordings nobody came to write, where nothing else is left to do."""
         core = self._core
-        only_records = bool(core.records) and not core.rounds.under_way and core.rounds.planned > 0
+        only_records = bool(core.records) and not core.is_searching and core.rounds.planned > 0
         if not only_records or self._at_work("record", now - RECORD_PATIENCE_S):
             self._no_recorder_since = None
             return []
