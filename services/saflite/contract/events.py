@@ -14,11 +14,15 @@ from saflite.contract.verdict import Violation
 Names = Annotated[tuple[Name, ...], msgspec.Meta(max_length=1_000)]
 
 
-class CampaignChanged(msgspec.Struct, frozen=True, kw_only=True, tag="campaign"):
-    """The campaign started, paused, resumed, or ended (`why`)."""
+class CampaignChanged(msgspec.Struct, frozen=True, kw_only=True, tag="campaign", omit_defaults=True):
+    """The campaign started, paused, resumed, or ended (`why`).
+
+    `failed`: it ended before its budget was flown because a part of it broke, as a strategy that raises each time.
+    """
 
     state: Literal["running", "paused", "ended"]
     why: Account = ""
+    failed: bool = False  # left out where it is not so: events of earlier runs are the same bytes as ever
 
 
 class Proposed(msgspec.Struct, frozen=True, kw_only=True, tag="proposed"):

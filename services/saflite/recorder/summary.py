@@ -75,7 +75,8 @@ class RunSummary(NamedTuple):
 
     `withheld` counts findings of memory safety that are not among `findings`: they are reported in private first.
     `pending` counts by policy the test cases that violated it and have not been decided upon; `unproven` all violations
-    that are neither confirmed nor refuted, the unconfirmed findings among them.
+    that are neither confirmed nor refuted, the unconfirmed findings among them. `state` says in words how the run
+    stands and why, `failed` what broke before the `budget` of first flights was flown and judged, empty if nothing did.
     """
 
     campaign: Campaign
@@ -88,6 +89,17 @@ class RunSummary(NamedTuple):
     withheld: int = 0
     pending: Mapping[str, int] = MappingProxyType({})
     unproven: int = 0
+    budget: int = 0
+    state: str = ""
+    failed: str = ""
+
+    @property
+    def shortfall(self) -> str:
+        """Say what of the budget was flown and why no more; empty where it was flown."""
+        if self.flights >= self.budget and not self.failed:
+            return ""
+        told = f"{self.flights} of {self.budget} flights; {self.state}"
+        return told if self.failed in self.state else f"{told}; {self.failed}"
 
     def finds(self) -> tuple[Find, ...]:
         """Return what counts of the findings."""

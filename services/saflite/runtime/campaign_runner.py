@@ -40,16 +40,17 @@ T = TypeVar("T")
 
 
 class ExitSummary(NamedTuple):
-    """How a local run ended. `ended` False: stopped before its end, `saflite resume` continues it.
+    """How a local run ended, and why. `ended` False: stopped before its end, `saflite resume` continues it.
 
-    `refused`: it was stopped because one of its own workers is let in no more.
+    `failed`: a part of it broke before the budget was flown: the strategy, where it ended, or else one of its own
+    workers, which is let in no more.
     """
 
     ended: bool
     why: str
     status: Status | None
     restarts: int
-    refused: bool = False
+    failed: bool = False
 
 
 class StopWhen(NamedTuple):
@@ -159,11 +160,23 @@ def _work(farm: LocalFarm, on_status: OnStatus | None, stop_when: StopWhen) -> E
         try:
             farm.start()
             ended = _follow(farm, on_status, interrupted, stop_when)
+        except Unavailable as fault:
+            stop_note.note(farm.run_dir, str(fault), failed=True)
+            raise
         finally:
             farm.stop()
-    if not (ended.ended or ended.refused):
-        stop_note.note(farm.run_dir, ended.why)
-    return ended
+    if not ended.ended:
+        stop_note.note(farm.run_dir, ended.why, failed=ended.failed)
+        return ended
+    return _as_the_books_tell(farm.run_dir, ended)
+
+
+def _as_the_books_tell(run_dir: Path, ended: ExitSummary) -> ExitSummary:
+    """Return how a run ended with the reason that stands in its books."""
+    from saflite.campaign.storage.audit import last_change
+
+    last = last_change(run_dir)
+    return ended if last is None or last.state != "ended" else ended._replace(why=last.why, failed=last.failed)
 
 
 def check_build(run_dir: Path, *, flies_here: bool, goes_on: bool) -> None:
@@ -316,7 +329,7 @@ def _follow(farm: LocalFarm, on_status: OnStatus | None, interrupted: list[str],
             try:
                 farm.poll()
             except WorkerRefused as fault:
-                return ExitSummary(False, str(fault), status, farm.restarts, refused=True)
+                return ExitSummary(False, str(fault), status, farm.restarts, failed=True)
             clock.sleep_s(POLL_S)
             if why := stop_when.why(clock.monotonic_s() - began_s, status):
                 return ExitSummary(False, why, status, farm.restarts)

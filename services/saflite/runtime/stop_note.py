@@ -12,11 +12,15 @@ from saflite.contract.outside import read_text
 
 FILE = "stopped.txt"
 CHARS_MAX = 200
+FAILED = "failed: "
+"""What a note begins with where the run was not stopped by anybody: a part of its farm broke."""
+
 log = logging.getLogger(__name__)
 
 
-def note(run_dir: Path, why: str) -> None:
+def note(run_dir: Path, why: str, *, failed: bool = False) -> None:
     """Note why a run was stopped, for this user only; that it cannot be noted is no reason to fail."""
+    why = f"{FAILED}{why}" if failed else why
     part = run_dir / f"{FILE}.part"
     try:
         part.unlink(missing_ok=True)

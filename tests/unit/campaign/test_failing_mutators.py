@@ -124,6 +124,7 @@ def test_what_was_chosen_before_a_strategy_failed_is_flown_and_then_the_reason_i
     assert flights == FLIGHTS_BEFORE
     assert [change.state for change in changes] == ["running", "ended"]
     assert "the strategy 'random_boxes'" in changes[-1].why
+    assert changes[-1].failed
 
 
 @pytest.mark.parametrize("ends", ["killed", "stopped", "paused"])
@@ -147,7 +148,9 @@ def test_a_campaign_taken_up_again_after_its_strategy_failed_ends_alike(ends: st
             raises(again, "m", lease)
     flights, changes = _finish(again)
     assert flights == FLIGHTS_BEFORE
-    assert changes[-1].why == "the strategy 'random_boxes' cannot propose: no"
+    assert changes[-1] == CampaignChanged(
+        state="ended", why="the strategy 'random_boxes' cannot propose: no", failed=True
+    )
 
 
 def test_a_strategy_mended_after_it_failed_goes_on_where_it_would_have_been() -> None:

@@ -98,6 +98,10 @@ def test_a_run_in_which_nothing_could_be_flown_is_no_success(
     assert code == INFRASTRUCTURE
     assert "test cases set aside" in said
     assert "says nothing of the vehicle" in said
+    with open_run(tmp_path / "run") as run:
+        (path,) = export.export("junit", run.summary(), tmp_path / "junit")
+    assert 'errors="1"' in path.read_text()
+    assert "no test case could be flown and judged" in path.read_text()
 
 
 def test_a_run_in_which_something_was_flown_says_what_was_set_aside(

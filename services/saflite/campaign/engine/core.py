@@ -145,11 +145,11 @@ class Core:
         """Announce that the farm got over something."""
         self.tell(FaultSeen(where=where, message=message))
 
-    def change_state(self, state: State, why: str) -> None:
-        """Begin, pause, resume or end the campaign."""
+    def change_state(self, state: State, why: str, *, failed: bool = False) -> None:
+        """Begin, pause, resume or end the campaign; `failed`: it ends because a part of it broke."""
         if state != self.state:
             self.state = state
-            self.tell(CampaignChanged(state=state, why=why))
+            self.tell(CampaignChanged(state=state, why=why, failed=failed))
 
     def done(self, task: Task, how: str, message: str = "") -> None:
         """Take out a task that is done or given up, and write down its last attempt."""

@@ -53,9 +53,10 @@ class Proposals:
         left_open = ("score", "mutate") if core.failed else ("score",)
         if core.state != "running" or core.is_searching or any(task.stage not in left_open for task in core.tasks):
             return
-        spent = core.counts.flights >= core.rounds.budget
-        dry = "the budget is spent" if spent else "the strategy proposes nothing new"
-        core.change_state("ended", core.failed or dry)
+        if core.counts.flights >= core.rounds.budget:
+            core.change_state("ended", "the budget is spent")
+        else:
+            core.change_state("ended", core.failed or "the strategy proposes nothing new", failed=bool(core.failed))
 
     def ask_again(self) -> None:
         """Let a strategy that failed be asked anew for the round that it failed at, as often as at first."""

@@ -15,6 +15,7 @@ from typing import Any
 
 from saflite.campaign.engine.outbox import Row
 from saflite.campaign.engine.state import Books
+from saflite.campaign.storage.contents import Contents
 from saflite.campaign.storage.journal_audit import JournalAudit
 from saflite.campaign.storage.own_folder import check_own
 from saflite.campaign.storage.projections import CHAINED, KEYS, TABLES
@@ -35,7 +36,7 @@ from saflite.contract import wire
 from saflite.contract.blobs import BlobRef
 from saflite.contract.control import NOT_RUNNING
 from saflite.contract.errors import Refused
-from saflite.contract.events import Event, kind_of
+from saflite.contract.events import CampaignChanged, Event, kind_of
 from saflite.contract.names import recording_file
 from saflite.evidence.files import fault_of
 from saflite.evidence.folder import BlobFolder
@@ -153,6 +154,12 @@ def is_over(run_dir: Path) -> bool:
     """
     with _reading(run_dir) as (connection, path):
         return bool(_books_behind(run_dir, connection, path).audit_status()["over"])
+
+
+def last_change(run_dir: Path) -> CampaignChanged | None:
+    """Return how the campaign of a run changed last, None if it never began; raises Refused as `is_over`."""
+    with _reading(run_dir) as (connection, _):
+        return Contents(connection).last_change()
 
 
 def _chain_fault(run_dir: Path) -> str:

@@ -15,7 +15,7 @@ from saflite.campaign.storage.packing import Packing
 from saflite.campaign.storage.sqlite import chain_at, entries
 from saflite.contract import wire
 from saflite.contract.errors import Refused
-from saflite.contract.events import Event, ViolationFound
+from saflite.contract.events import CampaignChanged, Event, ViolationFound, word_of
 from saflite.contract.flight import Flight, Purpose
 from saflite.contract.test_case import TestCase
 from saflite.contract.verdict import Judgement, Violation
@@ -33,6 +33,7 @@ _OUTCOMES = (
     "SELECT round, test_case, ending, flight_index, behaviours, founded FROM outcomes WHERE round > ? AND round <= ?"
     " ORDER BY round, rank"
 )
+_CHANGE = "SELECT seq, event FROM events WHERE kind = ? ORDER BY seq DESC LIMIT 1"
 R = TypeVar("R", MutateResult, JudgeResult, FlyResult)
 HELD_MAX = 4  # results kept decoded: a round's proposal, and the verdicts read beside it
 
@@ -69,6 +70,13 @@ class Contents:
         """Return the record of a flight as a worker handed it in, None if there is none."""
         row = self._db.execute(_FLIGHT, (name, purpose, flight_index)).fetchone()
         return None if row is None else self._result(row[0], FlyResult).flight
+
+    def last_change(self) -> CampaignChanged | None:
+        """Return how the campaign changed last, None if it never began."""
+        for seq, data in self._db.execute(_CHANGE, (word_of(CampaignChanged),)):
+            fact = wire.decode(Packing(self._db, "events").unpack(seq, data), Event).fact
+            return fact if isinstance(fact, CampaignChanged) else None
+        return None
 
     def violations(self, confirmation: str = "", *, similar: bool = True) -> list[Violation]:
         """Return the violations in the order found: of one standing if given, without `similar` ones if asked to."""

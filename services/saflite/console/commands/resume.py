@@ -1,5 +1,8 @@
 """Go on with a run that was stopped, killed, or ended: its budget counts on exactly where it was.
 
+Exit codes are those of `saflite run`. A campaign that ended because its strategy failed tells so again; with a
+`--budget`, the same one too, the strategy is asked again for the round that it failed at.
+
 examples:
   saflite resume runs/avoidance-m2
   saflite resume runs/avoidance-m2 --budget 500

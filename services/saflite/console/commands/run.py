@@ -2,7 +2,9 @@
 
 The campaign is a built-in one (`saflite list campaigns`) or a TOML file. Ctrl-C stops clean; `saflite resume` goes on.
 Exit code 0: nothing was found; 1: violations, confirmed ones or (as where it was stopped before they were flown again)
-such that are neither confirmed nor refuted; 2: refused input; 3: infrastructure; 4: nothing was judged.
+such that are neither confirmed nor refuted; 2: refused input; 3: infrastructure, or the campaign broke before its
+budget was flown, as where its strategy fails (and no violation was found); 4: nothing was judged. A strategy that has
+nothing new to propose ends its campaign without an error. Why it ended stands in the last lines.
 
 examples:
   saflite run avoidance-m2

@@ -60,7 +60,7 @@ def searched(campaign: Campaign, build: Build, run_dir: Path, workers: int | Non
 
     Raises:
         Refused: the build cannot fly here, or the run that stands there is of another campaign or damaged.
-        Unavailable: the farm cannot start, or the search was stopped before its end.
+        Unavailable: the farm cannot start, or the search was stopped, or broke, before its end.
     """
     from saflite.console.view import live
     from saflite.runtime import campaign_runner
@@ -82,6 +82,8 @@ def searched(campaign: Campaign, build: Build, run_dir: Path, workers: int | Non
     reporting.write(run_dir)
     if not ended.ended:
         raise Unavailable(f"the search of {build.label} was stopped ({ended.why}): there is nothing to compare")
+    if ended.failed:
+        raise Unavailable(f"the search of {build.label} broke ({ended.why}): there is nothing to compare")
     return ended.status.flights if ended.status else 0
 
 

@@ -36,12 +36,13 @@ LEFT = (
 class Conclusion(NamedTuple):
     """What a run came to. `set_aside` counts test cases that we could not fly or judge, of `cases` ended.
 
-    `flown` counts flights by what they were flown for, `standings` finds, `unproven` violations that are neither
-    confirmed nor refuted; `violations` tells of smallest forms, too. `inputs` says what may be said of the inputs
-    behind the `causes`.
+    `flown` counts flights by what they were flown for, of the search up to `budget`; `standings` finds, `unproven`
+    violations that are neither confirmed nor refuted; `violations` tells of smallest forms, too. `inputs` says what may
+    be said of the inputs behind the `causes`.
     """
 
     flown: Counter[Purpose]
+    budget: int
     elapsed_s: float
     cases: int
     set_aside: int
@@ -99,14 +100,17 @@ def conclude(run_dir: Path, ended: ExitSummary, *, as_json: bool) -> int:
         out.line(f"prove it    {out.program()} replay {run_dir}")
     if not ended.ended:
         out.line(f"go on       {out.program()} resume {run_dir}")
+    elif ended.failed:
+        again = f"{out.program()} resume {run_dir} --budget {found.budget}"
+        out.line(f"go on       {again}   (asks the strategy again; a mended one: --module FILE)")
     return _code(found, ended)
 
 
 def _code(found: Conclusion, ended: ExitSummary) -> int:
-    """Return the exit code; a campaign that its closed terminal or a refused worker cut short is no success."""
+    """Return the exit code; a campaign that was cut short by its closed terminal or a part that broke is no success."""
     cut = ended.why == f"signal {signal.SIGHUP.name}" and not ended.ended
     quiet = found.exit_code in {NOTHING_FOUND, NOTHING_JUDGED}
-    if ended.refused:
+    if ended.failed:
         out.complain("unavailable", ended.why)
         return INFRASTRUCTURE if quiet else found.exit_code
     return 128 + signal.SIGHUP if cut and quiet else found.exit_code
@@ -117,6 +121,7 @@ def _read(run: RunFolder, inputs: str) -> Conclusion:
     flights, violations = run.flights(), tuple(run.violations())
     return Conclusion(
         flown=Counter(row.purpose for row in flights),
+        budget=run.budget(),
         elapsed_s=run.elapsed_s(),
         cases=sum(endings.values()),
         set_aside=endings.get("quarantined", 0),
@@ -136,7 +141,9 @@ def _plain(found: Conclusion, ended: ExitSummary) -> dict[str, Any]:
     return {
         "ended": ended.ended,
         "why": ended.why,
+        "failed": ended.failed,
         "flights": found.flown["search"],
+        "budget": found.budget,
         "confirm_flights": found.flown["confirm"],
         "check_flights": found.flown["check"],
         "shrink_flights": found.flown["shrink"] + found.flown["shrunk"],
@@ -160,9 +167,11 @@ def _plain(found: Conclusion, ended: ExitSummary) -> dict[str, Any]:
 def _tell(found: Conclusion, ended: ExitSummary) -> None:
     good, similar, flaky = found.behaviours, found.standings["similar"], found.standings["flaky"]
     out.line()
-    out.line(f"{'ended' if ended.ended else 'stopped'}: {ended.why}")
+    flights = found.flown["search"]
+    short = f" ({flights} of {found.budget} flights)" if flights < found.budget else ""
+    out.line(f"{'ended' if ended.ended else 'stopped'}: {ended.why}{short}")
     out.line(
-        f"{found.flown['search']} flights in {found.elapsed_s:.0f} s ({_beside(found.flown)}); "
+        f"{flights} flights in {found.elapsed_s:.0f} s ({_beside(found.flown)}); "
         f"{len(good)} behaviours confirmed{_value(ended)}"
         + (f", {similar} finds more of them" if similar else "")
         + (f", {flaky} flaky" if flaky else "")

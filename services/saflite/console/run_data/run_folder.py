@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sqlite3
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
@@ -19,6 +19,7 @@ from saflite.campaign.storage.sqlite import connect_reading, damage_named
 from saflite.campaign.storage.store import store_file
 from saflite.console.run_data.embargo import Released, split
 from saflite.console.run_data.rows import ArtefactRow, FlightRow, ScoreRow, UsageRow
+from saflite.console.run_data.standing import Standing, standing
 from saflite.console.run_data.unproven import pending, unproven
 from saflite.console.view import out
 from saflite.contract import wire
@@ -26,7 +27,7 @@ from saflite.contract.blobs import BlobMissing, BlobRef
 from saflite.contract.circumstances import Circumstances, circumstances_of
 from saflite.contract.config import Campaign
 from saflite.contract.errors import Refused
-from saflite.contract.events import CampaignChanged, Event, Fact, word_of
+from saflite.contract.events import BudgetChanged, CampaignChanged, Event, Fact, word_of
 from saflite.contract.flight import Flight, Purpose, Trace, unpack_trace
 from saflite.contract.memory_faults import is_memory_fault
 from saflite.contract.names import recording_file
@@ -42,6 +43,7 @@ from saflite.recorder.summary import Finding, PolicyFacts, Rulings, RunSummary, 
 T = TypeVar("T")
 F = TypeVar("F", bound=Fact)
 EVENTS_AT_ONCE, ROUNDS_MAX = 500, 10**9
+NOTHING_FLOWN = "no test case could be flown and judged"
 
 
 class RunFolder:
@@ -65,6 +67,11 @@ class RunFolder:
     def close(self) -> None:
         """Let go of the store."""
         self._db.close()
+
+    def standing(self) -> Standing:
+        """Return how the run stands."""
+        with damage_named(self._file):
+            return standing(self.path, self._contents.last_change())
 
     # ---- what was found ------------------------------------------------------------------------------------------
 
@@ -98,6 +105,10 @@ class RunFolder:
         """Return the judgement on a flight, None if it was not judged."""
         with damage_named(self._file):
             return self._contents.judgement(name, flight_index)
+
+    def budget(self) -> int:
+        """Return how many first flights may be flown: as ordered last, else as the campaign has it."""
+        return next((fact.budget for fact in reversed(self.facts(BudgetChanged))), self.campaign.budget_flights)
 
     def endings(self) -> dict[str, int]:
         """Return how many test cases of the search ended in each state (held, confirmed, flaky, quarantined, ...)."""
@@ -174,19 +185,22 @@ class RunFolder:
     def summary(self, released: Released = ()) -> RunSummary:
         """Return the campaign's result as exports want it, of findings of memory safety the `released` ones only."""
         rulings, flights, violations = self.rulings(), self.flights(), self.violations()
-        found = self.findings()
+        found, endings, now = self.findings(), self.endings(), self.standing()
         shown, hidden = split(found, released)
         return RunSummary(
             campaign=self.campaign,
             policies=tuple(self._facts(name, rulings) for name in self.campaign.policies),
             findings=tuple(shown),
             flights=self.flown()["search"],
-            held=self.endings().get("held", 0),
+            held=endings.get("held", 0),
             elapsed_s=self.elapsed_s(),
             version=library_version("saflite-farm"),
             withheld=len(finds_of(hidden)),
             pending=Counter(one.policy for one in pending(flights, violations)),
             unproven=len(unproven(flights, violations)),
+            budget=self.budget(),
+            state=now.text,
+            failed=now.why if now.failed else NOTHING_FLOWN if all_set_aside(endings) else "",
         )
 
     def _facts(self, name: str, rulings: dict[str, Rulings]) -> PolicyFacts:
@@ -351,6 +365,11 @@ class RunFolder:
         for (value,) in self._rows("SELECT value FROM meta WHERE key = ?", key):
             return wire.decode(bytes(value), kind)
         raise Refused("books", where=str(self._file), expected=f"a store that names its {key}", got="nothing")
+
+
+def all_set_aside(endings: Mapping[str, int]) -> bool:
+    """Whether test cases ended, and none because it was flown and judged."""
+    return 0 < endings.get("quarantined", 0) == sum(endings.values())
 
 
 def tell_loss(run_dir: Path) -> None:

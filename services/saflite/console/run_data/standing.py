@@ -14,10 +14,11 @@ BY_ORDER = "stopped"  # what an operator's order to stop is told with (`campaign
 
 
 class Standing(NamedTuple):
-    """The state in one word, and why."""
+    """The state in one word, and why; `failed`: a part of the farm broke before the budget was flown."""
 
     state: str
     why: str = ""
+    failed: bool = False
 
     @property
     def text(self) -> str:
@@ -33,9 +34,10 @@ class Standing(NamedTuple):
 def standing(run_dir: Path, last: CampaignChanged | None) -> Standing:
     """Return how a run stands whose campaign changed last in this way; none: it never began."""
     if last is not None and last.state == "ended":
-        return Standing("ended", last.why)
+        return Standing("ended", last.why, last.failed)
     if not says_it_runs(run_dir):
-        return Standing(NOT_RUNNING, stop_note.read(run_dir))
+        note = stop_note.read(run_dir)
+        return Standing(NOT_RUNNING, note.removeprefix(stop_note.FAILED), note.startswith(stop_note.FAILED))
     return Standing("") if last is None else Standing(last.state, last.why)
 
 

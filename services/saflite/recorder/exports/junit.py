@@ -4,7 +4,8 @@ The smallest form of a find is named in the text of its test and is none of its 
 
 An unconfirmed find fails, too, and a policy that was violated in flights nobody has decided upon: neither confirmed nor
 refuted. A flaky violation is a skipped test with its rate, so that it shows without breaking a build; so is a policy
-whose rule applied in no flight: it was not put to the test.
+whose rule applied in no flight: it was not put to the test. A campaign that broke before its budget was flown, or of
+which nothing could be flown and judged, is an error: a test of its own.
 """
 
 from __future__ import annotations
@@ -39,13 +40,16 @@ def _suite(summary: RunSummary) -> Xml.Element:
     suite = Xml.Element(
         "testsuite",
         name=clean(summary.campaign.name),
-        tests=str(len(finds) + len(summary.pending) + len(held)),
+        tests=str(len(finds) + len(summary.pending) + len(held) + bool(summary.failed)),
         failures=str(len(failed) + len(summary.pending)),
-        errors="0",
+        errors=str(int(bool(summary.failed))),
         skipped=str(len(finds) - len(failed) + len(skipped)),
         time=f"{summary.elapsed_s:.3f}",
     )
     _properties(suite, summary)
+    if summary.failed:
+        case = Xml.SubElement(suite, "testcase", classname="campaign", name="flown to its end")
+        Xml.SubElement(case, "error", message=clean(summary.shortfall), type="campaign")
     for find in finds:
         _add(suite, find)
     for name, count in summary.pending.items():
@@ -74,6 +78,8 @@ def _properties(suite: Xml.Element, summary: RunSummary) -> None:
     properties = Xml.SubElement(suite, "properties")
     facts = {
         "flights": summary.flights,
+        "budget": summary.budget,
+        "state": summary.state,
         "test cases without violation": summary.held,
         "rng_seed": summary.campaign.rng_seed,
         "target": summary.campaign.target.name,

@@ -2,7 +2,8 @@
 
 Severity hard is an error, soft a warning; unconfirmed is a warning, flaky a note. Violations that nobody has decided
 upon are one result a policy, at the campaign. The fingerprint keeps results apart over runs. The smallest form of a
-find is a related location of its result, so counts are those of the report.
+find is a related location of its result, so counts are those of the report. Why the budget was not flown is a
+notification of the tool: an error, and the execution no success, where the campaign broke.
 """
 
 from __future__ import annotations
@@ -43,7 +44,17 @@ def to_sarif(summary: RunSummary) -> dict[str, Any]:
     }
     run = {
         "tool": {"driver": driver},
-        "properties": {"withheld": summary.withheld},
+        "properties": {"withheld": summary.withheld, "flights": summary.flights, "budget": summary.budget},
+        "invocations": [
+            {
+                "executionSuccessful": not summary.failed,
+                "toolExecutionNotifications": [
+                    {"level": "error" if summary.failed else "note", "message": {"text": told}}
+                    for told in (summary.shortfall,)
+                    if told
+                ],
+            }
+        ],
         "automationDetails": {"id": f"{summary.campaign.name}/{summary.campaign.rng_seed}"},
         "columnKind": "unicodeCodePoints",
         "results": [

@@ -15,13 +15,13 @@ from saflite.console.run_data.embargo import Released, split
 from saflite.console.run_data.in_force import InForce, in_force
 from saflite.console.run_data.rows import ArtefactRow, FlightRow, UsageRow
 from saflite.console.run_data.run_folder import RunFolder
-from saflite.console.run_data.standing import inputs_told, standing
+from saflite.console.run_data.standing import inputs_told
 from saflite.console.run_data.unproven import unproven
 from saflite.console.view.report import made
 from saflite.console.view.report.made import Made
 from saflite.contract.circumstances import Circumstances
 from saflite.contract.config import Campaign
-from saflite.contract.events import CampaignChanged, FaultSeen, Flown, Judged, Quarantined, ViolationFound
+from saflite.contract.events import FaultSeen, Flown, Judged, Quarantined, ViolationFound
 from saflite.contract.flight import Flight, Trace
 from saflite.contract.signals import MODES, UNNAMED_MODE
 from saflite.contract.target_info import TargetInfo
@@ -102,8 +102,7 @@ def read(run: RunFolder, released: Released = ()) -> ReportData:
     shown, kept_back = split(run.findings(), released)
     hidden = {one.violation.fingerprint for one in kept_back} - {one.violation.fingerprint for one in shown}
     exhibits = tuple(exhibit(run, one, by_case.get(one.violation.test_case, [])) for one in shown)
-    changes = run.facts(CampaignChanged)
-    now = standing(run.path, changes[-1] if changes else None)
+    now = run.standing()
     quarantined, faults = troubles(run)
     violations = run.violations()
     return ReportData(
