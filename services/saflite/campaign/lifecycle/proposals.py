@@ -22,7 +22,6 @@ MUTATE_LOSSES_MAX = 10
 """Attempts at one round that may be lost in a row: far more than kills and scaling down take, each of a few seconds."""
 
 SCORE_FAULTS_MAX = 2
-DRY_ROUNDS = 5
 FALLBACK_SCORE = 5.0
 
 
@@ -36,8 +35,6 @@ class Proposals:
         """Plan every round that may be planned now, and end the campaign when nothing is left to do."""
         core = self._core
         while core.state == "running" and core.rounds.may_plan():
-            if core.rounds.dry >= DRY_ROUNDS + core.rounds.search.lag:
-                break
             plan = core.rounds.next_plan()
             if plan is None:
                 break

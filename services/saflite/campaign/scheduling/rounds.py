@@ -3,7 +3,8 @@
 The budget counts first flights, one for each test case; re-flights, checks and shrinking are counted beside it. A round
 may fly fewer than it was planned with (too few candidates). Round r is planned on the exact costs of the rounds up to
 r - lag and on the plans of those in between, whatever has ended by then: so the plan does not depend on timing. Where
-these leave nothing over, a round stays empty until exact costs are known.
+these leave nothing over, a round stays empty until exact costs are known. Neither does it depend on timing when the
+strategy is asked no more for want of anything new: that, too, is read from the rounds up to r - lag.
 """
 
 from __future__ import annotations
@@ -18,6 +19,10 @@ from saflite.contract.test_case import TestCase
 from saflite.contract.work import Outcome
 
 Phase = Literal["mutating", "scoring", "scored", "flying", "closed"]
+
+
+DRY_ROUNDS = 6
+"""After so many rounds in a row without anything new to fly, known of when the next one is planned, none is."""
 
 
 class Plan(NamedTuple):
@@ -69,7 +74,7 @@ class Rounds:
         self.planned = 0  # rounds planned so far; the next one has this number
         self.closed_upto = -1  # every round up to this one is closed
         self.selected_upto = -1  # every round up to this one has its flights chosen
-        self.dry = 0  # rounds in a row, up to the last closed one, that found nothing new to fly
+        self.dry = 0  # rounds in a row, up to `_known_upto`, that found nothing new to fly
         self._known_cost = 0  # exact cost of the rounds up to `_known_upto`
         self._known_upto = -1
         self._costs: dict[int, tuple[int, int]] = {}  # number: (reserved, exact), of rounds not in `_known_cost` yet
@@ -80,8 +85,13 @@ class Rounds:
         return self.closed_upto >= self.planned - self.search.lag and (last is None or last.phase != "mutating")
 
     def next_plan(self) -> Plan | None:
-        """Return the plan of the next round; None if the budget leaves none, whatever the rounds under way cost."""
+        """Return the plan of the next round; None if the budget leaves none, whatever the rounds under way cost.
+
+        None, too, if the strategy had nothing new for too long.
+        """
         known = self._known(self.planned - self.search.lag)
+        if self.dry >= DRY_ROUNDS:
+            return None
         reserved = sum(reserve for number, (reserve, _) in self._costs.items() if number > self._known_upto)
         flights = min(self.search.flights_per_round, self.budget - known - reserved)
         if flights > 0:
@@ -103,8 +113,6 @@ class Rounds:
         while (first := self.under_way.get(self.closed_upto + 1)) is not None and first.phase == "closed":
             self.closed_upto += 1
             self.recent.append(self.under_way.pop(self.closed_upto))
-            if first.plan.flights:
-                self.dry = 0 if first.outcomes else self.dry + 1
 
     def next_to_select(self) -> Round | None:
         """Return the round whose flights are to be chosen now: rounds are chosen in order."""
@@ -134,5 +142,8 @@ class Rounds:
         """Return the exact cost of the rounds up to `upto`, all of which are closed."""
         while self._known_upto < upto:
             self._known_upto += 1
-            self._known_cost += self._costs.pop(self._known_upto)[1]
+            reserved, cost = self._costs.pop(self._known_upto)
+            self._known_cost += cost
+            if reserved:
+                self.dry = 0 if cost else self.dry + 1
         return self._known_cost
