@@ -53,6 +53,8 @@ def test_a_worker_whose_code_was_changed_ends_the_run_in_one_line(tmp_path: Path
     assert figures["clean"], figures["problems"]
     assert not (run_dir / "books.sqlite-wal").exists()
     assert (run_dir / "report.html").stat().st_size
+    with open_run(run_dir) as kept:
+        assert "fly-1 may not work for this run" in kept.summary().failed
     before = flights(run_dir)
     module.write_text(good)
     again = [*SAFLITE, "resume", "run", "--workers", "1", "--budget", str(before + 60)]

@@ -12,13 +12,15 @@ import pytest
 from saflite.bus.base import Inbox, Reply
 from saflite.campaign.presets.campaigns import template
 from saflite.campaign.storage.store import Store
+from saflite.console.run_data.run_folder import open_run
 from saflite.contract import wire
 from saflite.contract.config import Campaign
 from saflite.contract.control import Control
-from saflite.contract.errors import Refused
+from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.test_case import DEFAULT_TARGET, StartState
-from saflite.runtime.campaign_runner import Follower, check_build, resume
+from saflite.runtime.campaign_runner import NEVER, Follower, _work, check_build, resume
 from saflite.runtime.client import FarmClient
+from saflite.runtime.farm import LocalFarm, roles_of
 from saflite.simulator_worker.registry import describe_target
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "campaign"))
@@ -72,6 +74,28 @@ def test_others_are_not(case: str, tmp_path: Path) -> None:
     target = "known-elsewhere" if case == "unknown" else DEFAULT_TARGET
     run_dir = run_on(build, tmp_path / "run", target=target, budget=0 if case == "over" else 3)
     check_build(run_dir, flies_here=case != "elsewhere", goes_on=False)
+
+
+class _Breaks(LocalFarm):
+    """A farm of which all workers of a stage break again and again."""
+
+    def start(self) -> None:
+        """Begin."""
+
+    def poll(self) -> None:
+        """Break."""
+        raise Unavailable("score breaks again and again, 5 times so far")
+
+
+def test_why_a_farm_broke_stands_in_its_folder(tmp_path: Path) -> None:
+    run_dir = run_on("", tmp_path / "run")
+    with pytest.raises(Unavailable, match="again and again"):
+        _work(_Breaks("other-build", run_dir, roles_of({})), None, NEVER)
+    with open_run(run_dir) as run:
+        now = run.standing()
+        assert now.failed
+        assert now.text == "not running: score breaks again and again, 5 times so far"
+        assert run.summary().failed == now.why
 
 
 class _Books:
