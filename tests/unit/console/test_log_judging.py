@@ -15,6 +15,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "flight"))
 from log_bytes import KINDS, ardupilot_flight, dataflash
 
 from saflite.console.cli import main
+from saflite.console.operations.log_judging import judge_folder
 from saflite.flight.logs.dataflash import read_dataflash_log
 
 HEAD = "t_s,x,y,z,vx,vy,vz,roll_deg,pitch_deg,yaw_deg,nav_state,arming_state,landed\n"
@@ -112,3 +113,20 @@ def test_quiet_prints_what_is_wrong_and_one_line(tmp_path: Path, capsys: pytest.
     assert len(lines) == 2
     assert "upright -" in lines[0]
     assert lines[1] == "1 violated"
+
+
+def test_a_folder_holds_what_begins_as_a_log_whatever_its_name(tmp_path: Path) -> None:
+    (tmp_path / "00000042.log").write_bytes(ardupilot_flight())
+    (tmp_path / "flight").write_bytes(ardupilot_flight())
+    (tmp_path / "notes.txt").write_text("no log")
+    extract(tmp_path / "TABLE.CSV")
+    (tmp_path / "OTHER.CSV").write_text("a,b\n1,2\n")
+    told = [(one.path.name, one.refused) for one in judge_folder(tmp_path, None, ("upright",))]
+    assert told == [("00000042.log", ""), ("TABLE.CSV", ""), ("flight", "")]
+
+
+def test_a_recording_is_known_by_capitals_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "X.MCAP"
+    path.write_bytes(b"no recording")
+    assert main(["judge", str(path)]) == 2
+    assert ".trace, .ulg" not in capsys.readouterr().err

@@ -143,6 +143,17 @@ def test_of_the_test_cases_of_one_behaviour_the_smallest_is_meant(tmp_path: Path
     assert known.one_of(tmp_path, found.name, ()).name == found.name
 
 
+def test_of_a_run_one_of_each_behaviour_is_flown_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    steps = tuple(Stimulus(at_s=1.0 + at, kind="mode", name="RTL") for at in range(3))
+    found = msgspec.structs.replace(KNOWN, test_case=msgspec.structs.replace(KNOWN.test_case, stimuli=steps))
+    small = msgspec.structs.replace(KNOWN, name="7" * 16)
+    other = msgspec.structs.replace(KNOWN, policy="a-chute")
+    monkeypatch.setattr(known, "_of_run", lambda *_: [found, small, other])
+    assert known.read(tmp_path) == [small, other]
+    assert known.read(tmp_path, found.name) == [found, other], "one that is named is told as it is"
+    assert known.read(tmp_path, everything=True) == [found, small, other]
+
+
 def test_a_policy_file_is_judged_by_the_id_in_it(tmp_path: Path) -> None:
     known.keep([KNOWN], tmp_path)
     (file,) = beginning.begin("policy", "stays-below", tmp_path, force=False)

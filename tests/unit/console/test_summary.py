@@ -129,6 +129,7 @@ def test_a_run_in_which_the_rule_never_applied_says_so_and_no_number(
         assert {row.robustness for row in run.flights()} == {None}
         (path,) = export.export("junit", run.summary(), tmp_path / "junit")
     assert "applied in no flight" in path.read_text()
+    assert 'name="test cases without violation" value="6"' in path.read_text()
     assert main(["watch", str(run_dir), "--kind", "judged"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == 6

@@ -61,7 +61,7 @@ def judge_file(path: Path, case_path: Path | None, policies: tuple[str, ...]) ->
     Raises:
         Refused: the file cannot be read, or a policy is unknown.
     """
-    if path.suffix == ".mcap":
+    if path.suffix.lower() == ".mcap":
         found = recording.read(path)
         case = cases.load_case(case_path) if case_path else found.test_case
         return Judged(path, case, found.flight, judge(case, found.flight, found.trace, policies or policies_for("")))
@@ -78,9 +78,7 @@ def judge_folder(folder: Path, case_path: Path | None, policies: tuple[str, ...]
 
     Raises Refused if there is none.
     """
-    paths = sorted(
-        path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES and path.is_file() and _is_log(path)
-    )
+    paths = sorted(path for path in folder.rglob("*") if path.is_file() and _is_log(path))
     if not paths:
         raise Refused("folder of logs", where=str(folder), expected=f"files {', '.join(SUFFIXES)}", got="none")
     for path in paths:
@@ -91,7 +89,9 @@ def judge_folder(folder: Path, case_path: Path | None, policies: tuple[str, ...]
 
 
 def _is_log(path: Path) -> bool:
-    return path.suffix != ".csv" or is_extract(path)
+    """Whether it is known by what it begins with, or by the end of its name; a table is one if it tells a flight."""
+    suffix = path.suffix.lower()
+    return is_extract(path) if suffix == ".csv" else suffix in SUFFIXES or files.begins_as_log(path)
 
 
 def exit_code(judged: Iterable[Judged]) -> int:

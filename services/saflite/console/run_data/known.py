@@ -60,12 +60,17 @@ class Known(msgspec.Struct, frozen=True, kw_only=True):
 def read(place: Path, wanted: str = "", *, everything: bool = False) -> list[Known]:
     """Return the known violations of a run folder or corpus, those whose fingerprint or test case begins so.
 
+    Of a find and the smallest form made of it, which violate in one way, the smaller is told, unless one is named.
     `everything`: of a run the flaky and unconfirmed ones, too.
 
     Raises:
         Refused: neither stands there, a file is damaged, or nothing is called so.
     """
-    found = _corpus(place) if place.is_dir() and _files(place) else _of_run(place, everything)
+    if place.is_dir() and _files(place):
+        found = _corpus(place)
+    else:
+        found = _of_run(place, everything)
+        found = found if wanted or everything else _smallest(found)
     chosen = [one for one in found if one.fingerprint.startswith(wanted) or one.name.startswith(wanted)]
     if wanted and not chosen:
         raise no_violation([one.fingerprint for one in found], wanted, str(place))
@@ -126,6 +131,15 @@ def _of_run(run_dir: Path, everything: bool) -> list[Known]:
             )
             for one in chosen
         ]
+
+
+def _smallest(found: Sequence[Known]) -> list[Known]:
+    """Return of those that violate one policy in one way the one that takes the least."""
+    least: dict[tuple[str, str], Known] = {}
+    for one in found:
+        key = (one.fingerprint, one.policy)
+        least[key] = min(least.get(key, one), one, key=_size)
+    return list(least.values())
 
 
 def _also(judgement: Judgement | None, violation: Violation) -> tuple[str, ...]:

@@ -192,7 +192,7 @@ class RunFolder:
             policies=tuple(self._facts(name, rulings) for name in self.campaign.policies),
             findings=tuple(shown),
             flights=self.flown()["search"],
-            held=endings.get("held", 0),
+            held=sum(endings.get(word, 0) for word in ("held", "vacuous", "inconclusive")),
             elapsed_s=self.elapsed_s(),
             version=library_version("saflite-farm"),
             withheld=len(finds_of(hidden)),

@@ -47,16 +47,28 @@ def kind_of(path: Path) -> str:
 
     Raises Refused for none of them.
     """
+    kind = _begins_as(path)
+    if kind:
+        return kind
+    kind = _SAME.get(path.suffix.lower(), path.suffix.lower())
+    if kind not in READERS:
+        raise Refused("flight log", where=str(path), expected=", ".join(READERS), got=path.suffix or "no suffix")
+    return kind
+
+
+def begins_as_log(path: Path) -> bool:
+    """Return whether a file begins as a log of an autopilot does, whatever its name."""
+    return bool(_begins_as(path))
+
+
+def _begins_as(path: Path) -> str:
     with suppress(OSError), path.open("rb") as file:
         start = file.read(len(ULOG_MAGIC))
         if start.startswith(ULOG_MAGIC):
             return ".ulg"
         if start.startswith(DATAFLASH_HEAD):
             return ".bin"
-    kind = _SAME.get(path.suffix.lower(), path.suffix.lower())
-    if kind not in READERS:
-        raise Refused("flight log", where=str(path), expected=", ".join(READERS), got=path.suffix or "no suffix")
-    return kind
+    return ""
 
 
 @contextmanager

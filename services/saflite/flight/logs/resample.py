@@ -16,6 +16,8 @@ STEP_S = 0.05
 HOLE_S = 5.0
 """Between samples farther apart nobody knows what a signal was; drawn as a line it would pass for evidence."""
 DURATION_MAX_S = 4 * 3600.0
+BACK_S, BACK_ROWS = 1.0, 10
+"""A clock that goes back so far, with so many rows on either side that share their time, has started over."""
 POSITION = ("x_m", "y_m", "altitude_m")
 _MEASURED_FROM = {"altitude_target_m": "altitude_m", "baro_altitude_m": "baro_altitude_m"}
 
@@ -47,8 +49,12 @@ class Columns:
         return name in self._columns
 
     def add(self, name: str, times_s: Any, values: Any) -> None:
-        """Add one column, shapes (n,); a later one of the same name replaces it."""
+        """Add one column, shapes (n,); a later one of the same name replaces it.
+
+        Raises ValueError where its time starts over: two flights must not be taken for one.
+        """
         times, given = _as_arrays(times_s, values)
+        _check_goes_on(name, times)
         self._put(name, times, given, np.isfinite(given))
 
     def hold(self, name: str, times_s: Any, values: Any) -> None:
@@ -164,3 +170,16 @@ def _unknown(times: Array, at: Array) -> NDArray[np.bool_]:
     after = np.searchsorted(at, times + 1e-9, side="right")
     earlier, later = at[np.maximum(after - 1, 0)], at[np.minimum(after, len(at) - 1)]
     return (later - earlier > hole_s) & (times > earlier + 1e-9) | (earlier - times > hole_s) | (times - later > hole_s)
+
+
+def _check_goes_on(name: str, times_s: Array) -> None:
+    """Raise ValueError where a column, in the order of the log, begins anew; a row of a wrong time does not."""
+    times = times_s[np.isfinite(times_s)]
+    for at in np.flatnonzero(np.diff(times) < -BACK_S)[:1_000]:
+        end_s, again_s = times[at], times[at + 1]
+        before, after = times[: at + 1] > again_s + BACK_S, times[at + 1 :] < end_s - BACK_S
+        if min(np.count_nonzero(before), np.count_nonzero(after)) >= BACK_ROWS:
+            raise ValueError(
+                f"the time of {name} starts over at {again_s:.1f} s after {end_s:.1f} s: two flights in one file; "
+                "cut it there, and judge them one by one"
+            )

@@ -155,6 +155,7 @@ def _load(path: Path) -> _Load:
                 expected="a ULog file",
                 got=f"{start[:8]!r} at its start" if start else "an empty file",
             )
+        _check_one(path)
         log = _bounded()(str(path), _WANTED)
     except (OSError, ValueError, TypeError, LookupError, AttributeError, struct.error, ULogException) as fault:
         raise Refused("PX4 log", where=str(path), expected="a whole ULog file", got=repr(fault)) from fault
@@ -164,6 +165,14 @@ def _load(path: Path) -> _Load:
     changes = [(stamp / 1e6, str(name), float(value)) for stamp, name, value in log.changed_parameters]
     lost = (DAMAGED,) if log.file_corruption else ()
     return _Load(topics, texts, parameters, changes, log.start_timestamp / 1e6, lost)
+
+
+def _check_one(path: Path) -> None:
+    """Raise Refused for logs put one behind the other: the library reads the first and says nothing of the rest."""
+    data = path.read_bytes()
+    if (second := data.find(_MAGIC, len(_MAGIC))) >= 0:
+        got = f"another that begins at byte {second}; cut it there, and judge them one by one"
+        raise Refused("PX4 log", where=str(path), expected="one ULog file", got=got)
 
 
 def _bounded() -> Any:
