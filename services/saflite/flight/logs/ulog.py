@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Container, Mapping
+from mmap import ACCESS_READ, mmap
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -169,8 +170,9 @@ def _load(path: Path) -> _Load:
 
 def _check_one(path: Path) -> None:
     """Raise Refused for logs put one behind the other: the library reads the first and says nothing of the rest."""
-    data = path.read_bytes()
-    if (second := data.find(_MAGIC, len(_MAGIC))) >= 0:
+    with path.open("rb") as file, mmap(file.fileno(), 0, access=ACCESS_READ) as data:
+        second = data.find(_MAGIC, len(_MAGIC))
+    if second >= 0:
         got = f"another that begins at byte {second}; cut it there, and judge them one by one"
         raise Refused("PX4 log", where=str(path), expected="one ULog file", got=got)
 
