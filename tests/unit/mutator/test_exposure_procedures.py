@@ -16,7 +16,7 @@ from saflite.flight.autopilots.reference.describe import describe
 from saflite.mutator.exposure.attention import read_spans
 from saflite.mutator.exposure.drawing import ENDS, Drawing, Shares
 from saflite.mutator.exposure.hints import Hint
-from saflite.mutator.exposure.procedures import Move, Procedure, moves, read_procedures
+from saflite.mutator.exposure.procedures import Move, Procedure, broken_off, moves, read_procedures
 from saflite.mutator.exposure.taken import Taken
 from saflite.mutator.exposure.vocabulary import Vocabulary
 from saflite.mutator.operators.commands import DEG_PER_M, HOME_LAT_DEG, HOME_LON_DEG
@@ -126,7 +126,7 @@ def test_those_of_policies_that_are_not_searched_are_left_out() -> None:
 
 
 def test_a_phase_follows_a_procedure_and_takes_back_what_it_gave() -> None:
-    text = "a-rtl1 air 20; RTL_ALT 777; GUIDED; wait 5; RC1 1900; wait 2; RTL; wait 9"
+    text = "a-rtl1 air 20; RTL_ALT 777; GUIDED; wait 5; RC1 1913; wait 2; RTL; wait 9"
     searching = strategy(procedures=[text], followed=1.0, kept=0.0, routed=0.0)
     seen = 0
     for case in searching.ask(60, derive(1, "ask")):
@@ -134,16 +134,52 @@ def test_a_phase_follows_a_procedure_and_takes_back_what_it_gave() -> None:
         if not spans or spans[0].policy != "a-rtl1":
             continue
         height = [one.at_s for one in case.stimuli if one.name == "RTL_ALT" and one.values == (777.0,)]
-        stick = [one.at_s for one in case.stimuli if one.name == "RC1" and one.values == (1900.0,)]
-        home = [one.at_s for one in case.stimuli if one.name == "RTL"]
+        stick = [one.at_s for one in case.stimuli if one.name == "RC1" and one.values == (1913.0,)]
+        home = [one.at_s for one in case.stimuli if one.name == "RTL" and stick and one.at_s > stick[0]]
         back = [one.at_s for one in case.stimuli if one.name == "RC1" and one.values == (1500.0,)]
         if not (height and stick and home and back):  # cut off by the end of the flight
             continue
         seen += 1
         assert height[0] < stick[0] < home[0] < back[0]
-        assert home[0] - stick[0] >= 2.0
-        assert back[0] - home[0] >= 8.9  # times are rounded
+        assert home[0] - stick[0] >= 1.98  # times are rounded
+        assert back[0] - home[0] >= 8.9
     assert seen > 5
+
+
+def test_one_may_begin_while_another_is_under_way_and_all_is_taken_back() -> None:
+    texts = ["a-rtl1 air 20; GUIDED; wait 5; RTL; wait 9", "upright air 20; SIM_GPS_DISABLE 1; wait 40; LAND; wait 3"]
+    settings = {"procedures": texts, "followed": 1.0, "kept": 0.0, "routed": 0.0, "faults": 0.0, "own": 1.0}
+    crossed = dict.fromkeys((0.0, 1.0), 0)
+    for share in crossed:
+        for case in strategy(**settings, crossed=share).ask(60, derive(1, "ask")):
+            spans = [span for span in read_spans(case.origin.note) if span.policy in ("a-rtl1", "upright")]
+            if not spans or spans[0].policy != "a-rtl1":
+                continue
+            until_s = spans[1].from_s if len(spans) > 1 else math.inf
+            own = [one for one in case.stimuli if spans[0].from_s <= one.at_s < until_s]
+            lost = [one for one in own if one.name == "SIM_GPS_DISABLE"]
+            home = [one for one in own if one.name == "RTL"]
+            if not home or not lost or lost[0].at_s > home[0].at_s:
+                continue
+            crossed[share] += 1
+            assert home[0].at_s - lost[0].at_s < 50.0
+            if len(spans) > 1:
+                assert lost[-1].values == (0.0,)
+    assert crossed[0.0] == 0
+    assert crossed[1.0] > 3
+
+
+def test_what_is_broken_off_stops_within_a_step() -> None:
+    steps = drawn("air 20; LOITER; wait 20; RTL_ALT 777; wait 10; RTL; wait 30")
+    ends = set()
+    for seed in range(60):
+        kept = broken_off(derive(seed, "broken off"), steps)
+        ends.add(len(kept))
+        assert [one.stimulus for one in kept] == [one.stimulus for one in steps[: len(kept)]]
+        assert [one.after_s for one in kept[:-1]] == [one.after_s for one in steps[: len(kept) - 1]]
+        assert 0.0 <= kept[-1].after_s <= steps[len(kept) - 1].after_s
+    assert ends == {1, 2, 3}
+    assert broken_off(derive(1, "broken off"), []) == []
 
 
 def test_one_that_needs_height_is_brought_there_from_wherever_the_vehicle_flies() -> None:

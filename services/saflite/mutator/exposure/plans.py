@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from saflite.mutator.exposure.hints import Hint
-from saflite.mutator.exposure.procedures import GROUND, Procedure
+from saflite.mutator.exposure.procedures import AIR, GROUND, Procedure
 from saflite.mutator.exposure.state_model import StateModel
 from saflite.mutator.exposure.survival import Survival
 
@@ -18,10 +18,14 @@ GROUND_ORDERS, GROUND_LIFTS = 0.2, 0.5  # how much later an order on the ground 
 
 
 class Task(NamedTuple):
-    """A phase to be written: for which policy, and by which procedure of its own (None: drawn freely)."""
+    """A phase to be written: for which policy, and by which procedure of its own (None: drawn freely).
+
+    `begun` is a procedure of another policy that is under way as its own begins (None: none is).
+    """
 
     hint: Hint
     procedure: Procedure | None = None
+    begun: Procedure | None = None
 
     @property
     def begins(self) -> str:
@@ -37,14 +41,25 @@ class Task(NamedTuple):
 class Planner:
     """Decides which phases follow a procedure and which come last, from what earlier flights showed."""
 
-    def __init__(self, states: StateModel, survival: Survival, followed: float) -> None:
-        """Take what is learnt; `followed` is the share of phases that follow a procedure where there are some."""
-        self._states, self._survival, self._followed = states, survival, followed
-        self._procedures: Mapping[str, Sequence[Procedure]] = {}
+    def __init__(self, states: StateModel, survival: Survival, followed: float, crossed: float) -> None:
+        """Take what is learnt and two shares.
 
-    def tell_of(self, procedures: Mapping[str, Sequence[Procedure]]) -> None:
-        """Take the procedures of all policies."""
+        `followed` of the phases follow a procedure where there are some; `crossed` of those in the air begin while
+        another one is under way.
+        """
+        self._states, self._survival, self._followed, self._crossed = states, survival, followed, crossed
+        self._procedures: Mapping[str, Sequence[Procedure]] = {}
+        self._begun: Sequence[Sequence[Procedure]] = ()
+
+    def tell_of(self, hints: Sequence[Hint], procedures: Mapping[str, Sequence[Procedure]]) -> None:
+        """Take the procedures of all policies, and which failsafes these are about."""
         self._procedures = procedures
+        about: dict[str, list[Procedure]] = {}
+        for hint in hints:
+            kept = [one for one in procedures.get(hint.policy, ()) if one.begins == AIR and not one.last]
+            for word in hint.raised or ("",):
+                about.setdefault(word, []).extend(kept)
+        self._begun = [kept for _, kept in sorted(about.items()) if kept]
 
     def in_turn(self, rng: Rng, hints: Sequence[Hint]) -> list[Task]:
         """Return a task for each policy in the order of their phases: on the ground first, what ends there late.
@@ -60,7 +75,18 @@ class Planner:
         known = self._procedures.get(hint.policy, ())
         if not known or rng.random() >= self._followed:
             return Task(hint)
-        return Task(hint, known[int(rng.integers(len(known)))])
+        own = known[int(rng.integers(len(known)))]
+        if own.begins != AIR or rng.random() >= self._crossed:
+            return Task(hint, own)
+        return Task(hint, own, self._other(rng, own))
+
+    def _other(self, rng: Rng, own: Procedure) -> Procedure | None:
+        """Return one in the air of another policy: each failsafe, and none, alike, however many are about it."""
+        others = [kept for about in self._begun if (kept := [one for one in about if one.policy != own.policy])]
+        if not others:
+            return None
+        about = others[int(rng.integers(len(others)))]
+        return about[int(rng.integers(len(about)))]
 
     def down(self, task: Task, mode: str, before: float) -> float:
         """Return how likely the vehicle stands on the ground after a task, and how likely it did `before`."""
@@ -69,7 +95,7 @@ class Planner:
         return 1.0 - (1.0 - stood) * (1.0 - max(sunk, self._survival.comes_down(task.hint.policy)))
 
     def _late(self, task: Task) -> float:
-        hint, procedure = task
+        hint, procedure = task.hint, task.procedure
         if task.begins == GROUND:
             lifts = procedure is not None and procedure.lifts
             return GROUND_ORDERS * bool(hint.orders()) + GROUND_LIFTS * lifts - 1.0

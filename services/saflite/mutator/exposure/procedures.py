@@ -176,6 +176,14 @@ def moves(rng: Rng, procedure: Procedure, drawing: Drawing) -> list[Move]:
     return made
 
 
+def broken_off(rng: Rng, steps: Sequence[Move]) -> list[Move]:
+    """Return the steps up to any of them, the time after which is cut short, too: what they began is under way."""
+    kept = list(steps[: 1 + int(rng.integers(len(steps)))]) if steps else []
+    if kept:
+        kept[-1] = kept[-1]._replace(after_s=kept[-1].after_s * float(rng.random()))
+    return kept
+
+
 def _given(rng: Rng, step: Step, drawing: Drawing) -> Stimulus:
     entry = step.entries[int(rng.integers(len(step.entries)))]
     if step.usual:

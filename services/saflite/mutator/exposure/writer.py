@@ -18,7 +18,7 @@ from saflite.mutator.exposure.hints import Hint
 from saflite.mutator.exposure.phases import PAUSE_S, SET_PAUSE_S, Phase, Script, Stimuli, Tempo
 from saflite.mutator.exposure.plans import Planner, Task
 from saflite.mutator.exposure.probes import Probes, beyond
-from saflite.mutator.exposure.procedures import AIR, GROUND, Move, Procedure, moves
+from saflite.mutator.exposure.procedures import AIR, GROUND, Move, Procedure, broken_off, moves
 from saflite.mutator.exposure.recipes import Recipe, Recipes
 from saflite.mutator.exposure.state_model import StateModel
 from saflite.mutator.exposure.taken import Taken
@@ -103,7 +103,7 @@ class Writer:
             if task.procedure is None:
                 mode = self.phase(rng, script, style, mode)
             else:
-                mode = self._follow(rng, script, style, task.procedure, mode)
+                mode = self._follow(rng, script, style, task, task.procedure, mode)
             down = self._plans.down(task, mode, down)
         return script.stimuli(), tuple(spans)
 
@@ -121,10 +121,12 @@ class Writer:
             script.give(order or self._drawing.draw(self._drawing.style(rng, hint), rng))
         return script.stimuli()
 
-    def _follow(self, rng: Rng, script: Script, style: Style, procedure: Procedure, mode: str) -> str:
+    def _follow(self, rng: Rng, script: Script, style: Style, task: Task, procedure: Procedure, mode: str) -> str:
         """Write a procedure as a phase, with a setting of the rule's moved or a few inputs more; return its mode."""
         own = [entry for entry in (*style.hint.read, *style.hint.inputs) if entry.kind == "parameter"]
         steps = moves(rng, procedure, self._drawing)
+        if task.begun is not None:
+            steps = [*broken_off(rng, moves(rng, task.begun, self._drawing)), *steps]
         if own and rng.random() < SET_BEFORE:
             steps.insert(0, Move(self._drawing.moved(rng, own[int(rng.integers(len(own)))]), SET_PAUSE_S[0]))
         for _ in range(ADDED_MAX):

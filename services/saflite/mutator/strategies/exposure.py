@@ -69,6 +69,7 @@ class Strategy:
         ),
         "procedures": Option([], f"how rules are put to the test: {PROCEDURE_SHAPE}"),
         "followed": Option(0.6, "share of phases that follow a procedure of their policy where it has some", 0, 1),
+        "crossed": Option(0.3, "share of these, in the air, that begin while one of another policy is under way", 0, 1),
         "own": Option(0.75, "share of inputs from the policy's own list; the rest from all the target has", 0, 1),
         "starts": Option(0.3, "share of fresh test cases that begin in any mode at any height", 0, 1),
         "missions": Option(0.0, "share of fresh test cases that fly a short mission", 0, 1),
@@ -121,8 +122,9 @@ class Strategy:
         shares = Shares(*(self._chosen.real(name) for name in Shares._fields))
         self._drawing = Drawing(self._vocabulary, self._rest, shares)
         self._recipes = Recipes({hint.policy: hint.quiet_s for hint in hints})
-        self._plans = Planner(self._states, self._survival, self._chosen.real("followed"))
-        self._plans.tell_of(read_procedures(self._chosen.words("procedures"), policies, self._have))
+        followed, crossed = self._chosen.real("followed"), self._chosen.real("crossed")
+        self._plans = Planner(self._states, self._survival, followed, crossed)
+        self._plans.tell_of(hints, read_procedures(self._chosen.words("procedures"), policies, self._have))
         memory = Memory(self._states, self._recipes, self._taken, self._plans)
         self._writer = Writer(self._have, self._drawing, self._probes, memory, self._chosen.real("recalled"))
         self._writer.tell_of(hints)
