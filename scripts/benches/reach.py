@@ -18,6 +18,7 @@ import sys
 import tempfile
 from collections import Counter
 from collections.abc import Sequence
+from functools import cached_property
 from math import comb
 from multiprocessing import get_context
 from pathlib import Path
@@ -66,14 +67,22 @@ def proposed(arm: str, rng_seed: int, cases: int) -> list[TestCase]:
     return list(flights.cases.values())[:cases]
 
 
-def flown(case: TestCase) -> tuple[Trace | None, frozenset[str]]:
-    """Return the trace of a flight and the rules it breaks."""
-    record = fly_once(case)
-    if record.trace is None:
-        return None, frozenset()
-    flight = Flight(test_case="", flight_index=0, ending=record.ending, delivered=record.delivered)
-    verdicts = judge(case, flight, record.trace, policy_names()).verdicts
-    return record.trace, frozenset(one.policy for one in verdicts if one.outcome == "violated")
+class Flown:
+    """A flight, and the rules it breaks once somebody asks."""
+
+    def __init__(self, case: TestCase) -> None:
+        self._case = case
+        self._record = fly_once(case)
+        self.trace: Trace | None = self._record.trace
+
+    @cached_property
+    def broken(self) -> frozenset[str]:
+        """The rules it breaks: none where there is no trace."""
+        if self.trace is None:
+            return frozenset()
+        flight = Flight(test_case="", flight_index=0, ending=self._record.ending, delivered=self._record.delivered)
+        verdicts = judge(self._case, flight, self.trace, policy_names()).verdicts
+        return frozenset(one.policy for one in verdicts if one.outcome == "violated")
 
 
 class Pairs:
@@ -81,17 +90,17 @@ class Pairs:
 
     def __init__(self) -> None:
         self._of = ""
-        self._clean: tuple[Trace | None, frozenset[str]] = (None, frozenset())
+        self._clean: Flown | None = None
 
     def reach(self, pair: Pair) -> Reached:
-        """Fly a test case with a fault."""
-        if self._of != identity(pair.case):
-            self._of, self._clean = identity(pair.case), flown(pair.case)
-        clean, broken = self._clean
+        """Fly a test case with a fault; judged is what differs from the flight without it."""
+        if self._clean is None or self._of != identity(pair.case):
+            self._of, self._clean = identity(pair.case), Flown(pair.case)
         with planted([rule_faults()[pair.fault].patch]):
-            trace, seen = flown(pair.case)
-        differs = trace is None or clean is None or _differ(clean, trace)
-        return Reached(pair.fault, differs, tuple(sorted(seen - broken)) if differs else ())
+            faulty = Flown(pair.case)
+        if faulty.trace is not None and self._clean.trace is not None and not _differ(self._clean.trace, faulty.trace):
+            return Reached(pair.fault, differs=False, seen_by=())
+        return Reached(pair.fault, differs=True, seen_by=tuple(sorted(faulty.broken - self._clean.broken)))
 
 
 PAIRS = Pairs()  # one in each process

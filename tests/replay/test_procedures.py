@@ -27,7 +27,7 @@ SPEAKS_WHEN_BROKEN = {
     *(("armed-in-flight", place) for place in range(3)),
     *(("arming-needs-position", place) for place in (0, 1)),
     ("arming-has-order", 0),
-    *(("fence-not-breached", place) for place in range(3)),
+    *(("fence-not-breached", place) for place in range(4)),
     *(("takeoff-from-ground", place) for place in (0, 1)),
     *(("landed-on-ground", place) for place in (0, 1)),
     ("place-needs-position", 1),
@@ -39,10 +39,10 @@ ONLY_WHEN_BROKEN = {
     **{name: {0} for name in ("armed-in-flight", "arming-has-order", "arming-needs-position", "landed-on-ground")},
     "acro-sticks": {10, 11, 12, 13},  # a stick held, and the vehicle still not leaning its way
     "arming-checks": {1},  # armed with a voltage too low
-    "disarm-delay": {2},
+    "disarm-delay": {2, 3},
     "failsafe-has-cause": set(range(6)),
     "fence-action": {1},  # PX4 alone holds before it acts
-    "fence-not-breached": {0, 1},
+    "fence-not-breached": {0, 1, 2},
     "order-taken": {6, 7},  # orders to a mission, which no procedure flies
     "mirrored-alike": {2},  # a mission
     "place-needs-position": {0, 1},

@@ -103,7 +103,7 @@ SIGNALS: dict[str, Signal] = {
     # how far the twin of a test case flew from it at the same moment, turned back; written where a twin was flown
     "twin": Signal(
         "",
-        "which twin flies: 1 turned by a right angle, 2 without what was refused, 3 without what came before, "
+        "which twin flies: 1 turned by a right angle, 2 without what does nothing, 3 without what came before, "
         "4 mirrored, 5 by another radio",
         "code",
     ),

@@ -29,7 +29,8 @@ class InputInfo(msgspec.Struct, frozen=True, kw_only=True):
     """One thing that can be given to a target, before the start (parameters) or during the flight.
 
     `low` and `high` bound the documented range, None where none is known; `choices` are the values of a `choice`.
-    `at_start`: it acts when the flight starts only, and is given at 0 s. `link` is what it takes to give it.
+    `at_start`: it acts when the flight starts only, and is given at 0 s. `restart`: it may be given in flight, too, but
+    acts at the next start only. `link` is what it takes to give it.
     """
 
     kind: StimulusKind
@@ -42,6 +43,7 @@ class InputInfo(msgspec.Struct, frozen=True, kw_only=True):
     default: Number | None = None
     meaning: Text = ""
     at_start: bool = False
+    restart: bool = False
     link: Link = ""
 
 

@@ -33,7 +33,7 @@ Twin = Literal["", "turned", "idle", "afresh", "mirrored", "recalibrated"]
 """A second flight that must go as the first, and what is changed in it (metamorphic testing, Chen et al. 1998).
 
 turned  everything is turned about the take-off point by a right angle: the start, places, headings, wind, boxes
-idle    what the autopilot refused is not given at all
+idle    what the autopilot refused, or what acts at the next start only, is not given at all
 afresh  only settings are given until the vehicle is ordered for the last time to a place where nothing follows for 12 s
 mirrored      left and right are exchanged: the start, places, headings, sticks, turns, wind, boxes
 recalibrated  the pilot's radio sends longer or shorter pulses, and the autopilot is calibrated for them
@@ -209,7 +209,7 @@ def stimulus_text(stimulus: Stimulus) -> str:
 
 TWIN_WORDS: dict[Twin, str] = {
     "turned": "turned by a right angle",
-    "idle": "without what was refused",
+    "idle": "without what was refused or waits for a restart",
     "afresh": "without what came before",
     "mirrored": "with left and right exchanged",
     "recalibrated": "by a radio of another calibration",

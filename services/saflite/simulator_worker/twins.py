@@ -1,8 +1,8 @@
 """A second flight that must go as the first: which one it is, and how far from the first it went.
 
 Some faults show in no flight alone, since nobody can say what the right flight would be. But turned by a right angle,
-mirrored, by another radio, without what was refused, or without what came before it must be the same (metamorphic
-testing, Chen et al. 1998; Segura et al. 2016).
+mirrored, by another radio, without what does nothing in it, or without what came before it must be the same
+(metamorphic testing, Chen et al. 1998; Segura et al. 2016).
 """
 
 from __future__ import annotations
@@ -75,8 +75,17 @@ def _second(info: TargetInfo, test_case: TestCase, record: FlightRecord) -> Seco
         return None if second is None else Second(second)
     if test_case.twin == "afresh":
         return afresh(plain, rest, denied)
-    kept = tuple(one for index, one in enumerate(plain.stimuli) if index not in denied)
-    return Second(msgspec.structs.replace(plain, stimuli=kept)) if denied else None
+    return _idle(plain, denied, {entry.name for entry in info.inputs if entry.kind == "parameter" and entry.restart})
+
+
+def _idle(test_case: TestCase, denied: set[int], waiting: set[str]) -> Second | None:
+    """Return the flight without what does nothing in it: refused, or a setting that acts at the next start."""
+    kept = tuple(
+        one
+        for index, one in enumerate(test_case.stimuli)
+        if index not in denied and not (one.kind == "parameter" and one.name in waiting)
+    )
+    return Second(msgspec.structs.replace(test_case, stimuli=kept)) if len(kept) < len(test_case.stimuli) else None
 
 
 def _apart(test_case: TestCase, first: Trace, second: Trace, from_s: float) -> dict[str, bytes]:

@@ -19,6 +19,7 @@ from saflite.flight.autopilots.reference.autopilot import Autopilot
 from saflite.flight.autopilots.reference.commands import MavResult
 from saflite.flight.autopilots.reference.describe import describe
 from saflite.flight.autopilots.reference.modes.circle import Circle
+from saflite.flight.autopilots.reference.parameters import parameter_table
 from saflite.flight.autopilots.reference.radio import Radio
 from saflite.oracle.judge import judge
 from saflite.simulator_worker.afresh import afresh
@@ -83,6 +84,15 @@ def test_a_turn_that_is_refused_and_flown_shows(monkeypatch: pytest.MonkeyPatch)
     number, row = next((number, row) for number, row in commands.command_table().items() if row.name in TURN.name)
     monkeypatch.setitem(commands.command_table(), number, row._replace(handler=refused))
     assert verdict(case("GUIDED", TURN, twin="idle"), "refused-does-nothing") == "violated"
+
+
+def test_what_waits_for_a_restart_does_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    source = Stimulus(at_s=1.0, kind="parameter", name="EK2_ALT_SOURCE", values=(2.0,))
+    glitch = Stimulus(at_s=4.0, kind="sensor_fault", name="SIM_GPS_GLITCH_Z", values=(12.0,))
+    flight = case("LOITER", source, glitch, twin="idle")
+    assert verdict(flight, "refused-does-nothing") == "held"
+    monkeypatch.setitem(parameter_table(), source.name, parameter_table()[source.name]._replace(reboot=False))
+    assert verdict(flight, "refused-does-nothing") == "violated"
 
 
 PLACE = (0.0, 0.0, 0.0, 0.0, 47.3978, 8.5456, 25.0)

@@ -110,7 +110,7 @@ POLICY_WORDS: Words = {
         "start": "Where a search begins, if it flies no mission.",
         "procedures": "How it is put to the test, step by step, as a flight tester would (deploy/docs/own-policy.md).",
         "needs_mission": "Whether a search must fly a mission.",
-        "twin": "A second flight to compare with: `turned` by a right angle, `idle` (without what was refused), "
+        "twin": "A second flight to compare with: `turned` by a right angle, `idle` (without what does nothing), "
         "or `afresh` (without what came before).",
         "not_checked_on": "Targets it cannot be checked on, with the reason.",
         "deviations": "Where the rule departs from its source, and why.",

@@ -103,6 +103,7 @@ def _parameter(row: Parameter) -> InputInfo:
         type="whole" if whole else "real",
         default=float(row.default),
         meaning=row.meaning + (" (acts at the next start)" if row.reboot else ""),
+        restart=row.reboot,
     )
 
 
