@@ -76,7 +76,8 @@ class RunSummary(NamedTuple):
     `withheld` counts findings of memory safety that are not among `findings`: they are reported in private first.
     `pending` counts by policy the test cases that violated it and have not been decided upon; `unproven` all violations
     that are neither confirmed nor refuted, the unconfirmed findings among them. `state` says in words how the run
-    stands and why, `failed` what broke before the `budget` of first flights was flown and judged, empty if nothing did.
+    stands and why, `failed` what broke before the `budget` of first flights was flown and judged, empty if nothing did;
+    a run that was killed broke. `unfinished`: it still works, or was interrupted.
     """
 
     campaign: Campaign
@@ -92,11 +93,12 @@ class RunSummary(NamedTuple):
     budget: int = 0
     state: str = ""
     failed: str = ""
+    unfinished: bool = False
 
     @property
     def shortfall(self) -> str:
-        """Say what of the budget was flown and why no more; empty where it was flown."""
-        if self.flights >= self.budget and not self.failed:
+        """Say what of the budget was flown and why no more; empty where it was flown to the end."""
+        if self.flights >= self.budget and not self.failed and not self.unfinished:
             return ""
         told = f"{self.flights} of {self.budget} flights; {self.state}"
         return told if self.failed in self.state else f"{told}; {self.failed}"

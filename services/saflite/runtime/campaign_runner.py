@@ -357,7 +357,7 @@ def interrupts() -> Iterator[list[str]]:
     noted: list[str] = []
 
     def note(number: int, _frame: FrameType | None) -> None:
-        noted.append(f"signal {signal.Signals(number).name}")
+        noted.append(f"{stop_note.SIGNAL}{signal.Signals(number).name}")
         if number == signal.SIGHUP:
             _write_nowhere()
 

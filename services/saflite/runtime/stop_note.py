@@ -15,6 +15,9 @@ CHARS_MAX = 200
 FAILED = "failed: "
 """What a note begins with where the run was not stopped by anybody: a part of its farm broke."""
 
+SIGNAL = "signal "
+"""What a note begins with where a signal ended the farm; its name follows."""
+
 log = logging.getLogger(__name__)
 
 
@@ -29,6 +32,11 @@ def note(run_dir: Path, why: str, *, failed: bool = False) -> None:
         part.replace(run_dir / FILE)  # of a link, the link
     except OSError as fault:
         log.warning("%s not written: %s", FILE, fault)
+
+
+def is_signal(why: str) -> bool:
+    """Return whether this note tells of a signal."""
+    return why.startswith(SIGNAL)
 
 
 def forget(run_dir: Path) -> None:

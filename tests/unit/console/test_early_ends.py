@@ -18,6 +18,7 @@ from saflite.console.cli import FOUND, INFRASTRUCTURE, NOTHING_FOUND, NOTHING_JU
 from saflite.console.io import campaign_options
 from saflite.console.run_data.conclusion import conclude
 from saflite.console.run_data.run_folder import open_run
+from saflite.console.run_data.standing import Standing
 from saflite.contract.blobs import Blobs
 from saflite.contract.test_case import Obstacle
 from saflite.contract.verdict import Verdict
@@ -117,13 +118,9 @@ def _told(run_dir: Path, ended: ExitSummary, capsys: pytest.CaptureFixture[str])
     said = capsys.readouterr()
     assert conclude(run_dir, ended, as_json=True) == code
     data = json.loads(capsys.readouterr().out)
-    with open_run(run_dir) as run:
-        (junit,) = export.export("junit", run.summary(), run_dir.parent / "junit")
-        (sarif,) = export.export("sarif", run.summary(), run_dir.parent / "sarif")
-    (log,) = json.loads(sarif.read_text())["runs"]
-    suite = ElementTree.parse(junit).getroot()
+    suite, sarif = _exported(run_dir)
     report = (run_dir / "report.html").read_text()
-    return Told(code, said.out, said.err, data, suite, log["invocations"][0], report)
+    return Told(code, said.out, said.err, data, suite, sarif, report)
 
 
 @pytest.mark.parametrize("proposes", [raises_later, raises_always])
@@ -183,6 +180,56 @@ def test_a_budget_that_was_flown_needs_no_words(tmp_path: Path, capsys: pytest.C
     assert "ended: the budget is spent\n" in told.text
     assert not list(told.suite.iter("error"))
     assert told.sarif == {"executionSuccessful": True, "toolExecutionNotifications": []}
+
+
+def _exported(run_dir: Path) -> tuple[ElementTree.Element, dict[str, object]]:
+    """Return the JUnit suite and SARIF's invocation of a run as it stands."""
+    with open_run(run_dir) as run:
+        (junit,) = export.export("junit", run.summary(), run_dir.parent / "junit")
+        (sarif,) = export.export("sarif", run.summary(), run_dir.parent / "sarif")
+    (log,) = json.loads(sarif.read_text())["runs"]
+    return ElementTree.parse(junit).getroot(), log["invocations"][0]
+
+
+@pytest.mark.parametrize("flights", [0, 6, 10**9])
+@pytest.mark.parametrize("note", ["", "signal SIGTERM", "5 minutes are over, as asked for"])
+def test_only_a_run_that_came_to_its_end_is_exported_as_a_success(flights: int, note: str, tmp_path: Path) -> None:
+    campaign = campaign_options.changed(load_campaign("avoidance-m2"), budget=6)
+    run_dir = tmp_path / "run"
+    store = Store.create(run_dir, campaign, template(campaign), describe())
+    driver = Driver(store.rebuild(), store)
+    driver.run(until_flights=flights)
+    store.close()
+    if note:
+        stop_note.note(run_dir, note)
+    with open_run(run_dir) as run:
+        ended = run.standing().state == "ended"
+        flown = run.summary().flights
+    assert ended == (flights > 6)
+    suite, sarif = _exported(run_dir)
+    errors = [one.get("message") for one in suite.iter("error")]
+    notes = sarif["toolExecutionNotifications"]
+    assert sarif["executionSuccessful"] is (ended or "as asked for" in note)
+    assert suite.get("errors") == str(len(errors))
+    if ended:
+        assert (errors, notes) == ([], [])
+    elif not note:  # killed: nobody noted why it stands still
+        (text,) = errors
+        assert text is not None
+        assert text.startswith(f"{flown} of 6 flights; not running; no end is known: it was killed")
+        assert notes == [{"level": "error", "message": {"text": text}}]
+    else:
+        assert errors == []
+        if flown < 6 or "signal" in note:
+            text = f"{flown} of 6 flights; not running: {note}"
+            assert notes == [{"level": "note", "message": {"text": text}}]
+
+
+def test_a_run_that_is_worked_on_is_not_exported_as_a_success(tmp_path: Path) -> None:
+    for now in (Standing("running", "begun"), Standing("paused", "paused"), Standing("")):
+        assert now.is_unfinished
+        assert now.broke == ""
+    assert not Standing("ended", "stopped").is_unfinished
 
 
 def test_a_farm_that_broke_before_its_campaign_was_over_is_an_error_in_exports(

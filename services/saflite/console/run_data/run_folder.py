@@ -200,7 +200,8 @@ class RunFolder:
             unproven=len(unproven(flights, violations)),
             budget=self.budget(),
             state=now.text,
-            failed=now.why if now.failed else NOTHING_FLOWN if all_set_aside(endings) else "",
+            failed=now.broke or (NOTHING_FLOWN if all_set_aside(endings) else ""),
+            unfinished=now.is_unfinished,
         )
 
     def _facts(self, name: str, rulings: dict[str, Rulings]) -> PolicyFacts:

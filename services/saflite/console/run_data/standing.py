@@ -11,6 +11,7 @@ from saflite.contract.events import CampaignChanged
 from saflite.runtime import stop_note
 
 BY_ORDER = "stopped"  # what an operator's order to stop is told with (`campaign/engine/reducer.py`)
+NO_END = "no end is known: it was killed, or nobody works on it yet"
 
 
 class Standing(NamedTuple):
@@ -29,6 +30,18 @@ class Standing(NamedTuple):
     def is_over(self) -> bool:
         """Whether everything the campaign meant to fly was flown, what makes its finds smaller, too."""
         return self.state == "ended" and self.why != BY_ORDER
+
+    @property
+    def broke(self) -> str:
+        """What broke before the end, in words; empty if nothing is known to. Nobody notes why a killed run stands."""
+        if self.state == NOT_RUNNING and not self.why:
+            return NO_END
+        return self.why if self.failed else ""
+
+    @property
+    def is_unfinished(self) -> bool:
+        """Whether it neither ended nor was stopped where somebody had asked for it: it works, or was interrupted."""
+        return self.state != "ended" and (self.state != NOT_RUNNING or stop_note.is_signal(self.why))
 
 
 def standing(run_dir: Path, last: CampaignChanged | None) -> Standing:

@@ -4,8 +4,8 @@ The smallest form of a find is named in the text of its test and is none of its 
 
 An unconfirmed find fails, too, and a policy that was violated in flights nobody has decided upon: neither confirmed nor
 refuted. A flaky violation is a skipped test with its rate, so that it shows without breaking a build; so is a policy
-whose rule applied in no flight: it was not put to the test. A campaign that broke before its budget was flown, or of
-which nothing could be flown and judged, is an error: a test of its own.
+whose rule applied in no flight: it was not put to the test. A campaign that broke before its budget was flown, was
+killed, or of which nothing could be flown and judged, is an error: a test of its own.
 """
 
 from __future__ import annotations

@@ -3,7 +3,8 @@
 Severity hard is an error, soft a warning; unconfirmed is a warning, flaky a note. Violations that nobody has decided
 upon are one result a policy, at the campaign. The fingerprint keeps results apart over runs. The smallest form of a
 find is a related location of its result, so counts are those of the report. Why the budget was not flown is a
-notification of the tool: an error, and the execution no success, where the campaign broke.
+notification of the tool: an error where the campaign broke or was killed. The execution is no success then, nor while
+the campaign works or where a signal interrupted it.
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ def to_sarif(summary: RunSummary) -> dict[str, Any]:
         "properties": {"withheld": summary.withheld, "flights": summary.flights, "budget": summary.budget},
         "invocations": [
             {
-                "executionSuccessful": not summary.failed,
+                "executionSuccessful": not summary.failed and not summary.unfinished,
                 "toolExecutionNotifications": [
                     {"level": "error" if summary.failed else "note", "message": {"text": told}}
                     for told in (summary.shortfall,)
