@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import pytest
 
 from saflite.contract.errors import Refused
 from saflite.contract.test_case import TestCase, Wind
-from saflite.flight.competition import remarks
+from saflite.flight.competition import remarks, yaml_text
+from saflite.flight.competition.document import PLAN_WORDS, ROBOT_WORDS
 from saflite.flight.mission import builtin_mission, dump_plan
 from saflite.recorder.exports.aerialist import parse_case, read_case, write_case
 
@@ -123,6 +125,51 @@ def test_known_words_that_are_not_flown_are_told(before: str, after: str, line: 
     (found,) = told(PLAIN.replace(before, after), folder)
     assert found.startswith(f"case.yaml, line {line}: ")
     assert words in found
+
+
+FLOWN = {
+    *(f"{word}.mission_file" for word in ROBOT_WORDS),
+    *("simulation.obstacles", "simulation.timeout", "simulation.wind"),
+    *(f"simulation.wind.{word}" for word in ("velocity_mean", "velocity_max", "direction")),
+}
+CHANGES_NO_FLIGHT = {
+    *(f"{word}.port" for word in ROBOT_WORDS),
+    *(f"{word}.params" for word in ROBOT_WORDS),  # of the real autopilot: kept, as the page on files says
+    *("simulation.simulator", "simulation.speed", "simulation.headless"),
+    *("simulation.wind.gust_start", "simulation.wind.gust_direction"),  # of a gust, which is told if there is one
+}
+OTHERWISE: dict[str, object] = {
+    "world": "forest",
+    "world_file_name": "forest.world",
+    "home_position": [1.0, 2.0, 3.0],
+    "speed": 2,
+    "commands": [{"mode": 4}],
+    "commands_file": "commands.csv",
+    "waypoints": [{"x": 1}],
+    "params_file": "own.csv",
+}
+
+
+@pytest.mark.parametrize("robot", ROBOT_WORDS)
+@pytest.mark.parametrize("plan", PLAN_WORDS)
+@pytest.mark.parametrize("place", [place for place in remarks.WORDS if place not in ("", "assertion", "agent")])
+def test_every_known_word_is_flown_or_told_or_changes_no_flight(
+    place: str, robot: str, plan: str, folder: Path
+) -> None:
+    if place in (*ROBOT_WORDS, *PLAN_WORDS) and place not in (robot, plan):
+        return
+    for word in remarks.WORDS[place]:
+        named = f"{place}.{word}"
+        if named in FLOWN | CHANGES_NO_FLIGHT:
+            continue
+        document: dict[str, Any] = {robot: {"mission_file": "mission2.plan"}, "simulation": {"wind": {}}, plan: {}}
+        assert told(yaml_text.write(document), folder) == []
+        part = document
+        for key in place.split("."):
+            part = part[key]
+        part[word] = OTHERWISE.get(word, 3)
+        (found,) = told(yaml_text.write(document), folder)
+        assert f"`{word if 'wind' in place else named}`" in found
 
 
 def test_of_endless_unknown_words_some_are_told_and_the_others_counted(folder: Path) -> None:

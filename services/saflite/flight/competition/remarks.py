@@ -46,7 +46,13 @@ def remarks(document: Located, case: TestCase) -> tuple[str, ...]:
     `case` is the test case that was read from it.
     """
     mission = case.scenario.mission
-    found = [*_unknown(document), *_twice(document, case), *_world(document, mission), *_wind(document)]
+    found = [
+        *_unknown(document),
+        *_twice(document, case),
+        *_world(document, mission),
+        *_plan(document),
+        *_wind(document),
+    ]
     more = len(found) - TOLD_MAX
     return (*found[:TOLD_MAX], *([f"{document.where}: and {more} more of this kind"] if more > 0 else ()))
 
@@ -114,16 +120,29 @@ def _numbers(wind: Wind) -> tuple[float, float, float]:
 
 def _world(document: Located, mission: Mission | None) -> Iterator[str]:
     simulation = _mapping(document, ("simulation",))
-    world = simulation.get("world")
-    if world not in (None, "default"):
-        place = document.at_key(("simulation", "world"))
-        yield f"{place}: `simulation.world` is not flown: boxes on a plain are all there is"
+    for word in ("world", "world_file_name"):
+        if simulation.get(word) not in (None, "default"):
+            place = document.at_key(("simulation", word))
+            yield f"{place}: `simulation.{word}` is not flown: boxes on a plain are all there is"
     home = simulation.get("home_position")
     if home is not None and not _is_home(home, mission):
         place = document.at_key(("simulation", "home_position"))
         yield f"{place}: `simulation.home_position` is not flown: a flight begins at the planned home of its mission"
-    word = next((word for word in PLAN_WORDS if word in document.data), PLAN_WORDS[0])
+
+
+def _plan(document: Located) -> Iterator[str]:
+    """What is given during the flight, and files that nobody reads: what they say is not known here."""
+    robot, word = (next((w for w in words if w in document.data), words[0]) for words in (ROBOT_WORDS, PLAN_WORDS))
     plan = _mapping(document, (word,))
+    if _mapping(document, (robot,)).get("params_file"):
+        place = document.at_key((robot, "params_file"))
+        yield f"{place}: `{robot}.params_file` is not read: its parameters are not set; `{OURS}.stimuli` can set some"
+    if plan.get("commands_file"):
+        place = document.at_key((word, "commands_file"))
+        yield f"{place}: `{word}.commands_file` is not read: none of its commands is given; see `{OURS}.stimuli`"
+    if plan.get("speed") not in (None, 1):
+        place = document.at_key((word, "speed"))
+        yield f"{place}: `{word}.speed` other than 1 is not flown"
     if plan.get("waypoints"):
         place = document.at_key((word, "waypoints"))
         yield f"{place}: `{word}.waypoints` are not flown: those of the mission file are"
