@@ -17,7 +17,7 @@ from saflite.bus.base import Inbox, Reply
 from saflite.campaign.storage.store import Store
 from saflite.console.cli import REFUSED, main
 from saflite.console.operations import bridging
-from saflite.console.operations.relaying import Bridge, StoppableClock, Stopped, relay
+from saflite.console.operations.relaying import RECEIVER_S, Bridge, StoppableClock, Stopped, relay
 from saflite.console.run_data.run_folder import open_run
 from saflite.contract import wire
 from saflite.contract.cloud_event import CloudEvent
@@ -295,3 +295,18 @@ def test_no_event_of_kinds_that_did_not_wait_is_left_out(tmp_path: Path) -> None
     receiver.up()
     relayed(cursor, _Farm(driver, (clock := _Clock())).connect, receiver, clock)
     assert receiver.taken == events
+
+
+def test_a_receiver_that_stays_away_after_the_end_is_given_up_and_gone_on_with(tmp_path: Path) -> None:
+    driver, events = flown(tmp_path / "run")
+    cursor, clock, receiver = tmp_path / "c.json", _Clock(), _Receiver(is_up=False)
+    farm = _Farm(driver, clock)
+    with pytest.raises(Unavailable, match=f"{len(events)} events after number 0 wait in {waiting_file(cursor)}"):
+        relayed(cursor, farm.connect, receiver, clock)
+    assert RECEIVER_S <= clock.now_s < RECEIVER_S + 10.0
+    with pytest.raises(Unavailable, match="the receiver took nothing"):
+        relayed(cursor, gone, receiver, _Clock())
+    receiver.up()
+    relayed(cursor, gone, receiver, _Clock())
+    assert receiver.taken == events
+    assert not waiting_file(cursor).exists()

@@ -38,6 +38,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--cursor", type=Path, metavar="FILE", help="how far the webhook was told (in the run folder)")
     patience = "with --webhook and --connect: end once the farm was silent for so long (60; 0: never)"
     parser.add_argument("--patience", type=float, default=60.0, metavar="S", help=patience)
+    receiver = "with --webhook: end once the campaign is over and nothing was taken for so long (300; 0: never)"
+    parser.add_argument("--receiver-patience", type=float, default=300.0, metavar="S", help=receiver)
     parser.add_argument("--json", action="store_true", help="one JSON object per event")
 
 
@@ -68,8 +70,11 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _bridged(args: argparse.Namespace) -> int:
+    from saflite.console.io import campaign_options
     from saflite.console.operations import bridging
     from saflite.console.view import out
+
+    campaign_options.at_least("--receiver-patience", args.receiver_patience, 0.0)
 
     def say(text: str) -> None:
         out.line(text)

@@ -11,18 +11,18 @@ import msgspec
 from saflite.campaign.storage.own_folder import check_closed
 from saflite.console.io import farm_options
 from saflite.console.operations import relaying
-from saflite.console.operations.relaying import AWAY_S, Bridge, StoppableClock, place_in
+from saflite.console.operations.relaying import AWAY_S, Bridge, GivenUp, PatientClock, StoppableClock, place_in
 from saflite.console.run_data import farm_lookup
 from saflite.console.run_data.embargo import for_others
 from saflite.console.run_data.run_folder import open_run
 from saflite.contract.cloud_event import told_as
-from saflite.contract.errors import Refused, Unavailable
-from saflite.contract.events import CampaignChanged, Event, kind_of
+from saflite.contract.errors import FarmError, Refused, Unavailable
+from saflite.contract.events import Event, kind_of
 from saflite.contract.ids import short_id
 from saflite.runtime.client import ANSWER_S, FarmClient
 from saflite.runtime.clock import WallClock
 from saflite.runtime.waiting_events import WaitingEvents, waiting_file
-from saflite.runtime.webhook import Cursor, Webhook, keep_cursor, read_cursor, read_secret
+from saflite.runtime.webhook import Cursor, WaitingClock, Webhook, keep_cursor, read_cursor, read_secret
 
 __all__ = ["Bridge", "run"]
 
@@ -32,15 +32,18 @@ def run(args: argparse.Namespace, say: Callable[[str], None]) -> None:
 
     Raises:
         Refused: the receiver, the farm or this machine says that it will never do.
-        Unavailable: the farm at an endpoint has gone, and events may be missing; which, it says.
+        Unavailable: the farm at an endpoint has gone, and events may be missing; which, it says. Or the campaign has
+            ended and the receiver stayed away; what it did not take and where that is, it says.
     """
     clock = WallClock()
     secret = read_secret(args.secret) if args.secret is not None else b""
     stopping = StoppableClock()
-    webhook = Webhook(args.webhook, stopping if args.connect else clock, secret)
     if not args.connect:
         args.run = farm_lookup.newest(args.run)
-    bridge = Bridge(frozenset(args.kind), webhook, _cursor_file(args))
+    cursor_file, receiver_s = _cursor_file(args), args.receiver_patience or float("inf")
+    patient = PatientClock(clock, lambda: _taken_at_end(args.run, cursor_file), receiver_s)
+    webhook = Webhook(args.webhook, stopping if args.connect else patient, secret)
+    bridge = Bridge(frozenset(args.kind), webhook, cursor_file, receiver_s)
     cursor = read_cursor(bridge.cursor_file)
     if cursor is not None and cursor.covers(bridge.kinds):
         say(f"going on after event {cursor.seq}; {bridge.cursor_file}")
@@ -60,7 +63,19 @@ def _relay(args: argparse.Namespace, bridge: Bridge, clock: StoppableClock, say:
     relaying.relay(lambda: _connected(args), bridge, clock, say, patience_s)
 
 
-def _from_run(args: argparse.Namespace, bridge: Bridge, clock: WallClock, say: Callable[[str], None]) -> None:
+def _taken_at_end(run_dir: Path, cursor_file: Path) -> int | None:
+    """Return the last event taken of a run whose campaign has ended; None of another, and where that cannot be read."""
+    try:
+        with open_run(run_dir) as folder:
+            if folder.standing().state != "ended":
+                return None
+        cursor = read_cursor(cursor_file)
+    except FarmError:
+        return None
+    return 0 if cursor is None else cursor.seq
+
+
+def _from_run(args: argparse.Namespace, bridge: Bridge, clock: WaitingClock, say: Callable[[str], None]) -> None:
     """Carry from a run folder, whose books keep all events; one that is neither over nor worked on is waited for."""
     if waiting_file(bridge.cursor_file).exists():  # of a bridge to its farm: the books hold these, too
         WaitingEvents(bridge.cursor_file, bridge.kinds).close(over=True)
@@ -72,6 +87,8 @@ def _from_run(args: argparse.Namespace, bridge: Bridge, clock: WallClock, say: C
                 break
             if not farm_lookup.says_it_runs(args.run):
                 words = f"{args.run} is not over and no farm works on it: its next events are waited for"
+        except GivenUp as fault:
+            raise Unavailable(relaying.untaken(_untaken(args.run, bridge), bridge, f"stay in {args.run}")) from fault
         except Unavailable as fault:
             words = f"nothing is told, and tried again: {fault}"
         if words and words != told:
@@ -81,6 +98,13 @@ def _from_run(args: argparse.Namespace, bridge: Bridge, clock: WallClock, say: C
     cursor = read_cursor(bridge.cursor_file)
     if cursor is not None:  # a bridge to the farm that has gone need not look for it
         keep_cursor(bridge.cursor_file, msgspec.structs.replace(cursor, end=cursor.seq))
+
+
+def _untaken(run_dir: Path, bridge: Bridge) -> int:
+    cursor = read_cursor(bridge.cursor_file)
+    with open_run(run_dir) as folder:
+        events = folder.events(1 if cursor is None else cursor.seq + 1)
+        return sum(1 for event in events if not bridge.kinds or kind_of(event.fact) in bridge.kinds)
 
 
 def _cursor_file(args: argparse.Namespace) -> Path:
@@ -100,11 +124,11 @@ def _carry(args: argparse.Namespace, bridge: Bridge) -> bool:
     if farm_lookup.says_it_runs(args.run):
         return _carry_from_farm(args, bridge)
     with open_run(args.run) as folder:
+        ended = folder.standing().state == "ended"  # looked at first: more may come while the receiver is waited for
         cursor = _at(bridge, folder.campaign.name, lambda seq: next(folder.events(seq), None))
         if cursor is not None:
             _tell(bridge, cursor, folder.events(cursor.seq + 1))
-        changes = folder.facts(CampaignChanged)
-        return bool(changes) and changes[-1].state == "ended"
+        return ended
 
 
 def _carry_from_farm(args: argparse.Namespace, bridge: Bridge) -> bool:

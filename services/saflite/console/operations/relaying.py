@@ -21,19 +21,24 @@ from saflite.contract.events import Event
 from saflite.runtime.client import ANSWER_S, FarmClient
 from saflite.runtime.clock import WallClock
 from saflite.runtime.waiting_events import WaitingEvents
-from saflite.runtime.webhook import Cursor, Webhook
+from saflite.runtime.webhook import Cursor, WaitingClock, Webhook, read_cursor
 
 AWAY_S = 1.0  # between looks for a farm that is away
 DRAIN_S = 0.2  # between looks whether all was taken
 LEAVE_S = 1.0  # how long an answer of the receiver is waited for at the end
+RECEIVER_S = 300.0  # how long a receiver that takes nothing is waited for once the campaign has ended
 
 
 class Bridge(NamedTuple):
-    """What goes where: the kinds of events told (all if empty), the receiver, and the file that says how far it is."""
+    """What goes where: the kinds of events told (all if empty), the receiver, and the file that says how far it is.
+
+    Once the campaign has ended, a receiver that takes nothing for `receiver_s` is not waited for any longer.
+    """
 
     kinds: frozenset[str]
     webhook: Webhook
     cursor_file: Path
+    receiver_s: float = RECEIVER_S
 
 
 class Stopped(FarmError):
@@ -60,6 +65,40 @@ class StoppableClock(WallClock):
         ended.wait(duration_s)
 
 
+class GivenUp(FarmError):
+    """The campaign has ended and the receiver took nothing for too long."""
+
+
+class PatientClock:
+    """A clock; who waits by it for a receiver does so without end until the campaign has ended, and then for a while.
+
+    `at_end` returns the last event that was taken, None before the campaign's end.
+    """
+
+    def __init__(self, clock: WaitingClock, at_end: Callable[[], int | None], patience_s: float) -> None:
+        self._clock, self._at_end, self._patience_s = clock, at_end, patience_s
+        self._at: int | None = None
+        self._since_s = 0.0
+
+    def monotonic_s(self) -> float:
+        """Return seconds since some start."""
+        return self._clock.monotonic_s()
+
+    def unix_s(self) -> float:
+        """Return seconds since 1970."""
+        return self._clock.unix_s()
+
+    def sleep_s(self, duration_s: float) -> None:
+        """Wait, no longer than patience lasts; raises GivenUp where it is at its end."""
+        at, now_s = self._at_end(), self.monotonic_s()
+        if at is None or at != self._at:
+            self._at, self._since_s = at, now_s
+        left_s = float("inf") if at is None else self._since_s + self._patience_s - now_s
+        if left_s <= 0.0:
+            raise GivenUp
+        self._clock.sleep_s(min(duration_s, left_s))
+
+
 def relay(
     connect: Callable[[], FarmClient],
     bridge: Bridge,
@@ -71,18 +110,32 @@ def relay(
 
     Raises:
         Refused: the receiver or the farm will never do.
-        Unavailable: neither has the farm answered nor the receiver taken anything for `patience_s`.
+        Unavailable: neither has the farm answered nor the receiver taken anything for `patience_s`, or the campaign has
+            ended and the receiver took nothing for as long as the bridge waits for it.
     """
     waiting, over = WaitingEvents(bridge.cursor_file, bridge.kinds), False
     try:
         with _Delivery(bridge.webhook, waiting, clock) as delivery:
             _Fetching(connect, bridge.kinds, waiting, delivery, clock, say).run(patience_s)
-            while waiting.waits:
+            ended_s = clock.monotonic_s()
+            while waits := waiting.waits:
                 delivery.check()
+                if clock.monotonic_s() - max(ended_s, delivery.took_s) >= bridge.receiver_s:
+                    raise Unavailable(untaken(waits, bridge, f"wait in {waiting.file}"))
                 clock.wait_s(delivery.ended, DRAIN_S)
         over = True
     finally:
         waiting.close(over=over)
+
+
+def untaken(count: int, bridge: Bridge, kept: str) -> str:
+    """Return in words that a receiver was given up; `kept` says where what it did not take is."""
+    cursor = read_cursor(bridge.cursor_file)
+    events = "1 event" if count == 1 else f"{count} events"
+    return (
+        f"the campaign has ended and the receiver took nothing for {bridge.receiver_s:g} s: {events} after number "
+        f"{0 if cursor is None else cursor.seq} {kept}; the same command goes on, --receiver-patience waits longer"
+    )
 
 
 class _Delivery:
