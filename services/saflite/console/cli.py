@@ -11,8 +11,8 @@ import errno
 import re
 import signal
 import sys
-from collections.abc import Iterable, Sequence
-from contextlib import suppress
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -42,6 +42,32 @@ class _Parser(argparse.ArgumentParser):
         super().__init__(*args, **kwargs)
         self.register("type", int, plain_whole)
         self.register("type", float, plain_number)
+        self._options_only = False
+
+    def parse_known_args(  # type: ignore[override]
+        self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
+    ) -> tuple[argparse.Namespace, list[str]]:
+        """Take options out first, wherever they stand before `--`; then all other words together.
+
+        argparse alone gives an argument of no or many words those up to the next option, and refuses the rest.
+        """
+        words = list(sys.argv[1:] if args is None else args)
+        if self._subparsers is not None:  # its verbs are parsers of this kind
+            return super().parse_known_args(words, namespace)
+        end = words.index("--") if "--" in words else len(words)
+        options = [action for action in self._actions if action.option_strings]
+        others = [action for action in self._actions if not action.option_strings]
+        self._options_only = True
+        try:
+            with _not_required(others):
+                namespace, loose = super().parse_known_args(words[:end], namespace)
+        finally:
+            self._options_only = False
+        with _not_required([*options, *self._mutually_exclusive_groups]):  # they were there, or this is not come to
+            return super().parse_known_args([*loose, *words[end:]], namespace)
+
+    def _get_positional_actions(self) -> list[argparse.Action]:
+        return [] if self._options_only else super()._get_positional_actions()
 
     def error(self, message: str) -> NoReturn:
         """Raise Refused where argparse would print its usage."""
@@ -53,6 +79,19 @@ class _Parser(argparse.ArgumentParser):
         """Write help as all output is written: argparse keeps to itself that it could not be."""
         out.line(self.format_help().rstrip("\n"))
         out.flush()
+
+
+@contextmanager
+def _not_required(parts: Sequence[argparse.Action | argparse._MutuallyExclusiveGroup]) -> Iterator[None]:
+    """Have argparse miss none of these for as long as it is open."""
+    needed = [part for part in parts if part.required]
+    try:
+        for part in needed:
+            part.required = False
+        yield
+    finally:
+        for part in needed:
+            part.required = True
 
 
 def _near_argument(message: str, options: Iterable[str]) -> str:
