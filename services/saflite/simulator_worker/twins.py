@@ -7,14 +7,14 @@ mirrored, by another radio, without what does nothing in it, or without what cam
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from saflite.contract.errors import Refused
-from saflite.contract.flight import FlightRecord, Trace
+from saflite.contract.flight import Delivered, FlightRecord, Trace
 from saflite.contract.target_info import COMPARED, TargetInfo
 from saflite.contract.test_case import TestCase, Twin
 from saflite.flight.isometry import TURN_DEG, mirrored, turned
@@ -23,6 +23,13 @@ from saflite.simulator_worker.recalibrated import recalibrated
 
 _Values = NDArray[np.floating]
 CODES = {"turned": 1.0, "idle": 2.0, "afresh": 3.0, "mirrored": 4.0, "recalibrated": 5.0}
+
+
+NOTHING_TO_CHANGE: dict[Twin, str] = {
+    "idle": "nothing was refused that could be left out",
+    "afresh": "it is not called back to a place to rest there, or nothing came before that could be left out",
+    "recalibrated": "no stick can be shifted within its calibrations",
+}
 
 
 def check_twin(info: TargetInfo, test_case: TestCase) -> None:
@@ -45,11 +52,11 @@ def with_twin(
     """
     if not test_case.twin or record.trace is None:
         return record
-    second = _second(info, test_case, record)
+    second = _second(info, test_case, _denied(record.delivered))
     if second is None:
         return record
     flown = fly(second.test_case)
-    if second.order in _denied(flown):
+    if second.order in _denied(flown.delivered):
         return record
     if flown.trace is None or flown.trace.step_s != record.trace.step_s:
         return record
@@ -57,14 +64,22 @@ def with_twin(
     return record._replace(trace=msgspec.structs.replace(record.trace, signals=signals))
 
 
-def _denied(record: FlightRecord) -> set[int]:
+def why_alone(info: TargetInfo, test_case: TestCase, delivered: Iterable[Delivered] | None, trace: Trace | None) -> str:
+    """Return in words why a flight that asks for a twin was compared with none; empty if it was, or asks for none."""
+    if not test_case.twin or (trace is not None and "twin" in trace.signals):
+        return ""
+    if trace is not None and _second(info, test_case, _denied(delivered)) is None:
+        return f"no second flight was flown: {NOTHING_TO_CHANGE[test_case.twin]}"
+    return "it was compared with no second flight: one of the two left nothing to compare"
+
+
+def _denied(delivered: Iterable[Delivered] | None) -> set[int]:
     """Return which inputs were refused, by their place."""
-    return {one.index for one in record.delivered or () if one.answer == "denied"}
+    return {one.index for one in delivered or () if one.answer == "denied"}
 
 
-def _second(info: TargetInfo, test_case: TestCase, record: FlightRecord) -> Second | None:
+def _second(info: TargetInfo, test_case: TestCase, denied: set[int]) -> Second | None:
     plain = msgspec.structs.replace(test_case, twin="")
-    denied = _denied(record)
     rest = {entry.name: entry.default for entry in info.inputs if entry.default is not None}
     if test_case.twin == "turned":
         return Second(turned(plain, rest))

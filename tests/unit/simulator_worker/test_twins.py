@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
 from typing import get_args
 
 import msgspec
@@ -9,6 +11,7 @@ import numpy as np
 import pytest
 
 from saflite.conformance.flying import fly_once
+from saflite.console.cli import main
 from saflite.console.commands.fly import TWINS
 from saflite.contract.errors import Refused
 from saflite.contract.flight import Delivered, Flight, FlightRecord, Trace
@@ -234,3 +237,40 @@ def test_a_heading_is_refused_where_none_is_taken() -> None:
     check_twin(REFERENCE, flown)
     with pytest.raises(Refused, match="heading_deg"):
         check_twin(msgspec.structs.replace(REFERENCE, turns=False), flown)
+
+
+@pytest.mark.parametrize("twin", TWINS)
+@pytest.mark.parametrize("stimuli", [(), (TURN,), (CIRCLE, *CALLED_BACK)], ids=len)
+def test_a_second_flight_that_is_not_flown_is_told_of(
+    twin: Twin, stimuli: tuple[Stimulus, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "case.json"
+    plain = case("LOITER", *stimuli, twin="", limit_s=45.0)
+    path.write_bytes(msgspec.json.encode(plain))
+    assert main(["fly", str(path), "--twin", twin, "--policy", "turned-alike", "--json"]) in (0, 1)
+    said = capsys.readouterr()
+    record = fly_once(msgspec.structs.replace(plain, twin=twin))
+    assert record.trace is not None
+    compared = "twin" in record.trace.signals
+    assert compared == {"idle": stimuli == (TURN,), "afresh": len(stimuli) > 1}.get(twin, True)
+    assert (f"warning: twin {twin}: no second flight was flown: " in said.err) == (not compared)
+    told = json.loads(said.out)["twin"]
+    assert (told["asked"], told["compared"], bool(told["why"])) == (twin, compared, not compared)
+
+
+def test_a_second_flight_that_is_not_flown_is_told_of_beside_a_text(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "case.json"
+    path.write_bytes(msgspec.json.encode(case("LOITER", twin="idle")))
+    main(["fly", str(path), "--policy", "turned-alike"])
+    assert "twin idle: no second flight was flown: nothing was refused" in capsys.readouterr().err
+
+
+def test_a_flight_that_asks_for_no_twin_is_told_of_none(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "case.json"
+    path.write_bytes(msgspec.json.encode(case("LOITER", twin="")))
+    main(["fly", str(path), "--policy", "turned-alike", "--json"])
+    said = capsys.readouterr()
+    assert "twin" not in said.err
+    assert json.loads(said.out)["twin"] is None

@@ -76,10 +76,14 @@ def run(args: argparse.Namespace) -> int:
     if flown.flight.ending not in FLOWN_ENDINGS:
         raise Unavailable(f"the flight ended as {flown.flight.ending}: {flown.flight.message}")
     judgement = judging.judge(case, flown, tuple(args.policy))
+    alone = judging.why_alone(case, flown)
+    if alone:
+        out.complain("warning", f"twin {case.twin}: {alone}")
     if args.out is not None:
         outputs.write(args.out, _recording(case, flown, judgement), force=args.force)
     if args.json:
-        out.json({"flight": flown.flight, "judgement": judgement, "recording": str(args.out or "")})
+        twin = {"asked": case.twin, "compared": not alone, "why": alone} if case.twin else None
+        out.json({"flight": flown.flight, "judgement": judgement, "twin": twin, "recording": str(args.out or "")})
     else:
         judging.show(case, flown.flight, judgement, args.all)
         if args.out is not None:

@@ -65,6 +65,17 @@ def fly(case: TestCase, wall_limit_s: float) -> Flown:
         simulator.close()
 
 
+def why_alone(case: TestCase, flown: Flown) -> str:
+    """Return in words why a flight that asks for a twin was compared with none; empty if it was, or asks for none."""
+    from saflite.simulator_worker.registry import describe_target
+    from saflite.simulator_worker.twins import why_alone as why
+
+    if not case.twin:
+        return ""
+    trace = unpack_trace(flown.packed) if flown.packed else None
+    return why(describe_target(case.target.name), case, flown.flight.delivered, trace)
+
+
 def judge(
     case: TestCase, flown: Flown, policies: tuple[str, ...], policy_texts: PolicyTexts | None = None
 ) -> Judgement:
