@@ -244,6 +244,7 @@ def test_rates_are_told_by_policy_with_lost_flights_apart() -> None:
     assert [(one.violated, one.judged) for one in rates] == [(1, 3), (1, 1)]
     assert flaking.exit_code(flown) == 1
     assert any("1 x upright, soft, in LOITER" in text for text in flaking.lines(flown)), "modes have names"
+    assert flaking.plain(flown)["policies"]["upright"]["ways"] == {"upright, soft, in LOITER": 1}, "for scripts, too"
     assert any("1 of 4 flights say nothing: no simulator" in text for text in flaking.lines(flown))
     assert flaking.lines(flown)[-1].endswith("not counted: says nothing: no simulator")
     silent = flaking.Flaked(KNOWN, HERE, (LOST,), (flaking._rate("upright", (LOST,)),), LOST)
@@ -274,6 +275,8 @@ def test_new_is_what_the_flights_show_to_be_new() -> None:
 
     assert [code(), code(same), code(lost), code(same, new, lost)] == [0, 0, 3, 1]
     difference = comparing.Difference((new, same), 0, (0, 2), (9, 9))
+    told = comparing.plain(difference, 0.95)["finds"]
+    assert [one["behaviour"] for one in told] == ["upright, soft, in LOITER"] * 2, "modes have names for scripts, too"
     assert comparing.lines(difference, HERE, HERE, 0.95)[-1].endswith(
         "(of 2 compared; by chance alone about 0.10 would be told so)"
     ), "what is expected of all that was compared, not of what was told only"

@@ -74,6 +74,21 @@ class NeverApplies(doubles.Service):
         return JudgeResult(judgement=judgement)
 
 
+class InLoiter(doubles.Service):
+    """A farm whose violations tell of a mode, by its number as judgements do."""
+
+    def do(self, work: Work) -> Result:
+        """Name a mode in each behaviour; everything else as ever."""
+        result = super().do(work)
+        if not isinstance(result, JudgeResult):
+            return result
+        told = tuple(
+            msgspec.structs.replace(one, behaviour=f"{one.behaviour}, in mode 5" if one.behaviour else "")
+            for one in result.judgement.verdicts
+        )
+        return JudgeResult(judgement=msgspec.structs.replace(result.judgement, verdicts=told))
+
+
 def _ended(
     run_dir: Path,
     farm: Callable[[Blobs], doubles.Service],
@@ -187,6 +202,16 @@ def test_the_summary_counts_in_how_many_flights_each_rule_applied(
     _, said = _ended(tmp_path / "run", lambda blobs: NeverApplies(blobs, 3), capsys, as_json=True)
     counts = {"held": 2, "violated": 0, "vacuous": 4, "inconclusive": 0}
     assert json.loads(said)["policies"] == {"min-obstacle-distance": counts}
+
+
+@pytest.mark.parametrize("as_json", [False, True])
+def test_modes_have_their_names_as_text_and_for_scripts(
+    as_json: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, said = _ended(tmp_path / "run", InLoiter, capsys, as_json=as_json)
+    assert code == FOUND
+    assert "in LOITER" in said
+    assert "in mode" not in said
 
 
 def test_what_is_so_of_every_find_is_said_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -168,14 +168,18 @@ def lines(found: Difference, old: Build, new: Build, confidence: float) -> list[
 
 
 def _line(one: Compared) -> str:
-    from saflite.simulator_worker.registry import describe_target
-
     lost = f", {one.lost} flights lost" if one.lost else ""
-    way = modes_named(one.known.behaviour, describe_target(one.known.test_case.target.name).modes)
     return (
-        f"{one.known.fingerprint}  {way or one.known.policy}  test case {one.known.name}  violated in "
+        f"{one.known.fingerprint}  {_way(one) or one.known.policy}  test case {one.known.name}  violated in "
         f"{one.old[0]} of {one.old[1]} before, {one.new[0]} of {one.new[1]} now, probability {one.chance:.3f}{lost}"
     )
+
+
+def _way(one: Compared) -> str:
+    """Return the behaviour for people: names of modes in place of numbers."""
+    from saflite.simulator_worker.registry import describe_target
+
+    return modes_named(one.known.behaviour, describe_target(one.known.test_case.target.name).modes)
 
 
 def exit_code(found: Difference, confidence: float) -> int:
@@ -214,7 +218,7 @@ def plain(found: Difference, confidence: float) -> dict[str, Any]:
                 "fingerprint": one.known.fingerprint,
                 "test_case": one.known.name,
                 "policy": one.known.policy,
-                "behaviour": one.known.behaviour,
+                "behaviour": _way(one),
                 "before": one.old,
                 "now": one.new,
                 "lost": one.lost,

@@ -95,6 +95,7 @@ def _own(sample: Sample) -> str:
 
 def plain(flown: Flaked) -> dict[str, Any]:
     """Return the counts for scripts."""
+    modes = describe_target(flown.build.target.name).modes
     return {
         "test_case": flown.known.name,
         "target": flown.build.label,
@@ -112,7 +113,7 @@ def plain(flown: Flaked) -> dict[str, Any]:
                 "judged": one.judged,
                 "rate": one.rate,
                 "least_robustness": one.least,
-                "ways": dict(one.ways),
+                "ways": {modes_named(way, modes): count for way, count in one.ways.items()},
             }
             for one in flown.rates
         },

@@ -160,7 +160,7 @@ def _plain(found: Conclusion, ended: ExitSummary) -> dict[str, Any]:
         "set_aside": found.set_aside,
         "causes": [cause.plain() for cause in found.causes],
         "policies": {name: ruled._asdict() for name, ruled in found.rulings.items()},
-        "violations": found.violations,
+        "violations": [with_mode_named(one, found.modes) for one in found.violations],
     }
 
 
