@@ -71,6 +71,22 @@ def test_a_dry_run_changes_nothing_and_says_what_would_be(tmp_path: Path) -> Non
     assert prune(run_dir) == told
 
 
+@pytest.mark.parametrize("until_flights", [11, 10**9])
+@pytest.mark.parametrize("kept", ["all", "no lock", "no snapshot"])
+def test_a_dry_run_writes_nothing_and_needs_no_lock(until_flights: int, kept: str, tmp_path: Path) -> None:
+    run_dir = made(tmp_path / "run", until_flights=until_flights)
+    for name in {"no lock": ("books.lock",), "no snapshot": ("books.snapshot",)}.get(kept, ()):
+        (run_dir / name).unlink(missing_ok=True)
+    before = {path: path.stat() for path in (run_dir, *run_dir.rglob("*"))}
+    told = prune(run_dir, 0, dry=True)
+    after = {path: path.stat() for path in (run_dir, *run_dir.rglob("*"))}
+    assert set(after) == set(before)
+    assert {path: (one.st_mtime_ns, one.st_ino) for path, one in after.items()} == {
+        path: (one.st_mtime_ns, one.st_ino) for path, one in before.items()
+    }
+    assert prune(run_dir, 0) == told
+
+
 def test_what_work_under_way_needs_stays(tmp_path: Path) -> None:
     run_dir = made(tmp_path / "run", until_flights=11)
     prune(run_dir, 0)
@@ -87,8 +103,9 @@ def test_what_work_under_way_needs_stays(tmp_path: Path) -> None:
 def test_a_run_in_use_is_not_pruned(tmp_path: Path) -> None:
     run_dir = made(tmp_path / "run")
     store = Store.open(run_dir)
-    with pytest.raises(Refused, match="use"):
-        prune(run_dir)
+    for dry in (False, True):
+        with pytest.raises(Refused, match="use"):
+            prune(run_dir, dry=dry)
     store.close()
 
 

@@ -36,6 +36,9 @@ for name in (".", "blobs", "logs", "books.sqlite", "books.witness"):
         assert code == 3, (name, words, code, said.getvalue())
         assert said.getvalue().count("\\n") == 1, said.getvalue()
         assert "ead-only" in said.getvalue(), said.getvalue()
+    with contextlib.redirect_stdout(io.StringIO()):  # what writes nothing works all the same
+        code = main(["prune", str(run), "--dry-run"])
+    assert code == 0, (name, code)
     subprocess.run(["umount", path], check=True)
 assert main(["audit", str(run)]) == 0
 """

@@ -146,14 +146,19 @@ def _books_behind(run_dir: Path, connection: sqlite3.Connection, path: Path) -> 
     return books
 
 
-def is_over(run_dir: Path) -> bool:
-    """Return whether a campaign has ended for good, not by an order to stop. Nothing is written.
+def read_books(run_dir: Path) -> Books:
+    """Return the books of a run as they stand. Nothing is written.
 
     Raises:
         Refused: there is no run, or what is read of it is damaged.
     """
     with _reading(run_dir) as (connection, path):
-        return bool(_books_behind(run_dir, connection, path).audit_status()["over"])
+        return _books_behind(run_dir, connection, path)
+
+
+def is_over(run_dir: Path) -> bool:
+    """Return whether a campaign has ended for good, not by an order to stop; raises Refused as `read_books`."""
+    return bool(read_books(run_dir).audit_status()["over"])
 
 
 def last_change(run_dir: Path) -> CampaignChanged | None:

@@ -12,8 +12,10 @@ from contextlib import closing, suppress
 from pathlib import Path
 from typing import NamedTuple
 
-from saflite.campaign.storage.sqlite import connect_reading, damage_named
+from saflite.campaign.storage.audit import read_books
+from saflite.campaign.storage.sqlite import check_free, connect_reading, damage_named
 from saflite.campaign.storage.store import Store, store_file
+from saflite.campaign.storage.witness import check_loss
 from saflite.contract.blobs import BlobRef
 from saflite.contract.names import recording_file
 
@@ -38,6 +40,14 @@ class Pruned(NamedTuple):
     behaviours: int  # that were found, each once
 
 
+class _Plan(NamedTuple):
+    """The blobs and recordings that go, and what becomes of the run."""
+
+    blobs: frozenset[BlobRef]
+    recordings: tuple[Flight, ...]
+    pruned: Pruned
+
+
 class _Left(NamedTuple):
     recordings: dict[Flight, BlobRef]
     others: dict[Flight, set[BlobRef]]  # traces and artefacts
@@ -54,28 +64,35 @@ def prune(run_dir: Path, max_bytes: int | None = None, *, dry: bool = False) -> 
     Args:
         run_dir: a run nobody works on.
         max_bytes: None for as much as one find of each behaviour takes.
-        dry: only say what would be.
+        dry: only say what would be; nothing is written then.
 
     Raises:
-        Refused: there is no run, it is in use, damaged, or of another version.
+        Refused: there is no run, it is in use, damaged, or of another version, or lost commits.
         Unavailable: the disk does not take the change; nothing is changed then.
     """
+    if dry:
+        check_free(run_dir)
+        check_loss(run_dir)
+        return _planned(run_dir, read_books(run_dir).wanted_blobs, max_bytes).pruned
     store = Store.open(run_dir)
     try:
         books = store.rebuild()
-        wanted = books.wanted_blobs
-        with closing(connect_reading(store_file(run_dir))) as db, damage_named(store_file(run_dir)):
-            left, shown = _left(db, wanted), list(_shown(db))
-        kept, recordings = _stays(left, shown, max_bytes)
-        gone = tuple(sorted(flight for flight in left.recordings if flight not in recordings))
-        if not dry:
-            books.prune(wanted - kept, gone)
-            store.commit(books.drain())
-            _unname(run_dir, gone)
-        after = (wanted & kept) if dry else books.wanted_blobs
-        return Pruned(_size(wanted), _size(after), len(recordings), len({fingerprint for fingerprint, _ in shown}))
+        plan = _planned(run_dir, books.wanted_blobs, max_bytes)
+        books.prune(plan.blobs, plan.recordings)
+        store.commit(books.drain())
+        _unname(run_dir, plan.recordings)
+        return plan.pruned._replace(after_bytes=_size(books.wanted_blobs))
     finally:
         store.close()
+
+
+def _planned(run_dir: Path, wanted: frozenset[BlobRef], max_bytes: int | None) -> _Plan:
+    with closing(connect_reading(store_file(run_dir))) as db, damage_named(store_file(run_dir)):
+        left, shown = _left(db, wanted), list(_shown(db))
+    kept, recordings = _stays(left, shown, max_bytes)
+    gone = tuple(sorted(flight for flight in left.recordings if flight not in recordings))
+    behaviours = len({fingerprint for fingerprint, _ in shown})
+    return _Plan(wanted - kept, gone, Pruned(_size(wanted), _size(wanted & kept), len(recordings), behaviours))
 
 
 def _left(db: sqlite3.Connection, wanted: frozenset[BlobRef]) -> _Left:

@@ -234,6 +234,16 @@ def meta(connection: sqlite3.Connection, key: str) -> bytes:
     return bytes(row[0]) if row is not None and isinstance(row[0], bytes) else b""
 
 
+def check_free(run_dir: Path) -> None:
+    """Raise InUse if some process works on a run; writes nothing, and keeps nobody from it."""
+    if in_use(run_dir):
+        raise _used(run_dir)
+
+
+def _used(run_dir: Path) -> InUse:
+    return InUse("run folder", where=str(run_dir), expected="one not in use", got="one another process works on")
+
+
 def in_use(run_dir: Path) -> bool:
     """Return whether some process works on a run."""
     try:
@@ -315,9 +325,7 @@ def lock_run(run_dir: Path) -> IO[bytes]:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as fault:
         file.close()
-        raise InUse(
-            "run folder", where=str(run_dir), expected="one not in use", got="one another process works on"
-        ) from fault
+        raise _used(run_dir) from fault
     try:
         check_writable(run_dir)
     except Unavailable:
