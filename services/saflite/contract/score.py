@@ -32,6 +32,10 @@ class Usage(msgspec.Struct, frozen=True, kw_only=True):
     faults: Annotated[dict[Word, Count], msgspec.Meta(max_length=1_000)] = {}
 
 
+NOBODY = "none"
+"""`scored_by` of a score that no model gave: its batch was lost, and the order of flights suffers, nothing else."""
+
+
 class Score(msgspec.Struct, frozen=True, kw_only=True):
     """How likely a test case is to break the policy, 0 (dull) to 10.
 

@@ -22,8 +22,9 @@ from saflite.console.run_data.run_folder import open_run
 from saflite.console.view.event_lines import event_line
 from saflite.contract.blobs import Blobs
 from saflite.contract.events import Event, ViolationFound
+from saflite.contract.score import NOBODY
 from saflite.contract.verdict import NEVER_APPLIED, Verdict, Violation
-from saflite.contract.work import Failure, FlyWork, JudgeResult, Result, Work
+from saflite.contract.work import Failure, FlyWork, JudgeResult, Result, ScoreWork, Work
 from saflite.flight.autopilots.reference.describe import describe
 from saflite.recorder import export
 from saflite.runtime.campaign_runner import ExitSummary
@@ -49,6 +50,22 @@ class CannotFly(doubles.Service):
             self._seen += [name] if name not in self._seen else []
             if self._seen.index(name) >= self.spared:
                 return Failure(message="no simulator here")
+        return super().do(work)
+
+
+class NobodyScores(doubles.Service):
+    """A farm whose scorers fail on our side, all but `spared` times."""
+
+    def __init__(self, blobs: Blobs, spared: int) -> None:
+        super().__init__(blobs)
+        self._spared = spared
+
+    def do(self, work: Work) -> Result:
+        """Fail to score; everything else works."""
+        if isinstance(work, ScoreWork):
+            self._spared -= 1
+            if self._spared < 0:
+                return Failure(message="no model here")
         return super().do(work)
 
 
@@ -202,6 +219,26 @@ def test_the_summary_counts_in_how_many_flights_each_rule_applied(
     _, said = _ended(tmp_path / "run", lambda blobs: NeverApplies(blobs, 3), capsys, as_json=True)
     counts = {"held": 2, "violated": 0, "vacuous": 4, "inconclusive": 0}
     assert json.loads(said)["policies"] == {"min-obstacle-distance": counts}
+
+
+@pytest.mark.parametrize("spared", [0, 1])
+def test_what_no_model_scored_is_the_score_of_none(
+    spared: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run_dir = tmp_path / "run"
+    _ended(run_dir, lambda blobs: NobodyScores(blobs, spared), capsys)
+    with open_run(run_dir) as run:
+        answered = {score.scored_by for score in run.scores() if score.violated is not None}
+        deciding = run.campaign.scorer.model
+    assert NOBODY in answered
+    assert (deciding in answered) == bool(spared)
+    assert main(["scorer", "list", str(run_dir), "--json"]) == NOTHING_FOUND
+    told = json.loads(capsys.readouterr().out)["calibration"]
+    assert {one["model"] for one in told} == answered - {NOBODY}
+    assert main(["scorer", "list", str(run_dir)]) == NOTHING_FOUND
+    listed = capsys.readouterr().out
+    assert (deciding in listed.partition("\n")[2].split()) == bool(spared)
+    assert NOBODY not in [line.split()[0] for line in listed.splitlines() if line]
 
 
 @pytest.mark.parametrize("as_json", [False, True])

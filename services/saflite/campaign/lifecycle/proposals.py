@@ -12,7 +12,7 @@ from saflite.campaign.scheduling.tasks import Task
 from saflite.campaign.scheduling.work_keys import MutateKey, ScoreKey
 from saflite.contract.bounds import WORD_CHARS_MAX, told
 from saflite.contract.events import Proposed, Scored
-from saflite.contract.score import Score
+from saflite.contract.score import NOBODY, Score
 from saflite.contract.test_case import identity
 from saflite.contract.work import MutateResult, ScoreResult
 
@@ -168,7 +168,7 @@ class Proposals:
         core.done(task, "failed", message)
         fault = told(message, WORD_CHARS_MAX) or "lost"
         scores = tuple(
-            Score(test_case=name, value=FALLBACK_SCORE, model=task.model, scored_by="none", fault=fault)
+            Score(test_case=name, value=FALLBACK_SCORE, model=task.model, scored_by=NOBODY, fault=fault)
             for name in round_.batches[key.batch]
         )
         self._scored(round_, task.model, scores, 0.0)

@@ -23,6 +23,7 @@ from saflite.contract.circumstances import Circumstances
 from saflite.contract.config import Campaign
 from saflite.contract.events import FaultSeen, Flown, Judged, Quarantined, ViolationFound
 from saflite.contract.flight import Flight, Trace
+from saflite.contract.score import NOBODY
 from saflite.contract.signals import MODES, UNNAMED_MODE
 from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import TestCase
@@ -178,7 +179,7 @@ def calibrations(run: RunFolder) -> tuple[Calibration, ...]:
     """
     rows: dict[tuple[str, str], Row] = {}
     for score in sorted(run.scores(), key=lambda score: score.shadow):  # what decided goes before what watched
-        if score.violated is not None:
+        if score.violated is not None and score.scored_by != NOBODY:
             chosen = score.selected_by or "score"
             row = Row(model=score.scored_by, score=score.value, violated=score.violated, chosen=chosen)
             rows.setdefault((score.scored_by, score.test_case), row)
