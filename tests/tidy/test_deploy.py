@@ -130,9 +130,49 @@ def test_a_farm_whose_process_is_gone_is_told_of() -> None:
     (rule,) = [rule for rule in group["rules"] if rule["alert"] == "FarmAway"]
     jobs = [one["job_name"] for one in _documents(DEPLOY / "prometheus" / "prometheus.yml")[0]["scrape_configs"]]
     parts = {part.strip() for part in rule["expr"].split(" or ")}
-    away = {"saflite_up == 0", "absent(saflite_up)", *(f'up{{job="{job}"}} == 0' for job in jobs)}
+    gone = [f'up{{job="{job}"}} == 0' for job in jobs]
+    away = {"saflite_up == 0", *gone, " unless on() ".join(["absent(saflite_up)", *gone])}
     assert parts == away, "not told: books that are silent, a target that is gone, one that is looked for no more"
     assert "over" in rule["annotations"]["summary"], "a farm that ended in order is away, too"
+
+
+Labels = dict[str, str]
+Series = dict[str, list[tuple[Labels, float]]]
+A, B = ({"job": "saflite", "instance": f"{host}:9464"} for host in "ab")
+WORKS: Series = {"up": [(A, 1.0)], "saflite_up": [({**A, "campaign": "night"}, 1.0)]}
+
+
+def _selected(text: str, series: Series) -> list[Labels]:
+    """Return the elements of a part of FarmAway's expression, as PromQL has it."""
+    left, _, unless = text.partition(" unless on() ")
+    if unless:
+        return [] if _selected(unless, series) else _selected(left, series)
+    if absent := re.fullmatch(r"absent\((\w+)\)", text):
+        return [] if series.get(absent[1]) else [{}]
+    named = re.fullmatch(r'(\w+)(?:\{job="(\w+)"\})? == 0', text)
+    assert named, f"an expression this test does not know: {text}"
+    return [labels for labels, value in series.get(named[1], []) if not value and named[2] in (None, labels.get("job"))]
+
+
+@pytest.mark.parametrize(
+    ("series", "count"),
+    [
+        (WORKS, 0),
+        ({**WORKS, "saflite_up": [({**A, "campaign": "night"}, 0.0)]}, 1),  # its books do not answer
+        ({"up": [(A, 0.0)]}, 1),  # its process is gone, and listed
+        ({}, 1),  # its process is gone, and no longer discovered
+        ({**WORKS, "up": [(A, 1.0), (B, 0.0)]}, 1),  # one of two
+        ({"up": [(A, 0.0), (B, 0.0)]}, 2),  # both
+        ({"up": [({"job": "other", "instance": "c:1"}, 0.0)]}, 1),  # of another job nothing is known
+    ],
+)
+def test_a_farm_that_is_away_is_one_alert(series: Series, count: int) -> None:
+    (group,) = _documents(DEPLOY / "prometheus" / "alerts.yml")[0]["groups"]
+    (expression,) = [rule["expr"] for rule in group["rules"] if rule["alert"] == "FarmAway"]
+    alerts: list[Labels] = []
+    for part in expression.split(" or "):
+        alerts += [labels for labels in _selected(part, series) if labels not in alerts]
+    assert len(alerts) == count, alerts
 
 
 def test_no_alert_asks_for_a_job_that_is_not_scraped() -> None:
