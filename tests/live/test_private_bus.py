@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import os
-import shutil
 import subprocess
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
+import other_user
 import pytest
 
 from saflite.bus.private_socket import SOCKET, PrivateSocket
@@ -17,24 +17,20 @@ from saflite.bus.zenoh import open_client, open_router
 pytestmark = pytest.mark.live
 
 KNOCK = "import socket, sys; socket.socket(socket.AF_UNIX).connect(sys.argv[1])"
-PYTHON = "/usr/bin/python3"
-NOBODY = "65534"
 
 
 def _knock(path: Path, *prefix: str) -> str:
     """Return what connecting to the socket in a process of its own ends with, empty if it succeeds."""
-    done = subprocess.run([*prefix, PYTHON, "-c", KNOCK, str(path)], capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [*prefix, other_user.PYTHON, "-c", KNOCK, str(path)], capture_output=True, text=True, check=False
+    )
     return done.stderr.strip().splitlines()[-1] if done.returncode else ""
 
 
 @pytest.fixture
 def stranger() -> tuple[str, ...]:
     """What runs a command as another user."""
-    if os.geteuid() != 0:
-        pytest.skip("becoming another user needs root")
-    if shutil.which("setpriv") is None or not Path(PYTHON).exists():
-        pytest.skip(f"becoming another user needs setpriv (util-linux) and {PYTHON}")
-    return ("setpriv", f"--reuid={NOBODY}", f"--regid={NOBODY}", "--clear-groups")
+    return other_user.prefix()
 
 
 @pytest.fixture

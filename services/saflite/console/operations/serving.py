@@ -63,7 +63,10 @@ def serve(sources: Sequence[Source], host: str, port: int, tokens: Tokens) -> in
     out.line(f"dashboard  http://{place}:{listener.getsockname()[1]}/{hint}   (Ctrl-C ends it; runs go on)")
     out.flush()
     app = application(sources, tokens, ending=ending)
-    config = uvicorn.Config(app, log_level="warning", timeout_graceful_shutdown=ENDING_S, ws="none")
+    # no proxy_headers: who asks is the address of the socket (`access.is_ours`), not what a header says of it
+    config = uvicorn.Config(
+        app, log_level="warning", timeout_graceful_shutdown=ENDING_S, ws="none", proxy_headers=False
+    )
     try:
         Server(config).run(sockets=[listener])
     except KeyboardInterrupt:
