@@ -6,6 +6,7 @@ import asyncio
 import re
 import socket
 from collections.abc import Iterator
+from itertools import product
 from pathlib import Path
 
 import msgspec
@@ -82,7 +83,7 @@ class Stub:
 
 
 def client(*sources: Stub, tokens: access.Tokens | None = None, host: str = "127.0.0.1:8765") -> TestClient:
-    app = application(sources or (Stub(),), tokens or {}, is_ours=lambda host, port: True)
+    app = application(sources or (Stub(),), tokens or {}, is_ours=lambda client, server: True)
     return TestClient(app, base_url=f"http://{host}", follow_redirects=False)
 
 
@@ -97,16 +98,53 @@ def test_without_tokens_only_names_of_this_machine_are_answered_to() -> None:
 
 
 def test_sockets_of_others_get_nothing() -> None:
-    app = application([Stub()], {}, is_ours=lambda host, port: False)
+    app = application([Stub()], {}, is_ours=lambda client, server: False)
     assert TestClient(app, base_url="http://127.0.0.1").get("/run/0/").status_code == 403
-    for family, host in ((socket.AF_INET, "127.0.0.1"), (socket.AF_INET6, "::1")):
-        with socket.socket(family) as ours:
-            ours.bind((host, 0))
-            ours.listen()
-            assert access.is_ours(*ours.getsockname()[:2])
-            port = ours.getsockname()[1]
-        assert not access.is_ours(host, port), "nobody's any more"
-    assert not access.is_ours("testclient", 50000)
+    web = TestClient(application([Stub()], {}), base_url="http://127.0.0.1")
+    assert web.get("/run/0/").status_code == 403, "no socket that the kernel lists"
+
+
+@pytest.mark.parametrize(("family", "host"), [(socket.AF_INET, "127.0.0.1"), (socket.AF_INET6, "::1")], ids=str)
+def test_only_a_socket_that_somebody_holds_says_whose_it_is(family: socket.AddressFamily, host: str) -> None:
+    def place(one: socket.socket) -> tuple[str, int]:
+        host, port, *_ = one.getsockname()
+        return host, port
+
+    with socket.socket(family) as here, socket.socket(family) as elsewhere:
+        for listener in (here, elsewhere):
+            listener.bind((host, 0))
+            listener.listen()
+        assert not access.is_ours(place(here), place(here)), "it listens, nobody asks by it"
+        asks = socket.create_connection(place(here))
+        client, server = place(asks), place(here)
+        taken = here.accept()[0]
+        assert access.is_ours(client, server)
+        assert not access.is_ours(client, place(elsewhere)), "a socket may share its address with one to another place"
+        asks.close()
+        assert not access.is_ours(client, server), "closed, and listed under user 0 until the other side has closed"
+        taken.close()
+        assert not access.is_ours(client, server), "closed by both, and listed under user 0 for a minute"
+    assert not access.is_ours(("testclient", 50000), ("testserver", 80))
+
+
+STATES = {f"{number:02X}": number == 1 for number in range(1, 13)}  # of include/net/tcp_states.h; 01 is ESTABLISHED
+ROW = (
+    "   0: 0100007F:C350 0100007F:2235 {state} 00000000:00000000 00:00000000 00000000 {user:5d}        0 {inode} "
+    "1 0000000000000000 20 4 30 10 -1"
+)
+
+
+@pytest.mark.parametrize(("state", "holds"), STATES.items())
+def test_what_the_kernel_lists_says_whose_a_socket_is_while_it_is_held(state: str, holds: bool) -> None:
+    client, server = ("127.0.0.1", 50000), ("127.0.0.1", 8757)
+    stranger = ROW.format(state="01", user=65534, inode=1)
+    for user, inode in product((0, 1000, 65534), (0, 4711)):
+        row = ROW.format(state=state, user=user, inode=inode)
+        owners = access.owners([row], client, server)
+        assert owners == ({user} if holds and inode else set())
+        assert access.owners([row, stranger], client, server) == owners | {65534}
+        for other in ((client, ("127.0.0.1", 8758)), (("127.0.0.1", 50001), server), (("127.0.0.2", 50000), server)):
+            assert access.owners([row], *other) == set()
 
 
 def test_a_token_gives_a_role_and_a_cookie() -> None:

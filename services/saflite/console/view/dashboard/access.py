@@ -10,7 +10,7 @@ import hmac
 import ipaddress
 import os
 import socket
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -19,8 +19,11 @@ from saflite.contract.outside import read_text
 
 Role = Literal["viewer", "operator"]
 Tokens = Mapping[str, Role]
+Address = tuple[str, int]
 TOKEN_LENGTH_MIN = 16
 COOKIE, ORDER_HEADER = "saflite", "x-saflite"
+ESTABLISHED = "01"
+"""The state of a connection that both ends hold, as /proc/net/tcp has it."""
 OWN_NAMES = ("localhost", "127.0.0.1", "[::1]")
 
 
@@ -65,17 +68,33 @@ def is_loopback(host: str) -> bool:
         return False
 
 
-def is_ours(host: str, port: int) -> bool:
-    """Return whether the socket of this machine at an address is this user's or root's, as the kernel lists it."""
-    table, family = ("tcp6", socket.AF_INET6) if ":" in host else ("tcp", socket.AF_INET)
+def is_ours(client: Address, server: Address) -> bool:
+    """Return whether this user or root holds the socket of this machine that asks, as the kernel lists it."""
+    table = "tcp6" if ":" in client[0] else "tcp"
     try:
-        words = socket.inet_pton(family, host)
         lines = Path(f"/proc/net/{table}").read_text(encoding="ascii").splitlines()[1:]
+        found = owners(lines, client, server)
     except OSError:
         return False
+    return bool(found) and found <= {os.getuid(), 0}
+
+
+def owners(lines: Sequence[str], client: Address, server: Address) -> set[int]:
+    """Return the users who hold a connection from `client` to `server`, by lines of /proc/net/tcp or tcp6.
+
+    A socket that is closed, or has no inode, is held by nobody: the kernel lists it under user 0, whoever had it.
+    Connections to other places may share the client's address. Raises OSError for a host that is no address.
+    """
+    ends = [_listed(*client), _listed(*server)]
+    rows = (fields for fields in map(str.split, lines) if fields[1:3] == ends)
+    return {int(fields[7]) for fields in rows if fields[3] == ESTABLISHED and fields[9] != "0"}
+
+
+def _listed(host: str, port: int) -> str:
+    """Return an address as the kernel lists it: words of four bytes, the last byte first."""
+    words = socket.inet_pton(socket.AF_INET6 if ":" in host else socket.AF_INET, host)
     place = "".join(words[at : at + 4][::-1].hex() for at in range(0, len(words), 4)).upper()
-    owners = {int(fields[7]) for fields in map(str.split, lines) if fields[1] == f"{place}:{port:04X}"}
-    return bool(owners) and owners <= {os.getuid(), 0}
+    return f"{place}:{port:04X}"
 
 
 def role_of(tokens: Tokens, host_header: str, given: str) -> Role | None:

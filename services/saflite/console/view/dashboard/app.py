@@ -25,7 +25,7 @@ from starlette.routing import Route
 from starlette.types import ASGIApp
 
 from saflite.console.view.dashboard import access, pages
-from saflite.console.view.dashboard.access import COOKIE, ORDER_HEADER, Role, Tokens, role_of
+from saflite.console.view.dashboard.access import COOKIE, ORDER_HEADER, Address, Role, Tokens, role_of
 from saflite.console.view.dashboard.assets import SCRIPT, STYLE
 from saflite.console.view.dashboard.source import Source
 from saflite.contract import wire
@@ -35,7 +35,7 @@ from saflite.contract.errors import FarmError, Refused
 EVERY_S = 1.0
 BODY_BYTES_MAX = 4096
 Next = Callable[[Request], Awaitable[Response]]
-IsOurs = Callable[[str, int], bool]
+IsOurs = Callable[[Address, Address], bool]
 HEADERS = {
     "Content-Security-Policy": (
         "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; connect-src 'self'; "
@@ -69,7 +69,7 @@ class _Guard(BaseHTTPMiddleware):
         role = role_of(
             self._tokens, request.headers.get("host", ""), asked or bearer or request.cookies.get(COOKIE, "")
         )
-        if not self._tokens and (request.client is None or not self._is_ours(*request.client)):
+        if not self._tokens and not self._is_held_by_us(request):
             return PlainTextResponse("another user's: a token is needed (--tokens)\n", 403)
         if role is None:
             words = "a token is needed: open /?token=TOKEN" if self._tokens else "not by this name: use 127.0.0.1"
@@ -84,6 +84,10 @@ class _Guard(BaseHTTPMiddleware):
         for name, value in HEADERS.items():
             response.headers.setdefault(name, value)
         return response
+
+    def _is_held_by_us(self, request: Request) -> bool:
+        client, server = request.scope.get("client"), request.scope.get("server")
+        return client is not None and server is not None and self._is_ours(tuple(client), tuple(server))
 
 
 def application(
