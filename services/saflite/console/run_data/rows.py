@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
+import msgspec
+
+from saflite.contract import wire
 from saflite.contract.blobs import BlobRef
-from saflite.contract.flight import UNTOLD, Purpose
+from saflite.contract.errors import Refused
+from saflite.contract.flight import UNTOLD, Ending, Purpose
 from saflite.contract.verdict import Violation
 
 
@@ -15,7 +20,7 @@ class FlightRow(NamedTuple):
     test_case: str
     flight_index: int
     purpose: Purpose
-    ending: str
+    ending: Ending
     simulated_s: float
     wall_s: float
     trace_digest: str
@@ -27,6 +32,18 @@ class FlightRow(NamedTuple):
         """Whether it is the flight that shows a violation: no re-flight, check, or flight of a smaller one tried."""
         same = self.test_case == violation.test_case and self.flight_index == violation.flight_index
         return same and self.purpose not in UNTOLD
+
+
+def flight_row(columns: Sequence[object]) -> FlightRow:
+    """Return a flight as the tables have it, in the order of its fields, the policies it violated in one text.
+
+    Raises Refused for what no flight is: SQLite keeps any value in any column, and others may have made the store.
+    """
+    *known, violated = columns
+    try:
+        return wire.convert((*known, [word for word in str(violated).split(",") if word]), FlightRow)
+    except msgspec.ValidationError as fault:
+        raise Refused("books", expected="rows of flights", got=f"{fault}; the tables are damaged") from fault
 
 
 class ArtefactRow(NamedTuple):

@@ -18,7 +18,7 @@ from saflite.campaign.storage.packing import Packing
 from saflite.campaign.storage.sqlite import connect_reading, damage_named
 from saflite.campaign.storage.store import store_file
 from saflite.console.run_data.embargo import Released, split
-from saflite.console.run_data.rows import ArtefactRow, FlightRow, ScoreRow, UsageRow
+from saflite.console.run_data.rows import ArtefactRow, FlightRow, ScoreRow, UsageRow, flight_row
 from saflite.console.run_data.standing import Standing, standing
 from saflite.console.run_data.unproven import pending, unproven
 from saflite.console.view import out
@@ -214,17 +214,14 @@ class RunFolder:
     # ---- what was flown ------------------------------------------------------------------------------------------
 
     def flights(self, name: str = "") -> list[FlightRow]:
-        """Return the flights in the order counted, those of one test case if named."""
+        """Return the flights in the order counted, those of one test case if named; raises Refused for damage."""
         query = (
             "SELECT f.test_case, f.flight_index, f.purpose, f.ending, f.simulated_s, f.wall_s, f.trace_digest,"
             " f.worker, j.robustness, coalesce(j.violated, '') FROM flights f LEFT JOIN judgements j"
             " ON f.purpose NOT IN ('check', 'shrink') AND j.test_case = f.test_case AND j.flight_index = f.flight_index"
             " WHERE ?1 = '' OR f.test_case = ?1 ORDER BY f.rowid"
         )
-        return [
-            FlightRow._make((*row[:9], tuple(word for word in row[9].split(",") if word)))
-            for row in self._rows(query, name)
-        ]
+        return [flight_row(row) for row in self._rows(query, name)]
 
     def flight(self, row: FlightRow) -> Flight | None:
         """Return the whole record of a flight, with what was delivered; None where no worker handed one in."""

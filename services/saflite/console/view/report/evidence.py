@@ -11,7 +11,7 @@ from saflite.console.view.report.data import Exhibit
 from saflite.console.view.report.svg import tag
 from saflite.contract.circumstances import in_words
 from saflite.contract.errors import Refused
-from saflite.contract.flight import Ending, Flight, Given, given
+from saflite.contract.flight import Flight, Given, given
 from saflite.contract.test_case import Obstacle, setting_text, stimulus_text
 from saflite.contract.verdict import Verdict, failed_again
 
@@ -143,20 +143,19 @@ def _given(exhibit: Exhibit) -> tuple[Given, ...]:
 
 
 def _flight_of(exhibit: Exhibit) -> Flight:
-    from typing import cast
-
     if exhibit.flight is not None:
         return exhibit.flight
     row = exhibit.flights[0]
     return Flight(
         test_case=row.test_case,
         flight_index=row.flight_index,
-        ending=cast(Ending, row.ending),
+        ending=row.ending,
         simulated_s=row.simulated_s,
     )
 
 
 def _facts(exhibit: Exhibit, run_name: str) -> list[tuple[str, str]]:
+    """Return what is known of a violation: each fact's name, and what it says as HTML."""
     violation, case = exhibit.violation, exhibit.test_case
     first = next((row for row in exhibit.flights if row.shows(violation)), None)
     proposer = f"{case.origin.strategy or '?'}, round {case.origin.round}"
@@ -167,12 +166,8 @@ def _facts(exhibit: Exhibit, run_name: str) -> list[tuple[str, str]]:
     if exhibit.circumstances is not None:
         facts += [(question, escape(answer)) for question, answer in in_words(exhibit.circumstances).items()]
     if first is not None:
-        facts.append(
-            (
-                "flight",
-                f"{first.ending}, {first.simulated_s:.1f} s, trace <code>{escape(first.trace_digest[:16])}</code>",
-            )
-        )
+        flown = f"{first.ending}, {first.simulated_s:.1f} s"
+        facts.append(("flight", f"{escape(flown)}, trace <code>{escape(first.trace_digest[:16])}</code>"))
     facts += [(f"box {number}", _box(box)) for number, box in enumerate(case.scenario.obstacles, start=1)]
     facts += [(f"at {one.stimulus.at_s:g} s", escape(_given_text(one))) for one in _given(exhibit)]
     facts += [(escape(name), escape(setting_text(value))) for name, value in case.target.settings.items()]
