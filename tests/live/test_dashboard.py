@@ -90,6 +90,19 @@ def test_finds_that_come_in_leave_the_reader_where_he_is(window: browser.Browser
         assert window.run("return document.querySelector('tr.here').dataset.find") == chosen
 
 
+def test_what_the_server_refuses_is_told_as_words(window: browser.Browser, tmp_path: Path) -> None:
+    """An address from elsewhere names a find that is none: the answer, which repeats the name, is no markup."""
+    markup = "<b class=evil>sign in again"
+    with served(str(make_run(tmp_path / "run", 2))) as address:
+        window.size(1280, 900)
+        window.open(f"{address}/run/0/")
+        window.until("shown >= 0")
+        window.run("open_(arguments[0])", markup)
+        window.until("/one of a find/.test(document.querySelector('#find-content').textContent)")
+        assert window.run("return document.querySelector('.evil')") is None
+        assert markup in window.run("return document.querySelector('#find-content').textContent")
+
+
 def test_ctrl_c_ends_it_though_a_page_is_open(window: browser.Browser, tmp_path: Path) -> None:
     command = [*SAFLITE, "dashboard", str(make_run(tmp_path / "run", 12)), "--port", "0"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)

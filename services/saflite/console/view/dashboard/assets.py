@@ -105,7 +105,8 @@ const before=list()[chosen],focused=before&&before===document.activeElement;fill
 chosen=before?list().findIndex(row=>row.dataset.find===before.dataset.find):-1;const row=list()[chosen];if(!row)return;
 row.classList.add('here');if(focused)row.focus({preventScroll:true})}
 async function open_(name){const box=$('#find');$('#find-content').textContent='\\u2026';if(!box.open)box.showModal();
-const answer=await fetch('find/'+encodeURIComponent(name));$('#find-content').innerHTML=await answer.text();
+const answer=await fetch('find/'+encodeURIComponent(name)),text=await answer.text(),place=$('#find-content');
+if(answer.ok)place.innerHTML=text;else place.textContent=text; // a refusal is plain text and repeats what was asked
 equip(box);box.scrollTop=0;history.replaceState(null,'','#'+name)}
 function rows(){document.querySelectorAll('tr.find:not([data-ready])').forEach(row=>{row.dataset.ready='1';
 row.tabIndex=0;row.onclick=()=>{chosen=list().indexOf(row);open_(row.dataset.find)}})}
