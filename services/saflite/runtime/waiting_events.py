@@ -88,6 +88,12 @@ class WaitingEvents:
         with self._changed:
             return wire.decode(self._waiting[-1], Event) if self._waiting else None
 
+    def kept(self) -> Iterator[Event]:
+        """Yield the events of the file, those that were taken, too. Before anything is added."""
+        self._bytes = 0
+        for data in self._records():
+            yield wire.decode(data, Event)
+
     def begin(self, cursor: Cursor) -> None:
         """Go on from a cursor; nothing waits any more."""
         with self._changed:
@@ -178,6 +184,7 @@ class WaitingEvents:
 
     def _records(self) -> Iterator[bytes]:
         """Yield the whole records; `_bytes` is where the last of them ends."""
+        os.lseek(self._handle, 0, os.SEEK_SET)
         with os.fdopen(os.dup(self._handle), "rb") as file:
             while len(head := file.read(_HEAD.size)) == _HEAD.size:
                 length, checksum = _HEAD.unpack(head)

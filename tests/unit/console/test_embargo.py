@@ -13,7 +13,7 @@ import pytest
 from saflite.campaign.storage.store import Store
 from saflite.console.operations.bridging import Bridge, _carry
 from saflite.console.run_data import farm_lookup
-from saflite.console.run_data.embargo import ALL, is_public
+from saflite.console.run_data.embargo import ALL, ToldFaults, is_public
 from saflite.console.run_data.run_folder import open_run
 from saflite.console.view.dashboard.source import EndpointSource, RunSource
 from saflite.console.view.report import data
@@ -25,7 +25,7 @@ from saflite.contract.events import Event, Fact, Flown, ViolationFound
 from saflite.contract.flight import AUTOPILOT_ALIVE, Purpose
 from saflite.contract.test_case import Scenario, StartState, Target, TestCase
 from saflite.contract.verdict import Confirmation, Violation
-from saflite.contract.work import FlyResult, FlyWork, JudgeResult, Result, Work
+from saflite.contract.work import JudgeResult, Result, Work
 from saflite.recorder.export import export
 from saflite.recorder.summary import Finding
 from saflite.runtime.clock import WallClock
@@ -34,24 +34,7 @@ from saflite.runtime.webhook import Webhook
 sys.path.insert(0, str(Path(__file__).parents[1] / "campaign"))
 
 from books_drive import Driver, doubles
-
-FAULT = "the firmware died: AddressSanitizer: heap-buffer-overflow in parse < read"
-
-
-class DiesWhenFlownFor(doubles.Service):
-    """A farm whose autopilot dies of a fault of memory in flights of one purpose."""
-
-    def __init__(self, store: Store, purpose: Purpose) -> None:
-        super().__init__(store.blobs)
-        self._purpose = purpose
-
-    def do(self, work: Work) -> Result:
-        """Fly, and die where it is time to."""
-        result = super().do(work)
-        if isinstance(work, FlyWork) and isinstance(result, FlyResult) and work.purpose == self._purpose:
-            died = msgspec.structs.replace(result.flight, ending="autopilot_died", message=FAULT)
-            return msgspec.structs.replace(result, flight=died)
-        return result
+from bridge_doubles import FAULT, DiesWhenFlownFor
 
 
 def finding(memory_safety: bool) -> Finding:
@@ -135,6 +118,25 @@ def flown(case: str, index: int) -> Flown:
     )
 
 
+def test_a_death_that_a_find_explains_leaves_those_of_other_flights_unexplained() -> None:
+    """The first flight died of what is no fault of memory, a re-flight of what no event says."""
+    told = ToldFaults()
+    facts: tuple[Fact, ...] = (
+        flown("a", 0), found("a", AUTOPILOT_ALIVE, "PANIC: told to"), flown("a", 1),
+        flown("b", 0), found("b", AUTOPILOT_ALIVE, "PANIC: told to"),
+        found("c", AUTOPILOT_ALIVE, "PANIC: told to"), found("c", "upright", FAULT),
+    )  # fmt: skip
+    events = [Event(seq=seq, at_unix_s=1.0, fact=fact) for seq, fact in enumerate(facts, 1)]
+    for event in (*events, events[0], Event(seq=99, at_unix_s=1.0, fact=flown("b", 1))):
+        told.take(event)
+    assert [name for name in "abcd" if name * 16 in told] == ["a", "c"]
+    assert told.knows(events[-1])
+    assert not told.knows(Event(seq=8, at_unix_s=1.0, fact=facts[0])), "what came out of order is not known"
+    told.begin()
+    assert "a" * 16 not in told
+    assert not told.knows(events[0])
+
+
 def test_a_farm_elsewhere_shows_every_find_and_to_viewers_none_of_a_test_case_with_a_fault_of_memory(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -144,6 +146,7 @@ def test_a_farm_elsewhere_shows_every_find_and_to_viewers_none_of_a_test_case_wi
         flown("c", 1), found("c", "upright"),  # a re-flight died, of what nobody says
         flown("d", 0), found("d", AUTOPILOT_ALIVE, "PANIC: told to"), found("d", "upright"),
         found("e", "upright"), found("e", "stays-near"),
+        flown("f", 0), found("f", AUTOPILOT_ALIVE, "PANIC: told to"), flown("f", 1), found("f", "upright"),
     )  # fmt: skip
     farm = FarmElsewhere(facts)
     monkeypatch.setattr(farm_lookup, "connect", lambda where: farm)
@@ -156,7 +159,7 @@ def test_a_farm_elsewhere_shows_every_find_and_to_viewers_none_of_a_test_case_wi
     ]
     shown = [(one.test_case[0], one.policy) for one in source.violations(public=True)]
     assert shown == [pair for pair in told if pair[0] in "de"]
-    for name in "abc":
+    for name in "abcf":
         assert "upright" in source.find(name * 16, public=False)
         with pytest.raises(Refused):
             source.find(name * 16, public=True)

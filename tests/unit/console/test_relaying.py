@@ -4,24 +4,20 @@ from __future__ import annotations
 
 import shutil
 import sys
-import threading
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import httpx
 import msgspec
 import pytest
 
-from saflite.bus.base import Inbox, Reply
 from saflite.campaign.storage.store import Store
 from saflite.console.cli import REFUSED, main
 from saflite.console.operations import bridging
-from saflite.console.operations.relaying import RECEIVER_S, Bridge, StoppableClock, Stopped, relay
+from saflite.console.operations.relaying import RECEIVER_S, Bridge, relay
 from saflite.console.run_data.run_folder import open_run
 from saflite.contract import wire
-from saflite.contract.cloud_event import CloudEvent
-from saflite.contract.control import Answer, Control
+from saflite.contract.control import Control
 from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.events import Event, FaultSeen, kind_of
 from saflite.runtime import waiting_events
@@ -32,80 +28,9 @@ from saflite.runtime.webhook import Cursor, Webhook, keep_cursor, read_cursor
 sys.path.insert(0, str(Path(__file__).parents[1] / "campaign"))
 
 from books_drive import Driver, doubles
+from bridge_doubles import CAMPAIGN, Clock, Farm, Receiver
 
 PATIENCE_S = 30.0
-CAMPAIGN = doubles.campaign(1).name
-
-
-class _Clock(StoppableClock):
-    """Virtual seconds; who waits lets the other thread work."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.now_s = 0.0
-
-    def monotonic_s(self) -> float:
-        return self.now_s
-
-    def sleep_s(self, duration_s: float) -> None:
-        if self._stopped.wait(0.001):
-            raise Stopped
-
-    def wait_s(self, ended: threading.Event, duration_s: float) -> None:
-        self.now_s += duration_s
-        ended.wait(0.001)
-
-
-class _Farm:
-    """Books that answer over a link, as many questions as said; `at_end` is called when a bridge leaves."""
-
-    def __init__(self, driver: Driver, clock: _Clock, *, answers: int = 10**9, page: int = 10**9) -> None:
-        self._driver, self._clock, self._answers, self._page = driver, clock, answers, page
-        self.at_end: Callable[[], None] = lambda: None
-
-    def connect(self) -> FarmClient:
-        if self._answers <= 0:
-            raise Unavailable("nobody is there")
-        return FarmClient(self, CAMPAIGN, self._clock)  # type: ignore[arg-type]
-
-    def ask(self, _key: str, payload: bytes, tag: Any, inbox: Inbox, timeout_s: float) -> None:
-        self._answers -= 1
-        if self._answers < 0:
-            self._clock.now_s += timeout_s
-            inbox(Reply(tag, None))
-            return
-        answer: Answer = self._driver.books.control(wire.decode(payload, Control), self._driver.now)
-        inbox(Reply(tag, wire.encode(msgspec.structs.replace(answer, events=answer.events[: self._page]))))
-
-    def follow(self, _key: str, _inbox: Inbox) -> None:
-        pass
-
-    def renew(self) -> None:
-        pass
-
-    def access(self) -> str:
-        return ""
-
-    def close(self) -> None:
-        self.at_end()
-
-    def leaves(self) -> None:
-        self._answers = 0
-
-
-class _Receiver:
-    """Takes what is posted, once it is up."""
-
-    def __init__(self, *, is_up: bool = True) -> None:
-        self.code, self.taken = 204 if is_up else 503, list[Event]()
-
-    def up(self) -> None:
-        self.code = 204
-
-    def receive(self, request: httpx.Request) -> httpx.Response:
-        if self.code == 204:
-            self.taken.append(wire.unpack_json(request.content, CloudEvent).data)
-        return httpx.Response(self.code)
 
 
 def flown(run: Path, flights: int = 6) -> tuple[Driver, list[Event]]:
@@ -120,8 +45,8 @@ def flown(run: Path, flights: int = 6) -> tuple[Driver, list[Event]]:
 def relayed(
     cursor: Path,
     connect: Callable[[], FarmClient],
-    receiver: _Receiver,
-    clock: _Clock,
+    receiver: Receiver,
+    clock: Clock,
     *kinds: str,
     say: Callable[[str], None] = lambda _: None,
 ) -> None:
@@ -141,8 +66,8 @@ def gone() -> FarmClient:
 def test_the_farm_may_end_while_the_receiver_is_away(kinds: tuple[str, ...], tmp_path: Path) -> None:
     driver, events = flown(tmp_path / "run")
     wanted = [event for event in events if not kinds or kind_of(event.fact) in kinds]
-    cursor, clock, receiver = tmp_path / "c.json", _Clock(), _Receiver(is_up=False)
-    farm = _Farm(driver, clock)
+    cursor, clock, receiver = tmp_path / "c.json", Clock(), Receiver(is_up=False)
+    farm = Farm(driver, clock)
 
     def ends() -> None:
         farm.leaves()
@@ -152,7 +77,7 @@ def test_the_farm_may_end_while_the_receiver_is_away(kinds: tuple[str, ...], tmp
     relayed(cursor, farm.connect, receiver, clock, *kinds)
     assert receiver.taken == wanted
     assert not waiting_file(cursor).exists()
-    relayed(cursor, gone, receiver, _Clock(), *kinds)
+    relayed(cursor, gone, receiver, Clock(), *kinds)
     assert receiver.taken == wanted, "it is over and told: at once"
 
 
@@ -162,8 +87,8 @@ def test_a_bridge_killed_after_the_farm_ended_is_gone_on_with(
     torn: bytes, by_run: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     driver, events = flown(tmp_path / "run")
-    cursor, left, clock, receiver = tmp_path / "c.json", tmp_path / "left.json", _Clock(), _Receiver(is_up=False)
-    farm = _Farm(driver, clock)
+    cursor, left, clock, receiver = tmp_path / "c.json", tmp_path / "left.json", Clock(), Receiver(is_up=False)
+    farm = Farm(driver, clock)
 
     def killed() -> None:
         shutil.copy(cursor, left)
@@ -184,7 +109,7 @@ def test_a_bridge_killed_after_the_farm_ended_is_gone_on_with(
         assert again is not None
         assert again.end == events[-1].seq
     else:
-        relayed(left, gone, receiver, _Clock())
+        relayed(left, gone, receiver, Clock())
     assert receiver.taken == events
     assert not waiting_file(left).exists()
 
@@ -192,29 +117,29 @@ def test_a_bridge_killed_after_the_farm_ended_is_gone_on_with(
 @pytest.mark.parametrize("is_up", [False, True])
 def test_a_farm_that_ends_while_a_page_is_fetched_is_told_of(is_up: bool, tmp_path: Path) -> None:
     driver, events = flown(tmp_path / "run")
-    cursor, clock, receiver, said = tmp_path / "c.json", _Clock(), _Receiver(is_up=is_up), list[str]()
-    farm = _Farm(driver, clock, answers=2, page=5)  # the first event, and a page
+    cursor, clock, receiver, said = tmp_path / "c.json", Clock(), Receiver(is_up=is_up), list[str]()
+    farm = Farm(driver, clock, answers=2, page=5)  # the first event, and a page
     with pytest.raises(Unavailable, match="events from number 6 on may be missing") as fault:
         relayed(cursor, farm.connect, receiver, clock, say=said.append)
     assert clock.now_s >= PATIENCE_S
     assert f"until nothing came for {PATIENCE_S:.0f} s" in said[0]
     assert is_up or f"5 that were fetched wait in {waiting_file(cursor)}" in str(fault.value)
     receiver.up()
-    relayed(cursor, _Farm(driver, (clock := _Clock())).connect, receiver, clock)
+    relayed(cursor, Farm(driver, (clock := Clock())).connect, receiver, clock)
     assert receiver.taken == events, "the same command goes on"
 
 
 def test_one_that_begins_after_the_farm_ended_ends_too(tmp_path: Path) -> None:
     with pytest.raises(Unavailable, match="events from number 1 on may be missing"):
-        relayed(tmp_path / "c.json", gone, _Receiver(), _Clock())
+        relayed(tmp_path / "c.json", gone, Receiver(), Clock())
 
 
 def test_a_receiver_that_never_takes_it_ends_the_bridge(tmp_path: Path) -> None:
     driver, _ = flown(tmp_path / "run")
-    clock, receiver = _Clock(), _Receiver()
+    clock, receiver = Clock(), Receiver()
     receiver.code = 410
     with pytest.raises(Refused, match="HTTP 410 for event 1"):
-        relayed(tmp_path / "c.json", _Farm(driver, clock).connect, receiver, clock)
+        relayed(tmp_path / "c.json", Farm(driver, clock).connect, receiver, clock)
 
 
 def test_no_more_waits_than_the_bound_and_the_rest_is_fetched_later(
@@ -224,14 +149,14 @@ def test_no_more_waits_than_the_bound_and_the_rest_is_fetched_later(
     most = max(len(wire.encode(event)) for event in events)
     monkeypatch.setattr(waiting_events, "BYTES_MAX", 4 * most)
     monkeypatch.setattr(waiting_events, "TAKEN_BYTES_MAX", most)
-    cursor, clock, receiver, sizes = tmp_path / "c.json", _Clock(), _Receiver(is_up=False), list[int]()
+    cursor, clock, receiver, sizes = tmp_path / "c.json", Clock(), Receiver(is_up=False), list[int]()
 
     def say(words: str) -> None:
         assert "is full" in words
         sizes.append(waiting_file(cursor).stat().st_size)
         receiver.up()
 
-    relayed(cursor, _Farm(driver, clock).connect, receiver, clock, say=say)
+    relayed(cursor, Farm(driver, clock).connect, receiver, clock, say=say)
     assert receiver.taken == events
     assert sizes
     assert max(sizes) < 5 * most + 100
@@ -246,8 +171,8 @@ def test_what_waits_and_is_not_in_the_books_any_more_is_not_told(tmp_path: Path)
     for event in (*events[:3], msgspec.structs.replace(events[3], fact=FaultSeen(where="here", message="lost"))):
         waiting.add(event)
     waiting.close(over=False)
-    clock, receiver = _Clock(), _Receiver(is_up=False)
-    farm = _Farm(driver, clock)
+    clock, receiver = Clock(), Receiver(is_up=False)
+    farm = Farm(driver, clock)
     farm.at_end = lambda: receiver.up() if said else None
     relayed(cursor, farm.connect, receiver, clock, say=said.append)
     assert "4 events that waited are none of this run" in said[0]
@@ -256,14 +181,14 @@ def test_what_waits_and_is_not_in_the_books_any_more_is_not_told(tmp_path: Path)
 
 def test_a_campaign_taken_up_again_is_followed_on(tmp_path: Path) -> None:
     driver, events = flown(tmp_path / "run")
-    cursor, clock, receiver = tmp_path / "c.json", _Clock(), _Receiver()
-    relayed(cursor, _Farm(driver, clock).connect, receiver, clock)
+    cursor, clock, receiver = tmp_path / "c.json", Clock(), Receiver()
+    relayed(cursor, Farm(driver, clock).connect, receiver, clock)
     assert driver.books.control(Control(verb="budget", number=8), driver.now).accepted
     driver.commit()
     with pytest.raises(Unavailable, match="may be missing"):
-        relayed(cursor, _Farm(driver, (clock := _Clock()), answers=5).connect, receiver, clock)
+        relayed(cursor, Farm(driver, (clock := Clock()), answers=5).connect, receiver, clock)
     driver.run()
-    relayed(cursor, _Farm(driver, (clock := _Clock())).connect, receiver, clock)
+    relayed(cursor, Farm(driver, (clock := Clock())).connect, receiver, clock)
     with open_run(tmp_path / "run") as folder:
         assert receiver.taken == list(folder.events())
     assert len(receiver.taken) > len(events)
@@ -284,29 +209,29 @@ def test_two_bridges_do_not_share_a_cursor(tmp_path: Path) -> None:
 
 def test_no_event_of_kinds_that_did_not_wait_is_left_out(tmp_path: Path) -> None:
     driver, events = flown(tmp_path / "run")
-    cursor, clock, receiver = tmp_path / "c.json", _Clock(), _Receiver(is_up=False)
+    cursor, clock, receiver = tmp_path / "c.json", Clock(), Receiver(is_up=False)
     keep_cursor(cursor, Cursor(campaign=CAMPAIGN, begun_unix_s=events[0].at_unix_s))
-    farm = _Farm(driver, clock, answers=3, page=len(events) // 2)
+    farm = Farm(driver, clock, answers=3, page=len(events) // 2)
     with pytest.raises(Unavailable):
         relayed(cursor, farm.connect, receiver, clock, "violation")
     kept = read_cursor(cursor)
     assert kept is not None
     assert kept.kinds == ("violation",), "the rest was passed over"
     receiver.up()
-    relayed(cursor, _Farm(driver, (clock := _Clock())).connect, receiver, clock)
+    relayed(cursor, Farm(driver, (clock := Clock())).connect, receiver, clock)
     assert receiver.taken == events
 
 
 def test_a_receiver_that_stays_away_after_the_end_is_given_up_and_gone_on_with(tmp_path: Path) -> None:
     driver, events = flown(tmp_path / "run")
-    cursor, clock, receiver = tmp_path / "c.json", _Clock(), _Receiver(is_up=False)
-    farm = _Farm(driver, clock)
+    cursor, clock, receiver = tmp_path / "c.json", Clock(), Receiver(is_up=False)
+    farm = Farm(driver, clock)
     with pytest.raises(Unavailable, match=f"{len(events)} events after number 0 wait in {waiting_file(cursor)}"):
         relayed(cursor, farm.connect, receiver, clock)
     assert RECEIVER_S <= clock.now_s < RECEIVER_S + 10.0
     with pytest.raises(Unavailable, match="the receiver took nothing"):
-        relayed(cursor, gone, receiver, _Clock())
+        relayed(cursor, gone, receiver, Clock())
     receiver.up()
-    relayed(cursor, gone, receiver, _Clock())
+    relayed(cursor, gone, receiver, Clock())
     assert receiver.taken == events
     assert not waiting_file(cursor).exists()

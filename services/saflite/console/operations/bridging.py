@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Container, Iterable
 from pathlib import Path
 
 import msgspec
@@ -17,7 +17,7 @@ from saflite.console.run_data.embargo import for_others
 from saflite.console.run_data.run_folder import open_run
 from saflite.contract.cloud_event import told_as
 from saflite.contract.errors import FarmError, Refused, Unavailable
-from saflite.contract.events import Event, kind_of
+from saflite.contract.events import Event, ViolationFound, kind_of
 from saflite.contract.ids import short_id
 from saflite.runtime.client import ANSWER_S, FarmClient
 from saflite.runtime.clock import WallClock
@@ -127,7 +127,8 @@ def _carry(args: argparse.Namespace, bridge: Bridge) -> bool:
         ended = folder.standing().state == "ended"  # looked at first: more may come while the receiver is waited for
         cursor = _at(bridge, folder.campaign.name, lambda seq: next(folder.events(seq), None))
         if cursor is not None:
-            _tell(bridge, cursor, folder.events(cursor.seq + 1))
+            faults = folder.memory_faults()
+            _tell(bridge, cursor, folder.events(cursor.seq + 1), lambda: faults)
         return ended
 
 
@@ -136,18 +137,25 @@ def _carry_from_farm(args: argparse.Namespace, bridge: Bridge) -> bool:
     try:
         cursor = _at(bridge, client.campaign, client.event)
         if cursor is not None:
-            _tell(bridge, cursor, client.watch(cursor.seq + 1, patience_s=ANSWER_S))
+            events = client.watch(cursor.seq + 1, patience_s=ANSWER_S)
+            _tell(bridge, cursor, events, lambda: _memory_faults(args.run))
         return cursor is not None  # what is watched has come to its end
     finally:
         client.close()
 
 
-def _tell(bridge: Bridge, cursor: Cursor, events: Iterable[Event]) -> None:
-    """Have the receiver take the events of the kinds asked for."""
+def _tell(bridge: Bridge, cursor: Cursor, events: Iterable[Event], memory_faults: Callable[[], Container[str]]) -> None:
+    """Have the receiver take the events of the kinds asked for, of finds what may leave as the books have it now."""
     for event in events:
         if not bridge.kinds or kind_of(event.fact) in bridge.kinds:
-            bridge.webhook.deliver(for_others(event), cursor)
+            is_find = isinstance(event.fact, ViolationFound)
+            bridge.webhook.deliver(for_others(event, memory_faults()) if is_find else event, cursor)
             keep_cursor(bridge.cursor_file, _after(cursor, event))
+
+
+def _memory_faults(run_dir: Path) -> Container[str]:
+    with open_run(run_dir) as folder:
+        return folder.memory_faults()
 
 
 def _connected(args: argparse.Namespace) -> FarmClient:

@@ -14,10 +14,10 @@ from typing import NamedTuple
 
 import msgspec
 
-from saflite.console.run_data.embargo import for_others
+from saflite.console.run_data.embargo import ToldFaults, for_others
 from saflite.contract.cloud_event import told_as
 from saflite.contract.errors import FarmError, Unavailable
-from saflite.contract.events import Event
+from saflite.contract.events import Event, ViolationFound
 from saflite.runtime.client import ANSWER_S, FarmClient
 from saflite.runtime.clock import WallClock
 from saflite.runtime.waiting_events import WaitingEvents
@@ -113,10 +113,12 @@ def relay(
         Unavailable: neither has the farm answered nor the receiver taken anything for `patience_s`, or the campaign has
             ended and the receiver took nothing for as long as the bridge waits for it.
     """
-    waiting, over = WaitingEvents(bridge.cursor_file, bridge.kinds), False
+    waiting, over, faults = WaitingEvents(bridge.cursor_file, bridge.kinds), False, ToldFaults()
     try:
-        with _Delivery(bridge.webhook, waiting, clock) as delivery:
-            _Fetching(connect, bridge.kinds, waiting, delivery, clock, say).run(patience_s)
+        for event in waiting.kept():
+            faults.take(event)
+        with _Delivery(bridge.webhook, waiting, faults, clock) as delivery:
+            _Fetching(connect, bridge.kinds, waiting, faults, delivery, clock, say).run(patience_s)
             ended_s = clock.monotonic_s()
             while waits := waiting.waits:
                 delivery.check()
@@ -141,11 +143,12 @@ def untaken(count: int, bridge: Bridge, kept: str) -> str:
 class _Delivery:
     """The thread that has the receiver take what waits; leaving the `with` ends it."""
 
-    def __init__(self, webhook: Webhook, waiting: WaitingEvents, clock: StoppableClock) -> None:
-        self._webhook, self._waiting, self._clock = webhook, waiting, clock
+    def __init__(self, webhook: Webhook, waiting: WaitingEvents, faults: ToldFaults, clock: StoppableClock) -> None:
+        self._webhook, self._waiting, self._faults, self._clock = webhook, waiting, faults, clock
         self._fault: BaseException | None = None
         self.took_s = clock.monotonic_s()  # when the receiver took something last
         self.ended = threading.Event()
+        self.asked = threading.Event()  # the farm was asked once for what was told before
         self._thread = threading.Thread(target=self._run, daemon=True)
 
     def __enter__(self) -> _Delivery:
@@ -169,7 +172,10 @@ class _Delivery:
                 self._clock.sleep_s(0.0)
                 if (found := self._waiting.first(DRAIN_S)) is not None:
                     event, cursor = found
-                    self._webhook.deliver(for_others(event), cursor)
+                    if not self._faults.knows(event) and not self.asked.is_set():
+                        self._clock.sleep_s(DRAIN_S)
+                        continue
+                    self._webhook.deliver(self._for_others(event), cursor)
                     self._waiting.taken(event)
                     self.took_s = self._clock.monotonic_s()
         except Stopped:
@@ -178,6 +184,12 @@ class _Delivery:
             self._fault = fault
         finally:
             self.ended.set()
+
+    def _for_others(self, event: Event) -> Event:
+        """Return an event as it may leave; a find counts as private where not all before it is known."""
+        if isinstance(event.fact, ViolationFound) and not self._faults.knows(event):
+            return for_others(event, (event.fact.violation.test_case,))
+        return for_others(event, self._faults)
 
 
 class _Fetching:
@@ -188,12 +200,13 @@ class _Fetching:
         connect: Callable[[], FarmClient],
         kinds: frozenset[str],
         waiting: WaitingEvents,
+        faults: ToldFaults,
         delivery: _Delivery,
         clock: StoppableClock,
         say: Callable[[str], None],
     ) -> None:
         self._connect, self._kinds, self._waiting, self._delivery = connect, kinds, waiting, delivery
-        self._say, self._clock = say, clock
+        self._faults, self._say, self._clock = faults, say, clock
         self._heard_s = self._clock.monotonic_s()
         self._told = ""
 
@@ -210,6 +223,7 @@ class _Fetching:
                 else:
                     away = ""
             except Unavailable as fault:
+                self._delivery.asked.set()
                 if self._waiting.cursor is not None and self._waiting.cursor.end:
                     return  # it had ended when it was heard last
                 away = str(fault)
@@ -225,12 +239,18 @@ class _Fetching:
         try:
             if not self._goes_on(client):
                 return False
-            for event in client.watch(self._waiting.next_seq, patience_s=ANSWER_S, on_quiet=self._on_quiet):
+            from_seq = min(self._faults.next_seq, self._waiting.next_seq)  # deaths before tell of finds to come
+            for event in client.watch(from_seq, patience_s=ANSWER_S, on_quiet=self._on_quiet):
+                self._faults.take(event)
+                if event.seq < self._waiting.next_seq:
+                    continue
+                self._delivery.asked.set()
                 self._waiting.add(event)
                 self._on_heard()
                 if self._waiting.is_full:
                     self._tell(f"{self._waiting.file} is full: the rest is fetched once the receiver took all of it")
                     return False
+            self._delivery.asked.set()
             self._waiting.end()
             return True
         finally:
@@ -242,6 +262,7 @@ class _Fetching:
 
     def _on_quiet(self) -> None:
         self._on_heard()
+        self._delivery.asked.set()
         self._told = ""
         self._waiting.go_on()
         self._waiting.flush()
@@ -264,6 +285,7 @@ class _Fetching:
         return True
 
     def _drop(self, cursor: Cursor) -> None:
+        self._faults.begin()
         if waits := self._waiting.waits:
             self._say(f"{waits} events that waited are none of this run, or were lost with their commits: not told")
         self._waiting.begin(cursor)

@@ -11,7 +11,7 @@ from typing import NamedTuple, Protocol, cast
 import msgspec
 
 from saflite.console.run_data import farm_lookup
-from saflite.console.run_data.embargo import withheld_words
+from saflite.console.run_data.embargo import ToldFaults, withheld_words
 from saflite.console.run_data.farm_lookup import Where
 from saflite.console.run_data.in_force import budgets, in_force
 from saflite.console.run_data.run_folder import RunFolder, open_run
@@ -20,9 +20,7 @@ from saflite.console.view.report import data, page
 from saflite.contract import wire
 from saflite.contract.control import NOT_RUNNING, Answer, Status, Verb
 from saflite.contract.errors import FarmError, Refused
-from saflite.contract.events import CampaignChanged, Event, Fact, Flown, ViolationFound
-from saflite.contract.flight import AUTOPILOT_ALIVE
-from saflite.contract.memory_faults import is_memory_fault
+from saflite.contract.events import CampaignChanged, Event, ViolationFound
 from saflite.contract.verdict import Violation, with_mode_named
 from saflite.runtime.client import FarmClient
 from saflite.runtime.clock import WallClock
@@ -295,8 +293,8 @@ class EndpointSource:
 
     def __init__(self, where: Where) -> None:
         self._where, self._farm = where, _Farm(lambda: farm_lookup.connect(where))
-        self._next_seq, self._found = 1, dict[tuple[str, str], Violation]()
-        self._died, self._explained, self._memory = set[str](), set[str](), set[str]()
+        self._found = dict[tuple[str, str], Violation]()
+        self._faults = ToldFaults()
         self._lock = threading.Lock()
 
     def head(self) -> Head:
@@ -319,29 +317,18 @@ class EndpointSource:
         with self._lock:
             with suppress(FarmError):
                 self._listen()
-            hidden = self._memory | (self._died - self._explained) if public else set[str]()
-            return [one for one in self._found.values() if one.test_case not in hidden]
+            return [one for one in self._found.values() if not (public and one.test_case in self._faults)]
 
     def _listen(self) -> None:
         """Take the events that are new; raises Refused or Unavailable."""
-        while events := [wire.decode(one, Event) for one in self._farm.order("events", "", self._next_seq).events]:
-            self._next_seq = events[-1].seq + 1
-            for event in events:
-                self._take(event.fact)
-
-    def _take(self, fact: Fact) -> None:
-        """Note a find, and deaths: one that no find explains, of a re-flight, may be a fault of memory."""
-        if isinstance(fact, Flown) and fact.ending == "autopilot_died":
-            self._died.add(fact.test_case)
-        if not isinstance(fact, ViolationFound):
-            return
-        one = fact.violation
-        if one.policy == AUTOPILOT_ALIVE:
-            self._explained.add(one.test_case)
-        if is_memory_fault("autopilot_died", one.message):
-            self._memory.add(one.test_case)
-        if one.confirmation != "similar":
-            self._found[one.test_case, one.policy] = one
+        next_seq = 0
+        while next_seq != self._faults.next_seq:  # the last answer told something new
+            next_seq = self._faults.next_seq
+            for event in (wire.decode(one, Event) for one in self._farm.order("events", "", next_seq).events):
+                self._faults.take(event)
+                if isinstance(event.fact, ViolationFound) and event.fact.violation.confirmation != "similar":
+                    one = event.fact.violation
+                    self._found[one.test_case, one.policy] = one
 
     def part(self, name: str) -> str:
         """Return nothing: the books are elsewhere."""
