@@ -77,6 +77,7 @@ class Files:
         folder.mkdir()
         path = folder / self.kind.name
         path.write_bytes(data)
+        path.chmod(0o600)  # secrets are read of no other file
         path.chmod(0o600)
         silent = contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO())
         with suppress(Refused, Unavailable), silent[0], silent[1], _bounded():

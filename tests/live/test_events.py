@@ -110,6 +110,7 @@ def test_a_webhook_is_told_every_event_over_restarts_of_farm_receiver_and_bridge
     receiver: Receiver,
 ) -> None:
     run_dir = _new_run(tmp_path / "far", _campaign())
+    (tmp_path / "secret").touch(0o600)
     (tmp_path / "secret").write_bytes(SECRET)
     bridge = [sys.executable, "-m", "saflite", "watch", str(run_dir), "--webhook", receiver.url]
     bridge += ["--secret", str(tmp_path / "secret")]
@@ -134,6 +135,7 @@ def test_a_webhook_of_a_farm_elsewhere_is_told_every_event_though_it_was_away_wh
     receiver: Receiver,
 ) -> None:
     run_dir, cursor = _new_run(tmp_path / "far", _campaign()), tmp_path / "c.json"
+    (tmp_path / "secret").touch(0o600)
     (tmp_path / "secret").write_bytes(SECRET)
     receiver.is_away = True
     farm = _farm_of(run_dir, dart)

@@ -28,7 +28,7 @@ from saflite.contract import wire
 from saflite.contract.clock import in_utc
 from saflite.contract.errors import Refused
 from saflite.contract.names import NAME_EXPECTED, is_name
-from saflite.contract.outside import parse_toml, read_bytes, read_text
+from saflite.contract.outside import check_private, parse_toml, read_bytes, read_text
 
 REGISTER, FARM, PEERS, PEER = "register.toml", "farm", "peers", "peer.toml"
 AUTHORITY_KEY, AUTHORITY = "authority.key", "authority.pem"
@@ -270,10 +270,7 @@ def _checked(credentials: Credentials, now_s: float) -> Credentials:
                 "key", where=str(credentials.folder), expected=f"{CA}, {CERTIFICATE}, {KEY}", got=f"no {name}"
             )
     key = credentials.folder / KEY
-    if key.stat().st_mode & 0o077:
-        raise Refused(
-            "key", where=str(key), expected="mode 0600", got="one that others can read", fix=f"chmod 600 {key}"
-        )
+    check_private(key.stat().st_mode, key, "key")
     begins, until = validity(_read(credentials.folder / CERTIFICATE))
     authority_until = validity(_read(credentials.folder / CA))[1]
     until = min(until, authority_until)

@@ -36,15 +36,18 @@ _Place = tuple[Any, str | int] | None
 _LONG_KEY = re.compile(r"""(?<![\w.-])(?>(?>[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){33}""")
 
 
-def read_bytes(path: Path, what: str, bytes_max: int) -> bytes:
-    """Return the content of a regular file of at most `bytes_max` bytes.
+def read_bytes(path: Path, what: str, bytes_max: int, *, private: bool = False) -> bytes:
+    """Return the content of a regular file of at most `bytes_max` bytes; of one that holds a secret if `private`.
 
     Raises:
-        Refused: it is missing, unreadable, no regular file (device, pipe, folder), or larger.
+        Refused: it is missing, unreadable, no regular file (device, pipe, folder), larger, or not closed to others.
     """
     handle = _open(path, what)
     with os.fdopen(handle, "rb") as file:
-        size = os.fstat(handle).st_size
+        opened = os.fstat(handle)
+        if private:
+            check_private(opened.st_mode, path, what)
+        size = opened.st_size
         if size > bytes_max:
             raise Refused(what, where=_named(path), expected=f"at most {bytes_max} bytes", got=f"{size} bytes")
         try:
@@ -56,10 +59,17 @@ def read_bytes(path: Path, what: str, bytes_max: int) -> bytes:
     return data
 
 
-def read_text(path: Path, what: str, bytes_max: int = TEXT_BYTES_MAX) -> str:
+def check_private(mode: int, path: Path, what: str) -> None:
+    """Raise Refused for the mode of a file with a secret that others can open."""
+    if mode & 0o077:
+        fix = f"chmod 600 {_named(path)}"
+        raise Refused(what, where=_named(path), expected="mode 0600", got="one that others can read", fix=fix)
+
+
+def read_text(path: Path, what: str, bytes_max: int = TEXT_BYTES_MAX, *, private: bool = False) -> str:
     """Return a text file; raises Refused as `read_bytes` does, or where it is no UTF-8 text."""
     try:
-        return read_bytes(path, what, bytes_max).decode("utf-8").replace("\r\n", "\n")
+        return read_bytes(path, what, bytes_max, private=private).decode("utf-8").replace("\r\n", "\n")
     except UnicodeDecodeError as fault:
         raise Refused(what, where=_named(path), expected="a readable UTF-8 text file", got=_said(fault)) from fault
 

@@ -88,9 +88,13 @@ def keep_cursor(path: Path, cursor: Cursor) -> None:
 
 
 def read_secret(path: Path) -> bytes:
-    """Return the secret in a file, `whsec_` and Base64 or plain text; raises Refused for one too short to be any."""
+    """Return the secret in a file, `whsec_` and Base64 or plain text.
+
+    Raises:
+        Refused: others can read the file, or it holds none, or one too short to be any.
+    """
     try:
-        text = read_bytes(path, "--secret", SECRET_BYTES_MAX).decode("ascii").strip()
+        text = read_bytes(path, "--secret", SECRET_BYTES_MAX, private=True).decode("ascii").strip()
         plain = not text.startswith(SECRET_PREFIX)
         secret = text.encode() if plain else base64.b64decode(text.removeprefix(SECRET_PREFIX), validate=True)
     except (UnicodeDecodeError, binascii.Error) as fault:

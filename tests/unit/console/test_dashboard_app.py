@@ -342,12 +342,14 @@ def test_a_part_rests_while_flights_go_on_and_is_new_once_they_ended(
     ("content", "expected"), [("", "none"), ("short\n", "16 characters"), ("admin 0123456789abcdef0\n", "viewer TOKEN")]
 )
 def test_tokens_that_are_none_are_refused(tmp_path: Path, content: str, expected: str) -> None:
+    (tmp_path / "tokens").touch(0o600)
     (tmp_path / "tokens").write_text(content)
     with pytest.raises(Refused, match=expected):
         access.read_tokens(tmp_path / "tokens")
 
 
 def test_another_address_needs_tokens(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "tokens").touch(0o600)
     (tmp_path / "tokens").write_text("viewer 0123456789abcdef\noperator fedcba9876543210\n")
     assert access.read_tokens(tmp_path / "tokens") == {"0123456789abcdef": "viewer", "fedcba9876543210": "operator"}
     assert main(["dashboard", "nosuch", "--host", "0.0.0.0"]) == 2

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
@@ -11,8 +12,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from saflite.console.view.dashboard import access
 from saflite.contract import outside
 from saflite.contract.errors import Refused
+from saflite.runtime import webhook
 
 
 def test_a_file_is_read_whole(tmp_path: Path) -> None:
@@ -21,6 +24,22 @@ def test_a_file_is_read_whole(tmp_path: Path) -> None:
     assert outside.read_text(tmp_path / "a", "file") == "x\ny\n"
     (tmp_path / "link").symlink_to(tmp_path / "a")
     assert outside.check_file(tmp_path / "link", "file") == tmp_path / "link"
+
+
+@pytest.mark.parametrize("mode", [0o644, 0o640, 0o604, 0o660, 0o602, 0o610, 0o601])
+def test_a_file_with_a_secret_is_refused_where_others_can_open_it(mode: int, tmp_path: Path) -> None:
+    path, link = tmp_path / "secret", tmp_path / "link"
+    path.write_text("operator 0123456789abcdef\n")
+    link.symlink_to(path)
+    read: tuple[Callable[[Path], object], ...] = (access.read_tokens, webhook.read_secret)
+    for reader in read:
+        for name in (path, link):
+            path.chmod(mode)
+            with pytest.raises(Refused, match=rf"{name}.*mode 0600.*others.*chmod 600 {name}"):
+                reader(name)
+            for private in (0o600, 0o400):
+                path.chmod(private)
+                assert reader(name)
 
 
 @pytest.mark.parametrize("text", [r'{"a": "\ud800"}', r'{"\udfff": 1}', r'[["x", {"a": ["\ud83d"]}]]'])

@@ -103,6 +103,7 @@ def test_the_cursor_is_kept_whole_and_others_files_are_refused(tmp_path: Path) -
 
 def test_a_secret_is_plain_or_base64_and_long_enough(tmp_path: Path) -> None:
     path = tmp_path / "secret"
+    path.touch(0o600)
     path.write_text("whsec_" + base64.b64encode(SECRET).decode() + "\n")
     assert read_secret(path) == SECRET
     path.write_bytes(SECRET)

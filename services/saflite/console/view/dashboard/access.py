@@ -21,6 +21,7 @@ Role = Literal["viewer", "operator"]
 Tokens = Mapping[str, Role]
 Address = tuple[str, int]
 TOKEN_LENGTH_MIN = 16
+MADE_BY = "(umask 077; openssl rand -hex 16 > FILE)"
 COOKIE, ORDER_HEADER = "saflite", "x-saflite"
 ESTABLISHED = "01"
 """The state of a connection that both ends hold, as /proc/net/tcp has it."""
@@ -31,10 +32,10 @@ def read_tokens(path: Path) -> dict[str, Role]:
     """Return the tokens in a file, one a line, `viewer` before one that may give no orders.
 
     Raises:
-        Refused: there is no such file, it has no token, or one is shorter than 16 characters.
+        Refused: there is no such file, others can read it, it has no token, or one is shorter than 16 characters.
     """
     found: dict[str, Role] = {}
-    for line in read_text(path, "tokens").splitlines():
+    for line in read_text(path, "tokens", private=True).splitlines():
         words = line.split()
         if not words or line.startswith("#"):
             continue
@@ -46,7 +47,7 @@ def read_tokens(path: Path) -> dict[str, Role]:
             raise Refused("token", where=str(path), expected=expected, got=f"{len(words[-1])}")
         found[words[-1]] = role
     if not found:
-        fix = "openssl rand -hex 16 > FILE makes one"
+        fix = f"`{MADE_BY}` makes one"
         raise Refused("tokens", where=str(path), expected="a token a line", got="none", fix=fix)
     return found
 
@@ -54,7 +55,7 @@ def read_tokens(path: Path) -> dict[str, Role]:
 def check_address(host: str, tokens: Tokens) -> None:
     """Raise Refused for an address that others can reach without a token being asked for."""
     if not tokens and not is_loopback(host):
-        fix = "--tokens FILE, a token a line (openssl rand -hex 16 > FILE)"
+        fix = f"--tokens FILE, a token a line: `{MADE_BY}` makes one"
         raise Refused("--host", expected="a loopback address, or tokens", got=host, fix=fix)
 
 
