@@ -108,7 +108,8 @@ class BlobFolder:
         kept, folder = set(keep), self.incoming(worker)
         for path in folder.glob("*"):
             if path.name not in kept:
-                path.unlink(missing_ok=True)
+                with suppress(OSError):
+                    path.unlink(missing_ok=True)
         files.remove_if_empty(folder)
 
     # ---- keeping and dropping ------------------------------------------------------------------------------------

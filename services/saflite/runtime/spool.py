@@ -7,6 +7,7 @@ renamed into place. Not fsynced on purpose: a machine that loses power loses the
 from __future__ import annotations
 
 import logging
+from contextlib import suppress
 from pathlib import Path
 
 from saflite.contract import wire
@@ -21,14 +22,20 @@ _DIGEST_BYTES = 64
 
 
 class Spool:
-    """The folder of one worker. `folder` None keeps nothing (a dead worker's results are then flown again)."""
+    """The folder of one worker. `folder` None keeps nothing (a dead worker's results are then flown again).
+
+    A disk that has become full or read-only costs no flight: what cannot be kept or cleared away is said, no more.
+    """
 
     def __init__(self, folder: Path | None) -> None:
         self._folder = folder
         if folder is not None:
-            folder.mkdir(parents=True, exist_ok=True)
+            try:
+                folder.mkdir(parents=True, exist_ok=True)
+            except OSError as fault:
+                log.warning("results will not be spooled: %s", fault)
             for leftover in folder.glob("*.part"):
-                leftover.unlink(missing_ok=True)
+                _remove(leftover)
 
     def keep(self, report: Report) -> None:
         """Write the report; raises Unavailable if the disk does not take it (the report is still sent)."""
@@ -41,13 +48,13 @@ class Spool:
             part.write_bytes(digest(data).encode() + data)
             part.replace(path)
         except OSError as fault:
-            part.unlink(missing_ok=True)
+            _remove(part)  # on a read-only disk that fails, too, even where nothing stands there
             raise Unavailable(f"spool {self._folder}: {fault}") from fault
 
     def forget(self, lease_id: str, epoch: int) -> None:
         """Remove a report; not having it is no fault."""
         if self._folder is not None:
-            self._path(lease_id, epoch).unlink(missing_ok=True)
+            _remove(self._path(lease_id, epoch))
 
     def waiting(self) -> list[Report]:
         """Return the reports left by an earlier life of this worker; damaged ones are set aside and said."""
@@ -57,13 +64,20 @@ class Spool:
                 reports.append(_read(path))
             except Refused as fault:
                 log.warning("spooled result set aside: %s", fault)
-                path.rename(path.with_suffix(".damaged"))
+                with suppress(OSError):
+                    path.rename(path.with_suffix(".damaged"))
         return reports
 
     def _path(self, lease_id: str, epoch: int) -> Path:
         assert self._folder is not None
         safe = "".join(char if char.isalnum() or char in "-_" else "_" for char in lease_id)
         return self._folder / f"{safe}.{epoch}.report"
+
+
+def _remove(path: Path) -> None:
+    """Remove a file if the disk lets us; a result that stays is reported once more, which changes nothing."""
+    with suppress(OSError):
+        path.unlink(missing_ok=True)
 
 
 def _read(path: Path) -> Report:
