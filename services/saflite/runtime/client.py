@@ -23,6 +23,7 @@ from saflite.contract.names import Name
 from saflite.contract.outside import TEXT_BYTES_MAX, read_bytes
 from saflite.runtime import farm_register
 from saflite.runtime.clock import WallClock
+from saflite.simulator_worker.processes import identity
 
 FARM_FILE = "farm.json"
 ANSWER_S = 5.0
@@ -34,13 +35,17 @@ Pid = Annotated[int, msgspec.Meta(ge=1, le=2**31 - 1)]
 
 
 class FarmInfo(msgspec.Struct, frozen=True, kw_only=True):
-    """Where a farm is reached; `farm.json` in the run folder, whose inode is `folder`: a copy's is another."""
+    """Where a farm is reached; `farm.json` in the run folder, whose inode is `folder`: a copy's is another.
+
+    Its launcher is `pid`, and `launcher` the `identity` of it: a number alone is soon another's.
+    """
 
     folder: Annotated[int, msgspec.Meta(ge=0, le=2**63 - 1)] = 0
     campaign: Name
     endpoint: Word
     insecure: bool = False
     pid: Pid
+    launcher: Word = ""
     processes: Annotated[dict[Name, Pid], msgspec.Meta(max_length=10_000)] = {}
 
 
@@ -57,7 +62,7 @@ def write_info(run_dir: Path, info: FarmInfo) -> None:
     part = run_dir / f"{FARM_FILE}.part"
     part.unlink(missing_ok=True)
     part.touch(mode=0o600)
-    here = msgspec.structs.replace(info, folder=_inode(run_dir))
+    here = msgspec.structs.replace(info, folder=_inode(run_dir), launcher=identity(info.pid))
     part.write_bytes(msgspec.json.format(msgspec.json.encode(here)))
     part.replace(run_dir / FARM_FILE)
 

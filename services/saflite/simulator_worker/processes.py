@@ -31,6 +31,20 @@ def _prctl(option: int, value: int) -> None:
         raise OSError(ctypes.get_errno(), "prctl")
 
 
+def identity(pid: int) -> str:
+    """Return what tells a process from all others that ever bear its number, elsewhere or later; empty for none.
+
+    That is the boot, the namespace its number belongs to, and when it began: the same from two places only where both
+    see the same process under the number.
+    """
+    try:
+        began = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[19]
+        boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
+        return f"{boot} {os.readlink('/proc/self/ns/pid')} {began}"
+    except OSError:
+        return ""
+
+
 def children(pid: int) -> list[int]:
     """Return the child processes of `pid`, dead but unreaped ones included."""
     found: list[int] = []

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import os
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from saflite.campaign.presets.campaigns import load_campaign, template
@@ -113,6 +116,38 @@ def test_a_copy_of_a_run_folder_is_not_taken_for_the_farm_of_the_other(
         assert told in capsys.readouterr().err
     works.rename("runs/moved")
     assert farm_lookup.is_running(Path("runs/moved"))
+
+
+@pytest.mark.parametrize("launcher", ["of another boot or namespace 1", ""])
+def test_a_number_that_is_somebody_elses_now_is_no_farm(
+    launcher: str, here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A farm was killed in a container, or by a power cut; its number is alive here, and another's."""
+    dead = run_dir(here, "dead")
+    write_info(dead, TCP)
+    assert farm_lookup.is_running(dead), "its launcher is alive, its books may be about to begin"
+    told = msgspec.json.decode((dead / FARM_FILE).read_bytes(), type=FarmInfo)
+    (dead / FARM_FILE).write_bytes(msgspec.json.encode(msgspec.structs.replace(told, launcher=launcher)))
+    assert not farm_lookup.is_running(dead)
+    assert farm_lookup.newest_at_rest(None) == dead
+    assert main(["control", "status", str(dead)]) == 2
+    assert "got none that runs" in capsys.readouterr().err
+    store = Store.open(dead)  # a farm in a container: its launcher has no number here
+    assert farm_lookup.is_running(dead)
+    store.close()
+    assert not farm_lookup.is_running(dead)
+
+
+def test_a_launcher_that_has_ended_is_none_whoever_bears_its_number_next(here: Path) -> None:
+    dead = run_dir(here, "dead")
+    with subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE) as launcher:
+        write_info(dead, msgspec.structs.replace(TCP, pid=launcher.pid))
+        assert farm_lookup.is_running(dead)
+        text = (dead / FARM_FILE).read_text().replace(f'"pid": {launcher.pid}', f'"pid": {os.getpid()}')
+        launcher.communicate(b"\n")
+    assert not farm_lookup.is_running(dead)
+    (dead / FARM_FILE).write_text(text)
+    assert not farm_lookup.is_running(dead)
 
 
 ORDERS = ("control pause", "control budget 48", "control stop", "scorer use gap", "scorer shadow gap")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -17,18 +16,21 @@ RUNS = Path("runs")
 
 
 def is_running(run_dir: Path) -> bool:
-    """Return whether a farm works in a run folder: its launcher is alive."""
+    """Return whether a farm works in a run folder: its books hold their lock, or its launcher is alive.
+
+    The lock tells of a farm in a container, too. The launcher tells of one whose books begin, or begin anew.
+    """
+    from saflite.campaign.storage.sqlite import in_use
     from saflite.runtime.client import FARM_FILE, Copied, read_info
+    from saflite.simulator_worker.processes import identity
 
     if not (run_dir / FARM_FILE).exists():
         return False
     try:
-        os.kill(read_info(run_dir).pid, 0)
-    except (ProcessLookupError, Copied):
+        info = read_info(run_dir)
+    except Copied:
         return False
-    except PermissionError:
-        return True
-    return True
+    return in_use(run_dir) or ("" != info.launcher == identity(info.pid))
 
 
 def running() -> list[Path]:
