@@ -9,8 +9,6 @@ reads a clock: `handle(event, now_s)` answers with what to do, `next_s` says whe
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 from saflite.contract.join import Joined
 from saflite.contract.rng import derive_seed
 from saflite.contract.work import (
@@ -25,8 +23,6 @@ from saflite.contract.work import (
     Orders,
     Report,
     Result,
-    Stage,
-    TargetBuild,
 )
 from saflite.runtime.joining import Joining
 from saflite.runtime.worker_events import (
@@ -53,6 +49,7 @@ from saflite.runtime.worker_events import (
     SendReport,
     StopAsked,
     Tick,
+    WorkerConfig,
 )
 
 __all__ = [
@@ -94,6 +91,7 @@ RETRY_FIRST_S, RETRY_MAX_S = 0.1, 2.0
 REFUSALS_MAX = 3
 REPORTS_WAITING_MAX = 16  # more than this undelivered and no new work is taken
 STOP_GRACE_S = 5.0
+LAST_ANSWERS_S = 2.0  # of those: what goes on though it was told to end is handed back in time for an answer
 DRAINED = "needed no more, and all it held is done"
 
 
@@ -103,21 +101,6 @@ class _Pending:
     def __init__(self, report: Report, now_s: float) -> None:
         self.report, self.next_s = report, now_s
         self.sending, self.refusals, self.wait_s = False, 0, RETRY_FIRST_S
-
-
-class WorkerConfig(NamedTuple):
-    """How this worker works. `prefetch` leases are held ready beyond the `parallel` ones being worked.
-
-    With a `patience_s` it leaves once nobody has answered it for so long; 0 is patience without end.
-    """
-
-    worker: str
-    stage: Stage
-    parallel: int = 1
-    prefetch: int = 0
-    poll_s: float = 5.0
-    targets: tuple[TargetBuild, ...] = ()
-    patience_s: float = 0.0
 
 
 class Worker:
@@ -163,7 +146,8 @@ class Worker:
         elif isinstance(event, Done):
             self._on_done(event, now_s, out)
         elif isinstance(event, Found):
-            self._pending[_key_of(event.report)] = _Pending(event.report, now_s)
+            found = event.report
+            self._pending[Key(found.lease_id, found.epoch)] = _Pending(found, now_s)
         elif isinstance(event, StopAsked):
             self._stop(event.why, now_s, out)
         elif isinstance(event, DrainAsked):
@@ -176,7 +160,7 @@ class Worker:
 
     def next_s(self) -> float:
         """Return when a `Tick` is wanted at the latest."""
-        times = [self._leave_s, self._joining.next_s(), self._impatient_s(), self._renew_s()]
+        times = [self._leave_s, self._abandon_s(), self._joining.next_s(), self._impatient_s(), self._renew_s()]
         if self.is_in and not self._asking and self._wanted() > 0:
             times.append(self._ask_s)
         if self.is_in and not self._beating:
@@ -264,7 +248,8 @@ class Worker:
         pending.wait_s = min(2 * pending.wait_s, RETRY_MAX_S)
 
     def _on_done(self, event: Done, now_s: float, out: list[Instruction]) -> None:
-        del self._running[event.key]
+        if self._running.pop(event.key, None) is None:
+            return  # it was handed back while it went on
         dropped = event.key in self._cancelled
         self._cancelled.discard(event.key)
         result = event.result
@@ -304,6 +289,10 @@ class Worker:
 
     def _proceed(self, now_s: float, out: list[Instruction]) -> None:
         """Do whatever is due: reports, work, questions, heartbeats, leaving."""
+        if now_s >= self._abandon_s():
+            self._waiting += self._running.values()
+            self._running, self._cancelled = {}, set()
+            self._hand_back(now_s, out)
         for pending in self._pending.values():
             if not pending.sending and pending.next_s <= now_s:
                 pending.sending = True
@@ -334,6 +323,10 @@ class Worker:
         if not self._left and (done or drained or now_s >= self._leave_s):
             self._left = True
             out.append(Leave(self.stopping or DRAINED, self._left_for))
+
+    def _abandon_s(self) -> float:
+        answered = self._running and self._left_for == "done"
+        return self._leave_s - LAST_ANSWERS_S if answered else float("inf")
 
     def _impatient_s(self) -> float:
         patient = not self.config.patience_s or self.stopping
@@ -389,7 +382,3 @@ class Worker:
             self._busy_s += passed_s
         else:
             self._idle_s += passed_s
-
-
-def _key_of(report: Report) -> Key:
-    return Key(report.lease_id, report.epoch)

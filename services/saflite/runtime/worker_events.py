@@ -5,10 +5,25 @@ from __future__ import annotations
 from typing import Literal, NamedTuple
 
 from saflite.contract.join import Joined
-from saflite.contract.work import Ask, Grant, Heartbeat, Lease, Orders, Receipt, Report, Result
+from saflite.contract.work import Ask, Grant, Heartbeat, Lease, Orders, Receipt, Report, Result, Stage, TargetBuild
 
 LeftFor = Literal["done", "refused", "unanswered"]
 """Why a worker leaves: it was told to or has nothing to do any more, the books will not have it, nobody answers."""
+
+
+class WorkerConfig(NamedTuple):
+    """How this worker works. `prefetch` leases are held ready beyond the `parallel` ones being worked.
+
+    With a `patience_s` it leaves once nobody has answered it for so long; 0 is patience without end.
+    """
+
+    worker: str
+    stage: Stage
+    parallel: int = 1
+    prefetch: int = 0
+    poll_s: float = 5.0
+    targets: tuple[TargetBuild, ...] = ()
+    patience_s: float = 0.0
 
 
 class Key(NamedTuple):

@@ -77,8 +77,11 @@ class Sandbox:
 
     def builds(self) -> dict[str, str]:
         """Return the targets that can fly here and their builds; raises Unavailable if no process comes up."""
+        return self._begin(_never)
+
+    def _begin(self, cancelled: Cancelled) -> dict[str, str]:
         self._start()
-        ready = self._answer(BRING_UP_S, "its start")
+        ready = self._answer(BRING_UP_S, "its start", cancelled)
         assert isinstance(ready, Ready), f"expected Ready, got {type(ready).__name__}"
         return ready.builds
 
@@ -97,8 +100,10 @@ class Sandbox:
         name = test_case.target.name
         self._check_agreement(name)
         try:
-            pipe, opened = self._ready_for(name)
+            pipe, opened = self._ready_for(name, cancelled)
         except Unavailable as fault:
+            if cancelled():
+                raise
             return FlightReply(number=0, ending="infra", message=str(fault))
         self._flights += 1
         twice = self._config.verify and opened.repeats and name not in self._verified
@@ -169,28 +174,28 @@ class Sandbox:
 
     # -- the process ----------------------------------------------------------------------------------------------
 
-    def _ready_for(self, name: str) -> tuple[Connection, Opened]:
+    def _ready_for(self, name: str, cancelled: Cancelled) -> tuple[Connection, Opened]:
         """Return the socket of a process with a session of the target open, and what it said when it was opened.
 
         Raises:
             Refused: there is no such target, or what it says of itself makes no sense.
-            Unavailable: the process or the session does not come up.
+            Unavailable: the process or the session does not come up, or was cancelled before it did.
         """
         if self._process is not None and self._process.poll() is not None:
             self.kill()
         if self._target not in ("", name):
             self._end()  # it may have left the network, which another target may need
         if self._pipe is None:
-            self.builds()
+            self._begin(cancelled)
         assert self._pipe is not None
         if self._target != name:
-            self._open(self._pipe, name)
+            self._open(self._pipe, name, cancelled)
         return self._pipe, self._opened
 
-    def _open(self, pipe: Connection, name: str) -> None:
+    def _open(self, pipe: Connection, name: str, cancelled: Cancelled) -> None:
         self._target = ""
         send(pipe, OpenRequest(target=name))
-        opened = self._answer(BRING_UP_S, f"target {name} was opened")
+        opened = self._answer(BRING_UP_S, f"target {name} was opened", cancelled)
         assert isinstance(opened, Opened), f"expected Opened, got {type(opened).__name__}"
         if opened.trouble == "unavailable":
             raise Unavailable(opened.message)
@@ -220,8 +225,8 @@ class Sandbox:
         files = tuple(str(path) for path in self._config.target_files)
         send(self._pipe, Setup(slot=slot.info, target_files=files, snapshots_max=self._config.snapshots_max))
 
-    def _answer(self, patience_s: float, since: str) -> FromSimulator:
-        """Return the next message of the process; raises Unavailable, with the process ended, if none comes.
+    def _answer(self, patience_s: float, since: str, cancelled: Cancelled) -> FromSimulator:
+        """Return the next message of the process; raises Unavailable, with it ended, if none comes or it is cancelled.
 
         What it waits for a core does not count: else many that come up at once kill each other for being slow, begin
         anew and never come up.
@@ -232,8 +237,11 @@ class Sandbox:
         starved_before_s, passed_s, limit_s = starved_s(pid), 0.0, patience_s
         try:
             while passed_s < limit_s:
-                if self._pipe.poll(limit_s - passed_s):
+                if self._pipe.poll(min(POLL_S, limit_s - passed_s)):
                     return from_simulator(self._pipe)
+                if cancelled():
+                    self.kill()
+                    raise Unavailable("flight cancelled while its simulator came up")
                 passed_s = self._clock.monotonic_s() - began_s
                 limit_s = min(patience_s + starved_s(pid) - starved_before_s, STARVED_LIMIT * patience_s)
         except (EOFError, OSError) as fault:
@@ -269,6 +277,10 @@ class Sandbox:
         process.wait()
         kill_strays(self._bystanders)
         return "killed" if died is None else _words(died)
+
+
+def _never() -> bool:
+    return False
 
 
 def _ending_of(process: subprocess.Popen[bytes], patience_s: float) -> int | None:

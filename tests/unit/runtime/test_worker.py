@@ -240,6 +240,23 @@ def test_stopping_hands_every_lease_back_and_leaves_once_all_is_acknowledged() -
     assert _of(w.Leave, out)
 
 
+def test_stopping_hands_back_what_goes_on_though_it_was_told_to_end() -> None:
+    """A call into a library, a machine that swaps: counted as lost, and three losses set a test case aside."""
+    worker = _worker(parallel=2)
+    worker.handle(w.Granted(Grant(leases=(_lease("a"), _lease("b")))), 0.1)
+    worker.handle(w.StopAsked("signal SIGTERM"), 0.2)
+    assert not _of(w.SendReport, worker.handle(w.Tick(), 1.0)), "there is still time to end"
+    out = worker.handle(w.Tick(), 0.2 + w.STOP_GRACE_S - w.LAST_ANSWERS_S)
+    reports = [send.report for send in _of(w.SendReport, out) if isinstance(send, w.SendReport)]
+    assert [(report.lease_id, type(report.result)) for report in reports] == [("a", HandedBack), ("b", HandedBack)]
+    worker.validate()
+    assert not _of(w.SendReport, worker.handle(_done("a"), 3.5)), "it ended after all"
+    for name in "ab":
+        assert not _of(w.Leave, out)
+        out = worker.handle(w.Received(Key(name, 1), Receipt(lease_id=name, epoch=1, status="accepted")), 3.6)
+    assert _of(w.Leave, out)
+
+
 def test_a_stopping_worker_leaves_in_the_end_though_nobody_answers() -> None:
     worker = _worker()
     worker.handle(w.Granted(Grant(leases=(_lease("a"),))), 0.1)

@@ -35,8 +35,10 @@ def flyer() -> Iterator[Flyer]:
     assert children(os.getpid()) == before
 
 
-def _fly(flyer: Flyer, fault: int, wall_limit_s: float = 20.0, cancelled_after: int = 10**9) -> FlyResult:
-    test_case = TestCase(target=Target(name="soak", parameters={"SOAK_FAULT": fault}), scenario=Scenario())
+def _fly(
+    flyer: Flyer, fault: int, wall_limit_s: float = 20.0, cancelled_after: int = 10**9, target: str = "soak"
+) -> FlyResult:
+    test_case = TestCase(target=Target(name=target, parameters={"SOAK_FAULT": fault}), scenario=Scenario())
     work = FlyWork(test_case=test_case, flight_index=2, purpose="search", wall_limit_s=wall_limit_s)
     polls = iter(range(10**9))
     result = flyer.do(work, lambda: next(polls) >= cancelled_after)
@@ -112,6 +114,22 @@ def test_a_cancelled_flight_ends_and_the_process_lives_on(flyer: Flyer) -> None:
         _fly(flyer, SLOW, cancelled_after=2)
     assert children(os.getpid()) == before
     assert _fly(flyer, QUIET).flight.ending == "completed"
+
+
+@pytest.mark.parametrize("where", ["describe", "open"])
+def test_a_bring_up_is_cancelled_like_a_flight(where: str, tmp_path: Path) -> None:
+    """It outlasts the time a worker has to end: its lease was counted as lost."""
+    before, target = children(os.getpid()), tmp_path / "stuck.py"
+    text = TARGET.read_text().replace('"soak"', '"stuck"')
+    head = next(line for line in text.splitlines() if line.startswith(f"def {where}("))
+    target.write_text(text.replace(head, f"{head}\n    __import__('threading').Event().wait()"))
+    flyer = open_service("fly-3", WallClock(), BLOBS, [target])
+    try:
+        with pytest.raises(Unavailable, match="cancelled"):
+            _fly(flyer, QUIET, cancelled_after=1, target="stuck")
+    finally:
+        flyer.close()
+    assert children(os.getpid()) == before
 
 
 def test_waiting_for_a_core_is_no_silence(monkeypatch: pytest.MonkeyPatch) -> None:
