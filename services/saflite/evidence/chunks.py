@@ -25,6 +25,9 @@ from saflite.evidence import files
 from saflite.evidence.folder import BlobFolder
 
 RESTARTS_MAX = 3
+CHUNK_S = 2.0  # how long a chunk should be under way: heartbeats come between, and the way may become slower
+CHUNK_FIRST_BYTES, CHUNK_BYTES_MIN = 2**16, 2**13
+LOST_SHRINKS = 4
 
 
 class OverQuota(Refused):
@@ -92,20 +95,38 @@ def _append(whole: Path, ask: BlobPut) -> int:
     return have
 
 
+class Pace:
+    """How much goes into a chunk: what the way carries in `CHUNK_S`, by what the chunks before took."""
+
+    def __init__(self) -> None:
+        self.chunk_bytes = min(CHUNK_FIRST_BYTES, CHUNK_BYTES_MAX)
+
+    def took(self, chunk_bytes: int, took_s: float) -> None:
+        """Learn from a chunk that was answered; one that was not full says little."""
+        if chunk_bytes >= self.chunk_bytes:
+            fits = chunk_bytes * min(2.0, CHUNK_S / max(took_s, 1e-3))
+            self.chunk_bytes = min(CHUNK_BYTES_MAX, max(CHUNK_BYTES_MIN, int(fits)))
+
+    def lost(self) -> None:
+        """Learn from a chunk that nobody answered in time."""
+        self.chunk_bytes = min(self.chunk_bytes, max(CHUNK_BYTES_MIN, self.chunk_bytes // LOST_SHRINKS))
+
+
 class Upload:
     """Leaves a blob: send what `ask` returns and `take` the answer, until `ask` returns None."""
 
-    def __init__(self, worker: str, ref: BlobRef, data: bytes) -> None:
+    def __init__(self, worker: str, ref: BlobRef, data: bytes, pace: Pace | None = None) -> None:
         self._worker, self._ref, self._data = worker, ref, memoryview(data)
-        self._have_bytes = -1
+        self._have_bytes = 0
         self._restarts = 0
+        self._sure, self._pace = False, pace or Pace()
 
     def ask(self) -> BlobPut | None:
-        """Return the next stretch; the first question only is how much is there already."""
-        if self._have_bytes == self._ref.size_bytes:
+        """Return the next stretch; the first question, and one after silence, only is how much is there already."""
+        if self._sure and self._have_bytes == self._ref.size_bytes:
             return None
-        at = max(0, self._have_bytes)
-        data = b"" if self._have_bytes < 0 else bytes(self._data[at : at + CHUNK_BYTES_MAX])
+        at = self._have_bytes
+        data = bytes(self._data[at : at + self._pace.chunk_bytes]) if self._sure else b""
         return BlobPut(worker=self._worker, ref=self._ref, offset=at, data=data)
 
     def take(self, answer: BlobTaken) -> None:
@@ -115,22 +136,28 @@ class Upload:
             raise Unavailable(
                 f"blob {self._ref.digest[:16]} is not taken: {answer.have_bytes} bytes are said to be there"
             )
-        self._have_bytes = answer.have_bytes
+        self._have_bytes, self._sure = answer.have_bytes, True
+
+    def unanswered(self) -> None:
+        """Nobody answered in time: the stretch may still be under way, and the same again would queue behind it."""
+        if self._sure:
+            self._pace.lost()
+        self._sure = False
 
 
 class Download:
     """Gets a blob: send what `ask` returns and `take` the answer, until `ask` returns None."""
 
-    def __init__(self, ref: BlobRef) -> None:
+    def __init__(self, ref: BlobRef, pace: Pace | None = None) -> None:
         check_ref(ref)
-        self._ref, self._data = ref, bytearray()
+        self._ref, self._data, self._pace = ref, bytearray(), pace or Pace()
         self._begun = False
 
     def ask(self) -> BlobGet | None:
         """Return the next question; a blob of no bytes is asked for once, too."""
         if self._begun and len(self._data) == self._ref.size_bytes:
             return None
-        return BlobGet(digest=self._ref.digest, offset=len(self._data))
+        return BlobGet(digest=self._ref.digest, offset=len(self._data), length=self._pace.chunk_bytes)
 
     def take(self, answer: BlobChunk) -> None:
         """Take a stretch; raises BlobMissing where the other side has no such blob."""
@@ -140,6 +167,10 @@ class Download:
         if answer.size_bytes != self._ref.size_bytes or (not answer.data and self.ask() is not None):
             raise BlobMissing(self._ref, "is damaged")
         self._data += answer.data
+
+    def unanswered(self) -> None:
+        """Nobody answered in time: ask for less."""
+        self._pace.lost()
 
     def result(self) -> bytes:
         """Return the whole blob; raises BlobMissing if its digest is another."""

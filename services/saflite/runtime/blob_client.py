@@ -5,9 +5,9 @@ from __future__ import annotations
 import logging
 import queue
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Protocol, TypeVar
+from typing import Literal, Protocol, TypeVar
 
 import msgspec
 
@@ -17,6 +17,7 @@ from saflite.contract.blobs import (
     BlobChunk,
     BlobOpen,
     BlobOpened,
+    BlobPut,
     BlobRef,
     Blobs,
     BlobTaken,
@@ -24,14 +25,16 @@ from saflite.contract.blobs import (
 )
 from saflite.contract.errors import Unavailable
 from saflite.contract.work import Report, blobs_left
-from saflite.evidence.chunks import Download, Upload
+from saflite.evidence.chunks import Download, Pace, Upload
 from saflite.evidence.folder import WorkerFolder
 
 log = logging.getLogger(__name__)
 
 ANSWER_S = 10.0
-PATIENCE_S = 120.0  # books that restart are back long before
+PATIENCE_S = 120.0  # without any answer: books that restart are back long before
 PAUSE_S = 0.2
+BlobVerb = Literal["open", "get", "put"]
+Question = Callable[[], msgspec.Struct | None]
 T = TypeVar("T")
 
 
@@ -48,46 +51,73 @@ class SleepingClock(Protocol):
 
 
 class BusBlobs:
-    """A worker's end of the store over the bus. See `contract.blobs.Blobs`. May be used from several threads."""
+    """A worker's end of the store over the bus. See `contract.blobs.Blobs`. May be used from several threads.
+
+    Chunks are as large as the way to the books carries in time, which is learnt from one blob for the next.
+    """
 
     def __init__(self, bus: Bus, campaign: str, worker: str, clock: SleepingClock) -> None:
         self._bus, self._campaign, self._worker, self._clock = bus, campaign, worker, clock
+        self._pace = Pace()
 
     def open(self, keep: Sequence[str]) -> str:
         """Say that an earlier life left nothing but `keep` of use; returns what the store's probe says."""
         message = BlobOpen(worker=self._worker, keep=tuple(keep))
-        return self._asked(topics.blob(self._campaign, "open"), message, BlobOpened).probe
+        return self._asked("open", lambda: message, BlobOpened, _nothing).probe
 
     def put(self, data: bytes) -> BlobRef:
         """See `Blobs.put`."""
         ref = ref_of(data)
-        upload = Upload(self._worker, ref, data)
-        while (message := upload.ask()) is not None:
-            upload.take(self._asked(topics.blob(self._campaign, "put"), message, BlobTaken))
+        upload = Upload(self._worker, ref, data, self._pace)
+        while upload.ask() is not None:
+            upload.take(self._asked("put", upload.ask, BlobTaken, upload.unanswered))
         return ref
 
     def get(self, ref: BlobRef) -> bytes:
         """See `Blobs.get`."""
-        download = Download(ref)
-        while (message := download.ask()) is not None:
-            download.take(self._asked(topics.blob(self._campaign, "get"), message, BlobChunk))
+        download = Download(ref, self._pace)
+        while download.ask() is not None:
+            download.take(self._asked("get", download.ask, BlobChunk, download.unanswered))
         return download.result()
 
-    def _asked(self, key: str, message: msgspec.Struct, kind: type[T]) -> T:
-        """Ask until there is an answer; raises Unavailable where the books do not take the question, or not in time."""
-        until_s = self._clock.monotonic_s() + PATIENCE_S
+    def _asked(
+        self,
+        verb: BlobVerb,
+        question: Question,
+        kind: type[T],
+        unanswered: Callable[[], None],
+    ) -> T:
+        """Ask until there is an answer; what is asked after silence may be another `question`.
+
+        Raises:
+            Unavailable: the books do not take the question, or do not answer in time.
+        """
+        key, until_s = topics.blob(self._campaign, verb), self._clock.monotonic_s() + PATIENCE_S
         while True:
             inbox: queue.SimpleQueue[Happening] = queue.SimpleQueue()
+            message, asked_s = question(), self._clock.monotonic_s()
+            assert message is not None, "there is more to ask until there is an answer"
             self._bus.ask(key, wire.encode(message), "blob", inbox.put, ANSWER_S)
             reply = inbox.get()
             assert isinstance(reply, Reply), "the answer to a question is a reply"
             if reply.refused:
                 raise Unavailable(f"refused by the books: {reply.refused}")
             if reply.payload is not None:
-                return wire.decode(reply.payload, kind)
+                answer = wire.decode(reply.payload, kind)
+                self._pace.took(_carried_bytes(message, answer), self._clock.monotonic_s() - asked_s)
+                return answer
             if self._clock.monotonic_s() > until_s:
                 raise Unavailable(f"the books did not answer on {key} for {PATIENCE_S:.0f} s")
+            unanswered()
             self._clock.sleep_s(PAUSE_S)
+
+
+def _carried_bytes(*messages: object) -> int:
+    return sum(len(message.data) for message in messages if isinstance(message, BlobPut | BlobChunk))
+
+
+def _nothing() -> None:
+    return
 
 
 class WorkerBlobs:

@@ -82,7 +82,7 @@ __all__ = [
 
 JOIN_TIMEOUT_S = 5.0
 CALM_S = 3.0  # between heartbeats, until the books have said how often they want them
-REPORT_TIMEOUT_S = 10.0
+REPORT_TIMEOUT_S, REPORT_TIMEOUT_MAX_S = 10.0, 80.0  # a long result on a slow line takes longer than a short one
 DEAF_FIRST_S, DEAF_MAX_S = 20.0, 320.0  # unanswered for so long, or up to twice, it connects anew; then less often
 BEATS_MISSED = 4  # so many unanswered are silence, however seldom they are
 STOOD_STILL_S = 5.0  # its shell ticks each second
@@ -101,6 +101,7 @@ class _Pending:
     def __init__(self, report: Report, now_s: float) -> None:
         self.report, self.next_s = report, now_s
         self.sending, self.refusals, self.wait_s = False, 0, RETRY_FIRST_S
+        self.timeout_s = REPORT_TIMEOUT_S
 
 
 class Worker:
@@ -246,6 +247,7 @@ class Worker:
             return
         pending.next_s = now_s + pending.wait_s
         pending.wait_s = min(2 * pending.wait_s, RETRY_MAX_S)
+        pending.timeout_s = min(2 * pending.timeout_s, REPORT_TIMEOUT_MAX_S)
 
     def _on_done(self, event: Done, now_s: float, out: list[Instruction]) -> None:
         if self._running.pop(event.key, None) is None:
@@ -296,7 +298,7 @@ class Worker:
         for pending in self._pending.values():
             if not pending.sending and pending.next_s <= now_s:
                 pending.sending = True
-                out.append(SendReport(pending.report, REPORT_TIMEOUT_S))
+                out.append(SendReport(pending.report, pending.timeout_s))
         while self._waiting and len(self._running) < self.parallel:
             lease = self._waiting.pop(0)
             self._running[Key(lease.lease_id, lease.epoch)] = lease

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Hashable
+from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
 import numpy as np
 import pytest
 
-from saflite.bus.base import Bus, Happening, Inbox
+from saflite.bus.base import Bus, Happening, Inbox, Reply
 from saflite.bus.faulty import FaultyNetwork, Trouble
 from saflite.bus.memory import MemoryNetwork
 from saflite.contract.blobs import CHUNK_BYTES_MAX, BlobMissing, Blobs, ref_of
@@ -127,6 +128,63 @@ def test_blobs_get_over_the_bus_both_ways(store: BlobFolder, trouble: Trouble | 
     assert bus.questions >= 2 * 6
     with pytest.raises(BlobMissing):
         blobs.get(ref_of(b"never left"))
+
+
+@dataclass
+class Asked:
+    """A question that is answered at once."""
+
+    key: str
+    payload: bytes
+    answers: list[bytes]
+    sender: str = "fly-1"
+    peer: str = ""
+    damaged: str = ""
+
+    def reply(self, payload: bytes) -> None:
+        self.answers.append(payload)
+
+    def refuse(self, words: str) -> None:
+        raise AssertionError(words)
+
+
+class SlowLine:
+    """A way to the books of so many bytes a second, one message after the other: what comes late comes all the same."""
+
+    def __init__(self, requests: BlobRequests, bytes_per_s: float) -> None:
+        self._requests, self._rate = requests, bytes_per_s
+        self._now_s = self._free_s = 0.0
+        self.carried_bytes = 0
+
+    def ask(self, key: str, payload: bytes, tag: Hashable, inbox: Inbox, timeout_s: float) -> None:
+        answers: list[bytes] = []
+        self._requests.answer(Asked(key, payload, answers))
+        size = len(payload) + sum(map(len, answers))
+        self.carried_bytes += size
+        self._free_s = max(self._now_s, self._free_s) + size / self._rate
+        in_time = self._free_s <= self._now_s + timeout_s
+        self._now_s = self._free_s if in_time else self._now_s + timeout_s
+        inbox(Reply(tag, answers[0] if in_time else None))
+
+    def monotonic_s(self) -> float:
+        return self._now_s
+
+    def sleep_s(self, duration_s: float) -> None:
+        self._now_s += duration_s
+
+
+@pytest.mark.parametrize("kbit_per_s", [16, 64, 256, 2_000, 1_000_000])
+def test_a_slow_line_carries_blobs_too(store: BlobFolder, kbit_per_s: int) -> None:
+    """A chunk of fixed size in a fixed time is a line rate that everybody must have."""
+    line = SlowLine(BlobRequests(store), kbit_per_s * 125)
+    blobs = BusBlobs(line, "c", "fly-1", line)  # type: ignore[arg-type]
+    data = derive(4, "blob").bytes(3 * MIB)
+    ref = blobs.put(data)
+    assert store.adopt("fly-1", ref) == ""
+    assert line.carried_bytes < 1.2 * len(data), "what is under way is not sent once more"
+    assert blobs.get(ref) == data
+    fresh = BusBlobs(line, "c", "fly-1", line)  # type: ignore[arg-type]
+    assert fresh.get(ref) == data, "it has not learnt the rate yet"
 
 
 def test_a_trace_larger_than_a_message_travels_in_chunks(store: BlobFolder) -> None:
