@@ -8,14 +8,17 @@ from pathlib import Path
 
 import pytest
 
+from saflite.campaign.presets.campaigns import load_campaign
 from saflite.campaign.storage.seal import seal_file
 from saflite.campaign.storage.store import Store
-from saflite.console.cli import FOUND, INFRASTRUCTURE, main
+from saflite.console.cli import FOUND, INFRASTRUCTURE, REFUSED, main
+from saflite.console.operations import running
 from saflite.console.run_data import reporting
 from saflite.console.run_data.conclusion import conclude
 from saflite.console.run_data.run_folder import open_run
 from saflite.contract.control import Control
 from saflite.contract.errors import Unavailable
+from saflite.flight.autopilots.reference.describe import describe
 from saflite.runtime import campaign_runner
 from saflite.runtime.campaign_runner import ExitSummary
 
@@ -32,8 +35,14 @@ def farm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
         raise Unavailable("a farm was started")
 
     monkeypatch.setattr(campaign_runner, "resume", start)
-    (tmp_path / "farm.toml").write_text('campaign = "avoidance-m2"\nrun = "run"\n[workers]\nmutate = 1\n')
+    _name_campaign(tmp_path, doubles.campaign(10).name)
+    (tmp_path / "farm.toml").write_text('campaign = "night.toml"\nrun = "run"\n[workers]\nmutate = 1\n')
     return str(tmp_path / "farm.toml")
+
+
+def _name_campaign(folder: Path, name: str, budget: int = 10) -> None:
+    text = f'name = "{name}"\nmission = "mission2"\npolicies = ["min-obstacle-distance"]\nbudget_flights = {budget}\n'
+    (folder / "night.toml").write_text(text)
 
 
 def _campaign(run_dir: Path, *, stopped: bool = False, snapshot: bool = True) -> None:
@@ -126,3 +135,35 @@ def test_one_that_was_killed_before_its_report_was_written_is_gone_on_with(
     _campaign(tmp_path / "run")
     assert main(["up", farm]) == INFRASTRUCTURE
     assert "a farm was started" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("over", [True, False])
+def test_a_run_of_another_campaign_is_refused_by_both_names(
+    over: bool, farm: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It ended with 0, as if the campaign that the file names had been run."""
+    run_dir = tmp_path / "run"
+    _campaign(run_dir, stopped=not over)
+    reporting.write(run_dir)
+    _name_campaign(tmp_path, "another")
+    before = _contents(run_dir)
+    assert main(["up", farm]) == REFUSED
+    said = capsys.readouterr().err
+    assert "campaign another" in said
+    assert "campaign farm-test" in said
+    assert _contents(run_dir) == before
+
+
+def test_a_changed_budget_is_noted_and_the_run_goes_on_as_it_began(
+    farm: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "run"
+    running.create(folder, load_campaign(str(tmp_path / "night.toml")), describe())
+    assert main(["up", farm]) == INFRASTRUCTURE
+    assert "note:" not in capsys.readouterr().err
+    _name_campaign(tmp_path, doubles.campaign(10).name, budget=20)
+    assert main(["up", farm]) == INFRASTRUCTURE
+    assert "goes on as it began" in capsys.readouterr().err
+    (tmp_path / "night.toml").unlink()
+    assert main(["up", farm]) == INFRASTRUCTURE
+    assert "a farm was started" in capsys.readouterr().err, "what is not there any more keeps no farm from going on"

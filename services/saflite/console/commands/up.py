@@ -1,5 +1,8 @@
 """Run the farm a file describes: begin its campaign, or go on with it where the run folder holds one already.
 
+A run folder goes on with the campaign it began with: another one in the file is refused, one whose budget or rules were
+changed since is noted.
+
 For machines that keep a farm running (`deploy/systemd`, `deploy/compose.yaml`): books and router run here, workers as
 the file says, all others join. The same command after a crash or a restart of the machine goes on. A campaign that is
 over is left as it is, with exit code 0, so that whatever starts failed commands again comes to rest.
@@ -25,6 +28,8 @@ import argparse
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from saflite.contract.errors import FarmError, Refused
 
 if TYPE_CHECKING:
     from saflite.console.io.farm_file import FarmFile
@@ -57,6 +62,7 @@ def run(args: argparse.Namespace) -> int:
     run_dir = Path(farm.run)
     if store_file(run_dir).exists():
         running.check_books(run_dir, accept_loss=False)
+        _check_campaign(farm, args.farm, run_dir)
         if running.is_concluded(run_dir):
             return _left_alone(run_dir, as_json=args.json)
     else:
@@ -93,6 +99,34 @@ def _create(farm: FarmFile, run_dir: Path) -> None:
     campaign = campaign_options.load(farm.campaign)
     campaign_options.check_runnable(campaign)
     running.create(run_dir, campaign, describe_target(campaign.target.name))
+
+
+def _check_campaign(farm: FarmFile, path: Path, run_dir: Path) -> None:
+    """Raise Refused if the run folder holds another campaign than the file names; note one that was changed since.
+
+    One that cannot be read any more keeps no farm from going on.
+    """
+    from saflite.console.io import campaign_options
+    from saflite.console.run_data.run_folder import open_run
+    from saflite.console.view import out
+
+    with open_run(run_dir) as run:
+        began = run.campaign
+    try:
+        named = campaign_options.load(farm.campaign)
+    except FarmError as fault:
+        out.complain("note", f"{run_dir} goes on with campaign {began.name} as it began: {fault}")
+        return
+    if named.name != began.name:
+        raise Refused(
+            "run folder",
+            where=str(run_dir),
+            expected=f"a run of campaign {named.name}, which {path} names, or none",
+            got=f"one of campaign {began.name}",
+            fix=f"give each its own `run` in {path}",
+        )
+    if named != began:
+        out.complain("note", f"{farm.campaign} was changed since {run_dir} began: the run goes on as it began")
 
 
 def _left_alone(run_dir: Path, *, as_json: bool) -> int:
