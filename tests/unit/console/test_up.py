@@ -120,6 +120,29 @@ def test_a_report_of_an_earlier_sitting_does_not_end_it(
     assert main(["up", farm]) == 0
 
 
+@pytest.mark.parametrize("moved_s", [-18_000.0, 18_000.0])
+def test_a_clock_that_was_set_is_no_reason_to_go_on_or_to_rest(
+    moved_s: float, farm: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It was hours ahead until the network set it; the report seemed older than the end that it tells of."""
+    run_dir = tmp_path / "run"
+    _campaign(run_dir, stopped=True)
+    early, _ = reporting.write(run_dir)
+    of_the_first_sitting = early.read_bytes()
+    store = Store.open(run_dir)
+    Driver(store.rebuild(), store).run()
+    store.close()
+    report, _ = reporting.write(run_dir)
+    with open_run(run_dir) as run:
+        (ended_unix_s,) = (event.at_unix_s for event in run.last_events(1))
+    os.utime(report, (ended_unix_s + moved_s, ended_unix_s + moved_s))
+    assert main(["up", farm]) == 0
+    report.write_bytes(of_the_first_sitting)
+    os.utime(report, (ended_unix_s + moved_s, ended_unix_s + moved_s))
+    assert main(["up", farm]) == INFRASTRUCTURE
+    assert "a farm was started" in capsys.readouterr().err
+
+
 def test_one_that_was_told_to_stop_is_gone_on_with(
     farm: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

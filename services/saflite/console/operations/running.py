@@ -108,15 +108,11 @@ def is_concluded(run_dir: Path) -> bool:
         Refused: what is read of it is damaged.
     """
     from saflite.campaign.storage.audit import is_over
-    from saflite.console.run_data.reporting import REPORT
+    from saflite.console.run_data.reporting import is_reported
     from saflite.console.run_data.run_folder import open_run
 
-    try:
-        reported_unix_s = (run_dir / REPORT).stat().st_mtime
-    except FileNotFoundError:
-        return False
     with open_run(run_dir) as run:  # a report may be of an earlier sitting, and the last was killed before its own
-        if reported_unix_s < run.changed_unix_s():
+        if not is_reported(run):
             return False
     return is_over(run_dir)
 

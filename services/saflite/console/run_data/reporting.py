@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from saflite.campaign.storage.own_folder import check_closed
 from saflite.console.io import outputs
 from saflite.console.run_data.embargo import ALL, Released
-from saflite.console.run_data.run_folder import open_run
+from saflite.console.run_data.run_folder import RunFolder, open_run
 
 if TYPE_CHECKING:
     from saflite.console.view.report.data import ReportData
 
 REPORT = "report.html"
 TEST_CASES = "test_cases"
+STATE = "<!-- of the run as it is since event %d -->\n"
+"""Ends a report: whether a run went on since is told by its events, not by clocks, which may be set back."""
 
 
 def write(
@@ -34,10 +37,21 @@ def write(
     if path is None and run_dir.is_dir():
         check_closed(run_dir)
     with open_run(run_dir) as run:
-        found = data.read(run, released)
-    text = page.render(found, str(run_dir))
+        found, since = data.read(run, released), run.last_change()
+    text = page.render(found, str(run_dir)) + STATE % since
     outputs.write(place, text.encode(), force=force or path is None)
     return place, found
+
+
+def is_reported(run: RunFolder) -> bool:
+    """Return whether the run's own report shows it as it is, and not as an earlier sitting left it."""
+    state = (STATE % run.last_change()).encode()
+    try:
+        with (run.path / REPORT).open("rb") as report:
+            report.seek(-len(state), os.SEEK_END)
+            return report.read() == state
+    except OSError:  # there is none, or it is shorter than that
+        return False
 
 
 def write_test_cases(run_dir: Path) -> tuple[Path, ...]:

@@ -339,10 +339,10 @@ class RunFolder:
         found = (event.fact for event in self._events(query, word_of(kind)))
         return [fact for fact in found if isinstance(fact, kind)]
 
-    def changed_unix_s(self) -> float:
-        """Return when the state of the campaign changed last, as when it ended; 0.0 before it began."""
-        query = "SELECT seq, event FROM events WHERE kind = ? ORDER BY seq DESC LIMIT 1"
-        return next((event.at_unix_s for event in self._events(query, word_of(CampaignChanged))), 0.0)
+    def last_change(self) -> int:
+        """Return the number of the event with which the state of the campaign changed last; 0 before it began."""
+        query = "SELECT seq FROM events WHERE kind = ? ORDER BY seq DESC LIMIT 1"
+        return next((int(seq) for (seq,) in self._rows(query, word_of(CampaignChanged))), 0)
 
     def _events(self, query: str, *values: object) -> list[Event]:
         """Return the events of the (number, content) rows that a query finds."""
