@@ -29,6 +29,7 @@ from saflite.contract.clock import in_utc
 from saflite.contract.errors import Refused
 from saflite.contract.names import NAME_EXPECTED, is_name
 from saflite.contract.outside import check_private, parse_toml, read_bytes, read_text
+from saflite.contract.plain import argument
 
 REGISTER, FARM, PEERS, PEER = "register.toml", "farm", "peers", "peer.toml"
 AUTHORITY_KEY, AUTHORITY = "authority.key", "authority.pem"
@@ -225,7 +226,7 @@ def _has(register: Register, wanted: Peer, now_s: float) -> bool:
 def read_register(folder: Path) -> Register:
     """Return who has a key; raises Refused where there are no keys or the register is damaged."""
     if not (folder / REGISTER).is_file():
-        fix = f"`saflite keys init --keys {folder} --host NAME` makes them"
+        fix = f"`saflite keys init --keys {argument(folder)} --host NAME` makes them"
         raise Refused("keys folder", where=str(folder), expected="the keys of a farm", got=f"no {REGISTER}", fix=fix)
     return _toml(folder / REGISTER, Register)
 
@@ -259,7 +260,7 @@ def _authority(folder: Path, now: datetime, days: int) -> tuple[Pair, datetime]:
 
 
 def _renewing(folder: Path) -> str:
-    return f"`saflite keys renew --keys {folder}`, where the authority's key is, makes a new one"
+    return f"`saflite keys renew --keys {argument(folder)}`, where the authority's key is, makes a new one"
 
 
 def _checked(credentials: Credentials, now_s: float) -> Credentials:

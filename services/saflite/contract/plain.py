@@ -6,8 +6,10 @@ in logs, and in the views of those who read our JSON, SARIF, JUnit and CSV files
 
 from __future__ import annotations
 
+import shlex
 import unicodedata
 from collections.abc import Iterable
+from pathlib import Path
 
 TEXT = frozenset("\n\t")  # control characters that are layout
 _UNSAFE = ("Cc", "Cf", "Cs", "Zl", "Zp")  # controls, directions of writing and other invisibles, surrogates, line ends
@@ -22,6 +24,12 @@ def plain(text: str, keep: frozenset[str] = TEXT) -> str:
 def word(text: str) -> str:
     """Return `plain` text on one line: no message can look like several."""
     return plain(text, frozenset())
+
+
+def argument(path: Path | str) -> str:
+    """Return a path as it can be pasted into a shell, as part of a command: quoted where needed, never an option."""
+    text = str(path)
+    return shlex.quote(f"./{text}" if text.startswith("-") else text)
 
 
 def cell(value: object) -> object:

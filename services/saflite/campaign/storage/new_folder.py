@@ -10,6 +10,7 @@ from typing import IO
 
 from saflite.campaign.storage.sqlite import BOOKS, InUse, lock_run
 from saflite.contract.errors import Refused
+from saflite.contract.plain import argument
 
 
 @contextmanager
@@ -57,7 +58,7 @@ def _check_new(run_dir: Path) -> None:
             where=str(run_dir),
             expected="a folder without a run in it",
             got="the books of an earlier run",
-            fix=f"`saflite resume {run_dir}` goes on with it; or choose another folder",
+            fix=f"`saflite resume {argument(run_dir)}` goes on with it; or choose another folder",
         )
 
 

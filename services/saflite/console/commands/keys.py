@@ -75,12 +75,13 @@ def run(args: argparse.Namespace) -> int:
 def _do(args: argparse.Namespace, now_s: float) -> list[str]:
     """Do it and return what to say."""
     from saflite.bus import keyring
+    from saflite.contract.plain import argument
 
     if args.verb == "init":
         register = keyring.init(args.keys, args.host, now_s=now_s, days=args.days, if_needed=args.if_needed)
         return [
             f"keys in {args.keys}; the router is reached by {', '.join(register.hosts)}",
-            f"next: saflite keys add NAME --role ROLE --keys {args.keys}",
+            f"next: saflite keys add NAME --role ROLE --keys {argument(args.keys)}",
         ]
     if args.verb == "add":
         return _add(args, now_s)

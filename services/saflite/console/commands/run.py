@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from saflite.console.io import farm_options
+from saflite.contract.plain import argument
 
 if TYPE_CHECKING:
     from saflite.contract.config import Campaign
@@ -98,7 +99,7 @@ def run(args: argparse.Namespace) -> int:
         out.line(f"run folder {run_dir}")
         if args.listen:
             how = " --keys FOLDER" if args.keys else " --insecure" if args.insecure else ""
-            out.line(f"others join with `saflite worker --join {args.listen}{how}`")
+            out.line(f"others join with `saflite worker --join {argument(args.listen)}{how}`")
         for remark in campaign_options.remarks(campaign):
             out.line(remark)
         out.flush()

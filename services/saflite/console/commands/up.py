@@ -30,6 +30,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from saflite.contract.errors import FarmError, Refused
+from saflite.contract.plain import argument
 
 if TYPE_CHECKING:
     from saflite.console.io.farm_file import FarmFile
@@ -137,6 +138,6 @@ def _left_alone(run_dir: Path, *, as_json: bool) -> int:
     if as_json:
         out.json({"run": str(run_dir), "over": True, "report": str(run_dir / REPORT)})
     else:
-        fix = f"`{out.program()} resume {run_dir} --budget N` flies more"
+        fix = f"`{out.program()} resume {argument(run_dir)} --budget N` flies more"
         out.line(f"the campaign in {run_dir} is over: {run_dir / REPORT}; {fix}")
     return NOTHING_FOUND

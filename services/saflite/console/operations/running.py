@@ -15,6 +15,7 @@ from saflite.console.view import live
 from saflite.contract.config import Campaign
 from saflite.contract.control import Status
 from saflite.contract.errors import Refused, Unavailable
+from saflite.contract.plain import argument
 from saflite.contract.target_info import TargetInfo
 from saflite.runtime.clock import WallClock
 from saflite.runtime.metrics import Endpoint, FarmMetrics
@@ -40,7 +41,7 @@ def free_folder(name: str) -> Path:
 def check_new(folder: Path) -> None:
     """Raise Refused if a run folder exists: nothing is ever written over."""
     if os.path.lexists(folder):  # a link to nowhere, too
-        goes_on = f"`saflite resume {folder}` goes on with it; " if (folder / STORE).exists() else ""
+        goes_on = f"`saflite resume {argument(folder)}` goes on with it; " if (folder / STORE).exists() else ""
         got, fix = "a run" if goes_on else "something there", f"{goes_on}choose another --out"
         raise Refused("--out", where=str(folder), expected="a folder that does not exist", got=got, fix=fix)
 

@@ -18,6 +18,7 @@ from saflite.console.run_data.unproven import unproven, unproven_words
 from saflite.console.view import live, out
 from saflite.contract.circumstances import in_words
 from saflite.contract.flight import Purpose
+from saflite.contract.plain import argument
 from saflite.contract.verdict import NEVER_APPLIED, Violation, with_mode_named
 from saflite.recorder.summary import Finding, Rulings
 
@@ -97,11 +98,11 @@ def conclude(run_dir: Path, ended: ExitSummary, *, as_json: bool) -> int:
         if (run_dir / name).is_dir():
             out.line(f"{what}  {run_dir / name}   ({words})")
     if found.confirmed:
-        out.line(f"prove it    {out.program()} replay {run_dir}")
+        out.line(f"prove it    {out.program()} replay {argument(run_dir)}")
     if not ended.ended:
-        out.line(f"go on       {out.program()} resume {run_dir}")
+        out.line(f"go on       {out.program()} resume {argument(run_dir)}")
     elif ended.failed:
-        again = f"{out.program()} resume {run_dir} --budget {found.budget}"
+        again = f"{out.program()} resume {argument(run_dir)} --budget {found.budget}"
         out.line(f"go on       {again}   (asks the strategy again; a mended one: --module FILE)")
     return _code(found, ended)
 

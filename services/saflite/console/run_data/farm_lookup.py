@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from saflite.console.view import out
 from saflite.contract.errors import FarmError, Refused
+from saflite.contract.plain import argument
 
 if TYPE_CHECKING:
     from saflite.runtime.client import FarmClient
@@ -165,6 +166,6 @@ def connect(where: Where, *, reads: bool = False) -> FarmClient:
     if place is None:
         place = _told(newest_running(), "the newest that runs") if reads else _told(only_running(), "the one that runs")
     if not is_running(place):
-        fix = f"`saflite resume {place}` goes on with it"
+        fix = f"`saflite resume {argument(place)}` goes on with it"
         raise Refused("run folder", where=str(place), expected="a running farm", got="none that runs", fix=fix)
     return FarmClient.of_run(place, insecure=where.insecure)

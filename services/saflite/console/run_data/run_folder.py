@@ -31,6 +31,7 @@ from saflite.contract.events import BudgetChanged, CampaignChanged, Event, Fact,
 from saflite.contract.flight import Flight, Purpose, Trace, unpack_trace
 from saflite.contract.memory_faults import is_memory_fault
 from saflite.contract.names import recording_file
+from saflite.contract.plain import argument
 from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import TestCase
 from saflite.contract.verdict import Judgement, Violation
@@ -374,7 +375,7 @@ def tell_loss(run_dir: Path) -> None:
     """Say on stderr, before anything else is told of a run, what of its books is lost or damaged."""
     words = told_of(run_dir)
     if words:
-        out.complain("warning", f"what follows is not the whole run: {words}; see `saflite audit {run_dir}`")
+        out.complain("warning", f"what follows is not the whole run: {words}; see `saflite audit {argument(run_dir)}`")
 
 
 def open_run(run_dir: Path) -> RunFolder:

@@ -10,7 +10,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, TextIO
 
-from saflite.contract.plain import plain, plain_json, word
+from saflite.contract.plain import argument, plain, plain_json, word
 
 FOLD_MIN = 24
 LINE_MAX = 1_500
@@ -121,7 +121,7 @@ def program() -> str:
     if shutil.which("saflite") or called.name != "saflite":
         return "saflite"
     here = Path.cwd()
-    return str(called.relative_to(here) if called.is_relative_to(here) else called)
+    return argument(called.relative_to(here) if called.is_relative_to(here) else called)
 
 
 def mute(stream: TextIO) -> None:

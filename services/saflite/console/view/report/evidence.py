@@ -12,6 +12,7 @@ from saflite.console.view.report.svg import tag
 from saflite.contract.circumstances import in_words
 from saflite.contract.errors import Refused
 from saflite.contract.flight import Flight, Given, given
+from saflite.contract.plain import argument
 from saflite.contract.test_case import Obstacle, setting_text, stimulus_text
 from saflite.contract.verdict import Verdict, failed_again
 
@@ -175,11 +176,11 @@ def _facts(exhibit: Exhibit, run_name: str) -> list[tuple[str, str]]:
         facts.append(("never given", f"{never} of {len(case.stimuli)} inputs: the flight was over before"))
     if exhibit.artefacts:
         names = ", ".join(f"{escape(one.name)} ({one.blob.size_bytes} bytes)" for one in exhibit.artefacts)
-        command = f"saflite artefacts {run_name} --test-case {violation.test_case} --out DIR"
+        command = f"saflite artefacts {argument(run_name)} --test-case {violation.test_case} --out DIR"
         facts.append(("files left", f"{names}: <code>{escape(command)}</code>"))
     if exhibit.recording:
         facts.append(("recording", f'<a href="{escape(exhibit.recording)}">{escape(exhibit.recording)}</a>'))
-    replay = f"saflite replay {run_name} --violation {violation.fingerprint}"
+    replay = f"saflite replay {argument(run_name)} --violation {violation.fingerprint}"
     facts.append(("see it again", f"<code>{escape(replay)}</code>"))
     return facts
 
