@@ -21,13 +21,13 @@ from typing import Any, NamedTuple, TypeVar
 import msgspec
 import tomli_w
 
-from saflite.bus.access import ANY_CAMPAIGN, Peer, Role
+from saflite.bus.access import ANY_CAMPAIGN, STAGE_OF, Peer, Role
 from saflite.bus.certificates import Pair, make_authority, make_certificate, new_common_name, validity
 from saflite.bus.key_files import alone, make_private, write
 from saflite.contract import wire
 from saflite.contract.clock import in_utc
 from saflite.contract.errors import Refused
-from saflite.contract.names import NAME_EXPECTED, is_name
+from saflite.contract.names import NAME_CHARS_MAX, NAME_EXPECTED, is_name
 from saflite.contract.outside import check_private, parse_toml, read_bytes, read_text
 from saflite.contract.plain import argument
 
@@ -37,6 +37,8 @@ CA, CERTIFICATE, KEY = "ca.pem", "cert.pem", "key.pem"
 DAYS_MAX = 3650
 WARN_BEFORE = timedelta(days=30)
 KEY_BYTES_MAX = 65536
+WORKER_KEY_CHARS_MAX = NAME_CHARS_MAX - len("-0a1b2c-mutate-1000")
+"""Room for what follows a key's name in its workers' names: their folder, stage and number."""
 NEW_AUTHORITY = "make new keys, for all, with `saflite keys init` in a folder of their own"
 _HOST = re.compile(r"[A-Za-z0-9]([A-Za-z0-9.-]{0,251}[A-Za-z0-9])?|[0-9A-Fa-f:.]+")
 
@@ -179,7 +181,7 @@ def add(
     with _changing(folder) as register:
         if if_needed and _has(register, wanted, now_s):
             return bundle
-        _check_name(register, name, now_s)
+        _check_name(register, wanted, now_s)
         authority, until = _authority(folder, now, days)
         common_name = new_common_name(name)  # never an earlier one's, which stays refused
         pair = make_certificate(authority, common_name, now, until)
@@ -294,9 +296,13 @@ def _written(instant: datetime) -> str:
     return instant.strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
-def _check_name(register: Register, name: str, now_s: float) -> None:
+def _check_name(register: Register, wanted: Peer, now_s: float) -> None:
+    name = wanted.name
     if not is_name(name) or name == FARM:
         raise Refused("key name", expected=f"{NAME_EXPECTED}, not {FARM!r}", got=repr(name[:80]))
+    if len(name) > WORKER_KEY_CHARS_MAX and any(role in STAGE_OF for role in wanted.roles):
+        expected = f"at most {WORKER_KEY_CHARS_MAX} characters: the names of workers begin with it"
+        raise Refused("key name", expected=expected, got=f"{len(name)} in {name!r}")
     for other in register.peers:
         if other.name == name and counts(other, now_s):
             raise Refused("key name", expected="a new one", got=f"{name!r}, which has a key", fix="revoke it first")

@@ -13,8 +13,9 @@ from msgspec import Meta
 from saflite.contract.errors import Refused
 
 _END = r"(?![\s\S])"  # `$` would let a line break follow
-NAME = r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}"
-NAME_EXPECTED = "1 to 64 of A-Z a-z 0-9 . _ - beginning with a letter or digit"
+NAME_CHARS_MAX = 64
+NAME = rf"[A-Za-z0-9][A-Za-z0-9._-]{{0,{NAME_CHARS_MAX - 1}}}"
+NAME_EXPECTED = f"1 to {NAME_CHARS_MAX} of A-Z a-z 0-9 . _ - beginning with a letter or digit"
 
 Name = Annotated[str, Meta(pattern=f"^{NAME}{_END}")]
 NameOrAny = Annotated[str, Meta(pattern=f"^(?:{NAME}|[*]){_END}")]

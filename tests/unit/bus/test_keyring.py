@@ -17,9 +17,13 @@ from cryptography.hazmat.primitives.serialization import load_pem_private_key
 from cryptography.x509.oid import NameOID
 
 from saflite.bus import keyring
-from saflite.bus.access import ROLES, Peer, Role, access_control, in_words, speaks_for, split
+from saflite.bus.access import ROLES, STAGE_OF, Peer, Role, access_control, in_words, speaks_for, split
 from saflite.bus.endpoints import check_endpoint
+from saflite.console.io.campaign_options import WORKERS_MAX
 from saflite.contract.errors import Refused
+from saflite.contract.names import is_name
+from saflite.contract.topics import STAGES
+from saflite.runtime.worker_group import _name_here
 
 NOW_S = 1_800_000_000.0
 DAY_S = 86_400.0
@@ -36,6 +40,19 @@ def test_everything_written_is_for_its_user_only(keys: Path) -> None:
     modes = {path: stat.S_IMODE(path.stat().st_mode) for path in [keys, *keys.rglob("*")]}
     assert {mode for path, mode in modes.items() if path.is_dir()} == {0o700}
     assert {mode for path, mode in modes.items() if path.is_file()} == {0o600}
+
+
+@pytest.mark.parametrize("role", ROLES)
+def test_a_key_for_workers_leaves_room_for_what_follows_in_their_names(keys: Path, role: Role, tmp_path: Path) -> None:
+    """A key was made, copied to a far machine, and no worker could use it there: its own name was refused."""
+    longest = "k" * keyring.WORKER_KEY_CHARS_MAX
+    keyring.add(keys, longest, [role], now_s=NOW_S)
+    assert all(is_name(f"{_name_here(tmp_path, longest)}-{stage}-{WORKERS_MAX}") for stage in STAGES)
+    if role in STAGE_OF:
+        with pytest.raises(Refused, match=f"at most {len(longest)} characters"):
+            keyring.add(keys, "j" + longest, ["viewer", role], now_s=NOW_S)
+    else:
+        keyring.add(keys, "j" * 64, [role], now_s=NOW_S)
 
 
 def test_a_key_that_could_not_be_written_leaves_nothing(keys: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -90,14 +107,16 @@ def _let_in(keys: Path) -> list[str]:
 
 
 @pytest.mark.parametrize("later", ["revoked", "expired", "for less", "elsewhere"])
-@pytest.mark.parametrize("name", ["lab2", "x" * 64])
-def test_no_certificate_of_a_name_counts_again_when_another_is_made(keys: Path, name: str, later: str) -> None:
+@pytest.mark.parametrize(("name", "role"), [("lab2", "worker"), ("x" * 64, "viewer")])
+def test_no_certificate_of_a_name_counts_again_when_another_is_made(
+    keys: Path, name: str, role: Role, later: str
+) -> None:
     then_s = NOW_S + 91 * DAY_S if later == "expired" else NOW_S
-    roles: list[Role] = ["worker"] if later == "for less" else ["worker", "operator"]
+    roles: list[Role] = [role] if later == "for less" else [role, "operator"]
     campaigns = ["day"] if later == "elsewhere" else ["*"]
     earlier = set()
     for _ in range(3):
-        bundle = keyring.add(keys, name, ["worker", "operator"], now_s=NOW_S)
+        bundle = keyring.add(keys, name, [role, "operator"], now_s=NOW_S)
         earlier.add(_common_name(bundle))
         if later != "expired":
             keyring.revoke(keys, name)

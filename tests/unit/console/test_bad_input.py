@@ -68,6 +68,11 @@ def refused(capsys: pytest.CaptureFixture[str], *words: str) -> str:
         (["worker", "--join", "unixsock-stream//nobody", "--stages", "fly,nosuch"], "mutate,score,fly"),
         (["worker", "--join", "unixsock-stream//nobody", "--workers", "0"], "1 or more"),
         (["worker", "--join", "unixsock-stream//nobody", "--name", "a/b"], "worker name"),
+        (
+            ["worker", "--join", "unixsock-stream//nobody", "--name", "n" * 59, "--workers", "1"],
+            "at most 58",
+        ),
+        (["worker", "--join", "unixsock-stream//nobody", "--name", "n" * 56, "--workers", "1000"], "at most 55"),
         (["worker", "--join", "unixsock-stream//nobody", "--label", "x"], "NAME=VALUE"),
         (["run", "avoidance-m2", "--listen", "nonsense"], "tcp/HOST:PORT"),
         (["run", "avoidance-m2", "--listen", "tcp/10.0.0.5:7447"], "add --insecure"),

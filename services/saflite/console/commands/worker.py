@@ -50,13 +50,14 @@ def run(args: argparse.Namespace) -> int:
     from saflite.runtime import worker_group
     from saflite.runtime.client import read_info
 
-    _check_name(args.name)
+    workers = _workers(args.stages, args.workers)
+    _check_name(args.name, workers)
     farm = read_info(Path(args.join)) if Path(args.join).is_dir() else None
     if farm is None:
         _check_endpoint(args.join)
     group = worker_group.Group(
         endpoint=farm.endpoint if farm else args.join,
-        workers=_workers(args.stages, args.workers),
+        workers=workers,
         campaign=args.campaign or (farm.campaign if farm else ""),
         name=args.name,
         folder=args.state,
@@ -97,13 +98,17 @@ def _check_endpoint(join: str) -> None:
         raise Refused("--join", expected=expected, got=f"{cut(join, 120)!r}, where there is no folder") from fault
 
 
-def _check_name(name: str) -> None:
+def _check_name(name: str, workers: dict[Stage, int]) -> None:
     from saflite.contract.errors import Refused
-    from saflite.contract.names import NAME_EXPECTED, is_name
+    from saflite.contract.names import NAME_CHARS_MAX, NAME_EXPECTED, is_name
     from saflite.contract.plain import cut
 
     if name and not is_name(name):
         raise Refused("--name", expected=f"what a worker name begins with: {NAME_EXPECTED}", got=repr(cut(name, 80)))
+    room = NAME_CHARS_MAX - max(len(f"-{stage}-{count}") for stage, count in workers.items())
+    if len(name) > room:
+        expected = f"at most {room} characters: stage and number follow it in the workers' names"
+        raise Refused("--name", expected=expected, got=f"{len(name)} in {name!r}")
 
 
 def _workers(text: str, count: int | None) -> dict[Stage, int]:
