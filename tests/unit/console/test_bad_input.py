@@ -15,6 +15,7 @@ from saflite.flight.autopilots.reference.describe import describe
 from saflite.recorder.exports.aerialist import write_case
 
 REFUSED = 2
+NO_PATIENCE = ("-5", "-0.001", "nan", "inf")
 
 
 def refused(capsys: pytest.CaptureFixture[str], *words: str) -> str:
@@ -67,6 +68,8 @@ def refused(capsys: pytest.CaptureFixture[str], *words: str) -> str:
         (["worker", "--join", "tcp/10.0.0.5:7447"], "add --insecure"),
         (["worker", "--join", "unixsock-stream//nobody", "--stages", "fly,nosuch"], "mutate,score,fly"),
         (["worker", "--join", "unixsock-stream//nobody", "--workers", "0"], "1 or more"),
+        *((["worker", "--join", "unixsock-stream//nobody", f"--patience={n}"], "--patience") for n in NO_PATIENCE),
+        *((["watch", "--webhook", "http://127.0.0.1:9/", f"--patience={n}"], "--patience") for n in NO_PATIENCE),
         (["worker", "--join", "unixsock-stream//nobody", "--name", "a/b"], "worker name"),
         (
             ["worker", "--join", "unixsock-stream//nobody", "--name", "n" * 59, "--workers", "1"],

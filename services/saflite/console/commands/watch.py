@@ -36,10 +36,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--webhook", default="", metavar="URL", help="POST each event there (CloudEvents) until taken")
     parser.add_argument("--secret", type=Path, metavar="FILE", help="sign what is posted with the secret in this file")
     parser.add_argument("--cursor", type=Path, metavar="FILE", help="how far the webhook was told (in the run folder)")
-    patience = "with --webhook and --connect: end once the farm was silent for so long (60; 0: never)"
-    parser.add_argument("--patience", type=float, default=60.0, metavar="S", help=patience)
+    arguments.add_patience(parser, "with --webhook and --connect: end once the farm was silent for so long")
     receiver = "with --webhook: end once the campaign is over and nothing was taken for so long (300; 0: never)"
-    parser.add_argument("--receiver-patience", type=float, default=300.0, metavar="S", help=receiver)
+    parser.add_argument("--receiver-patience", type=arguments.patience_s, default=300.0, metavar="S", help=receiver)
     parser.add_argument("--json", action="store_true", help="one JSON object per event")
 
 

@@ -36,9 +36,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--state", type=Path, metavar="DIR", help="folder for logs and undelivered results (temporary)")
     arguments.add_modules(parser)
     parser.add_argument("--label", action="append", default=[], metavar="NAME=VALUE", help="shown in the farm's status")
-    parser.add_argument(
-        "--patience", type=float, default=60.0, metavar="S", help="end after so long unanswered (60; 0: never)"
-    )
+    arguments.add_patience(parser, "end after so long unanswered")
     parser.add_argument("--keys", type=Path, metavar="FOLDER", help=farm_options.KEYS)
     parser.add_argument("--insecure", action="store_true", help=farm_options.INSECURE)
     farm_options.telling(parser)

@@ -51,6 +51,19 @@ def deadline_s(text: str) -> float:
     return _within(text, DEADLINES_S)
 
 
+def add_patience(parser: argparse.ArgumentParser, what: str) -> None:
+    """Name the argument that says how long nobody may answer before `what` is done; 0 is patience without end."""
+    parser.add_argument("--patience", type=patience_s, default=60.0, metavar="S", help=f"{what} (60; 0: never)")
+
+
+def patience_s(text: str) -> float:
+    """Return a patience (s), 0 for one without end; raises ArgumentTypeError below."""
+    patience = plain_number(text)
+    if patience < 0:
+        raise argparse.ArgumentTypeError(f"seconds from 0 on are expected, not {_shown(text)}")
+    return patience
+
+
 def add_run(parser: argparse.ArgumentParser, which: str = "the newest") -> None:
     """Name the argument that every command about a run has; `farm_lookup.newest` finds the one left out."""
     parser.add_argument("run", type=Path, nargs="?", metavar="RUN", help=f"run folder ({which})")
