@@ -204,7 +204,7 @@ def check_build(run_dir: Path, *, flies_here: bool, goes_on: bool) -> None:
             where=str(run_dir),
             expected=f"{wanted.build[:BUILD_SHOWN]}, which this run flies",
             got=here[:BUILD_SHOWN],
-            fix="take it up with the software it was made with, or with --workers 0 and let workers join that have it",
+            fix="take it up with the software it was made with, or with --workers 0 --listen, for workers that have it",
         )
 
 

@@ -41,6 +41,7 @@ def refused(capsys: pytest.CaptureFixture[str], *words: str) -> str:
         (["audit", "a\udcffb"], "UTF-8"),
         (["run", "avoidance-m2", "--budget", "many"], "many"),
         (["run", "avoidance-m2", "--workers", "0"], "1 or more"),
+        (["run", "avoidance-m2", "--workers", "0"], "--listen"),
         (["run", "avoidance-m2", "--scale", "fly=3:1"], "min 3, max 1"),
         (["run", "avoidance-m2", "--scale", "books=1:2"], "a stage of"),
         (["run", "avoidance-m2", "--scale", "fly=1:2", "--workers", "2"], "--scale fly"),

@@ -64,8 +64,10 @@ def check(args: argparse.Namespace) -> None:
     from saflite.runtime.farm import default_simulators, roles
     from saflite.runtime.process_limits import prepare_limits
 
+    if args.workers == 0 and not args.listen:
+        raise Refused("--workers", expected="1 or more, or --listen beside it for those who join", got=0)
     if args.workers is not None:
-        campaign_options.at_least("--workers", args.workers, 0 if args.listen else 1, campaign_options.WORKERS_MAX)
+        campaign_options.at_least("--workers", args.workers, 0, campaign_options.WORKERS_MAX)
     prepare_limits(len(roles(default_simulators() if args.workers is None else args.workers)))
     if "fly" in scale(args) and args.workers is not None:
         raise Refused("--workers", expected="none beside --scale fly=...", got=args.workers)
