@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
+from saflite.contract.interrupts import interrupts
+
 
 class Check(NamedTuple):
     """One thing that must hold. `run` yields in words where it does not; what it raises counts as one such place."""
@@ -37,8 +39,11 @@ def findings(checks: Iterable[Check]) -> list[Finding]:
 def _wrong(check: Check) -> list[str]:
     found: list[str] = []
     try:
-        for text in check.run():
-            found.append(text)
-    except Exception as fault:  # noqa: BLE001  (code from outside is under test: whatever it raises is a finding)
+        with interrupts() as interrupted:
+            for text in check.run():
+                found.append(text)
+    except BaseException as fault:  # code from outside is under test: whatever it raises is a finding
+        if interrupted():
+            raise KeyboardInterrupt from fault
         found.append(f"{type(fault).__name__}: {fault}")
     return found

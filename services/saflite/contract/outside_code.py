@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from saflite.contract.errors import FarmError, RefusedElsewhere
+from saflite.contract.interrupts import interrupts
 from saflite.contract.modules import Kind
 
 OURS = str(Path(__file__).parents[1])
@@ -23,14 +24,19 @@ def of_outside(kind: Kind, name: str, *, outside: bool = True) -> Iterator[None]
 
     Raises:
         Raised: it raised anything but the errors that its kind may.
+        KeyboardInterrupt: somebody pressed Ctrl-C meanwhile.
     """
-    try:
+    if not outside:
         yield
+        return
+    try:
+        with interrupts() as interrupted:
+            yield
     except FarmError:
         raise
-    except (Exception, SystemExit) as fault:
-        if not outside:
-            raise
+    except BaseException as fault:  # a panic of a Rust package is no Exception, nor is what `sys.exit` raises
+        if interrupted():
+            raise KeyboardInterrupt from fault
         what = f"{kind} {name} raised {type(fault).__name__}{_place(fault)}"
         why = str(fault).partition("\n")[0][:200]
         raise Raised(what, f"{what}: {why}" if why else what) from fault

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -9,10 +10,13 @@ import msgspec
 import pytest
 
 from saflite.campaign.presets.campaigns import load_campaign, template
+from saflite.conformance.kit import Check, findings
 from saflite.console.cli import main
 from saflite.console.operations import judging
 from saflite.contract import modules
 from saflite.contract.clock import Clock
+from saflite.contract.errors import Refused
+from saflite.contract.flight import Flight
 from saflite.contract.outside_code import Raised
 from saflite.contract.test_case import Scenario, Target, TestCase
 from saflite.contract.work import MutateWork, ScoreResult, ScoreWork, WarmResult, WarmWork
@@ -26,17 +30,23 @@ TEMPLATES = Path(judging.__file__).parents[1] / "templates"
 CLOCK: Clock = WallClock()
 
 
-def broken(tmp_path: Path, kind: str, after: str) -> str:
-    """Hand in the template of a kind with a division by zero after a line; return where it stands, as it is told."""
+PANIC = "raise type('PanicException', (BaseException,), {})('index out of bounds')"  # as packages in Rust do
+NAMES = ("KeyboardInterrupt", "SystemExit")
+BEYOND = ((PANIC, "PanicException"), *((f"raise {name}", name) for name in NAMES))
+"""What is raised that is no Exception, and its name; nobody pressed Ctrl-C."""
+
+
+def broken(tmp_path: Path, kind: str, after: str, what: str = "1 / 0", name: str = "ZeroDivisionError") -> str:
+    """Hand in the template of a kind with a statement after a line; return what it raises and where, as it is told."""
     lines = (TEMPLATES / f"{kind}.py").read_text(encoding="utf-8").replace("NAME", f"z{kind}").splitlines()
     place = next(number for number, line in enumerate(lines) if after in line) + 1
     while '"""' in lines[place] or not lines[place].strip():
         place += 1
     indent = lines[place][: len(lines[place]) - len(lines[place].lstrip())]
-    lines.insert(place, f"{indent}1 / 0")
+    lines[place:place] = [f"{indent}{line}" for line in what.splitlines()]
     (tmp_path / f"z{kind}.py").write_text("\n".join(lines), encoding="utf-8")
     modules.use([tmp_path / f"z{kind}.py"])
-    return f"{kind} z{kind} raised ZeroDivisionError (z{kind}.py line {place + 1})"
+    return f"{kind} z{kind} raised {name} (z{kind}.py line {place + 1})"
 
 
 @pytest.fixture(autouse=True)
@@ -91,9 +101,8 @@ def test_one_that_cannot_be_warmed_is_not_ready(tmp_path: Path, pool: ScorerPool
     assert where in warmed.message
 
 
-def test_a_strategy_that_raises_is_refused_by_name(tmp_path: Path) -> None:
-    where = broken(tmp_path, "strategy", "def ask(")
-    work = MutateWork(
+def mutate_work() -> MutateWork:
+    return MutateWork(
         round=0,
         strategy="zstrategy",
         settings={},
@@ -106,19 +115,66 @@ def test_a_strategy_that_raises_is_refused_by_name(tmp_path: Path) -> None:
         cursor=-1,
         outcomes=(),
     )
+
+
+def test_a_strategy_that_raises_is_refused_by_name(tmp_path: Path) -> None:
+    where = broken(tmp_path, "strategy", "def ask(")
     mutator = Mutator()
     for _ in range(2):  # it is made anew the second time
         with pytest.raises(Raised) as told:
-            mutator.do(work, lambda: False)
+            mutator.do(mutate_work(), lambda: False)
         assert told.value.what == where
+
+
+@pytest.mark.parametrize(("what", "name"), BEYOND)
+def test_what_is_no_exception_is_told_as_the_fault_of_who_raised_it(
+    tmp_path: Path, pool: ScorerPool, what: str, name: str
+) -> None:
+    where = broken(tmp_path, "strategy", "def ask(", what, name)
+    with pytest.raises(Raised) as told:
+        Mutator().do(mutate_work(), lambda: False)
+    assert told.value.what == where
+    where = broken(tmp_path, "scorer", "def _scored(", what, name)
+    (deciding,) = score(pool, batch("zscorer")).scores
+    assert (deciding.fault, deciding.scored_by) == (where, EMBEDDED)
+    where = broken(tmp_path, "target", "def fly(", what, name)
+    flown = lost_flight()
+    assert (flown.ending, flown.message.partition(": ")[0]) == ("lost", where)
+    (found,) = findings([Check("outside", lambda: exec(what))])  # type: ignore[arg-type, return-value]
+    assert found.text.startswith(name)
+
+
+@pytest.mark.parametrize("what", ["1 / 0", PANIC, "raise KeyboardInterrupt"])
+def test_ctrl_c_stops_whatever_code_from_outside_makes_of_it(tmp_path: Path, what: str) -> None:
+    press = "import os, signal; os.kill(os.getpid(), signal.SIGINT)"
+    broken(tmp_path, "strategy", "def ask(", f"try: {press}\nexcept BaseException: {what}")
+    with pytest.raises(KeyboardInterrupt):
+        Mutator().do(mutate_work(), lambda: False)
+    path = tmp_path / "pressed.py"
+    path.write_text(press, encoding="utf-8")
+    with pytest.raises(KeyboardInterrupt):
+        modules.use([path])
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_a_module_that_raises_keyboard_interrupt_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "stops.py"
+    path.write_text("raise KeyboardInterrupt", encoding="utf-8")
+    with pytest.raises(Refused, match="got KeyboardInterrupt"):
+        modules.use([path])
+
+
+def lost_flight() -> Flight:
+    """Return the flight of a module `ztarget`."""
+    starts = describe_target("ztarget").start_states
+    scenario = Scenario(start=starts[0], time_limit_s=2.0)
+    case = TestCase(target=Target(name="ztarget"), scenario=scenario)
+    return judging.fly(case, 30.0).flight
 
 
 def test_a_flight_lost_to_a_target_that_raises_says_where(tmp_path: Path) -> None:
     where = broken(tmp_path, "target", "def fly(")
-    starts = describe_target("ztarget").start_states
-    scenario = Scenario(start=starts[0], time_limit_s=2.0)
-    case = TestCase(target=Target(name="ztarget"), scenario=scenario)
-    flown = judging.fly(case, 30.0).flight
+    flown = lost_flight()
     assert (flown.ending, flown.message) == ("lost", f"{where}: division by zero")
 
 
