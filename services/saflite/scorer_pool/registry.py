@@ -5,15 +5,19 @@ from __future__ import annotations
 import importlib
 import inspect
 import pkgutil
+from collections.abc import Iterator, Sequence
 from functools import cache
 from importlib.metadata import entry_points
 from numbers import Real
 from types import ModuleType
 from typing import cast
 
+from saflite.contract import wire
 from saflite.contract.errors import Refused
 from saflite.contract.modules import given, load_file
+from saflite.contract.names import is_label
 from saflite.contract.outside_code import Raised, of_outside
+from saflite.contract.score import Usage
 from saflite.contract.service import Cancelled
 from saflite.scorer_pool import models
 from saflite.scorer_pool.labels import split_label
@@ -59,13 +63,14 @@ class _FromOutside:
         self.waits = bool(getattr(model, "waits", False))
 
     def score(self, job: Job) -> ScoreSheet:
-        """Return its sheet; raises Raised beside what a model may raise."""
+        """Return its sheet; raises Raised beside what a model may raise, also where a field of the sheet is no such."""
         with of_outside("scorer", self._kind):
             sheet = self._model.score(job)
-        if not isinstance(sheet, ScoreSheet) or not all(map(_is_score, sheet.scores)):
-            what = f"scorer {self._kind} returned no ScoreSheet of ModelScores with numbers"
-            raise Raised(what, what)
-        return sheet._replace(scores=tuple(one._replace(value=float(one.value)) for one in sheet.scores))
+            odd = next(_odd_fields(sheet), "")
+            if not odd:
+                return sheet._replace(scores=tuple(one._replace(value=float(one.value)) for one in sheet.scores))
+        what = f"scorer {self._kind} returned no ScoreSheet of the right types: {odd}"
+        raise Raised(what, what)
 
     def warm(self, cancelled: Cancelled) -> str:
         """Load it; raises Raised beside what a model may raise."""
@@ -78,8 +83,37 @@ class _FromOutside:
             self._model.close()
 
 
-def _is_score(one: object) -> bool:
-    return isinstance(one, ModelScore) and isinstance(one.value, Real)
+def _odd_fields(sheet: object) -> Iterator[str]:
+    """Yield in words each field of a sheet that nobody could pass on: where, what is expected, what it is."""
+    if not isinstance(sheet, ScoreSheet):
+        yield _odd("score()", "a ScoreSheet", sheet)
+        return
+    yield from _not_of(sheet, "", digest=(str, "a text"), scores=(Sequence, "a tuple of ModelScores"))
+    try:
+        wire.checked(sheet.usage, Usage)
+    except Refused as fault:
+        yield f"usage: {fault}"
+    scores: object = sheet.scores
+    for place, score in enumerate(scores if isinstance(scores, Sequence) else ()):
+        where = f"scores[{place}]"
+        if not isinstance(score, ModelScore):
+            yield _odd(where, "a ModelScore", score)
+            continue
+        texts = dict.fromkeys(("reason", "fault", "scored_by", "prompt_digest", "kind"), (str, "a text"))
+        yield from _not_of(score, f"{where}.", value=(Real, "a number"), **texts)
+        if score.scored_by and not is_label(f"{score.scored_by}"):
+            yield f"{where}.scored_by: expected the name of a model, got {score.scored_by[:80]!r}"
+
+
+def _not_of(owner: object, where: str, **fields: tuple[type, str]) -> Iterator[str]:
+    """Yield in words each field that is not of its type."""
+    for name, (kind, expected) in fields.items():
+        if not isinstance(getattr(owner, name), kind):
+            yield _odd(f"{where}{name}", expected, getattr(owner, name))
+
+
+def _odd(where: str, expected: str, got: object) -> str:
+    return f"{where}: expected {expected}, got {'None' if got is None else type(got).__name__}"
 
 
 def check_label(label: str) -> None:

@@ -250,7 +250,7 @@ def _scores(job: Job, label: str, sheet: ScoreSheet, *, shadow: bool) -> list[Sc
             model=label,
             scored_by=score.scored_by or label,
             model_digest=told(sheet.digest, WORD_CHARS_MAX),
-            prompt_digest=score.prompt_digest,
+            prompt_digest=told(score.prompt_digest, WORD_CHARS_MAX),
             reason=told(score.reason),
             fault=told(score.fault, WORD_CHARS_MAX),
             kind=told(score.kind, WORD_CHARS_MAX),

@@ -63,6 +63,9 @@ def contradictions(info: TargetInfo, test_case: TestCase, record: object) -> Ite
         return
     if record.ending not in ENDINGS:
         yield f"ending {record.ending!r}, none of {', '.join(sorted(ENDINGS))}"
+    said: object = record.message
+    if not isinstance(said, str):
+        yield f"message: expected a text, got {type(said).__name__}"
     if record.trace is not None:
         yield from _of_trace(info, record.trace)
     elif record.ending in NEED_A_TRACE:

@@ -93,6 +93,41 @@ def test_one_that_returns_no_sheet_is_told_too(tmp_path: Path, pool: ScorerPool)
         assert deciding.scored_by == EMBEDDED
 
 
+@pytest.mark.parametrize(
+    ("sheet", "odd"),
+    [
+        ("ModelScore(5.0, None)", "scores[0].reason: expected a text, got None"),
+        ("ModelScore(5.0, 'x', None)", "scores[0].fault: expected a text, got None"),
+        ("ModelScore(5.0, 'x', scored_by=7)", "scores[0].scored_by: expected a text, got int"),
+        ("ModelScore(5.0, 'x', scored_by='a b')", "scores[0].scored_by: expected the name of a model, got 'a b'"),
+        ("ModelScore(5.0, 'x', prompt_digest=b'')", "scores[0].prompt_digest: expected a text, got bytes"),
+        ("ModelScore(5.0, 'x', kind=None)", "scores[0].kind: expected a text, got None"),
+        ("ModelScore(None, 'x')", "scores[0].value: expected a number, got None"),
+        ("None", "scores[0]: expected a ModelScore, got None"),
+        ("ModelScore(5.0), digest=None", "digest: expected a text, got None"),
+        ("ModelScore(5.0), usage=None", "usage: "),
+        ("ModelScore(5.0), usage=Usage(calls='many')", "usage: "),
+    ],
+)
+def test_a_field_of_a_wrong_type_is_told_by_name(
+    tmp_path: Path, pool: ScorerPool, capsys: pytest.CaptureFixture[str], sheet: str, odd: str
+) -> None:
+    text = (TEMPLATES / "scorer.py").read_text(encoding="utf-8")
+    text = text.replace("LABEL = ", "from saflite.contract.score import Usage\n\nLABEL = ")
+    score_, _, rest = sheet.partition("), ")
+    made = f"ScoreSheet(({score_}),), {rest})" if rest else f"ScoreSheet(({sheet},))"
+    path = tmp_path / "odd.py"
+    path.write_text(text.replace("return ScoreSheet", f"return {made}\n        return ScoreSheet"), encoding="utf-8")
+    modules.use([path])
+    (deciding,) = score(pool, batch("odd")).scores
+    assert deciding.fault.startswith(f"scorer odd returned no ScoreSheet of the right types: {odd}")
+    assert deciding.scored_by == EMBEDDED
+    case = tmp_path / "case.json"
+    case.write_bytes(msgspec.json.encode(template(load_campaign("avoidance-m2"))))
+    assert main(["score", str(case), "--scorer", "odd", "--module", str(path)]) == 0
+    assert "fault of saflite itself" not in capsys.readouterr().err
+
+
 def test_one_that_cannot_be_warmed_is_not_ready(tmp_path: Path, pool: ScorerPool) -> None:
     where = broken(tmp_path, "scorer", "def warm(")
     warmed = pool.do(WarmWork(model="zscorer", load_deadline_s=5.0), lambda: False)

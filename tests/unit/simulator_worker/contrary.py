@@ -14,7 +14,7 @@ from saflite.contract.target import Slot
 from saflite.contract.target_info import InputInfo, TargetInfo
 from saflite.contract.test_case import StartState, TestCase
 
-RIGHT, SIGNAL, SAMPLES, ENDING, INDEX, REPEAT, EARLY, NO_TRACE, NEW_SIGNAL, FILE_NAME = range(10)
+RIGHT, SIGNAL, SAMPLES, ENDING, INDEX, REPEAT, EARLY, NO_TRACE, NEW_SIGNAL, FILE_NAME, MESSAGE = range(11)
 BUILD = "b" * 64
 
 
@@ -23,7 +23,7 @@ def describe() -> TargetInfo:
         name="contrary",
         build=BUILD,
         repeats="bitwise",
-        inputs=(InputInfo(kind="parameter", name="WRONG", low=0, high=9),),
+        inputs=(InputInfo(kind="parameter", name="WRONG", low=0, high=10),),
         signals=("altitude_m", "x_m"),
         start_states=(StartState(),),
     )
@@ -59,7 +59,7 @@ class Contrary:
         ending = cast(Any, "exploded" if wrong == ENDING else "completed")
         trace = None if wrong == NO_TRACE else Trace(step_s=0.1, signals=signals)
         files = (("../console.txt" if wrong == FILE_NAME else "console.txt", f"slot {self._slot.index}".encode()),)
-        return FlightRecord(ending, trace, "", tuple(given), files)
+        return FlightRecord(ending, trace, cast(Any, None if wrong == MESSAGE else ""), tuple(given), files)
 
     def close(self) -> None:
         """Nothing is held."""

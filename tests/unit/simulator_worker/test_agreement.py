@@ -32,6 +32,7 @@ WRONG = {
     contrary.NO_TRACE: "without a trace",
     contrary.NEW_SIGNAL: "holds y_m",
     contrary.FILE_NAME: "artefacts called '../console.txt'",
+    contrary.MESSAGE: "message: expected a text, got NoneType",
 }
 
 
