@@ -11,6 +11,7 @@ from contextlib import suppress
 from multiprocessing.connection import Connection
 
 from saflite.conformance.kit import Check, findings
+from saflite.simulator_worker.processes import how_ended
 
 Found = tuple[str, list[str]]
 """A check's name, and what is wrong."""
@@ -36,7 +37,7 @@ def _run(check: Check, limit_s: float) -> tuple[list[str], bool]:
         return list(here.recv()), True
     except EOFError:
         process.join()
-        return [f"the process that ran it died: {_how(process.exitcode)}"], True
+        return [f"the process that ran it died: {how_ended(process.exitcode or 0)}"], True
     finally:
         here.close()
         assert process.pid, "it was started: group 0 would be our own"
@@ -51,11 +52,3 @@ def _child(check: Check, there: Connection) -> None:
     os.dup2(2, 1)  # what code from outside prints must not stand among our words
     sys.stdout = sys.stderr
     there.send([finding.text for finding in findings([check])])
-
-
-def _how(exit_code: int | None) -> str:
-    return (
-        f"signal {signal.Signals(-exit_code).name}"
-        if exit_code is not None and exit_code < 0
-        else f"exit code {exit_code}"
-    )

@@ -34,7 +34,14 @@ from saflite.simulator_worker.messages import (
     from_simulator,
     send,
 )
-from saflite.simulator_worker.processes import adopt_orphans, children, kill_strays, signal_group, starved_s
+from saflite.simulator_worker.processes import (
+    adopt_orphans,
+    children,
+    how_ended,
+    kill_strays,
+    signal_group,
+    starved_s,
+)
 from saflite.simulator_worker.slots import HeldSlot, take_slot
 
 log = logging.getLogger(__name__)
@@ -276,7 +283,7 @@ class Sandbox:
         signal_group(process.pid, signal.SIGKILL)
         process.wait()
         kill_strays(self._bystanders)
-        return "killed" if died is None else _words(died)
+        return "killed" if died is None else how_ended(died)
 
 
 def _never() -> bool:
@@ -288,7 +295,3 @@ def _ending_of(process: subprocess.Popen[bytes], patience_s: float) -> int | Non
         return process.wait(patience_s)
     except subprocess.TimeoutExpired:
         return None
-
-
-def _words(code: int) -> str:
-    return f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"

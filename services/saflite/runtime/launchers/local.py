@@ -17,7 +17,7 @@ from saflite.contract.errors import Refused, Unavailable
 from saflite.runtime.clock import WallClock
 from saflite.runtime.launchers.base import Condition, Meeting, RoleSpec, RoleState
 from saflite.runtime.log_lines import event_of
-from saflite.simulator_worker.processes import adopt_orphans, children, kill_strays, signal_group
+from saflite.simulator_worker.processes import adopt_orphans, children, how_ended, kill_strays, signal_group
 
 log = logging.getLogger(__name__)
 
@@ -99,7 +99,7 @@ class LocalLauncher:
             if process.poll() is not None:
                 signal_group(process.pid, signal.SIGKILL)
                 del self._running[name]
-                self._ended[name] = RoleState(_CONDITIONS.get(process.returncode, "broken"), self._last_words(name))
+                self._ended[name] = self._state(name, process.returncode)
         kill_strays(self._bystanders | set(self.pids().values()))
         return {**dict.fromkeys(self._running, RoleState("running")), **self._ended}
 
@@ -165,6 +165,13 @@ class LocalLauncher:
 
     def _log(self, name: str) -> Path:
         return self._folder / "logs" / f"{name}.log"
+
+    def _state(self, name: str, code: int) -> RoleState:
+        """Return how a role ended. Only one that says itself why it ends has a last line that is the reason."""
+        said, condition = self._last_words(name), _CONDITIONS.get(code, "broken")
+        if code < 0 and condition != "finished":
+            return RoleState(condition, f"process died: {how_ended(code)}")
+        return RoleState(condition, f"{how_ended(code)}: {said}" if condition == "broken" else said)
 
     def _last_words(self, name: str) -> str:
         """Return the last line of a role's log, without time and place."""
