@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Sequence
 
 import msgspec
 
-from saflite.contract.errors import Unavailable
+from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.outside_code import Raised, of_outside
 from saflite.contract.rng import derive
 from saflite.contract.service import Cancelled
-from saflite.contract.test_case import TestCase
+from saflite.contract.test_case import Stimulus, TestCase
 from saflite.contract.work import HandedBack, MutateResult, MutateWork, Result, Stage, Work
 from saflite.mutator.registry import is_outside, load_strategy
 from saflite.mutator.strategy import Strategy
@@ -39,7 +40,7 @@ class Mutator:
 
         Raises:
             Raised: a strategy from outside raised what is no error of its kind.
-            Refused: unknown strategy, bad settings, or a template the strategy cannot mutate.
+            Refused: unknown strategy, bad settings, a template the strategy cannot mutate, or a number that is none.
             Unavailable: the outcomes told do not join on to those known; ask again, the cursor is back at the start.
         """
         assert isinstance(work, MutateWork), f"the mutator was given {type(work).__name__}"
@@ -47,6 +48,7 @@ class Mutator:
             with of_outside("strategy", work.strategy, outside=is_outside(work.strategy)):
                 strategy = self._told(work)
                 proposed = _numbered(work, strategy.ask(work.count, derive(work.rng_seed, "mutate", work.round)))
+                _check_numbers(proposed)
         except Raised:
             self._forget()  # what it had learnt may be half of it
             raise
@@ -87,6 +89,29 @@ def _numbered(work: MutateWork, proposed: Sequence[TestCase]) -> tuple[TestCase,
         )
         for index, case in enumerate(proposed)
     )
+
+
+def _check_numbers(proposed: Sequence[TestCase]) -> None:
+    """Raise Refused for a number that is none or has no end, saying where it stands: the wire would not say."""
+    for index, case in enumerate(proposed):
+        for place, value in _endless(case, ""):
+            raise Refused(f"test case {index} of the strategy", where=place, expected="a finite number", got=value)
+
+
+def _endless(value: object, place: str) -> Iterator[tuple[str, float]]:
+    """Yield the numbers in a part of a test case that are not finite, and where they stand."""
+    if isinstance(value, float) and not math.isfinite(value):
+        yield place, value
+    elif isinstance(value, msgspec.Struct):
+        named = f"{place} ({value.kind} {value.name})" if isinstance(value, Stimulus) else place
+        for name in value.__struct_fields__:
+            yield from _endless(getattr(value, name), f"{named}.{name}".removeprefix("."))
+    elif isinstance(value, dict):
+        for key, part in value.items():
+            yield from _endless(part, f"{place}.{key}")
+    elif isinstance(value, list | tuple):
+        for number, part in enumerate(value):
+            yield from _endless(part, f"{place}[{number}]")
 
 
 def open_service() -> Mutator:

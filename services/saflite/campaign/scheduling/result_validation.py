@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import msgspec
 
 from saflite.campaign.engine.core import Core
+from saflite.campaign.scheduling.proposal_check import unfit
 from saflite.campaign.scheduling.tasks import Task
 from saflite.campaign.scheduling.work_keys import FlightKey, FlyKey, JudgeKey, MutateKey, RecordKey, ScoreKey, WarmKey
 from saflite.contract import wire
@@ -16,7 +17,6 @@ from saflite.contract.bounds import told
 from saflite.contract.errors import Refused
 from saflite.contract.flight import AUTOPILOT_ALIVE, FLOWN_ENDINGS, UNTOLD, Flight
 from saflite.contract.score import SCORE_MAX, SCORE_MIN
-from saflite.contract.test_case import TestCase
 from saflite.contract.verdict import Verdict
 from saflite.contract.work import (
     Failure,
@@ -30,12 +30,8 @@ from saflite.contract.work import (
     WarmResult,
     blobs_left,
 )
-from saflite.flight.competition.document import to_document
-from saflite.flight.mission import dump_plan
 
 SAID_MAX = 500  # characters of what a result says, in our words
-TEST_CASE_BYTES_MAX = 2**18
-BATCH_BYTES_MAX = 8 * 2**20  # of test cases that are scored at a time; outcomes are told beside them
 JUDGEMENT_BYTES_MAX = 2**20
 FLIGHT_BYTES_MAX = SCORES_BYTES_MAX = 2**22
 
@@ -86,31 +82,10 @@ def _check_verdicts(core: Core, task: Task, result: JudgeResult) -> None:
 
 
 def _check_mutants(core: Core, task: Task, result: MutateResult) -> None:
-    most = core.rounds.search.candidates_per_round
-    if len(result.test_cases) > most:
-        _refuse(task, f"at most {most} test cases", len(result.test_cases))
-    wanted = core.template.target.name, core.template.target.build
-    for case in result.test_cases:
-        _same(task, "target and build", wanted, (case.target.name, case.target.build))
-        if case.target.settings != core.template.target.settings:  # planted defects among them
-            _refuse(task, "the target's settings as the campaign has them", case.target.settings)
-        _check_size(task, "a test case", (case,), max(TEST_CASE_BYTES_MAX, 2 * len(wire.encode(core.template))))
-        _check_files(task, case, core.template)
-    batch = sorted((len(wire.encode(case)) for case in result.test_cases), reverse=True)[: core.campaign.scorer.batch]
-    if sum(batch) > BATCH_BYTES_MAX:
-        _refuse(task, f"{len(batch)} test cases of at most {BATCH_BYTES_MAX} bytes together", sum(batch))
-
-
-def _check_files(task: Task, case: TestCase, template: TestCase) -> None:
-    """What a test case keeps of files must be such files: what is found with it is written as files of that kind."""
-    mission, usual = case.scenario.mission, template.scenario.mission
-    try:
-        if case.source not in ("", template.source):
-            to_document(case)
-        if mission is not None and mission.plan_extra not in ("{}", usual and usual.plan_extra):
-            dump_plan(mission)
-    except Refused as fault:
-        _refuse(task, "test cases that can be written as files", fault)
+    most, batch = core.rounds.search.candidates_per_round, core.campaign.scorer.batch
+    why = unfit(result.test_cases, core.template, most, batch)
+    if why is not None:
+        _refuse(task, why.expected, why.got)
 
 
 def _check_size(task: Task, what: str, parts: Sequence[msgspec.Struct], bytes_max: int) -> None:

@@ -37,8 +37,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Ask the strategy once and print what it proposes."""
     from saflite.campaign.presets.campaigns import template
+    from saflite.campaign.scheduling.proposal_check import unfit
     from saflite.console.io import campaign_options, case_files
     from saflite.console.view import out
+    from saflite.contract import wire
     from saflite.contract.errors import Refused
     from saflite.contract.test_case import identity
     from saflite.contract.work import MutateResult, MutateWork
@@ -73,6 +75,10 @@ def run(args: argparse.Namespace) -> int:
     )
     result = open_service().do(work, lambda: False)
     assert isinstance(result, MutateResult)
+    result = wire.checked(result, MutateResult)  # as whoever reads them again will: in a farm, the books
+    why = unfit(result.test_cases, work.template, args.count, campaign.scorer.batch)
+    if why is not None:
+        raise Refused(f"what strategy {work.strategy} proposes", expected=why.expected, got=why.got)
     for case in result.test_cases:
         if args.json:
             out.json(case)
