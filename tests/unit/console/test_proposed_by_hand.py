@@ -11,6 +11,7 @@ from saflite.console.cli import main
 from saflite.console.operations import judging
 from saflite.contract import modules
 
+POLICY = Path(judging.__file__).parents[1] / "templates" / "policy.toml"
 TEMPLATE = Path(judging.__file__).parents[1] / "templates" / "strategy.py"
 ASKED = "return [self._next(rng) for _ in range(count)]"
 
@@ -59,3 +60,41 @@ def test_a_number_that_is_none_is_told_by_test_case_and_input(
     assert main(["mutate", "policy-upright", *options]) == 2
     told = "test case 1 of the strategy (stimuli[0] (stick RC3).values[1]): expected a finite number, got nan"
     assert told in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("part", "wrong", "told"),
+    [
+        ('altitude_m = "m"', 'altitude_m = "ft"', "unit"),
+        ("armed == 1 implies", "armed = 1 implies", "formula"),
+        ("altitude_m <=", "altitude_mm <=", "altitude_mm"),
+        ("[10, 160]", "[10, 100]", "example"),
+        ("always (armed == 1 implies altitude_m <= ceiling_m)", "always (ceiling_m <= 130)", "formula"),
+        ('mode = "GUIDED"', 'mode = "GUIDEDX"', "GUIDEDX"),
+    ],
+)
+def test_a_policy_that_a_campaign_refuses_is_refused_by_hand(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], part: str, wrong: str, told: str
+) -> None:
+    right = POLICY.read_text(encoding="utf-8").replace("NAME", "ceiling")
+    assert part in right
+    (tmp_path / "right.toml").write_text(right, encoding="utf-8")
+    (tmp_path / "wrong.toml").write_text(right.replace(part, wrong), encoding="utf-8")
+    mutate = ["--count", "1", "--out", str(tmp_path / "cases")]
+    assert main(["run", str(tmp_path / "wrong.toml"), "--out", str(tmp_path / "run")]) == 2
+    refused = capsys.readouterr().err
+    assert told in refused
+    assert main(["mutate", str(tmp_path / "wrong.toml"), *mutate]) == 2
+    assert capsys.readouterr().err == refused
+    assert main(["mutate", str(tmp_path / "right.toml"), *mutate]) == 0
+    (case,) = tmp_path.glob("cases/*.json")
+    capsys.readouterr()
+    is_of_the_rule = "GUIDEDX" not in wrong  # where a search begins is no part of what the rule says
+    assert main(["score", str(case), "--policy", str(tmp_path / "wrong.toml")]) == (2 if is_of_the_rule else 0)
+    assert not is_of_the_rule or capsys.readouterr().err == refused
+    assert main(["score", str(case), "--policy", str(tmp_path / "right.toml")]) == 0
+
+
+def test_a_policy_that_there_is_not_is_refused_by_score(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["score", str(tmp_path / "case.json"), "--policy", "min-obstacle-distanc"]) == 2
+    assert "did you mean min-obstacle-distance?" in capsys.readouterr().err

@@ -60,6 +60,10 @@ def run(args: argparse.Namespace) -> int:
     if args.out is not None:
         outputs.check_folder(args.out, force=args.force)
     target = describe_target(campaign.target.name)
+    if target.missing:  # nothing can be flown here: what its policies say is checked all the same
+        campaign_options.check_policies(campaign.policies, campaign.policy_texts)
+    else:
+        campaign_options.check_runnable(campaign)
     work = MutateWork(
         round=args.round,
         count=args.count,

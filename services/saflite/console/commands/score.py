@@ -30,6 +30,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Score one batch and print it, the most interesting first."""
+    from saflite.console.io import campaign_options
     from saflite.console.view import out
     from saflite.contract.score import band
     from saflite.contract.work import ScoreResult, ScoreWork
@@ -39,6 +40,7 @@ def run(args: argparse.Namespace) -> int:
     from saflite.scorer_pool.work import open_service
 
     check_label(args.scorer)
+    campaign_options.check_policies(args.policy)
     work = ScoreWork(
         round=0,
         model=args.scorer,

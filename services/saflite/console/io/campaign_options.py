@@ -14,6 +14,7 @@ from saflite.contract.flight import AUTOPILOT_ALIVE
 from saflite.contract.outside import assignment
 from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import Settings
+from saflite.contract.work import PolicyTexts
 
 WORKERS_MAX = 1_000  # of a farm at a time (`campaign/engine/worker_registry.py`)
 
@@ -145,6 +146,16 @@ def check_runnable(campaign: Campaign) -> None:
     name = campaign.strategy.name
     with of_outside("strategy", name, outside=strategy_registry.is_outside(name)):
         strategy_registry.load_strategy(name)(base, campaign.strategy.settings, campaign.policies, target)
+
+
+def check_policies(names: Sequence[str], texts: PolicyTexts | None = None) -> None:
+    """Raise Refused for a policy that there is not, or in whose file something is wrong: who only wants to know what it
+    is about would not be told.
+    """
+    from saflite.oracle.policy import load_policy
+
+    for name in names:
+        load_policy(name, texts)
 
 
 def _check_policy(name: str, campaign: Campaign, target: TargetInfo) -> None:
