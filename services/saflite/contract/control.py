@@ -101,6 +101,7 @@ class Status(msgspec.Struct, frozen=True, kw_only=True):
     scorer: Word
     scorer_pending: Word
     fallbacks: Count
+    unscored: Count = 0
     fallback_why: Text = ""
     scores: Count = 0
     scores_by_model: Count = 0

@@ -33,12 +33,16 @@ class Proposed(msgspec.Struct, frozen=True, kw_only=True, tag="proposed"):
 
 
 class Scored(msgspec.Struct, frozen=True, kw_only=True, tag="scored"):
-    """A batch was scored; `scores` pairs test case and value in order."""
+    """A batch was scored; `scores` pairs test case and value in order.
+
+    `fallbacks` of them the model asked did not give, `unscored` of these nobody.
+    """
 
     round: Place
     model: Label
     scores: Annotated[tuple[tuple[ShortId, Number], ...], msgspec.Meta(max_length=ITEMS_MAX)]
     fallbacks: Count = 0
+    unscored: Count = 0
     latency_s: Quantity = 0.0
 
 

@@ -12,6 +12,12 @@ from saflite.contract.names import Label, ShortId
 SCORE_MIN, SCORE_MAX = 0.0, 10.0
 DULL_BELOW, INTERESTING_ABOVE = 4.0, 7.0  # bands of the paper (section IV-C); 4..7 is middling
 
+EMBEDDED = "blend"
+"""The scorer that answers in the place of one that cannot; it needs no server and nothing from outside."""
+
+UNSCORED = "none"
+"""Stands for the scorer of a test case that nobody scored, not even the embedded one: its processes were lost."""
+
 Band = Literal["dull", "middling", "interesting"]
 
 
@@ -30,10 +36,6 @@ class Usage(msgspec.Struct, frozen=True, kw_only=True):
     asked_again: Count = 0
     cached: Count = 0
     faults: Annotated[dict[Word, Count], msgspec.Meta(max_length=1_000)] = {}
-
-
-NOBODY = "none"
-"""`scored_by` of a score that no model gave: its batch was lost, and the order of flights suffers, nothing else."""
 
 
 class Score(msgspec.Struct, frozen=True, kw_only=True):

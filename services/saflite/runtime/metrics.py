@@ -110,7 +110,8 @@ def _of_campaign(status: Status) -> Iterator[Metric]:
         ("behaviours", "Different ways to violate that were confirmed", status.behaviours),
         ("quarantined", "Test cases set aside after too many lost attempts", status.quarantined),
         ("unequal", "Flights flown over that did not repeat bit by bit", status.unequal),
-        ("scorer_fallbacks", "Scores filled in by the embedded scorer", status.fallbacks),
+        ("scorer_fallbacks", "Scores filled in by the embedded scorer", status.fallbacks - status.unscored),
+        ("unscored", "Test cases that nobody scored", status.unscored),
         ("events", "Facts announced", status.seq),
         ("processor_seconds", "Processor time of books, workers and simulators in this sitting", status.processor_s),
     ):

@@ -15,7 +15,7 @@ from saflite.contract.bounds import WORD_CHARS_MAX, told
 from saflite.contract.clock import Clock
 from saflite.contract.errors import FarmError, Refused, Unavailable
 from saflite.contract.outside_code import Raised
-from saflite.contract.score import SCORE_MAX, SCORE_MIN, Score
+from saflite.contract.score import EMBEDDED, SCORE_MAX, SCORE_MIN, Score
 from saflite.contract.service import Cancelled
 from saflite.contract.test_case import identity
 from saflite.contract.work import (
@@ -34,9 +34,6 @@ from saflite.scorer_pool.learning.history import History
 from saflite.scorer_pool.llm.transcript import Transcript, TranscriptFile, silent
 from saflite.scorer_pool.model import MIDDLE, BriefOf, Job, Model, ModelScore, PolicyBrief, ScoreSheet, Tools
 from saflite.scorer_pool.registry import make
-
-EMBEDDED = "blend"
-"""The scorer that answers in the place of one that cannot; it needs no server and never fails."""
 
 PARALLEL_MAX = 8
 

@@ -22,7 +22,7 @@ from saflite.console.run_data.run_folder import open_run
 from saflite.console.view.event_lines import event_line
 from saflite.contract.blobs import Blobs
 from saflite.contract.events import Event, ViolationFound
-from saflite.contract.score import NOBODY
+from saflite.contract.score import UNSCORED
 from saflite.contract.verdict import NEVER_APPLIED, Verdict, Violation
 from saflite.contract.work import Failure, FlyWork, JudgeResult, Result, ScoreWork, Work
 from saflite.flight.autopilots.reference.describe import describe
@@ -230,15 +230,15 @@ def test_what_no_model_scored_is_the_score_of_none(
     with open_run(run_dir) as run:
         answered = {score.scored_by for score in run.scores() if score.violated is not None}
         deciding = run.campaign.scorer.model
-    assert NOBODY in answered
+    assert UNSCORED in answered
     assert (deciding in answered) == bool(spared)
     assert main(["scorer", "list", str(run_dir), "--json"]) == NOTHING_FOUND
     told = json.loads(capsys.readouterr().out)["calibration"]
-    assert {one["model"] for one in told} == answered - {NOBODY}
+    assert {one["model"] for one in told} == answered - {UNSCORED}
     assert main(["scorer", "list", str(run_dir)]) == NOTHING_FOUND
     listed = capsys.readouterr().out
     assert (deciding in listed.partition("\n")[2].split()) == bool(spared)
-    assert NOBODY not in [line.split()[0] for line in listed.splitlines() if line]
+    assert UNSCORED not in [line.split()[0] for line in listed.splitlines() if line]
 
 
 @pytest.mark.parametrize("as_json", [False, True])

@@ -18,12 +18,13 @@ from saflite.contract.clock import Clock
 from saflite.contract.errors import Refused
 from saflite.contract.flight import Flight
 from saflite.contract.outside_code import Raised
+from saflite.contract.score import EMBEDDED
 from saflite.contract.test_case import Scenario, Target, TestCase
 from saflite.contract.work import MutateWork, ScoreResult, ScoreWork, WarmResult, WarmWork
 from saflite.mutator.work import Mutator
 from saflite.runtime.clock import WallClock
 from saflite.scorer_pool.model import PolicyBrief
-from saflite.scorer_pool.work import EMBEDDED, ScorerPool
+from saflite.scorer_pool.work import ScorerPool
 from saflite.simulator_worker.registry import describe_target
 
 TEMPLATES = Path(judging.__file__).parents[1] / "templates"

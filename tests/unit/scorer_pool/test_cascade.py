@@ -9,12 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from saflite.contract.errors import Refused
+from saflite.contract.score import EMBEDDED
 from saflite.contract.test_case import identity
 from saflite.contract.work import ScoreResult
 from saflite.scorer_pool import registry
 from saflite.scorer_pool.cascade import Paces, decided, first_by
 from saflite.scorer_pool.model import Job, ModelScore, PolicyBrief, ScoreSheet, Tools
-from saflite.scorer_pool.work import EMBEDDED, ScorerPool, open_service
+from saflite.scorer_pool.work import ScorerPool, open_service
 
 from .test_pool import cases, never, work
 

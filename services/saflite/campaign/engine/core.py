@@ -47,7 +47,8 @@ class Counts:
     unequal: int = 0  # flights flown over again that were no repeat on a target that says it repeats bit by bit
     scores: Counter[str] = field(default_factory=Counter)  # that decided, by the model that was to give them
     scores_by_model: Counter[str] = field(default_factory=Counter)  # of them those it gave, and no other in its place
-    fallbacks: int = 0
+    fallbacks: int = 0  # scores that the model asked did not give
+    unscored: int = 0  # of them those that nobody gave
     fallback_why: str = ""  # what the scorer said last
     simulated_s: float = 0.0
     wall_s: float = 0.0

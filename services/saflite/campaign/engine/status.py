@@ -100,6 +100,7 @@ def status_of(reducer: Reducer, registry: WorkerRegistry, leases: Leases, rates:
         scorer=reducer.scorers.model,
         scorer_pending=told(",".join(key.model for key in reducer.scorers.pending), WORD_CHARS_MAX),
         fallbacks=counts.fallbacks,
+        unscored=counts.unscored,
         fallback_why=counts.fallback_why,
         scores=counts.scores[reducer.scorers.model],
         scores_by_model=counts.scores_by_model[reducer.scorers.model],

@@ -12,7 +12,7 @@ from saflite.campaign.scheduling.tasks import Task
 from saflite.campaign.scheduling.work_keys import MutateKey, ScoreKey
 from saflite.contract.bounds import WORD_CHARS_MAX, told
 from saflite.contract.events import Proposed, Scored
-from saflite.contract.score import NOBODY, Score
+from saflite.contract.score import EMBEDDED, UNSCORED, Score
 from saflite.contract.test_case import identity
 from saflite.contract.work import MutateResult, ScoreResult
 
@@ -22,6 +22,11 @@ MUTATE_LOSSES_MAX = 10
 """Attempts at one round that may be lost in a row: far more than kills and scaling down take, each of a few seconds."""
 
 SCORE_FAULTS_MAX = 2
+"""Attempts at a batch that the scorer may lose or fail; then the embedded scorer is asked in its place."""
+
+EMBEDDED_FAULTS_MAX = 10
+"""Attempts that the embedded scorer may lose besides: far more than kills take. Then the test cases are not scored."""
+
 FALLBACK_SCORE = 5.0
 
 
@@ -130,7 +135,7 @@ class Proposals:
         """Take exactly one deciding score per candidate of a batch."""
         core = self._core
         round_ = core.rounds.under_way[key.round]
-        model = task.model
+        model = task.instead_of or task.model
         core.done(task, "scored")
         latency_s = max((usage.latency_s for usage in result.usage.values()), default=0.0)
         for label, usage in result.usage.items():
@@ -145,7 +150,7 @@ class Proposals:
                 usage.cached,
                 sum(usage.faults.values()),
             )
-        self._scored(round_, model, result.scores, latency_s)
+        self._scored(round_, model, _in_place_of(task, result.scores), latency_s)
 
     def _count(self, model: str, deciding: list[Score]) -> None:
         """Count the scores that `model` was to give; of those that another gave instead, keep why."""
@@ -153,25 +158,33 @@ class Proposals:
         counts.scores[model] += len(deciding)
         counts.scores_by_model[model] += sum(1 for score in deciding if score.scored_by == model)
         counts.fallbacks += len(faults)
+        counts.unscored += sum(1 for score in deciding if score.scored_by == UNSCORED)
         if faults:
             counts.fallback_why = faults[-1][:200]
 
     def on_score_trouble(self, task: Task, key: ScoreKey, message: str) -> None:
-        """A batch was lost or failed: once more; after the second time the order suffers and nothing else."""
+        """A batch was lost or failed: once more; after the second time the embedded scorer is asked in its place.
+
+        Which of them is asked follows from how often the batch was lost or failed, whoever had it and when. Where even
+        the embedded scorer's process is lost each time, the order suffers and nothing else.
+        """
         core = self._core
         task.failures += 1
         core.fault(str(task.key), message)
-        if task.failures < SCORE_FAULTS_MAX:
+        if task.failures < SCORE_FAULTS_MAX + EMBEDDED_FAULTS_MAX:
             core.again(task, "failed", message)
+            if task.failures == SCORE_FAULTS_MAX:
+                task.instead_of, task.model = task.model, EMBEDDED  # what the other says late does not count
+                task.fault = message
             return
         round_ = core.rounds.under_way[key.round]
         core.done(task, "failed", message)
         fault = told(message, WORD_CHARS_MAX) or "lost"
         scores = tuple(
-            Score(test_case=name, value=FALLBACK_SCORE, model=task.model, scored_by=NOBODY, fault=fault)
+            Score(test_case=name, value=FALLBACK_SCORE, model=task.instead_of, scored_by=UNSCORED, fault=fault)
             for name in round_.batches[key.batch]
         )
-        self._scored(round_, task.model, scores, 0.0)
+        self._scored(round_, task.instead_of, scores, 0.0)
 
     def _scored(self, round_: Round, model: str, scores: tuple[Score, ...], latency_s: float) -> None:
         core = self._core
@@ -185,9 +198,9 @@ class Proposals:
                 round_.scores[score.test_case] = score
                 pairs.append((score.test_case, score.value))
         fallbacks = sum(1 for score in scores if score.fault and not score.shadow)
-        core.tell(
-            Scored(round=round_.number, model=model, scores=tuple(pairs), fallbacks=fallbacks, latency_s=latency_s)
-        )
+        unscored = sum(1 for score in scores if score.scored_by == UNSCORED)
+        fact = Scored(round=round_.number, model=model, scores=tuple(pairs), fallbacks=fallbacks, latency_s=latency_s)
+        core.tell(msgspec.structs.replace(fact, unscored=unscored))
         self._if_scored(round_)
 
     def _if_scored(self, round_: Round) -> None:
@@ -206,3 +219,11 @@ class Proposals:
         round_.forget_candidates()
         if not entry.picks:
             core.rounds.close(round_.number)
+
+
+def _in_place_of(task: Task, scores: tuple[Score, ...]) -> tuple[Score, ...]:
+    """Return scores that the embedded scorer gave in the place of another as those of the other, and why."""
+    if not task.instead_of:
+        return scores
+    fault = "" if task.instead_of == EMBEDDED else told(task.fault, WORD_CHARS_MAX) or "lost"
+    return tuple(msgspec.structs.replace(one, model=task.instead_of, fault=one.fault or fault) for one in scores)

@@ -25,6 +25,8 @@ class Task:
     epoch: int = 0
     worker: str = ""  # who holds it now, empty while it waits
     model: str = ""  # score only: the deciding model of the attempt at hand
+    instead_of: str = ""  # score only: the model in whose place the embedded scorer is asked from now on
+    fault: str = ""  # score only: why it is asked in that place
     holders: dict[int, str] = field(default_factory=dict)
     losses: int = 0
     undelivered: int = 0

@@ -18,6 +18,7 @@ from saflite.contract.config import SearchConfig
 from saflite.contract.errors import Unavailable
 from saflite.contract.flight import Flight
 from saflite.contract.rng import derive_seed
+from saflite.contract.score import EMBEDDED
 from saflite.contract.work import (
     FlyWork,
     JudgeWork,
@@ -78,11 +79,13 @@ class WorkMessages:
             case WarmKey():
                 return self._warm(task.key)
             case ScoreKey():
-                return self._score(task.key, cursor)
+                return self._score(task, task.key, cursor)
 
     def model_for(self, task: Task) -> str:
         """Return the deciding model of a score task handed out now, empty for other work."""
-        return self._reducer.scorers.model if isinstance(task.key, ScoreKey) else ""
+        if not isinstance(task.key, ScoreKey):
+            return ""
+        return EMBEDDED if task.instead_of else self._reducer.scorers.model
 
     def overdue_s(self, task: Task) -> float:
         """Return how long a lease may run however alive its worker seems."""
@@ -148,15 +151,16 @@ class WorkMessages:
             cursor=told.cursor,
         )
 
-    def _score(self, key: ScoreKey, cursor: int) -> ScoreWork:
+    def _score(self, task: Task, key: ScoreKey, cursor: int) -> ScoreWork:
+        """Where the embedded scorer stands in, it is asked alone: who only watches may be what the process died of."""
         core, scorers = self._core, self._reducer.scorers
         round_ = core.rounds.under_way[key.round]
         upto = max(round_.number - core.rounds.search.lag, -1)
         since, after = self._recent_since(upto), cursor if cursor <= upto else -1
         return ScoreWork(
             round=round_.number,
-            model=scorers.model,
-            shadow=scorers.shadow,
+            model=self.model_for(task),
+            shadow=() if task.instead_of else scorers.shadow,
             policies=core.campaign.policies,
             policy_texts=core.campaign.policy_texts,
             test_cases=tuple(round_.candidates[name] for name in round_.batches[key.batch]),

@@ -13,6 +13,7 @@ from saflite.console.cli import FOUND, INFRASTRUCTURE, NOTHING_FOUND, NOTHING_JU
 from saflite.console.run_data import reporting
 from saflite.console.run_data.deduplication import Cause, deduplicate
 from saflite.console.run_data.embargo import withheld_words
+from saflite.console.run_data.rows import Fallbacks
 from saflite.console.run_data.run_folder import RunFolder, open_run
 from saflite.console.run_data.unproven import unproven, unproven_words
 from saflite.console.view import live, out
@@ -53,7 +54,7 @@ class Conclusion(NamedTuple):
     findings: tuple[Finding, ...]
     rulings: dict[str, Rulings]
     inputs: str
-    fallbacks: tuple[int, str] = (0, "")
+    fallbacks: Fallbacks = Fallbacks()
     modes: Mapping[str, int] = MappingProxyType({})
     unproven: int = 0
 
@@ -156,8 +157,9 @@ def _plain(found: Conclusion, ended: ExitSummary) -> dict[str, Any]:
         "unproven": found.unproven,
         "arms": () if ended.status is None else ended.status.arms,
         "restarts": ended.restarts,
-        "fallbacks": found.fallbacks[0],
-        "fallback_why": found.fallbacks[1],
+        "fallbacks": found.fallbacks.embedded,
+        "unscored": found.fallbacks.unscored,
+        "fallback_why": found.fallbacks.why,
         "set_aside": found.set_aside,
         "causes": [cause.plain() for cause in found.causes],
         "policies": {name: ruled._asdict() for name, ruled in found.rulings.items()},
@@ -180,8 +182,8 @@ def _tell(found: Conclusion, ended: ExitSummary) -> None:
         + (f"; {found.set_aside} test cases set aside, we could not fly or judge them" if found.set_aside else "")
         + (f"; {ended.restarts} processes started again" if ended.restarts else "")
     )
-    if found.fallbacks[0]:
-        out.line(f"{found.fallbacks[0]} scores by the embedded scorer instead of the one asked: {found.fallbacks[1]}")
+    if told := found.fallbacks.in_words(" of the one asked"):
+        out.line(told)
     if ended.status is not None and ended.status.arms:
         out.line(f"arms: {live.arms_told(ended.status.arms)}")
     _tell_behaviours(found)

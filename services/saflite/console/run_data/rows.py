@@ -82,3 +82,22 @@ class UsageRow(NamedTuple):
     asked_again: int
     cached: int
     faults: int
+
+
+class Fallbacks(NamedTuple):
+    """How many scores the embedded scorer gave in place of the one asked, how many nobody, and why it was so last."""
+
+    embedded: int = 0
+    unscored: int = 0
+    why: str = ""
+
+    def in_words(self, of_whom: str = "") -> str:
+        """Return it in words, empty where every score was given by the scorer asked."""
+        told = f"{self.embedded} scores by the embedded scorer instead{of_whom}" if self.embedded else ""
+        cases = "1 test case was" if self.unscored == 1 else f"{self.unscored} test cases were"
+        lost = f"{cases} not scored" if self.unscored else ""
+        both = ", ".join(filter(None, (told, lost)))
+        return f"{both}: {self.why}" if both and self.why else both
+
+
+NO_FALLBACKS = Fallbacks()

@@ -18,7 +18,7 @@ from saflite.campaign.storage.packing import Packing
 from saflite.campaign.storage.sqlite import connect_reading, damage_named
 from saflite.campaign.storage.store import store_file
 from saflite.console.run_data.embargo import Released, split
-from saflite.console.run_data.rows import ArtefactRow, FlightRow, ScoreRow, UsageRow, flight_row
+from saflite.console.run_data.rows import ArtefactRow, Fallbacks, FlightRow, ScoreRow, UsageRow, flight_row
 from saflite.console.run_data.standing import Standing, standing
 from saflite.console.run_data.unproven import pending, unproven
 from saflite.console.view import out
@@ -32,6 +32,7 @@ from saflite.contract.flight import Flight, Purpose, Trace, unpack_trace
 from saflite.contract.memory_faults import is_memory_fault
 from saflite.contract.names import recording_file
 from saflite.contract.plain import argument
+from saflite.contract.score import UNSCORED
 from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import TestCase
 from saflite.contract.verdict import Judgement, Violation
@@ -302,11 +303,12 @@ class RunFolder:
             for row in self._rows(query)
         ]
 
-    def fallbacks(self) -> tuple[int, str]:
-        """Return how many scores the embedded scorer gave in place of the model that decides, and why it did last."""
-        query = "SELECT fault FROM scores WHERE fault != '' AND shadow = 0 ORDER BY rowid"
-        faults = [str(row[0]) for row in self._rows(query)]
-        return len(faults), faults[-1] if faults else ""
+    def fallbacks(self) -> Fallbacks:
+        """Return how often the model that decides gave no score."""
+        query = "SELECT fault, scored_by FROM scores WHERE fault != '' AND shadow = 0 ORDER BY rowid"
+        found = [(str(fault), str(scored_by)) for fault, scored_by in self._rows(query)]
+        unscored = sum(1 for _, scored_by in found if scored_by == UNSCORED)
+        return Fallbacks(len(found) - unscored, unscored, found[-1][0] if found else "")
 
     def usage(self) -> list[UsageRow]:
         """Return what scoring took, per model."""

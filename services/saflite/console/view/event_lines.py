@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from datetime import UTC, datetime
 
+from saflite.console.run_data.rows import Fallbacks
 from saflite.console.view import live
 from saflite.contract.events import (
     BudgetChanged,
@@ -71,7 +72,8 @@ def _scored(fact: Scored) -> str:
         values = [value for _, value in fact.scores]
         best = max(fact.scores, key=lambda pair: pair[1])[0]
         told += f", {min(values):.2f} to {max(values):.2f}, highest {best}"
-    return told + (f", {fact.fallbacks} by the embedded scorer instead" if fact.fallbacks else "")
+    instead = Fallbacks(fact.fallbacks - fact.unscored, fact.unscored).in_words()
+    return f"{told}, {instead}" if instead else told
 
 
 def _change(fact: WorkerChanged) -> str:

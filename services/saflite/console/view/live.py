@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
+from saflite.console.run_data.rows import Fallbacks
 from saflite.console.run_data.run_folder import RunFolder, open_run
 from saflite.console.view import out
 from saflite.contract.config import environment
@@ -166,9 +167,8 @@ def _phase(status: Status) -> str:
 
 
 def _instead(status: Status) -> str:
-    """Return in words how often the embedded scorer stood in, and why."""
-    why = f": {status.fallback_why}" if status.fallback_why else ""
-    return f"{status.fallbacks} scores by the embedded scorer instead{why}"
+    """Return in words how often the scorer asked gave no score, and why."""
+    return Fallbacks(status.fallbacks - status.unscored, status.unscored, status.fallback_why).in_words()
 
 
 def _finds(status: Status) -> int:

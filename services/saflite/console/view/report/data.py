@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from saflite.campaign.engine.exposure import ArmCounts
 from saflite.console.run_data.embargo import Released, split
 from saflite.console.run_data.in_force import InForce, in_force
-from saflite.console.run_data.rows import ArtefactRow, FlightRow, UsageRow
+from saflite.console.run_data.rows import ArtefactRow, Fallbacks, FlightRow, UsageRow
 from saflite.console.run_data.run_folder import RunFolder
 from saflite.console.run_data.standing import inputs_told
 from saflite.console.run_data.unproven import unproven
@@ -23,7 +23,7 @@ from saflite.contract.circumstances import Circumstances
 from saflite.contract.config import Campaign
 from saflite.contract.events import FaultSeen, Flown, Judged, Quarantined, ViolationFound
 from saflite.contract.flight import Flight, Trace
-from saflite.contract.score import NOBODY
+from saflite.contract.score import UNSCORED
 from saflite.contract.signals import MODES, UNNAMED_MODE
 from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import TestCase
@@ -78,7 +78,7 @@ class ReportData(NamedTuple):
     states: dict[str, int]
     modes_unseen: tuple[str, ...]
     finds: Counter[str]  # by fingerprint, similar ones included
-    fallbacks: tuple[int, str] = (0, "")
+    fallbacks: Fallbacks = Fallbacks()
     arms: Mapping[str, ArmCounts] = MappingProxyType({})  # of a portfolio
     withheld: int = 0  # findings of memory safety not shown
     unproven: int = 0  # violations neither confirmed nor refuted
@@ -179,7 +179,7 @@ def calibrations(run: RunFolder) -> tuple[Calibration, ...]:
     """
     rows: dict[tuple[str, str], Row] = {}
     for score in sorted(run.scores(), key=lambda score: score.shadow):  # what decided goes before what watched
-        if score.violated is not None and score.scored_by != NOBODY:
+        if score.violated is not None and score.scored_by != UNSCORED:
             chosen = score.selected_by or "score"
             row = Row(model=score.scored_by, score=score.value, violated=score.violated, chosen=chosen)
             rows.setdefault((score.scored_by, score.test_case), row)

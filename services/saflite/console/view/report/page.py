@@ -11,7 +11,7 @@ from saflite.campaign.engine.exposure import ArmCounts
 from saflite.console.run_data.deduplication import deduplicate
 from saflite.console.run_data.embargo import withheld_words
 from saflite.console.run_data.in_force import InForce, in_words
-from saflite.console.run_data.rows import UsageRow
+from saflite.console.run_data.rows import NO_FALLBACKS, Fallbacks, UsageRow
 from saflite.console.run_data.unproven import unproven_words
 from saflite.console.view.html_text import escape
 from saflite.console.view.report import bars, charts, evidence, made
@@ -58,7 +58,7 @@ def render(data: ReportData, run_name: str) -> str:
     return f'<!doctype html><html lang="en"><head>{head}</head><body>{body}</body></html>\n'
 
 
-def settings(campaign: Campaign, now: InForce, fallbacks: tuple[int, str] = (0, "")) -> str:
+def settings(campaign: Campaign, now: InForce, fallbacks: Fallbacks = NO_FALLBACKS) -> str:
     """Return what was chosen for a campaign, and what an operator changed, in one line."""
     parts = [
         f"target {campaign.target.name}",
@@ -68,8 +68,8 @@ def settings(campaign: Campaign, now: InForce, fallbacks: tuple[int, str] = (0, 
         f"policies {', '.join(campaign.policies)}",
     ]
     parts += [f"{name} {setting_text(value)}" for name, value in campaign.target.settings.items()]
-    if fallbacks[0]:
-        parts.append(f"{fallbacks[0]} scores by the embedded scorer instead: {fallbacks[1]}")
+    if told := fallbacks.in_words():
+        parts.append(told)
     return escape(" · ".join(parts))
 
 
