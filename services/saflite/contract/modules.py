@@ -19,7 +19,6 @@ import msgspec
 from saflite.contract.bounds import Word
 from saflite.contract.errors import Refused
 from saflite.contract.ids import digest
-from saflite.contract.interrupts import interrupts
 from saflite.contract.names import Digest, Name
 from saflite.contract.outside import TEXT_BYTES_MAX, check_file, parse_toml, read_bytes, read_text
 
@@ -95,12 +94,11 @@ def load_file(path: Path) -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module
     try:
-        with interrupts() as interrupted:
-            spec.loader.exec_module(module)
+        spec.loader.exec_module(module)
     except BaseException as fault:  # it may call `sys.exit`, too, which would end this process without a word
         del sys.modules[name]
-        if interrupted():
-            raise KeyboardInterrupt from fault
+        if isinstance(fault, KeyboardInterrupt):
+            raise
         got = f"{type(fault).__name__}: {fault}".splitlines()[0].removesuffix(": ")
         raise Refused("module", where=str(path), expected="Python that runs", got=got) from fault
     return module
