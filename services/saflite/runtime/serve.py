@@ -40,6 +40,7 @@ from saflite.simulator_worker.processes import die_with_parent
 log = logging.getLogger(__name__)
 
 EXIT_FINE, EXIT_REFUSED, EXIT_UNAVAILABLE, EXIT_UNANSWERED, EXIT_AGAIN, EXIT_BROKEN = 0, 2, 3, 4, 5, 70
+_EXITS = {"done": EXIT_FINE, "refused": EXIT_REFUSED, "unanswered": EXIT_UNANSWERED, "stuck": EXIT_AGAIN}
 KEYS_CHANGED = "the farm's keys have changed"
 KEYS_LOOK_S = 1.0
 
@@ -166,7 +167,7 @@ def _worker(options: argparse.Namespace) -> int:
     bus.close()
     service.close()
     log.log(logging.INFO if left.left_for == "done" else logging.ERROR, "%s", left.why)
-    return {"done": EXIT_FINE, "refused": EXIT_REFUSED, "unanswered": EXIT_UNANSWERED}[left.left_for]
+    return _EXITS[left.left_for]
 
 
 def _client(name: str, options: argparse.Namespace, clock: WallClock) -> ZenohBus:

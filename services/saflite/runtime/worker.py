@@ -91,6 +91,7 @@ RETRY_FIRST_S, RETRY_MAX_S = 0.1, 2.0
 REFUSALS_MAX = 3
 REPORTS_WAITING_MAX = 16  # more than this undelivered and no new work is taken
 STOP_GRACE_S = 5.0
+STUCK_S = 120.0  # a model server's answer may take that long
 LAST_ANSWERS_S = 2.0  # of those: what goes on though it was told to end is handed back in time for an answer
 DRAINED = "needed no more, and all it held is done"
 
@@ -120,7 +121,7 @@ class Worker:
         self._deaf_s = DEAF_FIRST_S
         self._waiting: list[Lease] = []
         self._running: dict[Key, Lease] = {}
-        self._cancelled: set[Key] = set()
+        self._cancelled: dict[Key, float] = {}  # and since when (s)
         self._pending: dict[Key, _Pending] = {}
         self._asking = self._beating = self._left = False
         self._ask_s, self._beat_s, self._leave_s = now_s, now_s, float("inf")
@@ -173,7 +174,7 @@ class Worker:
         """Raise AssertionError if the state contradicts itself."""
         assert len(self._running) <= self.parallel, "more work begun than slots"
         assert not (self._running.keys() & self._pending.keys()), "reported while running"
-        assert self._cancelled <= self._running.keys(), "cancelled what does not run"
+        assert self._cancelled.keys() <= self._running.keys(), "cancelled what does not run"
         assert not (self.stopping and self._waiting), "leases held back while stopping"
 
     @property
@@ -229,7 +230,7 @@ class Worker:
         for lease_id in orders.cancel:
             self._waiting = [lease for lease in self._waiting if lease.lease_id != lease_id]
             for key in [key for key in self._running if key.lease_id == lease_id and key not in self._cancelled]:
-                self._cancelled.add(key)
+                self._cancelled[key] = now_s
                 out.append(Cancel(key))
         if orders.stop:
             self._stop("the books said stop", now_s, out)
@@ -252,8 +253,7 @@ class Worker:
     def _on_done(self, event: Done, now_s: float, out: list[Instruction]) -> None:
         if self._running.pop(event.key, None) is None:
             return  # it was handed back while it went on
-        dropped = event.key in self._cancelled
-        self._cancelled.discard(event.key)
+        dropped = self._cancelled.pop(event.key, None) is not None
         result = event.result
         if dropped and not self.stopping:
             return
@@ -273,7 +273,7 @@ class Worker:
         self._hand_back(now_s, out)
         for key in self._running:
             if key not in self._cancelled:
-                self._cancelled.add(key)
+                self._cancelled[key] = now_s
                 out.append(Cancel(key))
 
     def _hand_back(self, now_s: float, out: list[Instruction]) -> None:
@@ -293,7 +293,7 @@ class Worker:
         """Do whatever is due: reports, work, questions, heartbeats, leaving."""
         if now_s >= self._abandon_s():
             self._waiting += self._running.values()
-            self._running, self._cancelled = {}, set()
+            self._running, self._cancelled = {}, {}
             self._hand_back(now_s, out)
         for pending in self._pending.values():
             if not pending.sending and pending.next_s <= now_s:
@@ -305,6 +305,8 @@ class Worker:
             out.append(Begin(lease))
         if now_s >= self._impatient_s():
             self._stop(f"nobody has answered for {now_s - self._heard_s:.0f} s", now_s, out, "unanswered")
+        if now_s >= self._stuck_s():
+            self._stop(f"its work goes on {STUCK_S:.0f} s after it was taken back", now_s, out, "stuck")
         if now_s >= self._renew_s():
             self._renewed_s, self._deaf_s = now_s, min(2 * self._deaf_s, DEAF_MAX_S)
             out.append(Renew())
@@ -319,7 +321,7 @@ class Worker:
             period_s = self._beat_period_s()
             self._beat_s = now_s + period_s
             out.append(SendBeat(self._beat(), period_s))
-        hopeless = self._left_for != "done" and not self._running  # results stay in the spool
+        hopeless = self._left_for in ("refused", "unanswered") and not self._running  # results stay in the spool
         done = self.stopping and not self._running and (hopeless or not self._pending)
         drained = self.draining and not self._asking and not self.held  # a poll under way may still bring work
         if not self._left and (done or drained or now_s >= self._leave_s):
@@ -327,8 +329,13 @@ class Worker:
             out.append(Leave(self.stopping or DRAINED, self._left_for))
 
     def _abandon_s(self) -> float:
-        answered = self._running and self._left_for == "done"
+        answered = self._running and self._left_for in ("done", "stuck")
         return self._leave_s - LAST_ANSWERS_S if answered else float("inf")
+
+    def _stuck_s(self) -> float:
+        """Return when it gives up on work that heeds no cancelling: its thread cannot be ended, its process can."""
+        since_s = float("inf") if self.stopping else min(self._cancelled.values(), default=float("inf"))
+        return since_s + STUCK_S
 
     def _impatient_s(self) -> float:
         patient = not self.config.patience_s or self.stopping

@@ -7,8 +7,12 @@ from typing import Literal, NamedTuple
 from saflite.contract.join import Joined
 from saflite.contract.work import Ask, Grant, Heartbeat, Lease, Orders, Receipt, Report, Result, Stage, TargetBuild
 
-LeftFor = Literal["done", "refused", "unanswered"]
-"""Why a worker leaves: it was told to or has nothing to do any more, the books will not have it, nobody answers."""
+LeftFor = Literal["done", "refused", "unanswered", "stuck"]
+"""Why a worker leaves.
+
+It was told to or has nothing to do any more, the books will not have it, nobody answers, work does not end that it was
+told to drop.
+"""
 
 
 class WorkerConfig(NamedTuple):
