@@ -164,4 +164,5 @@ class Supervisor:
         of_all = min(one.failures_at(now_s) for one in self._roles.values() if one.spec.kind == role.spec.kind)
         if self._gives_up(role.spec, state, Failures(role.failures, of_all)):
             raise GaveUp(role.spec, state)
-        log.warning("%s is %s, starting it again: %s", role.spec.name, state.condition, state.message)
+        how = "has ended" if state.condition == "again" else f"is {state.condition}"
+        log.warning("%s %s, starting it again: %s", role.spec.name, how, state.message)
