@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from saflite.contract.errors import Refused
+from saflite.contract.plain import argument
 
 TEXT_BYTES_MAX = 4 * 2**20
 """Campaigns, policies, test cases, mission plans, labels: the largest that ship have some kilobytes."""
@@ -62,7 +63,7 @@ def read_bytes(path: Path, what: str, bytes_max: int, *, private: bool = False) 
 def check_private(mode: int, path: Path, what: str) -> None:
     """Raise Refused for the mode of a file with a secret that others can open."""
     if mode & 0o077:
-        fix = f"chmod 600 {_named(path)}"
+        fix = f"chmod 600 {argument(path)}"
         raise Refused(what, where=_named(path), expected="mode 0600", got="one that others can read", fix=fix)
 
 

@@ -13,11 +13,12 @@ from bridge_doubles import Clock, DiesWhenFlownFor, Farm, Receiver
 from saflite.campaign.storage.store import Store
 from saflite.console.operations.bridging import Bridge, _carry
 from saflite.console.operations.relaying import relay
-from saflite.console.run_data import farm_lookup
+from saflite.console.run_data import farm_lookup, run_folder
 from saflite.console.run_data.run_folder import open_run
 from saflite.contract.errors import Unavailable
 from saflite.contract.events import Event, ViolationFound
 from saflite.contract.flight import Purpose
+from saflite.runtime import waiting_events
 from saflite.runtime.client import FarmClient
 from saflite.runtime.waiting_events import waiting_file
 from saflite.runtime.webhook import Webhook
@@ -105,3 +106,51 @@ def test_a_bridge_begun_again_knows_of_deaths_told_before_or_withholds(is_there:
     relay(Farm(driver, clock).connect if is_there else gone, again, clock, print, 30.0)
     again.webhook.close()
     check_told(tmp_path / "run", receiver.taken, only_withheld=not is_there)
+
+
+def test_a_run_that_is_gone_on_with_while_the_receiver_is_slow_keeps_its_finds_back(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(run_folder, "EVENTS_AT_ONCE", 5)  # of a long run the events are read bit by bit
+    store = Store.create(tmp_path / "run", doubles.campaign(10), doubles.TEMPLATE, doubles.TARGET)
+    driver = Driver(store.rebuild(), store)
+    driver.service = DiesWhenFlownFor(store, "confirm")
+    driver.run(until_flights=2)
+    with open_run(tmp_path / "run") as run:
+        assert not run.memory_faults()
+    receiver, clock = Receiver(), Clock()
+
+    def slow(request: httpx.Request) -> httpx.Response:
+        if not receiver.taken:
+            driver.run()
+        return receiver.receive(request)
+
+    webhook = Webhook("http://127.0.0.1:9/finds", clock, transport=httpx.MockTransport(slow))
+    args = argparse.Namespace(run=tmp_path / "run", connect="", campaign="", keys=None, insecure=False)
+    bridge = Bridge(frozenset(), webhook, tmp_path / "cursor.json")
+    while not _carry(args, bridge):
+        pass
+    webhook.close()
+    check_told(tmp_path / "run", receiver.taken)
+
+
+def test_a_bridge_begun_again_on_a_full_file_asks_the_farm_and_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(waiting_events, "BYTES_MAX", 300)
+    monkeypatch.setattr(waiting_events, "TAKEN_BYTES_MAX", 100)
+    driver, clock, receiver = driven(tmp_path / "run", "confirm"), Clock(), Receiver(is_up=False)
+    bridge = Bridge(frozenset({"violation"}), webhook_to(receiver, clock), tmp_path / "c.json")
+
+    def killed(words: str) -> None:
+        if "is full" in words:
+            raise InterruptedError
+
+    with pytest.raises(InterruptedError):
+        relay(Farm(driver, clock).connect, bridge, clock, killed, 30.0)
+    receiver.up()
+    clock = Clock()
+    again = bridge._replace(webhook=webhook_to(receiver, clock))
+    relay(Farm(driver, clock).connect, again, clock, print, 30.0)
+    again.webhook.close()
+    check_told(tmp_path / "run", receiver.taken)

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from saflite.console.view.dashboard import access
 from saflite.contract import outside
 from saflite.contract.errors import Refused
+from saflite.contract.plain import argument
 from saflite.runtime import webhook
 
 
@@ -28,14 +29,14 @@ def test_a_file_is_read_whole(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("mode", [0o644, 0o640, 0o604, 0o660, 0o602, 0o610, 0o601])
 def test_a_file_with_a_secret_is_refused_where_others_can_open_it(mode: int, tmp_path: Path) -> None:
-    path, link = tmp_path / "secret", tmp_path / "link"
+    path, link = tmp_path / "a secret", tmp_path / "link"
     path.write_text("operator 0123456789abcdef\n")
     link.symlink_to(path)
     read: tuple[Callable[[Path], object], ...] = (access.read_tokens, webhook.read_secret)
     for reader in read:
         for name in (path, link):
             path.chmod(mode)
-            with pytest.raises(Refused, match=rf"{name}.*mode 0600.*others.*chmod 600 {name}"):
+            with pytest.raises(Refused, match=rf"{name}.*mode 0600.*others.*chmod 600 {argument(name)}"):
                 reader(name)
             for private in (0o600, 0o400):
                 path.chmod(private)

@@ -103,7 +103,7 @@ def _create(farm: FarmFile, run_dir: Path) -> None:
 
 
 def _check_campaign(farm: FarmFile, path: Path, run_dir: Path) -> None:
-    """Raise Refused if the run folder holds another campaign than the file names; note one that was changed since.
+    """Raise Refused if the run folder holds another campaign than the file names; note another difference.
 
     One that cannot be read any more keeps no farm from going on.
     """
@@ -127,7 +127,8 @@ def _check_campaign(farm: FarmFile, path: Path, run_dir: Path) -> None:
             fix=f"give each its own `run` in {path}",
         )
     if named != began:
-        out.complain("note", f"{farm.campaign} was changed since {run_dir} began: the run goes on as it began")
+        how = "was changed since, or other options began it"
+        out.complain("note", f"{farm.campaign} is not what {run_dir} began with ({how}): the run goes on as it began")
 
 
 def _left_alone(run_dir: Path, *, as_json: bool) -> int:

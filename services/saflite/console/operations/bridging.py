@@ -127,8 +127,8 @@ def _carry(args: argparse.Namespace, bridge: Bridge) -> bool:
         ended = folder.standing().state == "ended"  # looked at first: more may come while the receiver is waited for
         cursor = _at(bridge, folder.campaign.name, lambda seq: next(folder.events(seq), None))
         if cursor is not None:
-            faults = folder.memory_faults()
-            _tell(bridge, cursor, folder.events(cursor.seq + 1), lambda: faults)
+            # asked anew for each find: the run may be gone on with while the receiver is waited for
+            _tell(bridge, cursor, folder.events(cursor.seq + 1), lambda: _memory_faults(args.run))
         return ended
 
 

@@ -216,7 +216,7 @@ class _Fetching:
         while True:
             self._delivery.check()
             try:
-                if self._waiting.is_full:
+                if self._waiting.is_full and self._delivery.asked.is_set():
                     self._heard_s = self._clock.monotonic_s()  # nobody was asked
                 elif self._fetched():
                     return
@@ -245,7 +245,8 @@ class _Fetching:
                 if event.seq < self._waiting.next_seq:
                     continue
                 self._delivery.asked.set()
-                self._waiting.add(event)
+                if not self._waiting.is_full:
+                    self._waiting.add(event)
                 self._on_heard()
                 if self._waiting.is_full:
                     self._tell(f"{self._waiting.file} is full: the rest is fetched once the receiver took all of it")
