@@ -201,6 +201,14 @@ def under_noise(test_case: TestCase, number: int) -> TestCase:
     return msgspec.structs.replace(test_case, rng_seed=derive_seed(test_case.rng_seed, "noise", number))
 
 
+def cut_off(test_case: TestCase, until_s: float | None) -> TestCase:
+    """Return the test case with simulated time running out at `until_s` at the latest; None: when it does anyway."""
+    if until_s is None or until_s >= test_case.scenario.time_limit_s:
+        return test_case
+    scenario = msgspec.structs.replace(test_case.scenario, time_limit_s=until_s)
+    return msgspec.structs.replace(test_case, scenario=scenario)
+
+
 def stimulus_text(stimulus: Stimulus) -> str:
     """Return a stimulus in words: what it is, its numbers."""
     numbers = "".join(f" {value:g}" for value in stimulus.values)

@@ -160,7 +160,7 @@ class FlyWork(msgspec.Struct, frozen=True, kw_only=True, tag="fly"):
     """Fly the test case once, under the `noise`-th random seed (`under_noise`; 0 is its own).
 
     The flight bears the identity of the test case under whatever noise. `wall_limit_s` is the wall-clock deadline
-    after which it counts as wedged.
+    after which it counts as wedged. Nothing after `until_s` of simulated time is asked for; None: to its end.
     """
 
     test_case: TestCase
@@ -168,6 +168,7 @@ class FlyWork(msgspec.Struct, frozen=True, kw_only=True, tag="fly"):
     purpose: Purpose
     wall_limit_s: Seconds
     noise: Count = 0
+    until_s: Seconds | None = None
 
 
 class JudgeWork(msgspec.Struct, frozen=True, kw_only=True, tag="judge"):

@@ -13,7 +13,7 @@ from saflite.contract.errors import Refused
 from saflite.contract.flight import Artefact, Flight
 from saflite.contract.modules import given
 from saflite.contract.service import Cancelled
-from saflite.contract.test_case import identity, under_noise
+from saflite.contract.test_case import cut_off, identity, under_noise
 from saflite.contract.work import FlyResult, FlyWork, Result, Stage, Work
 from saflite.simulator_worker.messages import FlightReply
 from saflite.simulator_worker.sandbox import SNAPSHOTS_MAX, Sandbox, SandboxConfig
@@ -49,7 +49,7 @@ class Flyer:
         """
         assert isinstance(work, FlyWork), f"a simulator worker was given {type(work).__name__}"
         started_s = self._clock.monotonic_s()
-        flown = under_noise(work.test_case, work.noise)
+        flown = cut_off(under_noise(work.test_case, work.noise), work.until_s)
         reply = self._sandbox.fly(flown, work.wall_limit_s, cancelled, share=work.purpose in SHARING)
         if reply.ending in ("lost", "wedged", "infra"):
             log.warning("flight of %s: %s, %s", identity(work.test_case), reply.ending, reply.message)

@@ -73,7 +73,8 @@ def test_a_run_under_way_balances(tmp_path: Path) -> None:
 
 
 def test_a_campaign_that_is_over_leaves_no_attempt_open(tmp_path: Path) -> None:
-    store = Store.create(tmp_path / "run", doubles.campaign(6, record="none"), doubles.TEMPLATE, doubles.TARGET)
+    campaign = doubles.campaign(6, record="none", check_share=1.0)
+    store = Store.create(tmp_path / "run", campaign, doubles.TEMPLATE, doubles.TARGET)
     driver = Driver(store.rebuild(), store)
     driver.run(until_flights=6)
     assert driver.books.control(Control(verb="shadow", text="chance"), driver.now).accepted

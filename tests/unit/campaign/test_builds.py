@@ -213,5 +213,5 @@ def test_a_campaign_may_go_without_checks_and_the_first_flight_always_is_one_whe
         found = [fact.violation for fact in facts(driver, ViolationFound) if isinstance(fact, ViolationFound)]
         confirmed = {one.test_case for one in found if one.confirmation == "confirmed"}
         total = driver.books.status(driver.now).checked
-        assert confirmed
-        assert total in ((1 + len(confirmed), len(confirmed)) if checked else (0,)), "each confirmed find is one, too"
+        assert len(confirmed) > 1
+        assert total in ((1, 2) if checked else (0,)), "the first confirmed find of the policy is one, too"

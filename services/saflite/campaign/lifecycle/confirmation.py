@@ -17,6 +17,13 @@ from saflite.contract.score import Score
 from saflite.contract.test_case import TestCase
 from saflite.contract.verdict import Confirmation, Judgement, Verdict, Violation, worst
 
+LATER_S = 30.0
+"""So much later than the first flight a re-flight may show the same violation; no policy looks further ahead, either.
+
+What it shows later still is another one. Ending there saved a third of the processor time of re-flights on missions 2
+to 5 (`scripts/bench behaviours`): a vehicle that found no way on wanders to the time limit.
+"""
+
 
 class Broken(NamedTuple):
     """How badly a flight broke a policy."""
@@ -77,6 +84,14 @@ class Trial:
         """The build its re-flights are to be on: that of the flight that shows the violation, once it is flown."""
         note = self.flights.get(self.first)
         return self.wanted_build if note is None else note.flight.build
+
+    def until_s(self, index: int) -> float | None:
+        """Return the simulated time at which all that flight `index` is flown for has been seen; None: at its end."""
+        if self.judgement is None or index not in self.reflights:
+            return None
+        last_s = max(verdict.witness_to_s for verdict in violated_verdicts(self.judgement))
+        until_s = round(last_s + LATER_S, 1)
+        return until_s if until_s < self.test_case.scenario.time_limit_s else None
 
     @property
     def is_selected(self) -> bool:

@@ -1,8 +1,8 @@
 """Does the farm repeat flights bit by bit? A sample of first flights is flown over again elsewhere and compared.
 
 A check of the farm itself and of what the target says of itself: it counts against no budget, no test case and no
-round waits for it, and nothing that is found depends on it. Confirmed finds are flown over again besides: that they
-repeat bit by bit is part of what is said of them.
+round waits for it, and nothing that is found depends on it. The first confirmed find of each policy is flown over
+again besides: that it repeats bit by bit is what its maintainers ask first. `saflite replay` does it for all.
 """
 
 from __future__ import annotations
