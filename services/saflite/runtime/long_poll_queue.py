@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import OrderedDict
+from collections.abc import Iterator
 from typing import NamedTuple
 
 from saflite.bus.base import Request
@@ -55,9 +56,11 @@ class LongPollQueue:
         self._passed.clear()
         return [name for name, line in self._lines.items() if line]
 
-    def to_try(self, name: Line) -> list[WaitingPoll]:
-        """Return the polls of a line in order."""
-        return list(self._lines[name].values())
+    def to_try(self, name: Line) -> Iterator[WaitingPoll]:
+        """Yield the polls of a line in order, each once; of each is to be said that it was granted or passed over."""
+        line = self._lines[name]
+        for _ in range(len(line)):
+            yield next(iter(line.values()))
 
     def granted(self, name: Line, poll: WaitingPoll) -> None:
         """Take a poll out that was answered."""

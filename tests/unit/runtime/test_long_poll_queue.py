@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from saflite.contract.work import Ask
-from saflite.runtime.long_poll_queue import PASSED_OVER_MAX, LongPollQueue
+from saflite.runtime.long_poll_queue import PASSED_OVER_MAX, Line, LongPollQueue
+
+
+LINE: Line = ("fly", ())
 
 
 class _Request:
@@ -23,6 +26,14 @@ def _long_polls(count: int) -> LongPollQueue:
     return polls
 
 
+def _in_line(polls: LongPollQueue) -> list[str]:
+    names = []
+    for waiting in polls.to_try(LINE):
+        names.append(waiting.ask.worker)
+        polls.passed_over(LINE, waiting)
+    return names
+
+
 def test_a_poll_that_does_not_want_to_wait_is_not_kept() -> None:
     assert not LongPollQueue().add(_Request(), Ask(worker="w", stage="fly", wait_s=0.0), 0.0)
 
@@ -30,7 +41,7 @@ def test_a_poll_that_does_not_want_to_wait_is_not_kept() -> None:
 def test_a_worker_waits_once() -> None:
     polls = _long_polls(3)
     polls.add(_Request(), Ask(worker="w1", stage="fly", wait_s=5.0), 9.0)
-    assert [waiting.ask.worker for waiting in polls.to_try(("fly", ()))] == ["w0", "w2", "w1"]
+    assert _in_line(polls) == ["w0", "w2", "w1"]
 
 
 def test_those_passed_over_go_to_the_end_and_only_a_few_are_tried() -> None:
@@ -43,12 +54,12 @@ def test_those_passed_over_go_to_the_end_and_only_a_few_are_tried() -> None:
                 break
     assert tried == ["w0", "w1", "w2", "w3"]
     assert len(tried) == PASSED_OVER_MAX
-    assert [waiting.ask.worker for waiting in polls.to_try(("fly", ()))][:2] == ["w4", "w5"]
+    assert _in_line(polls)[:2] == ["w4", "w5"]
 
 
 def test_polls_leave_when_granted_gone_or_out_of_time() -> None:
     polls = _long_polls(4)
-    polls.granted(("fly", ()), polls.to_try(("fly", ()))[0])
+    polls.granted(LINE, next(polls.to_try(LINE)))
     polls.forget("w3")
     assert polls.expired(5.0) == []
     assert [waiting.ask.worker for waiting in polls.expired(5.11)] == ["w1"]
