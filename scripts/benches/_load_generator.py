@@ -137,7 +137,9 @@ class LoadGenerator:
         self._tick_s: dict[int, float] = {}
         self._count = 0
         self._asked_s: dict[int, float] = {}
-        self.grant_s: list[float] = []  # ask to grant, of flyers: work lies ready for them (judges wait for flights)
+        self.grant_s: list[
+            float
+        ] = []  # ask (with or without a report) to grant, of flyers: work lies ready for them (judges wait for flights)
         self.receipt_s: list[float] = []  # report to receipt
         self._reported_s: dict[tuple[int, Key], float] = {}
         self.reports = self.grants = 0
@@ -186,12 +188,7 @@ class LoadGenerator:
             self._feed(index, machine.Answered(joined))
         elif what == "ask":
             grant = None if reply.payload is None else wire.decode(reply.payload, Grant)
-            if grant is not None and grant.leases:
-                if self._workers[index].config.stage == "fly":
-                    self.grant_s.append(now_s - self._asked_s[index])
-                self.grants += len(grant.leases)
-            if grant is not None and grant.stop:
-                self.stopped = True
+            self._count_grant(index, grant, now_s)
             self._feed(index, machine.Granted(grant))
         elif what == "beat":
             self._feed(index, machine.Ordered(None if reply.payload is None else wire.decode(reply.payload, Orders)))
@@ -200,7 +197,16 @@ class LoadGenerator:
             if receipt is not None:
                 self.receipt_s.append(now_s - self._reported_s.pop((index, what)))
                 self.reports += receipt.status == "accepted"
+                self._count_grant(index, receipt.grant, now_s)
             self._feed(index, machine.Received(what, receipt, refused=bool(reply.refused)))
+
+    def _count_grant(self, index: int, grant: Grant | None, now_s: float) -> None:
+        if grant is not None and grant.leases:
+            if self._workers[index].config.stage == "fly":
+                self.grant_s.append(now_s - self._asked_s[index])
+            self.grants += len(grant.leases)
+        if grant is not None and grant.stop:
+            self.stopped = True
 
     def _feed(self, index: int, event: machine.Event) -> None:
         worker = self._workers[index]
@@ -228,6 +234,8 @@ class LoadGenerator:
             report = instruction.report
             key = Key(report.lease_id, report.epoch)
             self._reported_s[index, key] = now_s
+            if report.ask is not None:
+                self._asked_s[index] = now_s
             if isinstance(report.result, FlyResult):
                 self.reported_at_s.setdefault(report.result.flight.test_case, []).append(now_s)
             elif isinstance(report.result, JudgeResult):

@@ -15,6 +15,9 @@ listens and without history. An order on `control/{verb}` may be given in JSON, 
 (`AnswerJson`): `{"verb": "events", "number": 1}` on `control/events` asks for up to 1,000 events from the first on,
 fewer where they are long.
 
+A result may bring along the worker's next question for work (`Report.ask`): its receipt then answers both, without a
+long poll.
+
 A router lets no question through that is longer than its row says, nor anything longer than the longest.
 
 Beside each message travels its seal, as Zenoh attachment: eight hexadecimal digits, the CRC-32 of key, a zero byte,

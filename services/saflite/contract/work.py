@@ -314,12 +314,16 @@ class Grant(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Report(msgspec.Struct, frozen=True, kw_only=True):
-    """A result, kept by the worker until a receipt for it arrives."""
+    """A result, kept by the worker until a receipt for it arrives.
+
+    `ask` is the worker's next question for work, of the same worker and stage: it spares both sides a message.
+    """
 
     worker: Name
     lease_id: LeaseId
     epoch: Count
     result: Result
+    ask: Ask | None = None
 
 
 class LeaseNamed(msgspec.Struct, frozen=True, kw_only=True):
@@ -339,12 +343,16 @@ def lease_named(report: bytes) -> LeaseNamed | None:
 
 
 class Receipt(msgspec.Struct, frozen=True, kw_only=True):
-    """Sent after the books have committed. Whatever the status, the worker may now forget the result."""
+    """Sent after the books have committed. Whatever the status, the worker may now forget the result.
+
+    `grant` answers the question that came with it, at once: who was given nothing asks anew, and then waits.
+    """
 
     lease_id: LeaseId
     epoch: Count
     status: Literal["accepted", "duplicate", "stale", "refused"]
     message: Account = ""
+    grant: Grant | None = None
 
 
 class Heartbeat(msgspec.Struct, frozen=True, kw_only=True):

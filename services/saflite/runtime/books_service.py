@@ -11,7 +11,7 @@ import logging
 import os
 import queue
 from collections.abc import Callable, Sequence
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import msgspec
 
@@ -23,12 +23,12 @@ from saflite.campaign.storage.store import Store
 from saflite.contract import topics, wire
 from saflite.contract.bounds import TOLD_CHARS_MAX, told
 from saflite.contract.clock import Clock
-from saflite.contract.control import Answer, AnswerJson, Control
+from saflite.contract.control import Answer, Control
 from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.events import Event, kind_of
 from saflite.contract.join import Join, Joined
 from saflite.contract.modules import Outside
-from saflite.contract.work import Ask, Failure, Grant, Heartbeat, Report, Stage, blobs_left, lease_named
+from saflite.contract.work import Ask, Failure, Grant, Heartbeat, Receipt, Report, Stage, blobs_left, lease_named
 from saflite.runtime.admission import Terms, objection
 from saflite.runtime.complaints import Complaints
 from saflite.runtime.evidence import Evidence, InlineEvidence
@@ -36,6 +36,7 @@ from saflite.runtime.inspections import Inspections
 from saflite.runtime.liveness import Liveness
 from saflite.runtime.log_lines import WORK_LOG
 from saflite.runtime.long_poll_queue import LongPollQueue
+from saflite.runtime.questions import encoded, read
 from saflite.runtime.rate_limit import RateLimit
 from saflite.runtime.room import Room
 from saflite.runtime.software import software_of, version
@@ -50,8 +51,6 @@ LINGER_S = 3.0  # how long the books of an ended campaign still answer
 BLOCKED_RETRY_S = 1.0
 TROUBLE_S = 3.0  # so long trouble is told after it was met last
 ASLEEP_S = 1.0  # steps are 0.1 s apart; after a longer gap this process was frozen, not the workers
-
-T = TypeVar("T", bound=msgspec.Struct)
 
 
 class _Stop(NamedTuple):
@@ -209,15 +208,15 @@ class BooksService:
             if request.damaged:
                 raise Refused(kind, expected="the message as it was sent", got=request.damaged)
             if kind == "join":
-                self._on_join(request, _read(request, Join), now_s)
+                self._on_join(request, read(request, Join), now_s)
             elif kind == "work":
-                self._on_ask(request, _read(request, Ask), now_s)
+                self._on_ask(request, read(request, Ask), now_s)
             elif kind == "beat":
-                self._answer(request, self._books.beat(_read(request, Heartbeat), now_s))
+                self._answer(request, self._books.beat(read(request, Heartbeat), now_s))
             elif kind == "result":
-                self._on_report(request, _read(request, Report), now_s)
+                self._on_report(request, read(request, Report), now_s)
             elif kind == "control":
-                self._on_control(request, _read(request, Control), now_s)
+                self._on_control(request, read(request, Control), now_s)
         except Refused as fault:
             if not self._on_unreadable_report(request, kind, fault, now_s):
                 request.refuse(str(fault))
@@ -256,10 +255,19 @@ class BooksService:
             return  # the worker keeps it and sends it again
         has_blobs = blobs_left(report.result) or getattr(report.result, "unread", ())
         if not (has_blobs and self._books.awaits(report)):
-            self._answer(request, self._books.report(report, now_s))
+            self._answer(request, self._taken(report, now_s))
             self._answered += [report] if has_blobs else []
         elif self._inspections.begin(request, report):
             self._evidence.inspect(report, lambda damage: self._inbox.put(_Inspected(report, damage)))
+
+    def _taken(self, report: Report, now_s: float, damage: str = "") -> Receipt:
+        """Take a result and answer the question for work that came with it; nobody waits for work with a receipt."""
+        receipt = self._books.report(report, now_s, damage)
+        if report.ask is None:
+            return receipt
+        grant = self._books.ask(report.ask, now_s)
+        nothing = not grant.leases and not grant.stop and not grant.refused
+        return msgspec.structs.replace(receipt, grant=Grant(retry_after_s=0.0) if nothing else grant)
 
     def _on_unreadable_report(self, request: Request, kind: str, fault: Refused, now_s: float) -> bool:
         """Count a result that arrived whole and cannot be read as a failure of its lease; False if it names none."""
@@ -280,7 +288,7 @@ class BooksService:
         if damage is None:
             self._in_trouble("the store of blobs takes no writes: no results are taken until it does", now_s)
         elif self._blocked is None:
-            self._answer(request, self._books.report(report, now_s, damage))
+            self._answer(request, self._taken(report, now_s, damage))
             self._answered.append(report)
 
     def _on_control(self, request: Request, control: Control, now_s: float) -> None:
@@ -290,7 +298,7 @@ class BooksService:
             answer = Answer(accepted=True, status=self._books.status(now_s), message="the store takes no writes")
         else:
             answer = Answer(accepted=False, message="the store takes no writes; try again")
-        data = _encoded(request, self._with_own(answer, now_s))
+        data = encoded(request, self._with_own(answer, now_s))
         self._rates.spend(request.peer, len(data), now_s)
         if self._blocked is None:
             self._outbox.append((request, data))
@@ -333,7 +341,7 @@ class BooksService:
     # -- out ------------------------------------------------------------------------------------------------------
 
     def _answer(self, request: Request, message: msgspec.Struct) -> None:
-        self._outbox.append((request, _encoded(request, message)))
+        self._outbox.append((request, encoded(request, message)))
 
     def _settle(self, now_s: float) -> None:
         """Commit what has changed, then send the answers and announce the facts."""
@@ -371,27 +379,3 @@ class BooksService:
         self._bus.tell(topics.event_json(self._campaign, kind), lambda: wire.encode_json(event))
         case = getattr(event.fact, "test_case", "")
         WORK_LOG.info(kind, extra={"test_case": case} if case else {})
-
-
-def _encoded(request: Request, message: msgspec.Struct) -> bytes:
-    """Return an answer in the form of its question; past events that are asked for in JSON are told in JSON."""
-    if not wire.is_json(request.payload):
-        return wire.encode(message)
-    if isinstance(message, Answer):
-        events = tuple(wire.decode(data, Event) for data in message.events)
-        message = AnswerJson(accepted=message.accepted, message=message.message, status=message.status, events=events)
-    return wire.encode_json(message)
-
-
-def _read(request: Request, kind: type[T]) -> T:
-    """Return the message of a request; raises Refused unless it says what its key and the asker's certificate say."""
-    in_json = kind is Control and wire.is_json(request.payload)
-    message = wire.decode_json(request.payload, kind) if in_json else wire.decode(request.payload, kind)
-    place = request.key.rpartition("/")[2]
-    said = getattr(message, "stage", getattr(message, "verb", place))
-    if said != place:
-        raise Refused("key", expected=f"one that ends in {said}, as the message says", got=place[:80])
-    worker = getattr(message, "worker", request.peer)
-    if not speaks_for(request.peer, worker):
-        raise Refused("worker", expected=f"{request.peer} or {request.peer}-..., as its key is named", got=worker)
-    return message

@@ -9,6 +9,8 @@ reads a clock: `handle(event, now_s)` answers with what to do, `next_s` says whe
 
 from __future__ import annotations
 
+from msgspec.structs import replace
+
 from saflite.contract.join import Joined
 from saflite.contract.rng import derive_seed
 from saflite.contract.work import (
@@ -25,6 +27,7 @@ from saflite.contract.work import (
     Result,
 )
 from saflite.runtime.joining import Joining
+from saflite.runtime.pending import Pending
 from saflite.runtime.worker_events import (
     Answered,
     Begin,
@@ -82,27 +85,16 @@ __all__ = [
 
 JOIN_TIMEOUT_S = 5.0
 CALM_S = 3.0  # between heartbeats, until the books have said how often they want them
-REPORT_TIMEOUT_S, REPORT_TIMEOUT_MAX_S = 10.0, 80.0  # a long result on a slow line takes longer than a short one
 DEAF_FIRST_S, DEAF_MAX_S = 20.0, 320.0  # unanswered for so long, or up to twice, it connects anew; then less often
 BEATS_MISSED = 4  # so many unanswered are silence, however seldom they are
 STOOD_STILL_S = 5.0  # its shell ticks each second
 ASK_MARGIN_S = 5.0  # how much longer than the long poll an answer may take
 RETRY_FIRST_S, RETRY_MAX_S = 0.1, 2.0
-REFUSALS_MAX = 3
 REPORTS_WAITING_MAX = 16  # more than this undelivered and no new work is taken
 STOP_GRACE_S = 5.0
 STUCK_S = 120.0  # a model server's answer may take that long
 LAST_ANSWERS_S = 2.0  # of those: what goes on though it was told to end is handed back in time for an answer
 DRAINED = "needed no more, and all it held is done"
-
-
-class _Pending:
-    """A result under way to the books."""
-
-    def __init__(self, report: Report, now_s: float) -> None:
-        self.report, self.next_s = report, now_s
-        self.sending, self.refusals, self.wait_s = False, 0, RETRY_FIRST_S
-        self.timeout_s = REPORT_TIMEOUT_S
 
 
 class Worker:
@@ -122,7 +114,7 @@ class Worker:
         self._waiting: list[Lease] = []
         self._running: dict[Key, Lease] = {}
         self._cancelled: dict[Key, float] = {}  # and since when (s)
-        self._pending: dict[Key, _Pending] = {}
+        self._pending: dict[Key, Pending] = {}
         self._asking = self._beating = self._left = False
         self._ask_s, self._beat_s, self._leave_s = now_s, now_s, float("inf")
         self._calm_s = CALM_S
@@ -149,7 +141,7 @@ class Worker:
             self._on_done(event, now_s, out)
         elif isinstance(event, Found):
             found = event.report
-            self._pending[Key(found.lease_id, found.epoch)] = _Pending(found, now_s)
+            self._pending[Key(found.lease_id, found.epoch)] = Pending(found, now_s)
         elif isinstance(event, StopAsked):
             self._stop(event.why, now_s, out)
         elif isinstance(event, DrainAsked):
@@ -240,15 +232,13 @@ class Worker:
         pending = self._pending.get(event.key)
         if pending is None:
             return
-        pending.sending = False
-        pending.refusals += event.refused
-        if event.receipt is not None or pending.refusals >= REFUSALS_MAX:
+        asked, pending.asks = pending.asks, False
+        if event.receipt is not None or pending.is_given_up(now_s, refused=event.refused):
             del self._pending[event.key]
             out.append(Forget(event.key))
-            return
-        pending.next_s = now_s + pending.wait_s
-        pending.wait_s = min(2 * pending.wait_s, RETRY_MAX_S)
-        pending.timeout_s = min(2 * pending.timeout_s, REPORT_TIMEOUT_MAX_S)
+        grant = None if event.receipt is None else event.receipt.grant
+        if asked or grant is not None:  # a result sent again may be answered as it was sent first
+            self._on_grant(grant, now_s, out)
 
     def _on_done(self, event: Done, now_s: float, out: list[Instruction]) -> None:
         if self._running.pop(event.key, None) is None:
@@ -283,7 +273,7 @@ class Worker:
 
     def _report(self, key: Key, result: Result, now_s: float, out: list[Instruction]) -> None:
         report = Report(worker=self.config.worker, lease_id=key.lease_id, epoch=key.epoch, result=result)
-        self._pending[key] = _Pending(report, now_s)
+        self._pending[key] = Pending(report, now_s)
         if not isinstance(result, HandedBack):
             out.append(Keep(report))
 
@@ -295,14 +285,15 @@ class Worker:
             self._waiting += self._running.values()
             self._running, self._cancelled = {}, {}
             self._hand_back(now_s, out)
-        for pending in self._pending.values():
-            if not pending.sending and pending.next_s <= now_s:
-                pending.sending = True
-                out.append(SendReport(pending.report, pending.timeout_s))
         while self._waiting and len(self._running) < self.parallel:
             lease = self._waiting.pop(0)
             self._running[Key(lease.lease_id, lease.epoch)] = lease
             out.append(Begin(lease))
+        for pending in self._pending.values():
+            if not pending.sending and pending.next_s <= now_s:
+                report = self._as_sent(pending, now_s)
+                pending.sending = True
+                out.append(SendReport(report, pending.timeout_s))
         if now_s >= self._impatient_s():
             self._stop(f"nobody has answered for {now_s - self._heard_s:.0f} s", now_s, out, "unanswered")
         if now_s >= self._stuck_s():
@@ -312,10 +303,9 @@ class Worker:
             out.append(Renew())
         if self._joining.due(now_s):
             out.append(SendJoin(JOIN_TIMEOUT_S))
-        wanted = self._wanted()
-        if wanted > 0 and self.is_in and not self._asking and self._ask_s <= now_s:
+        if self._asks_now(now_s):
             self._asking = True
-            out.append(SendAsk(self._ask(wanted), self.config.poll_s + ASK_MARGIN_S))
+            out.append(SendAsk(self._ask(), self.config.poll_s + ASK_MARGIN_S))
         if self.is_in and not self._beating and self._beat_s <= now_s:
             self._beating = True
             period_s = self._beat_period_s()
@@ -352,13 +342,23 @@ class Worker:
         free = self.parallel - len(self._running) - len(self._waiting)
         return free if free > 0 else self.config.prefetch - len(self._waiting)
 
-    def _ask(self, wanted: int) -> Ask:
+    def _asks_now(self, now_s: float) -> bool:
+        return self.is_in and not self._asking and self._ask_s <= now_s and self._wanted() > 0
+
+    def _as_sent(self, pending: Pending, now_s: float) -> Report:
+        """Return a result with the next question for work, if one is due; sent again it goes alone, for it may hang."""
+        if pending.was_sent or not self._asks_now(now_s):
+            return pending.report
+        self._asking = pending.asks = True
+        return replace(pending.report, ask=self._ask())
+
+    def _ask(self) -> Ask:
         config = self.config
         return Ask(
             worker=config.worker,
             stage=config.stage,
             session=self._joining.session,
-            leases_max=wanted,
+            leases_max=self._wanted(),
             wait_s=config.poll_s,
             cursor=self.cursor,
             targets=config.targets,

@@ -5,7 +5,6 @@ from __future__ import annotations
 from saflite.contract.work import Ask
 from saflite.runtime.long_poll_queue import PASSED_OVER_MAX, Line, LongPollQueue
 
-
 LINE: Line = ("fly", ())
 
 

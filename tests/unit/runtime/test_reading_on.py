@@ -16,9 +16,9 @@ from saflite.campaign.storage.store import Store
 from saflite.contract import wire
 from saflite.contract.bounds import TEXT_CHARS_MAX
 from saflite.contract.control import Control
-from saflite.runtime.books_service import _encoded
 from saflite.runtime.client import FarmClient
 from saflite.runtime.clock import WallClock
+from saflite.runtime.questions import encoded
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "campaign"))
 
@@ -83,5 +83,5 @@ def test_an_answer_is_as_long_as_one_may_be_whatever_it_is_asked_in(driver: Driv
         answer = driver.books.control(Control(verb="events", number=1), driver.now)
         assert answer.events
         assert sum(map(len, answer.events[:-1])) <= EVENTS_BYTES_MAX
-        data = _encoded(_Question(payload), answer)  # type: ignore[arg-type]
+        data = encoded(_Question(payload), answer)  # type: ignore[arg-type]
         assert len(data) < wire.MESSAGE_BYTES_MAX / 2

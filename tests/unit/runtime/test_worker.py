@@ -22,6 +22,7 @@ from saflite.contract.work import (
     WarmWork,
 )
 from saflite.runtime import worker as w
+from saflite.runtime.pending import REFUSALS_MAX
 from saflite.runtime.worker import Key, Worker, WorkerConfig
 
 
@@ -154,11 +155,55 @@ def test_a_result_is_kept_before_it_is_sent_and_forgotten_after_its_receipt() ->
     worker = _worker()
     worker.handle(w.Granted(Grant(leases=(_lease("a"), _lease("b")))), 0.1)
     out = worker.handle(_done("a"), 1.0)
-    assert [type(instruction) for instruction in out][:3] == [w.Keep, w.SendReport, w.Begin]
+    assert [type(instruction) for instruction in out][:3] == [w.Keep, w.Begin, w.SendReport]
     assert Key("a", 1) in worker.held
     out = worker.handle(w.Received(Key("a", 1), Receipt(lease_id="a", epoch=1, status="accepted")), 1.1)
     assert out[0] == w.Forget(Key("a", 1))
     assert Key("a", 1) not in worker.held
+
+
+def _reported(out: list[w.Instruction]) -> Report:
+    (sent,) = _of(w.SendReport, out)
+    assert isinstance(sent, w.SendReport)
+    return sent.report
+
+
+def test_the_next_question_goes_with_a_result_and_its_receipt_brings_work() -> None:
+    worker = _worker(prefetch=0)
+    worker.handle(w.Granted(Grant(leases=(_lease("a"),))), 0.1)
+    out = worker.handle(_done("a"), 1.0)
+    ask = _reported(out).ask
+    assert ask is not None
+    assert (ask.leases_max, ask.session) == (1, "life")
+    assert not _of(w.SendAsk, out)
+    (kept,) = _of(w.Keep, out)
+    assert isinstance(kept, w.Keep)
+    assert kept.report.ask is None, "the question is of now, the result may be sent by a later life"
+    receipt = Receipt(lease_id="a", epoch=1, status="accepted", grant=Grant(leases=(_lease("b"),)))
+    out = worker.handle(w.Received(Key("a", 1), receipt), 1.1)
+    assert _of(w.Begin, out) == [w.Begin(_lease("b"))]
+    assert worker.held == (("b", 1),)
+
+
+def test_who_is_given_nothing_with_a_receipt_asks_at_once_and_waits() -> None:
+    worker = _worker(prefetch=0)
+    worker.handle(w.Granted(Grant(leases=(_lease("a"),))), 0.1)
+    worker.handle(_done("a"), 1.0)
+    receipt = Receipt(lease_id="a", epoch=1, status="accepted", grant=Grant(retry_after_s=0.0))
+    assert _of(w.SendAsk, worker.handle(w.Received(Key("a", 1), receipt), 1.1))
+
+
+def test_a_result_sent_again_goes_without_a_question_which_is_asked_beside_it() -> None:
+    worker = _worker(prefetch=0)
+    worker.handle(w.Granted(Grant(leases=(_lease("a"),))), 0.1)
+    worker.handle(_done("a"), 1.0)
+    out = worker.handle(w.Received(Key("a", 1), None), 11.0)
+    assert not _of(w.SendAsk, out)
+    out = worker.handle(w.Tick(), 11.2)
+    assert _reported(out).ask is None
+    assert _of(w.SendAsk, out)
+    receipt = Receipt(lease_id="a", epoch=1, status="accepted", grant=Grant(leases=(_lease("b"),)))
+    assert _of(w.Begin, worker.handle(w.Received(Key("a", 1), receipt), 11.3)), "the answer to the first was late"
 
 
 def test_an_unacknowledged_result_is_sent_again_until_a_receipt_comes() -> None:
@@ -178,7 +223,7 @@ def test_a_result_the_books_cannot_read_is_dropped_in_the_end() -> None:
     worker.handle(w.Granted(Grant(leases=(_lease("a"),))), 0.1)
     worker.handle(_done("a"), 1.0)
     out: list[w.Instruction] = []
-    for turn in range(w.REFUSALS_MAX):
+    for turn in range(REFUSALS_MAX):
         worker.handle(w.Tick(), 10.0 + turn * 10)
         out = worker.handle(w.Received(Key("a", 1), None, refused=True), 15.0 + turn * 10)
     assert _of(w.Forget, out)
@@ -336,9 +381,14 @@ def test_against_a_books_double_that_loses_answers(rng_seed: int) -> None:
                 event = _done(instruction.lease.lease_id)
             elif isinstance(instruction, w.SendReport):
                 key = Key(instruction.report.lease_id, 1)
-                receipt = None if lost else Receipt(lease_id=key.lease_id, epoch=1, status="accepted")
+                asked = instruction.report.ask
+                leases = tuple(_lease(f"l{made + extra}") for extra in range(asked.leases_max if asked else 0))
+                leases = () if turn > 400 or rng.random() < 0.3 else leases
+                made += 0 if lost else len(leases)
+                grant = Grant(leases=leases, retry_after_s=0.0) if asked else None
+                receipt = Receipt(lease_id=key.lease_id, epoch=1, status="accepted", grant=grant)
                 acknowledged |= set() if lost else {key}
-                event = w.Received(key, receipt)
+                event = w.Received(key, None if lost else receipt)
         for instruction in worker.handle(event, now_s):
             if isinstance(instruction, w.Begin):
                 begun.add(Key(instruction.lease.lease_id, 1))
