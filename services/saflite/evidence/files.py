@@ -81,8 +81,10 @@ def fault_of(path: Path, ref: BlobRef, *, deep: bool) -> str:
     return ""
 
 
-def put_in_place(source: Path, place: Path) -> None:
+def put_in_place(source: Path, place: Path) -> bool:
     """Let a file stand under a second name, too: the same bytes on disk where the file system can, else a copy.
+
+    Returns whether it does; False where something stood there, and does still.
 
     Raises:
         Unavailable: the disk fails.
@@ -92,13 +94,14 @@ def put_in_place(source: Path, place: Path) -> None:
         try:
             os.link(source, place)
         except FileExistsError:
-            return
+            return False
         except OSError:
             beside = place.with_name(place.name + PART)
             shutil.copyfile(source, beside)
             os.replace(beside, place)
     except OSError as fault:
         raise Unavailable(f"{place} cannot be written: {fault}") from fault
+    return True
 
 
 def flush(path: Path) -> None:

@@ -27,6 +27,7 @@ from saflite.evidence.quota import Quota
 BLOBS = "blobs"
 INCOMING = "incoming"
 PROBE = "probe"
+EMPTY_MAX = 1_000  # folders of workers: to remove and make one for each blob costs more than the blob
 
 
 class BlobFolder:
@@ -35,6 +36,7 @@ class BlobFolder:
     def __init__(self, run_dir: Path) -> None:
         self._folder = run_dir / BLOBS
         self._probe = ""
+        self._answered: dict[str, Path] = {}  # what workers left in these folders was dealt with; the latest last
 
     def path(self, digest: str) -> Path:
         """Return where a blob stands; raises Refused for a digest that cannot be one, as tables of others may have."""
@@ -90,18 +92,24 @@ class BlobFolder:
         fault = files.fault_of(left, ref, deep=True)
         if fault:
             return self.fault(ref, deep=True)  # a result sent twice: it was adopted the first time
-        if self.fault(ref, deep=True):
+        if not files.put_in_place(left, self.path(ref.digest)) and self.fault(ref, deep=True):
             self.drop([ref.digest])
             files.put_in_place(left, self.path(ref.digest))
         return ""
 
     def forget(self, worker: str, digests: Iterable[str]) -> None:
-        """Remove what a worker has left, now that the books have answered for it, and an empty folder."""
+        """Remove what a worker has left, now that the books have answered for it; its folder stays for the next.
+
+        Of the workers who left nothing since, the folders of the latest stay.
+        """
         folder = self.incoming(worker)
         for digest in digests:
             with suppress(OSError):
-                (folder / digest).unlink(missing_ok=True)
-        files.remove_if_empty(folder)
+                os.unlink(f"{folder}/{digest}")
+        self._answered.pop(worker, None)
+        self._answered[worker] = folder
+        if len(self._answered) > EMPTY_MAX:
+            files.remove_if_empty(self._answered.pop(next(iter(self._answered))))
 
     def forget_but(self, worker: str, keep: Iterable[str]) -> None:
         """Remove what a worker has left in an earlier life, but for what it still has to report."""
@@ -137,6 +145,8 @@ class BlobFolder:
             for path in folder.iterdir():
                 if path.name not in wanted:
                     path.unlink(missing_ok=True)
+        for folder in (self._folder / INCOMING).glob("*"):
+            files.remove_if_empty(folder)
 
     def forget_all(self) -> None:
         """Remove all that workers have left: for a run that is over."""

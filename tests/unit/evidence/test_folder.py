@@ -155,7 +155,20 @@ def _left(tmp_path: Path) -> list[Path]:
     return list((tmp_path / "blobs" / "incoming").glob("*"))
 
 
-@pytest.mark.parametrize("way", ["answered", "begun-anew", "wrong-bytes"])
+def test_folders_of_those_who_were_answered_stay_but_for_all_too_many(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("saflite.evidence.folder.EMPTY_MAX", 3)
+    folder = BlobFolder(tmp_path)
+    for number in (0, 1, 2, 3, 1, 4):
+        worker = WorkerFolder(tmp_path, f"fly-{number}")
+        folder.forget(f"fly-{number}", [worker.put(b"a flight").digest])
+    assert {path.name for path in _left(tmp_path)} == {"fly-3", "fly-1", "fly-4"}
+    BlobFolder(tmp_path).keep_only(frozenset())
+    assert not _left(tmp_path)
+
+
+@pytest.mark.parametrize("way", ["begun-anew", "wrong-bytes"])
 def test_no_folder_stays_of_a_worker_that_leaves_nothing(tmp_path: Path, way: str) -> None:
     folder = BlobFolder(tmp_path)
     server = ChunkServer(folder)
@@ -166,10 +179,7 @@ def test_no_folder_stays_of_a_worker_that_leaves_nothing(tmp_path: Path, way: st
                 server.put(BlobPut(worker=worker, ref=ref_of(b"good"), data=data))
             continue
         server.put(BlobPut(worker=worker, ref=ref_of(data), data=data))
-        if way == "answered":
-            folder.forget(worker, [ref_of(data).digest])
-        else:
-            folder.forget_but(worker, ())
+        folder.forget_but(worker, ())
     assert not _left(tmp_path)
 
 
