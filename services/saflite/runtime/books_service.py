@@ -10,7 +10,8 @@ from __future__ import annotations
 import logging
 import os
 import queue
-from collections.abc import Callable, Sequence
+import threading
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 import msgspec
@@ -46,6 +47,7 @@ log = logging.getLogger(__name__)
 
 DRAIN_MAX = 512
 TICK_S = 0.1
+STEP_MIN_S = 0.004  # from one step to the next where there is always something to do
 COMMIT_RETRY_S = 0.5
 LINGER_S = 3.0  # how long the books of an ended campaign still answer
 BLOCKED_RETRY_S = 1.0
@@ -132,26 +134,34 @@ class BooksService:
         """Serve until the campaign is over and everybody was told, or until stopped; returns why."""
         self.open()
         while True:
-            self.step(TICK_S)
+            if self.step(TICK_S):
+                self._gather()
             lingered = self._ended_s is not None and self._clock.monotonic_s() > self._ended_s + LINGER_S
             if self._stopping or lingered:
                 if self._blocked is None:
                     self._store.keep(self._books.snapshot())
                 return self._stopping or "the campaign is over"
 
+    def _gather(self) -> None:
+        """Let happenings come in until a step's time is over: each step costs a commit, and a turn of the threads."""
+        pause_s = self._stepped_s + STEP_MIN_S - self._clock.monotonic_s()
+        if pause_s > 0.0:
+            threading.Event().wait(pause_s)
+
     def step(self, wait_s: float) -> int:
         """Handle what is in the inbox, waiting up to `wait_s` for the first of it; returns how much there was."""
-        happenings = self._drained(wait_s)
+        count = 0
+        for happening in self._coming(wait_s):
+            self._take(happening, self._clock.monotonic_s())
+            count += 1
         now_s = self._clock.monotonic_s()
-        for happening in happenings:
-            self._take(happening, now_s)
         if self._blocked is None:
             if full := self._room.trouble(now_s):
                 self._in_trouble(full, now_s)
             self._pass_time(now_s)
             self._unpark(now_s)
         self._settle(now_s)
-        return len(happenings)
+        return count
 
     def _pass_time(self, now_s: float) -> None:
         for where, words in self._complaints.due(now_s):
@@ -166,15 +176,14 @@ class BooksService:
         if now_s >= self._tick_from_s:  # before that, heartbeats that waited meanwhile come in and extend the leases
             self._books.tick(now_s)
 
-    def _drained(self, wait_s: float) -> list[Happening | _Stop | _Inspected | _Complaint]:
-        happenings: list[Happening | _Stop | _Inspected | _Complaint] = []
+    def _coming(self, wait_s: float) -> Iterator[Happening | _Stop | _Inspected | _Complaint]:
+        """Yield what is in the inbox, also what comes in meanwhile, but not without end."""
         try:
-            happenings.append(self._inbox.get(timeout=wait_s))
-            while len(happenings) < DRAIN_MAX:
-                happenings.append(self._inbox.get_nowait())
+            yield self._inbox.get(timeout=wait_s)
+            for _ in range(DRAIN_MAX - 1):
+                yield self._inbox.get_nowait()
         except queue.Empty:
-            return happenings
-        return happenings
+            return
 
     # -- in -------------------------------------------------------------------------------------------------------
 

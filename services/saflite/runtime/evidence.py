@@ -1,7 +1,8 @@
 """The blobs' side of the books: checks what results name, and serves blobs over the bus, in a thread of its own.
 
 Reading and hashing large files must not keep the books waiting, so a result that names blobs is looked at here first
-and comes back to the books with what was found. Requests over the bus wait in a line that holds a bounded number of
+and comes back to the books with what was found. Small blobs are looked at on the spot: to hand them to another thread
+takes longer, and more of both. Requests over the bus wait in a line that holds a bounded number of
 them; one that finds it full is not answered, and asked again.
 """
 
@@ -28,6 +29,7 @@ from saflite.evidence.folder import BlobFolder
 log = logging.getLogger(__name__)
 
 REQUESTS_MAX = 64  # of at most one chunk each
+SMALL_BYTES = 2**16  # of all blobs of a result
 
 Then = Callable[[str | None], None]
 """Takes in words what is wrong with the blobs of a result, empty if nothing is; None if that cannot be told now."""
@@ -79,6 +81,13 @@ def look(blobs: BlobFolder, report: Report) -> str | None:
     return ""
 
 
+def _is_small(report: Report) -> bool:
+    """Whether a result is looked at in no time; traces of re-flights are unpacked besides."""
+    result = report.result
+    is_first = isinstance(result, FlyResult) and result.flight.flight_index == 0
+    return is_first and sum(blob.size_bytes for blob in blobs_left(result)) <= SMALL_BYTES
+
+
 def _trace_fault(blobs: BlobFolder, flight: Flight) -> str:
     """Return whether a re-flight claims the digest of another trace: if it is that of the first, nobody judges it.
 
@@ -122,7 +131,10 @@ class EvidenceService:
     def inspect(self, report: Report, then: Then) -> None:
         """See `Evidence.inspect`."""
         assert self._broken is None, f"the thread of the blobs died: {self._broken!r}"
-        self._inbox.put(_Inspect(report, then))
+        if _is_small(report):
+            self._inline.inspect(report, then)
+        else:
+            self._inbox.put(_Inspect(report, then))
 
     def answered(self, report: Report) -> None:
         """See `Evidence.answered`."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Hashable
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,7 +23,7 @@ from saflite.contract.work import Failure, FlyResult, Report
 from saflite.evidence import quota
 from saflite.evidence.folder import BlobFolder, WorkerFolder
 from saflite.runtime.blob_client import BusBlobs, WorkerBlobs
-from saflite.runtime.evidence import BlobRequests, look
+from saflite.runtime.evidence import BlobRequests, EvidenceService, look
 
 TRACE = Trace(step_s=0.1, signals={"x_m": derive(1, "x").random(50, dtype=np.float32).tobytes()})
 MIB = 2**20
@@ -99,6 +100,18 @@ def test_what_is_wrong_is_said(store: BlobFolder, left: WorkerFolder) -> None:
     )
     stranger = msgspec.structs.replace(report(left), worker="../fly-1")
     assert "worker name" in str(look(store, stranger))
+
+
+@pytest.mark.parametrize(("size_bytes", "index", "on_the_spot"), [(9, 0, True), (2**17, 0, False), (9, 1, False)])
+def test_only_a_first_flight_that_left_little_is_looked_at_on_the_spot(
+    store: BlobFolder, left: WorkerFolder, size_bytes: int, index: int, on_the_spot: bool
+) -> None:
+    evidence = EvidenceService(MemoryNetwork().connect("books"), "c", store)
+    said: list[tuple[str | None, int]] = []
+    told = report(left, artefacts=(Artefact(name="log", blob=left.put(bytes(size_bytes))),), flight_index=index)
+    evidence.inspect(told, lambda damage: said.append((damage, threading.get_ident())))
+    evidence.close()
+    assert [(damage, thread == threading.get_ident()) for damage, thread in said] == [("", on_the_spot)]
 
 
 def test_what_a_worker_could_not_read_is_looked_for(store: BlobFolder) -> None:
