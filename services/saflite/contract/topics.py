@@ -26,6 +26,7 @@ sender and payload, followed by the sender's name. The books refuse a question w
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Literal, NamedTuple, get_args
 
 import msgspec
@@ -97,6 +98,7 @@ def _fits(pattern: list[str], parts: list[str]) -> bool:
     )
 
 
+@lru_cache(maxsize=16)
 def prefix(campaign: str) -> str:
     """Return the key all topics of a campaign begin with; raises Refused for a name that keys and paths cannot hold."""
     return f"saflite/{PROTOCOL}/{_checked(campaign)}"

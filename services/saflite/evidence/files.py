@@ -65,14 +65,14 @@ def read_whole(path: Path, ref: BlobRef) -> bytes:
     return data
 
 
-def fault_of(path: Path, ref: BlobRef, *, deep: bool) -> str:
+def fault_of(path: Path | str, ref: BlobRef, *, deep: bool) -> str:
     """Return `missing`, `damaged` or, where all is well, nothing. Only `deep` reads the bytes and checks the digest."""
     try:
-        status = path.stat()
+        status = os.stat(path)
         if status.st_size != ref.size_bytes or not stat.S_ISREG(status.st_mode):
             return "damaged"
         if deep:
-            with path.open("rb") as file:
+            with open(path, "rb") as file:
                 return "" if hashlib.file_digest(file, "sha256").hexdigest() == ref.digest else "damaged"
     except FileNotFoundError:
         return "missing"

@@ -71,7 +71,7 @@ class BlobFolder:
 
     def fault(self, ref: BlobRef, *, deep: bool = False) -> str:
         """Return `missing`, `damaged` or, where all is well, nothing; `deep` reads and checks every byte."""
-        return files.fault_of(self.path(ref.digest), ref, deep=deep)
+        return files.fault_of(self._place(ref.digest), ref, deep=deep)
 
     def digests(self) -> Iterator[str]:
         """Yield the digests of all blobs in the store, sorted."""

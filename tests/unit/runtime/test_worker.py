@@ -381,11 +381,11 @@ def test_against_a_books_double_that_loses_answers(rng_seed: int) -> None:
                 event = _done(instruction.lease.lease_id)
             elif isinstance(instruction, w.SendReport):
                 key = Key(instruction.report.lease_id, 1)
-                asked = instruction.report.ask
-                leases = tuple(_lease(f"l{made + extra}") for extra in range(asked.leases_max if asked else 0))
+                question = instruction.report.ask
+                leases = tuple(_lease(f"l{made + extra}") for extra in range(question.leases_max if question else 0))
                 leases = () if turn > 400 or rng.random() < 0.3 else leases
                 made += 0 if lost else len(leases)
-                grant = Grant(leases=leases, retry_after_s=0.0) if asked else None
+                grant = Grant(leases=leases, retry_after_s=0.0) if question else None
                 receipt = Receipt(lease_id=key.lease_id, epoch=1, status="accepted", grant=grant)
                 acknowledged |= set() if lost else {key}
                 event = w.Received(key, None if lost else receipt)

@@ -201,7 +201,8 @@ class Books:
         if not self._core.tasks.waiting_count(ask.stage):
             return Grant()
         chosen = self._dispatch.choose(ask, min(ask.leases_max, GRANTS_MAX), now)
-        return Grant(leases=tuple(in_one_message(lease for task in chosen for lease in self._lend(task, ask, now))))
+        leases = (lease for task in chosen for lease in self._lend(task, ask, now))
+        return Grant(leases=tuple(leases if len(chosen) == 1 else in_one_message(leases)))
 
     def _lend(self, task: Task, ask: Ask, now: float) -> list[Lease]:
         try:
@@ -246,7 +247,7 @@ class Books:
         return receipt
 
     def _take(self, task: Task, report: Report, now: float, damage: str) -> Receipt:
-        key = task.key
+        key, result = task.key, report.result
         self._registry.worked(task.stage, report.worker, now)
         try:
             check_result(self._core, task, report.result, damage)
@@ -264,7 +265,6 @@ class Books:
         elif isinstance(report.result, Failure) and self._dispatch.passes_on(task, now):
             self._give_back(task, "passed_on", report.result.message, now)
         else:
-            result = report.result
             if isinstance(result, FlyResult):
                 result = FlyResult(flight=msgspec.structs.replace(result.flight, worker=report.worker))
             self._leases.end(key)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -54,6 +55,7 @@ class WorkerRegistry:
 
     def __init__(self) -> None:
         self._workers: dict[Name, Worker] = {}
+        self._counts: Counter[str] = Counter()  # of them, by stage
         self._left: dict[Name, Worker] = {}  # gone, but perhaps about to come back
         self._quietest_s = float("-inf")  # everybody there was heard of since
         self._spent_s: dict[tuple[str, str, str], float] = {}  # processor time, of each life of each worker
@@ -80,6 +82,7 @@ class WorkerRegistry:
         earlier = self._left.pop((card.stage, card.worker), known)
         came_s = float("-inf") if earlier is None else earlier.came_s
         worker = Worker(card.worker, card.stage, now_s, now_s, card, card.targets, came_s)
+        self._counts[card.stage] += known is None
         self._workers[card.stage, card.worker] = worker
         return True
 
@@ -117,6 +120,7 @@ class WorkerRegistry:
         gone = self._workers.pop((stage, worker), None)
         if gone is None:
             return False
+        self._counts[stage] -= 1
         self._left = {name: one for name, one in self._left.items() if one.seen_s > gone.seen_s - REMEMBER_S}
         self._left[stage, worker] = gone
         return True
@@ -127,7 +131,7 @@ class WorkerRegistry:
 
     def count(self, stage: str) -> int:
         """Return how many workers of a stage are there."""
-        return sum(1 for name in self._workers if name[0] == stage)
+        return self._counts[stage]
 
     def others(self, stage: str, worker: str, target: TargetBuild | None, since_s: float) -> Iterator[Worker]:
         """Yield other workers of a stage that can fly `target` and were seen since `since_s`, even if gone by now."""

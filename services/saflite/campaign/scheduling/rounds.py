@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, field
+from itertools import islice
 from typing import Literal, NamedTuple
 
 from saflite.contract.config import SearchConfig
@@ -133,10 +134,11 @@ class Rounds:
         """Return the outcomes of the rounds in (after, upto], None if they are no longer held here."""
         if upto <= after:
             return ()
-        held = {round_.number: round_ for round_ in self.recent}
-        if any(number not in held for number in range(after + 1, upto + 1)):
+        first = self.closed_upto + 1 - len(self.recent)
+        if after + 1 < first or upto > self.closed_upto:
             return None
-        return tuple(outcome for number in range(after + 1, upto + 1) for outcome in held[number].told())
+        asked = islice(self.recent, after + 1 - first, upto + 1 - first)
+        return tuple(outcome for round_ in asked for outcome in round_.told())
 
     def _known(self, upto: int) -> int:
         """Return the exact cost of the rounds up to `upto`, all of which are closed."""

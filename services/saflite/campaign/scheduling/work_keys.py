@@ -7,6 +7,7 @@ it back, when a worker returns a lease id.
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import ClassVar, get_args
 
 import msgspec
@@ -91,6 +92,7 @@ WorkKey = MutateKey | ScoreKey | WarmKey | FlyKey | JudgeKey | RecordKey
 _KINDS: dict[str, type[WorkKey]] = {str(kind.__struct_config__.tag): kind for kind in get_args(WorkKey)}
 
 
+@lru_cache(maxsize=8_192)  # a key is read again with each heartbeat that names its lease, and with the result
 def read_key(text: str) -> WorkKey | None:
     """Return the key that has this text, None if no key has."""
     tag, _, rest = text.partition("/")

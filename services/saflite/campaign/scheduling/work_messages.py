@@ -171,7 +171,7 @@ class WorkMessages:
             policy_texts=core.campaign.policy_texts,
             test_cases=tuple(round_.candidates[name] for name in round_.batches[key.batch]),
             rng_seed=derive_seed(core.campaign.rng_seed, "score", round_.number, key.batch),
-            recent=_in_short(self._recent(max(after, since), upto)),
+            recent=self._recent_in_short(max(after, since), upto),
             since=since,
             from_cursor=after,
             cursor=upto,
@@ -209,6 +209,12 @@ class WorkMessages:
             if sum(self._recent_bytes[number] for number in range(since + 1, upto + 1)) <= TOLD_MAX_BYTES:
                 return int(since)
         return max(upto - 1, -1)
+
+    def _recent_in_short(self, after: int, upto: int) -> tuple[Outcome, ...]:
+        """Return what is told of the rounds in (after, upto], all of which are weighed."""
+        recent = self._recent(after, upto)
+        fits = sum(self._recent_bytes[number] for number in range(after + 1, upto + 1)) <= TOLD_MAX_BYTES
+        return recent if fits else _in_short(recent)
 
     def _weigh(self, first: int, upto: int) -> None:
         """Note how large the outcomes of the rounds in (first, upto] are."""
