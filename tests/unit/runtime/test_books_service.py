@@ -12,7 +12,6 @@ import pytest
 from saflite.bus.base import Happening, Reply, Sample
 from saflite.bus.memory import MemoryBus, MemoryNetwork
 from saflite.campaign.engine.outbox import Batch
-from saflite.campaign.engine.state import NOT_JOINED
 from saflite.campaign.engine.worker_registry import WORKERS_MAX
 from saflite.campaign.presets.campaigns import template
 from saflite.campaign.storage.store import Store
@@ -22,7 +21,7 @@ from saflite.contract.control import Answer, Control
 from saflite.contract.errors import Unavailable
 from saflite.contract.events import Event, FaultSeen, WorkerChanged
 from saflite.contract.join import Join, Joined
-from saflite.contract.work import Ask, Grant, HandedBack, Heartbeat, MutateResult, Orders, Receipt, Report
+from saflite.contract.work import Ask, Grant, Heartbeat, MutateResult, Orders, Receipt, Report
 from saflite.flight.autopilots.reference.describe import describe
 from saflite.runtime.books_service import BooksService
 from saflite.runtime.software import software_of
@@ -121,37 +120,6 @@ def _mutated(stand: Stand) -> Report:
 def test_a_result_is_answered_after_its_commit(stand: Stand) -> None:
     stand.send(topics.result("c", "mutate"), _mutated(stand))
     assert stand.last(Receipt).status == "accepted"
-
-
-def test_a_question_that_comes_with_a_result_is_answered_with_its_receipt(stand: Stand) -> None:
-    report = msgspec.structs.replace(_mutated(stand), ask=_ask("mutate"))
-    stand.send(topics.result("c", "mutate"), report)
-    receipt = stand.last(Receipt)
-    assert (receipt.status, receipt.grant) == ("accepted", Grant(retry_after_s=0.0)), "nobody waits with a result"
-    stand.send(topics.result("c", "mutate"), msgspec.structs.replace(report, ask=_ask("mutate", session="other")))
-    receipt = stand.last(Receipt)
-    assert receipt.grant is not None
-    assert (receipt.status, receipt.grant.refused) == ("duplicate", NOT_JOINED)
-
-
-@pytest.mark.parametrize("ask", [("score", "w"), ("mutate", "other")])
-def test_a_question_of_somebody_else_makes_a_result_unreadable(stand: Stand, ask: tuple[str, str]) -> None:
-    report = msgspec.structs.replace(_mutated(stand), ask=_ask(ask[0], worker=ask[1]))
-    stand.send(topics.result("c", "mutate"), report)
-    receipt = stand.last(Receipt)
-    assert receipt.status == "refused"
-    assert "as the result it came with" in receipt.message
-
-
-def test_work_comes_with_the_receipt_of_a_result(stand: Stand) -> None:
-    stand.send(topics.result("c", "mutate"), _mutated(stand))
-    stand.send(topics.work("c", "score"), _ask("score"))
-    (lease,) = stand.last(Grant).leases
-    back = Report(worker="w", lease_id=lease.lease_id, epoch=1, result=HandedBack(), ask=_ask("score"))
-    stand.send(topics.result("c", "score"), back)
-    grant = stand.last(Receipt).grant
-    assert grant is not None
-    assert [(one.lease_id, one.epoch) for one in grant.leases] == [(lease.lease_id, 2)]
 
 
 def test_a_poll_without_work_waits_and_is_answered_when_work_comes(stand: Stand) -> None:

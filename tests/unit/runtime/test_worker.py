@@ -162,50 +162,6 @@ def test_a_result_is_kept_before_it_is_sent_and_forgotten_after_its_receipt() ->
     assert Key("a", 1) not in worker.held
 
 
-def _reported(out: list[w.Instruction]) -> Report:
-    (sent,) = _of(w.SendReport, out)
-    assert isinstance(sent, w.SendReport)
-    return sent.report
-
-
-def test_the_next_question_goes_with_a_result_and_its_receipt_brings_work() -> None:
-    worker = _worker(prefetch=0)
-    worker.handle(w.Granted(Grant(leases=(_lease("a"),))), 0.1)
-    out = worker.handle(_done("a"), 1.0)
-    ask = _reported(out).ask
-    assert ask is not None
-    assert (ask.leases_max, ask.session) == (1, "life")
-    assert not _of(w.SendAsk, out)
-    (kept,) = _of(w.Keep, out)
-    assert isinstance(kept, w.Keep)
-    assert kept.report.ask is None, "the question is of now, the result may be sent by a later life"
-    receipt = Receipt(lease_id="a", epoch=1, status="accepted", grant=Grant(leases=(_lease("b"),)))
-    out = worker.handle(w.Received(Key("a", 1), receipt), 1.1)
-    assert _of(w.Begin, out) == [w.Begin(_lease("b"))]
-    assert worker.held == (("b", 1),)
-
-
-def test_who_is_given_nothing_with_a_receipt_asks_at_once_and_waits() -> None:
-    worker = _worker(prefetch=0)
-    worker.handle(w.Granted(Grant(leases=(_lease("a"),))), 0.1)
-    worker.handle(_done("a"), 1.0)
-    receipt = Receipt(lease_id="a", epoch=1, status="accepted", grant=Grant(retry_after_s=0.0))
-    assert _of(w.SendAsk, worker.handle(w.Received(Key("a", 1), receipt), 1.1))
-
-
-def test_a_result_sent_again_goes_without_a_question_which_is_asked_beside_it() -> None:
-    worker = _worker(prefetch=0)
-    worker.handle(w.Granted(Grant(leases=(_lease("a"),))), 0.1)
-    worker.handle(_done("a"), 1.0)
-    out = worker.handle(w.Received(Key("a", 1), None), 11.0)
-    assert not _of(w.SendAsk, out)
-    out = worker.handle(w.Tick(), 11.2)
-    assert _reported(out).ask is None
-    assert _of(w.SendAsk, out)
-    receipt = Receipt(lease_id="a", epoch=1, status="accepted", grant=Grant(leases=(_lease("b"),)))
-    assert _of(w.Begin, worker.handle(w.Received(Key("a", 1), receipt), 11.3)), "the answer to the first was late"
-
-
 def test_an_unacknowledged_result_is_sent_again_until_a_receipt_comes() -> None:
     worker = _worker()
     worker.handle(w.Granted(Grant(leases=(_lease("a"),))), 0.1)
