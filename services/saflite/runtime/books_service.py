@@ -10,7 +10,6 @@ from __future__ import annotations
 import logging
 import os
 import queue
-import threading
 from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
@@ -47,7 +46,6 @@ log = logging.getLogger(__name__)
 
 DRAIN_MAX = 512
 TICK_S = 0.1
-STEP_MIN_S = 0.004  # from one step to the next where there is always something to do
 COMMIT_RETRY_S = 0.5
 LINGER_S = 3.0  # how long the books of an ended campaign still answer
 BLOCKED_RETRY_S = 1.0
@@ -134,19 +132,12 @@ class BooksService:
         """Serve until the campaign is over and everybody was told, or until stopped; returns why."""
         self.open()
         while True:
-            if self.step(TICK_S):
-                self._gather()
+            self.step(TICK_S)
             lingered = self._ended_s is not None and self._clock.monotonic_s() > self._ended_s + LINGER_S
             if self._stopping or lingered:
                 if self._blocked is None:
                     self._store.keep(self._books.snapshot())
                 return self._stopping or "the campaign is over"
-
-    def _gather(self) -> None:
-        """Let happenings come in until a step's time is over: each step costs a commit, and a turn of the threads."""
-        pause_s = self._stepped_s + STEP_MIN_S - self._clock.monotonic_s()
-        if pause_s > 0.0:
-            threading.Event().wait(pause_s)
 
     def step(self, wait_s: float) -> int:
         """Handle what is in the inbox, waiting up to `wait_s` for the first of it; returns how much there was."""
