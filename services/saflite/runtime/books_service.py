@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import logging
 import os
-import queue
 from collections.abc import Callable, Sequence
 from typing import NamedTuple, TypeVar
 
@@ -19,6 +18,7 @@ from saflite.bus.access import speaks_for
 from saflite.bus.base import Bus, Happening, Presence, Request
 from saflite.campaign.engine.outbox import Batch
 from saflite.campaign.engine.state import Books
+from saflite.campaign.engine.worker_registry import FULL
 from saflite.campaign.storage.store import Store
 from saflite.contract import topics, wire
 from saflite.contract.bounds import TOLD_CHARS_MAX, told
@@ -32,11 +32,12 @@ from saflite.contract.work import Ask, Failure, Grant, Heartbeat, Report, Stage,
 from saflite.runtime.admission import Terms, objection
 from saflite.runtime.complaints import Complaints
 from saflite.runtime.evidence import Evidence, InlineEvidence
+from saflite.runtime.fair_inbox import FairInbox
 from saflite.runtime.inspections import Inspections
 from saflite.runtime.liveness import Liveness
 from saflite.runtime.log_lines import WORK_LOG
 from saflite.runtime.long_poll_queue import LongPollQueue
-from saflite.runtime.rate_limit import RateLimit
+from saflite.runtime.rate_limit import ANSWER_BYTES, JOIN_COST, RateLimit
 from saflite.runtime.room import Room
 from saflite.runtime.software import software_of, version
 from saflite.simulator_worker.processes import processor_s
@@ -48,16 +49,11 @@ TICK_S = 0.1
 COMMIT_RETRY_S = 0.5
 LINGER_S = 3.0  # how long the books of an ended campaign still answer
 BLOCKED_RETRY_S = 1.0
+FULL_RETRY_S = 5.0  # after so long a worker asks again whether there is room for it
 TROUBLE_S = 3.0  # so long trouble is told after it was met last
 ASLEEP_S = 1.0  # steps are 0.1 s apart; after a longer gap this process was frozen, not the workers
 
 T = TypeVar("T", bound=msgspec.Struct)
-
-
-class _Stop(NamedTuple):
-    """A signal asked for the end."""
-
-    why: str
 
 
 class _Inspected(NamedTuple):
@@ -101,7 +97,7 @@ class BooksService:
         self._inspections = Inspections()
         self._answered: list[Report] = []
         self._prefix = topics.prefix(campaign)
-        self._inbox: queue.SimpleQueue[Happening | _Stop | _Inspected | _Complaint] = queue.SimpleQueue()
+        self._inbox: FairInbox[Happening | _Inspected | _Complaint] = FairInbox()
         self._long_polls = LongPollQueue()
         self._liveness = Liveness(books.campaign.lease.lease_s)
         self._stepped_s, self._tick_from_s = clock.monotonic_s(), 0.0
@@ -115,7 +111,7 @@ class BooksService:
 
     def stop(self, why: str) -> None:
         """Ask for a clean end: what is committed stays, the campaign can be resumed. Signal-safe."""
-        self._inbox.put(_Stop(why))
+        self._stopping = why
 
     def complain(self, where: str, words: str) -> None:
         """Have trouble with a peer told in the campaign's history; from any thread."""
@@ -142,7 +138,7 @@ class BooksService:
 
     def step(self, wait_s: float) -> int:
         """Handle what is in the inbox, waiting up to `wait_s` for the first of it; returns how much there was."""
-        happenings = self._drained(wait_s)
+        happenings = self._inbox.take(wait_s, DRAIN_MAX)
         now_s = self._clock.monotonic_s()
         for happening in happenings:
             self._take(happening, now_s)
@@ -155,6 +151,8 @@ class BooksService:
         return len(happenings)
 
     def _pass_time(self, now_s: float) -> None:
+        for peer, count in self._inbox.dropped().items():
+            self._complaints.add(peer, f"{count} questions more than may wait")
         for where, words in self._complaints.due(now_s):
             log.warning("from %s: %s", where, words)
             self._books.fault(where, words, now_s)
@@ -167,22 +165,10 @@ class BooksService:
         if now_s >= self._tick_from_s:  # before that, heartbeats that waited meanwhile come in and extend the leases
             self._books.tick(now_s)
 
-    def _drained(self, wait_s: float) -> list[Happening | _Stop | _Inspected | _Complaint]:
-        happenings: list[Happening | _Stop | _Inspected | _Complaint] = []
-        try:
-            happenings.append(self._inbox.get(timeout=wait_s))
-            while len(happenings) < DRAIN_MAX:
-                happenings.append(self._inbox.get_nowait())
-        except queue.Empty:
-            return happenings
-        return happenings
-
     # -- in -------------------------------------------------------------------------------------------------------
 
-    def _take(self, happening: Happening | _Stop | _Inspected | _Complaint, now_s: float) -> None:
-        if isinstance(happening, _Stop):
-            self._stopping = happening.why
-        elif isinstance(happening, Presence):
+    def _take(self, happening: Happening | _Inspected | _Complaint, now_s: float) -> None:
+        if isinstance(happening, Presence):
             self._on_presence(happening, now_s)
         elif isinstance(happening, _Complaint):
             self._complaints.add(happening.where, happening.words[:500])
@@ -202,7 +188,7 @@ class BooksService:
     def _on_request(self, request: Request, now_s: float) -> None:
         is_join = request.key.startswith(topics.join(self._campaign, ""))
         kind = "join" if is_join else request.key.removeprefix(f"{self._prefix}/").partition("/")[0]
-        if not self._rates.allows(request.peer, now_s):  # no answer: whoever is honest asks again, after a pause
+        if not self._rates.allows(request.peer, now_s, len(request.payload)):  # no answer: it is asked again later
             self._complaints.add(f"{request.peer} on {kind}", "more questions a second than a key may ask")
             return
         try:
@@ -226,8 +212,11 @@ class BooksService:
     def _on_join(self, request: Request, card: Join, now_s: float) -> None:
         if self._blocked is not None:  # the worker asks again
             return
-        words = objection(card, self._terms) or self._books.join(card, now_s, gone=self._is_gone)
-        if words:
+        words = objection(card, self._terms) or self._books.join(card, now_s, owner=request.peer, gone=self._is_gone)
+        if not words:
+            self._rates.spend(request.peer, JOIN_COST, now_s)
+            self._liveness.joined((card.worker, card.stage, card.session), now_s)
+        else:
             self._complaints.add(f"{card.worker[:64]!r} joining as {card.stage}", f"refused: {words}"[:500])
         joined = Joined(
             accepted=not words,
@@ -239,6 +228,7 @@ class BooksService:
             campaign=self._campaign,
             target=self._books.target.name,
             lease_s=self._books.lease_s,
+            retry_after_s=FULL_RETRY_S if words == FULL else 0.0,
         )
         self._answer(request, joined)
 
@@ -291,7 +281,7 @@ class BooksService:
         else:
             answer = Answer(accepted=False, message="the store takes no writes; try again")
         data = _encoded(request, self._with_own(answer, now_s))
-        self._rates.spend(request.peer, len(data), now_s)
+        self._rates.spend(request.peer, len(data) / ANSWER_BYTES, now_s)
         if self._blocked is None:
             self._outbox.append((request, data))
         else:

@@ -2,7 +2,7 @@
 
 Reading and hashing large files must not keep the books waiting, so a result that names blobs is looked at here first
 and comes back to the books with what was found. Requests over the bus wait in a line that holds a bounded number of
-them; one that finds it full is not answered, and asked again.
+them for each key; one that finds no room is not answered, and asked again.
 """
 
 from __future__ import annotations
@@ -109,7 +109,7 @@ class EvidenceService:
     def __init__(self, bus: Bus, campaign: str, blobs: BlobFolder) -> None:
         self._inline, self._requests = InlineEvidence(blobs), BlobRequests(blobs)
         self._inbox: queue.SimpleQueue[Happening | _Inspect | _Answered | None] = queue.SimpleQueue()
-        self._room = threading.BoundedSemaphore(REQUESTS_MAX)
+        self._rooms: dict[str, threading.BoundedSemaphore] = {}  # of each key, and of the farm's own user
         self._broken: BaseException | None = None
         self._thread = threading.Thread(target=self._run, name="evidence", daemon=True)
         bus.serve(f"{topics.prefix(campaign)}/blob/*", self._queue)
@@ -134,8 +134,12 @@ class EvidenceService:
         self._thread.join()
 
     def _queue(self, request: Happening) -> None:
-        if self._room.acquire(blocking=False):  # otherwise it is dropped, and asked again
+        if self._room_of(request).acquire(blocking=False):  # otherwise it is dropped, and asked again
             self._inbox.put(request)
+
+    def _room_of(self, request: Happening) -> threading.BoundedSemaphore:
+        peer = "" if isinstance(request, tuple) else request.peer
+        return self._rooms.get(peer) or self._rooms.setdefault(peer, threading.BoundedSemaphore(REQUESTS_MAX))
 
     def _run(self) -> None:
         try:
@@ -145,7 +149,7 @@ class EvidenceService:
                 elif isinstance(job, _Answered):
                     self._inline.answered(job.report)
                 else:
-                    self._room.release()
+                    self._room_of(job).release()
                     self._requests.answer(job)
         except BaseException as fault:
             self._broken = fault  # the books hear of it with the next result

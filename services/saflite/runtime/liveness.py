@@ -28,11 +28,18 @@ class Liveness:
         self._patience_s = patience_s
         self._here: set[Who] = set()
         self._gone: dict[Who, _Gone] = {}
+        self._awaited: dict[Who, float] = {}  # joined without a token: until when one is waited for
 
     def back(self, who: Who) -> None:
         """Note that a token is there."""
         self._gone.pop(who, None)
+        self._awaited.pop(who, None)
         self._here.add(who)
+
+    def joined(self, who: Who, now_s: float) -> None:
+        """Note that a worker has joined: it is absent where no token of it shows, for none could vanish."""
+        if who not in self._here:
+            self._awaited.setdefault(who, now_s + self._patience_s)
 
     def vanished(self, who: Who, now_s: float) -> None:
         """Note that a token vanished."""
@@ -54,4 +61,7 @@ class Liveness:
         for who in certain:
             del self._gone[who]
             self._here.discard(who)
-        return certain
+        late = [who for who, until_s in self._awaited.items() if until_s <= now_s]
+        for who in late:
+            del self._awaited[who]
+        return certain + late

@@ -92,6 +92,7 @@ def stand(tmp_path: Path) -> Iterator[Stand]:
     stand = Stand(network, service, disk, network.connect("w"), [])
     stand.turn()
     for stage in ("mutate", "score"):
+        stand.worker.appear(topics.alive("c", stage, "w", "life"))
         stand.send(topics.join("c", stage), _card(stage))
     stand.answers.clear()
     yield stand
@@ -299,6 +300,17 @@ def test_two_thousand_strangers_leave_nothing_in_the_journal(stand: Stand) -> No
     assert _journal_lines(stand) == before
 
 
+def test_who_joins_without_a_token_holds_no_place_for_long(stand: Stand) -> None:
+    for number in range(20):
+        stand.send(topics.join("c", "mutate"), _card("mutate", f"ghost-{number}"))
+        assert stand.last(Joined).accepted
+    stand.turn(20, step_s=0.2)
+    stand.send(topics.control("c", "status"), Control(verb="status"))
+    status = stand.last(Answer).status
+    assert status is not None
+    assert {one.worker for one in status.workers} == {"w"}
+
+
 def test_no_more_workers_may_join_than_a_farm_can_have(stand: Stand) -> None:
     before = _journal_lines(stand)
     for number in range(WORKERS_MAX + 500):
@@ -306,6 +318,7 @@ def test_no_more_workers_may_join_than_a_farm_can_have(stand: Stand) -> None:
         stand.worker.ask(topics.join("c", "mutate"), wire.encode(card), number, stand.answers.append, 5.0)
     stand.turn(10)
     assert "as many workers as" in stand.last(Joined).message
+    assert stand.last(Joined).retry_after_s > 0.0, "there may be room later: no reason to end"
     assert _journal_lines(stand) - before <= WORKERS_MAX + 20
     stand.send(topics.work("c", "mutate"), _ask("mutate"))
     assert len(stand.last(Grant).leases) == 1

@@ -12,6 +12,20 @@ def _liveness(count: int) -> Liveness:
     return liveness
 
 
+def test_who_joined_without_a_token_is_absent_after_a_while_and_who_shows_one_is_not() -> None:
+    liveness = Liveness(patience_s=2.0)
+    for name in ("ghost", "late", "early"):
+        who = (name, "fly", "life")
+        if name == "early":
+            liveness.back(who)
+        liveness.joined(who, 10.0)
+    liveness.back(("late", "fly", "life"))
+    liveness.joined(("ghost", "fly", "life"), 11.9)  # saying it again and again does not help
+    assert liveness.due(11.9) == []
+    assert liveness.due(12.0) == [("ghost", "fly", "life")]
+    assert liveness.due(60.0) == []
+
+
 def test_one_of_many_is_gone_at_once() -> None:
     liveness = _liveness(6)
     liveness.vanished(("w1", "fly", "s"), 10.0)
