@@ -14,7 +14,7 @@ from typing import NamedTuple, TypeVar
 
 import msgspec
 
-from saflite.bus.access import speaks_for
+from saflite.bus.access import check_speaker, speaks_for
 from saflite.bus.base import Bus, Happening, Presence, Request
 from saflite.campaign.engine.outbox import Batch
 from saflite.campaign.engine.state import Books
@@ -244,6 +244,7 @@ class BooksService:
     def _on_report(self, request: Request, report: Report, now_s: float) -> None:
         if self._blocked is not None:
             return  # the worker keeps it and sends it again
+        check_speaker(request.peer, report.worker, self._books.owner_of(report.worker))
         has_blobs = blobs_left(report.result) or getattr(report.result, "unread", ())
         if not (has_blobs and self._books.awaits(report)):
             self._answer(request, self._books.report(report, now_s))
@@ -254,7 +255,7 @@ class BooksService:
     def _on_unreadable_report(self, request: Request, kind: str, fault: Refused, now_s: float) -> bool:
         """Count a result that arrived whole and cannot be read as a failure of its lease; False if it names none."""
         lease = None if request.damaged or kind != "result" else lease_named(request.payload)
-        if lease is None or not speaks_for(request.peer, lease.worker):
+        if lease is None or not speaks_for(request.peer, lease.worker, self._books.owner_of(lease.worker)):
             return False
         if self._blocked is None:  # otherwise it is sent again
             failure = Failure(message=told(str(fault), TOLD_CHARS_MAX))
@@ -382,6 +383,5 @@ def _read(request: Request, kind: type[T]) -> T:
     if said != place:
         raise Refused("key", expected=f"one that ends in {said}, as the message says", got=place[:80])
     worker = getattr(message, "worker", request.peer)
-    if not speaks_for(request.peer, worker):
-        raise Refused("worker", expected=f"{request.peer} or {request.peer}-..., as its key is named", got=worker)
+    check_speaker(request.peer, worker)
     return message

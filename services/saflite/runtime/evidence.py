@@ -15,7 +15,7 @@ from typing import NamedTuple, Protocol
 
 import msgspec
 
-from saflite.bus.access import speaks_for
+from saflite.bus.access import check_speaker
 from saflite.bus.base import Bus, Happening, Request
 from saflite.contract import topics, wire
 from saflite.contract.blobs import BlobGet, BlobMissing, BlobOpen, BlobOpened, BlobPut
@@ -31,6 +31,10 @@ REQUESTS_MAX = 64  # of at most one chunk each
 
 Then = Callable[[str | None], None]
 """Takes in words what is wrong with the blobs of a result, empty if nothing is; None if that cannot be told now."""
+
+
+OwnerOf = Callable[[str], str | None]
+"""Tells by which key a worker joined, empty for the farm's own user; None if nobody of that name has joined."""
 
 
 class Evidence(Protocol):
@@ -119,6 +123,10 @@ class EvidenceService:
         """Have somebody told, from the thread of the blobs, who leaves too much and how much that is."""
         self._requests.on_excess = told
 
+    def heed(self, owner_of: OwnerOf) -> None:
+        """Let nobody speak for a worker that joined by another key; asked from the thread of the blobs."""
+        self._requests.owner_of = owner_of
+
     def inspect(self, report: Report, then: Then) -> None:
         """See `Evidence.inspect`."""
         assert self._broken is None, f"the thread of the blobs died: {self._broken!r}"
@@ -167,6 +175,7 @@ class BlobRequests:
         self._blobs, self._chunks = blobs, ChunkServer(blobs)
         self._probe = blobs.make_probe()
         self.on_excess: Callable[[str, str], None] = _not_told
+        self.owner_of: OwnerOf = lambda _: None
 
     def answer(self, request: Happening) -> None:
         """Answer or refuse a request; one the disk does not take gets no answer and is asked again."""
@@ -189,16 +198,11 @@ class BlobRequests:
             return self._chunks.get(wire.decode(request.payload, BlobGet))
         if verb == "put":
             put = wire.decode(request.payload, BlobPut)
-            _check_speaker(request, put.worker)
+            check_speaker(request.peer, put.worker, self.owner_of(put.worker))
             return self._chunks.put(put)
         if verb == "open":
             opened = wire.decode(request.payload, BlobOpen)
-            _check_speaker(request, opened.worker)
+            check_speaker(request.peer, opened.worker, self.owner_of(opened.worker))
             self._blobs.forget_but(opened.worker, opened.keep)
             return BlobOpened(probe=self._probe)
         raise Refused("blob", expected="open, get or put", got=verb)
-
-
-def _check_speaker(request: Request, worker: str) -> None:
-    if not speaks_for(request.peer, worker):
-        raise Refused("worker", expected=f"{request.peer} or {request.peer}-..., as its key is named", got=worker)

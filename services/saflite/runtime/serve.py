@@ -121,6 +121,7 @@ def _books(options: argparse.Namespace) -> str:
     modules = run_modules.needed(options.run_dir, books.campaign)
     service = BooksService(bus, options.campaign, books, store, clock, evidence, modules=modules)
     evidence.tell_excess(service.complain)
+    evidence.heed(books.owner_of)
     _on_signals(service.stop)
     if keys:
         _on_change(keys, clock, service.stop)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
 import msgspec
 import pytest
 
+from saflite.bus import memory
 from saflite.bus.base import Happening, Reply, Sample
 from saflite.bus.memory import MemoryBus, MemoryNetwork
 from saflite.campaign.engine.outbox import Batch
@@ -97,6 +98,14 @@ def stand(tmp_path: Path) -> Iterator[Stand]:
     stand.answers.clear()
     yield stand
     store.close()
+
+
+class _OfAKey(memory.MemoryRequest):
+    """A question whose asker shows the key of `w`."""
+
+    def __init__(self, key: str, payload: bytes, sender: str, answer: Callable[[bytes | None, str], None]) -> None:
+        super().__init__(key, payload, sender, answer)
+        self.peer = "w"
 
 
 def _ask(stage: str, wait_s: float = 5.0, worker: str = "w", session: str = "life") -> Ask:
@@ -298,6 +307,23 @@ def test_two_thousand_strangers_leave_nothing_in_the_journal(stand: Stand) -> No
         stand.worker.ask(topics.beat("c", "fly"), wire.encode(beat), number, stand.answers.append, 5.0)
     stand.turn(10)
     assert _journal_lines(stand) == before
+
+
+def test_a_key_reports_on_no_lease_of_a_worker_that_did_not_join_with_it(
+    stand: Stand, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    report = _mutated(stand)
+    broken = wire.encode(report).replace(b"test_cases", b"text_cases")
+    monkeypatch.setattr(memory, "MemoryRequest", _OfAKey)  # named as the worker is: of a host, say
+    for payload in (wire.encode(report), broken):
+        stand.worker.ask(topics.result("c", "mutate"), payload, len(stand.answers), stand.answers.append, 60.0)
+        stand.turn()
+        reply = stand.answers[-1]
+        assert isinstance(reply, Reply)
+        assert "joined with the key of w" in reply.refused or "valid message" in reply.refused
+    monkeypatch.undo()
+    stand.send(topics.result("c", "mutate"), report)
+    assert stand.last(Receipt).status == "accepted", "the lease is as it was"
 
 
 def test_who_joins_without_a_token_holds_no_place_for_long(stand: Stand) -> None:
