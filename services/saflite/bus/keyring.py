@@ -12,7 +12,7 @@ All of it is for its user only (mode 0700 and 0600).
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -54,6 +54,17 @@ class Register(msgspec.Struct, frozen=True, kw_only=True):
     def named(self, name: str) -> Peer | None:
         """Return the participant of a name."""
         return next((peer for peer in self.peers if peer.name == name), None)
+
+    def key_of(self) -> Callable[[str], str]:
+        """Return what tells the key that a worker's name begins with, empty where that is nobody's."""
+        names = frozenset(peer.name for peer in self.peers)
+
+        def key_of(worker: str) -> str:
+            while worker and worker not in names:
+                worker = worker.rpartition("-")[0]
+            return worker
+
+        return key_of
 
 
 class Credentials(NamedTuple):

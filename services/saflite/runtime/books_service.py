@@ -34,7 +34,7 @@ from saflite.runtime.complaints import Complaints
 from saflite.runtime.evidence import Evidence, InlineEvidence
 from saflite.runtime.fair_inbox import FairInbox
 from saflite.runtime.inspections import Inspections
-from saflite.runtime.liveness import Liveness
+from saflite.runtime.liveness import TOKENS_MAX, Liveness
 from saflite.runtime.log_lines import WORK_LOG
 from saflite.runtime.long_poll_queue import LongPollQueue
 from saflite.runtime.rate_limit import ANSWER_BYTES, JOIN_COST, RateLimit
@@ -84,10 +84,12 @@ class BooksService:
         *,
         software: Callable[[Stage], str] = software_of,
         modules: Sequence[Outside] = (),
+        key_of: Callable[[str], str] = lambda _: "",
     ) -> None:
         """Serve `books` out of `store`; `evidence` looks at blobs, in this thread if none is given.
 
-        `modules` are those from outside that workers have to have been given.
+        `modules` are those from outside that workers have to have been given; `key_of` tells whose key a worker's name
+        begins with.
         """
         self._terms = Terms(
             books.target, version(), software, books.campaign.scorer.guests, modules, books.campaign.needs
@@ -99,7 +101,7 @@ class BooksService:
         self._prefix = topics.prefix(campaign)
         self._inbox: FairInbox[Happening | _Inspected | _Complaint] = FairInbox()
         self._long_polls = LongPollQueue()
-        self._liveness = Liveness(books.campaign.lease.lease_s)
+        self._liveness = Liveness(books.campaign.lease.lease_s, key_of)
         self._stepped_s, self._tick_from_s = clock.monotonic_s(), 0.0
         self._outbox: list[tuple[Request, bytes]] = []
         self._blocked: Batch | None = None
@@ -180,10 +182,10 @@ class BooksService:
     def _on_presence(self, presence: Presence, now_s: float) -> None:
         stage, _, rest = presence.key.removeprefix(f"{self._prefix}/alive/").partition("/")
         worker, _, session = rest.partition("/")
-        if presence.present:
-            self._liveness.back((worker, stage, session))
-        else:
+        if not presence.present:
             self._liveness.vanished((worker, stage, session), now_s)
+        elif not self._liveness.back((worker, stage, session)):
+            self._complaints.add(f"{worker[:64]} on alive", f"more than {TOKENS_MAX} tokens of its key")
 
     def _on_request(self, request: Request, now_s: float) -> None:
         is_join = request.key.startswith(topics.join(self._campaign, ""))

@@ -319,6 +319,18 @@ def test_a_name_speaks_only_for_workers_named_after_it() -> None:
     assert not speaks_for("lab2", "lab3-fly-1")
 
 
+def test_the_key_of_a_worker_is_told_by_its_name() -> None:
+    peers = tuple(Peer(name=name, roles=("worker",)) for name in ("lab2", "site-a", "site-b"))
+    key_of = keyring.Register(hosts=(), peers=peers).key_of()
+    assert [key_of(name) for name in ("lab2", "lab2-fly-1", "site-a-0-fly-1", "site-b")] == [
+        "lab2",
+        "lab2",
+        "site-a",
+        "site-b",
+    ]
+    assert [key_of(name) for name in ("fly-1", "site-c-1", "lab22-1", "", "-")] == [""] * 5
+
+
 RESERVED = ["farm", "books", "router", *STAGES, "fly-1", "judge-1000"]
 
 
