@@ -185,7 +185,9 @@ class BooksService:
         if not presence.present:
             self._liveness.vanished((worker, stage, session), now_s)
         elif not self._liveness.back((worker, stage, session)):
-            self._complaints.add(f"{worker[:64]} on alive", f"more than {TOKENS_MAX} tokens of its key")
+            self._complaints.add(
+                f"{self._liveness.key_of(worker)} on alive", f"more than {TOKENS_MAX} tokens of its key"
+            )
 
     def _on_request(self, request: Request, now_s: float) -> None:
         is_join = request.key.startswith(topics.join(self._campaign, ""))

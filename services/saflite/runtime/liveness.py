@@ -29,7 +29,7 @@ class Liveness:
 
     def __init__(self, patience_s: float, key_of: Callable[[str], str] = lambda _: "") -> None:
         """Have patience, in seconds; `key_of` tells whose key a worker's name begins with, empty where nobody's."""
-        self._patience_s, self._key_of = patience_s, key_of
+        self._patience_s, self.key_of = patience_s, key_of
         self._of_key: Counter[str] = Counter()
         self._here: set[Who] = set()
         self._gone: dict[Who, _Gone] = {}
@@ -39,7 +39,7 @@ class Liveness:
         """Note that a token is there; False if its key has as many already as are heeded."""
         self._gone.pop(who, None)
         if who not in self._here:
-            key = self._key_of(who[0])
+            key = self.key_of(who[0])
             if key and self._of_key[key] >= TOKENS_MAX:
                 return False
             self._of_key[key] += bool(key)
@@ -73,7 +73,7 @@ class Liveness:
         for who in certain:
             del self._gone[who]
             self._here.discard(who)
-            key = self._key_of(who[0])
+            key = self.key_of(who[0])
             self._of_key[key] -= bool(key)
         late = [who for who, until_s in self._awaited.items() if until_s <= now_s]
         for who in late:

@@ -24,6 +24,7 @@ from saflite.contract.events import Event, FaultSeen, WorkerChanged
 from saflite.contract.join import Join, Joined
 from saflite.contract.work import Ask, Grant, Heartbeat, MutateResult, Orders, Receipt, Report
 from saflite.flight.autopilots.reference.describe import describe
+from saflite.runtime import liveness
 from saflite.runtime.books_service import BooksService
 from saflite.runtime.software import software_of
 
@@ -324,6 +325,21 @@ def test_a_key_reports_on_no_lease_of_a_worker_that_did_not_join_with_it(
     monkeypatch.undo()
     stand.send(topics.result("c", "mutate"), report)
     assert stand.last(Receipt).status == "accepted", "the lease is as it was"
+
+
+def test_a_key_that_shows_more_tokens_than_are_heeded_is_told_of_as_one(
+    stand: Stand, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(liveness, "TOKENS_MAX", 3)
+    monkeypatch.setattr(stand.service._liveness, "key_of", lambda worker: worker.partition("-")[0])
+    told: list[Happening] = []
+    stand.network.connect("watcher").follow(topics.event("c", "fault"), told.append)
+    for number in range(20):
+        stand.worker.appear(topics.alive("c", "fly", f"eve-{number}", "life"))
+        stand.worker.appear(topics.alive("c", "fly", f"ana{number}-1", "life"))
+    stand.turn(10)
+    facts = [wire.decode(one.payload, Event).fact for one in told if isinstance(one, Sample)]
+    assert {fact.where for fact in facts if isinstance(fact, FaultSeen)} == {"eve on alive"}
 
 
 def test_who_joins_without_a_token_holds_no_place_for_long(stand: Stand) -> None:
