@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
 import msgspec
 import pytest
 
-from saflite.bus import memory
 from saflite.bus.base import Happening, Reply, Sample
 from saflite.bus.memory import MemoryBus, MemoryNetwork
 from saflite.campaign.engine.outbox import Batch
@@ -24,7 +23,6 @@ from saflite.contract.events import Event, FaultSeen, WorkerChanged
 from saflite.contract.join import Join, Joined
 from saflite.contract.work import Ask, Grant, Heartbeat, MutateResult, Orders, Receipt, Report
 from saflite.flight.autopilots.reference.describe import describe
-from saflite.runtime import liveness
 from saflite.runtime.books_service import BooksService
 from saflite.runtime.software import software_of
 
@@ -99,14 +97,6 @@ def stand(tmp_path: Path) -> Iterator[Stand]:
     stand.answers.clear()
     yield stand
     store.close()
-
-
-class _OfAKey(memory.MemoryRequest):
-    """A question whose asker shows the key of `w`."""
-
-    def __init__(self, key: str, payload: bytes, sender: str, answer: Callable[[bytes | None, str], None]) -> None:
-        super().__init__(key, payload, sender, answer)
-        self.peer = "w"
 
 
 def _ask(stage: str, wait_s: float = 5.0, worker: str = "w", session: str = "life") -> Ask:
@@ -308,49 +298,6 @@ def test_two_thousand_strangers_leave_nothing_in_the_journal(stand: Stand) -> No
         stand.worker.ask(topics.beat("c", "fly"), wire.encode(beat), number, stand.answers.append, 5.0)
     stand.turn(10)
     assert _journal_lines(stand) == before
-
-
-def test_a_key_reports_on_no_lease_of_a_worker_that_did_not_join_with_it(
-    stand: Stand, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    report = _mutated(stand)
-    broken = wire.encode(report).replace(b"test_cases", b"text_cases")
-    monkeypatch.setattr(memory, "MemoryRequest", _OfAKey)  # named as the worker is: of a host, say
-    for payload in (wire.encode(report), broken):
-        stand.worker.ask(topics.result("c", "mutate"), payload, len(stand.answers), stand.answers.append, 60.0)
-        stand.turn()
-        reply = stand.answers[-1]
-        assert isinstance(reply, Reply)
-        assert "joined with the key of w" in reply.refused or "valid message" in reply.refused
-    monkeypatch.undo()
-    stand.send(topics.result("c", "mutate"), report)
-    assert stand.last(Receipt).status == "accepted", "the lease is as it was"
-
-
-def test_a_key_that_shows_more_tokens_than_are_heeded_is_told_of_as_one(
-    stand: Stand, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(liveness, "TOKENS_MAX", 3)
-    monkeypatch.setattr(stand.service._liveness, "key_of", lambda worker: worker.partition("-")[0])
-    told: list[Happening] = []
-    stand.network.connect("watcher").follow(topics.event("c", "fault"), told.append)
-    for number in range(20):
-        stand.worker.appear(topics.alive("c", "fly", f"eve-{number}", "life"))
-        stand.worker.appear(topics.alive("c", "fly", f"ana{number}-1", "life"))
-    stand.turn(10)
-    facts = [wire.decode(one.payload, Event).fact for one in told if isinstance(one, Sample)]
-    assert {fact.where for fact in facts if isinstance(fact, FaultSeen)} == {"eve on alive"}
-
-
-def test_who_joins_without_a_token_holds_no_place_for_long(stand: Stand) -> None:
-    for number in range(20):
-        stand.send(topics.join("c", "mutate"), _card("mutate", f"ghost-{number}"))
-        assert stand.last(Joined).accepted
-    stand.turn(20, step_s=0.2)
-    stand.send(topics.control("c", "status"), Control(verb="status"))
-    status = stand.last(Answer).status
-    assert status is not None
-    assert {one.worker for one in status.workers} == {"w"}
 
 
 def test_no_more_workers_may_join_than_a_farm_can_have(stand: Stand) -> None:

@@ -22,7 +22,6 @@ from saflite.contract.work import (
     WarmWork,
 )
 from saflite.runtime import worker as w
-from saflite.runtime.joining import Joining
 from saflite.runtime.worker import Key, Worker, WorkerConfig
 
 
@@ -57,19 +56,6 @@ def test_first_joins_and_asks_and_beats_only_once_it_is_in() -> None:
     assert isinstance(ask, w.SendAsk)
     assert isinstance(beat, w.SendBeat)
     assert ask.ask.session == beat.beat.session == "life"
-
-
-def test_a_full_farm_is_waited_for_and_not_given_up() -> None:
-    joining, full = Joining(0.0), Joined(accepted=False, message="full", retry_after_s=5.0)
-    for turn in range(100):
-        at_s = 5.0 * turn
-        assert joining.due(at_s)
-        joining.answered(full, at_s)
-        assert not joining.refused
-        assert not joining.due(at_s + 4.9)
-        assert joining.next_s() == at_s + 5.0
-    joining.answered(Joined(accepted=True, session="life"), 600.0)
-    assert joining.session == "life"
 
 
 def test_joining_is_tried_until_somebody_answers() -> None:
