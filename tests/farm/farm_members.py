@@ -115,7 +115,7 @@ class BooksMember:
         """Handle what has come in."""
         if self.service is None or self.books is None or self.frozen:
             return
-        if self.service._inbox.empty() and not self.must_tick:
+        if self.service._inbox.is_empty and not self.must_tick:
             return  # nothing can have changed
         self.must_tick = False
         try:

@@ -23,7 +23,8 @@ from saflite.bus import keyring
 from saflite.bus.access import ROLES, SEAL_BYTES_MAX, STAGE_OF, Role
 from saflite.bus.base import Happening, Presence, Reply, Sample, seal
 from saflite.bus.private_socket import PrivateSocket
-from saflite.bus.zenoh import Gate, ZenohBus, ZenohRequest, open_client, open_router
+from saflite.bus.questions import ZenohRequest
+from saflite.bus.zenoh import Gate, ZenohBus, open_client, open_router
 from saflite.contract import topics
 from saflite.contract.control import Verb
 from saflite.contract.errors import Unavailable

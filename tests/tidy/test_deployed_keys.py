@@ -64,14 +64,14 @@ def _started(pod: Any, keys: dict[str, Path], place: Path, mode: int) -> Path:
 def test_a_pod_has_keys_that_the_keyring_takes(name: str, mode: int, tmp_path: Path) -> None:
     now_s, made = time.time(), tmp_path / "made"
     keyring.init(made, ["saflite-farm"], now_s=now_s)
-    keyring.add(made, "fly", ["worker"], now_s=now_s)
+    keyring.add(made, "simulators", ["worker"], now_s=now_s)
     read: dict[str, Callable[[Path, float], object]] = {
         "saflite-farm": keyring.farm_credentials,
         "saflite-fly": keyring.peer_credentials,
     }
     sources = {
         "saflite-farm": [made / "register.toml", *(made / "farm").iterdir()],
-        "saflite-fly": [*(made / "peers" / "fly").iterdir()],
+        "saflite-fly": [*(made / "peers" / "simulators").iterdir()],
     }
     secret = {path.name: path for path in sources[name]}
     pod = _pod(name)

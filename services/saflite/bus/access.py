@@ -16,6 +16,7 @@ from typing import Annotated, Any, Literal, NamedTuple, get_args
 import msgspec
 
 from saflite.contract.control import Verb
+from saflite.contract.errors import Refused
 from saflite.contract.names import NAME, Name, NameOrAny
 from saflite.contract.topics import FARM_ROOT, JOIN_ROOT, PROTOCOL, TOPICS
 from saflite.contract.wire import MESSAGE_BYTES_MAX
@@ -38,6 +39,7 @@ ACCESS_KEY = "saflite/access"
 silence. The question's payload is the common name that the asker shows; nothing counts by it."""
 
 SEAL_BYTES_MAX = 2**10
+_OWN_NAME = re.compile(rf"(?:farm|books|router|{'|'.join(get_args(Stage))})(?:-[0-9]+)?")
 _PLACEHOLDER = re.compile(r"\{\w+\}")
 _MESSAGES = (
     "put",
@@ -73,6 +75,11 @@ class Peer(msgspec.Struct, frozen=True, kw_only=True):
         """The common name of its certificate."""
         return self.common_name or self.name
 
+    @property
+    def counting(self) -> tuple[Role, ...]:
+        """Its roles, without those of workers where an older version made it under a name of a farm's own processes."""
+        return tuple(role for role in self.roles if role not in STAGE_OF or not is_reserved(self.name))
+
     def may(self, campaign: str) -> bool:
         """Return whether any of its roles counts in a campaign."""
         return not self.revoked and (ANY_CAMPAIGN in self.campaigns or campaign in self.campaigns)
@@ -85,6 +92,8 @@ class Peer(msgspec.Struct, frozen=True, kw_only=True):
         """Return what it may do."""
         if self.revoked:
             return f"the key of {self.name} is revoked"
+        if self.counting != self.roles:
+            return f"the key of {self.name} is for no worker: a farm gives that name itself; add a key of another name"
         where = "every campaign" if ANY_CAMPAIGN in self.campaigns else ", ".join(self.campaigns)
         return f"the key of {self.name} is for {', '.join(self.roles)} in {where}"
 
@@ -98,9 +107,28 @@ def in_words(peer: Peer | None, name: str, shown: str) -> str:
     return peer.in_words()
 
 
-def speaks_for(peer: str, worker: str) -> bool:
-    """Return whether a proven name may use a worker's name; on the private socket, where none is, anybody may."""
-    return not peer or worker == peer or worker.startswith(f"{peer}-")
+def is_reserved(name: str) -> bool:
+    """Return whether a farm gives its own processes that name, or one that begins with it: no key speaks for those."""
+    return _OWN_NAME.fullmatch(name) is not None
+
+
+def speaks_for(peer: str, worker: str, owner: str | None = None) -> bool:
+    """Return whether a proven name may use a worker's name; on the private socket, where none is, anybody may.
+
+    `owner` is by whose key the worker has joined: empty for the farm's own user, None if it has not.
+    """
+    if not peer:
+        return True
+    named_so = not is_reserved(peer) and (worker == peer or worker.startswith(f"{peer}-"))
+    return named_so and owner in (None, peer)
+
+
+def check_speaker(peer: str, worker: str, owner: str | None = None) -> None:
+    """Raise Refused unless a proven name may use a worker's name; see `speaks_for`."""
+    if not speaks_for(peer, worker):
+        raise Refused("worker", expected=f"{peer} or {peer}-..., as its key is named", got=worker)
+    if not speaks_for(peer, worker, owner):
+        raise Refused("worker", expected=f"one that joined with the key of {peer}", got=worker)
 
 
 def split(key: str) -> tuple[str, str]:
@@ -125,7 +153,7 @@ def access_control(peers: Sequence[Peer]) -> dict[str, Any]:
     table += [
         ({"id": peer.name, "cert_common_names": [peer.shown]}, list(_grants(peer)))
         for peer in peers
-        if not peer.revoked
+        if not peer.revoked and peer.counting
     ]
     rules, policies = [], []
     for subject, grants in table:
@@ -160,7 +188,7 @@ class _Grant(NamedTuple):
 def _grants(peer: Peer) -> Iterator[_Grant]:
     asked, tokens, facts = [], [], []
     for campaign in [ANY_CAMPAIGN] if ANY_CAMPAIGN in peer.campaigns else peer.campaigns:
-        for role in peer.roles:
+        for role in peer.counting:
             asked += [f"{BY}/{peer.name}/{key}" for key in _asked(role, campaign)]
             if role in STAGE_OF:
                 alive = f"saflite/{PROTOCOL}/{campaign}/alive/{STAGE_OF[role]}"

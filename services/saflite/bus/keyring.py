@@ -12,7 +12,7 @@ All of it is for its user only (mode 0700 and 0600).
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -21,7 +21,7 @@ from typing import Any, NamedTuple, TypeVar
 import msgspec
 import tomli_w
 
-from saflite.bus.access import ANY_CAMPAIGN, STAGE_OF, Peer, Role
+from saflite.bus.access import ANY_CAMPAIGN, STAGE_OF, Peer, Role, is_reserved
 from saflite.bus.certificates import Pair, make_authority, make_certificate, new_common_name, validity
 from saflite.bus.key_files import alone, make_private, write
 from saflite.contract import wire
@@ -54,6 +54,17 @@ class Register(msgspec.Struct, frozen=True, kw_only=True):
     def named(self, name: str) -> Peer | None:
         """Return the participant of a name."""
         return next((peer for peer in self.peers if peer.name == name), None)
+
+    def key_of(self) -> Callable[[str], str]:
+        """Return what tells the key that a worker's name begins with, empty where that is nobody's."""
+        names = frozenset(peer.name for peer in self.peers)
+
+        def key_of(worker: str) -> str:
+            while worker and worker not in names:
+                worker = worker.rpartition("-")[0]
+            return worker
+
+        return key_of
 
 
 class Credentials(NamedTuple):
@@ -298,8 +309,11 @@ def _written(instant: datetime) -> str:
 
 def _check_name(register: Register, wanted: Peer, now_s: float) -> None:
     name = wanted.name
-    if not is_name(name) or name == FARM:
-        raise Refused("key name", expected=f"{NAME_EXPECTED}, not {FARM!r}", got=repr(name[:80]))
+    if not is_name(name):
+        raise Refused("key name", expected=NAME_EXPECTED, got=repr(name[:80]))
+    if is_reserved(name):
+        fix = f"name it by who uses it: `saflite keys add lab-{name} ...`"
+        raise Refused("key name", expected="none that a farm gives its own processes", got=repr(name), fix=fix)
     if len(name) > WORKER_KEY_CHARS_MAX and any(role in STAGE_OF for role in wanted.roles):
         expected = f"at most {WORKER_KEY_CHARS_MAX} characters: the names of workers begin with it"
         raise Refused("key name", expected=expected, got=f"{len(name)} in {name!r}")

@@ -1,4 +1,4 @@
-"""The bus on Zenoh. The only importer of `zenoh`.
+"""The bus on Zenoh. Nothing outside this folder imports `zenoh`.
 
 A star: the process of the books holds the router, everybody else is a client of it. Multicast scouting and gossip
 are off, so two farms on one network never meet by accident. Zenoh's own threads only append to the inboxes.
@@ -13,111 +13,29 @@ import threading
 from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager
 from functools import partial
-from typing import Any, Literal, NamedTuple, NoReturn
+from typing import Any, NamedTuple, NoReturn
 
 import zenoh
 from zenoh import ext
 
 from saflite.bus.access import ACCESS_KEY, BY, Peer, access_control, in_words, size_limits, split
-from saflite.bus.base import Inbox, Presence, Reply, Sample, seal, unseal
+from saflite.bus.base import Inbox, Presence, Sample, seal, unseal
 from saflite.bus.endpoints import check_endpoint
 from saflite.bus.keyring import Credentials, Register
+from saflite.bus.links import config_of, gate_settings
 from saflite.bus.memory import HISTORY
+from saflite.bus.questions import Question, ZenohRequest, attached, end_of
 from saflite.bus.reach import TRY_FIRST_S, TRY_MAX_S, attempts, why_unreached
+from saflite.bus.sending import Senders
 from saflite.contract import topics
 from saflite.contract.errors import Unavailable
-from saflite.contract.wire import MESSAGE_BYTES_MAX
 
 log = logging.getLogger(__name__)
 
-LINK_LEASE_MS = 2000  # a frozen peer is noticed after about 0.75 of it; Zenoh's default of 10 s is too slow for us
 CLOSE_LIMIT_S = 3.0
-SESSIONS_MAX, OPENING_MAX = 4_000, 1_000  # of a router; Zenoh's own 1,000 and 100 are less than may join at once
 ACCESS_S = 2.0
+FACTS = "/facts"  # the line of what is announced; no key can have this name
 HEARTBEAT_S = 0.5  # how often an announcer says how far it is, so that followers notice a lost last fact
-
-
-def config_of(mode: Literal["router", "client"], *endpoints: str) -> dict[str, Any]:
-    """Return Zenoh's configuration: a router listening on `endpoints`, or a client connected to one."""
-    return {
-        "mode": mode,
-        "listen/endpoints": list(endpoints) if mode == "router" else [],
-        "connect/endpoints": [] if mode == "router" else list(endpoints),
-        "connect/timeout_ms": round(1000 * TRY_FIRST_S),
-        "connect/exit_on_failure": True,
-        "connect/retry": {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2},
-        "scouting/multicast/enabled": False,
-        "scouting/gossip/enabled": False,
-        "transport/link/tx/lease": LINK_LEASE_MS,
-        "transport/link/rx/max_message_size": 2 * MESSAGE_BYTES_MAX,
-        "transport/unicast/max_sessions": SESSIONS_MAX,
-        "transport/unicast/accept_pending": OPENING_MAX,
-        "transport/shared_memory/enabled": False,
-        "timestamping/enabled": False,
-    }
-
-
-class ZenohRequest:
-    """A question that came over Zenoh; holding it keeps the asker waiting."""
-
-    def __init__(self, query: zenoh.Query, name: str) -> None:
-        self._query: zenoh.Query | None = query
-        self._name = name
-        self._asked = str(query.key_expr)
-        self.peer, self.key = split(self._asked)
-        self.payload = query.payload.to_bytes() if query.payload is not None else b""
-        self.sender, self.damaged = unseal(self.key, _attached(query), self.payload)
-
-    def reply(self, payload: bytes) -> None:
-        """Answer, once; an asker that is gone is no trouble of ours."""
-        query, self._query = self._query, None
-        if query is not None:
-            try:
-                query.reply(self._asked, payload, attachment=seal(self.key, self._name, payload))
-                query.drop()  # type: ignore[no-untyped-call]
-            except zenoh.ZError as fault:
-                log.info("answer on %s not delivered: %s", self.key, fault)
-
-    def refuse(self, text: str) -> None:
-        """Answer that the question cannot be read."""
-        query, self._query = self._query, None
-        if query is not None:
-            try:
-                query.reply_err(text.encode())
-                query.drop()  # type: ignore[no-untyped-call]
-            except zenoh.ZError as fault:
-                log.info("refusal on %s not delivered: %s", self.key, fault)
-
-
-class _Question:
-    """An `ask` under way: the first reply settles it, and so does Zenoh's word that none will come."""
-
-    def __init__(self, tag: Hashable, inbox: Inbox) -> None:
-        self._tag, self._inbox = tag, inbox
-        self._settled = threading.Lock()
-
-    def on_reply(self, reply: zenoh.Reply) -> None:
-        """Take a reply (Zenoh's thread)."""
-        sample = reply.ok
-        if sample is not None:
-            payload = sample.payload.to_bytes()
-            _, damaged = unseal(split(str(sample.key_expr))[1], _attached(sample), payload)
-            self._settle(None if damaged else payload, "")
-            return
-        text = reply.err.payload.to_bytes().decode(errors="replace") if reply.err is not None else ""
-        self._settle(None, "" if text == "Timeout" else text)
-
-    def refuse(self, words: str) -> None:
-        """Settle a question that cannot be sent."""
-        self._settle(None, words)
-
-    def on_drop(self) -> None:
-        """Take note that no more replies come (Zenoh's thread)."""
-        self._settle(None, "")
-
-    def _settle(self, payload: bytes | None, refused: str) -> None:
-        if self._settled.acquire(blocking=False):
-            self._inbox(Reply(self._tag, payload, refused))
 
 
 class ZenohBus:
@@ -139,6 +57,7 @@ class ZenohBus:
         self.name, self._peer, self._admits = name, peer.name if peer else "", admits
         self._shown = peer.shown if peer else ""
         self._session, self._connect = session, connect
+        self._senders = Senders()
         self._changing, self._closed = threading.Lock(), False
         self._announcers: dict[str, Any] = {}
         self._tellers: dict[str, Any] = {}
@@ -147,7 +66,7 @@ class ZenohBus:
 
     def serve(self, pattern: str, inbox: Inbox) -> None:
         """See `Bus.serve`."""
-        handler = _direct(lambda query: inbox(ZenohRequest(query, self.name)))
+        handler = _direct(lambda query: inbox(ZenohRequest(query, self.name, self._senders)))
         for served in (pattern, f"{BY}/*/{pattern}") if self._admits else (pattern,):
             self._declare(partial(_queryable, served, handler))
 
@@ -162,7 +81,7 @@ class ZenohBus:
         attachment: bytes | None = None,
     ) -> None:
         """See `Bus.ask`. `attachment` is for tests that send a seal which does not fit."""
-        question = _Question(tag, inbox)
+        question = Question(tag, inbox)
         bytes_max = topics.bytes_max(key)
         if len(payload) > bytes_max:  # the router would drop it without a word
             question.refuse(f"message: expected at most {bytes_max} bytes on {key}, got {len(payload)}")
@@ -189,9 +108,9 @@ class ZenohBus:
 
         def tell(query: zenoh.Query) -> None:
             asked, shown = split(str(query.key_expr))[0], query.payload.to_bytes() if query.payload is not None else b""
-            words = in_words(register.named(asked), asked, shown.decode(errors="replace") or asked)
-            query.reply(str(query.key_expr), words.encode())
-            query.drop()  # type: ignore[no-untyped-call]
+            words = in_words(register.named(asked), asked, shown.decode(errors="replace") or asked).encode()
+            say = partial(end_of, query, lambda query: query.reply(query.key_expr, words), ACCESS_KEY)
+            self._senders.send(asked, len(words), say)
 
         self._declare(partial(_queryable, f"{BY}/*/{ACCESS_KEY}", _direct(tell)))
 
@@ -204,12 +123,22 @@ class ZenohBus:
         return ""
 
     def announce(self, key: str, payload: bytes) -> None:
-        """See `Bus.announce`."""
+        """See `Bus.announce`. A follower whose link is full is left out; it asks for what it missed."""
+        self._publish(len(payload), lambda: self._announce(key, payload))
+
+    def _publish(self, size_bytes: int, act: Callable[[], None]) -> None:
+        """Publish; a router with a gate does so by a thread of its own: a follower may not read."""
+        if not self._admits:
+            act()
+        elif not self._senders.send(FACTS, size_bytes, act):
+            log.warning("facts not announced: too many wait; followers ask for them")
+
+    def _announce(self, key: str, payload: bytes) -> None:
         if key not in self._announcers:
             self._announcers[key] = ext.declare_advanced_publisher(
                 self._session,
                 key,
-                congestion_control=zenoh.CongestionControl.BLOCK,
+                congestion_control=zenoh.CongestionControl.DROP if self._admits else zenoh.CongestionControl.BLOCK,
                 express=True,
                 cache=ext.CacheConfig(HISTORY),
                 sample_miss_detection=ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=HEARTBEAT_S),
@@ -219,6 +148,9 @@ class ZenohBus:
 
     def tell(self, key: str, payload: Callable[[], bytes]) -> None:
         """See `Bus.tell`."""
+        self._publish(0, lambda: self._tell(key, payload))
+
+    def _tell(self, key: str, payload: Callable[[], bytes]) -> None:
         if key not in self._tellers:
             self._tellers[key] = self._session.declare_publisher(key, express=True)
         if self._tellers[key].matching_status.matching:
@@ -230,7 +162,7 @@ class ZenohBus:
 
         def on_sample(sample: zenoh.Sample) -> None:
             key, payload = str(sample.key_expr), sample.payload.to_bytes()
-            if not unseal(key, _attached(sample), payload)[1]:
+            if not unseal(key, attached(sample), payload)[1]:
                 inbox(Sample(key, payload))
 
         self._declare(
@@ -275,6 +207,7 @@ class ZenohBus:
     def close(self) -> None:
         """See `Bus.close`."""
         self._closed = True
+        self._senders.close()
         _close(self._session)
 
     def _declare(self, declare: Callable[[zenoh.Session], Any]) -> None:
@@ -292,10 +225,6 @@ def _close(session: zenoh.Session) -> None:
     closer.join(CLOSE_LIMIT_S)
     if closer.is_alive():
         log.warning("zenoh session did not close within %.0f s; left behind", CLOSE_LIMIT_S)
-
-
-def _attached(message: zenoh.Query | zenoh.Sample) -> bytes | None:
-    return message.attachment.to_bytes() if message.attachment is not None else None
 
 
 def _direct(callback: Callable[[Any], None], drop: Callable[[], None] | None = None) -> Any:
@@ -334,6 +263,7 @@ def open_router(name: str, endpoint: str, *, insecure: bool = False, gate: Gate 
     more: dict[str, Any] = {"low_pass_filter": size_limits()}
     if gate is not None:
         places.append(check_endpoint(gate.endpoint, insecure=False, keys=True, argument="--listen").text)
+        more |= gate_settings()
         more["transport/link/tls"] = gate.credentials.tls()
         more["access_control"] = access_control(gate.register.peers)
     try:

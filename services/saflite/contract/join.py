@@ -46,7 +46,8 @@ class Join(msgspec.Struct, frozen=True, kw_only=True):
 class Joined(msgspec.Struct, frozen=True, kw_only=True):
     """The answer: accepted under `worker` and `session`, or refused, and `message` says why.
 
-    `protocol` and `version` are those of the books; `target` is what the campaign flies.
+    `protocol` and `version` are those of the books; `target` is what the campaign flies. Who is refused for now only is
+    told after how long to ask again, `retry_after_s`; it is 0 where asking again would change nothing.
     """
 
     accepted: bool
@@ -58,6 +59,7 @@ class Joined(msgspec.Struct, frozen=True, kw_only=True):
     campaign: Word = ""
     target: Word = ""
     lease_s: Seconds = 0.0
+    retry_after_s: Seconds = 0.0
 
 
 def check_worker_name(name: str) -> str:

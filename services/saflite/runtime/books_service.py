@@ -9,16 +9,16 @@ from __future__ import annotations
 
 import logging
 import os
-import queue
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import msgspec
 
-from saflite.bus.access import speaks_for
+from saflite.bus.access import check_speaker, speaks_for
 from saflite.bus.base import Bus, Happening, Presence, Request
 from saflite.campaign.engine.outbox import Batch
 from saflite.campaign.engine.state import Books
+from saflite.campaign.engine.worker_registry import FULL
 from saflite.campaign.storage.store import Store
 from saflite.contract import topics, wire
 from saflite.contract.bounds import TOLD_CHARS_MAX, told
@@ -32,12 +32,13 @@ from saflite.contract.work import Ask, Failure, Grant, Heartbeat, Receipt, Repor
 from saflite.runtime.admission import Terms, objection
 from saflite.runtime.complaints import Complaints
 from saflite.runtime.evidence import Evidence, InlineEvidence
+from saflite.runtime.fair_inbox import FairInbox
 from saflite.runtime.inspections import Inspections
-from saflite.runtime.liveness import Liveness
+from saflite.runtime.liveness import TOKENS_MAX, Liveness
 from saflite.runtime.log_lines import WORK_LOG
 from saflite.runtime.long_poll_queue import LongPollQueue
 from saflite.runtime.questions import encoded, read
-from saflite.runtime.rate_limit import RateLimit
+from saflite.runtime.rate_limit import ANSWER_BYTES, JOIN_COST, RateLimit
 from saflite.runtime.room import Room
 from saflite.runtime.software import software_of, version
 from saflite.simulator_worker.processes import processor_s
@@ -49,14 +50,9 @@ TICK_S = 0.1
 COMMIT_RETRY_S = 0.5
 LINGER_S = 3.0  # how long the books of an ended campaign still answer
 BLOCKED_RETRY_S = 1.0
+FULL_RETRY_S = 5.0  # after so long a worker asks again whether there is room for it
 TROUBLE_S = 3.0  # so long trouble is told after it was met last
 ASLEEP_S = 1.0  # steps are 0.1 s apart; after a longer gap this process was frozen, not the workers
-
-
-class _Stop(NamedTuple):
-    """A signal asked for the end."""
-
-    why: str
 
 
 class _Inspected(NamedTuple):
@@ -87,10 +83,12 @@ class BooksService:
         *,
         software: Callable[[Stage], str] = software_of,
         modules: Sequence[Outside] = (),
+        key_of: Callable[[str], str] = lambda _: "",
     ) -> None:
         """Serve `books` out of `store`; `evidence` looks at blobs, in this thread if none is given.
 
-        `modules` are those from outside that workers have to have been given.
+        `modules` are those from outside that workers have to have been given; `key_of` tells whose key a worker's name
+        begins with.
         """
         self._terms = Terms(
             books.target, version(), software, books.campaign.scorer.guests, modules, books.campaign.needs
@@ -100,9 +98,9 @@ class BooksService:
         self._inspections = Inspections()
         self._answered: list[Report] = []
         self._prefix = topics.prefix(campaign)
-        self._inbox: queue.SimpleQueue[Happening | _Stop | _Inspected | _Complaint] = queue.SimpleQueue()
+        self._inbox: FairInbox[Happening | _Inspected | _Complaint] = FairInbox()
         self._long_polls = LongPollQueue()
-        self._liveness = Liveness(books.campaign.lease.lease_s)
+        self._liveness = Liveness(books.campaign.lease.lease_s, key_of)
         self._stepped_s, self._tick_from_s = clock.monotonic_s(), 0.0
         self._outbox: list[tuple[Request, bytes]] = []
         self._blocked: Batch | None = None
@@ -114,7 +112,7 @@ class BooksService:
 
     def stop(self, why: str) -> None:
         """Ask for a clean end: what is committed stays, the campaign can be resumed. Signal-safe."""
-        self._inbox.put(_Stop(why))
+        self._stopping = why
 
     def complain(self, where: str, words: str) -> None:
         """Have trouble with a peer told in the campaign's history; from any thread."""
@@ -142,9 +140,10 @@ class BooksService:
     def step(self, wait_s: float) -> int:
         """Handle what is in the inbox, waiting up to `wait_s` for the first of it; returns how much there was."""
         count = 0
-        for happening in self._coming(wait_s):
-            self._take(happening, self._clock.monotonic_s())
-            count += 1
+        while count < DRAIN_MAX and (happenings := self._inbox.take(0.0 if count else wait_s, DRAIN_MAX - count)):
+            for happening in happenings:
+                self._take(happening, self._clock.monotonic_s())
+            count += len(happenings)
         now_s = self._clock.monotonic_s()
         if self._blocked is None:
             if full := self._room.trouble(now_s):
@@ -155,6 +154,8 @@ class BooksService:
         return count
 
     def _pass_time(self, now_s: float) -> None:
+        for peer, count in self._inbox.dropped().items():
+            self._complaints.add(peer, f"{count} questions more than may wait")
         for where, words in self._complaints.due(now_s):
             log.warning("from %s: %s", where, words)
             self._books.fault(where, words, now_s)
@@ -167,21 +168,10 @@ class BooksService:
         if now_s >= self._tick_from_s:  # before that, heartbeats that waited meanwhile come in and extend the leases
             self._books.tick(now_s)
 
-    def _coming(self, wait_s: float) -> Iterator[Happening | _Stop | _Inspected | _Complaint]:
-        """Yield what is in the inbox, also what comes in meanwhile, but not without end."""
-        try:
-            yield self._inbox.get(timeout=wait_s)
-            for _ in range(DRAIN_MAX - 1):
-                yield self._inbox.get_nowait()
-        except queue.Empty:
-            return
-
     # -- in -------------------------------------------------------------------------------------------------------
 
-    def _take(self, happening: Happening | _Stop | _Inspected | _Complaint, now_s: float) -> None:
-        if isinstance(happening, _Stop):
-            self._stopping = happening.why
-        elif isinstance(happening, Presence):
+    def _take(self, happening: Happening | _Inspected | _Complaint, now_s: float) -> None:
+        if isinstance(happening, Presence):
             self._on_presence(happening, now_s)
         elif isinstance(happening, _Complaint):
             self._complaints.add(happening.where, happening.words[:500])
@@ -193,15 +183,17 @@ class BooksService:
     def _on_presence(self, presence: Presence, now_s: float) -> None:
         stage, _, rest = presence.key.removeprefix(f"{self._prefix}/alive/").partition("/")
         worker, _, session = rest.partition("/")
-        if presence.present:
-            self._liveness.back((worker, stage, session))
-        else:
+        if not presence.present:
             self._liveness.vanished((worker, stage, session), now_s)
+        elif not self._liveness.back((worker, stage, session)):
+            self._complaints.add(
+                f"{self._liveness.key_of(worker)} on alive", f"more than {TOKENS_MAX} tokens of its key"
+            )
 
     def _on_request(self, request: Request, now_s: float) -> None:
         is_join = request.key.startswith(topics.join(self._campaign, ""))
         kind = "join" if is_join else request.key.removeprefix(f"{self._prefix}/").partition("/")[0]
-        if not self._rates.allows(request.peer, now_s):  # no answer: whoever is honest asks again, after a pause
+        if not self._rates.allows(request.peer, now_s, len(request.payload)):  # no answer: it is asked again later
             self._complaints.add(f"{request.peer} on {kind}", "more questions a second than a key may ask")
             return
         try:
@@ -225,8 +217,11 @@ class BooksService:
     def _on_join(self, request: Request, card: Join, now_s: float) -> None:
         if self._blocked is not None:  # the worker asks again
             return
-        words = objection(card, self._terms) or self._books.join(card, now_s, gone=self._is_gone)
-        if words:
+        words = objection(card, self._terms) or self._books.join(card, now_s, owner=request.peer, gone=self._is_gone)
+        if not words:
+            self._rates.spend(request.peer, JOIN_COST, now_s)
+            self._liveness.joined((card.worker, card.stage, card.session), now_s)
+        else:
             self._complaints.add(f"{card.worker[:64]!r} joining as {card.stage}", f"refused: {words}"[:500])
         joined = Joined(
             accepted=not words,
@@ -238,6 +233,7 @@ class BooksService:
             campaign=self._campaign,
             target=self._books.target.name,
             lease_s=self._books.lease_s,
+            retry_after_s=FULL_RETRY_S if words == FULL else 0.0,
         )
         self._answer(request, joined)
 
@@ -253,6 +249,7 @@ class BooksService:
     def _on_report(self, request: Request, report: Report, now_s: float) -> None:
         if self._blocked is not None:
             return  # the worker keeps it and sends it again
+        check_speaker(request.peer, report.worker, self._books.owner_of(report.worker))
         has_blobs = blobs_left(report.result) or getattr(report.result, "unread", ())
         if not (has_blobs and self._books.awaits(report)):
             self._answer(request, self._taken(report, now_s))
@@ -272,7 +269,7 @@ class BooksService:
     def _on_unreadable_report(self, request: Request, kind: str, fault: Refused, now_s: float) -> bool:
         """Count a result that arrived whole and cannot be read as a failure of its lease; False if it names none."""
         lease = None if request.damaged or kind != "result" else lease_named(request.payload)
-        if lease is None or not speaks_for(request.peer, lease.worker):
+        if lease is None or not speaks_for(request.peer, lease.worker, self._books.owner_of(lease.worker)):
             return False
         if self._blocked is None:  # otherwise it is sent again
             failure = Failure(message=told(str(fault), TOLD_CHARS_MAX))
@@ -299,7 +296,7 @@ class BooksService:
         else:
             answer = Answer(accepted=False, message="the store takes no writes; try again")
         data = encoded(request, self._with_own(answer, now_s))
-        self._rates.spend(request.peer, len(data), now_s)
+        self._rates.spend(request.peer, len(data) / ANSWER_BYTES, now_s)
         if self._blocked is None:
             self._outbox.append((request, data))
         else:

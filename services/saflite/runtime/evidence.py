@@ -2,8 +2,8 @@
 
 Reading and hashing large files must not keep the books waiting, so a result that names blobs is looked at here first
 and comes back to the books with what was found. Small blobs are looked at on the spot: to hand them to another thread
-takes longer, and more of both. Requests over the bus wait in a line that holds a bounded number of
-them; one that finds it full is not answered, and asked again.
+takes longer, and more of both. Requests over the bus wait in a line that holds a bounded number of them for each key;
+one that finds no room is not answered, and asked again.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import NamedTuple, Protocol
 
 import msgspec
 
-from saflite.bus.access import speaks_for
+from saflite.bus.access import check_speaker
 from saflite.bus.base import Bus, Happening, Request
 from saflite.contract import topics, wire
 from saflite.contract.blobs import BlobGet, BlobMissing, BlobOpen, BlobOpened, BlobPut
@@ -33,6 +33,10 @@ SMALL_BYTES = 2**16  # of all blobs of a result
 
 Then = Callable[[str | None], None]
 """Takes in words what is wrong with the blobs of a result, empty if nothing is; None if that cannot be told now."""
+
+
+OwnerOf = Callable[[str], str | None]
+"""Tells by which key a worker joined, empty for the farm's own user; None if nobody of that name has joined."""
 
 
 class Evidence(Protocol):
@@ -118,7 +122,7 @@ class EvidenceService:
     def __init__(self, bus: Bus, campaign: str, blobs: BlobFolder) -> None:
         self._inline, self._requests = InlineEvidence(blobs), BlobRequests(blobs)
         self._inbox: queue.SimpleQueue[Happening | _Inspect | _Answered | None] = queue.SimpleQueue()
-        self._room = threading.BoundedSemaphore(REQUESTS_MAX)
+        self._rooms: dict[str, threading.BoundedSemaphore] = {}  # of each key, and of the farm's own user
         self._broken: BaseException | None = None
         self._thread = threading.Thread(target=self._run, name="evidence", daemon=True)
         bus.serve(f"{topics.prefix(campaign)}/blob/*", self._queue)
@@ -127,6 +131,10 @@ class EvidenceService:
     def tell_excess(self, told: Callable[[str, str], None]) -> None:
         """Have somebody told, from the thread of the blobs, who leaves too much and how much that is."""
         self._requests.on_excess = told
+
+    def heed(self, owner_of: OwnerOf) -> None:
+        """Let nobody speak for a worker that joined by another key; asked from the thread of the blobs."""
+        self._requests.owner_of = owner_of
 
     def inspect(self, report: Report, then: Then) -> None:
         """See `Evidence.inspect`."""
@@ -146,8 +154,12 @@ class EvidenceService:
         self._thread.join()
 
     def _queue(self, request: Happening) -> None:
-        if self._room.acquire(blocking=False):  # otherwise it is dropped, and asked again
+        if self._room_of(request).acquire(blocking=False):  # otherwise it is dropped, and asked again
             self._inbox.put(request)
+
+    def _room_of(self, request: Happening) -> threading.BoundedSemaphore:
+        peer = "" if isinstance(request, tuple) else request.peer
+        return self._rooms.get(peer) or self._rooms.setdefault(peer, threading.BoundedSemaphore(REQUESTS_MAX))
 
     def _run(self) -> None:
         try:
@@ -157,7 +169,7 @@ class EvidenceService:
                 elif isinstance(job, _Answered):
                     self._inline.answered(job.report)
                 else:
-                    self._room.release()
+                    self._room_of(job).release()
                     self._requests.answer(job)
         except BaseException as fault:
             self._broken = fault  # the books hear of it with the next result
@@ -175,6 +187,7 @@ class BlobRequests:
         self._blobs, self._chunks = blobs, ChunkServer(blobs)
         self._probe = blobs.make_probe()
         self.on_excess: Callable[[str, str], None] = _not_told
+        self.owner_of: OwnerOf = lambda _: None
 
     def answer(self, request: Happening) -> None:
         """Answer or refuse a request; one the disk does not take gets no answer and is asked again."""
@@ -197,16 +210,11 @@ class BlobRequests:
             return self._chunks.get(wire.decode(request.payload, BlobGet))
         if verb == "put":
             put = wire.decode(request.payload, BlobPut)
-            _check_speaker(request, put.worker)
+            check_speaker(request.peer, put.worker, self.owner_of(put.worker))
             return self._chunks.put(put)
         if verb == "open":
             opened = wire.decode(request.payload, BlobOpen)
-            _check_speaker(request, opened.worker)
+            check_speaker(request.peer, opened.worker, self.owner_of(opened.worker))
             self._blobs.forget_but(opened.worker, opened.keep)
             return BlobOpened(probe=self._probe)
         raise Refused("blob", expected="open, get or put", got=verb)
-
-
-def _check_speaker(request: Request, worker: str) -> None:
-    if not speaks_for(request.peer, worker):
-        raise Refused("worker", expected=f"{request.peer} or {request.peer}-..., as its key is named", got=worker)

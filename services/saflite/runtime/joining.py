@@ -8,6 +8,7 @@ from __future__ import annotations
 from saflite.contract.join import Joined
 
 RETRY_FIRST_S, RETRY_MAX_S = 0.1, 2.0
+WAIT_MAX_S = 60.0
 
 
 class Joining:
@@ -40,6 +41,8 @@ class Joining:
         self._wait_s = RETRY_FIRST_S
         if joined.accepted:
             self.session = joined.session
+        elif joined.retry_after_s > 0.0:
+            self._next_s = now_s + min(max(joined.retry_after_s, RETRY_FIRST_S), WAIT_MAX_S)
         else:
             self.refused = joined.message or "the books refused without a word"
 

@@ -7,10 +7,13 @@ come back.
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Callable
 from typing import NamedTuple
 
 SETTLE_S = 0.15  # tokens that vanish within this time vanished together
 TOGETHER_MIN = 2
+TOKENS_MAX = 2_000  # of a key: as many workers as may be there, each in two lives
 TOGETHER_SHARE = 0.5  # of the workers known
 
 Who = tuple[str, str, str]  # worker, stage, session
@@ -24,19 +27,35 @@ class _Gone(NamedTuple):
 class Liveness:
     """Who is there, who vanished, and whose absence is certain."""
 
-    def __init__(self, patience_s: float) -> None:
-        self._patience_s = patience_s
+    def __init__(self, patience_s: float, key_of: Callable[[str], str] = lambda _: "") -> None:
+        """Have patience, in seconds; `key_of` tells whose key a worker's name begins with, empty where nobody's."""
+        self._patience_s, self.key_of = patience_s, key_of
+        self._of_key: Counter[str] = Counter()
         self._here: set[Who] = set()
         self._gone: dict[Who, _Gone] = {}
+        self._awaited: dict[Who, float] = {}  # joined without a token: until when one is waited for
 
-    def back(self, who: Who) -> None:
-        """Note that a token is there."""
+    def back(self, who: Who) -> bool:
+        """Note that a token is there; False if its key has as many already as are heeded."""
         self._gone.pop(who, None)
+        if who not in self._here:
+            key = self.key_of(who[0])
+            if key and self._of_key[key] >= TOKENS_MAX:
+                return False
+            self._of_key[key] += bool(key)
+        self._awaited.pop(who, None)
         self._here.add(who)
+        return True
+
+    def joined(self, who: Who, now_s: float) -> None:
+        """Note that a worker has joined: it is absent where no token of it shows, for none could vanish."""
+        if who not in self._here:
+            self._awaited.setdefault(who, now_s + self._patience_s)
 
     def vanished(self, who: Who, now_s: float) -> None:
         """Note that a token vanished."""
-        self._gone.setdefault(who, _Gone(now_s, None))
+        if who in self._here:
+            self._gone.setdefault(who, _Gone(now_s, None))
 
     def is_gone(self, who: Who) -> bool:
         """Return whether a token has vanished, certain or not."""
@@ -54,4 +73,9 @@ class Liveness:
         for who in certain:
             del self._gone[who]
             self._here.discard(who)
-        return certain
+            key = self.key_of(who[0])
+            self._of_key[key] -= bool(key)
+        late = [who for who, until_s in self._awaited.items() if until_s <= now_s]
+        for who in late:
+            del self._awaited[who]
+        return certain + late

@@ -6,7 +6,7 @@ from typing import TypeVar
 
 import msgspec
 
-from saflite.bus.access import speaks_for
+from saflite.bus.access import check_speaker
 from saflite.bus.base import Request
 from saflite.contract import wire
 from saflite.contract.control import Answer, AnswerJson, Control
@@ -38,8 +38,7 @@ def read(request: Request, kind: type[T]) -> T:
     if said != place:
         raise Refused("key", expected=f"one that ends in {said}, as the message says", got=place[:80])
     worker = getattr(message, "worker", request.peer)
-    if not speaks_for(request.peer, worker):
-        raise Refused("worker", expected=f"{request.peer} or {request.peer}-..., as its key is named", got=worker)
+    check_speaker(request.peer, worker)
     ask = getattr(message, "ask", None)
     if ask is not None and (ask.worker, ask.stage) != (worker, place):
         got = f"{ask.worker[:80]} for {ask.stage}"

@@ -20,7 +20,7 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import NoReturn, get_args
 
-from saflite.bus.keyring import CERTIFICATE, FARM, REGISTER, farm_credentials, peer_credentials, read_register
+from saflite.bus.keyring import CERTIFICATE, FARM, REGISTER, Register, farm_credentials, peer_credentials, read_register
 from saflite.bus.zenoh import Gate, ZenohBus, leave_process, open_client, open_router
 from saflite.contract.errors import FarmError, Refused, Unavailable
 from saflite.contract.join import check_worker_name
@@ -117,14 +117,17 @@ def _books(options: argparse.Namespace) -> str:
     log.info("books of %s rebuilt in %.2f s", options.campaign, clock.monotonic_s() - started_s)
     insecure = options.insecure
     keys = _keys_now(options.keys) if options.gate and options.keys is not None else {}
+    gate = _gate(options, clock)
     if options.listen:
-        bus = open_router("books", options.listen, insecure=insecure, gate=_gate(options, clock))
+        bus = open_router("books", options.listen, insecure=insecure, gate=gate)
     else:
         bus = open_client("books", options.connect, insecure=insecure)
     evidence = EvidenceService(bus, options.campaign, store.blobs)
     modules = run_modules.needed(options.run_dir, books.campaign)
-    service = BooksService(bus, options.campaign, books, store, clock, evidence, modules=modules)
+    key_of = (gate.register if gate is not None else Register(hosts=())).key_of()
+    service = BooksService(bus, options.campaign, books, store, clock, evidence, modules=modules, key_of=key_of)
     evidence.tell_excess(service.complain)
+    evidence.heed(books.owner_of)
     _on_signals(service.stop)
     if keys:
         _on_change(keys, clock, service.stop)

@@ -13,7 +13,9 @@ import hashlib
 import hmac
 import logging
 import os
+import queue
 import re
+import threading
 from pathlib import Path
 from typing import Annotated, Protocol
 
@@ -33,6 +35,7 @@ from saflite.evidence.files import write_whole
 log = logging.getLogger(__name__)
 
 ANSWER_S = 10.0
+CONNECT_S = 2.0  # more than a silent receiver's own timeout, whose words are better
 RETRY_FIRST_S, RETRY_MAX_S = 0.5, 60.0
 AGAIN = frozenset({408, 425, 429})  # of 4xx: the receiver is busy; any other says that it will never take this
 SECRET_PREFIX = "whsec_"  # noqa: S105 (how Standard Webhooks writes a secret)
@@ -140,8 +143,8 @@ class Webhook:
     def __init__(
         self, url: str, clock: WaitingClock, secret: bytes = b"", transport: httpx.BaseTransport | None = None
     ):
-        self._url, self._clock, self._secret = check_url(url), clock, secret
-        self._client = httpx.Client(timeout=ANSWER_S, transport=transport, trust_env=False)
+        self._url, self._clock, self._secret, self._transport = check_url(url), clock, secret, transport
+        self._client = self._connected()
 
     def deliver(self, event: Event, cursor: Cursor) -> None:
         """Send one event of the cursor's run, until it is taken.
@@ -164,17 +167,45 @@ class Webhook:
         """Close the connection."""
         self._client.close()
 
+    def _connected(self) -> httpx.Client:
+        return httpx.Client(timeout=ANSWER_S, transport=self._transport, trust_env=False)
+
     def _sent(self, event: CloudEvent, body: bytes) -> str:
         """Return why the event was not taken, empty if it was."""
-        headers = headers_of(event, body, self._clock.unix_s(), self._secret)
-        try:
-            with self._client.stream("POST", self._url, content=body, headers=headers) as answer:
-                code = answer.status_code  # what it says besides is not read
-        except httpx.HTTPError as fault:
-            return f"{type(fault).__name__}: {fault}"
+        code = self._answer(body, headers_of(event, body, self._clock.unix_s(), self._secret))
+        if isinstance(code, str):
+            return code
         if 200 <= code < 300:
             return ""
         if code < 500 and code not in AGAIN:
             words = f"HTTP {code} for event {event.data.seq}"
             raise Refused("--webhook", where=shown_url(self._url), expected="a receiver that takes events", got=words)
         return f"HTTP {code}"
+
+    def _answer(self, body: bytes, headers: dict[str, str]) -> int | str:
+        """Return the code of the answer, or in words why there is none.
+
+        The client's timeout is for each piece it reads: interim answers, or a byte now and then, would hold it for
+        ever. So the whole of it has a limit: it runs in a thread, whose connection is closed when that is over.
+        """
+        client, answers = self._client, queue.SimpleQueue[int | str]()
+        threading.Thread(target=_post, args=(client, self._url, body, headers, answers), daemon=True).start()
+        try:
+            return answers.get(timeout=ANSWER_S + CONNECT_S)
+        except queue.Empty:
+            self._client = self._connected()
+            client.close()
+            return f"no whole answer within {ANSWER_S + CONNECT_S:.0f} s"
+
+
+def _post(
+    client: httpx.Client, url: str, body: bytes, headers: dict[str, str], answers: queue.SimpleQueue[int | str]
+) -> None:
+    said: int | str = "asking broke"
+    try:
+        with client.stream("POST", url, content=body, headers=headers) as answer:
+            said = answer.status_code  # what it says besides is not read
+    except (httpx.HTTPError, OSError, RuntimeError) as fault:  # the latter two: of a client that was closed meanwhile
+        said = f"{type(fault).__name__}: {fault}"
+    finally:
+        answers.put(said)

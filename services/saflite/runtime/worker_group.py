@@ -157,7 +157,7 @@ def _specs(group: Group, name: str) -> list[RoleSpec]:
 
 def _check_key(peer: Peer, group: Group) -> None:
     """Raise Refused for what the key is not for: the farm would not answer."""
-    allowed = [STAGE_OF[role] for role in peer.roles if role in STAGE_OF]
+    allowed = [STAGE_OF[role] for role in peer.counting if role in STAGE_OF]
     wrong = [stage for stage in group.workers if stage not in allowed]
     if wrong:
         raise Refused("--stages", expected=f"{','.join(allowed) or 'none'}: {peer.in_words()}", got=",".join(wrong))

@@ -132,6 +132,8 @@ class WorkerShell:
             return Joined(accepted=False, message=f"the answer of the books is unreadable here: {fault}")
         if joined.accepted:
             log.info("joined %s as %s; it flies %s", joined.campaign, joined.worker, joined.target)
+        elif joined.retry_after_s > 0.0:
+            log.warning("not in yet, asked again in %.0f s: %s", joined.retry_after_s, joined.message)
         return joined
 
     def _feed(self, event: machine.Event) -> None:

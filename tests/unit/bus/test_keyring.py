@@ -11,6 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 
+import msgspec
 import pytest
 from cryptography import x509
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
@@ -316,6 +317,53 @@ def test_a_name_speaks_only_for_workers_named_after_it() -> None:
     assert speaks_for("", "whoever")
     assert not speaks_for("lab2", "lab22-fly-1")
     assert not speaks_for("lab2", "lab3-fly-1")
+
+
+def test_the_key_of_a_worker_is_told_by_its_name() -> None:
+    peers = tuple(Peer(name=name, roles=("worker",)) for name in ("lab2", "site-a", "site-b"))
+    key_of = keyring.Register(hosts=(), peers=peers).key_of()
+    assert [key_of(name) for name in ("lab2", "lab2-fly-1", "site-a-0-fly-1", "site-b")] == [
+        "lab2",
+        "lab2",
+        "site-a",
+        "site-b",
+    ]
+    assert [key_of(name) for name in ("fly-1", "site-c-1", "lab22-1", "", "-")] == [""] * 5
+
+
+RESERVED = ["farm", "books", "router", *STAGES, "fly-1", "judge-1000"]
+
+
+@pytest.mark.parametrize("name", RESERVED)
+def test_names_that_a_farm_gives_itself_are_no_key_s(tmp_path: Path, name: str) -> None:
+    keyring.init(tmp_path / "keys", [], now_s=NOW_S)
+    with pytest.raises(Refused, match=r"its own processes.*lab-"):
+        keyring.add(tmp_path / "keys", name, ["worker"], now_s=NOW_S)
+    for own in (name, f"{name}-1", f"{name}-1-fly-2"):
+        assert not speaks_for(name, own), "a key of an older version may have that name"
+    assert keyring.add(tmp_path / "keys", f"lab-{name}", ["worker"], now_s=NOW_S).is_dir()
+    assert speaks_for(f"lab-{name}", f"lab-{name}-fly-1")
+
+
+def test_a_key_of_an_older_version_with_a_name_of_the_farm_s_own_is_for_no_worker_and_told_so() -> None:
+    peer = Peer(name="fly", roles=("worker", "viewer"))
+    granted = [key for rule in access_control([peer])["rules"] if "by/fly" in str(rule) for key in rule["key_exprs"]]
+    assert any("control/status" in key for key in granted)
+    assert not [key for key in granted if "control/" not in key]
+    assert "alive" not in str(access_control([peer]))
+    settings = access_control([msgspec.structs.replace(peer, roles=("worker",))])  # Zenoh refuses empty lists
+    assert all(rule["key_exprs"] for rule in settings["rules"])
+    assert all(policy["rules"] for policy in settings["policies"])
+    assert "by/fly" not in str(settings)
+    assert "add a key of another name" in in_words(peer, "fly", "fly")
+
+
+def test_a_key_speaks_for_no_worker_that_another_or_the_farm_s_own_user_joined() -> None:
+    assert speaks_for("host", "host-fly-1", None)
+    assert speaks_for("host", "host-fly-1", "host")
+    assert not speaks_for("host", "host-fly-1", "")
+    assert not speaks_for("host-a", "host-a-1", "host")
+    assert speaks_for("", "host-fly-1", "host"), "on the private socket is who runs the farm"
 
 
 def test_a_key_holds_the_proven_name_before_the_rest() -> None:

@@ -92,6 +92,7 @@ def stand(tmp_path: Path) -> Iterator[Stand]:
     stand = Stand(network, service, disk, network.connect("w"), [])
     stand.turn()
     for stage in ("mutate", "score"):
+        stand.worker.appear(topics.alive("c", stage, "w", "life"))
         stand.send(topics.join("c", stage), _card(stage))
     stand.answers.clear()
     yield stand
@@ -306,6 +307,7 @@ def test_no_more_workers_may_join_than_a_farm_can_have(stand: Stand) -> None:
         stand.worker.ask(topics.join("c", "mutate"), wire.encode(card), number, stand.answers.append, 5.0)
     stand.turn(10)
     assert "as many workers as" in stand.last(Joined).message
+    assert stand.last(Joined).retry_after_s > 0.0, "there may be room later: no reason to end"
     assert _journal_lines(stand) - before <= WORKERS_MAX + 20
     stand.send(topics.work("c", "mutate"), _ask("mutate"))
     assert len(stand.last(Grant).leases) == 1

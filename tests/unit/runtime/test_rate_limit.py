@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from saflite.runtime.rate_limit import PEERS_MAX, RateLimit
+from saflite.runtime.rate_limit import PEERS_MAX, QUESTION_BYTES, RateLimit
 
 
 def test_a_burst_passes_and_a_flood_does_not() -> None:
@@ -14,6 +14,14 @@ def test_a_burst_passes_and_a_flood_does_not() -> None:
     assert limit.allows("ana", 0.0)
     assert all(limit.allows("", 0.0) for _ in range(100))
     assert [limit.allows("lab", 0.2) for _ in range(3)] == [True, True, False]
+
+
+def test_a_long_question_counts_as_several_and_may_be_longer_than_a_burst() -> None:
+    limit = RateLimit(rate_per_s=10.0, burst=100.0)
+    assert limit.allows("eve", 0.0, 1_000 * QUESTION_BYTES)
+    assert not limit.allows("eve", 80.0), "it is paid off first: 1,001 of them, at 10 a second"
+    assert limit.allows("eve", 91.0)
+    assert limit.allows("", 0.0, 1_000 * QUESTION_BYTES)
 
 
 @given(st.lists(st.floats(0.0, 0.2), min_size=1, max_size=300))

@@ -7,6 +7,7 @@ import hashlib
 import hmac
 import os
 import socket
+import threading
 from collections.abc import Callable
 from pathlib import Path
 
@@ -17,6 +18,7 @@ import pytest
 from saflite.contract.cloud_event import CloudEvent
 from saflite.contract.errors import Refused
 from saflite.contract.events import Event, FaultSeen
+from saflite.runtime import webhook as webhook_module
 from saflite.runtime.webhook import (
     RETRY_MAX_S,
     Cursor,
@@ -161,6 +163,28 @@ def test_what_is_refused_is_not_told(url: str) -> None:
 )
 def test_what_is_one_is_taken(url: str) -> None:
     assert check_url(url) == url
+
+
+def test_a_receiver_whose_answer_never_ends_is_given_up_and_asked_again(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Interim answers without end, or a byte now and then, start the client's own timeout again and again."""
+    monkeypatch.setattr(webhook_module, "ANSWER_S", 0.05)
+    monkeypatch.setattr(webhook_module, "CONNECT_S", 0.05)
+    over, asked = threading.Event(), []
+
+    def receive(request: httpx.Request) -> httpx.Response:
+        asked.append(request)
+        if len(asked) < 3:
+            assert over.wait(20.0)
+        return httpx.Response(200)
+
+    webhook = Webhook("http://there/finds", _Clock(), transport=httpx.MockTransport(receive))
+    webhook.deliver(EVENT, CURSOR)
+    over.set()
+    webhook.close()
+    assert len(asked) == 3
+    assert [record.message.rpartition(": ")[2] for record in caplog.records] == ["no whole answer within 0 s"] * 2
 
 
 def test_no_proxy_of_the_environment_sees_an_event(monkeypatch: pytest.MonkeyPatch) -> None:

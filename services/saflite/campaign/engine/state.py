@@ -35,7 +35,7 @@ from saflite.campaign.engine.outbox import Batch, Outbox
 from saflite.campaign.engine.read_model import NothingToRead, ReadModel
 from saflite.campaign.engine.reducer import Reducer
 from saflite.campaign.engine.status import Rates, status_of
-from saflite.campaign.engine.worker_registry import WORKERS_MAX, WorkerRegistry
+from saflite.campaign.engine.worker_registry import WorkerRegistry
 from saflite.campaign.lifecycle import retention
 from saflite.campaign.lifecycle.repeats import confirm_rule
 from saflite.campaign.scheduling.dispatch import Dispatch
@@ -103,6 +103,7 @@ class Books:
         self._reducer = Reducer(self._core)
         self._read_model: ReadModel = read_model or NothingToRead()
         self._registry, self._leases = WorkerRegistry(), Leases(campaign.lease)
+        self.owner_of = self._registry.owner_of
         self._work_messages = WorkMessages(self._reducer, self._read_model, self._registry)
         self._dispatch = Dispatch(self._core, self._registry, self._leases)
         self._patience = Patience(self._core, self._registry, self._leases)
@@ -309,19 +310,18 @@ class Books:
                 cancel.append(lease_id)
         return Orders(cancel=tuple(cancel), stop=self.ended, beat_s=self._leases.beat_s(len(self._registry)))
 
-    def join(self, card: Join, now: float, *, gone: Callable[[Join], bool] = lambda _: False) -> str:
-        """Let a worker in; returns why not, empty if it has joined.
+    def join(self, card: Join, now: float, *, owner: str = "", gone: Callable[[Join], bool] = lambda _: False) -> str:
+        """Let a worker in, of the key that is its `owner` or the farm's own user; returns why not, empty if it joined.
 
-        A name in use is free again once `gone` says of the life that holds it that it has ended.
+        See `WorkerRegistry.in_the_way` for whose name or place it takes.
         """
-        holder = self._registry.named(card.worker)
-        if holder is not None and holder.card.session != card.session:
-            if not gone(holder.card):
-                return f"worker name {card.worker!r} is in use by a live {holder.stage} worker on {holder.card.host!r}"
-            self.absent(holder.worker, holder.stage, now, session=holder.card.session, why="it began anew")
-        elif holder is None and self._registry.is_full:
-            return f"there are as many workers as a farm can have: {WORKERS_MAX}"
-        if self._registry.join(card, now):
+        other = self._registry.in_the_way(card, owner, gone, self._leases.holds)
+        if isinstance(other, str):
+            return other
+        if other is not None:
+            why = "it began anew" if other.worker == card.worker else "the farm is full, others have fewer workers"
+            self.absent(other.worker, other.stage, now, session=other.card.session, why=why)
+        if self._registry.join(card, now, owner):
             known = {"host": card.host, "build": card.build_of(self.target.name)}
             self._do(Noted(fact=WorkerChanged(worker=card.worker, stage=card.stage, present=True, **known)), now)
         return ""

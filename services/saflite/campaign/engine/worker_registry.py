@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from saflite.contract.join import Join
@@ -12,11 +12,15 @@ from saflite.contract.work import Ask, Heartbeat, TargetBuild
 Name = tuple[str, str]  # stage, worker
 REMEMBER_S = 300.0
 WORKERS_MAX = 1_000  # at a time; each that comes or goes is a line of the journal
+FULL = f"there are as many workers as a farm can have: {WORKERS_MAX}"
 
 
 @dataclass(slots=True)
 class Worker:
-    """One worker: what it said when it joined, and what its asks and heartbeats showed since."""
+    """One worker: what it said when it joined, and what its asks and heartbeats showed since.
+
+    `owner` is the proven name it joined by, empty for the farm's own user.
+    """
 
     worker: str
     stage: str
@@ -31,6 +35,7 @@ class Worker:
     idle_s: float = 0.0
     simulated_s: float = 0.0
     resident_mib: float = 0.0
+    owner: str = ""
 
     @property
     def busy_share(self) -> float:
@@ -56,6 +61,8 @@ class WorkerRegistry:
     def __init__(self) -> None:
         self._workers: dict[Name, Worker] = {}
         self._counts: Counter[str] = Counter()  # of them, by stage
+        self._named: dict[str, Worker] = {}  # who holds a name, whatever the stage
+        self._of_key: Counter[str] = Counter()  # workers of each key
         self._left: dict[Name, Worker] = {}  # gone, but perhaps about to come back
         self._quietest_s = float("-inf")  # everybody there was heard of since
         self._spent_s: dict[tuple[str, str, str], float] = {}  # processor time, of each life of each worker
@@ -73,7 +80,37 @@ class WorkerRegistry:
         """Whether no more can join."""
         return len(self._workers) >= WORKERS_MAX
 
-    def join(self, card: Join, now_s: float) -> bool:
+    def in_the_way(
+        self, card: Join, owner: str, gone: Callable[[Join], bool], busy: Callable[[str], bool]
+    ) -> Worker | str | None:
+        """Return whom a worker of an owner takes the name or the place of, or in words why it cannot join.
+
+        A name is free again once `gone` says of the life that holds it that it has ended; another owner's is only for
+        the farm's own to take. In a full farm the key that has most workers gives way, first one that is not `busy`: to
+        the farm's own whatever they are, to a key that has at least two fewer.
+        """
+        holder = self._workers.get((card.stage, card.worker)) or self._named.get(card.worker)
+        if holder is None:
+            return self._most_dispensable(owner, busy) or FULL if self.is_full else None
+        if holder.card.session == card.session:
+            return None
+        if (holder.owner == owner and gone(holder.card)) or (holder.owner and not owner):
+            return holder
+        return f"worker name {card.worker!r} is in use by a live {holder.stage} worker on {holder.card.host!r}"
+
+    def _most_dispensable(self, owner: str, busy: Callable[[str], bool]) -> Worker | None:
+        whose, most = max(self._of_key.items(), key=lambda one: one[::-1], default=("", 0))
+        if most < 1 or (owner and most < self._of_key[owner] + 2):
+            return None
+        theirs = (one for one in self._workers.values() if one.owner == whose)
+        return min(theirs, key=lambda one: (busy(one.worker), -one.joined_s))
+
+    def owner_of(self, worker: str) -> str | None:
+        """Return by which key a worker joined, empty for the farm's own user; None if nobody has that name."""
+        known = self._named.get(worker)
+        return None if known is None else known.owner
+
+    def join(self, card: Join, now_s: float, owner: str = "") -> bool:
         """Let a worker in; False if this life of it is there already."""
         known = self._workers.get((card.stage, card.worker))
         if known is not None and known.card.session == card.session:
@@ -81,9 +118,12 @@ class WorkerRegistry:
             return False
         earlier = self._left.pop((card.stage, card.worker), known)
         came_s = float("-inf") if earlier is None else earlier.came_s
-        worker = Worker(card.worker, card.stage, now_s, now_s, card, card.targets, came_s)
+        worker = Worker(card.worker, card.stage, now_s, now_s, card, card.targets, came_s, owner=owner)
+        self._workers[card.stage, card.worker] = self._named[card.worker] = worker
+        self._of_key[owner] += bool(owner)
+        if known is not None:
+            self._of_key[known.owner] -= bool(known.owner)
         self._counts[card.stage] += known is None
-        self._workers[card.stage, card.worker] = worker
         return True
 
     def met(self, stage: str, worker: str, session: str, now_s: float) -> bool:
@@ -107,10 +147,6 @@ class WorkerRegistry:
         if (known := self._workers.get((stage, worker))) is not None:
             known.came_s = now_s
 
-    def named(self, worker: str) -> Worker | None:
-        """Return who holds a name, whatever its stage."""
-        return next((one for (_, name), one in self._workers.items() if name == worker), None)
-
     def get(self, stage: str, worker: str) -> Worker | None:
         """Return a worker, None if it is not there."""
         return self._workers.get((stage, worker))
@@ -121,6 +157,9 @@ class WorkerRegistry:
         if gone is None:
             return False
         self._counts[stage] -= 1
+        if self._named.get(worker) is gone:
+            del self._named[worker]
+        self._of_key[gone.owner] -= bool(gone.owner)
         self._left = {name: one for name, one in self._left.items() if one.seen_s > gone.seen_s - REMEMBER_S}
         self._left[stage, worker] = gone
         return True
