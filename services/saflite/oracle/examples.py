@@ -79,6 +79,8 @@ def example_signals(
 ) -> dict[str, Array]:
     """Return the example's signals as arrays of shape (samples,); `table` has a row for each.
 
+    The ground is level where an example does not say otherwise.
+
     Raises:
         Refused: a wanted signal is missing, one is too many, the times do not rise, or the trace is too long.
     """
@@ -86,6 +88,8 @@ def example_signals(
         **{name: value for name, value in _QUIET.items() if name in wanted},
         **example.signals,
     }
+    if "above_ground_m" in wanted and "altitude_m" in courses:
+        courses.setdefault("above_ground_m", courses["altitude_m"])
     made_here = (wanted & {"time_s", "stopping_s", "settling_s"}) - frozenset(courses)
     given = frozenset(courses) | made_here
     if given != wanted:

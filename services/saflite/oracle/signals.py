@@ -42,6 +42,7 @@ NO_HEIGHT_M = 1e6  # where the autopilot has no such height
 STIMULI: tuple[str, ...] = get_args(StimulusKind)
 ESTIMATES = {"x_est_m": "x_m", "y_est_m": "y_m", "altitude_est_m": "altitude_m", "climb_est_mps": "climb_mps"}
 """Logs of real autopilots hold estimates only, so the estimate stands for the truth and the other way round."""
+_ALSO = {**ESTIMATES, "above_ground_m": "altitude_m"}  # the ground of our own flights is level
 _INSTEAD_OF_0 = {
     "return_speed_set_mps": "cruise_speed_set_mps",
     "pilot_speed_down_set_mps": "pilot_speed_up_set_mps",
@@ -116,7 +117,7 @@ class FlightSignals:
             "right_mps": lambda: self._along(90.0),
             "home_distance_m": lambda: np.hypot(self["x_m"], self["y_m"]),
             "tilt_deg": self._tilt,
-            **{name: partial(self.__getitem__, true) for name, true in ESTIMATES.items()},
+            **{name: partial(self.__getitem__, true) for name, true in _ALSO.items()},
             "obstacle_distance_m": self._obstacle_distance,
         }
         assert self._makers.keys() == MADE_FROM.keys(), "the table of what is made does not name its makers"
@@ -162,13 +163,13 @@ class FlightSignals:
         return np.stack([self["x_m"], self["y_m"], self["altitude_m"]], axis=1).astype(np.float64)
 
     def _untold(self, name: str) -> bool:
-        """Say whether a log does not tell a signal known of our own flights: settings, crashes, obstacles, orders."""
+        """Say whether a log does not tell a signal known of our own flights: settings, terrain, obstacles, orders."""
         if name == "obstacle_distance_m":
             return not self._test_case.scenario.obstacles
         if name in ("stopping_s", "settling_s"):
             return any(self._untold(one) for one in ("acceleration_set_mps2", "angle_max_set_deg"))
         return (
-            name in SETTINGS or name in ("crashed", *itinerary.NAMES, *self._orders_untold)
+            name in SETTINGS or name in ("crashed", "above_ground_m", *itinerary.NAMES, *self._orders_untold)
         ) and name not in self.written
 
     def _time(self) -> NDArray[np.float64]:

@@ -67,7 +67,7 @@ _SOURCES = {
     "battery_v": "BAT.Volt or CURR.Volt",
     **{f"rc{number}_pwm": "RCIN" for number in range(1, 5)},
     **dict.fromkeys(("failsafe_radio", "failsafe_battery", "failsafe_gps", "failsafe_fence", "crashed"), "EV and ERR"),
-    **dict.fromkeys(("armed", "landed", "taken_off"), "EV or ARM"),
+    **dict.fromkeys(("armed", "landed", "taken_off", "above_ground_m"), "EV or ARM"),
     **dict.fromkeys(("chute_released", "rc_present"), "EV"),
     "stop_ordered": "EV, ARM or MAVC",
     **dict.fromkeys(("circle_radius_m", "circle_rate_dps"), "no message: what CIRCLE aims at is not logged"),

@@ -11,6 +11,7 @@ from saflite.contract.errors import Refused
 from saflite.contract.flight import Trace, TraceMessage
 from saflite.contract.signals import SIGNALS
 from saflite.flight.heights import ABOVE_HOME, HOME_STEP_M
+from saflite.flight.logs.ground import above_ground
 
 STEP_S = 0.05
 HOLE_S = 5.0
@@ -87,13 +88,15 @@ class Columns:
 
         Positions are taken relative to `origin`, or to the first one, as the testing competition does. Real signals run
         in straight lines between samples; flags, codes and settings keep their value, heights of settings that count
-        from home that of where home was. What is not known at any of these times is left out, as if it had not been
-        logged.
+        from home that of where home was. The height above ground is made of height, motors and standing. What is not
+        known at any of these times is left out, as if it had not been logged.
         """
         start, end = self.span(what, where, placed=placed)
         times = start + np.arange(int((end - start) / STEP_S) + 1, dtype=np.float64) * STEP_S
         sampled = {name: self._sampled(name, times) for name in sorted(self._columns)}
         known = {name: values for name, values in sampled.items() if not np.isnan(values).all()}
+        if {"altitude_m", "armed"} <= known.keys():
+            known["above_ground_m"] = above_ground(known["altitude_m"], known["armed"], known.get("landed"), STEP_S)
         signals = {name: values.astype("<f4").tobytes() for name, values in known.items()}
         return Trace(step_s=STEP_S, signals=signals, messages=self._texts(start, end))
 

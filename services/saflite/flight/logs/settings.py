@@ -80,8 +80,13 @@ def _ardupilot_ceiling(given: Parameters) -> float:
     return float(given["FENCE_ENABLE"] > 0 and int(kinds) & 1 > 0) if math.isfinite(kinds) else math.nan
 
 
+def _ardupilot_return(given: Parameters) -> float:
+    """Not known where it counts from a terrain that no log tells."""
+    return math.nan if given.get("RTL_ALT_TYPE") == 1.0 else given["RTL_ALT"] * _CM
+
+
 ARDUPILOT: dict[str, Plain | Made] = {
-    "rtl_altitude_set_m": _of("RTL_ALT", unit=_CM),
+    "rtl_altitude_set_m": Made("RTL_ALT with RTL_ALT_TYPE", _ardupilot_return),
     "rtl_altitude_final_set_m": _of("RTL_ALT_FINAL", unit=_CM),
     "return_wait_set_s": _of("RTL_LOIT_TIME", unit=0.001),
     "pilot_takeoff_set_m": _of("PILOT_TKOFF_ALT", unit=_CM),

@@ -82,7 +82,7 @@ SOURCES = {
     **dict.fromkeys(("x_m", "y_m", "altitude_m", "vx_mps", "vy_mps", "climb_mps"), _PLACE),
     **dict.fromkeys(("roll_deg", "pitch_deg", "yaw_deg"), "vehicle_attitude"),
     **dict.fromkeys(_RATES, "vehicle_angular_velocity"),
-    **dict.fromkeys(("mode", "armed", "takeoff"), "vehicle_status"),
+    **dict.fromkeys(("mode", "armed", "takeoff", "above_ground_m"), "vehicle_status"),
     **dict.fromkeys(("mission_item", "mission_count"), "mission_result"),
     **dict.fromkeys(("gps_satellites", "gps_ok"), "vehicle_gps_position or sensor_gps"),
     **{f"rc{number}_pwm": "manual_control_setpoint" for number in range(1, 5)},
