@@ -144,8 +144,11 @@ class FlightSignals:
     def _with_orders(self, name: str, written: Array) -> Array:
         """What was written, or what was ordered by command where that is more.
 
-        Targets write the speed set, and an order counts longer in some; logs write who stopped the motors by a switch.
+        Targets write the speed set, and an order counts longer in some; logs write who stopped the motors by a switch,
+        and where the estimate leapt by itself, so that a stimulus is not the only excuse.
         """
+        if name in FLAGS:
+            return np.minimum(written, self._undisturbed(name)).astype(np.float32)
         if name == "cruise_speed_set_mps":
             ordered = orders.speed_ordered(self._given, written.astype(np.float64), self._time())
         elif name == "stop_ordered":

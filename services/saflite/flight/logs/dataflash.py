@@ -28,6 +28,7 @@ from saflite.flight.logs.flight_log import (
     within,
 )
 from saflite.flight.logs.home import Place, add_home, homes_of_ardupilot
+from saflite.flight.logs.leaps import add_leaps_of_ardupilot
 from saflite.flight.logs.resample import Columns
 from saflite.flight.logs.settings import ARDUPILOT, add_settings, sources
 from saflite.flight.mavlink.items import ORDERED_PLACES
@@ -115,6 +116,7 @@ def read_dataflash_log(path: Path, *, placed: bool = False) -> FlightLog:
     _sticks(rows, held, columns)
     dataflash_events.add(rows, formats, held, columns)
     _modes(rows, columns)
+    add_leaps_of_ardupilot(rows, columns)
     changes = _parameters(rows, held, columns)
     columns.messages = [(at, str(row.get("Message", "")), "info") for at, row in rows["MSG"]]
     homeless = () if placed else _from_home(rows, columns)

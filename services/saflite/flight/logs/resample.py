@@ -46,6 +46,9 @@ class Columns:
         self.home_up: tuple[Array, Array] | None = None
         """Times and heights of home in the frame of `altitude_m`, shapes (n,); None where home is not told."""
 
+        self.height_leaps: list[tuple[float, float]] = []
+        """Between which times, seconds, `altitude_m` leapt though the vehicle neither climbed nor fell."""
+
     def __contains__(self, name: str) -> bool:
         return name in self._columns
 
@@ -96,7 +99,8 @@ class Columns:
         sampled = {name: self._sampled(name, times) for name in sorted(self._columns)}
         known = {name: values for name, values in sampled.items() if not np.isnan(values).all()}
         if {"altitude_m", "armed"} <= known.keys():
-            known["above_ground_m"] = above_ground(known["altitude_m"], known["armed"], known.get("landed"), STEP_S)
+            height_m = known["altitude_m"] - self._leapt(times)
+            known["above_ground_m"] = above_ground(height_m, known["armed"], known.get("landed"), STEP_S)
         signals = {name: values.astype("<f4").tobytes() for name, values in known.items()}
         return Trace(step_s=STEP_S, signals=signals, messages=self._texts(start, end))
 
@@ -140,6 +144,14 @@ class Columns:
         found = up[np.maximum(np.searchsorted(at, times + 1e-9, side="right") - 1, 0)]
         found = found - self._origin("altitude_m", float(times[0]))
         return np.where(np.abs(found) > HOME_STEP_M, found, 0.0)
+
+    def _leapt(self, times: Array) -> Array:
+        """By how much leaps have changed the height until each time, metres, shape (n,)."""
+        changed_m = np.zeros(len(times))
+        for from_s, to_s in self.height_leaps:
+            up_m = float(np.diff(np.interp([from_s, to_s], *self._columns["altitude_m"]))[0])
+            changed_m += up_m * np.clip((times - from_s) / (to_s - from_s), 0.0, 1.0)
+        return changed_m
 
     def _origin(self, name: str, start_s: float) -> float:
         """What is taken off a column: positions count from the first one, a height aimed at from the first height."""

@@ -34,6 +34,7 @@ from saflite.flight.logs.flight_log import (
     within,
 )
 from saflite.flight.logs.home import Homes, Place, add_home, homes_of_px4
+from saflite.flight.logs.leaps import add_leaps_of_px4
 from saflite.flight.logs.resample import DURATION_MAX_S, POSITION, Columns
 from saflite.flight.logs.settings import PX4, add_settings, sources
 from saflite.flight.logs.topics import Topics, chosen, field, held, times
@@ -125,6 +126,7 @@ def read_ulog_log(path: Path, *, placed: bool = False) -> FlightLog:
     readers = (_attitude, _status, _ground, _gps, _sticks, _battery, _aims, ulog_states.add)
     for reader in readers:
         reader(topics, columns)
+    add_leaps_of_px4(topics, columns)
     add_settings(columns, PX4, parameters, changes)
     _takeoff_height(topics, columns)
     ulog_states.add_parachute(topics, parameters, columns)
