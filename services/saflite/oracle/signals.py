@@ -42,7 +42,8 @@ NO_HEIGHT_M = 1e6  # where the autopilot has no such height
 STIMULI: tuple[str, ...] = get_args(StimulusKind)
 ESTIMATES = {"x_est_m": "x_m", "y_est_m": "y_m", "altitude_est_m": "altitude_m", "climb_est_mps": "climb_mps"}
 """Logs of real autopilots hold estimates only, so the estimate stands for the truth and the other way round."""
-_ALSO = {**ESTIMATES, "above_ground_m": "altitude_m"}  # the ground of our own flights is level
+_ALSO = {**ESTIMATES, "above_ground_m": "altitude_m"}
+_TOLD_BY_LOGS = ("above_ground_m", "position_aided")  # our own flights have level ground, and satellites alone
 _INSTEAD_OF_0 = {
     "return_speed_set_mps": "cruise_speed_set_mps",
     "pilot_speed_down_set_mps": "pilot_speed_up_set_mps",
@@ -103,7 +104,7 @@ class FlightSignals:
             **{name: partial(self._last_plain_order, name) for name in ("plain_order", "plain_order_refused")},
             "ordered_mode": self._ordered_mode,
             "takeoff_slow_set_m": lambda: np.full_like(self._time(), NO_HEIGHT_M),
-            "fs_action_delay_set_s": lambda: np.zeros_like(self._time()),
+            **dict.fromkeys(("fs_action_delay_set_s", "position_aided"), lambda: np.zeros_like(self._time())),
             "ordered_home_m": self._ordered_home,
             "place_order_s": lambda: orders.since([one.at_s for one in self._places()], self._time(), -NEVER_S),
             "pause_order_s": lambda: orders.paused(self._given, self._time()),
@@ -172,7 +173,7 @@ class FlightSignals:
         if name in ("stopping_s", "settling_s"):
             return any(self._untold(one) for one in ("acceleration_set_mps2", "angle_max_set_deg"))
         return (
-            name in SETTINGS or name in ("crashed", "above_ground_m", *itinerary.NAMES, *self._orders_untold)
+            name in SETTINGS or name in ("crashed", *_TOLD_BY_LOGS, *itinerary.NAMES, *self._orders_untold)
         ) and name not in self.written
 
     def _time(self) -> NDArray[np.float64]:

@@ -121,7 +121,7 @@ def test_a_lane_switch_or_reset_that_an_ardupilot_log_tells_is_no_drift(
 
 def test_a_height_that_leaps_as_the_motors_are_armed_is_no_climb(tmp_path: Path) -> None:
     path = tmp_path / "flight.bin"
-    rows: list[tuple[str, tuple[Any, ...]]] = [("EV", (us, number)) for us, number in ((1_000_000, 18), (2_000_000, 10))]
+    rows: list[tuple[str, tuple[Any, ...]]] = [("EV", (at_s * 10**6, number)) for at_s, number in ((1, 18), (2, 10))]
     rows += [("EV", (9_000_000, 28))]
     rows += [("PARM", (1_000_000, name.encode(), value)) for name, value in SETTINGS.items()]
     rows += [

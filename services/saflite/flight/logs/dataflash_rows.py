@@ -39,6 +39,7 @@ _PLAIN = (
 _FILTERS = ("XKF1", "NKF1", "EKF1", "XKF4", "NKF4")
 _INSTANCES = ("GPS", "BARO", "BAT", "CURR")
 _WANTED = (*_PLAIN, *_FILTERS, *_INSTANCES, "GPS2")
+FIX_3D = 3
 _INSTANCE = ("I", "Instance", "Inst", "C")  # names of the field that counts them, over the releases
 
 Row = tuple[float, dict[str, Any]]
@@ -77,7 +78,7 @@ def load(path: Path) -> Load:
     lost += _leave_out_damage(rows)
     rows["GPS"] = _used_receiver(rows)
     for kind in ("BARO", "BAT", "CURR"):
-        rows[kind] = _of_lowest(rows[kind])
+        rows[kind] = _of(rows[kind], lowest(rows[kind]))
     for kind in ("XKF", "NKF"):
         rows[f"{kind}1"] = _of_primary(rows[f"{kind}1"], rows[f"{kind}4"])
     return Load(rows, {name: kind.format for name, kind in formats.items()}, lost)
@@ -123,10 +124,13 @@ def _leave_out_damage(rows: Rows) -> tuple[str, ...]:
 
 
 def _used_receiver(rows: Rows) -> list[Row]:
-    """Return the rows of the receiver in use (GPS.U), of the first where the log does not say."""
+    """Return the rows of the receiver in use (GPS.U); where the log does not say, of the one with the most fixes."""
     both = sorted(rows["GPS"] + rows["GPS2"], key=lambda row: row[0])
     used = [row for row in both if row[1].get("U") in (1, "1")]
-    return used or _of_lowest(rows["GPS"])
+    if used:
+        return used
+    apart = [_of(rows["GPS"], number) for number in sorted({_instance(fields) for _, fields in rows["GPS"]})]
+    return max([*apart, rows["GPS2"]], key=lambda told: sum(status >= FIX_3D for _, status in points(told, "Status")))
 
 
 def _instance(fields: dict[str, Any]) -> float:
@@ -134,9 +138,13 @@ def _instance(fields: dict[str, Any]) -> float:
     return float(value) if str(value).isdigit() else 0.0
 
 
-def _of_lowest(rows: list[Row]) -> list[Row]:
-    lowest = min((_instance(fields) for _, fields in rows), default=0.0)
-    return [row for row in rows if _instance(row[1]) == lowest]
+def lowest(rows: list[Row]) -> float:
+    """Return the lowest number among those of sensors or monitors that rows are of, from 0."""
+    return min((_instance(fields) for _, fields in rows), default=0.0)
+
+
+def _of(rows: list[Row], number: float) -> list[Row]:
+    return [row for row in rows if _instance(row[1]) == number]
 
 
 def _of_primary(rows: list[Row], health: list[Row]) -> list[Row]:
@@ -146,7 +154,7 @@ def _of_primary(rows: list[Row], health: list[Row]) -> list[Row]:
     if len(cores) < 2:
         return rows
     chosen = [row for row in rows if _instance(row[1]) == held_at(course, row[0])]
-    return chosen or _of_lowest(rows)
+    return chosen or _of(rows, lowest(rows))
 
 
 @contextmanager

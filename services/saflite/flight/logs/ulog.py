@@ -71,7 +71,8 @@ _WANTED = tuple(
     "vehicle_local_position vehicle_global_position vehicle_attitude vehicle_angular_velocity vehicle_status"  # noqa: SIM905
     " mission_result vehicle_gps_position sensor_gps manual_control_setpoint battery_status home_position"
     " vehicle_local_position_setpoint vehicle_land_detected vehicle_command failsafe_flags vehicle_status_flags"
-    " geofence_result vehicle_air_data vehicle_control_mode actuator_armed orbit_status".split()
+    " geofence_result vehicle_air_data vehicle_control_mode actuator_armed orbit_status"
+    " estimator_status estimator_status_flags".split()
 )
 _NO_COPTERS = (1, 7, 8, 9, 10, 11, 12, 16)  # MAV_TYPE of planes, airships, balloons, rockets, rovers, boats, wings
 _LOCAL = {"x": ("x_m", 1.0), "y": ("y_m", 1.0), "z": ("altitude_m", -1.0)}
@@ -129,6 +130,7 @@ def read_ulog_log(path: Path, *, placed: bool = False) -> FlightLog:
     add_leaps_of_px4(topics, columns)
     add_settings(columns, PX4, parameters, changes)
     _takeoff_height(topics, columns)
+    ulog_states.add_position_aided(topics, parameters, changes, columns)
     ulog_states.add_parachute(topics, parameters, columns)
     ulog_states.add_fence_that_never_acts(parameters, changes, columns)
     homes = homes_of_px4(topics, frame)
