@@ -15,9 +15,11 @@ from pathlib import Path
 from statistics import median
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from saflite.contract.errors import Refused
 from saflite.flight.logs.dataflash_damage import HEAD, sound
-from saflite.flight.logs.resample import DURATION_MAX_S
+from saflite.flight.logs.resample import DURATION_MAX_S, check_no_other_flight, told_far_off
 
 _PLAIN = (
     "POS",
@@ -114,13 +116,19 @@ def _clock(formats: dict[str, Any]) -> Callable[[Any], float]:
 
 
 def _leave_out_damage(rows: Rows) -> tuple[str, ...]:
-    """Drop rows whose time is further from most of the log than any flight lasts; return in words how many."""
+    """Drop rows whose time is further from most of the log than any flight lasts; return in words how many.
+
+    Raises ValueError where they are another flight.
+    """
     times = [at_s for told in rows.values() for at_s, _ in told]
     middle_s = median(times) if times else 0.0
     for kind, told in rows.items():
-        rows[kind] = [row for row in told if abs(row[0] - middle_s) <= DURATION_MAX_S]
+        at_s = np.array([row[0] for row in told])
+        far = ~(np.abs(at_s - middle_s) <= DURATION_MAX_S)
+        check_no_other_flight(kind, at_s, far)
+        rows[kind] = [row for row, is_far in zip(told, far, strict=True) if not is_far]
     dropped = len(times) - sum(map(len, rows.values()))
-    return (f"{dropped} messages have a time far from all others",) if dropped else ()
+    return (told_far_off(dropped),) if dropped else ()
 
 
 def _used_receiver(rows: Rows) -> list[Row]:

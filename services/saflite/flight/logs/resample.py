@@ -122,7 +122,8 @@ class Columns:
         start, end = (min(starts), max(ends)) if missing else (max(starts), min(ends))
         if not STEP_S <= end - start <= DURATION_MAX_S:
             expected = f"{'signals' if missing else 'a position'} over {STEP_S:g} s to {DURATION_MAX_S:g} s"
-            raise Refused(what, where=where, expected=expected, got=f"{end - start:.3g} s")
+            way_out = "; cut it, and judge them one by one" if end - start > DURATION_MAX_S else ""
+            raise Refused(what, where=where, expected=expected, got=f"{end - start:.3g} s{way_out}")
         return start, end
 
     def _sampled(self, name: str, times: Array) -> Array:
@@ -167,6 +168,26 @@ class Columns:
             TraceMessage(at_s=max(0.0, round(at - start, 3)), text=text, severity=severity)  # type: ignore[arg-type]
             for at, text, severity in kept
         )
+
+
+def told_far_off(rows: int) -> str:
+    """Return in words that rows were left out for their time."""
+    return f"{rows} messages have a time far from all others"
+
+
+def check_no_other_flight(name: str, times_s: Array, far: NDArray[np.bool_]) -> None:
+    """Raise ValueError where rows that are `far` from most of a log, in its order, go on among themselves.
+
+    Single rows of a wrong time are damage; another flight must not be left out as such.
+    """
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], far, [False]]).astype(np.int8)))
+    for start, end in edges.reshape(-1, 2):
+        steps = np.diff(times_s[start:end])
+        if end - start >= BACK_ROWS and (steps >= 0).all() and steps.sum() <= DURATION_MAX_S:
+            raise ValueError(
+                f"{end - start} rows of {name} go on from {times_s[start]:.1f} s, more than {DURATION_MAX_S:g} s from "
+                "most of the log: two flights in one file; cut it there, and judge them one by one"
+            )
 
 
 def _as_arrays(times_s: Any, values: Any) -> tuple[Array, Array]:

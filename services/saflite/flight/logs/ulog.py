@@ -35,7 +35,7 @@ from saflite.flight.logs.flight_log import (
 )
 from saflite.flight.logs.home import Homes, Place, add_home, homes_of_px4
 from saflite.flight.logs.leaps import add_leaps_of_px4
-from saflite.flight.logs.resample import DURATION_MAX_S, POSITION, Columns
+from saflite.flight.logs.resample import POSITION, Columns
 from saflite.flight.logs.settings import PX4, add_settings, sources
 from saflite.flight.logs.topics import Topics, chosen, field, held, times
 from saflite.flight.mission import to_local
@@ -164,11 +164,11 @@ def _load(path: Path) -> _Load:
         log = _bounded()(str(path), _WANTED)
     except (OSError, ValueError, TypeError, LookupError, AttributeError, struct.error, ULogException) as fault:
         raise Refused("PX4 log", where=str(path), expected="a whole ULog file", got=repr(fault)) from fault
-    topics = chosen(log.data_list, DURATION_MAX_S)
+    topics, far_off = chosen(log.data_list)
     texts = [(text.timestamp / 1e6, text.message, _severity(text.log_level)) for text in log.logged_messages]
     parameters = {str(name): float(value) for name, value in log.initial_parameters.items()}
     changes = [(stamp / 1e6, str(name), float(value)) for stamp, name, value in log.changed_parameters]
-    lost = (DAMAGED,) if log.file_corruption else ()
+    lost = ((DAMAGED,) if log.file_corruption else ()) + far_off
     return _Load(topics, texts, parameters, changes, log.start_timestamp / 1e6, lost)
 
 
