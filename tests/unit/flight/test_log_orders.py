@@ -169,6 +169,27 @@ def test_a_px4_stopped_by_switch_is_judged_again_once_it_is_armed_again(tmp_path
     assert outcome(path) == "violated"
 
 
+@pytest.mark.parametrize(
+    ("raised", "outcome_of"),
+    [
+        ([(1.0, True)], "violated"),  # HITL: locked from power-up on
+        ([(2.0, True)], "violated"),  # as it is armed
+        ([(1.0, True), (6.0, False), (9.0, True)], "vacuous"),
+        ([(1.0, True), (6.0, False), (7.0, True), (8.0, False)], "vacuous"),  # counts until it is armed again
+        ([(9.0, True)], "vacuous"),
+    ],
+)
+def test_a_lock_that_is_up_as_a_px4_is_armed_is_no_order(
+    raised: list[tuple[float, bool]], outcome_of: str, tmp_path: Path
+) -> None:
+    def locked(at_s: float) -> bool:
+        return next((up for since_s, up in reversed(raised) if at_s >= since_s), False)
+
+    rows: list[Told] = [("actuator_armed", n / 10, (20 <= n < 100, locked(n / 10))) for n in range(10, 210)]
+    disarm: Told = ("vehicle_status", 10.0, (2, 1))
+    assert outcome(px4(tmp_path, *rows, disarm, falls_s=10.0)) == outcome_of
+
+
 PARM = {"PARM": ("QNf", "TimeUS,Name,Value")}
 FENCE_ON, FENCE_OFF = 41, 42
 

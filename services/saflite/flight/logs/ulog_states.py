@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
+from itertools import pairwise
 
 import numpy as np
 
@@ -146,15 +147,23 @@ def _radio(topics: Topics, columns: Columns) -> None:
 
 
 def _stops(topics: Topics, columns: Columns) -> None:
-    """Add `stop_ordered`: an order to stop the motors counts until they are armed again; commands are told apart."""
+    """Add `stop_ordered`: an order to stop the motors counts until they are armed again; commands are told apart.
+
+    A flag that is up as they are armed is no order: in simulation (HITL) PX4 keeps the outputs locked throughout.
+    """
     if "actuator_armed" not in topics:
         return
     at_s, armed = times(topics["actuator_armed"]), columns.get("armed")
     orders = [order for name in _KILLS if (order := field(topics, "actuator_armed", name)) is not None]
-    stopped = np.max([np.zeros(len(at_s)), *(values for _, values in orders)], axis=0)
     begins_s = armed[0][1:][np.diff(armed[1]) > 0] if armed is not None else np.zeros(0)
-    flights = np.split(stopped, np.searchsorted(at_s, begins_s))
-    columns.hold("stop_ordered", at_s, np.concatenate([np.maximum.accumulate(flight) for flight in flights]))
+    edges = [0, *np.searchsorted(at_s, begins_s).tolist(), len(at_s)]
+    stopped = np.zeros(len(at_s))
+    for start, end in pairwise(edges):
+        for _, values in orders:
+            flags = values[start:end] > 0
+            raised = flags & np.logical_or.accumulate(~flags)  # from the first time on at which it was down
+            stopped[start:end] = np.maximum(stopped[start:end], np.logical_or.accumulate(raised))
+    columns.hold("stop_ordered", at_s, stopped)
 
 
 def _orbit(topics: Topics, columns: Columns) -> None:
