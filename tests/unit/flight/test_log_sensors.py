@@ -201,3 +201,46 @@ def test_a_failsafe_that_another_monitor_may_have_raised_needs_no_cause_in_the_f
     path = ardupilot(tmp_path, settings, raised, volts={0: 16.0, 1: 11.5})
     found = verdict(path, "battery-failsafe-action")
     assert found.outcome == expected, found.message
+
+
+@pytest.mark.parametrize(
+    ("setting", "expected"), [({}, 0.0), ({"BARO_PRIMARY": 1.0}, 5.0), ({"GND_PRIMARY": 2.0}, 0.0)]
+)
+def test_the_primary_barometer_is_read(setting: dict[str, float], expected: float, tmp_path: Path) -> None:
+    path = tmp_path / "flight.bin"
+    kinds = {**KINDS, "PARM": ("QNf", "TimeUS,Name,Value"), "BARO": ("QBf", "TimeUS,I,Alt")}
+    rows: list[Row] = [("PARM", (1_000_000, name.encode(), value)) for name, value in setting.items()]
+    for tenth in range(10, 100):
+        rows += [("XKF1", (tenth * 100_000, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))]
+        rows += [("BARO", (tenth * 100_000, 0, 0.0)), ("BARO", (tenth * 100_000, 1, 0.5 * (tenth - 10)))]
+    path.write_bytes(dataflash(kinds, rows))
+    assert read_dataflash_log(path).trace.array("baro_altitude_m")[20] == expected
+
+
+@pytest.mark.parametrize(("compass", "expected"), [(1.2, "held"), (0.2, "violated")])
+def test_a_filter_that_distrusts_its_compass_has_a_cause_for_its_failsafe(
+    compass: float, expected: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "flight.bin"
+    kinds = {
+        **KINDS,
+        "PARM": ("QNf", "TimeUS,Name,Value"),
+        "GPS": ("QBB", "TimeUS,Status,NSats"),
+        "XKF4": ("QBfff", "TimeUS,C,SV,SP,SM"),
+        "BAT": ("Qf", "TimeUS,Volt"),
+        "RCIN": ("QHHHH", "TimeUS,C1,C2,C3,C4"),
+        "ORGN": ("QBddf", "TimeUS,Type,Lat,Lng,Alt"),
+    }
+    settings = {**BATTERY, "BATT_CRT_VOLT": 0.0, "BATT_LOW_MAH": 0.0, "BATT_CAPACITY": 3300.0, "FS_THR_VALUE": 975.0}
+    settings |= {"FENCE_ENABLE": 0.0, "FENCE_TYPE": 7.0, "FENCE_ALT_MAX": 100.0, "FENCE_RADIUS": 300.0}
+    settings |= {"CHUTE_ENABLED": 0.0, "ANGLE_MAX": 3000.0, "EK3_SRC1_POSXY": 3.0}
+    rows: list[Row] = [("EV", (1_000_000, 10)), ("EV", (1_500_000, 28)), ("ERR", (30_000_000, 17, 1))]
+    rows += [("PARM", (1_000_000, name.encode(), value)) for name, value in settings.items()]
+    rows += [("ORGN", (1_000_000, number, 47.0, 8.0, 500.0)) for number in (0, 1)]
+    for tenth in range(10, 400):
+        us, off = tenth * 100_000, compass if 280 <= tenth < 320 else 0.1
+        rows += [("XKF1", (us, 0, 0.0, 0.0, -10.0 * (tenth > 15), 0.0, 0.0, 0.0)), ("XKF4", (us, 0, 0.1, 0.1, off))]
+        rows += [("GPS", (us, 3, 14)), ("BAT", (us, 16.0)), ("RCIN", (us, 1500, 1500, 1500, 1500))]
+    path.write_bytes(dataflash(kinds, sorted(rows, key=lambda row: row[1][0])))
+    found = verdict(path, "failsafe-has-cause")
+    assert found.outcome == expected, found.message

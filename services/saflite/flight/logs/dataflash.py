@@ -123,7 +123,7 @@ def read_dataflash_log(path: Path, *, placed: bool = False) -> FlightLog:
     _sticks(rows, held, columns)
     dataflash_events.add(rows, formats, held, columns)
     _modes(rows, columns)
-    add_leaps_of_ardupilot(rows, columns)
+    add_leaps_of_ardupilot(rows, held, columns)
     changes = _parameters(rows, monitor, columns)
     columns.messages = [(at, str(row.get("Message", "")), "info") for at, row in rows["MSG"]]
     homeless = () if placed else _from_home(rows, columns)

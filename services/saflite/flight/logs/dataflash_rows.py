@@ -79,8 +79,10 @@ def load(path: Path) -> Load:
         raise Refused("ArduPilot log", where=str(path), expected="a whole dataflash log", got=repr(fault)) from fault
     lost += _leave_out_damage(rows)
     rows["GPS"] = _used_receiver(rows)
-    for kind in ("BARO", "BAT", "CURR"):
+    for kind in ("BAT", "CURR"):
         rows[kind] = _of(rows[kind], lowest(rows[kind]))
+    primary = next((value for _, name, value in settings_told(rows) if name in ("BARO_PRIMARY", "GND_PRIMARY")), 0.0)
+    rows["BARO"] = _of(rows["BARO"], primary) or _of(rows["BARO"], lowest(rows["BARO"]))
     for kind in ("XKF", "NKF"):
         rows[f"{kind}1"] = _of_primary(rows[f"{kind}1"], rows[f"{kind}4"])
     return Load(rows, {name: kind.format for name, kind in formats.items()}, lost)

@@ -7,6 +7,7 @@ aim along: `gps_settled`, `baro_settled` and `body_true` are 0 about a leap of p
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -34,6 +35,9 @@ _COUNTERS: dict[str, dict[str, tuple[str, ...]]] = {
 _EVENTS = {60.0: "baro_settled", 62.0: "body_true"}  # EKF_ALT_RESET, EKF_YAW_RESET
 _HEALTH = ("XKF4", "NKF4")
 _RESET_M = 0.01
+_RATIOS = {"SV": "gps_settled", "SP": "gps_settled", "SM": "body_true"}
+"""Of the health of a filter: how far speed, position and compass are off, by what the failsafe is raised."""
+_THRESHOLD = 0.8  # FS_EKF_THRESH as it is delivered
 
 
 class _Leap(NamedTuple):
@@ -54,8 +58,11 @@ def add_leaps_of_px4(topics: Topics, columns: Columns) -> None:
     _add(columns, found)
 
 
-def add_leaps_of_ardupilot(rows: Rows, columns: Columns) -> None:
-    """Add where another core of the filter is taken, a reset is told, or a place leaps."""
+def add_leaps_of_ardupilot(rows: Rows, held: Mapping[str, float], columns: Columns) -> None:
+    """Add where another core of the filter is taken, a reset is told, or a place leaps.
+
+    As little is settled while the filter itself distrusts what it is given (FS_EKF_THRESH): its failsafe has a cause.
+    """
     events = points(rows["EV"], "Id")
     found = [_Leap(_EVENTS[number], at_s - _BEFORE_S, at_s) for at_s, number in events if number in _EVENTS]
     for kind in _HEALTH:
@@ -64,6 +71,10 @@ def add_leaps_of_ardupilot(rows: Rows, columns: Columns) -> None:
             if told:
                 at_s, values = np.array(told).T
                 found += [leap for flag in flags for leap in _changes(flag, at_s, values)]
+        threshold = held.get("FS_EKF_THRESH", _THRESHOLD) or _THRESHOLD
+        for ratio, flag in _RATIOS.items():
+            told = points([row for row in rows[kind] if not row[1].get("C", 0)], ratio)
+            found += [_Leap(flag, at_s, at_s + _AFTER_S) for at_s, value in told if value >= threshold]
     _add(columns, found)
 
 

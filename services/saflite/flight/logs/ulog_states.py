@@ -37,7 +37,7 @@ SOURCES: dict[str, str] = {
 _NO_TERMINATION = 121212  # CBRK_FLIGHTTERM: the circuit breaker that forbids termination
 _WARNING_LOW = 1  # battery_status.BATTERY_WARNING_LOW
 _ONLY_TELLS = {0.0, 1.0}  # GF_ACTION: nothing, a warning
-_AIDS = ("cs_opt_flow", "cs_ev_pos", "cs_ev_vel")  # of estimator_status_flags
+_AIDS = ("cs_opt_flow", "cs_ev_pos", "cs_ev_vel", "cs_aux_gpos")  # of estimator_status_flags
 _AID_BITS = 1 << 3 | 1 << 12 | 1 << 24  # the same in estimator_status.control_mode_flags
 _KILLS = ("kill", "manual_lockdown", "termination", "force_failsafe", "lockdown")
 
