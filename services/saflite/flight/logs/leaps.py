@@ -7,7 +7,8 @@ aim along: `gps_settled`, `baro_settled` and `body_true` are 0 about a leap of p
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -88,10 +89,20 @@ def _add(columns: Columns, told: list[_Leap]) -> None:
         leaps = [one for one in told if one.flag == flag]
         leaps += [_Leap(flag, *span) for name in names for span in _unmoved(columns, name)]
         if leaps:
-            edges = np.unique([edge for one in leaps for edge in (one.from_s, one.to_s + _AFTER_S)])
-            settled = [float(not any(one.from_s <= at_s < one.to_s + _AFTER_S for one in leaps)) for at_s in edges]
-            columns.hold(flag, [0.0, *edges], [1.0, *settled])
+            spans = _joined((one.from_s, one.to_s + _AFTER_S) for one in leaps)
+            columns.hold(flag, [0.0, *chain(*spans)], [1.0, *[0.0, 1.0] * len(spans)])
     columns.height_leaps = _unmoved(columns, "altitude_m")
+
+
+def _joined(spans: Iterable[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Return spans of time in order, those that meet as one."""
+    found: list[tuple[float, float]] = []
+    for from_s, to_s in sorted(spans):
+        if found and from_s <= found[-1][1]:
+            found[-1] = found[-1][0], max(found[-1][1], to_s)
+        else:
+            found.append((from_s, to_s))
+    return found
 
 
 def _unmoved(columns: Columns, name: str) -> list[tuple[float, float]]:
