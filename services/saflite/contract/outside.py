@@ -68,9 +68,12 @@ def check_private(mode: int, path: Path, what: str) -> None:
 
 
 def read_text(path: Path, what: str, bytes_max: int = TEXT_BYTES_MAX, *, private: bool = False) -> str:
-    """Return a text file; raises Refused as `read_bytes` does, or where it is no UTF-8 text."""
+    """Return a text file, without the byte-order mark that some programs begin it with.
+
+    Raises Refused as `read_bytes` does, or where it is no UTF-8 text.
+    """
     try:
-        return read_bytes(path, what, bytes_max, private=private).decode("utf-8").replace("\r\n", "\n")
+        return read_bytes(path, what, bytes_max, private=private).decode("utf-8-sig").replace("\r\n", "\n")
     except UnicodeDecodeError as fault:
         raise Refused(what, where=_named(path), expected="a readable UTF-8 text file", got=_said(fault)) from fault
 

@@ -24,6 +24,7 @@ SIGNALS: dict[str, Signal] = {
     "x_m": Signal("m", "position north"),
     "y_m": Signal("m", "position east"),
     "altitude_m": Signal("m", "height above the take-off point"),
+    "above_ground_m": Signal("m", "height above the ground under the vehicle: of logs, where it stood or came to lie"),
     "vx_mps": Signal("m/s", "velocity north"),
     "vy_mps": Signal("m/s", "velocity east"),
     "climb_mps": Signal("m/s", "vertical speed, up positive"),
@@ -62,6 +63,9 @@ SIGNALS: dict[str, Signal] = {
     "baro_altitude_m": Signal("m", "height above home as the barometer reports it"),
     "gps_satellites": Signal("", "satellites used by the receiver", "code"),
     "gps_ok": Signal("", "1 while the receiver reports a usable position", "flag"),
+    "position_aided": Signal(
+        "", "1 while something else than the satellites gives the position, too (optical flow, vision, beacons)", "flag"
+    ),
     "baro_ok": Signal("", "1 while the barometer answers", "flag"),
     "battery_v": Signal("V", "battery voltage"),
     "rc1_pwm": Signal("us", "roll stick as received, 1000..2000, 1500 centre"),
@@ -309,7 +313,7 @@ battery_capacity_set_mah battery_critical_action_set acro_trainer_set acro_balan
 acro_rate_set_dps chute_enabled_set chute_type_set chute_servo_set chute_delay_set_s
 chute_present_set radio_fault_set pilot_acceleration_set_mps2
 mode_order_s mode_cause_s ordered_mode release_order_s stop_order_s start_order_s climb_order_s height_order_s
-plain_order plain_order_s plain_order_refused takeoff_slow_set_m fs_action_delay_set_s
+position_aided plain_order plain_order_s plain_order_refused takeoff_slow_set_m fs_action_delay_set_s
 failsafe_options_set circle_options_set auto_options_set pilot_turn_speed_set_dps
 fence_action_set fence_on_set fence_type_set fence_radius_set_m fence_margin_set_m acro_yaw_rate_set_dps
 fence_altitude_min_set_m fence_points_set
@@ -347,6 +351,7 @@ MADE_FROM: dict[str, tuple[str, ...]] = {
     "home_distance_m": ("x_m", "y_m"),
     "tilt_deg": ("roll_deg", "pitch_deg"),
     "obstacle_distance_m": ("x_m", "y_m", "altitude_m"),
+    "above_ground_m": ("altitude_m",),
     "x_est_m": ("x_m",),
     "y_est_m": ("y_m",),
     "altitude_est_m": ("altitude_m",),

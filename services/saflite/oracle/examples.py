@@ -21,7 +21,7 @@ _QUIET: dict[str, float] = {
     **dict.fromkeys(("quiet_s", "order_quiet_s", "calm_s"), 100.0),
     **dict.fromkeys(("home_quiet_s", "command_quiet_s", "pause_order_s", "start_order_s", "stop_order_s"), 1e6),
     **dict.fromkeys(("climb_order_s", "height_order_s", "plain_order_s"), 1e6),
-    **dict.fromkeys(("plain_order", "plain_order_refused"), 0.0),
+    **dict.fromkeys(("plain_order", "plain_order_refused", "position_aided"), 0.0),
     **{f"rc{channel}_sent_pwm": 0.0 for channel in (1, 2, 3, 4)},
     **dict.fromkeys(FLAGS, 1.0),
     **dict.fromkeys(("stop_ordered", "arming_forced"), 0.0),
@@ -79,6 +79,8 @@ def example_signals(
 ) -> dict[str, Array]:
     """Return the example's signals as arrays of shape (samples,); `table` has a row for each.
 
+    The ground is level where an example does not say otherwise.
+
     Raises:
         Refused: a wanted signal is missing, one is too many, the times do not rise, or the trace is too long.
     """
@@ -86,6 +88,8 @@ def example_signals(
         **{name: value for name, value in _QUIET.items() if name in wanted},
         **example.signals,
     }
+    if "above_ground_m" in wanted and "altitude_m" in courses:
+        courses.setdefault("above_ground_m", courses["altitude_m"])
     made_here = (wanted & {"time_s", "stopping_s", "settling_s"}) - frozenset(courses)
     given = frozenset(courses) | made_here
     if given != wanted:

@@ -42,6 +42,8 @@ NO_HEIGHT_M = 1e6  # where the autopilot has no such height
 STIMULI: tuple[str, ...] = get_args(StimulusKind)
 ESTIMATES = {"x_est_m": "x_m", "y_est_m": "y_m", "altitude_est_m": "altitude_m", "climb_est_mps": "climb_mps"}
 """Logs of real autopilots hold estimates only, so the estimate stands for the truth and the other way round."""
+_ALSO = {**ESTIMATES, "above_ground_m": "altitude_m"}
+_TOLD_BY_LOGS = ("above_ground_m", "position_aided")  # our own flights have level ground, and satellites alone
 _INSTEAD_OF_0 = {
     "return_speed_set_mps": "cruise_speed_set_mps",
     "pilot_speed_down_set_mps": "pilot_speed_up_set_mps",
@@ -102,7 +104,7 @@ class FlightSignals:
             **{name: partial(self._last_plain_order, name) for name in ("plain_order", "plain_order_refused")},
             "ordered_mode": self._ordered_mode,
             "takeoff_slow_set_m": lambda: np.full_like(self._time(), NO_HEIGHT_M),
-            "fs_action_delay_set_s": lambda: np.zeros_like(self._time()),
+            **dict.fromkeys(("fs_action_delay_set_s", "position_aided"), lambda: np.zeros_like(self._time())),
             "ordered_home_m": self._ordered_home,
             "place_order_s": lambda: orders.since([one.at_s for one in self._places()], self._time(), -NEVER_S),
             "pause_order_s": lambda: orders.paused(self._given, self._time()),
@@ -116,7 +118,7 @@ class FlightSignals:
             "right_mps": lambda: self._along(90.0),
             "home_distance_m": lambda: np.hypot(self["x_m"], self["y_m"]),
             "tilt_deg": self._tilt,
-            **{name: partial(self.__getitem__, true) for name, true in ESTIMATES.items()},
+            **{name: partial(self.__getitem__, true) for name, true in _ALSO.items()},
             "obstacle_distance_m": self._obstacle_distance,
         }
         assert self._makers.keys() == MADE_FROM.keys(), "the table of what is made does not name its makers"
@@ -143,8 +145,11 @@ class FlightSignals:
     def _with_orders(self, name: str, written: Array) -> Array:
         """What was written, or what was ordered by command where that is more.
 
-        Targets write the speed set, and an order counts longer in some; logs write who stopped the motors by a switch.
+        Targets write the speed set, and an order counts longer in some; logs write who stopped the motors by a switch,
+        and where the estimate leapt by itself, so that a stimulus is not the only excuse.
         """
+        if name in FLAGS:
+            return np.minimum(written, self._undisturbed(name)).astype(np.float32)
         if name == "cruise_speed_set_mps":
             ordered = orders.speed_ordered(self._given, written.astype(np.float64), self._time())
         elif name == "stop_ordered":
@@ -162,13 +167,13 @@ class FlightSignals:
         return np.stack([self["x_m"], self["y_m"], self["altitude_m"]], axis=1).astype(np.float64)
 
     def _untold(self, name: str) -> bool:
-        """Say whether a log does not tell a signal known of our own flights: settings, crashes, obstacles, orders."""
+        """Say whether a log does not tell a signal known of our own flights: settings, terrain, obstacles, orders."""
         if name == "obstacle_distance_m":
             return not self._test_case.scenario.obstacles
         if name in ("stopping_s", "settling_s"):
             return any(self._untold(one) for one in ("acceleration_set_mps2", "angle_max_set_deg"))
         return (
-            name in SETTINGS or name in ("crashed", *itinerary.NAMES, *self._orders_untold)
+            name in SETTINGS or name in ("crashed", *_TOLD_BY_LOGS, *itinerary.NAMES, *self._orders_untold)
         ) and name not in self.written
 
     def _time(self) -> NDArray[np.float64]:

@@ -37,6 +37,16 @@ def test_the_files_of_a_flight_are_listed_and_written(run_dir: Path, capsys: pyt
     assert (run_dir / "files" / listed[0]["flight"] / "log.txt").read_text() == test_case
 
 
+def test_a_test_case_that_was_never_flown_is_refused(run_dir: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["artefacts", str(run_dir), "--test-case", "zzz"]) == 2
+    assert "expected one flown in this run, got 'zzz'" in capsys.readouterr().err
+    with open_run(run_dir) as folder:
+        left = {row.test_case for row in folder.artefacts()}
+        bare = next(row.test_case for row in folder.flights() if row.test_case not in left)
+    assert main(["artefacts", str(run_dir), "--test-case", bare]) == 0
+    assert "0 files" in capsys.readouterr().out
+
+
 def test_a_folder_that_cannot_be_written_is_said(run_dir: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (run_dir / "files").write_text("in the way")
     assert main(["artefacts", str(run_dir), "--out", str(run_dir / "files")]) == 2

@@ -162,7 +162,9 @@ def test_impossible_layouts_are_refused(
     boxes: tuple[Obstacle, ...], expected: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     path, *_ = write_case(case_with(*boxes), tmp_path, "case")
-    assert expected in refused(capsys, "fly", str(path))
+    builds = ["reference", "reference"]
+    for command, *more in (["fly"], ["score"], ["replay"], ["flake", "-n", "1"], ["bisect", *builds]):
+        assert expected in refused(capsys, command, str(path), *more), command
 
 
 @pytest.fixture

@@ -176,3 +176,50 @@ def test_the_constants_stand_beside(folder: Path) -> None:
     one = evaluate_logs(cases, RULE, WallClock()).calibrations[0]
     assert one.always.f1.value == pytest.approx(2 / 3)
     assert one.never.accuracy.value == 0.5
+
+
+# ---- logs of one name ---------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def alike(tmp_path: Path) -> Path:
+    """Return a folder with two logs called alike, and two that differ in their suffix only."""
+    for place in ("a/flight.csv", "b/flight.csv", "b/flight.mcap.csv", "one.csv"):
+        (tmp_path / "logs" / place).parent.mkdir(parents=True, exist_ok=True)
+        an_extract(tmp_path / "logs" / place)
+    (tmp_path / "logs" / "one.ulog").write_bytes(b"no log")
+    return tmp_path / "logs"
+
+
+def test_logs_called_alike_are_told_apart(alike: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["evaluate", "logs", str(alike), "--text", str(tmp_path / "txt"), "--json"]) == 0
+    names = {answer["log"] for answer in json.loads(capsys.readouterr().out)["answers"]}
+    assert names == {"a/flight.csv", "b/flight.csv", "b/flight.mcap.csv", "one.csv"}
+    written = {path.relative_to(tmp_path / "txt").as_posix() for path in (tmp_path / "txt").rglob("*.txt")}
+    assert written == {"a/flight.txt", "b/flight.txt", "b/flight.mcap.txt", "one.csv.txt"}
+    cli.main(["judge", str(alike)])
+    table = capsys.readouterr().out
+    assert all(name in table for name in names)
+
+
+def test_logs_called_alike_are_labelled_by_their_paths(alike: Path) -> None:
+    cases, missing = read_cases(alike, Labels({"a/flight": True, "b/flight.csv": False, "c/flight": True}))
+    told = {case.name: case.interesting for case in cases}
+    assert (told["a/flight.csv"], told["b/flight.csv"], told["one.csv"]) == (True, False, None)
+    assert missing.without_log == ("c/flight",)
+
+
+def test_a_label_that_means_two_logs_called_alike_is_refused(alike: Path) -> None:
+    with pytest.raises(Refused, match=r"a/flight.csv, b/flight.csv.*'flight' for both"):
+        read_cases(alike, Labels({"flight": True}))
+
+
+def test_labels_with_a_byte_order_mark_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "labels.csv"
+    path.write_bytes(b"\xef\xbb\xbflog,interesting\none,yes\n")
+    assert read_labels(path) == Labels({"one": True})
+
+
+def test_a_label_without_a_name_is_said_so(tmp_path: Path) -> None:
+    with pytest.raises(Refused, match=r"line 2.*expected the name of a log, got none"):
+        read_labels(write(tmp_path / "labels.csv", "log,interesting", ",yes"))

@@ -29,9 +29,14 @@ def event(at_s: float, number: int) -> Row:
     return ("EV", (us(at_s), number))
 
 
-def ardupilot(tmp_path: Path, *told: Row, height_m: float = 20.0) -> Path:
+def height(at_s: float, height_m: float, falls_s: float) -> float:
+    """From 3 s on in the air, and from `falls_s` on down to the ground."""
+    return 0.0 if at_s < 3.0 else max(0.0, height_m - 5.0 * max(0.0, at_s - falls_s) ** 2)
+
+
+def ardupilot(tmp_path: Path, *told: Row, height_m: float = 20.0, falls_s: float = math.inf) -> Path:
     """A log of 20 s from 1 s on: on the ground, from 3 s on in the air."""
-    heights = [0.0 if tenth < 20 else height_m for tenth in range(200)]
+    heights = [height(1 + tenth / 10, height_m, falls_s) for tenth in range(200)]
     rows: list[Row] = [
         ("XKF1", (1_000_000 + tenth * 100_000, 0, 0.0, 0.0, -height, 0.0, 0.0, 0.0))
         for tenth, height in enumerate(heights)
@@ -48,7 +53,7 @@ def outcome(path: Path, policy: str = "armed-in-flight") -> str:
 
 
 def test_the_interlock_that_follows_a_disarm_is_no_order_to_stop(tmp_path: Path) -> None:
-    path = ardupilot(tmp_path, event(10.0, DISARMED), event(10.003, INTERLOCKED))
+    path = ardupilot(tmp_path, event(10.0, DISARMED), event(10.003, INTERLOCKED), falls_s=10.0)
     assert set(read_dataflash_log(path).trace.array("stop_ordered")) == {0.0}
     assert outcome(path) == "violated"
 
@@ -98,7 +103,7 @@ def test_an_order_to_stop_counts_until_it_is_taken_back_or_the_motors_are_armed_
     after: list[Row], tmp_path: Path
 ) -> None:
     told = [event(10.0, STOPPED), event(10.003, INTERLOCKED), *after]
-    again = ardupilot(tmp_path, *told, event(15.0, DISARMED), event(15.003, INTERLOCKED))
+    again = ardupilot(tmp_path, *told, event(15.0, DISARMED), event(15.003, INTERLOCKED), falls_s=15.0)
     stops = read_dataflash_log(again).trace.array("stop_ordered")
     assert [stops[round((at_s - 1.0) / 0.05)] for at_s in (9.0, 10.5, 12.5, 16.0)] == [0, 1, 0, 0]
     assert outcome(again) == "violated"
@@ -116,7 +121,7 @@ ACTUATORS = [("?", "armed"), ("?", "kill")]
 Told = tuple[str, float, tuple[float, ...]]
 
 
-def px4(tmp_path: Path, *told: Told) -> Path:
+def px4(tmp_path: Path, *told: Told, falls_s: float = math.inf) -> Path:
     """A log of 20 s from 1 s on: on the ground, armed at 2 s, from 3 s on in the air."""
     topics = {
         "vehicle_local_position": POSITION,
@@ -125,7 +130,7 @@ def px4(tmp_path: Path, *told: Told) -> Path:
         "actuator_armed": ACTUATORS,
     }
     rows: list[Told] = [
-        ("vehicle_local_position", 1 + n / 10, (0.0, 0.0, 0.0 if n < 20 else -20.0, 0.0, 0.0, 0.0, True))
+        ("vehicle_local_position", 1 + n / 10, (0.0, 0.0, -height(1 + n / 10, 20.0, falls_s), 0.0, 0.0, 0.0, True))
         for n in range(200)
     ]
     rows += [("vehicle_status", 1.0, (2, 1)), ("vehicle_status", 2.0, (2, 2)), ("actuator_armed", 1.0, (False, False))]
@@ -152,16 +157,37 @@ def test_a_stop_ordered_by_command_is_one_in_a_px4_log(
     given: tuple[int, bool, float, float], expected: str, tmp_path: Path
 ) -> None:
     command = ("vehicle_command", 10.0, (*given, 0.0, 0.0, 0.0, 0.0, 0.0))
-    assert outcome(px4(tmp_path, command, *disarmed(10.02))) == expected
+    assert outcome(px4(tmp_path, command, *disarmed(10.02), falls_s=10.0)) == expected
 
 
 def test_a_px4_stopped_by_switch_is_judged_again_once_it_is_armed_again(tmp_path: Path) -> None:
     killed: list[Told] = [("actuator_armed", 10.0, (True, True)), ("actuator_armed", 10.5, (True, False))]
     assert outcome(px4(tmp_path, *killed, *disarmed(11.0))) == "vacuous"
     again: list[Told] = [("vehicle_status", 12.0, (2, 2)), ("actuator_armed", 12.0, (True, False)), *disarmed(15.0)]
-    path = px4(tmp_path, *killed, *disarmed(11.0), *again)
+    path = px4(tmp_path, *killed, *disarmed(11.0), *again, falls_s=15.0)
     assert [read_ulog_log(path).trace.array("stop_ordered")[n] for n in (170, 190, 230)] == [0, 1, 0]
     assert outcome(path) == "violated"
+
+
+@pytest.mark.parametrize(
+    ("raised", "outcome_of"),
+    [
+        ([(1.0, True)], "violated"),  # HITL: locked from power-up on
+        ([(2.0, True)], "violated"),  # as it is armed
+        ([(1.0, True), (6.0, False), (9.0, True)], "vacuous"),
+        ([(1.0, True), (6.0, False), (7.0, True), (8.0, False)], "vacuous"),  # counts until it is armed again
+        ([(9.0, True)], "vacuous"),
+    ],
+)
+def test_a_lock_that_is_up_as_a_px4_is_armed_is_no_order(
+    raised: list[tuple[float, bool]], outcome_of: str, tmp_path: Path
+) -> None:
+    def locked(at_s: float) -> bool:
+        return next((up for since_s, up in reversed(raised) if at_s >= since_s), False)
+
+    rows: list[Told] = [("actuator_armed", n / 10, (20 <= n < 100, locked(n / 10))) for n in range(10, 210)]
+    disarm: Told = ("vehicle_status", 10.0, (2, 1))
+    assert outcome(px4(tmp_path, *rows, disarm, falls_s=10.0)) == outcome_of
 
 
 PARM = {"PARM": ("QNf", "TimeUS,Name,Value")}

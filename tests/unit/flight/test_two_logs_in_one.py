@@ -48,6 +48,10 @@ TWO: dict[str, Callable[[], bytes]] = {
     "rows.ulg": lambda: ulog(TOPICS, ulog_rows() + ulog_rows()),
     "joined.ulg": lambda: ulog(TOPICS, ulog_rows()) + ulog(TOPICS, ulog_rows()),
     "later.ulg": lambda: ulog(TOPICS, ulog_rows()) + ulog(TOPICS, ulog_rows(100.0)),
+    "5 h later.ulg": lambda: ulog(TOPICS, ulog_rows() + ulog_rows(18_000.0)[:150]),
+    "5 h earlier.ulg": lambda: ulog(TOPICS, ulog_rows()[:150] + ulog_rows(18_000.0)),
+    "5 h later.bin": lambda: dataflash(KINDS, dataflash_rows() + dataflash_rows(18_000_000_000)[:150]),
+    "5 h earlier.bin": lambda: dataflash(KINDS, dataflash_rows()[:150] + dataflash_rows(18_000_000_000)),
     "table.csv": lambda: extract_bytes(SECONDS + SECONDS),
 }
 ONE: dict[str, Callable[[], bytes]] = {
@@ -80,3 +84,19 @@ def test_single_rows_of_a_wrong_time_and_rows_a_little_late_are_no_second_flight
     late[1::2] -= 0.5
     for given in (wrong, late):
         Columns().add("x_m", given, times)
+
+
+@pytest.mark.parametrize("suffix", [".bin", ".ulg"])
+def test_single_rows_far_from_all_others_are_damage_and_told(suffix: str, tmp_path: Path) -> None:
+    path, far_s = tmp_path / f"flight{suffix}", (90_000.0, 40_000.0, 70_000.0)
+    if suffix == ".bin":
+        rows = dataflash_rows()
+        rows[50:50] = [("XKF1", (round(at * 1e6), 0, 9.0, 9.0, 9.0, 0.0, 0.0, 0.0)) for at in far_s]
+        path.write_bytes(dataflash(KINDS, rows))
+    else:
+        told = ulog_rows()
+        told[50:50] = [("vehicle_local_position", at, (9.0, 9.0, 9.0, 0.0, 0.0, 0.0, True)) for at in far_s]
+        path.write_bytes(ulog(TOPICS, told))
+    log = read_log(path)
+    assert log.lost == ("3 messages have a time far from all others",)
+    assert log.trace.samples > 300

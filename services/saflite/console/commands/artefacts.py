@@ -37,6 +37,8 @@ def run(args: argparse.Namespace) -> int:
     tell_loss(args.run)
     with open_run(args.run) as folder:
         rows = [row for row in folder.artefacts() if row.test_case.startswith(args.test_case)]
+        if args.test_case and not any(row.test_case.startswith(args.test_case) for row in folder.flights()):
+            _refuse_unknown(args.run, args.test_case)
         named = [(f"{row.test_case}-{row.purpose}-{row.flight_index}", row) for row in rows]
         if args.out is not None:
             _check_names(args.run, (name for flight, row in named for name in (flight, row.name)))
@@ -52,6 +54,13 @@ def run(args: argparse.Namespace) -> int:
     out.table([(str(one["flight"]), str(one["name"]), f"{one['size_bytes']} bytes") for one in listed])
     out.line(f"{len(listed)} files" + (f" in {args.out}" if args.out is not None else ""))
     return 0
+
+
+def _refuse_unknown(run_dir: Path, wanted: str) -> None:
+    from saflite.contract.errors import Refused
+
+    fix = "see `saflite export RUN --format csv`"
+    raise Refused("test case", where=str(run_dir), expected="one flown in this run", got=repr(wanted), fix=fix)
 
 
 def _check_names(run_dir: Path, names: Iterable[str]) -> None:

@@ -28,6 +28,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--confidence", type=float, default=0.95, metavar="P", help="probability to end at (0.95)")
     parser.add_argument("--flights-max", type=int, default=200, metavar="N", help="give up after so many (200)")
     arguments.add_wall_limit(parser)
+    arguments.add_anywhere(parser)
     arguments.add_modules(parser)
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
 
@@ -48,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
     campaign_options.at_least("--flights-max", args.flights_max, 1)
     if args.case.is_dir():
         run_modules.use(args.case, args.module)
-    one = known.one_of(args.case, args.violation, tuple(args.policy))
+    one = known.one_of(args.case, args.violation, tuple(args.policy), anywhere=args.anywhere)
     row = [builds.parse_or_leave(text) for text in args.builds]
     found = bisecting.bisect(one, row, confidence=args.confidence, most=args.flights_max, wall_limit_s=args.wall_limit)
     if args.json:

@@ -29,6 +29,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--target", default="", metavar="BUILD", help="fly on this build (see `saflite regress --help`)"
     )
     arguments.add_wall_limit(parser)
+    arguments.add_anywhere(parser)
     arguments.add_modules(parser)
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
 
@@ -45,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
     if args.case.is_dir():
         run_modules.use(args.case, args.module)
     build = builds.parse(args.target) if args.target else None
-    one = known.one_of(args.case, args.violation, tuple(args.policy))
+    one = known.one_of(args.case, args.violation, tuple(args.policy), anywhere=args.anywhere)
     flown = flaking.flake(one, build or builds.of_case(one.test_case), args.n, args.wall_limit)
     if args.json:
         out.json(flaking.plain(flown))

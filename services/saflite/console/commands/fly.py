@@ -47,7 +47,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     arguments.add_modules(parser)
     parser.add_argument("--out", type=Path, help="write a recording (.mcap)")
     outputs.add_force(parser)
-    parser.add_argument("--anywhere", action="store_true", help="allow boxes outside the competition's area and count")
+    arguments.add_anywhere(parser)
     parser.add_argument("--all", action="store_true", help="show policies that have nothing to say of this flight, too")
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
 

@@ -31,6 +31,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--policy", action="append", default=[], help="judge a test case by this policy")
     parser.add_argument("--times", type=int, help="how often to fly each (1; 5 where flights differ by nature)")
     arguments.add_wall_limit(parser)
+    arguments.add_anywhere(parser)
     arguments.add_modules(parser)
     parser.add_argument("--json", action="store_true", help="print one JSON object per flight")
 
@@ -51,7 +52,7 @@ def run(args: argparse.Namespace) -> int:
     if args.what.is_dir():
         tell_loss(args.what)
         run_modules.use(args.what, args.module)
-    entries = replaying.entries(args.what, args.violation, args.all, tuple(args.policy))
+    entries = replaying.entries(args.what, args.violation, args.all, tuple(args.policy), args.anywhere)
     results = []
     for result in replaying.replay(entries, args.times, args.wall_limit):
         results.append(result)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from saflite.console.evaluation.bugs import BugResult, evaluate_bugs, gain
@@ -54,22 +55,32 @@ def read_cases(folder: Path, labels: Labels, text_folder: Path | None = None) ->
     from saflite.recorder import recording
 
     paths = _logs_in(folder)
+    names = {path: path.relative_to(folder) for path in paths}
+    given = labels.by_log(names.values())
+    texts = _text_names(names.values())
     found, unreadable, without_position = [], [], []
-    for path in paths:
+    for path, name in names.items():
         try:
             trace = recording.read(path).trace if path.suffix == ".mcap" else read_trace(path, placed=False)
         except Refused as fault:  # one bad log does not spoil the others; it is named and counted
             out.complain("left out", str(fault))
-            unreadable.append(path.name)
+            unreadable.append(name.as_posix())
             continue
         if not all(name in trace.signals for name in POSITION):
-            without_position.append(path.name)
+            without_position.append(name.as_posix())
         text = describe(trace)
         if text_folder is not None:
-            outputs.write(text_folder / f"{path.stem}.txt", text.encode(), force=True)
-        label = labels.answers.get(labels.name_for(path))
-        found.append(LogCase(path.name, text, label, *rule_of_thumb(facts_of(trace))))
-    return found, Missing(labels.without_log(paths), tuple(unreadable), tuple(without_position))
+            outputs.write(text_folder / texts[name], text.encode(), force=True)
+        label = labels.answers.get(given[name])
+        found.append(LogCase(name.as_posix(), text, label, *rule_of_thumb(facts_of(trace))))
+    return found, Missing(labels.without_log(names.values()), tuple(unreadable), tuple(without_position))
+
+
+def _text_names(names: Iterable[Path]) -> dict[Path, Path]:
+    """Return a file for the text of each log, below one folder; logs that differ in their suffix only keep it."""
+    plain = {name: name.with_suffix(".txt") for name in names}
+    met = Counter(plain.values())
+    return {name: text if met[text] == 1 else name.with_name(f"{name.name}.txt") for name, text in plain.items()}
 
 
 def _logs_in(folder: Path) -> list[Path]:

@@ -186,20 +186,24 @@ def _ask(model: LanguageModel, log: LogCase, deadline_s: float, cancelled: Cance
 
 def _unanswered(log: LogCase, answerer: str, fault: str) -> LogAnswer:
     return LogAnswer(
-        log=name(log.name), answerer=answerer, score=None, interesting=None, label=log.interesting, fault=fault
+        log=_named(log), answerer=answerer, score=None, interesting=None, label=log.interesting, fault=fault
     )
 
 
 def _answer(log: LogCase, answerer: str, score: float, reason: str) -> LogAnswer:
     assert math.isfinite(score), f"{answerer} gave {score}"
     return LogAnswer(
-        log=name(log.name),
+        log=_named(log),
         answerer=answerer,
         score=score,
         interesting=score > THRESHOLD,
         label=log.interesting,
         reason=reason,
     )
+
+
+def _named(log: LogCase) -> str:
+    return "/".join(name(part) for part in log.name.split("/"))
 
 
 def _chance(log: LogCase) -> float:

@@ -81,6 +81,12 @@ def add_wall_limit(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--wall-limit", type=_wall_limit, default=300.0, metavar="S", help=text)
 
 
+def add_anywhere(parser: argparse.ArgumentParser) -> None:
+    """Name the argument that lifts the competition's rules of boxes."""
+    text = "allow boxes outside the competition's area and count"
+    parser.add_argument("--anywhere", action="store_true", help=text)
+
+
 def _wall_limit(text: str) -> float:
     return _within(text, WALL_LIMITS_S)
 

@@ -32,7 +32,10 @@ _HEADERS = ("log", "result", "violated", "held", "vacuous", "inconclusive", "why
 
 
 class Judged(NamedTuple):
-    """What came of one file: the judgement, or why the file was refused; what of it is damaged (`FlightLog.lost`)."""
+    """What came of one file: the judgement, or why the file was refused; what of it is damaged (`FlightLog.lost`).
+
+    `below` is the folder that was judged, from which the file is named.
+    """
 
     path: Path
     case: TestCase | None = None
@@ -40,6 +43,12 @@ class Judged(NamedTuple):
     judgement: Judgement | None = None
     refused: str = ""
     lost: tuple[str, ...] = ()
+    below: Path | None = None
+
+    @property
+    def name(self) -> str:
+        """Return the path below the folder that was judged, of a single file its name."""
+        return self.path.name if self.below is None else self.path.relative_to(self.below).as_posix()
 
     @property
     def verdicts(self) -> tuple[Verdict, ...]:
@@ -83,9 +92,9 @@ def judge_folder(folder: Path, case_path: Path | None, policies: tuple[str, ...]
         raise Refused("folder of logs", where=str(folder), expected=f"files {', '.join(SUFFIXES)}", got="none")
     for path in paths:
         try:
-            yield judge_file(path, case_path, policies)
+            yield judge_file(path, case_path, policies)._replace(below=folder)
         except Refused as fault:
-            yield Judged(path, refused=str(fault))
+            yield Judged(path, refused=str(fault), below=folder)
 
 
 def _is_log(path: Path) -> bool:
@@ -122,7 +131,7 @@ def rows(judged: Sequence[Judged]) -> list[tuple[object, ...]]:
         count = Counter(verdict.outcome for verdict in one.verdicts)
         broken = ", ".join(verdict.policy for verdict in one.verdicts if verdict.outcome == "violated")
         counts = (count["violated"], count["held"], count["vacuous"], count["inconclusive"])
-        found.append((one.path.name, one.result, *counts, broken or one.refused))
+        found.append((one.name, one.result, *counts, broken or one.refused))
     return found
 
 
@@ -158,7 +167,7 @@ def as_html(judged: Sequence[Judged]) -> bytes:
         ]
         body = f"<p>{escape(one.refused)}</p>" if one.refused else _html_table(("outcome", "policy", "by", "why"), told)
         body = "".join(f"<p>Damaged: {escape(part)}.</p>" for part in one.lost) + body
-        parts.append(f"<h2>{escape(one.path.name)} <small>{one.result}</small></h2>{body}")
+        parts.append(f"<h2>{escape(one.name)} <small>{one.result}</small></h2>{body}")
     head = f'<meta charset="utf-8"><meta name="viewport" content="width=device-width"><title>Logs</title><style>{CSS}'
     page = f"<!doctype html><html lang=en><head>{head}</style></head><body><main><h1>{len(judged)} logs judged</h1>"
     return (page + "".join(parts) + "</main></body></html>\n").encode()

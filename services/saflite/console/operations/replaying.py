@@ -52,8 +52,13 @@ class Replayed(NamedTuple):
     robustness: float | None
 
 
-def entries(what: Path, wanted: str, everything: bool, policies: tuple[str, ...]) -> list[Entry]:
-    """Return what is to be flown again; raises Refused if there is nothing of that name."""
+def entries(
+    what: Path, wanted: str, everything: bool, policies: tuple[str, ...], anywhere: bool = False
+) -> list[Entry]:
+    """Return what is to be flown again.
+
+    Raises Refused if there is nothing of that name, or a test case has boxes that `fly` refuses (`cases.check_layout`).
+    """
     if what.is_dir():
         return _of_run(what, wanted, everything, policies)
     if what.suffix == ".mcap":
@@ -72,6 +77,7 @@ def entries(what: Path, wanted: str, everything: bool, policies: tuple[str, ...]
             )
         ]
     case = cases.load_case(what)
+    cases.check_layout(case, str(what), anywhere)
     return [Entry(what.name, case, policies or ("min-obstacle-distance",), "")]
 
 

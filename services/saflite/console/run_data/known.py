@@ -155,7 +155,7 @@ def with_standing(known: Iterable[Known], folder: Path) -> list[Known]:
     ]
 
 
-def one_of(what: Path, wanted: str, policies: tuple[str, ...]) -> Known:
+def one_of(what: Path, wanted: str, policies: tuple[str, ...], *, anywhere: bool = False) -> Known:
     """Return the violation meant: of a run or corpus the one named, a file of a corpus, a recording or a test case.
 
     Of several test cases that violate one policy in one way the smallest is meant.
@@ -165,9 +165,11 @@ def one_of(what: Path, wanted: str, policies: tuple[str, ...]) -> Known:
         wanted: fingerprint or test case, or the start of it; empty where there is only one.
         policies: judged by these, names or policy files; the first is the one in question. Those of the record if
             none is given.
+        anywhere: allow a test case boxes outside the competition's area and count, as a recording may have.
 
     Raises:
-        Refused: nothing or more than one thing is meant, or nobody says which policy is in question.
+        Refused: nothing or more than one thing is meant, nobody says which policy is in question, or a test case has
+            boxes that `fly` refuses.
     """
     files = dict(policy_text(Path(name)) for name in policies if name.endswith(".toml"))
     named = {text.file: name for name, text in files.items()}
@@ -185,7 +187,7 @@ def one_of(what: Path, wanted: str, policies: tuple[str, ...]) -> Known:
     elif what.suffix == ".json" and len(what.stem.split("-")) == 2:
         known = _read(what)
     else:
-        known = _of_file(what, policies)
+        known = _of_file(what, policies, anywhere)
     if not policies:
         return known
     texts = {**known.policy_texts, **files}
@@ -197,11 +199,12 @@ def _size(known: Known) -> tuple[int, int, str]:
     return len(case.stimuli), len(case.scenario.obstacles), known.name
 
 
-def _of_file(what: Path, policies: tuple[str, ...]) -> Known:
-    from saflite.console.io.cases import load_case
+def _of_file(what: Path, policies: tuple[str, ...], anywhere: bool) -> Known:
+    from saflite.console.io.cases import check_layout, load_case
     from saflite.contract.test_case import identity
 
     case, judged, noise = load_case(what), policies, 0
+    check_layout(case, str(what), anywhere or what.suffix == ".mcap")
     if what.suffix == ".mcap":
         from saflite.recorder.recording import read as read_recording
 

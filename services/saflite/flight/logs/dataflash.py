@@ -14,9 +14,9 @@ from saflite.contract.errors import Refused
 from saflite.contract.flight import Trace
 from saflite.contract.signals import MODES
 from saflite.contract.test_case import Stimulus
-from saflite.flight.logs import dataflash_events
+from saflite.flight.logs import batteries, dataflash_events
 from saflite.flight.logs.commands import command
-from saflite.flight.logs.dataflash_rows import Rows, load, points, settings_told
+from saflite.flight.logs.dataflash_rows import FIX_3D, Rows, load, lowest, points, settings_told
 from saflite.flight.logs.flight_log import (
     NO_ORDERS,
     UNTOLD,
@@ -28,8 +28,9 @@ from saflite.flight.logs.flight_log import (
     within,
 )
 from saflite.flight.logs.home import Place, add_home, homes_of_ardupilot
+from saflite.flight.logs.leaps import add_leaps_of_ardupilot
 from saflite.flight.logs.resample import Columns
-from saflite.flight.logs.settings import ARDUPILOT, add_settings, sources
+from saflite.flight.logs.settings import ARDUPILOT, SOURCE_SET, add_settings, sources
 from saflite.flight.mavlink.items import ORDERED_PLACES
 from saflite.flight.mission import to_local
 
@@ -67,7 +68,7 @@ _SOURCES = {
     "battery_v": "BAT.Volt or CURR.Volt",
     **{f"rc{number}_pwm": "RCIN" for number in range(1, 5)},
     **dict.fromkeys(("failsafe_radio", "failsafe_battery", "failsafe_gps", "failsafe_fence", "crashed"), "EV and ERR"),
-    **dict.fromkeys(("armed", "landed", "taken_off"), "EV or ARM"),
+    **dict.fromkeys(("armed", "landed", "taken_off", "above_ground_m"), "EV or ARM"),
     **dict.fromkeys(("chute_released", "rc_present"), "EV"),
     "stop_ordered": "EV, ARM or MAVC",
     **dict.fromkeys(("circle_radius_m", "circle_rate_dps"), "no message: what CIRCLE aims at is not logged"),
@@ -78,8 +79,14 @@ _SOURCES = {
     "baro_ok": "BARO",
     **sources(ARDUPILOT),
 }
-_FENCE: dict[float, float] = {41: 1.0, 42: 0.0}
-_FIX_3D = 3
+_SWITCHES: dict[float, tuple[str, float]] = {
+    41: ("FENCE_ENABLE", 1.0),
+    42: ("FENCE_ENABLE", 0.0),
+    85: (SOURCE_SET, 1.0),
+    86: (SOURCE_SET, 2.0),
+    87: (SOURCE_SET, 3.0),
+}
+"""Events that say what was switched as a setting is."""
 _NAV_TAKEOFF = 22
 _CM_PER_M = 100.0
 _OTHERS = ("ArduPlane", "ArduRover", "ArduSub", "Rover", "Blimp", "AntennaTracker", "APM:Plane", "APM:Rover")
@@ -101,7 +108,8 @@ def read_dataflash_log(path: Path, *, placed: bool = False) -> FlightLog:
             `placed`) or all signals.
     """
     rows, formats, lost = load(path)
-    held = {name: value for _, name, value in reversed(settings_told(rows))}
+    monitor = int(lowest(rows["BAT"] or rows["CURR"]))
+    held = _first(batteries.of_monitor(settings_told(rows), monitor))
     _check_copter(rows, held, path)
     columns = Columns()
     frame = _position(rows, columns)
@@ -110,12 +118,13 @@ def read_dataflash_log(path: Path, *, placed: bool = False) -> FlightLog:
     for kind, fields in _FIELDS.items():
         for field, signal in fields.items():
             _column(columns, signal, points(rows[kind], field))
-    _column(columns, "battery_v", points(rows["BAT"], "Volt") or points(rows["CURR"], "Volt"))
-    _column(columns, "gps_ok", [(at, float(status >= _FIX_3D)) for at, status in points(rows["GPS"], "Status")])
+    _column(columns, "battery_v", points(rows["BAT"], *batteries.voltage_names(held)) or points(rows["CURR"], "Volt"))
+    _column(columns, "gps_ok", [(at, float(status >= FIX_3D)) for at, status in points(rows["GPS"], "Status")])
     _sticks(rows, held, columns)
     dataflash_events.add(rows, formats, held, columns)
     _modes(rows, columns)
-    changes = _parameters(rows, held, columns)
+    add_leaps_of_ardupilot(rows, held, columns)
+    changes = _parameters(rows, monitor, columns)
     columns.messages = [(at, str(row.get("Message", "")), "info") for at, row in rows["MSG"]]
     homeless = () if placed else _from_home(rows, columns)
     add_home(columns, homes_of_ardupilot(rows, frame))
@@ -139,14 +148,23 @@ def _check_copter(rows: Rows, held: Mapping[str, float], path: Path) -> None:
         raise Refused("ArduPilot log", where=str(path), expected="an ArduCopter log", got=other)
 
 
-def _parameters(rows: Rows, first: Mapping[str, float], columns: Columns) -> list[Stimulus]:
+def _first(told: list[batteries.Told]) -> dict[str, float]:
+    return {name: value for _, name, value in reversed(told)}
+
+
+def _parameters(rows: Rows, monitor: int, columns: Columns) -> list[Stimulus]:
     """Add the settings in force and return what was changed in flight; the first value of each is what it was.
 
-    A fence that was switched by order (DO_FENCE_ENABLE) is on or off whatever its parameter says, until that is set.
+    A fence that was switched by order (DO_FENCE_ENABLE) is on or off whatever its parameter says, until that is set;
+    the filter goes by the set of sources that was switched to last.
     """
-    told = settings_told(rows)
-    switched = [(at, "FENCE_ENABLE", _FENCE[number]) for at, number in points(rows["EV"], "Id") if number in _FENCE]
-    add_settings(columns, ARDUPILOT, first, _changed(sorted([*told, *switched], key=lambda one: one[0])))
+    told, raised = settings_told(rows), columns.get("failsafe_battery")
+    own = batteries.of_monitor(told, monitor)
+    switched = [(at, *_SWITCHES[number]) for at, number in points(rows["EV"], "Id") if number in _SWITCHES]
+    unknown = batteries.unknown_from(list(zip(*raised, strict=True)) if raised else [], _first(told), monitor)
+    course = sorted([(0.0, SOURCE_SET, 1.0), *own, *switched, *unknown], key=lambda one: one[0])
+    first = _first(own)
+    add_settings(columns, ARDUPILOT, first, _changed(course))
     if first and "chute_released" not in columns and not first.get("CHUTE_ENABLED"):
         columns.hold("chute_released", [0.0], [0.0])  # there is none on board
     return [

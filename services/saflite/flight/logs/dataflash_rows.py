@@ -15,9 +15,11 @@ from pathlib import Path
 from statistics import median
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from saflite.contract.errors import Refused
 from saflite.flight.logs.dataflash_damage import HEAD, sound
-from saflite.flight.logs.resample import DURATION_MAX_S
+from saflite.flight.logs.resample import DURATION_MAX_S, check_no_other_flight, told_far_off
 
 _PLAIN = (
     "POS",
@@ -39,6 +41,7 @@ _PLAIN = (
 _FILTERS = ("XKF1", "NKF1", "EKF1", "XKF4", "NKF4")
 _INSTANCES = ("GPS", "BARO", "BAT", "CURR")
 _WANTED = (*_PLAIN, *_FILTERS, *_INSTANCES, "GPS2")
+FIX_3D = 3
 _INSTANCE = ("I", "Instance", "Inst", "C")  # names of the field that counts them, over the releases
 
 Row = tuple[float, dict[str, Any]]
@@ -76,8 +79,10 @@ def load(path: Path) -> Load:
         raise Refused("ArduPilot log", where=str(path), expected="a whole dataflash log", got=repr(fault)) from fault
     lost += _leave_out_damage(rows)
     rows["GPS"] = _used_receiver(rows)
-    for kind in ("BARO", "BAT", "CURR"):
-        rows[kind] = _of_lowest(rows[kind])
+    for kind in ("BAT", "CURR"):
+        rows[kind] = _of(rows[kind], lowest(rows[kind]))
+    primary = next((value for _, name, value in settings_told(rows) if name in ("BARO_PRIMARY", "GND_PRIMARY")), 0.0)
+    rows["BARO"] = _of(rows["BARO"], primary) or _of(rows["BARO"], lowest(rows["BARO"]))
     for kind in ("XKF", "NKF"):
         rows[f"{kind}1"] = _of_primary(rows[f"{kind}1"], rows[f"{kind}4"])
     return Load(rows, {name: kind.format for name, kind in formats.items()}, lost)
@@ -113,20 +118,29 @@ def _clock(formats: dict[str, Any]) -> Callable[[Any], float]:
 
 
 def _leave_out_damage(rows: Rows) -> tuple[str, ...]:
-    """Drop rows whose time is further from most of the log than any flight lasts; return in words how many."""
+    """Drop rows whose time is further from most of the log than any flight lasts; return in words how many.
+
+    Raises ValueError where they are another flight.
+    """
     times = [at_s for told in rows.values() for at_s, _ in told]
     middle_s = median(times) if times else 0.0
     for kind, told in rows.items():
-        rows[kind] = [row for row in told if abs(row[0] - middle_s) <= DURATION_MAX_S]
+        at_s = np.array([row[0] for row in told])
+        far = ~(np.abs(at_s - middle_s) <= DURATION_MAX_S)
+        check_no_other_flight(kind, at_s, far)
+        rows[kind] = [row for row, is_far in zip(told, far, strict=True) if not is_far]
     dropped = len(times) - sum(map(len, rows.values()))
-    return (f"{dropped} messages have a time far from all others",) if dropped else ()
+    return (told_far_off(dropped),) if dropped else ()
 
 
 def _used_receiver(rows: Rows) -> list[Row]:
-    """Return the rows of the receiver in use (GPS.U), of the first where the log does not say."""
+    """Return the rows of the receiver in use (GPS.U); where the log does not say, of the one with the most fixes."""
     both = sorted(rows["GPS"] + rows["GPS2"], key=lambda row: row[0])
     used = [row for row in both if row[1].get("U") in (1, "1")]
-    return used or _of_lowest(rows["GPS"])
+    if used:
+        return used
+    apart = [_of(rows["GPS"], number) for number in sorted({_instance(fields) for _, fields in rows["GPS"]})]
+    return max([*apart, rows["GPS2"]], key=lambda told: sum(status >= FIX_3D for _, status in points(told, "Status")))
 
 
 def _instance(fields: dict[str, Any]) -> float:
@@ -134,9 +148,13 @@ def _instance(fields: dict[str, Any]) -> float:
     return float(value) if str(value).isdigit() else 0.0
 
 
-def _of_lowest(rows: list[Row]) -> list[Row]:
-    lowest = min((_instance(fields) for _, fields in rows), default=0.0)
-    return [row for row in rows if _instance(row[1]) == lowest]
+def lowest(rows: list[Row]) -> float:
+    """Return the lowest number among those of sensors or monitors that rows are of, from 0."""
+    return min((_instance(fields) for _, fields in rows), default=0.0)
+
+
+def _of(rows: list[Row], number: float) -> list[Row]:
+    return [row for row in rows if _instance(row[1]) == number]
 
 
 def _of_primary(rows: list[Row], health: list[Row]) -> list[Row]:
@@ -146,7 +164,7 @@ def _of_primary(rows: list[Row], health: list[Row]) -> list[Row]:
     if len(cores) < 2:
         return rows
     chosen = [row for row in rows if _instance(row[1]) == held_at(course, row[0])]
-    return chosen or _of_lowest(rows)
+    return chosen or _of(rows, lowest(rows))
 
 
 @contextmanager

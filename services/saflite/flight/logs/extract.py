@@ -47,7 +47,7 @@ Column = NDArray[np.float64]
 def is_extract(path: Path) -> bool:
     """Return whether a `.csv` file begins as an extract does; other tables in a folder of logs are no logs."""
     try:
-        with path.open(encoding="utf-8", errors="replace") as file:
+        with path.open(encoding="utf-8-sig", errors="replace") as file:
             return file.readline(4096).split(",")[0].strip() == TIME
     except OSError:
         return True  # to be refused with the reason when it is read

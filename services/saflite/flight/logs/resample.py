@@ -11,6 +11,7 @@ from saflite.contract.errors import Refused
 from saflite.contract.flight import Trace, TraceMessage
 from saflite.contract.signals import SIGNALS
 from saflite.flight.heights import ABOVE_HOME, HOME_STEP_M
+from saflite.flight.logs.ground import above_ground
 
 STEP_S = 0.05
 HOLE_S = 5.0
@@ -44,6 +45,9 @@ class Columns:
         """Where positions count from, by signal; from the first one where it is not told."""
         self.home_up: tuple[Array, Array] | None = None
         """Times and heights of home in the frame of `altitude_m`, shapes (n,); None where home is not told."""
+
+        self.height_leaps: list[tuple[float, float]] = []
+        """Between which times, seconds, `altitude_m` leapt though the vehicle neither climbed nor fell."""
 
     def __contains__(self, name: str) -> bool:
         return name in self._columns
@@ -87,13 +91,16 @@ class Columns:
 
         Positions are taken relative to `origin`, or to the first one, as the testing competition does. Real signals run
         in straight lines between samples; flags, codes and settings keep their value, heights of settings that count
-        from home that of where home was. What is not known at any of these times is left out, as if it had not been
-        logged.
+        from home that of where home was. The height above ground is made of height, motors and standing. What is not
+        known at any of these times is left out, as if it had not been logged.
         """
         start, end = self.span(what, where, placed=placed)
         times = start + np.arange(int((end - start) / STEP_S) + 1, dtype=np.float64) * STEP_S
         sampled = {name: self._sampled(name, times) for name in sorted(self._columns)}
         known = {name: values for name, values in sampled.items() if not np.isnan(values).all()}
+        if {"altitude_m", "armed"} <= known.keys():
+            height_m = known["altitude_m"] - self._leapt(times)
+            known["above_ground_m"] = above_ground(height_m, known["armed"], known.get("landed"), STEP_S)
         signals = {name: values.astype("<f4").tobytes() for name, values in known.items()}
         return Trace(step_s=STEP_S, signals=signals, messages=self._texts(start, end))
 
@@ -115,7 +122,8 @@ class Columns:
         start, end = (min(starts), max(ends)) if missing else (max(starts), min(ends))
         if not STEP_S <= end - start <= DURATION_MAX_S:
             expected = f"{'signals' if missing else 'a position'} over {STEP_S:g} s to {DURATION_MAX_S:g} s"
-            raise Refused(what, where=where, expected=expected, got=f"{end - start:.3g} s")
+            way_out = "; cut it, and judge them one by one" if end - start > DURATION_MAX_S else ""
+            raise Refused(what, where=where, expected=expected, got=f"{end - start:.3g} s{way_out}")
         return start, end
 
     def _sampled(self, name: str, times: Array) -> Array:
@@ -138,6 +146,14 @@ class Columns:
         found = found - self._origin("altitude_m", float(times[0]))
         return np.where(np.abs(found) > HOME_STEP_M, found, 0.0)
 
+    def _leapt(self, times: Array) -> Array:
+        """By how much leaps have changed the height until each time, metres, shape (n,)."""
+        changed_m = np.zeros(len(times))
+        for from_s, to_s in self.height_leaps:
+            up_m = float(np.diff(np.interp([from_s, to_s], *self._columns["altitude_m"]))[0])
+            changed_m += up_m * np.clip((times - from_s) / (to_s - from_s), 0.0, 1.0)
+        return changed_m
+
     def _origin(self, name: str, start_s: float) -> float:
         """What is taken off a column: positions count from the first one, a height aimed at from the first height."""
         whose = {**dict(zip(POSITION, POSITION, strict=True)), **_MEASURED_FROM}.get(name)
@@ -152,6 +168,26 @@ class Columns:
             TraceMessage(at_s=max(0.0, round(at - start, 3)), text=text, severity=severity)  # type: ignore[arg-type]
             for at, text, severity in kept
         )
+
+
+def told_far_off(rows: int) -> str:
+    """Return in words that rows were left out for their time."""
+    return f"{rows} messages have a time far from all others"
+
+
+def check_no_other_flight(name: str, times_s: Array, far: NDArray[np.bool_]) -> None:
+    """Raise ValueError where rows that are `far` from most of a log, in its order, go on among themselves.
+
+    Single rows of a wrong time are damage; another flight must not be left out as such.
+    """
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], far, [False]]).astype(np.int8)))
+    for start, end in edges.reshape(-1, 2):
+        steps = np.diff(times_s[start:end])
+        if end - start >= BACK_ROWS and (steps >= 0).all() and steps.sum() <= DURATION_MAX_S:
+            raise ValueError(
+                f"{end - start} rows of {name} go on from {times_s[start]:.1f} s, more than {DURATION_MAX_S:g} s from "
+                "most of the log: two flights in one file; cut it there, and judge them one by one"
+            )
 
 
 def _as_arrays(times_s: Any, values: Any) -> tuple[Array, Array]:

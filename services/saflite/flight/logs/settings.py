@@ -62,17 +62,32 @@ _CM = 0.01
 
 
 _BY_SOURCE = {1.0: 0.0, 2.0: 1.0, 3.0: 2.0}
-_BY_EKF3: dict[str, Mapping[float, float]] = {
-    "EK3_SRC1_POSZ": _BY_SOURCE,
-    "EK3_ALT_SOURCE": {0.0: 0.0, 1.0: 1.0, 2.0: 2.0},
-}
 _BY_EKF2: dict[str, Mapping[float, float]] = {"EK2_ALT_SOURCE": {0.0: 0.0, 1.0: 1.0, 2.0: 2.0}}
+
+
+SOURCE_SET = "EK3_SRC_SET"
+"""Stands for the set of sources that was switched to last, 1 to 3: ArduPilot has events for it, not a parameter."""
+_SATELLITES, _NONE = 3.0, 0.0  # EK3_SRC1_POSXY, EK3_SRC1_VELXY
+_NO_SATELLITES = 3.0  # EK2_GPS_TYPE and, up to 4.0, EK3_GPS_TYPE
 
 
 def _ardupilot_height(given: Parameters) -> float:
     """Go by the filter that flies, where settings of both are known; the other one's mean nothing then."""
-    flies = {**_BY_EKF2, **_BY_EKF3} if given.get("AHRS_EKF_TYPE") == 2.0 else {**_BY_EKF3, **_BY_EKF2}
+    source = f"EK3_SRC{given.get(SOURCE_SET, 1.0):.0f}_POSZ"
+    by_ekf3: dict[str, Mapping[float, float]] = {source: _BY_SOURCE, "EK3_ALT_SOURCE": {0.0: 0.0, 1.0: 1.0, 2.0: 2.0}}
+    flies = {**_BY_EKF2, **by_ekf3} if given.get("AHRS_EKF_TYPE") == 2.0 else {**by_ekf3, **_BY_EKF2}
     return _meant(flies, given)
+
+
+def _ardupilot_aided(given: Parameters) -> float:
+    """Go by the sources of the filter, up to 4.0 by what is fitted beside the receiver."""
+    source = f"EK3_SRC{given.get(SOURCE_SET, 1.0):.0f}_"
+    if f"{source}POSXY" in given and given.get("AHRS_EKF_TYPE") != 2.0:
+        place, speed = given[f"{source}POSXY"], given.get(f"{source}VELXY", _SATELLITES)
+        return float(place != _SATELLITES or speed not in (_NONE, _SATELLITES))
+    use = next(given[name] for name in ("EK2_GPS_TYPE", "EK3_GPS_TYPE") if name in given)
+    fitted = max(given.get(name, 0.0) for name in ("FLOW_TYPE", "VISO_TYPE", "BCN_TYPE"))
+    return float(use == _NO_SATELLITES or fitted > 0.0)
 
 
 def _ardupilot_ceiling(given: Parameters) -> float:
@@ -80,8 +95,13 @@ def _ardupilot_ceiling(given: Parameters) -> float:
     return float(given["FENCE_ENABLE"] > 0 and int(kinds) & 1 > 0) if math.isfinite(kinds) else math.nan
 
 
+def _ardupilot_return(given: Parameters) -> float:
+    """Not known where it counts from a terrain that no log tells."""
+    return math.nan if given.get("RTL_ALT_TYPE") == 1.0 else given["RTL_ALT"] * _CM
+
+
 ARDUPILOT: dict[str, Plain | Made] = {
-    "rtl_altitude_set_m": _of("RTL_ALT", unit=_CM),
+    "rtl_altitude_set_m": Made("RTL_ALT with RTL_ALT_TYPE", _ardupilot_return),
     "rtl_altitude_final_set_m": _of("RTL_ALT_FINAL", unit=_CM),
     "return_wait_set_s": _of("RTL_LOIT_TIME", unit=0.001),
     "pilot_takeoff_set_m": _of("PILOT_TKOFF_ALT", unit=_CM),
@@ -129,7 +149,8 @@ ARDUPILOT: dict[str, Plain | Made] = {
     "circle_rate_set_dps": _of("CIRCLE_RATE"),
     "descent_speed_set_mps": _of("WPNAV_SPEED_DN", unit=_CM),
     "circle_radius_set_m": _of("CIRCLE_RADIUS", unit=_CM),
-    "altitude_source": Made(" or ".join((*_BY_EKF3, *_BY_EKF2)), _ardupilot_height),
+    "altitude_source": Made("EK3_SRC1_POSZ or EK3_ALT_SOURCE or EK2_ALT_SOURCE", _ardupilot_height),
+    "position_aided": Made("EK3_SRC1_POSXY or EK3_GPS_TYPE or EK2_GPS_TYPE", _ardupilot_aided),
 }
 
 

@@ -34,7 +34,8 @@ from saflite.flight.logs.flight_log import (
     within,
 )
 from saflite.flight.logs.home import Homes, Place, add_home, homes_of_px4
-from saflite.flight.logs.resample import DURATION_MAX_S, POSITION, Columns
+from saflite.flight.logs.leaps import add_leaps_of_px4
+from saflite.flight.logs.resample import POSITION, Columns
 from saflite.flight.logs.settings import PX4, add_settings, sources
 from saflite.flight.logs.topics import Topics, chosen, field, held, times
 from saflite.flight.mission import to_local
@@ -70,7 +71,8 @@ _WANTED = tuple(
     "vehicle_local_position vehicle_global_position vehicle_attitude vehicle_angular_velocity vehicle_status"  # noqa: SIM905
     " mission_result vehicle_gps_position sensor_gps manual_control_setpoint battery_status home_position"
     " vehicle_local_position_setpoint vehicle_land_detected vehicle_command failsafe_flags vehicle_status_flags"
-    " geofence_result vehicle_air_data vehicle_control_mode actuator_armed orbit_status".split()
+    " geofence_result vehicle_air_data vehicle_control_mode actuator_armed orbit_status"
+    " estimator_status estimator_status_flags".split()
 )
 _NO_COPTERS = (1, 7, 8, 9, 10, 11, 12, 16)  # MAV_TYPE of planes, airships, balloons, rockets, rovers, boats, wings
 _LOCAL = {"x": ("x_m", 1.0), "y": ("y_m", 1.0), "z": ("altitude_m", -1.0)}
@@ -82,7 +84,7 @@ SOURCES = {
     **dict.fromkeys(("x_m", "y_m", "altitude_m", "vx_mps", "vy_mps", "climb_mps"), _PLACE),
     **dict.fromkeys(("roll_deg", "pitch_deg", "yaw_deg"), "vehicle_attitude"),
     **dict.fromkeys(_RATES, "vehicle_angular_velocity"),
-    **dict.fromkeys(("mode", "armed", "takeoff"), "vehicle_status"),
+    **dict.fromkeys(("mode", "armed", "takeoff", "above_ground_m"), "vehicle_status"),
     **dict.fromkeys(("mission_item", "mission_count"), "mission_result"),
     **dict.fromkeys(("gps_satellites", "gps_ok"), "vehicle_gps_position or sensor_gps"),
     **{f"rc{number}_pwm": "manual_control_setpoint" for number in range(1, 5)},
@@ -125,8 +127,10 @@ def read_ulog_log(path: Path, *, placed: bool = False) -> FlightLog:
     readers = (_attitude, _status, _ground, _gps, _sticks, _battery, _aims, ulog_states.add)
     for reader in readers:
         reader(topics, columns)
+    add_leaps_of_px4(topics, columns)
     add_settings(columns, PX4, parameters, changes)
     _takeoff_height(topics, columns)
+    ulog_states.add_position_aided(topics, parameters, changes, columns)
     ulog_states.add_parachute(topics, parameters, columns)
     ulog_states.add_fence_that_never_acts(parameters, changes, columns)
     homes = homes_of_px4(topics, frame)
@@ -160,11 +164,11 @@ def _load(path: Path) -> _Load:
         log = _bounded()(str(path), _WANTED)
     except (OSError, ValueError, TypeError, LookupError, AttributeError, struct.error, ULogException) as fault:
         raise Refused("PX4 log", where=str(path), expected="a whole ULog file", got=repr(fault)) from fault
-    topics = chosen(log.data_list, DURATION_MAX_S)
+    topics, far_off = chosen(log.data_list)
     texts = [(text.timestamp / 1e6, text.message, _severity(text.log_level)) for text in log.logged_messages]
     parameters = {str(name): float(value) for name, value in log.initial_parameters.items()}
     changes = [(stamp / 1e6, str(name), float(value)) for stamp, name, value in log.changed_parameters]
-    lost = (DAMAGED,) if log.file_corruption else ()
+    lost = ((DAMAGED,) if log.file_corruption else ()) + far_off
     return _Load(topics, texts, parameters, changes, log.start_timestamp / 1e6, lost)
 
 

@@ -6,13 +6,16 @@ before its names); both say of each state whether it is lost or valid.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
+from itertools import pairwise
 
 import numpy as np
 
 from saflite.contract.signals import MODES
 from saflite.flight.logs.flight_log import add_taken_off
 from saflite.flight.logs.resample import Columns
+from saflite.flight.logs.settings import Made, add_settings
 from saflite.flight.logs.topics import Topics, field, held, times
 
 SOURCES: dict[str, str] = {
@@ -22,6 +25,7 @@ SOURCES: dict[str, str] = {
     "rc_present": "failsafe_flags.manual_control_signal_lost or vehicle_status.rc_signal_lost",
     "failsafe_battery": "battery_status.warning",
     "failsafe_fence": "failsafe_flags.geofence_breached, geofence_result or vehicle_status.geofence_violated",
+    "position_aided": "estimator_status_flags, estimator_status, or parameters EKF2_GPS_CTRL or EKF2_AID_MASK",
     "baro_altitude_m": "vehicle_air_data",
     "baro_ok": "vehicle_air_data",
     "stop_ordered": "actuator_armed or vehicle_command",
@@ -33,6 +37,8 @@ SOURCES: dict[str, str] = {
 _NO_TERMINATION = 121212  # CBRK_FLIGHTTERM: the circuit breaker that forbids termination
 _WARNING_LOW = 1  # battery_status.BATTERY_WARNING_LOW
 _ONLY_TELLS = {0.0, 1.0}  # GF_ACTION: nothing, a warning
+_AIDS = ("cs_opt_flow", "cs_ev_pos", "cs_ev_vel", "cs_aux_gpos")  # of estimator_status_flags
+_AID_BITS = 1 << 3 | 1 << 12 | 1 << 24  # the same in estimator_status.control_mode_flags
 _KILLS = ("kill", "manual_lockdown", "termination", "force_failsafe", "lockdown")
 
 # signal: where it may stand (topic, field, value that makes it 1), the newest first
@@ -99,6 +105,30 @@ def add_fence_that_never_acts(
         columns.hold("failsafe_fence", [0.0], [0.0])
 
 
+def add_position_aided(
+    topics: Topics, parameters: Mapping[str, float], changes: list[tuple[float, str, float]], columns: Columns
+) -> None:
+    """Add `position_aided`: by what the estimator says it fuses, where it does not by what its parameters allow it."""
+    flags = [column for name in _AIDS if (column := field(topics, "estimator_status_flags", name)) is not None]
+    bits = field(topics, "estimator_status", "control_mode_flags")
+    if flags:
+        columns.hold("position_aided", flags[0][0], np.max([values for _, values in flags], axis=0) > 0)
+    elif bits is not None:
+        columns.hold("position_aided", bits[0], (bits[1].astype(np.int64) & _AID_BITS) > 0)
+    else:
+        add_settings(columns, {"position_aided": Made("", _may_be_aided)}, parameters, changes)
+
+
+def _may_be_aided(given: Mapping[str, float]) -> float:
+    """1 without satellites, 0 with them alone; not known where something else may be fused beside."""
+    if "EKF2_GPS_CTRL" in given:  # 1.14 and later; bits of position and speed
+        satellites = int(given["EKF2_GPS_CTRL"]) & 0b101
+        others = int(given.get("EKF2_OF_CTRL", 1)) | int(given.get("EKF2_EV_CTRL", 0)) & 0b101
+    else:  # bits: satellites, optical flow, position and speed of vision
+        satellites, others = (int(given["EKF2_AID_MASK"]) & bits for bits in (1, 2 | 8 | 256))
+    return 1.0 if not satellites else math.nan if others else 0.0
+
+
 def _lost(columns: Columns) -> None:
     """A position that never was there is not lost: the failsafe counts once it was valid."""
     invalid = columns.get("failsafe_gps")
@@ -117,15 +147,23 @@ def _radio(topics: Topics, columns: Columns) -> None:
 
 
 def _stops(topics: Topics, columns: Columns) -> None:
-    """Add `stop_ordered`: an order to stop the motors counts until they are armed again; commands are told apart."""
+    """Add `stop_ordered`: an order to stop the motors counts until they are armed again; commands are told apart.
+
+    A flag that is up as they are armed is no order: in simulation (HITL) PX4 keeps the outputs locked throughout.
+    """
     if "actuator_armed" not in topics:
         return
     at_s, armed = times(topics["actuator_armed"]), columns.get("armed")
     orders = [order for name in _KILLS if (order := field(topics, "actuator_armed", name)) is not None]
-    stopped = np.max([np.zeros(len(at_s)), *(values for _, values in orders)], axis=0)
     begins_s = armed[0][1:][np.diff(armed[1]) > 0] if armed is not None else np.zeros(0)
-    flights = np.split(stopped, np.searchsorted(at_s, begins_s))
-    columns.hold("stop_ordered", at_s, np.concatenate([np.maximum.accumulate(flight) for flight in flights]))
+    edges = [0, *np.searchsorted(at_s, begins_s).tolist(), len(at_s)]
+    stopped = np.zeros(len(at_s))
+    for start, end in pairwise(edges):
+        for _, values in orders:
+            flags = values[start:end] > 0
+            raised = flags & np.logical_or.accumulate(~flags)  # from the first time on at which it was down
+            stopped[start:end] = np.maximum(stopped[start:end], np.logical_or.accumulate(raised))
+    columns.hold("stop_ordered", at_s, stopped)
 
 
 def _orbit(topics: Topics, columns: Columns) -> None:

@@ -1,0 +1,132 @@
+"""Logs tell no terrain: what stood where it landed did not stop its motors in the air, wherever it took off."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from log_bytes import KINDS, POSITION, STATUS, dataflash, ulog
+
+from saflite.console.operations.log_judging import judge_file
+from saflite.contract.verdict import Verdict
+from saflite.flight.logs.ground import above_ground
+
+RULES = ("armed-in-flight", "landed-on-ground")
+Course = list[tuple[float, float]]
+
+
+def height_at(height: Course, at_s: float) -> float:
+    times, values = np.array(height).T
+    return float(np.interp(at_s, times, values))
+
+
+def outcomes(path: Path) -> dict[str, str]:
+    return {one.policy: one.outcome if one.outcome != "inconclusive" else one.message for one in verdicts(path)}
+
+
+def verdicts(path: Path) -> tuple[Verdict, ...]:
+    return judge_file(path, None, RULES).verdicts
+
+
+def ardupilot(tmp_path: Path, height: Course, events: list[tuple[float, int]], end_s: float = 40.0) -> Path:
+    """A log from 1 s on with a height over time, and events: 10 armed, 28 off the ground, 18 landed, 11 disarmed."""
+    rows: list[tuple[str, tuple[Any, ...]]] = []
+    for tenth in range(10, round(end_s * 10)):
+        up_m = height_at(height, tenth / 10)
+        rows.append(("XKF1", (tenth * 100_000, 0, 0.0, 0.0, -up_m, 0.0, 0.0, 0.0)))
+    rows += [("EV", (round(at_s * 1e6), number)) for at_s, number in events]
+    rows += [("PARM", (1_000_000, name, value)) for name, value in ((b"CHUTE_ENABLED", 0.0), (b"ANGLE_MAX", 3000.0))]
+    rows += [("MODE", (1_000_000, 5, 5, 1)), ("ERR", (1_000_000, 1, 0))]
+    path = tmp_path / "flight.bin"
+    kinds = {**KINDS, "PARM": ("QNf", "TimeUS,Name,Value")}
+    path.write_bytes(dataflash(kinds, sorted(rows, key=lambda row: row[1][0])))
+    return path
+
+
+def px4(tmp_path: Path, height: Course, landed: Course, armed: Course, end_s: float = 40.0) -> Path:
+    rows: list[tuple[str, float, tuple[float, ...]]] = []
+    for tenth in range(10, round(end_s * 10)):
+        up_m = height_at(height, tenth / 10)
+        rows.append(("vehicle_local_position", tenth / 10, (0.0, 0.0, -up_m, 0.0, 0.0, 0.0, True)))
+    rows += [("vehicle_land_detected", at_s, (value,)) for at_s, value in landed]
+    rows += [("vehicle_status", at_s, (2, 1 + value)) for at_s, value in armed]
+    rows += [("actuator_armed", at_s, (value, False)) for at_s, value in armed]
+    topics = {
+        "vehicle_local_position": POSITION,
+        "vehicle_status": STATUS,
+        "vehicle_land_detected": [("?", "landed")],
+        "actuator_armed": [("?", "armed"), ("?", "kill")],
+    }
+    path = tmp_path / "flight.ulg"
+    settings = {"CBRK_FLIGHTTERM": 121212.0, "MPC_TILTMAX_AIR": 45.0, "MPC_MAN_TILT_MAX": 35.0}
+    path.write_bytes(ulog(topics, sorted(rows, key=lambda row: row[1]), settings))
+    return path
+
+
+UP: Course = [(5.0, 0.0), (10.0, 10.0)]
+TAKES_OFF = [(3.0, 10), (5.0, 28)]
+
+
+@pytest.mark.parametrize("ground_m", [-20.0, -3.0, 0.8, 3.0, 30.0])
+def test_a_landing_away_from_the_height_of_the_take_off_is_a_landing(ground_m: float, tmp_path: Path) -> None:
+    down: Course = [*UP, (15.0, 40.0), (30.0, ground_m)]
+    path = ardupilot(tmp_path, down, [*TAKES_OFF, (31.0, 18), (32.0, 11)])
+    assert outcomes(path) == {"armed-in-flight": "held", "landed-on-ground": "held"}
+    path = px4(tmp_path, down, [(1, 1), (5, 0), (31, 1)], [(1, 0), (3, 1), (33, 0)])
+    assert outcomes(path) == {"armed-in-flight": "held", "landed-on-ground": "held"}
+
+
+@pytest.mark.parametrize("end_s", [33.2, 40.0])
+def test_a_log_that_ends_with_the_disarm_says_that_it_stood(end_s: float, tmp_path: Path) -> None:
+    path = ardupilot(tmp_path, [*UP, (15.0, 40.0), (30.0, 30.0)], [*TAKES_OFF, (31.0, 18), (33.0, 11)], end_s)
+    assert outcomes(path)["armed-in-flight"] == "held"
+
+
+def test_a_second_flight_counts_from_where_it_takes_off(tmp_path: Path) -> None:
+    twice: Course = [*UP, (12.0, 30.0), (14.0, 30.0), (24.0, 30.0), (26.0, 34.0), (30.0, 34.0), (31.0, 30.0)]
+    events = [*TAKES_OFF, (15.0, 18), (16.0, 11), (20.0, 10), (24.0, 28), (30.0, 11)]
+    (told,) = (one for one in verdicts(ardupilot(tmp_path, twice, events)) if one.policy == "armed-in-flight")
+    assert told.outcome == "violated"
+    assert told.robustness == pytest.approx(-3.5, abs=0.6)
+
+
+def test_motors_that_stop_in_the_air_show_by_the_fall(tmp_path: Path) -> None:
+    falls: Course = [*UP, (20.0, 10.0), (21.5, 0.0)]
+    assert outcomes(ardupilot(tmp_path, falls, [*TAKES_OFF, (20.0, 11)]))["armed-in-flight"] == "violated"
+    path = px4(tmp_path, falls, [(1, 1), (5, 0)], [(1, 0), (3, 1), (20, 0)])
+    assert outcomes(path)["armed-in-flight"] == "violated"
+
+
+def test_motors_that_stop_in_the_air_as_the_log_ends_show_by_the_height(tmp_path: Path) -> None:
+    path = ardupilot(tmp_path, [*UP, (20.0, 10.0), (20.4, 9.2)], [*TAKES_OFF, (20.0, 11)], end_s=20.5)
+    assert outcomes(path)["armed-in-flight"] == "violated"
+
+
+def test_what_takes_itself_to_stand_in_the_air_and_then_falls_did_not_stand(tmp_path: Path) -> None:
+    falls: Course = [*UP, (24.0, 10.0), (25.5, 0.0)]
+    told = outcomes(ardupilot(tmp_path, falls, [*TAKES_OFF, (20.0, 18), (24.0, 11)]))
+    assert told == {"armed-in-flight": "violated", "landed-on-ground": "violated"}
+
+
+def test_what_takes_itself_to_stand_and_climbs_or_sinks_does_not_stand(tmp_path: Path) -> None:
+    climbs = ardupilot(tmp_path, [(5.0, 0.0), (30.0, 30.0)], [(3.0, 10), (4.0, 28), (4.5, 18)])
+    assert outcomes(climbs)["landed-on-ground"] == "violated"
+    sinks = ardupilot(tmp_path, [*UP, (12.0, 40.0), (20.0, 40.0), (39.0, 20.0)], [*TAKES_OFF, (20.0, 18)])
+    assert outcomes(sinks)["landed-on-ground"] == "violated"
+
+
+def test_who_carries_it_away_moves_no_ground() -> None:
+    times = np.arange(0.0, 60.0, 0.1)
+    height = np.interp(times, [0, 5, 10, 20, 40, 45], [0, 0, 10, 4, 4, 0])
+    armed, landed = (times >= 3) & (times < 23), (times < 5) | (times >= 21)
+    found = above_ground(height, armed.astype(float), landed.astype(float), 0.1)
+    assert found[(times >= 21)].max() == 0.0
+    assert [found[round(at_s * 10)] for at_s in (8.0, 15.0)] == pytest.approx([6.0, 3.0], abs=0.1)
+
+
+def test_a_height_that_is_not_known_is_no_height_above_ground() -> None:
+    height = np.array([0.0, np.nan, np.nan, 1.0])
+    found = above_ground(height, np.array([0.0, 0.0, 1.0, 1.0]), None, 0.1)
+    assert np.isnan(found).tolist() == [False, True, True, False]
