@@ -56,11 +56,11 @@ class SearchConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
 
     A violation is confirmed when `confirm_needed` of `confirm_flights` re-flights, each under noise of its own, violate
     again; no more are flown than it takes to decide. Not given: 2 of 3 on a target that repeats bit by bit, 3 of 5 on
-    others. A re-flight ends half a minute after the moment that decided the first flight. `shrink_flights_max` bounds
-    the flights spent on making one violation smaller (60 by one flight each, if not given; half of it where another
-    behaviour of the policy was found before). On a target that says it repeats bit by bit, about a share
-    `check_share` of the first flights is flown over again and compared, and the first confirmed find of each policy.
-    Of all these only first flights count against the budget.
+    others. On the former a re-flight ends half a minute after the moment that decided the first flight, after its
+    end where that was hard. `shrink_flights_max` bounds the flights spent on making one violation smaller (60 by
+    one flight each, if not given; half of it where another behaviour of the policy was found before). On a target
+    that says it repeats bit by bit, about a share `check_share` of the first flights is flown over again and
+    compared, and the first confirmed find of each policy. Of all these only first flights count against the budget.
     """
 
     candidates_per_round: int = 40

@@ -98,7 +98,7 @@ class BooksService:
         self._inspections = Inspections()
         self._answered: list[Report] = []
         self._prefix = topics.prefix(campaign)
-        self._inbox: FairInbox[Happening | _Inspected | _Complaint] = FairInbox()
+        self._inbox: FairInbox[Happening | _Inspected | _Complaint] = FairInbox(self._line_of)
         self._long_polls = LongPollQueue()
         self._liveness = Liveness(books.campaign.lease.lease_s, key_of)
         self._stepped_s, self._tick_from_s = clock.monotonic_s(), 0.0
@@ -180,6 +180,12 @@ class BooksService:
         elif not isinstance(happening, tuple):
             self._on_request(happening, now_s)
 
+    def _line_of(self, happening: Happening | _Inspected | _Complaint) -> str:
+        """Return in whose line a happening waits that is no question."""
+        if not isinstance(happening, Presence):
+            return ""
+        return self._liveness.key_of(happening.key.removeprefix(f"{self._prefix}/alive/").split("/")[1:2][0])
+
     def _on_presence(self, presence: Presence, now_s: float) -> None:
         stage, _, rest = presence.key.removeprefix(f"{self._prefix}/alive/").partition("/")
         worker, _, session = rest.partition("/")
@@ -200,15 +206,15 @@ class BooksService:
             if request.damaged:
                 raise Refused(kind, expected="the message as it was sent", got=request.damaged)
             if kind == "join":
-                self._on_join(request, read(request, Join), now_s)
+                self._on_join(request, read(request, Join, self._books.owner_of), now_s)
             elif kind == "work":
-                self._on_ask(request, read(request, Ask), now_s)
+                self._on_ask(request, read(request, Ask, self._books.owner_of), now_s)
             elif kind == "beat":
-                self._answer(request, self._books.beat(read(request, Heartbeat), now_s))
+                self._answer(request, self._books.beat(read(request, Heartbeat, self._books.owner_of), now_s))
             elif kind == "result":
-                self._on_report(request, read(request, Report), now_s)
+                self._on_report(request, read(request, Report, self._books.owner_of), now_s)
             elif kind == "control":
-                self._on_control(request, read(request, Control), now_s)
+                self._on_control(request, read(request, Control, self._books.owner_of), now_s)
         except Refused as fault:
             if not self._on_unreadable_report(request, kind, fault, now_s):
                 request.refuse(str(fault))
@@ -221,7 +227,7 @@ class BooksService:
         if not words:
             self._rates.spend(request.peer, JOIN_COST, now_s)
             self._liveness.joined((card.worker, card.stage, card.session), now_s)
-        else:
+        elif words != FULL:  # who waits for a place asks every few seconds
             self._complaints.add(f"{card.worker[:64]!r} joining as {card.stage}", f"refused: {words}"[:500])
         joined = Joined(
             accepted=not words,
@@ -262,6 +268,7 @@ class BooksService:
         receipt = self._books.report(report, now_s, damage)
         if report.ask is None:
             return receipt
+        self._long_polls.forget(report.worker)
         grant = self._books.ask(report.ask, now_s)
         nothing = not grant.leases and not grant.stop and not grant.refused
         return msgspec.structs.replace(receipt, grant=Grant(retry_after_s=0.0) if nothing else grant)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import threading
 from collections import deque
+from collections.abc import Callable
 from typing import Generic, TypeVar, cast
 
 from saflite.bus.base import Request
@@ -25,9 +26,14 @@ class _Line(Generic[T]):
 
 
 class FairInbox(Generic[T]):
-    """An inbox for any number of threads that put and one that takes. What no key sent waits without a bound."""
+    """An inbox for any number of threads that put and one that takes.
 
-    def __init__(self) -> None:
+    Questions wait in the line of their key, anything else in the one that `line_of` tells, empty for nobody's, and is
+    never dropped: a token that vanishes is heard of before the worker's next life that joins.
+    """
+
+    def __init__(self, line_of: Callable[[T], str] = lambda _: "") -> None:
+        self._line_of = line_of
         self._lines: dict[str, _Line[T]] = {}
         self._change = threading.Condition()
         self._full: dict[str, int] = {}
@@ -35,13 +41,13 @@ class FairInbox(Generic[T]):
     def put(self, happening: T) -> None:
         """Let a happening wait; a question of a key whose line is full is dropped."""
         asked = None if isinstance(happening, tuple) else cast("Request", happening)
-        peer, size_bytes = (asked.peer, len(asked.payload)) if asked is not None else ("", 0)
+        peer, size_bytes = (asked.peer, len(asked.payload)) if asked is not None else (self._line_of(happening), 0)
         with self._change:
             line = self._lines.get(peer)
             if line is None:
                 line = self._lines[peer] = _Line()
             over = len(line.waiting) >= WAITING_MAX or line.size_bytes + size_bytes > WAITING_BYTES_MAX
-            if peer and line.waiting and over:
+            if asked is not None and peer and line.waiting and over:
                 self._full[peer] = self._full.get(peer, 0) + 1
                 return
             line.waiting.append((happening, size_bytes))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TypeVar
 
 import msgspec
@@ -12,6 +13,7 @@ from saflite.contract import wire
 from saflite.contract.control import Answer, AnswerJson, Control
 from saflite.contract.errors import Refused
 from saflite.contract.events import Event
+from saflite.contract.join import Join
 
 T = TypeVar("T", bound=msgspec.Struct)
 
@@ -26,9 +28,10 @@ def encoded(request: Request, message: msgspec.Struct) -> bytes:
     return wire.encode_json(message)
 
 
-def read(request: Request, kind: type[T]) -> T:
+def read(request: Request, kind: type[T], owner_of: Callable[[str], str | None]) -> T:
     """Return the message of a request; raises Refused unless it says what its key and the asker's certificate say.
 
+    `owner_of` tells by which key a worker joined; whoever joins has not yet, and is held to the name alone.
     A question for work that came with a result has to be of the same worker and stage.
     """
     in_json = kind is Control and wire.is_json(request.payload)
@@ -38,7 +41,7 @@ def read(request: Request, kind: type[T]) -> T:
     if said != place:
         raise Refused("key", expected=f"one that ends in {said}, as the message says", got=place[:80])
     worker = getattr(message, "worker", request.peer)
-    check_speaker(request.peer, worker)
+    check_speaker(request.peer, worker, None if kind is Join else owner_of(worker))
     ask = getattr(message, "ask", None)
     if ask is not None and (ask.worker, ask.stage) != (worker, place):
         got = f"{ask.worker[:80]} for {ask.stage}"

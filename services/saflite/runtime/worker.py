@@ -193,15 +193,17 @@ class Worker:
 
     def _on_grant(self, grant: Grant | None, now_s: float, out: list[Instruction]) -> None:
         self._asking = False
-        self._heard_s = self._heard_s if grant is None else now_s
-        if grant is not None and grant.refused:
-            self._joining.lost(now_s)
         if grant is None:
             self._ask_s = now_s + self._ask_wait_s
             self._ask_wait_s = min(2 * self._ask_wait_s, RETRY_MAX_S)
             return
-        self._ask_wait_s = RETRY_FIRST_S
+        self._heard_s, self._ask_wait_s = now_s, RETRY_FIRST_S
         self._ask_s = now_s if grant.leases else now_s + grant.retry_after_s
+        self._take(grant, now_s, out)
+
+    def _take(self, grant: Grant, now_s: float, out: list[Instruction]) -> None:
+        if grant.refused:
+            self._joining.lost(now_s)
         held = set(self.held)
         granted = {Key(lease.lease_id, lease.epoch): lease for lease in grant.leases}
         self._waiting += [lease for key, lease in granted.items() if key not in held]
@@ -237,8 +239,10 @@ class Worker:
             del self._pending[event.key]
             out.append(Forget(event.key))
         grant = None if event.receipt is None else event.receipt.grant
-        if asked or grant is not None:  # a result sent again may be answered as it was sent first
+        if asked:
             self._on_grant(grant, now_s, out)
+        elif grant is not None:  # the result was sent again, but answered as it was sent first
+            self._take(grant, now_s, out)
 
     def _on_done(self, event: Done, now_s: float, out: list[Instruction]) -> None:
         if self._running.pop(event.key, None) is None:

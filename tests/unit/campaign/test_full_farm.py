@@ -10,6 +10,7 @@ from saflite.campaign.engine import worker_registry
 from saflite.campaign.engine.worker_registry import FULL, Worker, WorkerRegistry
 from saflite.contract.join import Join
 from saflite.contract.topics import PROTOCOL
+from saflite.contract.work import Stage
 
 PLACES = 12
 
@@ -20,9 +21,11 @@ def registry(monkeypatch: pytest.MonkeyPatch) -> WorkerRegistry:
     return WorkerRegistry()
 
 
-def _join(registry: WorkerRegistry, name: str, owner: str = "", busy: str = "", session: str = "life") -> str | None:
+def _join(
+    registry: WorkerRegistry, name: str, owner: str = "", busy: str = "", session: str = "life", stage: Stage = "fly"
+) -> str | None:
     """Join as the books do; return who had to leave, or in words why not."""
-    card = Join(protocol=PROTOCOL, worker=name, session=session, stage="fly")
+    card = Join(protocol=PROTOCOL, worker=name, session=session, stage=stage)
     other = registry.in_the_way(card, owner, lambda _: False, lambda one: one.startswith(busy or "/"))
     if isinstance(other, str):
         return other
@@ -90,3 +93,12 @@ def test_counts_of_keys_stay_right_however_workers_come_and_go(registry: WorkerR
         assert registry.leave("fly", f"eve-{number}")
     assert len(registry) == 0
     assert _join(registry, "eve-1", "eve") is None
+
+
+def test_the_last_of_a_stage_gives_way_last(registry: WorkerRegistry) -> None:
+    _join(registry, "lab-model", "lab", stage="score")
+    for number in range(1, PLACES):
+        _join(registry, f"lab-{number}", "lab")
+    left = [_join(registry, f"fly-{number}", busy="lab-1") for number in range(PLACES)]
+    assert "lab-model" in left[-2:], "idle most of the time, but nobody else scores"
+    assert None not in left

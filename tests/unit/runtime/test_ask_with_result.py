@@ -61,6 +61,18 @@ def test_a_result_sent_again_goes_without_a_question_which_is_asked_beside_it() 
     assert _of(w.Begin, worker.handle(w.Received(Key("a", 1), receipt), 11.3)), "the answer to the first was late"
 
 
+def test_a_late_answer_to_a_question_that_came_with_a_result_lets_no_second_one_go_out() -> None:
+    worker = _worker(prefetch=0)
+    worker.handle(w.Granted(Grant(leases=(_lease("a"),))), 0.1)
+    worker.handle(_done("a"), 1.0)
+    worker.handle(w.Received(Key("a", 1), None), 11.0)
+    assert _of(w.SendAsk, worker.handle(w.Tick(), 11.2)), "asked beside the result that is sent again"
+    receipt = Receipt(lease_id="a", epoch=1, status="accepted", grant=Grant(retry_after_s=0.0))
+    assert not _of(w.SendAsk, worker.handle(w.Received(Key("a", 1), receipt), 11.3))
+    assert not _of(w.SendAsk, worker.handle(w.Tick(), 12.0)), "one question is under way"
+    assert _of(w.SendAsk, worker.handle(w.Granted(Grant(retry_after_s=0.0)), 21.0))
+
+
 def test_a_question_that_comes_with_a_result_is_answered_with_its_receipt(stand: Stand) -> None:
     report = msgspec.structs.replace(_mutated(stand), ask=_ask("mutate"))
     stand.send(topics.result("c", "mutate"), report)

@@ -86,8 +86,8 @@ class WorkerRegistry:
         """Return whom a worker of an owner takes the name or the place of, or in words why it cannot join.
 
         A name is free again once `gone` says of the life that holds it that it has ended; another owner's is only for
-        the farm's own to take. In a full farm the key that has most workers gives way, first one that is not `busy`: to
-        the farm's own whatever they are, to a key that has at least two fewer.
+        the farm's own to take. In a full farm the key that has most workers gives way, the last of a stage last, first
+        one that is not `busy`: to the farm's own whatever they are, to a key that has at least two fewer.
         """
         holder = self._workers.get((card.stage, card.worker)) or self._named.get(card.worker)
         if holder is None:
@@ -102,8 +102,9 @@ class WorkerRegistry:
         whose, most = max(self._of_key.items(), key=lambda one: one[::-1], default=("", 0))
         if most < 1 or (owner and most < self._of_key[owner] + 2):
             return None
-        theirs = (one for one in self._workers.values() if one.owner == whose)
-        return min(theirs, key=lambda one: (busy(one.worker), -one.joined_s))
+        theirs = [one for one in self._workers.values() if one.owner == whose]
+        many = Counter(one.stage for one in theirs)
+        return min(theirs, key=lambda one: (many[one.stage] == 1, busy(one.worker), -many[one.stage], -one.joined_s))
 
     def owner_of(self, worker: str) -> str | None:
         """Return by which key a worker joined, empty for the farm's own user; None if nobody has that name."""

@@ -101,14 +101,14 @@ class WorkMessages:
         limit_s = self._core.campaign.lease.wall_limit_s
         test_case = self._reducer.test_case_of(key)
         noise = key.index  # every flight of a test case has its own, but one that checks the first over again
-        of_trial = key.purpose in ("confirm", "shrunk")
+        may_end = self._core.target.repeats == "bitwise" and key.purpose in ("confirm", "shrunk")
         return FlyWork(
             test_case=test_case,
             flight_index=key.index,
             purpose=key.purpose,
             wall_limit_s=limit_s,
             noise=noise,
-            until_s=self._core.trial_of(key).until_s(key.index) if of_trial else None,
+            until_s=self._core.trial_of(key).until_s(key.index) if may_end else None,
         )
 
     def _judge(self, key: JudgeKey) -> JudgeWork:

@@ -17,7 +17,7 @@ from saflite.contract import wire
 from saflite.contract.errors import Refused
 from saflite.contract.events import kind_of
 
-FORMAT = 14
+FORMAT = 15
 """Version of the store; a store of another version is refused."""
 
 TABLES: dict[str, tuple[str, ...]] = {
