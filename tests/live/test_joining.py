@@ -69,7 +69,7 @@ def open(slot):
 class Session:
     def fly(self, test_case, deadline_s, cancelled):
         time.sleep(0.1)
-        distance_m = 1.0 + 5.0 * float(derive(0, "dart", repr(test_case.scenario)).random())
+        distance_m = 1.0 + 5.0 * float(derive(0, "dart", repr(test_case.scenario.obstacles)).random())
         column = np.full(10, distance_m, dtype="<f4")
         column[0] = 10.0  # it begins far from the obstacle
         return FlightRecord("completed", Trace(step_s=0.1, signals=dict.fromkeys(describe().signals, column.tobytes())))

@@ -9,6 +9,7 @@ from saflite.contract.wire import MESSAGE_BYTES_MAX
 
 LINK_LEASE_MS = 2000  # a frozen peer is noticed after about 0.75 of it; Zenoh's default of 10 s is too slow for us
 SESSIONS_MAX, OPENING_MAX = 4_000, 1_000  # of a router; Zenoh's own 1,000 and 100 are less than may join at once
+ANSWERS_WAIT_US = 50_000  # so long for a short one: a machine that is busy empties a link late, and Zenoh's own is 1 ms
 FRAGMENTS_WAIT_US = 2_000_000  # so long a full link takes no more of a long answer before that is given up
 
 
@@ -40,5 +41,9 @@ def gate_settings() -> dict[str, Any]:
     """
     questions = {"messages": ["query"], "flows": ["ingress"], "link_protocols": ["tls"], "key_exprs": ["**"]}
     drop = {"id": "drop", "overwrite": {"congestion_control": "drop"}, **questions}
-    waiting = "transport/link/tx/queue/congestion_control/drop/max_wait_before_drop_fragments"
-    return {"qos/network": [drop], waiting: FRAGMENTS_WAIT_US}
+    waits = "transport/link/tx/queue/congestion_control/drop"
+    return {
+        "qos/network": [drop],
+        f"{waits}/wait_before_drop": ANSWERS_WAIT_US,
+        f"{waits}/max_wait_before_drop_fragments": FRAGMENTS_WAIT_US,
+    }
