@@ -45,6 +45,8 @@ class Session(Protocol):
     def fly(self, test_case: TestCase, deadline_s: float, cancelled: Cancelled) -> FlightRecord:
         """Fly once, within `deadline_s` of wall time.
 
+        A flight is the beginning of the one with a later `time_limit_s`: re-flights end when all was seen that counts.
+
         Raises:
             Refused: the test case cannot be flown on this target.
             Unavailable: bring-up failed, or it was cancelled.
