@@ -130,3 +130,87 @@ def test_a_height_that_is_not_known_is_no_height_above_ground() -> None:
     height = np.array([0.0, np.nan, np.nan, 1.0])
     found = above_ground(height, np.array([0.0, 0.0, 1.0, 1.0]), None, 0.1)
     assert np.isnan(found).tolist() == [False, True, True, False]
+
+
+HOVERS: Course = [*UP, (15.0, 20.0), (40.0, 20.0)]
+SINKS: Course = [*UP, (15.0, 20.0), (20.0, 20.0), (40.0, 10.0)]
+
+
+@pytest.mark.parametrize("height", [HOVERS, SINKS], ids=["hovers", "sinks"])
+def test_what_counts_as_landed_over_ground_that_it_rose_from_is_in_the_air(height: Course, tmp_path: Path) -> None:
+    path = ardupilot(tmp_path, height, [*TAKES_OFF, (22.0, 18)])
+    assert outcomes(path)["landed-on-ground"] == "violated"
+    path = px4(tmp_path, height, [(1, 1), (5, 0), (22, 1)], [(1, 0), (3, 1)])
+    assert outcomes(path)["landed-on-ground"] == "violated"
+
+
+@pytest.mark.parametrize("end_s", [30.5, 40.0])
+def test_what_counts_as_landed_in_a_hover_and_stops_its_motors_is_in_the_air(end_s: float, tmp_path: Path) -> None:
+    path = px4(tmp_path, HOVERS, [(1, 1), (5, 0), (22, 1)], [(1, 0), (3, 1), (30, 0)], end_s)
+    assert outcomes(path) == {"armed-in-flight": "violated", "landed-on-ground": "violated"}
+
+
+@pytest.mark.parametrize("up_m", [0.7, 1.3, 1.45, 1.7])
+def test_motors_that_stop_just_above_the_ground_show_by_the_drop(up_m: float, tmp_path: Path) -> None:
+    drops: Course = [*UP, (25.0, up_m), (30.0, up_m), (30.5, 0.0), (40.0, 0.0)]
+    assert outcomes(ardupilot(tmp_path, drops, [*TAKES_OFF, (30.0, 11)]))["armed-in-flight"] == "violated"
+    path = px4(tmp_path, drops, [(1, 1), (5, 0)], [(1, 0), (3, 1), (30, 0)])
+    assert outcomes(path)["armed-in-flight"] == "violated"
+
+
+def test_motors_that_stop_in_a_hover_show_where_the_estimate_stays_as_it_was(tmp_path: Path) -> None:
+    assert outcomes(ardupilot(tmp_path, HOVERS, [*TAKES_OFF, (30.0, 11)]))["armed-in-flight"] == "violated"
+
+
+TIMES = np.arange(0.0, 80.0, 0.1)
+HOVER = np.interp(TIMES, [0, 5, 10, 50, 75, 80], [0, 0, 40, 40, 0, 0])
+
+
+def above(height: Any, landed: Any, place: Any = None, throttle: Any = None) -> Any:
+    """Armed from 3 s on, landed until 5 s, from 76 s on, and as given."""
+    landed = (TIMES < 5) | (TIMES >= 76) | landed
+    return above_ground(height, (TIMES > 3).astype(float), landed.astype(float), 0.1, place, throttle)
+
+
+def test_a_moment_of_landed_in_a_hover_moves_no_ground() -> None:
+    found = above(HOVER, (TIMES >= 20) & (TIMES < 20.2))
+    assert found == pytest.approx(HOVER)
+
+
+def test_some_time_of_landed_in_a_hover_is_in_the_air_where_it_was_lower_nearby_and_not_known_elsewhere() -> None:
+    landed = (TIMES >= 20) & (TIMES < 30)
+    home = np.zeros((len(TIMES), 2))
+    assert above(HOVER, landed, home) == pytest.approx(HOVER)
+    away = np.interp(TIMES, [10, 12, 40, 45], [0, 100, 100, 0])[:, None] * [0.0, 1.0]
+    for place in (away, None):
+        found = above(HOVER, landed, place)
+        assert np.isnan(found).tolist() == landed.tolist()
+        assert found[~landed] == pytest.approx(HOVER[~landed])
+
+
+def test_a_hill_that_it_descends_to_and_rises_from_is_ground_and_what_it_later_sinks_below_is_not() -> None:
+    height = np.interp(TIMES, [0, 5, 10, 12, 20, 33, 40, 50, 75, 80], [0, 0, 40, 40, 30, 30, 40, 40, 0, 0])
+    landed = (TIMES >= 21) & (TIMES < 33)
+    hill = np.interp(TIMES, [10, 12, 40, 45], [0, 100, 100, 0])[:, None] * [0.0, 1.0]
+    assert above(height, landed, hill)[landed] == pytest.approx(0.0)
+    assert np.isnan(above(height, landed, np.zeros((len(TIMES), 2)))[landed]).all()
+    assert np.isnan(above(height, landed, hill + 2.0 * np.maximum(0.0, TIMES - 20)[:, None])[landed]).all()
+    carried = np.full(len(TIMES), 0.4)
+    assert np.isnan(above(height, landed, hill, carried)[landed]).all()
+    assert above(height, landed, hill, np.where(landed, 0.1, 0.4))[landed] == pytest.approx(0.0)
+
+
+def test_motors_that_stop_for_a_moment_in_the_air_move_no_ground() -> None:
+    armed = (TIMES > 3) & ~((TIMES >= 30) & (TIMES < 30.2))
+    landed = (TIMES < 5) | (TIMES >= 76)
+    found = above_ground(HOVER, armed.astype(float), landed.astype(float), 0.1)
+    assert found == pytest.approx(HOVER)
+
+
+def test_a_roof_that_nobody_says_it_stands_on_gives_no_alarm(tmp_path: Path) -> None:
+    """It descends to 10 m and its log ends as the motors stop, or a while later; it never counts as landed."""
+    roof: Course = [*UP, (15.0, 20.0), (28.0, 10.0), (45.0, 10.0)]
+    path = px4(tmp_path, roof, [(1, 1), (5, 0)], [(1, 0), (3, 1), (32, 0)], end_s=32.3)
+    assert outcomes(path)["armed-in-flight"].startswith("not known all the time: above_ground_m")
+    path = px4(tmp_path, roof, [(1, 1), (5, 0)], [(1, 0), (3, 1), (32, 0)])
+    assert outcomes(path)["armed-in-flight"] == "held"
