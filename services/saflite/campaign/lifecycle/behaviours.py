@@ -68,6 +68,10 @@ class Behaviours:
         first = self._first(policy)
         return first is None or first.founder == trial.name
 
+    def has_stood(self, policy: str) -> bool:
+        """Whether a find that violates the policy was confirmed already; which is the first depends on timing."""
+        return any(one.policy == policy and one.representative for one in self._known.values())
+
     def _first(self, policy: str) -> Behaviour | None:
         """Return None where a journal of an earlier version takes its finds for behaviours of another policy."""
         return next((one for one in self._known.values() if one.policy == policy), None)

@@ -288,7 +288,7 @@ class Flights:
         core, first = self._core, trial.flights[trial.first]
         found = violations_of(trial, core.confirm)
         trial.stood = frozenset(one.policy for one in found if one.confirmation == "confirmed")
-        if any(self._behaviours.leads(trial, policy) for policy in trial.stood):
+        if any(not self._behaviours.has_stood(policy) for policy in trial.stood):
             self._checks.prove(trial)
         for violation in found:
             self._announce(trial, violation)
