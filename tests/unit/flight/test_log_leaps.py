@@ -23,16 +23,21 @@ def outcome(path: Path, policy: str) -> str:
     return verdict.message if verdict.outcome == "inconclusive" else verdict.outcome
 
 
+BESIDE = {
+    "vehicle_status": STATUS,
+    "vehicle_land_detected": [("?", "landed")],
+    "vehicle_gps_position": [("B", "fix_type")],
+    "manual_control_setpoint": [("?", "valid"), *(("f", name) for name in ("roll", "pitch", "yaw", "throttle"))],
+    "failsafe_flags": [("?", "local_position_invalid")],
+}
+
+
 def px4(tmp_path: Path, leap_m: float, counter: str = "xy_reset_counter", drift_mps: float = 0.0) -> Path:
     """Position mode for 40 s from 1 s on, 10 m up; at 25 s the estimate leaps and a counter counts on."""
     topics = {
         "vehicle_local_position": [*POSITION, ("B", counter)],
         "vehicle_attitude": ATTITUDE,
-        "vehicle_status": STATUS,
-        "vehicle_land_detected": [("?", "landed")],
-        "vehicle_gps_position": [("B", "fix_type")],
-        "manual_control_setpoint": [("?", "valid"), *(("f", name) for name in ("roll", "pitch", "yaw", "throttle"))],
-        "failsafe_flags": [("?", "local_position_invalid")],
+        **BESIDE,
     }
     rows: list[tuple[str, float, tuple[float, ...]]] = []
     for tenth in range(10, 410):
@@ -80,11 +85,7 @@ def resets(tmp_path: Path, told: Told, drift_mps: float = 1.0, leap_m: float = 0
     topics = {
         "vehicle_local_position": [*POSITION, *((codes[name], name) for name, _ in placed)],
         "vehicle_attitude": [*ATTITUDE, *((codes[name], name) for name, _ in turned)],
-        "vehicle_status": STATUS,
-        "vehicle_land_detected": [("?", "landed")],
-        "vehicle_gps_position": [("B", "fix_type")],
-        "manual_control_setpoint": [("?", "valid"), *(("f", name) for name in ("roll", "pitch", "yaw", "throttle"))],
-        "failsafe_flags": [("?", "local_position_invalid")],
+        **BESIDE,
     }
     rows: list[tuple[str, float, tuple[float, ...]]] = []
     for tenth in range(10, 910):
