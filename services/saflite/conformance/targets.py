@@ -21,7 +21,7 @@ from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.flight import FLOWN_ENDINGS, DeliveryAnswer, FlightRecord
 from saflite.contract.target import ForkingSession, Session, TargetModule
 from saflite.contract.target_info import TargetInfo
-from saflite.contract.test_case import Scenario, StartState, Stimulus, StimulusKind, Target, TestCase
+from saflite.contract.test_case import Scenario, StartState, Stimulus, StimulusKind, Target, TestCase, cut_off
 from saflite.simulator_worker import agreement
 from saflite.simulator_worker.processes import children
 
@@ -29,6 +29,7 @@ Cases = Sequence[TestCase] | None
 FLIGHTS = 5  # of one test case on a target that repeats statistically
 CAN_BE_TAKEN: tuple[StimulusKind, ...] = ("parameter", "stick", "sensor_fault")
 """Kinds of which some value in range can be taken at any time; commands and modes may be out of place at a start."""
+CUT_SHARE = 0.6  # of a whole flight: the smaller time limit under which it has to begin alike
 SHARES = (0.0, 0.3, 0.7)  # of the time limit: where snapshots are taken
 
 
@@ -44,6 +45,7 @@ def check_repeatable_target(target: TargetModule, cases: Cases = None) -> tuple[
         Check("says_that_it_repeats_bit_by_bit", partial(_says, target, "bitwise")),
         *_common(target, cases),
         Check("repeats_bit_by_bit", partial(_repeats, target, cases)),
+        Check("begins_alike_whatever_its_time_limit", partial(_begins_alike, target, cases)),
         Check("flies_on_from_snapshots_as_from_the_start", partial(_snapshots, target, cases)),
     )
 
@@ -184,6 +186,16 @@ def _repeats(target: TargetModule, cases: Cases) -> Iterator[str]:
     with opened(target) as session:
         for wrong in agreement.differences(first[-1], _fly(session, some[-1])):
             yield f"test case {len(some) - 1}, in a new session: {wrong}"
+
+
+def _begins_alike(target: TargetModule, cases: Cases) -> Iterator[str]:
+    """Re-flights end once all is seen that they are flown for: what they show has to be what the whole flight did."""
+    with opened(target) as session:
+        for number, case in enumerate(cases or default_cases(target.describe())):
+            whole = _fly(session, case)
+            until_s = round(CUT_SHARE * (0.0 if whole.trace is None else whole.trace.duration_s), 3)
+            for wrong in agreement.beginning_differences(whole, _fly(session, cut_off(case, until_s)), until_s):
+                yield f"test case {number} with {until_s:g} s instead of {case.scenario.time_limit_s:g} s: {wrong}"
 
 
 def _snapshots(target: TargetModule, cases: Cases) -> Iterator[str]:

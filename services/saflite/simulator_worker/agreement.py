@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from typing import get_args
 
-from saflite.contract.flight import DeliveryAnswer, Ending, FlightRecord, Trace
+from saflite.contract.flight import Delivered, DeliveryAnswer, Ending, FlightRecord, Trace
 from saflite.contract.names import NAME_EXPECTED, is_name
 from saflite.contract.signals import SIGNALS
 from saflite.contract.target_info import InputInfo, TargetInfo
@@ -128,6 +128,33 @@ def differences(first: FlightRecord, again: FlightRecord) -> Iterator[str]:
         yield "messages differ"
     if one.step_s != two.step_s:
         yield f"steps of {one.step_s:g} s, then of {two.step_s:g} s"
+
+
+def beginning_differences(whole: FlightRecord, cut: FlightRecord, until_s: float) -> Iterator[str]:
+    """Yield where a flight that ran out of time at `until_s` is not the beginning of the whole one, bit by bit."""
+    if whole.trace is None or cut.trace is None:
+        yield "one of two flights has no trace"
+        return
+    one, two = whole.trace, cut.trace
+    late_s = two.duration_s - min(one.duration_s, until_s)
+    if not abs(late_s) <= 2 * one.step_s:
+        yield f"lasted {two.duration_s:g} s, expected {until_s:g}"
+    size = 4 * min(one.samples, two.samples)
+    moved = [name for name in sorted(one.signals | two.signals) if _head(one, name, size) != _head(two, name, size)]
+    if moved:
+        yield f"{_few(moved)} not equal bit by bit"
+    certain_s = two.duration_s - two.step_s  # what is due in the last step may be the other flight's next one
+    if _given(whole, certain_s) != _given(cut, certain_s):
+        yield "delivered differs"
+
+
+def _head(trace: Trace, name: str, size: int) -> bytes | None:
+    data = trace.signals.get(name)
+    return None if data is None else data[:size]
+
+
+def _given(record: FlightRecord, until_s: float) -> list[Delivered]:
+    return [one for one in record.delivered or () if one.at_s < until_s]
 
 
 def _few(names: list[str]) -> str:

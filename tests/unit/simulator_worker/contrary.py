@@ -14,7 +14,9 @@ from saflite.contract.target import Slot
 from saflite.contract.target_info import InputInfo, TargetInfo
 from saflite.contract.test_case import StartState, TestCase
 
-RIGHT, SIGNAL, SAMPLES, ENDING, INDEX, REPEAT, EARLY, NO_TRACE, NEW_SIGNAL, FILE_NAME, MESSAGE = range(11)
+RIGHT, SIGNAL, SAMPLES, ENDING, INDEX, REPEAT, EARLY, NO_TRACE, NEW_SIGNAL, FILE_NAME, MESSAGE, LIMIT, ENDLESS = range(
+    13
+)
 BUILD = "b" * 64
 
 
@@ -23,7 +25,7 @@ def describe() -> TargetInfo:
         name="contrary",
         build=BUILD,
         repeats="bitwise",
-        inputs=(InputInfo(kind="parameter", name="WRONG", low=0, high=10),),
+        inputs=(InputInfo(kind="parameter", name="WRONG", low=0, high=12),),
         signals=("altitude_m", "x_m"),
         start_states=(StartState(),),
     )
@@ -45,7 +47,10 @@ class Contrary:
 
     def fly(self, test_case: TestCase, deadline_s: float, cancelled: Cancelled) -> FlightRecord:
         wrong = int(test_case.target.parameters.get("WRONG", RIGHT))
-        altitude = np.full(10, next(self._numbers) if wrong == REPEAT else 1.0, "<f4").tobytes()
+        limit_s = test_case.scenario.time_limit_s
+        samples = 10 if wrong == ENDLESS else min(10, round(limit_s / 0.1))
+        height = {REPEAT: float(next(self._numbers)), LIMIT: limit_s}.get(wrong, 1.0)
+        altitude = np.full(samples, height, "<f4").tobytes()
         signals = {"altitude_m": altitude, "x_m": altitude[4:] if wrong == SAMPLES else altitude}
         if wrong == SIGNAL:
             del signals["x_m"]
