@@ -127,6 +127,7 @@ def px4(tmp_path: Path, *told: Told, falls_s: float = math.inf) -> Path:
         "vehicle_local_position": POSITION,
         "vehicle_status": STATUS,
         "vehicle_command": COMMAND,
+        "vehicle_command_ack": [("H", "command"), ("B", "result")],
         "actuator_armed": ACTUATORS,
     }
     rows: list[Told] = [
@@ -158,6 +159,16 @@ def test_a_stop_ordered_by_command_is_one_in_a_px4_log(
 ) -> None:
     command = ("vehicle_command", 10.0, (*given, 0.0, 0.0, 0.0, 0.0, 0.0))
     assert outcome(px4(tmp_path, command, *disarmed(10.02), falls_s=10.0)) == expected
+
+
+@pytest.mark.parametrize(
+    ("answer", "expected"),
+    [((400, 0), "vacuous"), ((400, 5), "vacuous"), ((400, 2), "violated"), ((176, 2), "vacuous")],
+)
+def test_a_stop_that_a_px4_refused_is_none(answer: tuple[int, int], expected: str, tmp_path: Path) -> None:
+    command = ("vehicle_command", 10.0, (400, True, 0.0, 21196.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    path = px4(tmp_path, command, ("vehicle_command_ack", 10.01, answer), *disarmed(10.02), falls_s=10.0)
+    assert outcome(path) == expected
 
 
 def test_a_px4_stopped_by_switch_is_judged_again_once_it_is_armed_again(tmp_path: Path) -> None:

@@ -142,3 +142,10 @@ def test_a_place_in_a_log_is_in_degrees_again(name: str, tmp_path: Path) -> None
     (order,) = _commands(load(path)[0])
     assert order.name == name
     assert order.values == pytest.approx(PLACE)
+
+
+@pytest.mark.parametrize(("result", "counts"), [(0, True), (5, True), (1, False), (2, False), (3, False), (4, False)])
+def test_a_refused_command_in_a_log_orders_nothing(result: int, counts: bool, tmp_path: Path) -> None:
+    kinds, path = {**KINDS, "MAVC": ("QHffB", "TimeUS,Cmd,P1,P2,Res")}, tmp_path / "flight.bin"
+    path.write_bytes(ardupilot_flight(kinds, more=[("MAVC", (3_000_000, 218, 31.0, 2.0, result))]))
+    assert [cuts_motors(order) for order in _commands(load(path)[0])] == [True] * counts

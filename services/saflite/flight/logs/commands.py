@@ -26,6 +26,8 @@ NAMES: dict[int, str] = {
     400: "COMPONENT_ARM_DISARM",
 }
 """MAV_CMD by number (MAVLink, common.xml)."""
+REFUSALS = frozenset({1, 2, 3, 4})
+"""MAV_RESULT of what was not done: refused for now, denied, unsupported, failed (MAVLink, common.xml)."""
 
 
 def command(at_s: float, number: int, values: Sequence[float]) -> Stimulus | None:

@@ -15,7 +15,7 @@ from saflite.contract.flight import Trace
 from saflite.contract.signals import MODES
 from saflite.contract.test_case import Stimulus
 from saflite.flight.logs import batteries, dataflash_events
-from saflite.flight.logs.commands import command
+from saflite.flight.logs.commands import REFUSALS, command
 from saflite.flight.logs.dataflash_rows import FIX_3D, Rows, load, lowest, points, settings_told
 from saflite.flight.logs.flight_log import (
     NO_ORDERS,
@@ -186,8 +186,9 @@ def _changed(told: list[tuple[float, str, float]]) -> list[tuple[float, str, flo
 
 
 def _commands(rows: Rows) -> list[Stimulus]:
-    """Return the commands that came over MAVLink (MAVC)."""
-    made = (command(at, int(row["Cmd"]), _numbers(row)) for at, row in rows["MAVC"] if "Cmd" in row)
+    """Return the commands that came over MAVLink (MAVC) and were not refused."""
+    heard = ((at, row) for at, row in rows["MAVC"] if "Cmd" in row and row.get("Res") not in REFUSALS)
+    made = (command(at, int(row["Cmd"]), _numbers(row)) for at, row in heard)
     return [one for one in made if one is not None]
 
 

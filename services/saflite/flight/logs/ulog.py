@@ -23,7 +23,6 @@ from saflite.contract.flight import Trace
 from saflite.contract.signals import MODES
 from saflite.contract.test_case import Stimulus
 from saflite.flight.logs import ulog_states
-from saflite.flight.logs.commands import command
 from saflite.flight.logs.flight_log import (
     NO_ORDERS,
     UNTOLD,
@@ -37,7 +36,8 @@ from saflite.flight.logs.home import Homes, Place, add_home, homes_of_px4
 from saflite.flight.logs.leaps import add_leaps_of_px4
 from saflite.flight.logs.resample import POSITION, Columns
 from saflite.flight.logs.settings import PX4, add_settings, sources
-from saflite.flight.logs.topics import Topics, chosen, field, held, times
+from saflite.flight.logs.topics import Topics, chosen, field, held
+from saflite.flight.logs.ulog_commands import commands_of
 from saflite.flight.mission import to_local
 
 _MAGIC = b"ULog\x01\x12\x35"
@@ -71,7 +71,7 @@ _WANTED = tuple(
     "vehicle_local_position vehicle_global_position vehicle_attitude vehicle_angular_velocity vehicle_status"  # noqa: SIM905
     " mission_result vehicle_gps_position sensor_gps manual_control_setpoint battery_status home_position"
     " vehicle_local_position_setpoint vehicle_land_detected vehicle_command failsafe_flags vehicle_status_flags"
-    " geofence_result vehicle_air_data vehicle_control_mode actuator_armed orbit_status"
+    " vehicle_command_ack geofence_result vehicle_air_data vehicle_control_mode actuator_armed orbit_status"
     " estimator_status estimator_status_flags".split()
 )
 _NO_COPTERS = (1, 7, 8, 9, 10, 11, 12, 16)  # MAV_TYPE of planes, airships, balloons, rockets, rovers, boats, wings
@@ -142,7 +142,7 @@ def read_ulog_log(path: Path, *, placed: bool = False) -> FlightLog:
         if changed_by_hand(name)
     ]
     trace = columns.trace("PX4 log", str(path), placed=placed)
-    stimuli = within([*set_by_hand, *_commands(topics)], *columns.span("PX4 log", str(path), placed=placed))
+    stimuli = within([*set_by_hand, *commands_of(topics)], *columns.span("PX4 log", str(path), placed=placed))
     told = {**told_of(SOURCES, topics, columns), **dict.fromkeys(homeless, NO_HOME)}
     return FlightLog(trace, stimuli, told, untold=UNTOLD, lost=lost)
 
@@ -212,17 +212,6 @@ def _fields(name: str, formats: Mapping[str, Any], plain: Container[str], known:
             for kind, many, _ in formats[name].fields
         )
     return known[name]
-
-
-def _commands(topics: Topics) -> list[Stimulus]:
-    """Return the commands that came from outside the vehicle (vehicle_command.from_external)."""
-    topic = topics.get("vehicle_command", {})
-    if not {"command", "from_external"} <= topic.keys():
-        return []
-    values = [np.asarray(topic.get(f"param{number}", np.zeros(len(topic["command"])))) for number in range(1, 8)]
-    told = zip(times(topic), topic["command"], topic["from_external"], *values, strict=True)
-    made = [command(float(at), int(number), given) for at, number, outside, *given in told if outside]
-    return [one for one in made if one is not None]
 
 
 def _severity(level: int) -> str:
