@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 
 import pytest
@@ -79,3 +80,23 @@ def test_object_by_id_is_held_to_the_same_rules(text: str, fault: str) -> None:
 
 def test_says_its_faults_in_one_line() -> None:
     assert parse(Reply("no"), ("ca", "cb")).fault == "not-json (2 ids)"
+
+
+def ranked(scores: dict[str, int], ranking: object) -> dict[str, float]:
+    told = {key: {"score": score} for key, score in scores.items()}
+    reply = Reply(json.dumps({"test_cases": told, "ranking": ranking}))
+    return {key: line.ranked for key, line in parse(reply, tuple(scores)).lines.items()}
+
+
+def test_a_ranking_tells_equal_scores_apart_and_no_others() -> None:
+    scores = {"a": 7, "b": 8, "c": 7, "d": 10}
+    got = ranked(scores, ["c", "a", "b", "d"])
+    assert sorted(got, key=lambda key: -got[key]) == ["d", "b", "c", "a"]
+    assert all(scores[key] <= value < scores[key] + 0.5 for key, value in got.items())
+    assert max(got.values()) <= 10.0
+
+
+@pytest.mark.parametrize("ranking", [None, "cab", [], ["a", "b"], ["a", "b", "c", "c"], [1, 2, 3], {"a": 1}])
+def test_a_ranking_that_is_none_changes_nothing(ranking: object) -> None:
+    scores = {"a": 7, "b": 7, "c": 7}
+    assert ranked(scores, ranking) == scores

@@ -17,6 +17,8 @@ from saflite.contract.score import SCORE_MAX, SCORE_MIN
 
 ANSWER_CHARS_MAX = 1_000_000
 REASON_CHARS_MAX = 500
+TIE_WIDTH = 0.4
+"""How far apart the ranking puts equal scores, points: less than half a point, so it decides between equals alone."""
 _FENCE = re.compile(r"```[a-zA-Z]*[ \t]*\r?\n(.*?)```", re.DOTALL)
 _THINK = re.compile(r"<think(?:ing)?>(.*?)</think(?:ing)?>", re.DOTALL)
 
@@ -29,10 +31,16 @@ class Reply(NamedTuple):
 
 
 class Line(NamedTuple):
-    """The score of one test case and the words that came with it."""
+    """The score of one test case, the words that came with it, and how far its place puts it above equal ones."""
 
     value: float
     reason: str
+    above: float = 0.0
+
+    @property
+    def ranked(self) -> float:
+        """The score by which test cases are chosen, 0 to 10."""
+        return min(SCORE_MAX, self.value + self.above)
 
 
 class Parsed(NamedTuple):
@@ -55,7 +63,8 @@ class _Fault(Exception):
 def parse(reply: Reply, keys: tuple[str, ...]) -> Parsed:
     """Return scores and faults for `keys`; never raises, whatever the answer holds."""
     try:
-        entries = _entries(_document(reply), keys)
+        document = _document(reply)
+        entries = _entries(document, keys)
     except _Fault as whole:
         return Parsed({}, dict.fromkeys(keys, str(whole)))
     lines: dict[str, Line] = {}
@@ -69,7 +78,7 @@ def parse(reply: Reply, keys: tuple[str, ...]) -> Parsed:
             faults[key] = fault
         else:
             lines[key] = Line(float(entries[key]["score"]), _reason(entries[key]))
-    return Parsed(lines, faults)
+    return Parsed(_ranked(lines, document.get("ranking")), faults)
 
 
 # ---- from text to a document --------------------------------------------------------------------------------------
@@ -177,6 +186,20 @@ def _entries(document: dict[str, Any], keys: tuple[str, ...]) -> dict[str, dict[
             raise _Fault("duplicate")
         entries[key] = row
     return entries
+
+
+def _ranked(lines: dict[str, Line], ranking: object) -> dict[str, Line]:
+    """Return the lines with their place in the model's ranking, the most dangerous first (paper, II-B).
+
+    Models give many test cases of a batch the same whole number. A ranking that does not hold each of them exactly
+    once says nothing.
+    """
+    ranked = [key for key in ranking if isinstance(key, str) and key in lines] if isinstance(ranking, list) else []
+    if len(ranked) < 2 or sorted(ranked) != sorted(lines):
+        return lines
+    step = TIE_WIDTH / (len(ranked) - 1)
+    above = {key: step * (len(ranked) - 1 - place) for place, key in enumerate(ranked)}
+    return {key: line._replace(above=above[key]) for key, line in lines.items()}
 
 
 def _score_fault(value: Any) -> str:

@@ -325,7 +325,7 @@ class LanguageModel:
         for case, key in zip(cases, prompt.keys, strict=True):
             if key in parsed.lines:
                 line = parsed.lines[key]
-                scores[identity(case)] = ModelScore(line.value, line.reason, prompt_digest=prompt.digest)
+                scores[identity(case)] = ModelScore(line.ranked, line.reason, prompt_digest=prompt.digest)
             else:
                 scores[identity(case)] = _fault("truncated" if result.cut else parsed.faults[key])
         return scores
