@@ -19,11 +19,12 @@ from saflite.contract.events import Fact
 from saflite.contract.work import JudgeResult, Result
 
 SelectedBy = Literal["score", "random"]
-How = Literal["lost", "undelivered", "handed_back", "refused", "caught_up", "passed_on"]
+How = Literal["lost", "overdue", "undelivered", "handed_back", "refused", "caught_up", "passed_on"]
 """How a lease ended without a result that counts.
 
 lost          its time ran out after the worker had shown that it held it, or the worker vanished, or it was given back
               more often than workers that stop do: an attempt
+overdue       the same, but its worker was heard of all the while: what it does hangs
 undelivered   no heartbeat ever named it (the grant never arrived), or its worker was still at an older one: no attempt
 handed_back   the worker gave it back untouched: no attempt
 refused       the result did not fit the work: a failure

@@ -192,6 +192,8 @@ class Reducer:
             core.again(task, "failed", entry.message)
         elif entry.how == "refused":
             self._failed(task, entry.message)
+        elif entry.how == "overdue" and isinstance(task.key, ScoreKey):
+            self.proposals.on_score_overdue(task, task.key, entry.message)
         else:
             self._lost(task, entry.message or entry.how)
 

@@ -214,9 +214,9 @@ class Books:
         catching_up = getattr(work, "count", 1) == 0
         epoch, model = task.epoch + 1, self._work_messages.model_for(task)
         self._do(Granted(key=task.key, epoch=epoch, worker=ask.worker, model=model, catching_up=catching_up), now)
-        lease_s = self._leases.lease_s
-        self._start_clock(task, lease_s, now)
-        return [Lease(lease_id=f"{self._run_id}:{task.key}", epoch=epoch, lease_s=lease_s, work=work)]
+        times = {"lease_s": self._leases.lease_s, "overdue_s": self._work_messages.overdue_s(task)}
+        self._start_clock(task, times["lease_s"], now)
+        return [Lease(lease_id=f"{self._run_id}:{task.key}", epoch=epoch, work=work, **times)]
 
     def _start_clock(self, task: Task, lease_s: float, now: float) -> None:
         overdue_s = now + self._work_messages.overdue_s(task)
@@ -280,7 +280,7 @@ class Books:
         self._give_back(task, how, message, now)
 
     def _give_back(self, task: Task, how: How, message: str, now: float) -> None:
-        if how in ("lost", "refused") and self._dispatch.passes_on(task, now):
+        if how in ("lost", "overdue", "refused") and self._dispatch.passes_on(task, now):
             how = "passed_on"
         self._leases.end(task.key)
         self._do(Returned(key=task.key, epoch=task.epoch, how=how, message=message), now)
@@ -355,8 +355,8 @@ class Books:
         due = self._leases.due(now)
         begun = {self._leases.held_by(one.key.stage, one.worker)[0].key for one in due}
         for deadline in due:
-            why = "ran far beyond its time" if now >= deadline.overdue_s else "was not heard of in time"
-            how: How = "lost" if deadline.named and deadline.key in begun else "undelivered"
+            why, ended = deadline.ended(now)
+            how: How = ended if deadline.named and deadline.key in begun else "undelivered"
             self._lose(deadline, how, f"{deadline.worker} {why}", now)
         for worker in self._registry.silent(now - self._leases.patience_s(len(self._registry))):
             self.absent(worker.worker, worker.stage, now, session=worker.card.session, why="not heard of")
