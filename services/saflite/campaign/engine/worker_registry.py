@@ -111,6 +111,11 @@ class WorkerRegistry:
         known = self._named.get(worker)
         return None if known is None else known.owner
 
+    def key_of(self, stage: str, worker: str) -> str:
+        """Return by which key a worker that is there, or was lately, joined; empty for the farm's own and strangers."""
+        known = self._workers.get((stage, worker)) or self._left.get((stage, worker))
+        return "" if known is None else known.owner
+
     def join(self, card: Join, now_s: float, owner: str = "") -> bool:
         """Let a worker in; False if this life of it is there already."""
         known = self._workers.get((card.stage, card.worker))
