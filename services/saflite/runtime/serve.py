@@ -9,6 +9,7 @@ be started anew, 70 when our own code broke (the launcher starts it again, its l
 from __future__ import annotations
 
 import argparse
+import faulthandler
 import gc
 import logging
 import signal
@@ -44,6 +45,7 @@ EXIT_FINE, EXIT_REFUSED, EXIT_UNAVAILABLE, EXIT_UNANSWERED, EXIT_AGAIN, EXIT_BRO
 _EXITS = {"done": EXIT_FINE, "refused": EXIT_REFUSED, "unanswered": EXIT_UNANSWERED, "stuck": EXIT_AGAIN}
 KEYS_CHANGED = "the farm's keys have changed"
 KEYS_LOOK_S = 1.0
+HANGS_S = 60.0  # without a turn of the worker's own loop; its leases were given to others long before
 GARBAGE_AFTER = 20_000  # objects made and not freed: little in the books holds itself, and looking for it costs time
 
 
@@ -168,6 +170,7 @@ def _worker(options: argparse.Namespace) -> int:
     labels = dict(text.partition("=")[::2] for text in options.label)
     card = card_of(options.role, name, clock, targets=config.targets, labels=labels)
     shell = WorkerShell(bus, options.campaign, service, config, card, spool, clock)
+    shell.on_turn = end_unless_said_again
     _on_signals(shell.stop)
     signal.signal(DRAIN_SIGNAL, lambda _got, _frame: shell.drain())
     left = shell.run()
@@ -175,6 +178,15 @@ def _worker(options: argparse.Namespace) -> int:
     service.close()
     log.log(logging.INFO if left.left_for == "done" else logging.ERROR, "%s", left.why)
     return _EXITS[left.left_for]
+
+
+def end_unless_said_again() -> None:
+    """End this process, with code 1 and where it hangs on stderr, unless this is called again within `HANGS_S`.
+
+    Compiled code that keeps the interpreter to itself and never returns stops heartbeats, signals and deadlines alike;
+    what tells the time here is a thread that needs no interpreter.
+    """
+    faulthandler.dump_traceback_later(HANGS_S, exit=True)
 
 
 def _client(name: str, options: argparse.Namespace, clock: WallClock) -> ZenohBus:
