@@ -129,7 +129,7 @@ def _books(options: argparse.Namespace) -> str:
     key_of = (gate.register if gate is not None else Register(hosts=())).key_of()
     service = BooksService(bus, options.campaign, books, store, clock, evidence, modules=modules, key_of=key_of)
     evidence.tell_excess(service.complain)
-    evidence.heed(books.owner_of)
+    evidence.heed(books.owner_of, key_of)
     _on_signals(service.stop)
     if keys:
         _on_change(keys, clock, service.stop)
