@@ -94,9 +94,13 @@ class Ordered(msgspec.Struct, frozen=True, kw_only=True, tag="ordered"):
 
 
 class Noted(msgspec.Struct, frozen=True, kw_only=True, tag="noted"):
-    """Something worth telling that changes nothing in the books."""
+    """Something worth telling that changes nothing in the books but who is there.
+
+    `key` is by which key a worker that comes has joined, empty for the farm's own user; None where that is not known.
+    """
 
     fact: Fact
+    key: str | None = None
 
 
 class TraceMissing(msgspec.Struct, frozen=True, kw_only=True, tag="trace_missing"):

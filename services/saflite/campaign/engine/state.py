@@ -107,8 +107,7 @@ class Books:
         self._work_messages = WorkMessages(self._reducer, self._read_model, self._registry)
         self._dispatch = Dispatch(self._core, self._registry, self._leases)
         self._patience = Patience(self._core, self._registry, self._leases)
-        self._rates = Rates()
-        self._run_id = run_id
+        self._rates, self._run_id = Rates(), run_id
 
     @property
     def campaign(self) -> Campaign:
@@ -133,8 +132,7 @@ class Books:
     @property
     def wanted_blobs(self) -> frozenset[BlobRef]:
         """The blobs some flight or recording needs; any other is left over from an interrupted commit."""
-        holds = self._core.holds.items()
-        return frozenset(BlobRef(digest=digest, size_bytes=hold.size_bytes) for digest, hold in holds)
+        return frozenset(BlobRef(digest=name, size_bytes=hold.size_bytes) for name, hold in self._core.holds.items())
 
     def audit_status(self) -> dict[str, Any]:
         """Return what an audit needs to know; `over`: ended for good, not by an operator's order."""
@@ -163,6 +161,7 @@ class Books:
         lease_s = self._leases.lease_of(len({task.worker for task in leased}))
         for task in leased:
             self._start_clock(task, lease_s, now)
+        self._registry.remember(self._core.members)
         self._fly_again_what_left_no_trace(now)
         self._choose(now)
 
@@ -323,7 +322,8 @@ class Books:
             self.absent(other.worker, other.stage, now, session=other.card.session, why=why)
         if self._registry.join(card, now, owner):
             known = {"host": card.host, "build": card.build_of(self.target.name)}
-            self._do(Noted(fact=WorkerChanged(worker=card.worker, stage=card.stage, present=True, **known)), now)
+            fact = WorkerChanged(worker=card.worker, stage=card.stage, present=True, **known)
+            self._do(Noted(fact=fact, key=owner), now)
         return ""
 
     def absent(
