@@ -10,7 +10,7 @@ import json
 import logging
 import os
 import threading
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Callable, Collection, Hashable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from typing import Any, NamedTuple, NoReturn
@@ -20,6 +20,7 @@ from zenoh import ext
 
 from saflite.bus.access import ACCESS_KEY, BY, Peer, access_control, in_words, size_limits, split
 from saflite.bus.base import Inbox, Presence, Sample, seal, unseal
+from saflite.bus.crowds import shut, surplus
 from saflite.bus.endpoints import check_endpoint
 from saflite.bus.keyring import Credentials, Register
 from saflite.bus.links import config_of, gate_settings
@@ -121,6 +122,14 @@ class ZenohBus:
             if reply.ok is not None:
                 return reply.ok.payload.to_bytes().decode(errors="replace")[:500]
         return ""
+
+    def end_surplus(self, most: int, none_of: Collection[str] = ()) -> dict[str, int]:
+        """End the connections that a key has beyond so many, all of some keys; return how many those were, by key.
+
+        For a router. Who was ended may connect again.
+        """
+        links = ((link.auth_identifier or "", link.dst) for link in self._session.info.links())
+        return {key: shut(ends) for key, ends in surplus(links, most, none_of).items()}
 
     def announce(self, key: str, payload: bytes) -> None:
         """See `Bus.announce`. A follower whose link is full is left out; it asks for what it missed."""

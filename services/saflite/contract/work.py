@@ -293,12 +293,13 @@ class Ask(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Lease(msgspec.Struct, frozen=True, kw_only=True):
-    """Leave to do `work` until `lease_s` after the last heartbeat."""
+    """Leave to do `work` until `lease_s` after the last heartbeat; no longer than `overdue_s` in all (0: not told)."""
 
     lease_id: LeaseId
     epoch: Count
     lease_s: Seconds
     work: Work
+    overdue_s: Seconds = 0.0
 
 
 class Grant(msgspec.Struct, frozen=True, kw_only=True):

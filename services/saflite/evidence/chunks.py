@@ -39,7 +39,7 @@ class ChunkServer:
 
     def __init__(self, blobs: BlobFolder) -> None:
         self._blobs = blobs
-        self._quota = blobs.quota()
+        self.quota = blobs.quota()
 
     def get(self, ask: BlobGet) -> BlobChunk:
         """Return a stretch of a blob; raises Refused for a question that makes no sense."""
@@ -70,7 +70,7 @@ class ChunkServer:
             raise Refused("blob", expected=expected, got=f"{len(ask.data)} bytes from {ask.offset} on")
         if not files.fault_of(whole, ask.ref, deep=False):
             return BlobTaken(have_bytes=ask.ref.size_bytes)
-        if words := self._quota.excess(ask.worker, ask.ref.size_bytes - ask.offset):
+        if words := self.quota.excess(ask.worker, ask.ref.size_bytes - ask.offset):
             raise OverQuota("blob", expected="room for it", got=words)
         try:
             return BlobTaken(have_bytes=_append(whole, ask))

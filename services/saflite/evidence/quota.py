@@ -8,7 +8,7 @@ since a look at every folder costs 25 ms with 1,000 workers.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from pathlib import Path
 
@@ -37,9 +37,15 @@ class Quota:
         self._incoming = incoming
         self._bytes_used = self._files_used = 0  # since all was counted
         self._all = 0, 0
+        self.key_of: Callable[[str], str] = lambda _: ""
+        self._of_keys: dict[str, tuple[int, int]] = {}  # files and bytes, at most: what went meanwhile is still in it
 
     def excess(self, worker: str, more_bytes: int) -> str:
-        """Return in words why `more_bytes` more of a worker are not to be left, empty if they may be."""
+        """Return in words why `more_bytes` more of a worker are not to be left, empty if they may be.
+
+        `key_of` tells whose key a worker's name begins with, empty for the farm's own. The workers of a key may leave
+        no more than is free besides: one key alone gets half of the room, n keys an n+1-th each, and as much is left.
+        """
         files, size = _waiting([self._incoming / worker])
         if words := _over(files, size + more_bytes, WORKER_FILES_MAX, WORKER_BYTES_MAX, worker):
             return words
@@ -49,8 +55,21 @@ class Quota:
         if self._bytes_used * SHARES > ALL_BYTES_MAX - size or self._files_used * SHARES > FILES_MAX - files:
             self._all = files, size = _waiting(_folders(self._incoming))
             self._bytes_used = self._files_used = 0
-            return _over(files, size + more_bytes, FILES_MAX, ALL_BYTES_MAX, "all workers")
-        return ""
+            if words := _over(files, size + more_bytes, FILES_MAX, ALL_BYTES_MAX, "all workers"):
+                return words
+        key = self.key_of(worker)
+        return self._excess_of(key, more_bytes) if key else ""
+
+    def _excess_of(self, key: str, more_bytes: int) -> str:
+        files_free = FILES_MAX - self._all[0] - self._files_used
+        bytes_free = ALL_BYTES_MAX - self._all[1] - self._bytes_used
+        files, size = self._of_keys.get(key, (0, 0))
+        self._of_keys[key] = files, size = files + 1, size + more_bytes
+        if files <= files_free and size <= bytes_free:
+            return ""
+        theirs = [folder for folder in _folders(self._incoming) if self.key_of(Path(folder).name) == key]
+        self._of_keys[key] = files, size = _waiting(theirs)
+        return _over(files, size + more_bytes, files_free, bytes_free, f"workers of key {key}")
 
 
 def _over(files: int, size: int, files_max: int, bytes_max: int, whose: str) -> str:

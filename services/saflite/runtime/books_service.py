@@ -109,6 +109,7 @@ class BooksService:
         self._complaints, self._rates = Complaints(), RateLimit()
         self._ended_s: float | None = None
         self._stopping = ""
+        self.crowded: set[str] = set()  # keys with more tokens than are heeded, for who can end their connections
 
     def stop(self, why: str) -> None:
         """Ask for a clean end: what is committed stays, the campaign can be resumed. Signal-safe."""
@@ -192,9 +193,9 @@ class BooksService:
         if not presence.present:
             self._liveness.vanished((worker, stage, session), now_s)
         elif not self._liveness.back((worker, stage, session)):
-            self._complaints.add(
-                f"{self._liveness.key_of(worker)} on alive", f"more than {TOKENS_MAX} tokens of its key"
-            )
+            key = self._liveness.key_of(worker)
+            self.crowded.add(key)
+            self._complaints.add(f"{key} on alive", f"more than {TOKENS_MAX} tokens of its key")
 
     def _on_request(self, request: Request, now_s: float) -> None:
         is_join = request.key.startswith(topics.join(self._campaign, ""))

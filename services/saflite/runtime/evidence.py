@@ -132,9 +132,13 @@ class EvidenceService:
         """Have somebody told, from the thread of the blobs, who leaves too much and how much that is."""
         self._requests.on_excess = told
 
-    def heed(self, owner_of: OwnerOf) -> None:
-        """Let nobody speak for a worker that joined by another key; asked from the thread of the blobs."""
+    def heed(self, owner_of: OwnerOf, key_of: Callable[[str], str]) -> None:
+        """Let nobody speak for a worker that joined by another key; asked from the thread of the blobs.
+
+        `key_of` tells whose key a worker's name begins with, empty where nobody's: each has its share of the room.
+        """
         self._requests.owner_of = owner_of
+        self._requests.share(key_of)
 
     def inspect(self, report: Report, then: Then) -> None:
         """See `Evidence.inspect`."""
@@ -188,6 +192,10 @@ class BlobRequests:
         self._probe = blobs.make_probe()
         self.on_excess: Callable[[str, str], None] = _not_told
         self.owner_of: OwnerOf = lambda _: None
+
+    def share(self, key_of: Callable[[str], str]) -> None:
+        """Let the workers of no key take the room of others; see `Quota.excess`."""
+        self._chunks.quota.key_of = key_of
 
     def answer(self, request: Happening) -> None:
         """Answer or refuse a request; one the disk does not take gets no answer and is asked again."""

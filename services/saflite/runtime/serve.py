@@ -9,6 +9,7 @@ be started anew, 70 when our own code broke (the launcher starts it again, its l
 from __future__ import annotations
 
 import argparse
+import faulthandler
 import gc
 import logging
 import signal
@@ -20,6 +21,7 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import NoReturn, get_args
 
+from saflite.bus.crowds import LINKS_MAX
 from saflite.bus.keyring import CERTIFICATE, FARM, REGISTER, Register, farm_credentials, peer_credentials, read_register
 from saflite.bus.zenoh import Gate, ZenohBus, leave_process, open_client, open_router
 from saflite.contract.errors import FarmError, Refused, Unavailable
@@ -43,7 +45,8 @@ log = logging.getLogger(__name__)
 EXIT_FINE, EXIT_REFUSED, EXIT_UNAVAILABLE, EXIT_UNANSWERED, EXIT_AGAIN, EXIT_BROKEN = 0, 2, 3, 4, 5, 70
 _EXITS = {"done": EXIT_FINE, "refused": EXIT_REFUSED, "unanswered": EXIT_UNANSWERED, "stuck": EXIT_AGAIN}
 KEYS_CHANGED = "the farm's keys have changed"
-KEYS_LOOK_S = 1.0
+KEYS_LOOK_S = LINKS_LOOK_S = 1.0
+HANGS_S = 60.0  # without a turn of the worker's own loop; its leases were given to others long before
 GARBAGE_AFTER = 20_000  # objects made and not freed: little in the books holds itself, and looking for it costs time
 
 
@@ -127,8 +130,10 @@ def _books(options: argparse.Namespace) -> str:
     key_of = (gate.register if gate is not None else Register(hosts=())).key_of()
     service = BooksService(bus, options.campaign, books, store, clock, evidence, modules=modules, key_of=key_of)
     evidence.tell_excess(service.complain)
-    evidence.heed(books.owner_of)
+    evidence.heed(books.owner_of, key_of)
     _on_signals(service.stop)
+    if gate is not None:
+        _bound_crowds(bus, clock, service.complain, service.crowded)
     if keys:
         _on_change(keys, clock, service.stop)
     why = service.run()
@@ -144,7 +149,11 @@ def _router(options: argparse.Namespace) -> str:
     waiting = signal.sigwait  # nothing to do but wait for a signal
     signals = {signal.SIGTERM, signal.SIGINT}
     signal.pthread_sigmask(signal.SIG_BLOCK, signals)
-    bus = open_router("router", options.listen, insecure=options.insecure, gate=_gate(options, WallClock()))
+    clock = WallClock()
+    gate = _gate(options, clock)
+    bus = open_router("router", options.listen, insecure=options.insecure, gate=gate)
+    if gate is not None:
+        _bound_crowds(bus, clock, lambda where, words: log.warning("from %s: %s", where, words), set())
     number = waiting(signals)
     bus.close()
     return f"signal {signal.Signals(number).name}"
@@ -168,6 +177,7 @@ def _worker(options: argparse.Namespace) -> int:
     labels = dict(text.partition("=")[::2] for text in options.label)
     card = card_of(options.role, name, clock, targets=config.targets, labels=labels)
     shell = WorkerShell(bus, options.campaign, service, config, card, spool, clock)
+    shell.on_turn = end_unless_said_again
     _on_signals(shell.stop)
     signal.signal(DRAIN_SIGNAL, lambda _got, _frame: shell.drain())
     left = shell.run()
@@ -175,6 +185,15 @@ def _worker(options: argparse.Namespace) -> int:
     service.close()
     log.log(logging.INFO if left.left_for == "done" else logging.ERROR, "%s", left.why)
     return _EXITS[left.left_for]
+
+
+def end_unless_said_again() -> None:
+    """End this process, with code 1 and where it hangs on stderr, unless this is called again within `HANGS_S`.
+
+    Compiled code that keeps the interpreter to itself and never returns stops heartbeats, signals and deadlines alike;
+    what tells the time here is a thread that needs no interpreter.
+    """
+    faulthandler.dump_traceback_later(HANGS_S, exit=True)
 
 
 def _client(name: str, options: argparse.Namespace, clock: WallClock) -> ZenohBus:
@@ -214,6 +233,23 @@ def _on_change(began: Mapping[Path, bytes], clock: WallClock, stop: Callable[[st
                 return
 
     threading.Thread(target=look, name="keys", daemon=True).start()
+
+
+def _bound_crowds(bus: ZenohBus, clock: WallClock, tell: Callable[[str, str], None], crowded: set[str]) -> None:
+    """End what connections a key has beyond its share, as long as this process lives, and have it told.
+
+    All are ended of keys that somebody puts into `crowded`: what else they hold at the router goes with them.
+    """
+
+    def look() -> None:
+        while True:
+            clock.sleep_s(LINKS_LOOK_S)
+            keys = {crowded.pop() for _ in range(len(crowded))}
+            for key, count in bus.end_surplus(LINKS_MAX, keys).items():
+                why = "its tokens are too many" if key in keys else f"a key may have {LINKS_MAX}"
+                tell(f"{key} on connections", f"{count} ended: {why}")
+
+    threading.Thread(target=look, name="crowds", daemon=True).start()
 
 
 def _on_signals(stop: Callable[[str], None]) -> None:

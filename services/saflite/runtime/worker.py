@@ -92,7 +92,7 @@ ASK_MARGIN_S = 5.0  # how much longer than the long poll an answer may take
 RETRY_FIRST_S, RETRY_MAX_S = 0.1, 2.0
 REPORTS_WAITING_MAX = 16  # more than this undelivered and no new work is taken
 STOP_GRACE_S = 5.0
-STUCK_S = 120.0  # a model server's answer may take that long
+STUCK_S = 120.0  # a model server's answer may take that long; what had all the time of its lease gets STOP_GRACE_S
 LAST_ANSWERS_S = 2.0  # of those: what goes on though it was told to end is handed back in time for an answer
 DRAINED = "needed no more, and all it held is done"
 
@@ -104,8 +104,7 @@ class Worker:
         self.config = config
         self.cursor = cursor  # the shell keeps it at what the service has been told
         self.parallel = config.parallel  # may grow while running
-        self.stopping = ""
-        self.draining = False
+        self.stopping, self.draining = "", False
         self._left_for: LeftFor = "done"
         self._joining = Joining(now_s)
         self._heard_s = self._renewed_s = now_s
@@ -113,13 +112,13 @@ class Worker:
         self._deaf_s = DEAF_FIRST_S
         self._waiting: list[Lease] = []
         self._running: dict[Key, Lease] = {}
+        self._overdue_s: dict[Key, float] = {}  # of those that run: when all their time is over
         self._cancelled: dict[Key, float] = {}  # and since when (s)
         self._pending: dict[Key, Pending] = {}
         self._asking = self._beating = self._left = False
         self._ask_s, self._beat_s, self._leave_s = now_s, now_s, float("inf")
         self._calm_s = CALM_S
-        self._ask_wait_s = RETRY_FIRST_S
-        self._seen_s, self._busy_s, self._idle_s = now_s, 0.0, 0.0
+        self._ask_wait_s, self._seen_s, self._busy_s, self._idle_s = RETRY_FIRST_S, now_s, 0.0, 0.0
         self._done, self._simulated_s, self._resident_mib = 0, 0.0, 0.0
         self._processor_s = 0.0
 
@@ -154,7 +153,8 @@ class Worker:
 
     def next_s(self) -> float:
         """Return when a `Tick` is wanted at the latest."""
-        times = [self._leave_s, self._abandon_s(), self._joining.next_s(), self._impatient_s(), self._renew_s()]
+        own_s = (self._abandon_s(), self._stuck_s(), self._impatient_s(), self._renew_s())
+        times = [self._leave_s, self._joining.next_s(), *own_s]
         if self.is_in and not self._asking and self._wanted() > 0:
             times.append(self._ask_s)
         if self.is_in and not self._beating:
@@ -245,6 +245,7 @@ class Worker:
             self._take(grant, now_s, out)
 
     def _on_done(self, event: Done, now_s: float, out: list[Instruction]) -> None:
+        self._overdue_s.pop(event.key, None)
         if self._running.pop(event.key, None) is None:
             return  # it was handed back while it went on
         dropped = self._cancelled.pop(event.key, None) is not None
@@ -291,7 +292,8 @@ class Worker:
             self._hand_back(now_s, out)
         while self._waiting and len(self._running) < self.parallel:
             lease = self._waiting.pop(0)
-            self._running[Key(lease.lease_id, lease.epoch)] = lease
+            key = Key(lease.lease_id, lease.epoch)
+            self._running[key], self._overdue_s[key] = lease, now_s + (lease.overdue_s or float("inf"))
             out.append(Begin(lease))
         for pending in self._pending.values():
             if not pending.sending and pending.next_s <= now_s:
@@ -301,7 +303,7 @@ class Worker:
         if now_s >= self._impatient_s():
             self._stop(f"nobody has answered for {now_s - self._heard_s:.0f} s", now_s, out, "unanswered")
         if now_s >= self._stuck_s():
-            self._stop(f"its work goes on {STUCK_S:.0f} s after it was taken back", now_s, out, "stuck")
+            self._stop("its work goes on long after it was taken back", now_s, out, "stuck")
         if now_s >= self._renew_s():
             self._renewed_s, self._deaf_s = now_s, min(2 * self._deaf_s, DEAF_MAX_S)
             out.append(Renew())
@@ -328,8 +330,9 @@ class Worker:
 
     def _stuck_s(self) -> float:
         """Return when it gives up on work that heeds no cancelling: its thread cannot be ended, its process can."""
-        since_s = float("inf") if self.stopping else min(self._cancelled.values(), default=float("inf"))
-        return since_s + STUCK_S
+        cancelled = () if self.stopping else self._cancelled.items()
+        until_s = (min(at_s + STUCK_S, max(at_s, self._overdue_s[key]) + STOP_GRACE_S) for key, at_s in cancelled)
+        return min(until_s, default=float("inf"))
 
     def _impatient_s(self) -> float:
         patient = not self.config.patience_s or self.stopping

@@ -72,6 +72,7 @@ class WorkerShell:
         self._threads = 0
         self._left: machine.Leave | None = None
         self._measured_s, self._measures = 0.0, 0
+        self.on_turn: Callable[[], None] = lambda: None  # called at least once in `MEASURE_S` while Python runs
 
     def stop(self, why: str) -> None:
         """Ask for a clean end; may be called from a signal handler or another thread."""
@@ -89,6 +90,7 @@ class WorkerShell:
         self._bus.appear(topics.alive(self._campaign, config.stage, config.worker, self._card.session))
         self._feed(machine.Tick())
         while self._left is None:
+            self.on_turn()
             wait_s = max(0.0, min(self._machine.next_s() - self._clock.monotonic_s(), MEASURE_S))
             try:
                 self._take(self._inbox.get(timeout=wait_s))

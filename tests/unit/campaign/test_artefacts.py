@@ -75,7 +75,8 @@ def test_names_of_a_run_that_others_made_lead_nowhere_else(
     assert "artefact" in refused
     assert str(run_dir) in refused
     assert sorted(tmp_path.rglob("*")) == before
-    assert main(["artefacts", str(run_dir)]) == 0, "what is only listed is escaped"
+    any_text = column in ("name", "test_case")
+    assert main(["artefacts", str(run_dir)]) == (0 if any_text else 2), "what is only listed is escaped"
 
 
 @pytest.mark.parametrize("digest", ["../../../secret", "0" * 63, 7])

@@ -47,7 +47,7 @@ def hangs(driver: Driver, lease: Lease, worker: str) -> None:
     driver.commit()
 
 
-WAYS = (fails, is_rejected, vanishes, hangs)
+WAYS = (fails, is_rejected, vanishes)
 Lose = Callable[[Driver, Lease, str], None]
 
 
@@ -89,6 +89,24 @@ def test_the_embedded_scorer_answers_what_was_lost_twice_however(first: Lose, se
     (fact,) = scored(driver)
     values = {one.test_case: one.value for one in driver.service.do(work).scores}  # type: ignore[union-attr]
     assert (fact.model, fact.fallbacks, fact.unscored, dict(fact.scores)) == ("scripted", count, 0, values)
+
+
+def test_a_scorer_that_hangs_costs_one_lease() -> None:
+    for ways in ((hangs,), (fails, hangs)):
+        driver = proposed(new_books())
+        work = lost(driver, *ways)
+        assert (work.model, work.shadow) == (EMBEDDED, ())
+        driver.do("score", "next")
+        status = driver.books.status(driver.now)
+        assert (status.fallbacks, status.unscored) == (len(work.test_cases), 0)
+
+
+def test_even_the_embedded_scorer_that_hangs_is_asked_again_and_not_for_ever() -> None:
+    driver = proposed(new_books())
+    lost(driver, *[hangs] * EMBEDDED_FAULTS_MAX)
+    (lease,) = driver.ask("score", "last")
+    hangs(driver, lease, "last")
+    assert driver.books.status(driver.now).unscored == len(lease.work.test_cases)  # type: ignore[union-attr]
 
 
 def test_once_lost_the_scorer_itself_is_asked_again() -> None:

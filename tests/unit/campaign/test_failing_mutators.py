@@ -9,9 +9,12 @@ import pytest
 from books_drive import Driver, MemoryStore, new_books
 
 from saflite.campaign.lifecycle.proposals import MUTATE_FAILURES_MAX, MUTATE_LOSSES_MAX
+from saflite.campaign.scheduling.dispatch import ELSEWHERE_MAX
 from saflite.contract.control import Control
 from saflite.contract.events import CampaignChanged
-from saflite.contract.work import Failure, Lease, MutateResult, MutateWork, Stage
+from saflite.contract.join import Join
+from saflite.contract.topics import PROTOCOL
+from saflite.contract.work import Failure, HandedBack, Lease, MutateResult, MutateWork, Stage
 
 STAGES: tuple[Stage, ...] = ("mutate", "score", "fly", "judge", "record")
 
@@ -57,6 +60,42 @@ def test_who_fails_beside_another_mutator_ends_nothing(fails: Fails, names: str)
                     failed += 1
                 driver.now += 0.001
             driver.do(stage, many=2)
+        driver.now += 0.5
+        driver.books.tick(driver.now)
+        assert driver.now < 2_000.0, "the honest one is never asked"
+    status = driver.books.status(driver.now)
+    assert (status.flights, status.trouble) == (20, "")
+    assert failed >= MUTATE_FAILURES_MAX
+
+
+def hands_back_first(driver: Driver, worker: str, lease: Lease) -> None:
+    """Take it and give it back until it is kept for nobody, then fail."""
+    if lease.epoch <= ELSEWHERE_MAX:
+        driver.report(lease, HandedBack(), worker)
+    else:
+        driver.report(lease, Failure(message="no"), worker)
+
+
+@pytest.mark.parametrize("fails", [raises, talks_nonsense, vanishes, hands_back_first])
+@pytest.mark.parametrize("lost", [0, 1])
+def test_who_has_a_key_ends_nothing_by_any_number_of_names(fails: Fails, lost: int) -> None:
+    """Eleven names were enough: after ten attempts work was kept for nobody, and every failure counted."""
+    driver, failed, left = new_books(20), 0, lost
+    while not driver.books.ended:
+        for stage in STAGES:
+            for _ in range(40):
+                worker = f"eve-{failed}"
+                card = Join(protocol=PROTOCOL, worker=worker, stage="mutate")
+                driver.books.join(card, driver.now, owner="eve")
+                for lease in driver.ask("mutate", worker):
+                    fails(driver, worker, lease)
+                    failed += 1
+                driver.now += 0.001
+            for lease in driver.ask("mutate") if left and driver.now > 1.0 else ():
+                left -= 1
+                driver.report(lease, Failure(message="killed"))
+            if stage != "mutate" or driver.now > 1.0:  # those who are there first have a second
+                driver.do(stage, many=2)
         driver.now += 0.5
         driver.books.tick(driver.now)
         assert driver.now < 2_000.0, "the honest one is never asked"

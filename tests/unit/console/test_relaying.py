@@ -162,6 +162,24 @@ def test_no_more_waits_than_the_bound_and_the_rest_is_fetched_later(
     assert max(sizes) < 5 * most + 100
 
 
+@pytest.mark.parametrize("farm_goes", [True, False])
+def test_a_receiver_that_is_gone_while_no_more_can_wait_ends_the_bridge(
+    farm_goes: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It waited for ever: a farm that was not asked was taken for one that had answered."""
+    driver, _ = flown(tmp_path / "run")
+    monkeypatch.setattr(waiting_events, "BYTES_MAX", 1_000)
+    cursor, clock = tmp_path / "c.json", Clock()
+    farm = Farm(driver, clock)
+    farm.at_end = farm.leaves if farm_goes else farm.at_end
+    with pytest.raises(Unavailable) as fault:
+        relayed(cursor, farm.connect, Receiver(is_up=False), clock)
+    why = "nothing was fetched for 30 s" if farm_goes else "the receiver took nothing for 300 s"
+    for part in (why, "may be missing", str(waiting_file(cursor)), "the same command goes on"):
+        assert part in str(fault.value)
+    assert clock.monotonic_s() <= RECEIVER_S + 5.0
+
+
 def test_what_waits_and_is_not_in_the_books_any_more_is_not_told(tmp_path: Path) -> None:
     """Its commit was lost with others, and its number given again."""
     driver, events = flown(tmp_path / "run")

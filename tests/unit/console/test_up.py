@@ -74,7 +74,9 @@ def test_a_campaign_that_is_over_is_left_alone_with_exit_code_0(
     before = _contents(run_dir)
     for _ in range(2):
         assert main(["up", farm, *options]) == 0
-        assert "over" in capsys.readouterr().out
+        said = capsys.readouterr().out
+        for part in ("over", "the budget is spent", "confirmed", str(run_dir / reporting.REPORT)):
+            assert part in said
     assert _contents(run_dir) == before
 
 

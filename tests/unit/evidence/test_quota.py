@@ -92,3 +92,41 @@ def test_one_worker_leaves_no_more_files_than_are_quickly_counted(
         leave(folder, "w", str(number), 0)
     assert "21 files of w would wait" in folder.quota().excess("w", 1)
     assert not folder.quota().excess("x", 1)
+
+
+def fill(folder: BlobFolder, writer: quota.Quota, workers: list[str]) -> int:
+    """Leave blobs of half a KiB in turn until none may leave more; return how many bytes it were."""
+    left, going = 0, list(workers)
+    while going:
+        for worker in tuple(going):
+            if writer.excess(worker, KIB // 2):
+                going.remove(worker)
+            else:
+                leave(folder, worker, str(left), KIB // 2)
+                left += KIB // 2
+    return left
+
+
+def test_no_key_fills_the_room_of_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Under any number of names; the farm's own have all that is left."""
+    monkeypatch.setattr(quota, "ALL_BYTES_MAX", 120 * KIB)
+    folder = BlobFolder(tmp_path)
+    writer = folder.quota()
+    writer.key_of = lambda worker: "" if worker.startswith("fly") else worker.rpartition("-")[0]
+    one = fill(folder, writer, [f"eve-{number}" for number in range(9)])
+    assert 59 * KIB <= one <= 60 * KIB, "half"
+    assert "workers of key eve would wait" in writer.excess("eve-10", KIB)
+    other = fill(folder, writer, [f"lab-{number}" for number in range(9)])
+    assert 29 * KIB <= other <= 30 * KIB, "half of the rest"
+    assert fill(folder, writer, ["fly-1", "fly-2"]) >= 29 * KIB
+    folder.forget("eve-0", [path.name for path in folder.incoming("eve-0").iterdir()])
+    assert not writer.excess("fly-1", KIB), "there is room again"
+
+
+def test_files_are_shared_among_keys_as_bytes_are(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(quota, "FILES_MAX", 40)
+    folder = BlobFolder(tmp_path)
+    writer = folder.quota()
+    writer.key_of = lambda worker: worker.rpartition("-")[0]
+    assert 18 <= fill(folder, writer, [f"eve-{number}" for number in range(100)]) // (KIB // 2) <= 21
+    assert not writer.excess("lab-1", 1)

@@ -41,6 +41,7 @@ def test_a_key_that_shows_more_tokens_than_are_heeded_is_told_of_as_one(
     stand.turn(10)
     facts = [wire.decode(one.payload, Event).fact for one in told if isinstance(one, Sample)]
     assert {fact.where for fact in facts if isinstance(fact, FaultSeen)} == {"eve on alive"}
+    assert stand.service.crowded == {"eve"}, "so that its connections are ended"
 
 
 def test_a_key_reports_on_no_lease_of_a_worker_that_did_not_join_with_it(

@@ -224,31 +224,6 @@ def test_a_cancelled_lease_is_dropped_without_a_report() -> None:
     assert worker.held == ()
 
 
-def test_who_cannot_end_what_was_taken_back_leaves_and_hands_back_the_rest() -> None:
-    worker = _worker(parallel=2)
-    worker.handle(w.Granted(Grant(leases=(_lease("hangs"), _lease("other")))), 0.0)
-    worker.handle(w.Ordered(Orders(cancel=("hangs",))), 1.0)
-    worker.handle(w.Tick(), 1.0 + w.STUCK_S - 0.1)
-    assert not worker.stopping
-    worker.handle(w.Tick(), 1.0 + w.STUCK_S)
-    assert "goes on" in worker.stopping
-    out = [one for tick in range(60) for one in worker.handle(w.Tick(), 1.0 + w.STUCK_S + 0.1 * tick)]
-    reports = {one.report.lease_id: one.report.result for one in out if isinstance(one, w.SendReport)}
-    assert isinstance(reports["other"], HandedBack)
-    (left,) = _of(w.Leave, out)
-    assert isinstance(left, w.Leave)
-    assert left.left_for == "stuck"
-
-
-def test_what_ends_late_after_it_was_taken_back_makes_nobody_leave() -> None:
-    worker = _worker()
-    worker.handle(w.Granted(Grant(leases=(_lease("slow"),))), 0.0)
-    worker.handle(w.Ordered(Orders(cancel=("slow",))), 1.0)
-    worker.handle(_done("slow"), w.STUCK_S)
-    worker.handle(w.Tick(), 2.0 * w.STUCK_S)
-    assert not worker.stopping
-
-
 def test_stopping_hands_every_lease_back_and_leaves_once_all_is_acknowledged() -> None:
     worker = _worker()
     worker.handle(w.Granted(Grant(leases=(_lease("a"), _lease("b")))), 0.1)

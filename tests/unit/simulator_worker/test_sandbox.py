@@ -79,6 +79,27 @@ def test_a_hang_that_ignores_sigterm_is_killed_with_its_grandchildren(flyer: Fly
     assert _fly(flyer, QUIET).flight.ending == "completed"
 
 
+@pytest.mark.parametrize("where", ["describe", "open", "fly", "close"])
+def test_compiled_code_that_never_returns_costs_one_simulator(where: str, tmp_path: Path) -> None:
+    """It keeps the interpreter of its process to itself: no deadline, signal or order is heard there."""
+    before, target = children(os.getpid()), tmp_path / "native.py"
+    text = TARGET.read_text().replace('"soak"', '"native"')
+    head = next(line for line in text.splitlines() if line.strip().startswith(f"def {where}("))
+    indent = " " * (len(head) - len(head.lstrip()) + 4)
+    target.write_text(text.replace(head, f"{head}\n{indent}__import__('ctypes').PyDLL(None).pause()"))
+    flyer = open_service("fly-4", WallClock(), BLOBS, [target])
+    try:
+        if where in ("describe", "open"):
+            with pytest.raises(Unavailable, match="cancelled"):
+                _fly(flyer, QUIET, cancelled_after=1, target="native")
+        else:
+            result = _fly(flyer, QUIET, wall_limit_s=0.5, target="native")
+            assert result.flight.ending == ("wedged" if where == "fly" else "completed")
+    finally:
+        flyer.close()
+    assert children(os.getpid()) == before
+
+
 def test_bring_up_failure_is_infra(flyer: Flyer) -> None:
     assert _fly(flyer, NO_BRING_UP).flight.ending == "infra"
 

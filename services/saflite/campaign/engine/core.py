@@ -16,7 +16,7 @@ from saflite.campaign.scheduling.tasks import Task, TaskTable
 from saflite.campaign.scheduling.work_keys import FlightKey, RecordKey
 from saflite.contract.blobs import BlobRef
 from saflite.contract.config import Campaign
-from saflite.contract.events import CampaignChanged, Fact, FaultSeen
+from saflite.contract.events import CampaignChanged, Fact, FaultSeen, WorkerChanged
 from saflite.contract.flight import FLOWN_ENDINGS, Flight, Purpose
 from saflite.contract.score import Score
 from saflite.contract.target_info import TargetInfo
@@ -25,6 +25,7 @@ from saflite.contract.verdict import Judgement, Violation
 from saflite.flight.novelty import REFERENCES_MAX, Features
 
 State = Literal["running", "paused", "ended"]
+MEMBERS_MAX = 2_000  # as many workers as there may be, and those of the sitting before
 
 
 @dataclass(slots=True)
@@ -97,6 +98,7 @@ class Core:
     promised: dict[str, float] = field(default_factory=dict)  # finds that the flights chosen promise, by kind
     holds: dict[str, Hold] = field(default_factory=dict)  # by digest, as the store does: peers may claim any size
     full: bool = False  # as much is kept as the campaign allows
+    members: dict[str, str] = field(default_factory=dict)  # workers that joined and have not left: by which key
     state: State = "running"
     failed: str = ""  # why the strategy is asked no more; what was chosen before is flown to its end
     stopped: bool = False  # ended by an operator, so opening the books again goes on
@@ -104,6 +106,14 @@ class Core:
     at_s: float = 0.0
     opened_s: float = 0.0
     elapsed_before_s: float = 0.0
+
+    def note_member(self, change: WorkerChanged, key: str | None) -> None:
+        """Note who has come or left; of those who never said that they left, the oldest are forgotten."""
+        self.members.pop(change.worker, None)
+        if change.present and key is not None:
+            self.members[change.worker] = key
+        if len(self.members) > MEMBERS_MAX:
+            del self.members[next(iter(self.members))]
 
     def elapsed_s(self, now_s: float) -> float:
         """Return the time the books have been open, over all incarnations."""

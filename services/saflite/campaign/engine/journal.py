@@ -19,11 +19,12 @@ from saflite.contract.events import Fact
 from saflite.contract.work import JudgeResult, Result
 
 SelectedBy = Literal["score", "random"]
-How = Literal["lost", "undelivered", "handed_back", "refused", "caught_up", "passed_on"]
+How = Literal["lost", "overdue", "undelivered", "handed_back", "refused", "caught_up", "passed_on"]
 """How a lease ended without a result that counts.
 
 lost          its time ran out after the worker had shown that it held it, or the worker vanished, or it was given back
               more often than workers that stop do: an attempt
+overdue       the same, but its worker was heard of all the while: what it does hangs
 undelivered   no heartbeat ever named it (the grant never arrived), or its worker was still at an older one: no attempt
 handed_back   the worker gave it back untouched: no attempt
 refused       the result did not fit the work: a failure
@@ -93,9 +94,13 @@ class Ordered(msgspec.Struct, frozen=True, kw_only=True, tag="ordered"):
 
 
 class Noted(msgspec.Struct, frozen=True, kw_only=True, tag="noted"):
-    """Something worth telling that changes nothing in the books."""
+    """Something worth telling that changes nothing in the books but who is there.
+
+    `key` is by which key a worker that comes has joined, empty for the farm's own user; None where that is not known.
+    """
 
     fact: Fact
+    key: str | None = None
 
 
 class TraceMissing(msgspec.Struct, frozen=True, kw_only=True, tag="trace_missing"):

@@ -37,7 +37,7 @@ from saflite.campaign.scheduling.work_keys import (
     WorkKey,
 )
 from saflite.contract.control import Control
-from saflite.contract.events import CampaignChanged
+from saflite.contract.events import CampaignChanged, WorkerChanged
 from saflite.contract.flight import Flight
 from saflite.contract.names import recording_file
 from saflite.contract.test_case import TestCase
@@ -100,6 +100,8 @@ class Reducer:
                 self._ordered(entry.control)
             case Noted():
                 self.core.tell(entry.fact)
+                if isinstance(entry.fact, WorkerChanged):
+                    self.core.note_member(entry.fact, entry.key)
             case TraceMissing():
                 assert isinstance(entry.key, JudgeKey), f"{entry.key} needs no trace to be judged by"
                 self._lifecycle(entry.key).on_trace_missing(self._task(entry.key), entry.key, entry.message)
@@ -192,6 +194,8 @@ class Reducer:
             core.again(task, "failed", entry.message)
         elif entry.how == "refused":
             self._failed(task, entry.message)
+        elif entry.how == "overdue" and isinstance(task.key, ScoreKey):
+            self.proposals.on_score_overdue(task, task.key, entry.message)
         else:
             self._lost(task, entry.message or entry.how)
 

@@ -107,8 +107,7 @@ class Books:
         self._work_messages = WorkMessages(self._reducer, self._read_model, self._registry)
         self._dispatch = Dispatch(self._core, self._registry, self._leases)
         self._patience = Patience(self._core, self._registry, self._leases)
-        self._rates = Rates()
-        self._run_id = run_id
+        self._rates, self._run_id = Rates(), run_id
 
     @property
     def campaign(self) -> Campaign:
@@ -133,8 +132,7 @@ class Books:
     @property
     def wanted_blobs(self) -> frozenset[BlobRef]:
         """The blobs some flight or recording needs; any other is left over from an interrupted commit."""
-        holds = self._core.holds.items()
-        return frozenset(BlobRef(digest=digest, size_bytes=hold.size_bytes) for digest, hold in holds)
+        return frozenset(BlobRef(digest=name, size_bytes=hold.size_bytes) for name, hold in self._core.holds.items())
 
     def audit_status(self) -> dict[str, Any]:
         """Return what an audit needs to know; `over`: ended for good, not by an operator's order."""
@@ -163,6 +161,7 @@ class Books:
         lease_s = self._leases.lease_of(len({task.worker for task in leased}))
         for task in leased:
             self._start_clock(task, lease_s, now)
+        self._registry.remember(self._core.members)
         self._fly_again_what_left_no_trace(now)
         self._choose(now)
 
@@ -214,9 +213,9 @@ class Books:
         catching_up = getattr(work, "count", 1) == 0
         epoch, model = task.epoch + 1, self._work_messages.model_for(task)
         self._do(Granted(key=task.key, epoch=epoch, worker=ask.worker, model=model, catching_up=catching_up), now)
-        lease_s = self._leases.lease_s
-        self._start_clock(task, lease_s, now)
-        return [Lease(lease_id=f"{self._run_id}:{task.key}", epoch=epoch, lease_s=lease_s, work=work)]
+        times = {"lease_s": self._leases.lease_s, "overdue_s": self._work_messages.overdue_s(task)}
+        self._start_clock(task, times["lease_s"], now)
+        return [Lease(lease_id=f"{self._run_id}:{task.key}", epoch=epoch, work=work, **times)]
 
     def _start_clock(self, task: Task, lease_s: float, now: float) -> None:
         overdue_s = now + self._work_messages.overdue_s(task)
@@ -280,7 +279,7 @@ class Books:
         self._give_back(task, how, message, now)
 
     def _give_back(self, task: Task, how: How, message: str, now: float) -> None:
-        if how in ("lost", "refused") and self._dispatch.passes_on(task, now):
+        if how in ("lost", "overdue", "refused") and self._dispatch.passes_on(task, now):
             how = "passed_on"
         self._leases.end(task.key)
         self._do(Returned(key=task.key, epoch=task.epoch, how=how, message=message), now)
@@ -323,7 +322,8 @@ class Books:
             self.absent(other.worker, other.stage, now, session=other.card.session, why=why)
         if self._registry.join(card, now, owner):
             known = {"host": card.host, "build": card.build_of(self.target.name)}
-            self._do(Noted(fact=WorkerChanged(worker=card.worker, stage=card.stage, present=True, **known)), now)
+            fact = WorkerChanged(worker=card.worker, stage=card.stage, present=True, **known)
+            self._do(Noted(fact=fact, key=owner), now)
         return ""
 
     def absent(
@@ -355,8 +355,8 @@ class Books:
         due = self._leases.due(now)
         begun = {self._leases.held_by(one.key.stage, one.worker)[0].key for one in due}
         for deadline in due:
-            why = "ran far beyond its time" if now >= deadline.overdue_s else "was not heard of in time"
-            how: How = "lost" if deadline.named and deadline.key in begun else "undelivered"
+            why, ended = deadline.ended(now)
+            how: How = ended if deadline.named and deadline.key in begun else "undelivered"
             self._lose(deadline, how, f"{deadline.worker} {why}", now)
         for worker in self._registry.silent(now - self._leases.patience_s(len(self._registry))):
             self.absent(worker.worker, worker.stage, now, session=worker.card.session, why="not heard of")

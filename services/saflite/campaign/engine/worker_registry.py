@@ -1,9 +1,12 @@
-"""Which workers are there: who has joined and was heard of since. Not kept over a restart, they join again."""
+"""Which workers are there: who has joined and was heard of since. Not kept over a restart, they join again.
+
+Until then their names are kept for them: no key may have one that another, or the farm's own user, joined by.
+"""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 from saflite.contract.join import Join
@@ -62,6 +65,7 @@ class WorkerRegistry:
         self._workers: dict[Name, Worker] = {}
         self._counts: Counter[str] = Counter()  # of them, by stage
         self._named: dict[str, Worker] = {}  # who holds a name, whatever the stage
+        self._kept_for: dict[str, str] = {}  # names of those who have yet to join again: by which key they had
         self._of_key: Counter[str] = Counter()  # workers of each key
         self._left: dict[Name, Worker] = {}  # gone, but perhaps about to come back
         self._quietest_s = float("-inf")  # everybody there was heard of since
@@ -90,6 +94,8 @@ class WorkerRegistry:
         one that is not `busy`: to the farm's own whatever they are, to a key that has at least two fewer.
         """
         holder = self._workers.get((card.stage, card.worker)) or self._named.get(card.worker)
+        if holder is None and owner and self._kept_for.get(card.worker, owner) != owner:
+            return f"worker name {card.worker!r} is kept for whoever had it before the books began anew"
         if holder is None:
             return self._most_dispensable(owner, busy) or FULL if self.is_full else None
         if holder.card.session == card.session:
@@ -107,9 +113,18 @@ class WorkerRegistry:
         return min(theirs, key=lambda one: (many[one.stage] == 1, busy(one.worker), -many[one.stage], -one.joined_s))
 
     def owner_of(self, worker: str) -> str | None:
-        """Return by which key a worker joined, empty for the farm's own user; None if nobody has that name."""
+        """Return by which key a worker joined, empty for the farm's own user; None if nobody has or had that name."""
         known = self._named.get(worker)
-        return None if known is None else known.owner
+        return self._kept_for.get(worker) if known is None else known.owner
+
+    def remember(self, members: Mapping[str, str]) -> None:
+        """Keep names for those who had joined before a restart, and by which key."""
+        self._kept_for = dict(members)
+
+    def key_of(self, stage: str, worker: str) -> str:
+        """Return by which key a worker that is there, or was lately, joined; empty for the farm's own and strangers."""
+        known = self._workers.get((stage, worker)) or self._left.get((stage, worker))
+        return "" if known is None else known.owner
 
     def join(self, card: Join, now_s: float, owner: str = "") -> bool:
         """Let a worker in; False if this life of it is there already."""
@@ -117,6 +132,7 @@ class WorkerRegistry:
         if known is not None and known.card.session == card.session:
             known.seen_s = now_s
             return False
+        self._kept_for.pop(card.worker, None)
         earlier = self._left.pop((card.stage, card.worker), known)
         came_s = float("-inf") if earlier is None else earlier.came_s
         worker = Worker(card.worker, card.stage, now_s, now_s, card, card.targets, came_s, owner=owner)

@@ -162,6 +162,15 @@ class Proposals:
         if faults:
             counts.fallback_why = faults[-1][:200]
 
+    def on_score_overdue(self, task: Task, key: ScoreKey, message: str) -> None:
+        """A batch had all the time there is, and its scorer still went on: the embedded one is asked at once.
+
+        Kills and restarts look like a loss, a hang does not: a second time would cost as much again.
+        """
+        if not task.instead_of:
+            task.failures = max(task.failures, SCORE_FAULTS_MAX - 1)
+        self.on_score_trouble(task, key, message)
+
     def on_score_trouble(self, task: Task, key: ScoreKey, message: str) -> None:
         """A batch was lost or failed: once more; after the second time the embedded scorer is asked in its place.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 
 from saflite.campaign.engine.core import Core
@@ -22,7 +23,8 @@ ASKED_LATELY_S = 15.0
 """A worker that asked within this time goes on asking: a poll waits 5 s, 5 s later its answer is taken for lost."""
 
 ELSEWHERE_MAX = 10
-"""After so many attempts work is given to whoever asks: others that take it and do nothing must not keep it."""
+"""After so many attempts of a key's workers, or of the farm's own, work is kept for none of them any more: others that
+take it and do nothing must not keep it."""
 
 SHADOWS_MAX = 16  # models that only watch
 AVOIDED_MAX = 32  # re-flights a worker may not have that are looked past when it asks
@@ -59,8 +61,9 @@ class Dispatch:
     def _may_have(self, ask: Ask, task: Task, now: float) -> bool:
         if not can_fly(ask.targets, task.target):
             return False
-        if ask.worker in task.avoid:
-            on_their_way = ask.stage == "fly" and now - self._core.opened_s < self._patience_s
+        key_failed = self._key_failed(task, ask.worker)
+        if ask.worker in task.avoid or key_failed:
+            on_their_way = (ask.stage == "fly" or key_failed) and self._is_early(now)
             return not on_their_way and not any(self._untried(task, ask.worker, now))
         if not (task.avoid and isinstance(task.key, MutateKey)):
             return True
@@ -69,7 +72,14 @@ class Dispatch:
 
     def passes_on(self, task: Task, now: float) -> bool:
         """Whether a mutator that could not propose says nothing of the strategy yet: another has not tried."""
-        return isinstance(task.key, MutateKey) and any(self._untried(task, task.worker, now))
+        if not isinstance(task.key, MutateKey):
+            return False
+        on_their_way = bool(self._registry.key_of(task.stage, task.worker)) and self._is_early(now)
+        return on_their_way or any(self._untried(task, task.worker, now))
+
+    def _is_early(self, now: float) -> bool:
+        """Whether workers may still be on their way to books that were opened just now, the farm's own above all."""
+        return now - self._core.opened_s < self._patience_s
 
     @property
     def _patience_s(self) -> float:
@@ -77,13 +87,22 @@ class Dispatch:
 
     def _untried(self, task: Task, worker: str, now: float) -> Iterator[Worker]:
         """Yield the others that did not have this before and may still take it: heard of lately, and work or ask."""
-        if task.epoch >= ELSEWHERE_MAX:
-            return
+        key, failed = self._registry.key_of(task.stage, worker), self._key_failed(task, worker)
+        attempts = Counter(self._registry.key_of(task.stage, holder) for holder in task.holders.values())
         asked_since_s = now - max(self._patience_s, ASKED_LATELY_S)
         for other in self._registry.others(task.stage, worker, task.target, now - self._patience_s):
             comes = other.came_s >= asked_since_s or self._leases.holds(other.worker)
-            if comes and other.worker not in task.avoid:
+            if failed:  # whoever joined otherwise tries before, and again: who has a key can have any number of names
+                tries = other.owner != key
+            else:
+                tries = other.worker not in task.avoid and not self._key_failed(task, other.worker)
+            if comes and tries and attempts[other.owner] < ELSEWHERE_MAX:
                 yield other
+
+    def _key_failed(self, task: Task, worker: str) -> bool:
+        """Whether some mutator that joined by the same key as this one failed at a task; those without are apart."""
+        key = self._registry.key_of("mutate", worker) if isinstance(task.key, MutateKey) else ""
+        return bool(key) and any(self._registry.key_of("mutate", other) == key for other in task.avoid)
 
     def claim(self, report: Report, run: str) -> Task | Receipt:
         """Return the work of run `run` that a report may answer, or what it is told instead."""

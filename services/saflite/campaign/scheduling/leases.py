@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
+from typing import Literal
 
 from saflite.campaign.scheduling.work_keys import WorkKey
 from saflite.contract.config import LeaseConfig
@@ -29,6 +30,12 @@ class Deadline:
     overdue_s: float  # however alive the worker seems, the lease ends here
     named: bool = False
     place: int = 0  # in the order in which leases were granted
+
+    def ended(self, now_s: float) -> tuple[str, Literal["lost", "overdue"]]:
+        """Return in words and in one why a lease that is due ended."""
+        if now_s >= self.overdue_s:
+            return "ran far beyond its time", "overdue"
+        return "was not heard of in time", "lost"
 
 
 class Leases:

@@ -31,6 +31,7 @@ from saflite.campaign.storage.sqlite import (
     in_use,
 )
 from saflite.campaign.storage.store import store_file
+from saflite.campaign.storage.typed_rows import rows
 from saflite.campaign.storage.witness import loss, start_of
 from saflite.contract import wire
 from saflite.contract.blobs import BlobRef
@@ -256,9 +257,9 @@ class _Replayed:
             problems.append(f"events: {len(events)} stored, {len(self._events)} come of the journal")
         wrong = [seq for seq, pair in enumerate(zip(events, self._events, strict=False), 1) if pair[0] != pair[1]]
         problems += [f"event {seq} is not the one that comes of the journal" for seq in wrong[:20]]
-        for table, rows in self._rows.items():
+        for table, made in self._rows.items():
             stored = {_key(Row(table, row)): hash(row) for row in connection.execute(f"SELECT * FROM {table}")}  # noqa: S608
-            names = [key for key in {*stored, *rows} if stored.get(key) != rows.get(key)]
+            names = [key for key in {*stored, *made} if stored.get(key) != made.get(key)]
             problems += [
                 f"table {table}, row {key}: not what comes of the journal" for key in sorted(names, key=str)[:5]
             ]
@@ -292,7 +293,12 @@ def _recordings(
     """Check the names for people that blobs have besides."""
     counts: Counter[str] = Counter()
     query = "SELECT test_case, flight_index, digest, size_bytes FROM recordings WHERE digest <> '' ORDER BY 1, 2"
-    for test_case, index, digest, size_bytes in connection.execute(query):
+    try:
+        found = rows(connection, tuple[str, int, str, int], query)
+    except Refused as refused:
+        problems.append(str(refused))
+        found = []
+    for test_case, index, digest, size_bytes in found:
         try:
             file = recording_file(test_case, index)
         except Refused as refused:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sqlite3
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import msgspec
 
@@ -13,10 +13,11 @@ from saflite.campaign.engine.journal import Line, Settled, decode_line
 from saflite.campaign.lifecycle.outcomes import outcome_of
 from saflite.campaign.storage.packing import Packing
 from saflite.campaign.storage.sqlite import chain_at, entries
+from saflite.campaign.storage.typed_rows import rows
 from saflite.contract import wire
 from saflite.contract.errors import Refused
 from saflite.contract.events import CampaignChanged, Event, ViolationFound, word_of
-from saflite.contract.flight import Flight, Purpose
+from saflite.contract.flight import Ending, Flight, Purpose
 from saflite.contract.test_case import TestCase
 from saflite.contract.verdict import Judgement, Violation
 from saflite.contract.work import FlyResult, JudgeResult, MutateResult, Outcome, Result
@@ -38,6 +39,15 @@ R = TypeVar("R", MutateResult, JudgeResult, FlyResult)
 HELD_MAX = 4  # results kept decoded: a round's proposal, and the verdicts read beside it
 
 
+class _Case(NamedTuple):
+    """Where a test case stands in the journal; of one that was made here, `content` is all of it."""
+
+    line: int | None
+    place: int
+    round: int
+    content: bytes | None
+
+
 class Contents:
     """One connection's view of what was proposed and judged."""
 
@@ -48,32 +58,36 @@ class Contents:
 
     def test_case(self, name: str) -> TestCase | None:
         """Return a test case by its identity, as it was proposed last; None if there is none of that name."""
-        row = self._db.execute(_CASE, (name,)).fetchone()
-        return None if row is None else self._test_case(*row)
+        found = rows(self._db, _Case, _CASE, name)
+        return self._test_case(found[0]) if found else None
 
-    def _test_case(self, line: int | None, place: int, round_: int, content: bytes) -> TestCase:
-        if line is None:
-            return wire.decode(content, TestCase)
-        proposals = self._result(line, MutateResult).test_cases
-        if not 0 <= place < len(proposals):
-            raise _damaged(f"test case {place} of journal entry {line}", f"{len(proposals)} test cases")
-        proposed = proposals[place]
-        origin = msgspec.structs.replace(proposed.origin, round=round_, index=place)
+    def _test_case(self, case: _Case) -> TestCase:
+        if case.line is None:
+            if case.content is None:
+                raise _damaged("a test case", "neither its line nor itself")
+            return wire.decode(case.content, TestCase)
+        proposals = self._result(case.line, MutateResult).test_cases
+        if not 0 <= case.place < len(proposals):
+            raise _damaged(f"test case {case.place} of journal entry {case.line}", f"{len(proposals)} test cases")
+        proposed = proposals[case.place]
+        origin = msgspec.structs.replace(proposed.origin, round=case.round, index=case.place)
         return msgspec.structs.replace(proposed, origin=origin)
 
     def judgement(self, name: str, flight_index: int = 0) -> Judgement | None:
         """Return the judgement on a flight, None if it was not judged."""
-        row = self._db.execute(_JUDGEMENT, (name, flight_index)).fetchone()
-        return None if row is None else self._result(row[0], JudgeResult).judgement
+        for (line,) in rows(self._db, tuple[int], _JUDGEMENT, name, flight_index):
+            return self._result(line, JudgeResult).judgement
+        return None
 
     def flight(self, name: str, purpose: Purpose, flight_index: int) -> Flight | None:
         """Return the record of a flight as a worker handed it in, None if there is none."""
-        row = self._db.execute(_FLIGHT, (name, purpose, flight_index)).fetchone()
-        return None if row is None else self._result(row[0], FlyResult).flight
+        for (line,) in rows(self._db, tuple[int], _FLIGHT, name, purpose, flight_index):
+            return self._result(line, FlyResult).flight
+        return None
 
     def last_change(self) -> CampaignChanged | None:
         """Return how the campaign changed last, None if it never began."""
-        for seq, data in self._db.execute(_CHANGE, (word_of(CampaignChanged),)):
+        for seq, data in rows(self._db, tuple[int, object], _CHANGE, word_of(CampaignChanged)):
             fact = wire.decode(Packing(self._db, "events").unpack(seq, data), Event).fact
             return fact if isinstance(fact, CampaignChanged) else None
         return None
@@ -81,7 +95,7 @@ class Contents:
     def violations(self, confirmation: str = "", *, similar: bool = True) -> list[Violation]:
         """Return the violations in the order found: of one standing if given, without `similar` ones if asked to."""
         packing, found = Packing(self._db, "events"), []
-        for seq, event in self._db.execute(_VIOLATIONS, (confirmation, similar)).fetchall():
+        for seq, event in rows(self._db, tuple[int, object], _VIOLATIONS, confirmation, similar):
             fact = wire.decode(packing.unpack(seq, event), Event).fact
             if not isinstance(fact, ViolationFound):
                 raise _damaged(f"a violation in event {seq}", "another")
@@ -90,13 +104,15 @@ class Contents:
 
     def outcomes(self, after_round: int, upto_round: int) -> Iterator[Outcome]:
         """Yield the outcomes of the rounds in (after, upto], in order."""
-        for round_, name, ending, flight_index, behaviours, founded in self._db.execute(
-            _OUTCOMES, (after_round, upto_round)
-        ).fetchall():
-            proposal = self._db.execute(_FLOWN, (name, round_)).fetchone()
+        for round_, name, ending, flight_index, behaviours, founded in rows(
+            self._db, tuple[int, str, Ending, int, str, int], _OUTCOMES, after_round, upto_round
+        ):
+            proposals = rows(self._db, _Case, _FLOWN, name, round_)
+            if not proposals:
+                raise _damaged(f"test case {name} of round {round_}", "none")
             ways = tuple(behaviours.split(",")) if behaviours else ()
             judgement = self.judgement(name, flight_index)
-            yield outcome_of(self._test_case(*proposal), round_, ending, judgement, ways, founded)
+            yield outcome_of(self._test_case(proposals[0]), round_, ending, judgement, ways, founded)
 
     def _result(self, number: int, kind: type[R]) -> R:
         """Return a result; raises Refused where the entry holds none of this kind: a row may name any."""
@@ -109,7 +125,7 @@ class Contents:
         return result
 
     def _read(self, number: int) -> Result:
-        before = number - 1
+        before = max(number, 1) - 1
         chain = chain_at(self._db, "journal", before)
         found = entries(
             self._db, "journal", Path("books.sqlite"), after=before, chain=chain, limit=1, packing=self._packing

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 from saflite.campaign.engine.outbox import Batch, Value
 from saflite.campaign.storage.packing import Packing
+from saflite.campaign.storage.typed_rows import rows
 from saflite.contract import wire
 from saflite.contract.errors import Refused
 from saflite.contract.events import kind_of
@@ -199,7 +200,7 @@ class Tables:
     def __init__(self, connection: sqlite3.Connection) -> None:
         self._db = connection
         self._packings = {table: Packing(connection, table) for table in CHAINED}
-        self.tails = Tails(*self._tail("journal", "n"), *self._tail("events", "seq"))
+        self.tails = Tails(*tail(connection, "journal"), *tail(connection, "events"))
         for table, last in (("journal", self.tails.lines), ("events", self.tails.events)):
             self._packings[table].begin(last + 1)
 
@@ -247,6 +248,9 @@ class Tables:
             except Refused:  # told whenever it is read; what comes now does not need it
                 return
 
-    def _tail(self, table: str, column: str) -> tuple[int, int]:
-        row = self._db.execute(f"SELECT {column}, chain FROM {table} ORDER BY {column} DESC LIMIT 1").fetchone()  # noqa: S608
-        return (0, 0) if row is None else (int(row[0]), int(row[1]))
+
+def tail(connection: sqlite3.Connection, table: str) -> tuple[int, int]:
+    """Return number and running checksum of the last entry of a chained table; raises Refused where these are none."""
+    key = CHAINED[table][0]
+    query = f"SELECT {key}, chain FROM {table} ORDER BY {key} DESC LIMIT 1"  # noqa: S608 (our own names)
+    return next(iter(rows(connection, tuple[int, int], query)), (0, 0))

@@ -15,6 +15,7 @@ from typing import NamedTuple
 from saflite.campaign.storage.audit import read_books
 from saflite.campaign.storage.sqlite import check_free, connect_reading, damage_named
 from saflite.campaign.storage.store import Store, store_file
+from saflite.campaign.storage.typed_rows import rows
 from saflite.campaign.storage.witness import check_loss
 from saflite.contract.blobs import BlobRef
 from saflite.contract.names import recording_file
@@ -29,6 +30,7 @@ _TRACES = "SELECT test_case, flight_index, trace_blob, trace_bytes FROM flights 
 _ARTEFACTS = "SELECT test_case, flight_index, blob, size_bytes FROM artefacts"
 
 Flight = tuple[str, int]
+_Named = tuple[str, int, str, int]  # a blob of a flight, and its size
 
 
 class Pruned(NamedTuple):
@@ -97,18 +99,19 @@ def _planned(run_dir: Path, wanted: frozenset[BlobRef], max_bytes: int | None) -
 
 def _left(db: sqlite3.Connection, wanted: frozenset[BlobRef]) -> _Left:
     recordings = {
-        (name, index): BlobRef(digest=blob, size_bytes=size) for name, index, blob, size in db.execute(_RECORDINGS)
+        (name, index): BlobRef(digest=blob, size_bytes=size)
+        for name, index, blob, size in rows(db, _Named, _RECORDINGS)
     }
     others: dict[Flight, set[BlobRef]] = {}
     for query in (_TRACES, _ARTEFACTS):
-        for name, index, blob, size in db.execute(query):
+        for name, index, blob, size in rows(db, _Named, query):
             others.setdefault((name, index), set()).add(BlobRef(digest=blob, size_bytes=size))
     return _Left(recordings, {flight: blobs & wanted for flight, blobs in others.items()})
 
 
 def _shown(db: sqlite3.Connection) -> Iterator[tuple[str, str]]:
     """Yield the finds by fingerprint and test case, the one to keep of each behaviour first, the worst ones first."""
-    yield from db.execute(_ORDER)
+    yield from rows(db, tuple[str, str], _ORDER)
 
 
 def _stays(left: _Left, shown: list[tuple[str, str]], max_bytes: int | None) -> tuple[frozenset[BlobRef], set[Flight]]:

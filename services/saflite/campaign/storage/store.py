@@ -40,6 +40,7 @@ from saflite.campaign.storage.sqlite import (
     no_run,
     transaction,
 )
+from saflite.campaign.storage.typed_rows import rows
 from saflite.campaign.storage.witness import Mark, Witness, check_loss, mark_of, start_of
 from saflite.contract import wire
 from saflite.contract.blobs import BlobRef
@@ -306,8 +307,9 @@ class Store:
             there = {f"recordings/{path.name}" for path in (self._run_dir / "recordings").iterdir()}
         except OSError:
             there = set()
-        rows = self._db.execute("SELECT test_case, flight_index, digest FROM recordings WHERE digest <> ''")
-        named = ((recording_file(test_case, index), str(digest)) for test_case, index, digest in rows)
+        query = "SELECT test_case, flight_index, digest FROM recordings WHERE digest <> ''"
+        found = rows(self._db, tuple[str, int, str], query)
+        named = ((recording_file(test_case, index), digest) for test_case, index, digest in found)
         return [(file, digest) for file, digest in named if file not in there]
 
     def journal(self, after: int = 0, chain: int = 0) -> Iterator[bytes]:

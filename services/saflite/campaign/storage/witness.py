@@ -18,6 +18,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import NamedTuple
 
+from saflite.campaign.storage.projections import tail
 from saflite.campaign.storage.snapshot_file import lines_of
 from saflite.campaign.storage.snapshot_file import remove as remove_snapshot
 from saflite.campaign.storage.sqlite import (
@@ -115,11 +116,8 @@ def start_of(connection: sqlite3.Connection) -> bytes:
 def mark_of(connection: sqlite3.Connection) -> Mark:
     """Return how far a store says that it has got."""
     commits = meta(connection, "commits")
-    tails = [
-        connection.execute(f"SELECT {key}, chain FROM {table} ORDER BY {key} DESC LIMIT 1").fetchone() or (0, 0)  # noqa: S608
-        for table, key in (("journal", "n"), ("events", "seq"))
-    ]
-    return Mark(int(commits) if commits.isdigit() else -1, *tails[0], *tails[1])
+    lines, events = (tail(connection, table) for table in ("journal", "events"))
+    return Mark(int(commits) if commits.isdigit() else -1, *lines, *events)
 
 
 def loss(run_dir: Path) -> str:

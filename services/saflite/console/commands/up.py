@@ -134,11 +134,15 @@ def _check_campaign(farm: FarmFile, path: Path, run_dir: Path) -> None:
 def _left_alone(run_dir: Path, *, as_json: bool) -> int:
     from saflite.console.cli import NOTHING_FOUND
     from saflite.console.run_data.reporting import REPORT
+    from saflite.console.run_data.run_folder import open_run
     from saflite.console.view import out
 
+    with open_run(run_dir) as run:
+        now, finds = run.standing(), run.standings()["confirmed"]
     if as_json:
-        out.json({"run": str(run_dir), "over": True, "report": str(run_dir / REPORT)})
+        said = {"state": now.state, "why": now.why, "failed": now.failed, "confirmed": finds}
+        out.json({"run": str(run_dir), "over": True, **said, "report": str(run_dir / REPORT)})
     else:
         fix = f"`{out.program()} resume {argument(run_dir)} --budget N` flies more"
-        out.line(f"the campaign in {run_dir} is over: {run_dir / REPORT}; {fix}")
+        out.line(f"the campaign in {run_dir} is over ({now.why}), {finds} finds confirmed: {run_dir / REPORT}; {fix}")
     return NOTHING_FOUND

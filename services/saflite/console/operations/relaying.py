@@ -118,7 +118,7 @@ def relay(
         for event in waiting.kept():
             faults.take(event)
         with _Delivery(bridge.webhook, waiting, faults, clock) as delivery:
-            _Fetching(connect, bridge.kinds, waiting, faults, delivery, clock, say).run(patience_s)
+            _Fetching(connect, bridge, waiting, faults, delivery, clock, say).run(patience_s)
             ended_s = clock.monotonic_s()
             while waits := waiting.waits:
                 delivery.check()
@@ -198,26 +198,31 @@ class _Fetching:
     def __init__(
         self,
         connect: Callable[[], FarmClient],
-        kinds: frozenset[str],
+        bridge: Bridge,
         waiting: WaitingEvents,
         faults: ToldFaults,
         delivery: _Delivery,
         clock: StoppableClock,
         say: Callable[[str], None],
     ) -> None:
-        self._connect, self._kinds, self._waiting, self._delivery = connect, kinds, waiting, delivery
+        self._connect, self._kinds, self._waiting, self._delivery = connect, bridge.kinds, waiting, delivery
+        self._receiver_s, self._over_s = bridge.receiver_s, float("inf")  # since when the campaign is seen to be over
         self._faults, self._say, self._clock = faults, say, clock
         self._heard_s = self._clock.monotonic_s()
         self._told = ""
 
     def run(self, patience_s: float) -> None:
-        """Fetch until the campaign has ended and nothing is left; raises Unavailable after `patience_s` of nothing."""
+        """Fetch until the campaign has ended and nothing is left.
+
+        Raises Unavailable after `patience_s` of nothing, or where no more can wait, the campaign is over, and the
+        receiver takes nothing.
+        """
         away = ""
         while True:
             self._delivery.check()
             try:
                 if self._waiting.is_full and self._delivery.asked.is_set():
-                    self._heard_s = self._clock.monotonic_s()  # nobody was asked
+                    self._look()
                 elif self._fetched():
                     return
                 else:
@@ -228,13 +233,27 @@ class _Fetching:
                     return  # it had ended when it was heard last
                 away = str(fault)
                 self._tell(f"nothing is fetched: {away}; {_until(patience_s)}")
+            if self._clock.monotonic_s() - max(self._over_s, self._delivery.took_s) >= self._receiver_s:
+                words = f"the campaign has ended and the receiver took nothing for {self._receiver_s:g} s"
+                raise Unavailable(self._missing(words))
             quiet_s = self._clock.monotonic_s() - max(self._heard_s, self._delivery.took_s)
             if away and quiet_s >= patience_s:
                 raise Unavailable(self._missing(f"nothing was fetched for {patience_s:.0f} s: {away}"))
             self._clock.wait_s(self._delivery.ended, AWAY_S)
 
+    def _look(self) -> None:
+        """See whether the farm is there and its campaign over, while no more can wait; raises Unavailable."""
+        client = self._connect()
+        try:
+            state = client.status(within_s=ANSWER_S).state
+        finally:
+            client.close()
+        self._on_heard()
+        self._over_s = min(self._over_s, self._heard_s) if state == "ended" else float("inf")
+
     def _fetched(self) -> bool:
         """Have what there is wait, and what comes; True once the campaign has ended."""
+        self._over_s = float("inf")
         client = self._connect()
         try:
             if not self._goes_on(client):

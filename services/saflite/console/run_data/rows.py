@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Iterable, Sequence
+from itertools import groupby
+from typing import Any, NamedTuple
 
-import msgspec
-
-from saflite.contract import wire
 from saflite.contract.blobs import BlobRef
-from saflite.contract.errors import Refused
 from saflite.contract.flight import UNTOLD, Ending, Purpose
 from saflite.contract.verdict import Violation
 
@@ -34,16 +31,16 @@ class FlightRow(NamedTuple):
         return same and self.purpose not in UNTOLD
 
 
-def flight_row(columns: Sequence[object]) -> FlightRow:
-    """Return a flight as the tables have it, in the order of its fields, the policies it violated in one text.
+FLIGHT: Any = tuple[str, int, Purpose, Ending, float, float, str, str, float | None, str]
+ARTEFACT: Any = tuple[str, Purpose, int, str, str, int]
+SCORE: Any = tuple[str, str, str, float, int, str, str, str | None]
+"""The columns that the rows are made of."""
 
-    Raises Refused for what no flight is: SQLite keeps any value in any column, and others may have made the store.
-    """
+
+def flight_row(columns: Sequence[Any]) -> FlightRow:
+    """Return a flight; the policies it violated stand in one text."""
     *known, violated = columns
-    try:
-        return wire.convert((*known, [word for word in str(violated).split(",") if word]), FlightRow)
-    except msgspec.ValidationError as fault:
-        raise Refused("books", expected="rows of flights", got=f"{fault}; the tables are damaged") from fault
+    return FlightRow._make((*known, tuple(filter(None, violated.split(",")))))
 
 
 class ArtefactRow(NamedTuple):
@@ -54,6 +51,12 @@ class ArtefactRow(NamedTuple):
     flight_index: int
     name: str
     blob: BlobRef
+
+
+def artefact_row(columns: Sequence[Any]) -> ArtefactRow:
+    """Return an artefact; digest and size of its blob come last."""
+    *known, digest, size_bytes = columns
+    return ArtefactRow._make((*known, BlobRef(digest=digest, size_bytes=size_bytes)))
 
 
 class ScoreRow(NamedTuple):
@@ -69,6 +72,12 @@ class ScoreRow(NamedTuple):
     violated: bool | None
 
 
+def score_row(columns: Sequence[Any]) -> ScoreRow:
+    """Return a score; what it violated comes last as text, None where it was not flown."""
+    *known, shadow, fault, selected_by, violated = columns
+    return ScoreRow._make((*known, bool(shadow), fault, selected_by, None if violated is None else bool(violated)))
+
+
 class UsageRow(NamedTuple):
     """What the calls of one model took in sum."""
 
@@ -82,6 +91,12 @@ class UsageRow(NamedTuple):
     asked_again: int
     cached: int
     faults: int
+
+
+def in_sum(batches: Iterable[UsageRow]) -> list[UsageRow]:
+    """Return what batches in order of their models took, in sum for each: more than SQL can add up."""
+    by_model = groupby(batches, key=lambda row: row.model)
+    return [UsageRow(model, *map(sum, list(zip(*found, strict=True))[1:])) for model, found in by_model]
 
 
 class Fallbacks(NamedTuple):

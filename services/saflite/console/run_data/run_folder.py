@@ -8,17 +8,19 @@ from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import msgspec
 
 from saflite.campaign.storage.audit import told_of
 from saflite.campaign.storage.contents import Contents
 from saflite.campaign.storage.packing import Packing
-from saflite.campaign.storage.sqlite import connect_reading, damage_named
+from saflite.campaign.storage.sqlite import connect_reading, damage_named, meta
 from saflite.campaign.storage.store import store_file
+from saflite.campaign.storage.typed_rows import rows
+from saflite.console.run_data import rows as shapes
 from saflite.console.run_data.embargo import Released, split
-from saflite.console.run_data.rows import ArtefactRow, Fallbacks, FlightRow, ScoreRow, UsageRow, flight_row
+from saflite.console.run_data.rows import ArtefactRow, Fallbacks, FlightRow, ScoreRow, UsageRow
 from saflite.console.run_data.standing import Standing, standing
 from saflite.console.run_data.unproven import pending, unproven
 from saflite.console.view import out
@@ -88,12 +90,12 @@ class RunFolder:
             "SELECT confirmation, count(*) FROM violations WHERE test_case IN (SELECT test_case FROM selected)"
             " GROUP BY confirmation"
         )
-        return Counter(dict(self._rows(query)))
+        return Counter(dict(self._rows(tuple[str, int], query)))
 
     def smallest_forms(self) -> frozenset[str]:
         """Return the test cases among `violations` that are smallest forms of others, and no finds of their own."""
         query = "SELECT test_case FROM violations WHERE test_case NOT IN (SELECT test_case FROM selected)"
-        return frozenset(str(name) for (name,) in self._rows(query))
+        return frozenset(name for (name,) in self._rows(tuple[str], query))
 
     def test_case(self, name: str) -> TestCase:
         """Return a test case by its identity; raises Refused if the run holds none of that name."""
@@ -115,7 +117,7 @@ class RunFolder:
     def endings(self) -> dict[str, int]:
         """Return how many test cases of the search ended in each state (held, confirmed, flaky, quarantined, ...)."""
         query = "SELECT state, count(*) FROM endings WHERE test_case IN (SELECT test_case FROM selected) GROUP BY state"
-        return dict(self._rows(query))
+        return dict(self._rows(tuple[str, int], query))
 
     def outcomes(self) -> Iterator[Outcome]:
         """Yield what became of the test cases of all rounds, in order."""
@@ -147,16 +149,15 @@ class RunFolder:
             " ON f.test_case = j.test_case AND f.flight_index = j.flight_index"
             " WHERE j.flight_index = 0 AND f.purpose = 'search'"
         )
-        for (test_case,) in self._rows(query):
+        for (test_case,) in self._rows(tuple[str], query):
             judgement = self.judgement(test_case)
             if judgement is not None:
                 yield judgement
 
     def recording(self, name: str) -> str:
         """Return the recording of a test case relative to the run folder, empty if there is none."""
-        for (index,) in self._rows(
-            "SELECT flight_index FROM recordings WHERE test_case = ? AND digest <> '' ORDER BY flight_index", name
-        ):
+        query = "SELECT flight_index FROM recordings WHERE test_case = ? AND digest <> '' ORDER BY flight_index"
+        for (index,) in self._rows(tuple[int], query, name):
             return recording_file(name, index)
         return ""
 
@@ -223,7 +224,7 @@ class RunFolder:
             " ON f.purpose NOT IN ('check', 'shrink') AND j.test_case = f.test_case AND j.flight_index = f.flight_index"
             " WHERE ?1 = '' OR f.test_case = ?1 ORDER BY f.rowid"
         )
-        return [flight_row(row) for row in self._rows(query, name)]
+        return [shapes.flight_row(columns) for columns in self._rows(shapes.FLIGHT, query, name)]
 
     def flight(self, row: FlightRow) -> Flight | None:
         """Return the whole record of a flight, with what was delivered; None where no worker handed one in."""
@@ -233,10 +234,8 @@ class RunFolder:
     def artefacts(self, name: str = "") -> list[ArtefactRow]:
         """Return the named files that flights left, those of one test case if named."""
         query = "SELECT * FROM artefacts WHERE ?1 = '' OR test_case = ?1 ORDER BY rowid"
-        rows = (
-            ArtefactRow._make((*row[:4], BlobRef(digest=row[4], size_bytes=row[5]))) for row in self._rows(query, name)
-        )
-        return [row for row in rows if not self._blobs.fault(row.blob)]
+        found = [shapes.artefact_row(columns) for columns in self._rows(shapes.ARTEFACT, query, name)]
+        return [row for row in found if not self._blobs.fault(row.blob)]
 
     def content(self, blob: BlobRef) -> bytes:
         """Return what a blob of the run holds; raises BlobMissing if it is not there or damaged."""
@@ -245,7 +244,7 @@ class RunFolder:
     def trace(self, digest: str) -> Trace | None:
         """Return a trace that was kept, None if it was not or is damaged."""
         query = "SELECT trace_blob, trace_bytes FROM flights WHERE trace_digest = ? AND trace_blob <> ''"
-        for blob, size_bytes in self._rows(query, digest):
+        for blob, size_bytes in self._rows(tuple[str, int], query, digest):
             try:
                 return unpack_trace(self._blobs.get(BlobRef(digest=blob, size_bytes=size_bytes)))
             except BlobMissing:
@@ -257,19 +256,20 @@ class RunFolder:
             "SELECT r.test_case, r.flight_index FROM recordings r JOIN flights f ON f.test_case = r.test_case"
             " AND f.flight_index = r.flight_index WHERE f.trace_digest = ? AND r.digest <> ''"
         )
-        for name, index in self._rows(query, digest):
+        for name, index in self._rows(tuple[str, int], query, digest):
             with suppress(Refused):
                 return read_recording(self.path / recording_file(name, index)).trace
         return None
 
     def flown(self) -> Counter[Purpose]:
         """Return how many flights were counted, by what they were flown for."""
-        return Counter(dict(self._rows("SELECT purpose, count(*) FROM flights GROUP BY purpose")))
+        return Counter(dict(self._rows(tuple[Purpose, int], "SELECT purpose, count(*) FROM flights GROUP BY purpose")))
 
     def memory_faults(self) -> frozenset[str]:
         """Return the test cases any flight of which ended by a fault of memory: all finds of them are private first."""
-        rows = self._rows("SELECT test_case, message FROM flights WHERE ending = 'autopilot_died'")
-        return frozenset(str(name) for name, message in rows if is_memory_fault("autopilot_died", message))
+        query = "SELECT test_case, message FROM flights WHERE ending = 'autopilot_died'"
+        found = self._rows(tuple[str, str], query)
+        return frozenset(name for name, message in found if is_memory_fault("autopilot_died", message))
 
     def good_before(self, name: str, parent: str = "") -> str:
         """Return the test case whose first flight last kept every rule before one was flown, `parent` if it did.
@@ -283,7 +283,7 @@ class RunFolder:
             " AND f.rowid < (SELECT min(rowid) FROM flights WHERE test_case = ?1)"
             " ORDER BY f.test_case = ?2 DESC, f.rowid DESC LIMIT 1"
         )
-        return next((str(found) for (found,) in self._rows(query, name, parent)), "")
+        return next((found for (found,) in self._rows(tuple[str], query, name, parent)), "")
 
     # ---- scores --------------------------------------------------------------------------------------------------
 
@@ -298,26 +298,22 @@ class RunFolder:
             " LEFT JOIN judgements j ON j.test_case = c.test_case AND j.flight_index = 0"
             " ORDER BY s.rowid"
         )
-        return [
-            ScoreRow._make((*row[:4], bool(row[4]), row[5], row[6], None if row[7] is None else bool(row[7])))
-            for row in self._rows(query)
-        ]
+        return [shapes.score_row(columns) for columns in self._rows(shapes.SCORE, query)]
 
     def fallbacks(self) -> Fallbacks:
         """Return how often the model that decides gave no score."""
         query = "SELECT fault, scored_by FROM scores WHERE fault != '' AND shadow = 0 ORDER BY rowid"
-        found = [(str(fault), str(scored_by)) for fault, scored_by in self._rows(query)]
+        found = [*self._rows(tuple[str, str], query)]
         unscored = sum(1 for _, scored_by in found if scored_by == UNSCORED)
         return Fallbacks(len(found) - unscored, unscored, found[-1][0] if found else "")
 
     def usage(self) -> list[UsageRow]:
         """Return what scoring took, per model."""
-        calls, told = _totals("calls", "tokens_in", "tokens_out"), _totals("asked_again", "cached", "faults")
         query = (
-            f"SELECT model, count(*), {calls}, sum(latency_s), sum(cost_usd), {told}"  # noqa: S608 (names of ours)
-            " FROM usage GROUP BY model ORDER BY model"
+            "SELECT model, 1, calls, tokens_in, tokens_out, latency_s, cost_usd, asked_again, cached, faults"
+            " FROM usage ORDER BY model"
         )
-        return [UsageRow(*row) for row in self._rows(query)]
+        return shapes.in_sum(self._rows(UsageRow, query))
 
     def events(self, from_seq: int = 1) -> Iterator[Event]:
         """Yield the committed events from a sequence number on."""
@@ -345,26 +341,34 @@ class RunFolder:
     def last_change(self) -> int:
         """Return the number of the event with which the state of the campaign changed last; 0 before it began."""
         query = "SELECT seq FROM events WHERE kind = ? ORDER BY seq DESC LIMIT 1"
-        return next((int(seq) for (seq,) in self._rows(query, word_of(CampaignChanged))), 0)
+        return next((seq for (seq,) in self._rows(tuple[int], query, word_of(CampaignChanged))), 0)
 
     def _events(self, query: str, *values: object) -> list[Event]:
         """Return the events of the (number, content) rows that a query finds."""
         packing = Packing(self._db, "events")
-        return [wire.decode(packing.unpack(seq, data), Event) for seq, data in self._rows(query, *values)]
+        return [
+            wire.decode(packing.unpack(seq, data), Event)
+            for seq, data in self._rows(tuple[int, object], query, *values)
+        ]
 
     def elapsed_s(self) -> float:
         """Return how long the books were open, up to the last event; the time between sittings is none of it."""
-        last = "SELECT at_unix_s FROM events ORDER BY seq DESC LIMIT 1"
-        query = f"SELECT elapsed_before_s + max(0, ifnull(({last}), 0) - opened_unix_s) FROM sittings ORDER BY rowid"  # noqa: S608
-        return float([0.0, *(elapsed_s for (elapsed_s,) in self._rows(query))][-1])
+        last = self._rows(tuple[float], "SELECT at_unix_s FROM events ORDER BY seq DESC LIMIT 1")
+        sitting = self._rows(
+            tuple[float, float], "SELECT elapsed_before_s, opened_unix_s FROM sittings ORDER BY rowid DESC LIMIT 1"
+        )
+        (until_s,), (before_s, opened_s) = next(last, (0.0,)), next(sitting, (0.0, 0.0))
+        return before_s + max(0.0, until_s - opened_s)
 
-    def _rows(self, query: str, *values: object) -> Iterator[tuple]:  # type: ignore[type-arg]
+    def _rows(self, kind: Any, query: str, *values: object) -> Iterator[Any]:
         with damage_named(self._file):
-            yield from self._db.execute(query, values).fetchall()
+            yield from rows(self._db, kind, query, *values)
 
     def _meta(self, key: str, kind: type[T]) -> T:
-        for (value,) in self._rows("SELECT value FROM meta WHERE key = ?", key):
-            return wire.decode(bytes(value), kind)
+        with damage_named(self._file):
+            value = meta(self._db, key)
+        if value:
+            return wire.decode(value, kind)
         raise Refused("books", where=str(self._file), expected=f"a store that names its {key}", got="nothing")
 
 
@@ -386,8 +390,3 @@ def open_run(run_dir: Path) -> RunFolder:
         return RunFolder(run_dir)
     except sqlite3.DatabaseError as fault:
         raise Refused("books", where=str(store_file(run_dir)), expected="an intact store", got=str(fault)) from fault
-
-
-def _totals(*columns: str) -> str:
-    """Return what SQL sums whole numbers with: `sum` fails above 2**63, this says the greatest number there is."""
-    return ", ".join(f"CAST(total({column}) AS INTEGER)" for column in columns)
