@@ -14,6 +14,7 @@ SHIFTS_US = {"RC1": 40.0, "RC2": -30.0, "RC3": 25.0, "RC4": -45.0}
 """Whole numbers, as calibrations are, and no two of a size: a shift changes neither dead zones nor spans."""
 
 _THROTTLE, _LOST, _FLIP_US = "RC3", "FS_THR_VALUE", 1500.0
+_RADIO_FAILS = "RC_FAIL"
 _CENTRE_US = 1500.0
 
 
@@ -22,8 +23,8 @@ def recalibrated(test_case: TestCase, inputs: Sequence[InputInfo], denied: Conta
 
     A stick stays as it is where no shift keeps all its calibrations within their range (`inputs`). So does the throttle
     where it is not in the middle as the flight begins, or where a pulse would pass one that means something by itself:
-    a lost radio (`FS_THR_VALUE`), the least at which FLIP begins. What was refused (`denied`, by place) is left as it
-    is. None where nothing can be shifted.
+    a lost radio (`FS_THR_VALUE`), the least at which FLIP begins, or where that of a lost radio lies within its way.
+    What was refused (`denied`, by place) is left as it is. None where nothing can be shifted.
     """
     known = {entry.name: entry for entry in inputs}
     taken = [one for index, one in enumerate(test_case.stimuli) if index not in denied]
@@ -73,11 +74,26 @@ def _throttle_fits(
     start = test_case.scenario.start
     if start is not None and start.altitude_m <= 0.0:
         return False
+    if any(_RADIO_FAILS in one.name for one in test_case.stimuli) and not _above_lost(
+        test_case, given, known, shift_us
+    ):
+        return False
     marks = [*given[_LOST], *([_FLIP_US] if any(one.name == "FLIP" for one in test_case.stimuli) else [])]
     if _LOST in known and (first := _at_start(test_case, known[_LOST])) is not None:
         marks.append(first)
     pulses = (_CENTRE_US, *given[_THROTTLE])
     return all((pulse < mark) == (pulse + shift_us < mark) for pulse in pulses for mark in marks)
+
+
+def _above_lost(
+    test_case: TestCase, given: Mapping[str, Sequence[float]], known: Mapping[str, InputInfo], shift_us: float
+) -> bool:
+    """Whether the throttle's way begins above any pulse of a lost radio, below which all pulses are the same."""
+    lost, end = known.get(_LOST), f"{_THROTTLE}_MIN"
+    if lost is None or lost.default is None or end not in known:
+        return True
+    least = min(one for one in (_at_start(test_case, known[end]), *given[end]) if one is not None)
+    return min(least, least + shift_us) >= lost.default
 
 
 def _beginning(test_case: TestCase, known: Mapping[str, InputInfo], stick: str, shift_us: float) -> Iterable[Stimulus]:

@@ -77,6 +77,17 @@ def test_a_throttle_whose_pulse_means_something_by_itself_passes_it_by_no_shift(
     assert (after < mark) == (pulse < mark)
 
 
+@pytest.mark.parametrize(("least", "moves"), [(800.0, False), (970.0, False), (990.0, True)])
+def test_a_throttle_whose_way_holds_the_pulse_of_a_lost_radio_stays(least: float, moves: bool) -> None:
+    lost = given(2, "sensor_fault", "SIM_RC_FAIL", 2)
+    stimuli = (given(1, "parameter", "FS_THR_ENABLE", 0), given(1, "parameter", "RC3_MIN", least), lost)
+    flown = case(*stimuli, given(3, "mode", "STABILIZE"))
+    assert ("RC3" in shifted(flown)) == moves
+    trace = fly_once(flown).trace
+    assert trace is not None
+    assert not np.any(trace.array("twin_height_apart_m"))
+
+
 def test_on_the_ground_the_throttle_stays() -> None:
     assert "RC3" not in shifted(case(given(1, "stick", "RC1", 1700), height_m=0.0))
 
