@@ -91,7 +91,10 @@ _NAV_TAKEOFF = 22
 _CM_PER_M = 100.0
 _OTHERS = ("ArduPlane", "ArduRover", "ArduSub", "Rover", "Blimp", "AntennaTracker", "APM:Plane", "APM:Rover")
 _OF_OTHERS = ("ARSPD_FBW_MIN", "AIRSPEED_MIN", "CRUISE_SPEED", "PILOT_SPEED", "YAW_RANGE")
-_OF_COPTERS = ("WPNAV_SPEED", "PILOT_SPEED_UP", "PILOT_VELZ_MAX", "LAND_SPEED", "RTL_ALT")
+_OF_COPTERS = (
+    *("WPNAV_SPEED", "PILOT_SPEED_UP", "PILOT_VELZ_MAX", "LAND_SPEED", "RTL_ALT"),
+    *("LAND_SPD_MS", "RTL_ALT_M"),
+)
 _NO_HOME = "ORGN, without which a log that begins in the air does not tell places"
 
 
