@@ -79,6 +79,12 @@ def test_checks_that_are_skipped_say_which_are_made_where_that_is_all_or_none() 
     assert math.isnan(checks({"ARMING_SKIPCHK": 4.0}))
 
 
+def test_where_precision_landing_is_on_nothing_is_said_of_the_speed_of_a_landing() -> None:
+    speed = ARDUPILOT["land_speed_set_mps"]
+    assert speed({"LAND_SPEED": 50.0, "PLND_ENABLED": 0.0}) == 0.5
+    assert math.isnan(speed({"LAND_SPEED": 50.0, "PLND_ENABLED": 1.0}))
+
+
 def test_a_copter_of_47_is_none_of_the_others(tmp_path: Path) -> None:
     path = tmp_path / "flight.bin"
     names = ("AIRSPEED_MIN", "RTL_ALT_M")

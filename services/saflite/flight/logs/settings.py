@@ -112,6 +112,11 @@ def _ardupilot_return(given: Parameters) -> float:
     return math.nan if given.get("RTL_ALT_TYPE") == 1.0 else _RETURN(given)
 
 
+def _ardupilot_land(given: Parameters) -> float:
+    """Not known where precision landing is on: it waits for its target, tries again, and slows down over it."""
+    return math.nan if given.get("PLND_ENABLED") == 1.0 else _LAND(given)
+
+
 def _ardupilot_checks(given: Parameters) -> float:
     """Go by the checks that are made (up to 4.6), or by those that are skipped: which are left is not known then."""
     if "ARMING_CHECK" in given:
@@ -139,7 +144,7 @@ ARDUPILOT: dict[str, Plain | Made] = {
     "return_speed_set_mps": _instead_of_0(_si("RTL_SPEED_MS", "RTL_SPEED"), _CRUISE),
     "cruise_speed_set_mps": _CRUISE,
     "loiter_speed_set_mps": _si("LOIT_SPEED_MS", "LOIT_SPEED", "WPNAV_LOIT_SPEED"),
-    "land_speed_set_mps": _LAND,
+    "land_speed_set_mps": Made(f"{_LAND.words} with PLND_ENABLED", _ardupilot_land),
     "land_speed_high_set_mps": _instead_of_0(_si("LAND_SPD_HIGH_MS", "LAND_SPEED_HIGH"), _DESCENT),
     "land_altitude_low_set_m": _si("LAND_ALT_LOW_M", "LAND_ALT_LOW"),
     "pilot_speed_up_set_mps": _PILOT_UP,
