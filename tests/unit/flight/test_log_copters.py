@@ -85,6 +85,16 @@ def test_where_precision_landing_is_on_nothing_is_said_of_the_speed_of_a_landing
     assert math.isnan(speed({"LAND_SPEED": 50.0, "PLND_ENABLED": 1.0}))
 
 
+@pytest.mark.parametrize(("kind", "north_m"), [(0, 20.0), (3, 10.0), (10, 20.0), (11, 20.0)])
+def test_places_are_those_that_the_autopilot_flies_by(kind: int, north_m: float, tmp_path: Path) -> None:
+    at = [1_000_000 + tenth * 100_000 for tenth in range(101)]
+    more = [("PARM", (1_000_000, b"AHRS_EKF_TYPE", float(kind)))]
+    more += [("POS", (now, 47.0 + 20.0 * n / 100 / 111_319.5, 8.0, 5.0)) for n, now in enumerate(at)]  # type: ignore[misc]
+    path = tmp_path / "flight.bin"
+    path.write_bytes(ardupilot_flight(PLACED, more=more))  # type: ignore[arg-type]
+    assert read_dataflash_log(path).trace.array("x_m")[-1] == pytest.approx(north_m, abs=0.2)
+
+
 def test_a_copter_of_47_is_none_of_the_others(tmp_path: Path) -> None:
     path = tmp_path / "flight.bin"
     names = ("AIRSPEED_MIN", "RTL_ALT_M")

@@ -88,6 +88,11 @@ _SWITCHES: dict[float, tuple[str, float]] = {
 }
 """Events that say what was switched as a setting is."""
 _NAV_TAKEOFF = 22
+_THROTTLE = 3
+_MODE = ("ModeNum", "Mode")
+"""Of MODE; up to 3.2 the second alone. Both are the number."""
+_FILTERS = {1.0: "EKF1", 2.0: "NKF1", 3.0: "XKF1"}
+"""Of AHRS_EKF_TYPE; 1 is that of AHRS_EKF_USE, too."""
 _CM_PER_M = 100.0
 _OTHERS = ("ArduPlane", "ArduRover", "ArduSub", "Rover", "Blimp", "AntennaTracker", "APM:Plane", "APM:Rover")
 _OF_OTHERS = ("ARSPD_FBW_MIN", "AIRSPEED_MIN", "CRUISE_SPEED", "PILOT_SPEED", "YAW_RANGE")
@@ -208,12 +213,11 @@ def _column(columns: Columns, signal: str, found: Points) -> None:
 
 
 def _position(rows: Rows, columns: Columns) -> Place | None:
-    """Add the estimate of the filter that flies (AHRS_EKF_TYPE), of another that was logged, or POS.
+    """Add the estimate of the filter that flies, of another that was logged, or POS.
 
     Return the place from which POS counts, None where it is the origin of a filter.
     """
-    flies = [f"{'X' if value == 3 else 'N'}KF1" for _, name, value in settings_told(rows) if name == "AHRS_EKF_TYPE"]
-    estimator = next((kind for kind in (*flies, "XKF1", "NKF1", "EKF1") if rows[kind]), None)
+    estimator = _filter(rows)
     if estimator is None:
         return _geographic(rows, columns)
     fields = {"PN": ("x_m", 1.0), "PE": ("y_m", 1.0), "PD": ("altitude_m", -1.0)}
@@ -221,6 +225,19 @@ def _position(rows: Rows, columns: Columns) -> Place | None:
     for field, (signal, sign) in {**fields, **speeds}.items():
         _column(columns, signal, points(rows[estimator], field, scale=sign))
     return None
+
+
+def _filter(rows: Rows) -> str | None:
+    """Return the message of the filter that flies (AHRS_EKF_TYPE, up to 3.3 AHRS_EKF_USE), or of another one logged.
+
+    None where what flies is no filter that logs itself: one that only runs along tells whatever it comes to.
+    """
+    held = _first(settings_told(rows))
+    flies = held.get("AHRS_EKF_TYPE", held.get("AHRS_EKF_USE"))
+    if flies is not None and flies not in _FILTERS:
+        return None
+    own = [] if flies is None else [_FILTERS[flies]]
+    return next((kind for kind in (*own, "XKF1", "NKF1", "EKF1") if rows[kind]), None)
 
 
 def _geographic(rows: Rows, columns: Columns) -> Place | None:
