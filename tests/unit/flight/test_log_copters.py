@@ -85,6 +85,35 @@ def test_where_precision_landing_is_on_nothing_is_said_of_the_speed_of_a_landing
     assert math.isnan(speed({"LAND_SPEED": 50.0, "PLND_ENABLED": 1.0}))
 
 
+def old_flight(**settings: float) -> list[tuple[str, tuple[Any, ...]]]:
+    """A log as 3.2 wrote it, from 60 s after power-up on: hovers 3 m up in ALT_HOLD while its filter runs away."""
+    rows: list[tuple[str, tuple[Any, ...]]] = [("PARM", (name.encode(), value)) for name, value in settings.items()]
+    rows += [("MODE", (2, 500)), ("EV", (10,)), ("EV", (28,))]
+    for tenth in range(100):
+        at = 60_000 + tenth * 100
+        rows += [("ATT", (at, 1.0, 2.0, 3.0)), ("EKF1", (at, 0.0, 0.0, 90.0 * tenth, 0.0, 0.0, 900.0))]
+        rows += [("CTUN", (at, 450, 3.0, 0, 3.0)), ("CURR", (at, 1187, 0)), ("BARO", (at, 3.0))]
+    return rows
+
+
+def test_a_log_of_32_is_read_in_its_own_words_units_and_time(tmp_path: Path) -> None:
+    log = write(tmp_path / "flight.bin", OLD, old_flight(AHRS_EKF_USE=0.0))
+    assert log.trace.duration_s == pytest.approx(9.9, abs=0.1), "rows before the clock runs are no minute of flight"
+    middle = {name: float(log.trace.array(name)[100]) for name in ("mode", "armed", "throttle", "battery_v")}
+    assert middle == pytest.approx({"mode": MODES["ALT_HOLD"], "armed": 1.0, "throttle": 0.45, "battery_v": 11.87})
+    assert not log.lost
+
+
+def test_the_estimate_is_that_of_what_flies_not_of_a_filter_that_runs_along(tmp_path: Path) -> None:
+    path = tmp_path / "flight.bin"
+    apart = {
+        use: float(np.ptp(write(path, OLD, old_flight(AHRS_EKF_USE=use)).trace.array("altitude_m")))
+        for use in (0.0, 1.0)
+    }
+    assert apart[0.0] < 0.1
+    assert apart[1.0] > 8000.0
+
+
 @pytest.mark.parametrize(("kind", "north_m"), [(0, 20.0), (3, 10.0), (10, 20.0), (11, 20.0)])
 def test_places_are_those_that_the_autopilot_flies_by(kind: int, north_m: float, tmp_path: Path) -> None:
     at = [1_000_000 + tenth * 100_000 for tenth in range(101)]

@@ -36,10 +36,9 @@ from saflite.flight.mission import to_local
 
 _FIELDS: dict[str, dict[str, str]] = {
     "RATE": {"R": "roll_rate_dps", "P": "pitch_rate_dps", "Y": "yaw_rate_dps"},
-    "MODE": {"ModeNum": "mode"},
     "GPS": {"NSats": "gps_satellites"},
     "BARO": {"Alt": "baro_altitude_m"},
-    "CTUN": {"DAlt": "altitude_target_m", "ThO": "throttle"},
+    "CTUN": {"DAlt": "altitude_target_m"},
     "MISE": {"CNum": "mission_item", "CTot": "mission_count"},
 }
 _ATTITUDES = ("ATT", "AHR2", "XKF1", "NKF1", "EKF1")
@@ -65,6 +64,8 @@ _SOURCES = {
     **{signal: f"{kind}.{field}" for kind, fields in _FIELDS.items() for field, signal in fields.items()},
     **{signal: f"ATT.{field} or AHR2.{field}" for field, signal in _LEAN.items()},
     "home_distance_m": "ORGN, else from where the log begins",
+    "mode": "MODE.ModeNum or MODE.Mode",
+    "throttle": "CTUN.ThO or CTUN.ThrOut",
     "battery_v": "BAT.Volt or CURR.Volt",
     **{f"rc{number}_pwm": "RCIN" for number in range(1, 5)},
     **dict.fromkeys(("failsafe_radio", "failsafe_battery", "failsafe_gps", "failsafe_fence", "crashed"), "EV and ERR"),
@@ -126,6 +127,8 @@ def read_dataflash_log(path: Path, *, placed: bool = False) -> FlightLog:
     for kind, fields in _FIELDS.items():
         for field, signal in fields.items():
             _column(columns, signal, points(rows[kind], field))
+    _column(columns, "mode", points(rows["MODE"], *_MODE))
+    _column(columns, "throttle", points(rows["CTUN"], "ThO", "ThrOut"))
     _column(columns, "battery_v", points(rows["BAT"], *batteries.voltage_names(held)) or points(rows["CURR"], "Volt"))
     _column(columns, "gps_ok", [(at, float(status >= FIX_3D)) for at, status in points(rows["GPS"], "Status")])
     _sticks(rows, held, columns)
@@ -293,7 +296,7 @@ def _sticks(rows: Rows, held: Mapping[str, float], columns: Columns) -> None:
 def _modes(rows: Rows, columns: Columns) -> None:
     """Add what follows from modes and mission: take-off items, the end of a parachute's absence, aims of CIRCLE."""
     items = [(at, float(number == _NAV_TAKEOFF)) for at, number in points(rows["MISE"], "CId")]
-    flown = {int(mode) for _, mode in points(rows["MODE"], "ModeNum")}
+    flown = {int(mode) for _, mode in points(rows["MODE"], *_MODE)}
     if items:
         columns.hold("takeoff", *zip((0.0, 0.0), *items, strict=True))
     if flown and MODES["CIRCLE"] not in flown:
