@@ -124,6 +124,24 @@ def test_places_are_those_that_the_autopilot_flies_by(kind: int, north_m: float,
     assert read_dataflash_log(path).trace.array("x_m")[-1] == pytest.approx(north_m, abs=0.2)
 
 
+@pytest.mark.parametrize(("pulse", "outcome"), [(1046, "vacuous"), (950, "violated")])
+def test_a_limit_of_the_throttle_is_on_the_calibrated_way_of_its_stick(
+    pulse: int, outcome: str, tmp_path: Path
+) -> None:
+    kinds = {**PLACED, "RCIN": ("QHHHH", "TimeUS,C1,C2,C3,C4")}
+    settings = {"RC3_MIN": 1090, "RC3_MAX": 1900, "FS_THR_VALUE": 1000, "FS_THR_ENABLE": 1}
+    rows: list[tuple[str, tuple[Any, ...]]] = [("PARM", (1, name.encode(), one)) for name, one in settings.items()]
+    rows += [("MODE", (1_000_000, 0, 0, 1)), ("EV", (1_000_000, 10)), ("EV", (1_100_000, 28))]
+    for tenth in range(200):
+        now = 1_000_000 + tenth * 100_000
+        rows += [("XKF1", (now, 0, 0.0, 0.0, -9.0, 0.0, 0.0, 0.0))]
+        rows += [("RCIN", (now, 1500, 1500, pulse if tenth > 80 else 1500, 1500))]
+    path = tmp_path / "flight.bin"
+    path.write_bytes(dataflash(kinds, rows))
+    (verdict,) = judge_file(path, None, ("a-rc-fs2",)).verdicts
+    assert verdict.outcome == outcome
+
+
 def test_a_copter_of_47_is_none_of_the_others(tmp_path: Path) -> None:
     path = tmp_path / "flight.bin"
     names = ("AIRSPEED_MIN", "RTL_ALT_M")

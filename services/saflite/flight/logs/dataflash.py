@@ -6,6 +6,7 @@ What one release logs in another message than the next is read from either; what
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -170,11 +171,11 @@ def _parameters(rows: Rows, monitor: int, columns: Columns) -> list[Stimulus]:
     the filter goes by the set of sources that was switched to last.
     """
     told, raised = settings_told(rows), columns.get("failsafe_battery")
-    own = batteries.of_monitor(told, monitor)
+    own = _as_sticks(batteries.of_monitor(told, monitor))
     switched = [(at, *_SWITCHES[number]) for at, number in points(rows["EV"], "Id") if number in _SWITCHES]
     unknown = batteries.unknown_from(list(zip(*raised, strict=True)) if raised else [], _first(told), monitor)
-    course = sorted([(0.0, SOURCE_SET, 1.0), *own, *switched, *unknown], key=lambda one: one[0])
     first = _first(own)
+    course = sorted([(0.0, SOURCE_SET, 1.0), *own, *switched, *unknown], key=lambda one: one[0])
     add_settings(columns, ARDUPILOT, first, _changed(course))
     if first and "chute_released" not in columns and not first.get("CHUTE_ENABLED"):
         columns.hold("chute_released", [0.0], [0.0])  # there is none on board
@@ -280,17 +281,36 @@ def _sticks(rows: Rows, held: Mapping[str, float], columns: Columns) -> None:
     """Add the sticks as fractions of their calibrated way: 1000 to 2000, 1500 where the trim is (RCn_MIN, RCMAP_*)."""
     for number, use in enumerate(("ROLL", "PITCH", "THROTTLE", "YAW"), start=1):
         channel = int(held.get(f"RCMAP_{use}", number))
-        low, trim, high = (
-            held.get(f"RC{channel}_{end}", usual) for end, usual in (("MIN", 1000.0), ("TRIM", 1500.0), ("MAX", 2000.0))
-        )
-        if number == 3:
-            trim = (low + high) / 2
-        if not low < trim < high:
-            low, trim, high = 1000.0, 1500.0, 2000.0
-        sign = -1.0 if held.get(f"RC{channel}_REVERSED", 0.0) == 1.0 or held.get(f"RC{channel}_REV", 1.0) < 0 else 1.0
         given = [(at, pwm) for at, pwm in points(rows["RCIN"], f"C{channel}") if pwm]
-        way = [(at, (pwm - trim) / (high - trim if pwm > trim else trim - low)) for at, pwm in given]
-        _column(columns, f"rc{number}_pwm", [(at, 1500.0 + 500.0 * sign * share) for at, share in way])
+        _column(columns, f"rc{number}_pwm", [(at, _on_way(held, number, channel, pwm)) for at, pwm in given])
+
+
+def _on_way(held: Mapping[str, float], number: int, channel: int, pwm: float) -> float:
+    """Return where a pulse of a channel, which moves stick `number`, is on its calibrated way."""
+    low, trim, high = (
+        held.get(f"RC{channel}_{end}", usual) for end, usual in (("MIN", 1000.0), ("TRIM", 1500.0), ("MAX", 2000.0))
+    )
+    if number == _THROTTLE:
+        trim = (low + high) / 2
+    if not low < trim < high:
+        low, trim, high = 1000.0, 1500.0, 2000.0
+    share = (pwm - trim) / (high - trim if pwm > trim else trim - low)
+    return 1500.0 - 500.0 * share if _is_reversed(held, channel) else 1500.0 + 500.0 * share
+
+
+def _is_reversed(held: Mapping[str, float], channel: int) -> bool:
+    return held.get(f"RC{channel}_REVERSED", 0.0) == 1.0 or held.get(f"RC{channel}_REV", 1.0) < 0
+
+
+def _as_sticks(told: list[batteries.Told]) -> list[batteries.Told]:
+    """Return settings with the limit of the throttle's pulse as its stick is told; not known where that is reversed."""
+    held = _first(told)
+    channel = int(held.get("RCMAP_THROTTLE", _THROTTLE))
+
+    def way(pwm: float) -> float:
+        return math.nan if _is_reversed(held, channel) else _on_way(held, _THROTTLE, channel, pwm)
+
+    return [(at, name, way(value) if name == "FS_THR_VALUE" else value) for at, name, value in told]
 
 
 def _modes(rows: Rows, columns: Columns) -> None:
