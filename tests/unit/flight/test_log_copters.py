@@ -79,6 +79,14 @@ def test_checks_that_are_skipped_say_which_are_made_where_that_is_all_or_none() 
     assert math.isnan(checks({"ARMING_SKIPCHK": 4.0}))
 
 
+def test_up_to_33_what_flew_without_a_filter_went_by_the_barometer() -> None:
+    source = ARDUPILOT["altitude_source"]
+    assert source({"AHRS_EKF_USE": 0.0}) == 0.0
+    assert source({"AHRS_EKF_USE": 0.0, "AHRS_EKF_TYPE": 3.0, "EK3_SRC1_POSZ": 3.0}) == 2.0
+    with pytest.raises(StopIteration):
+        source({"AHRS_EKF_USE": 1.0})
+
+
 def test_where_precision_landing_is_on_nothing_is_said_of_the_speed_of_a_landing() -> None:
     speed = ARDUPILOT["land_speed_set_mps"]
     assert speed({"LAND_SPEED": 50.0, "PLND_ENABLED": 0.0}) == 0.5

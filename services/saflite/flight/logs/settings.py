@@ -72,7 +72,12 @@ _NO_SATELLITES = 3.0  # EK2_GPS_TYPE and, up to 4.0, EK3_GPS_TYPE
 
 
 def _ardupilot_height(given: Parameters) -> float:
-    """Go by the filter that flies, where settings of both are known; the other one's mean nothing then."""
+    """Go by the filter that flies, where settings of both are known; the other one's mean nothing then.
+
+    Up to 3.3 what flew without a filter went by the barometer.
+    """
+    if given.get("AHRS_EKF_USE") == 0.0 and "AHRS_EKF_TYPE" not in given:
+        return 0.0
     source = f"EK3_SRC{given.get(SOURCE_SET, 1.0):.0f}_POSZ"
     by_ekf3: dict[str, Mapping[float, float]] = {source: _BY_SOURCE, "EK3_ALT_SOURCE": {0.0: 0.0, 1.0: 1.0, 2.0: 2.0}}
     flies = {**_BY_EKF2, **by_ekf3} if given.get("AHRS_EKF_TYPE") == 2.0 else {**by_ekf3, **_BY_EKF2}
@@ -183,7 +188,7 @@ ARDUPILOT: dict[str, Plain | Made] = {
     "circle_rate_set_dps": _of("CIRCLE_RATE"),
     "descent_speed_set_mps": _DESCENT,
     "circle_radius_set_m": _si("CIRCLE_RADIUS_M", "CIRCLE_RADIUS"),
-    "altitude_source": Made("EK3_SRC1_POSZ or EK3_ALT_SOURCE or EK2_ALT_SOURCE", _ardupilot_height),
+    "altitude_source": Made("EK3_SRC1_POSZ or EK3_ALT_SOURCE or EK2_ALT_SOURCE or AHRS_EKF_USE", _ardupilot_height),
     "position_aided": Made("EK3_SRC1_POSXY or EK3_GPS_TYPE or EK2_GPS_TYPE", _ardupilot_aided),
 }
 
