@@ -132,6 +132,17 @@ def test_places_are_those_that_the_autopilot_flies_by(kind: int, north_m: float,
     assert read_dataflash_log(path).trace.array("x_m")[-1] == pytest.approx(north_m, abs=0.2)
 
 
+def test_where_no_filter_flies_the_climb_is_that_of_the_control_of_height(tmp_path: Path) -> None:
+    kinds = {**PLACED, "CTUN": ("Qfh", "TimeUS,Alt,CRt")}
+    more = [("PARM", (1_000_000, b"AHRS_EKF_TYPE", 0.0))]
+    more += [("POS", (1_000_000 + n * 100_000, 47.0, 8.0, 5.0 + 0.2 * n)) for n in range(101)]  # type: ignore[misc]
+    more += [("CTUN", (1_000_000 + n * 100_000, 0.0, 200)) for n in range(101)]  # type: ignore[misc]
+    path = tmp_path / "flight.bin"
+    path.write_bytes(ardupilot_flight(kinds, more=more))  # type: ignore[arg-type]
+    trace = read_dataflash_log(path).trace
+    assert (trace.array("altitude_m")[-1], trace.array("climb_mps")[-1]) == pytest.approx((20.0, 2.0), abs=0.01)
+
+
 @pytest.mark.parametrize(("pulse", "outcome"), [(1046, "vacuous"), (950, "violated")])
 def test_a_limit_of_the_throttle_is_on_the_calibrated_way_of_its_stick(
     pulse: int, outcome: str, tmp_path: Path

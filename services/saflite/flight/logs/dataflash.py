@@ -61,7 +61,8 @@ _OF_COMMANDS = (
 _SOURCES = {
     **dict.fromkeys(("x_m", "y_m"), "XKF1, NKF1 or POS"),
     **dict.fromkeys(("altitude_m",), "XKF1, NKF1, POS or CTUN.Alt"),
-    **dict.fromkeys(("vx_mps", "vy_mps", "climb_mps"), "XKF1 or NKF1"),
+    **dict.fromkeys(("vx_mps", "vy_mps"), "XKF1 or NKF1"),
+    "climb_mps": "XKF1, NKF1 or CTUN.CRt",
     **{signal: f"{kind}.{field}" for kind, fields in _FIELDS.items() for field, signal in fields.items()},
     **{signal: f"ATT.{field} or AHR2.{field}" for field, signal in _LEAN.items()},
     "home_distance_m": "ORGN, else from where the log begins",
@@ -258,14 +259,14 @@ def _geographic(rows: Rows, columns: Columns) -> Place | None:
 
 
 def _height(rows: Rows, formats: Mapping[str, str], columns: Columns) -> None:
-    """Add the height of CTUN where no estimate was logged, that the barometer answers, and what CIRCLE shows outside.
+    """Add height and climb of CTUN where no estimate tells them, and that the barometer answers.
 
     CTUN.CRt is in cm/s where it is a whole number.
     """
     if "altitude_m" not in columns:
         _column(columns, "altitude_m", points(rows["CTUN"], "Alt"))
-        if formats.get("CTUN", "").endswith("h"):
-            _column(columns, "climb_mps", points(rows["CTUN"], "CRt", scale=1.0 / _CM_PER_M))
+    if "climb_mps" not in columns and formats.get("CTUN", "").endswith("h"):
+        _column(columns, "climb_mps", points(rows["CTUN"], "CRt", scale=1.0 / _CM_PER_M))
     healthy = [(at, float(bool(row.get("H", row.get("Health", 1))))) for at, row in rows["BARO"]]
     _column(columns, "baro_ok", healthy)
 
