@@ -70,7 +70,7 @@ def px4_flight(tenths: int = 200) -> bytes:
 
 def dataflash(kinds: dict[str, tuple[str, str]], rows: Sequence[tuple[str, tuple[Any, ...]]]) -> bytes:
     """An ArduPilot log: per message its format letters and column names, and rows."""
-    codes = {"Q": "Q", "f": "f", "d": "d", "B": "B", "H": "H", "i": "i", "N": "16s", "Z": "64s"}
+    codes = {letter: letter for letter in "QfdBHiIh"} | {"M": "b", "N": "16s", "Z": "64s"}
     fmt = "BBnNZ"
     data = b""
     numbers = {name: 10 + index for index, name in enumerate(kinds)}

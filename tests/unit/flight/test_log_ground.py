@@ -214,3 +214,24 @@ def test_a_roof_that_nobody_says_it_stands_on_gives_no_alarm(tmp_path: Path) -> 
     assert outcomes(path)["armed-in-flight"].startswith("not known all the time: above_ground_m")
     path = px4(tmp_path, roof, [(1, 1), (5, 0)], [(1, 0), (3, 1), (32, 0)])
     assert outcomes(path)["armed-in-flight"] == "held"
+
+
+@pytest.mark.parametrize(("fallen_m", "least_m"), [(0.0, 0.0), (8.0, 6.0)])
+def test_what_the_barometer_sees_standing_still_does_not_fall_whatever_the_estimate_does(
+    fallen_m: float, least_m: float
+) -> None:
+    at_s = np.arange(0.0, 20.0, 0.05)
+    height_m = np.interp(at_s, [0.0, 5.0, 10.0], [0.0, -8.0, -8.0])
+    baro_m = np.interp(at_s, [0.0, 5.0, 10.0], [0.0, -fallen_m, -fallen_m])
+    armed, landed = np.ones_like(at_s), np.ones_like(at_s)
+    above_m = above_ground(height_m, armed, landed, 0.05, baro_m=baro_m)
+    assert np.nanmax(above_m) == pytest.approx(max(least_m, 0.0), abs=2.1)
+
+
+def test_a_barometer_that_is_silent_says_nothing_of_a_fall() -> None:
+    at_s = np.arange(0.0, 20.0, 0.05)
+    height_m = np.interp(at_s, [0.0, 5.0], [0.0, -8.0])
+    armed, landed = np.ones_like(at_s), np.ones_like(at_s)
+    silent = above_ground(height_m, armed, landed, 0.05, baro_m=np.full(len(at_s), np.nan))
+    np.testing.assert_array_equal(silent, above_ground(height_m, armed, landed, 0.05))
+    assert np.nanmax(silent) > 5.0

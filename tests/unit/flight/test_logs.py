@@ -192,6 +192,13 @@ def test_the_log_of_a_plane_is_refused(tmp_path: Path) -> None:
         read_dataflash_log(path)
 
 
+def test_a_log_of_another_autopilot_in_the_format_of_px4_is_refused_by_what_it_holds(tmp_path: Path) -> None:
+    path = tmp_path / "flight.ulg"
+    path.write_bytes(ulog({"PathPlanner": [("f", "speed")]}, [("PathPlanner", 1.0, (0.5,))]))
+    with pytest.raises(Refused, match="messages of PX4's flights, got PathPlanner"):
+        read_ulog_log(path)
+
+
 @pytest.mark.parametrize(
     "formats",
     [

@@ -6,6 +6,7 @@ What one release logs in another message than the next is read from either; what
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -36,10 +37,9 @@ from saflite.flight.mission import to_local
 
 _FIELDS: dict[str, dict[str, str]] = {
     "RATE": {"R": "roll_rate_dps", "P": "pitch_rate_dps", "Y": "yaw_rate_dps"},
-    "MODE": {"ModeNum": "mode"},
     "GPS": {"NSats": "gps_satellites"},
     "BARO": {"Alt": "baro_altitude_m"},
-    "CTUN": {"DAlt": "altitude_target_m", "ThO": "throttle"},
+    "CTUN": {"DAlt": "altitude_target_m"},
     "MISE": {"CNum": "mission_item", "CTot": "mission_count"},
 }
 _ATTITUDES = ("ATT", "AHR2", "XKF1", "NKF1", "EKF1")
@@ -61,10 +61,13 @@ _OF_COMMANDS = (
 _SOURCES = {
     **dict.fromkeys(("x_m", "y_m"), "XKF1, NKF1 or POS"),
     **dict.fromkeys(("altitude_m",), "XKF1, NKF1, POS or CTUN.Alt"),
-    **dict.fromkeys(("vx_mps", "vy_mps", "climb_mps"), "XKF1 or NKF1"),
+    **dict.fromkeys(("vx_mps", "vy_mps"), "XKF1 or NKF1"),
+    "climb_mps": "XKF1, NKF1 or CTUN.CRt",
     **{signal: f"{kind}.{field}" for kind, fields in _FIELDS.items() for field, signal in fields.items()},
     **{signal: f"ATT.{field} or AHR2.{field}" for field, signal in _LEAN.items()},
     "home_distance_m": "ORGN, else from where the log begins",
+    "mode": "MODE.ModeNum or MODE.Mode",
+    "throttle": "CTUN.ThO or CTUN.ThrOut",
     "battery_v": "BAT.Volt or CURR.Volt",
     **{f"rc{number}_pwm": "RCIN" for number in range(1, 5)},
     **dict.fromkeys(("failsafe_radio", "failsafe_battery", "failsafe_gps", "failsafe_fence", "crashed"), "EV and ERR"),
@@ -88,10 +91,18 @@ _SWITCHES: dict[float, tuple[str, float]] = {
 }
 """Events that say what was switched as a setting is."""
 _NAV_TAKEOFF = 22
+_THROTTLE = 3
+_MODE = ("ModeNum", "Mode")
+"""Of MODE; up to 3.2 the second alone. Both are the number."""
+_FILTERS = {1.0: "EKF1", 2.0: "NKF1", 3.0: "XKF1"}
+"""Of AHRS_EKF_TYPE; 1 is that of AHRS_EKF_USE, too."""
 _CM_PER_M = 100.0
 _OTHERS = ("ArduPlane", "ArduRover", "ArduSub", "Rover", "Blimp", "AntennaTracker", "APM:Plane", "APM:Rover")
 _OF_OTHERS = ("ARSPD_FBW_MIN", "AIRSPEED_MIN", "CRUISE_SPEED", "PILOT_SPEED", "YAW_RANGE")
-_OF_COPTERS = ("WPNAV_SPEED", "PILOT_SPEED_UP", "PILOT_VELZ_MAX", "LAND_SPEED", "RTL_ALT")
+_OF_COPTERS = (
+    *("WPNAV_SPEED", "PILOT_SPEED_UP", "PILOT_VELZ_MAX", "LAND_SPEED", "RTL_ALT"),
+    *("LAND_SPD_MS", "RTL_ALT_M"),
+)
 _NO_HOME = "ORGN, without which a log that begins in the air does not tell places"
 
 
@@ -118,6 +129,8 @@ def read_dataflash_log(path: Path, *, placed: bool = False) -> FlightLog:
     for kind, fields in _FIELDS.items():
         for field, signal in fields.items():
             _column(columns, signal, points(rows[kind], field))
+    _column(columns, "mode", points(rows["MODE"], *_MODE))
+    _column(columns, "throttle", points(rows["CTUN"], "ThO", "ThrOut"))
     _column(columns, "battery_v", points(rows["BAT"], *batteries.voltage_names(held)) or points(rows["CURR"], "Volt"))
     _column(columns, "gps_ok", [(at, float(status >= FIX_3D)) for at, status in points(rows["GPS"], "Status")])
     _sticks(rows, held, columns)
@@ -159,11 +172,11 @@ def _parameters(rows: Rows, monitor: int, columns: Columns) -> list[Stimulus]:
     the filter goes by the set of sources that was switched to last.
     """
     told, raised = settings_told(rows), columns.get("failsafe_battery")
-    own = batteries.of_monitor(told, monitor)
+    own = _as_sticks(batteries.of_monitor(told, monitor))
     switched = [(at, *_SWITCHES[number]) for at, number in points(rows["EV"], "Id") if number in _SWITCHES]
     unknown = batteries.unknown_from(list(zip(*raised, strict=True)) if raised else [], _first(told), monitor)
-    course = sorted([(0.0, SOURCE_SET, 1.0), *own, *switched, *unknown], key=lambda one: one[0])
     first = _first(own)
+    course = sorted([(0.0, SOURCE_SET, 1.0), *own, *switched, *unknown], key=lambda one: one[0])
     add_settings(columns, ARDUPILOT, first, _changed(course))
     if first and "chute_released" not in columns and not first.get("CHUTE_ENABLED"):
         columns.hold("chute_released", [0.0], [0.0])  # there is none on board
@@ -206,12 +219,11 @@ def _column(columns: Columns, signal: str, found: Points) -> None:
 
 
 def _position(rows: Rows, columns: Columns) -> Place | None:
-    """Add the estimate of the filter that flies (AHRS_EKF_TYPE), of another that was logged, or POS.
+    """Add the estimate of the filter that flies, of another that was logged, or POS.
 
     Return the place from which POS counts, None where it is the origin of a filter.
     """
-    flies = [f"{'X' if value == 3 else 'N'}KF1" for _, name, value in settings_told(rows) if name == "AHRS_EKF_TYPE"]
-    estimator = next((kind for kind in (*flies, "XKF1", "NKF1", "EKF1") if rows[kind]), None)
+    estimator = _filter(rows)
     if estimator is None:
         return _geographic(rows, columns)
     fields = {"PN": ("x_m", 1.0), "PE": ("y_m", 1.0), "PD": ("altitude_m", -1.0)}
@@ -219,6 +231,19 @@ def _position(rows: Rows, columns: Columns) -> Place | None:
     for field, (signal, sign) in {**fields, **speeds}.items():
         _column(columns, signal, points(rows[estimator], field, scale=sign))
     return None
+
+
+def _filter(rows: Rows) -> str | None:
+    """Return the message of the filter that flies (AHRS_EKF_TYPE, up to 3.3 AHRS_EKF_USE), or of another one logged.
+
+    None where what flies is no filter that logs itself: one that only runs along tells whatever it comes to.
+    """
+    held = _first(settings_told(rows))
+    flies = held.get("AHRS_EKF_TYPE", held.get("AHRS_EKF_USE"))
+    if flies is not None and flies not in _FILTERS:
+        return None
+    own = [] if flies is None else [_FILTERS[flies]]
+    return next((kind for kind in (*own, "XKF1", "NKF1", "EKF1") if rows[kind]), None)
 
 
 def _geographic(rows: Rows, columns: Columns) -> Place | None:
@@ -235,14 +260,14 @@ def _geographic(rows: Rows, columns: Columns) -> Place | None:
 
 
 def _height(rows: Rows, formats: Mapping[str, str], columns: Columns) -> None:
-    """Add the height of CTUN where no estimate was logged, that the barometer answers, and what CIRCLE shows outside.
+    """Add height and climb of CTUN where no estimate tells them, and that the barometer answers.
 
     CTUN.CRt is in cm/s where it is a whole number.
     """
     if "altitude_m" not in columns:
         _column(columns, "altitude_m", points(rows["CTUN"], "Alt"))
-        if formats.get("CTUN", "").endswith("h"):
-            _column(columns, "climb_mps", points(rows["CTUN"], "CRt", scale=1.0 / _CM_PER_M))
+    if "climb_mps" not in columns and formats.get("CTUN", "").endswith("h"):
+        _column(columns, "climb_mps", points(rows["CTUN"], "CRt", scale=1.0 / _CM_PER_M))
     healthy = [(at, float(bool(row.get("H", row.get("Health", 1))))) for at, row in rows["BARO"]]
     _column(columns, "baro_ok", healthy)
 
@@ -258,23 +283,42 @@ def _sticks(rows: Rows, held: Mapping[str, float], columns: Columns) -> None:
     """Add the sticks as fractions of their calibrated way: 1000 to 2000, 1500 where the trim is (RCn_MIN, RCMAP_*)."""
     for number, use in enumerate(("ROLL", "PITCH", "THROTTLE", "YAW"), start=1):
         channel = int(held.get(f"RCMAP_{use}", number))
-        low, trim, high = (
-            held.get(f"RC{channel}_{end}", usual) for end, usual in (("MIN", 1000.0), ("TRIM", 1500.0), ("MAX", 2000.0))
-        )
-        if number == 3:
-            trim = (low + high) / 2
-        if not low < trim < high:
-            low, trim, high = 1000.0, 1500.0, 2000.0
-        sign = -1.0 if held.get(f"RC{channel}_REVERSED", 0.0) == 1.0 or held.get(f"RC{channel}_REV", 1.0) < 0 else 1.0
         given = [(at, pwm) for at, pwm in points(rows["RCIN"], f"C{channel}") if pwm]
-        way = [(at, (pwm - trim) / (high - trim if pwm > trim else trim - low)) for at, pwm in given]
-        _column(columns, f"rc{number}_pwm", [(at, 1500.0 + 500.0 * sign * share) for at, share in way])
+        _column(columns, f"rc{number}_pwm", [(at, _on_way(held, number, channel, pwm)) for at, pwm in given])
+
+
+def _on_way(held: Mapping[str, float], number: int, channel: int, pwm: float) -> float:
+    """Return where a pulse of a channel, which moves stick `number`, is on its calibrated way."""
+    low, trim, high = (
+        held.get(f"RC{channel}_{end}", usual) for end, usual in (("MIN", 1000.0), ("TRIM", 1500.0), ("MAX", 2000.0))
+    )
+    if number == _THROTTLE:
+        trim = (low + high) / 2
+    if not low < trim < high:
+        low, trim, high = 1000.0, 1500.0, 2000.0
+    share = (pwm - trim) / (high - trim if pwm > trim else trim - low)
+    return 1500.0 - 500.0 * share if _is_reversed(held, channel) else 1500.0 + 500.0 * share
+
+
+def _is_reversed(held: Mapping[str, float], channel: int) -> bool:
+    return held.get(f"RC{channel}_REVERSED", 0.0) == 1.0 or held.get(f"RC{channel}_REV", 1.0) < 0
+
+
+def _as_sticks(told: list[batteries.Told]) -> list[batteries.Told]:
+    """Return settings with the limit of the throttle's pulse as its stick is told; not known where that is reversed."""
+    held = _first(told)
+    channel = int(held.get("RCMAP_THROTTLE", _THROTTLE))
+
+    def way(pwm: float) -> float:
+        return math.nan if _is_reversed(held, channel) else _on_way(held, _THROTTLE, channel, pwm)
+
+    return [(at, name, way(value) if name == "FS_THR_VALUE" else value) for at, name, value in told]
 
 
 def _modes(rows: Rows, columns: Columns) -> None:
     """Add what follows from modes and mission: take-off items, the end of a parachute's absence, aims of CIRCLE."""
     items = [(at, float(number == _NAV_TAKEOFF)) for at, number in points(rows["MISE"], "CId")]
-    flown = {int(mode) for _, mode in points(rows["MODE"], "ModeNum")}
+    flown = {int(mode) for _, mode in points(rows["MODE"], *_MODE)}
     if items:
         columns.hold("takeoff", *zip((0.0, 0.0), *items, strict=True))
     if flown and MODES["CIRCLE"] not in flown:

@@ -1,10 +1,11 @@
 """Messages of an ArduPilot log by kind, as rows of time and fields: of sensors, batteries and filters those in use.
 
-Names of fields are those of ArduCopter 3.4 to 4.6. A row in the middle of damage may hold any time and any number.
+Names of fields are those of ArduCopter 3.2 to 4.7. A row in the middle of damage may hold any time and any number.
 """
 
 from __future__ import annotations
 
+import math
 import struct
 import tempfile
 from bisect import bisect_right
@@ -44,6 +45,10 @@ _WANTED = (*_PLAIN, *_FILTERS, *_INSTANCES, "GPS2")
 FIX_3D = 3
 _INSTANCE = ("I", "Instance", "Inst", "C")  # names of the field that counts them, over the releases
 
+_SMALLER_UNITS = {("CURR", "Volt"): 0.01, ("CTUN", "ThrOut"): 0.001}
+_WHOLE = frozenset("bBhHiI")
+_TIMES = frozenset({"TimeUS", "TimeMS"})
+
 Row = tuple[float, dict[str, Any]]
 Rows = dict[str, list[Row]]
 
@@ -77,6 +82,8 @@ def load(path: Path) -> Load:
                 rows[message.get_type()].append((time_s(message), message.to_dict()))
     except (OSError, ValueError, TypeError, KeyError, IndexError, AttributeError, struct.error) as fault:
         raise Refused("ArduPilot log", where=str(path), expected="a whole dataflash log", got=repr(fault)) from fault
+    _begin_with_the_clock(rows)
+    _in_whole_units(rows, formats)
     lost += _leave_out_damage(rows)
     rows["GPS"] = _used_receiver(rows)
     for kind in ("BAT", "CURR"):
@@ -110,11 +117,39 @@ def held_at(course: list[tuple[float, float]], at_s: float, before: float = 0.0)
     return course[place - 1][1] if place else before
 
 
+def _in_whole_units(rows: Rows, formats: dict[str, Any]) -> None:
+    """Turn into volts and fractions what releases up to 3.3 logged as whole numbers of a smaller unit."""
+    for (kind, field), unit in _SMALLER_UNITS.items():
+        told = formats.get(kind)
+        if told is None or field not in told.columns or told.format[told.columns.index(field)] not in _WHOLE:
+            continue
+        for _, fields in rows[kind]:
+            if field in fields:
+                fields[field] *= unit
+
+
 def _clock(formats: dict[str, Any]) -> Callable[[Any], float]:
-    """Return how to tell a row's time: by TimeUS where all have it, else by the clock the library makes of the log."""
+    """Return how to tell a row's time: by TimeUS where all have it, else by the clock the library makes of the log.
+
+    That clock runs from the first row with a time of its own on: NaN before.
+    """
     if all("TimeUS" in kind.columns for name, kind in formats.items() if name in _WANTED):
         return lambda message: float(message.TimeUS) / 1e6
-    return lambda message: float(message._timestamp)
+    runs = False
+
+    def told(message: Any) -> float:
+        nonlocal runs
+        runs = runs or not _TIMES.isdisjoint(message.get_fieldnames())
+        return float(message._timestamp) if runs else math.nan
+
+    return told
+
+
+def _begin_with_the_clock(rows: Rows) -> None:
+    """Have what stands before the first row with a time (the mode and the event of arming do) happen then."""
+    known = [at_s for told in rows.values() for at_s, _ in told if not math.isnan(at_s)]
+    for kind, told in rows.items() if known else ():
+        rows[kind] = [(min(known) if math.isnan(at_s) else at_s, fields) for at_s, fields in told]
 
 
 def _leave_out_damage(rows: Rows) -> tuple[str, ...]:

@@ -6,7 +6,8 @@ where it came down.
 
 That it counts as landed, or that its motors are off, is no proof that it stands: autopilots err in this, and rules ask
 whether they do. It stands where it descended to just before, is motionless, its motors do not carry it, and nothing
-lower was seen about there; or where its motors stop and it does not fall. Where the log says neither that it stands nor
+lower was seen about there; or where its motors stop and it does not fall. What a barometer of its own right sees
+standing still neither falls nor climbs, whatever the estimate does. Where the log says neither that it stands nor
 how high the ground is, the height above ground is not known.
 """
 
@@ -36,13 +37,14 @@ _FLIES, _STANDS, _DISARMED = 0, 1, 2
 
 
 class _Course(NamedTuple):
-    """What a log tells: heights, motors, places (n, 2) and throttle (n,), the last two None where not told."""
+    """What a log tells: heights, motors, places (n, 2), throttle and height by the barometer (n,); None if not told."""
 
     height_m: Array
     armed: NDArray[np.bool_]
     step_s: float
     place_m: Array | None
     throttle: Array | None
+    baro_m: Array | None
 
     def samples(self, seconds: float) -> int:
         return max(1, round(seconds / self.step_s))
@@ -69,6 +71,7 @@ def above_ground(
     step_s: float,
     place_m: Array | None = None,
     throttle: Array | None = None,
+    baro_m: Array | None = None,
 ) -> Array:
     """Return the height above ground, metres, shape (n,), NaN where it is not known.
 
@@ -79,8 +82,9 @@ def above_ground(
         step_s: time between samples.
         place_m: metres north and east, shape (n, 2), NaN where not known; None where not told.
         throttle: 0 to 1, shape (n,), NaN where not known; None where not told.
+        baro_m: height by the barometer, shape (n,), NaN where not known; None where not told.
     """
-    course = _Course(height_m, armed > 0, step_s, place_m, throttle)
+    course = _Course(height_m, armed > 0, step_s, place_m, throttle, baro_m)
     state, edges = _states(course, landed)
     watched, rest_s = course.samples(_WATCHED_S), course.samples(_AT_REST_S)
     ground_m = np.zeros(len(height_m))
@@ -152,7 +156,20 @@ def _falls(course: _Course, rest: _Rest) -> bool:
     height_m, after_m = course.height_m[rest.start : rest.until], course.height_m[rest.off : rest.until]
     if rest.start and len(after_m) and bool((after_m[0] - after_m > _DROPS_M).any()):
         return True
+    return _changes(course, height_m) and not _stays_by_barometer(course, rest)
+
+
+def _changes(course: _Course, height_m: Array) -> bool:
     return any(_moves(height_m, course.samples(within_s), far_m) for within_s, far_m in _MOVES)
+
+
+def _stays_by_barometer(course: _Course, rest: _Rest) -> bool:
+    """Return whether the barometer sees no change of height wherever the estimate is known."""
+    if course.baro_m is None:
+        return False
+    part = slice(rest.start, rest.until)
+    told = ~np.isnan(course.baro_m[part]) | np.isnan(course.height_m[part])
+    return bool(told.all()) and not _changes(course, course.baro_m[part])
 
 
 def _moves(values: Array, span: int, far: float) -> bool:

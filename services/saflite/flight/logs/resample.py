@@ -102,7 +102,7 @@ class Columns:
             height_m = known["altitude_m"] - self._leapt(times)
             place_m = np.stack([known["x_m"], known["y_m"]], axis=1) if {"x_m", "y_m"} <= known.keys() else None
             told = known["armed"], known.get("landed"), STEP_S, place_m, known.get("throttle")
-            known["above_ground_m"] = above_ground(height_m, *told)
+            known["above_ground_m"] = above_ground(height_m, *told, known.get("baro_altitude_m"))
         signals = {name: values.astype("<f4").tobytes() for name, values in known.items()}
         return Trace(step_s=STEP_S, signals=signals, messages=self._texts(start, end))
 

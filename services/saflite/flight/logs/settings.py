@@ -1,6 +1,6 @@
 """Parameters of real autopilots as the settings that policies read, in SI units.
 
-Sources: the parameter references of ArduCopter (4.0 to 4.6) and PX4 (1.11 to 1.16). Where a release renamed a parameter
+Sources: the parameter references of ArduCopter (3.2 to 4.7) and PX4 (1.11 to 1.16). Where a release renamed a parameter
 both names stand, the newer one first. What an autopilot has no parameter for is left out: such a setting is not known.
 Nor is one whose parameter has a value that means nothing here: it is NaN, from which no rule can tell anything.
 """
@@ -54,8 +54,8 @@ def _meant(meanings: Mapping[str, Mapping[float, float]], given: Parameters) -> 
     return float(meanings[name].get(given[name], math.nan))
 
 
-def _instead_of_0(first: Plain, second: Plain) -> Made:
-    return Made(" or ".join((*first.names, *second.names)), lambda given: first(given) or second(given))
+def _instead_of_0(first: Made, second: Made) -> Made:
+    return Made(f"{first.words} or {second.words}", lambda given: first(given) or second(given))
 
 
 _CM = 0.01
@@ -72,7 +72,12 @@ _NO_SATELLITES = 3.0  # EK2_GPS_TYPE and, up to 4.0, EK3_GPS_TYPE
 
 
 def _ardupilot_height(given: Parameters) -> float:
-    """Go by the filter that flies, where settings of both are known; the other one's mean nothing then."""
+    """Go by the filter that flies, where settings of both are known; the other one's mean nothing then.
+
+    Up to 3.3 what flew without a filter went by the barometer.
+    """
+    if given.get("AHRS_EKF_USE") == 0.0 and "AHRS_EKF_TYPE" not in given:
+        return 0.0
     source = f"EK3_SRC{given.get(SOURCE_SET, 1.0):.0f}_POSZ"
     by_ekf3: dict[str, Mapping[float, float]] = {source: _BY_SOURCE, "EK3_ALT_SOURCE": {0.0: 0.0, 1.0: 1.0, 2.0: 2.0}}
     flies = {**_BY_EKF2, **by_ekf3} if given.get("AHRS_EKF_TYPE") == 2.0 else {**by_ekf3, **_BY_EKF2}
@@ -95,27 +100,61 @@ def _ardupilot_ceiling(given: Parameters) -> float:
     return float(given["FENCE_ENABLE"] > 0 and int(kinds) & 1 > 0) if math.isfinite(kinds) else math.nan
 
 
+def _si(name: str, *older: str) -> Made:
+    """A setting that is in SI units from 4.7 on, in hundredths of them under its older names."""
+    before = _of(*older, unit=_CM)
+    return Made(" or ".join((name, *older)), lambda given: given[name] if name in given else before(given))
+
+
+_RETURN, _LAND = _si("RTL_ALT_M", "RTL_ALT"), _si("LAND_SPD_MS", "LAND_SPEED")
+_CRUISE, _DESCENT = _si("WP_SPD", "WPNAV_SPEED"), _si("WP_SPD_DN", "WPNAV_SPEED_DN")
+_PILOT_UP = _si("PILOT_SPD_UP", "PILOT_SPEED_UP", "PILOT_VELZ_MAX")
+_ALL_CHECKS, _SKIPS_ALL = 1.0, -1.0  # ARMING_CHECK, ARMING_SKIPCHK
+
+
 def _ardupilot_return(given: Parameters) -> float:
     """Not known where it counts from a terrain that no log tells."""
-    return math.nan if given.get("RTL_ALT_TYPE") == 1.0 else given["RTL_ALT"] * _CM
+    return math.nan if given.get("RTL_ALT_TYPE") == 1.0 else _RETURN(given)
+
+
+def _ardupilot_land(given: Parameters) -> float:
+    """Not known where precision landing is on: it waits for its target, tries again, and slows down over it."""
+    return math.nan if given.get("PLND_ENABLED") == 1.0 else _LAND(given)
+
+
+def _ardupilot_checks(given: Parameters) -> float:
+    """Go by the checks that are made (up to 4.6), or by those that are skipped: which are left is not known then."""
+    if "ARMING_CHECK" in given:
+        return given["ARMING_CHECK"]
+    return {0.0: _ALL_CHECKS, _SKIPS_ALL: 0.0}.get(given["ARMING_SKIPCHK"], math.nan)
+
+
+def _once_10_s(given: Parameters) -> float:
+    """Up to 3.5 a voltage had to be low for 10 s, which was no parameter."""
+    return given["BATT_LOW_TIMER"] if "BATT_LOW_TIMER" in given else 10.0 + 0.0 * given["FS_BATT_VOLTAGE"]
+
+
+def _critical(given: Parameters) -> float:
+    """Up to 3.5 there was one limit alone."""
+    return given["BATT_CRT_VOLT"] if "BATT_CRT_VOLT" in given else 0.0 * given["FS_BATT_VOLTAGE"]
 
 
 ARDUPILOT: dict[str, Plain | Made] = {
-    "rtl_altitude_set_m": Made("RTL_ALT with RTL_ALT_TYPE", _ardupilot_return),
-    "rtl_altitude_final_set_m": _of("RTL_ALT_FINAL", unit=_CM),
+    "rtl_altitude_set_m": Made(f"{_RETURN.words} with RTL_ALT_TYPE", _ardupilot_return),
+    "rtl_altitude_final_set_m": _si("RTL_ALT_FINAL_M", "RTL_ALT_FINAL"),
     "return_wait_set_s": _of("RTL_LOIT_TIME", unit=0.001),
-    "pilot_takeoff_set_m": _of("PILOT_TKOFF_ALT", unit=_CM),
-    "yaw_slew_set_dps": _of("ATC_SLEW_YAW", unit=_CM),
-    "return_climb_min_set_m": _of("RTL_CLIMB_MIN", unit=_CM),
-    "return_speed_set_mps": _instead_of_0(_of("RTL_SPEED", unit=_CM), _of("WPNAV_SPEED", unit=_CM)),
-    "cruise_speed_set_mps": _of("WPNAV_SPEED", unit=_CM),
-    "loiter_speed_set_mps": _of("LOIT_SPEED", unit=_CM),
-    "land_speed_set_mps": _of("LAND_SPEED", unit=_CM),
-    "land_speed_high_set_mps": _instead_of_0(_of("LAND_SPEED_HIGH", unit=_CM), _of("WPNAV_SPEED_DN", unit=_CM)),
-    "land_altitude_low_set_m": _of("LAND_ALT_LOW", unit=_CM),
-    "pilot_speed_up_set_mps": _of("PILOT_SPEED_UP", unit=_CM),
-    "pilot_speed_down_set_mps": _instead_of_0(_of("PILOT_SPEED_DN", unit=_CM), _of("PILOT_SPEED_UP", unit=_CM)),
-    "takeoff_speed_set_mps": _of("WPNAV_SPEED_UP", unit=_CM),
+    "pilot_takeoff_set_m": _si("PILOT_TKO_ALT_M", "PILOT_TKOFF_ALT"),
+    "yaw_slew_set_dps": _si("ATC_RATE_WPY_MAX", "ATC_SLEW_YAW"),
+    "return_climb_min_set_m": _si("RTL_CLIMB_MIN_M", "RTL_CLIMB_MIN"),
+    "return_speed_set_mps": _instead_of_0(_si("RTL_SPEED_MS", "RTL_SPEED"), _CRUISE),
+    "cruise_speed_set_mps": _CRUISE,
+    "loiter_speed_set_mps": _si("LOIT_SPEED_MS", "LOIT_SPEED", "WPNAV_LOIT_SPEED"),
+    "land_speed_set_mps": Made(f"{_LAND.words} with PLND_ENABLED", _ardupilot_land),
+    "land_speed_high_set_mps": _instead_of_0(_si("LAND_SPD_HIGH_MS", "LAND_SPEED_HIGH"), _DESCENT),
+    "land_altitude_low_set_m": _si("LAND_ALT_LOW_M", "LAND_ALT_LOW"),
+    "pilot_speed_up_set_mps": _PILOT_UP,
+    "pilot_speed_down_set_mps": _instead_of_0(_si("PILOT_SPD_DN", "PILOT_SPEED_DN", "PILOT_VELZ_MAX"), _PILOT_UP),
+    "takeoff_speed_set_mps": _si("WP_SPD_UP", "WPNAV_SPEED_UP"),
     "chute_altitude_min_set_m": _of("CHUTE_ALT_MIN"),
     "fs_throttle_set_pwm": _of("FS_THR_VALUE"),
     "fs_throttle_enabled": _of("FS_THR_ENABLE"),
@@ -133,23 +172,23 @@ ARDUPILOT: dict[str, Plain | Made] = {
     "fence_altitude_min_set_m": _of("FENCE_ALT_MIN"),
     "fence_points_set": _of("FENCE_TOTAL"),
     "fence_radius_set_m": _of("FENCE_RADIUS"),
-    "battery_low_set_v": _of("BATT_LOW_VOLT"),
-    "battery_critical_set_v": _of("BATT_CRT_VOLT"),
-    "battery_timer_set_s": _of("BATT_LOW_TIMER"),
-    "battery_low_action_set": _of("BATT_FS_LOW_ACT"),
-    "battery_low_charge_set_mah": _of("BATT_LOW_MAH"),
+    "battery_low_set_v": _of("BATT_LOW_VOLT", "FS_BATT_VOLTAGE"),
+    "battery_critical_set_v": Made("BATT_CRT_VOLT or FS_BATT_VOLTAGE", _critical),
+    "battery_timer_set_s": Made("BATT_LOW_TIMER or FS_BATT_VOLTAGE", _once_10_s),
+    "battery_low_action_set": _of("BATT_FS_LOW_ACT", "FS_BATT_ENABLE"),
+    "battery_low_charge_set_mah": _of("BATT_LOW_MAH", "FS_BATT_MAH"),
     "battery_capacity_set_mah": _of("BATT_CAPACITY"),
-    "arming_checks_set": _of("ARMING_CHECK"),
-    "angle_max_set_deg": _of("ANGLE_MAX", unit=_CM),
-    "acceleration_set_mps2": _of("WPNAV_ACCEL", unit=_CM),
-    "waypoint_radius_set_m": _of("WPNAV_RADIUS", unit=_CM),
+    "arming_checks_set": Made("ARMING_CHECK or ARMING_SKIPCHK", _ardupilot_checks),
+    "angle_max_set_deg": _si("ATC_ANGLE_MAX", "ANGLE_MAX"),
+    "acceleration_set_mps2": _si("WP_ACC", "WPNAV_ACCEL"),
+    "waypoint_radius_set_m": _si("WP_RADIUS_M", "WPNAV_RADIUS"),
     "disarm_delay_set_s": _of("DISARM_DELAY"),
     "trim_roll_set_deg": _of("AHRS_TRIM_X", unit=57.29578),
     "trim_pitch_set_deg": _of("AHRS_TRIM_Y", unit=57.29578),
     "circle_rate_set_dps": _of("CIRCLE_RATE"),
-    "descent_speed_set_mps": _of("WPNAV_SPEED_DN", unit=_CM),
-    "circle_radius_set_m": _of("CIRCLE_RADIUS", unit=_CM),
-    "altitude_source": Made("EK3_SRC1_POSZ or EK3_ALT_SOURCE or EK2_ALT_SOURCE", _ardupilot_height),
+    "descent_speed_set_mps": _DESCENT,
+    "circle_radius_set_m": _si("CIRCLE_RADIUS_M", "CIRCLE_RADIUS"),
+    "altitude_source": Made("EK3_SRC1_POSZ or EK3_ALT_SOURCE or EK2_ALT_SOURCE or AHRS_EKF_USE", _ardupilot_height),
     "position_aided": Made("EK3_SRC1_POSXY or EK3_GPS_TYPE or EK2_GPS_TYPE", _ardupilot_aided),
 }
 

@@ -165,11 +165,18 @@ def _load(path: Path) -> _Load:
     except (OSError, ValueError, TypeError, LookupError, AttributeError, struct.error, ULogException) as fault:
         raise Refused("PX4 log", where=str(path), expected="a whole ULog file", got=repr(fault)) from fault
     topics, far_off = chosen(log.data_list)
+    if not topics and set(_WANTED).isdisjoint(log.message_formats):
+        raise Refused("PX4 log", where=str(path), expected="messages of PX4's flights", got=_others(log))
     texts = [(text.timestamp / 1e6, text.message, _severity(text.log_level)) for text in log.logged_messages]
     parameters = {str(name): float(value) for name, value in log.initial_parameters.items()}
     changes = [(stamp / 1e6, str(name), float(value)) for stamp, name, value in log.changed_parameters]
     lost = ((DAMAGED,) if log.file_corruption else ()) + far_off
     return _Load(topics, texts, parameters, changes, log.start_timestamp / 1e6, lost)
+
+
+def _others(log: Any) -> str:
+    """Name what is logged in place of flights: other autopilots use the format, too."""
+    return ", ".join(sorted(log.message_formats)[:5]) or "none"
 
 
 def _check_one(path: Path) -> None:
