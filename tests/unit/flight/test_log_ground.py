@@ -228,6 +228,14 @@ def test_what_the_barometer_sees_standing_still_does_not_fall_whatever_the_estim
     assert np.nanmax(above_m) == pytest.approx(max(least_m, 0.0), abs=2.1)
 
 
+def test_a_knock_at_the_barometer_is_no_fall() -> None:
+    at_s = np.arange(0.0, 20.0, 0.05)
+    height_m, baro_m = np.interp(at_s, [0.0, 5.0, 10.0], [0.0, -8.0, -8.0]), np.zeros_like(at_s)
+    baro_m[200] = 3.0
+    above_m = above_ground(height_m, np.ones_like(at_s), np.ones_like(at_s), 0.05, baro_m=baro_m)
+    assert np.nanmax(above_m) == pytest.approx(0.0, abs=0.1)
+
+
 def test_a_barometer_that_is_silent_says_nothing_of_a_fall() -> None:
     at_s = np.arange(0.0, 20.0, 0.05)
     height_m = np.interp(at_s, [0.0, 5.0], [0.0, -8.0])

@@ -23,6 +23,7 @@ Array = NDArray[np.float64]
 _MOVES = ((2.0, 1.5), (10.0, 2.0))
 """What changes its height by so many metres within so many seconds stands nowhere; estimates that drift do it slower,
 and the pressure under propellers that stop moves them by less."""
+_SPIKE_S = 1.0  # a gust or a knock at a barometer is over sooner
 _DROPS_M = 0.5  # as the motors stop: as high as a rule takes for the air
 _WATCHED_S = 3.0  # after the motors stopped: later on somebody may carry it away
 _LIES_S = 1.0  # so long without moving after the motors stopped it has not been falling; what stands shorter does not
@@ -169,7 +170,13 @@ def _stays_by_barometer(course: _Course, rest: _Rest) -> bool:
         return False
     part = slice(rest.start, rest.until)
     told = ~np.isnan(course.baro_m[part]) | np.isnan(course.height_m[part])
-    return bool(told.all()) and not _changes(course, course.baro_m[part])
+    return bool(told.all()) and not _changes(course, _mean(course.baro_m[part], course.samples(_SPIKE_S)))
+
+
+def _mean(values: Array, span: int) -> Array:
+    """Return the mean over each `span` samples, shape (n - span + 1,); one of all where there are fewer."""
+    span = max(1, min(span, len(values)))
+    return np.convolve(values, np.full(span, 1.0 / span), mode="valid") if len(values) else values
 
 
 def _moves(values: Array, span: int, far: float) -> bool:
