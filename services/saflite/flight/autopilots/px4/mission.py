@@ -7,7 +7,7 @@ import msgspec
 from saflite.contract.test_case import Mission, MissionItem
 from saflite.flight.mission import NAV_LAST
 
-RETURN = 20
+PLACELESS = frozenset({20, 93})  # MAV_CMD that fly, but to no place told: NAV_RETURN_TO_LAUNCH, NAV_DELAY
 FRAME_MISSION = 2  # MAV_FRAME: the item is at no place
 
 
@@ -20,5 +20,5 @@ def as_taken(mission: Mission) -> Mission:
 
 
 def _framed(item: MissionItem) -> MissionItem:
-    placeless = item.command == RETURN or (item.command > NAV_LAST and not any(item.params[4:]))
+    placeless = item.command in PLACELESS or (item.command > NAV_LAST and not any(item.params[4:]))
     return msgspec.structs.replace(item, frame=FRAME_MISSION) if placeless else item
