@@ -90,6 +90,15 @@ def test_it_flies_a_mission() -> None:
     assert record.trace.array("mission_item").max() >= 2.0
 
 
+@pytest.mark.parametrize("mode", ["RTL", "LAND", "ALT_HOLD"])
+def test_it_starts_armed_on_the_ground_in_any_mode(mode: str) -> None:
+    ground = Scenario(start=StartState(mode=mode, altitude_m=0.0), time_limit_s=5.0)
+    (record,) = really_flown(ADAPTER, case("px4", scenario=ground))
+    assert record.ending == "completed"
+    assert record.trace is not None
+    assert record.trace.array("armed")[0] == 1.0
+
+
 def test_it_takes_and_starts_missions_as_they_are_drawn() -> None:
     needs_binary(ADAPTER)
     info = px4.describe()
