@@ -14,10 +14,12 @@ import numpy as np
 import pytest
 from external_flights import answers, case, needs_binary, really_flown
 
+from saflite.contract.rng import derive
 from saflite.contract.standalone import Evidence
 from saflite.contract.test_case import Obstacle, Scenario, StartState, TestCase
 from saflite.flight.autopilots.px4.adapter import ADAPTER
 from saflite.flight.mission import builtin_mission
+from saflite.mutator.exposure.scenarios import LEGS, scenarios_of
 from saflite.simulator_worker.targets import px4
 
 pytestmark = pytest.mark.live
@@ -86,6 +88,31 @@ def test_it_flies_a_mission() -> None:
     assert record.ending == "completed"
     assert record.trace is not None
     assert record.trace.array("mission_item").max() >= 2.0
+
+
+@pytest.mark.parametrize("mode", ["RTL", "LAND", "ALT_HOLD"])
+def test_it_starts_armed_on_the_ground_in_any_mode(mode: str) -> None:
+    ground = Scenario(start=StartState(mode=mode, altitude_m=0.0), time_limit_s=5.0)
+    (record,) = really_flown(ADAPTER, case("px4", scenario=ground))
+    assert record.ending == "completed"
+    assert record.trace is not None
+    assert record.trace.array("armed")[0] == 1.0
+
+
+def test_it_takes_and_starts_missions_as_they_are_drawn() -> None:
+    needs_binary(ADAPTER)
+    info = px4.describe()
+    drawn, items = scenarios_of(Scenario(time_limit_s=1.0), info), set[int]()
+    missions: list[Scenario] = []
+    for number in range(100):
+        one = drawn.mission(derive(number, "missions"))
+        assert one.mission is not None
+        fresh = {item.command for item in one.mission.items} - items
+        items |= fresh
+        missions += [msgspec.structs.replace(one, time_limit_s=1.0)] if fresh else []
+    assert items >= LEGS.keys() - set(info.mission_lacks)
+    flown = really_flown(ADAPTER, *(case("px4", scenario=one) for one in missions))
+    assert [record.ending for record in flown] == ["timed_out"] * len(missions)
 
 
 @pytest.mark.parametrize("mission", [False, True])

@@ -56,7 +56,7 @@ def with_twin(
     if second is None:
         return record
     flown = fly(second.test_case)
-    if second.order in _denied(flown.delivered):
+    if second.orders & _denied(flown.delivered):
         return record
     if flown.trace is None or flown.trace.step_s != record.trace.step_s:
         return record

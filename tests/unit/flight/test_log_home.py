@@ -102,6 +102,26 @@ def test_a_home_that_is_moved_in_a_px4_log_is_where_things_count_from(tmp_path: 
         assert [at(log, signal, t) for t in (5.0, 15.0)] == pytest.approx([value, raised], abs=0.01), signal
 
 
+def test_an_ordered_height_counts_from_where_home_was_at_take_off(tmp_path: Path) -> None:
+    """Ordered 5 m below a home that was moved up by 20 m; that home is moved back later changes no aim."""
+    commands = [("H", "command"), ("?", "from_external"), *(("f", f"param{number}") for number in range(1, 8))]
+    topics = {
+        "vehicle_local_position": POSITION,
+        "home_position": HOME,
+        "vehicle_status": [("B", "nav_state"), ("B", "arming_state")],
+        "vehicle_command": commands,
+    }
+    rows: list[tuple[str, float, tuple[float, ...]]] = [
+        ("vehicle_local_position", 1 + n / 10, (100.0, 50.0, 3.0, 0.0, 0.0, 0.0, True)) for n in range(200)
+    ]
+    rows += [*MOVED, ("vehicle_command", 12.0, (22, True, *[0.0] * 6, SEA_M + 15.0)), ("vehicle_status", 12.1, (17, 2))]
+    rows += [("home_position", 16.0, (100.0, 50.0, 3.0, LAT, LNG, SEA_M, True))]
+    path = tmp_path / "flight.ulg"
+    path.write_bytes(ulog(topics, rows, {"MIS_TAKEOFF_ALT": 2.5}))
+    log = read_ulog_log(path)
+    assert [at(log, "takeoff_altitude_set_m", t) for t in (5.0, 14.0, 18.0)] == pytest.approx([2.5, 15.0, 15.0])
+
+
 def test_a_px4_log_with_places_on_the_globe_only_counts_from_home_all_the_same(tmp_path: Path) -> None:
     rows = [("vehicle_global_position", 1 + n / 10, (LAT, LNG, SEA_M + n / 10)) for n in range(200)]
     topics = {"vehicle_global_position": [("d", "lat"), ("d", "lon"), ("f", "alt")], "home_position": HOME}

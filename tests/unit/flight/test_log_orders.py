@@ -81,6 +81,15 @@ def test_of_a_crash_after_a_disarm_in_the_air_an_ardupilot_log_tells_nothing(
     assert log.crashed == (1 in known)
 
 
+def test_a_fence_that_stays_broken_is_broken_until_it_was_last_said_to_be_over(tmp_path: Path) -> None:
+    """ArduCopter 4.5.7 says so 25 times a second, from the first look after the breach on."""
+    over = [("ERR", (us(6.0 + tenth / 10), 9, 0)) for tenth in range(31)]
+    told: list[Row] = [("ERR", (us(5.9), 9, 1)), *over, ("ERR", (us(14.0), 9, 2)), ("ERR", (us(15.0), 9, 0))]
+    broken = read_dataflash_log(ardupilot(tmp_path, *told)).trace.array("failsafe_fence")
+    at_s = (5.0, 5.95, 8.95, 9.05, 13.9, 14.1, 15.1)
+    assert [broken[round((one - 1.0) / 0.05)] for one in at_s] == [0, 1, 1, 0, 0, 1, 0]
+
+
 @pytest.mark.parametrize(
     "told",
     [

@@ -119,11 +119,23 @@ def test_an_item_at_no_place_is_sent_as_one() -> None:
         178: nowhere,
         177: nowhere,
         112: nowhere,
+        93: nowhere,
         195: somewhere,
         21: here,
         20: here,
     }
     items = tuple(MissionItem(command=command, params=params) for command, params in commands.items())
     sent = as_taken(Mission(name="m", home_lat_deg=47.4, home_lon_deg=8.5, home_alt_m=0.0, items=items))
-    assert {item.command: item.frame for item in sent.items if item.frame != 3} == {178: 2, 177: 2, 112: 2, 20: 2}
-    assert [item.params for item in sent.items] == [item.params for item in items]
+    framed = {item.command: item.frame for item in sent.items if item.frame != 3}
+    assert framed == {178: 2, 177: 2, 112: 2, 93: 2, 20: 2}
+    assert [item.params for item in sent.items if item.command != 177] == [
+        item.params for item in items if item.command != 177
+    ]
+
+
+def test_a_jump_is_counted_from_the_first_item_as_0() -> None:
+    """Plans count from 1; QGroundControl takes one off for an autopilot that holds no home, and so do we."""
+    jump, there = MissionItem(command=177, params=(2.0, 3.0, *[0.0] * 5)), MissionItem(command=16)
+    mission = Mission(name="m", home_lat_deg=47.4, home_lon_deg=8.5, home_alt_m=0.0, items=(there, there, jump))
+    assert as_taken(mission).items[2].params[:2] == (1.0, 3.0)
+    assert as_taken(mission).items[:2] == mission.items[:2]

@@ -12,7 +12,16 @@ import pytest
 
 from saflite.contract.errors import Refused
 from saflite.contract.standalone import Evidence
-from saflite.contract.test_case import Obstacle, Scenario, StartState, Stimulus, Target, TestCase
+from saflite.contract.test_case import (
+    Mission,
+    MissionItem,
+    Obstacle,
+    Scenario,
+    StartState,
+    Stimulus,
+    Target,
+    TestCase,
+)
 from saflite.flight.autopilots.external.binary import Binary
 from saflite.flight.autopilots.external.listing import Listing, Row
 from saflite.flight.autopilots.px4.standalone.export import files_of
@@ -90,6 +99,14 @@ def test_a_mission_leaves_as_a_plan_too() -> None:
     files = exported(scenario=Scenario(mission=mission))
     assert parse_plan(files["it.plan"], "it.plan", mission.name) == mission
     assert len(facts(files)["items"]) == len(mission.items)
+
+
+def test_the_script_sends_a_mission_as_the_farm_does() -> None:
+    here = MissionItem(command=22, params=(0.0, 0.0, 0.0, 0.0, 47.4, 8.5, 20.0))
+    slower, home = MissionItem(command=178, params=(1.0, 2.0, *[0.0] * 5)), MissionItem(command=20, params=(0.0,) * 7)
+    mission = Mission(name="m", home_lat_deg=47.4, home_lon_deg=8.5, home_alt_m=0.0, items=(here, slower, home))
+    sent = facts(exported(scenario=Scenario(mission=mission)))["items"]
+    assert [numbers[0] for numbers in sent] == [3, 2, 2]  # MAV_FRAME_MISSION: at no place
 
 
 @pytest.mark.parametrize(

@@ -158,6 +158,25 @@ def test_an_order_that_was_refused_calls_nobody_back() -> None:
     assert verdict(told, "afresh-alike") in ("vacuous", "inconclusive")
 
 
+def test_who_waits_on_the_ground_must_be_ordered_up_before_it_is_called() -> None:
+    """ArduCopter takes an order to a place there and stays: what came before would seem to have lifted the other."""
+    ground = Scenario(start=StartState(mode="GUIDED", altitude_m=0.0), time_limit_s=45.0)
+    arm, up = (
+        Stimulus(at_s=at_s, kind="command", name=name, values=values)
+        for at_s, name, values in (
+            (12.2, "MAV_CMD_COMPONENT_ARM_DISARM", (1.0,)),
+            (12.5, "MAV_CMD_NAV_TAKEOFF", (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 20.0)),
+        )
+    )
+    circle = Stimulus(at_s=1.0, kind="mode", name="CIRCLE")
+    called = msgspec.structs.replace(called_back(circle), scenario=ground)
+    assert afresh(called, REST) is None
+    lifted = msgspec.structs.replace(called, stimuli=(circle, CALLED_BACK[0], arm, up, *CALLED_BACK[1:]))
+    second = afresh(lifted, REST)
+    assert second is not None
+    assert {second.test_case.stimuli[at].name for at in second.orders} == {up.name, CALLED_BACK[1].name}
+
+
 def test_who_was_called_back_flies_on_as_one_that_waited() -> None:
     circle = Stimulus(at_s=1.0, kind="mode", name="CIRCLE")
     assert verdict(called_back(circle), "afresh-alike") == "held"

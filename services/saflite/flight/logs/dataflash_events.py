@@ -53,6 +53,8 @@ def add(rows: Rows, formats: Mapping[str, str], held: Mapping[str, float], colum
     for at, row in rows["ERR"]:
         if row.get("Subsys") in _FAILSAFES:
             courses[_FAILSAFES[row["Subsys"]]].append((at, float(row.get("ECode", 1) != 0)))
+    if "failsafe_fence" in courses:
+        courses["failsafe_fence"] = _breaches(courses["failsafe_fence"])
     if "EV" in formats or "ERR" in formats:
         for signal in set(_FAILSAFES.values()) - courses.keys():
             columns.hold(signal, [0.0], [0.0])
@@ -71,6 +73,16 @@ def add(rows: Rows, formats: Mapping[str, str], held: Mapping[str, float], colum
     if lost is not None and rows["RCIN"]:
         columns.hold("rc_present", lost[0], 1.0 - lost[1])
     add_taken_off(columns)
+
+
+def _breaches(told: Points) -> Points:
+    """Return when the fence was broken and when that was over.
+
+    ArduCopter up to 4.5 says it is over at each look at a fence that stays broken; it is at the last before it is
+    broken again.
+    """
+    later = [*(value for _, value in told[1:]), 1.0]
+    return [one for one, following in zip(told, later, strict=True) if one[1] > 0 or following > 0]
 
 
 def _arming(rows: Rows, events: Points, held: Mapping[str, float], can_tell: bool) -> Points:

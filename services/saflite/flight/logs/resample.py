@@ -20,6 +20,8 @@ DURATION_MAX_S = 4 * 3600.0
 BACK_S, BACK_ROWS = 1.0, 10
 """A clock that goes back so far, with so many rows on either side that share their time, has started over."""
 POSITION = ("x_m", "y_m", "altitude_m")
+_ORDERED = "takeoff_altitude_set_m"
+"""A height above home that was worked out when it was ordered; home may move afterwards, the vehicle's aim does not."""
 _MEASURED_FROM = {"altitude_target_m": "altitude_m", "baro_altitude_m": "baro_altitude_m"}
 
 Array = NDArray[np.float64]
@@ -136,16 +138,21 @@ class Columns:
         if SIGNALS[name].kind == "real" and name not in self._held:
             sampled = np.where(_unknown(times, at), np.nan, np.interp(times, at, values))
             return sampled - self._origin(name, float(times[0]))
-        kept = values[np.maximum(np.searchsorted(at, times + 1e-9, side="right") - 1, 0)]
-        return kept + np.where(kept > 0.0, self._home_up(times), 0.0) if name in ABOVE_HOME else kept
+        since = np.maximum(np.searchsorted(at, times + 1e-9, side="right") - 1, 0)
+        kept = values[since]
+        if name == _ORDERED:
+            return kept + self._home_up(at[since], float(times[0]))
+        if name in ABOVE_HOME:
+            return kept + np.where(kept > 0.0, self._home_up(times, float(times[0])), 0.0)
+        return kept
 
-    def _home_up(self, times: Array) -> Array:
+    def _home_up(self, times: Array, start_s: float) -> Array:
         """How far home lies above where heights count from; less than a step is what an arming corrects."""
         if self.home_up is None:
             return np.zeros(len(times))
         at, up = self.home_up
         found = up[np.maximum(np.searchsorted(at, times + 1e-9, side="right") - 1, 0)]
-        found = found - self._origin("altitude_m", float(times[0]))
+        found = found - self._origin("altitude_m", start_s)
         return np.where(np.abs(found) > HOME_STEP_M, found, 0.0)
 
     def _leapt(self, times: Array) -> Array:

@@ -29,9 +29,10 @@ from saflite.flight.autopilots.px4.signals import trace_names
 from saflite.flight.logs import settings as log_settings
 
 START_MODES = ("BRAKE", "LOITER", "ALT_HOLD", "STABILIZE", "RTL", "LAND", "ACRO", "GUIDED")
-SPLINE_WAYPOINT, CONDITION_YAW = 82, 115
-NO_MISSION_ITEMS = (SPLINE_WAYPOINT, CONDITION_YAW)
-"""Common items that PX4 answers as not supported, and with them the whole mission (1.17, `mavlink_mission.cpp`)."""
+SPLINE_WAYPOINT, CONDITION_DELAY, CONDITION_YAW = 82, 112, 115
+NO_MISSION_ITEMS = (SPLINE_WAYPOINT, CONDITION_DELAY, CONDITION_YAW)
+"""Common items that PX4 answers as not supported, and with them the whole mission (1.17, `mavlink_mission.cpp`); a
+mission with a CONDITION_DELAY it takes, finds not feasible (`FeasibilityChecker.cpp`), and does not arm."""
 SETTINGS = {
     COMPANION: SettingInfo(
         meaning="who flies a mission's way-points in PX4's place, which takes off and lands",

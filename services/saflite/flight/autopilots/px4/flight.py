@@ -99,9 +99,11 @@ class Px4Flight(ExternalFlight):
             return self._start_mission(aircraft)
         start, client = self.start, aircraft.client
         if not start.armed or start.altitude_m == 0.0:
-            why = self._enter(aircraft, start.mode)
-            armed = why or not start.armed or client.command(ARM, (1.0,), ANSWER_S).ok
-            return why if armed else f"did not arm: {self._last_words()}"
+            first = modes.arms_in(start.mode) if start.armed else start.mode
+            why = self._enter(aircraft, first)
+            if not why and start.armed and not client.command(ARM, (1.0,), ANSWER_S).ok:
+                why = f"did not arm: {self._last_words()}"
+            return why if why or first == start.mode else self._enter(aircraft, start.mode)
         return self._climb(aircraft)
 
     def _start_mission(self, aircraft: Aircraft) -> str:

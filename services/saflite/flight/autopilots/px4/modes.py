@@ -43,6 +43,11 @@ def pair(custom_mode: int) -> tuple[int, int]:
     return custom_mode >> 16 & 0xFF, custom_mode >> 24
 
 
+def arms_in(name: str) -> str:
+    """Return the mode in which to arm for one: in those that bring it down PX4 does not (`mode_requirements.cpp`)."""
+    return "BRAKE" if name in ("RTL", "LAND") else name
+
+
 def custom(name: str) -> int:
     """Return the `custom_mode` of a mode that can be asked for."""
     main, sub = NUMBERS[name]

@@ -18,7 +18,8 @@ from saflite.flight.autopilots.external.inputs import command_number
 from saflite.flight.autopilots.external.listing import Listing
 from saflite.flight.autopilots.px4.flight import DEFAULT_START
 from saflite.flight.autopilots.px4.inputs import ALL, INJECT_FAILURE, INJECTED, OK, OWN_PHYSICS
-from saflite.flight.autopilots.px4.modes import NUMBERS
+from saflite.flight.autopilots.px4.mission import as_taken
+from saflite.flight.autopilots.px4.modes import NUMBERS, arms_in
 from saflite.flight.autopilots.px4.places import placed
 from saflite.flight.autopilots.px4.settings import as_texts, companion_of, own_physics, start_parameters
 from saflite.flight.mavlink.client import CUSTOM_MODE, DO_SET_MODE
@@ -82,10 +83,9 @@ def _facts(test_case: TestCase, flight: Flight, evidence: Evidence, rows: Listin
     return {
         "parameters": as_texts({**kept, **_BY_MESSAGE}, rows.types),
         "home": list(home),
-        "items": []
-        if mission is None
-        else [_open(item) for item in item_fields(mission, home=False, not_given=math.nan)],
+        "items": [] if mission is None else [_open(item) for item in _items(mission)],
         "mode": list(NUMBERS[mode]),
+        "arms_in": list(NUMBERS[arms_in(mode)]),
         "altitude_m": start.altitude_m,
         "armed": start.armed,
         "inputs": [_input(one, rows.types, home[2]) for one in sorted(test_case.stimuli, key=lambda one: one.at_s)],
@@ -98,7 +98,7 @@ def _facts(test_case: TestCase, flight: Flight, evidence: Evidence, rows: Listin
 
 
 def _items(mission: Mission) -> list[tuple[float, ...]]:
-    return item_fields(mission, home=False, not_given=math.nan)
+    return item_fields(as_taken(mission), home=False, not_given=math.nan)
 
 
 def _open(numbers: tuple[float, ...]) -> list[float | None]:

@@ -168,7 +168,9 @@ def start(vehicle: Vehicle) -> None:
         vehicle.wait(lambda: False, SETTLE_S)
         good = good and vehicle.order(SET_MODE, 1, *FACTS["mode"])
     else:
-        good = vehicle.order(SET_MODE, 1, *FACTS["mode"]) and (not FACTS["armed"] or vehicle.order(ARM, 1))
+        if FACTS["armed"]:  # not in every mode
+            vehicle.order(SET_MODE, 1, *FACTS["arms_in"])
+        good = (not FACTS["armed"] or vehicle.order(ARM, 1)) and vehicle.order(SET_MODE, 1, *FACTS["mode"])
     if not good:
         raise SystemExit("the start state was not reached: see above")
 
