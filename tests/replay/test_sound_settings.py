@@ -86,6 +86,16 @@ CASES = {
         (stick(0.5, 3, 2000.0), mode(8.0, "LAND")),
         ("a-land2", "px-land1"),
     ),
+    "the barometer goes wrong on the ground once it is armed": Case(
+        ("STABILIZE", 0.0), 24.0, {"DISARM_DELAY": 0.0}, (fault(3.0, "SIM_BARO_GLITCH", 20.0),), ("estimate-true",)
+    ),
+    "it is armed as the barometer goes wrong": Case(
+        ("STABILIZE", 0.0),
+        24.0,
+        {"DISARM_DELAY": 0.0, "ARMING_CHECK": 0.0},
+        (disarmed(3.0), fault(6.0, "SIM_BARO_GLITCH", 20.0), armed(6.1)),
+        ("estimate-true",),
+    ),
     "a return waits as long over home as it was told": Case(
         ("GUIDED", 30.0), 60.0, {"RTL_LOIT_TIME": 60000.0}, (mode(0.5, "RTL"),), ("a-rtl3",)
     ),
