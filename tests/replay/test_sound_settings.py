@@ -86,6 +86,13 @@ CASES = {
         (stick(0.5, 3, 2000.0), mode(8.0, "LAND")),
         ("a-land2", "px-land1"),
     ),
+    "a place is held with the least gains and a level that leans": Case(
+        ("GUIDED", 20.0),
+        50.0,
+        {"PSC_POSXY_P": 0.5, "PSC_VELXY_P": 1.0, "PSC_VELXY_I": 0.02, "PSC_VELXY_IMAX": 100.0, "AHRS_TRIM_Y": 0.17},
+        (goto(1.0, (0.0, 1.0, 0.0, 0.0, 47.39792, 8.5456138), 20.0),),
+        ("place-reached",),
+    ),
     "the barometer goes wrong on the ground once it is armed": Case(
         ("STABILIZE", 0.0), 24.0, {"DISARM_DELAY": 0.0}, (fault(3.0, "SIM_BARO_GLITCH", 20.0),), ("estimate-true",)
     ),
