@@ -86,6 +86,13 @@ CASES = {
         (stick(0.5, 3, 2000.0), mode(8.0, "LAND")),
         ("a-land2", "px-land1"),
     ),
+    "three sticks are held, and the nose turns under the lean": Case(
+        ("ALT_HOLD", 60.0),
+        9.0,
+        {},
+        (stick(1.0, 1, 2000.0), stick(1.0, 2, 1400.0), stick(1.0, 4, 1750.0)),
+        ("stick-scale",),
+    ),
     "a place is held with the least gains and a level that leans": Case(
         ("GUIDED", 20.0),
         50.0,
