@@ -86,6 +86,13 @@ CASES = {
         (stick(0.5, 3, 2000.0), mode(8.0, "LAND")),
         ("a-land2", "px-land1"),
     ),
+    "a noisy receiver falls silent as the estimate is about to be lost": Case(
+        ("ALT_HOLD", 30.0),
+        20.0,
+        {"COM_POS_FS_DELAY": 6.0, "FS_EKF_THRESH": 0.6},
+        (fault(3.0, "SIM_GPS_NOISE", 2.0), fault(15.0, "SIM_GPS_NUMSATS", 2.0)),
+        ("failsafe-not-early",),
+    ),
     "three sticks are held, and the nose turns under the lean": Case(
         ("ALT_HOLD", 60.0),
         9.0,
