@@ -86,6 +86,37 @@ CASES = {
         (stick(0.5, 3, 2000.0), mode(8.0, "LAND")),
         ("a-land2", "px-land1"),
     ),
+    "a noisy receiver falls silent as the estimate is about to be lost": Case(
+        ("ALT_HOLD", 30.0),
+        20.0,
+        {"COM_POS_FS_DELAY": 6.0, "FS_EKF_THRESH": 0.6},
+        (fault(3.0, "SIM_GPS_NOISE", 2.0), fault(15.0, "SIM_GPS_NUMSATS", 2.0)),
+        ("failsafe-not-early",),
+    ),
+    "three sticks are held, and the nose turns under the lean": Case(
+        ("ALT_HOLD", 60.0),
+        9.0,
+        {},
+        (stick(1.0, 1, 2000.0), stick(1.0, 2, 1400.0), stick(1.0, 4, 1750.0)),
+        ("stick-scale",),
+    ),
+    "a place is held with the least gains and a level that leans": Case(
+        ("GUIDED", 20.0),
+        50.0,
+        {"PSC_POSXY_P": 0.5, "PSC_VELXY_P": 1.0, "PSC_VELXY_I": 0.02, "PSC_VELXY_IMAX": 100.0, "AHRS_TRIM_Y": 0.17},
+        (goto(1.0, (0.0, 1.0, 0.0, 0.0, 47.39792, 8.5456138), 20.0),),
+        ("place-reached",),
+    ),
+    "the barometer goes wrong on the ground once it is armed": Case(
+        ("STABILIZE", 0.0), 24.0, {"DISARM_DELAY": 0.0}, (fault(3.0, "SIM_BARO_GLITCH", 20.0),), ("estimate-true",)
+    ),
+    "it is armed as the barometer goes wrong": Case(
+        ("STABILIZE", 0.0),
+        24.0,
+        {"DISARM_DELAY": 0.0, "ARMING_CHECK": 0.0},
+        (disarmed(3.0), fault(6.0, "SIM_BARO_GLITCH", 20.0), armed(6.1)),
+        ("estimate-true",),
+    ),
     "a return waits as long over home as it was told": Case(
         ("GUIDED", 30.0), 60.0, {"RTL_LOIT_TIME": 60000.0}, (mode(0.5, "RTL"),), ("a-rtl3",)
     ),

@@ -11,6 +11,7 @@ import os
 import socket
 from collections.abc import Collection, Iterable
 from contextlib import suppress
+from stat import S_ISSOCK
 
 from saflite.bus.links import SESSIONS_MAX
 
@@ -40,14 +41,22 @@ def surplus(links: Iterable[tuple[str, str]], most: int, none_of: Collection[str
 def shut(ends: Collection[Address]) -> int:
     """Shut down this process's connections that lead to these ends; returns how many there were."""
     found = 0
-    for name in os.listdir("/proc/self/fd") if ends else ():
-        with suppress(OSError):  # no socket, not connected, or closed meanwhile
-            with socket.socket(fileno=os.dup(int(name))) as connection:  # ours while we look: its number stays its own
-                host, port = connection.getpeername()[:2]
-                if (str(ipaddress.ip_address(host.partition("%")[0])), port) in ends:
-                    connection.shutdown(socket.SHUT_RDWR)
-                    found += 1
+    for number in map(int, os.listdir("/proc/self/fd")) if ends else ():
+        with suppress(OSError):  # not connected, or closed meanwhile
+            if S_ISSOCK(os.fstat(number).st_mode):  # a second number of a file of SQLite would end its locks
+                with socket.socket(fileno=os.dup(number)) as connection:  # ours while we look: its number stays its own
+                    found += _shut_one(connection, ends)
     return found
+
+
+def _shut_one(connection: socket.socket, ends: Collection[Address]) -> bool:
+    if connection.family not in (socket.AF_INET, socket.AF_INET6):
+        return False  # others have names of other shapes, or none
+    host, port = connection.getpeername()[:2]
+    leads_there = (str(ipaddress.ip_address(host.partition("%")[0])), port) in ends
+    if leads_there:
+        connection.shutdown(socket.SHUT_RDWR)
+    return leads_there
 
 
 def _address(end: str) -> Address:

@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
-from saflite.bus.crowds import LINKS_MAX, surplus
+import fcntl
+import os
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+from saflite.bus.crowds import LINKS_MAX, shut, surplus
 from saflite.bus.links import SESSIONS_MAX
 from saflite.campaign.engine.worker_registry import WORKERS_MAX
 
@@ -20,3 +27,23 @@ def test_what_is_too_much_is_counted_by_key_whatever_its_certificate() -> None:
 
 def test_a_key_may_have_all_workers_of_a_farm_and_leaves_room_for_others() -> None:
     assert WORKERS_MAX < LINKS_MAX <= SESSIONS_MAX / 2
+
+
+def test_looking_for_connections_leaves_everything_else_as_it_was(tmp_path: Path) -> None:
+    """Each look left a second number of every file and pipe behind, the next one of those too."""
+    listening = socket.create_server(("127.0.0.1", 0))
+    client = socket.create_connection(listening.getsockname())
+    served, end = listening.accept()
+    pair, netlink = socket.socketpair(), socket.socket(socket.AF_NETLINK, socket.SOCK_RAW)
+    with listening, client, served, pair[0], pair[1], netlink, (tmp_path / "books").open("wb") as file:
+        fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB)  # as SQLite does; gone once any number of the file is closed
+        before = os.listdir("/proc/self/fd")
+        assert shut([("127.0.0.1", end[1] + 1 if end[1] < 65_535 else 1)]) == 0
+        assert os.listdir("/proc/self/fd") == before
+        assert shut([end]) == 1
+        assert os.listdir("/proc/self/fd") == before
+        assert client.recv(1) == b"", "shut"
+        again = "import fcntl, sys; fcntl.lockf(open(sys.argv[1], 'r+b'), fcntl.LOCK_EX | fcntl.LOCK_NB)"
+        assert (
+            subprocess.run([sys.executable, "-c", again, file.name], capture_output=True, check=False).returncode != 0
+        )

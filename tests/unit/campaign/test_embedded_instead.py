@@ -47,6 +47,14 @@ def hangs(driver: Driver, lease: Lease, worker: str) -> None:
     driver.commit()
 
 
+def is_away_while_the_books_stand_still(driver: Driver, lease: Lease, worker: str) -> None:
+    beat = Heartbeat(worker=worker, stage="score", leases=((lease.lease_id, lease.epoch),))
+    driver.books.beat(beat, driver.now)
+    driver.now += 100_000.0  # a machine that was suspended, a stopped process
+    driver.books.tick(driver.now)
+    driver.commit()
+
+
 WAYS = (fails, is_rejected, vanishes)
 Lose = Callable[[Driver, Lease, str], None]
 
@@ -174,3 +182,9 @@ def test_who_is_asked_stays_so_when_a_campaign_is_taken_up_again(tmp_path: Path)
         assert (found.embedded, found.unscored) == (len(work.test_cases), 0)
         assert found.in_words().startswith(f"{found.embedded} scores by the embedded scorer instead: ")
         assert {(row.model, row.scored_by) for row in run.scores()} == {("scripted", EMBEDDED)}
+
+
+def test_a_scorer_is_not_blamed_for_the_time_in_which_the_books_stood_still() -> None:
+    driver = proposed(new_books())
+    assert lost(driver, is_away_while_the_books_stand_still).model != EMBEDDED
+    assert lost(proposed(new_books()), hangs).model == EMBEDDED

@@ -105,6 +105,33 @@ def test_who_has_a_key_ends_nothing_by_any_number_of_names(fails: Fails, lost: i
 
 
 @ALL
+@pytest.mark.parametrize("owners", [("a", "b"), ("a", "b", "c"), ("", "a", "b"), ("a", "a", "b")])
+@pytest.mark.parametrize("failures", [1, 1_000])
+def test_mutators_of_several_keys_that_all_failed_wait_for_none_of_each_other(
+    fails: Fails, owners: tuple[str, ...], failures: int
+) -> None:
+    """Of two keys that had failed once each was kept from a round for the other, for ever."""
+    driver, failed = new_books(20), [0] * len(owners)
+    while not driver.books.ended:
+        for number, owner in enumerate(owners):
+            worker = f"m{number}"
+            driver.books.join(Join(protocol=PROTOCOL, worker=worker, stage="mutate"), driver.now, owner=owner)
+            for lease in driver.ask("mutate", worker):
+                if failed[number] < failures:
+                    failed[number] += 1
+                    fails(driver, worker, lease)
+                else:
+                    driver.report(lease, driver.service.do(lease.work), worker)
+        for stage in STAGES[1:]:
+            driver.do(stage, many=3)
+        driver.now += 0.5
+        driver.books.tick(driver.now)
+        assert driver.now < 2_000.0, "it is asked no more"
+    assert (driver.books.status(driver.now).flights == 20) == (failures == 1)
+    assert sum(failed) < 100
+
+
+@ALL
 @pytest.mark.parametrize("mutators", [1, 3])
 def test_a_strategy_that_fails_everywhere_ends_the_campaign_soon(fails: Fails, mutators: int) -> None:
     driver, failed = new_books(20), 0

@@ -13,6 +13,7 @@ from log_bytes import KINDS, POSITION, STATUS, dataflash, ulog
 from saflite.console.operations.log_judging import judge_file
 from saflite.flight.logs.dataflash import read_dataflash_log
 from saflite.flight.logs.ulog import read_ulog_log
+from saflite.flight.logs.ulog_commands import commands_of
 
 ARM = {"ARM": ("QBBB", "TimeUS,ArmState,ArmChecks,Forced")}
 MAVC = {"MAVC": ("QHfffffff", "TimeUS,Cmd,P1,P2,P3,P4,X,Y,Z")}
@@ -244,3 +245,17 @@ def test_a_fence_is_on_as_it_was_switched_last_by_setting_or_order(
 
 def hovering() -> list[Row]:
     return [("XKF1", (us(1 + tenth / 10), 0, 0.0, 0.0, -20.0, 0.0, 0.0, 0.0)) for tenth in range(200)]
+
+
+def test_each_of_two_like_orders_has_its_own_answer() -> None:
+    """Both went by the first answer: where that was a refusal the order that was taken was left out, too."""
+    ordered = {"command": np.array([192, 192]), "from_external": np.array([True, True])}
+    topics = {
+        "vehicle_command": {"timestamp": np.array([10_000_000, 10_020_000]), **ordered},
+        "vehicle_command_ack": {
+            "timestamp": np.array([10_030_000, 10_040_000]),
+            "command": np.array([192, 192]),
+            "result": np.array([1, 0]),
+        },
+    }
+    assert [one.at_s for one in commands_of(topics)] == [10.02]

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Mapping
+from random import Random
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from saflite.contract.rng import derive
+from saflite.contract.score import band
 from saflite.scorer_pool.llm.parse import Reply, parse
 
 from .answers import KINDS, Answer, answer, corpus, mutated
@@ -82,7 +87,7 @@ def test_says_its_faults_in_one_line() -> None:
     assert parse(Reply("no"), ("ca", "cb")).fault == "not-json (2 ids)"
 
 
-def ranked(scores: dict[str, int], ranking: object) -> dict[str, float]:
+def ranked(scores: Mapping[str, float], ranking: object) -> dict[str, float]:
     told = {key: {"score": score} for key, score in scores.items()}
     reply = Reply(json.dumps({"test_cases": told, "ranking": ranking}))
     return {key: line.ranked for key, line in parse(reply, tuple(scores)).lines.items()}
@@ -92,8 +97,27 @@ def test_a_ranking_tells_equal_scores_apart_and_no_others() -> None:
     scores = {"a": 7, "b": 8, "c": 7, "d": 10}
     got = ranked(scores, ["c", "a", "b", "d"])
     assert sorted(got, key=lambda key: -got[key]) == ["d", "b", "c", "a"]
-    assert all(scores[key] <= value < scores[key] + 0.5 for key, value in got.items())
+    assert all(abs(value - scores[key]) < 0.5 for key, value in got.items())
     assert max(got.values()) <= 10.0
+
+
+SCORES = st.one_of(st.integers(0, 10), st.integers(0, 100).map(lambda tenths: tenths / 10), st.floats(0, 10))
+
+
+@given(st.lists(SCORES, min_size=2, max_size=8), st.randoms())
+def test_a_ranking_moves_nothing_past_another_score_or_out_of_its_band(values: list[float], random: Random) -> None:
+    """7 became 7.4, which is interesting, 3.8 became 4.2, and all that were 10 stayed equal."""
+    scores = {f"c{number}": float(value) for number, value in enumerate(values)}
+    ranking = sorted(scores, key=lambda _: random.random())
+    got = ranked(scores, ranking)
+    for key, value in got.items():
+        assert 0.0 <= value <= 10.0
+        assert band(value) == band(scores[key])
+        for other in got:
+            if scores[other] < scores[key]:
+                assert got[other] <= value
+            elif scores[other] == scores[key] and ranking.index(key) < ranking.index(other):
+                assert got[other] < value or not all(float(one).is_integer() for one in values)
 
 
 @pytest.mark.parametrize("ranking", [None, "cab", [], ["a", "b"], ["a", "b", "c", "c"], [1, 2, 3], {"a": 1}])

@@ -355,7 +355,7 @@ class Books:
         due = self._leases.due(now)
         begun = {self._leases.held_by(one.key.stage, one.worker)[0].key for one in due}
         for deadline in due:
-            why, ended = deadline.ended(now)
+            why, ended = deadline.ended()
             how: How = ended if deadline.named and deadline.key in begun else "undelivered"
             self._lose(deadline, how, f"{deadline.worker} {why}", now)
         for worker in self._registry.silent(now - self._leases.patience_s(len(self._registry))):

@@ -93,7 +93,8 @@ class Dispatch:
         for other in self._registry.others(task.stage, worker, task.target, now - self._patience_s):
             comes = other.came_s >= asked_since_s or self._leases.holds(other.worker)
             if failed:  # whoever joined otherwise tries before, and again: who has a key can have any number of names
-                tries = other.owner != key
+                behind = attempts[other.owner] < attempts[key]  # keys that failed all take turns
+                tries = other.owner != key and (behind or not self._key_failed(task, other.worker))
             else:
                 tries = other.worker not in task.avoid and not self._key_failed(task, other.worker)
             if comes and tries and attempts[other.owner] < ELSEWHERE_MAX:

@@ -31,9 +31,9 @@ class Deadline:
     named: bool = False
     place: int = 0  # in the order in which leases were granted
 
-    def ended(self, now_s: float) -> tuple[str, Literal["lost", "overdue"]]:
-        """Return in words and in one why a lease that is due ended."""
-        if now_s >= self.overdue_s:
+    def ended(self) -> tuple[str, Literal["lost", "overdue"]]:
+        """Return in words and in one why a lease that is due ended, however late that is seen."""
+        if self.until_s >= self.overdue_s:
             return "ran far beyond its time", "overdue"
         return "was not heard of in time", "lost"
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import defaultdict, deque
+
 import numpy as np
 
 from saflite.contract.test_case import Stimulus
@@ -19,16 +21,29 @@ def commands_of(topics: Topics) -> list[Stimulus]:
         return []
     values = [np.asarray(topic.get(f"param{number}", np.zeros(len(topic["command"])))) for number in range(1, 8)]
     told = zip(times(topic), topic["command"], topic["from_external"], *values, strict=True)
-    heard = [(float(at), int(number), given) for at, number, outside, *given in told if outside]
-    made = [command(at, number, given) for at, number, given in heard if not _refused(topics, at, number)]
+    heard = [(float(at), int(number), bool(outside), given) for at, number, outside, *given in told]
+    refused = _refused(topics, [(at, number) for at, number, _, _ in heard])
+    orders = [one for place, one in enumerate(heard) if one[2] and place not in refused]
+    made = [command(at, number, given) for at, number, _, given in orders]
     return [one for one in made if one is not None]
 
 
-def _refused(topics: Topics, at_s: float, number: int) -> bool:
-    """Return whether the answer to a command says that it was not done (vehicle_command_ack)."""
+def _refused(topics: Topics, heard: list[tuple[float, int]]) -> set[int]:
+    """Return the places of commands of which the answer says that they were not done (vehicle_command_ack).
+
+    Commands of one number are answered in order, each once; those of the vehicle itself are, too.
+    """
     answered, results = field(topics, _ACK, "command"), field(topics, _ACK, "result")
     if answered is None or results is None:
-        return False
-    said_s, commands = answered
-    after = (commands == number) & (said_s >= at_s) & (said_s <= at_s + _ANSWER_S)
-    return bool(after.any()) and int(results[1][np.argmax(after)]) in REFUSALS
+        return set()
+    left: defaultdict[int, deque[tuple[float, int]]] = defaultdict(deque)
+    for said_s, number, result in zip(*answered, results[1], strict=True):
+        left[int(number)].append((said_s, int(result)))
+    refused = set()
+    for place, (at_s, number) in enumerate(heard):
+        answers = left[number]
+        while answers and answers[0][0] < at_s:
+            answers.popleft()
+        if answers and answers[0][0] <= at_s + _ANSWER_S and answers.popleft()[1] in REFUSALS:
+            refused.add(place)
+    return refused

@@ -9,16 +9,18 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Set
 from typing import Any, NamedTuple
 
 from saflite.contract.bounds import told
-from saflite.contract.score import SCORE_MAX, SCORE_MIN
+from saflite.contract.score import DULL_BELOW, INTERESTING_ABOVE, SCORE_MAX, SCORE_MIN
 
 ANSWER_CHARS_MAX = 1_000_000
 REASON_CHARS_MAX = 500
 TIE_WIDTH = 0.4
-"""How far apart the ranking puts equal scores, points: less than half a point, so it decides between equals alone."""
+"""How far apart the ranking puts equal scores, points, and no more than this share of the way to the next other one:
+less than half, so it decides between equals alone. Down from the middle on: 7 stays middling, and 10 the most."""
+_MIDDLE = (SCORE_MIN + SCORE_MAX) / 2
 _FENCE = re.compile(r"```[a-zA-Z]*[ \t]*\r?\n(.*?)```", re.DOTALL)
 _THINK = re.compile(r"<think(?:ing)?>(.*?)</think(?:ing)?>", re.DOTALL)
 
@@ -31,16 +33,16 @@ class Reply(NamedTuple):
 
 
 class Line(NamedTuple):
-    """The score of one test case, the words that came with it, and how far its place puts it above equal ones."""
+    """The score of one test case, the words that came with it, and how far from it its place puts it."""
 
     value: float
     reason: str
-    above: float = 0.0
+    beside: float = 0.0
 
     @property
     def ranked(self) -> float:
         """The score by which test cases are chosen, 0 to 10."""
-        return min(SCORE_MAX, self.value + self.above)
+        return self.value + self.beside
 
 
 class Parsed(NamedTuple):
@@ -197,9 +199,18 @@ def _ranked(lines: dict[str, Line], ranking: object) -> dict[str, Line]:
     ranked = [key for key in ranking if isinstance(key, str) and key in lines] if isinstance(ranking, list) else []
     if len(ranked) < 2 or sorted(ranked) != sorted(lines):
         return lines
-    step = TIE_WIDTH / (len(ranked) - 1)
-    above = {key: step * (len(ranked) - 1 - place) for place, key in enumerate(ranked)}
-    return {key: line._replace(above=above[key]) for key, line in lines.items()}
+    values = {line.value for line in lines.values()}
+    shares = {key: 1.0 - place / (len(ranked) - 1) for place, key in enumerate(ranked)}
+    return {key: line._replace(beside=_beside(line.value, values, shares[key])) for key, line in lines.items()}
+
+
+def _beside(value: float, values: Set[float], share: float) -> float:
+    """Return how far from its score a test case is put, by its share of the way up: in its band, and past no other."""
+    if value < _MIDDLE:
+        above = min((one for one in (*values, DULL_BELOW) if one > value), default=SCORE_MAX)
+        return min(TIE_WIDTH, TIE_WIDTH * (above - value)) * share
+    below = max((one for one in (*values, INTERESTING_ABOVE) if one < value), default=SCORE_MIN)
+    return min(TIE_WIDTH, TIE_WIDTH * (value - below)) * (share - 1.0)
 
 
 def _score_fault(value: Any) -> str:
