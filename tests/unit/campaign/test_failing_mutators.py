@@ -40,6 +40,19 @@ def vanishes(driver: Driver, worker: str, _: Lease) -> None:
 FLIGHTS_BEFORE = 4
 """What the first two rounds of the books here fly: three and one."""
 
+
+def half_a_second_later(driver: Driver) -> None:
+    driver.now += 0.5
+    driver.books.tick(driver.now)
+    assert driver.now < 2_000.0, "the honest one is never asked"
+
+
+def assert_all_was_flown(driver: Driver, failed: int) -> None:
+    status = driver.books.status(driver.now)
+    assert (status.flights, status.trouble) == (20, "")
+    assert failed >= MUTATE_FAILURES_MAX
+
+
 ALL = pytest.mark.parametrize("fails", [raises, talks_nonsense, vanishes])
 
 
@@ -60,12 +73,8 @@ def test_who_fails_beside_another_mutator_ends_nothing(fails: Fails, names: str)
                     failed += 1
                 driver.now += 0.001
             driver.do(stage, many=2)
-        driver.now += 0.5
-        driver.books.tick(driver.now)
-        assert driver.now < 2_000.0, "the honest one is never asked"
-    status = driver.books.status(driver.now)
-    assert (status.flights, status.trouble) == (20, "")
-    assert failed >= MUTATE_FAILURES_MAX
+        half_a_second_later(driver)
+    assert_all_was_flown(driver, failed)
 
 
 def hands_back_first(driver: Driver, worker: str, lease: Lease) -> None:
@@ -96,12 +105,8 @@ def test_who_has_a_key_ends_nothing_by_any_number_of_names(fails: Fails, lost: i
                 driver.report(lease, Failure(message="killed"))
             if stage != "mutate" or driver.now > 1.0:  # those who are there first have a second
                 driver.do(stage, many=2)
-        driver.now += 0.5
-        driver.books.tick(driver.now)
-        assert driver.now < 2_000.0, "the honest one is never asked"
-    status = driver.books.status(driver.now)
-    assert (status.flights, status.trouble) == (20, "")
-    assert failed >= MUTATE_FAILURES_MAX
+        half_a_second_later(driver)
+    assert_all_was_flown(driver, failed)
 
 
 @ALL
