@@ -201,9 +201,12 @@ def asks_to_stop(stimulus: Stimulus) -> bool:
 def forces_arming(stimulus: Stimulus) -> bool:
     """Say whether the stimulus orders the motors on without checks.
 
-    ArduCopter starts them, too, to learn what they do to the compass (the sixth number of PREFLIGHT_CALIBRATION).
+    ArduCopter starts them, too, to learn what they do to the compass (the sixth number of PREFLIGHT_CALIBRATION), and
+    to run one alone (DO_MOTOR_TEST).
     """
     values = _numbers(stimulus)
+    if _is(stimulus, "DO_MOTOR_TEST"):
+        return True
     if _is(stimulus, "PREFLIGHT_CALIBRATION"):
         return values[5] == 1.0
     return _is(stimulus, "COMPONENT_ARM_DISARM") and values[0] == 1.0 and values[1] in FORCE

@@ -224,6 +224,7 @@ def test_what_may_change_the_mode(order: Stimulus, *, may: bool) -> None:
 def test_what_starts_motors_without_checks() -> None:
     assert forces_arming(stimulus("command", "MAV_CMD_COMPONENT_ARM_DISARM", 1.0, 21196.0))
     assert not forces_arming(stimulus("command", "MAV_CMD_COMPONENT_ARM_DISARM", 1.0, 0.0))
+    assert forces_arming(stimulus("command", "MAV_CMD_DO_MOTOR_TEST", 3.0, 25.0, 71.0, 95.0, 7.0, 31.0, 29.0))
     assert forces_arming(stimulus("command", "MAV_CMD_PREFLIGHT_CALIBRATION", 1.0, 0.0, 0.0, 0.0, 1.0, 1.0))
     assert not forces_arming(stimulus("command", "MAV_CMD_PREFLIGHT_CALIBRATION", 1.0, 0.0, 0.0, 0.0, 1.0, 0.0))
 
