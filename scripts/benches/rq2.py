@@ -1,6 +1,6 @@
 """`scripts/bench rq2`: the paper's second question. Among a policy's inputs, does a model find the one that triggers?
 
-    scripts/bench rq2 [--models NAME|ollama:TAG ...] [--seeds 5] [--out FILE.jsonl]
+    scripts/bench rq2 [--models NAME|ollama:TAG ...] [--arms paper none] [--seeds 5] [--out FILE.jsonl]
     scripts/bench rq2 --page            # writes deploy/docs/rq2.md from the rows
 
 One row per model, words told, seed of the values and bug; those in the file are not asked again. A model that cannot
@@ -57,12 +57,13 @@ def rows(path: Path) -> list[Row]:
     return [msgspec.json.decode(line, type=Row) for line in lines if line.strip()]
 
 
-def measure(models: Sequence[str], seeds: int, path: Path) -> Iterator[Row]:
+def measure(models: Sequence[str], arms: Sequence[str], seeds: int, path: Path) -> Iterator[Row]:
     """Ask what has not been asked yet; raises Unavailable at the end for a model that is not there."""
     done = {(row.result.model, row.arm, row.rng_seed, row.result.bug) for row in rows(path)}
     lacking = missing(models)
     for model in [model for model in models if model not in lacking]:
-        for arm, (words, valued) in ARMS.items():
+        for arm in arms:
+            words, valued = ARMS[arm]
             for rng_seed in range(1, seeds + 1):
                 for bug in bugs():
                     if (model, arm, rng_seed, bug.id) in done:
@@ -137,6 +138,7 @@ def main(argv: list[str]) -> int:
     """Ask, or write the page."""
     parser = argparse.ArgumentParser(prog="scripts/bench rq2", description=__doc__)
     parser.add_argument("--models", nargs="+", default=list(MODELS))
+    parser.add_argument("--arms", nargs="+", choices=ARMS, default=list(ARMS))
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--out", type=Path, default=ROWS)
     parser.add_argument("--page", action="store_true", help="write deploy/docs/rq2.md from the rows")
@@ -145,7 +147,7 @@ def main(argv: list[str]) -> int:
         PAGE.write_text(page(rows(options.out)), encoding="utf-8")
         return 0
     options.out.parent.mkdir(parents=True, exist_ok=True)
-    for row in measure(options.models, options.seeds, options.out):
+    for row in measure(options.models, options.arms, options.seeds, options.out):
         with options.out.open("ab") as file:
             file.write(msgspec.json.encode(row) + b"\n")
     return 0
