@@ -5,10 +5,14 @@ from __future__ import annotations
 import math
 from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 from itertools import accumulate
+from typing import Self
 
-from saflite.oracle.formula import CRISP, Node, reach_s
+from saflite.oracle.formula import CRISP, Node, reach_s, signals_of
+from saflite.oracle.windows import Array
 
+signals_under = cache(signals_of)
 INF = math.inf
 Floats = list[float]
 
@@ -28,9 +32,14 @@ def low_of(a: float, b: float) -> float:
     return a if a < b or a != a else b
 
 
+def high_of(a: float, b: float) -> float:
+    """Return the greater of two, NaN where one is."""
+    return a if a > b or a != a else b
+
+
 def implied(a: float, b: float) -> float:
     """A rule that does not apply asks nothing, not even that its other half is a number."""
-    return INF if a == -INF else greatest([-a, b])
+    return INF if a == -INF else high_of(-a, b)
 
 
 def turned(angle: float) -> float:
@@ -44,10 +53,10 @@ TWO: dict[str, Callable[[float, float], float]] = {
     "*": lambda a, b: a * b,
     "/": lambda a, b: a / b if b else math.nan,
     "pow": lambda a, b: a**b,
-    "min": lambda a, b: least([a, b]),
-    "max": lambda a, b: greatest([a, b]),
-    "and": lambda a, b: least([a, b]),
-    "or": lambda a, b: greatest([a, b]),
+    "min": low_of,
+    "max": high_of,
+    "and": low_of,
+    "or": high_of,
     "<=": lambda a, b: b - a,
     "<": lambda a, b: b - a,
     ">=": lambda a, b: a - b,
@@ -77,11 +86,19 @@ ONE: dict[str, Callable[[float], float]] = {
 
 
 class Definition:
-    """A formula over moments. `row` is the sample of each, several of one sample follow each other."""
+    """A formula over moments. `row` is the sample of each, several of one sample follow each other.
 
-    def __init__(self, signals: Mapping[str, Sequence[float]], step_s: float, row: Sequence[int]) -> None:
+    What depends on no signal that is another object than `before`, at the same moments, is not worked out again.
+    """
+
+    def __init__(
+        self, signals: Mapping[str, Array], step_s: float, row: Sequence[int], before: Self | None = None
+    ) -> None:
         self.signals, self.step_s, self.row = signals, step_s, list(row)
         self.known: dict[Node, Floats] = {}
+        if before is not None and (before.step_s, before.row) == (step_s, self.row):
+            same = {name for name, values in signals.items() if before.signals.get(name) is values}
+            self.known = {node: worth for node, worth in before.known.items() if signals_under(node) <= same}
 
     def holds(self, formula: Node) -> bool:
         """Whether `always body` holds wherever the body's windows lie inside the flight."""
@@ -108,6 +125,8 @@ class Definition:
             return [TWO[node.op](a, b) for a, b in zip(*below, strict=True)]
         if node.op in ONE:
             return [ONE[node.op](a) for a in below[0]]
+        if node.op == "latch":
+            return self.latched(*below)
         return [getattr(self, f"at_{node.op}")(node, at, *below) for at in moments]
 
     def count(self, seconds: float) -> float:
@@ -148,10 +167,10 @@ class Definition:
         return greatest([low_of(b[one], so_far[at - one]) for one in window])
 
     def at_rise(self, _: Node, at: int, a: Floats) -> float:
-        return least([-a[at - 1] if at else INF, a[at]])
+        return low_of(-a[at - 1] if at else INF, a[at])
 
     def at_fall(self, _: Node, at: int, a: Floats) -> float:
-        return least([a[at - 1] if at else INF, -a[at]])
+        return low_of(a[at - 1] if at else INF, -a[at])
 
     def at_prev(self, _: Node, at: int, a: Floats) -> float:
         return a[at - 1] if at else INF
@@ -162,9 +181,15 @@ class Definition:
     def at_before(self, _: Node, at: int, a: Floats) -> float:
         return a[max(0, at - 1)]
 
-    def at_latch(self, _: Node, at: int, a: Floats, b: Floats) -> float:
-        began = [one for one in range(at + 1) if b[one] > 0 and not (one and b[one - 1] > 0)]
-        return a[began[-1]] if began else a[at]
+    def latched(self, a: Floats, b: Floats) -> Floats:
+        """Return what the first showed where the second last began, before it ever did what the first shows."""
+        began: int | None = None
+        held = []
+        for at in range(len(a)):
+            if b[at] > 0 and not (at and b[at - 1] > 0):
+                began = at
+            held.append(a[at if began is None else began])
+        return held
 
     def sample(self, a: Floats, row: float) -> float:
         """Return what held at a sample; before the first what the first shows."""

@@ -104,9 +104,10 @@ def compared() -> list[str]:
 @pytest.mark.parametrize("name", compared())
 def test_events_apart_are_judged_as_the_page_on_time_says(name: str) -> None:
     policy = load_policy(name)
+    by_definition = None
     for signals, row, step_s, words in cases(policy, name):
         evaluator = Evaluator(signals, step_s, np.asarray(row))
-        by_definition = Definition({key: [*values] for key, values in signals.items()}, step_s, row)
+        by_definition = Definition(signals, step_s, row, by_definition)
         (body,) = policy.formula.args
         same = np.isclose(evaluator.trace(body), by_definition.values(body), rtol=1e-9, atol=1e-6, equal_nan=True)
         assert same.all(), f"{words}: moments {np.flatnonzero(~same)}"
