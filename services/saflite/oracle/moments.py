@@ -75,12 +75,11 @@ class Uneven:
     """
 
     def __init__(self, row: Rows) -> None:
-        self._row = row
-        self._mirrored = (row[-1] - row)[::-1] if len(row) else row
+        self._forward, self._backward = _Ahead(row), _Ahead((row[-1] - row)[::-1] if len(row) else row)
 
     def least_ahead(self, values: Array, low: int, high: int | None) -> Array:
         """Return at each moment the least over the window ahead, shape (moments,); infinity where it is empty."""
-        return _least_within(values, *_ahead(self._row, low, high))
+        return self._forward.least(values, low, high)
 
     def greatest_ahead(self, values: Array, low: int, high: int | None) -> Array:
         """Return at each moment the greatest over the window ahead."""
@@ -88,7 +87,7 @@ class Uneven:
 
     def least_behind(self, values: Array, low: int, high: int | None) -> Array:
         """Return at each moment the least over the window behind."""
-        return _least_within(values[::-1], *_ahead(self._mirrored, low, high))[::-1]
+        return self._backward.least(values[::-1], low, high)[::-1]
 
     def greatest_behind(self, values: Array, low: int, high: int | None) -> Array:
         """Return at each moment the greatest over the window behind."""
@@ -98,39 +97,50 @@ class Uneven:
         """Return the robustness of `left until[low:high] right` at each moment."""
         if not low and high is None:  # neither depends on when a moment was
             return windows.until(left, right, 0, None)
-        return _until(left, right, *_ahead(self._row, low, high))
+        return self._forward.until(left, right, low, high)
 
     def since(self, left: Array, right: Array, low: int, high: int | None) -> Array:
         """Return the robustness of `left since[low:high] right` at each moment."""
         if not low and high is None:
             return windows.since(left, right, 0, None)
-        return _until(left[::-1], right[::-1], *_ahead(self._mirrored, low, high))[::-1]
+        return self._backward.until(left[::-1], right[::-1], low, high)[::-1]
 
 
-def _ahead(row: Rows, low: int, high: int | None) -> tuple[Rows, Rows]:
-    """First and last place of each moment's window; the last before the first where it is empty."""
-    first = np.searchsorted(row, row + low) if low else np.arange(len(row))
-    last = np.full(len(row), len(row)) if high is None else np.searchsorted(row, row + high, side="right")
-    return first, last - 1
+class _Ahead:
+    """What lies ahead of each moment; `row` holds the sample of each, ascends, and leaves no sample out."""
 
+    def __init__(self, row: Rows) -> None:
+        self._row = row
+        self._begins = np.searchsorted(row, np.arange(int(row[-1]) + 1 if len(row) else 0))
+        self._has_next = np.flatnonzero(row[:-1] == row[1:])[::-1]  # moments with another of their sample, last first
 
-def _least_within(values: Array, first: Rows, last: Rows) -> Array:
-    """Least of values[first[i] .. last[i]]: any range is covered by two of a length that is a power of two."""
-    found = np.full(len(values), np.inf)
-    length = last - first + 1
-    covered, width = values, 1
-    while len(covered):
-        fits = (length >= width) & (length < 2 * width)
-        found[fits] = np.minimum(covered[first[fits]], covered[last[fits] - width + 1])
-        covered = np.minimum(covered[: max(0, len(covered) - width)], covered[width:])
-        width *= 2
-    return found
+    def least(self, values: Array, low: int, high: int | None) -> Array:
+        """Return the least of each moment's window: of whole samples, and of what is left of its own."""
+        if not len(values):
+            return values
+        rest = values.copy()
+        for place in self._has_next:
+            rest[place] = np.minimum(values[place], rest[place + 1])
+        if low == high == 0:
+            return rest
+        of_samples = rest[self._begins]
+        ahead = windows.least_ahead(of_samples, max(low, 1), high)[self._row]
+        return ahead if low else np.minimum(rest, ahead)
 
-
-def _until(left: Array, right: Array, first: Rows, last: Rows) -> Array:
-    found = np.full(len(left), -np.inf)
-    for i in range(len(left)):
-        if first[i] <= last[i]:
+    def until(self, left: Array, right: Array, low: int, high: int | None) -> Array:
+        """Return the robustness of `left until[low:high] right`, moment by moment where it may be more than false."""
+        first, last = self._window(low, high)
+        found = np.full(len(left), -np.inf)
+        may_be = first <= last
+        if not np.isnan(left).any():
+            may_be &= -self.least(-right, low, high) != -np.inf
+        for i in np.flatnonzero(may_be):
             kept = np.minimum.accumulate(np.concatenate([[np.inf], left[i : last[i]]]))[first[i] - i :]
             found[i] = np.minimum(kept, right[first[i] : last[i] + 1]).max()
-    return found
+        return found
+
+    def _window(self, low: int, high: int | None) -> tuple[Rows, Rows]:
+        """First and last place of each moment's window; the last before the first where it is empty."""
+        first = np.searchsorted(self._row, self._row + low) if low else np.arange(len(self._row))
+        ends = len(self._row) if high is None else np.searchsorted(self._row, self._row + high, side="right")
+        return first, np.broadcast_to(ends - 1, first.shape)

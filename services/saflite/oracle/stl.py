@@ -27,12 +27,18 @@ def _divided(a: Any, b: Any) -> Any:
 
 def _both(a: Any, b: Any) -> Any:
     """Return the robustness of `a and b`; where one is plainly false, the other need not even be a number."""
-    return np.where(np.equal(a, -np.inf) | np.equal(b, -np.inf), -np.inf, np.minimum(a, b))
+    least = np.minimum(a, b)
+    if not np.isnan(least).any():  # as nearly always: the least says it all
+        return least
+    return np.where(np.equal(a, -np.inf) | np.equal(b, -np.inf), -np.inf, least)
 
 
 def _either(a: Any, b: Any) -> Any:
     """Return the robustness of `a or b`; where one is plainly true, the other need not even be a number."""
-    return np.where(np.equal(a, np.inf) | np.equal(b, np.inf), np.inf, np.maximum(a, b))
+    greatest = np.maximum(a, b)
+    if not np.isnan(greatest).any():
+        return greatest
+    return np.where(np.equal(a, np.inf) | np.equal(b, np.inf), np.inf, greatest)
 
 
 def _implied(a: Any, b: Any) -> Any:
@@ -42,7 +48,9 @@ def _implied(a: Any, b: Any) -> Any:
 
 def _compared(relation: Callable[[Any, Any], Any], a: Any, b: Any) -> Any:
     """Return plainly true, plainly false, or NaN: what is not a number is not known to stand in any relation."""
-    return np.where(np.isnan(a) | np.isnan(b), np.nan, np.where(relation(a, b), np.inf, -np.inf))
+    stands = np.where(relation(a, b), np.inf, -np.inf)
+    unknown = np.isnan(a) | np.isnan(b)
+    return np.where(unknown, np.nan, stands) if unknown.any() else stands
 
 
 _BINARY: dict[str, Callable[[Any, Any], Any]] = {

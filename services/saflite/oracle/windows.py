@@ -69,15 +69,27 @@ def until(left: Array, right: Array, low: int, high: int | None) -> Array:
 
 
 def _until_from(left: Array, right: Array, low: int) -> Array:
-    out = np.empty(len(left))
-    later = -np.inf
-    for i in range(len(left) - 1, -1, -1):
-        later = max(right[i], min(left[i], later))
-        out[i] = later
+    out = _until_any(left, right)
     if low == 0:
         return out
     shifted = np.concatenate([out[low:], np.full(min(low, len(out)), -np.inf)])[: len(out)]
     return np.asarray(np.minimum(shifted, least_ahead(left, 0, low - 1)))
+
+
+def _until_any(left: Array, right: Array) -> Array:
+    """Return `left until right`, whenever: at i the greater of right[i] and the lesser of left[i] and what follows."""
+    if np.isnan(left).any() or np.isnan(right).any():
+        out, later = np.empty(len(left)), -np.inf
+        for i in range(len(left) - 1, -1, -1):
+            later = max(right[i], min(left[i], later))  # forgets a gap once something is known again
+            out[i] = later
+        return out
+    low, high, ahead = right.copy(), left.copy(), 1  # of all steps up to i + ahead: x becomes max(low, min(high, x))
+    while ahead < len(left):
+        low[:-ahead] = np.maximum(low[:-ahead], np.minimum(high[:-ahead], low[ahead:]))
+        high[:-ahead] = np.minimum(high[:-ahead], high[ahead:])
+        ahead *= 2
+    return low
 
 
 def since(left: Array, right: Array, low: int, high: int | None) -> Array:
