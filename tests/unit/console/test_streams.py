@@ -19,7 +19,7 @@ SAYS: tuple[list[str], ...] = (
     ["--version"],
     ["run", "--help"],
     ["keys", "init", "--help"],
-    ["list", "campaigns"],
+    ["list", "scorers"],
     ["schema", "campaign"],
 )
 COMMAND = (sys.executable, "-m", "saflite")

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from by_definition import Definition
 
 from saflite.contract.flight import Delivered, Trace
 from saflite.contract.rng import derive
 from saflite.oracle import windows
+from saflite.oracle.formula import Node
 from saflite.oracle.moments import Uneven, moments_of, samples_of
 from saflite.oracle.parse import parse
 from saflite.oracle.stl import Evaluator
@@ -54,3 +56,27 @@ def test_windows_go_by_time_and_events_by_moments() -> None:
     assert evaluator.trace(parse("lasting[1] (altitude_m >= 0)")).tolist() == [-np.inf, 5.0, 1.0, 1.0, 5.0]
     assert evaluator.trace(parse("rise(altitude_m >= 3)")).tolist() == [2.0, -2.0, -2.0, 2.0, -2.0]
     assert evaluator.trace(parse("ago(altitude_m, 1) >= 0")).tolist() == [5.0, 5.0, 5.0, 5.0, 5.0]
+
+
+@pytest.mark.parametrize("low", [0, 1, 3])
+@pytest.mark.parametrize("longer", [0, 1, 4, 40])
+def test_windows_over_uneven_moments_are_those_by_definition(low: int, longer: int) -> None:
+    rng, a, b = derive(2, "test-moments"), Node("signal", name="a"), Node("signal", name="b")
+    for _ in range(12):
+        row = np.repeat(np.arange(20), rng.choice([1, 1, 1, 2, 4], size=20))
+        known = rng.choice([-np.inf, -1.5, 0.5, 2.0, np.inf], size=(2, len(row)))
+        gappy = np.where(rng.random(len(row)) < 0.1, np.nan, known[0])
+        for op in ("always", "eventually", "historically", "once", "until", "since"):
+            signals = {"a": known[0] if op in ("until", "since") else gappy, "b": known[1]}
+            node = Node(op, (a, b) if op in ("until", "since") else (a,), float(low), float(low + longer))
+            told = Evaluator(signals, 1.0, row).trace(node)
+            assert np.array_equal(told, Definition(signals, 1.0, row.tolist()).values(node), equal_nan=True), op
+
+
+def test_until_without_end_is_that_by_definition_and_forgets_a_gap() -> None:
+    rng, node = derive(3, "test-moments"), Node("until", (Node("signal", name="a"), Node("signal", name="b")))
+    for samples in (1, 2, 3, 8, 31, 100):
+        left, right = rng.choice([-np.inf, -1.5, 0.5, 2.0, np.inf], size=(2, samples))
+        told = windows.until(left, right, 0, None).tolist()
+        assert told == Definition({"a": left, "b": right}, 1.0, range(samples)).values(node)
+    assert windows.until(np.array([1.0, 1.0, 1.0]), np.array([-1.0, np.nan, 2.0]), 0, None)[0] == 1.0
