@@ -96,6 +96,7 @@ _IMAGE = "needs a container engine and an image of gigabytes"
 NOT_RUN: dict[str, str] = {
     "saflite run avoidance-m3 --scorer ollama:mistral": _MODEL,
     "saflite run avoidance-m2 --scorer ollama:mistral --shadow surrogate": _MODEL,
+    "saflite run avoidance-m2 --scorer ollama:mistral+brief --shadow ollama:mistral": _MODEL,
     "saflite scorer use gap": "needs a running farm: tests/live/test_console.py",
     "saflite scorer use ollama:mistral": _MODEL,
     "saflite scorer list": "needs a running farm: tests/live/test_console.py",

@@ -4,11 +4,19 @@ from __future__ import annotations
 
 from saflite.contract.errors import Refused
 
+BRIEF = "+brief"
+"""Stands after the name of a language model that is to give scores alone."""
+
 
 def split_label(label: str) -> tuple[str, str]:
     """Return kind and argument of a label: `ollama:mistral:7b` is (`ollama`, `mistral:7b`)."""
     kind, _, argument = label.partition(":")
     return kind, argument
+
+
+def split_brief(name: str) -> tuple[str, bool]:
+    """Return the name of a language model as its server knows it, and whether scores are asked for without words."""
+    return name.removesuffix(BRIEF), name.endswith(BRIEF)
 
 
 def no_argument(kind: str, argument: str) -> None:

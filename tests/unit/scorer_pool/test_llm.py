@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import jsonschema
 import pytest
 
 from saflite.contract.errors import Refused, Unavailable
@@ -108,6 +109,27 @@ def test_good_answer_is_paired_by_id_and_counted() -> None:
     assert (sheet.usage.calls, sheet.usage.tokens_in, sheet.usage.tokens_out, sheet.digest) == (1, 100, 10, "d1")
     assert sheet.usage.cost_usd == pytest.approx(120e-6)
     scorer.close()
+
+
+def test_brief_scores_are_asked_for_in_fewer_tokens_and_read_without_words() -> None:
+    def scores_alone(question: Question) -> ChatResult:
+        document = {"test_cases": {key: {"score": 7} for key in asked_keys(question)}}
+        jsonschema.validate({**document, "ranking": asked_keys(question)}, question.schema)
+        return ChatResult(Reply(json.dumps(document)))
+
+    chat = ScriptedChat(scores_alone)
+    brief = LanguageModel("fake:m+brief", chat, WallClock(), 5.0, brief=True)
+    whole, worded = model(good)
+    sheet = brief.score(job())
+    whole.score(job())
+    assert [(score.value, score.reason, score.fault) for score in sheet.scores] == [(7.0, "", "")] * 3
+    asked, full = chat.asked[0], worded.asked[0]
+    assert asked.tokens_max < full.tokens_max / 2
+    assert "one sentence" in full.messages[0]["content"]
+    assert "one sentence" not in asked.messages[0]["content"]
+    assert asked.messages[1] == full.messages[1]
+    brief.close()
+    whole.close()
 
 
 def test_equal_test_cases_in_one_batch_are_asked_about_once() -> None:

@@ -15,7 +15,7 @@ from saflite.contract.work import Outcome
 from saflite.flight.mission import builtin_mission
 from saflite.scorer_pool.llm.case_text import canonical, keys
 from saflite.scorer_pool.llm.prompt import SYSTEM, WORDS_CHARS_MAX, Prompt, again, answer_schema, build
-from saflite.scorer_pool.llm.scorer import CHARS_PER_TOKEN, TOKENS_BESIDES, TOKENS_PER_CASE
+from saflite.scorer_pool.llm.scorer import CHARS_PER_TOKEN, TOKENS_BESIDES, TOKENS_PER_CASE, TOKENS_PER_SCORE
 from saflite.scorer_pool.model import PolicyBrief
 
 GOLDEN = Path(__file__).parent / "golden"
@@ -176,3 +176,6 @@ def test_the_longest_answer_asked_for_fits_into_the_tokens_given() -> None:
         answer = json.dumps({"test_cases": dict.fromkeys(names, full), "ranking": list(names)})
         given = TOKENS_BESIDES + TOKENS_PER_CASE * count
         assert len(answer) / CHARS_PER_TOKEN <= given
+        brief = json.dumps({"test_cases": {key: {"score": 10} for key in names}, "ranking": list(names)})
+        jsonschema.validate(json.loads(brief), answer_schema(names, brief=True))
+        assert len(brief) / CHARS_PER_TOKEN <= TOKENS_BESIDES + TOKENS_PER_SCORE * count

@@ -23,16 +23,24 @@ GOOD = {
 }
 
 
-@pytest.mark.parametrize("argument", ["", "@host", "with space"])
+@pytest.mark.parametrize("argument", ["", "@host", "with space", "+brief"])
 def test_ollama_label_needs_a_tag(argument: str) -> None:
     with pytest.raises(Refused):
         OllamaChat(argument)
 
 
-@pytest.mark.parametrize("argument", ["", "@http://h/v1", "m@ftp://h", "m@not a url"])
+@pytest.mark.parametrize("argument", ["", "@http://h/v1", "m@ftp://h", "m@not a url", "+brief@http://h/v1"])
 def test_openai_label_needs_model_and_address(argument: str) -> None:
     with pytest.raises(Refused):
         OpenAIChat(argument)
+
+
+def test_a_model_that_is_to_be_brief_is_asked_by_the_name_its_server_knows() -> None:
+    for argument, brief in (("m+brief", True), ("m+brief@host:1", True), ("m", False), ("m+briefly", False)):
+        ollama = OllamaChat(argument)
+        assert (ollama.brief, ollama._tag) == (brief, "m+briefly" if "briefly" in argument else "m")
+    openai = OpenAIChat("m+brief@http://h/v1")
+    assert (openai.brief, openai._model, openai._url) == (True, "m", "http://h/v1")
 
 
 def test_prices_are_two_numbers_or_none() -> None:

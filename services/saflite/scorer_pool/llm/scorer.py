@@ -35,7 +35,8 @@ CONTEXT_TOKENS = 8192
 
 CHARS_PER_TOKEN = 2.2  # of texts full of numbers
 TOKENS_BESIDES = 120
-TOKENS_PER_CASE = 50 + math.ceil(2 * WORDS_CHARS_MAX / CHARS_PER_TOKEN)  # its id twice, its score, two sentences
+TOKENS_PER_SCORE = 50  # its id twice, its score
+TOKENS_PER_CASE = TOKENS_PER_SCORE + math.ceil(2 * WORDS_CHARS_MAX / CHARS_PER_TOKEN)  # and two sentences
 BACK_OFF_FIRST_S, BACK_OFF_MAX_S = 0.25, 4.0
 PROBES = (1, 2, 4)
 LOADING_WAIT_S = 8.0
@@ -86,8 +87,11 @@ class LanguageModel:
         load_deadline_s: float,
         prices: Prices | None = None,
         transcript: Transcript = silent,
+        *,
+        brief: bool = False,
     ) -> None:
         self.label = label
+        self._brief = brief
         self._chat = chat
         self._clock = clock
         self._load_deadline_s = load_deadline_s
@@ -314,8 +318,8 @@ class LanguageModel:
         self, cases: tuple[TestCase, ...], prompt: Prompt, messages: list[dict[str, str]], count: _Count
     ) -> dict[str, ModelScore]:
         started_s = self._clock.monotonic_s()
-        tokens_max = TOKENS_BESIDES + TOKENS_PER_CASE * len(cases)
-        result = await self._patiently(Question(messages, answer_schema(prompt.keys), tokens_max), count)
+        schema = answer_schema(prompt.keys, brief=prompt.brief)
+        result = await self._patiently(Question(messages, schema, _answer_tokens(prompt)), count)
         self._batch_sizer.answered(len(cases), self._clock.monotonic_s() - started_s)
         self._transcript(Exchange(self.label, prompt.digest, messages, result.reply.content, result.reply.thinking))
         count.tokens_in += result.tokens_in
@@ -349,20 +353,20 @@ class LanguageModel:
     # ---- what fits -----------------------------------------------------------------------------------------------
 
     def _fits(self, prompt: Prompt) -> bool:
-        answer = TOKENS_BESIDES + TOKENS_PER_CASE * len(prompt.keys) + self._allowance.more
+        answer = _answer_tokens(prompt) + self._allowance.more
         return len(prompt.system) + len(prompt.user) <= CHARS_PER_TOKEN * (CONTEXT_TOKENS - answer)
 
     def _prompt(self, cases: tuple[TestCase, ...], job: Job) -> Prompt:
         """Return the question, without earlier flights where they would make it too long."""
-        prompt = build(cases, job.briefs, job.history)
-        return prompt if self._fits(prompt) else build(cases, job.briefs)
+        prompt = build(cases, job.briefs, job.history, brief=self._brief)
+        return prompt if self._fits(prompt) else build(cases, job.briefs, brief=self._brief)
 
     def _split(self, cases: tuple[TestCase, ...], size: int, job: Job) -> list[tuple[TestCase, ...]]:
         """Return the test cases in parts of at most `size`, smaller where a question would not fit the context."""
         parts: list[tuple[TestCase, ...]] = []
         for start in range(0, len(cases), size):
             part = cases[start : start + size]
-            if len(part) > 1 and not self._fits(build(part, job.briefs, job.history)):
+            if len(part) > 1 and not self._fits(build(part, job.briefs, job.history, brief=self._brief)):
                 parts += self._split(part, (len(part) + 1) // 2, job)
             else:
                 parts.append(part)
@@ -370,6 +374,10 @@ class LanguageModel:
 
     def _left(self, ends_s: float) -> float:
         return max(0.0, ends_s - self._clock.monotonic_s())
+
+
+def _answer_tokens(prompt: Prompt) -> int:
+    return TOKENS_BESIDES + (TOKENS_PER_SCORE if prompt.brief else TOKENS_PER_CASE) * len(prompt.keys)
 
 
 def _seen(future: asyncio.Future[str]) -> None:

@@ -1,5 +1,7 @@
 """A language model on an Ollama server: `ollama:<tag>`, `ollama:<tag>@<host:port>`; default host from OLLAMA_HOST.
 
+`ollama:<tag>+brief` asks for scores without the two sentences about each test case, which take most of the time.
+
 The model is loaded under its own deadline and kept loaded, with a fixed context, temperature 0 and a schema.
 """
 
@@ -10,6 +12,7 @@ from typing import Any, NamedTuple
 
 from saflite.contract.config import environment
 from saflite.contract.errors import Refused, Unavailable
+from saflite.scorer_pool.labels import split_brief
 from saflite.scorer_pool.llm.chat import Busy, ChatResult, Question, tokens
 from saflite.scorer_pool.llm.parse import ANSWER_CHARS_MAX, Reply
 from saflite.scorer_pool.llm.scorer import CONTEXT_TOKENS, LanguageModel
@@ -25,15 +28,17 @@ DEFAULT_HOST = "http://127.0.0.1:11434"
 class _Place(NamedTuple):
     tag: str
     host: str
+    brief: bool
 
 
 def _place(argument: str) -> _Place:
-    tag, _, host = argument.partition("@")
+    name, _, host = argument.partition("@")
+    tag, brief = split_brief(name)
     if not tag or any(char.isspace() for char in argument):
         raise Refused(
             "scorer model", expected="'ollama:<tag>' or 'ollama:<tag>@<host:port>'", got=f"'ollama:{argument}'"
         )
-    return _Place(tag, host or environment("OLLAMA_HOST", DEFAULT_HOST))
+    return _Place(tag, host or environment("OLLAMA_HOST", DEFAULT_HOST), brief)
 
 
 class OllamaChat:
@@ -47,7 +52,7 @@ class OllamaChat:
         from saflite.scorer_pool.llm.http import BoundedTransport
 
         logging.getLogger("httpx").setLevel(logging.WARNING)  # it tells of every single request
-        self._tag, host = _place(argument)
+        self._tag, host, self.brief = _place(argument)
         try:
             self._client = ollama.AsyncClient(
                 host=host,
@@ -142,4 +147,5 @@ class Model(LanguageModel):
 
     def __init__(self, argument: str, tools: Tools) -> None:
         label, chat = f"ollama:{argument}", OllamaChat(argument)
-        super().__init__(label, chat, tools.clock, tools.load_deadline_s, transcript=tools.transcript)
+        clock, deadline_s = tools.clock, tools.load_deadline_s
+        super().__init__(label, chat, clock, deadline_s, transcript=tools.transcript, brief=chat.brief)

@@ -1,5 +1,6 @@
 """A language model on any OpenAI-compatible server (GPT class, vLLM, llama.cpp): `openai:<model>@<base url>`.
 
+`openai:<model>+brief@<base url>` asks for scores without the two sentences about each test case.
 The key comes from OPENAI_API_KEY (none is sent if it is empty, nor to a host that the user's own settings or campaign
 file do not name: `scorer_pool/key_hosts.py`); prices, in dollars per million tokens, from
 SAFLITE_PRICES as `<in>,<out>`. Without `@<base url>` the address is OPENAI_BASE_URL or https://api.openai.com/v1.
@@ -13,6 +14,7 @@ from typing import Any, NamedTuple
 
 from saflite.contract.config import environment
 from saflite.contract.errors import Refused, Unavailable
+from saflite.scorer_pool.labels import split_brief
 from saflite.scorer_pool.llm.chat import Busy, ChatResult, Question, tokens
 from saflite.scorer_pool.llm.parse import ANSWER_CHARS_MAX, Reply
 from saflite.scorer_pool.llm.scorer import LanguageModel, Prices
@@ -41,14 +43,16 @@ class _Unfit(Refused):
 class _Place(NamedTuple):
     model: str
     url: str
+    brief: bool
 
 
 def _place(argument: str) -> _Place:
-    model, _, url = argument.partition("@")
+    name, _, url = argument.partition("@")
+    model, brief = split_brief(name)
     url = url or environment("OPENAI_BASE_URL", DEFAULT_URL)
     if not model or not url.startswith(("http://", "https://")) or any(char.isspace() for char in argument):
         raise Refused("scorer model", expected="'openai:<model>@<base url>'", got=f"'openai:{argument}'")
-    return _Place(model, url.rstrip("/"))
+    return _Place(model, url.rstrip("/"), brief)
 
 
 def _key_for(url: str) -> str:
@@ -82,7 +86,7 @@ class OpenAIChat:
 
     def __init__(self, argument: str) -> None:
         logging.getLogger("httpx").setLevel(logging.WARNING)  # it tells of every single request
-        self._model, self._url = _place(argument)
+        self._model, self._url, self.brief = _place(argument)
         self._formats = ["json_schema", "json_object", ""]
         self._fixed: dict[str, Any] = {"temperature": 0, "seed": 0}
         self._limit = "max_tokens"
@@ -212,11 +216,13 @@ class Model(LanguageModel):
     """A scorer model on an OpenAI-compatible server."""
 
     def __init__(self, argument: str, tools: Tools) -> None:
+        chat = OpenAIChat(argument)
         super().__init__(
             f"openai:{argument}",
-            OpenAIChat(argument),
+            chat,
             tools.clock,
             tools.load_deadline_s,
             prices(environment("SAFLITE_PRICES")),
             tools.transcript,
+            brief=chat.brief,
         )
