@@ -181,9 +181,13 @@ def test_a_real_language_model_scores_a_campaign_in_sentences(server: Server, tm
     loaded = {"model": "smollm2", "prompt": "Hello", "options": {"num_predict": 1}}  # or `blend` would answer meanwhile
     assert httpx.post(f"http://{server.host}/api/generate", json=loaded, timeout=120.0).status_code == 200
     label = f"ollama:smollm2@{server.host}"
-    run = Run(tmp_path, label, budget=6, more="cascade = false")
+    brief = f"ollama:smollm2+brief@{server.host}"
+    run = Run(tmp_path, label, budget=6, more=f'cascade = false\nshadow = ["{brief}"]')
     assert run.wait(600.0) in {0, 1}
     nothing_is_lost(run, 6)
+    silent = run.rows("SELECT reason FROM scores WHERE shadow = 1 AND model LIKE '%+brief@%' AND scored_by = model")
+    assert silent, "the same model never answered without words"
+    assert {str(row[0]) for row in silent} == {""}
     own = [str(row[0]) for row in run.rows("SELECT reason FROM scores WHERE shadow = 0 AND scored_by = model")]
     assert own, "the embedded scorer answered everything"
     assert sum(len(reason.split()) > 5 for reason in own) > 0.5 * len(own)
