@@ -68,7 +68,7 @@ def _lost(topics: Topics) -> Column | None:
     if roll is not None and pitch is not None:
         return roll[0], np.maximum(roll[1], pitch[1])
     bits = field(topics, "vehicle_status", "failure_detector_status")
-    return None if bits is None else (bits[0], (bits[1].astype(np.int64) & _ATTITUDE) > 0)
+    return None if bits is None else (bits[0], (bits[1].astype(np.int64) & _ATTITUDE > 0).astype(np.float64))
 
 
 def _crashes(

@@ -55,7 +55,7 @@ _NOT_OFFERED = ("MAV_", "SYS_", "SDLOG_", "IMU_INTEG_RATE", "CAL_", "SER_", "UXR
 """Parameters that would take the link, the clock or the log away rather than say anything of the vehicle."""
 _BUILT = ("CA_AIRFRAME", "CA_ROTOR", "CA_R_REV", "PWM_MAIN_FUNC", "PWM_MAIN_REV", "SENS_BOARD_")
 """Those that say how the vehicle is built and wired: where its rotors sit, which output turns which, how the board is
-turned. All of it can be set in flight within its documented range, and the vehicle tumbles: nobody rebuilds it there."""
+turned. All can be set in flight within documented ranges, and the vehicle tumbles at once: nobody rebuilds it there."""
 
 
 def describe(binary: Binary | None, listing: Listing | None, lacking: str) -> TargetInfo:
