@@ -2,8 +2,8 @@
 
 It speaks the simulator's interface in lockstep and MAVLink, and hovers, climbs and lands by a few gains. It knows no
 world: all it has are the sensors our side sends, or on physics of its own a mass that the throttles lift. Its
-parameters `SIM_DIE`, `SIM_HANG`, `SIM_SPIN`, `SIM_CUT` and `SIM_NO_MISSION` make it end by a signal, fall silent, set a
-thread of it spinning, stop its motors, or take no mission. On physics of its own it goes where set-points and
+parameters `SIM_DIE`, `SIM_HANG`, `SIM_SPIN`, `SIM_SPARSE`, `SIM_CUT` and `SIM_NO_MISSION` make it end by a signal, fall
+silent, set a thread of it spinning, answer one message of four, stop its motors, or take no mission. On physics of its own it goes where set-points and
 sticks lead it.
 """
 
@@ -34,6 +34,7 @@ NAMES = {
     "SIM_DIE": 0.0,
     "SIM_HANG": 0.0,
     "SIM_SPIN": 0.0,
+    "SIM_SPARSE": 0.0,
     "SIM_CUT": 0.0,
     "SIM_NEVER_READY": 0.0,
     "SIM_NO_MISSION": 0.0,
@@ -97,6 +98,7 @@ class Peer:
         self.items: list[Any] = []
         self.item, self.yaw = 0, 0.2
         self.spins: threading.Thread | None = None
+        self.given = 0
         self.aim = [0.0, 0.0]
         self.udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.udp.bind(("127.0.0.1", int(ground[1])))
@@ -186,6 +188,9 @@ class Peer:
         self.turn()
         assert self.simulator is not None
         controls = self.throttles() + [0.0] * 12
+        self.given += 1
+        if self.parameters["SIM_SPARSE"] and self.given % 4:
+            return
         self.simulator.mav.hil_actuator_controls_send(message.time_usec, controls, 128 * self.armed + 1, 1)
 
     def turn(self) -> None:

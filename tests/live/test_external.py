@@ -317,6 +317,14 @@ def test_a_thread_that_spins_while_the_others_answer_is_a_stall(
     assert record.delivered[0].at_s == 0.5
 
 
+def test_commands_that_come_now_and_then_are_not_waited_for_each_time(px4: StandIn) -> None:
+    clock = WallClock()
+    began_s = clock.monotonic_s()
+    record = px4.flown((0.5, "parameter", "SIM_SPARSE", 1.0), (4.5, "parameter", "SIM_SPARSE", 0.0), limit_s=6.0)
+    assert record.ending == "completed"
+    assert clock.monotonic_s() - began_s < 40.0  # 4 s of them were 50 s when each first one missed was waited for
+
+
 def test_a_thread_that_spins_before_the_start_is_a_stall_where_a_mission_was_given(
     px4: StandIn, monkeypatch: pytest.MonkeyPatch
 ) -> None:
