@@ -3,8 +3,8 @@
 It speaks the simulator's interface in lockstep and MAVLink, and hovers, climbs and lands by a few gains. It knows no
 world: all it has are the sensors our side sends, or on physics of its own a mass that the throttles lift. Its
 parameters `SIM_DIE`, `SIM_HANG`, `SIM_SPIN`, `SIM_SPARSE`, `SIM_CUT` and `SIM_NO_MISSION` make it end by a signal, fall
-silent, set a thread of it spinning, answer one message of four, stop its motors, or take no mission. On physics of its own it goes where set-points and
-sticks lead it.
+silent, set a thread of it spinning, answer one message of four, stop its motors, or take no mission. On physics of its
+own it goes where set-points and sticks lead it.
 """
 
 from __future__ import annotations
