@@ -31,6 +31,7 @@ NAMED_IN_THE_RULE = {
     "FS_THR_VALUE": {"a-rc-fs1", "a-rc-fs2"},
     "RTL_ALT_FINAL": {"a-rtl3"},
     "RTL_DESCEND_ALT": {"px-rtl3", "px-rtl4"},
+    "RTL_LAND_DELAY": {"px-rtl4"},
     "PILOT_SPEED_UP": {"a-sport1"},
     "BATT_LOW_VOLT": {"battery-failsafe"},
     "BATT_LOW_TIMER": {"battery-failsafe"},

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 import select
 import subprocess
 import sys
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -18,10 +20,12 @@ from saflite.contract.signals import grid
 from saflite.contract.target import Slot
 from saflite.contract.test_case import Obstacle, Scenario, StartState, Target, TestCase, Wind
 from saflite.flight.autopilots.ardupilot.adapter import ADAPTER as ARDUPILOT
+from saflite.flight.autopilots.external import process as process_module
 from saflite.flight.autopilots.external import vehicle as vehicle_module
 from saflite.flight.autopilots.external.adapter import Adapter
 from saflite.flight.autopilots.external.place import Place
 from saflite.flight.autopilots.external.process import Process
+from saflite.flight.autopilots.external.spinning import Spinning
 from saflite.flight.autopilots.px4.adapter import ADAPTER as PX4
 from saflite.flight.mission import builtin_mission
 from saflite.runtime.clock import WallClock
@@ -30,6 +34,7 @@ from saflite.simulator_worker.slots import take_slot
 from saflite.simulator_worker.targets._external import ForkingExternalSession
 
 pytestmark = pytest.mark.live
+SPINS_S = 0.3
 
 
 def never() -> bool:
@@ -300,6 +305,35 @@ def test_silence_is_a_stall(peer: StandIn, monkeypatch: pytest.MonkeyPatch) -> N
     assert record.message == "the autopilot hangs"
 
 
+@pytest.mark.parametrize("name", ["px4", "own_px4"])
+def test_a_thread_that_spins_while_the_others_answer_is_a_stall(
+    name: str, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(process_module, "Spinning", partial(Spinning, spins_s=SPINS_S))
+    record = request.getfixturevalue(name).flown((0.5, "parameter", "SIM_SPIN", 1.0), limit_s=3600.0)
+    assert record.ending == "wedged"
+    assert re.fullmatch(r"the autopilot hangs: its thread \S+ works and never waits", record.message)
+    assert record.delivered is not None
+    assert record.delivered[0].at_s == 0.5
+
+
+def test_commands_that_come_now_and_then_are_not_waited_for_each_time(px4: StandIn) -> None:
+    clock = WallClock()
+    began_s = clock.monotonic_s()
+    record = px4.flown((0.5, "parameter", "SIM_SPARSE", 1.0), (4.5, "parameter", "SIM_SPARSE", 0.0), limit_s=6.0)
+    assert record.ending == "completed"
+    assert clock.monotonic_s() - began_s < 40.0  # 4 s of them were 50 s when each first one missed was waited for
+
+
+def test_a_thread_that_spins_before_the_start_is_a_stall_where_a_mission_was_given(
+    px4: StandIn, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(process_module, "Spinning", partial(Spinning, spins_s=SPINS_S))
+    scenario = Scenario(mission=builtin_mission("mission2"), time_limit_s=3600.0)
+    target = Target(name="px4", parameters={"SIM_SPIN": 1.0})
+    assert px4.fly(TestCase(target=target, scenario=scenario)).ending == "wedged"
+
+
 def test_bring_up_that_fails_is_ours_unless_the_test_case_asked_for_it(peer: StandIn) -> None:
     record = peer.flown(SIM_NEVER_READY=1.0)
     assert record.trace is not None
@@ -346,6 +380,7 @@ def test_it_ends_with_whoever_started_it(tmp_path: Path) -> None:
 import os, time
 from pathlib import Path
 from saflite.flight.autopilots.external.process import Process
+from saflite.flight.autopilots.external.spinning import Spinning
 print(Process(["/bin/sleep", "600"], Path({str(tmp_path)!r}))._process.pid, flush=True)
 """
     pid = int(subprocess.run([sys.executable, "-c", starting], capture_output=True, check=True, text=True).stdout)

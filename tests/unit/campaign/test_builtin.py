@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from saflite.campaign.presets.campaigns import builtin_campaigns, load_campaign, template
+from saflite.campaign.presets.policy_campaigns import ALL, policy_campaign
 from saflite.console import templates
 from saflite.contract.errors import Refused
 from saflite.contract.rng import derive
@@ -50,6 +51,19 @@ def test_a_built_in_campaign_can_be_run_as_it_stands(name: str) -> None:
     assert (case.scenario.mission is None) != (case.scenario.start is None)
     if case.scenario.mission is not None:
         assert waypoints(case.scenario.mission)
+
+
+@pytest.mark.parametrize("name", ["reference", "ardupilot", "px4"])
+def test_all_rules_that_fit_a_target_can_be_searched_there_with_their_procedures(name: str) -> None:
+    if why_missing(name):
+        pytest.skip(f"{name}: {why_missing(name)}")
+    target = load_target(name)
+    campaign = policy_campaign(ALL, target.describe())
+    assert campaign is not None
+    settings = {**campaign.strategy.settings, "followed": 1.0}
+    strategy = load_strategy(campaign.strategy.name)(template(campaign), settings, campaign.policies, target.describe())
+    for proposed in strategy.ask(40, derive(1, name)):
+        target.check(proposed)
 
 
 @pytest.mark.parametrize("name", ["avoidance-m9", "", "../builtin/avoidance-m1", "nonsense.toml"])

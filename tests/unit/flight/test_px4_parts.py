@@ -48,6 +48,8 @@ LISTING = Listing(
         "IMU_INTEG_RATE": Row(250.0, INT32),
         "CP_DIST": Row(-1.0, REAL32),
         "RC_FAILS_THR": Row(0.0, INT32),
+        "CA_ROTOR0_PX": Row(0.15, REAL32),
+        "SENS_BOARD_X_OFF": Row(0.0, REAL32),
     },
 )
 
@@ -245,7 +247,7 @@ def test_the_description_comes_from_the_binary(tmp_path: Path) -> None:
     info = describe(found, LISTING, "")
     assert list(own_contradictions(info)) == []
     names = {entry.name for entry in info.inputs if entry.kind == "parameter"}
-    assert names == {"RTL_RETURN_ALT", "GF_ACTION", "CP_DIST"}  # not what the adapter itself sets
+    assert names == {"RTL_RETURN_ALT", "GF_ACTION", "CP_DIST"}  # not what the adapter sets, nor how it is built
     assert "rtl_altitude_set_m" in info.signals
     assert "hold_altitude_min_set_m" not in info.signals  # this binary has no such parameter
     assert str(tmp_path) not in repr(info)

@@ -42,6 +42,12 @@ def test_a_return_that_counts_from_the_terrain_has_no_height_that_a_log_tells() 
     assert math.isnan(height({"RTL_ALT": 1500.0, "RTL_ALT_TYPE": 1.0}))
 
 
+def test_a_px4_that_looks_for_its_landing_place_may_wait_at_any_height() -> None:
+    height = PX4["rtl_descend_altitude_set_m"]
+    assert [height({"RTL_DESCEND_ALT": 10.0, **given}) for given in ({}, {"RTL_PLD_MD": 0.0})] == [10.0, 10.0]
+    assert math.isnan(height({"RTL_DESCEND_ALT": 10.0, "RTL_PLD_MD": 2.0}))
+
+
 @pytest.mark.parametrize("table", [ARDUPILOT, PX4], ids=["ArduPilot", "PX4"])
 @pytest.mark.parametrize("value", [-1e9, -1.0, 0.0, 0.5, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 100.0, NAN, math.inf])
 def test_no_value_of_a_parameter_is_as_if_it_were_not_there(value: float, table: dict[str, Plain | Made]) -> None:

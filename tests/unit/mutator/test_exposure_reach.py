@@ -192,6 +192,18 @@ def test_a_search_within_ranges_leaves_out_what_has_none_and_drives_no_command_t
     assert {one.name for test_case in wide for one in test_case.stimuli} >= {"BOUNDLESS", "HALF_BOUNDED"}
 
 
+def test_a_search_within_ranges_follows_a_procedure_that_tells_the_value_of_what_has_none() -> None:
+    inputs = (InputInfo(kind="parameter", name="HALF_BOUNDED", low=-1.0), InputInfo(kind="mode", name="RTL"))
+    other = msgspec.structs.replace(describe(), name="other", inputs=inputs)
+    procedures: list[float | int | str | bool] = [
+        f"upright air 20; HALF_BOUNDED {value}; RTL; wait 5" for value in ("-1", "~")
+    ]
+    settings: dict[str, Setting] = {"hints": [], "procedures": procedures, "followed": 1.0, "beyond": 0.0}
+    cases = Strategy(TEMPLATE, settings, ("upright",), other).ask(60, derive(1, "test"))
+    given = {one.values for test_case in cases for one in test_case.stimuli if one.name == "HALF_BOUNDED"}
+    assert given == {(-1.0,)}
+
+
 def test_a_drawn_mission_holds_nothing_that_the_target_takes_in_none() -> None:
     settings: dict[str, Setting] = {"hints": [], "missions": 1.0, "kept": 0.0, "routed": 0.0}
 

@@ -200,9 +200,14 @@ def _px4_fence(given: Parameters) -> float:
     return float((given["GF_MAX_VER_DIST"] > 0) + 2 * (given["GF_MAX_HOR_DIST"] > 0))
 
 
+def _px4_descend(given: Parameters) -> float:
+    """Not known where precision landing is on: it may climb and wait for its target above home."""
+    return math.nan if given.get("RTL_PLD_MD", 0.0) > 0.0 else given["RTL_DESCEND_ALT"]
+
+
 PX4: dict[str, Plain | Made] = {
     "rtl_altitude_set_m": _of("RTL_RETURN_ALT"),
-    "rtl_descend_altitude_set_m": _of("RTL_DESCEND_ALT"),
+    "rtl_descend_altitude_set_m": Made("RTL_DESCEND_ALT with RTL_PLD_MD", _px4_descend),
     "rtl_altitude_final_set_m": Made(
         "RTL_LAND_DELAY and RTL_DESCEND_ALT",
         lambda given: given["RTL_DESCEND_ALT"] if given["RTL_LAND_DELAY"] < 0 else 0.0,

@@ -22,7 +22,7 @@ from saflite.contract.errors import Refused
 from saflite.contract.flight import Trace
 from saflite.contract.signals import MODES
 from saflite.contract.test_case import Stimulus
-from saflite.flight.logs import ulog_states
+from saflite.flight.logs import ulog_failures, ulog_states
 from saflite.flight.logs.flight_log import (
     NO_ORDERS,
     UNTOLD,
@@ -72,7 +72,7 @@ _WANTED = tuple(
     " mission_result vehicle_gps_position sensor_gps manual_control_setpoint battery_status home_position"
     " vehicle_local_position_setpoint vehicle_land_detected vehicle_command failsafe_flags vehicle_status_flags"
     " vehicle_command_ack geofence_result vehicle_air_data vehicle_control_mode actuator_armed orbit_status"
-    " estimator_status estimator_status_flags".split()
+    " estimator_status estimator_status_flags actuator_motors failure_detector_status".split()
 )
 _NO_COPTERS = (1, 7, 8, 9, 10, 11, 12, 16)  # MAV_TYPE of planes, airships, balloons, rockets, rovers, boats, wings
 _LOCAL = {"x": ("x_m", 1.0), "y": ("y_m", 1.0), "z": ("altitude_m", -1.0)}
@@ -92,6 +92,7 @@ SOURCES = {
     "altitude_target_m": "vehicle_local_position_setpoint",
     "home_distance_m": "home_position, else from where the log begins",
     **ulog_states.SOURCES,
+    **ulog_failures.SOURCES,
     **NO_ORDERS,
     **sources(PX4),
     "takeoff_altitude_set_m": "parameter MIS_TAKEOFF_ALT with vehicle_command and home_position",
@@ -133,6 +134,8 @@ def read_ulog_log(path: Path, *, placed: bool = False) -> FlightLog:
     ulog_states.add_position_aided(topics, parameters, changes, columns)
     ulog_states.add_parachute(topics, parameters, columns)
     ulog_states.add_fence_that_never_acts(parameters, changes, columns)
+    ulog_failures.add_throttle(topics, columns)
+    crashed = ulog_failures.add_crash(topics, parameters, changes, columns)
     homes = homes_of_px4(topics, frame)
     homeless = () if placed else _from_home(homes, columns)
     add_home(columns, homes)
@@ -144,7 +147,7 @@ def read_ulog_log(path: Path, *, placed: bool = False) -> FlightLog:
     trace = columns.trace("PX4 log", str(path), placed=placed)
     stimuli = within([*set_by_hand, *commands_of(topics)], *columns.span("PX4 log", str(path), placed=placed))
     told = {**told_of(SOURCES, topics, columns), **dict.fromkeys(homeless, NO_HOME)}
-    return FlightLog(trace, stimuli, told, untold=UNTOLD, lost=lost)
+    return FlightLog(trace, stimuli, told, crashed, UNTOLD, lost)
 
 
 def _load(path: Path) -> _Load:

@@ -30,7 +30,6 @@ SOURCES: dict[str, str] = {
     "baro_ok": "vehicle_air_data",
     "stop_ordered": "actuator_armed or vehicle_command",
     "chute_released": "vehicle_control_mode.flag_control_termination_enabled or actuator_armed.force_failsafe",
-    "crashed": "no message: PX4 does not say that it crashed",
     "circle_radius_m": "orbit_status",
     "circle_rate_dps": "no message: the rate of an orbit is not logged",
 }

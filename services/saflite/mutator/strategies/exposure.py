@@ -12,7 +12,7 @@ spliced, extended. Routes to states seldom tried are read from the state model.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from functools import partial
 from itertools import pairwise
 from typing import ClassVar
@@ -34,7 +34,7 @@ from saflite.mutator.exposure.phases import TAIL_S, Draw, Phase, Script, Stimuli
 from saflite.mutator.exposure.plans import Planner
 from saflite.mutator.exposure.probes import Probes
 from saflite.mutator.exposure.procedures import SHAPE as PROCEDURE_SHAPE
-from saflite.mutator.exposure.procedures import read_procedures
+from saflite.mutator.exposure.procedures import Procedure, read_procedures
 from saflite.mutator.exposure.progress import answers, applied_s, by_policy
 from saflite.mutator.exposure.recipes import Recipes
 from saflite.mutator.exposure.scenarios import Scenarios, scenarios_of
@@ -44,6 +44,7 @@ from saflite.mutator.exposure.taken import Taken
 from saflite.mutator.exposure.vocabulary import Vocabulary
 from saflite.mutator.exposure.writer import Memory, Writer
 from saflite.mutator.operators import inputs
+from saflite.mutator.operators.inputs import Have
 from saflite.mutator.operators.sequences import moved_to_start
 from saflite.mutator.strategy import Chosen, Option, Options, Proposes, Settings
 
@@ -98,7 +99,7 @@ class Strategy:
         if template.scenario.start is None and template.scenario.mission is None:
             raise Refused("strategy", expected="a campaign with a start state or a mission", got="neither")
         self._in_range = self._chosen.real("beyond") == 0.0
-        self._have = inputs.target_inputs(target, template.target.settings)
+        self._have = all_there_are = inputs.target_inputs(target, template.target.settings)
         lacking = target.lacking(template.target.settings)
         if self._in_range:  # of what has no documented range nobody can say whether a value is within
             lacking |= {entry.name for entry in self._have.values() if not numbers.has_range(entry)}
@@ -124,7 +125,8 @@ class Strategy:
         self._recipes = Recipes({hint.policy: hint.quiet_s for hint in hints})
         followed, crossed = self._chosen.real("followed"), self._chosen.real("crossed")
         self._plans = Planner(self._states, self._survival, followed, crossed)
-        self._plans.tell_of(hints, read_procedures(self._chosen.words("procedures"), policies, self._have))
+        told = read_procedures(self._chosen.words("procedures"), policies, all_there_are)
+        self._plans.tell_of(hints, {name: tuple(_drawable(found, self._have)) for name, found in told.items()})
         memory = Memory(self._states, self._recipes, self._taken, self._plans)
         self._writer = Writer(self._have, self._drawing, self._probes, memory, self._chosen.real("recalled"))
         self._writer.tell_of(hints)
@@ -339,3 +341,11 @@ class Strategy:
 def _without(text: str, lacking: Collection[str]) -> str:
     """Return a hint without the inputs that cannot be given with the target's settings."""
     return " ".join(word for word in text.split() if word.rpartition(":")[2].partition("=")[0] not in lacking)
+
+
+def _drawable(procedures: Iterable[Procedure], have: Have) -> Iterator[Procedure]:
+    """Yield those that leave no value open of an input that is not drawn; one that tells the value may give any."""
+    for one in procedures:
+        open_ones = (entry for step in one.steps if step.usual for entry in step.entries)
+        if all((entry.kind, entry.name) in have for entry in open_ones):
+            yield one

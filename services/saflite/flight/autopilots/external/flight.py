@@ -77,6 +77,7 @@ class ExternalFlight(ABC):
         self._inputs: Inputs
         self._aircraft: Any = None
         self._ended_s: float | None = None
+        self._uploaded = False  # a mission, or a part of it
         self._over_s = -1.0  # the last moment at which nothing but stimuli to come kept the flight from its end
         self.note = ""
 
@@ -110,12 +111,12 @@ class ExternalFlight(ABC):
         try:
             aircraft = self._aircraft = self._powered_up()
         except FailedBringUp as fault:
-            return self._unstarted(str(fault))
+            return self._unstarted(GONE, str(fault))
         try:
             self._begin(aircraft)
         except Stopped as fault:
             aircraft.process.listen()
-            record = self._unstarted(aircraft.trouble(fault.came), aircraft.artefacts(self.LOG))
+            record = self._unstarted(fault.came, aircraft.trouble(fault.came), aircraft.artefacts(self.LOG))
             aircraft.close()
             return record
         except BaseException:
@@ -123,15 +124,16 @@ class ExternalFlight(ABC):
             raise
         return self._rest(aircraft)
 
-    def _unstarted(self, why: str, artefacts: tuple[tuple[str, bytes], ...] = ()) -> FlightRecord:
-        """Return the record of a flight that never began: a death is a finding where the test case set parameters.
+    def _unstarted(self, came: int, why: str, artefacts: tuple[tuple[str, bytes], ...] = ()) -> FlightRecord:
+        """Return the record of a flight that never began: a finding where the test case set parameters or a mission.
 
         Raises:
-            Unavailable: it set none, so the test case is not to blame.
+            Unavailable: nothing of the test case had reached it, so that is not to blame.
         """
-        if not self.test_case.target.parameters:
+        if not (self.test_case.target.parameters or self._uploaded):
             raise Unavailable(f"{self._version} did not come up: {why}")
-        return FlightRecord("autopilot_died", None, f"before the start: {why}", (), artefacts)
+        ending: Ending = "wedged" if came == SILENT and self._uploaded else "autopilot_died"
+        return FlightRecord(ending, None, f"before the start: {why}", (), artefacts)
 
     def _rest(self, aircraft: Any) -> FlightRecord:
         try:
@@ -253,6 +255,7 @@ class ExternalFlight(ABC):
         """
         client = aircraft.client
         before = len(client.texts)
+        self._uploaded = True
         answer = client.upload(mission, UPLOAD_S)
         if answer.state == "timed_out":
             return "the mission was not answered"

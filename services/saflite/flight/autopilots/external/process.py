@@ -14,6 +14,7 @@ from pathlib import Path
 
 from saflite.contract.errors import Unavailable
 from saflite.contract.memory_faults import is_memory_report
+from saflite.flight.autopilots.external.spinning import Spinning
 
 CONSOLE_MAX = 200_000
 READ_BYTES = 65_536
@@ -71,6 +72,7 @@ class Process:
         finally:
             os.close(theirs)
         self._console, self._said = ours, bytearray()
+        self._spinning = Spinning(self._process.pid)
 
     @property
     def still(self) -> bool:
@@ -86,6 +88,10 @@ class Process:
                 for task in tasks.iterdir():
                     waiting += map(int, (task / "children").read_text().split())
                     yield (task / "stat").read_text().rpartition(")")[2].split()[0]
+
+    def spinning(self) -> str:
+        """Return the name of a thread of it that works and never waits, "" where there is none; see `Spinning`."""
+        return self._spinning.named()
 
     @property
     def console(self) -> str:

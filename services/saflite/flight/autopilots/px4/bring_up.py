@@ -17,10 +17,18 @@ from saflite.contract.errors import Unavailable
 from saflite.flight.autopilots.external import aircraft
 from saflite.flight.autopilots.external.aircraft import HOME
 from saflite.flight.autopilots.external.binary import Binary
-from saflite.flight.autopilots.external.link import CENTRE_US, LOOPBACK, LOW_US, TICK_STEPS, LockstepPort, bound_udp
+from saflite.flight.autopilots.external.link import (
+    CENTRE_US,
+    LOOPBACK,
+    LOW_US,
+    TICK_STEPS,
+    LockstepPort,
+    Stopped,
+    bound_udp,
+)
 from saflite.flight.autopilots.external.place import FailedBringUp, Place, outside
 from saflite.flight.autopilots.external.process import Process
-from saflite.flight.autopilots.external.vehicle import GONE, OK
+from saflite.flight.autopilots.external.vehicle import GONE, OK, SILENT
 from saflite.flight.autopilots.px4.binary import AIRFRAME, OWN_AIRFRAME, START_UP, start_up_of
 from saflite.flight.autopilots.px4.gate import Gate
 from saflite.flight.autopilots.px4.settings import TUNE
@@ -73,6 +81,7 @@ class Aircraft(aircraft.Aircraft):
     """
 
     process: Process
+    _hangs = ""
     patient = False
     """Whether time stands still before each tick while anything of it works or waits for a disk."""
 
@@ -109,6 +118,9 @@ class Aircraft(aircraft.Aircraft):
             udp.sendto(data, (LOOPBACK, vehicle_port))
 
         def before() -> None:
+            if thread := self.process.spinning():
+                self._hangs = f": its thread {thread} works and never waits"
+                raise Stopped(SILENT)
             if self.patient:
                 self._let_work()
             self._before_tick()
@@ -205,6 +217,10 @@ class Aircraft(aircraft.Aircraft):
             if still == LOOKS_ALIKE:
                 return
             select([], [], [], LOOK_S)
+
+    def trouble(self, came: int) -> str:
+        """See the class above; one thread may hang while the others answer, and then it is named."""
+        return super().trouble(came) + self._hangs
 
     def logs(self) -> dict[str, bytes]:
         """Return the ULog files it wrote, by name, oldest first."""

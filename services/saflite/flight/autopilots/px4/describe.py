@@ -53,6 +53,9 @@ SETTINGS = {
 }
 _NOT_OFFERED = ("MAV_", "SYS_", "SDLOG_", "IMU_INTEG_RATE", "CAL_", "SER_", "UXRCE_", "SIM_", "SIH_", "COM_FLIGHT")
 """Parameters that would take the link, the clock or the log away rather than say anything of the vehicle."""
+_BUILT = ("CA_AIRFRAME", "CA_ROTOR", "CA_R_REV", "PWM_MAIN_FUNC", "PWM_MAIN_REV", "SENS_BOARD_")
+"""Those that say how the vehicle is built and wired: where its rotors sit, which output turns which, how the board is
+turned. All can be set in flight within documented ranges, and the vehicle tumbles at once: nobody rebuilds it there."""
 
 
 def describe(binary: Binary | None, listing: Listing | None, lacking: str) -> TargetInfo:
@@ -114,5 +117,5 @@ def _faults() -> Iterator[InputInfo]:
 def _parameters(listing: Listing, binary: Path) -> Iterator[InputInfo]:
     told = documented(binary)
     for name, row in listing.parameters.items():
-        if not name.startswith(_NOT_OFFERED) and name not in TUNE:
+        if not name.startswith((*_NOT_OFFERED, *_BUILT)) and name not in TUNE:
             yield parameter(name, row, told.get(name, Documented()), row.value)

@@ -7,7 +7,7 @@
 #include <sys/socket.h>
 
 enum { STEPS_PER_MESSAGE = 2, STEPS_PER_RADIO = 8 };
-enum { STARTING_MS = 4, FIRST_MISS_MS = 250, MISS_MS = 4, QUIET_MAX = 100 }; /* half a simulated second */
+enum { STARTING_MS = 4, MISS_MS = 4, MISS_MAX_MS = 250, IN_ROW_MAX = 6, QUIET_MAX = 100 }; /* half a simulated second */
 static const uint64_t STEP_US = 2500, BEGIN_US = 1000000;
 static const double LANDED_M = 0.1, UPRIGHT = 0.93, SETTLED_MPS = 1.5; /* cosine of 21 degrees */
 
@@ -29,7 +29,7 @@ size_t px4_offset(int part) /* of the world 0, of the sensors 1, of the slots he
 void px4_connect(Px4 *p, int tcp, int udp, int silent_ms, const double home[3], int own_physics)
 {
     p->tcp = tcp, p->udp = udp, p->silent_ms = silent_ms, p->own_physics = own_physics;
-    p->answered_us = 0, p->unanswered = p->quiet = 0, p->held_bytes = p->said_bytes = 0;
+    p->answered_us = 0, p->in_row = IN_ROW_MAX, p->quiet = 0, p->held_bytes = p->said_bytes = 0;
     memcpy(p->home, home, sizeof p->home);
 }
 
@@ -94,16 +94,24 @@ static int miss(Px4 *p)
     if (p->answered_us == 0)
         return PX4_OK;
     drain_ground(p);
-    p->unanswered++;
+    p->in_row = 0;
     p->quiet = p->said_bytes == before ? p->quiet + 1 : 0;
     return p->quiet > QUIET_MAX ? await_word(p) : PX4_OK;
+}
+
+/* How long to wait for motor commands: the longer the more it has given in a row. Who waited as long after each one that
+ * came would wait for nearly all the others of a PX4 that gives one now and then (accelerometer switched off, say). */
+static int patience_ms(const Px4 *p)
+{
+    const int ms = p->answered_us == 0 ? STARTING_MS : MISS_MS << p->in_row;
+    return ms < MISS_MAX_MS ? ms : MISS_MAX_MS;
 }
 
 /* Wait for the motor commands of a time. PX4 gives none before all its modules run, and none while nothing reaches its
  * rate controller (gyros switched off, say): its clock must go on all the same, so after a while we do without. */
 static int await(Px4 *p, uint64_t time_us)
 {
-    const int missed = p->answered_us == 0 ? STARTING_MS : p->unanswered > 0 ? MISS_MS : FIRST_MISS_MS;
+    const int missed = patience_ms(p);
     struct pollfd link = {p->tcp, POLLIN, 0};
     while (p->answered_us < time_us) {
         const int ready = poll(&link, 1, missed);
@@ -115,7 +123,8 @@ static int await(Px4 *p, uint64_t time_us)
         if (trouble != PX4_OK)
             return trouble;
     }
-    p->unanswered = p->quiet = 0;
+    p->in_row += p->in_row < IN_ROW_MAX;
+    p->quiet = 0;
     return PX4_OK;
 }
 

@@ -49,7 +49,7 @@ typedef struct {
     double home[3];          /* degrees, degrees, metres above sea */
     double throttles[MOTORS];
     uint64_t answered_us;    /* time of the last motor commands */
-    int32_t tcp, udp, silent_ms, unanswered, quiet; /* the last two count messages */
+    int32_t tcp, udp, silent_ms, in_row, quiet; /* messages answered in a row, up to some; without a word on any link */
     int32_t own_physics;     /* PX4's, run step by step through the gate of `preload/gate.c`, which `tcp` then is */
     uint32_t held_bytes, said_bytes;
     uint8_t sequence, armed;

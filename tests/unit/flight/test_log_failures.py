@@ -1,0 +1,123 @@
+"""Of a PX4 log: an attitude that was lost for good is a crash, what cannot be told of one is not told; motors' load."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from log_bytes import POSITION, STATUS, ulog
+
+from saflite.flight.logs.flight_log import FlightLog
+from saflite.flight.logs.ulog import read_ulog_log
+
+STABILIZE, ACRO, TERMINATION = 15, 10, 13
+UP_S, END_S = 3.0, 30.0
+Spans = Sequence[tuple[float, float]]
+
+
+def within(at_s: float, spans: Spans) -> bool:
+    return any(start <= at_s < end for start, end in spans)
+
+
+def written(
+    tmp_path: Path,
+    *,
+    lost: Spans = (),
+    ended: Spans = (),
+    down: Spans = (),
+    armed: Spans = ((2.0, 25.0),),
+    mode: int = STABILIZE,
+    parameters: dict[str, float] | None = None,
+    motors: tuple[float, ...] = (0.4, 0.5, 0.6, 0.5),
+    older: bool = False,
+) -> Path:
+    """Flown from 3 s on, 10 m up, on the ground again in the spans of `down`; `lost`: what the detector says."""
+    topics = {
+        "vehicle_local_position": POSITION,
+        "vehicle_status": [*STATUS, ("H", "failure_detector_status")] if older else STATUS,
+        "vehicle_land_detected": [("?", "landed")],
+        "vehicle_control_mode": [("?", "flag_control_termination_enabled")],
+        "actuator_motors": [("f", f"control[{i}]") for i in range(len(motors))],
+    }
+    if not older:
+        topics["failure_detector_status"] = [("?", "fd_roll"), ("?", "fd_pitch")]
+    rows: list[tuple[str, float, tuple[float, ...]]] = []
+    for tenth in range(10, int(END_S * 10)):
+        at_s = tenth / 10
+        stands = at_s < UP_S or within(at_s, down)
+        rows.append(("vehicle_local_position", at_s, (0.0, 0.0, 0.0 if stands else -10.0, 0.0, 0.0, 0.0, True)))
+        status = (mode, 2 if within(at_s, armed) else 1)
+        rows.append(("vehicle_status", at_s, (*status, 2 * within(at_s, lost)) if older else status))
+        rows.append(("vehicle_land_detected", at_s, (stands,)))
+        rows.append(("vehicle_control_mode", at_s, (within(at_s, ended),)))
+        rows.append(("actuator_motors", at_s, motors))
+        if not older:
+            rows.append(("failure_detector_status", at_s, (False, within(at_s, lost))))
+    path = tmp_path / "flight.ulg"
+    path.write_bytes(ulog(topics, rows, parameters))
+    return path
+
+
+def crashed(log: FlightLog, at_s: float) -> float:
+    """Return the signal at a moment of the log's own time, which begins at 1 s."""
+    return float(log.trace.array("crashed")[round((at_s - 1.0) / log.trace.step_s)])
+
+
+LANDS = ((24.0, END_S),)
+
+
+@pytest.mark.parametrize("older", [False, True])
+def test_who_tumbles_until_the_motors_stop_has_crashed(older: bool, tmp_path: Path) -> None:
+    log = read_ulog_log(written(tmp_path, lost=((20.0, END_S),), older=older))
+    assert log.crashed
+    assert [crashed(log, at_s) for at_s in (10.0, 19.5, 20.5, 28.0)] == [0.0, 0.0, 1.0, 1.0]
+
+
+def test_who_is_terminated_for_it_has_crashed_though_nothing_watches_any_more(tmp_path: Path) -> None:
+    log = read_ulog_log(written(tmp_path, lost=((20.0, 20.5),), ended=((20.4, END_S),)))
+    assert [crashed(log, at_s) for at_s in (19.5, 21.0, 28.0)] == [0.0, 1.0, 1.0]
+
+
+def test_who_catches_himself_and_lands_has_not_crashed(tmp_path: Path) -> None:
+    log = read_ulog_log(written(tmp_path, lost=((10.0, 11.0),), down=LANDS))
+    assert not log.crashed
+    assert [crashed(log, at_s) for at_s in (10.5, 20.0, 28.0)] == [0.0, 0.0, 0.0]
+
+
+def test_who_is_terminated_in_level_flight_or_disarmed_in_the_air_came_down_nobody_knows_how(tmp_path: Path) -> None:
+    for ended in ((), ((20.0, END_S),)):
+        log = read_ulog_log(written(tmp_path, ended=ended))
+        assert not log.crashed
+        assert crashed(log, 19.0) == 0.0
+        assert math.isnan(crashed(log, 28.0))
+
+
+def test_in_acro_nothing_watches(tmp_path: Path) -> None:
+    log = read_ulog_log(written(tmp_path, mode=ACRO, down=LANDS))
+    assert math.isnan(crashed(log, 20.0))
+
+
+@pytest.mark.parametrize("name", ["FD_FAIL_R", "FD_FAIL_P"])
+def test_a_detector_that_is_switched_off_tells_nothing(name: str, tmp_path: Path) -> None:
+    log = read_ulog_log(written(tmp_path, parameters={name: 0.0}, down=LANDS))
+    assert "crashed" not in log.trace.signals
+
+
+def test_who_is_armed_again_has_not_crashed_yet(tmp_path: Path) -> None:
+    log = read_ulog_log(written(tmp_path, lost=((8.0, 10.0),), armed=((2.0, 9.0), (14.0, 25.0)), down=LANDS))
+    assert [crashed(log, at_s) for at_s in (8.5, 12.0, 20.0)] == [1.0, 1.0, 0.0]
+
+
+def test_the_load_is_the_mean_of_the_motors_there_are_while_armed(tmp_path: Path) -> None:
+    log = read_ulog_log(written(tmp_path, motors=(0.4, 0.5, 0.6, 0.7, math.nan, math.nan), down=LANDS))
+    load, armed = log.trace.array("throttle"), log.trace.array("armed") > 0
+    assert np.allclose(load[armed], 0.55)
+    assert np.isnan(load[~armed]).all()
+
+
+def test_motors_that_all_stand_have_no_load(tmp_path: Path) -> None:
+    log = read_ulog_log(written(tmp_path, motors=(math.nan,) * 4))
+    assert log.trace.array("throttle")[round(10.0 / log.trace.step_s)] == 0.0
