@@ -56,6 +56,10 @@ class _Bounded(H11Protocol):
         cycle = self.cycle
         return cycle is not None and not cycle.response_complete
 
+    @property
+    def _has_asked(self) -> bool:
+        return self.cycle is not None
+
     def _end_silent(self) -> None:
-        if self.cycle is None:
+        if not self._has_asked:
             self.transport.abort()
