@@ -213,7 +213,7 @@ def test_flights_repeat_bit_by_bit_also_after_others(ardupilot: StandIn) -> None
 @pytest.fixture
 def forking(ardupilot: StandIn) -> Iterator[ForkingExternalSession]:
     """A session whose flights are forked from their start."""
-    folder, ports = ardupilot.place
+    folder, ports, _ = ardupilot.place
     slot = Slot(index=0, folder=folder, clock=WallClock(), ports=ports)
     session = ForkingExternalSession(slot, ardupilot.adapter, ardupilot.binary, ardupilot.listing)
     yield session

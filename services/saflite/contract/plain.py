@@ -32,6 +32,11 @@ def argument(path: Path | str) -> str:
     return shlex.quote(f"./{text}" if text.startswith("-") else text)
 
 
+def in_unicode(path: Path | str) -> str:
+    """Return a path as JSON can hold it: bytes of a name that are no UTF-8 as escapes."""
+    return str(path).encode("utf-8", "backslashreplace").decode()
+
+
 def cell(value: object) -> object:
     """Return a value as it may stand in a CSV file: no text there is a formula to whoever opens it as a table."""
     if not isinstance(value, str):

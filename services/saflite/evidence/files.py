@@ -11,6 +11,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from saflite.contract.blobs import BlobMissing, BlobRef
+from saflite.contract.config import new_file_mode
 from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.ids import digest
 from saflite.contract.outside import read_bytes
@@ -24,7 +25,7 @@ def write_whole(path: Path, data: bytes) -> None:
     try:
         handle, beside = _opened_in(path.parent)
         try:
-            os.fchmod(handle, 0o644)
+            os.fchmod(handle, new_file_mode())
             with os.fdopen(handle, "wb") as file:
                 file.write(data)
             os.replace(beside, path)

@@ -6,6 +6,7 @@ import os
 import tempfile
 from pathlib import Path
 
+from saflite.contract.config import new_file_mode
 from saflite.contract.errors import Unavailable
 
 
@@ -17,7 +18,7 @@ def write_file(path: Path, text: str) -> None:
         try:
             with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as file:
                 file.write(text)
-            Path(partial).chmod(0o644)
+            Path(partial).chmod(new_file_mode())
             Path(partial).replace(path)
         except OSError:
             Path(partial).unlink(missing_ok=True)

@@ -28,6 +28,8 @@ from saflite.simulator_worker.processes import identity
 FARM_FILE = "farm.json"
 ANSWER_S = 5.0
 RETRY_S = 0.2
+EARLY_MAX = 10_000
+"""Facts kept that came before earlier ones: those that are left out are asked for."""
 QUIET_S = 1.0  # after this long without a fact the books are asked whether one was missed
 
 T = TypeVar("T")
@@ -116,6 +118,13 @@ def _nothing() -> None:
 
 def _events_of(answer: Answer) -> list[Event]:
     return [wire.decode(data, Event) for data in answer.events]
+
+
+def _from(wanted: int, events: list[Event]) -> list[Event]:
+    """Return events that are to follow each other from a number on; raises Refused for others: that would never end."""
+    if [event.seq for event in events] != list(range(wanted, wanted + len(events))):
+        raise Refused("answer of the books", expected=f"events from {wanted} on, in order", got="others")
+    return events
 
 
 class FarmClient:
@@ -213,9 +222,10 @@ class FarmClient:
             self._pause(RETRY_S)
 
     def status(self, *, within_s: float = 30.0) -> Status:
-        """Return the campaign at a glance; raises Unavailable if the books do not answer."""
+        """Return the campaign at a glance; raises Unavailable if the books do not answer, Refused for other answers."""
         status = self.order("status", within_s=within_s).status
-        assert status is not None, "an answer to `status` holds one"
+        if status is None:
+            raise Refused("answer of the books", expected="a status", got="none")
         return status
 
     def watch(
@@ -229,6 +239,7 @@ class FarmClient:
 
         Raises:
             Unavailable: the books did not answer for `patience_s`.
+            Refused: they answer with other events than they were asked for.
         """
         self._bus.follow(topics.event(self._campaign, "*"), self._facts.put)
         early: dict[int, Event] = {}
@@ -237,7 +248,7 @@ class FarmClient:
             missed: list[Event] = []
             if wanted not in early:
                 answer = self.order("events", number=wanted, within_s=patience_s)
-                missed = list(_events_of(answer))
+                missed = _from(wanted, _events_of(answer))
                 early.update((event.seq, event) for event in missed)
                 if answer.status is not None:
                     known_seq, over = answer.status.seq, answer.status.state == "ended"
@@ -269,7 +280,7 @@ class FarmClient:
             except queue.Empty:
                 return
             event = wire.decode(fact.payload, Event) if isinstance(fact, Sample) else None
-            if event is not None and event.seq >= wanted:
+            if event is not None and event.seq >= wanted and (event.seq == wanted or len(early) < EARLY_MAX):
                 early[event.seq] = event
                 until_s = min(until_s, self._clock.monotonic_s() + RETRY_S)  # a gap is filled from the books, soon
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import ipaddress
 import re
-import socket
+import threading
 from collections.abc import Callable, Iterator, Mapping
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
@@ -16,6 +16,7 @@ from saflite.contract.clock import Clock
 from saflite.contract.control import Status, WorkerStatus
 from saflite.contract.errors import Refused, Unavailable, not_installed
 from saflite.runtime.clock import WallClock
+from saflite.runtime.metrics_server import BoundedServer
 
 if TYPE_CHECKING:
     from prometheus_client.core import Metric
@@ -193,17 +194,21 @@ class Endpoint:
     def __init__(self, address: str, source: FarmMetrics | GroupMetrics) -> None:
         host, port = parse_address(address)
         try:
-            from prometheus_client import CollectorRegistry, start_http_server
+            from prometheus_client import CollectorRegistry, make_wsgi_app
         except ModuleNotFoundError as fault:
             raise not_installed("prometheus-client is", "metrics") from fault
         registry = CollectorRegistry(auto_describe=False)
         registry.register(source)
-        try:
-            self._server, self._thread = start_http_server(port, host, registry=registry)
-        except (OSError, socket.gaierror) as fault:
-            raise Unavailable(f"--metrics cannot listen on {host}:{port}: {fault}") from fault
+        app = make_wsgi_app(registry)
         if host == "localhost" or (_is_ip(host) and ipaddress.ip_address(host).is_loopback):
-            self._server.set_app(_for_this_machine(self._server.get_app()))
+            app = _for_this_machine(app)
+        try:
+            self._server = BoundedServer(host, port)
+        except OSError as fault:
+            raise Unavailable(f"--metrics cannot listen on {host}:{port}: {fault}") from fault
+        self._server.set_app(app)
+        self._thread = threading.Thread(target=self._server.serve_forever, name="metrics", daemon=True)
+        self._thread.start()
         self.port = port
 
     def __enter__(self) -> Endpoint:

@@ -13,6 +13,7 @@ import pytest
 
 from saflite.campaign.presets.campaigns import load_campaign, template
 from saflite.campaign.storage import snapshot_file
+from saflite.campaign.storage.seal import is_sealed
 from saflite.campaign.storage.sqlite import connect_reading
 from saflite.campaign.storage.store import Store
 from saflite.campaign.storage.witness import start_of
@@ -212,6 +213,13 @@ def test_a_value_larger_than_any_of_ours_is_not_read(run_dir: Path, capsys: pyte
     for command in ("report", "prune", "watch"):
         assert main([command, str(run_dir)]) == REFUSED
     assert "too big" in capsys.readouterr().err
+
+
+def test_a_store_that_is_long_and_holds_nothing_is_not_read_for_hours(run_dir: Path) -> None:
+    os.truncate(run_dir / "books.sqlite", 2**40)  # it takes no more room than before
+    assert main(["audit", str(run_dir)]) == 0
+    assert main(["report", str(run_dir)]) == 0
+    assert not is_sealed(run_dir)
 
 
 def test_a_snapshot_that_unpacks_without_end_is_not_used(run_dir: Path, caplog: pytest.LogCaptureFixture) -> None:

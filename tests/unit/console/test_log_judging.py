@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import os
 import sys
 from pathlib import Path
 from typing import Any
@@ -130,3 +131,18 @@ def test_a_recording_is_known_by_capitals_too(tmp_path: Path, capsys: pytest.Cap
     path.write_bytes(b"no recording")
     assert main(["judge", str(path)]) == 2
     assert ".trace, .ulg" not in capsys.readouterr().err
+
+
+def test_a_log_by_a_name_that_is_no_text_is_told_in_every_form_beside_the_others(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    logs = tmp_path / "logs"
+    logs.mkdir()
+    extract(logs / "a.csv")
+    extract(logs / os.fsdecode(b"\xff.csv"))
+    told = ["--csv", str(tmp_path / "told.csv"), "--html", str(tmp_path / "told.html")]
+    assert main(["judge", str(logs), "--policy", "upright", "--json", *told]) == 4
+    files = [one["file"] for one in json.loads(capsys.readouterr().out)]
+    assert files == [f"{logs}/a.csv", f"{logs}/\\udcff.csv"]
+    for file in ("told.csv", "told.html"):
+        assert "\\udcff.csv" in (tmp_path / file).read_text()

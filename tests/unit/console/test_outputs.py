@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import stat
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -13,6 +15,8 @@ from saflite.console.cli import main
 from saflite.console.io import outputs
 from saflite.console.operations.running import check_new
 from saflite.contract.errors import Refused, Unavailable
+from saflite.evidence.files import write_whole
+from saflite.recorder.files import write_file
 
 
 def test_a_new_file_is_written_with_its_folder(tmp_path: Path) -> None:
@@ -111,3 +115,23 @@ def test_a_run_in_a_working_folder_that_is_no_text_is_refused_before_anything_is
     assert done.returncode == 2, done.stderr
     assert "run folder: expected a path that is text in UTF-8" in done.stderr
     assert not list(folder.iterdir())
+
+
+WRITERS: tuple[Callable[[Path], None], ...] = (
+    lambda path: outputs.write(path, b"new", force=False),
+    lambda path: write_file(path, "new"),
+    lambda path: write_whole(path, b"new"),
+)
+
+
+@pytest.mark.parametrize("write", WRITERS)
+@pytest.mark.parametrize(("mask", "mode"), [(0o077, 0o600), (0o027, 0o640), (0o022, 0o644)])
+def test_others_may_read_what_is_written_as_far_as_the_user_lets_them(
+    write: Callable[[Path], None], mask: int, mode: int, tmp_path: Path
+) -> None:
+    before = os.umask(mask)
+    try:
+        write(tmp_path / "file")
+    finally:
+        os.umask(before)
+    assert stat.S_IMODE((tmp_path / "file").stat().st_mode) == mode

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from saflite.console.operations.standalone import smallest_form
+from saflite.console.operations.standalone import _evidence, smallest_form
 from saflite.contract.circumstances import Circumstances
 from saflite.contract.test_case import Origin, Scenario, StartState, Stimulus, Target, TestCase
 from saflite.contract.verdict import Confirmation, Violation
@@ -47,3 +47,13 @@ def test_the_smallest_confirmed_form_is_taken() -> None:
 def test_a_find_that_nothing_was_left_out_of_is_no_smallest_form() -> None:
     found, fewer = finding("a1", 20, shrunk=False), finding("b2", 5, shrunk=False)
     assert smallest_form(found, [found, fewer]) is found
+
+
+def test_no_words_of_a_run_hide_or_turn_what_a_script_says() -> None:
+    words = "stays up \u202e\x1b[2J\0\r\nimport os"
+    found = finding("a1", 1)
+    told = Circumstances(
+        values="outside", outside=(words,), link="pilot", stock=False, repeats="bitwise", steps=(words,)
+    )
+    made = _evidence(found._replace(circumstances=told), words, "script.py")
+    assert all(text.isprintable() for text in (made.title, *made.asked, *made.asked.values(), *made.steps))

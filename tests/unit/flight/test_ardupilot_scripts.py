@@ -80,3 +80,31 @@ def test_a_mission_leaves_as_a_plan_too() -> None:
     files = files_of(case, flight, told, known, LISTING)
     read = parse_plan(files["finding.plan"], "finding.plan", mission.name)
     assert read == as_taken(mission)
+
+
+HOSTILE = (
+    '{"@FACTS@": 0}',
+    "@DESCRIPTION@",
+    '""" + __import__("os").system("touch pwned") + """',
+    "ends in a backslash \\",
+    '"""""',
+    '\\"""\nraise SystemExit',
+)
+
+
+@pytest.mark.parametrize("words", HOSTILE)
+def test_no_words_of_a_run_are_anything_but_words_in_a_script(words: str) -> None:
+    told = Evidence("finding.py", "a-auto1", words, 6.0, 8.0, {words: words}, [words])
+    known = Binary(Path("arducopter"), "ab" * 32, "ArduCopter V4.5.7")
+    flight = cast(Any, SimpleNamespace(ending="completed"))
+    case = TestCase(target=Target(name="ardupilot"), scenario=Scenario())
+    files, honest = (
+        files_of(case, flight, one, known, LISTING) for one in (told, told._replace(title="T", asked={}, steps=[]))
+    )
+    for name in ("finding.py", "finding-autotest.py"):
+        (described, *program), (_, *expected) = (ast.parse(one[name]).body for one in (files, honest))
+        assert isinstance(described, ast.Expr)
+        facts = next(one for one in program if isinstance(one, ast.AnnAssign))
+        assert json.loads(facts.value.args[0].value)["title"] == words  # type: ignore[union-attr]
+        rest = [[ast.dump(one) for one in body if one is not facts] for body in (program, expected)]
+        assert [line for line in rest[1] if "json" not in line] == [line for line in rest[0] if "json" not in line]

@@ -12,7 +12,8 @@ import pytest
 from saflite.bus.base import Inbox, Reply
 from saflite.contract import wire
 from saflite.contract.control import Answer, Control
-from saflite.contract.errors import Unavailable
+from saflite.contract.errors import Refused, Unavailable
+from saflite.contract.events import CampaignChanged, Event
 from saflite.runtime.client import ANSWER_S, FarmClient
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "campaign"))
@@ -111,3 +112,37 @@ def test_a_campaign_is_followed_to_its_last_end_and_no_further(leaves: bool) -> 
     for from_seq in (1, len(events), len(events) + 1):
         client = FarmClient(_Books(driver), "night", _Clock())  # type: ignore[arg-type]
         assert list(client.watch(from_seq)) == events[from_seq - 1 :]
+
+
+class _Liar:
+    """A link to books that answer with something else than what they were asked for."""
+
+    def __init__(self, answer: Callable[[int], Answer]) -> None:
+        self._answer, self._asked = answer, 0
+
+    def ask(self, _key: str, payload: bytes, tag: Any, inbox: Inbox, _timeout_s: float) -> None:
+        self._asked += 1
+        assert self._asked <= QUESTIONS_MAX, "asks for ever"
+        inbox(Reply(tag, wire.encode(self._answer(wire.decode(payload, Control).number))))
+
+    def follow(self, _key: str, _inbox: Inbox) -> None:
+        pass
+
+
+def _events(*numbers: int) -> tuple[bytes, ...]:
+    made = (Event(seq=number, at_unix_s=1.0, fact=CampaignChanged(state="running")) for number in numbers)
+    return tuple(map(wire.encode, made))
+
+
+@pytest.mark.parametrize("shift", [(1,), (1000, 1002), (-1,), (0, 0), (0, 2), (2, 1, 0)])
+def test_books_that_answer_with_other_events_are_not_asked_for_ever(shift: tuple[int, ...]) -> None:
+    link = _Liar(lambda asked: Answer(accepted=True, events=_events(*(max(0, asked + more) for more in shift))))
+    with pytest.raises(Refused, match="expected events from"):
+        for _ in FarmClient(link, "night", _Clock()).watch():  # type: ignore[arg-type]
+            pass
+
+
+def test_books_that_tell_no_status_are_refused() -> None:
+    link = _Liar(lambda _: Answer(accepted=True))
+    with pytest.raises(Refused, match="expected a status, got none"):
+        FarmClient(link, "night", _Clock()).status()  # type: ignore[arg-type]

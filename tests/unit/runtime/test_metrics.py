@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import http.client
 import socket
+import threading
+from contextlib import ExitStack
 
 import msgspec
 import pytest
@@ -15,6 +17,7 @@ from saflite.contract.clock import Clock
 from saflite.contract.control import Status, WorkerStatus
 from saflite.contract.errors import Refused
 from saflite.runtime.metrics import STALE_S, Endpoint, FarmMetrics, GroupMetrics, parse_address
+from saflite.runtime.metrics_server import CONNECTIONS_MAX
 
 WORKER = WorkerStatus(worker="lab-fly-1", stage="fly", state="busy", leases=2, done=7, busy_share=0.5, silent_s=1.5)
 STATUS = Status(
@@ -66,6 +69,12 @@ def _read(source: FarmMetrics | GroupMetrics) -> dict[tuple[str, tuple[tuple[str
         for family in families
         for sample in family.samples
     }
+
+
+def _free_port() -> int:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        return int(free.getsockname()[1])
 
 
 def test_a_status_is_told_whole() -> None:
@@ -127,9 +136,7 @@ def test_what_is_no_address_is_refused(text: str) -> None:
     ],
 )
 def test_on_loopback_no_page_of_another_site_reads_them_by_a_name_of_its_own(name: str, status: int) -> None:
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
+    port = _free_port()
     with Endpoint(str(port), FarmMetrics(Still())):
         connection = http.client.HTTPConnection("127.0.0.1", port, timeout=5.0)
         connection.putrequest("GET", "/metrics", skip_host=True)
@@ -137,4 +144,18 @@ def test_on_loopback_no_page_of_another_site_reads_them_by_a_name_of_its_own(nam
         connection.endheaders()
         answer = connection.getresponse()
         assert (answer.status, b"saflite_up" in answer.read()) == (status, status == 200)
+        connection.close()
+
+
+def test_connections_that_ask_nothing_cost_the_farm_no_more_than_so_many_threads() -> None:
+    port, before = _free_port(), threading.active_count()
+    with Endpoint(str(port), FarmMetrics(Still())), ExitStack() as held:
+        silent = [held.enter_context(socket.create_connection(("127.0.0.1", port))) for _ in range(5 * CONNECTIONS_MAX)]
+        for one in silent[: 4 * CONNECTIONS_MAX]:
+            one.settimeout(60.0)
+            assert one.recv(1) == b"", "it was ended for those that came later"
+        assert threading.active_count() <= before + CONNECTIONS_MAX + 2
+        connection = http.client.HTTPConnection("127.0.0.1", port, timeout=60.0)
+        connection.request("GET", "/metrics")
+        assert b"saflite_up" in connection.getresponse().read()
         connection.close()

@@ -31,7 +31,9 @@ def seal(run_dir: Path, digest: bytes = b"") -> None:
     that of the file as it was when somebody began to look.
     """
     try:
-        write_whole(seal_file(run_dir), digest or digest_of(run_dir))
+        found = digest or digest_of(run_dir)
+        if found:
+            write_whole(seal_file(run_dir), found)
     except (OSError, Unavailable) as fault:
         log.warning("the books are not sealed: %s", fault)
 
@@ -44,7 +46,7 @@ def break_seal(run_dir: Path) -> None:
 def is_sealed(run_dir: Path) -> bool:
     """Return whether the store is as it was sealed, with no write-ahead log beside it."""
     try:
-        return not has_log(run_dir) and read_bytes(seal_file(run_dir), "seal", 64) == digest_of(run_dir)
+        return not has_log(run_dir) and read_bytes(seal_file(run_dir), "seal", 64) == (digest_of(run_dir) or None)
     except (OSError, Refused):
         return False
 
@@ -61,6 +63,12 @@ def has_log(run_dir: Path) -> bool:
 
 
 def digest_of(run_dir: Path) -> bytes:
-    """Return the digest of the file of a store; raises OSError where it cannot be read."""
+    """Return the digest of the file of a store; raises OSError where it cannot be read.
+
+    Empty for one with holes: they take no room, so one that others made may have any length, and be read for hours.
+    """
     with (run_dir / "books.sqlite").open("rb") as file:
+        if os.lseek(file.fileno(), 0, os.SEEK_HOLE) < os.fstat(file.fileno()).st_size:
+            return b""
+        os.lseek(file.fileno(), 0, os.SEEK_SET)
         return hashlib.file_digest(file, "sha256").hexdigest().encode()

@@ -8,6 +8,7 @@ import tempfile
 from contextlib import suppress
 from pathlib import Path
 
+from saflite.contract.config import new_file_mode
 from saflite.contract.errors import Refused, Unavailable
 
 FIX = "choose another place, or --force to write over it"
@@ -55,7 +56,7 @@ def write(path: Path, data: bytes, *, force: bool, option: str = "--out") -> Non
         try:
             with os.fdopen(handle, "wb") as file:
                 file.write(data)
-            os.chmod(beside, 0o644)
+            os.chmod(beside, new_file_mode())
             os.replace(beside, path)
         except OSError:
             with suppress(OSError):

@@ -15,7 +15,7 @@ from saflite.console.view.html_text import escape
 from saflite.console.view.report.style import CSS
 from saflite.contract.errors import Refused
 from saflite.contract.flight import Flight
-from saflite.contract.plain import cell
+from saflite.contract.plain import cell, in_unicode
 from saflite.contract.test_case import TestCase
 from saflite.contract.verdict import Judgement, Verdict
 from saflite.flight.logs import files
@@ -189,6 +189,6 @@ def _html_cell(value: object) -> str:
 def as_json(judged: Sequence[Judged]) -> list[Mapping[str, Any]]:
     """Return what scripts read: file, result, judgement or why it was refused."""
     return [
-        {"file": str(one.path), "result": one.result, "judgement": one.judgement, "refused": one.refused}
+        {"file": in_unicode(one.path), "result": one.result, "judgement": one.judgement, "refused": one.refused}
         for one in judged
     ]

@@ -46,6 +46,7 @@ def serve(sources: Sequence[Source], host: str, port: int, tokens: Tokens) -> in
     import uvicorn
 
     from saflite.console.view.dashboard.app import application
+    from saflite.console.view.dashboard.connections import BACKLOG, bounded
 
     ending = asyncio.Event()
 
@@ -64,8 +65,15 @@ def serve(sources: Sequence[Source], host: str, port: int, tokens: Tokens) -> in
     out.flush()
     app = application(sources, tokens, ending=ending)
     # no proxy_headers: who asks is the address of the socket (`access.is_ours`), not what a header says of it
+    # no warnings: they are of requests that are none, and whoever reaches the address can make any number of them
     config = uvicorn.Config(
-        app, log_level="warning", timeout_graceful_shutdown=ENDING_S, ws="none", proxy_headers=False
+        app,
+        http=bounded(),
+        backlog=BACKLOG,
+        log_level="error",
+        timeout_graceful_shutdown=ENDING_S,
+        ws="none",
+        proxy_headers=False,
     )
     try:
         Server(config).run(sockets=[listener])

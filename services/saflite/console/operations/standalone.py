@@ -13,6 +13,7 @@ from saflite.console.view import out
 from saflite.contract.circumstances import in_words
 from saflite.contract.errors import Refused
 from saflite.contract.flight import Flight
+from saflite.contract.plain import word
 from saflite.contract.standalone import Evidence, Standalone
 from saflite.contract.test_case import under_noise
 from saflite.recorder.summary import Finding
@@ -104,9 +105,9 @@ def _evidence(finding: Finding, title: str, name: str) -> Evidence:
     return Evidence(
         file=name,
         policy=violation.policy,
-        title=title,
+        title=word(title),
         from_s=verdict.witness_from_s if verdict else 0.0,
         until_s=verdict.witness_to_s if verdict else 0.0,
-        asked=in_words(circumstances),
-        steps=circumstances.steps,
+        asked={what: word(answer) for what, answer in in_words(circumstances).items()},
+        steps=[word(step) for step in circumstances.steps],
     )

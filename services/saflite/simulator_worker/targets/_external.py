@@ -23,6 +23,8 @@ from saflite.simulator_worker.forks import Forks
 from saflite.simulator_worker.prefixes import agree_until_s
 from saflite.simulator_worker.slots import take_slot
 
+ASKED_S = 90.0
+"""A build asked for its parameters, which takes a second or two, is ended at this age: no sandbox watches it."""
 _NOT_HELD = 0  # no snapshot has this handle
 
 
@@ -85,7 +87,7 @@ class ExternalTarget(NamedTuple):
         try:
             ports = range(info.first_port, info.first_port + info.ports)
             _check_ports(ports)
-            return self.adapter.ask(binary, Place(Path(info.folder), ports))
+            return self.adapter.ask(binary, Place(Path(info.folder), ports, ASKED_S))
         finally:
             held.release()
 

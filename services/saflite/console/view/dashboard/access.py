@@ -32,7 +32,8 @@ def read_tokens(path: Path) -> dict[str, Role]:
     """Return the tokens in a file, one a line, `viewer` before one that may give no orders.
 
     Raises:
-        Refused: there is no such file, others can read it, it has no token, or one is shorter than 16 characters.
+        Refused: there is no such file, others can read it, it has no token, or one is shorter than 16 characters
+            or not ASCII.
     """
     found: dict[str, Role] = {}
     for line in read_text(path, "tokens", private=True).splitlines():
@@ -45,6 +46,8 @@ def read_tokens(path: Path) -> dict[str, Role]:
         if len(words[-1]) < TOKEN_LENGTH_MIN:
             expected = f"{TOKEN_LENGTH_MIN} characters or more"
             raise Refused("token", where=str(path), expected=expected, got=f"{len(words[-1])}")
+        if not words[-1].isascii() or not words[-1].isprintable():  # no cookie or header holds another
+            raise Refused("token", where=str(path), expected="printable ASCII", got="other characters")
         found[words[-1]] = role
     if not found:
         fix = f"`{MADE_BY}` makes one"

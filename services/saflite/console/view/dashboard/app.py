@@ -77,7 +77,8 @@ class _Guard(BaseHTTPMiddleware):
         response: Response
         if asked:
             response = RedirectResponse(f"/{request.url.path.lstrip('/')}", 303)  # never to another host
-            response.set_cookie(COOKIE, asked, httponly=True, samesite="strict")
+            if self._tokens:  # else it is none, and any text
+                response.set_cookie(COOKIE, asked, httponly=True, samesite="strict")
         else:
             request.state.role = role
             response = await call_next(request)

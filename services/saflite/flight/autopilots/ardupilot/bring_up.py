@@ -90,7 +90,9 @@ class Aircraft(aircraft.Aircraft):
         port = ports[SIMULATOR]
         self._physics = self.gate.channel if self._own_physics else opened.enter_context(bound_udp(port))
         environment, keeps = environment_with(**self.gate.environment), (self.gate.theirs.fileno(),)
-        process = Process(self._command, self.folder, environment=environment, keeps=keeps)
+        process = Process(
+            self._command, self.folder, environment=environment, keeps=keeps, age_max_s=self._place.age_max_s
+        )
         self.gate.theirs.close()
         self.process = self._started(opened, process)
         self._tcp = opened.enter_context(_called(process, ports[0]))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+import re
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
@@ -18,6 +19,11 @@ from saflite.flight.mavlink.client import Client
 log = logging.getLogger(__name__)
 
 HEARTBEAT_S, ASK_S, AGAIN_S = 30.0, 30.0, 2.0  # simulated
+PARAMETERS_MAX = 10_000
+"""ArduCopter has some 1,400, PX4 as many."""
+MISSED_MAX = 100
+"""Of those asked for again; a vehicle that tells none of so many tells no others."""
+_NAME = re.compile(r"[A-Za-z0-9_]{1,16}")
 VERSION = 3
 
 
@@ -63,18 +69,31 @@ def listed(client: Client) -> dict[str, Row]:
     def told(message: Any) -> bool:
         nonlocal count
         if message.get_type() == "PARAM_VALUE" and message.param_index < 65535:
+            _check(message.param_id, message.param_count)
             count = message.param_count
             rows[message.param_index] = (message.param_id, _row(client, message))
         return 0 < count <= len(rows)
 
     client.mav.param_request_list_send(1, 1)
     client.wait(told, ASK_S)
+    missed = 0
     for index in [index for index in range(count) if index not in rows]:
         client.mav.param_request_read_send(1, 1, b"", index)
         client.wait(told, AGAIN_S)
+        missed += index not in rows
+        if missed > MISSED_MAX:
+            break
     if not count or len(rows) < count:
         raise Unavailable(f"told {len(rows)} of {count} parameters")
     return dict(sorted(rows.values()))
+
+
+def _check(name: str, count: int) -> None:
+    """Raise Unavailable for what no autopilot says: names go into files and variables, each of them is asked for."""
+    if _NAME.fullmatch(name) is None:
+        raise Unavailable(f"told a parameter by no name: {name[:80]!r}")
+    if count > PARAMETERS_MAX:
+        raise Unavailable(f"told of {count} parameters, more than {PARAMETERS_MAX}")
 
 
 def _row(client: Client, message: Any) -> Row:

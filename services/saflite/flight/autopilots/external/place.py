@@ -10,10 +10,14 @@ from typing import NamedTuple
 
 
 class Place(NamedTuple):
-    """Where a flight may live on its host: a folder of its own, ports nobody else binds."""
+    """Where a flight may live on its host: a folder of its own, ports nobody else binds.
+
+    A process started there ends at the age of `age_max_s`, 0 for none: where no sandbox watches it.
+    """
 
     folder: Path
     ports: range
+    age_max_s: float = 0.0
 
 
 _OUTSIDE = ("/tmp/px4-sock-", "/tmp/px4_lock-")  # noqa: S108  (PX4 has no other place for them)

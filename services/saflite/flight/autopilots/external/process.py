@@ -10,6 +10,7 @@ import signal
 import subprocess
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 
 from saflite.contract.errors import Unavailable
@@ -18,6 +19,8 @@ from saflite.flight.autopilots.external.spinning import Spinning
 
 CONSOLE_MAX = 200_000
 READ_BYTES = 65_536
+READS_MAX = 64
+"""At once; a program that prints faster than it is read would be listened to for ever."""
 END_S = 2.0
 _LIBC = ctypes.CDLL(None)
 _PR_SET_PDEATHSIG = 1
@@ -38,6 +41,7 @@ class Process:
         environment: all it sees of one; ours by default.
         realtime: give it real-time priority where this user may, so that it runs before the world whenever it can.
         keeps: open files of ours that it inherits.
+        age_max_s: the kernel ends it at this age (SIGALRM), whatever is waited for from it then; 0 for none.
 
     Raises:
         Unavailable: it cannot be started.
@@ -51,6 +55,7 @@ class Process:
         environment: Mapping[str, str] | None = None,
         realtime: bool = False,
         keeps: Sequence[int] = (),
+        age_max_s: float = 0.0,
     ) -> None:
         ours, theirs = os.openpty()
         os.set_blocking(ours, False)
@@ -64,7 +69,7 @@ class Process:
                 stderr=theirs,
                 start_new_session=True,
                 pass_fds=keeps,
-                preexec_fn=_hurried if realtime else _die_with_parent,  # noqa: PLW1509  (system calls, looked up before)
+                preexec_fn=partial(_begin, realtime, age_max_s),  # noqa: PLW1509  (system calls, looked up before)
             )
         except OSError as fault:
             os.close(ours)
@@ -73,6 +78,7 @@ class Process:
             os.close(theirs)
         self._console, self._said = ours, bytearray()
         self._spinning = Spinning(self._process.pid)
+        self._age_max_s = age_max_s
 
     @property
     def still(self) -> bool:
@@ -109,8 +115,8 @@ class Process:
         if self._console < 0:
             return
         with suppress(OSError):  # nothing more now, or for ever
-            while data := os.read(self._console, READ_BYTES):
-                self._said += data
+            for _ in range(READS_MAX):
+                self._said += os.read(self._console, READ_BYTES)
                 del self._said[:-CONSOLE_MAX]
 
     def wait_for_words(self, words: str, silent_s: float) -> bool:
@@ -131,6 +137,8 @@ class Process:
             code = self._process.wait(END_S)
         except subprocess.TimeoutExpired:
             return "the autopilot hangs"
+        if code == -signal.SIGALRM and self._age_max_s:
+            return f"the autopilot had not done what it was started for after {self._age_max_s:g} s"
         return told(code, self.console)
 
     def end(self) -> None:
@@ -210,10 +218,13 @@ def _die_with_parent() -> None:
     _LIBC.prctl(_PR_SET_PDEATHSIG, ctypes.c_ulong(signal.SIGKILL), 0, 0, 0)
 
 
-def _hurried() -> None:
-    """The same, and run before others whenever it can, where this user may ask for that."""
+def _begin(realtime: bool, age_max_s: float) -> None:
+    """The same; have it run before others whenever it can, where this user may ask for that; bound its age."""
     _die_with_parent()
-    _LIBC.sched_setscheduler(0, os.SCHED_FIFO, ctypes.byref(_PRIORITY))
+    if realtime:
+        _LIBC.sched_setscheduler(0, os.SCHED_FIFO, ctypes.byref(_PRIORITY))
+    if age_max_s:
+        signal.setitimer(signal.ITIMER_REAL, age_max_s)  # a new program keeps it
 
 
 def last_line(console: str) -> str:

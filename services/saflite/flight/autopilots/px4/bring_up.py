@@ -147,7 +147,8 @@ class Aircraft(aircraft.Aircraft):
 
     def _start(self, opened: ExitStack, environment: Mapping[str, str], keeps: tuple[int, ...] = ()) -> None:
         command = [str(self._binary.path), "-i", str(self._instance), "-d", "-w", str(self.folder)]
-        made = Process(command, self.folder, environment=environment, realtime=True, keeps=keeps)
+        age_max_s = self._place.age_max_s
+        made = Process(command, self.folder, environment=environment, realtime=True, keeps=keeps, age_max_s=age_max_s)
         self.process = self._started(opened, made)
 
     def _radio(self) -> None:

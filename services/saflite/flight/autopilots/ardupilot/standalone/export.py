@@ -9,7 +9,7 @@ from typing import Any
 
 from saflite.contract.errors import Refused
 from saflite.contract.flight import Flight
-from saflite.contract.standalone import Evidence, Files
+from saflite.contract.standalone import Evidence, Files, as_docstring, filled
 from saflite.contract.test_case import Stimulus, TestCase
 from saflite.flight.autopilots.ardupilot.mission import as_taken
 from saflite.flight.autopilots.ardupilot.settings import F450, as_file, start_parameters
@@ -95,8 +95,8 @@ def _facts(test_case: TestCase, flight: Flight, evidence: Evidence, rows: Listin
 
 
 def _filled(template: Path, description: str, facts: Mapping[str, Any]) -> str:
-    text = template.read_text(encoding="utf-8").replace("@DESCRIPTION@", description, 1)
-    return text.replace('{"@FACTS@": 0}', json.dumps(facts, indent=1), 1)
+    text = template.read_text(encoding="utf-8")
+    return filled(text, {"@DESCRIPTION@": as_docstring(description), '{"@FACTS@": 0}': json.dumps(facts, indent=1)})
 
 
 def _input(one: Stimulus, types: Mapping[str, int]) -> dict[str, Any]:
@@ -122,7 +122,7 @@ def _input(one: Stimulus, types: Mapping[str, int]) -> dict[str, Any]:
 def _described(run: str, case: TestCase, evidence: Evidence, binary: Binary) -> str:
     start = case.scenario.start or DEFAULT_START
     file = evidence.file if run == _RUN_SCRIPT else evidence.file.replace(".py", "-autotest.py")
-    words = _HEADER.format(
+    return _HEADER.format(
         title=evidence.title,
         asked="".join(f"{what}: {answer}\n" for what, answer in evidence.asked.items()),
         start="the mission's start" if case.scenario.mission else f"{start.mode}, {start.altitude_m:g} m",
@@ -131,4 +131,3 @@ def _described(run: str, case: TestCase, evidence: Evidence, binary: Binary) -> 
         digest=binary.digest,
         run=run.format(name=file),
     )
-    return words.replace("\\", "/").replace('"""', "'''")

@@ -12,7 +12,7 @@ from typing import Any
 
 from saflite.contract.errors import Refused
 from saflite.contract.flight import Flight, FlightRecord, trace_digest
-from saflite.contract.standalone import Evidence
+from saflite.contract.standalone import Evidence, as_docstring, filled
 from saflite.contract.test_case import TestCase
 from saflite.flight.autopilots.betaflight import user_memory
 from saflite.flight.autopilots.betaflight.configuration import Memory, configure, lines
@@ -104,7 +104,7 @@ def _check_same(flight: Flight, flown: FlightRecord) -> None:
 
 def _described(case: TestCase, evidence: Evidence, variant: Variant) -> str:
     start = case.scenario.start
-    words = _HEADER.format(
+    return _HEADER.format(
         title=evidence.title,
         asked="".join(f"{what}: {answer}\n" for what, answer in evidence.asked.items()),
         start="hovering in ANGLE" if start is None else f"{start.mode}, {start.altitude_m:g} m",
@@ -115,7 +115,6 @@ def _described(case: TestCase, evidence: Evidence, variant: Variant) -> str:
         digest=digest(variant.binary),
         name=evidence.file,
     )
-    return words.replace("\\", "/").replace('"""', "'''")
 
 
 def _filled(description: str, facts: dict[str, Any], record: LinkRecord) -> str:
@@ -125,14 +124,13 @@ def _filled(description: str, facts: dict[str, Any], record: LinkRecord) -> str:
     sources = {str(path.relative_to(folder.parent)): path.read_text(encoding="utf-8") for path in files}
     text = Path(replay_script.__file__).read_text(encoding="utf-8")
     packed = base64.encodebytes(lzma.compress(_packed(record), preset=6)).decode()
-    for place, content in (
-        ("@DESCRIPTION@", description),
-        ('{"@FACTS@": 0}', json.dumps(facts, indent=1)),
-        ('{"@SOURCES@": ""}', json.dumps(sources, indent=1)),
-        ("@RECORD@", packed),
-    ):
-        text = text.replace(place, content, 1)
-    return text
+    contents = {
+        "@DESCRIPTION@": as_docstring(description),
+        '{"@FACTS@": 0}': json.dumps(facts, indent=1),
+        '{"@SOURCES@": ""}': json.dumps(sources, indent=1),
+        "@RECORD@": packed,
+    }
+    return filled(text, contents)
 
 
 def _packed(record: LinkRecord) -> bytes:

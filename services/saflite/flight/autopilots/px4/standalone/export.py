@@ -10,7 +10,7 @@ from typing import Any
 
 from saflite.contract.errors import Refused
 from saflite.contract.flight import Flight
-from saflite.contract.standalone import Evidence, Files
+from saflite.contract.standalone import Evidence, Files, as_docstring, filled
 from saflite.contract.test_case import Mission, Stimulus, TestCase
 from saflite.flight.autopilots.external.aircraft import HOME
 from saflite.flight.autopilots.external.binary import Binary
@@ -59,9 +59,9 @@ def files_of(test_case: TestCase, flight: Flight, evidence: Evidence, binary: Bi
     facts = _facts(test_case, flight, evidence, rows)
     stem = evidence.file.removesuffix(".py")
     told = _described(test_case, evidence, binary)
-    text = _TEMPLATE.read_text(encoding="utf-8").replace("@DESCRIPTION@", told, 1)
+    contents = {"@DESCRIPTION@": as_docstring(told), '{"@FACTS@": 0}': json.dumps(facts, indent=1)}
     files = {
-        evidence.file: text.replace('{"@FACTS@": 0}', json.dumps(facts, indent=1), 1),
+        evidence.file: filled(_TEMPLATE.read_text(encoding="utf-8"), contents),
         f"{stem}.params": _as_params(facts["parameters"], rows.types),
         f"{stem}-steps.txt": told + "\n",
     }
@@ -141,7 +141,7 @@ def _as_params(texts: Mapping[str, str], types: Mapping[str, int]) -> str:
 def _described(case: TestCase, evidence: Evidence, binary: Binary) -> str:
     start = case.scenario.start or DEFAULT_START
     own = own_physics(case)
-    words = _DESCRIPTION.format(
+    return _DESCRIPTION.format(
         farm="the farm flew it there, too" if own else "the farm flew an F450 by HIL messages",
         same="The farm has the moments of its inputs in step with the simulation, this script by its clock."
         if own
@@ -154,4 +154,3 @@ def _described(case: TestCase, evidence: Evidence, binary: Binary) -> str:
         digest=binary.digest,
         name=evidence.file,
     )
-    return words.replace("\\", "/").replace('"""', "'''")
