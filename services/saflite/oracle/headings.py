@@ -31,6 +31,7 @@ def headings(
 ) -> list[Heading]:
     """Return what each CONDITION_YAW and DO_SET_ROI orders; relative ones count from the heading then.
 
+    A turn by so many degrees is one clockwise where no way is given, as far as all round.
     Orders to turn slowly (2nd number, degrees a second) are left out: they may take minutes. An order to look at a
     place counts as the heading from where the vehicle is then; on other targets it may turn a gimbal, or follow.
 
@@ -47,6 +48,7 @@ def headings(
                 continue
             if relative:
                 angle = float(yaw_deg[at]) + (-angle if way < 0 else angle)
+                way = way or 1.0  # by so many degrees that way: ArduCopter turns by 359 all round
             found.append(Heading(stimulus.at_s, angle % 360.0, int(np.sign(way))))
         elif _is(stimulus, "DO_SET_ROI") and (values[4] or values[5]) and test_case.target.name == DEFAULT_TARGET:
             place = to_local(values[4], values[5], *(origin_of(test_case) or (HOME_LAT_DEG, HOME_LON_DEG)))

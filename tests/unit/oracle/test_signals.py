@@ -261,6 +261,7 @@ def test_an_order_to_turn_slowly_is_none_of_those_that_are_soon_reached() -> Non
         ((350.0, 30.0, 0.0, 0.0), 350.0, 0),
         ((270.0, 30.0, 1.0, 1.0), 280.0, 1),
         ((270.0, 30.0, -1.0, 1.0), 100.0, -1),
+        ((270.0, 30.0, 0.0, 1.0), 280.0, 1),
     ],
 )
 def test_an_order_to_turn_says_the_way_round(numbers: tuple[float, ...], heading_deg: float, way: int) -> None:
