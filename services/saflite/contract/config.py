@@ -1,7 +1,6 @@
 """A campaign file: what flies, which policies, how the search is run. Unknown keys are refused.
 
-The only place that reads the environment (`environment`) and the mode of new files (`new_file_mode`), and that says how
-a Python of ours is started (`own_python`).
+The only place that reads the environment (`environment`), and that says how a Python of ours is started (`own_python`).
 """
 
 from __future__ import annotations
@@ -212,19 +211,6 @@ def _may_be_needed(search: SearchConfig) -> bool:
 def environment_with(**variables: str) -> dict[str, str]:
     """Return the environment for another process, with some variables set."""
     return {**os.environ, **variables}
-
-
-def new_file_mode() -> int:
-    """Return the mode of a new file as this user wants it (`umask`), 0600 where the kernel does not say.
-
-    What is written whole is made with 0600 and renamed; asking `umask` itself would change it for a moment.
-    """
-    try:
-        lines = Path("/proc/self/status").read_text(encoding="ascii", errors="replace").splitlines()
-    except OSError:
-        return 0o600
-    masks = [int(line.split()[1], 8) for line in lines if line.startswith("Umask:")]
-    return 0o666 & ~masks[0] if masks else 0o600
 
 
 def own_python(module: str) -> list[str]:

@@ -11,9 +11,9 @@ from contextlib import suppress
 from pathlib import Path
 
 from saflite.contract.blobs import BlobMissing, BlobRef
-from saflite.contract.config import new_file_mode
 from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.ids import digest
+from saflite.contract.new_files import new_file_mode
 from saflite.contract.outside import read_bytes
 
 PART = ".part"

@@ -6,8 +6,8 @@ import os
 import tempfile
 from pathlib import Path
 
-from saflite.contract.config import new_file_mode
 from saflite.contract.errors import Unavailable
+from saflite.contract.new_files import new_file_mode
 
 
 def write_file(path: Path, text: str) -> None:

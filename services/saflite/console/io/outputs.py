@@ -8,8 +8,8 @@ import tempfile
 from contextlib import suppress
 from pathlib import Path
 
-from saflite.contract.config import new_file_mode
 from saflite.contract.errors import Refused, Unavailable
+from saflite.contract.new_files import new_file_mode
 
 FIX = "choose another place, or --force to write over it"
 
