@@ -38,11 +38,16 @@ def identity(pid: int) -> str:
     see the same process under the number.
     """
     try:
-        began = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[19]
+        began = _after_name(pid)[19]
         boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
         return f"{boot} {os.readlink('/proc/self/ns/pid')} {began}"
     except OSError:
         return ""
+
+
+def _after_name(pid: int) -> list[str]:
+    """Return what the kernel says of a process behind its name, which may be any bytes; raises OSError."""
+    return Path(f"/proc/{pid}/stat").read_text(encoding="utf-8", errors="replace").rpartition(")")[2].split()
 
 
 def children(pid: int) -> list[int]:
@@ -74,7 +79,7 @@ def processor_s(pid: int) -> float:
     That of a descendant killed and reaped by somebody else is lost.
     """
     try:
-        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+        fields = _after_name(pid)
     except OSError:
         return 0.0
     own = sum(int(ticks) for ticks in fields[11:15]) / os.sysconf("SC_CLK_TCK")  # user, system, both of the reaped

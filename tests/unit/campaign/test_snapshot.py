@@ -25,7 +25,7 @@ from saflite.campaign.lifecycle.repeats import ONE_FLIGHT
 from saflite.campaign.storage import snapshot_file as snapshot_files
 from saflite.campaign.storage.audit import audit, resume_faults, told_of
 from saflite.campaign.storage.rebuild import rebuild
-from saflite.campaign.storage.seal import is_sealed, seal_file
+from saflite.campaign.storage.seal import is_sealed, seal, seal_file
 from saflite.campaign.storage.snapshot_file import code, code_files, snapshot_file
 from saflite.campaign.storage.store import Store, store_file
 from saflite.console.run_data.run_folder import open_run
@@ -168,6 +168,22 @@ def test_entries_in_a_snapshot_are_not_read_but_their_damage_is_told_when_somebo
     store.close()
     assert f"journal entry {number}" in told_of(run_dir)
     assert any(f"journal entry {number}" in problem for problem in audit(run_dir, blobs=False)["problems"])
+
+
+def test_a_store_is_sealed_that_has_a_few_holes_or_nothing_at_all(tmp_path: Path) -> None:
+    with (tmp_path / "books.sqlite").open("wb") as file:  # as SQLite and sparse copies leave them
+        for page in (b"1", b"2", b"3"):
+            file.write(page * 4096)
+            file.seek(8192, os.SEEK_CUR)
+        file.truncate()
+    seal(tmp_path)
+    assert is_sealed(tmp_path)
+    os.truncate(tmp_path / "books.sqlite", 0)
+    seal(tmp_path)
+    assert is_sealed(tmp_path)
+    os.truncate(tmp_path / "books.sqlite", 2**40)
+    seal(tmp_path)
+    assert not is_sealed(tmp_path)
 
 
 def test_a_killed_run_is_sealed_again_by_the_audit_that_finds_it_whole(stopped: Path, tmp_path: Path) -> None:

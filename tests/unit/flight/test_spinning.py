@@ -12,6 +12,7 @@ from saflite.flight.autopilots.external.spinning import Spinning
 SPINS_S = 0.3
 WORK = "import hashlib, sys, threading, time\nwork = lambda: hashlib.pbkdf2_hmac('sha256', b'', b'', {rounds})\n"
 SPIN = WORK.format(rounds=10**9) + "threading.Thread(target=work, daemon=True).start()\nprint(); time.sleep(60)"
+ODD = "import ctypes\nctypes.CDLL(None).prctl(15, b'\\xff\\x1b[2J\\nme', 0, 0, 0)\n"
 WAITS = WORK.format(rounds=1000) + "print()\nwhile True: work(); time.sleep(1e-4)\n"
 
 
@@ -36,6 +37,14 @@ def test_a_thread_that_never_waits_is_named_while_the_others_wait() -> None:
         while not name and worked_s(spinning) < 20.0:
             name = spinning.named()
         assert name.startswith("python")
+
+
+def test_a_thread_may_have_any_bytes_for_a_name() -> None:
+    with running(ODD + WORK.format(rounds=10**9) + "print(); work()") as spinning:
+        name = ""
+        while not name and worked_s(spinning) < 20.0:
+            name = spinning.named()
+        assert name == r"\xff\x1b[2J\x0ame"
 
 
 def test_one_that_works_as_hard_and_waits_between_is_none() -> None:

@@ -18,6 +18,9 @@ from saflite.evidence.files import write_whole
 
 log = logging.getLogger(__name__)
 
+HOLES_MAX = 2**28
+"""Bytes without any room on the disk; read within a second."""
+
 
 def seal_file(run_dir: Path) -> Path:
     """Return the seal of a run folder."""
@@ -65,10 +68,25 @@ def has_log(run_dir: Path) -> bool:
 def digest_of(run_dir: Path) -> bytes:
     """Return the digest of the file of a store; raises OSError where it cannot be read.
 
-    Empty for one with holes: they take no room, so one that others made may have any length, and be read for hours.
+    Empty for one with more than `HOLES_MAX` of holes: they take no room, so one that others made may have any length,
+    and be read for hours. A few are honest: SQLite leaves them for pages it freed before it wrote them, and a copy may
+    for pages of zeros.
     """
     with (run_dir / "books.sqlite").open("rb") as file:
-        if os.lseek(file.fileno(), 0, os.SEEK_HOLE) < os.fstat(file.fileno()).st_size:
+        if _is_hollow(file.fileno()):
             return b""
         os.lseek(file.fileno(), 0, os.SEEK_SET)
         return hashlib.file_digest(file, "sha256").hexdigest().encode()
+
+
+def _is_hollow(handle: int) -> bool:
+    """Return whether a file has more than `HOLES_MAX` of holes."""
+    size = os.fstat(handle).st_size
+    at = holes = 0
+    while at < size and holes <= HOLES_MAX and (begins := os.lseek(handle, at, os.SEEK_HOLE)) < size:
+        try:
+            at = os.lseek(handle, begins, os.SEEK_DATA)
+        except OSError:  # no data behind it
+            return holes + size - begins > HOLES_MAX
+        holes += at - begins
+    return holes > HOLES_MAX

@@ -93,7 +93,7 @@ class Process:
             with suppress(OSError):  # gone meanwhile
                 for task in tasks.iterdir():
                     waiting += map(int, (task / "children").read_text().split())
-                    yield (task / "stat").read_text().rpartition(")")[2].split()[0]
+                    yield _after_name(task / "stat")[0]
 
     def spinning(self) -> str:
         """Return the name of a thread of it that works and never waits, "" where there is none; see `Spinning`."""
@@ -176,7 +176,7 @@ class ForkedProcess:
         if not ended_within(self._pid, END_S):
             return "the autopilot hangs"
         try:
-            status = int(Path(f"/proc/{self._pid}/stat").read_text().rpartition(")")[2].split()[-1])
+            status = int(_after_name(Path(f"/proc/{self._pid}/stat"))[-1])
         except OSError:  # the other has taken leave of it
             return f"the autopilot ended: {last_line(self.console)}"
         return told(os.waitstatus_to_exitcode(status), self.console)
@@ -225,6 +225,11 @@ def _begin(realtime: bool, age_max_s: float) -> None:
         _LIBC.sched_setscheduler(0, os.SCHED_FIFO, ctypes.byref(_PRIORITY))
     if age_max_s:
         signal.setitimer(signal.ITIMER_REAL, age_max_s)  # a new program keeps it
+
+
+def _after_name(stat: Path) -> list[str]:
+    """Return what the kernel says of a process or thread behind its name, which may be any bytes."""
+    return stat.read_text(encoding="utf-8", errors="replace").rpartition(")")[2].split()
 
 
 def last_line(console: str) -> str:

@@ -12,6 +12,8 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
+from saflite.contract.plain import word
+
 LOOK_S = 0.5  # of processor time between two looks at the threads: next to nothing where all is well
 SPINS_S = 2.0  # without having waited; what an autopilot does between two waits takes milliseconds
 _LIBC = ctypes.CDLL(None)
@@ -58,12 +60,17 @@ class Spinning:
         return found
 
     def _look_at(self, task: Path) -> str:
-        fields = (task / "stat").read_text().rpartition(")")[2].split()
+        fields = _told(task / "stat").rpartition(")")[2].split()
         worked_s = (int(fields[_USER]) + int(fields[_SYSTEM])) * self._tick_s
-        lines = (task / "status").read_text().splitlines()
+        lines = _told(task / "status").splitlines()
         waited = next((line for line in lines if line.startswith(_WAITED)), "")
         before, since_s = self._began.get(task.name, ("", worked_s))
         if waited != before or not waited:
             self._began[task.name] = (waited, worked_s)
             return ""
-        return (task / "comm").read_text().strip() if worked_s - since_s >= self._spins_s else ""
+        return word(_told(task / "comm").strip()) if worked_s - since_s >= self._spins_s else ""
+
+
+def _told(path: Path) -> str:
+    """Return what the kernel says; a thread's name there is any bytes."""
+    return path.read_text(encoding="utf-8", errors="backslashreplace")
