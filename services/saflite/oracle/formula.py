@@ -36,6 +36,18 @@ def number(value: float) -> Node:
     return Node("number", value=value)
 
 
+_ONE: dict[tuple[object, ...], Node] = {}
+
+
+def interned(node: Node) -> Node:
+    """Return the one node of this process that is made like this one, so that what formulas share is found by place."""
+    args = tuple(interned(child) for child in node.args)
+    key = (node.op, tuple(map(id, args)), node.low_s, node.high_s, node.value, node.name)
+    if key not in _ONE:
+        _ONE[key] = node._replace(args=args)
+    return _ONE[key]
+
+
 def is_truth(node: Node) -> bool:
     """Say whether the node has a truth value (and a robustness), rather than being a term."""
     return node.op in COMPARISONS or node.op in TEMPORAL or node.op in LOGIC or node.op.startswith(CRISP)

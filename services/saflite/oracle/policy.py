@@ -26,7 +26,7 @@ from saflite.contract.test_case import StartState, Twin
 from saflite.contract.work import PolicyTexts
 from saflite.oracle.effects import silencing
 from saflite.oracle.examples import Example, completed, example_signals
-from saflite.oracle.formula import FUTURE, Node, harden, reach_s, signals_of, walk
+from saflite.oracle.formula import FUTURE, Node, harden, interned, reach_s, signals_of, walk
 from saflite.oracle.parse import parse
 from saflite.oracle.silence import is_silenced
 from saflite.oracle.stl import Evaluator, find
@@ -233,7 +233,7 @@ def _compiled(file: PolicyFile, text: str, where: str, place: str) -> Policy:
     used = needed | (signals_of(hard) if hard else frozenset())
     _check_signals(file, used, text, where)
     table = signal_table(file)
-    crisp, hard_crisp = crispened(formula, table), crispened(hard, table) if hard else None
+    crisp, hard_crisp = interned(crispened(formula, table)), interned(crispened(hard, table)) if hard else None
     return Policy(file, crisp, hard_crisp, margin_unit(crisp, place, table), needed, used)
 
 

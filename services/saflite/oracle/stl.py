@@ -108,7 +108,7 @@ _EVEN: _Windows = windows
 
 
 class Evaluator:
-    """Evaluates formulas over one trace; parts that formulas share are computed once.
+    """Evaluates formulas over one trace; parts that formulas share (`formula.interned`) are computed once.
 
     Args:
         signals: name to values, each of shape (n,); any float type.
@@ -124,7 +124,7 @@ class Evaluator:
         self.row = even if row is None else row[: self.samples]
         self._even = len(self.row) == 0 or self.row[-1] == even[-1]
         self._windows: _Windows = _EVEN if self._even else Uneven(self.row)
-        self._known: dict[Node, Any] = {}
+        self._known: dict[int, tuple[Node, Any]] = {}
 
     def trace(self, node: Node) -> Array:
         """Return the robustness (or the value of a term) at every sample, shape (n,).
@@ -139,10 +139,10 @@ class Evaluator:
         """Value of the node: an array, or a plain number where it does not depend on time."""
         if node.op == "number":
             return node.value
-        known = self._known.get(node)
+        known = self._known.get(id(node))
         if known is None:
-            known = self._known[node] = self._computed(node)
-        return known
+            known = self._known[id(node)] = (node, self._computed(node))  # held, so that no other node takes its id
+        return known[1]
 
     def _computed(self, node: Node) -> Any:
         op = node.op
