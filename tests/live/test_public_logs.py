@@ -18,6 +18,8 @@ from saflite.console.cli import main
 
 pytestmark = pytest.mark.live
 
+EXPLAINED = ("the log has no ", "no obstacles", "not checked on", "a flight of", "not known all the time: ")
+
 
 def verdicts(path: Path, capsys: pytest.CaptureFixture[str]) -> list[dict[str, str]]:
     code = main(["judge", str(path), "--json"])
@@ -25,7 +27,7 @@ def verdicts(path: Path, capsys: pytest.CaptureFixture[str]) -> list[dict[str, s
     found: list[dict[str, str]] = json.loads(capsys.readouterr().out)["verdicts"]
     for verdict in found:
         if verdict["outcome"] == "inconclusive":
-            assert verdict["message"].startswith(("the log has no ", "no obstacles", "not checked on", "a flight of"))
+            assert verdict["message"].startswith(EXPLAINED)
     return found
 
 
