@@ -10,8 +10,9 @@ import importlib.util
 import os
 import sys
 from collections.abc import Iterable
+from importlib.machinery import SOURCE_SUFFIXES, SourceFileLoader
 from pathlib import Path
-from types import ModuleType
+from types import CodeType, ModuleType
 from typing import Literal
 
 import msgspec
@@ -83,14 +84,16 @@ def forget() -> None:
 
 def load_file(path: Path) -> ModuleType:
     """Return the Python module in a file, run once per content; raises Refused if there is none or it does not run."""
-    content = digest(_bytes(path))
-    name = f"saflite_module_{path.stem}_{content[:16]}"
+    content = _bytes(path)
+    name = f"saflite_module_{path.stem}_{digest(content)[:16]}"
     known = sys.modules.get(name)
     if known is not None and known.__file__ == str(path):
         return known
-    spec = importlib.util.spec_from_file_location(name, path)
-    if spec is None or spec.loader is None:
+    if path.suffix not in SOURCE_SUFFIXES:
         raise Refused("module", where=str(path), expected="a Python file", got=path.suffix or "no suffix")
+    spec = importlib.util.spec_from_file_location(name, path, loader=_AsRead(name, str(path), content))
+    assert spec is not None, "it has a loader"
+    assert spec.loader is not None, "it has a loader"
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module
     try:
@@ -102,6 +105,18 @@ def load_file(path: Path) -> ModuleType:
         got = f"{type(fault).__name__}: {fault}".splitlines()[0].removesuffix(": ")
         raise Refused("module", where=str(path), expected="Python that runs", got=got) from fault
     return module
+
+
+class _AsRead(SourceFileLoader):
+    """Runs what was read: compiled code that lies beside a file may be of what stood there before, or of a stranger."""
+
+    def __init__(self, name: str, path: str, content: bytes) -> None:
+        super().__init__(name, path)
+        self._content = content
+
+    def get_code(self, fullname: str) -> CodeType:
+        """Return the code of the content."""
+        return compile(self._content, self.path, "exec", dont_inherit=True)
 
 
 def _bytes(path: Path) -> bytes:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import py_compile
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
@@ -108,6 +110,18 @@ def test_what_is_no_module_is_refused_in_one_line(tmp_path: Path, name: str, tex
     assert "\n" not in str(refusal.value)
     with pytest.raises(Refused, match="a readable file"):
         modules.use([tmp_path / "gone.py"])
+
+
+def test_compiled_code_beside_a_file_is_not_run_in_its_place(tmp_path: Path) -> None:
+    """It counts as that of the file if size and second are the same, whoever made it."""
+    file = tmp_path / "cart.py"
+    file.write_text(TARGET.replace('build="1"', 'build="2"'))
+    py_compile.compile(str(file), doraise=True)
+    made_s = file.stat().st_mtime
+    file.write_text(TARGET)
+    os.utime(file, (made_s, made_s))
+    modules.use([file])
+    assert describe_target("cart").build == "1"
 
 
 def test_a_run_finds_its_modules_again_and_goes_on_with_its_copy_of_changed_ones(
