@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping
+from itertools import pairwise
 
 import pytest
 from exposure_cases import HAVE, POLICIES, TEMPLATE, strategy
@@ -16,7 +17,7 @@ from saflite.flight.autopilots.reference.describe import describe
 from saflite.mutator.exposure.attention import read_spans
 from saflite.mutator.exposure.drawing import ENDS, Drawing, Shares
 from saflite.mutator.exposure.hints import Hint
-from saflite.mutator.exposure.procedures import Move, Procedure, broken_off, moves, read_procedures
+from saflite.mutator.exposure.procedures import Move, Procedure, broken_off, moves, read_procedures, without_entry
 from saflite.mutator.exposure.taken import Taken
 from saflite.mutator.exposure.vocabulary import Vocabulary
 from saflite.mutator.operators.commands import DEG_PER_M, HOME_LAT_DEG, HOME_LON_DEG
@@ -180,6 +181,31 @@ def test_what_is_broken_off_stops_within_a_step() -> None:
         assert 0.0 <= kept[-1].after_s <= steps[len(kept) - 1].after_s
     assert ends == {1, 2, 3}
     assert broken_off(derive(1, "broken off"), []) == []
+
+
+@pytest.mark.parametrize(
+    ("text", "left"),
+    [
+        ("air 20; RTL_ALT 777; LOITER; wait 2; SIM_GPS_DISABLE 1; RTL", ["RTL_ALT", "SIM_GPS_DISABLE", "RTL"]),
+        ("air 20; GUIDED; wait 5; RTL; wait 9", ["GUIDED", "RTL"]),
+        ("air 20; LOITER; wait 5; RTL_ALT 777", ["LOITER", "RTL_ALT"]),
+        ("air 20; SIM_GPS_DISABLE 1; LOITER; wait 5", ["SIM_GPS_DISABLE", "LOITER"]),
+    ],
+)
+def test_what_a_procedure_gives_may_come_in_the_state_at_hand(text: str, left: list[str]) -> None:
+    steps = without_entry(drawn(text))
+    assert [one.stimulus.name for one in steps if one.stimulus is not None] == left
+
+
+def test_one_begun_in_the_middle_of_another_enters_its_own_mode_or_does_not() -> None:
+    texts = ["upright air 20; LOITER; wait 5; SIM_GPS_DISABLE 1; wait 9", "a-rtl1 air 20; RTL; wait 40"]
+    settings = {"procedures": texts, "followed": 1.0, "crossed": 1.0, "kept": 0.0, "routed": 0.0, "own": 1.0}
+    before: set[str] = set()
+    for case in strategy(**settings).ask(40, derive(1, "ask")):
+        lost = [one for one in case.stimuli if one.name == "SIM_GPS_DISABLE" and one.values[0]]
+        orders = [one for one in case.stimuli if one.kind == "mode" or one in lost]
+        before |= {one.name for one, after in pairwise(orders) if after in lost}
+    assert {"LOITER", "RTL"} <= before
 
 
 def test_one_that_needs_height_is_brought_there_from_wherever_the_vehicle_flies() -> None:

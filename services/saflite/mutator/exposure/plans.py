@@ -78,11 +78,11 @@ class Planner:
         own = known[int(rng.integers(len(known)))]
         if own.begins != AIR or rng.random() >= self._crossed:
             return Task(hint, own)
-        return Task(hint, own, self._other(rng, own))
+        return Task(hint, own, self.any(rng, own.policy))
 
-    def _other(self, rng: Rng, own: Procedure) -> Procedure | None:
-        """Return one in the air of another policy: each failsafe, and none, alike, however many are about it."""
-        others = [kept for about in self._begun if (kept := [one for one in about if one.policy != own.policy])]
+    def any(self, rng: Rng, but: str = "") -> Procedure | None:
+        """Return one in the air of any policy `but` one: each failsafe, and none, alike, however many are about it."""
+        others = [kept for about in self._begun if (kept := [one for one in about if one.policy != but])]
         if not others:
             return None
         about = others[int(rng.integers(len(others)))]

@@ -184,6 +184,18 @@ def broken_off(rng: Rng, steps: Sequence[Move]) -> list[Move]:
     return kept
 
 
+def without_entry(steps: Sequence[Move]) -> list[Move]:
+    """Return the steps without the mode they begin in, where they give more than settings and modes after it.
+
+    What they give then comes in whatever state is at hand: a radio that is lost in a return, not in LOITER alone.
+    """
+    kinds = [one.stimulus.kind if one.stimulus is not None else "" for one in steps]
+    first = kinds.index("mode") if "mode" in kinds else len(kinds)
+    if not any(kind not in ("parameter", "mode", "") for kind in kinds[first:]):
+        return list(steps)
+    return [*steps[:first], *steps[first + 1 :]]
+
+
 def _given(rng: Rng, step: Step, drawing: Drawing) -> Stimulus:
     entry = step.entries[int(rng.integers(len(step.entries)))]
     if step.usual:

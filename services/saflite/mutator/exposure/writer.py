@@ -18,7 +18,7 @@ from saflite.mutator.exposure.hints import Hint
 from saflite.mutator.exposure.phases import PAUSE_S, SET_PAUSE_S, Phase, Script, Stimuli, Tempo
 from saflite.mutator.exposure.plans import Planner, Task
 from saflite.mutator.exposure.probes import Probes, beyond
-from saflite.mutator.exposure.procedures import AIR, GROUND, Move, Procedure, broken_off, moves
+from saflite.mutator.exposure.procedures import AIR, GROUND, Move, Procedure, broken_off, moves, without_entry
 from saflite.mutator.exposure.recipes import Recipe, Recipes
 from saflite.mutator.exposure.state_model import StateModel
 from saflite.mutator.exposure.taken import Taken
@@ -36,13 +36,14 @@ FROM_START = 0.6  # share of phases that come from the mode in which the rule's 
 HELD = 0.8  # share of phases in which a stick stays where a rule asks for it
 UPSET = 0.5  # share of phases, for rules about a lost sensor, in which a fault of their own comes first
 MOVED_OFF = 0.4  # chance of each setting that the rule reads to be off its default from the start
-DISTURBED = 0.5  # share of flights left to themselves that get one input on the way
+INTERRUPTED, DISTURBED = 0.5, 0.25  # share of flights left to themselves that get a procedure, or one input, on the way
 DEFLECTED = 0.2  # the same for rules that ask for no stick but have some
 PUSHED = 0.7  # chance that a setting is moved the way in which a comparison with it becomes true
 AWAY = 0.85  # share of phases, for rules that want the vehicle away from home, in which it is sent there
 AWAY_S = (2.0, 20.0)  # it is given to come there, besides
 KIN = 0.5  # share of recipes, for a rule about a failsafe, that are of another rule about it
 SET_BEFORE, DISTURBS = 0.3, 0.35  # share of procedures after a setting of the rule's; chance of one more input in it
+ENTERED = 0.5  # share of procedures, begun while another is under way, that enter their own mode first
 DEADLY = 6.0
 ABOUT, OWN_MODE = 0.85, 0.95  # share of phases entered by a mode the formula names; by one of these or of its inputs
 STAYS = 0.3  # share of phases without an order of a mode that is thought to be flown; it may have ended by itself
@@ -108,15 +109,20 @@ class Writer:
         return script.stimuli(), tuple(spans)
 
     def calm(self, rng: Rng, tempo: Tempo, hints: Sequence[Hint]) -> Stimuli:
-        """Return a flight left to itself: settings before it, then no input, or a single one of a policy's own."""
+        """Return a flight left to itself: settings before it, then no input, a single one of a policy's own, or the
+        procedure of any policy, begun in the middle.
+        """
         script = Script(tempo)
         for hint in hints:
             for stimulus in (*self._asked(rng, [hint]), *self._pushed(rng, hint)):
                 script.give(stimulus)
                 script.pause(rng, *SET_PAUSE_S)
-        if rng.random() < DISTURBED:
+        script.at_s, way = float(rng.uniform(script.at_s, tempo.last_s)), rng.random()
+        procedure = self._plans.any(rng) if way < INTERRUPTED else None
+        if procedure is not None:
+            script.follow(rng, without_entry(moves(rng, procedure, self._drawing)))
+        elif way < INTERRUPTED + DISTURBED:
             hint = hints[int(rng.integers(len(hints)))]
-            script.at_s = float(rng.uniform(script.at_s, tempo.last_s))
             (order, *_) = (*self._orders(rng, hint), None)
             script.give(order or self._drawing.draw(self._drawing.style(rng, hint), rng))
         return script.stimuli()
@@ -126,6 +132,7 @@ class Writer:
         own = [entry for entry in (*style.hint.read, *style.hint.inputs) if entry.kind == "parameter"]
         steps = moves(rng, procedure, self._drawing)
         if task.begun is not None:
+            steps = steps if rng.random() < ENTERED else without_entry(steps)
             steps = [*broken_off(rng, moves(rng, task.begun, self._drawing)), *steps]
         if own and rng.random() < SET_BEFORE:
             steps.insert(0, Move(self._drawing.moved(rng, own[int(rng.integers(len(own)))]), SET_PAUSE_S[0]))

@@ -49,7 +49,7 @@ from saflite.mutator.operators.sequences import moved_to_start
 from saflite.mutator.strategy import Chosen, Option, Options, Proposes, Settings
 
 Rng = np.random.Generator
-CALM = 0.4  # share of flights of a drawn mission that are left to themselves
+CALM = 0.6  # share of flights of a drawn mission that are left to themselves
 AIRBORNE_S = (20.0, 40.0)  # a mission takes off after about 20 s
 SETTLE_LEAST_S = 1.5
 SHIFT_S = (0.05, 15.0)
