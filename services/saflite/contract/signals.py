@@ -50,7 +50,7 @@ SIGNALS: dict[str, Signal] = {
     "climb_est_mps": Signal("m/s", "vertical speed as estimated, up positive"),
     "altitude_target_m": Signal("m", "height the altitude controller aims at; the estimate where it aims at none"),
     "altitude_source": Signal(
-        "", "height source asked for (EK2_ALT_SOURCE): 0 barometer, 1 range finder, 2 GPS", "code"
+        "", "height source asked for (EK2_ALT_SOURCE): 0 barometer, 1 range finder, 2 GPS, 3 vision", "code"
     ),
     "home_distance_m": Signal("m", "true distance in the plane to the home position in force"),
     "circle_radius_m": Signal("m", "radius the CIRCLE mode aims at; 0 outside the mode"),

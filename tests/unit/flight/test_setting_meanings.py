@@ -24,8 +24,9 @@ PX4_CODES = [
     ("GF_ACTION", "fence_action_set", (3.0, 1.0), 4.0),
     ("GF_ACTION", "fence_action_set", (3.0, 1.0), -1.0),
     ("COM_POSCTL_NAVL", "fs_gps_action", (1.0, 1.0), 2.0),
-    ("EKF2_HGT_REF", "altitude_source", (1.0, 2.0), 3.0),
-    ("EKF2_HGT_MODE", "altitude_source", (2.0, 1.0), 3.0),
+    ("EKF2_HGT_REF", "altitude_source", (1.0, 2.0), 4.0),
+    ("EKF2_HGT_REF", "altitude_source", (3.0, 3.0), -1.0),
+    ("EKF2_HGT_MODE", "altitude_source", (2.0, 1.0), 4.0),
 ]
 ARDUPILOT_CODES = [
     ("EK3_SRC1_POSZ", "altitude_source", (3.0, 2.0), 0.0),

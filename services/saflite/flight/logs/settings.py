@@ -193,7 +193,7 @@ ARDUPILOT: dict[str, Plain | Made] = {
 }
 
 
-_PX4_HEIGHTS = {0.0: 0.0, 1.0: 2.0, 2.0: 1.0}
+_PX4_HEIGHTS = {0.0: 0.0, 1.0: 2.0, 2.0: 1.0, 3.0: 3.0}
 
 
 def _px4_fence(given: Parameters) -> float:

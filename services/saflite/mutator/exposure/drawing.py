@@ -10,11 +10,10 @@ import numpy as np
 from saflite.contract.test_case import Stimulus, StimulusKind
 from saflite.mutator.exposure import numbers
 from saflite.mutator.exposure.hints import Hint
-from saflite.mutator.exposure.vocabulary import Vocabulary
+from saflite.mutator.exposure.vocabulary import ENDS, Vocabulary
 from saflite.mutator.operators.inputs import Input
 
 Rng = np.random.Generator
-ENDS = ("MAV_CMD_DO_FLIGHTTERMINATION", "MAV_CMD_DO_PARACHUTE", "MAV_CMD_COMPONENT_ARM_DISARM")
 SPARED = 0.8  # share of times something else is drawn than what may end a flight, where the rule is not about it
 MODES_WITHIN = 0.15  # share of test cases that change the mode within a phase, too
 
@@ -62,6 +61,11 @@ class Drawing:
             if entry.name in ENDS and rng.random() < SPARED:
                 entry = self._vocabulary.draw(rng, style.hint.policy, style.kinds, style.mode)
         return self.given(rng, entry)
+
+    def seldom(self, rng: Rng, mode: str) -> Stimulus | None:
+        """Return an input that was given seldom in a mode, None where nothing acts at once."""
+        entry = self._vocabulary.draw_seldom(rng, mode)
+        return self.given(rng, entry) if entry is not None else None
 
     def pushed(self, rng: Rng, entry: Input, sense: float) -> float:
         """Return a value of a setting well off where it rests, up or down."""

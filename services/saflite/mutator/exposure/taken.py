@@ -41,6 +41,10 @@ class Taken:
         """Return in what share of the times it was given in a mode an input was taken."""
         return (self._taken[key, mode] + UNKNOWN * DOUBT) / (self._given[key, mode] + DOUBT)
 
+    def given(self, key: Key, mode: str) -> int:
+        """Return how often an input was given in a mode."""
+        return self._given[key, mode]
+
     def best(self, key: Key) -> str:
         """Return the mode in which an input is taken most surely, empty where it never was."""
         return max(sorted(self._modes.get(key, ())), key=lambda mode: self.share(key, mode), default="")

@@ -17,6 +17,8 @@ from saflite.mutator.operators.inputs import Have, Input
 Rng = np.random.Generator
 Item = TypeVar("Item")
 Key = tuple[StimulusKind, str]
+AT_ONCE: tuple[StimulusKind, ...] = ("command", "mode", "sensor_fault", "stick")
+ENDS = ("MAV_CMD_DO_FLIGHTTERMINATION", "MAV_CMD_DO_PARACHUTE", "MAV_CMD_COMPONENT_ARM_DISARM")
 TRUST = 4.0
 """Flights with an input after which what was seen weighs as much as the mean of all flights."""
 REFUSED_LEAST = 0.1
@@ -91,6 +93,25 @@ class Vocabulary:
         kind = kinds[int(rng.integers(len(kinds)))]
         entries = self._by_kind[kind]
         return pick(rng, entries, [self._weight(policy, entry, mode) for entry in entries])
+
+    def draw_seldom(self, rng: Rng, mode: str) -> Input | None:
+        """Return an input that was given seldom in a mode, its kind evenly among those that act at once.
+
+        What may end a flight is left out, and so are settings: most of what there are change nothing that shows.
+        """
+        kinds = [kind for kind in AT_ONCE if kind in self._by_kind]
+        kind = kinds[int(rng.integers(len(kinds)))] if kinds else None
+        entries = [entry for entry in self._by_kind.get(kind, ()) if entry.name not in ENDS] if kind else []
+        keys: list[Key] = [(entry.kind, entry.name) for entry in entries]
+        weights = [
+            max(REFUSED_LEAST, self._taken.share(key, mode)) / (1 + self._taken.given(key, mode)) for key in keys
+        ]
+        return pick(rng, entries, weights) if entries else None
+
+    def _novelty(self, entry: Input, mode: str) -> float:
+        """Return less the oftener an input was given in a mode, and where it was refused there."""
+        key = (entry.kind, entry.name)
+        return max(REFUSED_LEAST, self._taken.share(key, mode)) / (1 + self._taken.given(key, mode))
 
     def draw_own(self, rng: Rng, hint: Hint, kinds: Iterable[StimulusKind], mode: str = "") -> Input | None:
         """Return an input the policy reads, or of its own list; None if it has none of these kinds."""

@@ -44,6 +44,7 @@ AWAY_S = (2.0, 20.0)  # it is given to come there, besides
 KIN = 0.5  # share of recipes, for a rule about a failsafe, that are of another rule about it
 SET_BEFORE, DISTURBS = 0.3, 0.35  # share of procedures after a setting of the rule's; chance of one more input in it
 ENTERED = 0.5  # share of procedures, begun while another is under way, that enter their own mode first
+SELDOM, SELDOM_S = 0.3, (2.0, 8.0)  # share of procedures with an input seldom given in the mode at hand, time after it
 DEADLY = 6.0
 ABOUT, OWN_MODE = 0.85, 0.95  # share of phases entered by a mode the formula names; by one of these or of its inputs
 STAYS = 0.3  # share of phases without an order of a mode that is thought to be flown; it may have ended by itself
@@ -140,10 +141,22 @@ class Writer:
             if rng.random() >= DISTURBS:
                 break
             steps.insert(int(rng.integers(len(steps) + 1)), Move(self._drawing.draw(style, rng), PAUSE_S[0]))
+        if rng.random() < SELDOM:
+            steps = self._with_seldom(rng, steps, mode)
         script.follow(rng, steps)
         script.pause(rng, *SET_PAUSE_S)
         entered = [one.stimulus.name for one in steps if one.stimulus is not None and one.stimulus.kind == "mode"]
         return entered[-1] if entered else mode
+
+    def _with_seldom(self, rng: Rng, steps: Sequence[Move], mode: str) -> list[Move]:
+        """Return the steps with an input among them that was given seldom in the mode there, and quiet after it."""
+        place = int(rng.integers(len(steps) + 1))
+        before = [
+            one.stimulus.name for one in steps[:place] if one.stimulus is not None and one.stimulus.kind == "mode"
+        ]
+        stimulus = self._drawing.seldom(rng, before[-1] if before else mode)
+        more = [Move(stimulus, float(rng.uniform(*SELDOM_S)))] if stimulus is not None else []
+        return [*steps[:place], *more, *steps[place:]]
 
     def phase(self, rng: Rng, script: Script, style: Style, mode: str) -> str:
         """Write a phase; return the mode it is meant to be flown in."""
