@@ -8,12 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from log_bytes import POSITION, STATUS, ulog
+from log_bytes import KINDS, POSITION, STATUS, ardupilot_flight, ulog
 
+from saflite.flight.logs.dataflash import read_dataflash_log
 from saflite.flight.logs.flight_log import FlightLog
 from saflite.flight.logs.ulog import read_ulog_log
 
 STABILIZE, ACRO, TERMINATION = 15, 10, 13
+ACRO_OF_ARDUPILOT = 1
 UP_S, END_S = 3.0, 30.0
 Spans = Sequence[tuple[float, float]]
 
@@ -33,8 +35,13 @@ def written(
     parameters: dict[str, float] | None = None,
     motors: tuple[float, ...] = (0.4, 0.5, 0.6, 0.5),
     older: bool = False,
+    hits: Spans = (),
+    end_s: float = END_S,
 ) -> Path:
-    """Flown from 3 s on, 10 m up, on the ground again in the spans of `down`; `lost`: what the detector says."""
+    """Flown from 3 s on, 10 m up, on the ground again in the spans of `down`; `lost`: what the detector says.
+
+    In the spans of `hits` the accelerometer measures 30 times what gravity pulls with.
+    """
     topics = {
         "vehicle_local_position": POSITION,
         "vehicle_status": [*STATUS, ("H", "failure_detector_status")] if older else STATUS,
@@ -42,10 +49,12 @@ def written(
         "vehicle_control_mode": [("?", "flag_control_termination_enabled")],
         "actuator_motors": [("f", f"control[{i}]") for i in range(len(motors))],
     }
+    if hits:
+        topics["sensor_combined"] = [("f", f"accelerometer_m_s2[{i}]") for i in range(3)]
     if not older:
         topics["failure_detector_status"] = [("?", "fd_roll"), ("?", "fd_pitch")]
     rows: list[tuple[str, float, tuple[float, ...]]] = []
-    for tenth in range(10, int(END_S * 10)):
+    for tenth in range(10, int(end_s * 10)):
         at_s = tenth / 10
         stands = at_s < UP_S or within(at_s, down)
         rows.append(("vehicle_local_position", at_s, (0.0, 0.0, 0.0 if stands else -10.0, 0.0, 0.0, 0.0, True)))
@@ -54,6 +63,8 @@ def written(
         rows.append(("vehicle_land_detected", at_s, (stands,)))
         rows.append(("vehicle_control_mode", at_s, (within(at_s, ended),)))
         rows.append(("actuator_motors", at_s, motors))
+        if hits:
+            rows.append(("sensor_combined", at_s, (0.0, 100.0, -280.0) if within(at_s, hits) else (0.0, 0.0, -9.81)))
         if not older:
             rows.append(("failure_detector_status", at_s, (False, within(at_s, lost))))
     path = tmp_path / "flight.ulg"
@@ -85,6 +96,17 @@ def test_who_catches_himself_and_lands_has_not_crashed(tmp_path: Path) -> None:
     log = read_ulog_log(written(tmp_path, lost=((10.0, 11.0),), down=LANDS))
     assert not log.crashed
     assert [crashed(log, at_s) for at_s in (10.5, 20.0, 28.0)] == [0.0, 0.0, 0.0]
+
+
+def test_who_hits_the_ground_with_his_attitude_lost_has_crashed_though_he_lies_level(tmp_path: Path) -> None:
+    log = read_ulog_log(written(tmp_path, lost=((10.0, 10.5),), hits=((11.0, 11.1),), down=((11.0, END_S),)))
+    assert log.crashed
+    assert [crashed(log, at_s) for at_s in (9.5, 12.0, 20.0, 28.0)] == [0.0, 1.0, 1.0, 1.0]
+
+
+@pytest.mark.parametrize("hits", [((8.0, 8.1),), ((18.0, 18.1),)])
+def test_a_hit_before_an_attitude_is_lost_or_long_after_is_no_crash(hits: Spans, tmp_path: Path) -> None:
+    assert not read_ulog_log(written(tmp_path, lost=((10.0, 11.0),), hits=hits, down=LANDS)).crashed
 
 
 def test_who_is_terminated_in_level_flight_or_disarmed_in_the_air_came_down_nobody_knows_how(tmp_path: Path) -> None:
@@ -121,3 +143,43 @@ def test_the_load_is_the_mean_of_the_motors_there_are_while_armed(tmp_path: Path
 def test_motors_that_all_stand_have_no_load(tmp_path: Path) -> None:
     log = read_ulog_log(written(tmp_path, motors=(math.nan,) * 4))
     assert log.trace.array("throttle")[round(10.0 / log.trace.step_s)] == 0.0
+
+
+def test_who_hits_something_and_flies_on_has_not_crashed(tmp_path: Path) -> None:
+    stopped = written(tmp_path, lost=((10.0, 10.5),), hits=((11.0, 11.1),), down=((11.0, END_S),))
+    assert read_ulog_log(stopped).crashed
+    goes_on = written(tmp_path, lost=((4.0, 4.5),), hits=((5.0, 5.1),), armed=((2.0, 40.0),), end_s=45.0)
+    assert not read_ulog_log(goes_on).crashed
+
+
+LEANS = {**KINDS, "ATT": ("Qff", "TimeUS,Roll,Pitch"), "VIBE": ("QBI", "TimeUS,IMU,Clip")}
+
+
+def dropped(
+    tmp_path: Path, *, lean_deg: float = 80.0, hit_s: float = 7.0, mode: int = 0, off_s: float = 9.0
+) -> FlightLog:
+    """Leans over from 6 s on, an accelerometer is at its end at `hit_s`, the motors are stopped at `off_s`."""
+    more: list[tuple[str, tuple[float, ...]]] = [("MODE", (1_500_000, mode, mode, 1)), ("EV", (9_000_000, 11))]
+    for tenth in range(10, 110):
+        at = tenth * 100_000
+        more.append(("ATT", (at, lean_deg if at >= 6e6 else 2.0, 1.0)))
+        more.append(("VIBE", (at, 0, 3 + 2 * (at >= hit_s * 1e6))))
+        more.append(("VIBE", (at, 1, 7)))
+    path = tmp_path / "flight.bin"
+    path.write_bytes(ardupilot_flight(LEANS, more=sorted(more, key=lambda row: row[1][0])))
+    return read_dataflash_log(path)
+
+
+def test_a_copter_that_hits_something_leaning_over_has_crashed(tmp_path: Path) -> None:
+    log = dropped(tmp_path)
+    assert log.crashed
+    assert [crashed(log, at_s) for at_s in (6.5, 8.0)] == [0.0, 1.0]
+
+
+@pytest.mark.parametrize(
+    "otherwise", [{"lean_deg": 40.0}, {"hit_s": 5.0}, {"hit_s": 20.0}, {"mode": ACRO_OF_ARDUPILOT}], ids=str
+)
+def test_who_leans_little_or_turns_over_on_purpose_or_hits_nothing_then_has_not(
+    otherwise: dict[str, float], tmp_path: Path
+) -> None:
+    assert not dropped(tmp_path, **otherwise).crashed  # type: ignore[arg-type]

@@ -13,6 +13,7 @@ import numpy as np
 
 from saflite.flight.logs.dataflash_rows import Row, Rows, held_at, points
 from saflite.flight.logs.flight_log import Points, add_taken_off, stands_by_height
+from saflite.flight.logs.hits import struck
 from saflite.flight.logs.resample import Columns
 
 _ARMED, _DISARMED, _NOT_LANDED = 10, 11, 28
@@ -36,6 +37,8 @@ _FAILSAFES: dict[int, str] = {
 }
 _IN_THE_AIR_M = 2.0
 _JUST_S = 1e-6  # a disarm counts as a landing at once
+_LOST = 0.5  # cosine of 60 degrees, more than ANGLE_MAX lets any mode lean
+_TURNS_OVER = (1.0, 14.0)  # ACRO, FLIP
 _FALLS_S = 0.6  # from higher than that it takes longer to the ground
 
 
@@ -65,6 +68,7 @@ def add(rows: Rows, formats: Mapping[str, str], held: Mapping[str, float], colum
     if landed:
         columns.hold("landed", *zip(*landed, strict=True))
     if "crashed" in columns or "crashed" in courses:
+        courses["crashed"] = sorted([*courses["crashed"], *_falls(rows, courses["armed"], columns)])
         courses["crashed"] = _crashes(courses["crashed"], courses["armed"], landed, columns)
     for signal, course in courses.items():
         if course:
@@ -116,6 +120,33 @@ def _stops(events: Points, arming: list[Row], armed: Points) -> Points:
     over = [at for at, number in events if number in _MOTORS_MAY_RUN] + [at for at, runs in armed if runs]
     orders = [(at, 1.0) for at in (*interlocked, *stopped, *forced)]
     return [(0.0, 0.0), *sorted([*orders, *((at, 0.0) for at in over)])]
+
+
+def _falls(rows: Rows, armed: Points, columns: Columns) -> Points:
+    """Return where a vehicle that leant over farther than any mode but ACRO and FLIP lets it hit something.
+
+    A hit is an accelerometer at its end (VIBE counts these); the crash check looks at leans alone, and for two seconds.
+    """
+    roll, pitch = columns.get("roll_deg"), columns.get("pitch_deg")
+    if roll is None or pitch is None or not armed:
+        return []
+    modes = points(rows["MODE"], "ModeNum", "Mode") or [(0.0, 0.0)]
+    upright = np.cos(np.radians(roll[1])) * np.cos(np.radians(np.interp(roll[0], *pitch)))
+    over_s = [float(at) for at in roll[0][upright <= _LOST] if held_at(modes, float(at)) not in _TURNS_OVER]
+    off_s = [at for at, runs in armed if not runs]
+    return [(float(at), 1.0) for at in struck(np.array(_hits(rows)), np.array(over_s), np.array(off_s))[:1]]
+
+
+def _hits(rows: Rows) -> list[float]:
+    """Return when an accelerometer was at its end, for each that is fitted: up to 4.0 one row counts for all."""
+    counted: dict[object, float] = {}
+    hits = []
+    for at, row in rows["VIBE"]:
+        count = sum(float(row[name]) for name in ("Clip", "Clip0", "Clip1", "Clip2") if name in row)
+        if count > counted.setdefault(row.get("IMU"), count):
+            hits.append(at)
+        counted[row.get("IMU")] = count
+    return hits
 
 
 def _crashes(told: Points, armed: Points, landed: Points, columns: Columns) -> Points:

@@ -38,6 +38,7 @@ _PLAIN = (
     "PARM",
     "ARM",
     "ORGN",
+    "VIBE",
 )
 _FILTERS = ("XKF1", "NKF1", "EKF1", "XKF4", "NKF4")
 _INSTANCES = ("GPS", "BARO", "BAT", "CURR")

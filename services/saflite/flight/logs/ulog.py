@@ -72,7 +72,7 @@ _WANTED = tuple(
     " mission_result vehicle_gps_position sensor_gps manual_control_setpoint battery_status home_position"
     " vehicle_local_position_setpoint vehicle_land_detected vehicle_command failsafe_flags vehicle_status_flags"
     " vehicle_command_ack geofence_result vehicle_air_data vehicle_control_mode actuator_armed orbit_status"
-    " estimator_status estimator_status_flags actuator_motors failure_detector_status".split()
+    " estimator_status estimator_status_flags actuator_motors failure_detector_status sensor_combined".split()
 )
 _NO_COPTERS = (1, 7, 8, 9, 10, 11, 12, 16)  # MAV_TYPE of planes, airships, balloons, rockets, rovers, boats, wings
 _LOCAL = {"x": ("x_m", 1.0), "y": ("y_m", 1.0), "z": ("altitude_m", -1.0)}

@@ -2,7 +2,8 @@
 
 PX4 does not say that it crashed. Its failure detector says that roll or pitch passed FD_FAIL_R or FD_FAIL_P for a
 while (`failure_detector_status`, up to 1.12 bits of `vehicle_status`); who is still tumbling, or was terminated for it,
-when the motors stop or the log ends, came down so. It does not watch in ACRO, nor where one of the two is set to 0.
+when the motors stop or the log ends, came down so, and so did who hit something within seconds of it, as the
+accelerometer tells, however it lies then. It does not watch in ACRO, nor where one of the two is set to 0.
 """
 
 from __future__ import annotations
@@ -13,11 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saflite.contract.signals import MODES
+from saflite.flight.logs.hits import struck
 from saflite.flight.logs.resample import Columns
 from saflite.flight.logs.topics import Column, Topics, field, held
 
 _MOTORS_MAX = 12  # actuator_motors.NUM_CONTROLS
 _ATTITUDE = 1 | 2  # vehicle_status.FAILURE_ROLL, FAILURE_PITCH
+_HIT_MPS2 = 100.0  # ten times what gravity pulls with: no landing gear takes that in a landing
 _LIMITS = ("FD_FAIL_R", "FD_FAIL_P")
 _ENDED = (("vehicle_control_mode", "flag_control_termination_enabled"), ("actuator_armed", "force_failsafe"))
 SOURCES = {
@@ -50,11 +53,13 @@ def add_crash(
     mode = columns.get("mode") or (armed[0], np.zeros(len(armed[0])))
     ends = [end for place in _ENDED if (end := field(topics, *place)) is not None]
     at_s = np.unique(np.concatenate([column[0] for column in (armed, landed, lost, mode, *ends)]))
+    falls = (held(lost, at_s) > 0) & (at_s >= lost[0][0])
+    falls |= _since_a_hit(at_s, falls, held(armed, at_s) > 0, _hits(topics))
     ended = np.max([held(end, at_s) for end in ends], axis=0) > 0 if ends else np.zeros(len(at_s), dtype=np.bool_)
     crashed = _crashes(
         held(armed, at_s) > 0,
         held(landed, at_s) > 0,
-        (held(lost, at_s) > 0) & (at_s >= lost[0][0]),
+        falls,
         ended,
         held(mode, at_s) == MODES["ACRO"],
     )
@@ -69,6 +74,25 @@ def _lost(topics: Topics) -> Column | None:
         return roll[0], np.maximum(roll[1], pitch[1])
     bits = field(topics, "vehicle_status", "failure_detector_status")
     return None if bits is None else (bits[0], (bits[1].astype(np.int64) & _ATTITUDE > 0).astype(np.float64))
+
+
+def _hits(topics: Topics) -> NDArray[np.float64]:
+    """Return when the accelerometer measured a hit (s), shape (n,)."""
+    axes = [one for i in range(3) if (one := field(topics, "sensor_combined", f"accelerometer_m_s2[{i}]")) is not None]
+    if not axes:
+        return np.empty(0)
+    pulled = np.sqrt(np.sum([values**2 for _, values in axes], axis=0))
+    return np.asarray(axes[0][0][pulled >= _HIT_MPS2], dtype=np.float64)
+
+
+def _since_a_hit(
+    at_s: NDArray[np.float64], lost: NDArray[np.bool_], armed: NDArray[np.bool_], hits_s: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """Return from where a vehicle lies that hit something just after its attitude was lost, until it is disarmed."""
+    lies = np.zeros(len(at_s), dtype=np.bool_)
+    for hit_s in struck(hits_s, at_s[lost], at_s[~armed]):
+        lies |= (at_s >= hit_s) & (at_s < np.append(at_s[(at_s > hit_s) & ~armed], np.inf)[0])
+    return lies
 
 
 def _crashes(
