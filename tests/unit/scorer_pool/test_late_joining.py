@@ -16,7 +16,7 @@ from saflite.runtime.clock import WallClock
 from saflite.scorer_pool.model import PolicyBrief
 from saflite.scorer_pool.work import ScorerPool
 
-ROUNDS, EACH, SINCE = 40, 4, 23
+ROUNDS, EACH, SINCE = 26, 4, 15
 MISSION = builtin_mission("mission2")
 
 
