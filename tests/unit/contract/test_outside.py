@@ -43,6 +43,17 @@ def test_a_file_with_a_secret_is_refused_where_others_can_open_it(mode: int, tmp
                 assert reader(name)
 
 
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root gives files away")
+def test_a_file_with_a_secret_that_another_user_put_there_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "secret"
+    path.write_text("operator 0123456789abcdef\n")
+    path.chmod(0o600)
+    os.chown(path, 12345, -1)
+    for reader in (access.read_tokens, webhook.read_secret):
+        with pytest.raises(Refused, match="one of user 12345"):
+            reader(path)
+
+
 @pytest.mark.parametrize("text", [r'{"a": "\ud800"}', r'{"\udfff": 1}', r'[["x", {"a": ["\ud83d"]}]]'])
 def test_half_a_pair_of_surrogates_is_refused(text: str) -> None:
     with pytest.raises(Refused, match="surrogates"):
