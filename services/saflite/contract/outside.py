@@ -28,6 +28,7 @@ LOG_BYTES_MAX = 512 * 2**20
 """Flight logs and recordings."""
 
 DEPTH_MAX = 32
+COLUMNS_MAX = 1_000
 NAME_SHOWN = 80
 WHOLE_MAX = 2**63 - 1
 _Place = tuple[Any, str | int] | None
@@ -126,8 +127,13 @@ def parse_csv(text: str, what: str, where: str) -> list[list[str]]:
 
 
 def parse_table(text: str, what: str, where: str) -> list[dict[str, str]]:
-    """Return the rows of a CSV text by the columns its first row names, a missing field as empty; raises Refused."""
+    """Return the rows of a CSV text by the columns its first row names, a missing field as empty; raises Refused.
+
+    Also for more than `COLUMNS_MAX` columns.
+    """
     heads, *rows = parse_csv(text, what, where) or [[]]
+    if len(heads) > COLUMNS_MAX:  # each row has all of them, however short it is
+        raise Refused(what, where=where, expected=f"at most {COLUMNS_MAX} columns", got=len(heads))
     return [dict(zip_longest(heads, row[: len(heads)], fillvalue="")) for row in rows if row]
 
 

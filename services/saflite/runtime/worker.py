@@ -91,6 +91,7 @@ STOOD_STILL_S = 5.0  # its shell ticks each second
 ASK_MARGIN_S = 5.0  # how much longer than the long poll an answer may take
 RETRY_FIRST_S, RETRY_MAX_S = 0.1, 2.0
 REPORTS_WAITING_MAX = 16  # more than this undelivered and no new work is taken
+GRANTS_WAITING_MAX = REPORTS_WAITING_MAX + 2  # answers that were thought lost may all come after all; never more
 STOP_GRACE_S = 5.0
 STUCK_S = 120.0  # a model server's answer may take that long; what had all the time of its lease gets STOP_GRACE_S
 LAST_ANSWERS_S = 2.0  # of those: what goes on though it was told to end is handed back in time for an answer
@@ -206,7 +207,8 @@ class Worker:
             self._joining.lost(now_s)
         held = set(self.held)
         granted = {Key(lease.lease_id, lease.epoch): lease for lease in grant.leases}
-        self._waiting += [lease for key, lease in granted.items() if key not in held]
+        room = GRANTS_WAITING_MAX * (self.parallel + self.config.prefetch) - len(self._waiting)
+        self._waiting += [lease for key, lease in granted.items() if key not in held][: max(0, room)]
         if grant.stop:
             self._stop("the campaign is over", now_s, out)
         elif self.stopping:

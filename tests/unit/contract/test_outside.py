@@ -121,3 +121,12 @@ def test_toml_takes_time_with_its_length_alone(part: str) -> None:
     with suppress(Refused):
         outside.parse_toml(text, "campaign file", "file")
     assert time.process_time() - began_s < 5.0, "measured: under 0.5 s"
+
+
+def test_a_table_takes_time_with_its_length_alone() -> None:
+    """Half a million short rows below half a million heads would have been filled up to 250 thousand million fields."""
+    text = "\n".join(["a," * 500_000, *["1"] * 500_000])
+    with pytest.raises(Refused, match="at most 1000 columns, got 500001"):
+        outside.parse_table(text, "labels", "file")
+    rows = outside.parse_table("\n".join([",".join(map(str, range(1000))), "1", "2"]), "labels", "file")
+    assert [len(row) for row in rows] == [1000, 1000]
