@@ -293,7 +293,7 @@ def test_books_that_grant_without_end_fill_no_memory() -> None:
         (key,) = worker._running
         worker.handle(w.Done(key, WarmResult(model="", ready=True)), 0.2)
         worker.handle(w.Received(key, Receipt(lease_id=key.lease_id, epoch=1, status="accepted", grant=grant)), 0.2)
-        assert len(worker.held) <= 2 * w.GRANTS_WAITING_MAX + 1
+        assert len(worker.held) <= 2 * w.GRANTS_MAX + 1
 
 
 @pytest.mark.parametrize("rng_seed", range(200))
