@@ -15,7 +15,7 @@ _ARITHMETIC = (
 )
 _SANITIZERS = rf"Sanitizer: |GWP-ASan|runtime error: (?!.*(?:{_ARITHMETIC}))"
 # How far a pattern looks is bounded: looking on from each place of a message takes its length squared.
-_STACK_AND_FORTIFY = r"\*\*\* .{1,200} detected \*\*\*|\*\*\*: .{0,4200}terminated"
+_STACK_AND_FORTIFY = r"\*\*\* .{1,200} detected \*\*\*|\*\*\*: .{0,1000}terminated"
 _HEAP = (
     r"(?:alloc|free|chunk|tcache)\w{0,64}\(\): "
     r"(?:invalid|corrupted|unaligned|mismatching|memory corruption|double free|too many|unsorted|largebin|smallbin)|"
