@@ -9,7 +9,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from saflite.contract.closed import check_closed
+from saflite.contract.errors import Refused
+
 LOCK = "register.lock"
+DOUBT = "if what is in it is still what `saflite keys` wrote; make new keys if it is not"
 
 
 @contextmanager
@@ -30,9 +34,22 @@ def alone(folder: Path) -> Iterator[None]:
 
 
 def make_private(folder: Path) -> None:
-    """Have a folder that only this user may enter; raises OSError."""
+    """Have a folder that only this user may enter; raises OSError, or Refused where it is another user's."""
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     folder.chmod(0o700)
+    check_closed(folder, "keys", DOUBT)  # root may change the mode of anybody's
+
+
+def check_ours(path: Path) -> None:
+    """Raise Refused where others can change a file or folder of keys, or put another in its place.
+
+    Whoever can replace the authority's certificate decides whom this end trusts. Where a link leads counts as well.
+    """
+    try:
+        for one in (path.parent, path, path.resolve().parent) if path.is_file() else (path,):
+            check_closed(one, "keys", DOUBT)
+    except (OSError, RuntimeError) as fault:  # it went meanwhile, may not be looked at, or links lead in a circle
+        raise Refused("keys", where=str(path), expected="what can be read", got=str(fault)) from fault
 
 
 def write(path: Path, data: bytes) -> None:

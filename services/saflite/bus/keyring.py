@@ -6,7 +6,7 @@
     KEYS/farm/                           what the router shows: ca.pem, cert.pem, key.pem
     KEYS/peers/NAME/                     what the participant NAME is given: ca.pem, cert.pem, key.pem, peer.toml
 
-All of it is for its user only (mode 0700 and 0600).
+All of it is for its user only (mode 0700 and 0600). What others could have changed, or own, is refused.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ import tomli_w
 
 from saflite.bus.access import ANY_CAMPAIGN, STAGE_OF, Peer, Role, is_reserved
 from saflite.bus.certificates import Pair, make_authority, make_certificate, new_common_name, validity
-from saflite.bus.key_files import alone, make_private, write
+from saflite.bus.key_files import alone, check_ours, make_private, write
 from saflite.contract import wire
 from saflite.contract.clock import in_utc
 from saflite.contract.errors import Refused
 from saflite.contract.names import NAME_CHARS_MAX, NAME_EXPECTED, is_name
-from saflite.contract.outside import check_private, parse_toml, read_bytes, read_text
+from saflite.contract.outside import parse_toml, read_bytes, read_text
 from saflite.contract.plain import argument
 
 REGISTER, FARM, PEERS, PEER = "register.toml", "farm", "peers", "peer.toml"
@@ -102,6 +102,7 @@ def init(folder: Path, hosts: Sequence[str], *, now_s: float, days: int = 365, i
     if if_needed and (folder / REGISTER).exists():
         return read_register(folder)
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    check_ours(folder)
     with alone(folder):
         if (folder / REGISTER).exists():
             if if_needed:
@@ -254,7 +255,7 @@ def peer_credentials(folder: Path, now_s: float) -> Credentials:
     """Return what a participant shows, out of the folder it was given.
 
     Raises:
-        Refused: it is no such folder, others can read its key, it has expired, or begins later.
+        Refused: it is no such folder, others can read its key or change any of it, it has expired, or begins later.
     """
     if not (folder / PEER).is_file():
         fix = "`saflite keys add NAME --role ROLE` makes one, on the machine of the farm"
@@ -264,7 +265,7 @@ def peer_credentials(folder: Path, now_s: float) -> Credentials:
 
 def _authority(folder: Path, now: datetime, days: int) -> tuple[Pair, datetime]:
     """Return what signs, and until when what it signs for some days is good: no longer than itself."""
-    authority = Pair(_read(folder / AUTHORITY_KEY), _read(folder / AUTHORITY))
+    authority = Pair(_read(folder / AUTHORITY_KEY, private=True), _read(folder / AUTHORITY))
     end = validity(authority.certificate)[1]
     if end <= now:
         got = f"one that expired at {end:%Y-%m-%d %H:%M} UTC"
@@ -283,8 +284,7 @@ def _checked(credentials: Credentials, now_s: float) -> Credentials:
             raise Refused(
                 "key", where=str(credentials.folder), expected=f"{CA}, {CERTIFICATE}, {KEY}", got=f"no {name}"
             )
-    key = credentials.folder / KEY
-    check_private(key.stat().st_mode, key, "key")
+    _read(credentials.folder / KEY, private=True)
     begins, until = validity(_read(credentials.folder / CERTIFICATE))
     authority_until = validity(_read(credentials.folder / CA))[1]
     until = min(until, authority_until)
@@ -340,13 +340,17 @@ def _instant(now_s: float) -> datetime:
     return in_utc(now_s)
 
 
-def _read(path: Path) -> bytes:
-    return read_bytes(path, "key", KEY_BYTES_MAX)
+def _read(path: Path, *, private: bool = False) -> bytes:
+    data = read_bytes(path, "key", KEY_BYTES_MAX, private=private)
+    check_ours(path)
+    return data
 
 
 def _toml(path: Path, kind: type[T]) -> T:
+    text = read_text(path, "keys")
+    check_ours(path)
     try:
-        return wire.convert(parse_toml(read_text(path, "keys"), "keys", str(path)), kind)
+        return wire.convert(parse_toml(text, "keys", str(path)), kind)
     except msgspec.ValidationError as fault:
         raise Refused("keys", where=str(path), expected="what `saflite keys` writes", got=str(fault)) from fault
 

@@ -200,6 +200,8 @@ def given(stimuli: Sequence[Stimulus], delivered: tuple[Delivered, ...] | None) 
 _ENCODER = msgspec.msgpack.Encoder(order="deterministic")
 TRACE_BYTES_MAX = 64 * 2**20
 STEP_MIN_S, STEP_MAX_S = 1e-6, 3600.0
+SAMPLES_MAX = 2**20
+"""Of a signal: 14 hours at 20 Hz. What judges a flight takes a kilobyte a sample and more."""
 
 
 def pack_trace(trace: Trace) -> bytes:
@@ -235,7 +237,8 @@ def unpack_trace(data: bytes, trace_digest: str = "") -> Trace:
     """Return the trace in `data`.
 
     Raises:
-        Refused: it is damaged, larger than 64 MiB unpacked, or not the one with this digest, if one is given.
+        Refused: it is damaged, larger than 64 MiB unpacked, of more than `SAMPLES_MAX` samples, or not the one with
+            this digest, if one is given.
     """
     inflate = zlib.decompressobj()
     try:
@@ -245,20 +248,22 @@ def unpack_trace(data: bytes, trace_digest: str = "") -> Trace:
         folded: Trace = unpack(content, Trace)
     except (zlib.error, *UNREADABLE) as fault:
         raise Refused("trace", expected="a packed trace", got=str(fault)) from fault
+    check_trace(folded)  # what is folded is as long as what is not
     trace = msgspec.structs.replace(folded, signals={name: _unfolded(data) for name, data in folded.signals.items()})
     if trace_digest and digest(_ENCODER.encode(trace)) != trace_digest:
         raise Refused("trace", expected=f"the one with the digest {trace_digest[:16]!r}...", got="another trace")
-    check_trace(trace)
     return trace
 
 
 def check_trace(trace: Trace) -> None:
-    """Raise Refused unless samples are evenly spaced in time and all signals have the same number of them."""
+    """Raise Refused unless samples are evenly spaced in time, not too many, and as many of every signal."""
     if not (math.isfinite(trace.step_s) and trace.step_s > 0.0):
         raise Refused("trace", expected="a finite step above 0 s", got=trace.step_s)
     if not STEP_MIN_S <= trace.step_s <= STEP_MAX_S:
         raise Refused("trace", expected=f"a step of {STEP_MIN_S:g} to {STEP_MAX_S:g} s", got=trace.step_s)
     sizes = {len(data) for data in trace.signals.values()}
+    if any(size > 4 * SAMPLES_MAX for size in sizes):
+        raise Refused("trace", expected=f"at most {SAMPLES_MAX} samples", got=max(sizes) // 4)
     if len(sizes) > 1 or any(size % 4 for size in sizes):
         raise Refused("trace", expected="signals of one length, four bytes a sample", got=f"{sorted(sizes)[:4]} bytes")
 

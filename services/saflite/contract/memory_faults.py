@@ -14,9 +14,10 @@ _ARITHMETIC = (
     r"shift exponent|left shift of|implicit conversion"
 )
 _SANITIZERS = rf"Sanitizer: |GWP-ASan|runtime error: (?!.*(?:{_ARITHMETIC}))"
-_STACK_AND_FORTIFY = r"\*\*\* .+ detected \*\*\*|\*\*\*: .*terminated"
+# How far a pattern looks is bounded: looking on from each place of a message takes its length squared.
+_STACK_AND_FORTIFY = r"\*\*\* .{1,200} detected \*\*\*|\*\*\*: .{0,1000}terminated"
 _HEAP = (
-    r"\b\w*(?:alloc|free|chunk|tcache)\w*\(\): "
+    r"(?:alloc|free|chunk|tcache)\w{0,64}\(\): "
     r"(?:invalid|corrupted|unaligned|mismatching|memory corruption|double free|too many|unsorted|largebin|smallbin)|"
     r"double free|corrupted (?:size|unsorted|double-linked)|invalid fastbin|malloc(?:\.c:\d+| assertion failure)"
 )

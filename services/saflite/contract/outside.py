@@ -18,8 +18,8 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
+from saflite.contract.closed import check_private
 from saflite.contract.errors import Refused
-from saflite.contract.plain import argument
 
 TEXT_BYTES_MAX = 4 * 2**20
 """Campaigns, policies, test cases, mission plans, labels: the largest that ship have some kilobytes."""
@@ -28,6 +28,7 @@ LOG_BYTES_MAX = 512 * 2**20
 """Flight logs and recordings."""
 
 DEPTH_MAX = 32
+COLUMNS_MAX = 1_000
 NAME_SHOWN = 80
 WHOLE_MAX = 2**63 - 1
 _Place = tuple[Any, str | int] | None
@@ -47,7 +48,7 @@ def read_bytes(path: Path, what: str, bytes_max: int, *, private: bool = False) 
     with os.fdopen(handle, "rb") as file:
         opened = os.fstat(handle)
         if private:
-            check_private(opened.st_mode, path, what)
+            check_private(opened, path, what)
         size = opened.st_size
         if size > bytes_max:
             raise Refused(what, where=_named(path), expected=f"at most {bytes_max} bytes", got=f"{size} bytes")
@@ -58,13 +59,6 @@ def read_bytes(path: Path, what: str, bytes_max: int, *, private: bool = False) 
     if len(data) > bytes_max:  # it grew while it was read
         raise Refused(what, where=_named(path), expected=f"at most {bytes_max} bytes", got="more")
     return data
-
-
-def check_private(mode: int, path: Path, what: str) -> None:
-    """Raise Refused for the mode of a file with a secret that others can open."""
-    if mode & 0o077:
-        fix = f"chmod 600 {argument(path)}"
-        raise Refused(what, where=_named(path), expected="mode 0600", got="one that others can read", fix=fix)
 
 
 def read_text(path: Path, what: str, bytes_max: int = TEXT_BYTES_MAX, *, private: bool = False) -> str:
@@ -133,8 +127,13 @@ def parse_csv(text: str, what: str, where: str) -> list[list[str]]:
 
 
 def parse_table(text: str, what: str, where: str) -> list[dict[str, str]]:
-    """Return the rows of a CSV text by the columns its first row names, a missing field as empty; raises Refused."""
+    """Return the rows of a CSV text by the columns its first row names, a missing field as empty; raises Refused.
+
+    Also for more than `COLUMNS_MAX` columns.
+    """
     heads, *rows = parse_csv(text, what, where) or [[]]
+    if len(heads) > COLUMNS_MAX:  # each row has all of them, however short it is
+        raise Refused(what, where=where, expected=f"at most {COLUMNS_MAX} columns", got=len(heads))
     return [dict(zip_longest(heads, row[: len(heads)], fillvalue="")) for row in rows if row]
 
 

@@ -164,7 +164,8 @@ class Download:
         self._begun = True
         if answer.size_bytes < 0:
             raise BlobMissing(self._ref, "is missing")
-        if answer.size_bytes != self._ref.size_bytes or (not answer.data and self.ask() is not None):
+        more = self._ref.size_bytes - len(self._data)  # who sends beyond the end would be asked on for ever
+        if answer.size_bytes != self._ref.size_bytes or len(answer.data) > more or (more and not answer.data):
             raise BlobMissing(self._ref, "is damaged")
         self._data += answer.data
 

@@ -128,15 +128,17 @@ class _Ahead:
         return ahead if low else np.minimum(rest, ahead)
 
     def until(self, left: Array, right: Array, low: int, high: int | None) -> Array:
-        """Return the robustness of `left until[low:high] right`, moment by moment where it may be more than false."""
+        """Return the robustness of `left until[low:high] right`; as `windows.until`, for windows of any widths."""
         first, last = self._window(low, high)
         found = np.full(len(left), -np.inf)
-        may_be = first <= last
-        if not np.isnan(left).any():
-            may_be &= -self.least(-right, low, high) != -np.inf
-        for i in np.flatnonzero(may_be):
-            kept = np.minimum.accumulate(np.concatenate([[np.inf], left[i : last[i]]]))[first[i] - i :]
-            found[i] = np.minimum(kept, right[first[i] : last[i] + 1]).max()
+        places = np.flatnonzero(first <= last)
+        if not len(places):
+            return found
+        begins, widths = first[places], last[places] - first[places] + 1
+        kept = _Least(left, max(int(widths.max()), int((begins - places).max())))
+        found[places] = _reached(kept, right, begins, widths)
+        late = begins > places
+        found[places[late]] = np.minimum(kept.between(places[late], begins[late]), found[places[late]])
         return found
 
     def _window(self, low: int, high: int | None) -> tuple[Rows, Rows]:
@@ -144,3 +146,50 @@ class _Ahead:
         first = np.searchsorted(self._row, self._row + low) if low else np.arange(len(self._row))
         ends = len(self._row) if high is None else np.searchsorted(self._row, self._row + high, side="right")
         return first, np.broadcast_to(ends - 1, first.shape)
+
+
+class _Least:
+    """The least of any stretch of samples no longer than `longest`: of 1, 2, 4, ... samples from each on."""
+
+    def __init__(self, values: Array, longest: int) -> None:
+        self._from = [values]
+        have = 1
+        while have * 2 <= longest:
+            before = self._from[-1]
+            self._from.append(np.concatenate([np.minimum(before[:-have], before[have:]), before[-have:]]))
+            have *= 2
+
+    def of(self, power: int) -> Array:
+        """Return the least of each sample and those after it, 2 to the power of `power` in all (or up to the end)."""
+        return self._from[power]
+
+    def between(self, begins: Rows, ends: Rows) -> Array:
+        """Return the least from `begins` up to before `ends`, which come later; shape of either."""
+        found, powers = np.empty(len(begins)), _power(ends - begins)
+        for power in np.unique(powers):
+            at, least = powers == power, self._from[power]
+            found[at] = np.minimum(least[begins[at]], least[ends[at] - (1 << power)])
+        return found
+
+
+def _reached(kept: _Least, right: Array, begins: Rows, widths: Rows) -> Array:
+    """Return what `windows._until_within` does for a window of its own width from each of `begins` on."""
+    found, powers, reached = np.empty(len(begins)), _power(widths), right.copy()
+    for power in range(int(powers.max()) + 1):
+        have = 1 << power
+        at = powers == power
+        begin, rest = begins[at], widths[at] - have
+        value, longer = reached[begin], rest > 0
+        begin, then = begin[longer], begin[longer] + rest[longer]
+        value[longer] = np.maximum(value[longer], np.minimum(kept.between(begin, then), reached[then]))
+        found[at] = value
+        if power < powers.max():
+            there = len(right) - have
+            through = kept.of(power)[:there]
+            reached[:there] = np.maximum(reached[:there], np.minimum(through, reached[have:]))
+    return found
+
+
+def _power(counts: Rows) -> Rows:
+    """Return the greatest power of two that is no more than each count, as its exponent."""
+    return np.asarray(np.frexp(counts)[1] - 1, dtype=np.intp)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache, lru_cache
 from pathlib import Path
 from typing import Literal, NamedTuple
@@ -32,6 +32,7 @@ from saflite.oracle.silence import is_silenced
 from saflite.oracle.stl import Evaluator, find
 from saflite.oracle.units import margin_unit
 
+FOREIGN_KEPT = 256  # texts that came with work: no number of them fills the memory
 POLICIES_DIR = Path(__file__).parent / "policies"
 DEFAULT_POLICY = "min-obstacle-distance"
 ID = re.compile(r"[a-z0-9][a-z0-9-]*")
@@ -166,7 +167,14 @@ def load_policy(name: str, texts: PolicyTexts | None = None) -> Policy:
     return parse_policy(read_text(Path(name), "policy file"), name) if name.endswith(".toml") else _shipped(name)
 
 
-@cache
+def check_told(names: Sequence[str], texts: PolicyTexts) -> None:
+    """Raise Refused for the name of a file whose text was not told with it: who sends work names no files here."""
+    for name in names:
+        if name.endswith(".toml") and name not in texts:
+            raise Refused("policy", expected="the text of one that does not ship", got=f"the name of a file, {name!r}")
+
+
+@lru_cache(maxsize=FOREIGN_KEPT)
 def _foreign(text: str, where: str) -> Policy:
     policy = parse_policy(text, where)
     if policy.id in policy_names():

@@ -59,12 +59,31 @@ def until(left: Array, right: Array, low: int, high: int | None) -> Array:
     if high is None:
         return _until_from(left, right, low)
     n = len(left)
-    out = np.full(n, -np.inf)
-    kept = least_ahead(left, 0, low - 1) if low else np.full(n, np.inf)
-    for shift in range(low, min(high, n - 1) + 1):
-        reached = np.minimum(kept[: n - shift], right[shift:])
-        np.maximum(out[: n - shift], reached, out=out[: n - shift])
-        np.minimum(kept[: n - shift], left[shift:], out=kept[: n - shift])
+    if low >= n or high < low:
+        return np.full(n, -np.inf)
+    out = _until_within(left, right, min(high, n - 1) - low + 1)
+    if low == 0:
+        return out
+    kept = least_ahead(left, 0, low - 1)
+    return np.concatenate([np.minimum(kept[: n - low], out[low:]), np.full(low, -np.inf)])
+
+
+def _until_within(left: Array, right: Array, width: int) -> Array:
+    """Return `left until right` where right comes with one of the next `width` samples, this one included.
+
+    Windows are doubled, as in `_least_of_next`: what is reached in two after each other is reached in the first, or in
+    the second while left holds through the first. To go through the samples of a window takes their square.
+    """
+    n, have = len(left), 1
+    out, kept = right.copy(), left.copy()
+    while have * 2 <= width:
+        out[: n - have] = np.maximum(out[: n - have], np.minimum(kept[: n - have], out[have:]))
+        kept[: n - have] = np.minimum(kept[: n - have], kept[have:])
+        have *= 2
+    rest = width - have
+    if rest:
+        through = _least_of_next(left, rest)[: n - rest]
+        out[: n - rest] = np.maximum(out[: n - rest], np.minimum(through, out[rest:]))
     return out
 
 

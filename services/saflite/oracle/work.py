@@ -7,6 +7,7 @@ from saflite.contract.flight import unpack_trace
 from saflite.contract.service import Cancelled
 from saflite.contract.work import JudgeResult, JudgeWork, Result, Stage, Work
 from saflite.oracle.judge import judge
+from saflite.oracle.policy import check_told
 
 
 class Oracle:
@@ -31,6 +32,7 @@ class Oracle:
         """Judge one flight; raises Refused for what is no trace or an unknown policy, BlobMissing for no trace."""
         assert isinstance(work, JudgeWork), f"the oracle was given {type(work).__name__}"
         flight = work.flight
+        check_told(work.policies, work.policy_texts)
         trace = None if flight.trace is None else unpack_trace(self._blobs.get(flight.trace), flight.trace_digest)
         return JudgeResult(judgement=judge(work.test_case, flight, trace, work.policies, work.policy_texts))
 

@@ -16,13 +16,12 @@ from saflite.contract.control import Control, Status
 from saflite.contract.errors import Refused, RefusedElsewhere, Unavailable
 from saflite.contract.modules import use
 from saflite.contract.work import Stage
-from saflite.runtime import run_modules, stop_note
+from saflite.runtime import run_hosts, run_modules, stop_note
 from saflite.runtime.autoscaling import Bounds
 from saflite.runtime.client import FarmClient
 from saflite.runtime.clock import WallClock
 from saflite.runtime.farm import LocalFarm, WorkerRefused, counts_of, default_simulators, roles_of, with_scorers
 from saflite.runtime.on_ray import HERE, workers_on
-from saflite.scorer_pool.key_hosts import hosts_named_by
 
 if TYPE_CHECKING:
     from saflite.campaign.storage.store import Store
@@ -93,6 +92,7 @@ def run_campaign(
     target = describe_target(campaign.target.name)
     Store.create(run_dir, campaign, template(campaign, target.build), target).close()
     run_modules.note(run_dir, used)
+    run_hosts.note(run_dir, campaign.scorer)
     return resume(run_dir, simulators=simulators, on_status=on_status)
 
 
@@ -130,7 +130,7 @@ def resume(
     check_build(run_dir, flies_here=flies != 0 and on == HERE, goes_on=budget is not None)
     campaign = _campaign(run_dir, budget)
     run_modules.note(run_dir, used)
-    record, hosts, paths = campaign.record != "none", hosts_named_by(campaign.scorer), [one.path for one in used]
+    record, hosts, paths = campaign.record != "none", run_hosts.of(run_dir, campaign.scorer), [one.path for one in used]
     workers = None if on == HERE else workers_on(on, campaign.name, modules=paths, keys=keys, key_hosts=hosts)
     count = (workers.cores if workers else default_simulators()) if simulators is None else simulators
     prefix = workers.prefix if workers else ""

@@ -10,13 +10,17 @@ import json
 import logging
 import sys
 import traceback
+from copy import copy
 from datetime import UTC, datetime
 
-from saflite.contract.plain import plain, plain_json
+from saflite.contract.plain import cut, plain, plain_json, word
 from saflite.contract.test_case import identity
 from saflite.contract.work import Work
 
 TEXT = "%(asctime)s %(levelname).1s %(name)s: %(message)s"
+MESSAGE_CHARS_MAX = 4_096
+"""Books that refuse a worker ten times a second with the longest words there may be would fill its disk in a night."""
+
 WORK_LOG = logging.getLogger("saflite.work")
 """One line for each piece of work begun and done: only where machines read the log."""
 
@@ -34,7 +38,7 @@ class JsonLines(logging.Formatter):
             "time": datetime.fromtimestamp(record.created, UTC).isoformat(timespec="milliseconds"),
             "level": record.levelname.lower(),
             **self._who,
-            "event": record.getMessage(),
+            "event": cut(record.getMessage(), MESSAGE_CHARS_MAX),
             "logger": record.name,
         }
         line |= {name: getattr(record, name) for name in ("test_case", "lease") if hasattr(record, name)}
@@ -44,11 +48,16 @@ class JsonLines(logging.Formatter):
 
 
 class TextLines(logging.Formatter):
-    """Formats a record for people; what workers and servers said in it steers no terminal it is shown on."""
+    """Formats a record for people; what workers and servers said in it steers no terminal it is shown on.
+
+    Nor does it look like lines of ours: what is said is one line, and no longer than anybody would read.
+    """
 
     def format(self, record: logging.LogRecord) -> str:
         """Return the line, and the traceback if there is one."""
-        return plain(super().format(record))
+        said = copy(record)
+        said.msg, said.args = word(cut(record.getMessage(), MESSAGE_CHARS_MAX)), None
+        return plain(super().format(said))
 
 
 def begin(campaign: str, role: str, worker: str, *, as_json: bool) -> None:

@@ -65,9 +65,10 @@ def open_stage(stage: Stage, context: ServiceContext) -> Service:
 
 def brief_of(name: str, texts: PolicyTexts | None = None) -> PolicyBrief:
     """Return what scorers are told of a policy; raises Refused for an unknown one."""
-    from saflite.oracle.policy import load_policy
+    from saflite.oracle.policy import check_told, load_policy
     from saflite.scorer_pool.model import PolicyBrief
 
+    check_told((name,), texts or {})
     file = load_policy(name, texts).file
     inputs = file.inputs
     names = (*inputs.parameters, *inputs.commands, *inputs.sticks, *inputs.modes, *inputs.sensor_faults)

@@ -16,6 +16,7 @@ import os
 import queue
 import re
 import threading
+from http.cookiejar import CookieJar, DefaultCookiePolicy
 from pathlib import Path
 from typing import Annotated, Protocol
 
@@ -138,7 +139,7 @@ def headers_of(event: CloudEvent, body: bytes, now_unix_s: float, secret: bytes)
 
 
 class Webhook:
-    """A receiver at a URL. Redirects are not followed."""
+    """A receiver at a URL. Redirects are not followed, cookies not kept."""
 
     def __init__(
         self, url: str, clock: WaitingClock, secret: bytes = b"", transport: httpx.BaseTransport | None = None
@@ -168,7 +169,10 @@ class Webhook:
         self._client.close()
 
     def _connected(self) -> httpx.Client:
-        return httpx.Client(timeout=ANSWER_S, transport=self._transport, trust_env=False)
+        none = CookieJar(
+            DefaultCookiePolicy(allowed_domains=())
+        )  # they would be kept, and sent with each event, for good
+        return httpx.Client(timeout=ANSWER_S, transport=self._transport, trust_env=False, cookies=none)
 
     def _sent(self, event: CloudEvent, body: bytes) -> str:
         """Return why the event was not taken, empty if it was."""

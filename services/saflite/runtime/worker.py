@@ -90,7 +90,7 @@ BEATS_MISSED = 4  # so many unanswered are silence, however seldom they are
 STOOD_STILL_S = 5.0  # its shell ticks each second
 ASK_MARGIN_S = 5.0  # how much longer than the long poll an answer may take
 RETRY_FIRST_S, RETRY_MAX_S = 0.1, 2.0
-REPORTS_WAITING_MAX = 16  # more than this undelivered and no new work is taken
+REPORTS_WAITING_MAX, GRANTS_MAX = 16, 18  # undelivered: then no work is taken; answers thought lost come after all
 STOP_GRACE_S = 5.0
 STUCK_S = 120.0  # a model server's answer may take that long; what had all the time of its lease gets STOP_GRACE_S
 LAST_ANSWERS_S = 2.0  # of those: what goes on though it was told to end is handed back in time for an answer
@@ -119,8 +119,7 @@ class Worker:
         self._ask_s, self._beat_s, self._leave_s = now_s, now_s, float("inf")
         self._calm_s = CALM_S
         self._ask_wait_s, self._seen_s, self._busy_s, self._idle_s = RETRY_FIRST_S, now_s, 0.0, 0.0
-        self._done, self._simulated_s, self._resident_mib = 0, 0.0, 0.0
-        self._processor_s = 0.0
+        self._done, self._simulated_s, self._resident_mib, self._processor_s = 0, 0.0, 0.0, 0.0
 
     # -- in -------------------------------------------------------------------------------------------------------
 
@@ -206,7 +205,8 @@ class Worker:
             self._joining.lost(now_s)
         held = set(self.held)
         granted = {Key(lease.lease_id, lease.epoch): lease for lease in grant.leases}
-        self._waiting += [lease for key, lease in granted.items() if key not in held]
+        self._waiting += (lease for key, lease in granted.items() if key not in held)
+        del self._waiting[GRANTS_MAX * (self.parallel + self.config.prefetch) :]
         if grant.stop:
             self._stop("the campaign is over", now_s, out)
         elif self.stopping:

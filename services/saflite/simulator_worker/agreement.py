@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from typing import get_args
 
-from saflite.contract.flight import Delivered, DeliveryAnswer, Ending, FlightRecord, Trace
+from saflite.contract.flight import SAMPLES_MAX, Delivered, DeliveryAnswer, Ending, FlightRecord, Trace
 from saflite.contract.names import NAME_EXPECTED, is_name
 from saflite.contract.signals import SIGNALS
 from saflite.contract.target_info import InputInfo, TargetInfo
@@ -88,6 +88,8 @@ def _of_trace(info: TargetInfo, trace: Trace) -> Iterator[str]:
         yield f"the trace holds {_few(unknown)}, which describe() does not name"
     if not (math.isfinite(trace.step_s) and trace.step_s > 0.0):
         yield f"the trace has steps of {trace.step_s} s"
+    if trace.samples > SAMPLES_MAX:
+        yield f"the trace holds {trace.samples} samples, {SAMPLES_MAX} at most are judged"
     sizes = {name: len(data) / 4 for name, data in trace.signals.items()}
     other = [name for name, size in sizes.items() if size != trace.samples]
     if other:

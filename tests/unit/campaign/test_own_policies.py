@@ -14,11 +14,13 @@ from saflite.console.io import campaign_options
 from saflite.console.io.toml_text import dump
 from saflite.contract.config import Campaign, parse_campaign
 from saflite.contract.errors import Refused
+from saflite.contract.flight import Flight
 from saflite.contract.join import Join
 from saflite.contract.service import Service
-from saflite.contract.test_case import StartState
+from saflite.contract.test_case import StartState, identity
 from saflite.contract.topics import PROTOCOL
-from saflite.contract.work import Ask, Failure, Report, Stage
+from saflite.contract.work import Ask, Failure, JudgeWork, Report, Stage
+from saflite.evidence.memory import MemoryBlobs
 from saflite.flight.autopilots.reference.describe import describe
 from saflite.mutator import work as mutator
 from saflite.oracle import work as oracle
@@ -197,3 +199,22 @@ def test_names_of_signals_that_no_file_can_have_are_refused(signals: str, tmp_pa
     load_campaign(str(odd))
     with pytest.raises(Refused):
         load_policy(str(odd))
+
+
+def test_who_sends_work_names_no_files_of_this_machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A farm may be a stranger's: what stood in a file beside its worker, its complaint about it told."""
+    (tmp_path / "secret.toml").write_text('password = "x"\n')
+    monkeypatch.chdir(tmp_path)
+    base = template(load_campaign("policy-a-chute"))
+    flight = Flight(test_case=identity(base), flight_index=0, ending="wedged")
+    for name in ("secret.toml", "none.toml"):
+        said = f"policy: expected the text of one that does not ship, got the name of a file, '{name}'"
+        for ask in (
+            lambda name=name: brief_of(name, {}),
+            lambda name=name: oracle.open_service(MemoryBlobs()).do(
+                JudgeWork(test_case=base, flight=flight, policies=(name,)), lambda: False
+            ),
+        ):
+            with pytest.raises(Refused) as told:
+                ask()
+            assert str(told.value) == said

@@ -43,6 +43,17 @@ def test_a_file_with_a_secret_is_refused_where_others_can_open_it(mode: int, tmp
                 assert reader(name)
 
 
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root gives files away")
+def test_a_file_with_a_secret_that_another_user_put_there_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "secret"
+    path.write_text("operator 0123456789abcdef\n")
+    path.chmod(0o600)
+    os.chown(path, 12345, -1)
+    for reader in (access.read_tokens, webhook.read_secret):
+        with pytest.raises(Refused, match="one of user 12345"):
+            reader(path)
+
+
 @pytest.mark.parametrize("text", [r'{"a": "\ud800"}', r'{"\udfff": 1}', r'[["x", {"a": ["\ud83d"]}]]'])
 def test_half_a_pair_of_surrogates_is_refused(text: str) -> None:
     with pytest.raises(Refused, match="surrogates"):
@@ -110,3 +121,12 @@ def test_toml_takes_time_with_its_length_alone(part: str) -> None:
     with suppress(Refused):
         outside.parse_toml(text, "campaign file", "file")
     assert time.process_time() - began_s < 5.0, "measured: under 0.5 s"
+
+
+def test_a_table_takes_time_with_its_length_alone() -> None:
+    """Half a million short rows below half a million heads would have been filled up to 250 thousand million fields."""
+    text = "\n".join(["a," * 500_000, *["1"] * 500_000])
+    with pytest.raises(Refused, match="at most 1000 columns, got 500001"):
+        outside.parse_table(text, "labels", "file")
+    rows = outside.parse_table("\n".join([",".join(map(str, range(1000))), "1", "2"]), "labels", "file")
+    assert [len(row) for row in rows] == [1000, 1000]

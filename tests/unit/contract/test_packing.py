@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from saflite.contract.errors import Refused
-from saflite.contract.flight import Trace, matches_digest, pack_trace, trace_digest, unpack_trace
+from saflite.contract.flight import SAMPLES_MAX, Trace, matches_digest, pack_trace, trace_digest, unpack_trace
 from saflite.contract.rng import derive
 
 
@@ -39,3 +39,14 @@ def test_what_moves_smoothly_takes_less_than_two_thirds() -> None:
 def test_half_a_sample_is_refused_when_it_is_read() -> None:
     with pytest.raises(Refused, match="four bytes"):
         unpack_trace(pack_trace(Trace(step_s=0.05, signals={"x_m": b"12345"})))
+
+
+def test_more_samples_than_are_judged_are_refused_before_they_are_unfolded() -> None:
+    """A few packed KiB held 16 million samples, by which the policies that ship take more than 6 GB."""
+    most = Trace(step_s=0.001, signals={"x_m": bytes(4 * SAMPLES_MAX)})
+    assert unpack_trace(pack_trace(most)).samples == SAMPLES_MAX
+    for signals in ({"x_m": bytes(4 * SAMPLES_MAX + 4)}, {"x_m": b"", "y_m": bytes(16 * SAMPLES_MAX - 4096)}):
+        packed = pack_trace(Trace(step_s=0.001, signals=signals))
+        assert len(packed) < 80_000
+        with pytest.raises(Refused, match=f"at most {SAMPLES_MAX} samples"):
+            unpack_trace(packed)

@@ -136,6 +136,18 @@ def test_a_server_that_gives_nothing_more_or_forgets_again_and_again_is_left() -
         Upload("fly-1", ref_of(DATA), DATA).take(BlobTaken(have_bytes=10**9))
 
 
+@pytest.mark.parametrize("sent", [len(DATA) - 999, len(DATA) + 1, 10**6])
+def test_a_server_that_sends_beyond_the_end_is_left_at_once(sent: int) -> None:
+    """It was asked on and on, and its answers kept."""
+    way = Download(ref_of(DATA))
+    way.take(BlobChunk(size_bytes=len(DATA), data=DATA[:1000]))
+    with pytest.raises(BlobMissing, match="is damaged"):
+        way.take(BlobChunk(size_bytes=len(DATA), data=bytes(sent)))
+    empty = Download(ref_of(b""))
+    with pytest.raises(BlobMissing, match="is damaged"):
+        empty.take(BlobChunk(size_bytes=0, data=b"x"))
+
+
 def test_a_disk_that_takes_nothing_is_unavailable(tmp_path: Path) -> None:
     (tmp_path / "blobs").write_text("a file where the folder should be")
     with pytest.raises(Unavailable, match="takes no blob"):

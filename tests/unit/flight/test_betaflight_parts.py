@@ -12,10 +12,10 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from saflite.contract.errors import Unavailable
+from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.memory_faults import is_memory_fault
 from saflite.contract.test_case import Scenario, StartState, Target, TestCase
-from saflite.flight.autopilots.betaflight import firmware, install, msp
+from saflite.flight.autopilots.betaflight import firmware, install, msp, user_memory
 from saflite.flight.autopilots.betaflight.configuration import TUNE, configure
 from saflite.flight.autopilots.betaflight.firmware import VARIANTS, Listing, Variant, why_missing
 from saflite.flight.autopilots.betaflight.flight import _reason
@@ -25,6 +25,32 @@ from saflite.flight.autopilots.betaflight.switches import MODES, SWITCHES, mode_
 from saflite.flight.autopilots.betaflight.vehicle import Vehicle
 from saflite.simulator_worker.agreement import own_contradictions
 from saflite.simulator_worker.registry import describe_target, load_target
+
+
+@pytest.mark.parametrize("kind", ["none", "short", "long", "device", "pipe", "folder", "nul", "closed"])
+def test_a_memory_that_a_test_case_names_is_a_file_of_its_size_or_refused_alike(kind: str, tmp_path: Path) -> None:
+    """A test case may be a stranger's: an endless device was read without end, and a farm told what lies where."""
+    path = tmp_path / "memory"
+    match kind:
+        case "short" | "long":
+            path.write_bytes(bytes(user_memory.SIZE_BYTES + (1 if kind == "long" else -1)))
+        case "pipe":
+            os.mkfifo(path)
+        case "folder":
+            path.mkdir()
+        case _:
+            path = {"device": Path("/dev/zero"), "nul": Path("a\0b"), "closed": Path("/proc/1/mem")}.get(kind, path)
+    with pytest.raises(Refused, match="make it anew") as told:
+        user_memory.read({"eeprom": str(path)})
+    expected = "a file of 32768 bytes that can be read, on the machine that flies"
+    assert str(told.value).startswith(f"eeprom ({path}): expected {expected}, got none; ")
+
+
+def test_a_memory_of_its_size_is_read(tmp_path: Path) -> None:
+    (tmp_path / "memory").write_bytes(b"x" * user_memory.SIZE_BYTES)
+    assert user_memory.read({"eeprom": str(tmp_path / "memory")}) == b"x" * user_memory.SIZE_BYTES
+    assert user_memory.read({}) == b""
+
 
 LISTING = """get
 gyro_lpf1_type = PT1

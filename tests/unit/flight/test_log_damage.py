@@ -12,9 +12,11 @@ import pytest
 from log_bytes import KINDS, POSITION, STATUS, ardupilot_flight, px4_flight, ulog
 
 from saflite.console.cli import main
+from saflite.contract.errors import Refused
 from saflite.contract.flight import Flight
 from saflite.contract.test_case import Obstacle, Scenario, Target, TestCase, identity
 from saflite.contract.verdict import Verdict
+from saflite.flight.logs import dataflash_damage, dataflash_rows, ulog_bounds
 from saflite.flight.logs.dataflash_damage import sound
 from saflite.flight.logs.files import read_log
 from saflite.flight.logs.flight_log import FlightLog
@@ -174,3 +176,36 @@ def test_descriptions_that_contradict_each_other_cost_a_few_looks_through_the_lo
     kinds = (layout.pack(b"\xa3\x95\x80", 1, 10, b"AAAA", b"B", b"c%d" % place) for place in range(many))
     sound(Counted(b"".join(kinds)))
     assert Counted.looks < 2 * many
+
+
+@pytest.mark.parametrize("kind", ["KEPT", "MESSAGES"])
+def test_a_px4_log_of_more_messages_than_any_is_refused(
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """512 MiB of parameters, texts or drop-outs would have taken 12 GB; what the library skips counts, too."""
+    text = b"\x0a\x00L4" + bytes(8) + b"a"
+    for more in (text * 200, b"\x02\x00O\x05\x00" * 200, b"\x00\x00X" * 200):
+        data = px4_flight() + more
+        assert read(data, tmp_path, "log.ulg").trace.samples
+        with monkeypatch.context() as patch:
+            patch.setattr(ulog_bounds, f"{kind}_MAX", 150)
+            if kind == "KEPT" and more.startswith(b"\x00"):
+                assert read(data, tmp_path, "log.ulg").trace.samples
+                continue
+            with pytest.raises(Refused, match=r"PX4 log .*at most 150 messages, got more"):
+                read(data, tmp_path, "log.ulg")
+
+
+@pytest.mark.parametrize("kind", ["messages", "pieces", "rows"])
+def test_a_log_of_more_than_memory_should_hold_is_refused(
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """512 MiB of the smallest messages would have taken 20 GB."""
+    module, name = (dataflash_rows, "ROWS_MAX") if kind == "rows" else (dataflash_damage, f"{kind.upper()}_MAX")
+    assert getattr(module, name) >= 2**20
+    data = ardupilot_flight() + (b"\xa3\x95\xfe" * 2000 if kind == "pieces" else b"")
+    assert read(data, tmp_path).trace.samples
+    monkeypatch.setattr(module, name, 100)
+    with pytest.raises(Refused, match=r"at most 100 .*, got more") as told:
+        read(data, tmp_path)
+    assert str(tmp_path) in told.value.where

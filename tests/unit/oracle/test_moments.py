@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pytest
 from by_definition import Definition
@@ -80,3 +82,35 @@ def test_until_without_end_is_that_by_definition_and_forgets_a_gap() -> None:
         told = windows.until(left, right, 0, None).tolist()
         assert told == Definition({"a": left, "b": right}, 1.0, range(samples)).values(node)
     assert windows.until(np.array([1.0, 1.0, 1.0]), np.array([-1.0, np.nan, 2.0]), 0, None)[0] == 1.0
+
+
+@pytest.mark.parametrize("extra", [0, 10])
+@pytest.mark.parametrize(("low", "high"), [(0, 3_000_000), (0, 100_000), (5_000, 200_000)])
+def test_wide_windows_take_no_longer_than_narrow_ones(low: int, high: int, extra: int) -> None:
+    """A trace of a lying worker may hold a million samples in a second: each window went through all of them."""
+    row = np.sort(np.concatenate([np.arange(2**18), np.arange(extra)]))
+    left, right = derive(4, "test-moments").normal(size=(2, len(row)))
+    over = Uneven(row) if extra else windows
+    began_s = time.process_time()
+    for joined in (over.until, over.since):
+        assert len(joined(left, right, low, high)) == len(row)
+    assert time.process_time() - began_s < 5.0, "measured: 0.1 s; sample by sample half a minute and more"
+
+
+@pytest.mark.parametrize("known", [(-np.inf, -1.5, 0.5, 2.0, np.inf), (-np.inf, -1.5, 0.5, 2.0, np.inf, np.nan)])
+def test_windows_of_until_are_those_that_go_sample_by_sample(known: tuple[float, ...]) -> None:
+    rng = derive(5, "test-moments")
+    for _ in range(300):
+        n, low = int(rng.integers(0, 40)), int(rng.integers(0, 45))
+        left, right = rng.choice(known, size=(2, n))
+        high = low + int(rng.integers(0, 45))
+        told = [
+            np.max(
+                [np.minimum(np.min(left[i:j], initial=np.inf), right[j]) for j in range(i + low, min(i + high + 1, n))]
+            )
+            if i + low < n
+            else -np.inf
+            for i in range(n)
+        ]
+        assert np.array_equal(windows.until(left, right, low, high), told, equal_nan=True)
+        assert n == 0 or np.array_equal(Uneven(np.arange(n)).until(left, right, low, high), told, equal_nan=True)

@@ -202,15 +202,15 @@ def test_a_slow_line_carries_blobs_too(store: BlobFolder, kbit_per_s: int) -> No
 
 def test_a_trace_larger_than_a_message_travels_in_chunks(store: BlobFolder) -> None:
     blobs, bus = connected(MemoryNetwork(), store)
-    noise = derive(3, "noise").random(10 * MIB, dtype=np.float32).tobytes()
-    big = Trace(step_s=0.01, signals={"x_m": noise})
+    noise = derive(3, "noise").random(MIB, dtype=np.float32).tobytes()
+    big = Trace(step_s=0.01, signals={f"signal_{number}_m": noise for number in range(10)})
     told = report(blobs, big)
     assert isinstance(told.result, FlyResult)
     trace = told.result.flight.trace
     assert trace is not None
     assert trace.size_bytes > MESSAGE_BYTES_MAX
     assert look(store, told) == ""
-    assert unpack_trace(blobs.get(trace), told.result.flight.trace_digest).signals["x_m"] == noise
+    assert unpack_trace(blobs.get(trace), told.result.flight.trace_digest).signals["signal_9_m"] == noise
     assert bus.largest_bytes < CHUNK_BYTES_MAX + 1000
 
 

@@ -8,7 +8,7 @@ import sys
 
 from saflite.contract.test_case import Scenario, Target, TestCase, identity
 from saflite.contract.work import FlyWork, WarmWork
-from saflite.runtime.log_lines import JsonLines, about, event_of
+from saflite.runtime.log_lines import MESSAGE_CHARS_MAX, TEXT, JsonLines, TextLines, about, event_of
 
 
 def _line(message: str, *args: object, **more: object) -> str:
@@ -53,3 +53,26 @@ def test_work_names_its_test_case() -> None:
     work = FlyWork(test_case=case, flight_index=0, purpose="search", wall_limit_s=1.0)
     assert about(work, "run:fly/1") == {"lease": "run:fly/1", "test_case": identity(case)}
     assert about(WarmWork(model="gap"), "run:warm") == {"lease": "run:warm"}
+
+
+def test_words_of_others_are_one_line_of_a_bounded_length() -> None:
+    """A line break in them made a line that looked like ours; books that refuse without end filled a worker's disk."""
+    forged = "no\n2027-01-01 00:00:00,000 I saflite.runtime.serve: all is well\r\x1b[2J"
+    for message in (forged, "x" * 262_144):
+        record = logging.LogRecord("saflite.x", logging.WARNING, "x.py", 1, "refused: %s", (message,), None)
+        line = TextLines(TEXT).format(record)
+        assert len(line.splitlines()) == 1
+        assert line.isprintable()
+        assert len(line) < MESSAGE_CHARS_MAX + 200
+        assert len(_line("refused: %s", message)) < MESSAGE_CHARS_MAX + 400
+        assert record.getMessage() == f"refused: {message}"
+    broken = TextLines(TEXT).format(_broken())
+    assert "Traceback (most recent call last):\n" in broken
+    assert broken.endswith("ValueError: no")
+
+
+def _broken() -> logging.LogRecord:
+    try:
+        raise ValueError("no")
+    except ValueError:
+        return logging.LogRecord("saflite.x", logging.ERROR, "x.py", 1, "broken", None, sys.exc_info())

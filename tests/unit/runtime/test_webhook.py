@@ -87,6 +87,22 @@ def test_it_is_sent_again_under_the_same_id_until_it_is_taken() -> None:
     assert len({request.headers["webhook-id"] for request in got}) == 1
 
 
+def test_a_receivers_cookies_are_not_kept() -> None:
+    """Each answer may set hundreds: they were kept as long as the bridge, and sent with each event."""
+    got: list[httpx.Request] = []
+
+    def receive(request: httpx.Request) -> httpx.Response:
+        got.append(request)
+        return httpx.Response(503 if len(got) < 5 else 200, headers={"set-cookie": f"a{len(got)}={'x' * 4000}"})
+
+    webhook = Webhook("http://there/finds", _Clock(), transport=httpx.MockTransport(receive))
+    webhook.deliver(EVENT, CURSOR)
+    webhook.deliver(EVENT, CURSOR)
+    assert [request.headers.get("cookie") for request in got] == [None] * 6
+    assert not list(webhook._client.cookies.jar)
+    webhook.close()
+
+
 @pytest.mark.parametrize("code", [301, 400, 404, 410])
 def test_a_receiver_that_never_takes_it_ends_the_bridge(code: int) -> None:
     with pytest.raises(Refused, match=f"HTTP {code} for event 7"):

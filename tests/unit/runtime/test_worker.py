@@ -284,6 +284,18 @@ def test_too_many_undelivered_results_stop_the_asking() -> None:
     assert not _of(w.SendAsk, worker.handle(w.Tick(), 1.0))
 
 
+def test_books_that_grant_without_end_fill_no_memory() -> None:
+    """Each receipt brought a thousand leases more, and all were kept: those beyond all that was asked are let go."""
+    worker = _worker()
+    for turn in range(50):
+        grant = Grant(leases=tuple(_lease(f"{turn}-{number}") for number in range(1000)))
+        worker.handle(w.Granted(grant), 0.1)
+        (key,) = worker._running
+        worker.handle(w.Done(key, WarmResult(model="", ready=True)), 0.2)
+        worker.handle(w.Received(key, Receipt(lease_id=key.lease_id, epoch=1, status="accepted", grant=grant)), 0.2)
+        assert len(worker.held) <= 2 * w.GRANTS_MAX + 1
+
+
 @pytest.mark.parametrize("rng_seed", range(200))
 def test_against_a_books_double_that_loses_answers(rng_seed: int) -> None:
     """Every lease the worker began is reported and acknowledged in the end; the state never contradicts itself."""

@@ -123,6 +123,22 @@ def test_a_packed_answer_is_not_unpacked(packed: str, monkeypatch: pytest.Monkey
     assert all(not answer.stream.read for answer in answers if isinstance(answer.stream, Parts))
 
 
+def test_a_model_servers_cookies_are_not_kept() -> None:
+    sent: list[httpx.Request] = []
+
+    def answer(request: httpx.Request) -> httpx.Response:
+        sent.append(request)
+        return httpx.Response(200, headers=[("set-cookie", f"a{len(sent)}={number}") for number in range(3)])
+
+    async def ask() -> None:
+        async with httpx.AsyncClient(transport=BoundedTransport(httpx.MockTransport(answer))) as client:
+            for _ in range(3):
+                await client.get("http://there")
+
+    asyncio.run(ask())
+    assert [request.headers.get("cookie") for request in sent] == [None] * 3
+
+
 @pytest.mark.parametrize(("part", "limit"), [(b"x" * 65536, LINE_BYTES_MAX), (b"x" * 65535 + b"\n", ANSWER_BYTES_MAX)])
 def test_endless_answers_end(part: bytes, limit: int) -> None:
     stream = Parts(*[part] * 1000)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import time
 from collections.abc import Mapping
 from random import Random
 
@@ -124,3 +125,26 @@ def test_a_ranking_moves_nothing_past_another_score_or_out_of_its_band(values: l
 def test_a_ranking_that_is_none_changes_nothing(ranking: object) -> None:
     scores = {"a": 7, "b": 7, "c": 7}
     assert ranked(scores, ranking) == scores
+
+
+@pytest.mark.parametrize("part", ["<think>", "<thinking>a", "</think>", "<think></think>", "<think>a</thinking>b"])
+def test_an_answer_full_of_marks_is_read_in_a_moment(part: str) -> None:
+    """A million characters of beginnings took a quarter of an hour, and no deadline ends a pattern."""
+    began_s = time.process_time()
+    assert parse(Reply((part * 1_000_000)[:1_000_000]), ("k1",)).faults
+    assert time.process_time() - began_s < 2.0, "measured: 0.1 s"
+
+
+@pytest.mark.parametrize(
+    ("text", "thought"),
+    [
+        ("<think>one</think>{S}<thinking>two</thinking>", ""),
+        ("{S}", ""),
+        ("<think>not ended {S}", ""),
+        ("</think>{S}<think>", ""),
+        ("<think>a<think>b</think>{S}", ""),
+    ],
+)
+def test_what_is_thought_is_no_answer(text: str, thought: str) -> None:
+    score = '{"test_cases": [{"id": "k1", "reason": "r", "score": 7}]}'
+    assert "k1" in parse(Reply(text.replace("{S}", score), thought), ("k1",)).lines

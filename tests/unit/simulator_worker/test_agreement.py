@@ -13,6 +13,7 @@ from contrary import BUILD
 from saflite.conformance.kit import findings
 from saflite.conformance.targets import check_repeatable_target, checks_of
 from saflite.contract.errors import Refused
+from saflite.contract.flight import SAMPLES_MAX, FlightRecord, Trace
 from saflite.contract.ids import digest
 from saflite.contract.test_case import Scenario, StartState, Stimulus, Target, TestCase
 from saflite.contract.work import FlyResult, FlyWork
@@ -93,6 +94,13 @@ def test_the_suite_finds_it(wrong: int) -> None:
 def test_the_suite_says_what_a_target_takes_that_it_does_not_have() -> None:
     found = findings(check_repeatable_target(contrary, [case(contrary.RIGHT)]))
     assert "check() takes a stick it does not have" in [finding.text for finding in found]
+
+
+def test_a_trace_of_more_samples_than_are_judged_is_told() -> None:
+    many = bytes(4 * (SAMPLES_MAX + 1))
+    record = FlightRecord("completed", Trace(step_s=0.001, signals={"altitude_m": many, "x_m": many}))
+    told = [*agreement.contradictions(contrary.describe(), case(contrary.RIGHT), record)]
+    assert told == [f"the trace holds {SAMPLES_MAX + 1} samples, {SAMPLES_MAX} at most are judged"]
 
 
 def test_a_description_that_contradicts_itself_is_told() -> None:

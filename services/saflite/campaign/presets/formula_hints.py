@@ -32,7 +32,7 @@ _BESIDE = re.compile(r"\b([a-z_0-9]+)\s*(>=?|<=?)\s*\(?\s*(?:latch\(\s*)?([a-z_0
 _KEPT = re.compile(r"\(?\blatch\(\s*([a-z_0-9]+)\s*,[^()]*\)\)?")  # a value as it was at some moment
 _LOST = re.compile(r"\b[a-z]+_(?:ok|present)\s*==\s*0\b(?!\s*or\b)")
 _SILENT = re.compile(r"\b([a-z]+)_(?:ok|present)\s*==\s*0\b")
-_PROMISED = re.compile(r"\bimplies\s+(?:prev\()?\(?\s*[a-z]+_(?:ok|present)\s*==\s*1\b")
+_PROMISED = re.compile(r"\bimplies\s+(?:prev\(\s*)?(?:\(\s*)?[a-z]+_(?:ok|present)\s*==\s*1\b")
 _FAR = re.compile(r"\bhome_distance_m\s*>=?\s*([\d.]+)\b")
 TERMS_DEEP, TEXT_MAX = 6, 100_000
 SETTING = re.compile(r"\b[A-Za-z][A-Za-z0-9]*_[A-Za-z0-9_]+\b")

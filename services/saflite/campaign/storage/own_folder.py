@@ -7,13 +7,12 @@ would be cut, written over, or, below `blobs`, removed as what nobody needs. A s
 
 from __future__ import annotations
 
-import grp
 import os
-import pwd
 import stat
 from collections.abc import Iterator
 from pathlib import Path
 
+from saflite.contract.closed import check_closed
 from saflite.contract.errors import Refused, Unavailable
 
 FOLDERS = ("blobs", "logs", "modules", "recordings", "spool", "test_cases")
@@ -49,7 +48,7 @@ def check_own(run_dir: Path) -> None:
     if not run_dir.is_dir():
         return
     try:
-        check_closed(run_dir)
+        check_run_closed(run_dir)
         for entry in _entries(run_dir, 1):
             if entry.is_symlink():
                 _refuse(entry.path, "a file or folder itself", "a symbolic link")
@@ -79,46 +78,16 @@ def check_writable(run_dir: Path) -> None:
         raise Unavailable(f"{path} cannot be written: {why}")
 
 
-def check_closed(folder: Path | str) -> None:
-    """Raise Refused where a folder is another user's, or others can write in it."""
-    found = os.stat(folder)
-    if found.st_uid not in (0, os.geteuid()):
-        got, fix = f"one of user {found.st_uid}", "work on a copy (cp -r), or have the folder given to you (chown -R)"
-    elif found.st_mode & stat.S_IWOTH:
-        got, fix = "one that anybody can write in", "chmod o-w the folder, if what is in it is still yours"
-    elif found.st_mode & stat.S_IWGRP and not _is_ones_own(found.st_gid):
-        got, fix = "one that others of its group can write in", "chmod g-w the folder, if what is in it is still yours"
-    elif "system.posix_acl_access" in _attributes(folder) and found.st_mode & stat.S_IWGRP:
-        got, fix = (
-            "one that an access list lets others write in",
-            "setfacl -b the folder, if what is in it is still yours",
-        )
-    else:
-        return
-    raise Refused("run folder", where=str(folder), expected="one of your own or root's", got=got, fix=fix)
-
-
-def _is_ones_own(group: int) -> bool:
-    """Return whether a group bears our user's name and has nobody else in it, as most systems make one."""
-    try:
-        name, found = pwd.getpwuid(os.geteuid()).pw_name, grp.getgrgid(group)
-    except KeyError:
-        return False
-    return found.gr_name == name and set(found.gr_mem) <= {name}
-
-
-def _attributes(folder: Path | str) -> list[str]:
-    try:
-        return os.listxattr(folder)
-    except OSError:
-        return []  # a file system without any has no access lists either
+def check_run_closed(folder: Path | str) -> None:
+    """Raise Refused where a run folder, or one in it, is another user's, or others can write in it."""
+    check_closed(folder, "run folder")
 
 
 def _check_entry(entry: os.DirEntry[str], run_dir: Path) -> None:
     """Refuse a folder of ours that others can write in, and a file that has another name as well."""
     top = Path(entry.path).relative_to(run_dir).parts[0]
     if entry.is_dir(follow_symlinks=False) and top in FOLDERS:
-        check_closed(entry.path)
+        check_run_closed(entry.path)
     if entry.is_file(follow_symlinks=False) and top not in SHARED and os.lstat(entry.path).st_nlink > 1:
         _refuse(entry.path, "a file with one name", "one that has another name, too (a hard link)")
 

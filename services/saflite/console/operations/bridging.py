@@ -8,7 +8,7 @@ from pathlib import Path
 
 import msgspec
 
-from saflite.campaign.storage.own_folder import check_closed
+from saflite.campaign.storage.own_folder import check_run_closed
 from saflite.console.io import farm_options
 from saflite.console.operations import relaying
 from saflite.console.operations.relaying import AWAY_S, Bridge, GivenUp, PatientClock, StoppableClock, place_in
@@ -112,7 +112,7 @@ def _cursor_file(args: argparse.Namespace) -> Path:
         return Path(args.cursor)
     if args.connect:
         raise Refused("--cursor", expected="a file that keeps how far it is, with --connect", got="nothing")
-    check_closed(args.run)
+    check_run_closed(args.run)
     return Path(args.run) / f"webhook-{short_id(args.webhook.encode())[:8]}.json"
 
 

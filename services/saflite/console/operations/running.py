@@ -58,7 +58,7 @@ def create(run_dir: Path, campaign: Campaign, target: TargetInfo) -> None:
     from saflite.console.io.toml_text import dump
     from saflite.console.run_data import provenance
     from saflite.contract.modules import all_given
-    from saflite.runtime import run_modules
+    from saflite.runtime import run_hosts, run_modules
 
     made = not run_dir.exists()
     store = Store.create(run_dir, campaign, template(campaign, target.build), target)
@@ -67,6 +67,7 @@ def create(run_dir: Path, campaign: Campaign, target: TargetInfo) -> None:
         (run_dir / "campaign.toml").write_text(dump(campaign), encoding="utf-8")
         provenance.note(run_dir, target)
         run_modules.note(run_dir, all_given())
+        run_hosts.note(run_dir, campaign.scorer)
     except BaseException as fault:
         if made:  # or the next try would be refused because of what is left of this one
             shutil.rmtree(run_dir, ignore_errors=True)

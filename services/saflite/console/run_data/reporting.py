@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from saflite.campaign.storage.own_folder import check_closed
+from saflite.campaign.storage.own_folder import check_run_closed
 from saflite.console.io import outputs
 from saflite.console.run_data.embargo import ALL, Released
 from saflite.console.run_data.run_folder import RunFolder, open_run
@@ -35,7 +35,7 @@ def write(
 
     place = path or run_dir / REPORT
     if path is None and run_dir.is_dir():
-        check_closed(run_dir)
+        check_run_closed(run_dir)
     with open_run(run_dir) as run:
         found, since = data.read(run, released), run.last_change()
     text = page.render(found, str(run_dir)) + STATE % since

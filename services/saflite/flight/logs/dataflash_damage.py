@@ -13,6 +13,8 @@ import struct
 from collections import Counter, defaultdict
 from typing import NamedTuple
 
+from saflite.contract.errors import Refused
+
 HEAD = b"\xa3\x95"
 SIZES = {
     **dict.fromkeys("bBM", 1),
@@ -28,6 +30,9 @@ _LAYOUT = struct.Struct("<3xBB4s16s64s")
 _UNITS = ("UNIT", "MULT", "FMTU")  # nothing here reads units; damaged ones would end the reader
 _NAME = re.compile(r"[A-Za-z0-9_]{1,4}")
 DESCRIPTIONS_MAX = 16  # of one kind that differ; a sound log has one, each more costs a look through the log
+MESSAGES_MAX, PIECES_MAX = 2**24, 2**20
+"""A day of a copter, and more holes than anybody would read on after. The library takes 100 bytes for each."""
+
 _TRIED = 64  # places at which a size is tried
 _SHOWN = 6
 
@@ -88,8 +93,8 @@ class _Marks:
         return places[:-1]
 
 
-def sound(data: bytes) -> Sound:
-    """Return what can be read of a log."""
+def sound(data: bytes, where: str = "") -> Sound:
+    """Return what can be read of a log; raises Refused for one in more pieces than a log has: each takes memory."""
     marks = _Marks(data)
     kinds, damaged = _kinds(data, marks)
     sizes = [0] * 256
@@ -99,7 +104,10 @@ def sound(data: bytes) -> Sound:
         sizes[number] = kind.length if marks.fit(number, kind.length) else 0
     sizes[_FMT] = _FMT_BYTES
     silent = {_FMT, *damaged, *(number for number, kind in kinds.items() if kind.name in _UNITS)}
-    kept, left_out, unknown, skipped = _walk(data, sizes, silent)
+    try:
+        kept, left_out, unknown, skipped = _walk(data, sizes, silent)
+    except _TooMany as fault:
+        raise Refused("ArduPilot log", where=where, expected=f"at most {fault}", got="more") from fault
     described = [_description(kind) for kind in (_ITSELF, *kinds.values()) if kind.name not in _UNITS]
     counts = left_out + unknown
     lost = [_of(f"the description of {kind.called} is damaged", counts[kind.number]) for kind in damaged.values()]
@@ -155,13 +163,18 @@ def _is_right(marks: _Marks, kind: _Kind) -> bool:
     return marks.fit(kind.number, kind.by_letters) >= marks.fit(kind.number, kind.length)
 
 
+class _TooMany(Exception):
+    """More than any log has, and what of."""
+
+
 def _walk(data: bytes, sizes: list[int], silent: set[int]) -> tuple[list[bytes], Counter[int], Counter[int], int]:
     """Go through the log message by message.
 
     Returns the stretches kept; by number the messages left out for their kind, and those nobody described; and how many
-    bytes before the last message are of none.
+    bytes before the last message are of none. Raises _TooMany.
     """
     kept: list[bytes] = []
+    messages = 0
     left_out, unknown = Counter[int](), Counter[int]()
     skipped = hole = begun = place = 0
     end = len(data)
@@ -169,6 +182,9 @@ def _walk(data: bytes, sizes: list[int], silent: set[int]) -> tuple[list[bytes],
     while place + 3 <= end:
         number = data[place + 2]
         size = sizes[number] if data[place] == first and data[place + 1] == second else 0
+        messages += 1
+        if messages > MESSAGES_MAX or len(kept) > PIECES_MAX:
+            raise _TooMany(f"{PIECES_MAX} pieces" if len(kept) > PIECES_MAX else f"{MESSAGES_MAX} messages")
         if size and place + size <= end:
             skipped, hole = skipped + hole, 0
             if number in silent:

@@ -43,6 +43,9 @@ _PLAIN = (
 _FILTERS = ("XKF1", "NKF1", "EKF1", "XKF4", "NKF4")
 _INSTANCES = ("GPS", "BARO", "BAT", "CURR")
 _WANTED = (*_PLAIN, *_FILTERS, *_INSTANCES, "GPS2")
+ROWS_MAX = 5_000_000
+"""Four hours of all that is read at 14 a second each. One takes half a kilobyte."""
+
 FIX_3D = 3
 _INSTANCE = ("I", "Instance", "Inst", "C")  # names of the field that counts them, over the releases
 
@@ -75,12 +78,17 @@ def load(path: Path) -> Load:
                 expected="a dataflash log",
                 got=f"{start!r} at its start" if start else "an empty file",
             )
-        log, lost = sound(data)
+        log, lost = sound(data, str(path))
+        left = ROWS_MAX
         with _reader(log) as reader:
             formats = {kind.name: kind for kind in reader.formats.values()}
             time_s = _clock(formats)
             while (message := reader.recv_match(type=list(_WANTED))) is not None:
                 rows[message.get_type()].append((time_s(message), message.to_dict()))
+                left -= 1
+                if left < 0:
+                    expected = f"at most {ROWS_MAX} messages of what is read"
+                    raise Refused("ArduPilot log", where=str(path), expected=expected, got="more")
     except (OSError, ValueError, TypeError, KeyError, IndexError, AttributeError, struct.error) as fault:
         raise Refused("ArduPilot log", where=str(path), expected="a whole dataflash log", got=repr(fault)) from fault
     _begin_with_the_clock(rows)

@@ -11,7 +11,6 @@ and take-off are GUIDED, orbit is CIRCLE, descend and land are LAND.
 from __future__ import annotations
 
 import struct
-from collections.abc import Container, Mapping
 from mmap import ACCESS_READ, mmap
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -37,6 +36,7 @@ from saflite.flight.logs.leaps import add_leaps_of_px4
 from saflite.flight.logs.resample import POSITION, Columns
 from saflite.flight.logs.settings import PX4, add_settings, sources
 from saflite.flight.logs.topics import Topics, chosen, field, held
+from saflite.flight.logs.ulog_bounds import TooMany, bounded
 from saflite.flight.logs.ulog_commands import commands_of
 from saflite.flight.mission import to_local
 
@@ -64,9 +64,6 @@ _TAKEOFF_ORDERS = (22, 84)  # MAV_CMD_NAV_TAKEOFF, MAV_CMD_NAV_VTOL_TAKEOFF
 _ROTARY_WING = 1  # vehicle_status.VEHICLE_TYPE_ROTARY_WING; 0 is not known
 ARMED = 2
 FIX_3D = 3
-FIELDS_MAX = 500_000
-"""Of all subscriptions of a log together; logs of flights have some thousand."""
-NESTED_MAX = 16
 _WANTED = tuple(
     "vehicle_local_position vehicle_global_position vehicle_attitude vehicle_angular_velocity vehicle_status"  # noqa: SIM905
     " mission_result vehicle_gps_position sensor_gps manual_control_setpoint battery_status home_position"
@@ -164,7 +161,9 @@ def _load(path: Path) -> _Load:
                 got=f"{start[:8]!r} at its start" if start else "an empty file",
             )
         _check_one(path)
-        log = _bounded()(str(path), _WANTED)
+        log = bounded()(str(path), _WANTED)
+    except TooMany as fault:
+        raise Refused("PX4 log", where=str(path), expected=f"at most {fault} messages", got="more") from fault
     except (OSError, ValueError, TypeError, LookupError, AttributeError, struct.error, ULogException) as fault:
         raise Refused("PX4 log", where=str(path), expected="a whole ULog file", got=repr(fault)) from fault
     topics, far_off = chosen(log.data_list)
@@ -189,39 +188,6 @@ def _check_one(path: Path) -> None:
     if second >= 0:
         got = f"another that begins at byte {second}; cut it there, and judge them one by one"
         raise Refused("PX4 log", where=str(path), expected="one ULog file", got=got)
-
-
-def _bounded() -> Any:
-    """Return the reader for one log; it raises ValueError before the formats subscribed to unfold to too many fields.
-
-    The library makes an object of each field of each subscription, arrays and formats in formats unfolded: six formats
-    of a hundred each of the next are some 300 bytes and 10^12 fields.
-    """
-    from pyulog import ULog
-
-    left = FIELDS_MAX
-
-    class Subscription(ULog._MessageAddLogged):  # type: ignore[misc]  # the library has no types
-        def _parse_format(self, formats: Mapping[str, Any]) -> None:
-            nonlocal left
-            left -= _fields(self.message_name, formats, ULog._UNPACK_TYPES, {})
-            if left < 0:
-                raise ValueError(f"formats that unfold to more than {FIELDS_MAX} fields")
-            super()._parse_format(formats)
-
-    return type("Bounded", (ULog,), {"_MessageAddLogged": Subscription})
-
-
-def _fields(name: str, formats: Mapping[str, Any], plain: Container[str], known: dict[str, int], depth: int = 0) -> int:
-    """Return how many fields a format unfolds to, one at least."""
-    if depth > NESTED_MAX:
-        raise ValueError(f"formats nested deeper than {NESTED_MAX}")
-    if name not in known:
-        known[name] = 1 + sum(
-            max(1, many) * (1 if kind in plain else _fields(kind, formats, plain, known, depth + 1))
-            for kind, many, _ in formats[name].fields
-        )
-    return known[name]
 
 
 def _severity(level: int) -> str:

@@ -13,7 +13,7 @@ LINE_BYTES_MAX = 2 * 2**20
 class BoundedTransport(httpx.AsyncBaseTransport):
     """Ends an answer that is longer, or has a longer line, than any honest one, before it fills the memory.
 
-    Packed answers are neither asked for nor taken.
+    Packed answers are neither asked for nor taken; cookies, which a client keeps and sends for good, are left out.
     """
 
     def __init__(self, inner: httpx.AsyncBaseTransport | None = None) -> None:
@@ -23,6 +23,7 @@ class BoundedTransport(httpx.AsyncBaseTransport):
         """Pass the request on and watch what comes back."""
         request.headers["accept-encoding"] = "identity"
         response = await self._inner.handle_async_request(request)
+        response.headers.pop("set-cookie", None)
         if response.headers.get("content-encoding", "identity").strip().lower() not in ("", "identity"):
             await response.aclose()  # a small one may unpack to more than any memory holds
             raise httpx.ReadError("a packed answer, which was not asked for")

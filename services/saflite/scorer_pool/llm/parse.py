@@ -22,7 +22,7 @@ TIE_WIDTH = 0.4
 less than half, so it decides between equals alone. Down from the middle on: 7 stays middling, and 10 the most."""
 _MIDDLE = (SCORE_MIN + SCORE_MAX) / 2
 _FENCE = re.compile(r"```[a-zA-Z]*[ \t]*\r?\n(.*?)```", re.DOTALL)
-_THINK = re.compile(r"<think(?:ing)?>(.*?)</think(?:ing)?>", re.DOTALL)
+_THINK, _THOUGHT = re.compile(r"<think(?:ing)?>"), re.compile(r"</think(?:ing)?>")
 
 
 class Reply(NamedTuple):
@@ -90,11 +90,24 @@ def _document(reply: Reply) -> dict[str, Any]:
     """Return the one JSON object of the answer; raises _Fault."""
     if len(reply.content) > ANSWER_CHARS_MAX or len(reply.thinking) > ANSWER_CHARS_MAX:
         raise _Fault("too-long")
-    content = _THINK.sub("", reply.content).strip()
-    thought = "\n".join([*_THINK.findall(reply.content), reply.thinking]).strip()
+    said, thoughts = _apart(reply.content)
+    content, thought = said.strip(), "\n".join([*thoughts, reply.thinking]).strip()
     if not content and not thought:
         raise _Fault("empty")
     return _only_object(content or thought)
+
+
+def _apart(text: str) -> tuple[str, list[str]]:
+    """Return an answer without the thoughts that are marked in it, and those.
+
+    One pattern for both marks would read on to the end from each beginning that has none.
+    """
+    said, thoughts, at = [], [], 0
+    while (begin := _THINK.search(text, at)) and (end := _THOUGHT.search(text, begin.end())):
+        said.append(text[at : begin.start()])
+        thoughts.append(text[begin.end() : end.start()])
+        at = end.end()
+    return "".join([*said, text[at:]]), thoughts
 
 
 def _only_object(text: str) -> dict[str, Any]:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from saflite.contract.errors import Refused
+from saflite.contract.outside import NAME_SHOWN, read_bytes
 from saflite.contract.test_case import Setting
 
 SETTING = "eeprom"
@@ -23,11 +24,12 @@ def read(settings: Mapping[str, Setting]) -> bytes:
     if not name:
         return b""
     try:
-        content = Path(name).read_bytes()
-    except OSError as fault:
-        raise Refused(SETTING, expected="a file that can be read", got=str(fault), fix=_FIX) from fault
-    if len(content) != SIZE_BYTES:
-        raise Refused(SETTING, where=name, expected=f"{SIZE_BYTES} bytes", got=f"{len(content)}", fix=_FIX)
+        content = read_bytes(Path(name), SETTING, SIZE_BYTES)
+    except Refused:
+        content = b""
+    if len(content) != SIZE_BYTES:  # a farm may name any file of a worker's machine: it does not hear what ails it
+        expected = f"a file of {SIZE_BYTES} bytes that can be read, on the machine that flies"
+        raise Refused(SETTING, where=name[:NAME_SHOWN], expected=expected, got="none", fix=_FIX)
     return content
 
 
