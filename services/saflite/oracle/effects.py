@@ -53,6 +53,8 @@ class Effect(NamedTuple):
 
 BLIND = Effect(lasting=("gps_true", "gps_settled", "baro_true", "baro_settled", "body_true"), healthy=1.0)
 """Another set of sources for the estimate: ArduPilot's second and third are empty unless somebody fills them."""
+TURNED = Effect(lasting=("body_true",), healthy=-1.0)
+"""The compass is told where north is (MAV_CMD_FIXED_MAG_CAL_YAW), which ArduPilot takes in flight, whatever it is."""
 _GPS, _BARO = ("gps_true", "gps_settled"), ("baro_true", "baro_settled")
 _FAULTS: tuple[tuple[str, Effect], ...] = (
     (r"rc_|radio|batt|para|speedup|pin_mask|engine_fail$", Effect()),  # a motor fails by engine_mul
@@ -90,6 +92,8 @@ def effect_of(stimulus: Stimulus) -> Effect:
     name = stimulus.name.lower()
     if stimulus.kind == "command" and name.endswith("set_ekf_source_set"):
         return BLIND
+    if stimulus.kind == "command" and "fixed_mag_cal" in name:
+        return TURNED
     fault = stimulus.kind == "sensor_fault" or name.startswith("sim_")
     if not fault and stimulus.kind != "parameter":
         return Effect()

@@ -51,6 +51,8 @@ def down(flag: str, *stimuli: Stimulus, before: dict[str, float] | None = None) 
         ("parameter", "RTL_ALT", 3000.0, set()),
         ("command", "MAV_CMD_SET_EKF_SOURCE_SET", 2.0, set(FLAGS) - {"sticks_true"}),
         ("command", "MAV_CMD_SET_EKF_SOURCE_SET", 1.0, set()),
+        ("command", "MAV_CMD_FIXED_MAG_CAL_YAW", 301.0, {"body_true"}),
+        ("command", "MAV_CMD_FIXED_MAG_CAL_YAW", 0.0, {"body_true"}),
         ("command", "MAV_CMD_DO_SET_HOME", 1.0, set()),
         ("stick", "RC3", 1500.0, set()),
         ("mode", "LOITER", 0.0, set()),
