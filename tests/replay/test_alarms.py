@@ -14,7 +14,7 @@ from saflite.contract.test_case import TestCase, identity
 from saflite.oracle.judge import judge
 
 RESULTS = Path(__file__).parents[2] / "scripts" / "benches" / "results"
-LINES = [line for name in ("clean", "lists-blind") for line in (RESULTS / f"{name}.jsonl").open(encoding="utf-8")]
+LINES = [line for name in ("clean", "lists-blind", "exposure-fit") for line in (RESULTS / f"{name}.jsonl").open(encoding="utf-8")]
 KEPT = [row for row in map(json.loads, LINES) if row.get("alarm_cases")]
 ONCE = {
     identity(msgspec.convert(told, TestCase)): (row["rng_seed"], told, tuple(row["false_alarms"]))
