@@ -46,10 +46,19 @@ def check_ours(path: Path) -> None:
     Whoever can replace the authority's certificate decides whom this end trusts. Where a link leads counts as well.
     """
     try:
-        for one in (path.parent, path, path.resolve().parent) if path.is_file() else (path,):
+        for one in (*_folders(path), path) if path.is_file() else (path,):
             check_closed(one, "keys", DOUBT)
     except (OSError, RuntimeError) as fault:  # it went meanwhile, may not be looked at, or links lead in a circle
         raise Refused("keys", where=str(path), expected="what can be read", got=str(fault)) from fault
+
+
+def _folders(path: Path) -> Iterator[Path]:
+    """Yield the folders of a file, of each link that leads on from it, and of what they lead to."""
+    yield path.resolve().parent
+    yield path.parent
+    while path.is_symlink():
+        path = path.parent / os.readlink(path)
+        yield path.parent
 
 
 def write(path: Path, data: bytes) -> None:

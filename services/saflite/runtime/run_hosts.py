@@ -17,7 +17,7 @@ from saflite.contract.config import ScorerConfig
 from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.outside import TEXT_BYTES_MAX, read_bytes
 from saflite.runtime import own_runs
-from saflite.scorer_pool.key_hosts import KEY_HOSTS, hosts_named_by
+from saflite.scorer_pool.key_hosts import KEY_HOSTS, hosts_named_by, may_have_key
 
 log = logging.getLogger(__name__)
 
@@ -40,7 +40,7 @@ def note(run_dir: Path, scorer: ScorerConfig) -> None:
 def of(run_dir: Path, scorer: ScorerConfig) -> tuple[str, ...]:
     """Return the hosts that a run's scorers may send a key to beside those of the environment; tells of the others."""
     named, ours = hosts_named_by(scorer), _noted(run_dir)
-    for host in (host for host in named if host not in ours):
+    for host in (host for host in named if host not in ours and not may_have_key(host, default_url="")):
         why = "no campaign that this user began here names it"
         log.warning("no key is sent to %s (%s): %s; %s=%s lets it be sent", host, run_dir, why, KEY_HOSTS, host)
     return tuple(host for host in named if host in ours)

@@ -109,6 +109,21 @@ def test_keys_behind_links_count_where_they_lie(keys: Path, tmp_path: Path) -> N
         keyring.peer_credentials(bundle, NOW_S)
 
 
+def test_no_link_on_the_way_to_a_key_lies_where_others_can_put_another(keys: Path, tmp_path: Path) -> None:
+    """What is read may be root's own, such as the authority of somebody else: it is the link that says which."""
+    bundle, between = keys / "peers" / "lab2", tmp_path / "between"
+    between.mkdir()
+    (keys / "farm" / "ca.pem").rename(tmp_path / "ca.pem")
+    (between / "ca.pem").symlink_to("../ca.pem")
+    (bundle / "ca.pem").unlink()
+    (bundle / "ca.pem").symlink_to(between / "ca.pem")
+    assert keyring.peer_credentials(bundle, NOW_S).peer
+    between.chmod(0o777)
+    with pytest.raises(Refused, match="anybody can write") as fault:
+        keyring.peer_credentials(bundle, NOW_S)
+    assert str(between) in str(fault.value)
+
+
 def test_no_keys_are_made_where_others_can_write(tmp_path: Path) -> None:
     (tmp_path / "keys").mkdir()
     (tmp_path / "keys").chmod(0o777)

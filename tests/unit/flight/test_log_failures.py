@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from saflite.flight.logs.flight_log import FlightLog
 from saflite.flight.logs.ulog import read_ulog_log
 
 STABILIZE, ACRO, TERMINATION = 15, 10, 13
-ACRO_OF_ARDUPILOT = 1
+ACRO_OF_ARDUPILOT, FLIP, THROW, TURTLE = 1, 14, 18, 28
 UP_S, END_S = 3.0, 30.0
 Spans = Sequence[tuple[float, float]]
 
@@ -148,21 +149,44 @@ def test_motors_that_all_stand_have_no_load(tmp_path: Path) -> None:
 def test_who_hits_something_and_flies_on_has_not_crashed(tmp_path: Path) -> None:
     stopped = written(tmp_path, lost=((10.0, 10.5),), hits=((11.0, 11.1),), down=((11.0, END_S),))
     assert read_ulog_log(stopped).crashed
-    goes_on = written(tmp_path, lost=((4.0, 4.5),), hits=((5.0, 5.1),), armed=((2.0, 40.0),), end_s=45.0)
-    assert not read_ulog_log(goes_on).crashed
+    for off_s in (40.0, 60.0):
+        goes_on = written(tmp_path, lost=((4.0, 4.5),), hits=((5.0, 5.1),), armed=((2.0, off_s),), end_s=45.0)
+        assert not read_ulog_log(goes_on).crashed
 
 
-LEANS = {**KINDS, "ATT": ("Qff", "TimeUS,Roll,Pitch"), "VIBE": ("QBI", "TimeUS,IMU,Clip")}
+LEANS = {
+    **KINDS,
+    "ATT": ("Qff", "TimeUS,Roll,Pitch"),
+    "VIBE": ("QBI", "TimeUS,IMU,Clip"),
+    "PARM": ("QNf", "TimeUS,Name,Value"),
+}
 
 
 def dropped(
-    tmp_path: Path, *, lean_deg: float = 80.0, hit_s: float = 7.0, mode: int = 0, off_s: float = 9.0
+    tmp_path: Path,
+    *,
+    lean_deg: float = 80.0,
+    hit_s: float = 7.0,
+    mode: int = 0,
+    off_s: float = 9.0,
+    leans_s: tuple[float, float] = (6.0, 99.0),
+    again_s: tuple[float, float] | None = None,
+    end_s: float = 11.0,
+    angle_max_deg: float = 45.0,
 ) -> FlightLog:
-    """Leans over from 6 s on, an accelerometer is at its end at `hit_s`, the motors are stopped at `off_s`."""
-    more: list[tuple[str, tuple[float, ...]]] = [("MODE", (1_500_000, mode, mode, 1)), ("EV", (9_000_000, 11))]
-    for tenth in range(10, 110):
+    """Leans over in `leans_s`, an accelerometer is at its end at `hit_s`, the motors are stopped at `off_s`.
+
+    They run again in `again_s`. What stops them lies after the log's end, or never comes, where that is before it.
+    """
+    more: list[tuple[str, tuple[Any, ...]]] = [
+        ("PARM", (1_000_001, b"ANGLE_MAX", angle_max_deg * 100)),
+        ("MODE", (1_500_000, mode, mode, 1)),
+    ]
+    more += [("EV", (round(at_s * 1e6), number)) for at_s, number in zip(again_s or (), (10, 11), strict=False)]
+    more += [("EV", (round(off_s * 1e6), 11))] if off_s < end_s else []
+    for tenth in range(10, round(end_s * 10)):
         at = tenth * 100_000
-        more.append(("ATT", (at, lean_deg if at >= 6e6 else 2.0, 1.0)))
+        more.append(("ATT", (at, lean_deg if leans_s[0] <= at / 1e6 < leans_s[1] else 2.0, 1.0)))
         more.append(("VIBE", (at, 0, 3 + 2 * (at >= hit_s * 1e6))))
         more.append(("VIBE", (at, 1, 7)))
     path = tmp_path / "flight.bin"
@@ -176,10 +200,38 @@ def test_a_copter_that_hits_something_leaning_over_has_crashed(tmp_path: Path) -
     assert [crashed(log, at_s) for at_s in (6.5, 8.0)] == [0.0, 1.0]
 
 
-@pytest.mark.parametrize(
-    "otherwise", [{"lean_deg": 40.0}, {"hit_s": 5.0}, {"hit_s": 20.0}, {"mode": ACRO_OF_ARDUPILOT}], ids=str
-)
-def test_who_leans_little_or_turns_over_on_purpose_or_hits_nothing_then_has_not(
+@pytest.mark.parametrize("otherwise", [{"angle_max_deg": 70.0, "lean_deg": 100.0}, {"off_s": 30.0}], ids=str)
+def test_a_copter_that_hits_something_has_crashed_whatever_it_may_lean_and_though_the_log_ends(
     otherwise: dict[str, float], tmp_path: Path
 ) -> None:
-    assert not dropped(tmp_path, **otherwise).crashed  # type: ignore[arg-type]
+    assert dropped(tmp_path, **otherwise).crashed  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    "otherwise",
+    [
+        {"lean_deg": 40.0},
+        {"hit_s": 5.0},
+        {"hit_s": 20.0},
+        *({"mode": mode} for mode in (ACRO_OF_ARDUPILOT, FLIP, THROW, TURTLE)),
+        {"lean_deg": 75.0, "angle_max_deg": 80.0},
+        {"off_s": 5.0},
+        {"off_s": 5.0, "leans_s": (6.0, 8.0), "again_s": (8.5, 10.5)},
+        {"off_s": 90.0, "end_s": 60.0, "leans_s": (6.0, 6.5)},
+    ],
+    ids=str,
+)
+def test_who_leans_little_or_turns_over_on_purpose_or_in_hands_or_hits_nothing_then_or_flies_on_has_not(
+    otherwise: dict[str, Any], tmp_path: Path
+) -> None:
+    assert not dropped(tmp_path, **otherwise).crashed
+
+
+@pytest.mark.parametrize("letters", ["QBN", "QNI"])
+def test_counters_that_are_no_numbers_count_nothing(letters: str, tmp_path: Path) -> None:
+    rows: list[tuple[str, tuple[Any, ...]]] = [("EV", (9_000_000, 11))]
+    for at in range(1_000_000, 9_000_000, 100_000):
+        rows += [("ATT", (at, 80.0, 1.0)), ("VIBE", (at, 0, b"many") if letters == "QBN" else (at, b"first", 4))]
+    path = tmp_path / "flight.bin"
+    path.write_bytes(ardupilot_flight({**LEANS, "VIBE": (letters, "TimeUS,IMU,Clip")}, more=rows))
+    assert not read_dataflash_log(path).crashed

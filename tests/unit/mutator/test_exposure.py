@@ -236,6 +236,12 @@ def test_every_mission_drawn_can_be_written_beside_the_others_and_read_again(tmp
     assert [identity(read_case(file)) for file in files] == [identity(case) for case in drawn]
 
 
+@pytest.mark.parametrize("start_s", [0.5, 60.0, 200.0, 600.0])
+def test_missions_shorter_than_the_time_of_the_first_input_are_drawn_too(start_s: float) -> None:
+    drawn = strategy(missions=1.0, kept=0.0, routed=0.0, start_s=start_s).ask(12, derive(3, "test"))
+    assert sum(case.scenario.mission is not None for case in drawn) == 12
+
+
 def test_told_flights_are_changed_and_routes_to_states_are_taken() -> None:
     searching = strategy(kept=0.5, routed=0.5)
     flown = case(given("mode", "RTL"), given("stick", "RC1", 1700.0, at_s=5.0), text=note(("a-rtl1",), "fresh"))

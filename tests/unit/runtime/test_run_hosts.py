@@ -79,6 +79,15 @@ def test_hosts_that_a_run_of_somebody_else_names_have_none(
     assert f"SAFLITE_KEY_HOSTS={EVIL}" in caplog.messages[0]
 
 
+@pytest.mark.parametrize("named", [EVIL, EVIL.removeprefix("https://"), f"other:1, {EVIL}"])
+def test_of_hosts_that_the_environment_names_it_is_not_told_that_they_have_none(
+    named: str, tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SAFLITE_KEY_HOSTS", named)
+    assert run_hosts.of(tmp_path, _campaign(EVIL).scorer) == ()
+    assert not caplog.records
+
+
 def test_a_mark_of_one_run_is_good_for_the_hosts_it_was_made_of_alone(
     given: list[Sequence[str]], tmp_path: Path
 ) -> None:

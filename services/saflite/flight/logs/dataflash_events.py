@@ -37,8 +37,8 @@ _FAILSAFES: dict[int, str] = {
 }
 _IN_THE_AIR_M = 2.0
 _JUST_S = 1e-6  # a disarm counts as a landing at once
-_LOST = 0.5  # cosine of 60 degrees, more than ANGLE_MAX lets any mode lean
-_TURNS_OVER = (1.0, 14.0)  # ACRO, FLIP
+_LOST_DEG, _BEYOND_DEG = 60.0, 15.0  # a lean that is lost, and one beyond ANGLE_MAX, which may be 80 degrees
+_TURNS_OVER = (1.0, 14.0, 18.0, 28.0)  # ACRO, FLIP, THROW, TURTLE
 _FALLS_S = 0.6  # from higher than that it takes longer to the ground
 
 
@@ -68,7 +68,7 @@ def add(rows: Rows, formats: Mapping[str, str], held: Mapping[str, float], colum
     if landed:
         columns.hold("landed", *zip(*landed, strict=True))
     if "crashed" in columns or "crashed" in courses:
-        courses["crashed"] = sorted([*courses["crashed"], *_falls(rows, courses["armed"], columns)])
+        courses["crashed"] = sorted([*courses["crashed"], *_falls(rows, courses["armed"], held, columns)])
         courses["crashed"] = _crashes(courses["crashed"], courses["armed"], landed, columns)
     for signal, course in courses.items():
         if course:
@@ -122,31 +122,36 @@ def _stops(events: Points, arming: list[Row], armed: Points) -> Points:
     return [(0.0, 0.0), *sorted([*orders, *((at, 0.0) for at in over)])]
 
 
-def _falls(rows: Rows, armed: Points, columns: Columns) -> Points:
-    """Return where a vehicle that leant over farther than any mode but ACRO and FLIP lets it hit something.
+def _falls(rows: Rows, armed: Points, held: Mapping[str, float], columns: Columns) -> Points:
+    """Return where an armed vehicle that leant over farther than it may hit something; some modes may turn it over.
 
     A hit is an accelerometer at its end (VIBE counts these); the crash check looks at leans alone, and for two seconds.
+    Who carries the vehicle about, disarmed, turns it over and lets it bump as well.
     """
     roll, pitch = columns.get("roll_deg"), columns.get("pitch_deg")
     if roll is None or pitch is None or not armed:
         return []
-    modes = points(rows["MODE"], "ModeNum", "Mode") or [(0.0, 0.0)]
+    modes, motors = points(rows["MODE"], "ModeNum", "Mode") or [(0.0, 0.0)], _with_before(armed)
+    may_deg = held.get("ATC_ANGLE_MAX", held.get("ANGLE_MAX", 0.0) / 100)
     upright = np.cos(np.radians(roll[1])) * np.cos(np.radians(np.interp(roll[0], *pitch)))
-    over_s = [float(at) for at in roll[0][upright <= _LOST] if held_at(modes, float(at)) not in _TURNS_OVER]
-    off_s = [at for at, runs in armed if not runs]
-    return [(float(at), 1.0) for at in struck(np.array(_hits(rows)), np.array(over_s), np.array(off_s))[:1]]
+    over = roll[0][upright <= np.cos(np.radians(max(_LOST_DEG, may_deg + _BEYOND_DEG)))]
+    lost_s = [at for at in map(float, over) if held_at(motors, at) and held_at(modes, at) not in _TURNS_OVER]
+    hits_s = [at for at in _hits(rows) if held_at(motors, at)]
+    off_s = [*(at for at, runs in armed if not runs), float(roll[0][-1])]
+    return [(float(at), 1.0) for at in struck(np.array(hits_s), np.array(lost_s), np.sort(off_s))[:1]]
 
 
 def _hits(rows: Rows) -> list[float]:
     """Return when an accelerometer was at its end, for each that is fitted: up to 4.0 one row counts for all."""
-    counted: dict[object, float] = {}
+    counted: dict[str, float] = {}
     hits = []
     for at, row in rows["VIBE"]:
-        count = sum(float(row[name]) for name in ("Clip", "Clip0", "Clip1", "Clip2") if name in row)
-        if count > counted.setdefault(row.get("IMU"), count):
+        told = [row.get(name) for name in ("Clip", "Clip0", "Clip1", "Clip2")]
+        which, count = str(row.get("IMU")), sum(one for one in told if isinstance(one, (int, float)))
+        if count > counted.setdefault(which, count):
             hits.append(at)
-        counted[row.get("IMU")] = count
-    return hits
+        counted[which] = count
+    return sorted(hits)
 
 
 def _crashes(told: Points, armed: Points, landed: Points, columns: Columns) -> Points:

@@ -12,12 +12,12 @@ LIES_S = 30.0  # until somebody, or the autopilot, stops the motors of what lies
 def struck(
     hits_s: NDArray[np.float64], lost_s: NDArray[np.float64], stopped_s: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the hits that end a flight, in order; where the motors were never stopped after one, the log ended so.
+    """Return the hits that end a flight, in order.
 
     Args:
-        hits_s: when something was hit (s), in order; shape (n,).
-        lost_s: moments at which the attitude was lost (s), in order; shape (m,).
-        stopped_s: moments at which the motors were off (s), in order; shape (k,).
+        hits_s: when something was hit with the motors armed (s), in order; shape (n,).
+        lost_s: moments at which the attitude was lost with the motors armed (s), in order; shape (m,).
+        stopped_s: moments at which the motors were off, and the end of the log (s), in order; shape (k,).
     """
     before = np.append(-np.inf, lost_s)[np.searchsorted(lost_s, hits_s, side="right")]
     after = np.append(stopped_s, -np.inf)[np.searchsorted(stopped_s, hits_s)]

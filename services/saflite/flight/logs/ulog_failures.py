@@ -90,7 +90,8 @@ def _since_a_hit(
 ) -> NDArray[np.bool_]:
     """Return from where a vehicle lies that hit something just after its attitude was lost, until it is disarmed."""
     lies = np.zeros(len(at_s), dtype=np.bool_)
-    for hit_s in struck(hits_s, at_s[lost], at_s[~armed]):
+    hits_s = hits_s[armed[np.maximum(np.searchsorted(at_s, hits_s, side="right") - 1, 0)]]
+    for hit_s in struck(hits_s, at_s[lost & armed], np.append(at_s[~armed], at_s[-1])):
         lies |= (at_s >= hit_s) & (at_s < np.append(at_s[(at_s > hit_s) & ~armed], np.inf)[0])
     return lies
 

@@ -102,15 +102,11 @@ class Vocabulary:
         kinds = [kind for kind in AT_ONCE if kind in self._by_kind]
         kind = kinds[int(rng.integers(len(kinds)))] if kinds else None
         entries = [entry for entry in self._by_kind.get(kind, ()) if entry.name not in ENDS] if kind else []
-        keys: list[Key] = [(entry.kind, entry.name) for entry in entries]
-        weights = [
-            max(REFUSED_LEAST, self._taken.share(key, mode)) / (1 + self._taken.given(key, mode)) for key in keys
-        ]
-        return pick(rng, entries, weights) if entries else None
+        return pick(rng, entries, [self._novelty(entry, mode) for entry in entries]) if entries else None
 
     def _novelty(self, entry: Input, mode: str) -> float:
         """Return less the oftener an input was given in a mode, and where it was refused there."""
-        key = (entry.kind, entry.name)
+        key: Key = (entry.kind, entry.name)
         return max(REFUSED_LEAST, self._taken.share(key, mode)) / (1 + self._taken.given(key, mode))
 
     def draw_own(self, rng: Rng, hint: Hint, kinds: Iterable[StimulusKind], mode: str = "") -> Input | None:

@@ -118,7 +118,8 @@ class Writer:
             for stimulus in (*self._asked(rng, [hint]), *self._pushed(rng, hint)):
                 script.give(stimulus)
                 script.pause(rng, *SET_PAUSE_S)
-        script.at_s, way = float(rng.uniform(script.at_s, tempo.last_s)), rng.random()
+        script.at_s = float(rng.uniform(script.at_s, max(script.at_s, tempo.last_s)))
+        way = rng.random()
         procedure = self._plans.any(rng) if way < INTERRUPTED else None
         if procedure is not None:
             script.follow(rng, without_entry(moves(rng, procedure, self._drawing)))
