@@ -1,4 +1,4 @@
-"""Every false alarm of a search that has its test case kept (`clean.jsonl`, `lists-blind.jsonl`) stays mended."""
+"""Every false alarm of a search that has its test case kept (rows in `scripts/benches/results`) stays mended."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from saflite.contract.test_case import TestCase, identity
 from saflite.oracle.judge import judge
 
 RESULTS = Path(__file__).parents[2] / "scripts" / "benches" / "results"
-LINES = [line for name in ("clean", "lists-blind", "exposure-fit") for line in (RESULTS / f"{name}.jsonl").open(encoding="utf-8")]
+FILES = [RESULTS / f"{name}.jsonl" for name in ("clean", "lists-blind", "exposure-fit")]
+LINES = [line for path in FILES for line in path.open(encoding="utf-8")]
 KEPT = [row for row in map(json.loads, LINES) if row.get("alarm_cases")]
 ONCE = {
     identity(msgspec.convert(told, TestCase)): (row["rng_seed"], told, tuple(row["false_alarms"]))
