@@ -15,6 +15,8 @@ import pytest
 
 import saflite
 
+pytestmark = pytest.mark.live  # it takes times, and ten seconds
+
 with warnings.catch_warnings():
     warnings.simplefilter("ignore", DeprecationWarning)
     import sre_parse
