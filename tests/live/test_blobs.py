@@ -27,8 +27,9 @@ def test_a_trace_larger_than_a_message_gets_to_the_books_and_to_another_worker(t
     evidence = EvidenceService(router, "c", store)
     buses = [open_client(name, socket.endpoint) for name in ("fly-1", "judge-1")]
     flyer, judge = (WorkerBlobs(BusBlobs(bus, "c", bus.name, WallClock()), bus.name, None, ()) for bus in buses)
-    noise = derive(1, "noise").random(10 * 2**20, dtype=np.float32).tobytes()
-    trace = Trace(step_s=0.01, signals={"x_m": noise})
+    rng = derive(1, "noise")
+    noise = {f"s{number}": rng.random(2**20, dtype=np.float32).tobytes() for number in range(10)}
+    trace = Trace(step_s=0.01, signals=noise)
     ref = flyer.put(pack_trace(trace))
     assert ref.size_bytes > MESSAGE_BYTES_MAX
     flight = Flight(test_case="x", flight_index=1, ending="completed", trace_digest=trace_digest(trace), trace=ref)
@@ -36,7 +37,7 @@ def test_a_trace_larger_than_a_message_gets_to_the_books_and_to_another_worker(t
     told: list[str | None] = []
     evidence.inspect(report, told.append)
     evidence.answered(report)
-    assert unpack_trace(judge.get(ref), flight.trace_digest).signals["x_m"] == noise
+    assert unpack_trace(judge.get(ref), flight.trace_digest).signals == noise
     evidence.close()
     assert told == [""]
     assert not list((tmp_path / "run" / "blobs" / "incoming" / "fly-1").iterdir()), "what was taken is gone"
