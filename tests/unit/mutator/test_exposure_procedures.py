@@ -7,12 +7,13 @@ from collections import Counter
 from collections.abc import Mapping
 from itertools import pairwise
 
+import msgspec
 import pytest
 from exposure_cases import HAVE, POLICIES, TEMPLATE, strategy
 
 from saflite.contract.errors import Refused
 from saflite.contract.rng import derive
-from saflite.contract.test_case import StimulusKind
+from saflite.contract.test_case import Stimulus, StimulusKind
 from saflite.flight.autopilots.reference.describe import describe
 from saflite.mutator.exposure.attention import read_spans
 from saflite.mutator.exposure.drawing import Drawing, Shares
@@ -248,3 +249,19 @@ def test_what_ends_a_flight_comes_last() -> None:
     assert places
     assert min(places) >= 1
     assert TEMPLATE.scenario.time_limit_s == 60.0
+
+
+def test_what_was_seldom_given_in_a_mode_is_given_there_and_nothing_that_ends_a_flight() -> None:
+    taken = Taken()
+    vocabulary = Vocabulary(HAVE, taken)
+    first = vocabulary.draw_seldom(derive(1, "seldom"), "")
+    assert first is not None
+    stimuli = tuple(Stimulus(at_s=0.0, kind=first.kind, name=first.name) for _ in range(1000))
+    before = [vocabulary.draw_seldom(derive(seed, "seldom"), "") for seed in range(200)]
+    taken.tell(msgspec.structs.replace(TEMPLATE, stimuli=stimuli), (), range(1000), ())
+    after = [vocabulary.draw_seldom(derive(seed, "seldom"), "") for seed in range(200)]
+    elsewhere = [vocabulary.draw_seldom(derive(seed, "seldom"), "RTL") for seed in range(200)]
+    assert before.count(first) > 3 * after.count(first)
+    assert elsewhere == before
+    assert not {one.name for one in before if one is not None}.intersection(ENDS)
+    assert "parameter" not in {one.kind for one in before if one is not None}
