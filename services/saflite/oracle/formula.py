@@ -9,8 +9,8 @@ since, rise, fall, prev, next, and lasting: true once something has been true fo
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
-from functools import cache
+import operator
+from collections.abc import Callable
 from typing import NamedTuple
 
 COMPARISONS = ("<=", "<", ">=", ">", "==", "!=")
@@ -18,6 +18,7 @@ TEMPORAL = ("always", "eventually", "until", "historically", "once", "since", "l
 FUTURE = ("always", "eventually", "until")
 LOGIC = ("not", "and", "or", "implies", "iff", "xor", "rise", "fall", "prev", "next")
 CRISP = "is"
+_CONDITION_AT = {"implies": 0, "latch": 1}
 
 
 class Node(NamedTuple):
@@ -36,28 +37,45 @@ def number(value: float) -> Node:
     return Node("number", value=value)
 
 
+def parts(node: Node) -> list[Node]:
+    """Return the node and all below it, each once and below those it is an argument of.
+
+    What formulas share is one node named in several places: with all named parts written out they are hundreds of
+    times as long. Iterative, as a text may join more parts than the stack holds.
+    """
+    known: set[int] = set()
+    found: list[Node] = []
+    left = [node]
+    while left:
+        waiting = [child for child in left[-1].args if id(child) not in known]
+        if waiting:
+            left += waiting
+            continue
+        last = left.pop()
+        if id(last) not in known:
+            known.add(id(last))
+            found.append(last)
+    return found
+
+
 _ONE: dict[tuple[object, ...], Node] = {}
 
 
 def interned(node: Node) -> Node:
     """Return the one node of this process that is made like this one, so that what formulas share is found by place."""
-    args = tuple(interned(child) for child in node.args)
-    key = (node.op, tuple(map(id, args)), node.low_s, node.high_s, node.value, node.name)
-    if key not in _ONE:
-        _ONE[key] = node._replace(args=args)
-    return _ONE[key]
+    made: dict[int, Node] = {}
+    for part in parts(node):
+        args = tuple(made[id(child)] for child in part.args)
+        key = (part.op, tuple(map(id, args)), part.low_s, part.high_s, part.value, part.name)
+        if key not in _ONE:
+            _ONE[key] = part._replace(args=args)
+        made[id(part)] = _ONE[key]
+    return made[id(node)]
 
 
 def is_truth(node: Node) -> bool:
     """Say whether the node has a truth value (and a robustness), rather than being a term."""
     return node.op in COMPARISONS or node.op in TEMPORAL or node.op in LOGIC or node.op.startswith(CRISP)
-
-
-def walk(node: Node) -> Iterator[Node]:
-    """Yield the node and all below it."""
-    yield node
-    for child in node.args:
-        yield from walk(child)
 
 
 def clauses(formula: Node) -> list[Node]:
@@ -71,28 +89,52 @@ def clauses(formula: Node) -> list[Node]:
 
 def signals_of(node: Node) -> frozenset[str]:
     """Return the names of the signals the formula reads."""
-    return frozenset(part.name for part in walk(node) if part.op == "signal")
+    return frozenset(part.name for part in parts(node) if part.op == "signal")
 
 
-@cache
+_REACH: dict[int, tuple[Node, float]] = {}  # by place; the node is held, so that no other takes it
+
+
 def reach_s(node: Node) -> float:
     """Return how far into the future the node looks, in seconds; infinite where a window has no end."""
-    below = max((reach_s(child) for child in node.args), default=0.0)
-    return below + (node.high_s if node.op in FUTURE else 0.0)
+    if id(node) not in _REACH:
+        reach: dict[int, float] = {}
+        for part in parts(node):
+            below = max((reach[id(child)] for child in part.args), default=0.0)
+            reach[id(part)] = below + (part.high_s if part.op in FUTURE else 0.0)
+        _REACH[id(node)] = (node, reach[id(node)])
+    return _REACH[id(node)][1]
 
 
-def harden(node: Node, where: Callable[[Node], bool]) -> Node:
-    """Return the formula with those comparisons made crisp for which `where` holds.
+def harden(formula: Node, where: Callable[[Node], bool]) -> Node:
+    """Return the formula with conditions (of `implies`, `latch`) crisp, and those comparisons for which `where` holds.
 
     A crisp comparison is worth plus or minus infinity, so that it decides whether a rule applies and never how well it
     is kept. `iff` and `xor` above crisp comparisons are rewritten into implications, as infinities have no difference.
     """
-    if node.op in COMPARISONS:
-        return node._replace(op=CRISP + node.op) if where(node) else node
-    args = tuple(harden(child, where) for child in node.args)
-    if node.op == "iff" and args != node.args:
+    made: dict[tuple[int, bool], Node] = {}  # by place, and whether all comparisons there are crisp
+
+    def visit(node: Node, crisp: bool) -> Node:
+        if (id(node), crisp) not in made:
+            made[id(node), crisp] = visited(node, crisp)
+        return made[id(node), crisp]
+
+    def visited(node: Node, crisp: bool) -> Node:
+        conditions = [crisp] * len(node.args)
+        if node.op in _CONDITION_AT:
+            conditions[_CONDITION_AT[node.op]] = True
+        args = tuple(map(visit, node.args, conditions))
+        if node.op in COMPARISONS and (crisp or where(node)):
+            return node._replace(op=CRISP + node.op, args=args)
+        return node if all(map(operator.is_, args, node.args)) else _rebuilt(node, args)
+
+    return visit(formula, False)
+
+
+def _rebuilt(node: Node, args: tuple[Node, ...]) -> Node:
+    if node.op == "iff":
         return Node("and", (Node("implies", args), Node("implies", args[::-1])))
-    if node.op == "xor" and args != node.args:
+    if node.op == "xor":
         left, right = args
         return Node("or", (Node("and", (left, Node("not", (right,)))), Node("and", (Node("not", (left,)), right))))
     return node._replace(args=args)

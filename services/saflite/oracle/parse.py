@@ -17,7 +17,7 @@ import re
 from collections.abc import Mapping
 
 from saflite.contract.errors import Refused
-from saflite.oracle.formula import COMPARISONS, Node, is_truth, number
+from saflite.oracle.formula import COMPARISONS, Node, is_truth, number, parts
 
 _TOKEN = re.compile(
     r"\s*(?:(?P<number>\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+(?:[eE][+-]?\d+)?)|(?P<word>[A-Za-z_]\w*)"
@@ -45,13 +45,15 @@ class Fault(Exception):
         self.offset, self.expected, self.got = offset, expected, got
 
 
-def parse(text: str, names: Mapping[str, float | Node] | None = None, where: str = "", *, whole: bool = True) -> Node:
+def parse(
+    text: str, names: Mapping[str, float | Node] | None = None, where: object = "", *, whole: bool = True
+) -> Node:
     """Return the formula in `text`.
 
     Args:
         text: the formula; line breaks count as spaces.
         names: named constants and named parts; every other name is a signal.
-        where: file or argument, for the message.
+        where: file or argument, for the message; made a text only for it.
         whole: it must have a truth value; a part of a formula may be a number too.
 
     Raises:
@@ -61,7 +63,7 @@ def parse(text: str, names: Mapping[str, float | Node] | None = None, where: str
         parser = _Parser(text, names or {})
         return parser.formula() if whole else parser.part()
     except RecursionError as fault:
-        raise Refused("formula", where=where, expected=f"at most {_DEPTH_MAX} levels", got="more") from fault
+        raise Refused("formula", where=str(where), expected=f"at most {_DEPTH_MAX} levels", got="more") from fault
     except Fault as fault:
         before = text[: fault.offset]
         line, column = before.count("\n") + 1, fault.offset - before.rfind("\n")
@@ -90,19 +92,12 @@ def _tokens(text: str) -> list[tuple[str, str, int]]:
 def _check_size(formula: Node) -> None:
     """Raise Fault for a formula too deep or, with its named parts written out, too long to be worked out.
 
-    Iterative and by part, however often it is named: parts named twice within parts named twice double each time.
+    By part, however often it is named: parts named twice within parts named twice double each time.
     """
     known: dict[int, tuple[int, int]] = {}  # by the part: its depth, its size written out
-    left = [formula]
-    while left:
-        node = left[-1]
-        waiting = [child for child in node.args if id(child) not in known]
-        if waiting:
-            left += waiting
-            continue
-        below = [known[id(child)] for child in node.args]
-        known[id(node)] = 1 + max((one[0] for one in below), default=0), 1 + sum(one[1] for one in below)
-        left.pop()
+    for part in parts(formula):
+        below = [known[id(child)] for child in part.args]
+        known[id(part)] = 1 + max((one[0] for one in below), default=0), 1 + sum(one[1] for one in below)
     depth, size = known[id(formula)]
     if depth > _LEVELS_MAX:
         raise Fault(0, f"at most {_LEVELS_MAX} levels (each `and` in a row is one)", str(depth))

@@ -26,7 +26,7 @@ from saflite.contract.test_case import StartState, Twin
 from saflite.contract.work import PolicyTexts
 from saflite.oracle.effects import silencing
 from saflite.oracle.examples import Example, completed, example_signals
-from saflite.oracle.formula import FUTURE, Node, harden, interned, reach_s, signals_of, walk
+from saflite.oracle.formula import FUTURE, Node, harden, interned, parts, reach_s, signals_of
 from saflite.oracle.parse import parse
 from saflite.oracle.silence import is_silenced
 from saflite.oracle.stl import Evaluator, find
@@ -178,7 +178,7 @@ def check_told(names: Sequence[str], texts: PolicyTexts) -> None:
 def _foreign(text: str, where: str) -> Policy:
     policy = parse_policy(text, where)
     if policy.id in policy_names():
-        line = f"{where} line {_line_of(text, 'id')}"
+        line = str(_Place(text, where, "id"))
         raise Refused("id", where=line, expected="one that no shipped policy has", got=repr(policy.id))
     return policy
 
@@ -220,7 +220,7 @@ def _without_examples(text: str, where: str) -> Policy:
         expected = f"at most {ENTRIES_MAX} examples, terms, signals and constants"
         raise Refused("policy file", where=where, expected=expected, got=most)
     _check_names(file, text, where)
-    place = f"{where} line {_line_of(text, 'formula')}"
+    place = str(_Place(text, where, "formula"))
     policy = _compiled(file, text, where, place)
     _check_windows(policy.formula, place)
     _check_inputs(policy, text, where)
@@ -230,13 +230,10 @@ def _without_examples(text: str, where: str) -> Policy:
 def _compiled(file: PolicyFile, text: str, where: str, place: str) -> Policy:
     names: dict[str, float | Node] = {**MODES, **file.constants}
     for name, part in file.terms.items():
-        names[name] = parse(part, names, f"{where} line {_line_of(text, name)}", whole=False)
+        names[name] = parse(part, names, _Place(text, where, name), whole=False)
     formula = parse(file.formula, names, place)
-    hard = (
-        parse(file.severity.hard_when, names, f"{where} line {_line_of(text, 'hard_when')}")
-        if (file.severity.hard_when)
-        else None
-    )
+    said = file.severity.hard_when
+    hard = parse(said, names, _Place(text, where, "hard_when")) if said else None
     needed = signals_of(formula)
     used = needed | (signals_of(hard) if hard else frozenset())
     _check_signals(file, used, text, where)
@@ -263,16 +260,7 @@ def crispened(formula: Node, table: Mapping[str, Signal] = SIGNALS) -> Node:
     def flags_only(node: Node) -> bool:
         return all(table[name].kind != "real" for name in signals_of(node))
 
-    def visit(node: Node, condition: bool) -> Node:
-        if node.op == "latch":
-            when = harden(visit(node.args[1], True), lambda _: True)
-            return node._replace(args=(visit(node.args[0], condition), when))
-        if node.op == "implies":
-            left, right = node.args
-            return node._replace(args=(harden(visit(left, True), lambda _: True), visit(right, condition)))
-        return node._replace(args=tuple(visit(child, condition) for child in node.args))
-
-    return harden(visit(formula, False), flags_only)
+    return harden(formula, flags_only)
 
 
 # ---- checks -------------------------------------------------------------------------------------------------------
@@ -285,36 +273,36 @@ def _check_names(file: PolicyFile, text: str, where: str) -> None:
     policy.
     """
     if not ID.fullmatch(file.id):
-        line = f"{where} line {_line_of(text, 'id')}"
+        line = str(_Place(text, where, "id"))
         raise Refused("id", where=line, expected="small letters, digits and '-'", got=repr(file.id))
 
 
 def _check_signals(file: PolicyFile, used: frozenset[str], text: str, where: str) -> None:
+    def refused(what: str, key: str, expected: str, got: str) -> Refused:
+        return Refused(what, where=str(_Place(text, where, key)), expected=expected, got=got)
+
     for name in sorted(used - file.signals.keys()):
-        line = f"{where} line {_line_of(text, name)}"
         if name in SIGNALS:
-            raise Refused("signals", where=line, expected=f"'{name}' with its unit under [signals]", got="nothing")
+            raise refused("signals", name, f"'{name}' with its unit under [signals]", "nothing")
         expected = "one of `saflite list signals`, one declared under [signals], a mode, or a constant"
-        raise Refused("signal", where=line, expected=expected, got=repr(name))
+        raise refused("signal", name, expected, repr(name))
     for name, unit in file.signals.items():
-        line = f"{where} line {_line_of(text, name)}"
         if name not in used:
-            raise Refused("signals", where=line, expected="only signals the formula reads", got=repr(name))
+            raise refused("signals", name, "only signals the formula reads", repr(name))
         if name in SIGNALS and unit != SIGNALS[name].unit:
-            raise Refused(f"unit of {name}", where=line, expected=repr(SIGNALS[name].unit), got=repr(unit))
+            raise refused(f"unit of {name}", name, repr(SIGNALS[name].unit), repr(unit))
     for name in file.assumed:
         if name not in used:
-            line = f"{where} line {_line_of(text, 'assumed')}"
-            raise Refused("assumed", where=line, expected="signals the formula reads", got=repr(name))
+            raise refused("assumed", "assumed", "signals the formula reads", repr(name))
     for name in file.state:
         if name not in SIGNALS and name not in file.signals:
-            raise Refused("state", where=f"{where} line {_line_of(text, 'state')}", expected="signals", got=repr(name))
+            raise refused("state", "state", "signals", repr(name))
 
 
 def _check_windows(formula: Node, place: str) -> None:
     """Only the outermost `always` may look ahead without end: anything else could never be judged."""
     inner = formula.args if formula.op == "always" else (formula,)
-    for part in (part for top in inner for part in walk(top)):
+    for part in (part for top in inner for part in parts(top)):
         if part.op in FUTURE and math.isinf(part.high_s):
             raise Refused(
                 "formula", where=place, expected=f"a window [from:to] after '{part.op}'", got="a window without end"
@@ -329,14 +317,14 @@ def _check_inputs(policy: Policy, text: str, where: str) -> None:
             flags = frozenset(silencing(kind, name))
             if flags and is_silenced(policy.formula, flags):
                 told = f"{name}, in force, holds {', '.join(sorted(flags & policy.needed))} at 0: the rule never speaks"
-                place = f"{where} line {_line_of(text, kind)}"
+                place = str(_Place(text, where, kind))
                 raise Refused("inputs", where=place, expected="inputs that leave the rule a time to speak", got=told)
 
 
 def _check_examples(policy: Policy, text: str, where: str) -> None:
     kinds = {example.holds for example in policy.file.examples}
     if kinds != {True, False}:
-        line = f"{where} line {_line_of(text, 'examples')}"
+        line = str(_Place(text, where, "examples"))
         raise Refused("examples", where=line, expected="one that holds and one that violates at least", got=len(kinds))
     for number in range(1, len(policy.file.examples) + 1):
         place = f"{where} line {_line_of(text, 'examples', number)}"
@@ -363,6 +351,17 @@ def _check_example(policy: Policy, example: Example, name: str, place: str) -> N
 NEAR_CHARS = 200  # of what is said of a fault: each word in it is looked for in the whole text
 
 
+class _Place(NamedTuple):
+    """Where `key` stands in the text of a file: looked for when it is told, as nearly none is."""
+
+    text: str
+    file: str
+    key: str
+
+    def __str__(self) -> str:
+        return f"{self.file} line {_line_of(self.text, self.key)}"
+
+
 def _line_of(text: str, key: str, occurrence: int = 1) -> int:
     """Return the line on which `key` first stands as a key, a table or a word; 1 if nowhere."""
     starts = _starts(text, key)
@@ -373,7 +372,12 @@ def _line_of(text: str, key: str, occurrence: int = 1) -> int:
 
 @lru_cache(maxsize=4)  # examples are looked for one by one
 def _starts(text: str, key: str) -> list[int]:
-    return [n for n, line in enumerate(text.splitlines(), 1) if line.lstrip(' ["').startswith(key)]
+    return [n for n, line in enumerate(_bare_lines(text), 1) if line.startswith(key)]
+
+
+@lru_cache(maxsize=4)
+def _bare_lines(text: str) -> list[str]:
+    return [line.lstrip(' ["') for line in text.splitlines()]
 
 
 def _near(text: str, where: str, fault: str) -> str:

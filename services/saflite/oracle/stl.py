@@ -132,6 +132,10 @@ class Evaluator:
         Raises:
             Refused: a signal is missing.
         """
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            return self._array(node)
+
+    def _array(self, node: Node) -> Array:
         value = np.asarray(self._value(node), dtype=np.float64)
         return np.full(self.samples, float(value)) if value.ndim == 0 else value
 
@@ -151,12 +155,11 @@ class Evaluator:
         if op.startswith(CRISP):
             left, right = (self._value(arg) for arg in node.args)
             return _compared(_CRISP[op[len(CRISP) :]], left, right)
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            if op in _BINARY:
-                return _BINARY[op](self._value(node.args[0]), self._value(node.args[1]))
-            if op in _UNARY:
-                return _UNARY[op](self._value(node.args[0]))
-        args = [self.trace(arg) for arg in node.args]
+        if op in _BINARY:
+            return _BINARY[op](self._value(node.args[0]), self._value(node.args[1]))
+        if op in _UNARY:
+            return _UNARY[op](self._value(node.args[0]))
+        args = [self._array(arg) for arg in node.args]
         return self._windowed(node, args) if op in TEMPORAL else self._over_time(node, args)
 
     def _windowed(self, node: Node, args: list[Array]) -> Array:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from saflite.contract.errors import Refused
 from saflite.contract.signals import SIGNALS, Signal
-from saflite.oracle.formula import COMPARISONS, Node, text_of
+from saflite.oracle.formula import COMPARISONS, Node, parts, text_of
 
 _KEEPING = ("neg", "abs", "before", "ago", "mean", "latch", "turn")
 _JOINING = ("+", "-", "min", "max", *COMPARISONS)
@@ -19,7 +19,18 @@ def unit_of(node: Node, where: str = "", table: Mapping[str, Signal] = SIGNALS) 
     Raises:
         Refused: two sides of a sum, a choice or a comparison differ in unit.
     """
-    units = [unit_of(child, where, table) for child in node.args]
+    return _units(parts(node), where, table)[id(node)]
+
+
+def _units(found: list[Node], where: str, table: Mapping[str, Signal]) -> dict[int, str]:
+    """Return the unit of each part, by its place in memory; arguments come before what they are arguments of."""
+    known: dict[int, str] = {}
+    for part in found:
+        known[id(part)] = _unit(part, [known[id(child)] for child in part.args], where, table)
+    return known
+
+
+def _unit(node: Node, units: list[str], where: str, table: Mapping[str, Signal]) -> str:
     if node.op == "number":
         return ANY
     if node.op == "signal":
@@ -60,12 +71,7 @@ def margin_unit(node: Node, where: str = "", table: Mapping[str, Signal] = SIGNA
     Raises:
         Refused: as `unit_of`.
     """
-    unit_of(node, where, table)
-    found = {unit for unit in _margins(node, table) if unit != ANY}
-    return found.pop() if len(found) == 1 else ""
-
-
-def _margins(node: Node, table: Mapping[str, Signal]) -> set[str]:
-    if node.op in COMPARISONS:
-        return {unit_of(arg, "", table) for arg in node.args}
-    return {unit for child in node.args for unit in _margins(child, table)}
+    found = parts(node)
+    units = _units(found, where, table)
+    compared = {units[id(side)] for part in found if part.op in COMPARISONS for side in part.args} - {ANY}
+    return compared.pop() if len(compared) == 1 else ""

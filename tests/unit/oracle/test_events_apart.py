@@ -16,7 +16,7 @@ import pytest
 from by_definition import Definition
 
 from saflite.oracle.examples import completed, example_signals
-from saflite.oracle.formula import signals_of, walk
+from saflite.oracle.formula import parts, signals_of
 from saflite.oracle.policy import Policy, load_policy, policy_names, signal_table
 from saflite.oracle.stl import Evaluator, find
 from saflite.oracle.windows import Array
@@ -122,4 +122,4 @@ def test_events_apart_are_judged_as_the_page_on_time_says(name: str) -> None:
 
 def test_the_policies_left_out_are_those_without_events() -> None:
     for name in set(policy_names()) - set(compared()):
-        assert not {part.op for part in walk(load_policy(name).formula)} & {"rise", "fall", "latch"}, name
+        assert not {part.op for part in parts(load_policy(name).formula)} & {"rise", "fall", "latch"}, name
