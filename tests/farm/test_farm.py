@@ -40,7 +40,7 @@ def _quiet() -> object:
     logging.disable(logging.NOTSET)
 
 
-@pytest.mark.parametrize("chunk", range(CHUNKS))
+@pytest.mark.parametrize("chunk", [pytest.param(n, marks=pytest.mark.live if n % 2 else ()) for n in range(CHUNKS)])
 def test_nothing_is_lost_or_counted_twice_whatever_happens(chunk: int) -> None:
     for seed in range(chunk, SEEDS, CHUNKS):
         try:
