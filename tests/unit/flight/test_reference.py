@@ -376,3 +376,21 @@ def test_a_mission_begun_again_in_the_air_flies_to_its_first_way_point_again() -
     at = round(48.0 / trace.step_s)
     assert far_m[at] > 6.0, "it is on its second leg"
     assert far_m[at:].min() < 3.0
+
+
+def test_a_mission_goes_on_below_a_ceiling_that_its_way_point_lies_above() -> None:
+    """It hovered there for ever: in a hover the height shakes by as much as counted as coming nearer."""
+    places = ((22, 0.0, 8), (16, 1e-4, 25), (16, 2e-4, 8))
+    items = [
+        MissionItem(command=command, params=(0, 0, 0, 0, HOME_LAT_DEG + north, HOME_LON_DEG, height))
+        for command, north, height in places
+    ]
+    mission = Mission(
+        name="high", home_lat_deg=HOME_LAT_DEG, home_lon_deg=HOME_LON_DEG, home_alt_m=0.0, items=tuple(items)
+    )
+    scenario = Scenario(mission=parse_plan(dump_plan(mission), "high", "high"), time_limit_s=90.0)
+    low = {"FENCE_ENABLE": 1.0, "FENCE_TYPE": 1.0, "FENCE_ALT_MAX": 17.0}
+    trace = fly(TestCase(target=Target(parameters=low), scenario=scenario, rng_seed=3)).trace
+    assert trace is not None
+    assert trace.array("mission_item").max() == 2.0
+    assert trace.array("altitude_m").max() < 17.0

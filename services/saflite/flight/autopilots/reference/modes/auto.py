@@ -19,7 +19,7 @@ TURNED_COS = math.cos(math.radians(5.0))
 PLAN_EVERY_TICKS = 5  # 10 Hz
 FOLLOW_EVERY_TICKS = 2  # 25 Hz
 HEIGHT_M, HEIGHT_STALL_S, BRAKE_MPS = 0.5, 2.0, 0.5
-STALL_M = 0.002  # a tick: 10 cm/s; WPNAV_SPEED_UP may be 50 cm/s, and less near the end
+STALL_M = 0.1  # in `HEIGHT_STALL_S`: WPNAV_SPEED_UP may be 50 cm/s, less near the end; a hover shakes by 2 mm a tick
 POSITION_P, HEIGHT_P = 0.95, 1.0  # MPC_XY_P, MPC_Z_P: the gains PX4 flies avoidance set-points with
 
 
@@ -289,8 +289,9 @@ class Auto(Mode):
         """Within the radius or past the way-point, at its height or no longer coming nearer to it."""
         here = self._here()
         gap = abs(self._goal[2] - here[2])
-        self._height_stalled_s = 0.0 if gap < self._height_gap - STALL_M else self._height_stalled_s + TICK_S
-        self._height_gap = gap
+        self._height_stalled_s += TICK_S
+        if abs(gap - self._height_gap) > STALL_M:
+            self._height_gap, self._height_stalled_s = gap, 0.0
         off = math.hypot(self._goal[0] - here[0], self._goal[1] - here[1])
         leg = (self._goal[0] - self._previous[0], self._goal[1] - self._previous[1])
         along = (here[0] - self._previous[0]) * leg[0] + (here[1] - self._previous[1]) * leg[1]
