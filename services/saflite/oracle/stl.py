@@ -2,7 +2,8 @@
 
 Robustness is the usual one (Donze and Maler 2010; equal to rtamt's discrete-time offline semantics): a comparison is
 worth its margin, `and` the least, `or` the greatest, `not` the negative, windows the extremes. Crisp comparisons
-(`formula.harden`) are worth plus or minus infinity.
+(`formula.harden`) are worth plus or minus infinity. What is made of these alone is held in a byte a moment: 1 true, -1
+false, 0 unknown, of which least and greatest are what Kleene's logic says; most of a policy is such.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from saflite.contract.errors import Refused
 from saflite.oracle import windows
@@ -25,8 +27,24 @@ def _divided(a: Any, b: Any) -> Any:
     return np.where(np.equal(b, 0.0), np.nan, np.divide(a, b))
 
 
+_CRISP_TYPE = np.dtype(np.int8)
+_WORTH = np.array([np.nan, np.inf, -np.inf])  # by a crisp value as the index
+
+
+def _is_crisp(value: Any) -> bool:
+    return getattr(value, "dtype", None) is _CRISP_TYPE
+
+
+def _worth(value: Any) -> Any:
+    """Return the robustness of a crisp value, others as they are."""
+    return _WORTH[value] if _is_crisp(value) else value
+
+
 def _both(a: Any, b: Any) -> Any:
     """Return the robustness of `a and b`; where one is plainly false, the other need not even be a number."""
+    if _is_crisp(a) and _is_crisp(b):
+        return np.minimum(a, b)
+    a, b = _worth(a), _worth(b)
     least = np.minimum(a, b)
     if not np.isnan(least).any():  # as nearly always: the least says it all
         return least
@@ -35,6 +53,9 @@ def _both(a: Any, b: Any) -> Any:
 
 def _either(a: Any, b: Any) -> Any:
     """Return the robustness of `a or b`; where one is plainly true, the other need not even be a number."""
+    if _is_crisp(a) and _is_crisp(b):
+        return np.maximum(a, b)
+    a, b = _worth(a), _worth(b)
     greatest = np.maximum(a, b)
     if not np.isnan(greatest).any():
         return greatest
@@ -46,11 +67,16 @@ def _implied(a: Any, b: Any) -> Any:
     return _either(-a, b)
 
 
+def _apart(a: Any, b: Any) -> Any:
+    """Return the robustness of `a xor b`."""
+    return np.abs(_worth(a) - _worth(b))
+
+
 def _compared(relation: Callable[[Any, Any], Any], a: Any, b: Any) -> Any:
-    """Return plainly true, plainly false, or NaN: what is not a number is not known to stand in any relation."""
-    stands = np.where(relation(a, b), np.inf, -np.inf)
+    """Return crisp values; what is not a number is not known to stand in any relation."""
+    stands = np.asarray(relation(a, b)).view(np.int8) * np.int8(2) - np.int8(1)
     unknown = np.isnan(a) | np.isnan(b)
-    return np.where(unknown, np.nan, stands) if unknown.any() else stands
+    return np.where(unknown, np.int8(0), stands) if unknown.any() else stands
 
 
 _BINARY: dict[str, Callable[[Any, Any], Any]] = {
@@ -70,8 +96,8 @@ _BINARY: dict[str, Callable[[Any, Any], Any]] = {
     "==": lambda a, b: -np.abs(a - b),
     "!=": lambda a, b: np.abs(a - b),
     "implies": _implied,
-    "iff": lambda a, b: -np.abs(a - b),
-    "xor": lambda a, b: np.abs(a - b),
+    "iff": lambda a, b: -_apart(a, b),
+    "xor": _apart,
 }
 _UNARY: dict[str, Callable[[Any], Any]] = {
     "not": np.negative,
@@ -132,12 +158,20 @@ class Evaluator:
         Raises:
             Refused: a signal is missing.
         """
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            return self._array(node)
+        return np.asarray(_worth(self._array(node)), dtype=np.float64)
 
-    def _array(self, node: Node) -> Array:
-        value = np.asarray(self._value(node), dtype=np.float64)
-        return np.full(self.samples, float(value)) if value.ndim == 0 else value
+    def true(self, node: Node) -> NDArray[np.bool_]:
+        """Return where a formula is plainly true, shape (n,)."""
+        return np.asarray(self._array(node) > 0)
+
+    def _array(self, node: Node) -> NDArray[Any]:
+        """Return the value of a node at every sample: of a term, as robustness, or crisp."""
+        known = self._known.get(id(node))
+        if known is None:
+            with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+                known = (node, self._value(node))
+        value = known[1]
+        return value if isinstance(value, np.ndarray) and value.ndim else np.full(self.samples, value)
 
     def _value(self, node: Node) -> Any:
         """Value of the node: an array, or a plain number where it does not depend on time."""
@@ -162,32 +196,37 @@ class Evaluator:
         args = [self._array(arg) for arg in node.args]
         return self._windowed(node, args) if op in TEMPORAL else self._over_time(node, args)
 
-    def _windowed(self, node: Node, args: list[Array]) -> Array:
+    def _windowed(self, node: Node, args: list[NDArray[Any]]) -> NDArray[Any]:
         low = self._count(node.low_s)
         high = None if math.isinf(node.high_s) else self._count(node.high_s)
+        if node.op in ("until", "since"):
+            joined = self._windows.until if node.op == "until" else self._windows.since
+            return joined(_worth(args[0]), _worth(args[1]), low, high)
+        values = (
+            args[0] if not _is_crisp(args[0]) or args[0].all() else _worth(args[0])
+        )  # a gap hides what is beside it
         if node.op == "lasting":
             assert high is not None, "lasting has a length"
-            return np.where(self.row < high, -np.inf, self._windows.least_behind(args[0], 0, high))
+            least = self._windows.least_behind(values, 0, high)
+            return np.where(self.row < high, -windows.top(least), least)
         if node.op == "always":
-            return self._windows.least_ahead(args[0], low, high)
+            return self._windows.least_ahead(values, low, high)
         if node.op == "eventually":
-            return self._windows.greatest_ahead(args[0], low, high)
+            return self._windows.greatest_ahead(values, low, high)
         if node.op == "historically":
-            return self._windows.least_behind(args[0], low, high)
-        if node.op == "once":
-            return self._windows.greatest_behind(args[0], low, high)
-        joined = self._windows.until if node.op == "until" else self._windows.since
-        return joined(args[0], args[1], low, high)
+            return self._windows.least_behind(values, low, high)
+        return self._windows.greatest_behind(values, low, high)
 
-    def _over_time(self, node: Node, args: list[Array]) -> Array:
+    def _over_time(self, node: Node, args: list[NDArray[Any]]) -> NDArray[Any]:
         values, op = args[0], node.op
-        if op in ("prev", "rise", "fall"):
-            before: Array = np.concatenate([[-np.inf if op == "rise" else np.inf], values[:-1]])
+        if op in ("prev", "rise", "fall", "next"):
+            edge = np.array([-windows.top(values) if op == "rise" else windows.top(values)])
+            if op == "next":
+                return np.concatenate([values[1:], edge])
+            before = np.concatenate([edge, values[:-1]])
             if op == "prev":
                 return before
-            return np.minimum(-before, values) if op == "rise" else np.minimum(before, -values)
-        if op == "next":
-            return np.concatenate([values[1:], [np.inf]])
+            return np.asarray(np.minimum(-before, values) if op == "rise" else np.minimum(before, -values))
         if op == "latch":
             return _latch(values, args[1])
         if op == "before":
@@ -234,10 +273,11 @@ def _mean(values: Array, count: int) -> Array:
 
 def _latch(values: Array, condition: Array) -> Array:
     """Value at the moment the condition last became true; the value itself while it never was."""
-    true = condition > 0
-    became = true & ~np.concatenate([[False], true[:-1]])
-    at = np.maximum.accumulate(np.where(became, np.arange(len(values)), -1))
-    return np.where(at >= 0, values[np.maximum(at, 0)], values)
+    became = np.flatnonzero(np.diff(condition > 0, prepend=False) & (condition > 0))
+    if not len(became):
+        return values
+    held = np.repeat(values[became], np.diff(became, append=len(values)))
+    return np.concatenate([values[: became[0]], held])
 
 
 class Finding(NamedTuple):
@@ -320,7 +360,7 @@ def _applied(evaluator: Evaluator, judged: Node, first: int, last: int) -> float
         return max(_applied(evaluator, part, first, last) for part in judged.args)
     if judged.op != "implies":
         return 1.0
-    return float(np.mean(evaluator.trace(judged.args[0])[first:last] > 0))
+    return float(np.mean(evaluator.true(judged.args[0])[first:last]))
 
 
 def _applied_first(evaluator: Evaluator, judged: Node, first: int, last: int) -> int | None:
@@ -330,7 +370,7 @@ def _applied_first(evaluator: Evaluator, judged: Node, first: int, last: int) ->
         return min((place for place in places if place is not None), default=None)
     if judged.op != "implies":
         return None
-    true = evaluator.trace(judged.args[0])[first:last] > 0
+    true = evaluator.true(judged.args[0])[first:last]
     return int(true.argmax()) if true.any() else None
 
 
@@ -341,7 +381,7 @@ def _nearness(evaluator: Evaluator, judged: Node, first: int, last: int) -> floa
     parts = parts_of(judged.args[0])
     true = np.zeros(last - first, dtype=np.int8)
     for part in parts:
-        true += evaluator.trace(part)[first:last] > 0
+        true += evaluator.true(part)[first:last]
     return int(true.max()) / len(parts)
 
 

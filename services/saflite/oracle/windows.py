@@ -6,28 +6,35 @@ greatest value, which is what rtamt gives.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
 
+def top(values: NDArray[Any]) -> Any:
+    """Return what is above all values of their type: infinity, or of crisp ones (bytes) true, which is 1."""
+    return np.int8(1) if values.dtype == np.int8 else np.inf
+
+
 def least_ahead(values: Array, low: int, high: int | None) -> Array:
     """Return at each i the least of values[i+low .. i+high] (to the end where `high` is None), shape (n,)."""
     n = len(values)
     if low >= n:
-        return np.full(n, np.inf)
+        return np.full(n, top(values))
     if high is None or low + n - 1 <= high:
         ahead = np.minimum.accumulate(values[::-1])[::-1]
     else:
         ahead = _least_of_next(values, high - low + 1)
-    return ahead if low == 0 else np.concatenate([ahead[low:], np.full(low, np.inf)])
+    return ahead if low == 0 else np.concatenate([ahead[low:], np.full(low, top(values))])
 
 
 def _least_of_next(values: Array, width: int) -> Array:
     """Least of the next `width` samples, itself included: windows are doubled until two of them cover the width."""
     n = len(values)
-    out = np.concatenate([values, np.full(width - 1, np.inf)])
+    out = np.concatenate([values, np.full(width - 1, top(values))])
     have = 1
     while have * 2 <= width:
         out[: len(out) - have] = np.minimum(out[: len(out) - have], out[have:])
