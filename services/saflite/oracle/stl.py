@@ -40,6 +40,11 @@ def _worth(value: Any) -> Any:
     return _WORTH[value] if _is_crisp(value) else value
 
 
+def _with_gaps(values: NDArray[Any]) -> NDArray[Any]:
+    """Return crisp values of which some are unknown as robustness: over time a gap hides what is beside it."""
+    return values if not _is_crisp(values) or values.all() else np.asarray(_worth(values))
+
+
 def _both(a: Any, b: Any) -> Any:
     """Return the robustness of `a and b`; where one is plainly false, the other need not even be a number."""
     if _is_crisp(a) and _is_crisp(b):
@@ -218,7 +223,7 @@ class Evaluator:
         return self._windows.greatest_behind(values, low, high)
 
     def _over_time(self, node: Node, args: list[NDArray[Any]]) -> NDArray[Any]:
-        values, op = args[0], node.op
+        values, op = _with_gaps(args[0]), node.op
         if op in ("prev", "rise", "fall", "next"):
             edge = np.array([-windows.top(values) if op == "rise" else windows.top(values)])
             if op == "next":
