@@ -27,6 +27,7 @@ WAYPOINT, SPLINE, WAIT, STAY = 16, 82, 19, 17  # flown to; the last for good
 DELAY, PAUSE = 112, 93  # waited for beside the way on, and on the spot
 LEGS = {WAYPOINT: 45, SPLINE: 6, WAIT: 7, STAY: 2, JUMP: 7, SPEED: 12, YAW: 12, DELAY: 6, PAUSE: 3}
 """How often each item is drawn between take-off and end."""
+MISSION_SPEED_MPS = (0.3, 12.0)  # one above what is flown at anyway bounds nothing
 HOLDS = 0.3  # share of places where the vehicle is to wait, besides those that are for that
 
 
@@ -103,7 +104,7 @@ def _leg(rng: Rng, height_m: float, before: int) -> MissionItem:
     if command == JUMP:
         return _item(JUMP, float(rng.integers(2, before + 3)), float(rng.integers(1, 3)))
     if command == SPEED:
-        return _item(SPEED, 1.0, float(rng.integers(1, 11)))
+        return _item(SPEED, 1.0, round(_log_uniform(rng, *MISSION_SPEED_MPS), 1))
     if command == YAW:
         if rng.random() < 0.5:
             return _item(YAW, float(rng.integers(0, 360)))
