@@ -73,6 +73,12 @@ def test_a_place_that_cannot_be_written_is_said(tmp_path: Path) -> None:
         outputs.write(tmp_path / "file" / "below", b"new", force=False)
 
 
+def test_a_name_too_long_is_refused_and_nothing_is_left(tmp_path: Path) -> None:
+    with pytest.raises(Refused, match="300 bytes"):
+        outputs.write(tmp_path / ("a" * 300), b"new", force=False)
+    assert not list(tmp_path.iterdir())
+
+
 def test_commands_refuse_before_they_work(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     link, full = tmp_path / "link.mcap", tmp_path / "full"
     link.symlink_to(tmp_path / "nowhere")

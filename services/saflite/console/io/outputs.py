@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import errno
 import os
 import tempfile
 from contextlib import suppress
@@ -46,7 +47,7 @@ def write(path: Path, data: bytes, *, force: bool, option: str = "--out") -> Non
     """Write a file, and its folder if need be; a link is replaced, never followed.
 
     Raises:
-        Refused: something stands there and `force` is not given, or it is no file.
+        Refused: something stands there and `force` is not given, or it is no file, or its name is too long.
         Unavailable: the disk does not take it.
     """
     check_file(path, force=force, option=option)
@@ -63,4 +64,7 @@ def write(path: Path, data: bytes, *, force: bool, option: str = "--out") -> Non
                 os.unlink(beside)
             raise
     except OSError as fault:
+        if fault.errno == errno.ENAMETOOLONG:
+            got = f"one of {len(os.fsencode(path.name))} bytes"
+            raise Refused(option, expected="a name no longer than files may have", got=got) from fault
         raise Unavailable(f"{path} cannot be written: {fault}") from fault
