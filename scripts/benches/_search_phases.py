@@ -20,10 +20,10 @@ from saflite.contract.flight import Flight, unpack_trace
 from saflite.contract.test_case import TestCase
 from saflite.contract.work import FlyResult, JudgeResult, Result
 from saflite.mutator.exposure.attention import read_spans
-from saflite.oracle.formula import Node, text_of
+from saflite.oracle.formula import Node, parts_of, text_of
 from saflite.oracle.policy import load_policy
 from saflite.oracle.signals import FlightSignals
-from saflite.oracle.stl import Evaluator, parts_of
+from saflite.oracle.stl import Evaluator
 
 APPLIED, OVER, NOT_LONG = "applied", "the flight was over", "not long enough"
 TEXT_MAX = 100

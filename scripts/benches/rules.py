@@ -53,11 +53,12 @@ from saflite.contract.work import FlyWork
 from saflite.flight.autopilots.reference.describe import describe
 from saflite.mutator.registry import load_strategy
 from saflite.oracle.examples import completed, example_signals
+from saflite.oracle.finding import find
 from saflite.oracle.formula import Node, signals_of
 from saflite.oracle.judge import judge
 from saflite.oracle.policy import Policy, load_policy, policy_names, signal_table
 from saflite.oracle.signals import FlightSignals
-from saflite.oracle.stl import Evaluator, find
+from saflite.oracle.stl import Evaluator
 
 Signals = Mapping[str, Any]
 Base = tuple[Signals, float]

@@ -13,11 +13,12 @@ from saflite.contract.flight import Flight
 from saflite.contract.test_case import TestCase
 from saflite.flight.autopilots.reference.describe import describe
 from saflite.mutator.exposure.procedures import Procedure
+from saflite.oracle.finding import find
 from saflite.oracle.formula import clauses
 from saflite.oracle.judge import judge
 from saflite.oracle.policy import Policy, load_policy
 from saflite.oracle.signals import FlightSignals
-from saflite.oracle.stl import Evaluator, find
+from saflite.oracle.stl import Evaluator
 
 FLIGHTS = ProcedureFlights(describe())
 TRIES = 8  # a few leave open whether the condition comes true

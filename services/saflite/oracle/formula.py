@@ -18,6 +18,7 @@ TEMPORAL = ("always", "eventually", "until", "historically", "once", "since", "l
 FUTURE = ("always", "eventually", "until")
 LOGIC = ("not", "and", "or", "implies", "iff", "xor", "rise", "fall", "prev", "next")
 CRISP = "is"
+TOGETHER = ("and", "lasting", "prev")  # what a condition is made of, all of it true at once
 _CONDITION_AT = {"implies": 0, "latch": 1}
 
 
@@ -138,6 +139,13 @@ def _rebuilt(node: Node, args: tuple[Node, ...]) -> Node:
         left, right = args
         return Node("or", (Node("and", (left, Node("not", (right,)))), Node("and", (Node("not", (left,)), right))))
     return node._replace(args=args)
+
+
+def parts_of(condition: Node) -> list[Node]:
+    """Return what has to be true together for a condition to hold."""
+    if condition.op in TOGETHER:
+        return [part for child in condition.args for part in parts_of(child)]
+    return [condition]
 
 
 def text_of(node: Node) -> str:

@@ -15,10 +15,11 @@ from saflite.contract.verdict import NEVER_APPLIED, Judgement, Verdict
 from saflite.contract.work import PolicyTexts
 from saflite.oracle.behaviour import behaviour_of, cause_of, fingerprint
 from saflite.oracle.features import features_of, track_of
+from saflite.oracle.finding import Finding, begins_broken, find
 from saflite.oracle.policy import Policy, load_policy
 from saflite.oracle.signals import FlightSignals
 from saflite.oracle.states import transitions_of
-from saflite.oracle.stl import Evaluator, Finding, begins_broken, find
+from saflite.oracle.stl import Evaluator
 
 ROBUSTNESS_MAX = 1000.0
 CRISP = 1.0  # told where only yes-or-no parts decided

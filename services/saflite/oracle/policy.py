@@ -26,10 +26,11 @@ from saflite.contract.test_case import StartState, Twin
 from saflite.contract.work import PolicyTexts
 from saflite.oracle.effects import silencing
 from saflite.oracle.examples import Example, completed, example_signals
+from saflite.oracle.finding import find
 from saflite.oracle.formula import FUTURE, Node, harden, interned, parts, reach_s, signals_of
 from saflite.oracle.parse import parse
 from saflite.oracle.silence import is_silenced
-from saflite.oracle.stl import Evaluator, find
+from saflite.oracle.stl import Evaluator
 from saflite.oracle.units import margin_unit
 
 FOREIGN_KEPT = 256  # texts that came with work: no number of them fills the memory

@@ -5,9 +5,10 @@ from __future__ import annotations
 import pytest
 
 from saflite.oracle.examples import completed, example_signals
+from saflite.oracle.finding import find
 from saflite.oracle.formula import Node, clauses, text_of
 from saflite.oracle.policy import Policy, load_policy, policy_names, signal_table
-from saflite.oracle.stl import Evaluator, find
+from saflite.oracle.stl import Evaluator
 
 TOLD = 100  # characters of either end of a clause: what it is about, and what it asks for
 

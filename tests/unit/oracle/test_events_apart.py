@@ -16,9 +16,10 @@ import pytest
 from by_definition import Definition
 
 from saflite.oracle.examples import completed, example_signals
+from saflite.oracle.finding import find
 from saflite.oracle.formula import parts, signals_of
 from saflite.oracle.policy import Policy, load_policy, policy_names, signal_table
-from saflite.oracle.stl import Evaluator, find
+from saflite.oracle.stl import Evaluator
 from saflite.oracle.windows import Array
 
 PAIRS_MAX, SAMPLES_MAX = 3, 300

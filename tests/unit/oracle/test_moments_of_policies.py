@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from saflite.oracle.examples import completed, example_signals
+from saflite.oracle.finding import find
 from saflite.oracle.policy import load_policy, policy_names, signal_table
-from saflite.oracle.stl import Evaluator, find
+from saflite.oracle.stl import Evaluator
 
 
 @pytest.mark.parametrize("apart", [-2, -1, 0, 1, 2])

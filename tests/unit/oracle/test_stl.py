@@ -9,10 +9,11 @@ import pytest
 
 from saflite.contract.errors import Refused
 from saflite.contract.signals import MODES
+from saflite.oracle.finding import Finding, find
 from saflite.oracle.formula import Node
 from saflite.oracle.parse import parse
 from saflite.oracle.policy import crispened
-from saflite.oracle.stl import Evaluator, Finding, find
+from saflite.oracle.stl import Evaluator
 
 
 def over(text: str, **signals: Sequence[float]) -> list[float]:
