@@ -7,6 +7,7 @@ policy files (`policy_campaigns.py`).
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable
 from pathlib import Path
 
 import msgspec
@@ -28,6 +29,7 @@ from saflite.contract.plain import cut
 from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import Scenario, TestCase
 from saflite.contract.topics import prefix
+from saflite.contract.work import PolicyText
 from saflite.flight.autopilots.described import default_target
 from saflite.flight.mission import find_mission
 
@@ -83,16 +85,25 @@ def _found(campaign: Campaign, path: Path) -> Campaign:
     prefix(campaign.name)
     if campaign.mission.endswith(".plan"):
         campaign = msgspec.structs.replace(campaign, mission=os.path.realpath(path.parent / campaign.mission))
-    names, texts = [], dict(campaign.policy_texts)
-    for name in campaign.policies:
+    names, texts = with_texts(campaign.policies, path.parent)
+    found = msgspec.structs.replace(campaign, policies=names, policy_texts={**campaign.policy_texts, **texts})
+    check_campaign(found, str(path))  # two files may hold policies of one name
+    return found
+
+
+def with_texts(policies: Iterable[str], folder: Path) -> tuple[tuple[str, ...], dict[str, PolicyText]]:
+    """Return the names of policies, and the texts of those that are files in `folder` or were given by `--module`.
+
+    Raises Refused for a policy file that cannot be read.
+    """
+    names, texts = [], dict[str, PolicyText]()
+    for name in policies:
         if name.endswith(".toml"):
-            name, texts[name] = policy_text(path.parent / name)
+            name, texts[name] = policy_text(folder / name)
         elif name in given("policy"):
             _, texts[name] = policy_text(given("policy")[name].path)
         names.append(name)
-    found = msgspec.structs.replace(campaign, policies=tuple(names), policy_texts=texts)
-    check_campaign(found, str(path))  # two files may hold policies of one name
-    return found
+    return tuple(names), texts
 
 
 def template(campaign: Campaign, build: str = "") -> TestCase:

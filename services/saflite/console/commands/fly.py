@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from saflite.console.operations.judging import Flown
     from saflite.contract.test_case import TestCase
     from saflite.contract.verdict import Judgement
+    from saflite.contract.work import PolicyTexts
 
 
 TWINS = (
@@ -54,6 +55,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Fly, judge, print; 1 if a policy was violated."""
+    from saflite.campaign.presets.campaigns import with_texts
     from saflite.console.io import cases
     from saflite.console.operations import judging
     from saflite.console.view import out
@@ -75,12 +77,13 @@ def run(args: argparse.Namespace) -> int:
     flown = judging.fly(case, args.wall_limit)
     if flown.flight.ending not in FLOWN_ENDINGS:
         raise Unavailable(f"the flight ended as {flown.flight.ending}: {flown.flight.message}")
-    judgement = judging.judge(case, flown, tuple(args.policy))
+    policies, texts = with_texts(args.policy, Path())
+    judgement = judging.judge(case, flown, policies, texts)
     alone = judging.why_alone(case, flown)
     if alone:
         out.complain("warning", f"twin {case.twin}: {alone}")
     if args.out is not None:
-        outputs.write(args.out, _recording(case, flown, judgement), force=args.force)
+        outputs.write(args.out, _recording(case, flown, judgement, texts), force=args.force)
     if args.json:
         twin = {"asked": case.twin, "compared": not alone, "why": alone} if case.twin else None
         out.json({"flight": flown.flight, "judgement": judgement, "twin": twin, "recording": str(args.out or "")})
@@ -91,10 +94,10 @@ def run(args: argparse.Namespace) -> int:
     return judging.exit_code(judgement)
 
 
-def _recording(case: TestCase, flown: Flown, judgement: Judgement) -> bytes:
+def _recording(case: TestCase, flown: Flown, judgement: Judgement, texts: PolicyTexts) -> bytes:
     from saflite.contract.work import RecordWork
     from saflite.recorder import mcap
     from saflite.runtime.clock import WallClock
 
-    work = RecordWork(test_case=case, flight=flown.flight, judgement=judgement)
+    work = RecordWork(test_case=case, flight=flown.flight, judgement=judgement, policy_texts=texts)
     return mcap.write(work, flown.packed, WallClock().unix_s() - flown.flight.wall_s)
