@@ -79,16 +79,19 @@ def run(args: argparse.Namespace) -> int:
         raise Unavailable(f"the flight ended as {flown.flight.ending}: {flown.flight.message}")
     policies, texts = with_texts(args.policy, Path())
     judgement = judging.judge(case, flown, policies, texts)
-    alone = judging.why_alone(case, flown)
+    alone, found = judging.why_alone(case, flown), judging.apart(flown)
     if alone:
         out.complain("warning", f"twin {case.twin}: {alone}")
     if args.out is not None:
         outputs.write(args.out, _recording(case, flown, judgement, texts), force=args.force)
     if args.json:
-        twin = {"asked": case.twin, "compared": not alone, "why": alone} if case.twin else None
+        beside = None if found is None else found.apart_m
+        twin = {"asked": case.twin, "compared": not alone, "why": alone, "apart_m": beside} if case.twin else None
         out.json({"flight": flown.flight, "judgement": judgement, "twin": twin, "recording": str(args.out or "")})
     else:
         judging.show(case, flown.flight, judgement, args.all)
+        if found is not None:
+            out.line(f"twin       {judging.twin_in_words(case, judgement, found, texts)}")
         if args.out is not None:
             out.line(f"recording  {args.out}")
     return judging.exit_code(judgement)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections import Counter
 from typing import NamedTuple
 
+import numpy as np
+
 from saflite.console.view import out
 from saflite.contract.flight import Flight, unpack_trace
 from saflite.contract.plain import some
@@ -74,6 +76,40 @@ def why_alone(case: TestCase, flown: Flown) -> str:
         return ""
     trace = unpack_trace(flown.packed) if flown.packed else None
     return why(describe_target(case.target.name), case, flown.flight.delivered, trace)
+
+
+class Apart(NamedTuple):
+    """How far a flight and its twin were apart at most at the same moment, and when."""
+
+    apart_m: float
+    at_s: float
+
+
+def apart(flown: Flown) -> Apart | None:
+    """Return how far the twin of a flight was from it at most; None where none was compared."""
+    trace = unpack_trace(flown.packed) if flown.packed else None
+    if trace is None or "twin" not in trace.signals or not trace.samples:
+        return None
+    sides = [trace.array(f"twin_{side}_apart_m").astype(float) for side in ("x", "y", "height")]
+    apart_m = np.sqrt(sum(side**2 for side in sides))
+    at = int(np.argmax(apart_m))
+    return Apart(round(float(apart_m[at]), 3), round(at * trace.step_s, 3))
+
+
+def silent_on_twin(case: TestCase, judgement: Judgement, texts: PolicyTexts) -> list[Verdict]:
+    """Return the verdicts of rules that compare with such a twin and said nothing of this flight."""
+    from saflite.oracle.policy import load_policy, policy_names
+
+    known = {*policy_names(), *texts}
+    quiet = [one for one in judgement.verdicts if one.robustness is None and one.policy in known]
+    return [one for one in quiet if load_policy(one.policy, texts).file.twin == case.twin]
+
+
+def twin_in_words(case: TestCase, judgement: Judgement, found: Apart, texts: PolicyTexts) -> str:
+    """Return how far the twin was apart, and which rules about it said nothing."""
+    words = f"{case.twin}: at most {found.apart_m:.3g} m apart at the same moment, at {found.at_s:g} s"
+    quiet = [f"{one.policy} is {one.outcome}: {one.message}" for one in silent_on_twin(case, judgement, texts)]
+    return "; ".join((words, *quiet))
 
 
 def judge(

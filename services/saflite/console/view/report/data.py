@@ -50,6 +50,7 @@ class Exhibit(NamedTuple):
     flight: Flight | None = None
     artefacts: tuple[ArtefactRow, ...] = ()
     circumstances: Circumstances | None = None
+    smallest_form: str = ""
 
 
 class Progress(NamedTuple):
@@ -105,7 +106,12 @@ def read(run: RunFolder, released: Released = ()) -> ReportData:
     every, hidden_too = split(run.findings(similar=True), released)
     shown, kept_back = _but_similar(every), _but_similar(hidden_too)
     hidden = {one.violation.fingerprint for one in kept_back} - {one.violation.fingerprint for one in shown}
-    exhibits = tuple(exhibit(run, one, by_case.get(one.violation.test_case, [])) for one in shown)
+    forms = {one.smallest_form_of: one.violation.test_case for one in shown}
+    exhibits = tuple(
+        exhibit(run, one, by_case.get(name, []), forms.get(name, ""))
+        for one in shown
+        for name in [one.violation.test_case]
+    )
     now = run.standing()
     quarantined, faults = troubles(run)
     violations = run.violations()
@@ -194,7 +200,7 @@ def calibrations(run: RunFolder) -> tuple[Calibration, ...]:
     return calibrate_all(list(rows.values()))
 
 
-def exhibit(run: RunFolder, finding: Finding, rows: list[FlightRow]) -> Exhibit:
+def exhibit(run: RunFolder, finding: Finding, rows: list[FlightRow], smallest_form: str = "") -> Exhibit:
     """Return a finding with its evidence; `rows` are the flights of its test case."""
     violation = finding.violation
     shown = next((row for row in rows if row.shows(violation)), None)
@@ -209,6 +215,7 @@ def exhibit(run: RunFolder, finding: Finding, rows: list[FlightRow]) -> Exhibit:
         run.flight(shown) if shown else None,
         tuple(row for row in run.artefacts(violation.test_case) if row.flight_index == violation.flight_index),
         finding.circumstances,
+        smallest_form,
     )
 
 
