@@ -17,7 +17,7 @@ from saflite.campaign.presets.policy_campaigns import (
     campaign_over,
     is_policy,
     policy_campaign,
-    policy_campaigns,
+    policy_campaign_descriptions,
     policy_text,
     refuse_unfit,
 )
@@ -38,7 +38,7 @@ BUILTIN_DIR = Path(__file__).parent
 
 def builtin_campaigns(target: TargetInfo | None = None) -> dict[str, str]:
     """Return the names of the built-in campaigns and what each is for, sorted by name; over policies for `target`."""
-    made = {name: campaign.description for name, campaign in policy_campaigns(target or default_target()).items()}
+    made = policy_campaign_descriptions(target or default_target())
     files = {path.stem: load_campaign(path.stem).description for path in BUILTIN_DIR.glob("*.toml")}
     return dict(sorted({**made, **files}.items()))
 
@@ -70,7 +70,7 @@ def load_campaign(name_or_path: str, target: TargetInfo | None = None) -> Campai
         if "/" in name_or_path:
             expected = "the name of a campaign, or a .toml file"
             raise Refused("campaign file", where=cut(name_or_path, 200), expected=expected, got="another kind of file")
-        known = (*(path.stem for path in BUILTIN_DIR.glob("*.toml")), *policy_campaigns(info))
+        known = (*(path.stem for path in BUILTIN_DIR.glob("*.toml")), *policy_campaign_descriptions(info))
         fix = "see `saflite list campaigns`"
         expected = f"a name such as avoidance-m2 or {PREFIX}<policy>, or a .toml file"
         raise Refused("campaign", expected=expected, got=repr(cut(name_or_path, 80)), fix=fix, known=known)
