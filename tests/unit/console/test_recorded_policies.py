@@ -63,6 +63,21 @@ def test_its_rules_are_judged_by_without_their_files(
     assert "stay-low" in capsys.readouterr().out
 
 
+def test_why_nothing_was_judged_is_told(recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A signal that no trace holds, such as a mistyped one, must not read as a rule that never applied."""
+    rule = tmp_path / "armd.toml"
+    text = (
+        LOW.replace("stay-low", "mistyped").replace("time_s >= 1", "armd == 1").replace('time_s = "s"', 'armd = "flag"')
+    )
+    rule.write_text(
+        text.replace("{ altitude_m = 4 }", "{ altitude_m = 4, armd = 1 }").replace("6]] }", "6]], armd = 1 }")
+    )
+    assert main(["judge", str(recorded), "--policy", str(rule)]) == 4
+    assert "of 1 policies none was. Why: the trace holds no armd: 1" in capsys.readouterr().err
+    assert main(["judge", str(recorded), "--policy", "a-chute"]) == 4
+    assert "none was. Why: the rule never applied: 1" in capsys.readouterr().err
+
+
 def test_one_that_ships_is_judged_by_as_it_ships(recorded: Path, tmp_path: Path) -> None:
     """A recording of others cannot say that a rule which ships means something else."""
     found = recording.read(recorded)

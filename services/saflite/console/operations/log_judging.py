@@ -123,6 +123,15 @@ def missing(verdicts: Iterable[Verdict]) -> str:
     return "; ".join(f"{part}: {count}" for part, count in each.most_common(6))
 
 
+def why_nothing(verdicts: Sequence[Verdict]) -> str:
+    """Return in words why of all these policies none could be judged, or none applied."""
+    lacked = missing(verdicts)
+    if lacked:
+        return f"Missing: {lacked}"
+    whys = Counter(verdict.message for verdict in verdicts)
+    return f"Why: {'; '.join(f'{why}: {count}' for why, count in whys.most_common(6))}"
+
+
 def _lacks(verdict: Verdict) -> bool:
     return verdict.outcome == "inconclusive" and verdict.message.startswith("the log has no ")
 
