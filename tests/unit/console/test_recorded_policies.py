@@ -78,6 +78,15 @@ def test_why_nothing_was_judged_is_told(recorded: Path, tmp_path: Path, capsys: 
     assert "none was. Why: the rule never applied: 1" in capsys.readouterr().err
 
 
+def test_a_flight_to_which_no_rule_applied_is_no_success(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    case = tmp_path / "case.json"
+    case.write_bytes(msgspec.json.encode(CASE))
+    assert main(["fly", str(case), "--policy", "a-chute"]) == 4
+    assert "NOTHING JUDGED: of 1 policies none was. Why: the rule never applied: 1" in capsys.readouterr().err
+    assert main(["fly", str(case), "--policy", "a-chute", "--policy", "upright"]) == 0
+    assert capsys.readouterr().err == ""
+
+
 def test_one_that_ships_is_judged_by_as_it_ships(recorded: Path, tmp_path: Path) -> None:
     """A recording of others cannot say that a rule which ships means something else."""
     found = recording.read(recorded)

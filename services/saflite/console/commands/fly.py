@@ -2,6 +2,9 @@
 
 The test case is competition YAML, our JSON, or a recording. The flight runs in a sandbox of its own, as in the farm.
 
+exit codes: 0 held, 1 a policy was violated, 2 refused input, 3 it could not be flown, 4 nothing could be judged (no
+rule applied).
+
 examples:
   saflite fly case.yaml
   saflite fly case.yaml --out flight.mcap --policy min-obstacle-distance
@@ -54,8 +57,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Fly, judge, print; 1 if a policy was violated."""
+    """Fly, judge, print; see `exit codes`."""
     from saflite.campaign.presets.campaigns import with_texts
+    from saflite.console.cli import NOTHING_JUDGED
     from saflite.console.io import cases
     from saflite.console.operations import judging
     from saflite.console.view import out
@@ -94,7 +98,13 @@ def run(args: argparse.Namespace) -> int:
             out.line(f"twin       {judging.twin_in_words(case, judgement, found, texts)}")
         if args.out is not None:
             out.line(f"recording  {args.out}")
-    return judging.exit_code(judgement)
+    code = judging.exit_code(judgement)
+    if code == NOTHING_JUDGED:
+        from saflite.console.operations import log_judging
+
+        why = log_judging.why_nothing(judgement.verdicts)
+        out.complain("NOTHING JUDGED", f"of {len(judgement.verdicts)} policies none was. {why}")
+    return code
 
 
 def _recording(case: TestCase, flown: Flown, judgement: Judgement, texts: PolicyTexts) -> bytes:

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from saflite.console.cli import NOTHING_JUDGED
 from saflite.console.view import out
 from saflite.contract.flight import Flight, unpack_trace
 from saflite.contract.plain import some
@@ -124,8 +125,9 @@ def judge(
 
 
 def exit_code(judgement: Judgement) -> int:
-    """Return 1 if a policy was violated, else 0."""
-    return int(any(verdict.outcome == "violated" for verdict in judgement.verdicts))
+    """Return 1 if a policy was violated, 4 if none applied or none could be judged, else 0."""
+    outcomes = {verdict.outcome for verdict in judgement.verdicts}
+    return 1 if "violated" in outcomes else 0 if "held" in outcomes else NOTHING_JUDGED
 
 
 def show(case: TestCase, flight: Flight, judgement: Judgement, everything: bool = False) -> None:
