@@ -132,7 +132,8 @@ def exit_code(judgement: Judgement) -> int:
 
 def show(case: TestCase, flight: Flight, judgement: Judgement, everything: bool = False) -> None:
     """Print a flight and its verdicts, those without a robustness one by one only if `everything` is asked for."""
-    out.line(f"test case  {identity(case)} on {case.target.name}, {len(case.scenario.obstacles)} boxes")
+    boxes = len(case.scenario.obstacles)
+    out.line(f"test case  {identity(case)} on {case.target.name}, {boxes} {'box' if boxes == 1 else 'boxes'}")
     if flight.simulated_s:
         speed = (
             f" in {flight.wall_s:.2f} s ({flight.simulated_s / flight.wall_s:.0f}x real time)" if flight.wall_s else ""
