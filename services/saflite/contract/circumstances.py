@@ -71,7 +71,10 @@ def circumstances_of(
     undocumented = sorted({one.name for one in taken if not _is_documented(one, known)})
     changed = {name: value for name, value in test_case.target.settings.items() if _is_changed(target, name, value)}
     planted = [name for name in changed if target.settings[name].breaks]
-    options = [*([target.options] if target.options else []), *(f"planted: {changed[name]}" for name in planted)]
+    options = [
+        *([target.options] if target.options else []),
+        *(f"planted: {setting_text(test_case.target.settings[name])}" for name in planted),
+    ]
     steps = tuple(_steps(test_case, changed, taken, denied))
     return Circumstances(
         values="outside" if outside else "undocumented" if undocumented else "inside",
@@ -98,8 +101,12 @@ def ranges_kept(test_case: TestCase, target: TargetInfo) -> dict[str, tuple[floa
     return {name: ends for name, ends in found.items() if name not in left}
 
 
-def in_words(found: Circumstances) -> dict[str, str]:
-    """Return it for people: question to answer, in the order in which they are asked."""
+def in_words(found: Circumstances, smallest_form: str = "") -> dict[str, str]:
+    """Return it for people: question to answer, in the order in which they are asked.
+
+    `smallest_form` names the test case that was made of it by minimising.
+    """
+    smaller = f"{smallest_form} is its smallest form" if smallest_form else "not minimised"
     values = {
         "inside": "all within documented ranges",
         "outside": "outside documented ranges: " + "; ".join(found.outside),
@@ -117,7 +124,7 @@ def in_words(found: Circumstances) -> dict[str, str]:
         "link needed": links[found.link],
         "build": "stock" if found.stock else f"not stock: {found.options or 'options unknown'}",
         "repeats": equal if found.repeated else f"{found.repeats}; none flown again under the same noise",
-        "steps": f"{len(found.steps)}, " + ("minimal" if found.minimal else "not minimised"),
+        "steps": f"{len(found.steps)}, " + ("minimal" if found.minimal else smaller),
     }
 
 

@@ -188,6 +188,7 @@ class RecordWork(msgspec.Struct, frozen=True, kw_only=True, tag="record"):
     judgement: Judgement
     violation: Violation | None = None
     scores: Annotated[tuple[Score, ...], msgspec.Meta(max_length=ITEMS_MAX)] = ()
+    policy_texts: PolicyTexts = {}
 
 
 Work = MutateWork | ScoreWork | WarmWork | FlyWork | JudgeWork | RecordWork

@@ -73,14 +73,14 @@ class ChunkServer:
         if words := self.quota.excess(ask.worker, ask.ref.size_bytes - ask.offset):
             raise OverQuota("blob", expected="room for it", got=words)
         try:
-            return BlobTaken(have_bytes=_append(whole, ask))
+            return BlobTaken(have_bytes=_append(whole, ask, self._blobs.within))
         except OSError as fault:
             raise Unavailable(f"{whole.parent} takes no blob: {fault}") from fault
 
 
-def _append(whole: Path, ask: BlobPut) -> int:
+def _append(whole: Path, ask: BlobPut, within: Path | None) -> int:
     part = whole.with_name(whole.name + files.PART)
-    part.parent.mkdir(parents=True, exist_ok=True)
+    files.make_folder(part.parent, within)
     with part.open("ab") as file:
         have = file.tell()
         if have == ask.offset:

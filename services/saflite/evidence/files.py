@@ -20,10 +20,27 @@ PART = ".part"
 FOLDER_TRIES = 100  # each is lost only where the folder is removed right after it was made
 
 
-def write_whole(path: Path, data: bytes) -> None:
-    """Write a file beside its place and rename it into it, not flushed; raises Unavailable if the disk fails."""
+def make_folder(folder: Path, within: Path | None) -> None:
+    """Make a folder and those above it, up to but not `within` where one is named: where that is missing, it was moved.
+
+    Raises OSError if the disk fails, FileNotFoundError where `within` is not there.
+    """
     try:
-        handle, beside = _opened_in(path.parent)
+        folder.mkdir(exist_ok=True)
+    except FileNotFoundError:
+        if folder.parent == within:
+            raise
+        make_folder(folder.parent, within)
+        folder.mkdir(exist_ok=True)
+
+
+def write_whole(path: Path, data: bytes, within: Path | None = None) -> None:
+    """Write a file beside its place and rename it into it, not flushed; raises Unavailable if the disk fails.
+
+    Its folder is made where it is missing (`make_folder`).
+    """
+    try:
+        handle, beside = _opened_in(path.parent, within)
         try:
             os.fchmod(handle, new_file_mode())
             with os.fdopen(handle, "wb") as file:
@@ -37,11 +54,11 @@ def write_whole(path: Path, data: bytes) -> None:
         raise Unavailable(f"{path.parent} takes no blob: {fault}") from fault
 
 
-def _opened_in(folder: Path) -> tuple[int, str]:
+def _opened_in(folder: Path, within: Path | None) -> tuple[int, str]:
     """Return a new file in a folder, open, and its name; the books remove a folder whenever nothing is left in it."""
     for tries_left in reversed(range(FOLDER_TRIES)):
         try:
-            folder.mkdir(parents=True, exist_ok=True)
+            make_folder(folder, within)
             return tempfile.mkstemp(dir=folder, suffix=PART)
         except (FileNotFoundError, FileExistsError):  # the latter where it went while it was looked at
             if not tries_left:

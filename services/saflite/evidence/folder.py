@@ -34,6 +34,7 @@ class BlobFolder:
     """The blobs of one run, seen from the side of the books. Makes no folder until something is written."""
 
     def __init__(self, run_dir: Path) -> None:
+        self.within = run_dir if run_dir.is_dir() else None  # one that was there is not made again: it was moved
         self._folder = run_dir / BLOBS
         self._probe = ""
         self._answered: dict[str, Path] = {}  # what workers left in these folders was dealt with; the latest last
@@ -61,7 +62,7 @@ class BlobFolder:
         """See `Blobs.put`: straight into the store."""
         ref = ref_of(data)
         if self.fault(ref):
-            files.write_whole(self.path(ref.digest), data)
+            files.write_whole(self.path(ref.digest), data, self.within)
         return ref
 
     def get(self, ref: BlobRef) -> bytes:
@@ -161,7 +162,7 @@ class BlobFolder:
             Unavailable: the disk does not take it.
         """
         self._probe = self._probe or secrets.token_hex(16)
-        files.write_whole(self._folder / PROBE, self._probe.encode())
+        files.write_whole(self._folder / PROBE, self._probe.encode(), self.within)
         return self._probe
 
 
@@ -176,11 +177,12 @@ class WorkerFolder:
     @staticmethod
     def sees(run_dir: Path, worker: str, probe: str) -> bool:
         """Return whether the store the books told `probe` of is the one in this folder, and can be written."""
-        folder = BlobFolder(run_dir).incoming(worker)
+        store = BlobFolder(run_dir)
+        folder = store.incoming(worker)
         try:
             if (run_dir / BLOBS / PROBE).read_text() != probe:
                 return False
-            files.write_whole(folder / PROBE, probe.encode())
+            files.write_whole(folder / PROBE, probe.encode(), store.within)
             (folder / PROBE).unlink()
         except (OSError, ValueError, Unavailable):
             return False
@@ -191,7 +193,7 @@ class WorkerFolder:
         ref = ref_of(data)
         if words := self._quota.excess(self._incoming.name, ref.size_bytes):
             raise Unavailable(words)
-        files.write_whole(self._incoming / ref.digest, data)
+        files.write_whole(self._incoming / ref.digest, data, self._store.within)
         return ref
 
     def get(self, ref: BlobRef) -> bytes:

@@ -113,6 +113,8 @@ def _attach(writer: Writer, work: RecordWork, packed: bytes, start_ns: int) -> N
     }
     if work.violation is not None:
         parts["violation.json"] = ("application/json", msgspec.json.encode(work.violation))
+    if work.policy_texts:
+        parts["policies.json"] = ("application/json", msgspec.json.encode(work.policy_texts))
     for name, (media, data) in parts.items():
         writer.add_attachment(start_ns, start_ns, name, media, data)
     verdict = worst(work.judgement)

@@ -13,6 +13,7 @@ from saflite.contract.outside import LOG_BYTES_MAX, read_bytes
 from saflite.contract.test_case import TestCase
 from saflite.contract.verdict import Judgement
 from saflite.contract.wire import UNREADABLE, unpack_json
+from saflite.contract.work import PolicyTexts
 
 T = TypeVar("T")
 ATTACHMENTS_MAX = 64
@@ -23,12 +24,13 @@ _TAIL = _FOOTER.size + len(_MAGIC)
 
 
 class Recording(NamedTuple):
-    """What a recording attaches."""
+    """What a recording attaches. `policy_texts` are the rules of one's own that it was judged by."""
 
     test_case: TestCase
     flight: Flight
     judgement: Judgement
     trace: Trace
+    policy_texts: PolicyTexts
 
 
 def read(path: Path) -> Recording:
@@ -43,6 +45,7 @@ def read(path: Path) -> Recording:
         flight=_decoded(parts, "flight.json", Flight, path),
         judgement=_decoded(parts, "judgement.json", Judgement, path),
         trace=unpack_trace(_part(parts, "trace.bin", path)),
+        policy_texts=_decoded({"policies.json": b"{}", **parts}, "policies.json", PolicyTexts, path),
     )
 
 

@@ -20,7 +20,8 @@ from saflite.scorer_pool.registry import check_label
 from saflite.simulator_worker.registry import load_target, why_missing
 
 TEMPLATES = Path(templates.__file__).parent
-NAMES = sorted(builtin_campaigns())
+TOLD = builtin_campaigns()
+NAMES = sorted(TOLD)
 
 
 def test_missions_one_to_seven_are_there_and_stand_ins_say_so() -> None:
@@ -34,7 +35,7 @@ def test_missions_one_to_seven_are_there_and_stand_ins_say_so() -> None:
 def test_a_built_in_campaign_can_be_run_as_it_stands(name: str) -> None:
     campaign = load_campaign(name)
     assert campaign.name == name
-    assert campaign.description
+    assert campaign.description == TOLD[name]
     check_label(campaign.scorer.model)
     for policy in campaign.policies:
         load_policy(policy)

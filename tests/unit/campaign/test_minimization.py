@@ -122,7 +122,7 @@ def test_shrinking_costs_no_budget_and_the_books_balance(run_dir: Path) -> None:
     figures = audit(run_dir)
     assert figures["problems"] == []
     assert figures["flights"] == 8
-    assert figures["shrink_experiments"] > 0
+    assert figures["shrink_flights"] > 0
 
 
 class Lucky(Stimulated):

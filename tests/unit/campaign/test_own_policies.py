@@ -25,6 +25,8 @@ from saflite.flight.autopilots.reference.describe import describe
 from saflite.mutator import work as mutator
 from saflite.oracle import work as oracle
 from saflite.oracle.policy import load_policy
+from saflite.recorder import recording
+from saflite.recorder import work as recorder
 from saflite.runtime.clock import WallClock
 from saflite.runtime.stages import brief_of
 from saflite.scorer_pool import work as scorer_pool
@@ -103,7 +105,7 @@ def test_a_policy_file_is_looked_for_beside_the_campaign_and_kept_in_it(folder: 
 
 
 def test_a_campaign_with_a_policy_of_its_own_is_judged_by_it_to_a_confirmed_violation(folder: Path) -> None:
-    campaign = load_campaign(str(folder / "mine.toml"))
+    campaign = msgspec.structs.replace(load_campaign(str(folder / "mine.toml")), record="violations")
     store = Store.create(folder / "run", campaign, template(campaign), describe())
     books = store.rebuild()
     services: dict[Stage, Service] = {
@@ -111,6 +113,7 @@ def test_a_campaign_with_a_policy_of_its_own_is_judged_by_it_to_a_confirmed_viol
         "score": scorer_pool.open_service(brief_of, WallClock()),
         "fly": simulator.open_service("inline", WallClock(), store.blobs),
         "judge": oracle.open_service(store.blobs),
+        "record": recorder.open_service(store.blobs, WallClock()),
     }
     books.begin(0.0, 0.0)
     for turn in range(40):
@@ -128,6 +131,9 @@ def test_a_campaign_with_a_policy_of_its_own_is_judged_by_it_to_a_confirmed_viol
     for service in services.values():
         service.close()
     assert (status.violations_confirmed, status.quarantined) == (2, 0)
+    files = [*(folder / "run" / "recordings").iterdir()]
+    assert files
+    assert [recording.read(file).policy_texts["stay-low"].text for file in files] == [POLICY] * len(files)
 
 
 def test_a_policy_file_stands_for_the_campaign_over_it(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -53,7 +53,8 @@ def refused(capsys: pytest.CaptureFixture[str], *words: str) -> str:
         (["list", "nosuch"], "strategies"),
         (["schema", "nosuch"], "Grant"),
         (["fly", "nosuch.yaml"], "nosuch.yaml"),
-        (["fly", "case.doc"], ".yaml"),
+        (["fly", "/etc/hostname"], ".yaml"),
+        (["fly", "case.doc"], "none of that name"),
         (["judge", "nosuch.ulg"], "nosuch.ulg"),
         (["judge", "nosuch.mcap"], "nosuch.mcap"),
         (["judge", "/etc/hostname"], ".ulg"),
@@ -224,3 +225,15 @@ def test_help_of_every_command_imports_nothing_heavy(capsys: pytest.CaptureFixtu
 @pytest.mark.parametrize("command", ["bisect", "compare", "diff", "flake", "fly", "regress", "replay"])
 def test_a_flight_has_some_time_and_not_all(command: str, seconds: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert "--wall-limit: from 0.1 to 86400 seconds" in refused(capsys, command, f"--wall-limit={seconds}")
+
+
+@pytest.mark.parametrize("command", ["replay", "flake", "bisect"])
+def test_a_run_nearly_of_that_name_is_asked_back_where_a_test_case_is_taken_too(
+    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A mistyped run folder must not read as a test case of an unknown kind."""
+    (tmp_path / "night").mkdir()
+    (tmp_path / "night" / "books.sqlite").touch()
+    builds = ["reference", "reference+parachute-in-acro"] if command == "bisect" else []
+    told = refused(capsys, command, str(tmp_path / "nigth"), *builds)
+    assert told.endswith(f"got none of that name; did you mean {tmp_path / 'night'}?\n")

@@ -61,11 +61,11 @@ def test_every_violation_is_counted_once_whatever_the_order(sets: list[frozenset
 
 
 def test_a_smallest_form_counts_as_the_find_it_was_made_of() -> None:
-    """Also where that find went to another group: its own inputs hold the least of both."""
+    """Also where that find's own inputs hold the least of another group: it must not be counted twice."""
     first, second = _find("A", "B", "C"), _find("B", "C", "D")
     forms = [_form_of(first, "A", "B"), _form_of(first, "B"), _form_of(second, "C")]
     found = deduplicate([first, second, *forms], {violation.test_case for violation, _ in forms})
-    assert [(one.words, one.violations) for one in found] == [("1 s parameter B 2", 2), ("1 s parameter C 2", 1)]
+    assert [(one.words, one.violations) for one in found] == [("1 s parameter B 2", 1), ("1 s parameter C 2", 1)]
 
 
 def _form_of(find: Find, *names: str) -> Find:

@@ -148,6 +148,7 @@ def status(**changed: object) -> Status:
         ({"budget": 1000, "flights": 100, "flights_per_s": 1.0, "state": "paused"}, "PAUSED"),
         ({"budget": 10, "flights": 10, "violations_pending": 1}, "budget flown, confirming"),
         ({"budget": 10, "flights": 10, "shrink_flights": 5}, "budget flown, minimising"),
+        ({"budget": 10, "flights": 10}, "budget flown, the last flights"),
         (
             {"fallbacks": 3, "fallback_why": "model not found"},
             "3 scores by the embedded scorer instead: model not found",

@@ -13,6 +13,7 @@ from xml.etree import ElementTree
 import pytest
 from msgspec.structs import replace
 
+from saflite.campaign.storage.audit import audit
 from saflite.campaign.storage.store import Store
 from saflite.console.cli import main
 from saflite.console.run_data.conclusion import conclude
@@ -110,6 +111,14 @@ def test_a_smallest_form_is_told_and_counts_as_no_find_of_its_own(
     assert sum(made.finds.values()) == int(made.progress.found[-1]) == live.finds
     assert max(cause["violations"] for cause in said["causes"]) <= live.finds
     assert any(cause["test_case"] in forms for cause in said["causes"]), "the smallest inputs are told"
+    assert [cause.plain() for cause in made.causes] == said["causes"], "the report and the summary tell others"
+    with open_run(run_dir) as run:
+        parent = run.test_case(min(forms)).origin.parent
+    page = RunSource(run_dir).find(parent, public=False)
+    assert "is its smallest form" in page, "the dashboard says less of a find than the report"
+    assert "link needed" in page
+    audited, beside = audit(run_dir), ("flights", "confirm_flights", "check_flights", "shrink_flights")
+    assert {name: audited[name] for name in beside} == {name: said[name] for name in beside}
 
 
 @pytest.mark.parametrize("farm", [Stimulated, Lucky])

@@ -88,6 +88,18 @@ def test_what_was_planted_is_no_stock_build() -> None:
     assert told.link == "setup"
     assert told.steps == ("bugs = one", "parameter GAIN 5")
     assert "outside documented ranges" in in_words(told)["values"]
+    several = Target(name="some", settings={"bugs": ["one", "two"]})
+    told = circumstances_of(TestCase(target=several, scenario=Scenario(start=StartState())), INFO)
+    assert told.options == "planted: one, two"
+
+
+def test_what_was_made_smaller_names_its_smallest_form() -> None:
+    """Else a find that was minimised reads as one that was not."""
+    told = found(given("mode", "HOLD"), given("parameter", "GAIN", 9.0))
+    assert in_words(told)["steps"] == "2, not minimised"
+    assert in_words(told, "0123456789abcdef")["steps"] == "2, 0123456789abcdef is its smallest form"
+    small = found(given("mode", "HOLD"), given("parameter", "GAIN", 9.0), note="shrunk: to 2")
+    assert in_words(small)["steps"] == "2, minimal"
 
 
 def test_boxes_are_steps_too() -> None:

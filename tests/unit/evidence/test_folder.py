@@ -211,3 +211,22 @@ def test_a_folder_that_is_removed_while_a_worker_writes_is_made_again(tmp_path: 
     finally:
         over.set()
         thread.join()
+
+
+@pytest.mark.parametrize("below", ["run", "runs/night"])
+def test_a_run_folder_that_was_moved_away_is_not_made_again(below: str, tmp_path: Path) -> None:
+    """Who is told to put it back would put it into the new one."""
+    place = tmp_path / below
+    place.mkdir(parents=True)
+    store, worker, chunks = BlobFolder(place), WorkerFolder(place, "fly-1"), ChunkServer(BlobFolder(place))
+    part = BlobPut(worker="fly-2", ref=ref_of(DATA), offset=0, data=DATA)
+    store.make_probe()
+    worker.put(DATA)
+    place.rename(tmp_path / "moved")
+    for write in (lambda: worker.put(DATA), lambda: store.put(DATA), store.make_probe, lambda: chunks.put(part)):
+        with pytest.raises(Unavailable):
+            write()
+    assert not place.exists()
+    (tmp_path / "moved").rename(place)
+    worker.put(DATA)
+    assert chunks.put(part).have_bytes == len(DATA)

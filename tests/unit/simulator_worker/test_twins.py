@@ -266,7 +266,7 @@ def test_a_second_flight_that_is_not_flown_is_told_of(
     path = tmp_path / "case.json"
     plain = case("LOITER", *stimuli, twin="", limit_s=45.0 if len(stimuli) > 1 else 12.0)
     path.write_bytes(msgspec.json.encode(plain))
-    assert main(["fly", str(path), "--twin", twin, "--policy", "turned-alike", "--json"]) in (0, 1)
+    assert main(["fly", str(path), "--twin", twin, "--policy", "turned-alike", "--json"]) in (0, 1, 4)
     said = capsys.readouterr()
     record = fly_once(msgspec.structs.replace(plain, twin=twin))
     assert record.trace is not None

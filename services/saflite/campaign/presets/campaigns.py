@@ -7,6 +7,7 @@ policy files (`policy_campaigns.py`).
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable
 from pathlib import Path
 
 import msgspec
@@ -16,7 +17,7 @@ from saflite.campaign.presets.policy_campaigns import (
     campaign_over,
     is_policy,
     policy_campaign,
-    policy_campaigns,
+    policy_campaign_descriptions,
     policy_text,
     refuse_unfit,
 )
@@ -28,6 +29,7 @@ from saflite.contract.plain import cut
 from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import Scenario, TestCase
 from saflite.contract.topics import prefix
+from saflite.contract.work import PolicyText
 from saflite.flight.autopilots.described import default_target
 from saflite.flight.mission import find_mission
 
@@ -36,7 +38,7 @@ BUILTIN_DIR = Path(__file__).parent
 
 def builtin_campaigns(target: TargetInfo | None = None) -> dict[str, str]:
     """Return the names of the built-in campaigns and what each is for, sorted by name; over policies for `target`."""
-    made = {name: campaign.description for name, campaign in policy_campaigns(target or default_target()).items()}
+    made = policy_campaign_descriptions(target or default_target())
     files = {path.stem: load_campaign(path.stem).description for path in BUILTIN_DIR.glob("*.toml")}
     return dict(sorted({**made, **files}.items()))
 
@@ -68,7 +70,7 @@ def load_campaign(name_or_path: str, target: TargetInfo | None = None) -> Campai
         if "/" in name_or_path:
             expected = "the name of a campaign, or a .toml file"
             raise Refused("campaign file", where=cut(name_or_path, 200), expected=expected, got="another kind of file")
-        known = (*(path.stem for path in BUILTIN_DIR.glob("*.toml")), *policy_campaigns(info))
+        known = (*(path.stem for path in BUILTIN_DIR.glob("*.toml")), *policy_campaign_descriptions(info))
         fix = "see `saflite list campaigns`"
         expected = f"a name such as avoidance-m2 or {PREFIX}<policy>, or a .toml file"
         raise Refused("campaign", expected=expected, got=repr(cut(name_or_path, 80)), fix=fix, known=known)
@@ -83,16 +85,25 @@ def _found(campaign: Campaign, path: Path) -> Campaign:
     prefix(campaign.name)
     if campaign.mission.endswith(".plan"):
         campaign = msgspec.structs.replace(campaign, mission=os.path.realpath(path.parent / campaign.mission))
-    names, texts = [], dict(campaign.policy_texts)
-    for name in campaign.policies:
+    names, texts = with_texts(campaign.policies, path.parent)
+    found = msgspec.structs.replace(campaign, policies=names, policy_texts={**campaign.policy_texts, **texts})
+    check_campaign(found, str(path))  # two files may hold policies of one name
+    return found
+
+
+def with_texts(policies: Iterable[str], folder: Path) -> tuple[tuple[str, ...], dict[str, PolicyText]]:
+    """Return the names of policies, and the texts of those that are files in `folder` or were given by `--module`.
+
+    Raises Refused for a policy file that cannot be read.
+    """
+    names, texts = [], dict[str, PolicyText]()
+    for name in policies:
         if name.endswith(".toml"):
-            name, texts[name] = policy_text(path.parent / name)
+            name, texts[name] = policy_text(folder / name)
         elif name in given("policy"):
             _, texts[name] = policy_text(given("policy")[name].path)
         names.append(name)
-    found = msgspec.structs.replace(campaign, policies=tuple(names), policy_texts=texts)
-    check_campaign(found, str(path))  # two files may hold policies of one name
-    return found
+    return tuple(names), texts
 
 
 def template(campaign: Campaign, build: str = "") -> TestCase:

@@ -68,6 +68,13 @@ def policy_campaigns(target: TargetInfo) -> dict[str, Campaign]:
     return {name: campaign for name, campaign in made.items() if campaign is not None}
 
 
+def policy_campaign_descriptions(target: TargetInfo) -> dict[str, str]:
+    """Return what `policy_campaigns` are for, by name, without what it takes to make them."""
+    fit = [data for data in _policies() if not why_not(data, target)]
+    every = {ALL: _described_all(len(_different(fit)))} if fit else {}
+    return {**{PREFIX + data["id"]: _described(data) for data in fit}, **every}
+
+
 def policy_campaign(name: str, target: TargetInfo) -> Campaign | None:
     """Return one of the generated campaigns for a target, None if there is none of that name."""
     if name == ALL:
@@ -237,7 +244,7 @@ def _one(data: dict[str, Any], target: TargetInfo, inputs: dict[str, list[Any]],
     preconditions = {name: float(value) for name, value in data.get("preconditions", {}).items()}
     return Campaign(
         name=PREFIX + data["id"],
-        description=" ".join(f"{data.get('title')}: which inputs break this rule? ({data.get('source')})".split()),
+        description=_described(data),
         target=Target(name=target.name, parameters=preconditions),
         mission=MISSION if needs_mission else "",
         start=None if needs_mission else _start(start, target),
@@ -248,6 +255,14 @@ def _one(data: dict[str, Any], target: TargetInfo, inputs: dict[str, list[Any]],
         scorer=ScorerConfig(model="relevance", batch=16),
         search=_SEARCH,
     )
+
+
+def _described(data: dict[str, Any]) -> str:
+    return " ".join(f"{data.get('title')}: which inputs break this rule? ({data.get('source')})".split())
+
+
+def _described_all(rules: int) -> str:
+    return f"Any input against {rules} different rules at once, attention rotating over them"
 
 
 def _procedures(data: dict[str, Any], target: TargetInfo) -> list[Any]:
@@ -348,7 +363,7 @@ def _all(policies: list[dict[str, Any]], target: TargetInfo) -> Campaign:
     missions = MISSION_SHARE if any(data.get("needs_mission") for data in policies) else 0.0
     return Campaign(
         name=ALL,
-        description=f"Any input against {len(policies)} different rules at once, attention rotating over them",
+        description=_described_all(len(policies)),
         target=Target(name=target.name, parameters=preconditions),
         start=_start(loiter, target),
         time_limit_s=ALL_S,

@@ -131,6 +131,7 @@ class WorkMessages:
             judgement=job.judgement,
             violation=job.violation,
             scores=job.scores,
+            policy_texts=self._core.campaign.policy_texts,
         )
 
     def _check_trace(self, flight: Flight) -> None:

@@ -170,8 +170,12 @@ class JournalAudit:
     @property
     def charged(self) -> int:
         """Flights that count against the budget."""
-        flown = (flight for flight, count in self._flown.items() if count > 0)
-        return sum(1 for name, index, is_form in flown if name in self._selected and not index and not is_form)
+        counted = self._counted
+        return sum(1 for name, index, is_form in counted if name in self._selected and not index and not is_form)
+
+    @property
+    def _counted(self) -> list[Flight]:
+        return [flight for flight, count in self._flown.items() if count > 0]
 
     @property
     def _let_go(self) -> set[WorkKey]:
@@ -191,9 +195,9 @@ class JournalAudit:
             "test_cases_selected": sum(self._selected.values()),
             "test_cases_ended": len(set(self._ended_cases) & set(self._selected)),
             "flights": self.charged,
-            "reflights": sum(1 for (_, index, _), count in self._flown.items() if count > 0 and index),
+            "confirm_flights": sum(1 for _, index, is_form in self._counted if index and not is_form),
             "check_flights": self.untold["check"],
-            "shrink_experiments": self.untold["shrink"],
+            "shrink_flights": self.untold["shrink"] + sum(1 for _, _, is_form in self._counted if is_form),
             "flights_counted_twice": sum(1 for count in self._flown.values() if count > 1),
             "results_missing": sum(1 for key, count in self._flown.items() if count > 0 and not self._told_flown[key]),
             "violations": dict(sorted(self._confirmations.items())),

@@ -2,6 +2,9 @@
 
 The test case is competition YAML, our JSON, or a recording. The flight runs in a sandbox of its own, as in the farm.
 
+exit codes: 0 held, 1 a policy was violated, 2 refused input, 3 it could not be flown, 4 nothing could be judged (no
+rule applied).
+
 examples:
   saflite fly case.yaml
   saflite fly case.yaml --out flight.mcap --policy min-obstacle-distance
@@ -21,6 +24,7 @@ if TYPE_CHECKING:
     from saflite.console.operations.judging import Flown
     from saflite.contract.test_case import TestCase
     from saflite.contract.verdict import Judgement
+    from saflite.contract.work import PolicyTexts
 
 
 TWINS = (
@@ -53,7 +57,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Fly, judge, print; 1 if a policy was violated."""
+    """Fly, judge, print; see `exit codes`."""
+    from saflite.campaign.presets.campaigns import with_texts
+    from saflite.console.cli import NOTHING_JUDGED
     from saflite.console.io import cases
     from saflite.console.operations import judging
     from saflite.console.view import out
@@ -75,26 +81,36 @@ def run(args: argparse.Namespace) -> int:
     flown = judging.fly(case, args.wall_limit)
     if flown.flight.ending not in FLOWN_ENDINGS:
         raise Unavailable(f"the flight ended as {flown.flight.ending}: {flown.flight.message}")
-    judgement = judging.judge(case, flown, tuple(args.policy))
-    alone = judging.why_alone(case, flown)
+    policies, texts = with_texts(args.policy, Path())
+    judgement = judging.judge(case, flown, policies, texts)
+    alone, found = judging.why_alone(case, flown), judging.apart(flown)
     if alone:
         out.complain("warning", f"twin {case.twin}: {alone}")
     if args.out is not None:
-        outputs.write(args.out, _recording(case, flown, judgement), force=args.force)
+        outputs.write(args.out, _recording(case, flown, judgement, texts), force=args.force)
     if args.json:
-        twin = {"asked": case.twin, "compared": not alone, "why": alone} if case.twin else None
+        beside = None if found is None else found.apart_m
+        twin = {"asked": case.twin, "compared": not alone, "why": alone, "apart_m": beside} if case.twin else None
         out.json({"flight": flown.flight, "judgement": judgement, "twin": twin, "recording": str(args.out or "")})
     else:
         judging.show(case, flown.flight, judgement, args.all)
+        if found is not None:
+            out.line(f"twin       {judging.twin_in_words(case, judgement, found, texts)}")
         if args.out is not None:
             out.line(f"recording  {args.out}")
-    return judging.exit_code(judgement)
+    code = judging.exit_code(judgement)
+    if code == NOTHING_JUDGED:
+        from saflite.console.operations import log_judging
+
+        why = log_judging.why_nothing(judgement.verdicts)
+        out.complain("NOTHING JUDGED", f"of {len(judgement.verdicts)} policies none was. {why}")
+    return code
 
 
-def _recording(case: TestCase, flown: Flown, judgement: Judgement) -> bytes:
+def _recording(case: TestCase, flown: Flown, judgement: Judgement, texts: PolicyTexts) -> bytes:
     from saflite.contract.work import RecordWork
     from saflite.recorder import mcap
     from saflite.runtime.clock import WallClock
 
-    work = RecordWork(test_case=case, flight=flown.flight, judgement=judgement)
+    work = RecordWork(test_case=case, flight=flown.flight, judgement=judgement, policy_texts=texts)
     return mcap.write(work, flown.packed, WallClock().unix_s() - flown.flight.wall_s)

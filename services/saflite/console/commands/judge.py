@@ -110,5 +110,5 @@ def _say_nothing_judged(judged: Sequence[Judged]) -> None:
 
     for one in judged:
         if one.result == "nothing judged":
-            lacked = log_judging.missing(one.verdicts) or "nothing; no rule applied to this flight"
-            out.complain("NOTHING JUDGED", f"{one.path}: of {len(one.verdicts)} policies none was. Missing: {lacked}")
+            why = log_judging.why_nothing(one.verdicts)
+            out.complain("NOTHING JUDGED", f"{one.path}: of {len(one.verdicts)} policies none was. {why}")

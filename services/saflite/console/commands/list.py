@@ -30,7 +30,7 @@ def run(args: argparse.Namespace) -> int:
 
     target = args.target or DEFAULT_TARGET
     if not args.kind:
-        counts = {kind: [item.name for item in catalogue.items(kind, target)] for kind in catalogue.kinds()}
+        counts = {kind: catalogue.names(kind, target) for kind in catalogue.kinds()}
         if args.json:
             out.json(counts)
         else:

@@ -23,6 +23,7 @@ def load_case(path: Path) -> TestCase:
     """
     import msgspec
 
+    from saflite.campaign.storage.sqlite import no_run
     from saflite.console.view import out
     from saflite.contract import gaps
     from saflite.contract.outside import parse_json, read_text
@@ -47,6 +48,9 @@ def load_case(path: Path) -> TestCase:
         from saflite.recorder.exports.aerialist import read_case
 
         return _holdable(read_case(path, out.warn_once), str(path))
+    if not path.exists():
+        fix = no_run(path).fix  # most commands that take a test case take a run folder, too
+        raise Refused("test case", where=str(path), expected="a readable file", got="none of that name", fix=fix)
     raise Refused("test case", where=str(path), expected=KINDS, got=path.suffix or "no suffix")
 
 

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections import Counter
 from typing import NamedTuple
 
+import numpy as np
+
+from saflite.console.cli import NOTHING_JUDGED
 from saflite.console.view import out
 from saflite.contract.flight import Flight, unpack_trace
 from saflite.contract.plain import some
@@ -76,6 +79,40 @@ def why_alone(case: TestCase, flown: Flown) -> str:
     return why(describe_target(case.target.name), case, flown.flight.delivered, trace)
 
 
+class Apart(NamedTuple):
+    """How far a flight and its twin were apart at most at the same moment, and when."""
+
+    apart_m: float
+    at_s: float
+
+
+def apart(flown: Flown) -> Apart | None:
+    """Return how far the twin of a flight was from it at most; None where none was compared."""
+    trace = unpack_trace(flown.packed) if flown.packed else None
+    if trace is None or "twin" not in trace.signals or not trace.samples:
+        return None
+    sides = [trace.array(f"twin_{side}_apart_m").astype(float) for side in ("x", "y", "height")]
+    apart_m = np.sqrt(sum(side**2 for side in sides))
+    at = int(np.argmax(apart_m))
+    return Apart(round(float(apart_m[at]), 3), round(at * trace.step_s, 3))
+
+
+def silent_on_twin(case: TestCase, judgement: Judgement, texts: PolicyTexts) -> list[Verdict]:
+    """Return the verdicts of rules that compare with such a twin and said nothing of this flight."""
+    from saflite.oracle.policy import load_policy, policy_names
+
+    known = {*policy_names(), *texts}
+    quiet = [one for one in judgement.verdicts if one.robustness is None and one.policy in known]
+    return [one for one in quiet if load_policy(one.policy, texts).file.twin == case.twin]
+
+
+def twin_in_words(case: TestCase, judgement: Judgement, found: Apart, texts: PolicyTexts) -> str:
+    """Return how far the twin was apart, and which rules about it said nothing."""
+    words = f"{case.twin}: at most {found.apart_m:.3g} m apart at the same moment, at {found.at_s:g} s"
+    quiet = [f"{one.policy} is {one.outcome}: {one.message}" for one in silent_on_twin(case, judgement, texts)]
+    return "; ".join((words, *quiet))
+
+
 def judge(
     case: TestCase, flown: Flown, policies: tuple[str, ...], policy_texts: PolicyTexts | None = None
 ) -> Judgement:
@@ -88,13 +125,15 @@ def judge(
 
 
 def exit_code(judgement: Judgement) -> int:
-    """Return 1 if a policy was violated, else 0."""
-    return int(any(verdict.outcome == "violated" for verdict in judgement.verdicts))
+    """Return 1 if a policy was violated, 4 if none applied or none could be judged, else 0."""
+    outcomes = {verdict.outcome for verdict in judgement.verdicts}
+    return 1 if "violated" in outcomes else 0 if "held" in outcomes else NOTHING_JUDGED
 
 
 def show(case: TestCase, flight: Flight, judgement: Judgement, everything: bool = False) -> None:
     """Print a flight and its verdicts, those without a robustness one by one only if `everything` is asked for."""
-    out.line(f"test case  {identity(case)} on {case.target.name}, {len(case.scenario.obstacles)} boxes")
+    boxes = len(case.scenario.obstacles)
+    out.line(f"test case  {identity(case)} on {case.target.name}, {boxes} {'box' if boxes == 1 else 'boxes'}")
     if flight.simulated_s:
         speed = (
             f" in {flight.wall_s:.2f} s ({flight.simulated_s / flight.wall_s:.0f}x real time)" if flight.wall_s else ""

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 from saflite.console.cli import NOTHING_JUDGED
 from saflite.console.io import cases, log_files
+from saflite.console.run_data.known import own_policies
 from saflite.console.view.html_text import escape
 from saflite.console.view.report.style import CSS
 from saflite.contract.errors import Refused
@@ -73,7 +74,9 @@ def judge_file(path: Path, case_path: Path | None, policies: tuple[str, ...]) ->
     if path.suffix.lower() == ".mcap":
         found = recording.read(path)
         case = cases.load_case(case_path) if case_path else found.test_case
-        return Judged(path, case, found.flight, judge(case, found.flight, found.trace, policies or policies_for("")))
+        own = own_policies(found)
+        chosen = policies or (*policies_for(""), *own)
+        return Judged(path, case, found.flight, judge(case, found.flight, found.trace, chosen, own))
     log = read_log(path)
     case = log_files.case_of(files.kind_of(path), log, cases.load_case(case_path) if case_path else None)
     flight = log_files.flight_of(case, log)
@@ -118,6 +121,15 @@ def missing(verdicts: Iterable[Verdict]) -> str:
         for part in why.split("), "):
             each[part.rstrip(")") + ")"] += count
     return "; ".join(f"{part}: {count}" for part, count in each.most_common(6))
+
+
+def why_nothing(verdicts: Sequence[Verdict]) -> str:
+    """Return in words why of all these policies none could be judged, or none applied."""
+    lacked = missing(verdicts)
+    if lacked:
+        return f"Missing: {lacked}"
+    whys = Counter(verdict.message for verdict in verdicts)
+    return f"Why: {'; '.join(f'{why}: {count}' for why, count in whys.most_common(6))}"
 
 
 def _lacks(verdict: Verdict) -> bool:

@@ -33,7 +33,7 @@ def record_again(run_dir: Path, wanted: str, folder: Path, wall_limit_s: float) 
             fix = "see `saflite export RUN --format csv`"
             raise Refused("test case", where=str(run_dir), expected="one flown in this run", got=repr(wanted), fix=fix)
         test_case, judgement = run.test_case(row.test_case), run.judgement(row.test_case, row.flight_index)
-        violation = shown.get((row.test_case, row.flight_index))
+        violation, texts = shown.get((row.test_case, row.flight_index)), run.campaign.policy_texts
     if judgement is None:
         raise Refused("test case", where=str(run_dir), expected="one that was judged", got=row.ending)
     simulator = judging.OwnSimulator()
@@ -42,7 +42,9 @@ def record_again(run_dir: Path, wanted: str, folder: Path, wall_limit_s: float) 
     finally:
         simulator.close()
     _check_equal(row, flown.flight.trace_digest, run_dir)
-    work = RecordWork(test_case=test_case, flight=flown.flight, judgement=judgement, violation=violation)
+    work = RecordWork(
+        test_case=test_case, flight=flown.flight, judgement=judgement, violation=violation, policy_texts=texts
+    )
     return _written(work, flown.packed, folder, judgement)
 
 

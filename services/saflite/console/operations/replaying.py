@@ -8,13 +8,15 @@ from typing import NamedTuple
 
 from saflite.console.io import cases
 from saflite.console.operations import judging
-from saflite.console.run_data.known import no_violation
+from saflite.console.run_data.known import no_violation, own_policies
 from saflite.console.run_data.run_folder import open_run
 from saflite.console.run_data.unproven import pending, unproven
 from saflite.contract.target_info import Repeats
 from saflite.contract.test_case import TestCase, identity
 from saflite.contract.verdict import NEVER_APPLIED, vacuous, worst
 from saflite.contract.work import PolicyTexts
+from saflite.oracle.policy import check_told
+from saflite.recorder.recording import read
 from saflite.simulator_worker.registry import describe_target
 
 REPLAYS: dict[Repeats, int] = {"bitwise": 1, "statistically": 5}
@@ -62,17 +64,16 @@ def entries(
     if what.is_dir():
         return _of_run(what, wanted, everything, policies)
     if what.suffix == ".mcap":
-        from saflite.recorder.recording import read
-
         found = read(what)
-        judged = tuple(verdict.policy for verdict in found.judgement.verdicts)
+        judged, texts = tuple(verdict.policy for verdict in found.judgement.verdicts), own_policies(found)
+        check_told(judged, texts)
         return [
             Entry(
                 what.name,
                 found.test_case,
                 policies or judged,
                 found.flight.trace_digest,
-                None,
+                texts,
                 found.flight.flight_index,
             )
         ]

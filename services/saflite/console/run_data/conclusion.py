@@ -88,7 +88,7 @@ def conclude(run_dir: Path, ended: ExitSummary, *, as_json: bool) -> int:
         found = _read(run, shown.inputs)
     if as_json:
         files = {"report": str(report), "test_cases": [str(path) for path in cases if path.suffix != ".plan"]}
-        asked = {one.violation.fingerprint: one.circumstances for one in found.findings}
+        asked = {one.violation.fingerprint: one.circumstances for one in reversed(found.findings)}
         out.json({"run": str(run_dir), **_plain(found, ended), "asked_first": asked, **files})
         return _code(found, ended)
     _tell(found, ended)
@@ -207,8 +207,9 @@ def _tell_behaviours(found: Conclusion) -> None:
     """Show behaviours with what maintainers ask of a finding; what is so of all that are shown is said once."""
     good = found.behaviours
     known = {(one.violation.fingerprint, one.violation.test_case): one.circumstances for one in found.findings}
-    asked = [known.get((one.fingerprint, one.test_case)) for one in good[:SHOWN]]
-    answers = [{} if one is None else in_words(one) for one in asked]
+    forms = {one.smallest_form_of: one.violation.test_case for one in found.findings}
+    shown_first = [(known.get((one.fingerprint, one.test_case)), one.test_case) for one in good[:SHOWN]]
+    answers = [{} if one is None else in_words(one, forms.get(name, "")) for one, name in shown_first]
     common = set.intersection(*({*one.items()} for one in answers)) if len(answers) > 1 else set()
     for violation, answer in zip(good, answers, strict=False):
         out.line(f"  {live.violation_line(with_mode_named(violation, found.modes))}")

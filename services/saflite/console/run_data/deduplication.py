@@ -13,7 +13,7 @@ Find = tuple[Violation, TestCase]
 
 
 class Cause(NamedTuple):
-    """The smallest violating test case with certain inputs; `violations` counts the finds in which these came too."""
+    """The smallest violating test case with certain inputs; `violations` counts the finds that these are behind."""
 
     policy: str
     test_case: TestCase
@@ -56,14 +56,21 @@ def _least(policy: str, finds: list[Find], smallest_forms: Collection[str]) -> l
         inputs = _inputs(find[1])
         within = next((least for least in kept if least <= inputs), inputs)
         kept.setdefault(within, []).append(find)
-    return [Cause(policy, group[0][1], group[0][0].test_case, _count(group, smallest_forms)) for group in kept.values()]
+    shrunk = _made_of(finds, smallest_forms)
+    return [
+        Cause(policy, group[0][1], group[0][0].test_case, _count(group, smallest_forms, shrunk))
+        for group in kept.values()
+    ]
 
 
-def _count(group: list[Find], smallest_forms: Collection[str]) -> int:
-    """Return how many finds a group is of: a smallest form stands for one that may have gone to another group."""
-    found = [violation.test_case for violation, _ in group if violation.test_case not in smallest_forms]
-    made_of = {case.origin.parent for violation, case in group if violation.test_case in smallest_forms}
-    return len(found) + len(made_of.difference(found))
+def _count(group: list[Find], smallest_forms: Collection[str], shrunk: Collection[str]) -> int:
+    """Return how many finds a group is of: one that was made smaller is counted where its smallest form is, alone."""
+    plain = [1 for violation, _ in group if violation.test_case not in (*smallest_forms, *shrunk)]
+    return len(plain) + len(_made_of(group, smallest_forms))
+
+
+def _made_of(finds: Iterable[Find], smallest_forms: Collection[str]) -> set[str]:
+    return {case.origin.parent for violation, case in finds if violation.test_case in smallest_forms}
 
 
 def _inputs(test_case: TestCase) -> Inputs:

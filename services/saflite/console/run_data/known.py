@@ -24,6 +24,9 @@ from saflite.contract.plain import cut, some
 from saflite.contract.test_case import TestCase
 from saflite.contract.verdict import Judgement, Violation
 from saflite.contract.work import PolicyTexts
+from saflite.oracle.policy import check_told, policy_names
+from saflite.recorder.recording import Recording
+from saflite.recorder.recording import read as read_recording
 
 Standing = Literal["violates", "fixed"]
 Words = Annotated[tuple[Word, ...], msgspec.Meta(max_length=1_000)]
@@ -199,19 +202,26 @@ def _size(known: Known) -> tuple[int, int, str]:
     return len(case.stimuli), len(case.scenario.obstacles), known.name
 
 
+def own_policies(found: Recording) -> PolicyTexts:
+    """Return the rules of one's own that a recording carries; one that ships is judged by as it ships."""
+    return {name: text for name, text in found.policy_texts.items() if name not in policy_names()}
+
+
 def _of_file(what: Path, policies: tuple[str, ...], anywhere: bool) -> Known:
     from saflite.console.io.cases import check_layout, load_case
     from saflite.contract.test_case import identity
 
+    texts: PolicyTexts = {}
     case, judged, noise = load_case(what), policies, 0
     check_layout(case, str(what), anywhere or what.suffix == ".mcap")
     if what.suffix == ".mcap":
-        from saflite.recorder.recording import read as read_recording
-
         record = read_recording(what)
         noise = record.flight.flight_index
         verdicts = sorted(record.judgement.verdicts, key=lambda one: one.outcome != "violated")
-        judged = judged or tuple(one.policy for one in verdicts)
+        texts = own_policies(record)
+        if not judged:
+            judged = tuple(one.policy for one in verdicts)
+            check_told(judged, texts)
     elif case.scenario.obstacles:
         judged = judged or ("min-obstacle-distance",)
     if not judged:
@@ -219,5 +229,12 @@ def _of_file(what: Path, policies: tuple[str, ...], anywhere: bool) -> Known:
         raise Refused("--policy", where=str(what), expected="the policy in question", got="none", fix=fix)
     name = identity(case)
     return Known(
-        fingerprint=name, name=name, policy=judged[0], behaviour="", test_case=case, policies=judged, noise=noise
+        fingerprint=name,
+        name=name,
+        policy=judged[0],
+        behaviour="",
+        test_case=case,
+        policies=judged,
+        policy_texts=texts,
+        noise=noise,
     )

@@ -169,6 +169,11 @@ class RunFolder:
         memory, forms = self.memory_faults(), self.smallest_forms()
         return [self._finding(one, one.test_case in memory, one.test_case in forms) for one in found]
 
+    def finding(self, violation: Violation) -> Finding:
+        """Return a violation with what is known of it."""
+        name = violation.test_case
+        return self._finding(violation, name in self.memory_faults(), name in self.smallest_forms())
+
     def _finding(self, violation: Violation, memory: bool, is_form: bool) -> Finding:
         name, test_case = violation.test_case, self.test_case(violation.test_case)
         judgement, recording = self.judgement(name, violation.flight_index), self.recording(name)

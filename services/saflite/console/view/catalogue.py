@@ -222,6 +222,16 @@ def kinds() -> tuple[str, ...]:
     return (*KINDS, *OF_TARGET)
 
 
+def names(kind: str, target: str = DEFAULT_TARGET) -> list[str]:
+    """Return the names of `items`, of policies without reading what stands in their files."""
+    if kind != "policies":
+        return [item.name for item in items(kind, target)]
+    from saflite.contract.modules import given
+    from saflite.oracle.policy import policy_names
+
+    return [*policy_names(), *given("policy")]
+
+
 def items(kind: str, target: str = DEFAULT_TARGET) -> list[Item]:
     """Return what there is of a kind; inputs, signals and settings are those of `target`.
 

@@ -157,8 +157,9 @@ def _phase(status: Status) -> str:
         return status.state.upper() if status.state == "paused" else status.state
     left = status.budget - status.flights
     if left <= 0:
-        shrinking = "minimising" if status.shrink_flights and not status.violations_pending else "confirming"
-        return f"budget flown, {shrinking}"
+        if status.violations_pending:
+            return "budget flown, confirming"
+        return "budget flown, minimising" if status.shrink_flights else "budget flown, the last flights"
     if not status.flights_per_s:
         return "no flight yet" if not status.flights else "no flight in the last minute"
     beside = status.reflown + status.checked + status.shrink_flights  # they take turns with first flights

@@ -34,9 +34,9 @@ def shown(run: RunFolder, test_case: str, run_name: str) -> str:
     violation = next((one for one in run.violations() if one.test_case == test_case), None)
     if violation is None:
         raise Refused("test case", where=run_name, expected="one of a find", got=repr(test_case))
-    judgement = run.judgement(test_case, violation.flight_index)
-    finding = Finding(violation, run.test_case(test_case), judgement, run.recording(test_case))
-    exhibit = data.exhibit(run, finding, run.flights(test_case))
+    finding = run.finding(violation)
+    forms = (name for name in run.smallest_forms() if run.test_case(name).origin.parent == test_case)
+    exhibit = data.exhibit(run, finding, run.flights(test_case), next(forms, ""))
     return evidence.section(1, exhibit, run_name) + _beside(run, finding)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saflite.campaign.engine.exposure import ArmCounts
+from saflite.console.run_data.deduplication import Cause, deduplicate
 from saflite.console.run_data.embargo import Released, split
 from saflite.console.run_data.in_force import InForce, in_force
 from saflite.console.run_data.rows import ArtefactRow, Fallbacks, FlightRow, UsageRow
@@ -49,6 +50,7 @@ class Exhibit(NamedTuple):
     flight: Flight | None = None
     artefacts: tuple[ArtefactRow, ...] = ()
     circumstances: Circumstances | None = None
+    smallest_form: str = ""
 
 
 class Progress(NamedTuple):
@@ -85,6 +87,7 @@ class ReportData(NamedTuple):
     made: Made = Made()
     inputs: str = "inputs"  # what may be said of those behind a find
     smallest_forms: frozenset[str] = frozenset()  # test cases among the exhibits that are no finds of their own
+    causes: tuple[Cause, ...] = ()  # what it takes to break each policy, over all finds, similar ones included
 
     def finds_shown(self, confirmation: Confirmation) -> int:
         """Return how many finds of a standing are among the exhibits."""
@@ -100,9 +103,15 @@ def read(run: RunFolder, released: Released = ()) -> ReportData:
     by_case: dict[str, list[FlightRow]] = {}
     for row in flights:
         by_case.setdefault(row.test_case, []).append(row)
-    shown, kept_back = split(run.findings(), released)
+    every, hidden_too = split(run.findings(similar=True), released)
+    shown, kept_back = _but_similar(every), _but_similar(hidden_too)
     hidden = {one.violation.fingerprint for one in kept_back} - {one.violation.fingerprint for one in shown}
-    exhibits = tuple(exhibit(run, one, by_case.get(one.violation.test_case, [])) for one in shown)
+    forms = {one.smallest_form_of: one.violation.test_case for one in shown}
+    exhibits = tuple(
+        exhibit(run, one, by_case.get(name, []), forms.get(name, ""))
+        for one in shown
+        for name in [one.violation.test_case]
+    )
     now = run.standing()
     quarantined, faults = troubles(run)
     violations = run.violations()
@@ -135,7 +144,12 @@ def read(run: RunFolder, released: Released = ()) -> ReportData:
         inputs=inputs_told(now, shrinks=run.campaign.search.shrink),
         made=made.read(run, over=now.state == "ended"),
         smallest_forms=smallest_forms,
+        causes=deduplicate(((one.violation, one.test_case) for one in every), smallest_forms),
     )
+
+
+def _but_similar(findings: Iterable[Finding]) -> list[Finding]:
+    return [one for one in findings if one.violation.confirmation != "similar"]
 
 
 def arms_of(run: RunFolder) -> dict[str, ArmCounts]:
@@ -186,7 +200,7 @@ def calibrations(run: RunFolder) -> tuple[Calibration, ...]:
     return calibrate_all(list(rows.values()))
 
 
-def exhibit(run: RunFolder, finding: Finding, rows: list[FlightRow]) -> Exhibit:
+def exhibit(run: RunFolder, finding: Finding, rows: list[FlightRow], smallest_form: str = "") -> Exhibit:
     """Return a finding with its evidence; `rows` are the flights of its test case."""
     violation = finding.violation
     shown = next((row for row in rows if row.shows(violation)), None)
@@ -201,6 +215,7 @@ def exhibit(run: RunFolder, finding: Finding, rows: list[FlightRow]) -> Exhibit:
         run.flight(shown) if shown else None,
         tuple(row for row in run.artefacts(violation.test_case) if row.flight_index == violation.flight_index),
         finding.circumstances,
+        smallest_form,
     )
 
 

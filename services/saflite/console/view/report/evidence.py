@@ -165,7 +165,8 @@ def _facts(exhibit: Exhibit, run_name: str) -> list[tuple[str, str]]:
         origin += f", child of <code>{escape(case.origin.parent)}</code>"
     facts = [("robustness", f"{violation.robustness:+.3f}"), ("flown again", _again(exhibit)), ("test case", origin)]
     if exhibit.circumstances is not None:
-        facts += [(question, escape(answer)) for question, answer in in_words(exhibit.circumstances).items()]
+        answers = in_words(exhibit.circumstances, exhibit.smallest_form)
+        facts += [(question, escape(answer)) for question, answer in answers.items()]
     if first is not None:
         flown = f"{first.ending}, {first.simulated_s:.1f} s"
         facts.append(("flight", f"{escape(flown)}, trace <code>{escape(first.trace_digest[:16])}</code>"))

@@ -8,7 +8,6 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from saflite.campaign.engine.exposure import ArmCounts
-from saflite.console.run_data.deduplication import deduplicate
 from saflite.console.run_data.embargo import withheld_words
 from saflite.console.run_data.in_force import InForce, in_words
 from saflite.console.run_data.rows import NO_FALLBACKS, Fallbacks, UsageRow
@@ -184,15 +183,14 @@ def _inputs(test_case: TestCase) -> str:
 
 
 def _causes(data: ReportData) -> str:
-    taken = deduplicate(((exhibit.violation, exhibit.test_case) for exhibit in data.exhibits), data.smallest_forms)
-    if not taken:
+    if not data.causes:
         return ""
     numbers = {exhibit.violation.test_case: number for number, exhibit in enumerate(data.exhibits, start=1)}
     rows = [
         f"<tr><td>{escape(cause.policy)}</td><td>{cause.violations}</td>"
         f'<td class="words">{escape(cause.words)}</td>'
-        f"<td>{evidence.anchor(numbers[cause.name], cause.name)}</td></tr>"
-        for cause in taken
+        f"<td>{_linked(cause.name, numbers)}</td></tr>"
+        for cause in data.causes
     ]
     heads = ("policy", "violations", data.inputs, "test case")
     return (
@@ -200,6 +198,11 @@ def _causes(data: ReportData) -> str:
         '<p class="muted">Violations with the same inputs (by name) behind them count as one here; what only came '
         "along is left out as far as a smaller violation shows it was not needed.</p>" + html_table(heads, rows)
     )
+
+
+def _linked(name: str, numbers: Mapping[str, int]) -> str:
+    """Return a test case, as a link where its violation has a section of its own."""
+    return evidence.anchor(numbers[name], name) if name in numbers else escape(name)
 
 
 def policies(rulings: Mapping[str, Rulings]) -> str:
