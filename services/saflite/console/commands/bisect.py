@@ -24,7 +24,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("case", type=Path, help="test case, recording, file of a corpus, or run folder")
     parser.add_argument("builds", nargs="+", metavar="BUILD", help="builds in order, the oldest first")
     parser.add_argument("--violation", default="", metavar="ID", help="of a run: this fingerprint or test case")
-    parser.add_argument("--policy", action="append", default=[], help="the policy in question")
+    arguments.add_policy(parser, "the policy in question")
     parser.add_argument("--confidence", type=float, default=0.95, metavar="P", help="probability to end at (0.95)")
     parser.add_argument("--flights-max", type=int, default=200, metavar="N", help="give up after so many (200)")
     arguments.add_wall_limit(parser)

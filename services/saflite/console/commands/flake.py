@@ -24,7 +24,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("case", type=Path, help="test case, recording, file of a corpus, or run folder")
     parser.add_argument("-n", type=int, default=20, metavar="N", help="flights that are counted (20)")
     parser.add_argument("--violation", default="", metavar="ID", help="of a run: this fingerprint or test case")
-    parser.add_argument("--policy", action="append", default=[], help="judge by this policy (may be repeated)")
+    arguments.add_policy(parser, "judge by this policy")
     parser.add_argument(
         "--target", default="", metavar="BUILD", help="fly on this build (see `saflite regress --help`)"
     )

@@ -42,7 +42,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
     parser.add_argument("case", type=Path, help="test case: .yaml, .json or .mcap")
     parser.add_argument("--target", default="", help="fly on this target instead (see `saflite list targets`)")
-    parser.add_argument("--policy", action="append", default=[], help="policy to judge by (may be repeated)")
+    arguments.add_policy(parser, "policy to judge by")
     arguments.add_target_settings(parser)
     parser.add_argument("--parameter", action="append", default=[], metavar="NAME=NUMBER", help="set before take-off")
     parser.add_argument("--rng-seed", type=arguments.rng_seed, help="random seed of noise and gusts")

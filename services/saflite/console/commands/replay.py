@@ -28,7 +28,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--violation", default="", metavar="ID", help="only this fingerprint or test case (or its start)"
     )
     parser.add_argument("--all", action="store_true", help="those flaky, unconfirmed or not yet flown again, too")
-    parser.add_argument("--policy", action="append", default=[], help="judge a test case by this policy")
+    arguments.add_policy(parser, "judge a test case by this policy")
     parser.add_argument("--times", type=int, help="how often to fly each (1; 5 where flights differ by nature)")
     arguments.add_wall_limit(parser)
     arguments.add_anywhere(parser)

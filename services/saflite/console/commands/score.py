@@ -21,7 +21,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
     parser.add_argument("cases", type=Path, nargs="+", help="test cases: .yaml, .json or .mcap")
     parser.add_argument("--scorer", default="blend", help="scorer model (see `saflite list scorers`)")
-    parser.add_argument("--policy", action="append", default=[], help="policy to score for (min-obstacle-distance)")
+    arguments.add_policy(parser, "policy to score for (min-obstacle-distance)")
     arguments.add_modules(parser)
     parser.add_argument("--deadline", type=arguments.deadline_s, default=60.0, metavar="S", help="seconds to answer in")
     parser.add_argument("--rng-seed", type=arguments.rng_seed, default=1, help="random seed")

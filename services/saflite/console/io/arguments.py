@@ -75,6 +75,12 @@ def add_minutes(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--minutes", type=float, metavar="M", help=text)
 
 
+def add_policy(parser: argparse.ArgumentParser, words: str) -> None:
+    """Name the argument for policies; `words` say what they are for."""
+    known = "a name of `saflite list policies` or a .toml file; may be repeated"
+    parser.add_argument("--policy", action="append", default=[], metavar="POLICY", help=f"{words}: {known}")
+
+
 def add_wall_limit(parser: argparse.ArgumentParser) -> None:
     """Name the argument that says how long a flight may take."""
     text = "give a flight up after so long"
