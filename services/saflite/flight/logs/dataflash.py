@@ -65,6 +65,7 @@ _SOURCES = {
     "climb_mps": "XKF1, NKF1 or CTUN.CRt",
     **{signal: f"{kind}.{field}" for kind, fields in _FIELDS.items() for field, signal in fields.items()},
     **{signal: f"ATT.{field} or AHR2.{field}" for field, signal in _LEAN.items()},
+    "baro_altitude_m": "BARO.Alt, CTUN.BAlt or CTUN.BarAlt",
     "home_distance_m": "ORGN, else from where the log begins",
     "mode": "MODE.ModeNum or MODE.Mode",
     "throttle": "CTUN.ThO or CTUN.ThrOut",
@@ -262,12 +263,14 @@ def _geographic(rows: Rows, columns: Columns) -> Place | None:
 def _height(rows: Rows, formats: Mapping[str, str], columns: Columns) -> None:
     """Add height and climb of CTUN where no estimate tells them, and that the barometer answers.
 
-    CTUN.CRt is in cm/s where it is a whole number.
+    Its height is that of CTUN where it has no message of its own. CTUN.CRt is in cm/s where it is a whole number.
     """
     if "altitude_m" not in columns:
         _column(columns, "altitude_m", points(rows["CTUN"], "Alt"))
     if "climb_mps" not in columns and formats.get("CTUN", "").endswith("h"):
         _column(columns, "climb_mps", points(rows["CTUN"], "CRt", scale=1.0 / _CM_PER_M))
+    if not points(rows["BARO"], "Alt"):
+        _column(columns, "baro_altitude_m", points(rows["CTUN"], "BAlt", "BarAlt"))
     healthy = [(at, float(bool(row.get("H", row.get("Health", 1))))) for at, row in rows["BARO"]]
     _column(columns, "baro_ok", healthy)
 
