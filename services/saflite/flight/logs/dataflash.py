@@ -32,6 +32,7 @@ from saflite.flight.logs.home import Place, add_home, homes_of_ardupilot
 from saflite.flight.logs.leaps import add_leaps_of_ardupilot
 from saflite.flight.logs.resample import Columns
 from saflite.flight.logs.settings import ARDUPILOT, SOURCE_SET, add_settings, sources
+from saflite.flight.logs.targets import targets_of_ardupilot
 from saflite.flight.mavlink.items import ORDERED_PLACES
 from saflite.flight.mission import to_local
 
@@ -139,11 +140,12 @@ def read_dataflash_log(path: Path, *, placed: bool = False) -> FlightLog:
     _modes(rows, columns)
     add_leaps_of_ardupilot(rows, held, columns)
     changes = _parameters(rows, monitor, columns)
+    targets = targets_of_ardupilot(rows, columns)
     columns.messages = [(at, str(row.get("Message", "")), "info") for at, row in rows["MSG"]]
     homeless = () if placed else _from_home(rows, columns)
     add_home(columns, homes_of_ardupilot(rows, frame))
     trace = columns.trace("ArduPilot log", str(path), placed=placed)
-    given = [*changes, *_commands(rows)]
+    given = [*changes, *_commands(rows), *targets]
     stimuli = within(given, *columns.span("ArduPilot log", str(path), placed=placed))
     crashed = "crashed" in columns and bool((trace.array("crashed") == 1.0).any())
     logged = {kind for kind, told in rows.items() if told}

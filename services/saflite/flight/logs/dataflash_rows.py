@@ -39,6 +39,9 @@ _PLAIN = (
     "ARM",
     "ORGN",
     "VIBE",
+    "GUID",
+    "GUIP",
+    "GUIA",
 )
 _FILTERS = ("XKF1", "NKF1", "EKF1", "XKF4", "NKF4")
 _INSTANCES = ("GPS", "BARO", "BAT", "CURR")
