@@ -105,6 +105,7 @@ _OF_COPTERS = (
     *("WPNAV_SPEED", "PILOT_SPEED_UP", "PILOT_VELZ_MAX", "LAND_SPEED", "RTL_ALT"),
     *("LAND_SPD_MS", "RTL_ALT_M"),
 )
+_OF_OLD_PX4 = {"LPOS", "STAT", "TIME"}
 _NO_HOME = "ORGN, without which a log that begins in the air does not tell places"
 
 
@@ -121,6 +122,9 @@ def read_dataflash_log(path: Path, *, placed: bool = False) -> FlightLog:
             `placed`) or all signals.
     """
     rows, formats, lost = load(path)
+    if formats.keys() >= _OF_OLD_PX4 and "MODE" not in formats:
+        got = "a log of an old PX4 (sdlog2); later ones write ULog (.ulg)"
+        raise Refused("ArduPilot log", where=str(path), expected="an ArduCopter log", got=got)
     monitor = int(lowest(rows["BAT"] or rows["CURR"]))
     held = _first(batteries.of_monitor(settings_told(rows), monitor))
     _check_copter(rows, held, path)
