@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,10 @@ from log_bytes import ATTITUDE, KINDS, POSITION, STATUS, dataflash, ulog
 
 from saflite.console.operations.log_judging import judge_file
 from saflite.flight.logs.dataflash import read_dataflash_log
+from saflite.flight.logs.dataflash_rows import Rows
 from saflite.flight.logs.flight_log import FlightLog
+from saflite.flight.logs.resample import Columns
+from saflite.flight.logs.targets import targets_of_ardupilot
 from saflite.flight.logs.ulog import read_ulog_log
 from saflite.oracle.orders import may_change_mode
 
@@ -111,6 +115,13 @@ def test_a_target_that_a_command_sets_is_no_order_of_its_own(tmp_path: Path) -> 
     command: Row = ("MAVC", (10_000_000, 192, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
     given = read(tmp_path, copter(command, ("GUIP", (10_020_000, 1, 0.0, 0.0, 0.0)))).stimuli
     assert [one.name for one in given] == ["MAV_CMD_DO_REPOSITION"]
+
+
+def test_a_stream_of_hours_is_told_by_as_many_orders_as_a_test_case_holds() -> None:
+    told: Rows = defaultdict(list, GUIP=[(float(at_s), {"Type": 4}) for at_s in range(14_000)])
+    given = targets_of_ardupilot(told, Columns())
+    assert 4_000 < len(given) <= 5_001
+    assert (given[0].at_s, given[-1].at_s) == pytest.approx((0.0, 13_999.0), abs=3.0)
 
 
 def offboard(state: int) -> bytes:

@@ -21,7 +21,7 @@ ORDER = "SET_POSITION_TARGET_LOCAL_NED"
 _SPEEDS = ("cruise_speed_set_mps", "takeoff_speed_set_mps", "descent_speed_set_mps")
 _OWN_SPEED = {"GUIP": 3, "GUID": 2, "GUIA": 0}  # from that number on: speed, acceleration, lean; below: places
 _OFFBOARD = 14  # vehicle_status.NAVIGATION_STATE_OFFBOARD
-_APART_S = 1.0  # between orders: they stand for a stream
+_APART_S, _ORDERS_MAX = 1.0, 5_000  # between orders: they stand for a stream, of a long one for more of it each
 _SAME_S = 0.3  # what a command orders is logged as a target, too
 
 Span = tuple[float, float]
@@ -64,8 +64,10 @@ def targets_of_px4(topics: Topics, columns: Columns) -> list[Stimulus]:
 
 def _orders(times_s: Iterable[float]) -> list[Stimulus]:
     found: list[Stimulus] = []
-    for at_s in times_s:
-        if not found or at_s >= found[-1].at_s + _APART_S - 1e-6:
+    told_s = list(times_s)
+    apart_s = max(_APART_S, (told_s[-1] - told_s[0]) / _ORDERS_MAX) if told_s else _APART_S
+    for at_s in told_s:
+        if not found or at_s >= found[-1].at_s + apart_s - 1e-6:
             found.append(Stimulus(at_s=float(at_s), kind="command", name=ORDER))
     return found
 
