@@ -33,6 +33,7 @@ from saflite.flight.logs.leaps import add_leaps_of_ardupilot
 from saflite.flight.logs.resample import Columns
 from saflite.flight.logs.settings import ARDUPILOT, SOURCE_SET, add_settings, sources
 from saflite.flight.logs.targets import targets_of_ardupilot
+from saflite.flight.logs.terrain import forget_by_terrain
 from saflite.flight.mavlink.items import ORDERED_PLACES
 from saflite.flight.mission import to_local
 
@@ -145,6 +146,7 @@ def read_dataflash_log(path: Path, *, placed: bool = False) -> FlightLog:
     add_leaps_of_ardupilot(rows, held, columns)
     changes = _parameters(rows, monitor, columns)
     targets = targets_of_ardupilot(rows, columns)
+    forget_by_terrain(rows, columns)
     columns.messages = [(at, str(row.get("Message", "")), "info") for at, row in rows["MSG"]]
     homeless = () if placed else _from_home(rows, columns)
     add_home(columns, homes_of_ardupilot(rows, frame))

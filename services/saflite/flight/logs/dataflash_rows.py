@@ -42,6 +42,7 @@ _PLAIN = (
     "GUID",
     "GUIP",
     "GUIA",
+    "TERR",
 )
 _FILTERS = ("XKF1", "NKF1", "EKF1", "XKF4", "NKF4")
 _INSTANCES = ("GPS", "BARO", "BAT", "CURR")
