@@ -135,6 +135,7 @@ MODES_BY_COMMAND = {
 _KEEPS_MODE = (
     *("CONDITION_YAW", "DO_CHANGE_SPEED", "DO_SET_HOME", "DO_SET_ROI", "DO_FENCE_ENABLE", "DO_SEND_BANNER"),
     *("DO_SET_SERVO", "DO_SET_RELAY", "DO_REPEAT_SERVO", "DO_REPEAT_RELAY", "COMPONENT_ARM_DISARM"),
+    "SET_POSITION_TARGET_LOCAL_NED",
 )
 """Commands after which no autopilot has a reason to leave its mode."""
 

@@ -132,6 +132,26 @@ def test_places_are_those_that_the_autopilot_flies_by(kind: int, north_m: float,
     assert read_dataflash_log(path).trace.array("x_m")[-1] == pytest.approx(north_m, abs=0.2)
 
 
+@pytest.mark.parametrize("barometer", ["BarAlt", "BAlt", ""])
+def test_what_stands_while_its_estimate_settles_is_on_the_ground_by_the_barometer_of_any_message(
+    barometer: str, tmp_path: Path
+) -> None:
+    kinds = {**OLD, "CTUN": ("Ihfhff", f"TimeMS,ThrOut,Alt,CRt,DAlt,{barometer or 'Other'}")}
+    del kinds["BARO"]
+    rows: list[tuple[str, tuple[Any, ...]]] = [("PARM", (b"CHUTE_ENABLED", 0.0)), ("MODE", (0, 500)), ("EV", (10,))]
+    for tenth in range(200):
+        at, settled = 60_000 + tenth * 100, 1.0 - math.exp(-tenth / 10)
+        up_m = max(0.0, 0.1 * (tenth - 100))
+        rows += [("CTUN", (at, 0, 5.0 * settled - 5.0 + up_m, 0, 0.0, up_m)), ("ATT", (at, 0.0, 0.0, 0.0))]
+        rows += [("EV", (28,))] if tenth == 100 else []
+    path = tmp_path / "flight.bin"
+    path.write_bytes(dataflash(kinds, rows))
+    (verdict,) = judge_file(path, None, ("landed-on-ground",)).verdicts
+    assert verdict.outcome == ("held" if barometer else "violated"), verdict.message
+    trace = read_dataflash_log(path, placed=False).trace
+    assert ("baro_altitude_m" in trace.signals) == bool(barometer)
+
+
 def test_where_no_filter_flies_the_climb_is_that_of_the_control_of_height(tmp_path: Path) -> None:
     kinds = {**PLACED, "CTUN": ("Qfh", "TimeUS,Alt,CRt")}
     more = [("PARM", (1_000_000, b"AHRS_EKF_TYPE", 0.0))]

@@ -11,6 +11,7 @@ from log_bytes import KINDS, POSITION, STATUS, dataflash, ulog
 
 from saflite.console.operations.log_judging import judge_file
 from saflite.contract.verdict import Verdict
+from saflite.flight.logs.dataflash import read_dataflash_log
 from saflite.flight.logs.ground import above_ground
 
 RULES = ("armed-in-flight", "landed-on-ground")
@@ -243,3 +244,20 @@ def test_a_barometer_that_is_silent_says_nothing_of_a_fall() -> None:
     silent = above_ground(height_m, armed, landed, 0.05, baro_m=np.full(len(at_s), np.nan))
     np.testing.assert_array_equal(silent, above_ground(height_m, armed, landed, 0.05))
     assert np.nanmax(silent) > 5.0
+
+
+@pytest.mark.parametrize(
+    ("status", "off_m", "known"), [(2, -40.0, False), (2, -1.0, True), (2, 5.0, True), (1, -40.0, True)]
+)
+def test_where_a_landing_slows_down_is_not_known_where_terrain_data_put_the_ground_higher(
+    status: int, off_m: float, known: bool, tmp_path: Path
+) -> None:
+    kinds = {**KINDS, "PARM": ("QNf", "TimeUS,Name,Value"), "TERR": ("QBf", "TimeUS,Status,CHeight")}
+    rows: list[tuple[str, tuple[Any, ...]]] = [("PARM", (1_000_000, b"LAND_ALT_LOW", 1000.0))]
+    for tenth in range(10, 200):
+        rows += [("XKF1", (tenth * 100_000, 0, 0.0, 0.0, -25.0 if tenth > 12 else 0.0, 0.0, 0.0, 0.0))]
+        rows += [("TERR", (tenth * 100_000, status, 25.0 + off_m))] if tenth >= 100 else []
+    path = tmp_path / "flight.bin"
+    path.write_bytes(dataflash(kinds, rows))
+    low_m = read_dataflash_log(path).trace.array("land_altitude_low_set_m")
+    assert (low_m[40], bool(np.isfinite(low_m[-1]))) == (10.0, known)

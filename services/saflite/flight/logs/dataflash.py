@@ -32,6 +32,8 @@ from saflite.flight.logs.home import Place, add_home, homes_of_ardupilot
 from saflite.flight.logs.leaps import add_leaps_of_ardupilot
 from saflite.flight.logs.resample import Columns
 from saflite.flight.logs.settings import ARDUPILOT, SOURCE_SET, add_settings, sources
+from saflite.flight.logs.targets import targets_of_ardupilot
+from saflite.flight.logs.terrain import forget_by_terrain
 from saflite.flight.mavlink.items import ORDERED_PLACES
 from saflite.flight.mission import to_local
 
@@ -65,6 +67,7 @@ _SOURCES = {
     "climb_mps": "XKF1, NKF1 or CTUN.CRt",
     **{signal: f"{kind}.{field}" for kind, fields in _FIELDS.items() for field, signal in fields.items()},
     **{signal: f"ATT.{field} or AHR2.{field}" for field, signal in _LEAN.items()},
+    "baro_altitude_m": "BARO.Alt, CTUN.BAlt or CTUN.BarAlt",
     "home_distance_m": "ORGN, else from where the log begins",
     "mode": "MODE.ModeNum or MODE.Mode",
     "throttle": "CTUN.ThO or CTUN.ThrOut",
@@ -103,6 +106,7 @@ _OF_COPTERS = (
     *("WPNAV_SPEED", "PILOT_SPEED_UP", "PILOT_VELZ_MAX", "LAND_SPEED", "RTL_ALT"),
     *("LAND_SPD_MS", "RTL_ALT_M"),
 )
+_OF_OLD_PX4 = {"LPOS", "STAT", "TIME"}
 _NO_HOME = "ORGN, without which a log that begins in the air does not tell places"
 
 
@@ -119,6 +123,9 @@ def read_dataflash_log(path: Path, *, placed: bool = False) -> FlightLog:
             `placed`) or all signals.
     """
     rows, formats, lost = load(path)
+    if formats.keys() >= _OF_OLD_PX4 and "MODE" not in formats:
+        got = "a log of an old PX4 (sdlog2); later ones write ULog (.ulg)"
+        raise Refused("ArduPilot log", where=str(path), expected="an ArduCopter log", got=got)
     monitor = int(lowest(rows["BAT"] or rows["CURR"]))
     held = _first(batteries.of_monitor(settings_told(rows), monitor))
     _check_copter(rows, held, path)
@@ -138,11 +145,13 @@ def read_dataflash_log(path: Path, *, placed: bool = False) -> FlightLog:
     _modes(rows, columns)
     add_leaps_of_ardupilot(rows, held, columns)
     changes = _parameters(rows, monitor, columns)
+    targets = targets_of_ardupilot(rows, columns)
+    forget_by_terrain(rows, columns)
     columns.messages = [(at, str(row.get("Message", "")), "info") for at, row in rows["MSG"]]
     homeless = () if placed else _from_home(rows, columns)
     add_home(columns, homes_of_ardupilot(rows, frame))
     trace = columns.trace("ArduPilot log", str(path), placed=placed)
-    given = [*changes, *_commands(rows)]
+    given = [*changes, *_commands(rows), *targets]
     stimuli = within(given, *columns.span("ArduPilot log", str(path), placed=placed))
     crashed = "crashed" in columns and bool((trace.array("crashed") == 1.0).any())
     logged = {kind for kind, told in rows.items() if told}
@@ -262,12 +271,14 @@ def _geographic(rows: Rows, columns: Columns) -> Place | None:
 def _height(rows: Rows, formats: Mapping[str, str], columns: Columns) -> None:
     """Add height and climb of CTUN where no estimate tells them, and that the barometer answers.
 
-    CTUN.CRt is in cm/s where it is a whole number.
+    Its height is that of CTUN where it has no message of its own. CTUN.CRt is in cm/s where it is a whole number.
     """
     if "altitude_m" not in columns:
         _column(columns, "altitude_m", points(rows["CTUN"], "Alt"))
     if "climb_mps" not in columns and formats.get("CTUN", "").endswith("h"):
         _column(columns, "climb_mps", points(rows["CTUN"], "CRt", scale=1.0 / _CM_PER_M))
+    if not points(rows["BARO"], "Alt"):
+        _column(columns, "baro_altitude_m", points(rows["CTUN"], "BAlt", "BarAlt"))
     healthy = [(at, float(bool(row.get("H", row.get("Health", 1))))) for at, row in rows["BARO"]]
     _column(columns, "baro_ok", healthy)
 

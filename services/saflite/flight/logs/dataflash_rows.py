@@ -39,6 +39,10 @@ _PLAIN = (
     "ARM",
     "ORGN",
     "VIBE",
+    "GUID",
+    "GUIP",
+    "GUIA",
+    "TERR",
 )
 _FILTERS = ("XKF1", "NKF1", "EKF1", "XKF4", "NKF4")
 _INSTANCES = ("GPS", "BARO", "BAT", "CURR")
@@ -155,10 +159,10 @@ def _clock(formats: dict[str, Any]) -> Callable[[Any], float]:
 
 
 def _begin_with_the_clock(rows: Rows) -> None:
-    """Have what stands before the first row with a time (the mode and the event of arming do) happen then."""
-    known = [at_s for told in rows.values() for at_s, _ in told if not math.isnan(at_s)]
-    for kind, told in rows.items() if known else ():
-        rows[kind] = [(min(known) if math.isnan(at_s) else at_s, fields) for at_s, fields in told]
+    """Have what stands before the first row with a time (the mode and the event of arming do) happen then, or at 0."""
+    first_s = min((at_s for told in rows.values() for at_s, _ in told if not math.isnan(at_s)), default=0.0)
+    for kind, told in rows.items():
+        rows[kind] = [(first_s if math.isnan(at_s) else at_s, fields) for at_s, fields in told]
 
 
 def _leave_out_damage(rows: Rows) -> tuple[str, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+import re
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout, suppress
@@ -51,9 +52,23 @@ def kind_of(path: Path) -> str:
     if kind:
         return kind
     kind = _SAME.get(path.suffix.lower(), path.suffix.lower())
-    if kind not in READERS:
-        raise Refused("flight log", where=str(path), expected=", ".join(READERS), got=path.suffix or "no suffix")
+    other = _of_another_kind(path, kind)
+    if kind not in READERS or other:
+        got = other or path.suffix or "no suffix"
+        raise Refused("flight log", where=str(path), expected=", ".join(READERS), got=got)
     return kind
+
+
+def _of_another_kind(path: Path, suffix: str) -> str:
+    """Return in words what another log of flights a file is, empty where it is none that is known."""
+    start = b""
+    with suppress(OSError), path.open("rb") as file:
+        start = file.read(_HEAD_BYTES)
+    if suffix in (".log", ".txt", ".bin") and _DESCRIBED.search(start):
+        return "a DataFlash log as text; the autopilot keeps it as .bin, from which the text was made"
+    if suffix not in READERS and start[_STAMP_BYTES : _STAMP_BYTES + 1] in _MAVLINK:
+        return "telemetry as a ground station keeps it; judge the log of the autopilot itself"
+    return ""
 
 
 def begins_as_log(path: Path) -> bool:
@@ -121,6 +136,8 @@ READERS: dict[str, Callable[..., Trace | FlightLog]] = {
     ".csv": _extract,
 }
 ULOG_MAGIC, DATAFLASH_HEAD = b"ULog\x01\x12\x35", b"\xa3\x95"
+_HEAD_BYTES, _DESCRIBED = 4096, re.compile(rb"^\s*FMT, ?\d", re.MULTILINE)
+_STAMP_BYTES, _MAVLINK = 8, (b"\xfe", b"\xfd")  # a time before each message, which begins so in MAVLink 1 and 2
 _SAME = {".ulog": ".ulg"}
 SUFFIXES = (*READERS, *_SAME)
 """What names of logs end in, in small letters."""

@@ -35,6 +35,7 @@ from saflite.flight.logs.home import Homes, Place, add_home, homes_of_px4
 from saflite.flight.logs.leaps import add_leaps_of_px4
 from saflite.flight.logs.resample import POSITION, Columns
 from saflite.flight.logs.settings import PX4, add_settings, sources
+from saflite.flight.logs.targets import targets_of_px4
 from saflite.flight.logs.topics import Topics, chosen, field, held
 from saflite.flight.logs.ulog_bounds import TooMany, bounded
 from saflite.flight.logs.ulog_commands import commands_of
@@ -128,6 +129,7 @@ def read_ulog_log(path: Path, *, placed: bool = False) -> FlightLog:
     add_leaps_of_px4(topics, columns)
     add_settings(columns, PX4, parameters, changes)
     _takeoff_height(topics, columns)
+    targets = targets_of_px4(topics, columns)
     ulog_states.add_position_aided(topics, parameters, changes, columns)
     ulog_states.add_parachute(topics, parameters, columns)
     ulog_states.add_fence_that_never_acts(parameters, changes, columns)
@@ -142,7 +144,8 @@ def read_ulog_log(path: Path, *, placed: bool = False) -> FlightLog:
         if changed_by_hand(name)
     ]
     trace = columns.trace("PX4 log", str(path), placed=placed)
-    stimuli = within([*set_by_hand, *commands_of(topics)], *columns.span("PX4 log", str(path), placed=placed))
+    given = [*set_by_hand, *commands_of(topics), *targets]
+    stimuli = within(given, *columns.span("PX4 log", str(path), placed=placed))
     told = {**told_of(SOURCES, topics, columns), **dict.fromkeys(homeless, NO_HOME)}
     return FlightLog(trace, stimuli, told, crashed, UNTOLD, lost)
 

@@ -1,0 +1,88 @@
+"""Targets that a companion computer streams: orders that are no commands, and speeds that are no settings.
+
+In ArduCopter's GUIDED and in PX4's offboard mode messages of MAVLink (SET_POSITION_TARGET_LOCAL_NED and the like) say
+where to go, how fast or at which lean, many times a second. ArduCopter logs each (GUID up to 4.0, GUIP and GUIA since)
+with a number that says what it is of; PX4 stays in offboard for as long as they come. Where they tell more than a place
+the vehicle flies by them, whatever the speeds of autonomous modes are set to.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from saflite.contract.test_case import Stimulus
+from saflite.flight.logs.dataflash_rows import Rows, points
+from saflite.flight.logs.resample import Columns
+from saflite.flight.logs.topics import Topics, field, held
+
+ORDER = "SET_POSITION_TARGET_LOCAL_NED"
+_SPEEDS = ("cruise_speed_set_mps", "takeoff_speed_set_mps", "descent_speed_set_mps")
+_OWN_SPEED = {"GUIP": 3, "GUID": 2, "GUIA": 0}  # from that number on: speed, acceleration, lean; below: places
+_OFFBOARD = 14  # vehicle_status.NAVIGATION_STATE_OFFBOARD
+_APART_S, _ORDERS_MAX = 1.0, 5_000  # between orders: they stand for a stream, of a long one for more of it each
+_SAME_S = 0.3  # what a command orders is logged as a target, too
+
+Span = tuple[float, float]
+
+
+def targets_of_ardupilot(rows: Rows, columns: Columns) -> list[Stimulus]:
+    """Return the targets as orders, and have the speeds set not be known where others are flown."""
+    told = sorted(
+        (at_s, number >= least) for kind, least in _OWN_SPEED.items() for at_s, number in points(rows[kind], "Type")
+    )
+    ends_s = [at_s for at_s, _ in rows["MODE"]]
+    marks = sorted([*told, *((at_s, False) for at_s in ends_s)])
+    spans, since_s = list[Span](), None
+    for at_s, own in marks:
+        if own and since_s is None:
+            since_s = at_s
+        elif not own and since_s is not None:
+            spans.append((since_s, at_s))
+            since_s = None
+    if since_s is not None:
+        spans.append((since_s, np.inf))
+    _forget(columns, spans)
+    ordered_s = np.array(sorted(at_s for at_s, _ in rows["MAVC"]))
+    return _orders(at_s for at_s, own in told if own or not _near(ordered_s, at_s))
+
+
+def targets_of_px4(topics: Topics, columns: Columns) -> list[Stimulus]:
+    """Return the orders that offboard mode stands for, and have the speeds set not be known in it."""
+    state = field(topics, "vehicle_status", "nav_state")
+    if state is None or not len(state[0]):
+        return []
+    flags = np.concatenate([[False], state[1] == _OFFBOARD, [False]])
+    begin, end = (np.flatnonzero(np.diff(flags.astype(np.int8)) == step) for step in (1, -1))
+    last_s = max((float(topic["timestamp"][-1]) / 1e6 for topic in topics.values()), default=0.0)
+    ends_s = np.append(state[0], np.inf)
+    spans = [(float(state[0][first]), float(ends_s[after])) for first, after in zip(begin, end, strict=True)]
+    _forget(columns, spans)
+    return _orders(at_s for since_s, until_s in spans for at_s in np.arange(since_s, min(until_s, last_s), _APART_S))
+
+
+def _orders(times_s: Iterable[float]) -> list[Stimulus]:
+    found: list[Stimulus] = []
+    told_s = list(times_s)
+    apart_s = max(_APART_S, (told_s[-1] - told_s[0]) / _ORDERS_MAX) if told_s else _APART_S
+    for at_s in told_s:
+        if not found or at_s >= found[-1].at_s + apart_s - 1e-6:
+            found.append(Stimulus(at_s=float(at_s), kind="command", name=ORDER))
+    return found
+
+
+def _near(times_s: np.ndarray, at_s: float) -> bool:
+    return bool(len(times_s)) and float(np.abs(times_s - at_s).min()) <= _SAME_S
+
+
+def _forget(columns: Columns, spans: list[Span]) -> None:
+    """Have the speeds set not be known within spans of time."""
+    for name in _SPEEDS:
+        course = columns.get(name)
+        if course is None or not spans:
+            continue
+        edges = [at_s for span in spans for at_s in span if np.isfinite(at_s)]
+        times = np.union1d(course[0], edges)
+        inside = np.any([(times >= since_s) & (times < until_s) for since_s, until_s in spans], axis=0)
+        columns.hold(name, times, np.where(inside, np.nan, held(course, times)))
