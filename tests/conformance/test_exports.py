@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -15,7 +16,9 @@ from saflite.contract.config import Campaign
 from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.test_case import Obstacle, Scenario, StartState, Stimulus, Target, TestCase, identity
 from saflite.contract.verdict import Judgement, Violation
+from saflite.flight import autopilots
 from saflite.flight.mission import builtin_mission
+from saflite.oracle.policy import load_policy
 from saflite.recorder import export
 from saflite.recorder.exports.aerialist import read_case
 from saflite.recorder.summary import Finding, PolicyFacts, Rulings, RunSummary
@@ -191,3 +194,17 @@ def test_the_table_has_a_row_per_violation(tmp_path: Path) -> None:
     assert rows[0]["min_distance_m"] == "1.0"
     assert "box 10x5x20" in rows[0]["inputs"]
     assert "MAV_CMD_DO_PARACHUTE 2" in rows[1]["inputs"]
+
+
+@pytest.mark.parametrize(
+    "script", ["px4/standalone/script.py", "ardupilot/standalone/script.py", "ardupilot/standalone/autotest_case.py"]
+)
+def test_the_log_of_a_script_is_judged_as_the_flight_was(script: str) -> None:
+    """A hold soon after a take-off was ordered goes where that says; no flight of the farm begins so."""
+    text = (Path(autopilots.__file__).parent / script).read_text(encoding="utf-8")
+    names, values = next(
+        (names.split(", "), values.split(", "))
+        for names, values in re.findall(r"^([A-Z_, ]+) = ([\d., ]+?)(?:  #.*)?$", text, re.MULTILINE)
+        if "SETTLE_S" in names.split(", ")
+    )
+    assert float(values[names.index("SETTLE_S")]) >= load_policy("px-hold1").file.constants["ordered_s"]

@@ -232,7 +232,9 @@ def _dispatch(words: list[str]) -> int:
 
         use(args.module)
     if getattr(args, "autopilot", None) is not None:
-        _fly_with(args.autopilot)
+        from saflite.console.io import named_autopilot
+
+        named_autopilot.use(args.autopilot)
     try:
         code: int = module.run(args)
     except SystemExit as fault:  # no command raises it: code from outside did, when it was asked for something
@@ -243,15 +245,6 @@ def _dispatch(words: list[str]) -> int:
 
 def _is_text(word: str) -> bool:
     return not any("\ud800" <= character <= "\udfff" for character in word)
-
-
-def _fly_with(path: Path) -> None:
-    """Have the real autopilot in a file fly for the target that it is."""
-    from saflite.flight.autopilots.ardupilot import binary as ardupilot
-    from saflite.flight.autopilots.px4 import binary as px4
-
-    either = "name a simulator build: ArduCopter's (SITL), or bin/px4 of PX4's"
-    (px4.BINARIES if px4.is_px4(path) else ardupilot.BINARIES._replace(wanted=either)).use(path)
 
 
 def parser_of(name: str, parser: argparse.ArgumentParser | None = None) -> argparse.ArgumentParser:

@@ -187,6 +187,7 @@ def check_build(run_dir: Path, *, flies_here: bool, goes_on: bool) -> None:
 
     Raises:
         Refused: it is one, or no run that can be taken up again.
+        Unavailable: it is one, since what its target needs is missing here.
     """
     from saflite.campaign.storage.store import target_of
     from saflite.simulator_worker.registry import describe_target
@@ -195,15 +196,17 @@ def check_build(run_dir: Path, *, flies_here: bool, goes_on: bool) -> None:
     if not (flies_here and wanted.build):
         return
     try:
-        here = describe_target(wanted.name).build
+        here = describe_target(wanted.name)
     except (Refused, Unavailable):
         return
-    if here != wanted.build and (goes_on or not _is_over(run_dir)):
+    if here.build != wanted.build and (goes_on or not _is_over(run_dir)):
+        if here.missing:
+            raise Unavailable(here.missing)
         raise Refused(
             f"build of {wanted.name}",
             where=str(run_dir),
             expected=f"{wanted.build[:BUILD_SHOWN]}, which this run flies",
-            got=here[:BUILD_SHOWN],
+            got=here.build[:BUILD_SHOWN],
             fix="take it up with the software it was made with, or with --workers 0 --listen, for workers that have it",
         )
 

@@ -261,6 +261,20 @@ def test_metadata_beside_the_binary_gives_ranges(tmp_path: Path) -> None:
     assert documented(tmp_path / "elsewhere" / "arducopter") == {}
 
 
+def test_searches_leave_out_how_the_vehicle_is_built_and_wired(tmp_path: Path) -> None:
+    span = {"Range": {"low": "800", "high": "2200"}, "Units": "PWM"}
+    built = dict.fromkeys(("SERVO1_MIN", "MOT_PWM_MAX", "RCMAP_ROLL", "INS_ACC2SCAL_X", "SERIAL1_BAUD"), span)
+    built["AHRS_ORIENTATION"] = {"Values": {"0": "None", "8": "Roll180"}}
+    flown = {"ATC_THR_G_BOOST": span, "SERVO9_FUNCTION": {"Values": {"0": "Disabled"}}}
+    (tmp_path / "apm.pdef.json").write_text(json.dumps({"": built | flown}))
+    found = binary.BINARIES.inspect(program(tmp_path / "arducopter", b"ArduCopter V4.5.7", BACKEND))
+    listing = Listing(binary="0" * 64, parameters={name: Row(1000.0, 9) for name in (*built, *flown)})
+    told = {entry.name: entry for entry in describe(found, listing, "").inputs}
+    assert {(told[name].low, told[name].choices) for name in built} == {(None, ())}, "known, without a range"
+    assert (told["SERVO1_MIN"].unit, told["ATC_THR_G_BOOST"].low) == ("PWM", 800.0)
+    assert told["SERVO9_FUNCTION"].low is not None, "our own table has a range for this one"
+
+
 def test_every_command_offered_is_one_of_the_dialect() -> None:
     assert [name for name in COMMANDS if name not in command_numbers()] == []
 

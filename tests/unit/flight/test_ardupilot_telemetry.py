@@ -142,3 +142,28 @@ def test_a_long_text_in_pieces_is_one(vehicle: Vehicle) -> None:
     told.take(message("STATUSTEXT", severity=4, id=7, chunk_seq=1, text=rest), 1.0)
     told.take(message("STATUSTEXT", severity=4, text=b" Radio Failsafe "), 2.0)
     assert [one.text for one in told.texts] == [(first + rest).decode().strip(), "Radio Failsafe"]
+
+
+def test_a_build_that_tells_of_no_ekf_failsafe_tells_it_by_what_it_says_before(vehicle: Vehicle) -> None:
+    """4.1 changes the mode and says "EKF variance" only; what ends it is told by no text at all."""
+    told = Telemetry(vehicle, {"FS_EKF_THRESH": 0.8, "FS_EKF_ACTION": 1.0}, HOME)
+    told.tells_ekf = False
+    variance = message("STATUSTEXT", severity=2, text=b"EKF variance")
+    bad = message("EKF_STATUS_REPORT", flags=EKF_NEEDED, velocity_variance=1.2, compass_variance=0.9)
+    good = message("EKF_STATUS_REPORT", flags=EKF_NEEDED, velocity_variance=0.1, compass_variance=0.1)
+    told.take(message("HEARTBEAT", custom_mode=MODES["ALT_HOLD"], base_mode=ARMED + 1), 1.0)
+    told.take(variance, 1.1)
+    assert vehicle["failsafe_gps"] == 0.0, "a mode that needs no position stays"
+    told.take(message("HEARTBEAT", custom_mode=MODES["GUIDED"], base_mode=ARMED + 1), 2.0)
+    told.take(variance, 2.1)
+    assert vehicle["failsafe_gps"] == 1.0
+    for _ in range(20):
+        told.take(bad, 3.0)
+        told.take(good, 3.1)
+    assert vehicle["failsafe_gps"] == 1.0
+    for _ in range(6):
+        told.take(good, 4.0)
+    assert vehicle["failsafe_gps"] == 0.0
+    told.tells_ekf = True
+    told.take(variance, 5.0)
+    assert vehicle["failsafe_gps"] == 0.0, "a build that tells of it says so itself"

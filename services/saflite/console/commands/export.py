@@ -30,6 +30,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     what.add_argument("--standalone", metavar="TEST_CASE", help=words)
     what.add_argument("--recording", metavar="TEST_CASE", help="fly this test case again and write its recording")
     parser.add_argument("--out", type=Path, help="folder to write to (RUN/export-FORMAT, RUN/export-recording)")
+    arguments.add_autopilot(parser)
     embargo.add_release(parser)
     outputs.add_force(parser)
     parser.add_argument("--json", action="store_true", help="print the files as JSON")

@@ -9,8 +9,12 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from saflite.console.io import outputs
+
+if TYPE_CHECKING:
+    from saflite.contract.work import MutateResult, MutateWork
 
 COUNT_MAX = 10_000  # what one round of a campaign may have
 
@@ -40,11 +44,9 @@ def run(args: argparse.Namespace) -> int:
     from saflite.campaign.scheduling.proposal_check import unfit
     from saflite.console.io import campaign_options, case_files
     from saflite.console.view import out
-    from saflite.contract import wire
     from saflite.contract.errors import Refused
     from saflite.contract.test_case import identity
-    from saflite.contract.work import MutateResult, MutateWork
-    from saflite.mutator.work import open_service
+    from saflite.contract.work import MutateWork
     from saflite.simulator_worker.registry import describe_target
 
     campaign = campaign_options.changed(
@@ -77,9 +79,7 @@ def run(args: argparse.Namespace) -> int:
         from_cursor=-1,
         cursor=-1,
     )
-    result = open_service().do(work, lambda: False)
-    assert isinstance(result, MutateResult)
-    result = wire.checked(result, MutateResult)  # as whoever reads them again will: in a farm, the books
+    result = _proposed(work)
     why = unfit(result.test_cases, work.template, args.count, campaign.scorer.batch)
     if why is not None:
         raise Refused(f"what strategy {work.strategy} proposes", expected=why.expected, got=why.got)
@@ -91,3 +91,19 @@ def run(args: argparse.Namespace) -> int:
     if args.out is not None:
         case_files.write_cases(result.test_cases, args.out, force=args.force)
     return 0
+
+
+def _proposed(work: MutateWork) -> MutateResult:
+    from saflite.contract import wire
+    from saflite.contract.errors import Refused, Unavailable
+    from saflite.contract.work import MutateResult
+    from saflite.mutator.work import open_service
+
+    try:
+        result = open_service().do(work, lambda: False)
+    except Refused as fault:
+        if work.target.missing:  # such a target does not tell what its inputs are
+            raise Unavailable(work.target.missing) from fault
+        raise
+    assert isinstance(result, MutateResult)
+    return wire.checked(result, MutateResult)  # as whoever reads them again will: in a farm, the books

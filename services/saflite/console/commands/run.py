@@ -67,7 +67,7 @@ def _on_top(campaign: Campaign) -> str:
 
 def run(args: argparse.Namespace) -> int:
     """Run the campaign to its end; 1 if violations were found that are confirmed, or not refuted yet."""
-    from saflite.console.io import campaign_options
+    from saflite.console.io import campaign_options, named_autopilot
     from saflite.console.operations import running
     from saflite.console.run_data import corpus
     from saflite.console.view import out
@@ -90,6 +90,7 @@ def run(args: argparse.Namespace) -> int:
     if args.corpus is not None:
         campaign = corpus.with_corpus(campaign, args.corpus, describe_target(campaign.target.name))
     campaign_options.check_runnable(campaign)
+    named_autopilot.check_flies(args.autopilot, campaign.target.name)
     run_dir = args.out or running.free_folder(campaign.name)
     running.check_new(run_dir)
     if not args.json:

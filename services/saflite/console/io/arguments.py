@@ -110,6 +110,11 @@ def add_modules(parser: argparse.ArgumentParser) -> None:
     """Name the arguments that give modules and an autopilot from outside; the command line hands them on."""
     text = "file with a target, strategy, scorer (.py) or policy (.toml) from outside (may be repeated)"
     parser.add_argument("--module", type=Path, action="append", default=[], metavar="FILE", help=text)
+    add_autopilot(parser)
+
+
+def add_autopilot(parser: argparse.ArgumentParser) -> None:
+    """Name the argument that gives an autopilot from outside; the command line hands it on."""
     autopilot = "simulator build of ArduCopter or PX4 that flies for that target; known by its content, not its path"
     parser.add_argument("--autopilot", type=Path, metavar="PATH", help=autopilot)
 

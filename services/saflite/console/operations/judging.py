@@ -9,6 +9,7 @@ import numpy as np
 
 from saflite.console.cli import NOTHING_JUDGED
 from saflite.console.view import out
+from saflite.contract.errors import Unavailable
 from saflite.contract.flight import Flight, unpack_trace
 from saflite.contract.plain import some
 from saflite.contract.test_case import TestCase, identity, stimulus_text
@@ -59,8 +60,17 @@ class OwnSimulator:
         self._flyer.close()
 
 
+def check_flies_here(target: str) -> None:
+    """Raise Unavailable where something is missing here without which nothing of a target can be flown."""
+    from saflite.simulator_worker.registry import describe_target
+
+    if missing := describe_target(target).missing:
+        raise Unavailable(missing)
+
+
 def fly(case: TestCase, wall_limit_s: float) -> Flown:
-    """Fly the test case once in a sandbox; raises as `OwnSimulator.fly` does."""
+    """Fly the test case once in a sandbox; raises as `OwnSimulator.fly` and `check_flies_here` do."""
+    check_flies_here(case.target.name)
     simulator = OwnSimulator()
     try:
         return simulator.fly(case, wall_limit_s)

@@ -23,7 +23,7 @@ def record_again(run_dir: Path, wanted: str, folder: Path, wall_limit_s: float) 
 
     Raises:
         Refused: the run holds no such test case, it was not judged, or flies differently on the software here.
-        Unavailable: the simulator does not come up, or the disk does not take the file.
+        Unavailable: its target cannot be flown here, the simulator does not come up, or the disk is full.
     """
     with open_run(run_dir) as run:
         rows = [row for row in run.flights() if row.test_case.startswith(wanted) and row.purpose not in UNTOLD]
@@ -36,6 +36,7 @@ def record_again(run_dir: Path, wanted: str, folder: Path, wall_limit_s: float) 
         violation, texts = shown.get((row.test_case, row.flight_index)), run.campaign.policy_texts
     if judgement is None:
         raise Refused("test case", where=str(run_dir), expected="one that was judged", got=row.ending)
+    judging.check_flies_here(test_case.target.name)
     simulator = judging.OwnSimulator()
     try:
         flown = simulator.fly(test_case, wall_limit_s, row.flight_index, row.flight_index)

@@ -122,7 +122,11 @@ def replay(found: Sequence[Entry], times: int | None, wall_limit_s: float) -> It
     """Yield each repetition as it lands; a test case without a record is flown once more and compared with itself.
 
     `times` None flies each once where flights repeat bit by bit, five times on other targets.
+
+    Raises Unavailable before the first where something is missing that one of them needs to be flown.
     """
+    for target in dict.fromkeys(entry.test_case.target.name for entry in found):
+        judging.check_flies_here(target)
     simulator = judging.OwnSimulator()
     try:
         for entry in found:
@@ -154,7 +158,8 @@ def replay(found: Sequence[Entry], times: int | None, wall_limit_s: float) -> It
 
 def line(result: Replayed) -> str:
     """Return a repetition in one line."""
-    return f"{result.name}  {result.ending}  {_said(result)}  trace {result.trace_digest[:12]}{_compared(result)}"
+    trace = f"trace {result.trace_digest[:12]}" if result.trace_digest else "no trace,"
+    return f"{result.name}  {result.ending}  {_said(result)}  {trace}{_compared(result)}"
 
 
 def differs(result: Replayed) -> bool:

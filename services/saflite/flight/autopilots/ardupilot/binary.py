@@ -24,6 +24,7 @@ _PX4 = b"px4_daemon"
 _BACKEND = b"JSON control interface set to"
 _SERIAL, _START_TIME = b"--serial0", b"--start-time"
 _NAMES_THREADS = b"pthread_setname_np"
+_TELLS_EKF = b"EKF Failsafe"
 
 
 class Options(NamedTuple):
@@ -60,6 +61,11 @@ def options_of(binary: Binary) -> Options:
 def names_threads(binary: Binary) -> bool:
     """Return whether a build names its threads, so that the gate knows which of them plans ways round obstacles."""
     return _holds(binary, _NAMES_THREADS)
+
+
+def tells_ekf(binary: Binary) -> bool:
+    """Return whether a build says that its filter's failsafe acts, and when that is over; 4.1-dev does not."""
+    return _holds(binary, _TELLS_EKF)
 
 
 @cache

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -48,6 +49,14 @@ NOT_OFFERED = frozenset(
 )
 """Parameters that would take the link or the clock away from the world rather than say anything of the vehicle."""
 _OURS = ("SERIAL0_", "SR0_")
+_BUILT = re.compile(
+    r"SERIAL|SR\d_|SCHED_|BRD_|LOG_|TELEM_|CAN_|NET_|SCR_"  # link, clock and log
+    r"|FRAME_|SERVO|MOT_PWM_|RCMAP_|RC_PROTOCOLS|RC\d+_(REVERSED|OPTION)|FLTMODE_CH|AHRS_(ORIENT|CUSTOM_)|CUST_ROT"
+    r"|COMPASS_(ORIENT|EXTERN|TYPEMASK|OFS[23]|DIA|ODI|MOT|SCALE)|BARO\d_WCF"
+    r"|INS_(ENABLE_MASK|FAST_SAMPLE|POS|ACC[23]|ACCSCAL|GYR[23]|TCAL)"
+)
+"""Those that say how the vehicle is built, wired and calibrated, and what its switches are: where metadata gives ranges
+for them, searches do not draw from these, as nobody rebuilds it in flight. Ranges of our own table stay."""
 GLITCH_DEG = 0.001  # some 100 m
 OWN_UNITS = {f"SIM_GPS_GLITCH_{axis}": Documented(-GLITCH_DEG, GLITCH_DEG, "deg") for axis in ("X", "Y")}
 """Names shared with our own vehicle that mean something else here: latitude and longitude (4.5.7, `SIM_GPS.cpp`)."""
@@ -86,7 +95,11 @@ def _parameters(listing: Listing, binary: Path) -> Iterator[InputInfo]:
     """Yield the binary's parameters; without metadata, ranges stand for the names that our own vehicle shares."""
     told = {name: Documented(low, high) for name, (low, high) in setting_ranges(DEFAULT_TARGET).items()}
     told.update(OWN_UNITS)
-    told.update(documented(binary))
+    for name, found in documented(binary).items():
+        if not _BUILT.match(name):
+            told[name] = found
+        elif name not in told:
+            told[name] = found._replace(low=None, high=None, choices=())
     for name, row in listing.parameters.items():
         if name not in NOT_OFFERED and not name.startswith(_OURS):
             default = TUNE.get(name, row.value)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from saflite.contract.errors import Unavailable
 from saflite.contract.rng import derive
 from saflite.contract.test_case import Stimulus, TestCase
+from saflite.flight.autopilots.ardupilot.binary import tells_ekf
 from saflite.flight.autopilots.ardupilot.bring_up import HEARTBEAT_S, Aircraft
 from saflite.flight.autopilots.ardupilot.inputs import MODE_NUMBERS
 from saflite.flight.autopilots.ardupilot.mission import as_taken
@@ -72,6 +73,7 @@ class ArduPilotFlight(ExternalFlight):
     def _greet(self, aircraft: Aircraft) -> None:
         made = OwnTruth if self._own_physics else Telemetry
         self._telemetry = made(aircraft.vehicle, self._parameters, self._home)
+        self._telemetry.tells_ekf = tells_ekf(self._binary)
         pulses_us, stimuli = aircraft.pulses_us, self.test_case.stimuli
         self._inputs = Inputs(aircraft.client, pulses_us, stimuli, self._listing, MODE_NUMBERS)
         self._inputs.on_accepted = lambda stimulus: _note_takeoff(aircraft, stimulus)

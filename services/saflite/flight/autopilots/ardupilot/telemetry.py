@@ -40,6 +40,10 @@ RATES_HZ: dict[str, float] = {
 }
 AUTONOMOUS = (MODES["AUTO"], MODES["GUIDED"])
 GEOFENCE = 1048576  # MAV_SYS_STATUS_GEOFENCE
+_BY_HAND = ("STABILIZE", "ACRO", "ALT_HOLD", "SPORT", "FLIP", "LAND", "AUTOTUNE", "GUIDED_NOGPS", "FLOWHOLD", "TURTLE")
+NEED_NO_PLACE = frozenset(float(MODES[name]) for name in _BY_HAND)
+LANDS_FROM_ALL = 3.0  # FS_EKF_ACTION
+SOUND_REPORTS = 6  # of the filter, 5 a second, until its failsafe is over: a second without a variance above the limit
 ORIGIN_STEP_M = 3.0  # the same place, told by two messages a moment apart, differs by less
 ARMED = 128  # MAV_MODE_FLAG_SAFETY_ARMED
 EKF_NEEDED = 1 | 2 | 4 | 8 | 16 | 32  # EKF_STATUS_FLAGS: attitude, speeds, places, height
@@ -60,6 +64,7 @@ class Telemetry(telemetry.Telemetry):
         super().__init__(vehicle, parameters, home, kinds, settings.show)
         self._prearm = self._ekf = self._taking_off = False
         self._local_xy, self._origin_xy, self._jumped = (0.0, 0.0), (0.0, 0.0), False
+        self.tells_ekf, self._sound_reports = True, 0  # whether this build tells of the filter's failsafe
         self._fenced: bool | None = None  # the parameter does not tell: DO_FENCE_ENABLE leaves it as it is
 
     def tick(self) -> None:
@@ -131,6 +136,12 @@ class Telemetry(telemetry.Telemetry):
     def _ekf_status_report(self, message: Any) -> None:
         self._ekf = message.flags & EKF_NEEDED == EKF_NEEDED
         self.ready = self._prearm and self._ekf
+        if not self.tells_ekf and self.vehicle["failsafe_gps"] != 0.0:
+            limit = self.parameters.get("FS_EKF_THRESH", 0.8)
+            greatest = max(message.velocity_variance, message.pos_horiz_variance, message.compass_variance)
+            self._sound_reports = self._sound_reports + 1 if self._ekf and greatest < limit else 0
+            if self._sound_reports >= SOUND_REPORTS or self.vehicle["armed"] == 0.0:
+                self.vehicle["failsafe_gps"] = 0.0
 
     def _mission_current(self, message: Any) -> None:
         self.vehicle["mission_item"] = max(0.0, message.seq - 1.0)
@@ -145,5 +156,11 @@ class Telemetry(telemetry.Telemetry):
         for name in told[1].split(" + ") if told else ():
             if name in _FAILSAFES:
                 self.vehicle[_FAILSAFES[name]] = float(told is not None and "Cleared" not in told[2])
+        if not self.tells_ekf and text.startswith("EKF variance") and self._acts_on_lost_place():
+            self.vehicle["failsafe_gps"], self._sound_reports = 1.0, 0
         if text.startswith("Parachute: Released"):
             self.vehicle["chute_released"] = 1.0
+
+    def _acts_on_lost_place(self) -> bool:
+        lands = self.parameters.get("FS_EKF_ACTION", 0.0) == LANDS_FROM_ALL
+        return self.vehicle["armed"] != 0.0 and (lands or self.vehicle["mode"] not in NEED_NO_PLACE)

@@ -20,7 +20,7 @@ from vehicle_test_suite import NotAchievedException  # type: ignore[import-not-f
 
 FACTS: dict[str, Any] = json.loads(r"""{"@FACTS@": 0}""")
 GUIDED, START_MISSION, TAKEOFF = "GUIDED", 300, 22
-CLIMB_S, SETTLE_S, RULE_BROKEN = 90, 5, 1
+CLIMB_S, SETTLE_S, RULE_BROKEN = 90, 30, 1
 
 
 class Findings(arducopter.AutoTestCopter):  # type: ignore[misc]

@@ -19,7 +19,8 @@ from pymavlink import mavutil
 
 FACTS: dict[str, Any] = json.loads(r"""{"@FACTS@": 0}""")
 LINK_PORT, RADIO_PORT = 5760, 5501
-READY_S, CLIMB_S, SETTLE_S, ANSWER_S = 120.0, 90.0, 5.0, 5.0  # of the autopilot's own time
+READY_S, CLIMB_S, ANSWER_S = 120.0, 90.0, 5.0  # of the autopilot's own time
+SETTLE_S = 30.0  # rules go by how long ago a take-off was ordered when a hold begins
 SILENT_S = 30.0  # of wall time
 ARM, TAKEOFF, SET_MODE, START_MISSION, SET_INTERVAL = 400, 22, 176, 300, 511
 STREAMED = {"LOCAL_POSITION_NED": 32, "SYS_STATUS": 1, "EKF_STATUS_REPORT": 193, "ATTITUDE": 30}

@@ -19,7 +19,8 @@ from pymavlink import mavutil
 
 FACTS: dict[str, Any] = json.loads(r"""{"@FACTS@": 0}""")
 LINK = "udpin:127.0.0.1:14550"
-READY_S, CLIMB_S, SETTLE_S, ANSWER_S = 60.0, 60.0, 4.0, 3.0  # of the autopilot's own time
+READY_S, CLIMB_S, SETTLE_S, ANSWER_S = 60.0, 60.0, 30.0, 3.0  # of the autopilot's own time
+BETWEEN_S, ALTCTL = 1.0, (2, 0)  # rules go by how long ago a take-off was ordered when a hold begins
 BOOT_S, SILENT_S = 120.0, 30.0  # of wall time
 ARM, TAKEOFF, SET_MODE, SET_INTERVAL = 400, 22, 176, 511
 STREAMED = {"LOCAL_POSITION_NED": 32, "SYS_STATUS": 1, "GLOBAL_POSITION_INT": 33, "ATTITUDE": 30}
@@ -166,6 +167,8 @@ def start(vehicle: Vehicle) -> None:
         good = vehicle.order(TAKEOFF, 0, 0, 0, NAN, NAN, NAN, above_sea_m) and vehicle.order(ARM, 1)
         good = good and vehicle.wait(lambda: abs(vehicle.height_m - FACTS["altitude_m"]) < 0.7, CLIMB_S)
         vehicle.wait(lambda: False, SETTLE_S)
+        good = good and vehicle.order(SET_MODE, 1, *ALTCTL)  # out of the hold in which a take-off ends
+        vehicle.wait(lambda: False, BETWEEN_S)
         good = good and vehicle.order(SET_MODE, 1, *FACTS["mode"])
     else:
         if FACTS["armed"]:  # not in every mode
