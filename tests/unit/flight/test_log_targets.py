@@ -15,7 +15,7 @@ from saflite.flight.logs.dataflash import read_dataflash_log
 from saflite.flight.logs.dataflash_rows import Rows
 from saflite.flight.logs.flight_log import FlightLog
 from saflite.flight.logs.resample import Columns
-from saflite.flight.logs.targets import targets_of_ardupilot
+from saflite.flight.logs.targets import _forget, _near, targets_of_ardupilot
 from saflite.flight.logs.ulog import read_ulog_log
 from saflite.oracle.orders import may_change_mode
 
@@ -150,3 +150,17 @@ def test_offboard_is_a_stream_of_targets(state: int, streamed: bool, tmp_path: P
     ]
     given = [one.at_s for one in log.stimuli if one.name == NAME]
     assert given == (pytest.approx(np.arange(5.0, 25.0, 1.0), abs=0.01) if streamed else [])
+
+
+def test_a_flood_of_targets_and_orders_takes_time_with_its_length() -> None:
+    """Each target was compared with each order, each moment with each span: a log of a minute held for hours."""
+    many = 200_000
+    orders = np.arange(many, dtype=np.float64)
+    assert _near(orders, orders + 0.5).sum() == 0
+    assert _near(orders, orders + 0.1).all()
+    columns = Columns()
+    columns.hold("cruise_speed_set_mps", orders, np.full(many, 5.0))
+    _forget(columns, [(2.0 * place, 2.0 * place + 1.0) for place in range(many)])
+    course = columns.get("cruise_speed_set_mps")
+    assert course is not None
+    assert [bool(one) for one in np.isnan(course[1][:4])] == [True, False, True, False]

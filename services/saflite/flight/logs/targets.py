@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from saflite.contract.test_case import Stimulus
 from saflite.flight.logs.dataflash_rows import Rows, points
@@ -25,6 +26,7 @@ _APART_S, _ORDERS_MAX = 1.0, 5_000  # between orders: they stand for a stream, o
 _SAME_S = 0.3  # what a command orders is logged as a target, too
 
 Span = tuple[float, float]
+Times = NDArray[np.float64]
 
 
 def targets_of_ardupilot(rows: Rows, columns: Columns) -> list[Stimulus]:
@@ -45,7 +47,9 @@ def targets_of_ardupilot(rows: Rows, columns: Columns) -> list[Stimulus]:
         spans.append((since_s, np.inf))
     _forget(columns, spans)
     ordered_s = np.array(sorted(at_s for at_s, _ in rows["MAVC"]))
-    return _orders(at_s for at_s, own in told if own or not _near(ordered_s, at_s))
+    told_s = np.array([at_s for at_s, _ in told])
+    near = _near(ordered_s, told_s)
+    return _orders(at_s for (at_s, own), by_command in zip(told, near, strict=True) if own or not by_command)
 
 
 def targets_of_px4(topics: Topics, columns: Columns) -> list[Stimulus]:
@@ -59,7 +63,9 @@ def targets_of_px4(topics: Topics, columns: Columns) -> list[Stimulus]:
     ends_s = np.append(state[0], np.inf)
     spans = [(float(state[0][first]), float(ends_s[after])) for first, after in zip(begin, end, strict=True)]
     _forget(columns, spans)
-    return _orders(at_s for since_s, until_s in spans for at_s in np.arange(since_s, min(until_s, last_s), _APART_S))
+    bounded = [(since_s, min(until_s, last_s)) for since_s, until_s in spans]
+    apart_s = max(_APART_S, sum(until_s - since_s for since_s, until_s in bounded) / _ORDERS_MAX)
+    return _orders(at_s for since_s, until_s in bounded for at_s in np.arange(since_s, until_s, apart_s))
 
 
 def _orders(times_s: Iterable[float]) -> list[Stimulus]:
@@ -72,8 +78,11 @@ def _orders(times_s: Iterable[float]) -> list[Stimulus]:
     return found
 
 
-def _near(times_s: np.ndarray, at_s: float) -> bool:
-    return bool(len(times_s)) and float(np.abs(times_s - at_s).min()) <= _SAME_S
+def _near(times_s: Times, asked_s: Times) -> NDArray[np.bool_]:
+    """Return which of the moments asked for have one of the others, which ascend, close to them."""
+    around = np.concatenate([[-np.inf], times_s, [np.inf]])
+    after = np.clip(np.searchsorted(around, asked_s), 1, len(around) - 1)
+    return np.asarray(np.minimum(asked_s - around[after - 1], around[after] - asked_s) <= _SAME_S)
 
 
 def _forget(columns: Columns, spans: list[Span]) -> None:
@@ -82,7 +91,7 @@ def _forget(columns: Columns, spans: list[Span]) -> None:
         course = columns.get(name)
         if course is None or not spans:
             continue
-        edges = [at_s for span in spans for at_s in span if np.isfinite(at_s)]
-        times = np.union1d(course[0], edges)
-        inside = np.any([(times >= since_s) & (times < until_s) for since_s, until_s in spans], axis=0)
+        begins, ends = (np.array(side) for side in zip(*spans, strict=True))  # they follow each other
+        times = np.union1d(course[0], [*begins, *ends[np.isfinite(ends)]])
+        inside = np.searchsorted(begins, times, side="right") > np.searchsorted(ends, times, side="right")
         columns.hold(name, times, np.where(inside, np.nan, held(course, times)))
