@@ -268,12 +268,19 @@ def _shifted(values: Array, count: int) -> Array:
 
 
 def _mean(values: Array, count: int) -> Array:
-    """Mean of the last `count` samples (fewer at the start)."""
+    """Mean of the last `count` samples (fewer at the start); not known while one of them is not."""
     count = max(1, min(count, len(values)))
-    total = np.concatenate([[0.0], np.cumsum(values)])
     index = np.arange(1, len(values) + 1)
     first = np.maximum(index - count, 0)
-    return np.asarray((total[index] - total[first]) / (index - first))
+
+    def over(given: NDArray[Any]) -> NDArray[Any]:
+        total = np.concatenate([[0.0], np.cumsum(given)])
+        return np.asarray(total[index] - total[first])
+
+    gaps = np.isnan(values)
+    if not gaps.any():
+        return over(values) / (index - first)
+    return np.where(over(gaps) > 0, np.nan, over(np.where(gaps, 0.0, values)) / (index - first))
 
 
 def _latch(values: Array, condition: Array) -> Array:

@@ -128,3 +128,10 @@ def test_what_is_not_known_hides_no_violation_elsewhere(unknown: int) -> None:
 def test_a_missing_signal_is_refused() -> None:
     with pytest.raises(Refused, match="climb_mps"):
         Evaluator({"altitude_m": np.zeros(3)}, 1.0).trace(Node("signal", name="climb_mps"))
+
+
+def test_a_gap_hides_the_means_it_is_in_and_no_later_ones() -> None:
+    """A hole in a log, where a sum was kept: nothing was known of the rest of the flight."""
+    heights = np.array([1.0, np.nan, 3.0, 5.0, 7.0])
+    told = Evaluator({"altitude_m": heights}, 1.0).trace(parse("mean(altitude_m, 2) >= 0").args[0])
+    assert np.array_equal(told, [1.0, np.nan, np.nan, 4.0, 6.0], equal_nan=True)
