@@ -168,7 +168,7 @@ def _worker(options: argparse.Namespace) -> int:
     except Unavailable as fault:
         log.error("%s", fault)
         return EXIT_UNANSWERED
-    spool = Spool(options.spool)
+    spool = Spool(options.spool, options.run_dir)
     over_bus = BusBlobs(bus, options.campaign, name, clock)
     blobs = WorkerBlobs(over_bus, name, options.run_dir, spool.waiting())
     context = ServiceContext(name, clock, options.run_dir, blobs)

@@ -15,6 +15,7 @@ from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.ids import digest
 from saflite.contract.outside import read_bytes
 from saflite.contract.work import Report
+from saflite.evidence.files import make_folder
 
 log = logging.getLogger(__name__)
 
@@ -25,13 +26,14 @@ class Spool:
     """The folder of one worker. `folder` None keeps nothing (a dead worker's results are then flown again).
 
     A disk that has become full or read-only costs no flight: what cannot be kept or cleared away is said, no more.
+    A run folder it lies in, `within`, is not made anew where it was moved away.
     """
 
-    def __init__(self, folder: Path | None) -> None:
+    def __init__(self, folder: Path | None, within: Path | None = None) -> None:
         self._folder = folder
         if folder is not None:
             try:
-                folder.mkdir(parents=True, exist_ok=True)
+                make_folder(folder, within if within in folder.parents else None)
             except OSError as fault:
                 log.warning("results will not be spooled: %s", fault)
             for leftover in folder.glob("*.part"):

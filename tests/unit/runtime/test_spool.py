@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from saflite.contract.errors import Unavailable
 from saflite.contract.work import Failure, Report
 from saflite.runtime.spool import Spool
 
@@ -84,3 +85,13 @@ def test_a_disk_that_has_become_read_only_costs_no_result(tmp_path: Path) -> Non
         pytest.skip("no file system of one's own here")
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("told: ") == 2, "the shell sends the result all the same"
+
+
+def test_a_run_folder_that_was_moved_away_is_not_made_anew(tmp_path: Path) -> None:
+    run_dir = tmp_path / "run"
+    run_dir.mkdir()
+    Spool(run_dir / "spool" / "w", run_dir).keep(_report("a"))
+    run_dir.rename(tmp_path / "moved")
+    with pytest.raises(Unavailable, match="spool"):
+        Spool(run_dir / "spool" / "w", run_dir).keep(_report("b"))
+    assert not run_dir.exists()
