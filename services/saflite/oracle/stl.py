@@ -3,7 +3,7 @@
 Robustness is the usual one (Donze and Maler 2010; equal to rtamt's discrete-time offline semantics): a comparison is
 worth its margin, `and` the least, `or` the greatest, `not` the negative, windows the extremes. Crisp comparisons
 (`formula.harden`) are worth plus or minus infinity. What is made of these alone is held in a byte a moment: 1 true, -1
-false, 0 unknown, of which least and greatest are what Kleene's logic says; most of a policy is such.
+false, 0 unknown, of which least and greatest are what Kleene's logic says: true or false whatever fills the gaps.
 """
 
 from __future__ import annotations
@@ -38,11 +38,6 @@ def _is_crisp(value: Any) -> bool:
 def _worth(value: Any) -> Any:
     """Return the robustness of a crisp value, others as they are."""
     return _WORTH[value] if _is_crisp(value) else value
-
-
-def _with_gaps(values: NDArray[Any]) -> NDArray[Any]:
-    """Return crisp values of which some are unknown as robustness: over time a gap hides what is beside it."""
-    return values if not _is_crisp(values) or values.all() else np.asarray(_worth(values))
 
 
 def _both(a: Any, b: Any) -> Any:
@@ -207,9 +202,7 @@ class Evaluator:
         if node.op in ("until", "since"):
             joined = self._windows.until if node.op == "until" else self._windows.since
             return joined(_worth(args[0]), _worth(args[1]), low, high)
-        values = (
-            args[0] if not _is_crisp(args[0]) or args[0].all() else _worth(args[0])
-        )  # a gap hides what is beside it
+        values = args[0]
         if node.op == "lasting":
             assert high is not None, "lasting has a length"
             least = self._windows.least_behind(values, 0, high)
@@ -223,7 +216,7 @@ class Evaluator:
         return self._windows.greatest_behind(values, low, high)
 
     def _over_time(self, node: Node, args: list[NDArray[Any]]) -> NDArray[Any]:
-        values, op = _with_gaps(args[0]), node.op
+        values, op = args[0], node.op
         if op in ("prev", "rise", "fall", "next"):
             edge = np.array([-windows.top(values) if op == "rise" else windows.top(values)])
             if op == "next":
