@@ -83,7 +83,7 @@ def damaged() -> Iterator[ParameterSet]:
         yield pytest.param(table, column, value, marks=marks, id=f"{table}.{column}-{value!r}")
 
 
-@pytest.mark.parametrize(("table", "column", "value"), damaged())
+@pytest.mark.parametrize(("table", "column", "value"), list(damaged()))
 def test_whatever_stands_in_a_column_is_read_or_refused(table: str, column: str, value: object, run_dir: Path) -> None:
     try:
         edited(run_dir, table, column, value)

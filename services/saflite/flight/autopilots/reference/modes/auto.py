@@ -18,8 +18,8 @@ LEGS = ("waypoint", "loiter", "land")
 TURNED_COS = math.cos(math.radians(5.0))
 PLAN_EVERY_TICKS = 5  # 10 Hz
 FOLLOW_EVERY_TICKS = 2  # 25 Hz
-HEIGHT_M, HEIGHT_STALL_S, BRAKE_MPS = 0.5, 2.0, 0.5
-STALL_M = 0.1  # in `HEIGHT_STALL_S`: WPNAV_SPEED_UP may be 50 cm/s, less near the end; a hover shakes by 2 mm a tick
+HEIGHT_M, BRAKE_MPS = 0.5, 0.5
+HEIGHT_STALL_S, STALL_M = 20.0, 0.1  # the planner tries again after 15 s at rest; a hover shakes by 2 mm a tick
 POSITION_P, HEIGHT_P = 0.95, 1.0  # MPC_XY_P, MPC_Z_P: the gains PX4 flies avoidance set-points with
 
 
