@@ -59,18 +59,19 @@ def parts(node: Node) -> list[Node]:
     return found
 
 
+KEPT_MAX = 100_000  # the shipped policies have 7,000; texts that came with work are without number
 _ONE: dict[tuple[object, ...], Node] = {}
 
 
 def interned(node: Node) -> Node:
     """Return the one node of this process that is made like this one, so that what formulas share is found by place."""
+    if len(_ONE) > KEPT_MAX:
+        _ONE.clear()  # what is made from now on is shared anew
     made: dict[int, Node] = {}
     for part in parts(node):
         args = tuple(made[id(child)] for child in part.args)
         key = (part.op, tuple(map(id, args)), part.low_s, part.high_s, part.value, part.name)
-        if key not in _ONE:
-            _ONE[key] = part._replace(args=args)
-        made[id(part)] = _ONE[key]
+        made[id(part)] = _ONE.setdefault(key, part._replace(args=args))
     return made[id(node)]
 
 
@@ -98,13 +99,17 @@ _REACH: dict[int, tuple[Node, float]] = {}  # by place; the node is held, so tha
 
 def reach_s(node: Node) -> float:
     """Return how far into the future the node looks, in seconds; infinite where a window has no end."""
-    if id(node) not in _REACH:
-        reach: dict[int, float] = {}
-        for part in parts(node):
-            below = max((reach[id(child)] for child in part.args), default=0.0)
-            reach[id(part)] = below + (part.high_s if part.op in FUTURE else 0.0)
-        _REACH[id(node)] = (node, reach[id(node)])
-    return _REACH[id(node)][1]
+    known = _REACH.get(id(node))
+    if known is not None:
+        return known[1]
+    reach: dict[int, float] = {}
+    for part in parts(node):
+        below = max((reach[id(child)] for child in part.args), default=0.0)
+        reach[id(part)] = below + (part.high_s if part.op in FUTURE else 0.0)
+    if len(_REACH) > KEPT_MAX:
+        _REACH.clear()
+    _REACH[id(node)] = (node, reach[id(node)])
+    return reach[id(node)]
 
 
 def harden(formula: Node, where: Callable[[Node], bool]) -> Node:

@@ -3,6 +3,8 @@ from __future__ import annotations
 import pytest
 
 from saflite.contract.errors import Refused
+from saflite.oracle import formula
+from saflite.oracle.parse import parse
 from saflite.oracle.policy import load_policy, parse_policy
 
 GOOD = """id = "test"
@@ -79,3 +81,16 @@ def test_unknown_names_and_files_are_refused() -> None:
         load_policy("no-such-policy")
     with pytest.raises(Refused, match="policy file"):
         load_policy("missing.toml")
+
+
+def test_texts_without_number_fill_no_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Formulas that came with work were kept for good, each of their parts once."""
+    monkeypatch.setattr(formula, "_ONE", {})
+    monkeypatch.setattr(formula, "_REACH", {})
+    monkeypatch.setattr(formula, "KEPT_MAX", 50)
+    for number in range(100):
+        text = f"eventually[0:{number}] (altitude_m > {number} and climb_mps < {number})"
+        node = formula.interned(parse(text))
+        assert formula.reach_s(node) == float(number)
+    assert len(formula._ONE) < 70
+    assert len(formula._REACH) < 70

@@ -65,8 +65,9 @@ def _least(policy: str, finds: list[Find], smallest_forms: Collection[str]) -> l
 
 def _count(group: list[Find], smallest_forms: Collection[str], shrunk: Collection[str]) -> int:
     """Return how many finds a group is of: one that was made smaller is counted where its smallest form is, alone."""
-    plain = [1 for violation, _ in group if violation.test_case not in (*smallest_forms, *shrunk)]
-    return len(plain) + len(_made_of(group, smallest_forms))
+    counted_there = {*smallest_forms, *shrunk}
+    plain = sum(violation.test_case not in counted_there for violation, _ in group)
+    return plain + len(_made_of(group, smallest_forms))
 
 
 def _made_of(finds: Iterable[Find], smallest_forms: Collection[str]) -> set[str]:
