@@ -102,7 +102,7 @@ def apart(flown: Flown) -> Apart | None:
     if trace is None or "twin" not in trace.signals or not trace.samples:
         return None
     sides = [trace.array(f"twin_{side}_apart_m").astype(float) for side in ("x", "y", "height")]
-    apart_m = np.sqrt(sum(side**2 for side in sides))
+    apart_m = np.nan_to_num(np.sqrt(sum(side**2 for side in sides)))  # a target from outside may tell of no place
     at = int(np.argmax(apart_m))
     return Apart(round(float(apart_m[at]), 3), round(at * trace.step_s, 3))
 
