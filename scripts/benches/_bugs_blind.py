@@ -17,7 +17,7 @@ import msgspec
 from _inline import Flights, Inline
 from _search_run import PUBLISHED
 
-from saflite.campaign.presets.policy_campaigns import PREFIX, pgfuzz_settings, policy_campaigns
+from saflite.campaign.presets.policy_campaigns import PREFIX, pgfuzz_settings, policy_campaign, policy_campaigns
 from saflite.conformance.flying import DEADLINE_S
 from saflite.console.evaluation.bugs import bugs
 from saflite.console.operations.judging import OwnSimulator
@@ -29,14 +29,16 @@ from saflite.contract.test_case import Setting, identity, told_in_order, under_n
 from saflite.contract.work import FlyWork, JudgeResult, PolicyTexts, Result
 from saflite.runtime.stages import brief_of
 from saflite.scorer_pool.model import BriefOf, PolicyBrief
-from saflite.simulator_worker.registry import load_target
 
 ARMS = {
     "list, chance": "PGFuzz's list for the rule, drawn as it draws; flown as they come",
     "list, text": "the same, 8 of 24 chosen by `relevance`, told only the paper's words of the rule",
     "open, chance": "every input that the binary has, drawn in the same way; flown as they come",
     "open, text": "the same, 8 of 24 chosen by `relevance`, told only the paper's words",
+    "own campaign": "the rule's campaign as we ship it; who wrote its procedures knew the bugs",
+    "policy-all": "all rules that fit, as shipped, until this one is broken; by who knew the bugs, too",
 }
+SHIPPED = ("own campaign", "policy-all")
 CANDIDATES, CHOSEN = 24, 8
 NO_LOG = {"log": "none"}  # a target that keeps its own log cannot fork a flight from its start
 
@@ -102,30 +104,31 @@ class Watch:
 
 
 def campaign_of(base: Campaign, policy: str, arm: str, target: TargetInfo, rng_seed: int, budget: int) -> Campaign:
-    """Return the campaign of an arm: start and parameters are those of the rule's own campaign in all of them."""
-    listed, _, chooses = arm.partition(", ")
-    settings: dict[str, Setting] = {**pgfuzz_settings(policy, target), **PUBLISHED}
-    if listed == "open":
-        settings = dict(PUBLISHED)
-    search = msgspec.structs.replace(
-        base.search,
-        candidates_per_round=CANDIDATES if chooses == "text" else CHOSEN,
-        flights_per_round=CHOSEN,
-        shrink=False,
-        confirm_flights=1,
-        confirm_needed=1,
-    )
+    """Return the campaign of an arm: start and parameters are those of the rule's own but for "policy-all"."""
     forked = {name: value for name, value in NO_LOG.items() if name in target.settings}
-    return msgspec.structs.replace(
+    search = msgspec.structs.replace(base.search, shrink=False, confirm_flights=1, confirm_needed=1)
+    base = msgspec.structs.replace(
         base,
         name="bench-bugs-real",
         target=msgspec.structs.replace(base.target, settings={**base.target.settings, **forked}),
-        strategy=StrategyConfig(name="pgfuzz", settings=settings),
-        scorer=ScorerConfig(model="relevance" if chooses == "text" else "constant", batch=16),
         search=search,
         budget_flights=budget,
         rng_seed=rng_seed,
         record="none",
+    )
+    if arm in SHIPPED:
+        return base
+    listed, _, chooses = arm.partition(", ")
+    settings: dict[str, Setting] = {**pgfuzz_settings(policy, target), **PUBLISHED}
+    if listed == "open":
+        settings = dict(PUBLISHED)
+    return msgspec.structs.replace(
+        base,
+        strategy=StrategyConfig(name="pgfuzz", settings=settings),
+        scorer=ScorerConfig(model="relevance" if chooses == "text" else "constant", batch=16),
+        search=msgspec.structs.replace(
+            search, candidates_per_round=CANDIDATES if chooses == "text" else CHOSEN, flights_per_round=CHOSEN
+        ),
     )
 
 
@@ -140,24 +143,30 @@ def only_text(policy: str, words: str) -> BriefOf:
 
 
 def searches(
-    target: str, ids: Sequence[str], seeds: Sequence[int], budget: int, done: set[tuple[str, str, int]]
+    info: TargetInfo,
+    ids: Sequence[str],
+    arms: Sequence[str],
+    seeds: Sequence[int],
+    budget: int,
+    done: set[tuple[str, str, int]],
 ) -> Iterator[Row]:
     """Search for the rules of the bugs named; those of `done` (policy, arm, seed) are passed over."""
-    info = load_target(target).describe()
-    campaigns = policy_campaigns(info)
+    campaigns, everything = policy_campaigns(info), policy_campaign("policy-all", info)
+    assert everything is not None
     wanted = [bug for bug in bugs() if bug.id in ids]
     for policy in dict.fromkeys(bug.policy for bug in wanted):
         of_it = [bug for bug in wanted if bug.policy == policy]
         brief = only_text(policy, of_it[0].paper_words)
         for rng_seed in seeds:
-            for arm in [arm for arm in ARMS if (policy, arm, rng_seed) not in done]:
-                campaign = campaign_of(campaigns[PREFIX + policy], policy, arm, info, rng_seed, budget)
+            for arm in [arm for arm in arms if (policy, arm, rng_seed) not in done]:
+                base = everything if arm == "policy-all" else campaigns[PREFIX + policy]
+                campaign = campaign_of(base, policy, arm, info, rng_seed, budget)
                 start, flights, watch = time.perf_counter(), OnTarget(), Watch(policy)
-                spent = _spent(campaign, info, brief, flights, watch)
+                spent = _spent(campaign, info, brief_of if arm in SHIPPED else brief, flights, watch)
                 yield Row(
                     bench="bugs-real",
                     part="blind",
-                    target=target,
+                    target=info.name,
                     autopilot=info.autopilot,
                     bugs=tuple(bug.id for bug in of_it),
                     policy=policy,

@@ -1,7 +1,7 @@
 """`scripts/bench bugs-real`: which of the paper's ten bugs a real binary still has, by flying each one's known trigger.
 
     scripts/bench bugs-real [--target ardupilot|px4] [--json]
-    scripts/bench bugs-real --blind BUG ... [--seeds 5] [--budget 100] [--out FILE.jsonl]
+    scripts/bench bugs-real --blind BUG ... [--arms ARM ...] [--seeds 5] [--budget 100] [--out FILE.jsonl]
 
 The triggers are those of the public reports (`services/saflite/console/evaluation/data/rq2_bugs.toml`); parameters
 that were renamed since have today's names, or those of then where the binary has them. Each is flown once for every
@@ -12,8 +12,8 @@ Where the rule of the table asks something else than the report complains of, `a
 that was seen.
 
 With `--blind` the rules of the bugs named are searched for without being told the triggers, by PGFuzz's own draws from
-its list and from every input of the binary, with and without a scorer that has read the paper's words. Searches that
-are in the file are passed over.
+its list and from every input of the binary, with and without a scorer that has read the paper's words, and by our
+campaigns as they are shipped. Searches of this binary that are in the file are passed over.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from _bugs_blind import searches
+from _bugs_blind import ARMS, searches
 
 from saflite.conformance.flying import DEADLINE_S
 from saflite.console.evaluation.bugs import bugs
@@ -154,9 +154,11 @@ def _state(outcomes: set[str]) -> str:
 def blind(options: argparse.Namespace) -> int:
     """Search for the rules of bugs, and add a row for each search."""
     lines = options.out.read_text(encoding="utf-8").splitlines() if options.out.exists() else []
-    had = [row for row in map(json.loads, lines) if row.get("part") == "blind" and row["target"] == options.target]
+    info = load_target(options.target).describe()
+    had = [row for row in map(json.loads, lines) if row.get("part") == "blind" and row["autopilot"] == info.autopilot]
     done = {(row["policy"], row["arm"], row["rng_seed"]) for row in had}
-    for row in searches(options.target, options.blind, range(1, options.seeds + 1), options.budget, done):
+    seeds = range(1, options.seeds + 1)
+    for row in searches(info, options.blind, options.arms, seeds, options.budget, done):
         with options.out.open("a", encoding="utf-8") as file:
             file.write(json.dumps(row._asdict()) + "\n")
         told = f"flight {row.found}: {row.trigger}" if row.found else f"not found in {row.judged}"
@@ -170,6 +172,7 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--target", choices=sorted(TARGETS.values()), default="ardupilot")
     parser.add_argument("--json", action="store_true", help="one JSON object a bug, as in the committed rows")
     parser.add_argument("--blind", nargs="+", choices=sorted(KNOWN), metavar="BUG", help="search for these")
+    parser.add_argument("--arms", nargs="+", choices=sorted(ARMS), default=list(ARMS), metavar="ARM", help="by these")
     parser.add_argument("--seeds", type=int, default=5, help="searches of each arm")
     parser.add_argument("--budget", type=int, default=100, help="first flights of a search")
     parser.add_argument("--out", type=Path, default=ROWS, help="rows of searches are added to it")
