@@ -45,7 +45,7 @@ UNIFORM: dict[str, Setting] = {
 }
 ARMS: dict[str, str] = {
     "all": "policy-all as it ships",
-    "own": "the campaign of the fault's own policy as it ships (planted defects only)",
+    "own": "the campaign of the fault's own policy as it ships; of a changed line, of the rule that `--policy` names",
     "hidden": "the same without the policy's list of inputs: what its formula reads and names is left",
     "blanked": "the same, and no scorer reads the policy's words: a random choice among the same proposals",
     "pgfuzz": "policy-all as it was before: one start, PGFuzz's draws over all inputs, the scorer chooses 16 of 96",
@@ -69,6 +69,12 @@ class Job(NamedTuple):
     lines: tuple[Site | Patch, ...]
     rng_seed: int
     budget: int
+    policy: str = ""  # whose campaign flies, where no planted defect names one
+
+    @property
+    def own(self) -> str:
+        """The policy whose campaign the arms of one policy fly."""
+        return self.policy or TABLE[self.defects[0]].policy
 
 
 class Row(NamedTuple):
@@ -93,6 +99,7 @@ class Row(NamedTuple):
     core_s: float = 0.0
     by_way: Mapping[str, str] = MappingProxyType({})  # how the test case that found a fault was made
     exposure: Mapping[str, Any] = MappingProxyType({})  # of the first flights: `_search_exposure.py`
+    policy: str = ""
 
 
 class Faulty(Flights):
@@ -203,14 +210,14 @@ def confirmed(run_dir: Path) -> list[tuple[TestCase, str]]:
 
 def campaign_of(job: Job) -> Campaign:
     """Return the campaign of an arm with the defects planted."""
-    base = load_campaign(f"policy-{TABLE[job.defects[0]].policy}" if job.arm in OF_ONE_POLICY else "policy-all")
+    base = load_campaign(f"policy-{job.own}" if job.arm in OF_ONE_POLICY else "policy-all")
     target = msgspec.structs.replace(base.target, settings={SETTING: list(job.defects)} if job.defects else {})
     search, strategy, scorer = base.search, base.strategy, base.scorer
     if job.arm == "pgfuzz":
         search, strategy = OLD_SEARCH, StrategyConfig(name="pgfuzz", settings={"focus": 0.0})
         base = msgspec.structs.replace(base, start=StartState(mode="LOITER", altitude_m=30.0))
     if job.arm == "published":
-        policy = TABLE[job.defects[0]].policy
+        policy = job.own
         told = strategy.settings if policy == AUTOPILOT_ALIVE else pgfuzz_settings(policy, describe())
         strategy = StrategyConfig(name="pgfuzz", settings={**told, **PUBLISHED})
     if job.arm in ("hidden", "blanked"):
@@ -279,4 +286,5 @@ def search(job: Job) -> Row:
         core_s=round(time.process_time() - core, 1),
         by_way=watch.by_way,
         exposure=flights.exposure.figures(),
+        policy=job.policy,
     )

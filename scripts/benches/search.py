@@ -1,8 +1,8 @@
 """`scripts/bench search`: how many faults does a search find that nobody told it of, and what did it expose?
 
     scripts/bench search [--set fit report blind clean ...] [--arms all own pgfuzz random unscored] [--together 1]
-                         [--faults NAME ...] [--rng-seeds 1 2 3] [--budget 200] [--blind-faults 12] [--blind-seed 1]
-                         [--jobs 1] [--out FILE.jsonl] [--json]
+                         [--faults NAME ... [--policy ID]] [--rng-seeds 1 2 3] [--budget 200] [--blind-faults 12]
+                         [--blind-seed 1] [--jobs 1] [--out FILE.jsonl] [--json]
     scripts/bench search --page         # writes deploy/docs/defects.md from the rows in results/search*.jsonl
 
 Ground truth: a fault is found by a confirmed violation that its test case shows again with this fault alone and not
@@ -12,7 +12,7 @@ first, figures are given for the second. `authored-fit`, `authored-report`: faul
 (`_blind_faults.py`); `clean`: no fault, for exposure and false alarms. `--together` plants so many defects at once; a
 search ends when all are found, or with its budget of flights, re-flights included; what is not found counts as such.
 `--faults` names planted and hand-written ones, those of `data/rule_faults.toml` too, that are all on at once, in place
-of a set.
+of a set; `--policy` whose campaign the arms of one policy fly for them.
 Searches that stand in the `--out` file already are not run again. In-process campaigns, real books, flights, oracle.
 """
 
@@ -39,6 +39,7 @@ from _search_run import ARMS, OF_ONE_POLICY, Job, Row, search
 
 from saflite.contract.rng import derive
 from saflite.flight.autopilots.reference.defects import TABLE
+from saflite.oracle.policy import policy_names
 from saflite.simulator_worker.processes import die_with_parent
 
 SETS = ("fit", "report", "authored-fit", "authored-report", "blind", "clean")
@@ -64,7 +65,7 @@ def named(options: argparse.Namespace) -> Iterator[Job]:
     lines = tuple(one_line()[name] for name in options.faults if name not in TABLE)
     for arm in options.arms:
         for rng_seed in options.rng_seeds:
-            yield Job(arm, defects, lines, rng_seed, options.budget)
+            yield Job(arm, defects, lines, rng_seed, options.budget, options.policy)
 
 
 def members(which: str, options: argparse.Namespace) -> Iterator[Job]:
@@ -108,7 +109,7 @@ def _mixed(name: str) -> str:
 
 def key_of(job: Job) -> tuple[Any, ...]:
     """Return what a row of the file goes by."""
-    return job.arm, (*job.defects, *(line.name for line in job.lines)), job.rng_seed, job.budget
+    return job.arm, (*job.defects, *(line.name for line in job.lines)), job.rng_seed, job.budget, job.policy
 
 
 def rows_of(path: Path | None) -> dict[tuple[Any, ...], Row]:
@@ -116,7 +117,7 @@ def rows_of(path: Path | None) -> dict[tuple[Any, ...], Row]:
     if path is None or not path.exists():
         return {}
     rows = [Row(**json.loads(line)) for line in path.read_text(encoding="utf-8").splitlines()]
-    return {(row.arm, tuple(row.faults), row.rng_seed, row.budget): row for row in rows}
+    return {(row.arm, tuple(row.faults), row.rng_seed, row.budget, row.policy): row for row in rows}
 
 
 def rows(folder: Path) -> list[Row]:
@@ -137,7 +138,7 @@ def run(options: argparse.Namespace) -> list[Row]:
     todo = [job for job in jobs if key_of(job) not in known]
     with get_context("spawn").Pool(options.jobs, die_with_parent, (os.getpid(),)) as pool:
         for row in pool.imap_unordered(search, todo):
-            known[row.arm, tuple(row.faults), row.rng_seed, row.budget] = row
+            known[row.arm, tuple(row.faults), row.rng_seed, row.budget, row.policy] = row
             said = f"found {row.found} in {row.flights} flights, false alarms {row.false_alarms}"
             sys.stderr.write(f"{row.arm} {' '.join(row.faults)} {row.rng_seed}: {said}\n")
             if options.out:
@@ -183,6 +184,7 @@ def main(argv: list[str]) -> int:
     parser.add_argument(
         "--faults", nargs="+", choices=[*TABLE, *one_line()], metavar="NAME", help="all on at once, in place of a set"
     )
+    parser.add_argument("--policy", choices=policy_names(), default="", metavar="ID", help="whose own campaign flies")
     parser.add_argument("--arms", nargs="+", choices=list(ARMS), default=["all", "pgfuzz", "random"])
     parser.add_argument("--together", type=int, default=1, help="planted defects that are on at once")
     parser.add_argument("--rng-seeds", type=int, nargs="+", default=[1, 2, 3])
@@ -194,6 +196,15 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--page", action="store_true", help="write the page from the rows, run nothing")
     options = parser.parse_args(argv)
+    if (
+        options.faults
+        and not options.policy
+        and set(options.faults) - set(TABLE)
+        and set(options.arms) & set(OF_ONE_POLICY)
+    ):
+        parser.error(
+            f"the arms {', '.join(OF_ONE_POLICY)} need --policy ID for a changed line, which has none of its own"
+        )
     if options.page:
         PAGE.write_text(page(rows(ROWS)), encoding="utf-8")
         return 0
