@@ -67,6 +67,17 @@ def test_all_rules_that_fit_a_target_can_be_searched_there_with_their_procedures
         target.check(proposed)
 
 
+def test_a_rule_about_missions_is_searched_on_many_missions_and_on_its_campaigns_own() -> None:
+    campaign = load_campaign("policy-mission-in-order")
+    own, target = template(campaign), load_target("reference").describe()
+    strategy = load_strategy(campaign.strategy.name)(own, dict(campaign.strategy.settings), campaign.policies, target)
+    flown = [one.scenario.mission for one in strategy.ask(40, derive(1, "missions"))]
+    assert own.scenario.mission in flown
+    drawn = [one for one in flown if one is not None and one != own.scenario.mission]
+    assert len({one.name for one in drawn}) > 20
+    assert {item.command for one in drawn for item in one.items} > {16, 17, 19, 20, 21, 22, 82, 112, 115, 177, 178}
+
+
 @pytest.mark.parametrize("name", ["avoidance-m9", "", "../builtin/avoidance-m1", "nonsense.toml"])
 def test_an_unknown_campaign_is_refused(name: str) -> None:
     with pytest.raises(Refused, match="campaign"):

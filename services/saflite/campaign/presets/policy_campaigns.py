@@ -44,6 +44,7 @@ EXPOSURE = "exposure"
 SHORT_S, MISSION_S, ALL_S = 60.0, 150.0, 300.0
 ALL_PHASES = 20  # of a test case for several policies, in five times the time of one for a single policy
 MISSION_SHARE = 0.08  # of the flights of the campaign over all, where rules need a mission
+DRAWN_SHARE = 0.75  # of the flights of the campaign over such a rule: the others fly the campaign's own mission
 AIRBORNE_S = 32.0  # with a mission the vehicle leaves the ground after 19.5 s and climbs for 7
 MODE_COMMAND = "Flight_Mode"  # among the commands of a policy: any mode
 _EXCUSED = re.compile(r"\b(gps|baro|body)_true\b")  # the rule is silent after a fault of these sensors
@@ -240,7 +241,7 @@ def _one(data: dict[str, Any], target: TargetInfo, inputs: dict[str, list[Any]],
     }
     needs_mission = data.get("needs_mission", False)
     if needs_mission:
-        settings["start_s"] = AIRBORNE_S
+        settings.update(start_s=AIRBORNE_S, missions=DRAWN_SHARE)
     preconditions = {name: float(value) for name, value in data.get("preconditions", {}).items()}
     return Campaign(
         name=PREFIX + data["id"],

@@ -73,7 +73,7 @@ class Strategy:
         "crossed": Option(0.3, "share of these, in the air, that begin while one of another policy is under way", 0, 1),
         "own": Option(0.75, "share of inputs from the policy's own list; the rest from all the target has", 0, 1),
         "starts": Option(0.3, "share of fresh test cases that begin in any mode at any height", 0, 1),
-        "missions": Option(0.0, "share of fresh test cases that fly a short mission", 0, 1),
+        "missions": Option(0.0, "share of fresh test cases that fly a short mission drawn for them", 0, 1),
         "kept": Option(0.08, "share of test cases that change one of the corpus", 0, 1),
         "routed": Option(0.04, "share of test cases that go to a state and a kind of input seldom tried there", 0, 1),
         "recalled": Option(0.5, "share of phases that give again, changed, what made the rule apply before", 0, 1),
@@ -227,7 +227,8 @@ class Strategy:
     def _scenario(self, rng: Rng, hint: Hint) -> Scenario:
         scenarios, way = self._scenarios, rng.random()
         if scenarios.own.mission is not None:
-            return scenarios.own
+            drawn = scenarios.missions and way < self._chosen.real("missions")
+            return scenarios.mission(rng) if drawn else scenarios.own
         if scenarios.missions and (hint.flies_mission or way < self._chosen.real("missions")):
             return scenarios.mission(rng)
         if way < self._chosen.real("missions") + self._chosen.real("starts"):
@@ -237,7 +238,7 @@ class Strategy:
         return scenarios.elsewhere(rng, hint.start) if rng.random() < 0.5 else scenarios.begin(hint.start)
 
     def _is_drawn_mission(self, scenario: Scenario) -> bool:
-        return scenario.mission is not None and self._template.scenario.mission is None
+        return scenario.mission not in (None, self._template.scenario.mission)
 
     def _tempo(self, rng: Rng, scenario: Scenario) -> Tempo:
         first_s = self._chosen.real("start_s")
