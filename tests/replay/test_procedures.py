@@ -41,11 +41,12 @@ ONLY_WHEN_BROKEN = {
     **{name: {0} for name in ("armed-in-flight", "arming-has-order", "arming-needs-position", "landed-on-ground")},
     "acro-sticks": {10, 11, 12, 13},  # a stick held, and the vehicle still not leaning its way
     "arming-checks": {1},  # armed with a voltage too low
-    "disarm-delay": {2, 3},
+    "disarm-delay": {2, 3, 5},
+    "flip-goes-back": {1},
     "failsafe-has-cause": set(range(6)),
     "fence-action": {1},  # PX4 alone holds before it acts
     "fence-not-breached": {0, 1, 2},
-    "order-taken": {6, 7},  # orders to a mission, which no procedure flies
+    "order-taken": {6, 7, 10},  # orders to a mission, which no procedure flies
     "mirrored-alike": {2},  # a mission
     "place-needs-position": {0, 1},
     "speed-flown": {7},  # the reference refuses a speed to climb at
