@@ -105,6 +105,16 @@ def test_the_page_of_scale_holds_the_tables_that_are_computed(monkeypatch: pytes
     assert [line for line in written if (line[3], line[5]) not in measured] == []
 
 
+def test_the_page_of_rules_names_every_fault_that_no_rule_sees() -> None:
+    page = (ROOT / "deploy" / "docs" / "rules-measured.md").read_text()
+    rows = [json.loads(line) for line in (BENCHES / "results" / "rules-planted.jsonl").read_text().splitlines()]
+    unseen = [row["fault"] for row in rows if not row["seen_by"]]
+    (part,) = (part for heading, part in sections(page) if heading == "## What is still unseen?")
+    assert sorted(re.findall(r"`([\w-]+)`", "".join(_table(part)))) == sorted(unseen)
+    assert f"\n{len(unseen)} of the {len(rows)}, " in part
+    assert f"| all | {len(rows)} | | | **{len(rows) - len(unseen)}** |" in page
+
+
 def _table(page: str) -> list[str]:
     return [line for line in page.splitlines() if line.startswith("|")]
 
