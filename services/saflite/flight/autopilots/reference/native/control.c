@@ -145,13 +145,20 @@ static double shape(const Vehicle *v, double now, double want, double rate_max)
     return now + clamp((want - now) * STEP_S / constant_s, -limit, limit);
 }
 
+/* Keep a yaw rate within ATC_RATE_Y_MAX, if that is set. */
+static double within_rate(const Vehicle *v, double rate)
+{
+    return AT(k_rate_y_max) > 0.0 ? clamp(rate, -AT(k_rate_y_max), AT(k_rate_y_max)) : rate;
+}
+
 static double shape_yaw(const Vehicle *v, double now)
 {
     double next = now;
-    if (AT(want_yaw) == WANT_YAW_ANGLE)
-        next += clamp(wrap(AT(set_yaw) - now), -AT(k_slew_yaw) * STEP_S, AT(k_slew_yaw) * STEP_S);
-    else
-        next += AT(set_r) * STEP_S;
+    if (AT(want_yaw) == WANT_YAW_ANGLE) {
+        const double limit = within_rate(v, AT(k_slew_yaw)) * STEP_S;
+        next += clamp(wrap(AT(set_yaw) - now), -limit, limit);
+    } else
+        next += within_rate(v, AT(set_r)) * STEP_S;
     return AT(est_yaw) + clamp(wrap(next - AT(est_yaw)), -0.6, 0.6);
 }
 
@@ -195,7 +202,7 @@ static void attitude_loop(Vehicle *v, double rate[3])
     rate[2] = rate_for(error[2], AT(k_ang_y_p), AT(k_acc_y_max), AT(k_rate_y_max));
     rate[0] += (v->attitude_target[0] - before[0]) / STEP_S;
     rate[1] += (v->attitude_target[1] - before[1]) / STEP_S;
-    rate[2] += AT(want_yaw) == WANT_YAW_RATE ? AT(set_r) : 0.0;
+    rate[2] += AT(want_yaw) == WANT_YAW_RATE ? within_rate(v, AT(set_r)) : 0.0;
 }
 
 static void rates_asked(Vehicle *v, double rate[3])
