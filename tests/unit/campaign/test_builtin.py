@@ -78,6 +78,15 @@ def test_a_rule_about_missions_is_searched_on_many_missions_and_on_its_campaigns
     assert {item.command for one in drawn for item in one.items} > {16, 17, 19, 20, 21, 22, 82, 112, 115, 177, 178}
 
 
+@pytest.mark.parametrize(("policy", "flies_missions"), [("order-taken", True), ("stick-scale", False)])
+def test_a_rule_that_holds_in_missions_too_is_searched_on_some(policy: str, *, flies_missions: bool) -> None:
+    campaign, target = load_campaign(f"policy-{policy}"), load_target("reference").describe()
+    make = load_strategy(campaign.strategy.name)
+    strategy = make(template(campaign), dict(campaign.strategy.settings), campaign.policies, target)
+    flown = [one.scenario.mission is not None for one in strategy.ask(100, derive(1, policy))]
+    assert (0 < sum(flown) < 30) is flies_missions
+
+
 @pytest.mark.parametrize("name", ["avoidance-m9", "", "../builtin/avoidance-m1", "nonsense.toml"])
 def test_an_unknown_campaign_is_refused(name: str) -> None:
     with pytest.raises(Refused, match="campaign"):

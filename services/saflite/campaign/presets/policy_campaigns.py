@@ -43,9 +43,10 @@ MISSION = "mission2"
 EXPOSURE = "exposure"
 SHORT_S, MISSION_S, ALL_S = 60.0, 150.0, 300.0
 ALL_PHASES = 20  # of a test case for several policies, in five times the time of one for a single policy
-MISSION_SHARE = 0.08  # of the flights of the campaign over all, where rules need a mission
+MISSION_SHARE = 0.08  # of the flights for rules that hold in missions, too
 DRAWN_SHARE = 0.75  # of the flights of the campaign over such a rule: the others fly the campaign's own mission
 AIRBORNE_S = 32.0  # with a mission the vehicle leaves the ground after 19.5 s and climbs for 7
+MISSION_MODE = "AUTO"
 MODE_COMMAND = "Flight_Mode"  # among the commands of a policy: any mode
 _EXCUSED = re.compile(r"\b(gps|baro|body)_true\b")  # the rule is silent after a fault of these sensors
 _NAMED = re.compile(r"[A-Z][A-Z0-9_]+")  # an input in a procedure
@@ -242,6 +243,8 @@ def _one(data: dict[str, Any], target: TargetInfo, inputs: dict[str, list[Any]],
     needs_mission = data.get("needs_mission", False)
     if needs_mission:
         settings.update(start_s=AIRBORNE_S, missions=DRAWN_SHARE)
+    elif target.missions and (not (modes := _modes(data)) or MISSION_MODE in modes):
+        settings["missions"] = MISSION_SHARE
     preconditions = {name: float(value) for name, value in data.get("preconditions", {}).items()}
     return Campaign(
         name=PREFIX + data["id"],
@@ -293,9 +296,8 @@ def _hint(data: dict[str, Any], start: dict[str, Any], inputs: dict[str, list[An
         state = StartState(**start)
         words.append(f"start:{state.mode}@{state.altitude_m:g}{'' if state.armed else ':disarmed'}")
     formula, asked = whole_formula(data), antecedents(data)
-    modes = modes_named(asked) or modes_named(formula) or modes_barred(formula)
     words += ["mission:"] if data.get("needs_mission") else []
-    words += [f"in:{mode}" for mode in modes if ("mode", mode) in kinds]
+    words += [f"in:{mode}" for mode in _modes(data) if ("mode", mode) in kinds]
     words += [f"raised:{name}" for name in failsafes_named(formula)]
     words += [f"quiet:{quiet_s:g}" for quiet_s in (quiet_asked_s(formula, data.get("constants")),) if quiet_s]
     words += [f"asks:{entry.name}={value:g}" for entry, value in settings_asked(f"{formula}\n{asked}", target)]
@@ -316,6 +318,12 @@ def _hint(data: dict[str, Any], start: dict[str, Any], inputs: dict[str, list[An
                 words.append(f"{kind}:{name}")
     words += [f"sensor_fault:{name}" for name in faults_asked(formula, target)]
     return " ".join(dict.fromkeys(words))
+
+
+def _modes(data: dict[str, Any]) -> list[str]:
+    """Return the modes in which a rule asks something, or which it forbids; none where it names none."""
+    formula = whole_formula(data)
+    return list(modes_named(antecedents(data)) or modes_named(formula) or modes_barred(formula))
 
 
 def _read_by(data: dict[str, Any], target: TargetInfo) -> list[tuple[StimulusKind, str]]:
