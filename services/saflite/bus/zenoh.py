@@ -57,7 +57,7 @@ class ZenohBus:
         connect: Callable[[], zenoh.Session] | None = None,
     ) -> None:
         self.name, self._peer, self._admits = name, peer.name if peer else "", admits
-        self._shown = peer.shown if peer else ""
+        self._shown, self._may = (peer.shown, peer.in_words()) if peer else ("", "")
         self._session, self._connect = session, connect
         self._senders = Senders()
         self._changing, self.closed = threading.Lock(), threading.Event()
@@ -123,6 +123,14 @@ class ZenohBus:
             if reply.ok is not None:
                 return reply.ok.payload.to_bytes().decode(errors="replace")[:500]
         return ""
+
+    def denied(self) -> str:
+        """Return in words why this participant's key gets nothing; empty where it counts, or nobody says."""
+        try:
+            said = self.access()
+        except zenoh.ZError:  # its link is gone
+            return ""
+        return "" if said == self._may else said
 
     def end_surplus(self, most: int, none_of: Collection[str] = ()) -> dict[str, int]:
         """End the connections that a key has beyond so many, all of some keys; return how many those were, by key.
