@@ -122,6 +122,9 @@ def test_metrics_that_are_drawn_or_watched_exist() -> None:
     named = {name for text in expressions for name in re.findall(r"saflite_\w+", text)}
     assert named
     assert named <= known
+    joined = [text for text in expressions if re.search(r"(?:on|by) ?\([^)]*campaign", text)]
+    assert joined
+    assert all("instance" in text for text in joined), "two farms may have campaigns of one name"
 
 
 def test_work_that_no_worker_is_there_for_is_an_alert_while_the_campaign_runs() -> None:
