@@ -12,6 +12,7 @@ from rich.console import Console
 from saflite.campaign.presets.campaigns import builtin_campaigns, load_campaign, template
 from saflite.campaign.storage.store import Store
 from saflite.console.cli import command_names, main
+from saflite.console.commands import control
 from saflite.console.io import campaign_options, toml_text
 from saflite.console.operations import judging
 from saflite.console.operations.replaying import Replayed, line
@@ -95,6 +96,18 @@ def test_work_that_nobody_is_there_for_is_told_as_such() -> None:
     console = Console(width=200, file=StringIO(), record=True)
     console.print(live._drawn(told))
     assert "fly 4, score 12 (no worker for it), judge 0" in console.export_text()
+
+
+def test_a_status_says_what_each_worker_does(capsys: pytest.CaptureFixture[str]) -> None:
+    worker = status().workers[0]
+    silent = [msgspec.structs.replace(worker, worker=f"lab-fly-{n}", silent_s=float(n), host="lab") for n in range(50)]
+    control._tell_workers(msgspec.structs.replace(status(), workers=tuple(silent)))
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].split() == ["worker", "stage", "state", "done", "busy", "silent", "host"]
+    assert lines[1].split() == ["lab-fly-49", "fly", "busy", "3", "90%", "49.0", "s", "lab"]
+    assert (len(lines), lines[-1]) == (1 + 40 + 1, "  and 10 more (--json tells of all)")
+    control._tell_workers(msgspec.structs.replace(status(), workers=()))
+    assert not capsys.readouterr().out
 
 
 def test_progress_lines_go_on_where_the_books_were_started_anew(
