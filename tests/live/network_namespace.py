@@ -39,6 +39,10 @@ class NetworkNamespace:
         """What puts a command inside."""
         return ("ip", "netns", "exec", self.name)
 
+    def cut(self) -> None:
+        """Pull the cable: what either side sends is lost, and neither is told."""
+        subprocess.run([*self.prefix, "ip", "link", "set", self._inside, "down"], check=True)
+
     def __enter__(self) -> NetworkNamespace:
         inside = " ".join(self.prefix)
         for command in (

@@ -19,7 +19,9 @@ from pathlib import Path
 import jsonschema
 import pytest
 from test_joining import BUDGET, _campaign, _facts, _new_run, dart  # noqa: F401 (a fixture)
+from test_keys import _free_port
 
+from saflite.bus import keyring
 from saflite.console.run_data.run_folder import open_run
 from saflite.contract.control import Status
 from saflite.contract.events import Event, ViolationFound
@@ -94,9 +96,9 @@ def _events(run_dir: Path) -> list[Event]:
         return list(folder.events(1))
 
 
-def _farm_of(run_dir: Path, module: Path) -> subprocess.Popen[bytes]:
+def _farm_of(run_dir: Path, module: Path, *more: str) -> subprocess.Popen[bytes]:
     """Start a farm that goes on with a run, and return it once it says where it is reached."""
-    words = ["resume", str(run_dir), "--workers", "2", "--module", str(module), "--json"]
+    words = ["resume", str(run_dir), "--workers", "2", "--module", str(module), "--json", *more]
     farm = subprocess.Popen([sys.executable, "-m", "saflite", *words], stdout=subprocess.DEVNULL, cwd=run_dir.parent)
     until_s = time.monotonic() + 60
     while not (run_dir / "farm.json").exists() and time.monotonic() < until_s:
@@ -176,6 +178,34 @@ def test_a_late_follower_hears_everything_after_a_restart_of_all(
     assert resume(run_dir, simulators=2, modules=[dart], on_status=begin_once).ended
     late[0].join(60)
     assert heard == _events(run_dir)
+
+
+@pytest.mark.parametrize("by_key", [False, True])
+def test_the_ten_lines_of_python_hear_every_violation_also_by_a_key(
+    tmp_path: Path,
+    dart: Path,  # noqa: F811
+    by_key: bool,
+) -> None:
+    run_dir, keys = _new_run(tmp_path / "far", _campaign()), tmp_path / "keys"
+    keyring.init(keys, [], now_s=time.time())
+    ana = keyring.add(keys, "ana", ["viewer"], now_s=time.time())
+    endpoint = f"tls/127.0.0.1:{_free_port()}"
+    farm = _farm_of(run_dir, dart, "--listen", endpoint, "--keys", str(keys))
+    client = FarmClient.of_run(run_dir)
+    client.status()  # it is there
+    client.close()
+    where = [endpoint, str(ana)] if by_key else [read_info(run_dir).endpoint]
+    subscriber = subprocess.Popen(
+        [sys.executable, str(ROOT / "deploy" / "examples" / "subscriber.py"), *where],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert farm.wait(timeout=120) == 1
+    said, _ = subscriber.communicate(timeout=60)
+    told = [event.fact.violation for event in _events(run_dir) if isinstance(event.fact, ViolationFound)]
+    assert [line.split()[:2] for line in said.splitlines()] == [[one.confirmation, one.fingerprint] for one in told]
+    assert told, "the campaign found nothing"
 
 
 @pytest.mark.skipif(

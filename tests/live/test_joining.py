@@ -299,6 +299,18 @@ def test_where_several_farms_are_at_an_endpoint_the_campaign_has_to_be_named(dar
     assert "--campaign: expected one of day, night" in done.stderr
 
 
+def test_a_campaign_that_is_not_there_is_told_with_those_that_are(dart: Path) -> None:
+    with PrivateSocket() as socket:
+        router = open_router("router", socket.endpoint)
+        router.appear(topics.farm("night"))
+        command = [sys.executable, "-m", "saflite", "worker", "--join", socket.endpoint, "--campaign", "nigth"]
+        command += ["--module", str(dart), "--workers", "1", "--patience", "3"]
+        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+        router.close()
+    assert done.returncode == 3
+    assert done.stderr.splitlines()[-1].endswith(f"answered for 3 s; at {socket.endpoint} runs night"), done.stderr
+
+
 def _copied(folder: Path) -> Path:
     shutil.copytree(Path(saflite.__file__).parent, folder / "saflite", ignore=shutil.ignore_patterns("__pycache__"))
     return folder

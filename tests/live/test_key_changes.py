@@ -52,6 +52,27 @@ def test_a_revoked_certificate_stays_refused_when_its_name_is_given_another(tmp_
     assert told[1] == f"the key of boss is for {role} in every campaign"
 
 
+def test_workers_whose_key_counts_no_more_are_refused_in_words(tmp_path: Path) -> None:
+    """Whether they begin with it or have worked: those that are patient without end asked for ever."""
+    keys = tmp_path / "keys"
+    keyring.init(keys, [], now_s=time.time())
+    lab = keyring.add(keys, "lab", ["worker"], now_s=time.time())
+    keyring.revoke(keys, "lab")
+    with PrivateSocket() as private:
+        router = _open(keys, private)
+        command = [sys.executable, "-m", "saflite", "worker", "--join", router.endpoint, "--keys", str(lab)]
+        command += ["--patience", "0", "--workers", "1"]
+        ends = [
+            subprocess.run([*command, *more], capture_output=True, text=True, check=False, timeout=120)
+            for more in ([], ["--campaign", CAMPAIGN])
+        ]
+        router.bus.close()
+    for end in ends:
+        assert (end.returncode, end.stderr.count("\n")) == (2, 1), end.stderr
+        assert end.stderr.startswith("saflite: refused: "), end.stderr
+        assert end.stderr.endswith("the key of lab is revoked\n"), end.stderr
+
+
 def test_what_was_changed_while_a_router_began_is_noticed(tmp_path: Path) -> None:
     keys, now_s, stops = tmp_path / "keys", time.time(), queue.SimpleQueue[str]()
     keyring.init(keys, [], now_s=now_s)

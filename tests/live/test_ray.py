@@ -233,6 +233,15 @@ def test_a_cluster_that_is_not_there_is_told() -> None:
         connect("127.0.0.1:9")
 
 
+def test_a_cluster_that_wants_a_token_is_told_how_to_get_one() -> None:
+    from saflite.runtime.launchers.ray import _unreached
+
+    assert _unreached("lab:6379", "no", "").endswith("no; where it asks for a token, as one of `ray start` does, "
+                                                     "set RAY_AUTH_MODE=token")  # fmt: skip
+    assert _unreached("lab:6379", "no", "token") == "no Ray cluster at lab:6379: no"
+    assert _unreached("", "no", "") == "no Ray cluster on this machine: no"
+
+
 def test_a_person_runs_a_campaign_on_a_cluster_started_here(tmp_path: Path) -> None:
     """In a process of its own: Ray looks once whether tokens are asked for, which another test may have had it do."""
     words = [sys.executable, "-m", "saflite", "run", "avoidance-m2", "--on", "ray", "--budget", "2", "--workers", "1"]

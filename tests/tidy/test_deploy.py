@@ -122,6 +122,18 @@ def test_metrics_that_are_drawn_or_watched_exist() -> None:
     named = {name for text in expressions for name in re.findall(r"saflite_\w+", text)}
     assert named
     assert named <= known
+    joined = [text for text in expressions if re.search(r"(?:on|by) ?\([^)]*campaign", text)]
+    assert joined
+    assert all("instance" in text for text in joined), "two farms may have campaigns of one name"
+
+
+def test_work_that_no_worker_is_there_for_is_an_alert_while_the_campaign_runs() -> None:
+    (group,) = _documents(DEPLOY / "prometheus" / "alerts.yml")[0]["groups"]
+    (rule,) = [rule for rule in group["rules"] if rule["alert"] == "NobodyWorks"]
+    waits, nobody, runs = re.split(r" (?:unless|and) on ", rule["expr"])
+    assert waits == "sum by (instance, campaign, stage) (saflite_queue_tasks) > 0"
+    assert nobody == "(instance, stage) count by (instance, stage) (saflite_worker_leases)"
+    assert runs == '(instance) saflite_campaign_state{state="running"}'
 
 
 def test_a_farm_whose_process_is_gone_is_told_of() -> None:

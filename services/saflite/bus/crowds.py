@@ -7,13 +7,12 @@ below it: the connection is shut down, as if the other side had gone.
 from __future__ import annotations
 
 import ipaddress
-import os
 import socket
 from collections.abc import Collection, Iterable
 from contextlib import suppress
-from stat import S_ISSOCK
 
 from saflite.bus.links import SESSIONS_MAX
+from saflite.bus.sockets import numbers, taken
 
 LINKS_MAX = SESSIONS_MAX // 3  # of a key: more than a farm can have workers (1,000), and others have room besides
 
@@ -41,11 +40,9 @@ def surplus(links: Iterable[tuple[str, str]], most: int, none_of: Collection[str
 def shut(ends: Collection[Address]) -> int:
     """Shut down this process's connections that lead to these ends; returns how many there were."""
     found = 0
-    for number in map(int, os.listdir("/proc/self/fd")) if ends else ():
-        with suppress(OSError):  # not connected, or closed meanwhile
-            if S_ISSOCK(os.fstat(number).st_mode):  # a second number of a file of SQLite would end its locks
-                with socket.socket(fileno=os.dup(number)) as connection:  # ours while we look: its number stays its own
-                    found += _shut_one(connection, ends)
+    for number, _ in numbers() if ends else ():
+        with suppress(OSError), taken(number) as connection:  # not connected, or closed meanwhile
+            found += _shut_one(connection, ends)
     return found
 
 

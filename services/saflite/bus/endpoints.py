@@ -70,7 +70,7 @@ def check_endpoint(text: str, *, insecure: bool, keys: bool = False, argument: s
     endpoint = parse_endpoint(text, argument)
     if endpoint.is_tls != keys:
         wanted, got = (
-            ("--keys FOLDER with it", "none") if endpoint.is_tls else ("an endpoint tls/HOST:PORT", repr(text))
+            (f"--keys FOLDER, with {text}", "none") if endpoint.is_tls else ("an endpoint tls/HOST:PORT", repr(text))
         )
         raise Refused("--keys" if endpoint.is_tls else argument, expected=wanted, got=got)
     if not endpoint.is_closed and not endpoint.is_tls and not insecure:

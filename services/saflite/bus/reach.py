@@ -15,6 +15,7 @@ from saflite.contract.rng import derive_seed
 TRY_FIRST_S, TRY_MAX_S = 2.0, 10.0
 PAUSE_FIRST_S, PAUSE_MAX_S = 1.0, 30.0
 PROBE_S = 2.0
+OF_OTHERS = (7, 18, 19, 20, 21)  # _CERT_SIGNATURE_FAILURE, _SELF_SIGNED_CERT, _IN_CHAIN, no issuer known, no leaf
 EXPIRED, NOT_ITS_NAME = 10, (62, 64)  # X509_V_ERR_CERT_HAS_EXPIRED, _HOSTNAME_MISMATCH and _IP_ADDRESS_MISMATCH
 
 
@@ -73,6 +74,8 @@ def _handshake(link: socket.socket, host: str, keys: Credentials) -> str:
 
 
 def _mend(verify_code: int, host: str) -> str:
+    if verify_code in OF_OTHERS:
+        return "; it is of another farm than these keys: `saflite keys add`, where that farm's keys are, makes one"
     if verify_code == EXPIRED:
         return "; `saflite keys renew`, where the farm's keys are, makes a new one"
     if verify_code in NOT_ITS_NAME:

@@ -28,6 +28,7 @@ from saflite.bus.memory import HISTORY
 from saflite.bus.questions import Question, ZenohRequest, attached, end_of
 from saflite.bus.reach import TRY_FIRST_S, TRY_MAX_S, attempts, why_unreached
 from saflite.bus.sending import Senders
+from saflite.bus.sockets import end_at_once, keep_ending_at_once
 from saflite.contract import topics
 from saflite.contract.errors import Unavailable
 
@@ -56,10 +57,10 @@ class ZenohBus:
         connect: Callable[[], zenoh.Session] | None = None,
     ) -> None:
         self.name, self._peer, self._admits = name, peer.name if peer else "", admits
-        self._shown = peer.shown if peer else ""
+        self._shown, self._may = (peer.shown, peer.in_words()) if peer else ("", "")
         self._session, self._connect = session, connect
         self._senders = Senders()
-        self._changing, self._closed = threading.Lock(), False
+        self._changing, self.closed = threading.Lock(), threading.Event()
         self._announcers: dict[str, Any] = {}
         self._tellers: dict[str, Any] = {}
         self._declarations: list[Callable[[zenoh.Session], Any]] = []
@@ -122,6 +123,14 @@ class ZenohBus:
             if reply.ok is not None:
                 return reply.ok.payload.to_bytes().decode(errors="replace")[:500]
         return ""
+
+    def denied(self) -> str:
+        """Return in words why this participant's key gets nothing; empty where it counts, or nobody says."""
+        try:
+            said = self.access()
+        except zenoh.ZError:  # its link is gone
+            return ""
+        return "" if said == self._may else said
 
     def end_surplus(self, most: int, none_of: Collection[str] = ()) -> dict[str, int]:
         """End the connections that a key has beyond so many, all of some keys; return how many those were, by key.
@@ -202,11 +211,12 @@ class ZenohBus:
         try:
             session = self._connect()
             old, self._session = self._session, session
+            end_at_once(())
             _close(old)
             self._announcers.clear()
             self._tellers.clear()
             self._declared = [declare(session) for declare in self._declarations]
-            if self._closed:
+            if self.closed.is_set():
                 _close(session)
         except zenoh.ZError as fault:
             log.warning("no new link to the router: %s", _words(fault))
@@ -215,7 +225,7 @@ class ZenohBus:
 
     def close(self) -> None:
         """See `Bus.close`."""
-        self._closed = True
+        self.closed.set()
         self._senders.close()
         _close(self._session)
 
@@ -281,6 +291,7 @@ def open_router(name: str, endpoint: str, *, insecure: bool = False, gate: Gate 
     except zenoh.ZError as fault:
         raise Unavailable(f"cannot listen on {' and '.join(places)}: {_words(fault)}") from fault
     bus = ZenohBus(name, session, admits=gate is not None)
+    keep_ending_at_once(bus.closed)
     if gate is not None:
         bus.tell_access(gate.register)
     return bus

@@ -36,6 +36,9 @@ _WORDS = {
 }
 
 
+_IS_OF_A_KEY = re.compile("^Object contains unknown field|^Invalid enum value .* at `key` in")
+
+
 def _plainly(said: str) -> str:
     """Return what msgspec says of a value in words that name its key first."""
     found = re.fullmatch(r"Expected (.+?)(?:, got (.+))? - at `\$\.?(.+)`", said)
@@ -51,6 +54,8 @@ def _plainly(said: str) -> str:
 def told(fault: msgspec.ValidationError, data: object, kind: type[msgspec.Struct]) -> str:
     """Return what is wrong with data in words: the fault found first, and where there are more keys wrong, all."""
     found = gaps(data, kind)
+    if len(found) == 1 and _IS_OF_A_KEY.search(str(fault)):
+        return found[0]
     if len(found) < 2:
         return _plainly(str(fault))
     more = f" and {len(found) - TOLD_MAX} more" if len(found) > TOLD_MAX else ""
@@ -69,7 +74,10 @@ def _look(data: object, info: Any, place: str, *, lenient: bool) -> Iterator[str
         for number, part in enumerate(data):
             yield from _look(part, info.item_type, f"{place}[{number}]", lenient=lenient)
     elif isinstance(info, inspect.DictType) and isinstance(data, dict):
+        may = info.key_type.values if isinstance(info.key_type, inspect.LiteralType) else None
         for key, part in data.items():
+            if may is not None and key not in may:
+                yield f"`{place}.{key}` is unknown (one of {', '.join(map(str, may))}?)"
             yield from _look(part, info.value_type, f"{place}.{key}" if place else str(key), lenient=lenient)
 
 

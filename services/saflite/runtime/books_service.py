@@ -35,7 +35,7 @@ from saflite.runtime.evidence import Evidence, InlineEvidence
 from saflite.runtime.fair_inbox import FairInbox
 from saflite.runtime.inspections import Inspections
 from saflite.runtime.liveness import TOKENS_MAX, Liveness
-from saflite.runtime.log_lines import WORK_LOG
+from saflite.runtime.log_lines import log_fact
 from saflite.runtime.long_poll_queue import LongPollQueue
 from saflite.runtime.questions import encoded, read
 from saflite.runtime.rate_limit import ANSWER_BYTES, JOIN_COST, RateLimit
@@ -382,5 +382,4 @@ class BooksService:
         kind = kind_of(event.fact)
         self._bus.announce(topics.event(self._campaign, kind), wire.encode(event))
         self._bus.tell(topics.event_json(self._campaign, kind), lambda: wire.encode_json(event))
-        case = getattr(event.fact, "test_case", "")
-        WORK_LOG.info(kind, extra={"test_case": case} if case else {})
+        log_fact(event.fact)

@@ -1,7 +1,7 @@
 """Logs of the farm's processes: lines for people, or one JSON object a line for machines.
 
 An object holds `time` (RFC 3339, UTC), `level`, `campaign`, `role`, `worker`, `event` (what happened, in words),
-`logger`, and `test_case`, `lease` and `traceback` where there is one.
+`logger`, and `test_case`, `lease`, `fact` and `traceback` where there is one.
 """
 
 from __future__ import annotations
@@ -13,6 +13,9 @@ import traceback
 from copy import copy
 from datetime import UTC, datetime
 
+import msgspec
+
+from saflite.contract.events import Fact
 from saflite.contract.plain import cut, plain, plain_json, word
 from saflite.contract.test_case import identity
 from saflite.contract.work import Work
@@ -41,7 +44,7 @@ class JsonLines(logging.Formatter):
             "event": cut(record.getMessage(), MESSAGE_CHARS_MAX),
             "logger": record.name,
         }
-        line |= {name: getattr(record, name) for name in ("test_case", "lease") if hasattr(record, name)}
+        line |= {name: getattr(record, name) for name in ("test_case", "lease", "fact") if hasattr(record, name)}
         if record.exc_info:
             line["traceback"] = "".join(traceback.format_exception(*record.exc_info))
         return plain_json(json.dumps(line, ensure_ascii=False))
@@ -75,6 +78,18 @@ def event_of(line: str) -> str:
     except (json.JSONDecodeError, RecursionError):
         return line
     return str(told["event"]) if isinstance(told, dict) and "event" in told else line
+
+
+def log_fact(fact: Fact) -> None:
+    """Write the line of a fact, with what it says in single values: who joined, what went wrong."""
+    if not WORK_LOG.isEnabledFor(logging.INFO):
+        return
+    said: dict[str, object] = msgspec.to_builtins(fact)
+    found = said.pop("violation", None)
+    said = {**said, **(found if isinstance(found, dict) else {})}
+    single = {name: value for name, value in said.items() if isinstance(value, str | bool | int | float)}
+    kind, case = single.pop("type"), single.pop("test_case", "")
+    WORK_LOG.info(kind, extra={"fact": single, **({"test_case": case} if case else {})})
 
 
 def about(work: Work, lease: str) -> dict[str, str]:

@@ -19,6 +19,7 @@ from saflite.scorer_pool.key_hosts import with_key_hosts
 HERE, RAY = "here", "ray"
 KEY_NAME = "ray"
 KEY_DAYS = 30
+HEAD_AWAY, HEAD_AWAY_S = "RAY_gcs_rpc_server_reconnect_timeout_s", 7 * 86_400
 EXPECTED = "here, ray (a cluster started on this machine), ray:auto or ray:ADDRESS"
 
 
@@ -58,6 +59,7 @@ def workers_on(
     address = place.partition(":")[2]
     if not address:
         _close_to_others()
+    _outlive_its_head()
     from saflite.runtime.launchers.base import Meeting
     from saflite.runtime.launchers.ray import RayLauncher, connect
 
@@ -81,6 +83,12 @@ def _close_to_others() -> None:
     if not environment("RAY_AUTH_MODE"):
         set_environment("RAY_AUTH_MODE", "token")
         set_environment("RAY_AUTH_TOKEN", secrets.token_hex(32))
+
+
+def _outlive_its_head() -> None:
+    """Have Ray leave this process alone where its head does not answer: it would end it after 60 s, with code 1."""
+    if not environment(HEAD_AWAY):
+        set_environment(HEAD_AWAY, str(HEAD_AWAY_S))
 
 
 def _key(keys: Path, campaign: str) -> Path:

@@ -177,7 +177,7 @@ def _worker(options: argparse.Namespace) -> int:
     labels = dict(text.partition("=")[::2] for text in options.label)
     card = card_of(options.role, name, clock, targets=config.targets, labels=labels)
     shell = WorkerShell(bus, options.campaign, service, config, card, spool, clock)
-    shell.on_turn = end_unless_said_again
+    shell.on_turn, shell.denied = end_unless_said_again, bus.denied
     _on_signals(shell.stop)
     signal.signal(DRAIN_SIGNAL, lambda _got, _frame: shell.drain())
     left = shell.run()

@@ -110,6 +110,8 @@ def run(group: Group, say: Say) -> GroupEnd:
         with interrupts() as interrupted:
             launcher = LocalLauncher(meeting, folder, modules=group.modules, keys=group.keys)
             end = _work(launcher, specs, interrupted, group.metrics)
+        if end.condition == "unanswered":
+            end = end._replace(message=f"{end.message}{_why_unanswered(endpoint, campaign, group, keys)}")
     finally:
         _tidy(group, folder, end)
     return end
@@ -182,15 +184,29 @@ def _tidy(group: Group, folder: Path, end: GroupEnd | None) -> None:
 def _campaign_at(endpoint: str, group: Group, keys: Credentials | None) -> str:
     bus = open_client("worker", endpoint, patience_s=group.patience_s or None, insecure=group.insecure, keys=keys)
     try:
+        if denied := bus.denied():
+            raise Refused("key", expected="one that counts", got=denied)
         found = campaigns(bus, WallClock(), group.patience_s)
-        words = "" if found else bus.access()
     finally:
         bus.close()
     if not found:
-        raise Unavailable(f"no farm at {endpoint} has shown within {group.patience_s:.0f} s{words and '; '}{words}")
+        raise Unavailable(f"no farm at {endpoint} has shown within {group.patience_s:.0f} s")
     if len(found) > 1:
         raise Refused("--campaign", expected=f"one of {', '.join(found)}, which run at {endpoint}", got="nothing")
     return found[0]
+
+
+def _why_unanswered(endpoint: str, campaign: str, group: Group, keys: Credentials | None) -> str:
+    """Return what can be seen of why nobody answered for a campaign, to be said after that; empty if nothing."""
+    try:
+        bus = open_client("worker", endpoint, patience_s=LOOK_S, insecure=group.insecure, keys=keys)
+    except Unavailable as fault:
+        return f"; {fault}"
+    try:
+        found = campaigns(bus, WallClock(), LOOK_S)
+    finally:
+        bus.close()
+    return f"; at {endpoint} runs {', '.join(found)}" if found and campaign not in found else ""
 
 
 def campaigns(bus: Bus, clock: Clock, patience_s: float) -> Sequence[str]:

@@ -50,6 +50,12 @@ class _Drain(NamedTuple):
     """The worker is needed no more once it has finished what it holds."""
 
 
+class _Denied(NamedTuple):
+    """The router says that this worker's key gets nothing."""
+
+    why: str
+
+
 class WorkerShell:
     """One worker process: a bus, a service, threads to do its work, and the state machine between them."""
 
@@ -66,12 +72,13 @@ class WorkerShell:
         self._card = card
         self._bus, self._campaign, self._service, self._spool, self._clock = bus, campaign, service, spool, clock
         self._machine = Worker(config, clock.monotonic_s(), service.cursor)
-        self._inbox: queue.SimpleQueue[Happening | _Ended | _Stop | _Drain] = queue.SimpleQueue()
+        self._inbox: queue.SimpleQueue[Happening | _Ended | _Stop | _Drain | _Denied] = queue.SimpleQueue()
         self._work: queue.SimpleQueue[Lease] = queue.SimpleQueue()
         self._cancelled: dict[Key, threading.Event] = {}
         self._threads = 0
         self._left: machine.Leave | None = None
         self._measured_s, self._measures = 0.0, 0
+        self.denied: Callable[[], str] = str  # asked where nobody answers: why its key gets nothing, empty if it counts
         self.on_turn: Callable[[], None] = lambda: None  # called at least once in `MEASURE_S` while Python runs
 
     def stop(self, why: str) -> None:
@@ -100,7 +107,7 @@ class WorkerShell:
 
     # -- in -------------------------------------------------------------------------------------------------------
 
-    def _take(self, happening: Happening | _Ended | _Stop | _Drain) -> None:
+    def _take(self, happening: Happening | _Ended | _Stop | _Drain | _Denied) -> None:
         if isinstance(happening, _Ended):
             assert happening.result is not None, f"work of lease {happening.key.lease_id} broke our own code"
             self._cancelled.pop(happening.key, None)
@@ -109,6 +116,8 @@ class WorkerShell:
             self._feed(machine.StopAsked(happening.why))
         elif isinstance(happening, _Drain):
             self._feed(machine.DrainAsked())
+        elif isinstance(happening, _Denied):
+            self._feed(machine.Answered(Joined(accepted=False, message=happening.why)))
         elif isinstance(happening, Reply):
             self._take_reply(happening)
 
@@ -168,9 +177,15 @@ class WorkerShell:
             self._spool.forget(*instruction.key)
         elif isinstance(instruction, machine.Renew):
             log.warning("nobody has answered for a while: connecting anew")
-            threading.Thread(target=self._bus.renew, name="renew", daemon=True).start()
+            threading.Thread(target=self._renew, name="renew", daemon=True).start()
         else:
             self._left = instruction
+
+    def _renew(self) -> None:
+        """Connect anew, and take it for the answer of the books where the router says that this key gets none."""
+        self._bus.renew()
+        if denied := self.denied():
+            self._inbox.put(_Denied(denied))
 
     def _send(self, key: str, message: msgspec.Struct, tag: str | Key, timeout_s: float) -> None:
         self._bus.ask(key, wire.encode(message), tag, self._inbox.put, timeout_s)

@@ -10,17 +10,20 @@ import pytest
 from rich.console import Console
 
 from saflite.campaign.presets.campaigns import builtin_campaigns, load_campaign, template
+from saflite.campaign.storage.store import Store
 from saflite.console.cli import command_names, main
+from saflite.console.commands import control
 from saflite.console.io import campaign_options, toml_text
 from saflite.console.operations import judging
 from saflite.console.operations.replaying import Replayed, line
-from saflite.console.view import live
+from saflite.console.view import live, out
 from saflite.contract.config import parse_campaign
 from saflite.contract.control import Status, WorkerStatus
 from saflite.contract.events import Quarantined, ScorerChanged, ViolationFound
 from saflite.contract.flight import Delivered, DeliveryAnswer, Flight
 from saflite.contract.test_case import Obstacle, Stimulus
 from saflite.contract.verdict import NEVER_APPLIED, Judgement, Verdict, Violation
+from saflite.simulator_worker.targets import reference
 
 WANTED = "run resume replay fly judge mutate score audit watch list export report doctor scorer evaluate sitl schema"
 
@@ -85,6 +88,41 @@ def test_a_progress_line_says_what_users_look_for() -> None:
     words = ("12/100 flights", "2.50/s", "310x real time", "2 finds", "4 s ago", "1/1 busy", "fly 4")
     for word in (*words, "3 scores by the embedded scorer instead"):
         assert word in shown
+
+
+def test_work_that_nobody_is_there_for_is_told_as_such() -> None:
+    told = msgspec.structs.replace(status(), queues={"fly": 4, "score": 12, "judge": 0})
+    assert "waiting: fly 4 score 12 (no worker for it)" in live.one_line(told)
+    console = Console(width=200, file=StringIO(), record=True)
+    console.print(live._drawn(told))
+    assert "fly 4, score 12 (no worker for it), judge 0" in console.export_text()
+
+
+def test_a_status_says_what_each_worker_does(capsys: pytest.CaptureFixture[str]) -> None:
+    worker = status().workers[0]
+    silent = [msgspec.structs.replace(worker, worker=f"lab-fly-{n}", silent_s=float(n), host="lab") for n in range(50)]
+    control._tell_workers(msgspec.structs.replace(status(), workers=tuple(silent)))
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].split() == ["worker", "stage", "state", "done", "busy", "silent", "host"]
+    assert lines[1].split() == ["lab-fly-49", "fly", "busy", "3", "90%", "49.0", "s", "lab"]
+    assert (len(lines), lines[-1]) == (1 + 40 + 1, "  and 10 more (--json tells of all)")
+    control._tell_workers(msgspec.structs.replace(status(), workers=()))
+    assert not capsys.readouterr().out
+
+
+def test_progress_lines_go_on_where_the_books_were_started_anew(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Books that had waited for hours count from where something happened last."""
+    campaign = load_campaign("avoidance-m2")
+    Store.create(tmp_path / "run", campaign, template(campaign), reference.describe()).close()
+    said: list[str] = []
+    monkeypatch.setattr(out, "line", said.append)
+    view = live._Lines(tmp_path / "run")
+    for elapsed_s in (7200.0, 7202.0, 7205.0, 3.0, 4.0, 8.0):
+        view.update(msgspec.structs.replace(status(), elapsed_s=elapsed_s, seq=0))
+    view.close()
+    assert [line.split()[0] for line in said] == ["7200.0", "7205.0", "3.0", "8.0"]
 
 
 def test_the_live_screen_draws() -> None:

@@ -6,9 +6,12 @@ import json
 import logging
 import sys
 
+import pytest
+
+from saflite.contract.events import Fact, FaultSeen, Quarantined, WorkerChanged
 from saflite.contract.test_case import Scenario, Target, TestCase, identity
 from saflite.contract.work import FlyWork, WarmWork
-from saflite.runtime.log_lines import MESSAGE_CHARS_MAX, TEXT, JsonLines, TextLines, about, event_of
+from saflite.runtime.log_lines import MESSAGE_CHARS_MAX, TEXT, WORK_LOG, JsonLines, TextLines, about, event_of, log_fact
 
 
 def _line(message: str, *args: object, **more: object) -> str:
@@ -76,3 +79,33 @@ def _broken() -> logging.LogRecord:
         raise ValueError("no")
     except ValueError:
         return logging.LogRecord("saflite.x", logging.ERROR, "x.py", 1, "broken", None, sys.exc_info())
+
+
+def test_a_fact_is_a_line_that_says_who_and_what(capsys: pytest.CaptureFixture[str]) -> None:
+    handler = logging.StreamHandler(sys.stdout)
+    handler.setFormatter(JsonLines("night", "books", "books"))
+    WORK_LOG.addHandler(handler)
+    before = WORK_LOG.level
+    facts: list[Fact] = [
+        WorkerChanged(worker="lab-fly-1", stage="fly", present=True, host="lab"),
+        FaultSeen(where="fly/1", message="lost"),
+        Quarantined(test_case="c" * 16, attempts=3, last="lost", message="away"),
+    ]
+    try:
+        for level in (logging.WARNING, logging.INFO):
+            WORK_LOG.setLevel(level)
+            for fact in facts:
+                log_fact(fact)
+    finally:
+        WORK_LOG.setLevel(before)
+        WORK_LOG.removeHandler(handler)
+    lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert [(line["event"], line["worker"]) for line in lines] == [
+        ("worker", "books"),
+        ("fault", "books"),
+        ("quarantined", "books"),
+    ]
+    assert {"worker": "lab-fly-1", "stage": "fly", "present": True, "host": "lab"}.items() <= lines[0]["fact"].items()
+    assert lines[1]["fact"] == {"where": "fly/1", "message": "lost"}
+    assert lines[2]["test_case"] == "c" * 16
+    assert lines[2]["fact"] == {"attempts": 3, "last": "lost", "message": "away"}

@@ -9,9 +9,14 @@ examples:
 from __future__ import annotations
 
 import argparse
+from typing import TYPE_CHECKING
 
 from saflite.console.io import farm_options
 
+if TYPE_CHECKING:
+    from saflite.contract.control import Status
+
+WORKERS_TOLD = 40
 DIGITS_MAX = 18  # of a number; what they say is bounded by the books
 
 
@@ -43,9 +48,25 @@ def run(args: argparse.Namespace) -> int:
         out.json(answer)
     elif answer.status is not None:
         out.line(live.one_line(answer.status))
+        if args.verb == "status":
+            _tell_workers(answer.status)
     else:
         out.line(answer.message or f"{args.verb}: done")
     return 0
+
+
+def _tell_workers(status: Status) -> None:
+    """Write what each worker does, those first that were not heard of for longest."""
+    from saflite.console.view import out
+
+    longest = sorted(status.workers, key=lambda one: -one.silent_s)[:WORKERS_TOLD]
+    rows = [
+        (one.worker, one.stage, one.state, one.done, f"{one.busy_share:.0%}", f"{one.silent_s:.1f} s", one.host)
+        for one in longest
+    ]
+    out.table(rows, ("worker", "stage", "state", "done", "busy", "silent", "host") if rows else (), indent="  ")
+    if len(status.workers) > len(longest):
+        out.line(f"  and {len(status.workers) - len(longest)} more (--json tells of all)")
 
 
 def _number(verb: str, words: list[str]) -> int:

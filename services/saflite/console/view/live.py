@@ -118,7 +118,7 @@ def violation_line(violation: Violation) -> str:
 def one_line(status: Status) -> str:
     """Return the state of the campaign in one line."""
     last = f", last {status.since_last_find_s:.0f} s ago" if status.since_last_find_s is not None else ""
-    queues = " ".join(f"{name} {count}" for name, count in status.queues.items() if count)
+    queues = " ".join(one for name, count in status.queues.items() if count for one in _waiting(status, name))
     busy = sum(1 for worker in status.workers if worker.state == "busy")
     instead = f"  {_instead(status)}" if status.fallbacks else ""
     share = f"  {shared}" if (shared := decided_share(status)) else ""
@@ -136,6 +136,13 @@ def one_line(status: Status) -> str:
         + instead
         + trouble
     )
+
+
+def _waiting(status: Status, stage: str) -> list[str]:
+    """Return how much waits at a stage, and whether nobody is there for it."""
+    count = status.queues[stage]
+    nobody = count and not any(worker.stage == stage for worker in status.workers)
+    return [f"{stage} {count}", *(["(no worker for it)"] if nobody else [])]
 
 
 def decided_share(status: Status) -> str:
@@ -215,7 +222,8 @@ class _Lines:
         for text in self._news.lines(status.seq):
             out.line(text)
         is_new = status.trouble and not (self._last and self._last.trouble)
-        if status.elapsed_s >= self._next_s or is_new:
+        begun_anew = self._last is not None and status.elapsed_s < self._last.elapsed_s  # the books were
+        if status.elapsed_s >= self._next_s or begun_anew or is_new:
             out.line(one_line(status))
             self._next_s = status.elapsed_s + PLAIN_EVERY_S
         self._last = status
@@ -322,7 +330,7 @@ def _facts(status: Status) -> Table:
         ),
         _words(f"last find {last}{_value(status)}"),
     )
-    queues = ", ".join(f"{name} {count}" for name, count in status.queues.items())
+    queues = ", ".join(" ".join(_waiting(status, name)) for name in status.queues)
     facts.add_row(_words(f"round {status.round}, scorer {status.scorer}{pending}"), _words(f"waiting: {queues}"))
     if status.trouble:
         facts.add_row(_words(("nothing goes on", "bold red")), _words((status.trouble, "red")))

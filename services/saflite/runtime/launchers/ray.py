@@ -14,7 +14,9 @@ import os
 import signal
 import socket
 import tempfile
+import threading
 from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from shutil import rmtree
 from typing import Any, NamedTuple
@@ -22,6 +24,7 @@ from typing import Any, NamedTuple
 import ray
 from ray.exceptions import GetTimeoutError, RayActorError, RayError
 
+from saflite.contract.config import environment
 from saflite.contract.errors import Refused, Unavailable
 from saflite.runtime.clock import WallClock
 from saflite.runtime.launchers.base import Meeting, RoleSpec, RoleState
@@ -35,6 +38,7 @@ CPUS_OTHERWISE = 0.02  # not 0: a node with such roles alone would count as idle
 LEAVE_S = 2.0  # for an actor whose role has ended, or that hangs, to take its folder away before it is killed
 FOLDERS = "saflite-on-ray-"
 REACH_S = 3.0
+DROP_S = 5.0
 HANGS_S = 30.0  # an actor that answers no more (its node frozen or cut off) is given up and placed anew
 OBJECT_STORE_BYTES = 100 * 2**20  # nothing of ours goes through it
 
@@ -126,9 +130,21 @@ def _end(placed: Collection[_Placed], within_s: float) -> int:
     """Have actors stop, all at once, and drop them; returns how many did not stop in time."""
     stops = [one.actor.stop.remote() for one in placed]
     late = ray.wait(stops, num_returns=len(stops), timeout=within_s)[1] if stops else []
-    for one in placed:
-        one.end()
+    _drop(placed)
     return len(late)
+
+
+def _drop(placed: Collection[_Placed]) -> None:
+    """Drop actors, those last that wait for room: while the cluster's head is away, that waits until it is back."""
+
+    def drop() -> None:
+        with suppress(Exception):  # left meanwhile, or the cluster has gone: nothing is there to be dropped
+            for one in sorted(placed, key=lambda one: one.waits):
+                one.end()
+
+    dropping = threading.Thread(target=drop, name="drop", daemon=True)
+    dropping.start()
+    dropping.join(DROP_S)
 
 
 class RayLauncher:
@@ -186,12 +202,12 @@ class RayLauncher:
 
     def drain(self, names: Collection[str]) -> None:
         """See `Launcher.drain`. An actor that waits for room asks the cluster for it no more."""
-        for name in [name for name in names if name in self._placed]:
-            if self._placed[name].waits:
-                self._placed.pop(name).end()
-                self._ended[name] = RoleState("finished", "there was no room for it yet")
-            else:
-                self._placed[name].actor.drain.remote()
+        chosen = [name for name in names if name in self._placed]
+        waiting = [name for name in chosen if self._placed[name].waits]
+        for name in set(chosen) - set(waiting):
+            self._placed[name].actor.drain.remote()
+        _drop([self._placed.pop(name) for name in waiting])
+        self._ended |= {name: RoleState("finished", "there was no room for it yet") for name in waiting}
 
     def stop(self, names: Collection[str] | None = None) -> None:
         """See `Launcher.stop`."""
@@ -252,8 +268,15 @@ def _begin(address: str) -> None:
             object_store_memory=OBJECT_STORE_BYTES,
         )
     except (ConnectionError, RuntimeError, ValueError, RayError, GetTimeoutError) as fault:
-        where = f"at {address}" if address else "on this machine"
-        raise Unavailable(f"no Ray cluster {where}: {_first_line(fault)}") from fault
+        raise Unavailable(_unreached(address, _first_line(fault), environment("RAY_AUTH_MODE"))) from fault
+
+
+def _unreached(address: str, why: str, auth_mode: str) -> str:
+    """Return in words that a cluster was not reached; Ray itself says of a missing token only in its log."""
+    if not address:
+        return f"no Ray cluster on this machine: {why}"
+    token = "" if auth_mode else "; where it asks for a token, as one of `ray start` does, set RAY_AUTH_MODE=token"
+    return f"no Ray cluster at {address}: {why}{token}"
 
 
 def _folder(name: str) -> tuple[Path, int]:

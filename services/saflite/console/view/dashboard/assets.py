@@ -72,7 +72,8 @@ set('speed',live.real_time_factor.toFixed(0)+'\\u00d7');set('scorer',live.scorer
 ' \\u2192 '+live.scorer_pending:''));set('trouble',live.trouble||'');
 const beside=live.reflown+(live.checked||0)+(live.shrink_flights||0);set('eta',live.flights_per_s>0?
 span(Math.max(0,now.budget-now.flights)*(1+beside/Math.max(1,now.flights))/live.flights_per_s):'\\u2013');
-set('queues',Object.entries(live.queues).filter(one=>one[1]).map(one=>one.join(' ')).join(', ')||'none');
+set('queues',Object.entries(live.queues).filter(one=>one[1]).map(one=>one.join(' ')+
+(live.workers.some(worker=>worker.stage===one[0])?'':' (no worker for it)')).join(', ')||'none');
 const pause=$('#pause');if(pause)pause.textContent=paused?'resume':'pause'}
 workers(live?live.workers:[]);const ended=lived&&!live;lived=!!live;
 if(now.version!==shown||ended){shown=now.version;const time=Date.now();if(time-at>4000||!live){at=time;refresh()}}}
