@@ -1,4 +1,4 @@
-"""The greatest yaw rate (ATC_RATE_Y_MAX) binds the pilot's stick and an order alike; a limit below 20 deg/s counts as 20."""
+"""The greatest yaw rate (ATC_RATE_Y_MAX) binds the stick and an order alike; a limit below 20 deg/s counts as 20."""
 
 from __future__ import annotations
 
