@@ -116,7 +116,7 @@ def _different(policies: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Return one policy for each rule: two autopilots' manuals often ask for the same, in two published policies."""
     rules: dict[str, dict[str, Any]] = {}
     for data in policies:
-        parts = (data["formula"], data.get("terms", {}), data.get("constants", {}))
+        parts = (data["formula"], *(sorted(data.get(table, {}).items()) for table in ("terms", "constants")))
         rules.setdefault(" ".join(str(parts).replace("\\n", " ").split()), data)
     return list(rules.values())
 
