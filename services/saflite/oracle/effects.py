@@ -33,6 +33,9 @@ STRONG_SHARE, STRONG_TIMES = 0.5, 12.0
 0.5 Gauss, or a gyro by 0.2 rad/s, for 9 s leaves it leaning by more than 5 degrees for another 60 s, while it spins for
 100 s; at half of that it levels itself at once."""
 SLIGHT_RPS = 0.01  # a gyro said to be off by this has a vehicle lean by 3 degrees
+SLUGGISH_DPS = 10.0
+"""Who may lean no faster swings about the place it holds: ArduCopter 4.5.7 with ATC_RATE_R_MAX 5 by 20 m. Some vehicles
+take no limit that low; of these nothing is asked either while one is set."""
 WIND_STOOD_MPS, GUSTS_STOOD_MPS = 8.0, 2.0  # a small multirotor holds its place in that much
 WIND_SETTLE_S = 5.0
 """Measured on the reference: in a wind of 8 m/s that comes at once, LOITER, BRAKE, GUIDED and LAND are off by at most
@@ -83,6 +86,7 @@ _SETTINGS: tuple[tuple[str, Effect], ...] = (
     (r"gnd_primary|ek\d_alt_source|baro", Effect(passing=("baro_settled",), per_unit_s=1.0)),
     (r"ins_gyroffs|compass_of", Effect(lasting=("body_true",))),
     (r"ahrs_trim", Effect(passing=("body_true",))),  # the heading follows: it is reckoned from a field felt askew
+    (r"atc_rate_[rp]_max", Effect(lasting=("body_true",))),
     (r"gps_(pos|type|primary|sats)", Effect(passing=("gps_settled",))),
     (r"rc\d+_(trim|dz|option|reversed?)|rc3_|rcmap_|thr_dz|tune$", Effect(lasting=("sticks_true",))),
 )
@@ -106,6 +110,8 @@ def effect_of(stimulus: Stimulus) -> Effect:
     if effect.lasting == ("sticks_true",):
         return effect._replace(healthy=_STICK_USUAL.get(name, _STICK_USUAL.get(name.rpartition("_")[2], 0.0)))
     if name.startswith("ins_gyroffs") and all(abs(value) < SLIGHT_RPS for value in stimulus.values):
+        return Effect()
+    if name.startswith("atc_rate") and not any(0.0 < value < SLUGGISH_DPS for value in stimulus.values):
         return Effect()
     if fault and _stood(name, stimulus.values):
         return Effect(passing=("body_true",), settles_s=WIND_SETTLE_S)

@@ -36,6 +36,8 @@ def down(flag: str, *stimuli: Stimulus, before: dict[str, float] | None = None) 
         ("parameter", "AHRS_TRIM_X", 0.1, {"body_true"}),
         ("parameter", "INS_GYROFFS_X", 0.02, {"body_true"}),
         ("parameter", "INS_GYROFFS_X", 0.005, set()),
+        ("parameter", "ATC_RATE_R_MAX", 5.0, {"body_true"}),
+        ("parameter", "ATC_RATE_P_MAX", 60.0, set()),
         ("sensor_fault", "SIM_ENGINE_FAIL", 2.0, set()),
         ("sensor_fault", "SIM_ENGINE_MUL", 0.5, {"body_true"}),
         ("sensor_fault", "SIM_ENGINE_MUL", 1.0, set()),
