@@ -131,13 +131,15 @@ def _stimulus(one: Stimulus, by: _Isometry) -> Stimulus:
         if values[3:4] in ([], [0.0]) and 0.0 <= values[0] <= 360.0:
             values[0] = by.heading(values[0])
         if len(values) > 2:
-            values[2] = _sense(values[2], by)
+            values[2] = _sense(values[2], bool(values[3:4] and values[3]), by)
     return replace(one, values=tuple(values))
 
 
-def _sense(clockwise: float, by: _Isometry) -> float:
-    """Return the direction of a turn; 0 turns clockwise, where it is by an angle."""
-    return clockwise if by.sense > 0.0 else -(clockwise or 1.0)
+def _sense(clockwise: float, relative: bool, by: _Isometry) -> float:
+    """Return the direction of a turn; 0 turns clockwise where it is by an angle, to a heading the shorter way."""
+    if by.sense > 0.0:
+        return clockwise
+    return -(clockwise or 1.0) if relative else -clockwise
 
 
 def _scenario(scenario: Scenario, by: _Isometry) -> Scenario:
@@ -170,7 +172,7 @@ def _item(item: MissionItem, home: tuple[float, float], by: _Isometry) -> Missio
         params[3] = by.heading(params[3]) or 360.0
     if item.command == _YAW_ITEM:
         params[0] = (params[0] or 0.0) if params[3] else by.heading(params[0] or 0.0)
-        params[2] = _sense(params[2] or 0.0, by)
+        params[2] = _sense(params[2] or 0.0, bool(params[3]), by)
     if item.command == _TURNS_ITEM and params[2]:
         params[2] *= by.sense
     return replace(item, params=tuple(params))

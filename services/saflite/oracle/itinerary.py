@@ -58,19 +58,9 @@ def items_of(mission: Mission | None) -> tuple[Item, ...]:
     for raw in mission.items if mission is not None else ():
         assert mission is not None
         numbers = [value or 0.0 for value in raw.params]
-        placed = bool(raw.params[4]) and bool(raw.params[5]) and raw.params[6] is not None
-        if placed and raw.command in (*FLOWN_TO, STAYS):
-            x_m, y_m = _place(mission, raw)
-            up_m = numbers[6] - (mission.home_alt_m if raw.frame in (0, 5) else 0.0)
-            last = Item(x_m, y_m, up_m, wait_s=FOR_EVER_S if raw.command == STAYS else numbers[0])
+        if raw.command in (*FLOWN_TO, STAYS):
+            last = _flown_to(mission, raw, last)
             found.append(last)
-        elif (
-            raw.command in FLOWN_TO
-            and raw.params[6] is not None
-            and not (raw.params[4] or raw.params[5] or np.isnan(last.x_m))
-        ):
-            up_m = numbers[6] - (mission.home_alt_m if raw.frame in (0, 5) else 0.0)
-            found.append(last._replace(altitude_m=up_m, wait_s=numbers[0]))
         elif raw.command in WAITS:
             found.append(Item(wait_s=max(0.0, numbers[0])))
         elif raw.command == JUMP:
@@ -78,8 +68,22 @@ def items_of(mission: Mission | None) -> tuple[Item, ...]:
             last = Item()  # who jumps comes from elsewhere
         else:
             found.append(Item())
-            last = Item() if raw.command in (*ELSEWHERE, STAYS) else last
+            last = Item() if raw.command in ELSEWHERE else last
     return tuple(found)
+
+
+def _flown_to(mission: Mission, raw: MissionItem, last: Item) -> Item:
+    """Return what a way-point asks for that follows `last`; one whose place is not known only stays there or does not.
+
+    The place of one before, if known, counts for what has no latitude and longitude.
+    """
+    hold_s, lat_deg, lon_deg, up_m = raw.params[0], *raw.params[4:7]
+    wait_s = FOR_EVER_S if raw.command == STAYS else hold_s or 0.0
+    placed = bool(lat_deg and lon_deg)
+    if up_m is None or not (placed or (not (lat_deg or lon_deg) and np.isfinite(last.x_m))):
+        return Item(wait_s=wait_s if raw.command == STAYS else 0.0)
+    x_m, y_m = _place(mission, raw) if placed else (last.x_m, last.y_m)
+    return Item(x_m, y_m, up_m - (mission.home_alt_m if raw.frame in (0, 5) else 0.0), wait_s=wait_s)
 
 
 def landings_of(mission: Mission | None) -> tuple[Item, ...]:

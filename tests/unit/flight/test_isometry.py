@@ -118,6 +118,7 @@ def test_in_the_mirror_a_place_to_the_right_lies_to_the_left() -> None:
         ((300, 0, 1, 0), (60, 0, -1, 0)),
         ((30, 0, -1, 1), (30, 0, 1, 1)),
         ((30, 0, 0, 1), (30, 0, -1, 1)),  # without a direction a turn is clockwise
+        ((300, 0, 0, 0), (60, 0, 0, 0)),  # to a heading, the shorter way round
         ((-5, 0, 1, 0), (-5, 0, -1, 0)),  # refused, and so it is in the mirror
     ],
 )

@@ -135,7 +135,18 @@ def test_an_item_at_no_place_is_sent_as_one() -> None:
 
 def test_a_jump_is_counted_from_the_first_item_as_0() -> None:
     """Plans count from 1; QGroundControl takes one off for an autopilot that holds no home, and so do we."""
-    jump, there = MissionItem(command=177, params=(2.0, 3.0, *[0.0] * 5)), MissionItem(command=16)
+    jump = MissionItem(command=177, params=(2.0, 3.0, *[0.0] * 5))
+    there = MissionItem(command=16, params=(*[0.0] * 4, 47.5, 8.6, 10.0))
     mission = Mission(name="m", home_lat_deg=47.4, home_lon_deg=8.5, home_alt_m=0.0, items=(there, there, jump))
     assert as_taken(mission).items[2].params[:2] == (1.0, 3.0)
     assert as_taken(mission).items[:2] == mission.items[:2]
+
+
+def test_an_item_without_a_place_is_sent_to_that_of_the_one_before() -> None:
+    def at(command: int, lat_deg: float, lon_deg: float, up_m: float) -> MissionItem:
+        return MissionItem(command=command, params=(0.0, 0.0, 0.0, 0.0, lat_deg, lon_deg, up_m))
+
+    items = (at(22, 0, 0, 10), at(16, 47.5, 8.6, 10), at(178, 0, 0, 0), at(16, 0, 0, 15), at(21, 0, 0, 0))
+    mission = Mission(name="m", home_lat_deg=47.4, home_lon_deg=8.5, home_alt_m=0.0, items=items)
+    sent = [item.params[4:] for item in as_taken(mission).items]
+    assert sent == [(47.4, 8.5, 10), (47.5, 8.6, 10), (0, 0, 0), (47.5, 8.6, 15), (47.5, 8.6, 0)]

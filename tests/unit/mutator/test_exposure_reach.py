@@ -204,17 +204,6 @@ def test_a_search_within_ranges_follows_a_procedure_that_tells_the_value_of_what
     assert given == {(-1.0,)}
 
 
-def test_a_drawn_mission_holds_nothing_that_the_target_takes_in_none() -> None:
-    settings: dict[str, Setting] = {"hints": [], "missions": 1.0, "kept": 0.0, "routed": 0.0}
-
-    def commands(*lacks: int) -> set[int]:
-        other = msgspec.structs.replace(describe(), name="other", mission_lacks=lacks)
-        drawn = Strategy(TEMPLATE, settings, ("upright",), other).ask(40, derive(1, "test"))
-        return {item.command for one in drawn if one.scenario.mission for item in one.scenario.mission.items}
-
-    assert commands() - commands(112, 115) == {112, 115}
-
-
 def test_a_policy_that_a_lax_setting_bears_on_is_attended_more() -> None:
     attention = Attention(POLICIES)
     assert Counter(attention.rotation(derive(1, "test"), 100, {"a-rtl1"}))["a-rtl1"] == pytest.approx(60, abs=1)

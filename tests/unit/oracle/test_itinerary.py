@@ -113,8 +113,10 @@ def test_a_wait_right_after_a_turn_asks_for_its_heading() -> None:
 
 
 def test_who_is_to_stay_for_ever_waits_for_ever() -> None:
-    (stays,) = itinerary.items_of(mission((STAYS, 0, 0, 0, 0, 47.001, 8.0, 10.0)))
-    assert stays.wait_s == itinerary.FOR_EVER_S
+    here = (STAYS, 0, 0, 0, 0, 0, 0, 10.0)  # without a place, with one before that is known or not
+    items = itinerary.items_of(mission((STAYS, 0, 0, 0, 0, 47.001, 8.0, 10.0), here, (JUMP, 2, 1), here))
+    assert [items[at].wait_s for at in (0, 1, 3)] == [itinerary.FOR_EVER_S] * 3
+    assert (items[1].x_m, np.isnan(items[3].x_m)) == (items[0].x_m, True)
 
 
 def test_the_speed_ordered_before_an_item_is_told_and_a_jump_leaves_it_open() -> None:

@@ -29,6 +29,7 @@ LEGS = {WAYPOINT: 45, SPLINE: 6, WAIT: 7, STAY: 2, JUMP: 7, SPEED: 12, YAW: 12, 
 """How often each item is drawn between take-off and end."""
 MISSION_SPEED_MPS = (0.3, 12.0)  # one above what is flown at anyway bounds nothing
 HOLDS = 0.3  # share of places where the vehicle is to wait, besides those that are for that
+NOWHERE = 0.15  # share of places that say 0, 0: a place of the item before
 
 
 class Scenarios(NamedTuple):
@@ -62,19 +63,41 @@ class Scenarios(NamedTuple):
     def mission(self, rng: Rng) -> Scenario:
         """Return a mission near home: take-off, one to eight items, an end or none."""
         height_m = round(_log_uniform(rng, *MISSION_HEIGHT_M), 1)
-        items = [_item(TAKEOFF, place=(HOME_LAT_DEG, HOME_LON_DEG, height_m))]
+        items = [_item(TAKEOFF, place=_or_nowhere(rng, (HOME_LAT_DEG, HOME_LON_DEG, height_m)))]
         for _ in range(int(rng.integers(1, ITEMS_MAX + 1))):
-            leg = _leg(rng, height_m, len(items))
-            while leg.command in self.lacks:
-                leg = _leg(rng, height_m, len(items))
-            items.append(leg)
+            items.append(self._leg(rng, height_m, len(items)))
         end = (LAND, RETURN, 0)[int(rng.integers(3))]
         if end == LAND:
-            items.append(_item(LAND, place=_near(rng, 0.0)))
+            items.append(_item(LAND, place=_or_nowhere(rng, _near(rng, 0.0))))
         elif end == RETURN:
             items.append(_item(RETURN))
         limit_s = self.own.time_limit_s + MISSION_LONGER_S
         return msgspec.structs.replace(self.own, start=None, mission=_named(tuple(items)), time_limit_s=limit_s)
+
+    def changed(self, rng: Rng, drawn: Mission) -> Mission:
+        """Return a drawn mission with one item between take-off and end drawn anew, more, less, or before the next."""
+        items = list(drawn.items)
+        ends = items[-1].command in (LAND, RETURN)
+        first, last = 1, len(items) - ends  # those that may be changed
+        way = ("anew", "more", "less", "swapped")[int(rng.integers(4))]
+        if last - first < 2 and way in ("less", "swapped"):
+            way = "more"
+        if last - first > ITEMS_MAX and way == "more":
+            way = "anew"
+        if way == "swapped":
+            at = int(rng.integers(first, last - 1))
+            items[at], items[at + 1] = items[at + 1], items[at]
+        else:
+            at = int(rng.integers(first, last + (way == "more")))
+            new = [] if way == "less" else [self._leg(rng, items[0].params[6] or 0.0, at)]
+            items[at : at + (way != "more")] = new
+        return _named(tuple(_leading_on(item, place) for place, item in enumerate(items)))
+
+    def _leg(self, rng: Rng, height_m: float, before: int) -> MissionItem:
+        leg = _leg(rng, height_m, before)
+        while leg.command in self.lacks:
+            leg = _leg(rng, height_m, before)
+        return leg
 
 
 def scenarios_of(own: Scenario, target: TargetInfo) -> Scenarios:
@@ -100,14 +123,15 @@ def _leg(rng: Rng, height_m: float, before: int) -> MissionItem:
     if command in (WAYPOINT, SPLINE, WAIT, STAY):
         waits = command == WAIT or (command != STAY and rng.random() < HOLDS)
         up_m = round(height_m * _log_uniform(rng, 0.5, 2.0), 1)
-        return _item(command, float(rng.integers(1, 8)) if waits else 0.0, place=_near(rng, up_m))
+        place = _or_nowhere(rng, _near(rng, up_m))
+        return _item(command, float(rng.integers(1, 8)) if waits else 0.0, place=place)
     if command == JUMP:
         return _item(JUMP, float(rng.integers(2, before + 3)), float(rng.integers(1, 3)))
     if command == SPEED:
         return _item(SPEED, 1.0, round(_log_uniform(rng, *MISSION_SPEED_MPS), 1))
     if command == YAW:
         if rng.random() < 0.5:
-            return _item(YAW, float(rng.integers(0, 360)))
+            return _item(YAW, float(rng.integers(0, 360)), 0.0, float(rng.integers(-1, 2)))
         return _item(YAW, float(rng.integers(10, 181)), 0.0, 1.0 if rng.random() < 0.5 else -1.0, 1.0)
     return _item(command, float(rng.integers(1, 8)))
 
@@ -115,6 +139,18 @@ def _leg(rng: Rng, height_m: float, before: int) -> MissionItem:
 def _near(rng: Rng, up_m: float) -> tuple[float, float, float]:
     north, east = rng.uniform(-NEAR_DEG / 2, NEAR_DEG / 2, size=2)
     return round(HOME_LAT_DEG + float(north), 7), round(HOME_LON_DEG + float(east), 7), up_m
+
+
+def _or_nowhere(rng: Rng, place: tuple[float, float, float]) -> tuple[float, float, float]:
+    return (0.0, 0.0, place[2]) if rng.random() < NOWHERE else place
+
+
+def _leading_on(item: MissionItem, place: int) -> MissionItem:
+    """Return an item at this index, counted from 0; a jump leads no further than to the one after it."""
+    first, *rest = item.params
+    if item.command != JUMP or first is None or first <= place + 2:
+        return item
+    return msgspec.structs.replace(item, params=(place + 2.0, *rest))
 
 
 def _item(command: int, *numbers: float, place: tuple[float, float, float] | None = None) -> MissionItem:

@@ -51,6 +51,8 @@ from saflite.mutator.strategy import Chosen, Option, Options, Proposes, Settings
 Rng = np.random.Generator
 CALM = 0.6  # share of flights of a drawn mission that are left to themselves
 AIRBORNE_S = (20.0, 40.0)  # a mission takes off after about 20 s
+BEFORE_TAKEOFF = 0.15  # share of flights of a drawn mission with inputs on the ground, too
+ITEM_CHANGED = 0.5  # share of changes of a kept flight of a drawn mission that change the mission
 SETTLE_LEAST_S = 1.5
 SHIFT_S = (0.05, 15.0)
 SECONDS_EACH = 32.0  # of a fresh test case for one policy: it is for as many as fit, since what comes late ends flights
@@ -198,8 +200,8 @@ class Strategy:
         if way < self._chosen.real("kept"):
             parent = self._parent(rng, policies[0])
             if parent is not None:
-                how, stimuli = self._change(rng, parent, policies)
-                return self._made(parent.scenario, stimuli, note(policies[:1], how), parent.identity)
+                how, scenario, stimuli = self._change(rng, parent, policies)
+                return self._made(scenario, stimuli, note(policies[:1], how), parent.identity)
         elif way < self._chosen.real("kept") + self._chosen.real("routed"):
             routed = self._routed(rng, policies[0])
             if routed is not None:
@@ -242,7 +244,7 @@ class Strategy:
 
     def _tempo(self, rng: Rng, scenario: Scenario) -> Tempo:
         first_s = self._chosen.real("start_s")
-        if self._is_drawn_mission(scenario):
+        if self._is_drawn_mission(scenario) and rng.random() >= BEFORE_TAKEOFF:
             first_s = float(rng.uniform(*AIRBORNE_S))
         last_s = max(first_s, scenario.time_limit_s - TAIL_S)
         return Tempo(first_s, last_s, (SETTLE_LEAST_S, self._chosen.real("settle_max_s")), self._rest)
@@ -256,16 +258,20 @@ class Strategy:
             return best
         return self._corpus.covering(rng) if rng.random() < COVERING else None
 
-    def _change(self, rng: Rng, parent: Entry, policies: Sequence[str]) -> tuple[str, Stimuli]:
-        """Return one or two changes of a kept sequence, in words and as stimuli."""
-        tempo, stimuli, names = self._tempo(rng, parent.scenario), parent.stimuli, []
+    def _change(self, rng: Rng, parent: Entry, policies: Sequence[str]) -> tuple[str, Scenario, Stimuli]:
+        """Return a changed flight, and how: a drawn mission with another item, or one or two changes of its inputs."""
+        scenario, stimuli, names = parent.scenario, parent.stimuli, []
+        if scenario.mission is not None and self._is_drawn_mission(scenario) and rng.random() < ITEM_CHANGED:
+            other = self._scenarios.changed(rng, scenario.mission)
+            return "item", msgspec.structs.replace(scenario, mission=other), stimuli
+        tempo = self._tempo(rng, scenario)
         for _ in range(1 if rng.random() < 0.6 else 2):
             way = ("value", "value", "time", "splice", "extend", "replace", "drop")[int(rng.integers(7))]
             if not stimuli or (way == "drop" and len(stimuli) == 1):
                 way = "extend"
             stimuli = self._changed(rng, way, stimuli, tempo, policies)
             names.append(way)
-        return "+".join(names), stimuli
+        return "+".join(names), scenario, stimuli
 
     def _changed(self, rng: Rng, way: str, stimuli: Stimuli, tempo: Tempo, policies: Sequence[str]) -> Stimuli:
         place = int(rng.integers(len(stimuli))) if stimuli else 0
