@@ -158,5 +158,5 @@ def test_a_rule_about_a_lost_sensor_gets_faults_of_its_own_and_settings_it_reads
 
     assert with_it(hint, "sensor_fault", "SIM_GPS_DISABLE") > 20
     assert with_it(hint.replace(" upset:", ""), "sensor_fault", "SIM_GPS_DISABLE") < 10
-    assert with_it(hint, "parameter", "RTL_ALT") > 20
+    assert with_it(hint, "parameter", "RTL_ALT") > 15
     assert with_it(hint.replace(" reads:parameter:RTL_ALT", ""), "parameter", "RTL_ALT") < 10

@@ -23,6 +23,8 @@ TRUST = 4.0
 """Flights with an input after which what was seen weighs as much as the mean of all flights."""
 REFUSED_LEAST = 0.1
 READ_SHARE = 0.3  # of a policy's own inputs, those whose values its formula reads
+OF_MODE = 8.0  # how much oftener a setting is drawn in the mode that it is named after: RTL_ALT_FINAL in RTL
+STEM_LEAST = 3  # letters of a mode's name that a setting's begins with: LOIT_SPEED is of LOITER
 SHARPNESS = 4.0
 """Power of the learnt ratio: an input whose flights came 20 % further is drawn twice as often."""
 
@@ -86,6 +88,8 @@ class Vocabulary:
         heard = max(REFUSED_LEAST, 2.0 / (2.0 + refused))
         if mode and entry.kind in ("command", "mode"):
             heard *= max(REFUSED_LEAST, self._taken.share((entry.kind, entry.name), mode))
+        elif entry.kind == "parameter" and _named_after(entry.name, mode):
+            heard *= OF_MODE
         return heard * math.pow(self.relevance(policy, (entry.kind, entry.name)), SHARPNESS)
 
     def draw(self, rng: Rng, policy: str, kinds: Sequence[StimulusKind], mode: str = "") -> Input:
@@ -118,6 +122,11 @@ class Vocabulary:
         kind = mine[int(rng.integers(len(mine)))]
         entries = [entry for entry in every if entry.kind == kind]
         return pick(rng, entries, [self._weight(hint.policy, entry, mode) for entry in entries])
+
+
+def _named_after(setting: str, mode: str) -> bool:
+    stem = setting.partition("_")[0]
+    return len(stem) >= STEM_LEAST and mode.startswith(stem)
 
 
 def pick(rng: Rng, entries: Sequence[Item], weights: Sequence[float]) -> Item:

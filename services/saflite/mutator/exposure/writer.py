@@ -138,6 +138,8 @@ class Writer:
             steps = [*broken_off(rng, moves(rng, task.begun, self._drawing)), *steps]
         if own and rng.random() < SET_BEFORE:
             steps.insert(0, Move(self._drawing.moved(rng, own[int(rng.integers(len(own)))]), SET_PAUSE_S[0]))
+        entered = [one.stimulus.name for one in steps if one.stimulus is not None and one.stimulus.kind == "mode"]
+        style = style._replace(mode=entered[-1] if entered else mode)
         for _ in range(ADDED_MAX):
             if rng.random() >= DISTURBS:
                 break
