@@ -232,6 +232,16 @@ def test_prometheus_files_pass_its_own_check() -> None:
 
 
 @pytest.mark.live
+def test_manifests_pass_the_schemas_of_kubernetes() -> None:
+    """By the schemas that Kubernetes publishes; KubeRay's own kind is in none of them."""
+    validate = [sys.executable, "-m", "kubernetes_validate", "--strict", "--no-warn"]
+    files = sorted(map(str, (DEPLOY / "kubernetes").glob("*.yaml")))
+    done = subprocess.run([*validate, *files], capture_output=True, text=True, check=False)
+    passed = re.findall(r"passed for resource (\w+)/", done.stdout + done.stderr)
+    assert (done.returncode, set(passed)) == (0, {"configmap", "service", "statefulset", "deployment"}), done.stderr
+
+
+@pytest.mark.live
 @pytest.mark.skipif(
     shutil.which("docker") is None
     or subprocess.run(["docker", "compose", "version"], capture_output=True, check=False).returncode != 0,
