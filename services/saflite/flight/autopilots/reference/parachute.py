@@ -69,9 +69,10 @@ class Parachute:
         if self.released or not self.fitted() or not ap.armed or ap.landed or ap.mode.name in ("FLIP", "ACRO"):
             self._lost_s = self._sink_s = 0.0
             return
-        error = max(abs(board["est_roll"]), abs(board["est_pitch"]))
+        error = math.acos(math.cos(board["est_roll"]) * math.cos(board["est_pitch"]))  # of the thrust from upright
         falling = board["climb_est_mps"] < 0.0
-        self._lost_s = self._lost_s + TICK_S if error > LOST_ANGLE_RAD and falling else 0.0
+        counted_s = TICK_S if error > LOST_ANGLE_RAD else -TICK_S  # who tumbles is upright in between
+        self._lost_s = max(0.0, self._lost_s + counted_s) if falling else 0.0
         sink = ap.parameters["CHUTE_CRT_SINK"]
         self._sink_s = self._sink_s + TICK_S if sink > 0.0 and board["climb_est_mps"] < -sink else 0.0
         if self._lost_s > LOST_CONTROL_S or self._sink_s > LOST_CONTROL_S:

@@ -19,6 +19,7 @@ TURNED_COS = math.cos(math.radians(5.0))
 PLAN_EVERY_TICKS = 5  # 10 Hz
 FOLLOW_EVERY_TICKS = 2  # 25 Hz
 HEIGHT_M, BRAKE_MPS = 0.5, 0.5
+MOVED_M = 1.0  # off where a place was held last: a vehicle that stands there only has an estimate that shakes
 HEIGHT_STALL_S, STALL_M = 20.0, 0.1  # the planner tries again after 15 s at rest; a hover shakes by 2 mm a tick
 POSITION_P, HEIGHT_P = 0.95, 1.0  # MPC_XY_P, MPC_Z_P: the gains PX4 flies avoidance set-points with
 
@@ -162,6 +163,8 @@ class Auto(Mode):
         board = self.board
         self.ap.lift()
         board["takeoff"] = 1.0
+        if self.ap.landed and abs(board["est_e"] - board["set_e"]) > MOVED_M:
+            board["set_e"] = board["est_e"]
         steer.position(board, board["est_n"] if self.ap.landed else self._place(), board["set_e"], 2.0)
         _, up, down = settings.speeds(self.ap)
         height = self.ap.failsafes.limit_altitude(self._goal[2])

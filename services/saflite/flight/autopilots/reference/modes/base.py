@@ -91,12 +91,13 @@ class Mode:
         ap, board, p = self.ap, self.board, self.ap.parameters
         rate = ap.radio.climb_mps()
         if ap.landed and rate <= 0.0:
+            self._take_off_to_m = -1000.0
             self.stay_on_ground()
             return
         if ap.armed:
             ap.lift()
-        if ap.landed:
-            self._take_off_to_m = p["PILOT_TKOFF_ALT"] / 100.0
+        if ap.landed and self._take_off_to_m == -1000.0:  # above where it stands (ArduCopter: _TakeOff::start)
+            self._take_off_to_m = board["altitude_est_m"] + p["PILOT_TKOFF_ALT"] / 100.0
         if rate < 0.0:
             self._take_off_to_m = -1000.0  # the pilot breaks it off (ArduCopter: do_pilot_takeoff)
         if board["altitude_est_m"] < self._take_off_to_m:
