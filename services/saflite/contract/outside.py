@@ -88,6 +88,18 @@ def check_file(path: Path, what: str, bytes_max: int = LOG_BYTES_MAX) -> Path:
     return path
 
 
+def begins_with(path: Path, count: int) -> bytes | None:
+    """Return the first bytes of a regular file, by which its kind is known; None of anything else, or of none.
+
+    Why it cannot be read is said when it is.
+    """
+    try:
+        with os.fdopen(_open(path, "file"), "rb") as file:
+            return file.read(count)
+    except (Refused, OSError):
+        return None
+
+
 def parse_toml(text: str, what: str, where: str) -> dict[str, Any]:
     """Return TOML text as plain data; raises Refused for what is no TOML, or as `check_plain` does."""
     if _LONG_KEY.search(text):  # the parser takes time with the square of a key's length
