@@ -66,8 +66,13 @@ def read_text(path: Path, what: str, bytes_max: int = TEXT_BYTES_MAX, *, private
 
     Raises Refused as `read_bytes` does, or where it is no UTF-8 text.
     """
+    return as_text(read_bytes(path, what, bytes_max, private=private), path, what)
+
+
+def as_text(data: bytes, path: Path, what: str) -> str:
+    """Return what was read of a text file as `read_text` does; raises Refused where it is no UTF-8 text."""
     try:
-        return read_bytes(path, what, bytes_max, private=private).decode("utf-8-sig").replace("\r\n", "\n")
+        return data.decode("utf-8-sig").replace("\r\n", "\n")
     except UnicodeDecodeError as fault:
         raise Refused(what, where=_named(path), expected="a readable UTF-8 text file", got=_said(fault)) from fault
 
