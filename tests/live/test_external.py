@@ -366,7 +366,10 @@ def test_a_flight_leaves_nothing(peer: StandIn) -> None:
 
 def test_it_tells_whether_it_works_or_waits(tmp_path: Path) -> None:
     """Also of what it started."""
-    waits, works = (Process(["/bin/sh", "-c", f"{what}; :"], tmp_path) for what in ("sleep 600", "while :; do :; done"))
+    waits, works = (
+        Process(["/bin/sh", "-c", f"{what}; :"], tmp_path, environment={})
+        for what in ("/bin/sleep 600", "while :; do :; done")
+    )
     try:
         assert any(select.select([], [], [], 0.05) and waits.still for _ in range(400))
         assert not all(works.still for _ in range(20))
@@ -381,7 +384,7 @@ import os, time
 from pathlib import Path
 from saflite.flight.autopilots.external.process import Process
 from saflite.flight.autopilots.external.spinning import Spinning
-print(Process(["/bin/sleep", "600"], Path({str(tmp_path)!r}))._process.pid, flush=True)
+print(Process(["/bin/sleep", "600"], Path({str(tmp_path)!r}), environment={{}})._process.pid, flush=True)
 """
     pid = int(subprocess.run([sys.executable, "-c", starting], capture_output=True, check=True, text=True).stdout)
     assert ends(pid), "it lives on"

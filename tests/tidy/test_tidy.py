@@ -110,6 +110,20 @@ def test_time_environment_and_randomness_have_one_place() -> None:
     assert wrong == []
 
 
+def test_what_is_handed_in_is_opened_by_the_one_reader_alone() -> None:
+    """A file that others can write may be another one, a pipe, or cut, each time it is opened: what is looked at and
+    what is read must be one opening."""
+    opens = re.compile(r".*\.(open|read_bytes|read_text|mmap)$")
+    readers = ("flight/logs/", "flight/competition/", "oracle/", "recorder/", "campaign/presets/")
+    wrong = [
+        f"{name(path)}: {word}"
+        for path in SOURCES
+        if str(path.relative_to(PACKAGE)).startswith(readers)
+        for word in sorted({word for word in dotted(path) if opens.match(word)} - {"os.open"})
+    ]
+    assert wrong == []
+
+
 def test_nobody_outside_a_targets_folder_knows_it_by_name() -> None:
     """The name of the default target stands once; what a target can do, its description says."""
     places = ("flight/autopilots/reference/", "simulator_worker/targets/")

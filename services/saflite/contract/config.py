@@ -208,9 +208,21 @@ def _may_be_needed(search: SearchConfig) -> bool:
     return needed is None or (needed >= 1 and (not flights or needed <= flights))
 
 
+_SANITIZERS = ("ASAN_OPTIONS", "LSAN_OPTIONS", "MSAN_OPTIONS", "TSAN_OPTIONS", "UBSAN_OPTIONS")
+OF_PROGRAMS = ("PATH", "HOME", "TMPDIR", "LANG", "LC_ALL", "TZ", "LD_LIBRARY_PATH", *_SANITIZERS)
+
+
 def environment_with(**variables: str) -> dict[str, str]:
     """Return the environment for another process, with some variables set."""
     return {**os.environ, **variables}
+
+
+def environment_of_program(**variables: str) -> dict[str, str]:
+    """Return the environment for a program of others, with some variables set: of ours what programs need to run.
+
+    Whatever else stands there, as keys of servers, is none of theirs: they print it, or leave it in a core.
+    """
+    return {name: os.environ[name] for name in OF_PROGRAMS if name in os.environ} | variables
 
 
 def own_python(module: str) -> list[str]:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saflite.contract.blobs import BLOBS_PER_RESULT_MAX, BlobRef
-from saflite.contract.bounds import ITEMS_MAX, Count, Number, Samples, Seconds, Text, Word
+from saflite.contract.bounds import ITEMS_MAX, Count, Number, Samples, Seconds, Text, Word, told
 from saflite.contract.errors import Refused
 from saflite.contract.ids import digest
 from saflite.contract.names import DigestOrNone, Name, NameOrNone, ShortId
@@ -133,6 +133,34 @@ class FlightRecord(NamedTuple):
     message: str = ""
     delivered: tuple[Delivered, ...] | None = None
     artefacts: tuple[tuple[str, bytes], ...] = ()
+
+
+SAID_CHARS_MAX = 2**22
+"""Of all texts of a flight together; the whole trace has 64 MiB."""
+
+
+def readable(record: FlightRecord) -> FlightRecord:
+    """Return a record whose words are no more than messages may hold; of too many texts the first stay, and the last.
+
+    An autopilot says what it likes, and a flight that nobody can read is judged by nobody.
+    """
+    trace, delivered = record.trace, record.delivered
+    if trace is not None:
+        trace = msgspec.structs.replace(trace, messages=_readable(trace.messages))
+    if delivered is not None:
+        delivered = tuple(msgspec.structs.replace(one, message=told(one.message)) for one in delivered)
+    return record._replace(trace=trace, delivered=delivered, message=told(record.message))
+
+
+def _readable(said: tuple[TraceMessage, ...]) -> tuple[TraceMessage, ...]:
+    kept, left = list[TraceMessage](), SAID_CHARS_MAX
+    for one in said[: ITEMS_MAX - 1]:
+        text = told(one.text)
+        left -= len(text)
+        if left < 0:
+            break
+        kept.append(msgspec.structs.replace(one, text=text))
+    return (*kept, *(msgspec.structs.replace(one, text=told(one.text)) for one in said[len(kept) :][-1:]))
 
 
 class Flight(msgspec.Struct, frozen=True, kw_only=True):

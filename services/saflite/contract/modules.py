@@ -9,7 +9,7 @@ from __future__ import annotations
 import importlib.util
 import os
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from importlib.machinery import SOURCE_SUFFIXES, SourceFileLoader
 from pathlib import Path
 from types import CodeType, ModuleType
@@ -21,7 +21,7 @@ from saflite.contract.bounds import Word
 from saflite.contract.errors import Refused
 from saflite.contract.ids import digest
 from saflite.contract.names import Digest, Name
-from saflite.contract.outside import TEXT_BYTES_MAX, check_file, parse_toml, read_bytes, read_text
+from saflite.contract.outside import TEXT_BYTES_MAX, as_text, check_file, parse_toml, read_bytes
 
 Kind = Literal["target", "strategy", "scorer", "policy"]
 KINDS = "a target (describe, check, open), a strategy (class Strategy), a scorer (class Model) or a policy (.toml)"
@@ -55,14 +55,19 @@ class Outside(msgspec.Struct, frozen=True, kw_only=True):
 _given: dict[tuple[Kind, str], Outside] = {}
 
 
-def use(files: Iterable[Path]) -> tuple[Outside, ...]:
+def use(files: Iterable[Path], digests: Sequence[str] = ()) -> tuple[Outside, ...]:
     """Let this process find the modules in `files`; the later of two of one kind and name counts.
 
+    Args:
+        files: where they lie.
+        digests: of the content of each that may be run, where it was looked at before; of any if there are none.
+
     Raises:
-        Refused: one cannot be read or run, is none of the kinds, or lacks what its kind needs.
+        Refused: one cannot be read or run, is none of the kinds, lacks what its kind needs, or has another content.
     """
     readable = [check_file(path, "module") for path in files]  # told under the name it was given
-    found = tuple(_read(Path(os.path.realpath(path))) for path in readable)
+    wanted = [*digests, *([""] * (len(readable) - len(digests)))]
+    found = tuple(_read(Path(os.path.realpath(path)), one) for path, one in zip(readable, wanted, strict=True))
     _given.update({(module.kind, module.name): module for module in found})
     return found
 
@@ -84,7 +89,10 @@ def forget() -> None:
 
 def load_file(path: Path) -> ModuleType:
     """Return the Python module in a file, run once per content; raises Refused if there is none or it does not run."""
-    content = _bytes(path)
+    return _loaded(path, _bytes(path))
+
+
+def _loaded(path: Path, content: bytes) -> ModuleType:
     name = f"saflite_module_{path.stem}_{digest(content)[:16]}"
     known = sys.modules.get(name)
     if known is not None and known.__file__ == str(path):
@@ -123,10 +131,16 @@ def _bytes(path: Path) -> bytes:
     return read_bytes(path, "module", TEXT_BYTES_MAX)
 
 
-def _read(path: Path) -> Outside:
+def _read(path: Path, wanted: str) -> Outside:
+    content = _bytes(path)  # once: what is run is what was looked at, whatever stands there a moment later
+    told = digest(content)
+    if wanted not in ("", told):
+        raise Refused(
+            "module", where=str(path), expected="the content that it had when it was looked at", got="another"
+        )
     if path.suffix == ".toml":
-        return Outside(kind="policy", name=_policy_id(path), file=str(path), digest=digest(_bytes(path)))
-    module = load_file(path)
+        return Outside(kind="policy", name=_policy_id(path, content), file=str(path), digest=told)
+    module = _loaded(path, content)
     kind = next((kind for name, kind in _MAIN.items() if hasattr(module, name)), None)
     if kind is None:
         raise Refused("module", where=str(path), expected=KINDS, got="none of these in it")
@@ -135,11 +149,11 @@ def _read(path: Path) -> Outside:
     if lacking:
         expected = f"a {kind} with {', '.join(OFFERED[kind])}"
         raise Refused("module", where=str(path), expected=expected, got=f"one without {', '.join(lacking)}")
-    return Outside(kind=kind, name=path.stem, file=str(path), digest=digest(_bytes(path)))
+    return Outside(kind=kind, name=path.stem, file=str(path), digest=told)
 
 
-def _policy_id(path: Path) -> str:
-    data = parse_toml(read_text(path, "module"), "module", str(path))
+def _policy_id(path: Path, content: bytes) -> str:
+    data = parse_toml(as_text(content, path, "module"), "module", str(path))
     if "formula" not in data or not isinstance(data.get("id"), str):
         raise Refused(
             "module", where=str(path), expected="a policy, with an id and a formula", got="a TOML file without"

@@ -66,8 +66,13 @@ def read_text(path: Path, what: str, bytes_max: int = TEXT_BYTES_MAX, *, private
 
     Raises Refused as `read_bytes` does, or where it is no UTF-8 text.
     """
+    return as_text(read_bytes(path, what, bytes_max, private=private), path, what)
+
+
+def as_text(data: bytes, path: Path, what: str) -> str:
+    """Return what was read of a text file as `read_text` does; raises Refused where it is no UTF-8 text."""
     try:
-        return read_bytes(path, what, bytes_max, private=private).decode("utf-8-sig").replace("\r\n", "\n")
+        return data.decode("utf-8-sig").replace("\r\n", "\n")
     except UnicodeDecodeError as fault:
         raise Refused(what, where=_named(path), expected="a readable UTF-8 text file", got=_said(fault)) from fault
 
@@ -86,6 +91,18 @@ def check_file(path: Path, what: str, bytes_max: int = LOG_BYTES_MAX) -> Path:
     if size > bytes_max:
         raise Refused(what, where=_named(path), expected=f"at most {bytes_max} bytes", got=f"{size} bytes")
     return path
+
+
+def begins_with(path: Path, count: int) -> bytes | None:
+    """Return the first bytes of a regular file, by which its kind is known; None of anything else, or of none.
+
+    Why it cannot be read is said when it is.
+    """
+    try:
+        with os.fdopen(_open(path, "file"), "rb") as file:
+            return file.read(count)
+    except (Refused, OSError):
+        return None
 
 
 def parse_toml(text: str, what: str, where: str) -> dict[str, Any]:

@@ -65,13 +65,16 @@ class Example(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
 
 def completed(examples: Sequence[Example], number: int, where: str) -> Example:
     """Return example `number`, from 1, with what it takes over; raises Refused if that is no earlier one."""
-    example = examples[number - 1]
-    if not 0 <= example.like < number:
-        raise Refused(f"example {number} like", where=where, expected="the number of an earlier one", got=example.like)
-    if not example.like:
-        return example
-    model = completed(examples, example.like, where)
-    return msgspec.structs.replace(example, signals={**model.signals, **example.signals})
+    example = model = examples[number - 1]
+    signals = dict(example.signals)
+    while model.like:  # no recursion: a chain may be longer than the stack
+        if not 0 < model.like < number:
+            expected = "the number of an earlier one"
+            raise Refused(f"example {number} like", where=where, expected=expected, got=model.like)
+        number, model = model.like, examples[model.like - 1]
+        for name, course in model.signals.items():
+            signals.setdefault(name, course)
+    return msgspec.structs.replace(example, signals=signals, like=0)
 
 
 def example_signals(

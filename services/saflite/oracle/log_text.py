@@ -158,7 +158,7 @@ def _extremes(signals: FlightSignals) -> list[str]:
 def _errors(signals: FlightSignals) -> list[str]:
     lines = []
     for real, wanted in _PAIRS:
-        if wanted in signals.written and real in signals:
+        if wanted in signals.written and real in signals and signals.samples:
             gap = np.asarray(signals[real] - signals[wanted], dtype=np.float64)
             rms, most = float(np.sqrt(np.nanmean(gap**2))), float(np.nanmax(np.abs(gap)))
             lines.append(f"  {real} against {wanted}: {rms:.2f}, {most:.2f} {SIGNALS[real].unit}")

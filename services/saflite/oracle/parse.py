@@ -89,6 +89,14 @@ def _tokens(text: str) -> list[tuple[str, str, int]]:
     return [*found, ("end", "the end", end)]
 
 
+def check_size(formula: Node, where: object) -> None:
+    """Raise Refused for a formula that was made of one that was read, and grew on the way; see `_check_size`."""
+    try:
+        _check_size(formula)
+    except Fault as fault:
+        raise Refused("formula", where=str(where), expected=fault.expected, got=fault.got) from fault
+
+
 def _check_size(formula: Node) -> None:
     """Raise Fault for a formula too deep or, with its named parts written out, too long to be worked out.
 

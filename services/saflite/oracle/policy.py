@@ -28,7 +28,7 @@ from saflite.oracle.effects import silencing
 from saflite.oracle.examples import Example, completed, example_signals
 from saflite.oracle.finding import find
 from saflite.oracle.formula import FUTURE, Node, harden, interned, parts, reach_s, signals_of
-from saflite.oracle.parse import parse
+from saflite.oracle.parse import check_size, parse
 from saflite.oracle.silence import is_silenced
 from saflite.oracle.stl import Evaluator
 from saflite.oracle.units import margin_unit
@@ -240,6 +240,8 @@ def _compiled(file: PolicyFile, text: str, where: str, place: str) -> Policy:
     _check_signals(file, used, text, where)
     table = signal_table(file)
     crisp, hard_crisp = interned(crispened(formula, table)), interned(crispened(hard, table)) if hard else None
+    for made in filter(None, (crisp, hard_crisp)):  # each `iff` and `xor` in it names both its sides twice by now
+        check_size(made, place)
     return Policy(file, crisp, hard_crisp, margin_unit(crisp, place, table), needed, used)
 
 
@@ -327,10 +329,11 @@ def _check_examples(policy: Policy, text: str, where: str) -> None:
     if kinds != {True, False}:
         line = str(_Place(text, where, "examples"))
         raise Refused("examples", where=line, expected="one that holds and one that violates at least", got=len(kinds))
-    for number in range(1, len(policy.file.examples) + 1):
+    whole = list(policy.file.examples)  # each completed once, whatever takes it over
+    for number in range(1, len(whole) + 1):
         place = f"{where} line {_line_of(text, 'examples', number)}"
-        whole = completed(policy.file.examples, number, place)
-        _check_example(policy, whole, f"example {number}", place)
+        whole[number - 1] = completed(whole, number, place)
+        _check_example(policy, whole[number - 1], f"example {number}", place)
 
 
 def _check_example(policy: Policy, example: Example, name: str, place: str) -> None:

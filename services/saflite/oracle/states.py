@@ -81,7 +81,7 @@ def _stretches(signals: FlightSignals) -> list[Stretch]:
 
 def _words(values: dict[str, NDArray[np.float32]]) -> str:
     number = int(values["mode"])
-    words = [_MODE_NAMES.get(number, f"{UNNAMED_MODE}{number}")]
+    words = [_MODE_NAMES.get(number, f"{UNNAMED_MODE}{number}".replace("-", "minus_"))]  # states are plain words
     words += ["standing"] if values.get("landed", 0.0) else []
     words += [] if values.get("armed", 1.0) else ["disarmed"]
     words += [name.removeprefix(FAILSAFE) for name, value in values.items() if name.startswith(FAILSAFE) and value]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import struct
 import zlib
 from pathlib import Path
@@ -54,11 +55,9 @@ def verify(path: Path) -> int:
     from mcap.reader import make_reader
 
     try:
-        _check_sums(path)
-        with path.open("rb") as file:
-            reader = make_reader(file, validate_crcs=True)
-            summary = reader.get_summary()
-            count = sum(1 for _ in reader.iter_messages())
+        reader = make_reader(io.BytesIO(_sound(path)), validate_crcs=True)
+        summary = reader.get_summary()
+        count = sum(1 for _ in reader.iter_messages())
     except _faults() as fault:
         raise _damaged(path, fault) from fault
     if summary is None or summary.statistics is None or summary.statistics.message_count != count:
@@ -70,21 +69,26 @@ def _attachments(path: Path) -> dict[str, bytes]:
     from mcap.reader import make_reader
 
     try:
-        _check_sums(path)
-        with path.open("rb") as file:
-            reader = make_reader(file, validate_crcs=True)
-            summary = reader.get_summary()
-            if summary is None:
-                raise _damaged(path, "no summary at its end")
-            if len(summary.attachment_indexes) > ATTACHMENTS_MAX:  # the same large one may be listed again and again
-                raise _damaged(path, f"{len(summary.attachment_indexes)} attachments, not at most {ATTACHMENTS_MAX}")
-            return {attachment.name: bytes(attachment.data) for attachment in reader.iter_attachments()}
+        data = _sound(path)
+        reader = make_reader(io.BytesIO(data), validate_crcs=True)
+        summary = reader.get_summary()
+        if summary is None:
+            raise _damaged(path, "no summary at its end")
+        if len(summary.attachment_indexes) > ATTACHMENTS_MAX:  # the same large one may be listed again and again
+            raise _damaged(path, f"{len(summary.attachment_indexes)} attachments, not at most {ATTACHMENTS_MAX}")
+        found, left = dict[str, bytes](), len(data)
+        for attachment in reader.iter_attachments():
+            left -= len(attachment.data)
+            if left < 0:  # one that lies within another is copied with each that it lies in
+                raise _damaged(path, f"attachments of more than its {len(data)} bytes")
+            found[attachment.name] = bytes(attachment.data)
     except _faults() as fault:
         raise _damaged(path, fault) from fault
+    return found
 
 
-def _check_sums(path: Path) -> None:
-    """Raise ValueError unless the two checksums that together cover every byte are right.
+def _sound(path: Path) -> bytes:
+    """Return the file, read once; raises ValueError unless the two checksums that together cover every byte are right.
 
     The reader checks chunks and attachments only. Layout after the MCAP specification: DataEnd (13 bytes, checksum of
     all before it), summary, footer (29 bytes, checksum of the summary and of the footer before it), magic.
@@ -101,6 +105,7 @@ def _check_sums(path: Path) -> None:
         raise ValueError("checksum of the data section")
     if summary_sum and zlib.crc32(data[summary : len(data) - len(_MAGIC) - 4]) != summary_sum:
         raise ValueError("checksum of the summary")
+    return data
 
 
 def _faults() -> tuple[type[Exception], ...]:

@@ -55,7 +55,7 @@ def use(run_dir: Path, files: Sequence[Path] = ()) -> tuple[Outside, ...]:
     noted = [module for module in _noted(run_dir) if module.key not in named]
     _check_ours(run_dir, noted)
     kept = [_intact(run_dir, module) for module in noted]
-    return (*modules.use(kept), *now)
+    return (*modules.use(kept, [module.digest for module in noted]), *now)
 
 
 def needed(run_dir: Path, campaign: Campaign) -> tuple[Outside, ...]:

@@ -19,6 +19,16 @@ def split_brief(name: str) -> tuple[str, bool]:
     return name.removesuffix(BRIEF), name.endswith(BRIEF)
 
 
+def check_no_password(url: str) -> None:
+    """Raise Refused, without saying it, for an address with a name or password: labels and addresses are told.
+
+    They stand in events, reports and exports, and in what a server's refusal is told with.
+    """
+    if "@" in url:
+        fix = "keys stand in OPENAI_API_KEY or OLLAMA_API_KEY"
+        raise Refused("scorer model", expected="an address without a name or password", got="one with such", fix=fix)
+
+
 def no_argument(kind: str, argument: str) -> None:
     """Raise Refused if a model that takes no argument was given one."""
     if argument:

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from saflite.contract.clock import Clock
 from saflite.contract.errors import FarmError, Refused, Unavailable
-from saflite.contract.flight import FlightRecord, pack_trace, trace_digest
+from saflite.contract.flight import FlightRecord, pack_trace, readable, trace_digest
 from saflite.contract.outside_code import Raised, of_outside
 from saflite.contract.service import Cancelled
 from saflite.contract.target import ForkingSession, Session, TargetModule
@@ -191,6 +191,7 @@ def _unflown(request: FlightRequest, trouble: Trouble, message: str) -> FlightRe
 
 
 def _reply(request: FlightRequest, build: str, record: FlightRecord) -> FlightReply:
+    record = readable(record)
     trace = record.trace
     return FlightReply(
         number=request.number,

@@ -11,7 +11,7 @@ from saflite.console.view import live
 from saflite.contract.control import Control
 from saflite.contract.events import Judged, Quarantined, ScorerChanged, ViolationFound
 from saflite.contract.flight import Flight
-from saflite.contract.score import Score
+from saflite.contract.score import Score, Usage
 from saflite.contract.test_case import identity
 from saflite.contract.verdict import Verdict, failed_again
 from saflite.contract.work import (
@@ -247,7 +247,10 @@ def test_infra_trouble_is_flown_elsewhere_and_never_a_violation() -> None:
     assert elsewhere.lease_id == lease.lease_id
 
 
-@pytest.mark.parametrize("bad", ["missing", "double", "eleven", "stranger", "shadow"])
+BAD_SCORES = ("missing", "double", "eleven", "stranger", "shadow", "beside twice", "beside of others", "crowd", "usage")
+
+
+@pytest.mark.parametrize("bad", BAD_SCORES)
 def test_scores_that_do_not_fit_are_refused_and_the_batch_is_asked_again(bad: str) -> None:
     driver = new_books()
     driver.do("mutate")
@@ -258,8 +261,13 @@ def test_scores_that_do_not_fit_are_refused_and_the_batch_is_asked_again(bad: st
     worse = 11.0 if bad == "eleven" else 5.0
     name = "0" * 16 if bad == "stranger" else names[0]
     wrong = Score(test_case=name, value=worse, model="scripted", scored_by="scripted", shadow=bad == "shadow")
+    watching = [msgspec.structs.replace(good[0], model=f"m{number}", shadow=True) for number in range(102)]
+    of_others = msgspec.structs.replace(watching[0], test_case="0" * 16)
+    extra = {"beside twice": watching[:1] * 2, "beside of others": [of_others], "crowd": watching, "usage": []}
     scores = {"missing": good[1:], "double": [*good, good[0]]}.get(bad, [wrong, *good[1:]])
-    assert driver.report(lease, ScoreResult(scores=tuple(scores))).status == "refused"
+    scores = [*good, *extra[bad]] if bad in extra else scores
+    usage = {"a model that gave no score": Usage()} if bad == "usage" else {}
+    assert driver.report(lease, ScoreResult(scores=tuple(scores), usage=usage)).status == "refused"
     (again,) = driver.ask("score", "b")
     assert (again.lease_id, again.epoch) == (lease.lease_id, 2)
     assert driver.report(again, driver.service.do(again.work), "b").status == "accepted"

@@ -121,7 +121,8 @@ def _large(result: Result, share: float) -> Result:
             return msgspec.structs.replace(result, test_cases=cases)
         case ScoreResult():
             long = msgspec.structs.replace(result.scores[0], reason="x" * 60_000, shadow=True)
-            return msgspec.structs.replace(result, scores=(*result.scores, *(long,) * round(share * 68)))
+            beside = (msgspec.structs.replace(long, model=f"m{place}") for place in range(round(share * 68)))
+            return msgspec.structs.replace(result, scores=(*result.scores, *beside))
         case FlyResult():
             given = (Delivered(index=place, at_s=0.0, message="x" * 60_000) for place in range(round(share * 68)))
             return FlyResult(flight=msgspec.structs.replace(result.flight, delivered=tuple(given)))

@@ -5,9 +5,24 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from saflite.contract.bounds import ITEMS_MAX, TEXT_CHARS_MAX
 from saflite.contract.errors import Refused
-from saflite.contract.flight import SAMPLES_MAX, Trace, matches_digest, pack_trace, trace_digest, unpack_trace
+from saflite.contract.flight import (
+    SAID_CHARS_MAX,
+    SAMPLES_MAX,
+    Delivered,
+    Flight,
+    FlightRecord,
+    Trace,
+    TraceMessage,
+    matches_digest,
+    pack_trace,
+    readable,
+    trace_digest,
+    unpack_trace,
+)
 from saflite.contract.rng import derive
+from saflite.contract.wire import decode, encode
 
 
 def traces() -> list[Trace]:
@@ -50,3 +65,19 @@ def test_more_samples_than_are_judged_are_refused_before_they_are_unfolded() -> 
         assert len(packed) < 80_000
         with pytest.raises(Refused, match=f"at most {SAMPLES_MAX} samples"):
             unpack_trace(packed)
+
+
+@pytest.mark.parametrize("text", ["x" * (TEXT_CHARS_MAX + 1), "half \ud800", "short"])
+def test_what_an_autopilot_said_never_makes_a_flight_unreadable(text: str) -> None:
+    """A vehicle that talked too long before it died was judged by nobody: its flight could not be read."""
+    said = (*[TraceMessage(at_s=0.0, text=text)] * (ITEMS_MAX + 1), TraceMessage(at_s=1.0, text="PANIC"))
+    trace = Trace(step_s=0.1, signals={"x_m": bytes(8)}, messages=said)
+    record = readable(FlightRecord("autopilot_died", trace, text, (Delivered(index=0, at_s=0.0, message=text),)))
+    assert record.trace is not None
+    back = unpack_trace(pack_trace(record.trace), trace_digest(record.trace))
+    assert len(back.messages) == (ITEMS_MAX if len(text) < 100 else SAID_CHARS_MAX // TEXT_CHARS_MAX + 1)
+    assert back.messages[-1].text == "PANIC"
+    flight = Flight(
+        test_case="0" * 16, flight_index=0, ending=record.ending, message=record.message, delivered=record.delivered
+    )
+    assert decode(encode(flight), Flight) == flight

@@ -8,7 +8,7 @@ from external_stand_ins import message
 
 from saflite.flight.autopilots.ardupilot.telemetry import EKF_NEEDED, GEOFENCE, MODES, Telemetry
 from saflite.flight.autopilots.ardupilot.vehicle import Vehicle
-from saflite.flight.autopilots.external.telemetry import PREARM, TAKING_OFF
+from saflite.flight.autopilots.external.telemetry import PREARM, TAKING_OFF, TEXT_CHARS_MAX, TEXTS_MAX
 
 HOME = (47.3977419, 8.5455938, 488.79)
 ARMED = 128
@@ -51,6 +51,20 @@ def test_what_the_vehicle_says_comes_under_common_names(vehicle: Vehicle) -> Non
     assert vehicle["gps_altitude_m"] == pytest.approx(20.0)
     assert vehicle["rtl_altitude_set_m"] == 25.0
     assert told.ready
+
+
+def test_an_autopilot_that_talks_without_end_fills_no_memory(vehicle: Vehicle) -> None:
+    """The rest of a text was put to it again and again: 60,000 took a minute, and nobody could read the trace."""
+    told = Telemetry(vehicle, {}, HOME)
+    for number in range(2_000):
+        told.take(message("STATUSTEXT", severity=6, text=b"x" * 50, id=1, chunk_seq=number % 256), 1.0)
+    assert max(len(one.text) for one in told.texts) < TEXT_CHARS_MAX + 50
+    for number in range(TEXTS_MAX + 10):
+        told.take(message("STATUSTEXT", severity=6, text=b"%d" % number), 1.0)
+    told.take(message("STATUSTEXT", severity=3, text=b"Radio Failsafe"), 1.0)
+    assert len(told.texts) == TEXTS_MAX
+    assert told.texts[-1].text == "Radio Failsafe"
+    assert vehicle["failsafe_radio"] == 1.0
 
 
 def test_texts_raise_and_clear_failsafes(vehicle: Vehicle) -> None:

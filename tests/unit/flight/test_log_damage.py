@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import struct
 from collections.abc import Callable
 from pathlib import Path
@@ -176,6 +177,24 @@ def test_descriptions_that_contradict_each_other_cost_a_few_looks_through_the_lo
     kinds = (layout.pack(b"\xa3\x95\x80", 1, 10, b"AAAA", b"B", b"c%d" % place) for place in range(many))
     sound(Counted(b"".join(kinds)))
     assert Counted.looks < 2 * many
+
+
+@pytest.mark.parametrize("junk", [b"\xff", b"\xf0\xff\x99", b"\x11\x27\x00", b"\x2f"])
+def test_bytes_of_no_px4_message_are_not_read_over_and_over(junk: bytes) -> None:
+    """Each byte of 3 MB seemed to begin a message of 64 KiB, and all that was read before the next was looked at."""
+
+    class Counted(io.BytesIO):
+        taken = 0
+
+        def read(self, size: int | None = -1) -> bytes:
+            found = super().read(size)
+            Counted.taken += len(found)
+            return found
+
+    data = px4_flight() + junk * (100_000 // len(junk))
+    log = ulog_bounds.bounded()(Counted(data), ["vehicle_local_position"])
+    assert log.data_list
+    assert Counted.taken < 10 * len(data)
 
 
 @pytest.mark.parametrize("kind", ["KEPT", "MESSAGES"])

@@ -72,7 +72,7 @@ def test_more_parameters_than_any_autopilot_has_are_not_waited_for() -> None:
 
 @pytest.mark.parametrize("says", ["while :; do echo still starting; done", "while :; do echo more; sleep 0.01; done"])
 def test_a_build_that_only_ever_prints_is_ended_at_its_age(says: str, tmp_path: Path) -> None:
-    process = Process(["/bin/sh", "-c", says], tmp_path, age_max_s=0.3)
+    process = Process(["/bin/sh", "-c", says], tmp_path, environment={}, age_max_s=0.3)
     assert not process.wait_for_words("Waiting for connection", 60.0)
     assert process.how_it_ended() == "the autopilot had not done what it was started for after 0.3 s"
     process.end()

@@ -76,6 +76,28 @@ def test_bad_policies_are_refused_with_line_and_reason(old: str, new: str, reaso
         parse_policy(GOOD.replace(old, new, 1), "test.toml")
 
 
+@pytest.mark.parametrize("op", ["iff", "xor"])
+def test_a_rule_is_no_longer_made_crisp_than_written_out(op: str) -> None:
+    """Each `iff` of comparisons that are true or false names both its sides twice once it is made crisp: what walks
+    through the rule took two to the power of their number of steps."""
+    condition = "armed == 1"
+    for _ in range(40):
+        condition = f"(mode == AUTO {op} {condition})"
+    text = GOOD.replace("(mode == AUTO)", condition).replace('mode = ""', 'mode = ""\narmed = ""')
+    text = text.replace("[[examples]]", '[inputs]\nsensor_faults = ["SIM_GPS1_NOISE"]\n\n[[examples]]', 1)
+    with pytest.raises(Refused, match=r"at most (10000 parts|\d+ levels)"):
+        parse_policy(text, "test.toml")
+
+
+def test_examples_take_over_from_each_other_however_many_there_are() -> None:
+    """Each was completed by a call within the call of the one after it: more than the stack holds."""
+    first = "[[examples]]\nholds = true\nwhy = 'low'\nduration_s = 5.0\n"
+    text = GOOD + "".join(f"\n{first}like = {number if number > 2 else 1}\n" for number in range(2, 999))
+    assert len(parse_policy(text, "test.toml").file.examples) == 999
+    with pytest.raises(Refused, match=r"example 3 like.*an earlier one"):
+        parse_policy(f"{GOOD}\n{first}like = 3\n", "test.toml")
+
+
 def test_unknown_names_and_files_are_refused() -> None:
     with pytest.raises(Refused, match="policy"):
         load_policy("no-such-policy")

@@ -350,6 +350,9 @@ def test_a_log_is_told_as_text_and_as_facts() -> None:
     assert tuple(rule_of_thumb(facts)) == (pytest.approx(2.5 + 2.5 + 1.5), "1 errors, 1 failsafes, sinks 6.0 m/s")
     quiet = Trace(step_s=0.1, signals={"altitude_m": np.zeros(50, dtype="<f4").tobytes()})
     assert rule_of_thumb(facts_of(quiet)) == (0.0, "nothing out of the ordinary")
+    empty = Trace(step_s=0.1, signals=dict.fromkeys((*columns, "altitude_target_m", "altitude_est_m", "tilt_deg"), b""))
+    assert describe(empty).startswith("Duration 0.0 s")
+    assert rule_of_thumb(facts_of(empty)).score == 0.0
 
 
 @pytest.mark.parametrize(("distance_m", "told", "score"), [(1.2, True, 6.0), (3.0, True, 0.0), (1000.0, False, 0.0)])

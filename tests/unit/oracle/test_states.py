@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
+import pytest
 
 from saflite.contract.flight import Delivered, Flight, Trace
-from saflite.contract.signals import MODES
-from saflite.contract.test_case import Scenario, Stimulus, Target, TestCase
-from saflite.contract.verdict import Transition, Verdict
+from saflite.contract.signals import MODES, SIGNALS
+from saflite.contract.test_case import Scenario, Stimulus, Target, TestCase, identity
+from saflite.contract.verdict import Judgement, Transition, Verdict
+from saflite.contract.wire import decode, encode
 from saflite.oracle.behaviour import behaviour_of
+from saflite.oracle.judge import judge
 from saflite.oracle.signals import FlightSignals
 from saflite.oracle.states import transitions_of
 
@@ -77,6 +82,21 @@ def test_a_denied_input_is_no_step_and_two_of_one_instant_come_in_order() -> Non
 def test_a_trace_without_modes_has_no_steps_and_an_unknown_mode_keeps_its_number() -> None:
     assert steps([stick(1.0)], x_m=[(0.0, 1.0)]) == []
     assert steps([stick(1.0)], mode=[(0.0, 99.0)]) == [Transition("mode 99", "mode 99", 0, -1)]
+
+
+@pytest.mark.parametrize("value", [-1.0, -3.4e38, 3.4e38, np.inf, -np.inf, np.nan, 1e9])
+@pytest.mark.parametrize("names", [("mode",), tuple(SIGNALS)])
+def test_whatever_a_trace_holds_its_judgement_can_be_read(value: float, names: tuple[str, ...]) -> None:
+    """A mode below 0, as logs of PX4 have of modes without a name, made a state of letters that no message may hold:
+    the books could not read the judgement, and the violation in it was lost."""
+    course = np.array([0.0] * 20 + [value] * 20, "<f4").tobytes()
+    held = {name: course if name in names else bytes(160) for name in SIGNALS}
+    case = TestCase(target=Target(), scenario=Scenario())
+    flight = Flight(test_case=identity(case), flight_index=0, ending="crashed")
+    with warnings.catch_warnings(action="ignore"):
+        judgement = judge(case, flight, Trace(step_s=STEP_S, signals=held), ("upright", "a-chute", "fence-kept"))
+    assert judgement.transitions or np.isnan(value)
+    assert decode(encode(judgement), Judgement) == judgement
 
 
 def test_inputs_delivered_at_no_time_of_a_flight_are_taken_for_its_first_or_last() -> None:

@@ -84,6 +84,15 @@ def data_of(text: str) -> Any:
     return yaml_text.read(text, "").data
 
 
+@pytest.mark.parametrize(
+    "number", ["1:" * 50_000 + "1", "0x" + "f" * 500, "1" * 500 + ".", "!!int " + "1:" * 500 + "1"]
+)
+def test_numbers_longer_than_any_are_not_worked_out(number: str) -> None:
+    """Whole numbers of base 60 took time with the square of their digits: half a minute for one text."""
+    with pytest.raises(Refused, match=r"line 2.*numbers of at most 400 characters"):
+        yaml_text.read(f"robot: 1\na: {number}\n", "case.yaml")
+
+
 def test_the_old_spelling_is_read(folder: Path) -> None:
     case = parse(OLD, folder)
     assert case.scenario.mission == builtin_mission("mission2")

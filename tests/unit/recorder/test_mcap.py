@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import math
+import struct
 from pathlib import Path
 
 import msgspec
@@ -282,6 +283,28 @@ def test_a_recording_that_lists_one_attachment_again_and_again_is_refused(tmp_pa
     writer.finish()
     (tmp_path / "a.mcap").write_bytes(buffer.getvalue())
     with pytest.raises(Refused, match="10001 attachments"):
+        recording.read(tmp_path / "a.mcap")
+
+
+def test_a_recording_whose_attachments_lie_within_each_other_is_refused(tmp_path: Path) -> None:
+    """Twenty MB of them, each all of the one around it but its head, took a gigabyte."""
+    data, sizes = bytes(100_000), list[int]()
+    for _ in range(recording.ATTACHMENTS_MAX):
+        content = struct.pack("<QQI1sI1sQ", 0, 0, 1, b"a", 1, b"x", len(data)) + data + bytes(4)
+        data = struct.pack("<BQ", 0x09, len(content)) + content
+        sizes.append(len(data))
+    before = len(data) - sizes[0] - 4 * (len(sizes) - 1)  # each begins behind the heads of those around it
+    heads = before // (len(sizes) - 1)
+    starts = [(heads * number, size) for number, size in enumerate(reversed(sizes))]
+    head = b"\x89MCAP0\r\n" + struct.pack("<BQII", 0x01, 8, 0, 0)
+    index = b"".join(
+        struct.pack("<BQQQQQQI1sI1s", 0x0A, 50, len(head) + place, size, 0, 0, 0, 1, b"a", 1, b"x")
+        for place, size in starts
+    )
+    body = head + data + struct.pack("<BQI", 0x0F, 4, 0)
+    footer = struct.pack("<BQQQI", 0x02, 20, len(body), 0, 0)
+    (tmp_path / "a.mcap").write_bytes(body + index + footer + b"\x89MCAP0\r\n")
+    with pytest.raises(Refused, match=r"attachments of more than its \d+ bytes"):
         recording.read(tmp_path / "a.mcap")
 
 

@@ -13,6 +13,7 @@ import pytest
 from saflite.contract import modules
 from saflite.contract.config import Campaign, StrategyConfig
 from saflite.contract.errors import Refused
+from saflite.contract.ids import digest
 from saflite.contract.test_case import Target
 from saflite.mutator.registry import load_strategy, options_of, strategy_names
 from saflite.oracle.policy import POLICIES_DIR, load_policy
@@ -222,6 +223,35 @@ def test_the_key_is_this_users_alone(files: list[Path], tmp_path: Path, own_home
     run_modules.note(tmp_path, modules.use(files))
     assert (own_home / KEY).stat().st_mode & 0o777 == 0o600
     assert [path.name for path in (own_home / KEY).parent.iterdir()] == [KEY.name]
+
+
+def test_a_module_that_is_replaced_after_it_was_looked_at_is_not_run(
+    files: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It was read once to be compared with what the run was made with, and again to be run."""
+    run_dir, path, ran = tmp_path / "run", files[0], tmp_path / "ran"
+    run_dir.mkdir()
+    run_modules.note(run_dir, modules.use([path]))
+    looked_at, content = run_modules._is, path.read_bytes()
+
+    def replaced(place: Path, module: modules.Outside) -> bool:
+        same = looked_at(place, module)
+        path.write_bytes(content + f"\nopen({str(ran)!r}, 'w')\n".encode())
+        return same
+
+    monkeypatch.setattr(run_modules, "_is", replaced)
+    with pytest.raises(Refused, match="the content that it had when it was looked at, got another"):
+        run_modules.use(run_dir)
+    assert not ran.exists()
+
+
+def test_the_digest_of_a_module_is_that_of_what_was_run(tmp_path: Path) -> None:
+    """One that changes its own file while it begins was told by what it left there."""
+    path = tmp_path / "changing.py"
+    text = "from pathlib import Path\nPath(__file__).write_text('another')\nclass Model:\n score = warm = close = 1\n"
+    path.write_text(text)
+    (told,) = modules.use([path])
+    assert told.digest == digest(text.encode())
 
 
 def test_a_policy_of_somebody_else_is_data(files: list[Path], tmp_path: Path) -> None:

@@ -12,12 +12,13 @@ import httpx
 import pytest
 
 from saflite.contract.config import ScorerConfig
-from saflite.contract.errors import FarmError, Unavailable
+from saflite.contract.errors import FarmError, Refused, Unavailable
 from saflite.scorer_pool.key_hosts import host_of, hosts_named_by, may_have_key, with_key_hosts
 from saflite.scorer_pool.llm.chat import Question
 from saflite.scorer_pool.llm.http import ANSWER_BYTES_MAX, LINE_BYTES_MAX, BoundedTransport
 from saflite.scorer_pool.models.ollama import OllamaChat
 from saflite.scorer_pool.models.openai import OpenAIChat
+from saflite.scorer_pool.registry import check_label
 
 QUESTION = Question([{"role": "user", "content": "?"}], {"type": "object"}, 100)
 
@@ -34,6 +35,15 @@ QUESTION = Question([{"role": "user", "content": "?"}], {"type": "object"}, 100)
 )
 def test_hosts(url: str, host: str) -> None:
     assert host_of(url) == host
+
+
+@pytest.mark.parametrize("label", ["openai:m@https://ana:secret@host/v1", "ollama:m@ana:secret@host", "openai:m"])
+def test_no_address_with_a_password_is_told(label: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A label stands in events, reports and exports, and the address of a server in the digest of its model."""
+    monkeypatch.setenv("OPENAI_BASE_URL", "https://ana:secret@host/v1")
+    with pytest.raises(Refused, match="an address without a name or password") as told:
+        check_label(label)
+    assert "secret" not in str(told.value)
 
 
 def test_only_named_hosts_may_have_a_key(monkeypatch: pytest.MonkeyPatch) -> None:

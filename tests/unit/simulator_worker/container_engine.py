@@ -2,7 +2,8 @@
 """A container engine for tests, by the command line alone: containers are folders, the one program in them a stand-in.
 
 It holds Aerialist to what its documents say of a test file, and leaves a log of a straight flight. Environment:
-STANDIN_WORDS is what it prints of its log ("" for nothing), STANDIN_HANGS=1 never ends, STANDIN_ROOT holds containers.
+STANDIN_WORDS is what it prints of its log ("" for nothing), STANDIN_HANGS=1 never ends, STANDIN_LINK is a file that
+the log is a link to, STANDIN_ROOT holds containers.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ def copy(source: str, target: str) -> None:
         there(container)
         if not place(container, path).is_file():
             raise SystemExit(f"Error response from daemon: Could not find the file {path} in container {container}")
-        shutil.copy(place(container, path), target)
+        shutil.copy(place(container, path), target, follow_symlinks=False)  # as Docker does without -L
 
 
 def execute(container: str, words: list[str]) -> int:
@@ -56,6 +57,8 @@ def execute(container: str, words: list[str]) -> int:
     assert document["agent"]["engine"] == "local"
     if os.environ.get("STANDIN_HANGS"):
         signal.pause()
+    if os.environ.get("STANDIN_LINK"):
+        place(container, "/src/ros/log.ulg").symlink_to(os.environ["STANDIN_LINK"])
     place(container, "/src/ros/log.ulg").write_bytes(flight(document["simulation"]["timeout"]))
     print("a warning of something\n" + os.environ.get("STANDIN_WORDS", "LOG:/src/ros/log.ulg"), flush=True)
     return 0

@@ -14,7 +14,7 @@ from saflite.conformance.targets import checks_of
 from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.flight import FlightRecord
 from saflite.contract.test_case import Obstacle, Scenario, Stimulus, Target, TestCase, Wind
-from saflite.flight.autopilots.aerialist import bench
+from saflite.flight.autopilots.aerialist import bench, container
 from saflite.flight.mission import builtin_mission
 from saflite.simulator_worker.targets import aerialist
 
@@ -73,6 +73,26 @@ def test_a_flight_without_a_log_is_no_finding(containers: Path, monkeypatch: pyt
     with pytest.raises(Unavailable, match=r"nothing of a log|named no log|another\.ulg"):
         flown(CASE)
     assert list(containers.iterdir()) == []
+
+
+def test_a_log_that_is_a_link_is_none_of_the_flight(
+    containers: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The engine copies a link as one: what the container named was read, and kept, from this machine."""
+    monkeypatch.setenv("STANDIN_LINK", str(tmp_path / "a log of this machine"))
+    with pytest.raises(Unavailable, match="a link in the container"):
+        flown(CASE)
+    assert list(containers.iterdir()) == []
+
+
+def test_of_what_is_printed_the_end_alone_is_read(tmp_path: Path) -> None:
+    console = tmp_path / "console.txt"
+    with console.open("wb") as file:
+        file.truncate(2**40)
+        file.seek(2**40)
+        file.write(b"LOG:/src/ros/log.ulg")
+    assert bench._tail(console).endswith(b"LOG:/src/ros/log.ulg")
+    assert len(bench._tail(console)) == container.OUTPUT_BYTES_MAX
 
 
 def test_a_flight_without_an_end_is_wedged_and_leaves_nothing(

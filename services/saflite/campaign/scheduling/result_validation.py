@@ -34,6 +34,7 @@ from saflite.contract.work import (
 SAID_MAX = 500  # characters of what a result says, in our words
 JUDGEMENT_BYTES_MAX = 2**20
 FLIGHT_BYTES_MAX = SCORES_BYTES_MAX = 2**22
+WATCHING_MAX = 101  # as many as work may name, and the embedded scorer
 
 
 def check_result(core: Core, task: Task, result: Result, damage: str = "") -> None:
@@ -98,12 +99,27 @@ def _check_size(task: Task, what: str, parts: Sequence[msgspec.Struct], bytes_ma
 def _check_scores(task: Task, result: ScoreResult, names: tuple[str, ...]) -> None:
     deciding = [score for score in result.scores if not score.shadow]
     _same(task, "deciding scores, one for each test case asked", sorted(names), sorted(s.test_case for s in deciding))
-    _check_size(task, "scores", result.scores, SCORES_BYTES_MAX)
+    _check_beside(task, result, set(names))
+    _check_size(task, "scores", (result,), SCORES_BYTES_MAX)
     for score in result.scores:
         if not (math.isfinite(score.value) and SCORE_MIN <= score.value <= SCORE_MAX):
             _refuse(task, f"scores from {SCORE_MIN:g} to {SCORE_MAX:g}", score.value)
         if not score.shadow and score.model != task.model:
             _refuse(task, f"deciding scores of {task.model}", score.model)
+
+
+def _check_beside(task: Task, result: ScoreResult, asked: set[str]) -> None:
+    """Scores that only watch are rows, too: one for each test case asked and model, of as many models as may watch.
+
+    Which these are may have changed since the work was given.
+    """
+    beside = [(score.test_case, score.model) for score in result.scores if score.shadow]
+    models = {model for _, model in beside}
+    if len(models) > WATCHING_MAX or len(set(beside)) < len(beside) or any(name not in asked for name, _ in beside):
+        _refuse(task, f"one score of each of at most {WATCHING_MAX} models beside for a test case asked", len(beside))
+    others = sorted(set(result.usage) - models - {task.model})
+    if others:
+        _refuse(task, "the usage of models that gave scores", f"that of {len(others)} others")
 
 
 def _check_flight(task: Task, result: FlyResult) -> None:

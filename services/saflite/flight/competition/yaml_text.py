@@ -15,7 +15,11 @@ TEXT_MAX = 250_000
 NODES_MAX = 20_000
 """A test case of 1,000 commands has 16,000; the parser takes some 65 microseconds for each."""
 
+NUMBER_CHARS_MAX = 400
+"""More than the digits of any that a machine holds; whole numbers of base 60 take time with the square of theirs."""
+
 _TAG = "tag:yaml.org,2002:"
+_NUMBERS = (f"{_TAG}int", f"{_TAG}float")
 _DATE = f"{_TAG}timestamp"
 _PLAIN = tuple(_TAG + kind for kind in ("str", "int", "float", "bool", "null", "seq", "map"))
 """What JSON holds, too. Bytes, sets, dates and pairs, which a text may ask for by their tag, it does not."""
@@ -112,6 +116,9 @@ def _walk(node: yaml.Node, path: Path, lines: dict[Path, int], key_lines: dict[P
         raise Refused(
             "YAML", where=place, expected="words, numbers, lists and mappings", got=node.tag.replace(_TAG, "!!")
         )
+    if node.tag in _NUMBERS and len(node.value) > NUMBER_CHARS_MAX:
+        place, got = f"{where}, line {node.start_mark.line + 1}", f"{len(node.value)}"
+        raise Refused("YAML", where=place, expected=f"numbers of at most {NUMBER_CHARS_MAX} characters", got=got)
     if isinstance(node, yaml.SequenceNode):
         for index, child in enumerate(node.value):
             _walk(_once(child, where), (*path, index), lines, key_lines, where)

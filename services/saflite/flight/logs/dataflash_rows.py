@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from saflite.contract.errors import Refused
+from saflite.contract.outside import LOG_BYTES_MAX, read_bytes
 from saflite.flight.logs.dataflash_damage import HEAD, sound
 from saflite.flight.logs.resample import DURATION_MAX_S, check_no_other_flight, told_far_off
 
@@ -73,7 +74,7 @@ def load(path: Path) -> Load:
     """Return what an ArduPilot log holds of what we read; raises Refused if it is none, or damaged beyond reading."""
     rows: Rows = defaultdict(list)
     try:
-        data = path.read_bytes()
+        data = read_bytes(path, "ArduPilot log", LOG_BYTES_MAX)
         if not data.startswith(HEAD):
             start = data[: len(HEAD)]
             raise Refused(

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from saflite.contract.errors import Refused
 from saflite.contract.flight import Trace
-from saflite.contract.outside import parse_csv, parse_table, read_text
+from saflite.contract.outside import begins_with, parse_csv, parse_table, read_text
 from saflite.contract.signals import MODES
 from saflite.flight.logs.resample import Columns
 from saflite.flight.logs.ulog import ARMED, FIX_3D, MODE_NAMES, OTHER_MODE
@@ -46,11 +46,10 @@ Column = NDArray[np.float64]
 
 def is_extract(path: Path) -> bool:
     """Return whether a `.csv` file begins as an extract does; other tables in a folder of logs are no logs."""
-    try:
-        with path.open(encoding="utf-8-sig", errors="replace") as file:
-            return file.readline(4096).split(",")[0].strip() == TIME
-    except OSError:
+    start = begins_with(path, 4096)
+    if start is None:
         return True  # to be refused with the reason when it is read
+    return start.decode("utf-8-sig", "replace").partition("\n")[0].split(",")[0].strip() == TIME
 
 
 def read_extract(path: Path, *, placed: bool = True) -> Trace:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from saflite.contract.errors import FarmError, Refused
 from saflite.contract.flight import TRACE_BYTES_MAX, Trace, unpack_trace
-from saflite.contract.outside import check_file, read_bytes
+from saflite.contract.outside import begins_with, check_file, read_bytes
 from saflite.flight.logs.flight_log import UNTOLD, FlightLog
 
 
@@ -61,9 +61,7 @@ def kind_of(path: Path) -> str:
 
 def _of_another_kind(path: Path, suffix: str) -> str:
     """Return in words what another log of flights a file is, empty where it is none that is known."""
-    start = b""
-    with suppress(OSError), path.open("rb") as file:
-        start = file.read(_HEAD_BYTES)
+    start = begins_with(path, _HEAD_BYTES) or b""
     if suffix in (".log", ".txt", ".bin") and _DESCRIBED.search(start):
         return "a DataFlash log as text; the autopilot keeps it as .bin, from which the text was made"
     if suffix not in READERS and start[_STAMP_BYTES : _STAMP_BYTES + 1] in _MAVLINK:
@@ -77,13 +75,10 @@ def begins_as_log(path: Path) -> bool:
 
 
 def _begins_as(path: Path) -> str:
-    with suppress(OSError), path.open("rb") as file:
-        start = file.read(len(ULOG_MAGIC))
-        if start.startswith(ULOG_MAGIC):
-            return ".ulg"
-        if start.startswith(DATAFLASH_HEAD):
-            return ".bin"
-    return ""
+    start = begins_with(path, len(ULOG_MAGIC)) or b""
+    if start.startswith(ULOG_MAGIC):
+        return ".ulg"
+    return ".bin" if start.startswith(DATAFLASH_HEAD) else ""
 
 
 @contextmanager

@@ -11,7 +11,7 @@ and take-off are GUIDED, orbit is CIRCLE, descend and land are LAND.
 from __future__ import annotations
 
 import struct
-from mmap import ACCESS_READ, mmap
+from io import BytesIO
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,6 +19,7 @@ import numpy as np
 
 from saflite.contract.errors import Refused
 from saflite.contract.flight import Trace
+from saflite.contract.outside import LOG_BYTES_MAX, read_bytes
 from saflite.contract.signals import MODES
 from saflite.contract.test_case import Stimulus
 from saflite.flight.logs import ulog_failures, ulog_states
@@ -154,8 +155,8 @@ def _load(path: Path) -> _Load:
     from pyulog.exceptions import ULogException
 
     try:
-        with path.open("rb") as file:
-            start = file.read(len(_MAGIC))
+        data = read_bytes(path, "PX4 log", LOG_BYTES_MAX)  # once: it may be another file, or cut, a moment later
+        start = data[: len(_MAGIC)]
         if start != _MAGIC:
             raise Refused(
                 "PX4 log",
@@ -163,8 +164,8 @@ def _load(path: Path) -> _Load:
                 expected="a ULog file",
                 got=f"{start[:8]!r} at its start" if start else "an empty file",
             )
-        _check_one(path)
-        log = bounded()(str(path), _WANTED)
+        _check_one(data, path)
+        log = bounded()(BytesIO(data), _WANTED)
     except TooMany as fault:
         raise Refused("PX4 log", where=str(path), expected=f"at most {fault} messages", got="more") from fault
     except (OSError, ValueError, TypeError, LookupError, AttributeError, struct.error, ULogException) as fault:
@@ -184,10 +185,9 @@ def _others(log: Any) -> str:
     return ", ".join(sorted(log.message_formats)[:5]) or "none"
 
 
-def _check_one(path: Path) -> None:
+def _check_one(data: bytes, path: Path) -> None:
     """Raise Refused for logs put one behind the other: the library reads the first and says nothing of the rest."""
-    with path.open("rb") as file, mmap(file.fileno(), 0, access=ACCESS_READ) as data:
-        second = data.find(_MAGIC, len(_MAGIC))
+    second = data.find(_MAGIC, len(_MAGIC))
     if second >= 0:
         got = f"another that begins at byte {second}; cut it there, and judge them one by one"
         raise Refused("PX4 log", where=str(path), expected="one ULog file", got=got)

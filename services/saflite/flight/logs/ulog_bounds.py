@@ -10,6 +10,8 @@ FIELDS_MAX = 500_000
 NESTED_MAX = 16
 KEPT_MAX, MESSAGES_MAX = 2**20, 2**25
 _KEPT = frozenset(b"ACFILMOPQR")  # all kinds but data and marks
+_KNOWN = _KEPT | frozenset(b"BDS")
+_UNKNOWN_BYTES_MAX = 10_000  # of a message of a kind that the library does not know; a longer one it takes for damage
 
 
 class TooMany(Exception):
@@ -28,9 +30,13 @@ def bounded() -> Any:
     left, kept, others = FIELDS_MAX, KEPT_MAX, MESSAGES_MAX
 
     class Header(ULog._MessageHeader):  # type: ignore[misc]  # the library has no types
+        msg_size: int
+
         def initialize(self, data: bytes) -> None:
             nonlocal kept, others
             super().initialize(data)
+            if self.msg_size > _UNKNOWN_BYTES_MAX and self.msg_type not in _KNOWN:
+                self.msg_size = 0  # damage to the library, too, but it would read all of it and then go on one byte on
             if self.msg_type in _KEPT:
                 kept -= 1
             others -= 1

@@ -24,7 +24,7 @@ ACCEPTED, TEMPORARILY_REJECTED, IN_PROGRESS = 0, 1, 5
 DO_SET_MODE, CUSTOM_MODE = 176, 1
 WHOLE = {1: "B", 2: "b", 3: "H", 4: "h", 5: "I", 6: "i"}  # MAV_PARAM_TYPE of whole numbers
 NOT_GIVEN, RELEASED = 65535, 0
-TEXTS_MAX = 1000
+TEXTS_MAX, TEXT_CHARS_MAX = 1000, 12_800  # as long as 256 parts of a text can be
 
 
 class Answer(NamedTuple):
@@ -118,7 +118,7 @@ class Client:
         self.latest[kind] = message
         if kind == "STATUSTEXT":
             if message.chunk_seq and self.texts:  # the rest of a long one
-                self.texts[-1] += message.text
+                self.texts[-1] += message.text[: max(0, TEXT_CHARS_MAX - len(self.texts[-1]))]
             else:
                 self.texts.append(message.text)
         return True

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from saflite.contract.config import environment
 from saflite.contract.errors import Refused, Unavailable
-from saflite.scorer_pool.labels import split_brief
+from saflite.scorer_pool.labels import check_no_password, split_brief
 from saflite.scorer_pool.llm.chat import Busy, ChatResult, Question, tokens
 from saflite.scorer_pool.llm.parse import ANSWER_CHARS_MAX, Reply
 from saflite.scorer_pool.llm.scorer import CONTEXT_TOKENS, LanguageModel
@@ -33,6 +33,7 @@ class _Place(NamedTuple):
 
 def _place(argument: str) -> _Place:
     name, _, host = argument.partition("@")
+    check_no_password(host)
     tag, brief = split_brief(name)
     if not tag or any(char.isspace() for char in argument):
         raise Refused(

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 from saflite.contract.config import environment
 from saflite.contract.errors import Refused, Unavailable
-from saflite.scorer_pool.labels import split_brief
+from saflite.scorer_pool.labels import check_no_password, split_brief
 from saflite.scorer_pool.llm.chat import Busy, ChatResult, Question, tokens
 from saflite.scorer_pool.llm.parse import ANSWER_CHARS_MAX, Reply
 from saflite.scorer_pool.llm.scorer import LanguageModel, Prices
@@ -50,6 +50,7 @@ def _place(argument: str) -> _Place:
     name, _, url = argument.partition("@")
     model, brief = split_brief(name)
     url = url or environment("OPENAI_BASE_URL", DEFAULT_URL)
+    check_no_password(url)
     if not model or not url.startswith(("http://", "https://")) or any(char.isspace() for char in argument):
         raise Refused("scorer model", expected="'openai:<model>@<base url>'", got=f"'openai:{argument}'")
     return _Place(model, url.rstrip("/"), brief)

@@ -12,7 +12,7 @@ from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.middleware import Middleware
 from starlette.middleware.base import BaseHTTPMiddleware
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 from starlette.responses import (
     FileResponse,
     HTMLResponse,
@@ -33,7 +33,7 @@ from saflite.contract.bounds import Count, Text
 from saflite.contract.errors import FarmError, Refused
 
 EVERY_S = 1.0
-BODY_BYTES_MAX = 4096
+BODY_BYTES_MAX, BODY_S = 4096, 10.0
 Next = Callable[[Request], Awaitable[Response]]
 IsOurs = Callable[[Address, Address], bool]
 HEADERS = {
@@ -199,18 +199,19 @@ class _Site:
         try:
             order = wire.unpack_json(await _body(request), Order)
             answer = await run_in_threadpool(self._source(request).order, order.verb, order.text, order.number)
-        except (*wire.UNREADABLE, FarmError) as fault:
-            return _answer(400, str(fault))
+        except (*wire.UNREADABLE, FarmError, TimeoutError, ClientDisconnect) as fault:
+            return _answer(400, str(fault) or "an order that does not come")
         return _answer(200, answer.message, accepted=answer.accepted)
 
 
 async def _body(request: Request) -> bytes:
-    """Return what was sent; raises Refused as soon as it is more than any order."""
+    """Return what was sent; raises Refused as soon as it is more than any order, TimeoutError if it does not come."""
     sent = b""
-    async for part in request.stream():
-        sent += part
-        if len(sent) > BODY_BYTES_MAX:
-            raise Refused("order", expected=f"at most {BODY_BYTES_MAX} bytes", got="more")
+    async with asyncio.timeout(BODY_S):  # a byte now and then would hold a connection for ever
+        async for part in request.stream():
+            sent += part
+            if len(sent) > BODY_BYTES_MAX:
+                raise Refused("order", expected=f"at most {BODY_BYTES_MAX} bytes", got="more")
     return sent
 
 

@@ -1,7 +1,8 @@
 """Connections to the dashboard: so many and no more, whoever holds them.
 
 Whoever reaches the address can open one, before anybody asks who that is. One that says nothing for long is ended, and
-where there are too many, the one that has waited longest: who has something to ask asks at once.
+where there are too many, the one that has waited longest: who has something to ask asks at once. Where none waits, the
+oldest is ended, so that nobody keeps others out by streams and downloads that he leaves open.
 """
 
 from __future__ import annotations
@@ -40,7 +41,8 @@ class _Bounded(H11Protocol):
         self._held[self] = None
         self._silence = self.loop.call_later(self._silent_s, self._end_silent)
         if len(self._held) > self._most:
-            waiting = next((one for one in self._held if not one.is_answering), self)
+            oldest = next(iter(self._held))  # where all are answered: a page whose stream ends asks for it again
+            waiting = next((one for one in self._held if not one.is_answering and one is not self), oldest)
             del self._held[waiting]
             waiting.transport.abort()
 

@@ -28,6 +28,8 @@ from saflite.runtime.clock import WallClock
 FRESH_S = 0.8
 """A status younger than this is shown again instead of asking the books."""
 PATIENCE_S = 2.0
+NAME_CHARS_MAX = 100
+"""Of a recording; ours have 23 and more (`contract/names.py`)."""
 REST = 20.0
 """Times the time it took to make, a part of a run that goes on is shown before it is made again."""
 
@@ -224,6 +226,8 @@ class RunSource:
     def file(self, name: str, *, public: bool) -> Path | None:
         """Return a recording."""
         path = self._dir / "recordings" / name
+        if len(name) > NAME_CHARS_MAX:  # no file system holds it: a fault, not a file that is not there
+            return None
         if public:
             with open_run(self._dir) as run:
                 if name.partition("-")[0] in run.memory_faults():

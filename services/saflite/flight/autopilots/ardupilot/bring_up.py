@@ -5,12 +5,13 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack, closing
+from pathlib import Path
 from socket import socket
 
 import numpy as np
 from numpy.typing import NDArray
 
-from saflite.contract.config import environment_with
+from saflite.contract.config import environment_of_program
 from saflite.contract.errors import Unavailable
 from saflite.flight.autopilots.ardupilot import gate
 from saflite.flight.autopilots.ardupilot.binary import options_of
@@ -89,7 +90,7 @@ class Aircraft(aircraft.Aircraft):
         self.gate = self._gate(opened)
         port = ports[SIMULATOR]
         self._physics = self.gate.channel if self._own_physics else opened.enter_context(bound_udp(port))
-        environment, keeps = environment_with(**self.gate.environment), (self.gate.theirs.fileno(),)
+        environment, keeps = environment_of_program(**self.gate.environment), (self.gate.theirs.fileno(),)
         process = Process(
             self._command, self.folder, environment=environment, keeps=keeps, age_max_s=self._place.age_max_s
         )
@@ -146,9 +147,9 @@ class Aircraft(aircraft.Aircraft):
         self._opened = ExitStack()
         self._opened.callback(self.process.end)
 
-    def logs(self) -> dict[str, bytes]:
+    def logs(self) -> list[Path]:
         """Return the DataFlash logs it wrote, by name."""
-        return {path.name: path.read_bytes() for path in sorted((self.folder / "logs").glob("*.BIN"))}
+        return sorted((self.folder / "logs").glob("*.BIN"))
 
 
 def _called(process: Process, port: int) -> socket:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from saflite.contract.errors import Unavailable
+from saflite.flight.autopilots.console import open_console
 
 LIBRARY = Path(__file__).parent / "preload" / "_clock.so"
 ANSWER_S = 5
@@ -74,7 +75,7 @@ class Gate:
             raise Unavailable("the autopilot cannot be forked: it is linked statically, or does not wait for our world")
         kinds = _KINDS[: -1 if self._own_physics else None]
         ours, theirs = zip(*(socket.socketpair(socket.AF_UNIX, kind) for kind in kinds), strict=True)
-        console = os.memfd_create("console", os.MFD_CLOEXEC)
+        console = open_console()
         made = Fork(0, ours[0], console, ours[1], ours[2], None if self._own_physics else ours[3])
         try:
             channel, *others = [one.fileno() for one in theirs]

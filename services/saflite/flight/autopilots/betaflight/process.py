@@ -11,6 +11,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from saflite.contract.errors import Unavailable
+from saflite.flight.autopilots.console import open_console, printed
 from saflite.flight.mending import builds_firmware
 
 SILENT_S = 10  # of wall time without an answer: the firmware hangs
@@ -55,7 +56,7 @@ class Firmware:
             Unavailable: it is gone.
         """
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        console = os.memfd_create("console", os.MFD_CLOEXEC)
+        console = open_console()
         with theirs:
             given = array.array("i", [theirs.fileno(), console]).tobytes()
             try:
@@ -73,9 +74,7 @@ class Firmware:
 
     def last_words(self) -> str:
         """Return the end of what it printed."""
-        size = os.fstat(self._console).st_size
-        tail = os.pread(self._console, CONSOLE_TAIL, max(0, size - CONSOLE_TAIL))
-        return tail.decode("ascii", "replace")
+        return printed(self._console, CONSOLE_TAIL).decode("ascii", "replace")
 
     def leave(self) -> None:
         """In a fork of the process that holds it: close what was inherited; the held firmware goes on waiting."""
@@ -103,7 +102,7 @@ def start(binary: Path, clock_library: Path, folder: Path) -> Firmware:
         Unavailable: it cannot be started.
     """
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    console = os.memfd_create("console", os.MFD_CLOEXEC)
+    console = open_console()
     variables = {"LD_PRELOAD": str(clock_library), "SAFLITE_LINK": str(theirs.fileno())}
     variables |= {"ASAN_OPTIONS": SANITIZER_OPTIONS} if "sanitized" in binary.name else {}
     with theirs:

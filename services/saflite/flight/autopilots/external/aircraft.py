@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import logging
 import shutil
 from abc import ABC, abstractmethod
 from contextlib import ExitStack
+from pathlib import Path
 from typing import Any
 
-from saflite.contract.errors import Unavailable
+from saflite.contract.errors import Refused, Unavailable
+from saflite.contract.outside import LOG_BYTES_MAX, read_bytes
 from saflite.flight.autopilots.external.link import WORDS, SimulatedClock
 from saflite.flight.autopilots.external.place import Place
 from saflite.flight.autopilots.external.process import ForkedProcess, Process
 from saflite.flight.autopilots.external.vehicle import GONE, LockstepVehicle
 from saflite.flight.mavlink.client import Client
 from saflite.flight.world.jsbsim_world import HOME_ALT_M, HOME_LAT_DEG, HOME_LON_DEG
+
+log = logging.getLogger(__name__)
 
 HOME = (HOME_LAT_DEG, HOME_LON_DEG, HOME_ALT_M)
 
@@ -56,8 +61,8 @@ class Aircraft(ABC):
         """Start the process and link up with it; all that has to be closed goes onto `opened`."""
 
     @abstractmethod
-    def logs(self) -> dict[str, bytes]:
-        """Return the logs it wrote, by name, the last one last."""
+    def logs(self) -> list[Path]:
+        """Return the logs it wrote, the last one last."""
 
     def _started(self, opened: ExitStack, process: Process) -> Process:
         opened.callback(process.end)
@@ -68,10 +73,14 @@ class Aircraft(ABC):
         return self.process.how_it_ended() if came == GONE else WORDS.get(came, "the world failed")
 
     def artefacts(self, log_name: str) -> tuple[tuple[str, bytes], ...]:
-        """Return its console, and its last log under a name."""
-        logs: list[bytes] = list(self.logs().values())
+        """Return its console, and its last log under a name; none where that is a link, or no file of a log's size."""
+        logs = [path for path in self.logs() if not path.is_symlink()]
         kept = (("console.txt", self.process.console.encode()),)
-        return (*kept, (log_name, logs[-1])) if logs else kept
+        try:
+            return (*kept, (log_name, read_bytes(logs[-1], "autopilot's log", LOG_BYTES_MAX))) if logs else kept
+        except Refused as fault:
+            log.warning("%s", fault)
+            return kept
 
     def close(self) -> None:
         """End the process and everything of it; may be called twice."""

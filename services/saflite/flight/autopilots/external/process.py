@@ -15,6 +15,7 @@ from pathlib import Path
 
 from saflite.contract.errors import Unavailable
 from saflite.contract.memory_faults import is_memory_report
+from saflite.flight.autopilots.console import printed
 from saflite.flight.autopilots.external.spinning import Spinning
 
 CONSOLE_MAX = 200_000
@@ -38,7 +39,7 @@ class Process:
     Args:
         command: program and arguments.
         folder: where it runs.
-        environment: all it sees of one; ours by default.
+        environment: all it sees of one. Never ours: keys of model servers stand there, and what it prints is kept.
         realtime: give it real-time priority where this user may, so that it runs before the world whenever it can.
         keeps: open files of ours that it inherits.
         age_max_s: the kernel ends it at this age (SIGALRM), whatever is waited for from it then; 0 for none.
@@ -52,7 +53,7 @@ class Process:
         command: Sequence[str],
         folder: Path,
         *,
-        environment: Mapping[str, str] | None = None,
+        environment: Mapping[str, str],
         realtime: bool = False,
         keeps: Sequence[int] = (),
         age_max_s: float = 0.0,
@@ -168,7 +169,7 @@ class ForkedProcess:
     @property
     def console(self) -> str:
         """The end of what it printed."""
-        said = b"" if self._console < 0 else os.pread(self._console, CONSOLE_MAX, 0)
+        said = b"" if self._console < 0 else printed(self._console, CONSOLE_MAX)
         return self._before + said.decode("utf-8", "replace")
 
     def how_it_ended(self) -> str:

@@ -17,6 +17,8 @@ ON_GROUND, TAKING_OFF = 1, 3  # MAV_LANDED_STATE
 BARO, RECEIVER, PREARM = 8, 65536, 268435456  # MAV_SYS_STATUS_SENSOR bits
 FIX_3D = 3
 ERROR_UP_TO, WARNING_UP_TO = 3, 4  # MAV_SEVERITY
+TEXT_CHARS_MAX, TEXTS_MAX = 12_800, 20_000
+"""As long as 256 parts of a text can be (MAVLink, STATUSTEXT), and more than any autopilot says in a flight."""
 
 
 class Telemetry:
@@ -108,9 +110,12 @@ class Telemetry:
     def _statustext(self, message: Any) -> None:
         text, severity = str(message.text).rstrip("\t\r\n"), int(message.severity)
         if message.chunk_seq and self.texts:  # the rest of a long one
-            self.texts[-1] = msgspec.structs.replace(self.texts[-1], text=self.texts[-1].text + text)
+            before = self.texts[-1].text
+            if len(before) < TEXT_CHARS_MAX:
+                self.texts[-1] = msgspec.structs.replace(self.texts[-1], text=before + text)
             return
         text = text if message.id else text.strip()
         kind = "error" if severity <= ERROR_UP_TO else "warning" if severity <= WARNING_UP_TO else "info"
         at_s = round(self._now_s - self.zero_s, 6)
+        del self.texts[TEXTS_MAX - 1 :]  # of more than there may be the last stays, which may tell of the end
         self.texts.append(TraceMessage(at_s=at_s, text=text, severity=kind))  # type: ignore[arg-type]

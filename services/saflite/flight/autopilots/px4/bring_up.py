@@ -223,10 +223,9 @@ class Aircraft(aircraft.Aircraft):
         """See the class above; one thread may hang while the others answer, and then it is named."""
         return super().trouble(came) + self._hangs
 
-    def logs(self) -> dict[str, bytes]:
-        """Return the ULog files it wrote, by name, oldest first."""
-        found = sorted((self.folder / "log").rglob("*.ulg"), key=lambda path: path.stat().st_mtime_ns)
-        return {path.name: path.read_bytes() for path in found}
+    def logs(self) -> list[Path]:
+        """Return the ULog files it wrote, oldest first."""
+        return sorted((self.folder / "log").rglob("*.ulg"), key=lambda path: path.lstat().st_mtime_ns)
 
     def _remove_names(self) -> None:
         for path in outside(self._instance):
