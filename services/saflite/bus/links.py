@@ -12,6 +12,10 @@ SESSIONS_MAX, OPENING_MAX = 4_000, 1_000  # of a router; Zenoh's own 1,000 and 1
 ANSWERS_WAIT_US = 50_000  # so long for a short one: a machine that is busy empties a link late, and Zenoh's own is 1 ms
 FRAGMENTS_WAIT_US = 2_000_000  # so long a full link takes no more of a long answer before that is given up
 
+ROUTER_THREADS = "(acc: (handover: rx), net: (handover: rx))"
+"""Who reads what links bring also waits for it to come, and keeps the deadlines of questions: to wake another thread
+for either costs as much as to read. Who sends stays apart: a full link must not keep others from being read."""
+
 
 def config_of(mode: Literal["router", "client"], *endpoints: str) -> dict[str, Any]:
     """Return Zenoh's configuration: a router listening on `endpoints`, or a client connected to one."""

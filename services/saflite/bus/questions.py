@@ -36,7 +36,8 @@ class ZenohRequest:
     def reply(self, payload: bytes) -> None:
         """Answer, once."""
         seal_of = seal(self.key, self._name, payload)
-        self._end(len(payload), lambda query: query.reply(self._asked, payload, attachment=seal_of))
+        # not express: what says that nothing more comes follows at once, and one packet carries both
+        self._end(len(payload), lambda query: query.reply(self._asked, payload, attachment=seal_of, express=False))
 
     def refuse(self, text: str) -> None:
         """Answer that the question cannot be read."""

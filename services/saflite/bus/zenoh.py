@@ -23,13 +23,14 @@ from saflite.bus.base import Inbox, Presence, Sample, seal, unseal
 from saflite.bus.crowds import shut, surplus
 from saflite.bus.endpoints import check_endpoint
 from saflite.bus.keyring import Credentials, Register
-from saflite.bus.links import config_of, gate_settings
+from saflite.bus.links import ROUTER_THREADS, config_of, gate_settings
 from saflite.bus.memory import HISTORY
 from saflite.bus.questions import Question, ZenohRequest, attached, end_of
 from saflite.bus.reach import TRY_FIRST_S, TRY_MAX_S, attempts, why_unreached
 from saflite.bus.sending import Senders
 from saflite.bus.sockets import end_at_once, keep_ending_at_once
 from saflite.contract import topics
+from saflite.contract.config import environment, set_environment
 from saflite.contract.errors import Unavailable
 
 log = logging.getLogger(__name__)
@@ -285,6 +286,7 @@ def open_router(name: str, endpoint: str, *, insecure: bool = False, gate: Gate 
         more |= gate_settings()
         more["transport/link/tls"] = gate.credentials.tls()
         more["access_control"] = access_control(gate.register.peers)
+    set_environment("ZENOH_RUNTIME", environment("ZENOH_RUNTIME", ROUTER_THREADS))  # for a process's first session
     try:
         with _private_files():
             session = _open({**config_of("router", *places), **more})

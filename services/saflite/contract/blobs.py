@@ -11,6 +11,7 @@ result that names it.
 
 from __future__ import annotations
 
+import re
 from typing import Annotated, Protocol
 
 import msgspec
@@ -27,6 +28,7 @@ RESULT_BYTES_MAX = 2 * BLOB_BYTES_MAX
 """All blobs of one result together."""
 
 DIGEST_DIGITS = 64
+_is_digest = re.compile(f"[0-9a-f]{{{DIGEST_DIGITS}}}").fullmatch
 
 
 class BlobRef(msgspec.Struct, frozen=True, kw_only=True):
@@ -76,7 +78,7 @@ def ref_of(data: bytes) -> BlobRef:
 
 def check_digest(digest: str) -> None:
     """Raise Refused unless this can be the digest of a blob: it becomes a path."""
-    if len(digest) != DIGEST_DIGITS or not set(digest) <= set("0123456789abcdef"):
+    if not _is_digest(digest):
         raise Refused("blob", expected=f"a digest of {DIGEST_DIGITS} lower-case hexadecimal digits", got=digest[:80])
 
 

@@ -187,7 +187,7 @@ class Flight(msgspec.Struct, frozen=True, kw_only=True):
     def blobs(self) -> tuple[BlobRef, ...]:
         """All that the flight left behind."""
         trace = () if self.trace is None else (self.trace,)
-        return (*trace, *(artefact.blob for artefact in self.artefacts))
+        return (*trace, *(artefact.blob for artefact in self.artefacts)) if self.artefacts else trace
 
 
 class Given(NamedTuple):

@@ -344,6 +344,9 @@ def lease_named(report: bytes) -> LeaseNamed | None:
         return None
 
 
+ReceiptStatus = Literal["accepted", "duplicate", "stale", "refused"]
+
+
 class Receipt(msgspec.Struct, frozen=True, kw_only=True):
     """Sent after the books have committed. Whatever the status, the worker may now forget the result.
 
@@ -352,7 +355,7 @@ class Receipt(msgspec.Struct, frozen=True, kw_only=True):
 
     lease_id: LeaseId
     epoch: Count
-    status: Literal["accepted", "duplicate", "stale", "refused"]
+    status: ReceiptStatus
     message: Account = ""
     grant: Grant | None = None
 

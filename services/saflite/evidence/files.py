@@ -8,6 +8,7 @@ import shutil
 import stat
 import tempfile
 from contextlib import suppress
+from io import FileIO
 from pathlib import Path
 
 from saflite.contract.blobs import BlobMissing, BlobRef
@@ -17,6 +18,7 @@ from saflite.contract.new_files import new_file_mode
 from saflite.contract.outside import read_bytes
 
 PART = ".part"
+AT_ONCE_BYTES = 2**16
 FOLDER_TRIES = 100  # each is lost only where the folder is removed right after it was made
 
 
@@ -66,10 +68,10 @@ def _opened_in(folder: Path, within: Path | None) -> tuple[int, str]:
     raise AssertionError("unreachable")
 
 
-def remove_if_empty(folder: Path) -> None:
+def remove_if_empty(folder: Path | str) -> None:
     """Remove a folder in which nothing is left, else leave it."""
     with suppress(OSError):
-        folder.rmdir()
+        os.rmdir(folder)
 
 
 def read_whole(path: Path, ref: BlobRef) -> bytes:
@@ -90,8 +92,8 @@ def fault_of(path: Path | str, ref: BlobRef, *, deep: bool) -> str:
         if status.st_size != ref.size_bytes or not stat.S_ISREG(status.st_mode):
             return "damaged"
         if deep:
-            with open(path, "rb") as file:
-                return "" if hashlib.file_digest(file, "sha256").hexdigest() == ref.digest else "damaged"
+            with open(path, "rb", buffering=0) as file:
+                return "" if _digest_of(file, ref.size_bytes) == ref.digest else "damaged"
     except FileNotFoundError:
         return "missing"
     except OSError:
@@ -99,7 +101,14 @@ def fault_of(path: Path | str, ref: BlobRef, *, deep: bool) -> str:
     return ""
 
 
-def put_in_place(source: Path, place: Path) -> bool:
+def _digest_of(file: FileIO, size_bytes: int) -> str:
+    """Return the digest of a file that had so many bytes just now; a small one is read at once."""
+    if size_bytes < AT_ONCE_BYTES:
+        return digest(file.read(AT_ONCE_BYTES))
+    return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def put_in_place(source: Path | str, place: Path | str) -> bool:
     """Let a file stand under a second name, too: the same bytes on disk where the file system can, else a copy.
 
     Returns whether it does; False where something stood there, and does still.
@@ -108,18 +117,26 @@ def put_in_place(source: Path, place: Path) -> bool:
         Unavailable: the disk fails.
     """
     try:
-        place.parent.mkdir(parents=True, exist_ok=True)
         try:
             os.link(source, place)
         except FileExistsError:
             return False
-        except OSError:
-            beside = place.with_name(place.name + PART)
-            shutil.copyfile(source, beside)
-            os.replace(beside, place)
+        except OSError:  # looked for only now: most folders are there
+            _put_anew(source, Path(place))
     except OSError as fault:
         raise Unavailable(f"{place} cannot be written: {fault}") from fault
     return True
+
+
+def _put_anew(source: Path | str, place: Path) -> None:
+    """Link or copy a file to where there may be no folder yet."""
+    place.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        os.link(source, place)
+    except OSError:
+        beside = place.with_name(place.name + PART)
+        shutil.copyfile(source, beside)
+        os.replace(beside, place)
 
 
 def flush(path: Path) -> None:

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import os
 import secrets
+import threading
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -37,7 +38,8 @@ class BlobFolder:
         self.within = run_dir if run_dir.is_dir() else None  # one that was there is not made again: it was moved
         self._folder = run_dir / BLOBS
         self._probe = ""
-        self._answered: dict[str, Path] = {}  # what workers left in these folders was dealt with; the latest last
+        self._answering = threading.Lock()
+        self._answered: dict[str, str] = {}  # what workers left in these folders was dealt with; the latest last
 
     def path(self, digest: str) -> Path:
         """Return where a blob stands; raises Refused for a digest that cannot be one, as tables of others may have."""
@@ -50,7 +52,11 @@ class BlobFolder:
 
     def incoming(self, worker: str) -> Path:
         """Return the folder of what a worker leaves; raises Refused for a name that cannot be one."""
-        return self._folder / INCOMING / check_worker_name(worker)
+        return Path(self._left(worker))
+
+    def _left(self, worker: str) -> str:
+        """As `incoming`; see `_place`."""
+        return f"{self._folder}/{INCOMING}/{check_worker_name(worker)}"
 
     def quota(self) -> Quota:
         """Return what may still be left there, for one that lets it be left."""
@@ -89,13 +95,13 @@ class BlobFolder:
             Unavailable: the disk does not take it.
         """
         check_ref(ref)
-        left = self.incoming(worker) / ref.digest
+        left, place = f"{self._left(worker)}/{ref.digest}", self._place(ref.digest)
         fault = files.fault_of(left, ref, deep=True)
         if fault:
             return self.fault(ref, deep=True)  # a result sent twice: it was adopted the first time
-        if not files.put_in_place(left, self.path(ref.digest)) and self.fault(ref, deep=True):
+        if not files.put_in_place(left, place) and self.fault(ref, deep=True):
             self.drop([ref.digest])
-            files.put_in_place(left, self.path(ref.digest))
+            files.put_in_place(left, place)
         return ""
 
     def forget(self, worker: str, digests: Iterable[str]) -> None:
@@ -103,14 +109,15 @@ class BlobFolder:
 
         Of the workers who left nothing since, the folders of the latest stay.
         """
-        folder = self.incoming(worker)
+        folder = self._left(worker)
         for digest in digests:
             with suppress(OSError):
                 os.unlink(f"{folder}/{digest}")
-        self._answered.pop(worker, None)
-        self._answered[worker] = folder
-        if len(self._answered) > EMPTY_MAX:
-            files.remove_if_empty(self._answered.pop(next(iter(self._answered))))
+        with self._answering:
+            self._answered.pop(worker, None)
+            self._answered[worker] = folder
+            if len(self._answered) > EMPTY_MAX:
+                files.remove_if_empty(self._answered.pop(next(iter(self._answered))))
 
     def forget_but(self, worker: str, keep: Iterable[str]) -> None:
         """Remove what a worker has left in an earlier life, but for what it still has to report."""

@@ -44,11 +44,13 @@ def distances(ones: Sequence[Features], others: Sequence[Features]) -> NDArray[n
         return np.ones((len(ones), len(others)))
     points, labels, starts, counts = _joined(ones)
     their_points, their_labels, their_starts, their_counts = _joined(others)
-    squares = np.zeros((len(labels), len(their_labels)))
+    cost = np.zeros((len(labels), len(their_labels)))
+    apart = np.empty_like(cost)
     for axis in range(_SIZE):  # no matrix product: its last bits differ from machine to machine
-        squares += (points[:, axis, None] - their_points[None, :, axis]) ** 2
-    cost = np.sqrt(squares)
-    cost = np.where(labels[:, None] == their_labels[None, :], np.minimum(cost, 1.0), 1.0)
+        np.subtract(points[:, axis, None], their_points[None, :, axis], out=apart)
+        cost += np.square(apart, out=apart)
+    np.minimum(np.sqrt(cost, out=cost), 1.0, out=cost)
+    cost[labels[:, None] != their_labels[None, :]] = 1.0
     there = np.add.reduceat(np.minimum.reduceat(cost, their_starts, axis=1), starts, axis=0) / counts[:, None]
     back = np.add.reduceat(np.minimum.reduceat(cost, starts, axis=0), their_starts, axis=1) / their_counts[None, :]
     return np.asarray(0.5 * (there + back))

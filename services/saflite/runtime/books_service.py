@@ -337,7 +337,7 @@ class BooksService:
             for poll in self._long_polls.to_try(line):
                 if self._grant(poll.request, poll.ask, now_s):
                     self._long_polls.granted(line, poll)
-                elif not self._long_polls.passed_over(line, poll):
+                elif not self._long_polls.passed_over(line, poll) or not self._books.waiting_count(line[0]):
                     break
         for poll in self._long_polls.expired(now_s):
             if not self._grant(poll.request, poll.ask, now_s):

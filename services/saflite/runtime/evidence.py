@@ -150,7 +150,10 @@ class EvidenceService:
 
     def answered(self, report: Report) -> None:
         """See `Evidence.answered`."""
-        self._inbox.put(_Answered(report))
+        if _is_small(report):
+            self._inline.answered(report)
+        else:
+            self._inbox.put(_Answered(report))
 
     def close(self) -> None:
         """Finish what is under way."""

@@ -58,7 +58,7 @@ class FairInbox(Generic[T]):
         """Return up to so many that wait, each line in turn; waits for the first of them."""
         taken: list[T] = []
         with self._change:
-            if self.is_empty:
+            if self.is_empty and wait_s > 0:
                 self._change.wait(wait_s)
             while self._lines and len(taken) < most:
                 for peer, line in list(self._lines.items()):

@@ -7,12 +7,12 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from saflite.bus.base import Request
-from saflite.contract.work import Ask, TargetBuild
+from saflite.contract.work import Ask, Stage, TargetBuild
 
 WAIT_MAX_S = 10.0
 PASSED_OVER_MAX = 4  # work may exist that the first in line may not have (a re-flight wants another worker)
 
-Line = tuple[str, tuple[TargetBuild, ...]]
+Line = tuple[Stage, tuple[TargetBuild, ...]]
 
 
 class WaitingPoll(NamedTuple):

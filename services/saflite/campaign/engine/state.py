@@ -103,7 +103,7 @@ class Books:
         self._reducer = Reducer(self._core)
         self._read_model: ReadModel = read_model or NothingToRead()
         self._registry, self._leases = WorkerRegistry(), Leases(campaign.lease)
-        self.owner_of = self._registry.owner_of
+        self.owner_of, self.waiting_count = self._registry.owner_of, self._core.tasks.waiting_count
         self._work_messages = WorkMessages(self._reducer, self._read_model, self._registry)
         self._dispatch = Dispatch(self._core, self._registry, self._leases)
         self._patience = Patience(self._core, self._registry, self._leases)

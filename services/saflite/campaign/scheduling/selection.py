@@ -18,7 +18,7 @@ from saflite.campaign.engine.journal import Pick
 from saflite.contract.rng import derive
 from saflite.contract.score import SCORE_MAX, Band, band
 from saflite.contract.test_case import TestCase, draw_key
-from saflite.flight.novelty import Features, distances, features, nearest
+from saflite.flight.novelty import Features, distances, features
 
 _BAND_RANK: dict[Band, int] = {"interesting": 2, "middling": 1, "dull": 0}
 
@@ -60,8 +60,8 @@ def select(
     names = sorted(candidates, key=keys.__getitem__)
     drawn = _random_picks(names, count, rules)
     shapes = [features(candidates[name]) for name in names]
-    nearness = nearest(shapes, flown)
-    among = distances(shapes, shapes)
+    apart = distances(shapes, [*flown, *shapes])
+    nearness, among = apart[:, : len(flown)].min(axis=1, initial=1.0), apart[:, len(flown) :]
     kinds, finds = [expected.kinds.get(name, "") for name in names], dict(expected.finds)
     random_picks = []
     for name in drawn:

@@ -7,7 +7,7 @@ it back, when a worker returns a lease id.
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import ClassVar, get_args
 
 import msgspec
@@ -23,7 +23,12 @@ class _Key(msgspec.Struct, frozen=True, order=True, array_like=True):
     stage: ClassVar[Stage]
 
     def __str__(self) -> str:
-        return "/".join((str(self.__struct_config__.tag), *(str(value) for value in msgspec.structs.astuple(self))))
+        return _form(type(self)) % msgspec.structs.astuple(self)
+
+
+@cache
+def _form(kind: type[_Key]) -> str:
+    return "/".join((str(kind.__struct_config__.tag), *("%s" for _ in kind.__struct_fields__)))
 
 
 class MutateKey(_Key, frozen=True, order=True, array_like=True, tag="mutate"):

@@ -26,6 +26,7 @@ from saflite.contract.work import (
     MutateWork,
     Outcome,
     Receipt,
+    ReceiptStatus,
     RecordWork,
     Report,
     ScoreWork,
@@ -296,8 +297,6 @@ def _candidates(search: SearchConfig, flights: int) -> int:
     return min(search.candidates_per_round, -(-search.candidates_per_round * flights // search.flights_per_round))
 
 
-def receipt_for(report: Report, status: str, message: str = "") -> Receipt:
+def receipt_for(report: Report, status: ReceiptStatus, message: str = "") -> Receipt:
     """Return the answer to a report."""
-    return wire.convert(
-        {"lease_id": report.lease_id, "epoch": report.epoch, "status": status, "message": message}, Receipt
-    )
+    return Receipt(lease_id=report.lease_id, epoch=report.epoch, status=status, message=message)

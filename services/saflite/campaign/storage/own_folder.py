@@ -30,7 +30,7 @@ _SUPER_MAGIC = bytes.fromhex("d9d505f920a163d7")
 def place_of(run_dir: Path) -> tuple[int, int, int] | None:
     """Return which folder and which store stand at a path now, None if there are none: two equal ones are the same."""
     try:
-        folder, store = run_dir.stat(), (run_dir / STORE).stat()
+        folder, store = os.stat(run_dir), os.stat(f"{run_dir}/{STORE}")  # paths are taken apart at each commit else
     except OSError:
         return None
     return folder.st_dev, folder.st_ino, store.st_ino

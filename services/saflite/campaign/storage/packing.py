@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import sqlite3
 import zlib
+from bisect import bisect_left
 from collections.abc import Iterable
 from itertools import islice
 
@@ -20,6 +21,7 @@ WORDS_BYTES_MAX = 2**15  # as far back as deflate looks
 LEARNT_FROM = 96  # the last entries that words are taken from
 LEARNT_BYTES_MAX = 4096  # of one entry: the beginning of a long one holds its words
 FIRST, FACTOR = 64, 8  # words are taken after so many entries, and again after so many times as many
+_AFTER: tuple[int, ...] = (0, *(FIRST * FACTOR**times for times in range(20)))
 
 FIX = "`saflite audit RUN --rebuild` makes all but the journal anew; else restore the run folder from a copy"
 
@@ -99,7 +101,4 @@ class Packing:
 
 def learnt_after(number: int) -> int:
     """Return after which entry the words were taken that one is told in, 0 if there were none yet."""
-    after, due = 0, FIRST
-    while due < number:
-        after, due = due, due * FACTOR
-    return after
+    return _AFTER[bisect_left(_AFTER, number) - 1]
