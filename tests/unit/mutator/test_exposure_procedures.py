@@ -18,7 +18,7 @@ from saflite.flight.autopilots.reference.describe import describe
 from saflite.mutator.exposure.attention import read_spans
 from saflite.mutator.exposure.drawing import Drawing, Shares
 from saflite.mutator.exposure.hints import Hint
-from saflite.mutator.exposure.procedures import Move, Procedure, broken_off, moves, read_procedures, without_entry
+from saflite.mutator.exposure.procedures import Move, Procedure, Span, broken_off, moves, read_procedures, without_entry
 from saflite.mutator.exposure.taken import Taken
 from saflite.mutator.exposure.vocabulary import ENDS, Vocabulary
 from saflite.mutator.operators.commands import DEG_PER_M, HOME_LAT_DEG, HOME_LON_DEG
@@ -265,3 +265,11 @@ def test_what_was_seldom_given_in_a_mode_is_given_there_and_nothing_that_ends_a_
     assert elsewhere == before
     assert not {one.name for one in before if one is not None}.intersection(ENDS)
     assert "parameter" not in {one.kind for one in before if one is not None}
+
+
+def test_a_range_is_drawn_from_at_its_ends_too() -> None:
+    rng = derive(1, "test")
+    drawn = [Span(0.0, 300.0).draw(rng) for _ in range(400)]
+    assert all(0.0 <= value <= 300.0 for value in drawn)
+    assert 10 < drawn.count(0.0) < 60
+    assert 10 < drawn.count(300.0) < 60

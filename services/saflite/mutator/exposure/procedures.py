@@ -25,6 +25,9 @@ SHAPE = (
     "'[?]<input> [<value> ...]', with '?' left out half the time. Inputs and values may be choices 'a|b', values "
     "ranges 'a..b', '~' (as usual) or 'rest'; of a command 'at <metres> <height>' is a place so far from home"
 )
+AT_ENDS = (
+    0.15  # share of numbers at an end of their range, where they may mean something else: 0 for none, or as before
+)
 LEAST_WIDE = 5.0  # a range whose end is that many times its beginning is drawn from with all sizes alike
 PAUSE_S = {"parameter": (0.05, 0.3), "mode": (0.2, 1.5)}  # after a step that nothing is waited for
 SOON_S = (0.1, 0.8)
@@ -40,7 +43,9 @@ class Span(NamedTuple):
     high: float
 
     def draw(self, rng: Rng) -> float:
-        """Return one of them."""
+        """Return one of them, now and then the first or the last."""
+        if rng.random() < AT_ENDS:
+            return self.low if rng.random() < 0.5 else self.high
         if self.low > 0.0 and self.high >= LEAST_WIDE * self.low:
             return math.exp(rng.uniform(math.log(self.low), math.log(self.high)))
         return float(rng.uniform(self.low, self.high))
