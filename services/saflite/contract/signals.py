@@ -134,6 +134,7 @@ SIGNALS: dict[str, Signal] = {
     "acro_balance_roll_set": Signal("", "how fast roll levels itself in ACRO, 1/s (ACRO_BAL_ROLL)"),
     "acro_balance_pitch_set": Signal("", "how fast pitch levels itself in ACRO, 1/s (ACRO_BAL_PITCH)"),
     "acro_rate_set_dps": Signal("deg/s", "roll or pitch rate of a full stick in ACRO (ACRO_RP_P)"),
+    "acro_expo_set": Signal("", "how much of a stick in ACRO counts by its third power (ACRO_RP_EXPO)"),
     "chute_enabled_set": Signal("", "1 while a parachute is fitted (CHUTE_ENABLED)", "flag"),
     "chute_type_set": Signal("", "what releases the parachute: 0 to 3 a relay, 10 a servo (CHUTE_TYPE)", "code"),
     "chute_servo_set": Signal("", "what output 9 does, 27 the parachute (SERVO9_FUNCTION)", "code"),
@@ -310,7 +311,7 @@ time_s quiet_s order_quiet_s command_quiet_s calm_s home_quiet_s crashed stop_or
 gps_true gps_settled baro_true baro_settled body_true sticks_true place_order_s pause_order_s ordered_x_m ordered_y_m
 ordered_altitude_m battery_timer_set_s battery_low_action_set battery_critical_set_v battery_low_charge_set_mah
 battery_capacity_set_mah battery_critical_action_set acro_trainer_set acro_balance_roll_set acro_balance_pitch_set
-acro_rate_set_dps chute_enabled_set chute_type_set chute_servo_set chute_delay_set_s
+acro_rate_set_dps acro_expo_set chute_enabled_set chute_type_set chute_servo_set chute_delay_set_s
 chute_present_set radio_fault_set pilot_acceleration_set_mps2
 mode_order_s mode_cause_s ordered_mode release_order_s stop_order_s start_order_s climb_order_s height_order_s
 position_aided plain_order plain_order_s plain_order_refused takeoff_slow_set_m fs_action_delay_set_s

@@ -58,6 +58,7 @@ SETTINGS: dict[str, Setting] = {
     "acro_balance_roll_set": Setting("ACRO_BAL_ROLL", 1.0, 0.0, 3.0),
     "acro_balance_pitch_set": Setting("ACRO_BAL_PITCH", 1.0, 0.0, 3.0),
     "acro_rate_set_dps": Setting("ACRO_RP_P", 4.5, 1.0, 10.0, 45.0),
+    "acro_expo_set": Setting("ACRO_RP_EXPO", 0.3, -0.5, 1.0),
     "chute_enabled_set": Setting("CHUTE_ENABLED", 0.0, 0.0, 1.0, whole=True),
     "chute_type_set": Setting("CHUTE_TYPE", 0.0, 0.0, 10.0, whole=True),
     "chute_sink_set_mps": Setting("CHUTE_CRT_SINK", 0.0, 0.0, 15.0),
