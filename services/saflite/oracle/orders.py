@@ -91,6 +91,7 @@ SETTINGS: dict[str, Setting] = {
     "acceleration_set_mps2": Setting("WPNAV_ACCEL", 250.0, 50.0, 500.0, 0.01),
     "pilot_takeoff_set_m": Setting("PILOT_TKOFF_ALT", 0.0, 0.0, 1000.0, 0.01),
     "pilot_acceleration_set_mps2": Setting("PILOT_ACCEL_Z", 250.0, 50.0, 500.0, 0.01, whole=True),
+    "climb_acceleration_set_mps2": Setting("WPNAV_ACCEL_Z", 250.0, 50.0, 500.0, 0.01),
     "yaw_slew_set_dps": Setting("ATC_SLEW_YAW", 6000.0, 500.0, 18000.0, 0.01),
     "pilot_speed_down_set_mps": Setting("PILOT_SPEED_DN", 0.0, 0.0, 500.0, 0.01, whole=True),
     "cruise_speed_set_mps": Setting("WPNAV_SPEED", 1000.0, 20.0, 2000.0, 0.01),
