@@ -35,6 +35,7 @@ SPEAKS_WHEN_BROKEN = {
     ("place-needs-position", 1),
     *(("chute-acts", place) for place in (1, 2)),  # opens by itself, or without an output: that it had a cause
     *(("failsafe-has-cause", place) for place in (0, 1)),
+    ("guided-stays-down", 1),  # that an order to a place is refused as the pilot begins to lift off
 }
 ONLY_WHEN_BROKEN = {
     # a vehicle that flies as it should never comes where these ask for something, or on a mission only
@@ -46,6 +47,7 @@ ONLY_WHEN_BROKEN = {
     "failsafe-has-cause": set(range(6)),
     "fence-action": {1},  # PX4 alone holds before it acts
     "fence-not-breached": {0, 1, 2},
+    "guided-stays-down": {1},
     "order-taken": {6, 7, 10},  # orders to a mission, which no procedure flies
     "mirrored-alike": {2},  # a mission
     "place-needs-position": {0, 1},

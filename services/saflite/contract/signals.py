@@ -134,6 +134,7 @@ SIGNALS: dict[str, Signal] = {
     "acro_balance_roll_set": Signal("", "how fast roll levels itself in ACRO, 1/s (ACRO_BAL_ROLL)"),
     "acro_balance_pitch_set": Signal("", "how fast pitch levels itself in ACRO, 1/s (ACRO_BAL_PITCH)"),
     "acro_rate_set_dps": Signal("deg/s", "roll or pitch rate of a full stick in ACRO (ACRO_RP_P)"),
+    "acro_expo_set": Signal("", "how much of a stick in ACRO counts by its third power (ACRO_RP_EXPO)"),
     "chute_enabled_set": Signal("", "1 while a parachute is fitted (CHUTE_ENABLED)", "flag"),
     "chute_type_set": Signal("", "what releases the parachute: 0 to 3 a relay, 10 a servo (CHUTE_TYPE)", "code"),
     "chute_servo_set": Signal("", "what output 9 does, 27 the parachute (SERVO9_FUNCTION)", "code"),
@@ -170,6 +171,7 @@ SIGNALS: dict[str, Signal] = {
     "settling_s": Signal("s", "time in which it can be asked to stop and to come back to where it was"),
     "pilot_takeoff_set_m": Signal("m", "height to which a pilot's take-off climbs by itself (PILOT_TKOFF_ALT)"),
     "pilot_acceleration_set_mps2": Signal("m/s2", "how hard a climb by stick speeds up and stops (PILOT_ACCEL_Z)"),
+    "climb_acceleration_set_mps2": Signal("m/s2", "how hard any climb speeds up and stops (WPNAV_ACCEL_Z)"),
     "yaw_slew_set_dps": Signal("deg/s", "turning speed of autonomous modes (ATC_SLEW_YAW)"),
     "pilot_speed_down_set_mps": Signal("m/s", "greatest descent rate a pilot may ask (PILOT_SPEED_DN)"),
     "cruise_speed_set_mps": Signal("m/s", "speed of autonomous modes (WPNAV_SPEED, MAV_CMD_DO_CHANGE_SPEED)"),
@@ -269,6 +271,7 @@ SIGNALS: dict[str, Signal] = {
     "baro_true": Signal("", "0 while a stimulus falsifies the barometer", "flag"),
     "baro_settled": Signal("", "0 until the estimate has followed what a stimulus did to the barometer", "flag"),
     "sticks_true": Signal("", "0 while the centre or sense of a stick is set otherwise (RC1_TRIM, ...)", "flag"),
+    "ends_true": Signal("", "0 while the sense of a stick or an end of the throttle's is set otherwise (RC3_MAX, ...)", "flag"),
     "stop_ordered": Signal("", "1 from the first order to stop the motors come what may", "flag"),
     "arming_forced": Signal("", "1 from the first order to arm without checks", "flag"),
     "body_true": Signal(
@@ -307,11 +310,11 @@ UNNAMED_MODE = "mode "
 
 _OF_STIMULI = """
 time_s quiet_s order_quiet_s command_quiet_s calm_s home_quiet_s crashed stop_ordered arming_forced
-gps_true gps_settled baro_true baro_settled body_true sticks_true place_order_s pause_order_s ordered_x_m ordered_y_m
+gps_true gps_settled baro_true baro_settled body_true sticks_true ends_true place_order_s pause_order_s ordered_x_m ordered_y_m
 ordered_altitude_m battery_timer_set_s battery_low_action_set battery_critical_set_v battery_low_charge_set_mah
 battery_capacity_set_mah battery_critical_action_set acro_trainer_set acro_balance_roll_set acro_balance_pitch_set
-acro_rate_set_dps chute_enabled_set chute_type_set chute_servo_set chute_delay_set_s
-chute_present_set radio_fault_set pilot_acceleration_set_mps2
+acro_rate_set_dps acro_expo_set chute_enabled_set chute_type_set chute_servo_set chute_delay_set_s
+chute_present_set radio_fault_set pilot_acceleration_set_mps2 climb_acceleration_set_mps2
 mode_order_s mode_cause_s ordered_mode release_order_s stop_order_s start_order_s climb_order_s height_order_s
 position_aided plain_order plain_order_s plain_order_refused takeoff_slow_set_m fs_action_delay_set_s
 failsafe_options_set circle_options_set auto_options_set pilot_turn_speed_set_dps

@@ -36,7 +36,7 @@ turned  everything is turned about the take-off point by a right angle: the star
 idle    what the autopilot refused, or what acts at the next start only, is not given at all
 afresh  only settings are given until the vehicle is ordered for the last time to a place where nothing follows for 12 s
 mirrored      left and right are exchanged: the start, places, headings, sticks, turns, wind, boxes
-recalibrated  the pilot's radio sends longer or shorter pulses, and the autopilot is calibrated for them
+recalibrated  the pilot's radio sends other pulses, of half the span, and the autopilot is calibrated for them
 """
 
 Plain = Number | Whole | Text | bool

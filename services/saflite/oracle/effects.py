@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from saflite.contract.test_case import Stimulus
 
-FLAGS = ("gps_true", "gps_settled", "baro_true", "baro_settled", "body_true", "sticks_true")
+FLAGS = ("gps_true", "gps_settled", "baro_true", "baro_settled", "body_true", "sticks_true", "ends_true")
 """`*_true`: the reading is the truth. `*_settled`: the estimate has come to terms with the reading, true or not."""
 
 SETTLE_S = 20.0
@@ -88,7 +88,8 @@ _SETTINGS: tuple[tuple[str, Effect], ...] = (
     (r"ahrs_trim", Effect(passing=("body_true",))),  # the heading follows: it is reckoned from a field felt askew
     (r"atc_rate_[rp]_max", Effect(lasting=("body_true",))),
     (r"gps_(pos|type|primary|sats)", Effect(passing=("gps_settled",))),
-    (r"rc\d+_(trim|dz|option|reversed?)|rc3_|rcmap_|thr_dz|tune$", Effect(lasting=("sticks_true",))),
+    (r"rc\d+_(option|reversed?)|rc3_m|rcmap_|tune$", Effect(lasting=("sticks_true", "ends_true"))),
+    (r"rc\d+_(trim|dz)|rc3_|thr_dz", Effect(lasting=("sticks_true",))),
 )
 """RC1_MIN and the like only scale a stick: its centre and its sense stay. The throttle has no other centre. TUNE gives
 channel 6 what a stick or a setting else decides. A setting out of its documented range excuses nothing: it should have
@@ -107,7 +108,7 @@ def effect_of(stimulus: Stimulus) -> Effect:
         return Effect()
     name = name.removeprefix("sim_")
     effect = next((found for pattern, found in (_FAULTS if fault else _SETTINGS) if re.match(pattern, name)), Effect())
-    if effect.lasting == ("sticks_true",):
+    if "sticks_true" in effect.lasting:
         return effect._replace(healthy=_STICK_USUAL.get(name, _STICK_USUAL.get(name.rpartition("_")[2], 0.0)))
     if name.startswith("ins_gyroffs") and all(abs(value) < SLIGHT_RPS for value in stimulus.values):
         return Effect()

@@ -45,13 +45,14 @@ def down(flag: str, *stimuli: Stimulus, before: dict[str, float] | None = None) 
         ("sensor_fault", "SIM_RC_FAIL", 1.0, set()),
         ("sensor_fault", "radio_loss", 1.0, set()),
         ("sensor_fault", "SIM_BATT_VOLTAGE", 9.0, set()),
-        ("parameter", "RC3_MIN", 1100.0, {"sticks_true"}),
+        ("parameter", "RC3_MIN", 1100.0, {"sticks_true", "ends_true"}),
+        ("parameter", "THR_DZ", 250.0, {"sticks_true"}),  # a full stick stays full
         ("parameter", "RC1_MIN", 1100.0, set()),
         ("parameter", "RC1_TRIM", 1500.0, set()),
-        ("parameter", "TUNE", 39.0, {"sticks_true"}),  # channel 6 decides the rate of CIRCLE
+        ("parameter", "TUNE", 39.0, {"sticks_true", "ends_true"}),  # channel 6 decides the rate of CIRCLE
         ("parameter", "TUNE", 0.0, set()),
         ("parameter", "RTL_ALT", 3000.0, set()),
-        ("command", "MAV_CMD_SET_EKF_SOURCE_SET", 2.0, set(FLAGS) - {"sticks_true"}),
+        ("command", "MAV_CMD_SET_EKF_SOURCE_SET", 2.0, set(FLAGS) - {"sticks_true", "ends_true"}),
         ("command", "MAV_CMD_SET_EKF_SOURCE_SET", 1.0, set()),
         ("command", "MAV_CMD_FIXED_MAG_CAL_YAW", 301.0, {"body_true"}),
         ("command", "MAV_CMD_FIXED_MAG_CAL_YAW", 0.0, {"body_true"}),

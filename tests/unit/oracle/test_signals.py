@@ -105,6 +105,7 @@ CAUSES = {
     "baro_true": stimulus("sensor_fault", "SIM_BARO_RND", 1.0, at_s=0.5),
     "baro_settled": stimulus("parameter", "GND_ALT_OFFSET", 5.0, at_s=0.5),
     "sticks_true": stimulus("parameter", "RC3_MIN", 1100.0, at_s=0.5),
+    "ends_true": stimulus("parameter", "RC3_MIN", 1100.0, at_s=0.5),
     "body_true": stimulus("sensor_fault", "SIM_ENGINE_MUL", 0.5, at_s=0.5),
     "stop_ordered": stimulus("command", "MAV_CMD_COMPONENT_ARM_DISARM", 0.0, 21196.0, at_s=0.5),
     "arming_forced": stimulus("command", "MAV_CMD_COMPONENT_ARM_DISARM", 1.0, 21196.0, at_s=0.5),

@@ -38,20 +38,33 @@ def shifted(test_case: TestCase) -> dict[str, list[float]]:
     return found
 
 
-def test_pulses_and_calibrations_are_shifted_together() -> None:
+def test_pulses_and_calibrations_are_halved_and_shifted_together() -> None:
     found = shifted(case(given(1, "stick", "RC1", 1700), given(2, "parameter", "RC1_MAX", 1900)))
     by = SHIFTS_US["RC1"]
-    assert found["RC1"] == [1500 + by, 1700 + by]
-    assert found["RC1_MAX"] == [2000 + by, 1900 + by]
-    assert (found["RC1_MIN"], found["RC1_TRIM"]) == ([1000 + by], [1500 + by])
+    assert found["RC1"] == [1500 + by, 1600 + by]
+    assert found["RC1_MAX"] == [1750 + by, 1700 + by]
+    assert (found["RC1_MIN"], found["RC1_TRIM"], found["RC1_DZ"]) == ([1250 + by], [1500 + by], [10])
+
+
+def test_the_dead_zone_of_the_throttle_is_halved_with_its_span() -> None:
+    found = shifted(case(given(1, "stick", "RC3", 1700), given(2, "parameter", "THR_DZ", 60)))
+    by = SHIFTS_US["RC3"]
+    assert (found["THR_DZ"], found["RC3"]) == ([50, 30], [1500 + by, 1600 + by])
+
+
+@pytest.mark.parametrize(("name", "value"), [("RC1_MAX", 1901.0), ("RC1_MIN", 1400.0), ("RC1_DZ", 15.0)])
+def test_a_stick_whose_halves_are_not_whole_or_do_not_fit_is_shifted_alone(name: str, value: float) -> None:
+    found = shifted(case(given(1, "stick", "RC1", 1700), given(2, "parameter", name, value)))
+    assert abs(found["RC1"][-1] - 1700) == SHIFTS_US["RC1"]
+    assert found["RC1_DZ"][0] == 20
 
 
 def test_settings_before_the_start_count() -> None:
-    second = recalibrated(case(parameters={"RC2_TRIM": 1470.0, "RTL_ALT": 900.0}), INPUTS)
+    second = recalibrated(case(parameters={"RC2_TRIM": 1450.0, "RTL_ALT": 900.0}), INPUTS)
     assert second is not None
     assert second.target.parameters == {"RTL_ALT": 900.0}
-    assert [one.values for one in second.stimuli if one.name == "RC2_TRIM"] == [(1500.0,)], (
-        "the other way: 1440 is refused"
+    assert [one.values for one in second.stimuli if one.name == "RC2_TRIM"] == [(1505.0,)], (
+        "the other way: 1445 is refused"
     )
 
 
@@ -116,6 +129,17 @@ def test_the_reference_flies_the_same_bit_by_bit() -> None:
     apart = [trace.array(name) for name in trace.signals if name.startswith("twin_")]
     assert not np.any(apart)
     assert np.all(trace.array("twin") == 5.0)
+
+
+def test_a_span_that_is_taken_for_that_of_another_radio_shows(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fixed(self: Radio) -> float:
+        return min(1.0, max(0.0, (self.throttle_filtered - self._parameters["RC3_MIN"]) / 1000.0))
+
+    monkeypatch.setattr(Radio, "throttle", fixed)
+    flown = case(given(0.5, "mode", "STABILIZE"), given(1, "stick", "RC3", 1560), given(3, "stick", "RC3", 1500))
+    record = fly_once(flown)
+    flight = Flight(test_case=identity(flown), flight_index=0, ending=record.ending, delivered=record.delivered)
+    assert judge(flown, flight, record.trace, ("radio-alike",)).verdicts[0].outcome == "violated"
 
 
 def test_a_radio_that_centres_elsewhere_shows(monkeypatch: pytest.MonkeyPatch) -> None:
