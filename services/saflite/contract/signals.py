@@ -179,6 +179,9 @@ SIGNALS: dict[str, Signal] = {
     "return_wait_set_s": Signal("s", "wait over home before a return descends (RTL_LOIT_TIME)"),
     "return_climb_min_set_m": Signal("m", "least climb before a return (RTL_CLIMB_MIN)"),
     "loiter_speed_set_mps": Signal("m/s", "greatest speed in LOITER (LOIT_SPEED)"),
+    "loiter_brake_set_mps2": Signal("m/s2", "how hard LOITER brakes with the sticks let go (LOIT_BRK_ACCEL)"),
+    "wind_set_mps": Signal("m/s", "wind that is simulated (SIM_WIND_SPD)"),
+    "gusts_set_mps": Signal("m/s", "gusts that are simulated (SIM_WIND_TURB)"),
     "disarm_delay_set_s": Signal("s", "time on the ground before disarming, 0 never (DISARM_DELAY)"),
     "circle_radius_set_m": Signal("m", "radius of CIRCLE when it is entered (CIRCLE_RADIUS)"),
     "roll_rate_max_set_dps": Signal("deg/s", "how fast it may roll (ATC_RATE_R_MAX); 0: no bound"),
@@ -271,7 +274,9 @@ SIGNALS: dict[str, Signal] = {
     "baro_true": Signal("", "0 while a stimulus falsifies the barometer", "flag"),
     "baro_settled": Signal("", "0 until the estimate has followed what a stimulus did to the barometer", "flag"),
     "sticks_true": Signal("", "0 while the centre or sense of a stick is set otherwise (RC1_TRIM, ...)", "flag"),
-    "ends_true": Signal("", "0 while the sense of a stick or an end of the throttle's is set otherwise (RC3_MAX, ...)", "flag"),
+    "ends_true": Signal(
+        "", "0 while the sense of a stick or an end of the throttle is set otherwise (RC3_MAX)", "flag"
+    ),
     "stop_ordered": Signal("", "1 from the first order to stop the motors come what may", "flag"),
     "arming_forced": Signal("", "1 from the first order to arm without checks", "flag"),
     "body_true": Signal(
@@ -310,7 +315,8 @@ UNNAMED_MODE = "mode "
 
 _OF_STIMULI = """
 time_s quiet_s order_quiet_s command_quiet_s calm_s home_quiet_s crashed stop_ordered arming_forced
-gps_true gps_settled baro_true baro_settled body_true sticks_true ends_true place_order_s pause_order_s ordered_x_m ordered_y_m
+gps_true gps_settled baro_true baro_settled body_true sticks_true ends_true
+place_order_s pause_order_s ordered_x_m ordered_y_m
 ordered_altitude_m battery_timer_set_s battery_low_action_set battery_critical_set_v battery_low_charge_set_mah
 battery_capacity_set_mah battery_critical_action_set acro_trainer_set acro_balance_roll_set acro_balance_pitch_set
 acro_rate_set_dps acro_expo_set chute_enabled_set chute_type_set chute_servo_set chute_delay_set_s
@@ -321,6 +327,7 @@ failsafe_options_set circle_options_set auto_options_set pilot_turn_speed_set_dp
 fence_action_set fence_on_set fence_type_set fence_radius_set_m fence_margin_set_m acro_yaw_rate_set_dps
 fence_altitude_min_set_m fence_points_set
 landed_disarms_set throttle_filter_set_hz yaw_rate_max_set_dps yaw_acceleration_set_dps2 loiter_acceleration_set_mps2
+loiter_brake_set_mps2 wind_set_mps gusts_set_mps
 arming_checks_set angle_max_set_deg
 acceleration_set_mps2 waypoint_radius_set_m
 cruise_speed_set_mps return_speed_set_mps return_climb_min_set_m return_wait_set_s

@@ -14,7 +14,7 @@ from saflite.contract.test_case import Stimulus, TestCase
 SHIFTS_US = {"RC1": 40.0, "RC2": -30.0, "RC3": 25.0, "RC4": -45.0}
 """Whole numbers, as calibrations are, and no two of a size: a shift changes neither dead zones nor spans."""
 SHARE = 0.5
-"""Of the span, dead zones with it. Halves keep each share of a stick's way to the last bit; twice as much does not fit."""
+"""Of the span, dead zones with it. Halves keep shares of a stick's way to the last bit; twice as much does not fit."""
 
 _THROTTLE, _LOST, _FLIP_US = "RC3", "FS_THR_VALUE", 1500.0
 _RADIO_FAILS = "RC_FAIL"
@@ -39,7 +39,7 @@ class Change(NamedTuple):
 
 
 def recalibrated(test_case: TestCase, inputs: Sequence[InputInfo], denied: Container[int] = ()) -> TestCase | None:
-    """Return the test case with other pulses of each stick, and calibrations that fit (`RCn_MIN`, `_MAX`, `_TRIM`, `_DZ`).
+    """Return the test case with other pulses of each stick, and calibrations that fit (`RCn_MIN`, `_DZ`, ...).
 
     A stick has half its span and a shift, or a shift alone where halves do not fit; it stays as it is where no shift
     keeps all its calibrations within their range (`inputs`) and whole. So does the throttle where it is not in the
