@@ -32,10 +32,11 @@ from saflite.console.run_data.run_folder import open_run
 from saflite.contract import topics
 from saflite.contract.config import Campaign, LeaseConfig, ScorerConfig, SearchConfig
 from saflite.contract.control import Status
+from saflite.contract.errors import Unavailable
 from saflite.contract.events import FaultSeen, Flown, ViolationFound, WorkerChanged
 from saflite.contract.test_case import Target
 from saflite.runtime.campaign_runner import resume, run_campaign
-from saflite.runtime.client import read_info
+from saflite.runtime.client import FarmClient, read_info
 from saflite.simulator_worker.targets import reference
 
 pytestmark = pytest.mark.live
@@ -286,17 +287,30 @@ def test_a_farm_that_never_answers_ends_with_3(dart: Path, network: NetworkNames
     assert time.monotonic() - began_s < 30
 
 
-def test_where_several_farms_are_at_an_endpoint_the_campaign_has_to_be_named(dart: Path) -> None:
+def test_where_several_farms_are_at_an_endpoint_the_campaign_has_to_be_named() -> None:
     socket = PrivateSocket()
     router = open_router("router", socket.endpoint)
     for name in ("day", "night"):
         router.appear(topics.farm(name))
-    command = [sys.executable, "-m", "saflite", "worker", "--join", socket.endpoint]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    for command in (["worker", "--join"], ["control", "status", "--connect"]):
+        words = [sys.executable, "-m", "saflite", *command, socket.endpoint]
+        done = subprocess.run(words, capture_output=True, text=True, check=False, timeout=60)
+        assert done.returncode == 2
+        assert "--campaign: expected one of day, night" in done.stderr
     router.close()
     socket.close()
-    assert done.returncode == 2
-    assert "--campaign: expected one of day, night" in done.stderr
+
+
+def test_a_client_without_a_campaign_takes_the_one_that_runs_there() -> None:
+    with PrivateSocket() as socket:
+        router = open_router("router", socket.endpoint)
+        with pytest.raises(Unavailable, match="no farm at"):
+            FarmClient.connect(socket.endpoint, "")
+        router.appear(topics.farm("night"))
+        client = FarmClient.connect(socket.endpoint, "")
+        assert client.campaign == "night"
+        client.close()
+        router.close()
 
 
 def test_a_campaign_that_is_not_there_is_told_with_those_that_are(dart: Path) -> None:

@@ -17,12 +17,13 @@ from saflite.contract import topics, wire
 from saflite.contract.bounds import Word
 from saflite.contract.clock import Clock
 from saflite.contract.control import Answer, Control, Status, Verb
-from saflite.contract.errors import Refused, Unavailable
+from saflite.contract.errors import FarmError, Refused, Unavailable
 from saflite.contract.events import CampaignChanged, Event
 from saflite.contract.names import Name
 from saflite.contract.outside import TEXT_BYTES_MAX, read_bytes
 from saflite.runtime import farm_register
 from saflite.runtime.clock import WallClock
+from saflite.runtime.discovery import LOOK_S, only_campaign
 from saflite.simulator_worker.processes import identity
 
 FARM_FILE = "farm.json"
@@ -158,16 +159,22 @@ class FarmClient:
     ) -> FarmClient:
         """Return a client of the farm at `endpoint`; `keys` prove who asks, where the endpoint wants that.
 
+        Without a name of a campaign it is the one that runs there.
+
         Raises:
-            Refused: others can reach the endpoint and `insecure` does not allow that.
+            Refused: others can reach the endpoint and `insecure` does not allow that, or several campaigns run there.
             Unavailable: nobody is reached there.
         """
         from saflite.bus.zenoh import open_client
 
         bus = open_client("console", endpoint, patience_s=patience_s, insecure=insecure, keys=keys)
-        if keys is not None and keys.peer is not None and not keys.peer.may(campaign):
+        try:
+            campaign = campaign or only_campaign(bus, endpoint, LOOK_S)
+            if keys is not None and keys.peer is not None and not keys.peer.may(campaign):
+                raise Refused("--campaign", expected=f"one the key is for: {keys.peer.in_words()}", got=repr(campaign))
+        except FarmError:
             bus.close()
-            raise Refused("--campaign", expected=f"one the key is for: {keys.peer.in_words()}", got=repr(campaign))
+            raise
         return cls(bus, campaign, peer=keys.peer if keys is not None else None, access=bus.access)
 
     @classmethod

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import queue
 import re
 import shutil
 import socket
@@ -16,19 +15,16 @@ from typing import NamedTuple
 import msgspec
 
 from saflite.bus.access import STAGE_OF, Peer, speaks_for
-from saflite.bus.base import Bus, Happening, Presence
 from saflite.bus.endpoints import check_endpoint
 from saflite.bus.keyring import Credentials, peer_credentials
 from saflite.bus.zenoh import open_client
-from saflite.contract import topics
-from saflite.contract.clock import Clock
 from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.ids import short_id
 from saflite.contract.join import check_worker_name
-from saflite.contract.names import is_name
 from saflite.contract.work import Stage
 from saflite.runtime.campaign_runner import interrupts
 from saflite.runtime.clock import WallClock
+from saflite.runtime.discovery import LOOK_S, campaigns, only_campaign
 from saflite.runtime.launchers.base import Condition, Meeting, RoleSpec, RoleState
 from saflite.runtime.launchers.local import LocalLauncher
 from saflite.runtime.metrics import Endpoint, GroupMetrics
@@ -37,8 +33,6 @@ from saflite.runtime.supervisor import Failures, GaveUp, Supervisor
 
 log = logging.getLogger(__name__)
 
-LOOK_S = 2.0
-OTHERS_S = 0.5  # after the first farm was found, others at the endpoint have this long to show
 POLL_S = 0.25
 FAILURES_MAX = 3  # workers that cannot work here this often in a row end the group
 BREAKS_MAX = 20  # all workers of a stage, broken this often in a row, do so too
@@ -184,16 +178,9 @@ def _tidy(group: Group, folder: Path, end: GroupEnd | None) -> None:
 def _campaign_at(endpoint: str, group: Group, keys: Credentials | None) -> str:
     bus = open_client("worker", endpoint, patience_s=group.patience_s or None, insecure=group.insecure, keys=keys)
     try:
-        if denied := bus.denied():
-            raise Refused("key", expected="one that counts", got=denied)
-        found = campaigns(bus, WallClock(), group.patience_s)
+        return only_campaign(bus, endpoint, group.patience_s)
     finally:
         bus.close()
-    if not found:
-        raise Unavailable(f"no farm at {endpoint} has shown within {group.patience_s:.0f} s")
-    if len(found) > 1:
-        raise Refused("--campaign", expected=f"one of {', '.join(found)}, which run at {endpoint}", got="nothing")
-    return found[0]
 
 
 def _why_unanswered(endpoint: str, campaign: str, group: Group, keys: Credentials | None) -> str:
@@ -207,23 +194,3 @@ def _why_unanswered(endpoint: str, campaign: str, group: Group, keys: Credential
     finally:
         bus.close()
     return f"; at {endpoint} runs {', '.join(found)}" if found and campaign not in found else ""
-
-
-def campaigns(bus: Bus, clock: Clock, patience_s: float) -> Sequence[str]:
-    """Return the campaigns whose books are on the bus; waits for the first up to `patience_s` (0: for ever)."""
-    inbox: queue.SimpleQueue[Happening] = queue.SimpleQueue()
-    bus.watch(f"{topics.FARM_ROOT}/*", inbox.put)
-    found: set[str] = set()
-    until_s = clock.monotonic_s() + patience_s if patience_s else float("inf")
-    while (left_s := until_s - clock.monotonic_s()) > 0:
-        try:
-            happening = inbox.get(timeout=min(left_s, LOOK_S))
-        except queue.Empty:
-            continue
-        if isinstance(happening, Presence):
-            name = happening.key.removeprefix(f"{topics.FARM_ROOT}/")
-            if not is_name(name):
-                continue
-            (found.add if happening.present else found.discard)(name)
-            until_s = min(until_s, clock.monotonic_s() + OTHERS_S)
-    return sorted(found)

@@ -28,7 +28,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     from saflite.console.io import arguments
 
     parser.add_argument("what", nargs="*", metavar="RUN|ENDPOINT", help="run folders, a folder of runs, or an endpoint")
-    parser.add_argument("--campaign", default="", help="its campaign, with an endpoint")
+    parser.add_argument("--campaign", default="", help="its campaign, with an endpoint (the one that runs there)")
     parser.add_argument("--keys", type=Path, metavar="FOLDER", help=farm_options.KEYS)
     parser.add_argument("--insecure", action="store_true", help=farm_options.INSECURE)
     parser.add_argument("--host", default="127.0.0.1", help="address to listen at (127.0.0.1)")
@@ -62,8 +62,9 @@ def _sources(args: argparse.Namespace) -> list[Source]:
         if len(folders) == 1:  # of several, those that are damaged are listed with the reason
             open_run(folders[0]).close()
         return [RunSource(folder) for folder in folders]
-    if len(words) > 1 or not args.campaign:
-        raise Refused("endpoint", expected="one, and --campaign with it", got=" ".join(words))
+    if len(words) > 1:
+        raise Refused("endpoint", expected="one, and no run folder beside it", got=" ".join(words))
     where = Where(None, words[0], args.campaign, args.insecure, args.keys)
-    farm_lookup.connect(where).close()
-    return [EndpointSource(where)]
+    client = farm_lookup.connect(where)
+    client.close()
+    return [EndpointSource(where._replace(campaign=client.campaign))]

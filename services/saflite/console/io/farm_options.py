@@ -40,7 +40,7 @@ def telling(parser: argparse.ArgumentParser) -> None:
 def connecting(parser: argparse.ArgumentParser) -> None:
     """Name the arguments of a command that talks to a running farm, maybe one on another machine."""
     parser.add_argument("--connect", default="", metavar="ENDPOINT", help="farm without a run folder here")
-    parser.add_argument("--campaign", default="", help="its campaign, with --connect")
+    parser.add_argument("--campaign", default="", help="its campaign, with --connect (the one that runs there)")
     parser.add_argument("--keys", type=Path, metavar="FOLDER", help=KEYS)
     parser.add_argument("--insecure", action="store_true", help=INSECURE)
 

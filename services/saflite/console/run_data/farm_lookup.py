@@ -137,7 +137,7 @@ def last_as_run(words: Sequence[str]) -> tuple[list[str], Path | None]:
 
 
 class Where(NamedTuple):
-    """The farm a command is meant for: at an endpoint with its campaign, or the one that works in a run folder."""
+    """The farm a command is meant for: at an endpoint (one campaign of those there), or that of a run folder."""
 
     run_dir: Path | None
     endpoint: str = ""
@@ -158,8 +158,6 @@ def connect(where: Where, *, reads: bool = False) -> FarmClient:
     from saflite.runtime.clock import WallClock
 
     if where.endpoint:
-        if not where.campaign:
-            raise Refused("--campaign", expected="the campaign's name, with --connect", got="nothing")
         keys = peer_credentials(where.keys, WallClock().unix_s()) if where.keys is not None else None
         return FarmClient.connect(where.endpoint, where.campaign, insecure=where.insecure, keys=keys)
     place = where.run_dir
