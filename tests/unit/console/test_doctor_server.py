@@ -1,4 +1,4 @@
-"""`saflite doctor` asks whatever stands where a model server is looked for, and says what it found, whatever that is."""
+"""`saflite doctor` asks whatever stands where a model server is looked for, and says what it found, whatever it is."""
 
 from __future__ import annotations
 
