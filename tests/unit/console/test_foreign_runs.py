@@ -9,6 +9,7 @@ import zlib
 from contextlib import closing
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from saflite.campaign.presets.campaigns import load_campaign, template
@@ -18,6 +19,7 @@ from saflite.campaign.storage.sqlite import connect_reading
 from saflite.campaign.storage.store import Store
 from saflite.campaign.storage.witness import start_of
 from saflite.console.cli import main
+from saflite.contract import wire
 from saflite.contract.errors import Refused
 from saflite.flight.autopilots.reference.describe import describe
 
@@ -213,6 +215,18 @@ def test_a_value_larger_than_any_of_ours_is_not_read(run_dir: Path, capsys: pyte
     for command in ("report", "prune", "watch"):
         assert main([command, str(run_dir)]) == REFUSED
     assert "too big" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["../outside/file", "a/b", "..", "", "-x", "a\nb"])
+def test_a_run_names_no_target_that_leads_elsewhere(
+    name: str, run_dir: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Files are named by it: the script that is made of a finding."""
+    named = wire.encode(msgspec.structs.replace(describe(), name=name))
+    with closing(sqlite3.connect(run_dir / "books.sqlite")) as db, db:
+        db.execute("UPDATE meta SET value = ? WHERE key = 'target'", (named,))
+    assert main(["export", str(run_dir), "--format", "csv", "--out", str(run_dir.parent / "out")]) == REFUSED
+    assert "`$.name`" in capsys.readouterr().err
 
 
 def test_a_store_that_is_long_and_holds_nothing_is_not_read_for_hours(run_dir: Path) -> None:
