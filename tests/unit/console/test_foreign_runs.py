@@ -236,14 +236,29 @@ def test_a_store_that_is_long_and_holds_nothing_is_not_read_for_hours(run_dir: P
     assert not is_sealed(run_dir)
 
 
-def test_a_snapshot_that_unpacks_without_end_is_not_used(run_dir: Path, caplog: pytest.LogCaptureFixture) -> None:
+@pytest.mark.parametrize("packed", [zlib.compress(bytes(2**29), 9), b"not packed", b"", zlib.compress(b"x")[:-1]])
+def test_a_snapshot_that_unpacks_without_end_or_not_at_all_is_not_used(
+    packed: bytes, run_dir: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     with closing(connect_reading(run_dir / "books.sqlite")) as database:
         start = start_of(database)
-        bomb = zlib.compress(bytes(2**29), 9)
         head = snapshot_file._HEAD.pack(snapshot_file.code(), start, 0, 0)
-        (run_dir / "books.snapshot").write_bytes(head + bomb + snapshot_file._check(head, bomb))
+        (run_dir / "books.snapshot").write_bytes(head + packed + snapshot_file._check(head, packed))
         assert snapshot_file.kept(run_dir, start, database) is None
     assert "is not used" in caplog.text
+
+
+@pytest.mark.parametrize("state", [b"", b"\xc1", b"\x90", b"\x91" * 10**6, b"\xdd\xff\xff\xff\xff", b"\x80", b"\xc0"])
+def test_a_snapshot_that_holds_no_books_is_not_used(
+    state: bytes, run_dir: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    with closing(connect_reading(run_dir / "books.sqlite")) as database:
+        start = start_of(database)
+    snapshot_file.keep(run_dir, start, 0, 0, state)
+    store = Store.open(run_dir)
+    assert store.rebuild().snapshot() != state
+    store.close()
+    assert "the snapshot is not used" in caplog.text
 
 
 def _journal_naming(victim: Path, store: Path) -> bytes:
