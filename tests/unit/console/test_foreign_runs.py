@@ -261,6 +261,23 @@ def test_a_snapshot_that_holds_no_books_is_not_used(
     assert "the snapshot is not used" in caplog.text
 
 
+@pytest.mark.parametrize(("part", "value"), [("latest", [[[], 2**63]]), ("latest", [[[], "x"]]), ("rounds", [1] * 9)])
+def test_a_snapshot_of_books_that_cannot_be_is_not_used(
+    part: str, value: object, run_dir: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    store = Store.open(run_dir)
+    state = msgspec.msgpack.decode(store.rebuild().snapshot())
+    state[0][part] = value
+    store.close()
+    with closing(connect_reading(run_dir / "books.sqlite")) as database:
+        start = start_of(database)
+    snapshot_file.keep(run_dir, start, 0, 0, msgspec.msgpack.encode(state))
+    store = Store.open(run_dir)
+    store.rebuild()
+    store.close()
+    assert "the snapshot is not used" in caplog.text
+
+
 def _journal_naming(victim: Path, store: Path) -> bytes:
     """A rollback journal without pages that names another file, as SQLite's file format has it (section 3)."""
     data, magic, name = store.read_bytes(), bytes.fromhex("d9d505f920a163d7"), str(victim).encode()
