@@ -6,6 +6,7 @@ in logs, and in the views of those who read our JSON, SARIF, JUnit and CSV files
 
 from __future__ import annotations
 
+import re
 import shlex
 import unicodedata
 from collections.abc import Iterable
@@ -13,7 +14,9 @@ from pathlib import Path
 
 TEXT = frozenset("\n\t")  # control characters that are layout
 _UNSAFE = ("Cc", "Cf", "Cs", "Zl", "Zp")  # controls, directions of writing and other invisibles, surrogates, line ends
-_FORMULA = ("=", "+", "-", "@", "\t", "\r")
+_BEGINS = re.compile("(?:^|(?<=[;|]))(?=\\s*[=+@\uff1d\uff0b\uff20\uff0d-])")
+"""Where a program for tables may begin a cell with a formula: those set up for languages with a decimal comma part the
+cells at semicolons, those for Chinese, Japanese or Korean take wide signs (U+FF0B and on), too."""
 
 
 def plain(text: str, keep: frozenset[str] = TEXT) -> str:
@@ -41,8 +44,7 @@ def cell(value: object) -> object:
     """Return a value as it may stand in a CSV file: no text there is a formula to whoever opens it as a table."""
     if not isinstance(value, str):
         return value
-    shown = word(value)
-    return f"'{shown}" if shown.startswith(_FORMULA) else shown
+    return _BEGINS.sub("'", word(value))
 
 
 def some(names: Iterable[str], most: int = 8, between: str = ", ") -> str:

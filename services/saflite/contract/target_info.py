@@ -9,6 +9,7 @@ import msgspec
 
 from saflite.contract.bounds import ITEMS_MAX, Number, Seconds, Text, Whole, Word
 from saflite.contract.errors import Refused
+from saflite.contract.names import Name
 from saflite.contract.signals import TWIN_SIGNALS, Signal, can_show
 from saflite.contract.test_case import Plain, Setting, StartState, StimulusKind, Twin
 
@@ -89,7 +90,7 @@ class TargetInfo(msgspec.Struct, frozen=True, kw_only=True):
     empty if it can fly here.
     """
 
-    name: Word
+    name: Name
     build: Word
     repeats: Repeats
     inputs: Annotated[tuple[InputInfo, ...], msgspec.Meta(max_length=ITEMS_MAX)]

@@ -42,6 +42,7 @@ AGAIN = frozenset({408, 425, 429})  # of 4xx: the receiver is busy; any other sa
 SECRET_PREFIX = "whsec_"  # noqa: S105 (how Standard Webhooks writes a secret)
 SECRET_BYTES_MIN = 16
 SECRET_BYTES_MAX = 4096
+PORT_MAX = 65_535
 
 
 Kinds = Annotated[tuple[Word, ...], msgspec.Meta(max_length=1_000)]
@@ -114,9 +115,11 @@ def check_url(url: str) -> str:
     wrong = Refused("--webhook", expected="http(s)://HOST/PATH", got="something else")
     try:
         parsed = httpx.URL(url)
+        parsed.host.encode("idna")  # as client and resolver do, at each POST
     except (httpx.InvalidURL, UnicodeError) as fault:
         raise wrong from fault
-    if parsed.scheme not in ("http", "https") or _HOST.fullmatch(parsed.raw_host) is None:
+    is_host = _HOST.fullmatch(parsed.raw_host) is not None and 0 <= (parsed.port or 0) <= PORT_MAX
+    if parsed.scheme not in ("http", "https") or not is_host:
         raise wrong
     return url
 
@@ -172,7 +175,10 @@ class Webhook:
         none = CookieJar(
             DefaultCookiePolicy(allowed_domains=())
         )  # they would be kept, and sent with each event, for good
-        return httpx.Client(timeout=ANSWER_S, transport=self._transport, trust_env=False, cookies=none)
+        hooks = {"response": [_stay]}
+        return httpx.Client(
+            timeout=ANSWER_S, transport=self._transport, trust_env=False, cookies=none, event_hooks=hooks
+        )
 
     def _sent(self, event: CloudEvent, body: bytes) -> str:
         """Return why the event was not taken, empty if it was."""
@@ -200,6 +206,11 @@ class Webhook:
             self._client = self._connected()
             client.close()
             return f"no whole answer within {ANSWER_S + CONNECT_S:.0f} s"
+
+
+def _stay(answer: httpx.Response) -> None:
+    """Forget where an answer leads: the client reads that though it follows none, and breaks over what it cannot."""
+    answer.headers.pop("location", None)
 
 
 def _post(

@@ -9,6 +9,7 @@ import zlib
 from contextlib import closing
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from saflite.campaign.presets.campaigns import load_campaign, template
@@ -18,6 +19,7 @@ from saflite.campaign.storage.sqlite import connect_reading
 from saflite.campaign.storage.store import Store
 from saflite.campaign.storage.witness import start_of
 from saflite.console.cli import main
+from saflite.contract import wire
 from saflite.contract.errors import Refused
 from saflite.flight.autopilots.reference.describe import describe
 
@@ -215,6 +217,18 @@ def test_a_value_larger_than_any_of_ours_is_not_read(run_dir: Path, capsys: pyte
     assert "too big" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("name", ["../outside/file", "a/b", "..", "", "-x", "a\nb"])
+def test_a_run_names_no_target_that_leads_elsewhere(
+    name: str, run_dir: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Files are named by it: the script that is made of a finding."""
+    named = wire.encode(msgspec.structs.replace(describe(), name=name))
+    with closing(sqlite3.connect(run_dir / "books.sqlite")) as db, db:
+        db.execute("UPDATE meta SET value = ? WHERE key = 'target'", (named,))
+    assert main(["export", str(run_dir), "--format", "csv", "--out", str(run_dir.parent / "out")]) == REFUSED
+    assert "`$.name`" in capsys.readouterr().err
+
+
 def test_a_store_that_is_long_and_holds_nothing_is_not_read_for_hours(run_dir: Path) -> None:
     os.truncate(run_dir / "books.sqlite", 2**40)  # it takes no more room than before
     assert main(["audit", str(run_dir)]) == 0
@@ -222,14 +236,46 @@ def test_a_store_that_is_long_and_holds_nothing_is_not_read_for_hours(run_dir: P
     assert not is_sealed(run_dir)
 
 
-def test_a_snapshot_that_unpacks_without_end_is_not_used(run_dir: Path, caplog: pytest.LogCaptureFixture) -> None:
+@pytest.mark.parametrize("packed", [zlib.compress(bytes(2**29), 9), b"not packed", b"", zlib.compress(b"x")[:-1]])
+def test_a_snapshot_that_unpacks_without_end_or_not_at_all_is_not_used(
+    packed: bytes, run_dir: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     with closing(connect_reading(run_dir / "books.sqlite")) as database:
         start = start_of(database)
-        bomb = zlib.compress(bytes(2**29), 9)
         head = snapshot_file._HEAD.pack(snapshot_file.code(), start, 0, 0)
-        (run_dir / "books.snapshot").write_bytes(head + bomb + snapshot_file._check(head, bomb))
+        (run_dir / "books.snapshot").write_bytes(head + packed + snapshot_file._check(head, packed))
         assert snapshot_file.kept(run_dir, start, database) is None
     assert "is not used" in caplog.text
+
+
+@pytest.mark.parametrize("state", [b"", b"\xc1", b"\x90", b"\x91" * 10**6, b"\xdd\xff\xff\xff\xff", b"\x80", b"\xc0"])
+def test_a_snapshot_that_holds_no_books_is_not_used(
+    state: bytes, run_dir: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    with closing(connect_reading(run_dir / "books.sqlite")) as database:
+        start = start_of(database)
+    snapshot_file.keep(run_dir, start, 0, 0, state)
+    store = Store.open(run_dir)
+    assert store.rebuild().snapshot() != state
+    store.close()
+    assert "the snapshot is not used" in caplog.text
+
+
+@pytest.mark.parametrize(("part", "value"), [("latest", [[[], 2**63]]), ("latest", [[[], "x"]]), ("rounds", [1] * 9)])
+def test_a_snapshot_of_books_that_cannot_be_is_not_used(
+    part: str, value: object, run_dir: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    store = Store.open(run_dir)
+    state = msgspec.msgpack.decode(store.rebuild().snapshot())
+    state[0][part] = value
+    store.close()
+    with closing(connect_reading(run_dir / "books.sqlite")) as database:
+        start = start_of(database)
+    snapshot_file.keep(run_dir, start, 0, 0, msgspec.msgpack.encode(state))
+    store = Store.open(run_dir)
+    store.rebuild()
+    store.close()
+    assert "the snapshot is not used" in caplog.text
 
 
 def _journal_naming(victim: Path, store: Path) -> bytes:

@@ -31,7 +31,13 @@ WORDS = st.text(st.characters(codec=None), max_size=40)
 """Every code point, halves of surrogates among them, and above all those that steer."""
 
 STEERING = st.text(st.characters(categories=UNSAFE), max_size=20)
-SAID = st.one_of(WORDS, STEERING, st.builds("{}{}".format, st.sampled_from("=+-@<&\"'"), WORDS))
+SAID = st.one_of(
+    *(WORDS, STEERING, st.builds("{}{}".format, st.sampled_from("=+-@<&\"'"), WORDS)),
+    st.builds(
+        "{}{}{}{}".format, WORDS, st.sampled_from((";", "|", "; ", "")), st.sampled_from("=+-@\uff1d\uff0b"), WORDS
+    ),
+)
+FORMULAS = tuple("=+-@\uff1d\uff0b\uff20\uff0d")
 
 
 def units(text: str) -> bytes:
@@ -69,8 +75,10 @@ def of_csv(said: str) -> str:
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerow([cell(said), cell(-1.5)])
     (row,) = csv.reader(text.getvalue().splitlines())
-    assert not row[0].startswith(("=", "+", "-", "@"))
     assert row[1] == "-1.5"
+    for delimiter in ",;|":  # as programs for tables part it, by the language they are set up for
+        (cells,) = csv.reader([text.getvalue().removesuffix(",-1.5\n")], delimiter=delimiter)
+        assert not any(one.strip().startswith(FORMULAS) for one in cells if delimiter != "," or one is cells[0])
     return text.getvalue()
 
 

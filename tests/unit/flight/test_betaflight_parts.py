@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import shutil
+import socket
+import struct
 import subprocess
 import tarfile
 from concurrent.futures import ProcessPoolExecutor
@@ -22,7 +24,7 @@ from saflite.flight.autopilots.betaflight.flight import _reason
 from saflite.flight.autopilots.betaflight.settings import BetaflightSetting, read_settings
 from saflite.flight.autopilots.betaflight.signals import SHOWN_SETTINGS, trace_names
 from saflite.flight.autopilots.betaflight.switches import MODES, SWITCHES, mode_channels, pilot_modes, switch_lines
-from saflite.flight.autopilots.betaflight.vehicle import Vehicle
+from saflite.flight.autopilots.betaflight.vehicle import GONE, OK, PILOT, TEST, Vehicle
 from saflite.simulator_worker.agreement import own_contradictions
 from saflite.simulator_worker.registry import describe_target, load_target
 
@@ -129,6 +131,38 @@ def test_a_link_that_nobody_holds_is_told() -> None:
     vehicle = Vehicle(rng_seed=1)
     assert vehicle.run(1) != 0
     assert not vehicle.say(0, bytes(70_000))
+
+
+def _word(pid: int = 7, *serial_bytes: int, came: int = 0) -> bytes:
+    """What the firmware says of a step (`LinkUp` of link.h), with so many serial bytes."""
+    counts = (*serial_bytes, 0, 0, 0)[:3]
+    return struct.pack("<IIiIQ4f3I", 1, 0, pid, 1, 0, *[0.0] * 4, *counts) + bytes(came)
+
+
+@pytest.mark.parametrize("port", range(3))
+@pytest.mark.parametrize("count", [1, 60_000, 2**31 - 1, 2**31, 2**32 - 1])
+def test_a_firmware_that_says_more_than_came_is_gone(port: int, count: int) -> None:
+    """Its memory may be spoilt, the counts in its words among it: nothing behind them is read or written."""
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    with ours, theirs:
+        vehicle = Vehicle(rng_seed=1)
+        theirs.send(_word(7, 3, came=3))
+        assert (vehicle.connect(ours.fileno()), vehicle.pid) == (OK, 7)
+        vehicle.listen(PILOT, TEST)
+        theirs.send(_word(7, *[0] * port, count))
+        assert vehicle.run(1) == GONE
+        assert vehicle.pid == 7
+        assert not vehicle.heard(PILOT)
+        assert not vehicle.heard(TEST)
+
+
+@pytest.mark.parametrize("pid", [0, -1, -(2**31)])
+def test_a_firmware_names_no_group_of_processes_to_be_killed(pid: int) -> None:
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    with ours, theirs:
+        vehicle = Vehicle(rng_seed=1)
+        theirs.send(_word(pid))
+        assert (vehicle.connect(ours.fileno()), vehicle.pid) == (GONE, 0)
 
 
 @pytest.mark.parametrize("name", ["betaflight", "betaflight_stock", "betaflight_sanitized"])

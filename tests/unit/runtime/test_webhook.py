@@ -109,6 +109,22 @@ def test_a_receiver_that_never_takes_it_ends_the_bridge(code: int) -> None:
         _delivered([code])
 
 
+@pytest.mark.parametrize("place", ["data:x", "http://[::1", "http://there:x/", "http://elsewhere/", "//", ":"])
+def test_where_a_receiver_would_send_an_event_is_not_read(place: str) -> None:
+    """The client works out a redirect's address though it does not follow it, and breaks over some: no answer then."""
+    asked: list[httpx.Request] = []
+
+    def receive(request: httpx.Request) -> httpx.Response:
+        asked.append(request)
+        return httpx.Response(302 if len(asked) == 1 else 200, headers={"location": place})
+
+    webhook = Webhook("http://there/finds", _Clock(), transport=httpx.MockTransport(receive))
+    with pytest.raises(Refused, match="HTTP 302 for event 7"):
+        webhook.deliver(EVENT, CURSOR)
+    webhook.close()
+    assert [str(request.url) for request in asked] == ["http://there/finds"]
+
+
 def test_the_cursor_is_kept_whole_and_others_files_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "cursor"
     assert read_cursor(path) is None
@@ -160,7 +176,12 @@ def test_secrets_in_the_address_are_not_told() -> None:
 
 
 @pytest.mark.parametrize(
-    "url", ["", "there", "ftp://there/x", "http://", "http://[::1", "file:///etc/passwd", "http://["]
+    "url",
+    [
+        *("", "there", "ftp://there/x", "http://", "http://[::1", "file:///etc/passwd", "http://["),
+        # none that the client could ask
+        *("http://xn--a/", "http://xn--/", "http://there:65536/", "http://there..x/", f"http://{'a' * 64}/"),
+    ],
 )
 def test_what_is_no_web_server_is_refused(url: str) -> None:
     with pytest.raises(Refused, match="--webhook"):

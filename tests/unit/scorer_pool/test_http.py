@@ -87,8 +87,8 @@ class Wire:
         monkeypatch.setattr(httpx.AsyncHTTPTransport, "handle_async_request", handle)
 
 
-def elsewhere() -> httpx.Response:
-    return httpx.Response(307, headers={"location": "http://evil.test/"}, stream=Parts())
+def elsewhere(place: str = "http://evil.test/") -> httpx.Response:
+    return httpx.Response(307, headers={"location": place}, stream=Parts())
 
 
 class Parts(httpx.AsyncByteStream):
@@ -119,6 +119,25 @@ def test_the_users_own_server_gets_the_key_and_no_redirect_is_followed(monkeypat
         asyncio.run(OpenAIChat("m").ask(QUESTION))
     assert [str(request.url.host) for request in wire.sent] == ["api.openai.com"]
     assert wire.sent[0].headers["authorization"] == "Bearer secret"
+
+
+@pytest.mark.parametrize("place", ["data:x", "http://[::1", "http://there:x/", "http://xn--a/", "//xn--", "http://"])
+def test_where_a_redirect_leads_is_not_even_worked_out(place: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A web client does so though it follows none, and breaks over some."""
+    wire = Wire(monkeypatch, elsewhere(place), elsewhere(place))
+    for chat in (OpenAIChat("m@http://there/v1"), OllamaChat("m@there:11434")):
+        with pytest.raises(Unavailable, match="307"):
+            asyncio.run(chat.ask(QUESTION))
+    assert {request.url.host for request in wire.sent} == {"there"}
+
+
+@pytest.mark.parametrize(
+    "host", ["xn--a", "xn--", f"{'a' * 300}.b", "[::1", "a:b", "there\x00", "127.0.0.1:65536", "127.0.0.1:-1"]
+)
+def test_an_address_that_is_none_makes_a_fault_with_a_name(host: str) -> None:
+    for make in (lambda: OpenAIChat(f"m@http://{host}/v1"), lambda: OllamaChat(f"m@{host}")):
+        with pytest.raises(FarmError):
+            asyncio.run(make().ask(QUESTION))
 
 
 @pytest.mark.parametrize("packed", ["gzip", "gzip, gzip", "deflate", "br", "zstd", "GZIP", "x-gzip"])

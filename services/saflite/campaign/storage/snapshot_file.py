@@ -97,7 +97,11 @@ def kept(run_dir: Path, start: bytes, connection: sqlite3.Connection) -> Kept | 
             log.warning("%s is of %s and not used: the whole journal is read", snapshot_file(run_dir), other)
             return None
     unpacker = zlib.decompressobj()
-    state = unpacker.decompress(packed, BYTES_MAX)
+    try:
+        state = unpacker.decompress(packed, BYTES_MAX)
+    except zlib.error as fault:
+        log.warning("%s is not used: %s", snapshot_file(run_dir), fault)
+        return None
     if not unpacker.eof:
         log.warning("%s unpacks to more than %d bytes and is not used", snapshot_file(run_dir), BYTES_MAX)
         return None

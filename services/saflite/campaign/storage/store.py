@@ -21,7 +21,7 @@ from saflite.campaign.storage.contents import Contents
 from saflite.campaign.storage.new_folder import new_folder
 from saflite.campaign.storage.own_folder import place_of
 from saflite.campaign.storage.projections import Tables
-from saflite.campaign.storage.replaying import replay
+from saflite.campaign.storage.replaying import FAULTS, replay
 from saflite.campaign.storage.seal import break_seal, is_sealed, seal
 from saflite.campaign.storage.sqlite import (
     BOOKS,
@@ -292,7 +292,7 @@ class Store:
             books = self._empty_books()
             try:
                 books.restore(kept.state)
-            except ValueError as fault:
+            except FAULTS as fault:
                 log.warning("the snapshot is not used: %s", fault)
             else:
                 return books, kept.line, kept.chain

@@ -11,15 +11,20 @@ from collections.abc import Callable
 from functools import partial
 from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
 
+import msgspec
+
+from saflite.contract.bounds import ITEMS_MAX, Word
 from saflite.contract.errors import FarmError, Refused, Unavailable, pip_install
+from saflite.contract.plain import some
 
 if TYPE_CHECKING:
     from saflite.flight.autopilots.external.binary import Binaries
 
 DISK_FREE_MIN_GIB = 1.0
 DEFAULT_OLLAMA = "http://127.0.0.1:11434"
+ANSWER_S = 2.0
 
 
 class Finding(NamedTuple):
@@ -28,6 +33,16 @@ class Finding(NamedTuple):
     what: str
     state: Literal["ok", "note", "bad"]
     text: str
+
+
+class _Model(msgspec.Struct, frozen=True):
+    name: Word
+
+
+class _Models(msgspec.Struct, frozen=True):
+    """What a server of models lists."""
+
+    models: Annotated[tuple[_Model, ...], msgspec.Meta(max_length=ITEMS_MAX)] = ()
 
 
 Check = Callable[[], Finding]
@@ -187,18 +202,33 @@ def _target(name: str) -> Finding:
 
 
 def _ollama(url: str) -> Finding:
+    import asyncio
+
     import httpx
 
+    from saflite.contract import wire
     from saflite.contract.config import environment
 
     place = url or environment("OLLAMA_HOST") or DEFAULT_OLLAMA
     place = place if "://" in place else f"http://{place}"
     try:
-        models = httpx.get(f"{place}/api/tags", timeout=2.0).json().get("models", [])
-    except (httpx.HTTPError, ValueError, AttributeError) as fault:
+        listed = wire.unpack_json(asyncio.run(_answer(f"{place}/api/tags")), _Models)
+    except (httpx.HTTPError, httpx.InvalidURL, TimeoutError, ValueError, *wire.UNREADABLE) as fault:  # a host of no IDN
         return Finding("model server", "note", f"none at {place} ({type(fault).__name__}); embedded scorers need none")
-    names = ", ".join(sorted(str(model.get("name")) for model in models)) or "no models yet"
+    names = some(sorted(model.name for model in listed.models)) or "no models yet"
     return Finding("model server", "ok", f"{place}: {names}")
+
+
+async def _answer(url: str) -> bytes:
+    """Return what a server answers, as scorers ask it: a bounded time, a bounded size, past no proxy."""
+    import asyncio
+
+    import httpx
+
+    from saflite.scorer_pool.llm.http import BoundedTransport
+
+    async with asyncio.timeout(ANSWER_S), httpx.AsyncClient(transport=BoundedTransport()) as client:
+        return (await client.get(url)).content
 
 
 def _ardupilot() -> Finding:

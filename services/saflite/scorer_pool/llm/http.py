@@ -8,12 +8,14 @@ import httpx
 
 ANSWER_BYTES_MAX = 16 * 2**20
 LINE_BYTES_MAX = 2 * 2**20
+PORT_MAX = 65_535
 
 
 class BoundedTransport(httpx.AsyncBaseTransport):
     """Ends an answer that is longer, or has a longer line, than any honest one, before it fills the memory.
 
-    Packed answers are neither asked for nor taken; cookies, which a client keeps and sends for good, are left out.
+    Packed answers are neither asked for nor taken; left out are cookies, which a client keeps and sends for good, and
+    where a redirect leads: a client works that out though it does not follow it, and breaks over some.
     """
 
     def __init__(self, inner: httpx.AsyncBaseTransport | None = None) -> None:
@@ -21,9 +23,12 @@ class BoundedTransport(httpx.AsyncBaseTransport):
 
     async def handle_async_request(self, request: httpx.Request) -> httpx.Response:
         """Pass the request on and watch what comes back."""
+        if not 0 <= (request.url.port or 0) <= PORT_MAX:
+            raise httpx.ConnectError("no such port")
         request.headers["accept-encoding"] = "identity"
         response = await self._inner.handle_async_request(request)
         response.headers.pop("set-cookie", None)
+        response.headers.pop("location", None)
         if response.headers.get("content-encoding", "identity").strip().lower() not in ("", "identity"):
             await response.aclose()  # a small one may unpack to more than any memory holds
             raise httpx.ReadError("a packed answer, which was not asked for")

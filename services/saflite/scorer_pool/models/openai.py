@@ -160,7 +160,7 @@ class OpenAIChat:
             async with httpx.AsyncClient(timeout=NO_LIMIT, headers=headers, transport=BoundedTransport()) as client:
                 async with client.stream(verb, f"{self._url}{path}", json=body) as response:
                     text = await _bounded(response)
-        except (httpx.HTTPError, httpx.InvalidURL) as fault:
+        except (httpx.HTTPError, httpx.InvalidURL, UnicodeError) as fault:  # the last: a host that is no name in IDNA
             raise Unavailable(f"openai: {type(fault).__name__}: {fault}") from fault
         return self._understood(response.status_code, text)
 

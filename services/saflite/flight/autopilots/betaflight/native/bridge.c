@@ -131,6 +131,18 @@ static void hear(Bridge *b)
     }
 }
 
+/* Whether a word is whole and names a process. The memory it is made of may be spoilt: that is what is looked for. */
+static int is_whole(const LinkUp *up, size_t bytes)
+{
+    size_t said = offsetof(LinkUp, serial);
+    for (int i = 0; i < LINK_PORTS; i++) {
+        if (up->serial_bytes[i] > LINK_UP_MAX)
+            return 0;
+        said += up->serial_bytes[i];
+    }
+    return said <= bytes && up->pid > 0; /* to be killed: 0 and less are groups of processes, ours among them */
+}
+
 /* Wait for the firmware's word on the last step (or on having been forked). */
 int bridge_await(Bridge *b)
 {
@@ -140,7 +152,7 @@ int bridge_await(Bridge *b)
     while (got < 0 && errno == EINTR);
     if (got < 0 && (errno == EAGAIN || errno == EWOULDBLOCK))
         return BRIDGE_SILENT;
-    if (got < (ssize_t)offsetof(LinkUp, serial))
+    if (got < (ssize_t)offsetof(LinkUp, serial) || !is_whole(&b->up, (size_t)got))
         return BRIDGE_GONE;
     b->firmware_pid = b->up.pid, b->firmware_code = (int32_t)b->up.code;
     return b->up.kind == LINK_EXIT ? BRIDGE_EXITED : BRIDGE_OK;
