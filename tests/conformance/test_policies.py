@@ -8,7 +8,18 @@ import pytest
 
 from saflite.contract.signals import MODES
 from saflite.flight.autopilots.betaflight.switches import MODES as BETAFLIGHT_MODES
-from saflite.oracle.policy import POLICIES_DIR, family, load_policy, parse_policy, policy_names, reach_s_of
+from saflite.oracle.examples import completed, example_signals
+from saflite.oracle.finding import find
+from saflite.oracle.policy import (
+    POLICIES_DIR,
+    family,
+    load_policy,
+    parse_policy,
+    policy_names,
+    reach_s_of,
+    signal_table,
+)
+from saflite.oracle.stl import Evaluator
 
 PUBLISHED = """
 A.CHUTE A.RTL1 A.RTL2 A.RTL3 A.RTL4 A.FLIP1 A.FLIP2 A.FLIP3 A.FLIP4 A.ALT_HOLD1 A.ALT_HOLD2 A.CIRCLE1
@@ -80,3 +91,19 @@ def test_policy_file(name: str) -> None:
 def test_at_least_forty_policies_can_be_checked_on_the_reference() -> None:
     checked = [name for name in policy_names() if "reference" not in load_policy(name).file.not_checked_on]
     assert len(checked) >= 40
+
+
+NARROWED = [(name, target) for name in policy_names() for target in sorted(load_policy(name).narrowed)]
+
+
+@pytest.mark.parametrize(("name", "target"), NARROWED)
+def test_what_breaks_a_rule_breaks_it_by_narrower_constants_too(name: str, target: str) -> None:
+    policy = load_policy(name)
+    examples, table = list(policy.file.examples), signal_table(policy.file)
+    for number in range(1, len(examples) + 1):
+        example = examples[number - 1] = completed(examples, number, name)
+        if not example.holds:
+            signals = example_signals(example, policy.signals, name, name, table)
+            finding = find(Evaluator(signals, example.step_s), policy.on(target).formula)
+            assert finding is not None, example.why
+            assert finding.robustness < 0, example.why

@@ -204,6 +204,7 @@ SIGNALS: dict[str, Signal] = {
     "command_quiet_s": Signal(
         "s", "time since the last command was given and not denied, above 1,000,000 where there was none"
     ),
+    "divert_order_s": Signal("s", "as command_quiet_s; orders to turn, to look or how fast to fly do not count"),
     "calm_s": Signal("s", "time since the last input that can move the vehicle or what it believes"),
     "home_quiet_s": Signal("s", "time since another home was given, above 1,000,000 where none was"),
     "place_order_s": Signal("s", "time since the last order to go to a place, above 1,000,000 where none was given"),
@@ -314,7 +315,7 @@ UNNAMED_MODE = "mode "
 """Before the number of a mode that is none of these, where a state is told in words."""
 
 _OF_STIMULI = """
-time_s quiet_s order_quiet_s command_quiet_s calm_s home_quiet_s crashed stop_ordered arming_forced
+time_s quiet_s order_quiet_s command_quiet_s divert_order_s calm_s home_quiet_s crashed stop_ordered arming_forced
 gps_true gps_settled baro_true baro_settled body_true sticks_true ends_true
 place_order_s pause_order_s ordered_x_m ordered_y_m
 ordered_altitude_m battery_timer_set_s battery_low_action_set battery_critical_set_v battery_low_charge_set_mah
@@ -349,7 +350,7 @@ MADE_FROM: dict[str, tuple[str, ...]] = {
     "item_height_off_m": ("mission_item", "altitude_est_m"),
     "item_landing_off_m": ("mission_item", "x_m", "y_m"),
     "ordered_home_m": ("x_m", "y_m", "armed"),
-    "item_unexpected": ("mission_item", "mode", "x_est_m", "y_est_m"),
+    "item_unexpected": ("mission_item", "mode", "x_est_m", "y_est_m", "altitude_est_m"),
     "yaw_order_s": ("yaw_deg", "x_m", "y_m"),
     "ordered_yaw_deg": ("yaw_deg", "x_m", "y_m"),
     "ordered_yaw_way": ("yaw_deg", "x_m", "y_m"),

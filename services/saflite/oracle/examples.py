@@ -20,7 +20,7 @@ _SAMPLES_MAX = 10_000
 _QUIET: dict[str, float] = {
     **dict.fromkeys(("quiet_s", "order_quiet_s", "calm_s"), 100.0),
     **dict.fromkeys(("home_quiet_s", "command_quiet_s", "pause_order_s", "start_order_s", "stop_order_s"), 1e6),
-    **dict.fromkeys(("climb_order_s", "height_order_s", "plain_order_s"), 1e6),
+    **dict.fromkeys(("divert_order_s", "climb_order_s", "height_order_s", "plain_order_s"), 1e6),
     **dict.fromkeys(("plain_order", "plain_order_refused", "position_aided"), 0.0),
     **{f"rc{channel}_sent_pwm": 0.0 for channel in (1, 2, 3, 4)},
     **dict.fromkeys(FLAGS, 1.0),

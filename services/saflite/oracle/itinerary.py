@@ -16,6 +16,7 @@ from saflite.contract.flight import Given
 from saflite.contract.signals import MODES
 from saflite.contract.test_case import Mission, MissionItem
 from saflite.flight.mission import to_local
+from saflite.oracle.orders import SPEED_LEAST_MPS
 
 Array = NDArray[np.float64]
 NAMES = (
@@ -32,7 +33,8 @@ FLOWN_TO, STAYS, WAITS, LAND, JUMP, TURN, SPEED = (16, 82, 19), 17, (93, 112), 2
 ELSEWHERE = (20, 21, 22)  # returns, landings, take-offs: where they end others tell
 FOR_EVER_S = 1e6
 NO_PLACE_M, NO_HEADING_DEG, NO_SPEED_MPS = -1.0, -1.0, -1.0
-NEAR_M, PASSED_MAX = 12.0, 64  # the greatest WPNAV_RADIUS and a little; items, loops of jumps that do not show as well
+NEAR_M, LOW_M = 12.0, 4.0  # the greatest WPNAV_RADIUS and a little; as much as that counts what its height is off
+PASSED_MAX = 64  # items, loops of jumps that do not show as well
 ROUNDS_MAX = 16  # of a jump that does not show, and ways to have counted them that are kept
 AFRESH_S = 0.1  # what an order or an entry does to the item shows within this
 
@@ -134,7 +136,7 @@ def speeds(mission: Mission | None, item: NDArray[Any]) -> Array:
     for raw in items:
         known.append(asked)
         kind, speed_mps = (value or 0.0 for value in raw.params[:2])
-        if raw.command == SPEED and kind <= 1 and speed_mps > 0.0:
+        if raw.command == SPEED and kind <= 1 and speed_mps >= SPEED_LEAST_MPS:
             asked = float(speed_mps)
     if any(raw.command == JUMP for raw in items):
         known = [NO_SPEED_MPS] * len(known)
@@ -182,7 +184,7 @@ def unexpected(
         items: of the mission, as `items_of` has them.
         item: index at each moment.
         mode: flight mode at each moment; only what changes within AUTO is looked at.
-        place_off_m: of each item, how far in the plane the vehicle is from it at each moment; NaN without a place.
+        place_off_m: of each item, how far the vehicle is from it at each moment; NaN without a place.
         started_s: when the mission was ordered to begin anew, so with its first item; jumps are counted from then, or
             from the entry into AUTO.
         times: of the moments, seconds.

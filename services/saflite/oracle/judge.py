@@ -56,6 +56,8 @@ def judge(
         verdicts = [_inconclusive(policy, reason) for policy in loaded]
         return _judgement(test_case, flight, verdicts, {}, None)
     is_log = sources is not None
+    if not is_log:
+        loaded = [policy.on(test_case.target.name) for policy in loaded]
     signals = FlightSignals(test_case, flight, trace, is_log=is_log, untold=untold)
     features = features_of(test_case, signals)
     wanted = frozenset[str]().union(*(policy.signals for policy in loaded))

@@ -30,6 +30,7 @@ _MOVING = re.compile(
     r"(sim_(?!batt|rc_|para))|(ahrs|atc|psc|ek\d|ins|compass|gnd|gps|mot|pilot|angle|loit|wpnav|wp|acro|thr|rc\d|baro"
     r"|mc|mpc)_"
 )
+_ON_THE_WAY = ("CONDITION_YAW", "DO_CHANGE_SPEED", "DO_SET_ROI", "DO_SEND_BANNER")
 _STILL = ("DO_SEND_BANNER", "DO_CHANGE_SPEED", "DO_FENCE_ENABLE")
 
 
@@ -173,6 +174,11 @@ def moves(stimulus: Stimulus) -> bool:
         shared = stimulus.kind == "sensor_fault" and not stimulus.name.lower().startswith(("sim_", "batt", "radio"))
         return shared or _MOVING.match(stimulus.name.lower()) is not None
     return True
+
+
+def diverts(stimulus: Stimulus) -> bool:
+    """Say whether a command may end the way to a place that was ordered, or move that place."""
+    return stimulus.kind == "command" and not stimulus.name.upper().endswith(_ON_THE_WAY)
 
 
 def stops_motors(stimulus: Stimulus) -> bool:

@@ -11,6 +11,7 @@ import re
 from collections.abc import Mapping, Sequence
 from functools import cache, lru_cache
 from pathlib import Path
+from types import MappingProxyType
 from typing import Literal, NamedTuple
 
 import msgspec
@@ -31,6 +32,7 @@ from saflite.oracle.formula import FUTURE, Node, harden, interned, parts, reach_
 from saflite.oracle.parse import check_size, parse
 from saflite.oracle.silence import is_silenced
 from saflite.oracle.stl import Evaluator
+from saflite.oracle.text_places import Place, line_of, near
 from saflite.oracle.units import margin_unit
 
 FOREIGN_KEPT = 256  # texts that came with work: no number of them fills the memory
@@ -75,6 +77,8 @@ class PolicyFile(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     `terms` are named parts of the formula; each may use those above it.
     `procedures` say how the rule is put to the test, step by step (`mutator/exposure/procedures.py`).
     `twin` is the second flight that the rule compares with (`contract/test_case.py`).
+    `constants_on` narrows constants for flights of a target, by its name: what is known of how closely that one keeps
+    to its orders in our world need not hold for a log, which is judged by `constants`.
     `assumed` gives values to signals that only excuse, for flights that do not hold them.
     `signals` gives each signal its unit. Names beyond those of `contract/signals.py` are signals of a target's own;
     `flag` or `code` in place of a unit says that such a one is 0 or 1, or a number from a closed list.
@@ -89,6 +93,7 @@ class PolicyFile(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     signals: dict[str, str]
     published: str = ""
     constants: dict[str, float] = {}
+    constants_on: dict[str, dict[str, float]] = {}
     state: tuple[str, ...] = ()
     inputs: Inputs = Inputs()
     severity: Severity = Severity()
@@ -108,6 +113,7 @@ class Policy(NamedTuple):
     """A policy ready for use: the file, its formula with crisp parts made crisp, the unit of its robustness.
 
     A trace must hold the `needed` signals; `signals` are these and those that only tell how hard a violation is.
+    `narrowed` holds the formula with the constants of a target's own, by target.
     """
 
     file: PolicyFile
@@ -116,6 +122,12 @@ class Policy(NamedTuple):
     unit: str
     needed: frozenset[str]
     signals: frozenset[str]
+    narrowed: Mapping[str, Node] = MappingProxyType({})
+
+    def on(self, target: str) -> Policy:
+        """Return the policy as flights of a target are judged by it."""
+        narrowed = self.narrowed.get(target)
+        return self if narrowed is None else self._replace(formula=narrowed)
 
     @property
     def id(self) -> str:
@@ -179,7 +191,7 @@ def check_told(names: Sequence[str], texts: PolicyTexts) -> None:
 def _foreign(text: str, where: str) -> Policy:
     policy = parse_policy(text, where)
     if policy.id in policy_names():
-        line = str(_Place(text, where, "id"))
+        line = str(Place(text, where, "id"))
         raise Refused("id", where=line, expected="one that no shipped policy has", got=repr(policy.id))
     return policy
 
@@ -214,14 +226,14 @@ def _without_examples(text: str, where: str) -> Policy:
     try:
         file = wire.convert(data, PolicyFile)
     except msgspec.ValidationError as fault:
-        place, got = _near(text, where, str(fault)), told(fault, data, PolicyFile)
+        place, got = near(text, where, str(fault)), told(fault, data, PolicyFile)
         raise Refused("policy file", where=place, expected="a policy", got=got) from fault
     most = max(len(file.examples), len(file.terms), len(file.signals), len(file.constants))
     if most > ENTRIES_MAX:
         expected = f"at most {ENTRIES_MAX} examples, terms, signals and constants"
         raise Refused("policy file", where=where, expected=expected, got=most)
     _check_names(file, text, where)
-    place = str(_Place(text, where, "formula"))
+    place = str(Place(text, where, "formula"))
     policy = _compiled(file, text, where, place)
     _check_windows(policy.formula, place)
     _check_inputs(policy, text, where)
@@ -229,12 +241,9 @@ def _without_examples(text: str, where: str) -> Policy:
 
 
 def _compiled(file: PolicyFile, text: str, where: str, place: str) -> Policy:
-    names: dict[str, float | Node] = {**MODES, **file.constants}
-    for name, part in file.terms.items():
-        names[name] = parse(part, names, _Place(text, where, name), whole=False)
-    formula = parse(file.formula, names, place)
+    names, formula = _parsed(file, file.constants, text, where)
     said = file.severity.hard_when
-    hard = parse(said, names, _Place(text, where, "hard_when")) if said else None
+    hard = parse(said, names, Place(text, where, "hard_when")) if said else None
     needed = signals_of(formula)
     used = needed | (signals_of(hard) if hard else frozenset())
     _check_signals(file, used, text, where)
@@ -242,7 +251,21 @@ def _compiled(file: PolicyFile, text: str, where: str, place: str) -> Policy:
     crisp, hard_crisp = interned(crispened(formula, table)), interned(crispened(hard, table)) if hard else None
     for made in filter(None, (crisp, hard_crisp)):  # each `iff` and `xor` in it names both its sides twice by now
         check_size(made, place)
-    return Policy(file, crisp, hard_crisp, margin_unit(crisp, place, table), needed, used)
+    narrowed = {
+        target: interned(crispened(_parsed(file, {**file.constants, **own}, text, where)[1], table))
+        for target, own in file.constants_on.items()
+    }
+    return Policy(file, crisp, hard_crisp, margin_unit(crisp, place, table), needed, used, narrowed)
+
+
+def _parsed(
+    file: PolicyFile, constants: Mapping[str, float], text: str, where: str
+) -> tuple[dict[str, float | Node], Node]:
+    """Return what the names of the file stand for, and its formula."""
+    names: dict[str, float | Node] = {**MODES, **constants}
+    for name, part in file.terms.items():
+        names[name] = parse(part, names, Place(text, where, name), whole=False)
+    return names, parse(file.formula, names, Place(text, where, "formula"))
 
 
 def signal_table(file: PolicyFile) -> dict[str, Signal]:
@@ -276,13 +299,17 @@ def _check_names(file: PolicyFile, text: str, where: str) -> None:
     policy.
     """
     if not ID.fullmatch(file.id):
-        line = str(_Place(text, where, "id"))
+        line = str(Place(text, where, "id"))
         raise Refused("id", where=line, expected="small letters, digits and '-'", got=repr(file.id))
+    for own in file.constants_on.values():
+        for name in own.keys() - file.constants.keys():
+            line = str(Place(text, where, "constants_on"))
+            raise Refused("constants_on", where=line, expected="names that stand under [constants]", got=repr(name))
 
 
 def _check_signals(file: PolicyFile, used: frozenset[str], text: str, where: str) -> None:
     def refused(what: str, key: str, expected: str, got: str) -> Refused:
-        return Refused(what, where=str(_Place(text, where, key)), expected=expected, got=got)
+        return Refused(what, where=str(Place(text, where, key)), expected=expected, got=got)
 
     for name in sorted(used - file.signals.keys()):
         if name in SIGNALS:
@@ -320,18 +347,18 @@ def _check_inputs(policy: Policy, text: str, where: str) -> None:
             flags = frozenset(silencing(kind, name))
             if flags and is_silenced(policy.formula, flags):
                 told = f"{name}, in force, holds {', '.join(sorted(flags & policy.needed))} at 0: the rule never speaks"
-                place = str(_Place(text, where, kind))
+                place = str(Place(text, where, kind))
                 raise Refused("inputs", where=place, expected="inputs that leave the rule a time to speak", got=told)
 
 
 def _check_examples(policy: Policy, text: str, where: str) -> None:
     kinds = {example.holds for example in policy.file.examples}
     if kinds != {True, False}:
-        line = str(_Place(text, where, "examples"))
+        line = str(Place(text, where, "examples"))
         raise Refused("examples", where=line, expected="one that holds and one that violates at least", got=len(kinds))
     whole = list(policy.file.examples)  # each completed once, whatever takes it over
     for number in range(1, len(whole) + 1):
-        place = f"{where} line {_line_of(text, 'examples', number)}"
+        place = f"{where} line {line_of(text, 'examples', number)}"
         whole[number - 1] = completed(whole, number, place)
         _check_example(policy, whole[number - 1], f"example {number}", place)
 
@@ -348,47 +375,6 @@ def _check_example(policy: Policy, example: Example, name: str, place: str) -> N
     if example.holds and example.applies != (finding.applied_share > 0):
         expected = "the rule to apply" if example.applies else "the rule not to apply"
         raise Refused(name, where=place, expected=expected, got=f"a share of {finding.applied_share:.2f}")
-
-
-# ---- where things stand in the text -------------------------------------------------------------------------------
-
-NEAR_CHARS = 200  # of what is said of a fault: each word in it is looked for in the whole text
-
-
-class _Place(NamedTuple):
-    """Where `key` stands in the text of a file: looked for when it is told, as nearly none is."""
-
-    text: str
-    file: str
-    key: str
-
-    def __str__(self) -> str:
-        return f"{self.file} line {_line_of(self.text, self.key)}"
-
-
-def _line_of(text: str, key: str, occurrence: int = 1) -> int:
-    """Return the line on which `key` first stands as a key, a table or a word; 1 if nowhere."""
-    starts = _starts(text, key)
-    if len(starts) >= occurrence:
-        return starts[occurrence - 1]
-    return text.count("\n", 0, max(text.find(key), 0)) + 1
-
-
-@lru_cache(maxsize=4)  # examples are looked for one by one
-def _starts(text: str, key: str) -> list[int]:
-    return [n for n, line in enumerate(_bare_lines(text), 1) if line.startswith(key)]
-
-
-@lru_cache(maxsize=4)
-def _bare_lines(text: str) -> list[str]:
-    return [line.lstrip(' ["') for line in text.splitlines()]
-
-
-def _near(text: str, where: str, fault: str) -> str:
-    said = fault[:NEAR_CHARS].replace(".", " ").split()
-    words = [word.strip("`.$[]…") for word in said if "`" in word]
-    line = next((_line_of(text, word) for word in words if word and word in text), 1)
-    return f"{where} line {line}"
 
 
 def reach_s_of(policy: Policy) -> float:

@@ -49,6 +49,15 @@ _INSTEAD_OF_0 = {
     "pilot_speed_down_set_mps": "pilot_speed_up_set_mps",
 }
 
+_SINCE: dict[str, Callable[[Stimulus], bool]] = {
+    "home_quiet_s": orders.moves_home,
+    "divert_order_s": orders.diverts,
+    "start_order_s": orders.starts_mission,
+    "climb_order_s": orders.sets_climb,
+    "height_order_s": orders.sets_height,
+}
+"""Time since the last input of a kind; very long where there was none."""
+
 
 class FlightSignals:
     """The signals of one flight by name; those the oracle makes itself are made on demand.
@@ -86,15 +95,12 @@ class FlightSignals:
             "order_quiet_s": lambda: self._quiet(("command", "mode", "stick")),
             "command_quiet_s": lambda: self._quiet(("command",), never_s=-NEVER_S),
             "calm_s": lambda: self._since(orders.moves),
-            "home_quiet_s": lambda: self._since(orders.moves_home, never_s=-NEVER_S),
+            **{name: partial(self._since, said, never_s=-NEVER_S) for name, said in _SINCE.items()},
             **{name: partial(self._undisturbed, name) for name in FLAGS},
             "crashed": self._crashed,
             "stop_ordered": lambda: self._ordered_from(orders.stops_motors),
             "arming_forced": lambda: self._ordered_from(orders.forces_arming),
             **{name: partial(self._setting, name) for name in SETTINGS},
-            "start_order_s": lambda: self._since(orders.starts_mission, never_s=-NEVER_S),
-            "climb_order_s": lambda: self._since(orders.sets_climb, never_s=-NEVER_S),
-            "height_order_s": lambda: self._since(orders.sets_height, never_s=-NEVER_S),
             "release_order_s": lambda: self._since_asked(orders.releases),
             "stop_order_s": lambda: self._since_asked(orders.asks_to_stop),
             "mode_order_s": lambda: self._since_asked(lambda one: orders.mode_ordered(one) is not None),
@@ -270,8 +276,15 @@ class FlightSignals:
             return itinerary.off(landings, item, self["x_m"], self["y_m"])
         if name == "item_height_off_m":
             return itinerary.height_off(items, item, self["altitude_est_m"])
-        off = [np.hypot(self["x_est_m"] - one.x_m, self["y_est_m"] - one.y_m) for one in items]
+        off = [self._off_item(one) for one in items]
         return itinerary.unexpected(items, item, self["mode"], off, itinerary.afresh(self._given), self._time())
+
+    def _off_item(self, item: itinerary.Item) -> NDArray[np.float64]:
+        """Return how far from an item the vehicle is; its height counts where no fence may keep it lower."""
+        planar = np.hypot(self["x_est_m"] - item.x_m, self["y_est_m"] - item.y_m)
+        unfenced = self["fence_enabled"] == 0.0 if "fence_enabled" in self else np.False_
+        height = np.where(unfenced, np.abs(self["altitude_est_m"] - item.altitude_m), 0.0)
+        return np.asarray(np.maximum(planar, height * (itinerary.NEAR_M / itinerary.LOW_M)))
 
     def _settling(self, name: str) -> NDArray[Any]:
         braking = braking_mps2(self["acceleration_set_mps2"], self._leeway_deg())

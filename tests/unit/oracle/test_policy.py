@@ -1,9 +1,15 @@
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from saflite.contract.errors import Refused
+from saflite.contract.flight import Flight, Trace
+from saflite.contract.signals import MODES
+from saflite.contract.test_case import Scenario, Target, TestCase, identity
+from saflite.contract.work import PolicyText
 from saflite.oracle import formula
+from saflite.oracle.judge import judge
 from saflite.oracle.parse import parse
 from saflite.oracle.policy import load_policy, parse_policy
 
@@ -59,6 +65,11 @@ def test_a_good_policy_loads() -> None:
             "ceiling_m = 3.0",
             r"example 1 \(test.toml line 14\): expected to hold \(low\).*robustness -2",
         ),
+        (
+            "ceiling_m = 10.0",
+            "ceiling_m = 10.0\n\n[constants_on.reference]\nfloor_m = 1.0",
+            r"constants_on \(test.toml line 10\): expected names that stand under \[constants\], got 'floor_m'",
+        ),
         ("ceiling_m = 10.0", "ceiling_m = 30.0", r"example 2 \(test.toml line 20\): expected to violate \(high\)"),
         (HOLDS, 'signals = { mode = "RTL", altitude_m = 5 }', r"expected the rule to apply"),
         (HOLDS, 'signals = { mode = "AUTO" }', r"altitude_m amiss"),
@@ -96,6 +107,25 @@ def test_examples_take_over_from_each_other_however_many_there_are() -> None:
     assert len(parse_policy(text, "test.toml").file.examples) == 999
     with pytest.raises(Refused, match=r"example 3 like.*an earlier one"):
         parse_policy(f"{GOOD}\n{first}like = 3\n", "test.toml")
+
+
+def test_constants_of_a_target_hold_for_its_flights_alone() -> None:
+    """A log of the same autopilot, and flights of others, are judged by the wider ones."""
+    text = GOOD.replace("ceiling_m = 10.0", "ceiling_m = 10.0\n\n[constants_on.reference]\nceiling_m = 6.0")
+    climbs = np.linspace(5.0, 8.0, 50)
+    flown = {"mode": np.full(50, MODES["AUTO"]), "altitude_m": climbs}
+    trace = Trace(step_s=0.1, signals={name: values.astype("<f4").tobytes() for name, values in flown.items()})
+
+    def worth(target: str, sources: dict[str, str] | None = None) -> float:
+        case = TestCase(target=Target(name=target), scenario=Scenario())
+        flight = Flight(test_case=identity(case), flight_index=0, ending="completed")
+        texts = {"low.toml": PolicyText(text=text, file="low.toml")}
+        robustness = judge(case, flight, trace, ("low.toml",), texts, sources).verdicts[0].robustness
+        assert robustness is not None
+        return robustness
+
+    assert worth("reference") == pytest.approx(-2.0)
+    assert worth("px4") == worth("reference", {}) == pytest.approx(2.0)
 
 
 def test_unknown_names_and_files_are_refused() -> None:

@@ -97,6 +97,7 @@ CAUSES = {
     "quiet_s": stimulus("parameter", "RTL_ALT", 1.0, at_s=0.5),
     "order_quiet_s": stimulus("stick", "RC3", 1500.0, at_s=0.5),
     "command_quiet_s": stimulus("command", "MAV_CMD_NAV_LAND", at_s=0.5),
+    "divert_order_s": stimulus("command", "MAV_CMD_NAV_LAND", at_s=0.5),
     "mode_cause_s": stimulus("mode", "RTL", at_s=0.5),
     "calm_s": stimulus("parameter", "PSC_POSXY_P", 1.0, at_s=0.5),
     "home_quiet_s": stimulus("command", "MAV_CMD_DO_SET_HOME", 1.0, at_s=0.5),

@@ -48,6 +48,7 @@ _ATTITUDES = ("ATT", "AHR2", "XKF1", "NKF1", "EKF1")
 _LEAN = {"Roll": "roll_deg", "Pitch": "pitch_deg", "Yaw": "yaw_deg"}
 _OF_COMMANDS = (
     "command_quiet_s",
+    "divert_order_s",
     "place_order_s",
     "ordered_x_m",
     "ordered_y_m",

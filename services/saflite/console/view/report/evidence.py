@@ -120,7 +120,7 @@ def _policy_robustness(exhibit: Exhibit) -> tuple[NDArray[np.float64] | None, st
     trace = exhibit.trace
     assert trace is not None, "asked for with a trace only"
     try:
-        policy = load_policy(exhibit.violation.policy, exhibit.policy_texts)
+        policy = load_policy(exhibit.violation.policy, exhibit.policy_texts).on(exhibit.test_case.target.name)
         signals = FlightSignals(exhibit.test_case, _flight_of(exhibit), trace, between=True)
         picked = signals.pick(policy.needed)
     except Refused:

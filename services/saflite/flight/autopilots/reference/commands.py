@@ -13,6 +13,7 @@ from functools import cache
 from typing import TYPE_CHECKING, NamedTuple
 
 from saflite.contract.errors import Refused
+from saflite.flight.autopilots.reference import settings
 from saflite.flight.autopilots.reference.command_names import NAMES
 from saflite.flight.autopilots.reference.modes.table import mode_name
 from saflite.flight.mission import to_local
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
 
 FORCE = 21196.0
 FAR_M = 50_000.0
-SPEED_LEAST_MPS = 0.2  # AC_WPNav: WPNAV_WP_SPEED_MIN
 MODE_CHANGE_FLAG = 1
 
 
@@ -168,7 +168,7 @@ def _speed(ap: Autopilot, v: Numbers) -> MavResult:
         return MavResult.FAILED
     if math.isnan(v[1]) or v[1] <= 0.0:
         return MavResult.FAILED
-    if v[1] >= SPEED_LEAST_MPS:
+    if v[1] >= settings.SPEED_LEAST_MPS:
         ap.speed_order_mps = min(15.0, v[1])
     return MavResult.ACCEPTED
 

@@ -6,6 +6,7 @@ import math
 
 from saflite.flight.autopilots.reference.flight_stack import FlightStack
 
+SPEED_LEAST_MPS = 0.2  # AC_WPNav: WPNAV_WP_SPEED_MIN; an order to fly more slowly is not taken
 LEAST = {
     "k_rate_r_max": math.radians(60.0),
     "k_rate_p_max": math.radians(60.0),

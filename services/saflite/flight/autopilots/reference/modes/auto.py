@@ -210,9 +210,10 @@ class Auto(Mode):
         self._travel()
 
     def _speed(self) -> None:
-        if self._speed_mps is None:
-            self._speed_before_mps = self.ap.speed_order_mps
-        self._speed_mps = self.ap.speed_order_mps = self._item().number or None
+        if self._item().number >= settings.SPEED_LEAST_MPS:
+            if self._speed_mps is None:
+                self._speed_before_mps = self.ap.speed_order_mps
+            self._speed_mps = self.ap.speed_order_mps = self._item().number
         self._next()
 
     def _yaw(self) -> None:

@@ -1,13 +1,14 @@
-"""Faults of the reference that an outsider found by flying: where it lifts off to, and whether a tumble is seen."""
+"""Faults of the reference that outsiders found by flying: lift-offs, tumbles and missions that order odd speeds."""
 
 from __future__ import annotations
 
+import msgspec
 import numpy as np
 import pytest
 
 from saflite.conformance.flying import fly_once
 from saflite.contract.flight import Trace
-from saflite.contract.test_case import Scenario, StartState, Stimulus, StimulusKind, Target, TestCase
+from saflite.contract.test_case import MissionItem, Scenario, StartState, Stimulus, StimulusKind, Target, TestCase
 from saflite.flight.mission import builtin_mission
 
 Input = tuple[float, StimulusKind, str, tuple[float, ...]]
@@ -52,3 +53,16 @@ def test_a_mission_lifts_off_straight_up_whatever_its_estimate_did_before(name: 
     low = trace.array("altitude_m") < 4.0
     assert np.hypot(trace.array("x_m"), trace.array("y_m"))[low].max() < 0.5
     assert trace.array("altitude_m").max() > 4.0
+
+
+@pytest.mark.parametrize("speed_mps", [-1.0, 0.0, 0.05])
+def test_a_mission_flies_on_where_it_orders_a_speed_that_cannot_be_flown(speed_mps: float) -> None:
+    """MAVLink's -1 means no change, ArduCopter takes nothing below 0.2 m/s: it flew backwards or hardly."""
+    usual = builtin_mission("mission2")
+    first = next(place for place, item in enumerate(usual.items) if item.command == 22)
+    order = MissionItem(command=178, params=(1.0, speed_mps, 0.0, 0.0, 0.0, 0.0, 0.0))
+    items = (*usual.items[: first + 1], order, *usual.items[first + 1 :])
+    scenario = Scenario(mission=msgspec.structs.replace(usual, items=items), time_limit_s=200.0)
+    slow = flown(TestCase(target=Target(), scenario=scenario))
+    plain = flown(TestCase(target=Target(), scenario=msgspec.structs.replace(scenario, mission=usual)))
+    assert slow.duration_s == pytest.approx(plain.duration_s, abs=1.0)
