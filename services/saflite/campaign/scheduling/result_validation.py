@@ -15,7 +15,7 @@ from saflite.contract import wire
 from saflite.contract.blobs import BLOBS_PER_RESULT_MAX, RESULT_BYTES_MAX
 from saflite.contract.bounds import told
 from saflite.contract.errors import Refused
-from saflite.contract.flight import AUTOPILOT_ALIVE, FLOWN_ENDINGS, UNTOLD, Flight
+from saflite.contract.flight import AUTOPILOT_ALIVE, FLOWN_ENDINGS, Flight
 from saflite.contract.score import SCORE_MAX, SCORE_MIN
 from saflite.contract.verdict import Verdict
 from saflite.contract.work import (
@@ -57,7 +57,7 @@ def check_result(core: Core, task: Task, result: Result, damage: str = "") -> No
         case FlyKey(), FlyResult():
             _same_flight(task, task.key, result.flight.test_case, result.flight.flight_index)
             _check_flight(task, result)
-            _check_build(core, task, task.key, result.flight)
+            _check_build(task, task.key, result.flight)
         case JudgeKey(), JudgeResult():
             _same_flight(task, task.key, result.judgement.test_case, result.judgement.flight_index)
             _check_verdicts(core, task, result)
@@ -159,11 +159,13 @@ def _check_verdict(task: Task, verdict: Verdict) -> None:
         _refuse(task, "a nearness from 0 to 1", f"{verdict.policy} {verdict.nearness}")
 
 
-def _check_build(core: Core, task: Task, key: FlyKey, flight: Flight) -> None:
-    """A first flight is on the build its test case names, if it names any; all others on the build of the first."""
+def _check_build(task: Task, key: FlyKey, flight: Flight) -> None:
+    """A first flight is on the build its test case names, if it names any; all others on the build of the first.
+
+    So is the smallest form of a find, whichever of its flights is the first to show the violation.
+    """
     wanted = task.target.build if task.target else ""
-    is_first = key.purpose not in UNTOLD and key.index == core.trial_of(key).first
-    if flight.ending in FLOWN_ENDINGS and flight.build != wanted and (wanted or not is_first):
+    if flight.ending in FLOWN_ENDINGS and flight.build != wanted and (wanted or key.purpose != "search"):
         _refuse(task, f"a flight on build {wanted or 'unknown'!r}", flight.build or "unknown")
 
 
