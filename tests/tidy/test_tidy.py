@@ -35,7 +35,7 @@ RULES = (
         RANDOM,
         {
             *("contract/rng.py", "campaign/storage/sqlite.py", "evidence/folder.py", "runtime/on_ray.py"),
-            "runtime/own_runs.py",  # a key
+            "evidence/own_runs.py",  # a key
         },
     ),  # beside draws: the name of a run and of a folder, and a secret
 )

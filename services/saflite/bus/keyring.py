@@ -55,6 +55,11 @@ class Register(msgspec.Struct, frozen=True, kw_only=True):
         """Return the participant of a name."""
         return next((peer for peer in self.peers if peer.name == name), None)
 
+    def is_revoked(self, name: str) -> bool:
+        """Whether a participant's key was revoked, and no other was made for that name."""
+        peer = self.named(name)
+        return peer is not None and peer.revoked
+
     def key_of(self) -> Callable[[str], str]:
         """Return what tells the key that a worker's name begins with, empty where that is nobody's."""
         names = frozenset(peer.name for peer in self.peers)

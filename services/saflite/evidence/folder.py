@@ -14,7 +14,7 @@ from __future__ import annotations
 import os
 import secrets
 import threading
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
 from shutil import rmtree
@@ -127,6 +127,12 @@ class BlobFolder:
                 with suppress(OSError):
                     path.unlink(missing_ok=True)
         files.remove_if_empty(folder)
+
+    def forget_all_of(self, is_gone: Callable[[str], bool]) -> None:
+        """Remove what workers have left whose name says that they never come back: their room is others' again."""
+        for folder in (self._folder / INCOMING).glob("*"):
+            if is_gone(folder.name):
+                rmtree(folder, ignore_errors=True)
 
     # ---- keeping and dropping ------------------------------------------------------------------------------------
 

@@ -1,7 +1,7 @@
 """Which model servers a run's own user named as it was made: only those may have a key as it is taken up again.
 
 What the books of a run say of its scorer may be a stranger's word, or that of whoever ordered another scorer over the
-bus. So the hosts stand beside the books, with this user's mark (`runtime/own_runs.py`).
+bus. So the hosts stand beside the books, with this user's mark (`evidence/own_runs.py`).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from saflite.contract import wire
 from saflite.contract.config import ScorerConfig
 from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.outside import TEXT_BYTES_MAX, read_bytes
-from saflite.runtime import own_runs
+from saflite.evidence import own_runs
 from saflite.scorer_pool.key_hosts import KEY_HOSTS, hosts_named_by, may_have_key
 
 log = logging.getLogger(__name__)

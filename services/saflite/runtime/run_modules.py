@@ -20,7 +20,7 @@ from saflite.contract.ids import digest
 from saflite.contract.modules import Kind, Outside
 from saflite.contract.outside import TEXT_BYTES_MAX, read_bytes
 from saflite.contract.wire import UNREADABLE, unpack_json
-from saflite.runtime import own_runs
+from saflite.evidence import own_runs
 
 log = logging.getLogger(__name__)
 

@@ -7,6 +7,7 @@ from typing import cast
 import msgspec
 import pytest
 from books_drive import Driver, MemoryStore, doubles, new_books
+from test_chance import Chancy
 
 from saflite.campaign.storage.store import Store
 from saflite.contract.blobs import Blobs
@@ -82,6 +83,33 @@ def test_a_reflight_on_another_build_counts_for_nothing_and_is_flown_again(build
     driver.do("judge", many=9)
     (found,) = violations(driver)
     assert (found.confirmation, found.reflown) == ("confirmed", 1)
+
+
+def test_a_smallest_form_is_flown_on_no_build_where_nobody_tells_any() -> None:
+    """Which of its flights is the first to show the violation moves on: a build named once would stay."""
+    driver = new_books(3, repeats="statistically", shrink=True, record="none")
+    assert driver.store is not None
+    driver.service = Chancy(0.7, "ABC", driver.store.blobs)
+    lease, worker = _smallest_form(driver)
+    flown = driver.service.do(lease.work)
+    assert isinstance(flown, FlyResult)
+    odd = FlyResult(flight=msgspec.structs.replace(flown.flight, build="other"))
+    assert driver.report(lease, odd, worker).status == "refused"
+
+
+def _smallest_form(driver: Driver) -> tuple[Lease, str]:
+    """Bring a campaign to the first flight of a smallest form; returns its lease, and whose it is."""
+    while not driver.books.ended:
+        for worker in ("a", "b"):
+            for stage in ("mutate", "score", "judge"):
+                driver.do(stage, worker, many=9)
+            for lease in driver.ask("fly", worker):
+                if isinstance(lease.work, FlyWork) and lease.work.purpose == "shrunk":
+                    return lease, worker
+                driver.report(lease, driver.service.do(lease.work), worker)
+        driver.now += 0.5
+        driver.books.tick(driver.now)
+    raise AssertionError("no find was made small")
 
 
 def test_work_on_a_build_is_given_only_to_workers_that_have_it() -> None:

@@ -23,7 +23,7 @@ from saflite.contract.flight import Delivered
 from saflite.contract.join import Join
 from saflite.contract.names import LABEL_CHARS_MAX
 from saflite.contract.rng import derive
-from saflite.contract.test_case import TestCase
+from saflite.contract.test_case import Stimulus, TestCase
 from saflite.contract.topics import PROTOCOL
 from saflite.contract.work import (
     Failure,
@@ -117,7 +117,8 @@ def _large(result: Result, share: float) -> Result:
     match result:
         case MutateResult():
             source = json.dumps({"note": "x" * round(share * 250_000)})
-            cases = tuple(msgspec.structs.replace(case, source=source) for case in result.test_cases)
+            many = tuple(Stimulus(at_s=9.0, kind="parameter", name=f"S{place}") for place in range(68))
+            cases = tuple(msgspec.structs.replace(case, source=source, stimuli=many) for case in result.test_cases)
             return msgspec.structs.replace(result, test_cases=cases)
         case ScoreResult():
             long = msgspec.structs.replace(result.scores[0], reason="x" * 60_000, shadow=True)
@@ -155,7 +156,7 @@ def test_names_of_models_are_given_once() -> None:
 
 
 def test_the_largest_results_leave_no_work_that_nobody_can_read() -> None:
-    driver = new_books(40, record="all", batch=30, candidates_per_round=30, flights_per_round=30, lag=1)
+    driver = new_books(40, record="all", batch=30, shrink=False, candidates_per_round=30, flights_per_round=30, lag=1)
     while not driver.books.ended:
         for stage in get_args(Stage):
             for lease in driver.ask(stage, leases_max=16):

@@ -9,6 +9,7 @@ import pytest
 
 from saflite.campaign.lifecycle.minimizer import Minimizer, names_of
 from saflite.campaign.lifecycle.repeats import ONE_FLIGHT
+from saflite.contract import wire
 from saflite.contract.circumstances import ranges_kept
 from saflite.contract.rng import derive
 from saflite.contract.target_info import InputInfo
@@ -145,6 +146,17 @@ def test_a_moment_told_wrongly_costs_three_flights_at_most(shown_s: float) -> No
     told, _ = shrink(twenty(), chute_in_acro, shown_s=shown_s)
     assert [one.name for one in told.best.stimuli] == ["ACRO", "MAV_CMD_DO_PARACHUTE"]
     assert len(Minimizer(twenty(), 200, ONE_FLIGHT, shown_s).ask()) <= 3
+
+
+@pytest.mark.parametrize("shown_s", [-1e300, -3.0, 1e300, None])
+def test_whatever_moments_were_told_each_flight_asked_for_can_be_read(shown_s: float | None) -> None:
+    """An oracle says when a violation was shown, a mutator when inputs are given; nobody flies what he cannot read."""
+    late = Stimulus(at_s=3.4e38, kind="command", name="B", values=(3.4e38, 1.0))
+    odd = case(late, msgspec.structs.replace(late, at_s=-3.4e38), late, msgspec.structs.replace(late, at_s=-9.0))
+    for violates in (lambda _: True, lambda _: False, lambda each: len(each.stimuli) > 1):
+        _, flown = shrink(odd, violates, shown_s=shown_s)
+        assert flown
+        assert [wire.checked(each, TestCase) for each in flown] == flown
 
 
 def test_a_mission_keeps_its_time_and_loses_what_was_given_later() -> None:

@@ -14,8 +14,21 @@ from books_drive import Driver, new_books
 
 from saflite.contract import wire
 from saflite.contract.blobs import BlobMissing
+from saflite.contract.flight import Delivered
 from saflite.contract.rng import derive
-from saflite.contract.work import HandedBack, Heartbeat, Lease, MutateResult, Report, Stage
+from saflite.contract.verdict import Transition
+from saflite.contract.work import (
+    FlyResult,
+    FlyWork,
+    HandedBack,
+    Heartbeat,
+    JudgeResult,
+    JudgeWork,
+    Lease,
+    MutateResult,
+    Report,
+    Stage,
+)
 from saflite.flight.mission import builtin_mission
 
 WORKERS = ("a", "b", "c")
@@ -134,3 +147,19 @@ def test_a_mutator_may_propose_what_was_read_from_files() -> None:
     read = msgspec.structs.replace(case, scenario=scenario)
     receipt = driver.report(lease, msgspec.structs.replace(honest, test_cases=(read, *honest.test_cases[1:])))
     assert receipt.status == "accepted", receipt.message
+
+
+@pytest.mark.parametrize("stage", ["fly", "judge"])
+@pytest.mark.parametrize(("beyond", "status"), [(-1, "accepted"), (0, "refused"), (2**50, "refused")])
+def test_nobody_tells_of_stimuli_that_a_test_case_has_not(stage: Stage, beyond: int, status: str) -> None:
+    """Whoever reads the run would look for it, and could tell nothing of the run: no report, and no export."""
+    driver = new_books()
+    (lease, *_) = driver.wait_for(stage, "a", -1)
+    assert isinstance(lease.work, FlyWork | JudgeWork)
+    place, result = len(lease.work.test_case.stimuli) + beyond, driver.service.do(lease.work)
+    if isinstance(result, FlyResult):
+        result = FlyResult(flight=msgspec.structs.replace(result.flight, delivered=(Delivered(index=place, at_s=1.0),)))
+    elif isinstance(result, JudgeResult):
+        step = Transition(before="GUIDED flying", after="LAND flying", stimulus=place)
+        result = JudgeResult(judgement=msgspec.structs.replace(result.judgement, transitions=(step,)))
+    assert driver.report(lease, result).status == status

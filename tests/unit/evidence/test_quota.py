@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from saflite.bus.access import Peer
+from saflite.bus.keyring import Register
 from saflite.evidence import quota
 from saflite.evidence.folder import BlobFolder
 
@@ -130,3 +132,14 @@ def test_files_are_shared_among_keys_as_bytes_are(tmp_path: Path, monkeypatch: p
     writer.key_of = lambda worker: worker.rpartition("-")[0]
     assert 18 <= fill(folder, writer, [f"eve-{number}" for number in range(100)]) // (KIB // 2) <= 21
     assert not writer.excess("lab-1", 1)
+
+
+def test_what_the_workers_of_a_revoked_key_left_takes_no_room_of_others(tmp_path: Path) -> None:
+    """They were cut off in the middle of it: nobody goes on with it, and nobody answers for it."""
+    peers = tuple(Peer(name=name, roles=("worker",), revoked=name == "lab2") for name in ("lab2", "lab2-b", "site"))
+    register, folder = Register(hosts=(), peers=peers), BlobFolder(tmp_path)
+    key_of, left = register.key_of(), ("lab2", "lab2-0a1b2c-fly-1", "lab2-b-0a1b2c-fly-1", "site-fly-1", "fly-1")
+    for worker in left:
+        leave(folder, worker, "0" * 64 + ".part", KIB)
+    folder.forget_all_of(lambda worker: register.is_revoked(key_of(worker)))
+    assert sorted(path.name for path in (tmp_path / "blobs" / "incoming").iterdir()) == sorted(left[2:])

@@ -250,7 +250,7 @@ class Books:
         key, result = task.key, report.result
         self._registry.worked(task.stage, report.worker, now)
         try:
-            check_result(self._core, task, report.result, damage)
+            check_result(self._core, task, report.result, damage, self._reducer.test_case_of)
         except Refused as fault:
             if task.epoch == report.epoch:
                 self._give_back(task, "refused", str(fault), now)

@@ -138,6 +138,7 @@ class Flights:
 
     def _take(self, task: Task, key: FlyKey, flight: Flight) -> None:
         core, trial = self._core, self._trial(key)
+        assert flight.flight_index == key.index, f"{key} is not flight {flight.flight_index}"
         core.done(task, flight.ending, flight.message)
         self._note(trial, flight)
         core.hold(*flight.blobs)

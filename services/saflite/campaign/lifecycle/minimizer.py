@@ -24,6 +24,8 @@ from typing import NamedTuple
 import msgspec
 
 from saflite.campaign.lifecycle.repeats import RepeatRule
+from saflite.contract import wire
+from saflite.contract.errors import Refused
 from saflite.contract.test_case import Origin, Stimulus, TestCase, identity
 
 Stimuli = tuple[Stimulus, ...]
@@ -77,7 +79,7 @@ class Minimizer:
         self._decided = {self.original}
         self._evidence: dict[str, Evidence] = {}
         ends = () if shown_s is None else ended(test_case, shown_s)
-        first = (*reduced(test_case, enough), *ends)
+        first = filter(_is_readable, (*reduced(test_case, enough), *ends))
         self._generation = {identity(case): case for case in first}  # not decided yet
         self._width = BATCH_LEAST
         self._wave: dict[tuple[str, int], bool | None] = {}
@@ -129,7 +131,7 @@ class Minimizer:
 
     def _begin_generation(self) -> bool:
         smaller = filter(self._is_in_range, PHASES[self._phase](self.best))
-        fresh = (case for case in smaller if identity(case) not in self._decided)
+        fresh = (case for case in smaller if identity(case) not in self._decided and _is_readable(case))
         many = max(1, self._width // self.rule.least_to_decide(0, 0))
         self._generation = {identity(case): case for case in islice(_unique(fresh), many)}
         return bool(self._generation)
@@ -171,6 +173,15 @@ class Minimizer:
     def _decide(self, name: str) -> bool | None:
         seen = self._evidence.get(name, Evidence())
         return self.rule.decide(seen.failed, seen.flown)
+
+
+def _is_readable(test_case: TestCase) -> bool:
+    """Whether a worker can read it: peers say when things happened, and no sum of such moments has bounds."""
+    try:
+        wire.checked(test_case, TestCase)
+    except Refused:
+        return False
+    return True
 
 
 def _unique(cases: Iterator[TestCase]) -> Iterator[TestCase]:

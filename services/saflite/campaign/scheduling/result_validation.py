@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import msgspec
 
@@ -15,8 +15,9 @@ from saflite.contract import wire
 from saflite.contract.blobs import BLOBS_PER_RESULT_MAX, RESULT_BYTES_MAX
 from saflite.contract.bounds import told
 from saflite.contract.errors import Refused
-from saflite.contract.flight import AUTOPILOT_ALIVE, FLOWN_ENDINGS, UNTOLD, Flight
+from saflite.contract.flight import AUTOPILOT_ALIVE, FLOWN_ENDINGS, Flight
 from saflite.contract.score import SCORE_MAX, SCORE_MIN
+from saflite.contract.test_case import TestCase
 from saflite.contract.verdict import Verdict
 from saflite.contract.work import (
     Failure,
@@ -37,10 +38,17 @@ FLIGHT_BYTES_MAX = SCORES_BYTES_MAX = 2**22
 WATCHING_MAX = 101  # as many as work may name, and the embedded scorer
 
 
-def check_result(core: Core, task: Task, result: Result, damage: str = "") -> None:
+def check_result(
+    core: Core, task: Task, result: Result, damage: str, test_case_of: Callable[[FlightKey], TestCase]
+) -> None:
     """Raise Refused if the result is of another kind, for another test case, or says what cannot be.
 
-    `damage`: in words, how the blobs it names are not those that were left.
+    Args:
+        core: what the books know.
+        task: the work that it answers.
+        result: what was handed in.
+        damage: in words, how the blobs it names are not those that were left; empty where they are.
+        test_case_of: tells what is flown or judged.
     """
     match task.key, result:
         case _, Failure() | HandedBack():
@@ -57,10 +65,14 @@ def check_result(core: Core, task: Task, result: Result, damage: str = "") -> No
         case FlyKey(), FlyResult():
             _same_flight(task, task.key, result.flight.test_case, result.flight.flight_index)
             _check_flight(task, result)
-            _check_build(core, task, task.key, result.flight)
+            _check_build(task, task.key, result.flight)
+            given = [one.index for one in result.flight.delivered or ()]
+            _check_places(task, "delivered stimuli", given, test_case_of(task.key))
         case JudgeKey(), JudgeResult():
             _same_flight(task, task.key, result.judgement.test_case, result.judgement.flight_index)
             _check_verdicts(core, task, result)
+            named = [place for step in result.judgement.transitions for place in (step.stimulus, step.preceding)]
+            _check_places(task, "steps after stimuli", named, test_case_of(task.key))
         case RecordKey(), RecordResult():
             _same_flight(task, task.key, result.test_case, result.flight_index)
         case _:
@@ -138,6 +150,12 @@ def _check_flight(task: Task, result: FlyResult) -> None:
         _refuse(task, f"at most {BLOBS_PER_RESULT_MAX} blobs of {RESULT_BYTES_MAX} bytes together", excess)
 
 
+def _check_places(task: Task, what: str, places: Sequence[int], test_case: TestCase) -> None:
+    """Who reads of a stimulus that the test case has not can tell nothing of the flight, nor of the run it is in."""
+    if max(places, default=-1) >= (count := len(test_case.stimuli)):
+        _refuse(task, f"{what} of the {count} there are", max(places))
+
+
 def too_much_left(result: Result) -> str:
     """Return in words by how much the blobs a result names are more than it may name, empty if they are not."""
     blobs = blobs_left(result)
@@ -159,11 +177,13 @@ def _check_verdict(task: Task, verdict: Verdict) -> None:
         _refuse(task, "a nearness from 0 to 1", f"{verdict.policy} {verdict.nearness}")
 
 
-def _check_build(core: Core, task: Task, key: FlyKey, flight: Flight) -> None:
-    """A first flight is on the build its test case names, if it names any; all others on the build of the first."""
+def _check_build(task: Task, key: FlyKey, flight: Flight) -> None:
+    """A first flight is on the build its test case names, if it names any; all others on the build of the first.
+
+    So is the smallest form of a find, whichever of its flights is the first to show the violation.
+    """
     wanted = task.target.build if task.target else ""
-    is_first = key.purpose not in UNTOLD and key.index == core.trial_of(key).first
-    if flight.ending in FLOWN_ENDINGS and flight.build != wanted and (wanted or not is_first):
+    if flight.ending in FLOWN_ENDINGS and flight.build != wanted and (wanted or key.purpose != "search"):
         _refuse(task, f"a flight on build {wanted or 'unknown'!r}", flight.build or "unknown")
 
 

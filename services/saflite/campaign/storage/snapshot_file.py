@@ -2,7 +2,8 @@
 
 It names the run, the journal entry it stands behind with that entry's running checksum, and the code it was made by;
 whatever does not fit, or is damaged, is not used, and the journal is replayed from its beginning instead. An audit
-compares it with the state that comes of the journal.
+compares it with the state that comes of the journal. A state may say anything, and contradict itself where a journal
+could not: nobody goes on from one that this user's farms have not made (`evidence/own_runs.py`).
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ import numpy as np
 from saflite.campaign.storage.sqlite import chain_at
 from saflite.contract.errors import Refused
 from saflite.contract.outside import read_bytes
+from saflite.evidence import own_runs
 
 log = logging.getLogger(__name__)
 
@@ -60,7 +62,8 @@ def keep(run_dir: Path, start: bytes, line: int, chain: int, state: bytes) -> No
     try:
         with beside.open("wb") as file:
             packed = zlib.compress(state, 1)
-            file.writelines((head, packed, _check(head, packed)))
+            check = _check(head, packed)
+            file.writelines((head, packed, own_runs.signed(check), check))
         os.replace(beside, path)
     except OSError as fault:
         log.warning("no snapshot of the books is kept: %s", fault)
@@ -73,24 +76,28 @@ def lines_of(run_dir: Path, start: bytes) -> int:
     if not os.path.lexists(snapshot_file(run_dir)):
         return 0
     try:
-        _, run, line, _, _ = _read(run_dir)
+        _, run, line, *_ = _read(run_dir)
     except Refused:
         return 0
     return line if run == start else 0
 
 
-def kept(run_dir: Path, start: bytes, connection: sqlite3.Connection) -> Kept | None:
-    """Return the snapshot if it is whole, of this run, of this code, and stands behind an entry of this journal."""
+def kept(run_dir: Path, start: bytes, connection: sqlite3.Connection, *, ours: bool = False) -> Kept | None:
+    """Return the snapshot if it is whole, of this run, of this code, and stands behind an entry of this journal.
+
+    `ours`: and made by a farm of this user.
+    """
     if not os.path.lexists(snapshot_file(run_dir)):
         return None
     try:
-        made_by, run, line, chain, packed = _read(run_dir)
+        made_by, run, line, chain, packed, is_ours = _read(run_dir)
     except Refused as fault:
         log.warning("the snapshot is not used: %s", fault)
         return None
     for fits, other in (
         (run == start, "another run"),
         (made_by == code(), "other code than this"),
+        (is_ours or not ours, "another user"),
         (chain_at(connection, "journal", line) == chain, "another journal"),
     ):
         if not fits:
@@ -108,14 +115,19 @@ def kept(run_dir: Path, start: bytes, connection: sqlite3.Connection) -> Kept | 
     return Kept(line, chain, state)
 
 
-def _read(run_dir: Path) -> tuple[bytes, bytes, int, int, bytes]:
-    """Return what stands in a snapshot's head, and its state, packed; raises Refused for a damaged one."""
+def _read(run_dir: Path) -> tuple[bytes, bytes, int, int, bytes, bool]:
+    """Return what stands in a snapshot's head, its state, packed, and whether it is this user's.
+
+    Raises:
+        Refused: it is damaged.
+    """
     path = snapshot_file(run_dir)
     data = read_bytes(path, "snapshot", BYTES_MAX)
-    head, packed, check = data[: _HEAD.size], data[_HEAD.size : -_CHECK_BYTES], data[-_CHECK_BYTES:]
+    head, body, check = data[: _HEAD.size], data[_HEAD.size : -_CHECK_BYTES], data[-_CHECK_BYTES:]
+    packed, mark = body[: -own_runs.SIGNED_BYTES], body[-own_runs.SIGNED_BYTES :]
     if len(head) < _HEAD.size or check != _check(head, packed):
         raise Refused("snapshot", where=str(path), expected="one that fits its checksum", got="a damaged one")
-    return (*_HEAD.unpack(head), packed)
+    return (*_HEAD.unpack(head), packed, own_runs.is_signed(mark, check))
 
 
 def remove(run_dir: Path) -> None:

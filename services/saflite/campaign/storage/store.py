@@ -287,7 +287,7 @@ class Store:
 
         Without a snapshot: empty ones, 0, 0.
         """
-        kept = snapshot_file.kept(self._run_dir, self._start, self._db)
+        kept = snapshot_file.kept(self._run_dir, self._start, self._db, ours=True)
         if kept is not None:
             books = self._empty_books()
             try:

@@ -107,7 +107,7 @@ def _command_line(variant: Variant, folder: Path, *, bare: bool = False) -> Iter
             raise Unavailable(f"{variant.binary} does not run here ({fault}): {again}") from fault
         yield line
     finally:
-        firmware.close(vehicle.pid)
+        firmware.close()
 
 
 def _lost(line: CommandLine, known: Mapping[str, BetaflightSetting], given: Mapping[str, float]) -> Iterator[str]:

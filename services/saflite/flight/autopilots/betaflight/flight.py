@@ -132,7 +132,7 @@ class BetaflightFlight:
     def close(self) -> None:
         """End the firmware."""
         if self._firmware is not None:
-            self._firmware.close(self.vehicle.pid)
+            self._firmware.close()
 
     def take_up(self) -> None:
         """In a fork of the process that held it: go on with a fork of the firmware.
@@ -156,6 +156,7 @@ class BetaflightFlight:
         came = self.vehicle.connect(self._firmware.fd)
         if came != OK:
             raise Unavailable(f"{_WORDS[came]} when it was forked: {self._firmware.last_words()[-300:]!r}")
+        self._firmware.watch(self.vehicle.pid)
 
     def _rest(self, cancelled: Cancelled) -> FlightRecord:
         try:

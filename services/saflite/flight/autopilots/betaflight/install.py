@@ -202,7 +202,7 @@ def _list(variant: Variant) -> None:
         except FirmwareDied as fault:
             raise Unavailable(f"the {variant.name} build does not run here: {fault}") from fault
         finally:
-            firmware.close(vehicle.pid)
+            firmware.close()
     said = next((text.strip("# ") for text in version.splitlines() if "Betaflight" in text), version.strip())
     found = Listing(binary=digest(variant.binary), version=said, settings=settings)
     variant.listing.write_bytes(msgspec.json.encode(found))

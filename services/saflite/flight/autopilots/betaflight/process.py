@@ -30,11 +30,12 @@ class FirmwareDied(Exception):
 class Firmware:
     """One process of the firmware: the socket to it, and a file with what it printed.
 
-    `pid` is known once it has answered; it ends when the socket is closed, or when it is killed.
+    It ends when the socket is closed, or when it is killed; a fork can be once it has said its id (`watch`).
     """
 
     def __init__(self, link: socket.socket, console: int, process: subprocess.Popen[bytes] | None = None) -> None:
         self._link, self._console, self._process = link, console, process
+        self._watched = -1
         link.settimeout(None)
         seconds = array.array("l", [SILENT_S, 0]).tobytes()
         link.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, seconds)
@@ -47,7 +48,7 @@ class Firmware:
     @property
     def files(self) -> frozenset[int]:
         """What must stay open for it to go on."""
-        return frozenset((self._link.fileno(), self._console))
+        return frozenset({self._link.fileno(), self._console, self._watched} - {-1})
 
     def fork(self) -> Firmware:
         """Fork it; the fork answers on a socket of its own with what this one said last. This one stays held.
@@ -79,20 +80,30 @@ class Firmware:
     def leave(self) -> None:
         """In a fork of the process that holds it: close what was inherited; the held firmware goes on waiting."""
         self._link.close()
-        os.close(self._console)
+        self._close_files()
 
-    def close(self, pid: int = 0) -> None:
-        """Let it end; with its id it is killed, in case it hangs. May be called twice."""
+    def watch(self, pid: int) -> None:
+        """Hold on to the process of a fork, which has just said its id: once it has ended, another may have that."""
+        with suppress(OSError):
+            self._watched = os.pidfd_open(pid)
+
+    def close(self) -> None:
+        """Let it end, or kill it, in case it hangs. May be called twice."""
         if self._link.fileno() < 0:
             return
         self._link.close()
         if self._process is not None:
             self._process.kill()
             self._process.wait()
-        elif pid:
+        elif self._watched >= 0:
             with suppress(ProcessLookupError):
-                os.kill(pid, signal.SIGKILL)
+                signal.pidfd_send_signal(self._watched, signal.SIGKILL)
+        self._close_files()
+
+    def _close_files(self) -> None:
         os.close(self._console)
+        if self._watched >= 0:
+            os.close(self._watched)
 
 
 def start(binary: Path, clock_library: Path, folder: Path) -> Firmware:

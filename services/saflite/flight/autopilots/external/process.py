@@ -165,6 +165,10 @@ class ForkedProcess:
 
     def __init__(self, pid: int, console: int, before: str) -> None:
         self._pid, self._console, self._before = pid, console, before
+        try:
+            self._watched = os.pidfd_open(pid)
+        except ProcessLookupError:
+            self._watched = -1
 
     @property
     def console(self) -> str:
@@ -174,7 +178,7 @@ class ForkedProcess:
 
     def how_it_ended(self) -> str:
         """See `Process`."""
-        if not ended_within(self._pid, END_S):
+        if not self._ended_within(END_S):
             return "the autopilot hangs"
         try:
             status = int(_after_name(Path(f"/proc/{self._pid}/stat"))[-1])
@@ -189,23 +193,17 @@ class ForkedProcess:
         """Kill it and wait until nothing of it is left but its status; may be called twice."""
         if self._console < 0:
             return
-        with suppress(ProcessLookupError):
-            os.kill(self._pid, signal.SIGKILL)
-        ended_within(self._pid, END_S)
+        if self._watched >= 0:  # by the process itself: once the other has taken leave of it, its id may be another's
+            with suppress(ProcessLookupError):
+                signal.pidfd_send_signal(self._watched, signal.SIGKILL)
+            self._ended_within(END_S)
+            os.close(self._watched)
+            self._watched = -1
         os.close(self._console)
         self._console = -1
 
-
-def ended_within(pid: int, limit_s: float) -> bool:
-    """Return whether a process, anybody's child, has ended within some time."""
-    try:
-        watched = os.pidfd_open(pid)
-    except ProcessLookupError:
-        return True
-    try:
-        return bool(select.select([watched], [], [], limit_s)[0])
-    finally:
-        os.close(watched)
+    def _ended_within(self, limit_s: float) -> bool:
+        return self._watched < 0 or bool(select.select([self._watched], [], [], limit_s)[0])
 
 
 def told(code: int, console: str) -> str:

@@ -1,7 +1,7 @@
 """Which notes in run folders this user's farms wrote: marked with a key that only this user has.
 
 A run folder may come from somebody else, and its modules are code. What bears no mark of ours is not run unless the
-user names it.
+user names it, and no state of books but ours is gone on from.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ log = logging.getLogger(__name__)
 
 KEY_BYTES = 32
 MARK_BYTES_MAX = 64
+SIGNED_BYTES = 32
 
 
 def key_file() -> Path:
@@ -33,8 +34,7 @@ def key_file() -> Path:
 def mark(path: Path, content: bytes) -> None:
     """Write at `path` that `content` is ours; where there can be no key there is no mark."""
     try:
-        key = _key() or _made_key()
-        path.write_bytes(hmac.digest(key, content, "sha256").hex().encode())
+        path.write_bytes(hmac.digest(_key() or _made_key(), content, "sha256").hex().encode())
     except (OSError, RuntimeError, Refused) as fault:
         log.warning("%s is not marked as ours: %s", path, fault)
         with suppress(OSError):
@@ -47,6 +47,21 @@ def is_marked(path: Path, content: bytes) -> bool:
         key = _key()
         told = read_bytes(path, "mark", MARK_BYTES_MAX)
         return bool(key) and hmac.compare_digest(told, hmac.digest(key, content, "sha256").hex().encode())
+    return False
+
+
+def signed(content: bytes) -> bytes:
+    """Return the mark that `content` is ours, to stand beside it in one file; zeros where there can be no key."""
+    with suppress(OSError, RuntimeError, Refused):
+        return hmac.digest(_key() or _made_key(), content, "sha256")
+    return bytes(SIGNED_BYTES)
+
+
+def is_signed(mark: bytes, content: bytes) -> bool:
+    """Return whether a mark of `signed` says that `content` is ours."""
+    with suppress(OSError, RuntimeError, Refused):
+        key = _key()
+        return bool(key) and hmac.compare_digest(mark, hmac.digest(key, content, "sha256"))
     return False
 
 
