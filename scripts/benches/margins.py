@@ -1,6 +1,7 @@
 """`scripts/bench margins`: how much room does each clause of each rule leave the vehicle without a fault?
 
     scripts/bench margins [--flights 400] [--rng-seed 1] [--policies NAME ...] [--out FILE.jsonl] [--read FILE ...]
+                          [--table FILE.jsonl]
 
 A promise that is kept by far in every flight is lax: a fault has to be as large as its room before it is seen. Flown
 are proposals of `policy-all`, procedures of all rules by themselves and drawn missions, in turn, no twin among them. Of
@@ -125,6 +126,7 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--rng-seed", type=int, default=1)
     parser.add_argument("--policies", nargs="+", default=list(policy_names()))
     parser.add_argument("--out", type=Path, help="one JSON line a flight; those in it are not flown again")
+    parser.add_argument("--table", type=Path, help="one JSON line a clause, behind a line that says what was flown")
     parser.add_argument("--read", type=Path, nargs="+", default=[], help="more rows, which are only read")
     options = parser.parse_args(argv)
     rows = [row for path in (*options.read, *([options.out] if options.out else [])) for row in _rows(path)]
@@ -136,7 +138,7 @@ def main(argv: list[str]) -> int:
                 file.write(json.dumps(row) + "\n")
         if len(rows) % 50 == 0:
             sys.stderr.write(f"{len(rows)} flights\n")
-    _print(rows)
+    _print(rows, options.table)
     return 0
 
 
@@ -146,14 +148,27 @@ def _rows(path: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
 
 
-def _print(rows: list[dict[str, Any]]) -> None:
-    by_clause: dict[str, list[tuple[float, int]]] = {}
-    for place, row in enumerate(rows):
+def by_clause(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return a row for every clause: the flights in which it applied, the least room and where, quantiles."""
+    found: dict[str, list[tuple[float, int, int]]] = {}
+    for row in rows:
         for clause, room in row.get("rooms", {}).items():
-            by_clause.setdefault(clause, []).append((room, place))
-    print(f"{len(rows)} flights; clause: flights in which it applied, least room (of flight), 1 %, 10 %, median")
-    for clause, found in sorted(by_clause.items()):
-        least, place = min(found)
-        quantiles = " ".join(f"{value:8.2f}" for value in np.quantile([room for room, _ in found], QUANTILES))
-        seed, number = rows[place]["rng_seed"], rows[place]["number"]
-        print(f"  {clause:32} {len(found):5} {least:8.2f} ({seed}/{number}) {quantiles}")
+            found.setdefault(clause, []).append((room, row["rng_seed"], row["number"]))
+    made = []
+    for clause, rooms_of in sorted(found.items()):
+        least, *place = min(rooms_of)
+        spread = np.quantile([room for room, *_ in rooms_of], QUANTILES).round(3).tolist()
+        made.append({"clause": clause, "flights": len(rooms_of), "least": least, "in": place, "quantiles": spread})
+    return made
+
+
+def _print(rows: list[dict[str, Any]], table: Path | None) -> None:
+    clauses = by_clause(rows)
+    if table is not None:
+        seeds = sorted({row["rng_seed"] for row in rows})
+        head = {"rng_seeds": seeds, "flights": len(rows), "quantiles": QUANTILES}
+        table.write_text("".join(json.dumps(row) + "\n" for row in (head, *clauses)), encoding="utf-8")
+    print(f"{len(rows)} flights; clause: flights in which it applied, least room (seed, flight), 1 %, 10 %, median")
+    for row in clauses:
+        spread = " ".join(f"{value:8.2f}" for value in row["quantiles"])
+        print(f"  {row['clause']:32} {row['flights']:5} {row['least']:8.2f} {row['in']} {spread}")
