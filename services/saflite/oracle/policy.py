@@ -42,6 +42,8 @@ ID = re.compile(r"[a-z0-9][a-z0-9-]*")
 
 ENTRIES_MAX = 1_000
 """Of a kind in a policy file: each is looked for in the text, and examples are judged."""
+TARGETS_MAX = 16
+"""With constants of their own: the formula is read once for each."""
 
 
 class Inputs(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -232,6 +234,9 @@ def _without_examples(text: str, where: str) -> Policy:
     if most > ENTRIES_MAX:
         expected = f"at most {ENTRIES_MAX} examples, terms, signals and constants"
         raise Refused("policy file", where=where, expected=expected, got=most)
+    if len(file.constants_on) > TARGETS_MAX:
+        expected = f"constants_on for at most {TARGETS_MAX} targets"
+        raise Refused("policy file", where=where, expected=expected, got=len(file.constants_on))
     _check_names(file, text, where)
     place = str(Place(text, where, "formula"))
     policy = _compiled(file, text, where, place)

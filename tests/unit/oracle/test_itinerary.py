@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from saflite.contract.flight import Flight, Trace
 from saflite.contract.signals import MODES
-from saflite.contract.test_case import Mission, MissionItem
+from saflite.contract.test_case import Mission, MissionItem, Scenario, Target, TestCase
 from saflite.oracle import itinerary
+from saflite.oracle.signals import FlightSignals
 
 UP, POINT, STAYS, LAND, JUMP, DELAY, TURN, SPEED = 22, 16, 17, 21, 177, 112, 115, 178
 
@@ -135,3 +137,18 @@ def test_a_way_point_without_a_place_is_where_the_one_before_it_was() -> None:
     items = itinerary.items_of(mission(up, here, place(1e-3), here, (JUMP, 2, 1), here))
     places = [(round(one.x_m), one.altitude_m) if np.isfinite(one.x_m) else None for one in items]
     assert places == [None, None, (111, 10.0), (111, 15.0), None, None]
+
+
+@pytest.mark.parametrize(
+    ("altitude_m", "fence", "unexpected"), [(4.0, 0.0, True), (9.0, 0.0, False), (4.0, 1.0, False)]
+)
+def test_what_is_passed_at_once_has_to_be_near_in_height_too(altitude_m: float, fence: float, unexpected: bool) -> None:
+    """Unless a fence may keep the vehicle lower: the way-point right above it, 10 m up, is passed between two samples."""
+    here = mission((UP, 0, 0, 0, 0, 47.0, 8.0, 4.0), place(0.0), place(1e-3))
+    flown = {"mission_item": [0.0, 0.0, 2.0, 2.0], "mode": [MODES["AUTO"]] * 4, "fence_enabled": [fence] * 4}
+    held = {"x_est_m": [0.0] * 4, "y_est_m": [0.0] * 4, "altitude_est_m": [altitude_m] * 4}
+    columns = {name: np.asarray(values, dtype="<f4").tobytes() for name, values in {**flown, **held}.items()}
+    case = TestCase(target=Target(), scenario=Scenario(mission=here))
+    flight = Flight(test_case="", flight_index=0, ending="completed")
+    told = FlightSignals(case, flight, Trace(step_s=0.5, signals=columns))["item_unexpected"]
+    assert bool(told.any()) == unexpected

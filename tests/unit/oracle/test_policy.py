@@ -70,6 +70,11 @@ def test_a_good_policy_loads() -> None:
             "ceiling_m = 10.0\n\n[constants_on.reference]\nfloor_m = 1.0",
             r"constants_on \(test.toml line 10\): expected names that stand under \[constants\], got 'floor_m'",
         ),
+        (
+            "ceiling_m = 10.0",
+            "ceiling_m = 10.0\n" + "".join(f"[constants_on.t{n}]\nceiling_m = 9.0\n" for n in range(17)),
+            r"expected constants_on for at most 16 targets, got 17",
+        ),
         ("ceiling_m = 10.0", "ceiling_m = 30.0", r"example 2 \(test.toml line 20\): expected to violate \(high\)"),
         (HOLDS, 'signals = { mode = "RTL", altitude_m = 5 }', r"expected the rule to apply"),
         (HOLDS, 'signals = { mode = "AUTO" }', r"altitude_m amiss"),
