@@ -143,7 +143,7 @@ def test_a_way_point_without_a_place_is_where_the_one_before_it_was() -> None:
     ("altitude_m", "fence", "unexpected"), [(4.0, 0.0, True), (9.0, 0.0, False), (4.0, 1.0, False)]
 )
 def test_what_is_passed_at_once_has_to_be_near_in_height_too(altitude_m: float, fence: float, unexpected: bool) -> None:
-    """Unless a fence may keep the vehicle lower: the way-point right above it, 10 m up, is passed between two samples."""
+    """Unless a fence may keep it lower: the way-point right above, 10 m up, is passed between two samples."""
     here = mission((UP, 0, 0, 0, 0, 47.0, 8.0, 4.0), place(0.0), place(1e-3))
     flown = {"mission_item": [0.0, 0.0, 2.0, 2.0], "mode": [MODES["AUTO"]] * 4, "fence_enabled": [fence] * 4}
     held = {"x_est_m": [0.0] * 4, "y_est_m": [0.0] * 4, "altitude_est_m": [altitude_m] * 4}
