@@ -102,6 +102,7 @@ POLICY_WORDS: Words = {
         "signals": "Every signal that is read, with its unit (`saflite list signals`); `flag` or `code` for own ones.",
         "published": "The formula as it was published, where that differs.",
         "constants": "Named numbers of the formula; a unit stands last in the name.",
+        "constants_on": "Constants of flights of a target, by its name; logs are judged by `constants`.",
         "state": "Signals shown to scorers as the state of the vehicle.",
         "inputs": "What may be given to break it (`saflite list inputs`).",
         "severity": "When a violation is hard.",

@@ -111,6 +111,9 @@ def _policies() -> list[Item]:
         if file.published:
             details["published as"] = file.published
         details |= {f"not checked on {target}": why for target, why in file.not_checked_on.items()}
+        for target, own in file.constants_on.items():
+            told = (f"{constant} = {value:g} (else {file.constants[constant]:g})" for constant, value in own.items())
+            details[f"constants on {target}"] = ", ".join(told)
         details |= {f"deviation ({number})": text for number, text in enumerate(file.deviations, 1)}
         found.append(Item(name, file.title, details))
     return found
