@@ -132,7 +132,7 @@ def a_reflight_on_another_build_counts() -> Any:
         original(self, task, key, flight)
 
     original = flights.Flights._take
-    unchecked = _patched(result_validation, "_check_build", lambda core, task, key, flight: None)
+    unchecked = _patched(result_validation, "_check_build", lambda task, key, flight: None)
     return _both(unchecked, _patched(flights.Flights, "_take", take))
 
 
