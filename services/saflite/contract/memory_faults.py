@@ -9,12 +9,12 @@ import re
 
 from saflite.contract.flight import Ending
 
+# How far a pattern looks is bounded: looking on from each place of a message takes its length squared.
 _ARITHMETIC = (
     r"cannot be represented|integer overflow|division by zero|outside the range of representable|"
     r"shift exponent|left shift of|implicit conversion"
 )
-_SANITIZERS = rf"Sanitizer: |GWP-ASan|runtime error: (?!.*(?:{_ARITHMETIC}))"
-# How far a pattern looks is bounded: looking on from each place of a message takes its length squared.
+_SANITIZERS = rf"Sanitizer: |GWP-ASan|runtime error: (?!.{{0,300}}(?:{_ARITHMETIC}))"
 _STACK_AND_FORTIFY = r"\*\*\* .{1,200} detected \*\*\*|\*\*\*: .{0,1000}terminated"
 _HEAP = (
     r"(?:alloc|free|chunk|tcache)\w{0,64}\(\): "
