@@ -128,3 +128,17 @@ def test_the_pages_count_the_policies_there_are() -> None:
     whole, good, rules = map(int, re.findall(r"\d+", policies_told("reference")))
     row = f"| policies | {whole}, of which {good} can be checked on the reference vehicle, by {rules} different rules |"
     assert row in (ROOT / "README.md").read_text()
+
+
+def test_the_totals_of_real_flights_are_the_sums_of_their_seeds() -> None:
+    def added(cell: str) -> int:
+        return sum(int(number) for number in re.findall(r"\d+", cell.partition(";")[0].replace(",", " ")))
+
+    page = (ROOT / "deploy" / "docs" / "rules-on-real.md").read_text()
+    totals = re.findall(r"^\| (?:ArduCopter|PX4) [^|]*\| ([\d,]+) \| (\d+)[^|\n]*\| \d+, ", page, re.MULTILINE)
+    tables = re.split(r"^### (?:ArduCopter|PX4) .*$", page, flags=re.MULTILINE)[1:]
+    assert len(totals) == len(tables) == 3
+    for (flights, broken), table in zip(totals, tables, strict=True):
+        rows = re.findall(r"^\| \d{3}[^|\n]*\| ([^|\n]*)\| ([^|\n]*)\|", table, re.MULTILINE)
+        sums = sum(added(cell) for cell, _ in rows), sum(added(cell) for _, cell in rows)
+        assert sums == (int(flights.replace(",", "")), int(broken))
