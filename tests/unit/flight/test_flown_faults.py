@@ -66,3 +66,32 @@ def test_a_mission_flies_on_where_it_orders_a_speed_that_cannot_be_flown(speed_m
     slow = flown(TestCase(target=Target(), scenario=scenario))
     plain = flown(TestCase(target=Target(), scenario=msgspec.structs.replace(scenario, mission=usual)))
     assert slow.duration_s == pytest.approx(plain.duration_s, abs=1.0)
+
+
+def test_a_mission_start_that_is_refused_does_not_wind_the_mission_back() -> None:
+    """Without a position AUTO is refused; who goes on with the mission later goes on where it was left."""
+    left: Input = (50.0, "mode", "ALT_HOLD", ())
+    lost: Input = (52.0, "sensor_fault", "SIM_GPS_DISABLE", (1.0,))
+    refused: Input = (60.0, "command", "MAV_CMD_MISSION_START", (0.0,) * 7)
+    found: Input = (62.0, "sensor_fault", "SIM_GPS_DISABLE", (0.0,))
+    back: Input = (75.0, "mode", "AUTO", ())
+    stimuli = tuple(
+        Stimulus(at_s=at, kind=kind, name=name, values=values)
+        for at, kind, name, values in (left, lost, refused, found, back)
+    )
+    scenario = Scenario(mission=builtin_mission("mission2"), time_limit_s=80.0)
+    record = fly_once(TestCase(target=Target(), scenario=scenario, stimuli=stimuli))
+    assert record.trace is not None
+    assert record.delivered is not None
+    assert [order.answer for order in record.delivered][2:] == ["denied", "accepted", "accepted"]
+    item, step_s = record.trace.array("mission_item"), record.trace.step_s
+    assert item[int(61.0 / step_s) :].min() == item[: int(49.0 / step_s)].max() > 0
+
+
+def test_no_take_off_without_a_position() -> None:
+    """Its failsafe was raised on the ground, where it does nothing: it would not come again in the air."""
+    lost: Input = (1.0, "sensor_fault", "SIM_GPS_DISABLE", (1.0,))
+    up: Input = (10.0, "command", "MAV_CMD_NAV_TAKEOFF", (0.0,) * 6 + (10.0,))
+    trace = fly("GUIDED", 0.0, 20.0, lost, up, DISARM_DELAY=0.0)
+    assert trace.array("armed").max() == 1.0
+    assert trace.array("altitude_m").max() < 0.5

@@ -122,6 +122,8 @@ def _takeoff(ap: Autopilot, v: Numbers) -> MavResult:
     low = ap.defects & {"takeoff-altitude-unchecked"}
     if guided is None or not ap.armed or not ap.landed or math.isnan(v[6]) or (v[6] <= 0.0 and not low):
         return MavResult.FAILED
+    if ap.failsafes.position:  # it acted where the vehicle stood, and would not act again in the air
+        return MavResult.FAILED
     if v[6] > 1000.0:
         return MavResult.DENIED
     guided.take_off(v[6])
@@ -134,8 +136,11 @@ def _mission_start(ap: Autopilot, v: Numbers) -> MavResult:
         return MavResult.FAILED
     if ap.mode.name == "AUTO":
         return MavResult.ACCEPTED if ap.mode.jump(0) else MavResult.FAILED  # type: ignore[attr-defined]
-    ap.mission_index = 0
-    return _outcome(ap.set_mode("AUTO", "command"))
+    left_at, ap.mission_index = ap.mission_index, 0
+    outcome = _outcome(ap.set_mode("AUTO", "command"))
+    if outcome is not MavResult.ACCEPTED:  # what is refused does not wind the mission back
+        ap.mission_index = left_at
+    return outcome
 
 
 def _arm(ap: Autopilot, v: Numbers) -> MavResult:
