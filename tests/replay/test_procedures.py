@@ -25,7 +25,7 @@ TRIES = 8  # a few leave open whether the condition comes true
 SPEAKS_WHEN_BROKEN = {
     # the vehicle refuses what the rule forbids, and the rule is about what was not refused
     *(("a-flip1", place) for place in (1, 2, 3, 4)),
-    *(("arming-checks", place) for place in range(8)),
+    *(("arming-checks", place) for place in range(9)),
     *(("armed-in-flight", place) for place in range(3)),
     *(("arming-needs-position", place) for place in (0, 1)),
     ("arming-has-order", 0),
@@ -42,7 +42,7 @@ ONLY_WHEN_BROKEN = {
     **{name: {0} for name in ("armed-in-flight", "arming-has-order", "arming-needs-position", "landed-on-ground")},
     "acro-sticks": {10, 11, 12, 13},  # a stick held, and the vehicle still not leaning its way
     "arming-checks": {1},  # armed with a voltage too low
-    "disarm-delay": {2, 3, 5},
+    "disarm-delay": {2, 3, 5, 6},
     "flip-goes-back": {1},
     "failsafe-has-cause": set(range(6)),
     "fence-action": {1},  # PX4 alone holds before it acts
