@@ -17,6 +17,7 @@ from saflite.console.cli import main, parser_of
 from saflite.console.doctor import checks
 from saflite.console.run_data.run_folder import open_run
 from saflite.contract.work import FlyResult, Result, Work
+from saflite.flight.autopilots.ardupilot import binary as ardupilot
 from saflite.flight.autopilots.external.elf import MACHINES
 from saflite.simulator_worker import registry
 from saflite.simulator_worker.targets import reference
@@ -185,3 +186,20 @@ def test_a_target_of_ours_may_take_its_time_to_start_a_binary(monkeypatch: pytes
     monkeypatch.setattr(registry, "DESCRIBE_S", 0.02)
     monkeypatch.setattr(reference, "describe", slow)
     assert registry.describe_target("reference") == known
+
+
+def test_a_program_without_end_is_not_read(
+    broken: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All of it was read into memory to see whether it is PX4; a sparse file costs who sends it nothing."""
+    with broken.open("r+b") as file:
+        file.truncate(2**36)
+    monkeypatch.setattr(Path, "read_bytes", lambda path: pytest.fail(f"{path} is read"))
+    assert main(["doctor", "--autopilot", str(broken)]) == 2
+    assert "expected files of at most 1073741824 bytes, got 68719476736 bytes" in capsys.readouterr().err
+
+
+def test_a_version_without_end_is_told_in_short(broken: Path) -> None:
+    content = broken.read_bytes()
+    broken.write_bytes(content.replace(b"V4.5.7", b"V4.5.7 " + b"a" * 2**20))
+    assert len(ardupilot.BINARIES.inspect(broken).version) < 100

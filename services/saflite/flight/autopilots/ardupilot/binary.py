@@ -19,7 +19,7 @@ from saflite.flight.autopilots.external.elf import check_program
 AUTOPILOT = "ardupilot"
 WANTED = "name a build of ArduCopter for its simulator (SITL)"
 VEHICLES = ("ArduCopter", "ArduPlane", "ArduRover", "Rover", "ArduSub", "AntennaTracker", "Blimp")
-_VERSION = re.compile(rb"(?<![\w ])((?:" + "|".join(VEHICLES).encode() + rb") V\d[\w.\- ]*)")
+_VERSION = re.compile(rb"(?<![\w ])((?:" + "|".join(VEHICLES).encode() + rb") V\d[\w.\- ]{0,60})")
 _PX4 = b"px4_daemon"
 _BACKEND = b"JSON control interface set to"
 _SERIAL, _START_TIME = b"--serial0", b"--start-time"

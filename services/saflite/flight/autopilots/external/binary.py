@@ -19,6 +19,9 @@ _LABELS = {"SAFLITE_ARDUPILOT": "ArduPilot", "SAFLITE_PX4": "PX4"}
 _IN_BUILDS = "bin/px4", "bin/arducopter", "px4", "arducopter"
 """Where programs lie in the folder that their build makes."""
 
+PROGRAM_BYTES_MAX = 2**30
+"""Of a program, and of each file started beside it: builds with a sanitizer and all symbols have some 100 MB."""
+
 
 class Binary(NamedTuple):
     """A binary that can fly here; `digest` is of all that is started of it, `version` what it says of itself.
@@ -58,6 +61,7 @@ class Binaries(NamedTuple):
             state = found.stat()
             if not found.is_file() or state.st_size == 0:
                 raise self._no_program(path, _kind(found), _meant(path))
+            check_sizes(self.files(found))
             before = self.state(found)
             return self.look(found, before)._replace(state=before)
         except (FileNotFoundError, NotADirectoryError) as fault:
@@ -118,6 +122,15 @@ class Binaries(NamedTuple):
     def cache_folder(self) -> Path:
         """Return the folder of what this user's binaries said of themselves."""
         return cache_root() / self.target
+
+
+def check_sizes(paths: Iterable[Path]) -> None:
+    """Raise Refused where a file is too long: all of them are read. OSError: one is not there."""
+    for path in paths:
+        size = path.stat().st_size
+        if size > PROGRAM_BYTES_MAX:
+            expected = f"files of at most {PROGRAM_BYTES_MAX} bytes"
+            raise Refused("autopilot", where=str(path), expected=expected, got=f"{size} bytes")
 
 
 def check_runnable(path: Path) -> None:

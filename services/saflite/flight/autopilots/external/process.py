@@ -8,6 +8,7 @@ import re
 import select
 import signal
 import subprocess
+import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
@@ -42,7 +43,8 @@ class Process:
         environment: all it sees of one. Never ours: keys of model servers stand there, and what it prints is kept.
         realtime: give it real-time priority where this user may, so that it runs before the world whenever it can.
         keeps: open files of ours that it inherits.
-        age_max_s: the kernel ends it at this age (SIGALRM), whatever is waited for from it then; 0 for none.
+        age_max_s: it is ended at this age, whatever is waited for from it then; 0 for none. By us: an alarm of the
+            kernel's is one that a program may ignore, or set anew for itself.
 
     Raises:
         Unavailable: it cannot be started.
@@ -70,7 +72,7 @@ class Process:
                 stderr=theirs,
                 start_new_session=True,
                 pass_fds=keeps,
-                preexec_fn=partial(_begin, realtime, age_max_s),  # noqa: PLW1509  (system calls, looked up before)
+                preexec_fn=partial(_begin, realtime),  # noqa: PLW1509  (system calls, looked up before)
             )
         except OSError as fault:
             os.close(ours)
@@ -79,7 +81,20 @@ class Process:
             os.close(theirs)
         self._console, self._said = ours, bytearray()
         self._spinning = Spinning(self._process.pid)
-        self._age_max_s = age_max_s
+        self._age_max_s, self._is_too_old = age_max_s, False
+        self._aging = threading.Timer(age_max_s, self._end_of_age) if age_max_s else None
+        if self._aging is not None:
+            self._aging.daemon = True
+            self._aging.start()
+
+    def _end_of_age(self) -> None:
+        if self._process.poll() is None:
+            self._is_too_old = True
+            self._kill()
+
+    def _kill(self) -> None:
+        with suppress(ProcessLookupError, PermissionError):
+            os.killpg(self._process.pid, signal.SIGKILL)
 
     @property
     def still(self) -> bool:
@@ -138,7 +153,7 @@ class Process:
             code = self._process.wait(END_S)
         except subprocess.TimeoutExpired:
             return "the autopilot hangs"
-        if code == -signal.SIGALRM and self._age_max_s:
+        if self._is_too_old:
             return f"the autopilot had not done what it was started for after {self._age_max_s:g} s"
         return told(code, self.console)
 
@@ -146,8 +161,9 @@ class Process:
         """Kill it and everything it started; may be called twice."""
         if self._console < 0:
             return
-        with suppress(ProcessLookupError, PermissionError):
-            os.killpg(self._process.pid, signal.SIGKILL)
+        if self._aging is not None:
+            self._aging.cancel()
+        self._kill()
         self._process.wait()
         self.listen()
         os.close(self._console)
@@ -217,13 +233,11 @@ def _die_with_parent() -> None:
     _LIBC.prctl(_PR_SET_PDEATHSIG, ctypes.c_ulong(signal.SIGKILL), 0, 0, 0)
 
 
-def _begin(realtime: bool, age_max_s: float) -> None:
-    """The same; have it run before others whenever it can, where this user may ask for that; bound its age."""
+def _begin(realtime: bool) -> None:
+    """The same; have it run before others whenever it can, where this user may ask for that."""
     _die_with_parent()
     if realtime:
         _LIBC.sched_setscheduler(0, os.SCHED_FIFO, ctypes.byref(_PRIORITY))
-    if age_max_s:
-        signal.setitimer(signal.ITIMER_REAL, age_max_s)  # a new program keeps it
 
 
 def _after_name(stat: Path) -> list[str]:

@@ -10,7 +10,7 @@ from functools import cache
 from pathlib import Path
 
 from saflite.contract.errors import Refused
-from saflite.flight.autopilots.external.binary import Binaries, Binary, check_runnable
+from saflite.flight.autopilots.external.binary import PROGRAM_BYTES_MAX, Binaries, Binary, check_runnable
 from saflite.flight.autopilots.external.elf import check_program
 
 AUTOPILOT = "px4"
@@ -31,7 +31,7 @@ def start_up_of(path: Path) -> Path:
 def is_px4(path: Path) -> bool:
     """Return whether a file is a program that says it is PX4."""
     try:
-        return path.is_file() and _MARK in path.read_bytes()
+        return path.is_file() and path.stat().st_size <= PROGRAM_BYTES_MAX and _MARK in path.read_bytes()
     except OSError:
         return False
 
