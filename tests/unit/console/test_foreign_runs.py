@@ -17,7 +17,7 @@ from saflite.campaign.storage import snapshot_file
 from saflite.campaign.storage.seal import is_sealed
 from saflite.campaign.storage.sqlite import connect_reading
 from saflite.campaign.storage.store import Store
-from saflite.campaign.storage.witness import start_of
+from saflite.campaign.storage.witness import accept_loss, start_of
 from saflite.console.cli import main
 from saflite.contract import wire
 from saflite.contract.errors import Refused
@@ -215,6 +215,37 @@ def test_a_value_larger_than_any_of_ours_is_not_read(run_dir: Path, capsys: pyte
     for command in ("report", "prune", "watch"):
         assert main([command, str(run_dir)]) == REFUSED
     assert "too big" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", [b"\xff\xfe", b"a:b", b"", b"a" * 13])
+def test_a_run_of_no_name_is_refused(name: bytes, run_dir: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """It was a fault of our own code, with a traceback; leases of a run called `a:b` would be known by none."""
+    with closing(sqlite3.connect(run_dir / "books.sqlite")) as db, db:
+        db.execute("UPDATE meta SET value = ? WHERE key = 'run_id'", (name,))
+    for words in (["audit"], ["audit", "--rebuild"], ["resume"], ["resume", "--accept-loss"]):
+        assert main([words[0], str(run_dir), *words[1:]]) == REFUSED, words
+        assert "books (run_id): expected 12 hexadecimal digits" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("count", [b"9" * 5_000, b"9" * 30, b"x", b"-1", b""])
+def test_commits_without_a_count_are_lost_and_begun_anew_where_that_is_accepted(count: bytes, run_dir: Path) -> None:
+    with closing(Store.open(run_dir)) as store:
+        books = store.rebuild()
+        books.begin(1.0, 1.7e9)
+        store.commit(books.drain())
+    with closing(sqlite3.connect(run_dir / "books.sqlite")) as db, db:
+        db.execute("UPDATE meta SET value = ? WHERE key = 'commits'", (count,))
+    assert main(["audit", str(run_dir)]) == UNAVAILABLE
+    accept_loss(run_dir)
+    Store.open(run_dir).close()
+
+
+@pytest.mark.parametrize("chain", [-1, 2**32, 2**62])
+def test_a_checksum_that_none_can_be_is_told(chain: int, run_dir: Path) -> None:
+    with closing(sqlite3.connect(run_dir / "books.sqlite")) as db, db:
+        db.execute("INSERT INTO events VALUES (1, 'fault', 0, ?, x'00')", (chain,))
+    with pytest.raises(Refused, match="values as saflite writes them"):
+        accept_loss(run_dir)
 
 
 @pytest.mark.parametrize("name", ["../outside/file", "a/b", "..", "", "-x", "a\nb"])

@@ -9,7 +9,9 @@ from __future__ import annotations
 import sqlite3
 import zlib
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
+
+import msgspec
 
 from saflite.campaign.engine.outbox import Batch, Value
 from saflite.campaign.storage.packing import Packing
@@ -249,8 +251,12 @@ class Tables:
                 return
 
 
+_Number = Annotated[int, msgspec.Meta(ge=0)]
+_Checksum = Annotated[int, msgspec.Meta(ge=0, lt=2**32)]
+
+
 def tail(connection: sqlite3.Connection, table: str) -> tuple[int, int]:
     """Return number and running checksum of the last entry of a chained table; raises Refused where these are none."""
     key = CHAINED[table][0]
     query = f"SELECT {key}, chain FROM {table} ORDER BY {key} DESC LIMIT 1"  # noqa: S608 (our own names)
-    return next(iter(rows(connection, tuple[int, int], query)), (0, 0))
+    return next(iter(rows(connection, tuple[_Number, _Checksum], query)), (0, 0))

@@ -15,7 +15,16 @@ from saflite.campaign.storage import snapshot_file
 from saflite.campaign.storage.projections import CREATE, Tables
 from saflite.campaign.storage.replaying import replay
 from saflite.campaign.storage.seal import seal
-from saflite.campaign.storage.sqlite import bound, damage_named, entries, lock_run, meta, no_run, transaction
+from saflite.campaign.storage.sqlite import (
+    bound,
+    damage_named,
+    entries,
+    lock_run,
+    meta,
+    no_run,
+    run_id_of,
+    transaction,
+)
 from saflite.campaign.storage.store import store_file
 from saflite.contract import wire
 from saflite.contract.config import Campaign
@@ -78,7 +87,7 @@ def books_of(connection: sqlite3.Connection) -> Books:
     campaign = wire.decode(meta(connection, "campaign"), Campaign)
     template = wire.decode(meta(connection, "template"), TestCase)
     target = wire.decode(meta(connection, "target"), TargetInfo)
-    return Books(campaign, template, target, run_id=meta(connection, "run_id").decode())
+    return Books(campaign, template, target, run_id=run_id_of(connection))
 
 
 def _replay(old: sqlite3.Connection, new: sqlite3.Connection, path: Path) -> int:

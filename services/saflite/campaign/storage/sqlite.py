@@ -7,6 +7,7 @@ import errno
 import fcntl
 import logging
 import os
+import re
 import secrets
 import sqlite3
 import stat
@@ -46,6 +47,8 @@ MADE_BY: dict[str, str] = {statement.split()[2]: statement for statement in CREA
 
 FIRST_FACTS = ("format", "run_id", "campaign", "template", "target")
 """What of `meta` never changes."""
+
+_RUN_ID = re.compile(rb"[0-9a-f]{12}")
 
 
 def connect(path: Path) -> sqlite3.Connection:
@@ -232,6 +235,14 @@ def meta(connection: sqlite3.Connection, key: str) -> bytes:
     """Return one of the first facts of a run, empty if it is not there."""
     row = connection.execute("SELECT value FROM meta WHERE key = ?", (key,)).fetchone()
     return bytes(row[0]) if row is not None and isinstance(row[0], bytes) else b""
+
+
+def run_id_of(connection: sqlite3.Connection) -> str:
+    """Return by what the leases of a run are told from others'; raises Refused where that is none of ours."""
+    name, fix = meta(connection, "run_id"), "restore the run folder from a copy"
+    if _RUN_ID.fullmatch(name) is None:
+        raise Refused("books", where="run_id", expected="12 hexadecimal digits", got=repr(name[:40]), fix=fix)
+    return name.decode()
 
 
 def check_free(run_dir: Path) -> None:

@@ -38,6 +38,7 @@ from saflite.campaign.storage.sqlite import (
     make_tables,
     meta,
     no_run,
+    run_id_of,
     transaction,
 )
 from saflite.campaign.storage.typed_rows import rows
@@ -100,7 +101,7 @@ class Store:
         self.campaign = self._decoded("campaign", Campaign)
         self.template = self._decoded("template", TestCase)
         self.target = self._decoded("target", TargetInfo)
-        self.run_id = self._meta("run_id").decode()
+        self.run_id = run_id_of(connection)
         self._tables = Tables(connection)
         self._contents = Contents(connection)
         self._commits = mark_of(connection).commits

@@ -38,6 +38,7 @@ _FIELDS = struct.Struct(">QQIQI")
 _CHECK_BYTES = hashlib.sha256().digest_size
 BYTES_MAX = 64 * 2**20
 RECORD_BYTES = _FIELDS.size + _CHECK_BYTES
+COMMITS_DIGITS_MAX = 18
 FIX = (
     "restore the whole run folder from a copy (books.sqlite, books.sqlite-wal and books.witness together);"
     " or `saflite resume RUN --accept-loss` goes on with what is left"
@@ -114,10 +115,10 @@ def start_of(connection: sqlite3.Connection) -> bytes:
 
 
 def mark_of(connection: sqlite3.Connection) -> Mark:
-    """Return how far a store says that it has got."""
+    """Return how far a store says that it has got; one whose count of commits is none has none."""
     commits = meta(connection, "commits")
     lines, events = (tail(connection, table) for table in ("journal", "events"))
-    return Mark(int(commits) if commits.isdigit() else -1, *lines, *events)
+    return Mark(int(commits) if commits.isdigit() and len(commits) <= COMMITS_DIGITS_MAX else 0, *lines, *events)
 
 
 def loss(run_dir: Path) -> str:
