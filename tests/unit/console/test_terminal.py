@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import sys
+import warnings
 from io import StringIO
 from pathlib import Path
 
+import numpy as np
 import pytest
 from msgspec.structs import replace
 
@@ -122,3 +124,15 @@ def test_what_has_no_width_left_stays_a_line(monkeypatch: pytest.MonkeyPatch) ->
         "name  a text of many words that is",
         "      folded below itself",
     ]
+
+
+def test_numbers_that_are_none_have_no_line_of_our_code_told(capsys: pytest.CaptureFixture[str]) -> None:
+    """A worker's trace without numbers had `report` say which line of ours divided them."""
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        out.begin()
+        np.minimum.at(np.zeros(1), [0], np.array([np.nan]))
+        np.float64(1.0) / np.float64(0.0)
+    assert told == []
+    assert main(["list", "exports"]) == 0
+    assert capsys.readouterr().err == ""

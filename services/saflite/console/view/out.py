@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import sys
+import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -60,8 +61,14 @@ _warned: set[str] = set()
 
 
 def begin() -> None:
-    """Begin another command: what the one before it warned of is told again."""
+    """Begin another command: what the one before it warned of is told again.
+
+    Warnings of libraries are for whoever programs (`python -W`): a recording of others, of numbers that are none, would
+    have lines of our code told instead of one of ours.
+    """
     _warned.clear()
+    if not sys.warnoptions:
+        warnings.simplefilter("ignore", RuntimeWarning)
 
 
 def warn_once(text: str) -> None:
