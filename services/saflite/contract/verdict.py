@@ -118,6 +118,15 @@ class Violation(msgspec.Struct, frozen=True, kw_only=True):
     message: Account = ""
 
 
+_STANDINGS, _SEVERITIES = {"confirmed": 0, "unconfirmed": 1, "flaky": 2}, {"hard": 0, "soft": 1}
+
+
+def worst_first(violation: Violation) -> tuple[int, int, float, str]:
+    """Return what violations are shown by: confirmed ones first, of these hard ones, of these those broken most."""
+    standing, severity = _STANDINGS.get(violation.confirmation, 3), _SEVERITIES.get(violation.severity, 2)
+    return standing, severity, violation.robustness, violation.test_case
+
+
 def with_mode_named(violation: Violation, modes: Mapping[str, int]) -> Violation:
     """Return a violation for people: its behaviour has the mode's name in place of the number where there is one."""
     return msgspec.structs.replace(violation, behaviour=modes_named(violation.behaviour, modes))

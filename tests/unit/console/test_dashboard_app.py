@@ -302,7 +302,9 @@ def test_a_run_shows_its_books(tmp_path: Path) -> None:
     assert found, "the simulated farm finds something"
     for name in ("search", "coverage", "faults", "scorers"):
         assert "<" in source.part(name), name
-    assert found[0].fingerprint in source.find(found[0].test_case, public=False)
+    alone = source.find(found[0].test_case, public=False)
+    assert found[0].fingerprint in alone
+    assert f"<h3>{found[0].policy} " in alone, "no number: it is the only one on the page"
     assert found[0].test_case in pages.of_run(0, source, "operator", alone=True)
     with pytest.raises(Refused):
         source.part("nosuch")

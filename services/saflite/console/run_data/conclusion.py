@@ -20,7 +20,7 @@ from saflite.console.view import live, out
 from saflite.contract.circumstances import in_words
 from saflite.contract.flight import Purpose
 from saflite.contract.plain import argument
-from saflite.contract.verdict import NEVER_APPLIED, Violation, with_mode_named
+from saflite.contract.verdict import NEVER_APPLIED, Violation, with_mode_named, worst_first
 from saflite.recorder.summary import Finding, Rulings
 
 if TYPE_CHECKING:
@@ -61,8 +61,7 @@ class Conclusion(NamedTuple):
     @property
     def confirmed(self) -> list[Violation]:
         """The violations that failed again, the worst first."""
-        good = [one for one in self.violations if one.confirmation == "confirmed"]
-        return sorted(good, key=lambda one: one.robustness)
+        return sorted((one for one in self.violations if one.confirmation == "confirmed"), key=worst_first)
 
     @property
     def behaviours(self) -> list[Violation]:

@@ -37,7 +37,7 @@ from saflite.contract.plain import argument
 from saflite.contract.score import UNSCORED
 from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import TestCase
-from saflite.contract.verdict import Judgement, Violation
+from saflite.contract.verdict import Judgement, Violation, worst_first
 from saflite.contract.work import Outcome
 from saflite.evidence.folder import BlobFolder
 from saflite.flight.build import library_version
@@ -163,9 +163,7 @@ class RunFolder:
 
     def findings(self, *, similar: bool = False) -> list[Finding]:
         """Return the violations with what is known of each, confirmed and worst first; `similar` ones if asked for."""
-        order = {"confirmed": 0, "unconfirmed": 1, "flaky": 2}
-        found = self.violations(similar=similar)
-        found.sort(key=lambda one: (order.get(one.confirmation, 3), one.robustness, one.test_case))
+        found = sorted(self.violations(similar=similar), key=worst_first)
         memory, forms = self.memory_faults(), self.smallest_forms()
         return [self._finding(one, one.test_case in memory, one.test_case in forms) for one in found]
 

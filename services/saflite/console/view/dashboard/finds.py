@@ -37,7 +37,7 @@ def shown(run: RunFolder, test_case: str, run_name: str) -> str:
     finding = run.finding(violation)
     forms = (name for name in run.smallest_forms() if run.test_case(name).origin.parent == test_case)
     exhibit = data.exhibit(run, finding, run.flights(test_case), next(forms, ""))
-    return evidence.section(1, exhibit, run_name) + _beside(run, finding)
+    return evidence.section(0, exhibit, run_name) + _beside(run, finding)
 
 
 def _beside(run: RunFolder, finding: Finding) -> str:

@@ -11,7 +11,7 @@ from saflite.console.view.html_text import escape
 from saflite.console.view.report.page import duration, html_table
 from saflite.contract.clock import in_utc
 from saflite.contract.errors import FarmError
-from saflite.contract.verdict import Violation, failed_again
+from saflite.contract.verdict import Violation, failed_again, worst_first
 
 KEYS = (
     *(("j", "next find"), ("k", "find before"), ("Enter", "open it"), ("Esc", "close it"), ("/", "filter")),
@@ -19,7 +19,6 @@ KEYS = (
 )
 FINDS_SHOWN = 500
 """Rows of the table of finds, confirmed and worst first: a page of bounded size, whatever the run found."""
-RANK = {"confirmed": 0, "unconfirmed": 1, "flaky": 2}
 
 
 def day_of(unix_s: float) -> str:
@@ -122,7 +121,7 @@ def finds(found: Sequence[Violation]) -> str:
     """Return the table of finds, confirmed and worst first; a row opens its evidence."""
     if not found:
         return '<p class="quiet">No violation was found.</p>'
-    ranked = sorted(found, key=lambda one: (RANK.get(one.confirmation, 3), one.robustness, one.test_case))
+    ranked = sorted(found, key=worst_first)
     rows = []
     for one in ranked[:FINDS_SHOWN]:
         cells = (
@@ -208,7 +207,7 @@ def _matrix(runs: Sequence[_Run]) -> str:
     """
     ways: dict[tuple[str, str], list[list[Violation]]] = {}
     for column, run in enumerate(runs):
-        for one in sorted(run.found, key=lambda one: RANK.get(one.confirmation, 3)):
+        for one in sorted(run.found, key=worst_first):
             ways.setdefault((one.policy, _way(one)), [[] for _ in runs])[column].append(one)
     if not ways:
         return ""

@@ -20,10 +20,11 @@ FAR_M = 12.0  # distances beyond it are cut off in charts: what matters is near 
 
 
 def section(number: int, exhibit: Exhibit, run_name: str) -> str:
-    """Return the section of one violation."""
+    """Return the section of one violation; of one that is shown alone the number is 0, and left out."""
     violation = exhibit.violation
     verdict = _verdict(exhibit)
-    title = f"{number}. {escape(violation.policy)} <small>{escape(violation.fingerprint)}</small>"
+    place = f"{number}. " if number else ""
+    title = f"{place}{escape(violation.policy)} <small>{escape(violation.fingerprint)}</small>"
     pictures = [f"<figure>{drawn}</figure>" for drawn in (_picture(exhibit), *_charts(exhibit, verdict)) if drawn]
     facts = "".join(f"<tr><th>{escape(key)}</th><td>{text}</td></tr>" for key, text in _facts(exhibit, run_name))
     badge = f'<span class="badge {violation.confirmation}">{violation.confirmation}</span>'
