@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import msgspec
 import pytest
 
+from saflite.campaign.presets.policy_campaigns import policy_text
+from saflite.campaign.storage.store import Store
 from saflite.console.cli import main
 from saflite.console.operations.log_judging import judge_file
 from saflite.contract.flight import pack_trace
 from saflite.contract.test_case import Scenario, StartState, Stimulus, Target, TestCase
 from saflite.contract.work import PolicyText, RecordWork
 from saflite.recorder import mcap, recording
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "campaign"))
+
+from books_drive import doubles
 
 LOW = """id = "stay-low"
 title = "Stay below the ceiling"
@@ -54,13 +61,38 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize(
-    "words", [["judge"], ["judge", "--policy", "stay-low"], ["replay"], ["flake", "-n", "1"]], ids=" ".join
+    "words",
+    [
+        ["judge"],
+        ["judge", "--policy", "stay-low"],
+        ["fly"],
+        ["fly", "--policy", "stay-low"],
+        ["replay"],
+        ["flake", "-n1"],
+    ],
+    ids=" ".join,
 )
 def test_its_rules_are_judged_by_without_their_files(
     words: list[str], recorded: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main([*words, str(recorded)]) == 1
     assert "stay-low" in capsys.readouterr().out
+
+
+def test_a_test_case_in_a_run_folder_is_flown_by_the_rules_of_the_run(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "low.toml").write_text(LOW)
+    name, text = policy_text(tmp_path / "low.toml")
+    campaign = msgspec.structs.replace(doubles.campaign(4), policies=(name,), policy_texts={name: text})
+    Store.create(tmp_path / "run", campaign, CASE, doubles.TARGET).close()
+    case = tmp_path / "run" / "test_cases" / "case.json"
+    case.parent.mkdir()
+    case.write_bytes(msgspec.json.encode(CASE))
+    assert main(["fly", str(case)]) == 1
+    assert "VIOLATED  stay-low" in capsys.readouterr().out
+    (tmp_path / "run" / "books.sqlite").write_bytes(b"damaged")
+    assert main(["fly", str(case)]) == 0
 
 
 def test_why_nothing_was_judged_is_told(recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,6 +1,7 @@
 """Fly one test case and judge the flight.
 
 The test case is competition YAML, our JSON, or a recording. The flight runs in a sandbox of its own, as in the farm.
+Without `--policy` it is judged by all policies that ship, and by the rules of your own that its recording or run has.
 
 exit codes: 0 held, 1 a policy was violated, 2 refused input, 3 it could not be flown, 4 nothing could be judged (no
 rule applied).
@@ -62,9 +63,11 @@ def run(args: argparse.Namespace) -> int:
     from saflite.console.cli import NOTHING_JUDGED
     from saflite.console.io import cases
     from saflite.console.operations import judging
+    from saflite.console.run_data import known
     from saflite.console.view import out
     from saflite.contract.errors import Unavailable
     from saflite.contract.flight import FLOWN_ENDINGS
+    from saflite.oracle.policy import policy_names
 
     if args.out is not None:
         outputs.check_file(args.out, force=args.force)
@@ -82,7 +85,10 @@ def run(args: argparse.Namespace) -> int:
     if flown.flight.ending not in FLOWN_ENDINGS:
         raise Unavailable(f"the flight ended as {flown.flight.ending}: {flown.flight.message}")
     policies, texts = with_texts(args.policy, Path())
-    judgement = judging.judge(case, flown, policies, texts)
+    own = known.policies_with(args.case)
+    chosen = policies or (*policy_names(), *own)
+    texts = {name: text for name, text in {**own, **texts}.items() if name in chosen}
+    judgement = judging.judge(case, flown, chosen, texts)
     alone, found = judging.why_alone(case, flown), judging.apart(flown)
     if alone:
         out.complain("warning", f"twin {case.twin}: {alone}")

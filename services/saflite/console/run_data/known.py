@@ -7,12 +7,14 @@ comes back.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Literal
 
 import msgspec
 
 from saflite.campaign.presets.policy_campaigns import policy_text
+from saflite.campaign.storage.own_folder import STORE
 from saflite.console.io import outputs
 from saflite.console.run_data.run_folder import open_run
 from saflite.contract import wire
@@ -204,7 +206,23 @@ def _size(known: Known) -> tuple[int, int, str]:
 
 def own_policies(found: Recording) -> PolicyTexts:
     """Return the rules of one's own that a recording carries; one that ships is judged by as it ships."""
-    return {name: text for name, text in found.policy_texts.items() if name not in policy_names()}
+    return _own(found.policy_texts)
+
+
+def _own(texts: PolicyTexts) -> PolicyTexts:
+    return {name: text for name, text in texts.items() if name not in policy_names()}
+
+
+def policies_with(case_file: Path) -> PolicyTexts:
+    """Return the rules of one's own that a test case comes with: its recording's, or those of the run it lies in."""
+    if case_file.suffix == ".mcap":
+        return own_policies(read_recording(case_file))
+    run_dir = case_file.absolute().parent.parent
+    if not (run_dir / STORE).exists():
+        return {}
+    with suppress(Refused), open_run(run_dir) as run:  # a damaged run is no reason not to fly
+        return _own(run.campaign.policy_texts)
+    return {}
 
 
 def _of_file(what: Path, policies: tuple[str, ...], anywhere: bool) -> Known:
