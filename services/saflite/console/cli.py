@@ -134,8 +134,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except Unavailable as fault:
         out.complain("unavailable", str(fault))
         return INFRASTRUCTURE
-    except KeyboardInterrupt:
-        out.complain("interrupted", "stopped by the keyboard")
+    except KeyboardInterrupt as fault:
+        out.complain("interrupted", str(fault) or "stopped by the keyboard")
         return INTERRUPTED
     except BrokenPipeError:
         out.mute(sys.stdout)

@@ -16,6 +16,7 @@ from saflite.campaign.presets.campaigns import load_campaign, template
 from saflite.campaign.storage.store import Store
 from saflite.console.cli import FOUND, INFRASTRUCTURE, NOTHING_FOUND, NOTHING_JUDGED, main
 from saflite.console.io import campaign_options
+from saflite.console.operations import running
 from saflite.console.run_data.conclusion import conclude
 from saflite.console.run_data.run_folder import open_run
 from saflite.console.run_data.standing import Standing
@@ -248,3 +249,15 @@ def test_a_farm_that_broke_before_its_campaign_was_over_is_an_error_in_exports(
     told = _told(run_dir, ExitSummary(False, "signal SIGINT", None, 0), capsys)
     assert told.code == NOTHING_JUDGED
     assert not list(told.suite.iter("error"))
+
+
+def test_who_stops_the_report_is_told_how_to_get_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run_dir = tmp_path / "my run"
+    ended = _flown(run_dir, lambda _work, result: result, safe=True)
+
+    def stopped(*_: object, **__: object) -> int:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(running, "conclude", stopped)
+    with pytest.raises(KeyboardInterrupt, match=r"what was flown is kept; `.* report '.*my run'` writes the report"):
+        running.follow(run_dir, lambda _on_status: ended, as_json=True)

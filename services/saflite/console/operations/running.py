@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, ParamSpec
 
 from saflite.campaign.storage.own_folder import STORE
 from saflite.console.run_data.conclusion import conclude
-from saflite.console.view import live
+from saflite.console.view import live, out
 from saflite.contract.config import Campaign
 from saflite.contract.control import Status
 from saflite.contract.errors import Refused, Unavailable
@@ -84,7 +84,6 @@ def check_books(run_dir: Path, *, accept_loss: bool) -> None:
     from saflite.campaign.storage.audit import resume_faults
     from saflite.campaign.storage.sqlite import in_use
     from saflite.campaign.storage.witness import FIX
-    from saflite.console.view import out
     from saflite.runtime import campaign_runner
 
     if in_use(run_dir):
@@ -121,10 +120,6 @@ def is_concluded(run_dir: Path) -> bool:
 
 def follow(run_dir: Path, start: Start, *, as_json: bool, metrics: str = "") -> int:
     """Run a farm with its progress shown, and told at `metrics` if that is an address; returns the exit code."""
-    from saflite.campaign.storage.seal import seal, seal_file
-    from saflite.campaign.storage.sqlite import in_use, make_one_file
-    from saflite.campaign.storage.store import store_file
-
     with ExitStack() as opened:
         told = FarmMetrics(WallClock())
         if metrics:
@@ -138,6 +133,18 @@ def follow(run_dir: Path, start: Start, *, as_json: bool, metrics: str = "") -> 
             show(status)
 
         ended = start(on_status)
+    try:
+        return _end(run_dir, ended, as_json=as_json)
+    except KeyboardInterrupt as fault:
+        left = f"what was flown is kept; `{out.program()} report {argument(run_dir)}` writes the report"
+        raise KeyboardInterrupt(f"stopped by the keyboard after the last flight; {left}") from fault
+
+
+def _end(run_dir: Path, ended: ExitSummary, *, as_json: bool) -> int:
+    from saflite.campaign.storage.seal import seal, seal_file
+    from saflite.campaign.storage.sqlite import in_use, make_one_file
+    from saflite.campaign.storage.store import store_file
+
     if not in_use(run_dir) and seal_file(run_dir).exists():  # without one it is not known to be whole
         make_one_file(store_file(run_dir))
         seal(run_dir)
