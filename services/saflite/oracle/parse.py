@@ -12,6 +12,7 @@ Beyond rtamt: `lasting[8] (x)`, true where x has been true for the last 8 s, and
 
 from __future__ import annotations
 
+import difflib
 import math
 import re
 from collections.abc import Mapping
@@ -30,6 +31,8 @@ _RESERVED = (*_PREFIX, "lasting", "and", "or", "implies", "iff", "xor", "until",
 _TRUTH_CALLS = ("rise", "fall", "prev", "next")
 _TERM_CALLS = {"abs": 1, "sqrt": 1, "exp": 1, "pow": 2, "min": 2, "max": 2, "rate": 1, "turn": 1, "sin": 1, "cos": 1}
 _TIMED_CALLS = ("ago", "mean")
+_CALLS = tuple(sorted([*_TERM_CALLS, *_TRUTH_CALLS, *_TIMED_CALLS, "latch"]))
+_ELSEWHERE = {"=>": "implies", "&&": "and", "||": "or", "=": "=="}  # signs of other languages, and what they are here
 _UNITS = {"s": 1.0, "ms": 1e-3}
 _DEPTH_MAX = 100
 _LEVELS_MAX = 150
@@ -38,11 +41,11 @@ _SECONDS_MAX = 1e6
 
 
 class Fault(Exception):
-    """A formula that cannot be read: offset in the text, what was expected, what was found."""
+    """A formula that cannot be read: offset in the text, what was expected, what was found, what may be meant."""
 
-    def __init__(self, offset: int, expected: str, got: str) -> None:
+    def __init__(self, offset: int, expected: str, got: str, fix: str = "") -> None:
         super().__init__(f"expected {expected}, got {got}")
-        self.offset, self.expected, self.got = offset, expected, got
+        self.offset, self.expected, self.got, self.fix = offset, expected, got, fix
 
 
 def parse(
@@ -68,7 +71,13 @@ def parse(
         before = text[: fault.offset]
         line, column = before.count("\n") + 1, fault.offset - before.rfind("\n")
         place = f"{where}, formula line {line} column {column}" if where else f"line {line} column {column}"
-        raise Refused("formula", where=place, expected=fault.expected, got=fault.got) from fault
+        raise Refused("formula", where=place, expected=fault.expected, got=fault.got, fix=fault.fix) from fault
+
+
+def _meant(word: str) -> str:
+    """Return a question after the word or call of the language that one unknown to it may be; empty if none is near."""
+    near = difflib.get_close_matches(word.lower(), (*_RESERVED, *_CALLS), 1)
+    return f"did you mean {near[0]}?" if near else ""
 
 
 def _tokens(text: str) -> list[tuple[str, str, int]]:
@@ -78,15 +87,22 @@ def _tokens(text: str) -> list[tuple[str, str, int]]:
         match = _TOKEN.match(text, at)
         if match is None:
             offset = at + len(text[at:]) - len(text[at:].lstrip())
-            raise Fault(offset, "a number, a name or an operator", repr(text[offset]))
+            raise _no_token(text, offset, text[offset])
         kind = match.lastgroup or ""
         token = match.group(kind)
+        if kind == "sign" and token + text[match.end() : match.end() + 1] in _ELSEWHERE:
+            raise _no_token(text, match.start(kind), 2 * token)
         canonical = _WORDS.get(token, token) if kind == "word" else _SIGNS.get(token, token)
         found.append((kind, canonical, match.start(kind)))
         if len(found) > _PARTS_MAX:
             raise Fault(at, f"at most {_PARTS_MAX} words and signs", "more")
         at = match.end()
     return [*found, ("end", "the end", end)]
+
+
+def _no_token(text: str, offset: int, got: str) -> Fault:
+    meant = next((f"write {right}" for wrong, right in _ELSEWHERE.items() if text.startswith(wrong, offset)), "")
+    return Fault(offset, "a number, a name or an operator", repr(got), meant)
 
 
 def check_size(formula: Node, where: object) -> None:
@@ -127,7 +143,7 @@ class _Parser:
 
     def _ended(self, node: Node) -> Node:
         if self._kind != "end":
-            raise Fault(self._offset, "an operator or the end", repr(self._token))
+            raise Fault(self._offset, "an operator or the end", repr(self._token), _meant(self._token))
         _check_size(node)
         return node
 
@@ -340,5 +356,5 @@ def _checked_call(name: str, args: tuple[Node, ...], offset: int) -> Node:
         return Node(name, args)
     if _TERM_CALLS.get(name) == len(args) and not any(truths):
         return Node(name, args)
-    known = ", ".join(sorted([*_TERM_CALLS, *_TRUTH_CALLS, *_TIMED_CALLS, "latch"]))
-    raise Fault(offset, f"a call of {known} with fitting arguments", f"{name} with {len(args)}")
+    meant = "" if name in _CALLS else _meant(name)
+    raise Fault(offset, f"a call of {', '.join(_CALLS)} with fitting arguments", f"{name} with {len(args)}", meant)

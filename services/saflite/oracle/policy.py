@@ -318,9 +318,10 @@ def _check_signals(file: PolicyFile, used: frozenset[str], text: str, where: str
 
     for name in sorted(used - file.signals.keys()):
         if name in SIGNALS:
-            raise refused("signals", name, f"'{name}' with its unit under [signals]", "nothing")
+            raise refused("signals", name, f"'{name}' with its unit under [signals], '{SIGNALS[name].unit}'", "nothing")
         expected = "one of `saflite list signals`, one declared under [signals], a mode, or a constant"
-        raise refused("signal", name, expected, repr(name))
+        known = (*file.constants, *file.terms, *file.signals, *SIGNALS)
+        raise Refused("signal", where=str(Place(text, where, name)), expected=expected, got=repr(name), known=known)
     for name, unit in file.signals.items():
         if name not in used:
             raise refused("signals", name, "only signals the formula reads", repr(name))
@@ -360,7 +361,9 @@ def _check_examples(policy: Policy, text: str, where: str) -> None:
     kinds = {example.holds for example in policy.file.examples}
     if kinds != {True, False}:
         line = str(Place(text, where, "examples"))
-        raise Refused("examples", where=line, expected="one that holds and one that violates at least", got=len(kinds))
+        expected = "one that holds and one that violates at least (holds = true, holds = false)"
+        got = " and ".join(f"holds = {str(holds).lower()} only" for holds in kinds) or "none"
+        raise Refused("examples", where=line, expected=expected, got=got)
     whole = list(policy.file.examples)  # each completed once, whatever takes it over
     for number in range(1, len(whole) + 1):
         place = f"{where} line {line_of(text, 'examples', number)}"
