@@ -126,6 +126,16 @@ def test_a_folder_holds_what_begins_as_a_log_whatever_its_name(tmp_path: Path) -
     assert told == [("00000042.log", ""), ("TABLE.CSV", ""), ("flight", "")]
 
 
+def test_an_unknown_policy_is_refused_once_not_by_every_log_of_a_folder(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("a.csv", "b.csv"):
+        extract(tmp_path / name)
+    assert main(["judge", str(tmp_path), "--policy", "uprigt"]) == 2
+    said = capsys.readouterr()
+    assert (said.out, said.err.count("did you mean upright?")) == ("", 1)
+
+
 def test_a_recording_is_known_by_capitals_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "X.MCAP"
     path.write_bytes(b"no recording")

@@ -23,7 +23,7 @@ from saflite.flight.logs import files
 from saflite.flight.logs.extract import is_extract
 from saflite.flight.logs.files import read_log
 from saflite.oracle.judge import judge
-from saflite.oracle.policy import policies_for
+from saflite.oracle.policy import load_policy, policies_for
 from saflite.recorder import recording
 
 SUFFIXES = (".mcap", *files.SUFFIXES)
@@ -88,11 +88,14 @@ def judge_file(path: Path, case_path: Path | None, policies: tuple[str, ...]) ->
 def judge_folder(folder: Path, case_path: Path | None, policies: tuple[str, ...]) -> Iterator[Judged]:
     """Judge every recording and log of a folder and of those in it, by name; one that is refused is told as such.
 
-    Raises Refused if there is none.
+    Raises Refused if there is none, or if a policy is unknown to all of them.
     """
     paths = sorted(path for path in folder.rglob("*") if path.is_file() and _is_log(path))
     if not paths:
         raise Refused("folder of logs", where=str(folder), expected=f"files {', '.join(SUFFIXES)}", got="none")
+    if not any(path.suffix.lower() == ".mcap" for path in paths):  # which may carry a rule of one's own
+        for name in policies:
+            load_policy(name)
     for path in paths:
         try:
             yield judge_file(path, case_path, policies)._replace(below=folder)
