@@ -145,6 +145,7 @@ def main(argv: list[str]) -> int:
     options = parser.parse_args(argv)
     if options.page:
         PAGE.write_text(page(rows(options.out)), encoding="utf-8")
+        print(f"wrote {PAGE}")
         return 0
     if options.logs is None or options.labels is None:
         parser.error("name the folder with the logs and --labels FILE")

@@ -145,6 +145,7 @@ def main(argv: list[str]) -> int:
     options = parser.parse_args(argv)
     if options.page:
         PAGE.write_text(page(rows(options.out)), encoding="utf-8")
+        print(f"wrote {PAGE}")
         return 0
     options.out.parent.mkdir(parents=True, exist_ok=True)
     for row in measure(options.models, options.arms, options.seeds, options.out):

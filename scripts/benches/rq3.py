@@ -102,6 +102,7 @@ def main(argv: list[str]) -> int:
     options = parser.parse_args(argv)
     if options.page:
         PAGE.write_text(page(rows(options.out), options.out.with_name(REFLIGHTS)), encoding="utf-8")
+        print(f"wrote {PAGE}")
         return 0
     if options.confirm:
         confirm(options.out, options.minutes)
