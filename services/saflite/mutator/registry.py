@@ -32,7 +32,7 @@ def strategy_names() -> tuple[str, ...]:
 def load_strategy(name: str) -> type[Strategy]:
     """Return the class of a strategy; raises Refused naming the ones there are."""
     if name not in strategy_names():
-        fix = "see `saflite list strategies`"
+        fix = "see `saflite list strategies`; one of your own is a file (--module FILE)"
         raise Refused("strategy", expected=f"one of {', '.join(strategy_names())}", got=repr(name), fix=fix)
     module = _module(name)
     found = getattr(module, "Strategy", None)

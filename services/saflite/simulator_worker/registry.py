@@ -54,7 +54,8 @@ def load_target(name: str, files: Sequence[Path] = ()) -> TargetModule:
     if point := _installed().get(name):
         return _as_target(point.load(), point.value)
     if name not in target_names():
-        raise Refused("target", expected=f"one of {', '.join(target_names(files))}", got=repr(name))
+        fix = "one of your own is a file (--module FILE)"
+        raise Refused("target", expected=f"one of {', '.join(target_names(files))}", got=repr(name), fix=fix)
     return _as_target(importlib.import_module(f"{targets.__name__}.{name}"), name)
 
 

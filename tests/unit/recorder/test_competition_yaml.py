@@ -278,8 +278,8 @@ def test_two_missions_of_one_name_are_both_written_and_found_again(tmp_path: Pat
     [
         ("drone: [\n", "well-formed", 2),
         ("drone:\n  a: 1\n b: 2\n", "well-formed", 3),
-        ("- 1\n", "mapping", 1),
-        ("", "mapping", 1),
+        ("- 1\n", "a mapping, got a list", 1),
+        ("", "a mapping, got nothing", 1),
         ("1: 2\n", "keys that are words", 1),
         ("robot: {a: 1}\nrobot: {a: 2}\n", "two of it", 2),
         ("a: &x [1]\nb: *x\n", "aliases", 1),

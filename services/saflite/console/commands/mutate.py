@@ -28,7 +28,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--strategy", default="", help="strategy instead of the campaign's")
     parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="setting of the strategy")
     arguments.add_modules(parser)
-    parser.add_argument("--count", type=int, default=5, help="how many test cases (5)")
+    parser.add_argument("--count", "-n", type=int, default=5, help="how many test cases (5)")
     parser.add_argument("--round", type=int, default=0, help="round to draw for (0)")
     parser.add_argument("--rng-seed", type=arguments.rng_seed, help="random seed instead of the campaign's")
     parser.add_argument(

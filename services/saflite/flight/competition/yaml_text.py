@@ -102,9 +102,16 @@ def read(text: str, where: str) -> Located:
             loader.dispose()
     located = Located(data if isinstance(data, dict) else {}, where, lines, key_lines)
     if not isinstance(data, dict):
-        raise Refused("YAML", where=located.at(()), expected="a mapping", got=type(data).__name__)
+        raise Refused("YAML", where=located.at(()), expected="a mapping", got=_called(data))
     check_plain(data, "YAML", where, finite=False)  # parsers of documents name the line
     return located
+
+
+def _called(data: object) -> str:
+    """Return in words what stands where a mapping should."""
+    if data is None:
+        return "nothing"
+    return "a list" if isinstance(data, list) else f"{data!r:.80}"
 
 
 def _walk(node: yaml.Node, path: Path, lines: dict[Path, int], key_lines: dict[Path, int], where: str) -> None:
