@@ -54,6 +54,11 @@ def some(names: Iterable[str], most: int = 8, between: str = ", ") -> str:
     return between.join(each[:most]) + more
 
 
+def counted(count: int, what: str) -> str:
+    """Return how many there are: `1 find`, `2 finds`."""
+    return f"{count} {what}" if count == 1 else f"{count} {what}s"
+
+
 def cut(text: str, most: int) -> str:
     """Return a text of at most so many characters, with a mark where it goes on."""
     return text if len(text) <= most else f"{text[: most - 1]}\N{HORIZONTAL ELLIPSIS}"

@@ -30,6 +30,7 @@ def run(args: argparse.Namespace) -> int:
     from saflite.console.run_data import farm_lookup
     from saflite.console.run_data.run_folder import open_run, tell_loss
     from saflite.console.view import out
+    from saflite.contract.plain import counted
 
     args.run = farm_lookup.newest(args.run)
     if args.out is not None:
@@ -39,6 +40,7 @@ def run(args: argparse.Namespace) -> int:
         rows = [row for row in folder.artefacts() if row.test_case.startswith(args.test_case)]
         if args.test_case and not any(row.test_case.startswith(args.test_case) for row in folder.flights()):
             _refuse_unknown(args.run, args.test_case)
+        kept = folder.campaign.record
         named = [(f"{row.test_case}-{row.purpose}-{row.flight_index}", row) for row in rows]
         if args.out is not None:
             _check_names(args.run, (name for flight, row in named for name in (flight, row.name)))
@@ -52,8 +54,15 @@ def run(args: argparse.Namespace) -> int:
         out.json(listed)
         return 0
     out.table([(str(one["flight"]), str(one["name"]), f"{one['size_bytes']} bytes") for one in listed])
-    out.line(f"{len(listed)} files" + (f" in {args.out}" if args.out is not None else ""))
+    place = f" in {args.out}" if args.out is not None else ""
+    out.line(counted(len(listed), "file") + place + ("" if listed else _why_none(kept)))
     return 0
+
+
+def _why_none(kept: str) -> str:
+    """Return in words which flights could have left files here."""
+    of = "all flights" if kept == "all" else "flights that show a violation (`record` in the campaign)"
+    return f": kept are those of {of}, where the target leaves any"
 
 
 def _refuse_unknown(run_dir: Path, wanted: str) -> None:

@@ -43,6 +43,7 @@ def run(args: argparse.Namespace) -> int:
     from saflite.console.run_data.run_folder import open_run, tell_loss
     from saflite.console.run_data.unproven import unproven_words
     from saflite.console.view import out
+    from saflite.contract.plain import counted
     from saflite.recorder.export import export
 
     args.run = farm_lookup.newest(args.run)
@@ -66,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
         for path in files:
             out.line(str(path))
         unproven = f"; {unproven_words(summary.unproven)}" if summary.unproven else ""
-        out.line(f"{len(files)} files, {len(finds)} violations{unproven}")
+        out.line(f"{counted(len(files), 'file')}, {counted(len(finds), 'violation')}{unproven}")
         embargo.tell(summary.withheld)
         if finds and not files:
             out.line(f"none of them has what {args.format} files hold (missions, boxes)")

@@ -11,6 +11,7 @@ from saflite.console.operations import judging
 from saflite.console.run_data.known import no_violation, own_policies
 from saflite.console.run_data.run_folder import open_run
 from saflite.console.run_data.unproven import pending, unproven
+from saflite.contract.plain import counted
 from saflite.contract.target_info import Repeats
 from saflite.contract.test_case import TestCase, identity
 from saflite.contract.verdict import NEVER_APPLIED, vacuous, worst
@@ -177,7 +178,7 @@ def conclusion(results: Sequence[Replayed]) -> str:
     exact = [result for result in results if result.repeats == "bitwise"]
     equal = f" {sum(1 for result in exact if result.bit_equal)} bit-equal," if exact else ""
     violated = sum(1 for result in results if result.violated)
-    return "\n".join([*lines, f"{len(results)} flights:{equal} {violated} violated"])
+    return "\n".join([*lines, f"{counted(len(results), 'flight')}:{equal} {violated} violated"])
 
 
 def _compared(result: Replayed) -> str:

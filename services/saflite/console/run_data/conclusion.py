@@ -19,7 +19,7 @@ from saflite.console.run_data.unproven import unproven, unproven_words
 from saflite.console.view import live, out
 from saflite.contract.circumstances import in_words
 from saflite.contract.flight import Purpose
-from saflite.contract.plain import argument
+from saflite.contract.plain import argument, counted
 from saflite.contract.verdict import NEVER_APPLIED, Violation, with_mode_named, worst_first
 from saflite.recorder.summary import Finding, Rulings
 
@@ -173,9 +173,9 @@ def _tell(found: Conclusion, ended: ExitSummary) -> None:
     short = f" ({flights} of {found.budget} flights)" if flights < found.budget else ""
     out.line(f"{'ended' if ended.ended else 'stopped'}: {ended.why}{short}")
     out.line(
-        f"{flights} flights in {found.elapsed_s:.0f} s ({_beside(found.flown)}); "
-        f"{len(good)} behaviours confirmed{_value(ended)}"
-        + (f", {similar} finds more of them" if similar else "")
+        f"{counted(flights, 'flight')} in {found.elapsed_s:.0f} s ({_beside(found.flown)}); "
+        f"{counted(len(good), 'behaviour')} confirmed{_value(ended)}"
+        + (f", {counted(similar, 'find')} more of them" if similar else "")
         + (f", {flaky} flaky" if flaky else "")
         + (f", {unproven_words(found.unproven)}" if found.unproven else "")
         + (f"; {found.set_aside} test cases set aside, we could not fly or judge them" if found.set_aside else "")

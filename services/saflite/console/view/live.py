@@ -13,7 +13,7 @@ from saflite.console.view import out
 from saflite.contract.config import environment
 from saflite.contract.control import ArmStanding, Exposed, Status
 from saflite.contract.events import FaultSeen, Quarantined, ScorerChanged, ViolationFound
-from saflite.contract.plain import word
+from saflite.contract.plain import counted, word
 from saflite.contract.verdict import Violation, failed_again, with_mode_named
 
 if TYPE_CHECKING:
@@ -127,8 +127,9 @@ def one_line(status: Status) -> str:
     return (
         f"{status.elapsed_s:6.1f} s  {status.flights}/{status.budget} flights  {_phase(status)}"
         f"  {status.flights_per_s:.2f}/s"
-        f"  {status.real_time_factor:.0f}x real time  {status.behaviours} behaviours, {_finds(status)} finds"
-        f"{_value(status)}{last}  rules {status.exposure.spoke}/{status.exposure.spoke + len(status.exposure.silent)}"
+        f"  {status.real_time_factor:.0f}x real time  {counted(status.behaviours, 'behaviour')},"
+        f" {counted(_finds(status), 'find')}{_value(status)}{last}"
+        f"  rules {status.exposure.spoke}/{status.exposure.spoke + len(status.exposure.silent)}"
         f"  states {status.exposure.states}  workers {busy}/{len(status.workers)} busy"
         + (f"  waiting: {queues}" if queues else "")
         + share

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from saflite.console.operations.regressing import Regressed
-from saflite.contract.plain import word
+from saflite.contract.plain import counted, word
 
 
 def line(result: Regressed) -> str:
@@ -37,4 +37,5 @@ def summary(results: Sequence[Regressed]) -> str:
     if not results:
         return "no known violation: nothing to fly again"
     counts = Counter(result.state for result in results)
-    return f"{len(results)} known violations: " + ", ".join(f"{count} {state}" for state, count in counts.items())
+    states = ", ".join(f"{count} {state}" for state, count in counts.items())
+    return f"{counted(len(results), 'known violation')}: {states}"
