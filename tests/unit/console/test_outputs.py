@@ -73,6 +73,18 @@ def test_a_place_that_cannot_be_written_is_said(tmp_path: Path) -> None:
         outputs.write(tmp_path / "file" / "below", b"new", force=False)
 
 
+def test_a_folder_that_takes_no_files_is_told_before_anything_is_flown(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(os, "access", lambda path, _mode: Path(path) != tmp_path)  # root may write anywhere
+    out = str(tmp_path / "new" / "x.mcap")
+    assert main(["fly", str(tmp_path / "none.yaml"), "--out", out]) == 3
+    assert main(["regress", str(tmp_path / "none"), "--corpus", str(tmp_path / "known")]) == 3
+    assert main(["mutate", "avoidance-m2", "--out", str(tmp_path / "cases")]) == 3
+    said = capsys.readouterr()
+    assert (said.out, said.err.count(f"{tmp_path} takes no new files; choose another place (--")) == ("", 3)
+
+
 def test_a_name_too_long_is_refused_and_nothing_is_left(tmp_path: Path) -> None:
     with pytest.raises(Refused, match="300 bytes"):
         outputs.write(tmp_path / ("a" * 300), b"new", force=False)

@@ -41,7 +41,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Fly each again and say what became of it."""
-    from saflite.console.io import campaign_options, ci_options
+    from saflite.console.io import campaign_options, ci_options, outputs
     from saflite.console.operations import builds, regressing
     from saflite.console.run_data import known
     from saflite.console.view import ci_files, out, regression
@@ -53,6 +53,8 @@ def run(args: argparse.Namespace) -> int:
     if args.target and (args.target_set or args.defect):
         raise Refused("--target", expected="settings and defects in the build itself", got="--target-set or --defect")
     ci_options.check_options(args)
+    if args.corpus is not None:
+        outputs.check_takes(args.corpus, "--corpus")
     run_modules.use(args.run, args.module)
     build = builds.parse(args.target) if args.target else None
     found = known.read(args.run, args.violation, everything=args.all)

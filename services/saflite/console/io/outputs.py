@@ -20,27 +20,42 @@ def add_force(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--force", action="store_true", help="write over what stands there")
 
 
+def check_takes(folder: Path, option: str = "--out") -> None:
+    """Raise Unavailable where a folder, or the nearest above it that there is, takes no new files."""
+    above = folder.absolute()
+    while not os.path.lexists(above) and above != above.parent:
+        above = above.parent
+    if above.is_dir() and not os.access(above, os.W_OK | os.X_OK):
+        raise Unavailable(f"{folder} cannot be written: {above} takes no new files; choose another place ({option})")
+
+
 def check_file(path: Path, *, force: bool, option: str = "--out") -> None:
-    """Raise Refused unless a file may be written at `path`: nothing is there, or a file or link and `force`."""
-    if not os.path.lexists(path):
-        return
-    if not (path.is_file() or path.is_symlink()):
+    """Raise Refused unless a file may be written at `path`: nothing is there, or a file or link and `force`.
+
+    Raises Unavailable where its folder takes none.
+    """
+    there = os.path.lexists(path)
+    if there and not (path.is_file() or path.is_symlink()):
         raise Refused(option, where=str(path), expected="a place for a file", got="a folder or device")
-    if not force:
+    if there and not force:
         raise Refused(option, where=str(path), expected="a file that does not exist", got="one that does", fix=FIX)
+    check_takes(path.parent, option)
 
 
 def check_folder(path: Path, *, force: bool, option: str = "--out") -> None:
-    """Raise Refused unless files may be written into `path`: it is not there, or empty, or a folder and `force`."""
+    """Raise Refused unless files may be written into `path`: it is not there, or empty, or a folder and `force`.
+
+    Raises Unavailable where it takes none.
+    """
     try:
-        if path.is_dir() and (force or not any(path.iterdir())):
-            return
+        usable = path.is_dir() and (force or not any(path.iterdir()))
     except OSError as fault:
         raise Unavailable(f"{path}: {fault}") from fault
-    if os.path.lexists(path):
+    if not usable and os.path.lexists(path):
         got = "one with files in it" if path.is_dir() else "a file or link"
         fix = FIX if path.is_dir() else "choose another place"
         raise Refused(option, where=str(path), expected="a folder that is new or empty", got=got, fix=fix)
+    check_takes(path, option)
 
 
 def write(path: Path, data: bytes, *, force: bool, option: str = "--out") -> None:
