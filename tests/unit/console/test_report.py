@@ -230,6 +230,8 @@ def test_the_closest_point_and_its_distance_are_drawn() -> None:
     drawn = layout.picture(case(), track)
     assert 'class="danger"' in drawn
     assert 'class="closest"' in drawn
+    assert "x, north [m]" in drawn
+    assert "y, east [m]" in drawn
     distance = float(drawn.split('class="closestname"')[1].split(">")[1].split(" m")[0])
     box = Polygon(corner_points(case().scenario.obstacles[0]))
     assert distance == pytest.approx(min(box.distance(Point(*place[:2])) for place in track), abs=0.006)

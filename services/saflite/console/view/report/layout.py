@@ -117,6 +117,8 @@ def _grid(view: View) -> str:
         parts.append(tag("line", x1=0.0, y1=y, x2=view.width_px, y2=y, class_="grid"))
         if CORNER_PX <= y <= view.height_px - CORNER_PX:
             parts.append(label(2, y - 2, f"{number * step:g}", "tick"))
+    parts.append(label(view.width_px - 3, view.height_px - CORNER_PX, "x, north [m]", "tick", "end"))
+    parts.append(label(CORNER_PX, 9, "y, east [m]", "tick"))
     return "".join(parts)
 
 
