@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import signal
+import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -356,8 +357,14 @@ def _follow(farm: LocalFarm, on_status: OnStatus | None, interrupted: list[str],
 
 @contextmanager
 def interrupts() -> Iterator[list[str]]:
-    """Turn Ctrl-C, SIGTERM and a closed terminal into a note instead of an end, while the farm runs."""
+    """Turn Ctrl-C, SIGTERM and a closed terminal into a note instead of an end, while the farm runs.
+
+    Only the main thread of a program hears of signals: from another, as in a notebook, they do what they did before.
+    """
     noted: list[str] = []
+    if threading.current_thread() is not threading.main_thread():
+        yield noted
+        return
 
     def note(number: int, _frame: FrameType | None) -> None:
         noted.append(f"{stop_note.SIGNAL}{signal.Signals(number).name}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from saflite.contract.config import Campaign
 from saflite.contract.control import Control
 from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.test_case import DEFAULT_TARGET, StartState
-from saflite.runtime.campaign_runner import NEVER, Follower, _work, check_build, resume
+from saflite.runtime.campaign_runner import NEVER, Follower, _work, check_build, interrupts, resume
 from saflite.runtime.client import FarmClient
 from saflite.runtime.farm import LocalFarm, roles_of
 from saflite.simulator_worker.registry import describe_target
@@ -122,3 +123,12 @@ def test_a_status_that_cannot_be_read_is_told_of_once_and_asked_for_again(caplog
     told = [record.getMessage() for record in caplog.records if record.levelname == "WARNING"]
     assert ["not so" in words for words in told] == [False, True, False]
     follower.close()
+
+
+def test_a_farm_runs_in_another_thread_than_the_first_as_from_a_notebook() -> None:
+    def noted() -> list[str]:
+        with interrupts() as found:
+            return found
+
+    with ThreadPoolExecutor(1) as pool:
+        assert pool.submit(noted).result() == []
