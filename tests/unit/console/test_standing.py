@@ -94,5 +94,7 @@ def test_inputs_are_the_smallest_only_where_minimising_is_over(
 def test_the_order_to_stop_is_told_with_the_word_known_here(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "ended: stopped" in _told(_run(tmp_path / "run", 2, order="stop"), capsys)
     assert not Standing("ended", "stopped").is_over
+    conclude(tmp_path / "run", ExitSummary(True, "stopped", None, 0), as_json=False)
+    assert f"resume {tmp_path / 'run'}" in capsys.readouterr().out
     conclude(tmp_path / "run", ExitSummary(False, ASKED, None, 0), as_json=False)
     assert "the smallest inputs found" not in capsys.readouterr().out

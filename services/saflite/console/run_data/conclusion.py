@@ -15,6 +15,7 @@ from saflite.console.run_data.deduplication import Cause, deduplicate
 from saflite.console.run_data.embargo import withheld_words
 from saflite.console.run_data.rows import Fallbacks
 from saflite.console.run_data.run_folder import RunFolder, open_run
+from saflite.console.run_data.standing import BY_ORDER
 from saflite.console.run_data.unproven import unproven, unproven_words
 from saflite.console.view import live, out
 from saflite.contract.circumstances import in_words
@@ -99,7 +100,7 @@ def conclude(run_dir: Path, ended: ExitSummary, *, as_json: bool) -> int:
             out.line(f"{what}  {run_dir / name}   ({words})")
     if found.confirmed:
         out.line(f"prove it    {out.program()} replay {argument(run_dir)}")
-    if not ended.ended:
+    if not ended.ended or ended.why == BY_ORDER:
         out.line(f"go on       {out.program()} resume {argument(run_dir)}")
     elif ended.failed:
         again = f"{out.program()} resume {argument(run_dir)} --budget {found.budget}"
