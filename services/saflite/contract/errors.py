@@ -40,6 +40,16 @@ class Refused(FarmError):
         remedy = f"; {fix}" if fix else ""
         super().__init__(f"{what}{place}: expected {expected}, got {got}{remedy}")
 
+    def __reduce__(self) -> tuple[object, ...]:
+        """Return what makes it again in another process, as pools of processes do with what a task raised."""
+        return _made_again, (type(self), str(self), self.__dict__)
+
+
+def _made_again(kind: type[Refused], text: str, fields: dict[str, object]) -> Refused:
+    found = kind.__new__(kind, text)
+    found.__dict__.update(fields)
+    return found
+
 
 class RefusedElsewhere(Refused):
     """What another process refused, in the words it found for it."""
