@@ -2,7 +2,7 @@
 
     scripts/bench strategies [--campaigns avoidance-m2] [--arms NAME[/SCORER][:SETTING=VALUE,...] ...] [--scorer blend]
                              [--rng-seeds 1 2 3] [--budget 100] [--candidates N] [--against CHECKOUT] [--first-only]
-                             [--jobs 1] [--rows FILE] [--json] [--told ROWS]
+                             [--jobs 1] [--rows FILE] [--json] [--told ROWS] [--module FILE]
 
 Every arm flies the campaign as shipped, only the strategy (and what the arm sets) differs; `default` is the strategy as
 shipped, `default/random` the same test cases chosen by chance. Real books, scorers, JSBSim
@@ -12,7 +12,7 @@ to the first one, and simulated minutes a flight: medians over the seeds with th
 the least distance of any first flight and, of the confirmed behaviours, those with a find below 1 m and below 0.25 m,
 those whose deepest find is below 0.25 m in two of three re-flights, too (held), and collisions. With `--first-only`
 nothing is flown again but those deepest finds: first flights are the same in half the time, and behaviours are those
-shown once. `--told` reports rows of earlier runs.
+shown once. `--told` reports rows of earlier runs. `--module` gives a strategy or scorer of one's own.
 """
 
 from __future__ import annotations
@@ -37,6 +37,7 @@ from _inline import Flights, Inline
 from saflite.campaign.presets.campaigns import load_campaign
 from saflite.campaign.storage.contents import Contents
 from saflite.console.operations import judging
+from saflite.contract import modules
 from saflite.contract.config import Campaign, ScorerConfig, StrategyConfig
 from saflite.contract.control import Status
 from saflite.contract.test_case import Setting, TestCase
@@ -168,6 +169,7 @@ def elsewhere(name: str, arm: str, rng_seed: int, args: argparse.Namespace) -> R
     words = ["--campaigns", name, "--arms", arm.removeprefix(AGAINST), "--rng-seeds", str(rng_seed), "--json"]
     words += ["--budget", str(args.budget), "--candidates", str(args.candidates), "--scorer", args.scorer]
     words += ["--first-only"] if args.first_only else []
+    words += [word for file in args.module for word in ("--module", str(file.absolute()))]
     command = [sys.executable, str(Path(__file__).parents[1] / "bench"), "strategies", *words]
     environment = {**os.environ, "PYTHONPATH": str(Path(args.against) / "services")}
     done = subprocess.run(command, env=environment, stdout=subprocess.PIPE, check=True)
@@ -257,6 +259,12 @@ def report(results: list[Result]) -> None:
         )
 
 
+def _begin(parent: int, files: list[Path]) -> None:
+    """Begin a process of the pool: it ends with its parent, and knows the modules that the parent was given."""
+    die_with_parent(parent)
+    modules.use(files)
+
+
 def main(argv: list[str]) -> int:
     """Run every arm with every seed."""
     parser = argparse.ArgumentParser(prog="scripts/bench strategies", description=__doc__.splitlines()[0])
@@ -272,13 +280,17 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--rows", type=Path, help="file the raw rows are added to, one JSON object a line")
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--told", type=Path, metavar="ROWS", help="report these rows and run nothing")
+    parser.add_argument(
+        "--module", type=Path, action="append", default=[], metavar="FILE", help="strategy of one's own"
+    )
     args = parser.parse_args(argv)
+    modules.use(args.module)
     if args.told:
         report([_result(json.loads(line)) for line in args.told.read_text(encoding="utf-8").splitlines()])
         return 0
     arms = [*args.arms, *(AGAINST + arm for arm in args.arms if args.against and not arm.startswith(AGAINST))]
     jobs = [(name, arm, seed, args) for name in args.campaigns for seed in args.rng_seeds for arm in arms]
-    with get_context("spawn").Pool(args.jobs, die_with_parent, (os.getpid(),)) as pool:
+    with get_context("spawn").Pool(args.jobs, _begin, (os.getpid(), args.module)) as pool:
         results = []
         for result in pool.imap(run, jobs):
             results.append(result)
