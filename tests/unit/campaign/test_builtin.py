@@ -13,6 +13,7 @@ from saflite.console import templates
 from saflite.contract.errors import Refused
 from saflite.contract.rng import derive
 from saflite.contract.test_case import StartState
+from saflite.flight.autopilots.reference.describe import describe
 from saflite.flight.mission import builtin_mission, dump_plan, waypoints
 from saflite.mutator.registry import load_strategy
 from saflite.oracle.policy import load_policy, policy_names
@@ -189,3 +190,15 @@ def test_a_policy_campaign_takes_start_inputs_and_preconditions_from_the_policy_
         *(f"command:{name}" for name in file.inputs.commands),
     }
     assert campaign.search.shrink
+
+
+def test_the_campaign_of_a_rule_is_lent_procedures_of_others_about_its_modes() -> None:
+    campaign = policy_campaign("policy-a-brake1", describe())
+    assert campaign is not None
+    others = [str(text) for text in campaign.strategy.settings["others"]]  # type: ignore[union-attr]
+    assert others
+    assert all("BRAKE" in re.split(r"[\s;|?]+", text) for text in others)
+    assert not any(text.startswith("a-brake1 ") for text in others)
+    every = policy_campaign("policy-all", describe())
+    assert every is not None
+    assert "others" not in every.strategy.settings

@@ -273,3 +273,22 @@ def test_a_range_is_drawn_from_at_its_ends_too() -> None:
     assert all(0.0 <= value <= 300.0 for value in drawn)
     assert 10 < drawn.count(0.0) < 60
     assert 10 < drawn.count(300.0) < 60
+
+
+def test_a_procedure_of_another_rule_is_flown_for_a_policy_where_it_is_lent() -> None:
+    own, other = "upright air 20; BRAKE; wait 5", "brake-holds air 20; RTL_ALT 777; LOITER; wait 5"
+    settings = {"procedures": [own], "followed": 1.0, "crossed": 0.0, "kept": 0.0, "routed": 0.0, "own": 1.0}
+
+    def lent(share: float, others: list[str]) -> int:
+        cases = strategy(**settings, others=others, lent=share).ask(40, derive(1, "ask"))
+        return sum(any(one.values == (777.0,) for one in case.stimuli) for case in cases)
+
+    assert lent(0.0, [other]) == 0
+    assert 0 < lent(0.25, [other]) < lent(1.0, [other])
+    assert lent(1.0, []) == 0
+
+
+def test_without_other_rules_their_share_draws_nothing() -> None:
+    settings = {"procedures": ["upright air 20; LOITER; wait 5"]}
+    drawn_with = [strategy(**settings, lent=share).ask(20, derive(1, "ask")) for share in (0.0, 0.9)]
+    assert drawn_with[0] == drawn_with[1]

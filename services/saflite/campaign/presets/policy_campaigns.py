@@ -13,28 +13,14 @@ from typing import Any
 
 import msgspec
 
-from saflite.campaign.presets.formula_hints import (
-    SETTING,
-    antecedents,
-    failsafes_named,
-    far_asked_m,
-    faults_asked,
-    modes_barred,
-    modes_named,
-    quiet_asked_s,
-    sensor_lost,
-    settings_asked,
-    settings_pushed,
-    sticks_held,
-    whole_formula,
-)
+from saflite.campaign.presets.formula_hints import settings_asked, whole_formula
+from saflite.campaign.presets.policy_hints import INPUTS, MODE_COMMAND, can_start, hint_of, modes_of
 from saflite.contract.config import Campaign, ScorerConfig, SearchConfig, StrategyConfig
 from saflite.contract.errors import Refused
 from saflite.contract.outside import parse_toml, read_text
 from saflite.contract.plain import some
-from saflite.contract.signals import SIGNALS
 from saflite.contract.target_info import TargetInfo
-from saflite.contract.test_case import DEFAULT_TARGET, Setting, StartState, StimulusKind, Target
+from saflite.contract.test_case import DEFAULT_TARGET, Setting, StartState, Target
 from saflite.contract.work import PolicyText
 
 POLICIES_DIR = Path(__file__).parents[2] / "oracle" / "policies"
@@ -47,20 +33,8 @@ MISSION_SHARE = 0.08  # of the flights for rules that hold in missions, too
 DRAWN_SHARE = 0.75  # of the flights of the campaign over such a rule: the others fly the campaign's own mission
 AIRBORNE_S = 32.0  # with a mission the vehicle leaves the ground after 19.5 s and climbs for 7
 MISSION_MODE = "AUTO"
-MODE_COMMAND = "Flight_Mode"  # among the commands of a policy: any mode
-_EXCUSED = re.compile(r"\b(gps|baro|body)_true\b")  # the rule is silent after a fault of these sensors
 _NAMED = re.compile(r"[A-Z][A-Z0-9_]+")  # an input in a procedure
-_RADIO = "radio"  # faults of the link begin with it: they falsify no sensor
-_STICK_SIGNAL = re.compile(r"rc(\d+)_pwm$")
-_INPUTS: dict[str, StimulusKind] = {
-    "parameters": "parameter",
-    "commands": "command",
-    "sticks": "stick",
-    "modes": "mode",
-    "sensor_faults": "sensor_fault",
-}
 _SEARCH = SearchConfig(candidates_per_round=24, flights_per_round=12, lag=2, shrink=True)
-DEFAULT_START = StartState()
 ALL_RANDOM_SHARE = 0.33  # a scorer passes over the same few rules; their flights are to be flown, too
 
 
@@ -92,7 +66,7 @@ def why_not(data: dict[str, Any], target: TargetInfo) -> str:
     """Return why there is no campaign over a policy for the target, empty if there is."""
     if target.name in data.get("not_checked_on", {}):
         return str(data["not_checked_on"][target.name])
-    if not any(data.get("inputs", {}).get(word) for word in _INPUTS):
+    if not any(data.get("inputs", {}).get(word) for word in INPUTS):
         return "no inputs named in its file; put it into a campaign file of your own"
     if not any(_known(data, target).values()):
         return f"{target.name} has none of its inputs"
@@ -156,7 +130,7 @@ def campaign_over(path: Path, text: str, target: TargetInfo) -> Campaign:
         data = _read(text, str(path))
         inputs = data.get("inputs", {})
         _check_names(inputs, target, path, text)
-        made = _one(data, target, {word: list(inputs.get(word, ())) for word in _INPUTS}, _all_procedures(data))
+        made = _one(data, target, {word: list(inputs.get(word, ())) for word in INPUTS}, _all_procedures(data))
     except (TypeError, ValueError, AttributeError):  # what is wrong is told with its line when the oracle reads it
         made = Campaign(name=PREFIX + name, policies=(name,), start=StartState())
     return msgspec.structs.replace(made, policy_texts={name: kept})
@@ -166,7 +140,7 @@ def _check_names(inputs: dict[str, list[str]], target: TargetInfo, path: Path, t
     """Raise Refused with file, line and key for an input of a policy of one's own that the target does not have."""
     if target.missing:  # said where it is to fly; what it could be given is not known
         return
-    for word, kind in _INPUTS.items():
+    for word, kind in INPUTS.items():
         kinds = (kind, "stick") if kind == "command" else (kind,)  # as in PGFuzz's lists
         known = [one.name for one in target.inputs if one.kind in kinds]
         known += ["Flight_Mode"] if kind == "command" else []
@@ -191,7 +165,7 @@ def told(campaign: Campaign, target: TargetInfo) -> Campaign:
     if strategy.name != EXPOSURE or "hints" in strategy.settings:
         return campaign
     known = [data for data in _policies() if data["id"] in campaign.policies]
-    hints: list[Any] = [_hint(data, data.get("start", {}), _known(data, target), target) for data in known]
+    hints: list[Any] = [hint_of(data, data.get("start", {}), _known(data, target), target) for data in known]
     procedures: list[Any] = [text for data in known for text in _procedures(data, target)]
     settings: dict[str, Setting] = {**strategy.settings, "hints": hints, "procedures": procedures}
     return msgspec.structs.replace(campaign, strategy=msgspec.structs.replace(strategy, settings=settings))
@@ -229,21 +203,22 @@ def _known(data: dict[str, Any], target: TargetInfo) -> dict[str, list[Any]]:
             or (kind == "command" and ("stick", name) in have)
             or (kind == "command" and name == MODE_COMMAND and "mode" in kinds)
         ]
-        for word, kind in _INPUTS.items()
+        for word, kind in INPUTS.items()
     }
 
 
 def _one(data: dict[str, Any], target: TargetInfo, inputs: dict[str, list[Any]], procedures: list[Any]) -> Campaign:
     start = data.get("start", {})
     settings: dict[str, Setting] = {
-        "hints": [_hint(data, start, inputs, target)],
+        "hints": [hint_of(data, start, inputs, target)],
         "procedures": procedures,
+        "others": _others(data, target),
         **_ranges(target),
     }
     needs_mission = data.get("needs_mission", False)
     if needs_mission:
         settings.update(start_s=AIRBORNE_S, missions=DRAWN_SHARE)
-    elif target.missions and (not (modes := _modes(data)) or MISSION_MODE in modes):
+    elif target.missions and (not (modes := modes_of(data)) or MISSION_MODE in modes):
         settings["missions"] = MISSION_SHARE
     preconditions = {name: float(value) for name, value in data.get("preconditions", {}).items()}
     return Campaign(
@@ -275,6 +250,26 @@ def _procedures(data: dict[str, Any], target: TargetInfo) -> list[Any]:
     return [text for text in _all_procedures(data) if names.issuperset(_NAMED.findall(text))]
 
 
+def _others(data: dict[str, Any], target: TargetInfo) -> list[Any]:
+    """Return the procedures of other rules that enter a mode this one is about: they lead where its own do not."""
+    modes, names = set(modes_of(data)), {entry.name for entry in target.inputs}
+    return [
+        text
+        for policy, text, words, named in _every_procedure()
+        if policy != data["id"] and modes.intersection(words) and names.issuperset(named)
+    ]
+
+
+@cache
+def _every_procedure() -> tuple[tuple[str, str, frozenset[str], frozenset[str]], ...]:
+    """Return id and text of each procedure that ships, its words, and the inputs it names."""
+    return tuple(
+        (data["id"], text, frozenset(re.split(r"[\s;|?]+", text)), frozenset(_NAMED.findall(text)))
+        for data in _policies()
+        for text in _all_procedures(data)
+    )
+
+
 def _all_procedures(data: dict[str, Any]) -> list[Any]:
     return [f"{data['id']} {' '.join(str(text).split())}" for text in data.get("procedures", ())]
 
@@ -285,70 +280,9 @@ def _ranges(target: TargetInfo) -> dict[str, Setting]:
     return {} if target.name == DEFAULT_TARGET else {"beyond": 0.0}
 
 
-def _hint(data: dict[str, Any], start: dict[str, Any], inputs: dict[str, list[Any]], target: TargetInfo) -> str:
-    """Return what the strategy is told of a policy, a word each: id, start state, what its formula asks for, inputs.
-
-    Commands that are sticks, as in the published lists, are told as such; any mode can be given in any case.
-    """
-    kinds = {(entry.kind, entry.name) for entry in target.inputs}
-    words = ["".join(str(data["id"]).split())]  # an id that is none is refused by the oracle
-    if _can_start(start, target) and not data.get("needs_mission"):
-        state = StartState(**start)
-        words.append(f"start:{state.mode}@{state.altitude_m:g}{'' if state.armed else ':disarmed'}")
-    formula, asked = whole_formula(data), antecedents(data)
-    words += ["mission:"] if data.get("needs_mission") else []
-    words += [f"in:{mode}" for mode in _modes(data) if ("mode", mode) in kinds]
-    words += [f"raised:{name}" for name in failsafes_named(formula)]
-    words += [f"quiet:{quiet_s:g}" for quiet_s in (quiet_asked_s(formula, data.get("constants")),) if quiet_s]
-    words += [f"asks:{entry.name}={value:g}" for entry, value in settings_asked(f"{formula}\n{asked}", target)]
-    words += [f"holds:{entry.name}={value:g}" for entry, value in sticks_held(formula, target)]
-    words += [f"pushes:{entry.name}={sense:+g}" for entry, sense in settings_pushed(asked, target)]
-    words += ["upset:"] if sensor_lost(data) else []
-    words += [f"twin:{data['twin']}"] if data.get("twin") else []
-    words += [f"far:{far_m:g}" for far_m in (far_asked_m(asked, target),) if far_m]
-    words += [f"reads:{kind}:{name}" for kind, name in _read_by(data, target)]
-    for word, kind in _INPUTS.items():
-        excused = kind == "sensor_fault" and _EXCUSED.search(formula)
-        for name in (one for one in inputs.get(word, ()) if not excused or one.startswith(_RADIO)):
-            if kind == "command" and name == MODE_COMMAND:
-                continue
-            if kind == "command" and (kind, name) not in kinds and ("stick", name) in kinds:
-                words.append(f"stick:{name}")
-            else:
-                words.append(f"{kind}:{name}")
-    words += [f"sensor_fault:{name}" for name in faults_asked(formula, target)]
-    return " ".join(dict.fromkeys(words))
-
-
-def _modes(data: dict[str, Any]) -> list[str]:
-    """Return the modes in which a rule asks something, or which it forbids; none where it names none."""
-    formula = whole_formula(data)
-    return list(modes_named(antecedents(data)) or modes_named(formula) or modes_barred(formula))
-
-
-def _read_by(data: dict[str, Any], target: TargetInfo) -> list[tuple[StimulusKind, str]]:
-    """Return the inputs that the policy's signals show: sticks; settings and commands by the table of signals."""
-    kinds: dict[str, StimulusKind] = {entry.name: entry.kind for entry in target.inputs}
-    formula, found = whole_formula(data), []
-    for signal in data.get("signals", {}):
-        stick, meaning = _STICK_SIGNAL.match(signal), SIGNALS[signal].meaning if signal in SIGNALS else ""
-        if signal.endswith("_true") or not re.search(rf"\b{re.escape(signal)}\b(?!\s*==\s*0\b)", formula):
-            continue  # what excuses a rule
-        names = [f"RC{stick[1]}"] if stick else SETTING.findall(meaning)
-        found += [(kinds[name], name) for name in names if name in kinds]
-    return list(dict.fromkeys(found))
-
-
-def _can_start(start: dict[str, Any], target: TargetInfo) -> bool:
-    """Return whether a start state is given in a mode that does not only show; one that is none is refused later."""
-    mode = start.get("mode", DEFAULT_START.mode)
-    only_shows = set(target.modes) - {state.mode for state in target.start_states}
-    return bool(start) and (not target.start_states or mode not in only_shows)
-
-
 def _start(start: dict[str, Any], target: TargetInfo) -> StartState:
     """Return the start state a policy asks for, or the target's usual one where it asks for none or cannot begin so."""
-    if _can_start(start, target) or not target.start_states:
+    if can_start(start, target) or not target.start_states:
         return StartState(**start)
     return target.start_states[0]
 
@@ -367,7 +301,7 @@ def _all(policies: list[dict[str, Any]], target: TargetInfo) -> Campaign:
         and not any(name in text.split() for text in _procedures(data, target))
     }
     loiter = {"mode": "LOITER", "altitude_m": 30.0} if "LOITER" in target.modes else {}
-    hints: list[Any] = [_hint(data, data.get("start", {}), _known(data, target), target) for data in policies]
+    hints: list[Any] = [hint_of(data, data.get("start", {}), _known(data, target), target) for data in policies]
     procedures: list[Any] = [text for data in policies for text in _procedures(data, target)]
     missions = MISSION_SHARE if any(data.get("needs_mission") for data in policies) else 0.0
     return Campaign(

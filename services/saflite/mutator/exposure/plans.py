@@ -41,24 +41,35 @@ class Task(NamedTuple):
 class Planner:
     """Decides which phases follow a procedure and which come last, from what earlier flights showed."""
 
-    def __init__(self, states: StateModel, survival: Survival, followed: float, crossed: float) -> None:
-        """Take what is learnt and two shares.
+    def __init__(
+        self, states: StateModel, survival: Survival, followed: float, crossed: float, lent: float = 0.0
+    ) -> None:
+        """Take what is learnt and three shares.
 
         `followed` of the phases follow a procedure where there are some; `crossed` of those in the air begin while
-        another one is under way.
+        another one is under way. Before that `lent` of all follow one of a rule that the campaign is not about.
         """
-        self._states, self._survival, self._followed, self._crossed = states, survival, followed, crossed
+        self._states, self._survival = states, survival
+        self._followed, self._crossed, self._lent = followed, crossed, lent
         self._procedures: Mapping[str, Sequence[Procedure]] = {}
+        self._others: Sequence[Sequence[Procedure]] = ()
         self._begun: Sequence[Sequence[Procedure]] = ()
 
-    def tell_of(self, hints: Sequence[Hint], procedures: Mapping[str, Sequence[Procedure]]) -> None:
-        """Take the procedures of all policies, and which failsafes these are about."""
-        self._procedures = procedures
+    def tell_of(
+        self,
+        hints: Sequence[Hint],
+        procedures: Mapping[str, Sequence[Procedure]],
+        others: Sequence[Sequence[Procedure]] = (),
+    ) -> None:
+        """Take the procedures of all policies, which failsafes these are about, and those of each other rule."""
+        self._procedures, self._others = procedures, [found for found in others if found]
         about: dict[str, list[Procedure]] = {}
         for hint in hints:
             kept = [one for one in procedures.get(hint.policy, ()) if one.begins == AIR and not one.last]
             for word in hint.raised or ("",):
                 about.setdefault(word, []).extend(kept)
+        for found in self._others:
+            about.setdefault("", []).extend(one for one in found if one.begins == AIR and not one.last)
         self._begun = [kept for _, kept in sorted(about.items()) if kept]
 
     def in_turn(self, rng: Rng, hints: Sequence[Hint]) -> list[Task]:
@@ -71,7 +82,10 @@ class Planner:
         return sorted(tasks, key=lambda task: self._late(task) + float(rng.uniform(0.0, 0.5)))
 
     def task(self, rng: Rng, hint: Hint) -> Task:
-        """Return a task for a policy: by one of its procedures, or drawn freely."""
+        """Return a task for a policy: by one of its procedures, by one of another rule, or drawn freely."""
+        if self._others and not hint.flies_mission and rng.random() < self._lent:
+            found = self._others[int(rng.integers(len(self._others)))]
+            return Task(hint, found[int(rng.integers(len(found)))])
         known = self._procedures.get(hint.policy, ())
         if not known or rng.random() >= self._followed:
             return Task(hint)

@@ -95,15 +95,17 @@ class Move(NamedTuple):
     after_s: float
 
 
-def read_procedures(texts: Iterable[str], policies: Sequence[str], have: Have) -> dict[str, tuple[Procedure, ...]]:
-    """Return the procedures of the campaign's policies.
+def read_procedures(
+    texts: Iterable[str], policies: Sequence[str] | None, have: Have
+) -> dict[str, tuple[Procedure, ...]]:
+    """Return the procedures of the campaign's policies, of all that are told where None is given.
 
     Raises Refused for a text of another shape, or an input the target does not have.
     """
     kept: dict[str, list[Procedure]] = {}
     for text in texts:
         one = _read(text, have)
-        if one.policy in policies:
+        if policies is None or one.policy in policies:
             kept.setdefault(one.policy, []).append(one)
     return {policy: tuple(found) for policy, found in kept.items()}
 

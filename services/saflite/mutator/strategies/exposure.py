@@ -71,6 +71,10 @@ class Strategy:
             f"what is known of each policy before any flight: {SHAPE}",
         ),
         "procedures": Option([], f"how rules are put to the test: {PROCEDURE_SHAPE}"),
+        "others": Option(
+            [], "the same for other rules about the same modes: what flies there flies for the policy, too"
+        ),
+        "lent": Option(0.25, "share of phases that follow a procedure of such a rule, where there are some", 0, 1),
         "followed": Option(0.6, "share of phases that follow a procedure of their policy where it has some", 0, 1),
         "crossed": Option(0.3, "share of these, in the air, that begin while one of another policy is under way", 0, 1),
         "own": Option(0.75, "share of inputs from the policy's own list; the rest from all the target has", 0, 1),
@@ -125,10 +129,15 @@ class Strategy:
         shares = Shares(*(self._chosen.real(name) for name in Shares._fields))
         self._drawing = Drawing(self._vocabulary, self._rest, shares)
         self._recipes = Recipes({hint.policy: hint.quiet_s for hint in hints})
-        followed, crossed = self._chosen.real("followed"), self._chosen.real("crossed")
-        self._plans = Planner(self._states, self._survival, followed, crossed)
+        followed, crossed, lent = (self._chosen.real(name) for name in ("followed", "crossed", "lent"))
+        self._plans = Planner(self._states, self._survival, followed, crossed, lent)
         told = read_procedures(self._chosen.words("procedures"), policies, all_there_are)
-        self._plans.tell_of(hints, {name: tuple(_drawable(found, self._have)) for name, found in told.items()})
+        others = read_procedures(self._chosen.words("others"), None, all_there_are)
+        self._plans.tell_of(
+            hints,
+            {name: tuple(_drawable(found, self._have)) for name, found in told.items()},
+            [tuple(_drawable(found, self._have)) for found in others.values()],
+        )
         memory = Memory(self._states, self._recipes, self._taken, self._plans)
         self._writer = Writer(self._have, self._drawing, self._probes, memory, self._chosen.real("recalled"))
         self._writer.tell_of(hints)
