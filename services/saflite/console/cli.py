@@ -268,12 +268,16 @@ def whole_parser() -> argparse.ArgumentParser:
     return parser
 
 
+_FLAGS = {"version": "--version", "help": "--help"}  # what others have as commands
+
+
 def _load(name: str) -> ModuleType:
     names = command_names()
     if name not in names:
         import difflib
 
-        near = difflib.get_close_matches(name, names, 1)
+        near = difflib.get_close_matches(name, (*names, *_FLAGS), 1)
+        near = [_FLAGS.get(one, one) for one in near]
         fix = f"did you mean `saflite {near[0]}`?" if near else "see `saflite --help`"
         raise Refused("command", expected=f"any of {', '.join(names)}", got=repr(name[:80]), fix=fix)
     package = f"{__package__}.commands"

@@ -31,6 +31,7 @@ def refused(capsys: pytest.CaptureFixture[str], *words: str) -> str:
     ("words", "expected"),
     [
         (["runn", "x"], "did you mean `saflite run`"),
+        (["version"], "did you mean `saflite --version`"),
         (["run"], "campaign"),
         (["run", "nosuch"], "avoidance-m2"),
         (["run", "avoidance-m2", "--strategy", "nosuch"], "random_boxes"),

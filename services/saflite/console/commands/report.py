@@ -30,6 +30,7 @@ def run(args: argparse.Namespace) -> int:
     from saflite.console.run_data.run_folder import tell_loss
     from saflite.console.run_data.unproven import unproven_words
     from saflite.console.view import out
+    from saflite.contract.plain import counted
 
     args.run = farm_lookup.newest(args.run)
     if args.out is not None:
@@ -43,6 +44,6 @@ def run(args: argparse.Namespace) -> int:
         out.json({"report": str(path), **counts, "findings": told})
     else:
         unproven = f"; {unproven_words(found.unproven)}" if found.unproven else ""
-        out.line(f"{path}  ({confirmed} confirmed violations{unproven})")
+        out.line(f"{path}  ({counted(confirmed, 'confirmed violation')}{unproven})")
         embargo.tell(found.withheld)
     return 0
