@@ -136,7 +136,8 @@ def _mission_start(ap: Autopilot, v: Numbers) -> MavResult:
         return MavResult.FAILED
     if ap.mode.name == "AUTO":
         return MavResult.ACCEPTED if ap.mode.jump(0) else MavResult.FAILED  # type: ignore[attr-defined]
-    left_at, ap.mission_index = ap.mission_index, 0
+    left_at = ap.mission_index
+    ap.mission_index = 0
     outcome = _outcome(ap.set_mode("AUTO", "command"))
     if outcome is not MavResult.ACCEPTED:  # what is refused does not wind the mission back
         ap.mission_index = left_at
