@@ -2,18 +2,21 @@
 
     scripts/bench edges [--policies NAME ...] [--cases 200] [--rng-seed 1] [--json]
     scripts/bench edges --extremes [--cases 200] [--rng-seed 1] [--json]
+    scripts/bench edges --disturbed [--inputs REGEX] [--cases 200] [--rng-seed 1] [--json]
 
 For each policy at most `--cases` flights with all defects off (half of them inputs that meet, half inputs that meet a
 change of state of the autopilot's own, fewer where it makes few), judged by all policies; every violation is a false
 alarm. Cases stand in tests/replay/edge_cases.py. With --extremes so many flights with settings at the ends of their
 ranges, or changed on the way, modes at one instant, failsafes raised and recovered, a wind that drops
-(tests/replay/extreme_cases.py).
+(tests/replay/extreme_cases.py). With --disturbed procedures of all rules, and drawn missions, with one to three inputs
+more in between, of all or of those whose name holds a pattern (tests/replay/disturbed_cases.py).
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import re
 import sys
 import time
 from collections import Counter
@@ -24,6 +27,7 @@ from pathlib import Path
 from saflite.contract.test_case import TestCase, told_in_order
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests" / "replay"))
+import disturbed_cases
 import edge_cases
 import extreme_cases
 
@@ -34,10 +38,23 @@ def cases(options: argparse.Namespace) -> Iterator[tuple[str, TestCase]]:
         for number, case in enumerate(islice(extreme_cases.extremes(options.rng_seed), options.cases)):
             yield f"extremes {number}", case
         return
+    if options.disturbed:
+        drawn_ones = disturbed_cases.disturbed(options.rng_seed, options.inputs)
+        for number, (what, case) in enumerate(islice(drawn_ones, options.cases)):
+            yield f"disturbed {number} {what}", case
+        return
     for policy in options.policies:
         for kind, drawn in (("meetings", edge_cases.meetings), ("reactions", edge_cases.reactions)):
             for case in islice(drawn(f"policy-{policy}", options.rng_seed), -(-options.cases // 2)):
                 yield f"{kind} {policy}", case
+
+
+def _pattern(text: str) -> str:
+    try:
+        re.compile(text)
+    except re.error as fault:
+        raise argparse.ArgumentTypeError(f"expected a regular expression, got {text!r}: {fault}") from fault
+    return text
 
 
 def main(argv: list[str]) -> int:
@@ -46,6 +63,8 @@ def main(argv: list[str]) -> int:
     parser = argparse.ArgumentParser(prog="scripts/bench edges", description=__doc__)
     parser.add_argument("--policies", nargs="+", choices=known, default=known, metavar="NAME")
     parser.add_argument("--extremes", action="store_true")
+    parser.add_argument("--disturbed", action="store_true")
+    parser.add_argument("--inputs", type=_pattern, default="", metavar="REGEX")
     parser.add_argument("--cases", type=int, default=200)
     parser.add_argument("--rng-seed", type=int, default=1)
     parser.add_argument("--json", action="store_true")

@@ -7,11 +7,13 @@ from __future__ import annotations
 
 from itertools import islice, product
 
+import disturbed_cases
 import edge_cases
 import msgspec
 import pytest
 from thinned import thinned
 
+from saflite.contract.errors import Refused
 from saflite.contract.test_case import Scenario, StartState, Stimulus, Target, TestCase
 from saflite.flight.autopilots.reference.autopilot import TICK_S
 from saflite.flight.autopilots.reference.defects import trigger
@@ -77,3 +79,17 @@ def test_inputs_that_meet_break_no_rule(campaign: str) -> None:
 def test_inputs_that_meet_a_change_of_the_autopilots_own_break_no_rule(campaign: str) -> None:
     for case in islice(edge_cases.reactions(campaign), 2):
         assert edge_cases.broken(case) == [], case.stimuli
+
+
+@pytest.mark.live
+@pytest.mark.parametrize("rng_seed", [3, 4])
+def test_a_procedure_that_is_disturbed_breaks_no_rule(rng_seed: int) -> None:
+    for what, case in islice(disturbed_cases.disturbed(rng_seed), 25):
+        assert edge_cases.broken(case) == [], what
+
+
+def test_what_disturbs_is_drawn_from_the_inputs_named() -> None:
+    for _, case in islice(disturbed_cases.disturbed(1, "^GPS_POS1_[XY]$"), 10):
+        assert any(one.name in ("GPS_POS1_X", "GPS_POS1_Y") for one in case.stimuli)
+    with pytest.raises(Refused, match="NOWHERE"):
+        next(disturbed_cases.disturbed(1, "NOWHERE"))
